@@ -1,0 +1,1 @@
+//! Benchmarks of fvi; see the files in `benches/`.

@@ -1,0 +1,137 @@
+//! What every memory engine is: the convolution of a known kernel with a signal that arrives one sample a step.
+
+use core::fmt;
+
+/// A memory engine: convolution of a known kernel with an online signal.
+///
+/// With the kernel W₀, W₁, … (S×S matrices; plain numbers for S = 1) and the samples x₀, x₁, … the engine
+/// serves the *memory term*
+///
+/// ```text
+/// r_k = Σ_{n=1}^{k} W_n x_{k−n} ,      so that    (W ∗ x)_k = W₀ x_k + r_k ,
+/// ```
+///
+/// where k = [`len`](Memory::len) is the index of the sample to come. r_k is known before x_k is: schemes
+/// that are implicit in x_k need only r_k and the leading weight W₀.
+///
+/// **Layout.** A sample is one number for each *channel*. A kernel of plain numbers acts on every channel alike.
+/// A kernel of S×S matrices acts on groups of S neighbouring channels: stage s of coordinate i is channel
+/// i·S + s, which is `SMatrix<T, S, N>::as_slice` of the stage values in columns.
+///
+/// **Contract.** [`next_term`](Memory::next_term) may be called any number of times before a push and returns the same numbers.
+/// It fails with [`MemoryError::Full`] when the sample x_k that it prepares for could not be stored; after a
+/// successful `next_term` the following push of a sample of the right length succeeds. A call that fails
+/// changes nothing. Engines differ in cost and in rounding only.
+///
+/// Source: [HLS]; the kernels are those of [Lubich86].
+pub trait Memory<T> {
+    /// Number of channels, N·S: how many numbers a sample has.
+    fn channels(&self) -> usize;
+
+    /// Number of stages S of the kernel: 1 for plain numbers.
+    fn stages(&self) -> usize {
+        1
+    }
+
+    /// Leading weight W₀, S×S numbers, row by row.
+    fn leading(&self) -> &[T];
+
+    /// Number of samples pushed so far, k.
+    fn len(&self) -> usize;
+
+    /// Whether no sample has been pushed yet.
+    fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Writes r_k = Σ_{n≥1} W_n x_{k−n} to `term`, one number per channel.
+    ///
+    /// # Errors
+    /// [`MemoryError::Full`] if x_k would not fit, [`MemoryError::ChannelMismatch`] if `term` has the wrong length.
+    fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError>;
+
+    /// Stores the sample x_k.
+    ///
+    /// # Errors
+    /// [`MemoryError::Full`] if it does not fit, [`MemoryError::ChannelMismatch`] if it has the wrong length.
+    fn push(&mut self, sample: &[T]) -> Result<(), MemoryError>;
+
+    /// Forgets all samples; the kernel stays.
+    fn clear(&mut self);
+
+    /// Bytes of state, tables and buffers, wherever they lie.
+    fn bytes(&self) -> usize;
+}
+
+/// Why a memory engine refused a call. The engine is as it was before.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum MemoryError {
+    /// The engine keeps at most `capacity` samples (or its table reaches no further) and has them all.
+    Full {
+        /// Number of samples the engine can take.
+        capacity: usize,
+    },
+    /// A slice has another number of channels than the engine.
+    ChannelMismatch {
+        /// Channels of the engine.
+        expected: usize,
+        /// Length of the slice.
+        found: usize,
+    },
+}
+
+impl fmt::Display for MemoryError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Full { capacity } => write!(f, "the memory is full: it takes {capacity} samples"),
+            Self::ChannelMismatch { expected, found } => {
+                write!(f, "a sample has {found} numbers but the memory has {expected} channels")
+            }
+        }
+    }
+}
+
+impl core::error::Error for MemoryError {}
+
+impl<T, M: Memory<T> + ?Sized> Memory<T> for &mut M {
+    fn channels(&self) -> usize {
+        (**self).channels()
+    }
+
+    fn stages(&self) -> usize {
+        (**self).stages()
+    }
+
+    fn leading(&self) -> &[T] {
+        (**self).leading()
+    }
+
+    fn len(&self) -> usize {
+        (**self).len()
+    }
+
+    fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
+        (**self).next_term(term)
+    }
+
+    fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
+        (**self).push(sample)
+    }
+
+    fn clear(&mut self) {
+        (**self).clear();
+    }
+
+    fn bytes(&self) -> usize {
+        (**self).bytes()
+    }
+}
+
+/// Checks the length of a sample or term against the number of channels.
+///
+/// # Errors
+/// [`MemoryError::ChannelMismatch`] if they differ.
+pub fn check_channels(expected: usize, found: usize) -> Result<(), MemoryError> {
+    if expected == found { Ok(()) } else { Err(MemoryError::ChannelMismatch { expected, found }) }
+}

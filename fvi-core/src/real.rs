@@ -1,0 +1,73 @@
+//! The scalar of the state: `f32` or `f64`, with every transcendental function from `libm`.
+
+use nalgebra::RealField;
+
+/// Floating-point scalar of the state and of the memory: `f32` or `f64`.
+///
+/// Functions that reach the state are taken from `libm`, never from the platform, so that a host and a
+/// microcontroller compute the same bits from the same program. Arithmetic and square roots are rounded as
+/// IEEE 754 prescribes on both.
+pub trait Real: RealField + Copy + Default {
+    /// Distance from 1 to the next larger number, twice the unit roundoff u.
+    const EPSILON: Self;
+
+    /// Nearest number to `value`.
+    fn from_f64(value: f64) -> Self;
+
+    /// The same number as `f64`, exactly.
+    fn to_f64(self) -> f64;
+
+    /// Nearest number to the integer `count`.
+    fn from_count(count: u64) -> Self;
+
+    /// `self` raised to `exponent`, from `libm`.
+    fn power(self, exponent: Self) -> Self;
+
+    /// Largest absolute value of the two, and not-a-number if either is.
+    fn max_magnitude(self, other: Self) -> Self {
+        let (a, b) = (self.abs(), other.abs());
+        if a > b || a != a { a } else { b }
+    }
+
+    /// Whether the number is neither infinite nor not-a-number.
+    fn finite(self) -> bool {
+        self - self == Self::zero()
+    }
+}
+
+macro_rules! real {
+    ($scalar:ident, $power:path) => {
+        impl Real for $scalar {
+            const EPSILON: Self = $scalar::EPSILON;
+
+            #[inline]
+            fn from_f64(value: f64) -> Self {
+                value as $scalar
+            }
+
+            #[inline]
+            fn to_f64(self) -> f64 {
+                self as f64
+            }
+
+            #[inline]
+            fn from_count(count: u64) -> Self {
+                count as $scalar
+            }
+
+            #[inline]
+            fn power(self, exponent: Self) -> Self {
+                $power(self, exponent)
+            }
+        }
+    };
+}
+
+real!(f32, libm::powf);
+real!(f64, libm::pow);
+
+/// Whether every number of the slice is finite.
+#[inline]
+pub(crate) fn all_finite<T: Real>(numbers: &[T]) -> bool {
+    numbers.iter().all(|number| number.finite())
+}

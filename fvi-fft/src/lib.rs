@@ -1,0 +1,2 @@
+//! Fast-Fourier-transform memories for fractional variational integrators.
+#![forbid(unsafe_code)]

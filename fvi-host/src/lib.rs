@@ -1,0 +1,2 @@
+//! Fractional variational integrators on the host.
+#![forbid(unsafe_code)]

@@ -1,0 +1,2 @@
+//! The program `fvi`.
+fn main() {}

@@ -1,0 +1,1 @@
+//! Shared problems and measures of the cross-crate tests.
