@@ -3,8 +3,16 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+#[cfg(test)]
+extern crate std;
+
+mod double_double;
+mod error;
 mod memory;
 mod real;
+mod weights;
 
+pub use error::ParameterError;
 pub use memory::{Memory, MemoryError, check_channels};
 pub use real::Real;
+pub use weights::{BdfOrder, ConvolutionWeights, leading_bdf_weight, monic_bdf_table, monic_bdf_table_f32};

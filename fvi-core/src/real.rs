@@ -12,7 +12,7 @@ pub trait Real: RealField + Copy + Default {
     const EPSILON: Self;
 
     /// Nearest number to `value`.
-    fn from_f64(value: f64) -> Self;
+    fn of(value: f64) -> Self;
 
     /// The same number as `f64`, exactly.
     fn to_f64(self) -> f64;
@@ -22,12 +22,6 @@ pub trait Real: RealField + Copy + Default {
 
     /// `self` raised to `exponent`, from `libm`.
     fn power(self, exponent: Self) -> Self;
-
-    /// Largest absolute value of the two, and not-a-number if either is.
-    fn max_magnitude(self, other: Self) -> Self {
-        let (a, b) = (self.abs(), other.abs());
-        if a > b || a != a { a } else { b }
-    }
 
     /// Whether the number is neither infinite nor not-a-number.
     fn finite(self) -> bool {
@@ -41,7 +35,7 @@ macro_rules! real {
             const EPSILON: Self = $scalar::EPSILON;
 
             #[inline]
-            fn from_f64(value: f64) -> Self {
+            fn of(value: f64) -> Self {
                 value as $scalar
             }
 

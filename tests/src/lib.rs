@@ -1,1 +1,4 @@
 //! Shared problems and measures of the cross-crate tests.
+#![forbid(unsafe_code)]
+
+pub mod reference;

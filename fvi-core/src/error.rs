@@ -1,0 +1,44 @@
+//! Errors of constructors: which parameter, its value, what is allowed.
+
+use core::fmt;
+
+/// A number given to a constructor lies outside what is allowed; not-a-number and infinities always do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ParameterError {
+    /// Name of the parameter.
+    pub parameter: &'static str,
+    /// The value that was given.
+    pub value: f64,
+    /// What is allowed, as a phrase.
+    pub allowed: &'static str,
+}
+
+impl fmt::Display for ParameterError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} = {} is not allowed: it must be {}", self.parameter, self.value, self.allowed)
+    }
+}
+
+impl core::error::Error for ParameterError {}
+
+impl ParameterError {
+    /// `value` if `accepted`, the error otherwise.
+    pub(crate) const fn check(
+        accepted: bool,
+        parameter: &'static str,
+        value: f64,
+        allowed: &'static str,
+    ) -> Result<(), Self> {
+        if accepted { Ok(()) } else { Err(Self { parameter, value, allowed }) }
+    }
+}
+
+/// Checks that a step size is finite and positive.
+pub(crate) const fn check_step_size(step_size: f64) -> Result<(), ParameterError> {
+    ParameterError::check(
+        step_size > 0.0 && step_size.is_finite(),
+        "step size",
+        step_size,
+        "positive and finite",
+    )
+}

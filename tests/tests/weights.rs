@@ -1,0 +1,72 @@
+//! Convolution-quadrature weights against independent values and against the identities of the papers.
+
+use fvi_core::{BdfOrder, ConvolutionWeights};
+use fvi_tests::reference;
+
+/// Relative error allowed against 30-digit values one rounding of the leading weight's power,
+/// one of the product.
+const RELATIVE_ERROR: f64 = 4e-16;
+
+/// The nearest `f64` to the exponent 0.7 of the reference values lies this far below it; the other exponents are exact.
+const EXPONENT_ROUNDING: f64 = 4.5e-17;
+
+#[test]
+fn weights_agree_with_thirty_digit_values_up_to_twenty_thousand() {
+    let rows = reference::read("cq_weights.csv");
+    let mut checked = 0;
+    for group in rows.chunk_by(|a, b| a["order"] == b["order"] && a["beta"] == b["beta"]) {
+        let order = BdfOrder::new(group[0]["order"] as usize).unwrap();
+        let exponent = group[0]["beta"];
+        let last = group.iter().map(|row| row["n"] as usize).max().unwrap();
+        let weights: Vec<f64> =
+            ConvolutionWeights::bdf(order, exponent, 1.0).unwrap().take(last + 1).collect();
+        // How the weights follow the exponent, from a difference quotient.
+        let nearby = ConvolutionWeights::bdf(order, exponent + 1e-6, 1.0).unwrap();
+        let slopes: Vec<f64> =
+            nearby.zip(&weights).map(|(moved, weight)| (moved - weight).abs() / 1e-6).collect();
+        let rounding = if exponent == 0.7 { EXPONENT_ROUNDING } else { 0.0 };
+        for row in group {
+            let (n, expected) = (row["n"] as usize, row["weight"]);
+            let error = (weights[n] - expected).abs();
+            assert!(
+                error <= RELATIVE_ERROR * expected.abs() + rounding * slopes[n],
+                "order {order:?}, exponent {exponent}, n = {n}: {} instead of {expected}",
+                weights[n]
+            );
+            checked += 1;
+        }
+    }
+    assert!(checked > 500, "only {checked} reference values were read");
+}
+
+/// Coefficients of a product of power series.
+fn product(a: &[f64], b: &[f64]) -> Vec<f64> {
+    (0..a.len()).map(|k| (0..=k).map(|n| a[n] * b[k - n]).sum()).collect()
+}
+
+fn weights(order: usize, exponent: f64, count: usize) -> Vec<f64> {
+    ConvolutionWeights::bdf(BdfOrder::new(order).unwrap(), exponent, 0.1).unwrap().take(count).collect()
+}
+
+#[test]
+fn powers_of_the_generating_function_form_a_semigroup() {
+    // w^(a) ∗ w^(b) = w^(a+b) [HJO, Lemma 3.1 (1)], integrals included.
+    for order in 1..=6 {
+        for (a, b) in [(0.25, 0.25), (0.5, 0.5), (0.3, 0.9), (-0.5, 0.5), (-0.4, 1.9), (0.95, 0.95)] {
+            let (left, right, sum) =
+                (weights(order, a, 300), weights(order, b, 300), weights(order, a + b, 300));
+            let size = product(&absolute(&left), &absolute(&right));
+            for (n, (found, expected)) in product(&left, &right).iter().zip(&sum).enumerate() {
+                let error = (found - expected).abs();
+                assert!(
+                    error <= 1e-14 * size[n],
+                    "order {order}, {a} + {b}, n = {n}: {found} and {expected}"
+                );
+            }
+        }
+    }
+}
+
+fn absolute(numbers: &[f64]) -> Vec<f64> {
+    numbers.iter().map(|number| number.abs()).collect()
+}
