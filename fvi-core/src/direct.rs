@@ -1,0 +1,309 @@
+//! The direct memory: every sample in a ring, every term a sum.
+
+use core::marker::PhantomData;
+
+use heapless::HistoryBuf;
+
+use crate::error::ParameterError;
+use crate::memory::{Memory, MemoryError, check_channels};
+use crate::real::Real;
+use crate::weighted_sum::weighted_sum;
+
+/// Storage of one channel: the samples as two slices in order of time.
+///
+/// `heapless::HistoryBuf<T, H>` is one, of fixed capacity and without allocation.
+pub trait Ring<T> {
+    /// The samples, oldest first, as two slices one after the other.
+    fn as_slices(&self) -> (&[T], &[T]);
+
+    /// Number of samples that the ring can hold.
+    fn capacity(&self) -> usize;
+
+    /// Stores a sample, in place of the oldest if the ring is full.
+    fn store(&mut self, sample: T);
+
+    /// Removes all samples.
+    fn clear(&mut self);
+
+    /// Bytes of the ring, wherever they lie.
+    fn bytes(&self) -> usize;
+}
+
+impl<T: Copy, const H: usize> Ring<T> for HistoryBuf<T, H> {
+    fn as_slices(&self) -> (&[T], &[T]) {
+        HistoryBuf::as_slices(self)
+    }
+
+    fn capacity(&self) -> usize {
+        H
+    }
+
+    fn store(&mut self, sample: T) {
+        self.write(sample);
+    }
+
+    fn clear(&mut self) {
+        HistoryBuf::clear(self);
+    }
+
+    fn bytes(&self) -> usize {
+        size_of::<Self>()
+    }
+}
+
+/// What happens when a sample comes and the ring is full.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Overflow {
+    /// Refuse it with [`MemoryError::Full`]: the memory is exact as long as it works.
+    Refuse,
+    /// Drop the oldest sample: the sum then lacks its far end.
+    Forget,
+}
+
+/// The direct memory: r_k = Σ_{n=1}^{k} W_n x_{k−n}, summed term by term over rings of samples.
+///
+/// Cost of a term: k multiply–adds per channel (S of them for S×S kernels). State: one ring per channel. The
+/// weights `K` are borrowed or owned, so that a table can lie in flash and serve many memories.
+///
+/// For S×S kernels the weights lie plane by plane: entry (i, j) of W_n is `weights[(i·S + j)·L + n]` with
+/// L = `weights.len() / S²`. All of them are multiplied by `scale`, the h^{−β} (or w₀) that a dimensionless table leaves out.
+///
+/// Source of the kernels: [HJO] eq. 21, 35; [JO] eq. 45.
+#[derive(Clone, Debug)]
+pub struct Direct<T, K, C, R> {
+    weights: K,
+    stages: usize,
+    scale: T,
+    leading: [T; MAX_STAGES * MAX_STAGES],
+    rings: C,
+    overflow: Overflow,
+    len: usize,
+    ring: PhantomData<R>,
+}
+
+/// Largest number of stages S of a matrix kernel.
+pub const MAX_STAGES: usize = 4;
+
+/// [`Direct`] with `C` channels in rings of fixed capacity `H` and a borrowed table of weights: no allocation.
+pub type FixedDirect<'w, T, const C: usize, const H: usize> =
+    Direct<T, &'w [T], [HistoryBuf<T, H>; C], HistoryBuf<T, H>>;
+
+impl<'w, T: Real, const C: usize, const H: usize> FixedDirect<'w, T, C, H> {
+    /// Full memory of at most `H` samples for a kernel of plain numbers scale·w_n: refuses to overflow.
+    ///
+    /// # Errors
+    /// See [`Direct::new`].
+    pub fn full_memory(weights: &'w [T], scale: T) -> Result<Self, ParameterError> {
+        Self::new(weights, 1, scale, Self::rings(), Overflow::Refuse)
+    }
+
+    /// Short memory of the last `H` samples for a kernel of plain numbers scale·w_n: forgets older ones.
+    ///
+    /// The term then lacks Σ_{n>H} w_n x_{k−n}, which is at most max|x| · Σ_{n>H} |w_n|; for Grünwald–Letnikov weights and
+    /// 0 < β < 1 the last sum is |Σ_{n≤H} w_n| ≈ (H h)^{−β} / Γ(1 − β), a slow decay.
+    ///
+    /// # Errors
+    /// See [`Direct::new`].
+    pub fn short_memory(weights: &'w [T], scale: T) -> Result<Self, ParameterError> {
+        Self::new(weights, 1, scale, Self::rings(), Overflow::Forget)
+    }
+
+    fn rings() -> [HistoryBuf<T, H>; C] {
+        [const { HistoryBuf::new() }; C]
+    }
+}
+
+impl<T, K, C, R> Direct<T, K, C, R>
+where
+    T: Real,
+    K: AsRef<[T]>,
+    C: AsRef<[R]> + AsMut<[R]>,
+    R: Ring<T>,
+{
+    /// A memory for the kernel scale·W_n of S×S matrices, S = `stages`, on one ring per channel.
+    ///
+    /// # Errors
+    /// If S is not one of 1…4, the number of channels is not a multiple of S, the weights are not S² planes of at
+    /// least one number, or a weight or the scale is not finite.
+    pub fn new(
+        weights: K,
+        stages: usize,
+        scale: T,
+        mut rings: C,
+        overflow: Overflow,
+    ) -> Result<Self, ParameterError> {
+        let table = weights.as_ref();
+        let channels = rings.as_ref().len();
+        let planes = stages * stages;
+        ParameterError::check(
+            (1..=MAX_STAGES).contains(&stages),
+            "stages",
+            stages as f64,
+            "one of 1, 2, 3, 4",
+        )?;
+        ParameterError::check(
+            channels > 0 && channels.is_multiple_of(stages),
+            "channels",
+            channels as f64,
+            "a positive multiple of the stages",
+        )?;
+        ParameterError::check(
+            !table.is_empty() && table.len().is_multiple_of(planes),
+            "number of weights",
+            table.len() as f64,
+            "a positive multiple of the squared stages",
+        )?;
+        ParameterError::check(scale.finite(), "scale", scale.to_f64(), "finite")?;
+        if let Some(weight) = table.iter().find(|weight| !weight.finite()) {
+            return Err(ParameterError { parameter: "weight", value: weight.to_f64(), allowed: "finite" });
+        }
+        let mut leading = [T::zero(); MAX_STAGES * MAX_STAGES];
+        for (leading, plane) in leading.iter_mut().zip(table.chunks(table.len() / planes)) {
+            *leading = plane.first().map_or(T::zero(), |&weight| weight * scale);
+        }
+        rings.as_mut().iter_mut().for_each(Ring::clear);
+        Ok(Self { weights, stages, scale, leading, rings, overflow, len: 0, ring: PhantomData })
+    }
+
+    /// Number of samples that the rings hold.
+    pub fn capacity(&self) -> usize {
+        self.rings.as_ref().iter().map(Ring::capacity).min().unwrap_or(0)
+    }
+
+    fn check_room(&self) -> Result<(), MemoryError> {
+        let capacity = self.capacity();
+        match self.overflow {
+            Overflow::Refuse if self.len >= capacity => Err(MemoryError::Full { capacity }),
+            Overflow::Refuse | Overflow::Forget => Ok(()),
+        }
+    }
+}
+
+impl<T, K, C, R> Memory<T> for Direct<T, K, C, R>
+where
+    T: Real,
+    K: AsRef<[T]>,
+    C: AsRef<[R]> + AsMut<[R]>,
+    R: Ring<T>,
+{
+    fn channels(&self) -> usize {
+        self.rings.as_ref().len()
+    }
+
+    fn stages(&self) -> usize {
+        self.stages
+    }
+
+    fn leading(&self) -> &[T] {
+        self.leading.get(..self.stages * self.stages).unwrap_or(&[])
+    }
+
+    fn len(&self) -> usize {
+        self.len
+    }
+
+    #[inline]
+    fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
+        check_channels(self.channels(), term.len())?;
+        self.check_room()?;
+        let weights = self.weights.as_ref();
+        let length = weights.len() / (self.stages * self.stages).max(1);
+        let groups = self.rings.as_ref().chunks(self.stages.max(1));
+        for (group, terms) in groups.zip(term.chunks_mut(self.stages.max(1))) {
+            let rows = weights.chunks((length * self.stages).max(1));
+            for (term, row) in terms.iter_mut().zip(rows) {
+                let mut sum = T::zero();
+                for (plane, ring) in row.chunks(length.max(1)).zip(group) {
+                    let (older, newer) = ring.as_slices();
+                    sum += weighted_sum(plane, older, newer);
+                }
+                *term = sum * self.scale;
+            }
+        }
+        Ok(())
+    }
+
+    #[inline]
+    fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
+        check_channels(self.channels(), sample.len())?;
+        self.check_room()?;
+        for (ring, &number) in self.rings.as_mut().iter_mut().zip(sample) {
+            ring.store(number);
+        }
+        self.len = self.len.saturating_add(1);
+        Ok(())
+    }
+
+    fn clear(&mut self) {
+        self.rings.as_mut().iter_mut().for_each(Ring::clear);
+        self.len = 0;
+    }
+
+    fn bytes(&self) -> usize {
+        size_of::<Self>() - size_of::<C>()
+            + size_of_val(self.weights.as_ref())
+            + self.rings.as_ref().iter().map(Ring::bytes).sum::<usize>()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WEIGHTS: [f64; 5] = [2.0, 3.0, 5.0, 7.0, 11.0];
+
+    fn terms<M: Memory<f64>>(memory: &mut M, samples: &[f64]) -> std::vec::Vec<f64> {
+        samples
+            .iter()
+            .map(|&x| {
+                let mut term = [f64::NAN];
+                memory.next_term(&mut term).unwrap();
+                memory.push(&[x]).unwrap();
+                term[0]
+            })
+            .collect()
+    }
+
+    #[test]
+    fn full_memory_sums_everything_and_refuses_to_overflow() {
+        let mut memory = FixedDirect::<f64, 1, 4>::full_memory(&WEIGHTS, 0.5).unwrap();
+        assert_eq!(memory.leading(), [1.0]);
+        assert_eq!(terms(&mut memory, &[1.0, 10.0, 100.0, 1000.0]), [0.0, 1.5, 17.5, 178.5]);
+        assert_eq!(memory.next_term(&mut [0.0]), Err(MemoryError::Full { capacity: 4 }));
+        assert_eq!(memory.push(&[1.0]), Err(MemoryError::Full { capacity: 4 }));
+        assert_eq!(memory.len(), 4);
+        memory.clear();
+        assert_eq!(terms(&mut memory, &[1.0, 10.0]), [0.0, 1.5]);
+    }
+
+    #[test]
+    fn short_memory_drops_the_oldest_sample() {
+        let mut memory = FixedDirect::<f64, 1, 2>::short_memory(&WEIGHTS, 1.0).unwrap();
+        assert_eq!(terms(&mut memory, &[1.0, 10.0, 100.0, 1000.0, 0.0]), [0.0, 3.0, 35.0, 350.0, 3500.0]);
+        assert_eq!(memory.len(), 5);
+    }
+
+    #[test]
+    fn matrix_kernels_mix_the_stages_of_a_coordinate_only() {
+        // W₁ = [1 2; 3 4], W₂ = [5 6; 7 8], plane by plane.
+        let planes = [0.0, 1.0, 5.0, 0.0, 2.0, 6.0, 0.0, 3.0, 7.0, 0.0, 4.0, 8.0];
+        let rings: [HistoryBuf<f64, 8>; 4] = [const { HistoryBuf::new() }; 4];
+        let mut memory = Direct::new(&planes[..], 2, 1.0, rings, Overflow::Refuse).unwrap();
+        memory.push(&[1.0, 0.0, 0.0, 1.0]).unwrap();
+        memory.push(&[0.0, 1.0, 0.0, 0.0]).unwrap();
+        let mut term = [0.0; 4];
+        memory.next_term(&mut term).unwrap();
+        assert_eq!(term, [5.0 + 2.0, 7.0 + 4.0, 6.0, 8.0]);
+    }
+
+    #[test]
+    fn bad_tables_and_slices_are_refused() {
+        assert!(FixedDirect::<f64, 1, 4>::full_memory(&[], 1.0).is_err());
+        assert!(FixedDirect::<f64, 1, 4>::full_memory(&[1.0, f64::NAN], 1.0).is_err());
+        assert!(FixedDirect::<f64, 1, 4>::full_memory(&WEIGHTS, f64::INFINITY).is_err());
+        let mut memory = FixedDirect::<f64, 1, 4>::full_memory(&WEIGHTS, 1.0).unwrap();
+        let mismatch = Err(MemoryError::ChannelMismatch { expected: 1, found: 2 });
+        assert_eq!(memory.push(&[1.0, 2.0]), mismatch);
+        assert_eq!(memory.next_term(&mut [1.0, 2.0]), mismatch);
+    }
+}

@@ -1,0 +1,197 @@
+//! Discrete fractional operators by themselves: on whole sequences, and on a stream.
+
+use core::fmt;
+
+use crate::memory::{Memory, MemoryError};
+use crate::real::Real;
+use crate::weighted_sum::weighted_sum;
+
+/// Left (retarded) discrete operator: (D₋x)_k = Σ_{n=0}^{k} w_n x_{k−n}, for every k of the sequence.
+///
+/// `output` has as many numbers as `samples`, of which those are written for which both exist. Source: [JO] eq. 45b; [HJO] eq. 21.
+pub fn left_operator<T: Real>(weights: &[T], samples: &[T], output: &mut [T]) {
+    let leading = weights.first().copied().unwrap_or(T::zero());
+    for (k, (output, &sample)) in output.iter_mut().zip(samples).enumerate() {
+        let past = samples.get(..k).unwrap_or(&[]);
+        *output = leading * sample + weighted_sum(weights, &[], past);
+    }
+}
+
+/// Right (advanced) discrete operator: (D₊x)_k = Σ_{n=0}^{N−k} w_n x_{k+n}, for every k of the sequence x₀ … x_N.
+///
+/// It is the adjoint of the left one: Σ_k g_k (D₋f)_k = Σ_k (D₊g)_k f_k. Source: [JO] eq. 45c; [HJO] eq. 22–23.
+pub fn right_operator<T: Real>(weights: &[T], samples: &[T], output: &mut [T]) {
+    for (k, output) in output.iter_mut().enumerate() {
+        let future = samples.get(k..).unwrap_or(&[]);
+        *output = weights.iter().zip(future).fold(T::zero(), |sum, (&w, &x)| sum + w * x);
+    }
+}
+
+/// What a fractional derivative of Caputo type leaves out: how the signal starts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Start<T> {
+    /// Nothing: the operator of Riemann–Liouville type acts on x itself. Fractional integrals are of this type.
+    RiemannLiouville,
+    /// The first sample: x_k − x₀, the Caputo derivative of an order up to 1.
+    Caputo,
+    /// The first sample and a slope: x_k − x₀ − k·`rise`, the Caputo derivative of an order between 1 and 2;
+    /// `rise` is the initial slope times the step size.
+    CaputoWithRise {
+        /// Initial slope times step size.
+        rise: T,
+    },
+}
+
+/// Fractional operator on a stream: takes a sample x_k, gives back (D^β x)_k = Σ_{n=0}^{k} w_n x_{k−n}.
+///
+/// What a controller or a filter needs: fractional derivatives (0 < β < 2) and integrals (−1 < β < 0), on any [`Memory`]
+/// with one channel whose kernel holds the weights of D^β.
+///
+/// ```
+/// # use fvi_core::{BdfOrder, FixedDirect, FractionalOperator, Start, leading_bdf_weight, monic_bdf_table};
+/// static WEIGHTS: [f64; 256] = monic_bdf_table(BdfOrder::GRUNWALD_LETNIKOV, -0.5);
+/// let scale = leading_bdf_weight(BdfOrder::GRUNWALD_LETNIKOV, -0.5, 0.01)?;
+/// let memory = FixedDirect::<f64, 1, 256>::full_memory(&WEIGHTS, scale)?;
+/// let mut half_integral = FractionalOperator::new(memory, Start::RiemannLiouville)?;
+/// let mut output = 0.0;
+/// for _ in 0..=100 {
+///     output = half_integral.push(1.0)?;
+/// }
+/// // The half integral of 1 at t = 1 is 2/√π.
+/// assert!((output - 1.128).abs() < 5e-3);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
+/// Source: [HJO] eq. 21; [JO] eq. 4 for the relation of the two types.
+#[derive(Clone, Debug)]
+pub struct FractionalOperator<T, M> {
+    memory: M,
+    start: Start<T>,
+    first: T,
+}
+
+/// Why the operator refused a sample. It is as it was before.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum OperatorError {
+    /// The sample, or the result, is infinite or not a number.
+    NotFinite,
+    /// The memory refused it, or has not one channel with one stage.
+    Memory(MemoryError),
+}
+
+impl fmt::Display for OperatorError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotFinite => write!(f, "the sample or the result is not a finite number"),
+            Self::Memory(error) => error.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for OperatorError {}
+
+impl From<MemoryError> for OperatorError {
+    fn from(error: MemoryError) -> Self {
+        Self::Memory(error)
+    }
+}
+
+impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
+    /// An operator on an empty memory.
+    ///
+    /// # Errors
+    /// [`MemoryError::ChannelMismatch`] if the memory has more than one channel, [`OperatorError::NotFinite`] if the rise is
+    /// not finite.
+    pub fn new(mut memory: M, start: Start<T>) -> Result<Self, OperatorError> {
+        crate::memory::check_channels(1, memory.channels())?;
+        if let Start::CaputoWithRise { rise } = start
+            && !rise.finite()
+        {
+            return Err(OperatorError::NotFinite);
+        }
+        memory.clear();
+        Ok(Self { memory, start, first: T::zero() })
+    }
+
+    /// Takes the next sample x_k and returns (D^β x)_k.
+    ///
+    /// # Errors
+    /// [`OperatorError::NotFinite`] if x_k or the result is not finite, [`OperatorError::Memory`] if the memory is full; the
+    /// operator then is as before.
+    #[inline]
+    pub fn push(&mut self, sample: T) -> Result<T, OperatorError> {
+        let count = self.memory.len();
+        let first = if count == 0 { sample } else { self.first };
+        let acted_on = match self.start {
+            Start::RiemannLiouville => sample,
+            Start::Caputo => sample - first,
+            Start::CaputoWithRise { rise } => sample - first - rise * T::from_count(count as u64),
+        };
+        let mut term = [T::zero()];
+        self.memory.next_term(&mut term)?;
+        let leading = self.memory.leading().first().copied().unwrap_or(T::zero());
+        let result = leading * acted_on + term[0];
+        if !acted_on.finite() || !result.finite() {
+            return Err(OperatorError::NotFinite);
+        }
+        self.memory.push(&[acted_on])?;
+        self.first = first;
+        Ok(result)
+    }
+
+    /// Forgets all samples.
+    pub fn clear(&mut self) {
+        self.memory.clear();
+        self.first = T::zero();
+    }
+
+    /// The memory behind the operator.
+    pub fn memory(&self) -> &M {
+        &self.memory
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::direct::FixedDirect;
+
+    const WEIGHTS: [f64; 3] = [2.0, -1.5, 0.25];
+
+    #[test]
+    fn a_stream_gives_the_values_of_the_whole_sequence() {
+        let samples = [1.0, -2.0, 0.5];
+        let mut expected = [0.0; 3];
+        left_operator(&WEIGHTS, &samples, &mut expected);
+        assert_eq!(expected, [2.0, -5.5, 4.25]);
+        let memory = FixedDirect::<f64, 1, 3>::full_memory(&WEIGHTS, 1.0).unwrap();
+        let mut operator = FractionalOperator::new(memory, Start::RiemannLiouville).unwrap();
+        for (sample, expected) in samples.into_iter().zip(expected) {
+            assert_eq!(operator.push(sample), Ok(expected));
+        }
+    }
+
+    #[test]
+    fn the_caputo_type_ignores_how_the_signal_starts() {
+        let memory = || FixedDirect::<f64, 1, 8>::full_memory(&WEIGHTS, 1.0).unwrap();
+        let mut constant = FractionalOperator::new(memory(), Start::Caputo).unwrap();
+        let mut line = FractionalOperator::new(memory(), Start::CaputoWithRise { rise: 0.5 }).unwrap();
+        for k in 0..8 {
+            assert_eq!(constant.push(3.0), Ok(0.0));
+            assert_eq!(line.push(3.0 + 0.5 * f64::from(k)), Ok(0.0));
+        }
+    }
+
+    #[test]
+    fn a_refused_sample_changes_nothing() {
+        let memory = FixedDirect::<f64, 1, 2>::full_memory(&WEIGHTS, 1.0).unwrap();
+        let mut operator = FractionalOperator::new(memory, Start::Caputo).unwrap();
+        assert_eq!(operator.push(f64::NAN), Err(OperatorError::NotFinite));
+        assert_eq!(operator.push(1.0), Ok(0.0));
+        assert_eq!(operator.push(f64::INFINITY), Err(OperatorError::NotFinite));
+        assert_eq!(operator.push(f64::MAX), Err(OperatorError::NotFinite));
+        assert_eq!(operator.push(2.0), Ok(2.0));
+        assert_eq!(operator.push(2.0), Err(MemoryError::Full { capacity: 2 }.into()));
+    }
+}
