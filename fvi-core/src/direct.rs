@@ -153,8 +153,8 @@ where
             table.len() as f64,
             "a positive multiple of the squared stages",
         )?;
-        ParameterError::check(scale.finite(), "scale", scale.to_f64(), "finite")?;
-        if let Some(weight) = table.iter().find(|weight| !weight.finite()) {
+        ParameterError::check(scale.is_finite(), "scale", scale.to_f64(), "finite")?;
+        if let Some(weight) = table.iter().find(|weight| !weight.is_finite()) {
             return Err(ParameterError { parameter: "weight", value: weight.to_f64(), allowed: "finite" });
         }
         let mut leading = [T::zero(); MAX_STAGES * MAX_STAGES];

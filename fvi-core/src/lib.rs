@@ -6,18 +6,37 @@
 #[cfg(test)]
 extern crate std;
 
+mod damping;
 mod direct;
 mod double_double;
 mod error;
+mod euler;
+mod galerkin;
+mod integrator;
+mod linear;
 mod memory;
+mod newton;
 mod operator;
 mod real;
+mod scheme;
+mod stability;
+mod system;
 mod weighted_sum;
 mod weights;
 
+pub use damping::{AffineForce, Damping, DampingError, DampingTerm, Derivative, MemoryShape};
 pub use direct::{Direct, FixedDirect, MAX_STAGES, Overflow, Ring};
 pub use error::ParameterError;
+pub use euler::{ExplicitEuler, ImplicitEuler};
+pub use galerkin::Galerkin;
+pub use integrator::{Integrator, IntegratorError, State};
 pub use memory::{Memory, MemoryError, check_channels};
 pub use operator::{FractionalOperator, OperatorError, Start, left_operator, right_operator};
 pub use real::Real;
+pub use scheme::{Sampling, Scheme, StepEnd, StepError, StepStart};
+pub use stability::{ExplicitDamping, Stability, check_low_order_stability};
+pub use system::{
+    Approach, Coefficients, Force, Instant, Mass, MatrixError, NoForce, Potential, Quadratic, System,
+    TimeForce,
+};
 pub use weights::{BdfOrder, ConvolutionWeights, leading_bdf_weight, monic_bdf_table, monic_bdf_table_f32};

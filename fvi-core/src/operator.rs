@@ -106,7 +106,7 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     pub fn new(mut memory: M, start: Start<T>) -> Result<Self, OperatorError> {
         crate::memory::check_channels(1, memory.channels())?;
         if let Start::CaputoWithRise { rise } = start
-            && !rise.finite()
+            && !rise.is_finite()
         {
             return Err(OperatorError::NotFinite);
         }
@@ -132,7 +132,7 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
         self.memory.next_term(&mut term)?;
         let leading = self.memory.leading().first().copied().unwrap_or(T::zero());
         let result = leading * acted_on + term[0];
-        if !acted_on.finite() || !result.finite() {
+        if !acted_on.is_finite() || !result.is_finite() {
             return Err(OperatorError::NotFinite);
         }
         self.memory.push(&[acted_on])?;

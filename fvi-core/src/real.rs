@@ -22,11 +22,6 @@ pub trait Real: RealField + Copy + Default {
 
     /// `self` raised to `exponent`, from `libm`.
     fn power(self, exponent: Self) -> Self;
-
-    /// Whether the number is neither infinite nor not-a-number.
-    fn finite(self) -> bool {
-        self - self == Self::zero()
-    }
 }
 
 macro_rules! real {
@@ -63,5 +58,5 @@ real!(f64, libm::pow);
 /// Whether every number of the slice is finite.
 #[inline]
 pub(crate) fn all_finite<T: Real>(numbers: &[T]) -> bool {
-    numbers.iter().all(|number| number.finite())
+    numbers.iter().all(|number| number.is_finite())
 }

@@ -1,0 +1,367 @@
+//! The mechanical system: mass, potential, external force.
+
+use core::fmt;
+
+use nalgebra::{SMatrix, SVector};
+
+use crate::linear::{invert, is_positive_definite};
+use crate::real::{Real, all_finite};
+
+/// Symmetric N×N matrix of coefficients, kept diagonal where it is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Coefficients<T, const N: usize> {
+    /// Diagonal entries.
+    Diagonal(SVector<T, N>),
+    /// All entries.
+    Dense(SMatrix<T, N, N>),
+}
+
+impl<T: Real, const N: usize> Coefficients<T, N> {
+    /// Product with a vector.
+    #[inline]
+    pub fn multiply(&self, vector: &SVector<T, N>) -> SVector<T, N> {
+        match self {
+            Self::Diagonal(diagonal) => diagonal.component_mul(vector),
+            Self::Dense(matrix) => matrix * vector,
+        }
+    }
+
+    /// The matrix with all its entries.
+    #[inline]
+    pub fn to_matrix(&self) -> SMatrix<T, N, N> {
+        match self {
+            Self::Diagonal(diagonal) => SMatrix::from_diagonal(diagonal),
+            Self::Dense(matrix) => *matrix,
+        }
+    }
+
+    /// Checks that the entries are finite and the matrix symmetric to rounding.
+    fn check_symmetric(&self) -> Result<(), MatrixError> {
+        let matrix = self.to_matrix();
+        if !all_finite(matrix.as_slice()) {
+            return Err(MatrixError::NotFinite);
+        }
+        for row in 0..N {
+            for column in 0..row {
+                let (lower, upper) = (matrix[(row, column)], matrix[(column, row)]);
+                if (lower - upper).abs() > T::of(4.0) * T::EPSILON * lower.abs().max(upper.abs()) {
+                    return Err(MatrixError::NotSymmetric { row, column });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Checks that the matrix is symmetric and positive semidefinite to rounding.
+    ///
+    /// # Errors
+    /// [`MatrixError`].
+    pub(crate) fn check_positive_semidefinite(&self) -> Result<(), MatrixError> {
+        self.check_symmetric()?;
+        let matrix = self.to_matrix();
+        let lift = matrix.diagonal().amax() * T::EPSILON * T::from_count(64 * N as u64);
+        // An all-zero matrix is semidefinite; elsewhere a lift by rounding makes a semidefinite matrix definite.
+        let zero = matrix.iter().all(|entry| *entry == T::zero());
+        if zero || is_positive_definite(&(matrix + SMatrix::identity() * lift)) {
+            Ok(())
+        } else {
+            Err(MatrixError::NotPositiveSemidefinite)
+        }
+    }
+}
+
+/// What is wrong with a matrix of coefficients.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum MatrixError {
+    /// An entry is infinite or not a number.
+    NotFinite,
+    /// Two entries that mirror each other differ.
+    NotSymmetric {
+        /// Row of the entry below the diagonal, from 0.
+        row: usize,
+        /// Its column.
+        column: usize,
+    },
+    /// The matrix must be positive definite and is not.
+    NotPositiveDefinite,
+    /// The matrix must be positive semidefinite and is not.
+    NotPositiveSemidefinite,
+}
+
+impl fmt::Display for MatrixError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotFinite => write!(f, "an entry is not a finite number"),
+            Self::NotSymmetric { row, column } => {
+                write!(
+                    f,
+                    "the matrix is not symmetric: entries ({row}, {column}) and ({column}, {row}) differ"
+                )
+            }
+            Self::NotPositiveDefinite => write!(f, "the matrix is not positive definite"),
+            Self::NotPositiveSemidefinite => write!(f, "the matrix is not positive semidefinite"),
+        }
+    }
+}
+
+impl core::error::Error for MatrixError {}
+
+/// Mass matrix M of the kinetic energy ½ vᵀ M v: symmetric and positive definite, diagonal or dense.
+///
+/// Source: [JO] eq. 33.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mass<T, const N: usize> {
+    matrix: Coefficients<T, N>,
+    inverse: Coefficients<T, N>,
+}
+
+impl<T: Real, const N: usize> Mass<T, N> {
+    /// Checks the matrix and prepares its inverse.
+    ///
+    /// # Errors
+    /// If an entry is not finite, or the matrix is not symmetric or not positive definite to working precision.
+    pub fn new(matrix: Coefficients<T, N>) -> Result<Self, MatrixError> {
+        matrix.check_symmetric()?;
+        if !is_positive_definite(&matrix.to_matrix()) {
+            return Err(MatrixError::NotPositiveDefinite);
+        }
+        let inverse = match &matrix {
+            Coefficients::Diagonal(diagonal) => Coefficients::Diagonal(diagonal.map(|mass| T::one() / mass)),
+            Coefficients::Dense(dense) => {
+                Coefficients::Dense(invert(dense).map_err(|_| MatrixError::NotPositiveDefinite)?)
+            }
+        };
+        Ok(Self { matrix, inverse })
+    }
+
+    /// Diagonal mass matrix.
+    ///
+    /// # Errors
+    /// If a mass is not finite or not positive.
+    pub fn diagonal(masses: [T; N]) -> Result<Self, MatrixError> {
+        Self::new(Coefficients::Diagonal(SVector::from(masses)))
+    }
+
+    /// Dense mass matrix.
+    ///
+    /// # Errors
+    /// As [`Mass::new`].
+    pub fn dense(matrix: SMatrix<T, N, N>) -> Result<Self, MatrixError> {
+        Self::new(Coefficients::Dense(matrix))
+    }
+
+    /// The matrix M.
+    pub fn matrix(&self) -> &Coefficients<T, N> {
+        &self.matrix
+    }
+
+    /// Momentum p = M v.
+    #[inline]
+    pub fn momentum(&self, velocity: &SVector<T, N>) -> SVector<T, N> {
+        self.matrix.multiply(velocity)
+    }
+
+    /// Velocity v = M⁻¹ p.
+    #[inline]
+    pub fn velocity(&self, momentum: &SVector<T, N>) -> SVector<T, N> {
+        self.inverse.multiply(momentum)
+    }
+}
+
+/// Potential energy U(q) with its first two derivatives.
+///
+/// The scheme needs them consistent: `hessian` must be the derivative of `gradient` for Newton's method to converge
+/// quadratically.
+pub trait Potential<T, const N: usize> {
+    /// U(q).
+    fn value(&self, position: &SVector<T, N>) -> T;
+    /// ∇U(q).
+    fn gradient(&self, position: &SVector<T, N>) -> SVector<T, N>;
+    /// ∂²U/∂q².
+    fn hessian(&self, position: &SVector<T, N>) -> SMatrix<T, N, N>;
+}
+
+/// Quadratic potential U(q) = ½ qᵀ K q.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Quadratic<T, const N: usize> {
+    stiffness: Coefficients<T, N>,
+}
+
+impl<T: Real, const N: usize> Quadratic<T, N> {
+    /// The potential with the stiffness matrix K.
+    ///
+    /// # Errors
+    /// If an entry of K is not finite or K is not symmetric. K may be indefinite.
+    pub fn new(stiffness: Coefficients<T, N>) -> Result<Self, MatrixError> {
+        stiffness.check_symmetric()?;
+        Ok(Self { stiffness })
+    }
+
+    /// Uncoupled springs.
+    ///
+    /// # Errors
+    /// If a stiffness is not finite.
+    pub fn diagonal(stiffnesses: [T; N]) -> Result<Self, MatrixError> {
+        Self::new(Coefficients::Diagonal(SVector::from(stiffnesses)))
+    }
+}
+
+impl<T: Real, const N: usize> Potential<T, N> for Quadratic<T, N> {
+    #[inline]
+    fn value(&self, position: &SVector<T, N>) -> T {
+        T::of(0.5) * position.dot(&self.stiffness.multiply(position))
+    }
+
+    #[inline]
+    fn gradient(&self, position: &SVector<T, N>) -> SVector<T, N> {
+        self.stiffness.multiply(position)
+    }
+
+    #[inline]
+    fn hessian(&self, _: &SVector<T, N>) -> SMatrix<T, N, N> {
+        self.stiffness.to_matrix()
+    }
+}
+
+/// From where in the step a node looks at its instant.
+///
+/// A force may jump at a grid point. A node at an end of the step sees the limit from inside the step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Approach {
+    /// The node lies strictly inside the step.
+    Inside,
+    /// The node is the end of the step: the limit from earlier times.
+    FromLeft,
+    /// The node is the beginning of the step: the limit from later times.
+    FromRight,
+}
+
+/// A point of time as a node of the scheme sees it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Instant<T> {
+    /// Time t.
+    pub time: T,
+    /// The side of a jump that counts.
+    pub approach: Approach,
+}
+
+impl<T: Real> Instant<T> {
+    /// The instant `start` + `fraction`·`step_size`, `fraction` in [0, 1].
+    #[inline]
+    pub fn in_step(start: T, fraction: T, step_size: T) -> Self {
+        let approach = if fraction == T::zero() {
+            Approach::FromRight
+        } else if fraction == T::one() {
+            Approach::FromLeft
+        } else {
+            Approach::Inside
+        };
+        Self { time: start + fraction * step_size, approach }
+    }
+}
+
+/// External force F(t, q).
+pub trait Force<T: Real, const N: usize> {
+    /// F(t, q).
+    fn value(&self, instant: Instant<T>, position: &SVector<T, N>) -> SVector<T, N>;
+
+    /// ∂F/∂q, entry (i, j) = ∂F_i/∂q_j. Zero unless given; a force that does depend on q without it slows Newton's method.
+    fn jacobian(&self, _instant: Instant<T>, _position: &SVector<T, N>) -> SMatrix<T, N, N> {
+        SMatrix::zeros()
+    }
+}
+
+/// No external force.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct NoForce;
+
+impl<T: Real, const N: usize> Force<T, N> for NoForce {
+    #[inline]
+    fn value(&self, _: Instant<T>, _: &SVector<T, N>) -> SVector<T, N> {
+        SVector::zeros()
+    }
+}
+
+/// A force F(t) of time alone, from a function.
+#[derive(Clone, Copy, Debug)]
+pub struct TimeForce<F>(pub F);
+
+impl<T: Real, const N: usize, F: Fn(Instant<T>) -> SVector<T, N>> Force<T, N> for TimeForce<F> {
+    #[inline]
+    fn value(&self, instant: Instant<T>, _: &SVector<T, N>) -> SVector<T, N> {
+        (self.0)(instant)
+    }
+}
+
+/// Mechanical system with the Lagrangian L = ½ vᵀ M v − U(q) and an external force F(t, q).
+///
+/// ```text
+/// d/dt ∂L/∂v − ∂L/∂q = F(t, q) − Σ_m ρ_m D₋^{β_m} q
+/// ```
+///
+/// The damping on the right is not part of it: it has a memory, see [`DampingTerm`](crate::DampingTerm). Source: [JO] eq. 1, 31–34.
+#[derive(Clone, Copy, Debug)]
+pub struct System<T, const N: usize, P, F = NoForce> {
+    /// Mass matrix M.
+    pub mass: Mass<T, N>,
+    /// Potential U.
+    pub potential: P,
+    /// External force F.
+    pub force: F,
+}
+
+impl<T: Real, const N: usize, P: Potential<T, N>, F: Force<T, N>> System<T, N, P, F> {
+    /// Energy E = ½ pᵀ M⁻¹ p + U(q) ([JO] §5).
+    pub fn energy(&self, position: &SVector<T, N>, momentum: &SVector<T, N>) -> T {
+        T::of(0.5) * momentum.dot(&self.mass.velocity(momentum)) + self.potential.value(position)
+    }
+
+    /// ∇U(q) − F(t, q): what the momentum loses per time, damping apart.
+    #[inline]
+    pub(crate) fn pull(&self, instant: Instant<T>, position: &SVector<T, N>) -> SVector<T, N> {
+        self.potential.gradient(position) - self.force.value(instant, position)
+    }
+
+    /// ∂²U/∂q² − ∂F/∂q.
+    #[inline]
+    pub(crate) fn stiffness(&self, instant: Instant<T>, position: &SVector<T, N>) -> SMatrix<T, N, N> {
+        self.potential.hessian(position) - self.force.jacobian(instant, position)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{matrix, vector};
+
+    #[test]
+    fn masses_must_be_symmetric_positive_definite() {
+        assert!(Mass::diagonal([1.0, 0.0]).is_err());
+        assert_eq!(Mass::diagonal([1.0, f64::NAN]), Err(MatrixError::NotFinite));
+        let skew = matrix![1.0, 0.5; 0.4, 1.0];
+        assert_eq!(Mass::dense(skew), Err(MatrixError::NotSymmetric { row: 1, column: 0 }));
+        assert_eq!(Mass::dense(matrix![1.0, 2.0; 2.0, 1.0]), Err(MatrixError::NotPositiveDefinite));
+        let mass = Mass::dense(matrix![2.0, 1.0; 1.0, 3.0]).unwrap();
+        let velocity = vector![0.3, -0.7];
+        assert!((mass.velocity(&mass.momentum(&velocity)) - velocity).norm() < 1e-15);
+    }
+
+    #[test]
+    fn damping_may_act_on_some_directions_only() {
+        let rank_one = Coefficients::Dense(matrix![1.0, -1.0; -1.0, 1.0]);
+        assert_eq!(rank_one.check_positive_semidefinite(), Ok(()));
+        assert_eq!(Coefficients::Diagonal(vector![0.0, 0.0]).check_positive_semidefinite(), Ok(()));
+        let negative = Coefficients::Diagonal(vector![1.0, -1e-3]);
+        assert_eq!(negative.check_positive_semidefinite(), Err(MatrixError::NotPositiveSemidefinite));
+        let no_diagonal = Coefficients::Dense(matrix![0.0, 1.0; 1.0, 0.0]);
+        assert_eq!(no_diagonal.check_positive_semidefinite(), Err(MatrixError::NotPositiveSemidefinite));
+    }
+
+    #[test]
+    fn nodes_at_the_ends_of_a_step_look_inside() {
+        assert_eq!(Instant::in_step(1.0, 0.0, 0.5).approach, Approach::FromRight);
+        assert_eq!(Instant::in_step(1.0, 0.5, 0.5), Instant { time: 1.25, approach: Approach::Inside });
+        assert_eq!(Instant::in_step(1.0, 1.0, 0.5), Instant { time: 1.5, approach: Approach::FromLeft });
+    }
+}
