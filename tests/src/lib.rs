@@ -1,4 +1,6 @@
 //! Shared problems and measures of the cross-crate tests.
 #![forbid(unsafe_code)]
 
+pub mod convergence;
+pub mod motion;
 pub mod reference;

@@ -1,6 +1,7 @@
 //! Convolution-quadrature weights against independent values and against the identities of the papers.
 
-use fvi_core::{BdfOrder, ConvolutionWeights};
+use fvi_core::{BdfOrder, ConvolutionWeights, left_operator, right_operator};
+use fvi_tests::motion::weights;
 use fvi_tests::reference;
 
 /// Relative error allowed against 30-digit values one rounding of the leading weight's power,
@@ -44,17 +45,13 @@ fn product(a: &[f64], b: &[f64]) -> Vec<f64> {
     (0..a.len()).map(|k| (0..=k).map(|n| a[n] * b[k - n]).sum()).collect()
 }
 
-fn weights(order: usize, exponent: f64, count: usize) -> Vec<f64> {
-    ConvolutionWeights::bdf(BdfOrder::new(order).unwrap(), exponent, 0.1).unwrap().take(count).collect()
-}
-
 #[test]
 fn powers_of_the_generating_function_form_a_semigroup() {
     // w^(a) ∗ w^(b) = w^(a+b) [HJO, Lemma 3.1 (1)], integrals included.
     for order in 1..=6 {
         for (a, b) in [(0.25, 0.25), (0.5, 0.5), (0.3, 0.9), (-0.5, 0.5), (-0.4, 1.9), (0.95, 0.95)] {
             let (left, right, sum) =
-                (weights(order, a, 300), weights(order, b, 300), weights(order, a + b, 300));
+                (weights(order, a, 0.1, 300), weights(order, b, 0.1, 300), weights(order, a + b, 0.1, 300));
             let size = product(&absolute(&left), &absolute(&right));
             for (n, (found, expected)) in product(&left, &right).iter().zip(&sum).enumerate() {
                 let error = (found - expected).abs();
@@ -69,4 +66,37 @@ fn powers_of_the_generating_function_form_a_semigroup() {
 
 fn absolute(numbers: &[f64]) -> Vec<f64> {
     numbers.iter().map(|number| number.abs()).collect()
+}
+
+#[test]
+fn the_right_operator_is_the_adjoint_of_the_left_one() {
+    // Σ g_k (D₋f)_k = Σ (D₊g)_k f_k [HJO, Lemma 3.1 (2); JO, Lemma 4.1].
+    for order in 1..=6 {
+        for exponent in [-0.5, 0.3, 1.0, 1.9] {
+            let table = weights(order, exponent, 0.1, 200);
+            let f: Vec<f64> = (0..200).map(|k| (1.0 + k as f64 * 0.37).sin()).collect();
+            let g: Vec<f64> = (0..200).map(|k| (2.0 + k as f64 * 0.11).cos() + 0.3).collect();
+            let (mut left, mut right) = (vec![0.0; 200], vec![0.0; 200]);
+            left_operator(&table, &f, &mut left);
+            right_operator(&table, &g, &mut right);
+            let by_left: f64 = left.iter().zip(&g).map(|(a, b)| a * b).sum();
+            let by_right: f64 = right.iter().zip(&f).map(|(a, b)| a * b).sum();
+            let size: f64 = left.iter().zip(&g).map(|(a, b)| (a * b).abs()).sum();
+            assert!(
+                (by_left - by_right).abs() <= 1e-13 * size,
+                "order {order}, {exponent}: {by_left} and {by_right}"
+            );
+        }
+    }
+}
+
+#[test]
+fn order_one_and_exponent_one_is_the_backward_difference() {
+    let table = weights(1, 1.0, 0.25, 50);
+    let samples: Vec<f64> = (0..50).map(|k| (k as f64 * 0.3).exp() % 7.0).collect();
+    let mut difference = vec![0.0; 50];
+    left_operator(&table, &samples, &mut difference);
+    for k in 1..50 {
+        assert_eq!(difference[k], (samples[k] - samples[k - 1]) / 0.25, "k = {k}");
+    }
 }
