@@ -1,1 +1,13 @@
-//! Benchmarks of fvi; see the files in `benches/`.
+//! What the benchmarks in `benches/` share.
+#![forbid(unsafe_code)]
+
+/// Numbers in (−½, ½) that look random, the same in every run.
+pub fn noise(count: usize) -> Vec<f64> {
+    let mut state = 1u64;
+    (0..count)
+        .map(|_| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
+        })
+        .collect()
+}
