@@ -2,18 +2,19 @@
 
 use core::marker::PhantomData;
 
-use heapless::HistoryBuf;
+use heapless::Deque;
 
 use crate::error::ParameterError;
 use crate::memory::{Memory, MemoryError, check_channels};
 use crate::real::Real;
 use crate::weighted_sum::weighted_sum;
 
-/// Storage of one channel: the samples as two slices in order of time.
+/// Storage of one channel: the samples as two slices, backwards in time.
 ///
-/// `heapless::HistoryBuf<T, H>` is one, of fixed capacity and without allocation.
+/// `heapless::Deque<T, H>` is one, of fixed capacity and without allocation. Newest first, a sample lies in the
+/// same order as the weight that it meets.
 pub trait Ring<T> {
-    /// The samples, oldest first, as two slices one after the other.
+    /// The samples, newest first, as two slices one after the other.
     fn as_slices(&self) -> (&[T], &[T]);
 
     /// Number of samples that the ring can hold.
@@ -29,9 +30,9 @@ pub trait Ring<T> {
     fn bytes(&self) -> usize;
 }
 
-impl<T: Copy, const H: usize> Ring<T> for HistoryBuf<T, H> {
+impl<T, const H: usize> Ring<T> for Deque<T, H> {
     fn as_slices(&self) -> (&[T], &[T]) {
-        HistoryBuf::as_slices(self)
+        Deque::as_slices(self)
     }
 
     fn capacity(&self) -> usize {
@@ -39,11 +40,15 @@ impl<T: Copy, const H: usize> Ring<T> for HistoryBuf<T, H> {
     }
 
     fn store(&mut self, sample: T) {
-        self.write(sample);
+        if self.is_full() {
+            self.pop_back();
+        }
+        // There is room now, unless H = 0.
+        let _ = self.push_front(sample);
     }
 
     fn clear(&mut self) {
-        HistoryBuf::clear(self);
+        Deque::clear(self);
     }
 
     fn bytes(&self) -> usize {
@@ -86,7 +91,7 @@ pub const MAX_STAGES: usize = 4;
 
 /// [`Direct`] with `C` channels in rings of fixed capacity `H` and a borrowed table of weights: no allocation.
 pub type FixedDirect<'w, T, const C: usize, const H: usize> =
-    Direct<T, &'w [T], [HistoryBuf<T, H>; C], HistoryBuf<T, H>>;
+    Direct<T, &'w [T], [Deque<T, H>; C], Deque<T, H>>;
 
 impl<'w, T: Real, const C: usize, const H: usize> FixedDirect<'w, T, C, H> {
     /// Full memory of at most `H` samples for a kernel of plain numbers scale·w_n: refuses to overflow.
@@ -108,8 +113,8 @@ impl<'w, T: Real, const C: usize, const H: usize> FixedDirect<'w, T, C, H> {
         Self::new(weights, 1, scale, Self::rings(), Overflow::Forget)
     }
 
-    fn rings() -> [HistoryBuf<T, H>; C] {
-        [const { HistoryBuf::new() }; C]
+    fn rings() -> [Deque<T, H>; C] {
+        [const { Deque::new() }; C]
     }
 }
 
@@ -207,6 +212,13 @@ where
         check_channels(self.channels(), term.len())?;
         self.check_room()?;
         let weights = self.weights.as_ref();
+        if self.stages == 1 {
+            for (term, ring) in term.iter_mut().zip(self.rings.as_ref()) {
+                let (newer, older) = ring.as_slices();
+                *term = weighted_sum(weights, newer, older) * self.scale;
+            }
+            return Ok(());
+        }
         let length = weights.len() / (self.stages * self.stages).max(1);
         let groups = self.rings.as_ref().chunks(self.stages.max(1));
         for (group, terms) in groups.zip(term.chunks_mut(self.stages.max(1))) {
@@ -214,8 +226,8 @@ where
             for (term, row) in terms.iter_mut().zip(rows) {
                 let mut sum = T::zero();
                 for (plane, ring) in row.chunks(length.max(1)).zip(group) {
-                    let (older, newer) = ring.as_slices();
-                    sum += weighted_sum(plane, older, newer);
+                    let (newer, older) = ring.as_slices();
+                    sum += weighted_sum(plane, newer, older);
                 }
                 *term = sum * self.scale;
             }
@@ -287,7 +299,7 @@ mod tests {
     fn matrix_kernels_mix_the_stages_of_a_coordinate_only() {
         // W₁ = [1 2; 3 4], W₂ = [5 6; 7 8], plane by plane.
         let planes = [0.0, 1.0, 5.0, 0.0, 2.0, 6.0, 0.0, 3.0, 7.0, 0.0, 4.0, 8.0];
-        let rings: [HistoryBuf<f64, 8>; 4] = [const { HistoryBuf::new() }; 4];
+        let rings: [Deque<f64, 8>; 4] = [const { Deque::new() }; 4];
         let mut memory = Direct::new(&planes[..], 2, 1.0, rings, Overflow::Refuse).unwrap();
         memory.push(&[1.0, 0.0, 0.0, 1.0]).unwrap();
         memory.push(&[0.0, 1.0, 0.0, 0.0]).unwrap();

@@ -4,16 +4,14 @@ use core::fmt;
 
 use crate::memory::{Memory, MemoryError};
 use crate::real::Real;
-use crate::weighted_sum::weighted_sum;
 
 /// Left (retarded) discrete operator: (D₋x)_k = Σ_{n=0}^{k} w_n x_{k−n}, for every k of the sequence.
 ///
 /// `output` has as many numbers as `samples`, of which those are written for which both exist. Source: [JO] eq. 45b; [HJO] eq. 21.
 pub fn left_operator<T: Real>(weights: &[T], samples: &[T], output: &mut [T]) {
-    let leading = weights.first().copied().unwrap_or(T::zero());
-    for (k, (output, &sample)) in output.iter_mut().zip(samples).enumerate() {
-        let past = samples.get(..k).unwrap_or(&[]);
-        *output = leading * sample + weighted_sum(weights, &[], past);
+    for (k, output) in output.iter_mut().enumerate().take(samples.len()) {
+        let past = samples.get(..=k).unwrap_or(&[]).iter().rev();
+        *output = weights.iter().zip(past).fold(T::zero(), |sum, (&w, &x)| sum + w * x);
     }
 }
 
