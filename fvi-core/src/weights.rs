@@ -48,7 +48,7 @@ impl BdfOrder {
         while i <= self.get() {
             let mut binomial = COMMON_DENOMINATOR / i as f64;
             let mut j = 0;
-            while j <= i {
+            while j <= i && j < coefficients.len() {
                 coefficients[j] += binomial;
                 binomial = -binomial * (i - j) as f64 / (j + 1) as f64;
                 j += 1;
@@ -141,7 +141,7 @@ impl MonicWeights {
         }
         let mut sum = DoubleDouble::ZERO;
         let mut j = 1;
-        while j <= self.order.get() && j as u64 <= self.next {
+        while j <= self.order.get() && j as u64 <= self.next && j <= self.recent.len() {
             let whole = DoubleDouble::exact(j as f64 - n);
             let factor = DoubleDouble::product(self.exponent, j as f64).add(whole);
             sum = sum.add(factor.scale(self.coefficients[j]).multiply(self.recent[j - 1]));

@@ -1,0 +1,102 @@
+//! Everything a controller calls, compiled without `std`. The panic handler calls a function that does not exist: if
+//! the optimiser cannot prove it unreachable, its name stays among the undefined symbols of the library.
+#![no_std]
+
+use core::panic::PanicInfo;
+
+use fvi_core::{
+    BdfOrder, Coefficients, ConvolutionWeights, DampingTerm, Derivative, ExplicitDamping, FixedDirect,
+    FractionalOperator, Galerkin, ImplicitEuler, Integrator, Mass, NoForce, Potential, Quadratic, Real, Scheme,
+    Stability, Start, System, check_low_order_stability, leading_bdf_weight, monic_bdf_table,
+};
+use nalgebra::{SMatrix, SVector};
+
+unsafe extern "C" {
+    fn fvi_reachable_panic() -> !;
+}
+
+#[panic_handler]
+fn panic(_: &PanicInfo<'_>) -> ! {
+    unsafe { fvi_reachable_panic() }
+}
+
+const HISTORY: usize = 64;
+static WEIGHTS: [f64; HISTORY] = monic_bdf_table(BdfOrder::GRUNWALD_LETNIKOV, 0.5);
+
+/// A pendulum in every coordinate, without calls to the platform.
+struct Pendulums;
+
+impl<T: Real, const N: usize> Potential<T, N> for Pendulums {
+    fn value(&self, position: &SVector<T, N>) -> T {
+        position.iter().fold(T::zero(), |sum, &q| sum + q * q)
+    }
+
+    fn gradient(&self, position: &SVector<T, N>) -> SVector<T, N> {
+        position.map(|q| q + q * q * q)
+    }
+
+    fn hessian(&self, position: &SVector<T, N>) -> SMatrix<T, N, N> {
+        SMatrix::from_diagonal(&position.map(|q| T::one() + T::of(3.0) * q * q))
+    }
+}
+
+fn run<T: Real, S: Scheme<T, 2, 1>>(
+    scheme: S,
+    table: &[T],
+    numbers: &[f64; 8],
+) -> Option<T> {
+    let [mass, rho, beta, h, q, p, u, scale] = numbers.map(T::of);
+    let system = System {
+        mass: Mass::dense(SMatrix::from([[mass, u], [u, mass]])).ok()?,
+        potential: Pendulums,
+        force: NoForce,
+    };
+    let memory = FixedDirect::<T, 2, HISTORY>::full_memory(table, scale).ok()?;
+    let short = FixedDirect::<T, 2, HISTORY>::short_memory(table, scale).ok()?;
+    let coefficients = Coefficients::Dense(SMatrix::from([[rho, u], [u, rho]]));
+    let damping = (
+        DampingTerm::new(coefficients, beta, Derivative::Caputo, memory).ok()?,
+        DampingTerm::new(coefficients, beta, Derivative::RiemannLiouville, short).ok()?,
+    );
+    let start = (SVector::from([q, p]), SVector::from([p, q]));
+    let mut integrator = Integrator::new(system, scheme, damping, h, start.0, start.1).ok()?;
+    integrator.step(&SVector::from([u, u])).ok()?;
+    Some(integrator.energy())
+}
+
+/// Runs everything on numbers that the compiler does not know.
+#[unsafe(no_mangle)]
+pub extern "C" fn probe(numbers: &[f64; 8], order: usize) -> f64 {
+    let [mass, rho, beta, h, kappa, ..] = *numbers;
+    let all = || -> Option<f64> {
+        let bdf_order = BdfOrder::new(order).ok()?;
+        let mut table = [0.0; HISTORY];
+        let mut single = [0f32; HISTORY];
+        ConvolutionWeights::bdf(bdf_order, beta, h).ok()?.fill(&mut table);
+        ConvolutionWeights::bdf(bdf_order, beta, h).ok()?.fill(&mut single);
+        let energy = run(Galerkin::low_order(kappa).ok()?, &table, numbers)?
+            + run(ImplicitEuler, &WEIGHTS, numbers)?
+            + f64::from(run(Galerkin::low_order(kappa as f32).ok()?, &single, numbers)?);
+        let scale = leading_bdf_weight(bdf_order, beta, h).ok()?;
+        let memory = FixedDirect::<f64, 1, HISTORY>::short_memory(&WEIGHTS, scale).ok()?;
+        let mut operator = FractionalOperator::new(memory, Start::Caputo).ok()?;
+        let derivative = operator.push(mass).ok()? + operator.push(rho).ok()?;
+        let terms =
+            [ExplicitDamping { coefficients: Coefficients::Diagonal([rho].into()), damping_order: beta, bdf_order }];
+        let spring = Quadratic::diagonal([mass]).ok()?;
+        let stiffness = spring.hessian(&[kappa].into());
+        let mass = Mass::diagonal([mass]).ok()?;
+        match check_low_order_stability(&mass, &stiffness, kappa, &terms, h).ok()? {
+            Stability::Stable => Some(energy + derivative),
+            Stability::Unstable { largest_stable_step } => Some(largest_stable_step),
+        }
+    };
+    all().unwrap_or(-1.0)
+}
+
+/// An index that may be out of bounds: its panic must show.
+#[cfg(feature = "seeded-panic")]
+#[unsafe(no_mangle)]
+pub extern "C" fn seeded(index: usize) -> f64 {
+    WEIGHTS[index]
+}
