@@ -1,2 +1,4 @@
 //! Fractional variational integrators on the host.
 #![forbid(unsafe_code)]
+
+pub mod expression;

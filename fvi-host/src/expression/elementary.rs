@@ -1,0 +1,83 @@
+//! The elementary functions of `f32` and `f64`, all from `libm`.
+
+use fvi_core::Real;
+use special::Gamma;
+
+/// A scalar with the functions that expressions know.
+///
+/// nalgebra's own functions come from the platform when it is built for a host; these never do.
+pub trait Elementary: Real {
+    /// √x, rounded correctly.
+    fn square_root(self) -> Self;
+    /// eˣ.
+    fn exponential(self) -> Self;
+    /// Natural logarithm.
+    fn logarithm(self) -> Self;
+    /// sin x, x in radians.
+    fn sine(self) -> Self;
+    /// cos x, x in radians.
+    fn cosine(self) -> Self;
+    /// tan x, x in radians.
+    fn tangent(self) -> Self;
+    /// sinh x.
+    fn hyperbolic_sine(self) -> Self;
+    /// cosh x.
+    fn hyperbolic_cosine(self) -> Self;
+    /// tanh x.
+    fn hyperbolic_tangent(self) -> Self;
+    /// Γ(x).
+    fn gamma_function(self) -> Self;
+
+    /// (ψ(x), ψ′(x)), the first two derivatives of ln Γ; computed in double precision.
+    ///
+    /// Not-a-number for x < −1000, where Γ has long underflown to zero between its poles.
+    fn polygamma(self) -> (Self, Self) {
+        let x = self.to_f64();
+        if x > -1000.0 {
+            (Self::of(x.digamma()), Self::of(x.trigamma()))
+        } else {
+            (Self::of(f64::NAN), Self::of(f64::NAN))
+        }
+    }
+}
+
+macro_rules! elementary {
+    ($scalar:ty, $($name:ident = $function:path),* $(,)?) => {
+        impl Elementary for $scalar {
+            $(
+                #[inline]
+                fn $name(self) -> Self {
+                    $function(self)
+                }
+            )*
+        }
+    };
+}
+
+elementary!(
+    f64,
+    square_root = libm::sqrt,
+    exponential = libm::exp,
+    logarithm = libm::log,
+    sine = libm::sin,
+    cosine = libm::cos,
+    tangent = libm::tan,
+    hyperbolic_sine = libm::sinh,
+    hyperbolic_cosine = libm::cosh,
+    hyperbolic_tangent = libm::tanh,
+    gamma_function = libm::tgamma,
+);
+
+elementary!(
+    f32,
+    square_root = libm::sqrtf,
+    exponential = libm::expf,
+    logarithm = libm::logf,
+    sine = libm::sinf,
+    cosine = libm::cosf,
+    tangent = libm::tanf,
+    hyperbolic_sine = libm::sinhf,
+    hyperbolic_cosine = libm::coshf,
+    hyperbolic_tangent = libm::tanhf,
+    gamma_function = libm::tgammaf,
+);
