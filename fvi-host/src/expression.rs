@@ -26,6 +26,7 @@ mod syntax;
 mod tree;
 
 pub use elementary::Elementary;
+pub(crate) use syntax::nearest;
 pub use syntax::{ExpressionError, ExpressionFault};
 
 use fvi_core::Real;
@@ -220,6 +221,12 @@ impl Expression {
         let variables: [SecondOrder<T, N>; N] = core::array::from_fn(|i| SecondOrder::variable(point[i], i));
         let jet: SecondOrder<T, N> = self.root.evaluate(moment.time, moment.sided, &variables);
         (jet.value(), jet.gradient, jet.hessian)
+    }
+}
+
+impl serde::Serialize for Expression {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(&self.text)
     }
 }
 

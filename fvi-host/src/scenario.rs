@@ -1,0 +1,184 @@
+//! Scenario files: everything a run is made from, read and checked.
+//!
+//! A [`Scenario`] is what the TOML file says after defaults are filled in and every value is checked; it
+//! knows nothing of how it is run. Its serialised form is the record of the inputs as used.
+
+mod document;
+mod error;
+mod initial;
+mod matrix;
+mod number_table;
+mod reference;
+mod sampled_input;
+mod scheme;
+mod system;
+mod time;
+
+pub use document::Document;
+pub use error::{InputError, Problem};
+pub use initial::InitialState;
+pub use matrix::SymmetricMatrix;
+pub use reference::{Reference, ReferenceRow, ReferenceSource};
+pub use sampled_input::SampledInput;
+pub use scheme::{Convolution, ConvolutionFamily, Quadrature, Scheme};
+pub use system::{Damping, Derivative, System};
+pub use time::{Engine, History, OutputOptions, Overflow, TimeGrid};
+
+use crate::expression::Moment;
+use document::Table;
+use serde::Serialize;
+use std::path::Path;
+
+/// Largest number of coordinates a scenario may have.
+pub const MAX_COORDINATES: usize = 8;
+
+/// A scenario with all its values checked.
+#[derive(Clone, Debug, Serialize)]
+pub struct Scenario {
+    /// What it is, in words; heads the pictures.
+    pub title: Option<String>,
+    /// The mechanical system.
+    pub system: System,
+    /// Where it starts.
+    pub initial: InitialState,
+    /// How it is integrated.
+    pub scheme: Scheme,
+    /// How the fractional derivatives are discretised.
+    pub convolution: Convolution,
+    /// The time grid.
+    pub time: TimeGrid,
+    /// The memory engine.
+    pub history: History,
+    /// What is written.
+    pub output: OutputOptions,
+    /// A force given by samples, held between them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub input: Option<SampledInput>,
+    /// What the solution is known to be.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reference: Option<Reference>,
+    #[serde(skip)]
+    document: Document,
+}
+
+impl Scenario {
+    /// Reads and checks a scenario file.
+    ///
+    /// # Errors
+    /// The first thing in the file that cannot be used, with its place.
+    pub fn read(path: &Path) -> Result<Self, InputError> {
+        Self::from_document(Document::read(path)?)
+    }
+
+    /// Checks a scenario that is at hand.
+    ///
+    /// # Errors
+    /// The first thing in the document that cannot be used, with its place.
+    pub fn from_document(document: Document) -> Result<Self, InputError> {
+        let scenario = document.with_root(|root| Self::from_root(&root, &document))?;
+        scenario.check_start()?;
+        Ok(scenario)
+    }
+
+    fn from_root(root: &Table<'_>, document: &Document) -> Result<Self, InputError> {
+        root.allow(&[
+            "title",
+            "system",
+            "initial",
+            "scheme",
+            "convolution",
+            "time",
+            "history",
+            "output",
+            "input",
+            "reference",
+        ])?;
+        let title = root.optional("title").map(|value| value.text().map(str::to_owned)).transpose()?;
+        let system_table = root.required("system")?.table()?;
+        let system = System::read(&system_table)?;
+        let count = system.coordinates();
+        let initial = InitialState::read(&root.required("initial")?.table()?, &system)?;
+        let scheme = match root.optional("scheme") {
+            Some(value) => Scheme::read(&value.table()?)?,
+            None => Scheme::default(),
+        };
+        let convolution = match root.optional("convolution") {
+            Some(value) => Convolution::read(&value.table()?, &scheme)?,
+            None => Convolution::default(),
+        };
+        let time = TimeGrid::read(&root.required("time")?.table()?)?;
+        let history = match root.optional("history") {
+            Some(value) => History::read(&value.table()?)?,
+            None => History::default(),
+        };
+        let output = match root.optional("output") {
+            Some(value) => OutputOptions::read(&value.table()?)?,
+            None => OutputOptions::default(),
+        };
+        let input = match root.optional("input") {
+            Some(value) => Some(SampledInput::read(&value.table()?, count, &time, document)?),
+            None => None,
+        };
+        let reference = match root.optional("reference") {
+            Some(value) => Some(Reference::read(&value.table()?, &system, document)?),
+            None => None,
+        };
+        let document = document.clone();
+        Ok(Self {
+            title,
+            system,
+            initial,
+            scheme,
+            convolution,
+            time,
+            history,
+            output,
+            input,
+            reference,
+            document,
+        })
+    }
+
+    /// Number of coordinates N.
+    pub fn coordinates(&self) -> usize {
+        self.system.coordinates()
+    }
+
+    /// The title, or the file's name without its ending.
+    pub fn heading(&self) -> &str {
+        self.title.as_deref().unwrap_or_else(|| {
+            Path::new(self.document.name()).file_stem().and_then(|stem| stem.to_str()).unwrap_or("run")
+        })
+    }
+
+    /// An error about the value at `path`, such as `history.engine`, in this scenario's file.
+    pub fn error_at(&self, path: &str, problem: Problem) -> InputError {
+        self.document.error_at(path, problem)
+    }
+
+    /// Refuses a potential or force that is not finite where the run begins.
+    fn check_start(&self) -> Result<(), InputError> {
+        let place = format!("t = 0, q = {:?}", self.initial.position);
+        if let Some(potential) = &self.system.potential
+            && !potential.value(Moment::inside(0.0), &self.initial.position).is_finite()
+        {
+            return Err(
+                self.error_at("system.potential", Problem::NotFinite { what: "the potential", place })
+            );
+        }
+        for (index, force) in self.system.force.iter().flatten().enumerate() {
+            // A force may be singular at t = 0 alone, where schemes with interior nodes never look; only a force
+            // that is not a number there because of its coordinates is certain to fail.
+            let value = force.value(Moment::inside(0.0), &self.initial.position);
+            let later = force.value(Moment::inside(0.5 * self.time.step), &self.initial.position);
+            if !value.is_finite() && !later.is_finite() {
+                let problem = Problem::NotFinite { what: "the force", place };
+                return Err(self.error_at(&format!("system.force[{index}]"), problem));
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,246 @@
+//! What can be wrong with a scenario file, told with its place and what is allowed.
+
+use crate::expression::{ExpressionError, ParameterNameError};
+use core::ops::Range;
+use miette::{Diagnostic, LabeledSpan, NamedSource, SourceCode};
+use std::fmt;
+
+/// Something in an input file that cannot be used.
+///
+/// Its text is one line, `file:line:column: key = value: problem; allowed`; as a [`Diagnostic`] it shows the
+/// line of the file as well.
+#[derive(Debug)]
+pub struct InputError {
+    source: NamedSource<String>,
+    /// The key, as a path such as `system.damping[0].order`; empty for the file as a whole.
+    key: String,
+    value: String,
+    span: Range<usize>,
+    line: usize,
+    column: usize,
+    problem: Box<Problem>,
+}
+
+impl InputError {
+    /// An error about the bytes `span` of the file `name` with content `text`, which belong to `key`.
+    pub(crate) fn new(
+        name: &str,
+        text: &str,
+        key: &str,
+        value: String,
+        span: Range<usize>,
+        problem: Problem,
+    ) -> Self {
+        let before = text.get(..span.start).unwrap_or(text);
+        let line_start = before.rfind('\n').map_or(0, |newline| newline + 1);
+        Self {
+            source: NamedSource::new(name, text.to_owned()),
+            key: key.to_owned(),
+            value,
+            line: before.matches('\n').count() + 1,
+            column: before[line_start..].chars().count() + 1,
+            span,
+            problem: Box::new(problem),
+        }
+    }
+
+    /// An error about a file that cannot be read at all.
+    pub(crate) fn unreadable(name: &str, problem: Problem) -> Self {
+        Self::new(name, "", "", String::new(), 0..0, problem)
+    }
+
+    /// The key to blame, as a path such as `system.damping[0].order`; empty for the file as a whole.
+    pub fn key(&self) -> &str {
+        &self.key
+    }
+
+    /// Line in the file, counted from 1.
+    pub fn line(&self) -> usize {
+        self.line
+    }
+
+    /// What is wrong.
+    pub fn problem(&self) -> &Problem {
+        &self.problem
+    }
+}
+
+impl fmt::Display for InputError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.source.name())?;
+        if !self.source.inner().is_empty() {
+            write!(f, ":{}:{}", self.line, self.column)?;
+        }
+        match (self.key.as_str(), self.value.as_str()) {
+            ("", _) => {}
+            (key, "") => write!(f, ": {key}")?,
+            (key, value) => write!(f, ": {key} = {value}")?,
+        }
+        write!(f, ": {}", self.problem)
+    }
+}
+
+impl std::error::Error for InputError {}
+
+impl Diagnostic for InputError {
+    fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
+        self.problem.allowed().map(|allowed| Box::new(allowed) as Box<dyn fmt::Display>)
+    }
+
+    fn source_code(&self) -> Option<&dyn SourceCode> {
+        (!self.source.inner().is_empty()).then_some(&self.source as &dyn SourceCode)
+    }
+
+    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
+        let span = LabeledSpan::new_with_span(Some("here".to_owned()), self.span.clone());
+        Some(Box::new(core::iter::once(span)))
+    }
+}
+
+/// What is wrong with a key or its value.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Problem {
+    /// The file cannot be read.
+    #[error("cannot be read: {reason}")]
+    Unreadable {
+        /// What the system says.
+        reason: String,
+    },
+    /// The file is not TOML.
+    #[error("not valid TOML: {reason}")]
+    Syntax {
+        /// What the parser says.
+        reason: String,
+    },
+    /// A key that does not exist.
+    #[error("unknown key")]
+    UnknownKey {
+        /// The existing key nearest to it.
+        suggestion: Option<String>,
+        /// The keys that exist here.
+        allowed: String,
+    },
+    /// A key that must be there is not.
+    #[error("the key `{key}` is missing")]
+    MissingKey {
+        /// The key.
+        key: String,
+    },
+    /// Two keys that say the same thing, or contradict each other.
+    #[error("cannot stand beside `{other}`: give one of them")]
+    Conflict {
+        /// The other key.
+        other: String,
+    },
+    /// A value of another type.
+    #[error("{found} instead of {expected}")]
+    WrongType {
+        /// What it should be.
+        expected: &'static str,
+        /// What it is.
+        found: &'static str,
+    },
+    /// A value outside what is allowed.
+    #[error("not allowed")]
+    OutOfRange {
+        /// What is allowed.
+        allowed: String,
+    },
+    /// A list or matrix of another size.
+    #[error("{found} instead of {expected}")]
+    WrongShape {
+        /// The shape it should have.
+        expected: String,
+        /// The shape it has.
+        found: String,
+    },
+    /// A matrix that is not symmetric.
+    #[error("not symmetric: entry ({row}, {column}) is {upper}, entry ({column}, {row}) is {lower}")]
+    NotSymmetric {
+        /// Row, from 0.
+        row: usize,
+        /// Column, from 0.
+        column: usize,
+        /// The entry.
+        upper: f64,
+        /// Its mirror image.
+        lower: f64,
+    },
+    /// A mass that is not positive definite.
+    #[error("not positive definite (smallest eigenvalue {smallest:e})")]
+    NotPositiveDefinite {
+        /// The smallest eigenvalue.
+        smallest: f64,
+    },
+    /// A damping coefficient that is not positive semidefinite.
+    #[error("not positive semidefinite (smallest eigenvalue {smallest:e})")]
+    NotPositiveSemidefinite {
+        /// The smallest eigenvalue.
+        smallest: f64,
+    },
+    /// An expression that cannot be used.
+    #[error("{0}")]
+    Expression(ExpressionError),
+    /// A parameter with a name that cannot be one.
+    #[error("this name cannot be a parameter: {0}")]
+    ParameterName(ParameterNameError),
+    /// A value that is not finite where the run begins.
+    #[error("{what} is not finite at {place}")]
+    NotFinite {
+        /// What is not finite.
+        what: &'static str,
+        /// Where.
+        place: String,
+    },
+    /// The step is too long for the explicit fractional force.
+    #[error("unstable: the largest stable step is about {largest_step:e}")]
+    Unstable {
+        /// The largest stable step.
+        largest_step: f64,
+    },
+    /// Two settings that do not go together.
+    #[error("does not go together with {with}")]
+    Incompatible {
+        /// The other setting.
+        with: String,
+        /// What does go.
+        allowed: String,
+    },
+    /// A line of a table file that cannot be used.
+    #[error("{file}, line {line}: {reason}")]
+    Table {
+        /// The table file.
+        file: String,
+        /// Its line, from 1.
+        line: u64,
+        /// What is wrong there.
+        reason: String,
+    },
+}
+
+impl Problem {
+    /// What is allowed instead, where that can be said.
+    pub fn allowed(&self) -> Option<String> {
+        match self {
+            Self::UnknownKey { suggestion: Some(near), allowed } => {
+                Some(format!("did you mean `{near}`? Keys here: {allowed}"))
+            }
+            Self::UnknownKey { suggestion: None, allowed } => Some(format!("keys here: {allowed}")),
+            Self::OutOfRange { allowed } => Some(format!("allowed: {allowed}")),
+            Self::Incompatible { allowed, .. } => Some(format!("allowed: {allowed}")),
+            Self::NotSymmetric { .. } | Self::NotPositiveDefinite { .. } => {
+                Some("allowed: a symmetric positive definite matrix (diagonal: every number > 0)".to_owned())
+            }
+            Self::NotPositiveSemidefinite { .. } => {
+                Some("allowed: a symmetric positive semidefinite matrix (diagonal: every number ≥ 0)".to_owned())
+            }
+            Self::Expression(error) => error.advice(),
+            Self::Unstable { .. } => Some(
+                "take a shorter `time.step`, a lower `convolution.order`, or set `time.allow_unstable = true` to run anyway"
+                    .to_owned(),
+            ),
+            _ => None,
+        }
+    }
+}

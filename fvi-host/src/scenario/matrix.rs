@@ -1,0 +1,118 @@
+//! Symmetric matrices of a scenario: a list of diagonal entries, or rows.
+
+use super::document::Value;
+use super::error::{InputError, Problem};
+use nalgebra::DMatrix;
+use serde::{Serialize, Serializer};
+
+/// A symmetric matrix, one row and column for each coordinate.
+#[derive(Clone, Debug, PartialEq)]
+pub enum SymmetricMatrix {
+    /// The diagonal entries; all others are zero.
+    Diagonal(Vec<f64>),
+    /// All entries.
+    Dense(DMatrix<f64>),
+}
+
+impl SymmetricMatrix {
+    /// Number of rows.
+    pub fn size(&self) -> usize {
+        match self {
+            Self::Diagonal(entries) => entries.len(),
+            Self::Dense(matrix) => matrix.nrows(),
+        }
+    }
+
+    /// The product with a vector of the same size.
+    pub fn times(&self, vector: &[f64]) -> Vec<f64> {
+        match self {
+            Self::Diagonal(entries) => entries.iter().zip(vector).map(|(entry, x)| entry * x).collect(),
+            Self::Dense(matrix) => matrix
+                .row_iter()
+                .map(|row| row.iter().zip(vector).map(|(entry, x)| entry * x).sum())
+                .collect(),
+        }
+    }
+
+    /// Whether every entry is zero.
+    pub fn is_zero(&self) -> bool {
+        match self {
+            Self::Diagonal(entries) => entries.iter().all(|&entry| entry == 0.0),
+            Self::Dense(matrix) => matrix.iter().all(|&entry| entry == 0.0),
+        }
+    }
+
+    /// Reads numbers (a diagonal) or rows of numbers.
+    pub(super) fn read(value: &Value<'_>) -> Result<Self, InputError> {
+        let entries = value.list("a list of numbers (the diagonal) or of rows")?;
+        if !entries.iter().any(Value::is_list) {
+            return Ok(Self::Diagonal(value.numbers()?));
+        }
+        let size = entries.len();
+        let mut matrix = DMatrix::zeros(size, size);
+        for (row, entry) in entries.iter().enumerate() {
+            let numbers = entry.numbers()?;
+            if numbers.len() != size {
+                let expected = format!("{size}: a square matrix has as many columns as rows");
+                let found = format!("{} entries", numbers.len());
+                return Err(entry.error(Problem::WrongShape { expected, found }));
+            }
+            for (column, number) in numbers.into_iter().enumerate() {
+                matrix[(row, column)] = number;
+            }
+        }
+        for row in 0..size {
+            for column in row + 1..size {
+                let (upper, lower) = (matrix[(row, column)], matrix[(column, row)]);
+                if upper != lower {
+                    return Err(value.error(Problem::NotSymmetric { row, column, upper, lower }));
+                }
+            }
+        }
+        Ok(Self::Dense(matrix))
+    }
+
+    /// Refuses a matrix with an eigenvalue ≤ 0 (to rounding).
+    pub(super) fn positive_definite(self, value: &Value<'_>) -> Result<Self, InputError> {
+        let (smallest, threshold) = self.spectrum();
+        if smallest > threshold {
+            Ok(self)
+        } else {
+            Err(value.error(Problem::NotPositiveDefinite { smallest }))
+        }
+    }
+
+    /// Refuses a matrix with an eigenvalue < 0 (beyond rounding).
+    pub(super) fn positive_semidefinite(self, value: &Value<'_>) -> Result<Self, InputError> {
+        let (smallest, threshold) = self.spectrum();
+        if smallest >= -threshold {
+            Ok(self)
+        } else {
+            Err(value.error(Problem::NotPositiveSemidefinite { smallest }))
+        }
+    }
+
+    /// The smallest eigenvalue, and the rounding error it may have.
+    fn spectrum(&self) -> (f64, f64) {
+        match self {
+            Self::Diagonal(entries) => (entries.iter().copied().fold(f64::INFINITY, f64::min), 0.0),
+            Self::Dense(matrix) => {
+                let eigenvalues = matrix.clone().symmetric_eigenvalues();
+                (eigenvalues.min(), 8.0 * f64::EPSILON * matrix.nrows() as f64 * eigenvalues.amax())
+            }
+        }
+    }
+}
+
+impl Serialize for SymmetricMatrix {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Self::Diagonal(entries) => entries.serialize(serializer),
+            Self::Dense(matrix) => {
+                let rows: Vec<Vec<f64>> =
+                    matrix.row_iter().map(|row| row.iter().copied().collect()).collect();
+                rows.serialize(serializer)
+            }
+        }
+    }
+}

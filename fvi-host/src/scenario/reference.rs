@@ -1,0 +1,126 @@
+//! `[reference]`: what the solution is known to be, as expressions in t or as a table.
+
+use super::document::{Document, Table};
+use super::error::{InputError, Problem};
+use super::number_table::NumberTable;
+use super::system::System;
+use crate::expression::{Expression, Moment};
+use serde::Serialize;
+
+/// A known solution.
+#[derive(Clone, Debug, Serialize)]
+pub struct Reference {
+    /// Where it comes from.
+    #[serde(flatten)]
+    pub source: ReferenceSource,
+}
+
+/// Where a known solution comes from.
+#[derive(Clone, Debug, Serialize)]
+#[serde(untagged)]
+pub enum ReferenceSource {
+    /// Expressions in t and the parameters.
+    Expressions {
+        /// q(t), one for each coordinate.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        position: Option<Vec<Expression>>,
+        /// p(t), one for each coordinate.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        momentum: Option<Vec<Expression>>,
+        /// E(t).
+        #[serde(skip_serializing_if = "Option::is_none")]
+        energy: Option<Expression>,
+    },
+    /// Values at some times.
+    Table {
+        /// The file they are from, as written in the scenario.
+        file: String,
+        /// The values, ascending in time.
+        #[serde(skip)]
+        rows: Vec<ReferenceRow>,
+    },
+}
+
+/// The known solution at one time; what is not known is `None`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReferenceRow {
+    /// t.
+    pub time: f64,
+    /// q, by coordinate.
+    pub position: Vec<Option<f64>>,
+    /// p, by coordinate.
+    pub momentum: Vec<Option<f64>>,
+    /// E.
+    pub energy: Option<f64>,
+}
+
+impl Reference {
+    pub(super) fn read(table: &Table<'_>, system: &System, document: &Document) -> Result<Self, InputError> {
+        table.allow(&["position", "momentum", "energy", "file"])?;
+        let count = system.coordinates();
+        if let Some(value) = table.optional("file") {
+            for key in ["position", "momentum", "energy"] {
+                if let Some(other) = table.optional(key) {
+                    return Err(other.error(Problem::Conflict { other: "reference.file".to_owned() }));
+                }
+            }
+            let rows = read_rows(&value, document, count)?;
+            return Ok(Self { source: ReferenceSource::Table { file: value.text()?.to_owned(), rows } });
+        }
+        let symbols = system.symbols().with_time();
+        let list = |key| table.optional(key).map(|value| value.expressions(&symbols, count)).transpose();
+        let position = list("position")?;
+        let momentum = list("momentum")?;
+        let energy = table.optional("energy").map(|value| value.expression(&symbols)).transpose()?;
+        if position.is_none() && momentum.is_none() && energy.is_none() {
+            table.required("position")?;
+        }
+        Ok(Self { source: ReferenceSource::Expressions { position, momentum, energy } })
+    }
+
+    /// The known solution at grid point `index` of a grid of the given step; `None` where nothing is known.
+    pub fn at_step(&self, index: usize, step: f64, coordinates: usize) -> Option<ReferenceRow> {
+        let time = step * index as f64;
+        match &self.source {
+            ReferenceSource::Expressions { position, momentum, energy } => {
+                let value = |expression: &Expression| expression.value(Moment::inside(time), &[]);
+                let list = |expressions: &Option<Vec<Expression>>| match expressions {
+                    Some(expressions) => {
+                        expressions.iter().map(|expression| Some(value(expression))).collect()
+                    }
+                    None => vec![None; coordinates],
+                };
+                let energy = energy.as_ref().map(value);
+                Some(ReferenceRow { time, position: list(position), momentum: list(momentum), energy })
+            }
+            ReferenceSource::Table { rows, .. } => {
+                // A tabulated time is a grid time when they differ by rounding only.
+                let tolerance = 1e-9 * step;
+                let next = rows.partition_point(|row| row.time < time - tolerance);
+                rows.get(next).filter(|row| row.time <= time + tolerance).cloned()
+            }
+        }
+    }
+}
+
+fn read_rows(
+    value: &super::document::Value<'_>,
+    document: &Document,
+    count: usize,
+) -> Result<Vec<ReferenceRow>, InputError> {
+    let named = |letter: char| (0..count).map(move |index| format!("{letter}{index}"));
+    let columns: Vec<String> = named('q').chain(named('p')).chain(["energy".to_owned()]).collect();
+    let table = NumberTable::read(value, document, &columns)?;
+    let place = |column: &String| table.names.iter().position(|name| name == column);
+    let places: Vec<Option<usize>> = columns.iter().map(place).collect();
+    let row = |numbers: &Vec<f64>| {
+        let mut known = places.iter().map(|place| place.map(|at| numbers[at]));
+        ReferenceRow {
+            time: numbers[0],
+            position: known.by_ref().take(count).collect(),
+            momentum: known.by_ref().take(count).collect(),
+            energy: known.next().flatten(),
+        }
+    };
+    Ok(table.rows.iter().map(row).collect())
+}

@@ -1,0 +1,76 @@
+//! `[input]`: a force given by samples, each held until the next (zero-order hold).
+
+use super::document::{Document, Table};
+use super::error::{InputError, Problem};
+use super::number_table::NumberTable;
+use super::time::TimeGrid;
+use serde::Serialize;
+
+/// A piecewise constant force on the coordinates, as a controller with a zero-order hold puts out.
+///
+/// The input of step k, over [t_k, t_{k+1}], is the last sample whose time is not after t_k (to rounding). Zero
+/// before the first sample; the last one is held to the end.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SampledInput {
+    /// When each sample takes effect; ascending.
+    pub times: Vec<f64>,
+    /// The samples, one number for each coordinate.
+    pub samples: Vec<Vec<f64>>,
+    /// Index of the first step under each sample.
+    #[serde(skip)]
+    first_steps: Vec<usize>,
+}
+
+impl SampledInput {
+    pub(super) fn read(
+        table: &Table<'_>,
+        count: usize,
+        grid: &TimeGrid,
+        document: &Document,
+    ) -> Result<Self, InputError> {
+        table.allow(&["samples", "period", "file"])?;
+        let (inline, value) = table.either("samples", "file")?;
+        let (times, samples) = if inline {
+            let period = table.required("period")?.positive()?;
+            let samples = value
+                .list("a list of samples: numbers, or one row of numbers for each sample")?
+                .iter()
+                .map(|sample| {
+                    if sample.is_list() {
+                        return sample.vector(count);
+                    }
+                    let number = sample.number()?;
+                    if count == 1 {
+                        return Ok(vec![number]);
+                    }
+                    let expected = format!("a row of {count} numbers, one for each coordinate");
+                    Err(sample.error(Problem::WrongShape { expected, found: "one number".to_owned() }))
+                })
+                .collect::<Result<Vec<_>, _>>()?;
+            if samples.is_empty() {
+                return Err(value.out_of_range("at least one sample"));
+            }
+            ((0..samples.len()).map(|index| period * index as f64).collect::<Vec<_>>(), samples)
+        } else {
+            if let Some(period) = table.optional("period") {
+                return Err(period.key_error(Problem::Conflict { other: "input.file".to_owned() }));
+            }
+            let columns: Vec<String> = (0..count).map(|index| format!("u{index}")).collect();
+            let read = NumberTable::read(&value, document, &columns)?;
+            let place: Vec<Option<usize>> =
+                columns.iter().map(|column| read.names.iter().position(|name| name == column)).collect();
+            let sample = |row: &Vec<f64>| place.iter().map(|place| place.map_or(0.0, |at| row[at])).collect();
+            (read.rows.iter().map(|row| row[0]).collect(), read.rows.iter().map(sample).collect())
+        };
+        // Grid times and sample times are rounded: a sample within a billionth of a step after t_k counts.
+        let first_steps =
+            times.iter().map(|time| (time / grid.step - 1e-9).ceil().max(0.0) as usize).collect();
+        Ok(Self { times, samples, first_steps })
+    }
+
+    /// The input held over step `step`; `None` before the first sample.
+    pub fn at_step(&self, step: usize) -> Option<&[f64]> {
+        let after = self.first_steps.partition_point(|&first| first <= step);
+        after.checked_sub(1).map(|index| self.samples[index].as_slice())
+    }
+}

@@ -1,0 +1,228 @@
+//! `[scheme]` and `[convolution]`: how the motion and its fractional derivatives are discretised.
+
+use super::document::Table;
+use super::error::{InputError, Problem};
+use serde::Serialize;
+
+/// The integrator.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "kebab-case")]
+pub enum Scheme {
+    /// The low-order variational scheme with the node q_k^κ = κ q_k + (1 − κ) q_{k+1}.
+    LowOrder {
+        /// κ, in [0, 1]: ½ is the midpoint rule, 0 and 1 are the symplectic Euler methods.
+        kappa: f64,
+    },
+    /// The variational scheme on polynomials of a degree.
+    Galerkin {
+        /// Degree s of the polynomials.
+        degree: usize,
+        /// The quadrature of the action; absent: that of the Runge–Kutta convolution quadrature.
+        #[serde(flatten)]
+        quadrature: Option<Quadrature>,
+    },
+    /// Explicit Euler with the same memory, a baseline.
+    ExplicitEuler,
+    /// Implicit Euler with the same memory, a baseline.
+    ImplicitEuler,
+}
+
+/// A quadrature with its number of nodes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(tag = "quadrature", content = "points", rename_all = "kebab-case")]
+pub enum Quadrature {
+    /// Gauss–Legendre with 1 to 6 nodes.
+    Gauss(usize),
+    /// Gauss–Lobatto with 2 to 6 nodes.
+    Lobatto(usize),
+}
+
+/// How fractional derivatives are discretised.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Convolution {
+    /// The underlying method.
+    #[serde(flatten)]
+    pub family: ConvolutionFamily,
+    /// Exponents made exact by starting weights; empty: none.
+    pub starting: Vec<f64>,
+}
+
+/// The method a convolution quadrature is built on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(tag = "family", rename_all = "kebab-case")]
+pub enum ConvolutionFamily {
+    /// Backward differentiation formulas.
+    Bdf {
+        /// Order p, 1 to 6.
+        order: usize,
+    },
+    /// Radau IIA methods.
+    RadauIia {
+        /// Number of stages, 1 to 3.
+        stages: usize,
+    },
+    /// Lobatto IIIC methods.
+    LobattoIiic {
+        /// Number of stages, 2 to 4.
+        stages: usize,
+    },
+}
+
+#[derive(Clone, Copy)]
+enum SchemeKind {
+    LowOrder,
+    Galerkin,
+    ExplicitEuler,
+    ImplicitEuler,
+}
+
+#[derive(Clone, Copy)]
+enum FamilyName {
+    Bdf,
+    RadauIia,
+    LobattoIiic,
+}
+
+impl Default for Scheme {
+    fn default() -> Self {
+        Self::LowOrder { kappa: 0.5 }
+    }
+}
+
+impl Default for Convolution {
+    fn default() -> Self {
+        Self { family: ConvolutionFamily::Bdf { order: 1 }, starting: Vec::new() }
+    }
+}
+
+impl Scheme {
+    pub(super) fn read(table: &Table<'_>) -> Result<Self, InputError> {
+        let kind = table.required("kind")?.choice(&[
+            ("low-order", SchemeKind::LowOrder),
+            ("galerkin", SchemeKind::Galerkin),
+            ("explicit-euler", SchemeKind::ExplicitEuler),
+            ("implicit-euler", SchemeKind::ImplicitEuler),
+        ])?;
+        match kind {
+            SchemeKind::LowOrder => {
+                table.allow(&["kind", "kappa"])?;
+                let Some(value) = table.optional("kappa") else { return Ok(Self::default()) };
+                let kappa = value.number()?;
+                if !(0.0..=1.0).contains(&kappa) {
+                    return Err(value.out_of_range("0 ≤ κ ≤ 1"));
+                }
+                Ok(Self::LowOrder { kappa })
+            }
+            SchemeKind::Galerkin => {
+                table.allow(&["kind", "degree", "quadrature", "points"])?;
+                let degree = table.required("degree")?.whole(1..=6)?;
+                Ok(Self::Galerkin { degree, quadrature: read_quadrature(table, degree)? })
+            }
+            SchemeKind::ExplicitEuler => table.allow(&["kind"]).map(|()| Self::ExplicitEuler),
+            SchemeKind::ImplicitEuler => table.allow(&["kind"]).map(|()| Self::ImplicitEuler),
+        }
+    }
+
+    /// The scheme's name with its parameters, for headings.
+    pub fn describe(&self) -> String {
+        match self {
+            Self::LowOrder { kappa } => format!("low order, κ = {kappa}"),
+            Self::Galerkin { degree, quadrature: Some(Quadrature::Gauss(points)) } => {
+                format!("Galerkin, degree {degree}, Gauss {points}")
+            }
+            Self::Galerkin { degree, quadrature: Some(Quadrature::Lobatto(points)) } => {
+                format!("Galerkin, degree {degree}, Lobatto {points}")
+            }
+            Self::Galerkin { degree, quadrature: None } => format!("Galerkin, degree {degree}"),
+            Self::ExplicitEuler => "explicit Euler".to_owned(),
+            Self::ImplicitEuler => "implicit Euler".to_owned(),
+        }
+    }
+}
+
+/// `quadrature` and `points`; without either, none is chosen here.
+fn read_quadrature(table: &Table<'_>, degree: usize) -> Result<Option<Quadrature>, InputError> {
+    let lobatto = match table.optional("quadrature") {
+        Some(value) => value.choice(&[("gauss", false), ("lobatto", true)])?,
+        None if table.optional("points").is_none() => return Ok(None),
+        None => false,
+    };
+    let points = |fewest: usize, usual: usize| match table.optional("points") {
+        Some(value) => value.whole(fewest..=6),
+        None => Ok(usual),
+    };
+    Ok(Some(if lobatto {
+        Quadrature::Lobatto(points(2, (degree + 1).min(6))?)
+    } else {
+        Quadrature::Gauss(points(1, degree)?)
+    }))
+}
+
+impl Convolution {
+    pub(super) fn read(table: &Table<'_>, scheme: &Scheme) -> Result<Self, InputError> {
+        let family_value = table.optional("family");
+        let name = match &family_value {
+            Some(value) => value.choice(&[
+                ("bdf", FamilyName::Bdf),
+                ("radau-iia", FamilyName::RadauIia),
+                ("lobatto-iiic", FamilyName::LobattoIiic),
+            ])?,
+            None => FamilyName::Bdf,
+        };
+        let family = match name {
+            FamilyName::Bdf => {
+                table.allow(&["family", "order", "starting"])?;
+                let order = table.optional("order").map_or(Ok(1), |value| value.whole(1..=6))?;
+                ConvolutionFamily::Bdf { order }
+            }
+            FamilyName::RadauIia => {
+                table.allow(&["family", "stages"])?;
+                ConvolutionFamily::RadauIia { stages: table.required("stages")?.whole(1..=3)? }
+            }
+            FamilyName::LobattoIiic => {
+                table.allow(&["family", "stages"])?;
+                ConvolutionFamily::LobattoIiic { stages: table.required("stages")?.whole(2..=4)? }
+            }
+        };
+        if let (Some(value), FamilyName::RadauIia | FamilyName::LobattoIiic) = (&family_value, name) {
+            match scheme {
+                Scheme::Galerkin { quadrature: None, .. } => {}
+                Scheme::Galerkin { .. } => {
+                    return Err(value.error(Problem::Incompatible {
+                        with: "`scheme.quadrature` and `scheme.points`".to_owned(),
+                        allowed: "leave them out: the nodes are those of the Runge–Kutta method".to_owned(),
+                    }));
+                }
+                _ => {
+                    return Err(value.error(Problem::Incompatible {
+                        with: "this `scheme.kind`".to_owned(),
+                        allowed: "\"bdf\" here, or `scheme.kind = \"galerkin\"`".to_owned(),
+                    }));
+                }
+            }
+        }
+        let starting = match table.optional("starting") {
+            Some(value) => {
+                let exponents = value.numbers()?;
+                let distinct =
+                    exponents.iter().enumerate().all(|(i, a)| exponents[..i].iter().all(|b| a != b));
+                if !distinct || exponents.iter().any(|&exponent| exponent < 0.0) {
+                    return Err(value.out_of_range("distinct exponents ≥ 0"));
+                }
+                exponents
+            }
+            None => Vec::new(),
+        };
+        Ok(Self { family, starting })
+    }
+
+    /// The quadrature's name with its parameters, for headings.
+    pub fn describe(&self) -> String {
+        let family = match self.family {
+            ConvolutionFamily::Bdf { order } => format!("BDF {order}"),
+            ConvolutionFamily::RadauIia { stages } => format!("Radau IIA, {stages} stages"),
+            ConvolutionFamily::LobattoIiic { stages } => format!("Lobatto IIIC, {stages} stages"),
+        };
+        if self.starting.is_empty() { family } else { format!("{family} with starting weights") }
+    }
+}

@@ -1,0 +1,179 @@
+//! `[time]`, `[history]` and `[output]`: the grid, the memory engine and what is written.
+
+use super::document::Table;
+use super::error::{InputError, Problem};
+use serde::Serialize;
+
+/// The times t_k = k h, k = 0…steps.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct TimeGrid {
+    /// h > 0.
+    pub step: f64,
+    /// Number of steps.
+    pub steps: usize,
+    /// Whether to run although the fractional force is known to make the scheme unstable.
+    pub allow_unstable: bool,
+}
+
+impl TimeGrid {
+    pub(super) fn read(table: &Table<'_>) -> Result<Self, InputError> {
+        table.allow(&["step", "steps", "end", "allow_unstable"])?;
+        let step = table.required("step")?.positive()?;
+        let (counted, value) = table.either("steps", "end")?;
+        let steps = if counted {
+            value.whole(0..=usize::MAX)?
+        } else {
+            let end = value.number()?;
+            if end < 0.0 {
+                return Err(value.out_of_range("an end ≥ 0"));
+            }
+            let exact = end / step;
+            let whole = exact.round();
+            if (exact - whole).abs() > 1e-9 * whole.max(1.0) || whole >= 2.0_f64.powi(53) {
+                let (before, after) = (exact.floor() * step, exact.ceil() * step);
+                let allowed = format!("a whole number of steps of {step}, such as {before} or {after}");
+                return Err(value.out_of_range(allowed));
+            }
+            whole as usize
+        };
+        if !(step * steps as f64).is_finite() {
+            return Err(value.out_of_range("an end that is a finite time"));
+        }
+        let allow_unstable = table.optional("allow_unstable").map_or(Ok(false), |value| value.truth())?;
+        Ok(Self { step, steps, allow_unstable })
+    }
+
+    /// t_k.
+    pub fn time(&self, index: usize) -> f64 {
+        self.step * index as f64
+    }
+
+    /// The last time.
+    pub fn end(&self) -> f64 {
+        self.time(self.steps)
+    }
+}
+
+/// A memory engine.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Engine {
+    /// The plain sum over a ring of samples.
+    Direct,
+    /// Block transforms, amortised.
+    BlockFft,
+    /// Block transforms spread evenly over the steps.
+    RealTime,
+    /// A short head and decaying exponentials.
+    ExponentialSum,
+}
+
+impl Engine {
+    /// The engines with their names in files and on the command line.
+    pub const NAMES: [(&'static str, Self); 4] = [
+        ("direct", Self::Direct),
+        ("block-fft", Self::BlockFft),
+        ("real-time", Self::RealTime),
+        ("exponential-sum", Self::ExponentialSum),
+    ];
+
+    /// The name in files and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Direct => "direct",
+            Self::BlockFft => "block-fft",
+            Self::RealTime => "real-time",
+            Self::ExponentialSum => "exponential-sum",
+        }
+    }
+}
+
+/// What the direct engine does with a sample that no longer fits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Overflow {
+    /// Stops the run.
+    #[default]
+    Stop,
+    /// Forgets the oldest sample.
+    Forget,
+}
+
+/// The memory engine and its settings.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct History {
+    /// The engine; absent: the fastest that is exact to rounding.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub engine: Option<Engine>,
+    /// Relative error of each weight of the exponential sum; absent: rounding.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tolerance: Option<f64>,
+    /// Samples that the direct engine keeps; absent: all.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub capacity: Option<usize>,
+    /// What happens when they are more.
+    pub overflow: Overflow,
+}
+
+impl History {
+    pub(super) fn read(table: &Table<'_>) -> Result<Self, InputError> {
+        table.allow(&["engine", "tolerance", "capacity", "overflow"])?;
+        let mut engine = table.optional("engine").map(|value| value.choice(&Engine::NAMES)).transpose()?;
+        for (key, owner) in [
+            ("capacity", Engine::Direct),
+            ("overflow", Engine::Direct),
+            ("tolerance", Engine::ExponentialSum),
+        ] {
+            let Some(value) = table.optional(key) else { continue };
+            if *engine.get_or_insert(owner) != owner {
+                return Err(value.key_error(Problem::Incompatible {
+                    with: "this `history.engine`".to_owned(),
+                    allowed: format!("`{key}` belongs to the engine \"{}\"", owner.name()),
+                }));
+            }
+        }
+        let tolerance = match table.optional("tolerance") {
+            Some(value) => {
+                let tolerance = value.number()?;
+                if !(1e-16..=0.1).contains(&tolerance) {
+                    return Err(value.out_of_range("1e-16 ≤ tolerance ≤ 0.1"));
+                }
+                Some(tolerance)
+            }
+            None => None,
+        };
+        let capacity = table.optional("capacity").map(|value| value.whole(1..=usize::MAX)).transpose()?;
+        let overflow = match table.optional("overflow") {
+            Some(value) => {
+                let overflow = value.choice(&[("stop", Overflow::Stop), ("forget", Overflow::Forget)])?;
+                if overflow == Overflow::Forget && capacity.is_none() {
+                    let problem = Problem::MissingKey { key: "capacity".to_owned() };
+                    return Err(value.error(problem));
+                }
+                overflow
+            }
+            None => Overflow::Stop,
+        };
+        Ok(Self { engine, tolerance, capacity, overflow })
+    }
+}
+
+/// What is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct OutputOptions {
+    /// Every how manieth row of the trajectory is written; the last one always is.
+    pub every: usize,
+}
+
+impl Default for OutputOptions {
+    fn default() -> Self {
+        Self { every: 1 }
+    }
+}
+
+impl OutputOptions {
+    pub(super) fn read(table: &Table<'_>) -> Result<Self, InputError> {
+        table.allow(&["every"])?;
+        Ok(Self { every: table.optional("every").map_or(Ok(1), |value| value.whole(1..=usize::MAX))? })
+    }
+}
