@@ -1,5 +1,10 @@
 //! Fractional variational integrators on the host.
 #![forbid(unsafe_code)]
 
+pub mod engine;
 pub mod expression;
+pub mod measure;
+pub mod model;
 pub mod scenario;
+pub mod simulation;
+pub mod trajectory;

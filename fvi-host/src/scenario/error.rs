@@ -1,5 +1,6 @@
 //! What can be wrong with a scenario file, told with its place and what is allowed.
 
+use crate::engine::EngineError;
 use crate::expression::{ExpressionError, ParameterNameError};
 use core::ops::Range;
 use miette::{Diagnostic, LabeledSpan, NamedSource, SourceCode};
@@ -10,7 +11,10 @@ use std::fmt;
 /// Its text is one line, `file:line:column: key = value: problem; allowed`; as a [`Diagnostic`] it shows the
 /// line of the file as well.
 #[derive(Debug)]
-pub struct InputError {
+pub struct InputError(Box<Details>);
+
+#[derive(Debug)]
+struct Details {
     source: NamedSource<String>,
     /// The key, as a path such as `system.damping[0].order`; empty for the file as a whole.
     key: String,
@@ -18,7 +22,7 @@ pub struct InputError {
     span: Range<usize>,
     line: usize,
     column: usize,
-    problem: Box<Problem>,
+    problem: Problem,
 }
 
 impl InputError {
@@ -33,15 +37,15 @@ impl InputError {
     ) -> Self {
         let before = text.get(..span.start).unwrap_or(text);
         let line_start = before.rfind('\n').map_or(0, |newline| newline + 1);
-        Self {
+        Self(Box::new(Details {
             source: NamedSource::new(name, text.to_owned()),
             key: key.to_owned(),
             value,
             line: before.matches('\n').count() + 1,
             column: before[line_start..].chars().count() + 1,
             span,
-            problem: Box::new(problem),
-        }
+            problem,
+        }))
     }
 
     /// An error about a file that cannot be read at all.
@@ -51,32 +55,32 @@ impl InputError {
 
     /// The key to blame, as a path such as `system.damping[0].order`; empty for the file as a whole.
     pub fn key(&self) -> &str {
-        &self.key
+        &self.0.key
     }
 
     /// Line in the file, counted from 1.
     pub fn line(&self) -> usize {
-        self.line
+        self.0.line
     }
 
     /// What is wrong.
     pub fn problem(&self) -> &Problem {
-        &self.problem
+        &self.0.problem
     }
 }
 
 impl fmt::Display for InputError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.source.name())?;
-        if !self.source.inner().is_empty() {
-            write!(f, ":{}:{}", self.line, self.column)?;
+        write!(f, "{}", self.0.source.name())?;
+        if !self.0.source.inner().is_empty() {
+            write!(f, ":{}:{}", self.0.line, self.0.column)?;
         }
-        match (self.key.as_str(), self.value.as_str()) {
+        match (self.0.key.as_str(), self.0.value.as_str()) {
             ("", _) => {}
             (key, "") => write!(f, ": {key}")?,
             (key, value) => write!(f, ": {key} = {value}")?,
         }
-        write!(f, ": {}", self.problem)
+        write!(f, ": {}", self.0.problem)
     }
 }
 
@@ -84,15 +88,15 @@ impl std::error::Error for InputError {}
 
 impl Diagnostic for InputError {
     fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
-        self.problem.allowed().map(|allowed| Box::new(allowed) as Box<dyn fmt::Display>)
+        self.0.problem.allowed().map(|allowed| Box::new(allowed) as Box<dyn fmt::Display>)
     }
 
     fn source_code(&self) -> Option<&dyn SourceCode> {
-        (!self.source.inner().is_empty()).then_some(&self.source as &dyn SourceCode)
+        (!self.0.source.inner().is_empty()).then_some(&self.0.source as &dyn SourceCode)
     }
 
     fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
-        let span = LabeledSpan::new_with_span(Some("here".to_owned()), self.span.clone());
+        let span = LabeledSpan::new_with_span(Some("here".to_owned()), self.0.span.clone());
         Some(Box::new(core::iter::once(span)))
     }
 }
@@ -199,6 +203,15 @@ pub enum Problem {
         /// The largest stable step.
         largest_step: f64,
     },
+    /// A value that the core refuses in the precision of the run.
+    #[error("cannot be used in this precision: {reason}")]
+    Precision {
+        /// What the core says.
+        reason: String,
+    },
+    /// The memory engine cannot serve the scheme.
+    #[error("{0}")]
+    Engine(EngineError),
     /// Two settings that do not go together.
     #[error("does not go together with {with}")]
     Incompatible {

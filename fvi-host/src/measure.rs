@@ -1,0 +1,122 @@
+//! What a run is measured by: largest values, and errors against the reference.
+
+use crate::scenario::ReferenceRow;
+use crate::simulation::GridState;
+use serde::Serialize;
+
+/// The largest error so far and the last one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct ErrorMeasure {
+    /// Number of values compared.
+    pub compared: usize,
+    /// Largest absolute error.
+    pub largest: f64,
+    /// Absolute error at the last time that was compared.
+    pub last: f64,
+    /// Largest absolute value of the reference itself.
+    pub reference_largest: f64,
+}
+
+impl ErrorMeasure {
+    fn compare(&mut self, found: &[f64], known: &[Option<f64>]) {
+        let mut errors =
+            found.iter().zip(known).filter_map(|(found, known)| known.map(|known| (found, known)));
+        let Some((first_found, first_known)) = errors.next() else { return };
+        let mut last = 0.0_f64;
+        for (found, known) in core::iter::once((first_found, first_known)).chain(errors) {
+            last = last.max((found - known).abs());
+            self.reference_largest = self.reference_largest.max(known.abs());
+            self.compared += 1;
+        }
+        self.last = last;
+        self.largest = self.largest.max(last);
+    }
+}
+
+/// Errors against the reference, over all grid points where it is known.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct ReferenceErrors {
+    /// Of the position, the largest over the coordinates.
+    #[serde(skip_serializing_if = "unknown")]
+    pub position: ErrorMeasure,
+    /// Of the momentum, the largest over the coordinates.
+    #[serde(skip_serializing_if = "unknown")]
+    pub momentum: ErrorMeasure,
+    /// Of the energy.
+    #[serde(skip_serializing_if = "unknown")]
+    pub energy: ErrorMeasure,
+}
+
+fn unknown(measure: &ErrorMeasure) -> bool {
+    measure.compared == 0
+}
+
+impl ReferenceErrors {
+    /// Compares one grid point.
+    pub fn compare(&mut self, state: &GridState, known: &ReferenceRow) {
+        self.position.compare(&state.position, &known.position);
+        self.momentum.compare(&state.momentum, &known.momentum);
+        self.energy.compare(&[state.energy], &[known.energy]);
+    }
+
+    /// Whether anything was compared.
+    pub fn any(&self) -> bool {
+        self.position.compared + self.momentum.compared + self.energy.compared > 0
+    }
+}
+
+/// Largest absolute values over all grid points.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Largest {
+    /// Of each coordinate.
+    pub position: Vec<f64>,
+    /// Of each momentum.
+    pub momentum: Vec<f64>,
+    /// Of the energy.
+    pub energy: f64,
+}
+
+impl Largest {
+    /// Takes in one grid point.
+    pub fn take(&mut self, state: &GridState) {
+        let raise = |largest: &mut Vec<f64>, numbers: &[f64]| {
+            largest.resize(numbers.len(), 0.0);
+            largest
+                .iter_mut()
+                .zip(numbers)
+                .for_each(|(largest, number)| *largest = largest.max(number.abs()));
+        };
+        raise(&mut self.position, &state.position);
+        raise(&mut self.momentum, &state.momentum);
+        self.energy = self.energy.max(state.energy.abs());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_what_is_known_is_compared() {
+        let mut errors = ReferenceErrors::default();
+        let state =
+            |q: f64| GridState { time: 0.0, position: vec![q, 9.0], momentum: vec![0.0, 0.0], energy: 2.0 };
+        let known = |energy| ReferenceRow {
+            time: 0.0,
+            position: vec![Some(1.0), None],
+            momentum: vec![None, None],
+            energy,
+        };
+        errors.compare(&state(1.5), &known(Some(-1.0)));
+        errors.compare(&state(0.75), &known(None));
+        let position = ErrorMeasure { compared: 2, largest: 0.5, last: 0.25, reference_largest: 1.0 };
+        assert_eq!(errors.position, position);
+        assert_eq!(errors.momentum, ErrorMeasure::default());
+        assert_eq!(
+            errors.energy,
+            ErrorMeasure { compared: 1, largest: 3.0, last: 3.0, reference_largest: 1.0 }
+        );
+        let record = serde_json::to_value(errors).unwrap();
+        assert!(record.get("momentum").is_none() && record["energy"]["largest"] == 3.0);
+    }
+}
