@@ -1,10 +1,14 @@
 //! Fractional variational integrators on the host.
 #![forbid(unsafe_code)]
 
+pub mod command;
 pub mod engine;
 pub mod expression;
 pub mod measure;
 pub mod model;
+pub mod picture;
+pub mod run;
+mod run_pictures;
 pub mod scenario;
 pub mod simulation;
 pub mod trajectory;

@@ -1,2 +1,9 @@
 //! The program `fvi`.
-fn main() {}
+
+use clap::Parser;
+use fvi_host::command::Program;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    Program::parse().execute()
+}

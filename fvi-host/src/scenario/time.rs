@@ -116,6 +116,13 @@ pub struct History {
 }
 
 impl History {
+    /// Puts another engine in place of the one in the file; settings that belong to that one no longer count.
+    pub fn choose(&mut self, engine: Engine) {
+        if self.engine != Some(engine) {
+            *self = Self { engine: Some(engine), ..Self::default() };
+        }
+    }
+
     pub(super) fn read(table: &Table<'_>) -> Result<Self, InputError> {
         table.allow(&["engine", "tolerance", "capacity", "overflow"])?;
         let mut engine = table.optional("engine").map(|value| value.choice(&Engine::NAMES)).transpose()?;

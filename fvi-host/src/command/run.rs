@@ -1,0 +1,145 @@
+//! `fvi run`: integrate a scenario.
+
+use super::CommandError;
+use crate::run::{RunEnd, RunError, RunOptions, RunSummary, run};
+use crate::scenario::{Engine, Scenario};
+use crate::simulation::Precision;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// Arguments of `fvi run`.
+#[derive(Debug, clap::Args)]
+pub struct RunArguments {
+    /// The scenario file (TOML)
+    scenario: PathBuf,
+    /// Where the files go [default: out/<scenario name>]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// The memory engine, in place of the scenario's
+    #[arg(long, value_enum)]
+    engine: Option<Engine>,
+    /// What to compute in
+    #[arg(long, value_enum, default_value_t)]
+    precision: Precision,
+    /// Neither progress nor result on the terminal
+    #[arg(long)]
+    quiet: bool,
+}
+
+/// Set by Ctrl-C; the run ends after the step under way.
+static STOP: AtomicBool = AtomicBool::new(false);
+
+impl RunArguments {
+    pub(super) fn execute(self) -> Result<(), CommandError> {
+        let mut scenario = Scenario::read(&self.scenario)?;
+        if let Some(engine) = self.engine {
+            scenario.history.choose(engine);
+        }
+        let directory = self.out.unwrap_or_else(|| default_directory(&self.scenario));
+        // Without the handler Ctrl-C still ends the program, only less tidily.
+        let _ = ctrlc::set_handler(|| {
+            if STOP.swap(true, Ordering::Relaxed) {
+                std::process::exit(130);
+            }
+        });
+        let mut progress = Progress::new(scenario.time.steps, self.quiet);
+        let options = RunOptions { directory: directory.clone(), precision: self.precision };
+        let summary =
+            run(&scenario, &options, &STOP, |steps| progress.update(steps)).map_err(|error| match error {
+                RunError::Input(error) => CommandError::Input(error),
+                other => CommandError::Failed(other.to_string()),
+            })?;
+        progress.finish();
+        let line = result_line(&scenario, &summary, &directory);
+        match &summary.end {
+            RunEnd::Completed => {
+                if !self.quiet {
+                    println!("{line}");
+                }
+                Ok(())
+            }
+            RunEnd::Stopped => Err(CommandError::Stopped(format!("stopped; {line}"))),
+            RunEnd::Failed { step, time, reason } => Err(CommandError::Failed(format!(
+                "step {step} (from t = {time} to t = {}) failed: {reason}; kept until then: {line}",
+                scenario.time.time(step + 1),
+            ))),
+        }
+    }
+}
+
+fn default_directory(scenario: &Path) -> PathBuf {
+    Path::new("out").join(scenario.file_stem().unwrap_or_else(|| "run".as_ref()))
+}
+
+/// The run in one line.
+fn result_line(scenario: &Scenario, summary: &RunSummary, directory: &Path) -> String {
+    let last = &summary.last;
+    let list = |numbers: &[f64]| {
+        let numbers: Vec<String> = numbers.iter().map(|number| format!("{number:.9}")).collect();
+        if numbers.len() == 1 { numbers.concat() } else { format!("[{}]", numbers.join(", ")) }
+    };
+    let mut errors = String::new();
+    if let Some(measured) = &summary.errors {
+        let kinds = [("q", &measured.position), ("p", &measured.momentum), ("energy", &measured.energy)];
+        for (name, error) in kinds.into_iter().filter(|(_, error)| error.compared > 0) {
+            errors += &format!("; largest error of {name} {:.3e}", error.largest);
+        }
+    }
+    let mut engines: Vec<&str> = summary.engine.iter().map(|engine| engine.name()).collect();
+    engines.dedup();
+    let engines = if engines.is_empty() { "no memory".to_owned() } else { engines.join(", ") };
+    format!(
+        "{}: {} steps to t = {}: q = {}, p = {}, energy = {:.9}{errors}; {:.3} s, {engines}; files in {}",
+        scenario.heading(),
+        summary.steps,
+        last.time,
+        list(&last.position),
+        list(&last.momentum),
+        last.energy,
+        summary.seconds,
+        directory.display(),
+    )
+}
+
+/// A progress bar that appears on a terminal once a run has taken about a second.
+struct Progress {
+    steps: usize,
+    start: Instant,
+    wanted: bool,
+    bar: Option<ProgressBar>,
+}
+
+impl Progress {
+    fn new(steps: usize, quiet: bool) -> Self {
+        Self { steps, start: Instant::now(), wanted: !quiet && std::io::stderr().is_terminal(), bar: None }
+    }
+
+    fn update(&mut self, steps: usize) {
+        // Reading the clock costs as much as a short step.
+        if !self.wanted || !steps.is_multiple_of(64) {
+            return;
+        }
+        match &self.bar {
+            Some(bar) => bar.set_position(steps as u64),
+            None if self.start.elapsed() > Duration::from_secs(1) => {
+                let bar =
+                    ProgressBar::with_draw_target(Some(self.steps as u64), ProgressDrawTarget::stderr());
+                let template = "{bar:40} {human_pos}/{human_len} steps, {elapsed} gone, {eta} to go";
+                self.bar = Some(match ProgressStyle::with_template(template) {
+                    Ok(style) => bar.with_style(style),
+                    Err(_) => bar,
+                });
+            }
+            None => {}
+        }
+    }
+
+    fn finish(&self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}

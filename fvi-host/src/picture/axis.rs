@@ -1,0 +1,233 @@
+//! Axes: range, ticks and their labels.
+
+use core::ops::Range;
+use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
+
+/// How values are spread along an axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scale {
+    /// Evenly.
+    Linear,
+    /// By their logarithm; values ≤ 0 are left out.
+    Logarithmic,
+}
+
+/// An axis with its label, unit included.
+#[derive(Clone, Debug)]
+pub struct Axis {
+    label: String,
+    scale: Scale,
+    range: Option<(f64, f64)>,
+}
+
+impl Axis {
+    /// A linear axis that fits the data.
+    pub fn linear(label: impl Into<String>) -> Self {
+        Self { label: label.into(), scale: Scale::Linear, range: None }
+    }
+
+    /// A logarithmic axis that fits the data.
+    pub fn logarithmic(label: impl Into<String>) -> Self {
+        Self { label: label.into(), scale: Scale::Logarithmic, range: None }
+    }
+
+    /// The axis with a range of its own; on a logarithmic axis both ends are > 0.
+    pub fn with_range(mut self, from: f64, to: f64) -> Self {
+        self.range = Some((from, to));
+        self
+    }
+
+    pub(super) fn label(&self) -> &str {
+        &self.label
+    }
+
+    /// The place of a value along the axis: itself, or its decimal logarithm; `None` if it has no place.
+    pub(super) fn place(&self, value: f64) -> Option<f64> {
+        match self.scale {
+            _ if !value.is_finite() => None,
+            Scale::Linear => Some(value),
+            Scale::Logarithmic => (value > 0.0).then(|| value.log10()),
+        }
+    }
+
+    /// The ticks for data at the given places; about `count` of them.
+    pub(super) fn ticks(&self, places: impl Iterator<Item = f64>, count: usize) -> Ticks {
+        let data = places.fold(None, |range: Option<(f64, f64)>, place| match range {
+            Some((low, high)) => Some((low.min(place), high.max(place))),
+            None => Some((place, place)),
+        });
+        let given = self.range.and_then(|(from, to)| Some((self.place(from)?, self.place(to)?)));
+        let (low, high) = given.or(data).unwrap_or((0.0, 1.0));
+        match self.scale {
+            Scale::Linear => Ticks::linear(low, high, count, given.is_some()),
+            Scale::Logarithmic => Ticks::logarithmic(low, high, count, given.is_some()),
+        }
+    }
+}
+
+/// A range with labelled ticks and unlabelled ones between them, as a coordinate of the plotting library.
+#[derive(Clone, Debug)]
+pub(super) struct Ticks {
+    low: f64,
+    high: f64,
+    bold: Vec<(f64, String)>,
+    light: Vec<f64>,
+}
+
+impl Ticks {
+    fn linear(low: f64, high: f64, count: usize, fixed: bool) -> Self {
+        // Equal values get a range of their own magnitude.
+        let (low, high) = if high - low > 1e-12 * low.abs().max(high.abs()) {
+            (low, high)
+        } else {
+            let half = if low == 0.0 { 1.0 } else { 0.1 * low.abs() };
+            (low - half, high + half)
+        };
+        let step = round_step((high - low) / count as f64);
+        let margin = if fixed { 0.0 } else { 0.03 * (high - low) };
+        // A boundary that is nearly a tick becomes one.
+        let snap = |edge: f64, moved: f64| {
+            let tick = (edge / step).round() * step;
+            if (tick - edge).abs() < 1e-6 * step { tick } else { moved }
+        };
+        let (low, high) = (snap(low, low - margin), snap(high, high + margin));
+        let indices = (low / step - 1e-9).ceil() as i64..=(high / step + 1e-9).floor() as i64;
+        let bold = indices.map(|index| (index as f64 * step, linear_label(index, step))).collect();
+        Self { low, high, bold, light: Vec::new() }
+    }
+
+    fn logarithmic(low: f64, high: f64, count: usize, fixed: bool) -> Self {
+        let margin = if fixed { 0.0 } else { (0.03 * (high - low)).max(0.05) };
+        let (low, high) = (low - margin, high + margin);
+        let decades = (low - 1e-9).ceil() as i64..=(high + 1e-9).floor() as i64;
+        let number = decades.clone().count();
+        let stride = number.div_ceil(count.max(1)).max(1) as i64;
+        let mut bold: Vec<(f64, String)> = Vec::new();
+        let mut light = Vec::new();
+        for decade in (low.floor() as i64)..=(high.ceil() as i64) {
+            if decades.contains(&decade) {
+                if decade % stride == 0 {
+                    bold.push((decade as f64, power_of_ten(decade)));
+                } else {
+                    light.push(decade as f64);
+                }
+            }
+            for digit in 2..=9 {
+                let place = decade as f64 + f64::from(digit).log10();
+                if place < low || place > high {
+                    continue;
+                }
+                // With few decades in view the digits between them carry labels too.
+                let labelled = number <= 1 || (number <= 2 && (digit == 2 || digit == 5));
+                if labelled {
+                    bold.push((place, format!("{digit}·{}", power_of_ten(decade))));
+                } else if stride == 1 {
+                    light.push(place);
+                }
+            }
+        }
+        Self { low, high, bold, light }
+    }
+
+    /// The widest label, in characters.
+    pub(super) fn label_width(&self) -> usize {
+        self.bold.iter().map(|(_, label)| label.chars().count()).max().unwrap_or(0)
+    }
+
+    pub(super) fn ends(&self) -> (f64, f64) {
+        (self.low, self.high)
+    }
+}
+
+impl Ranged for Ticks {
+    type FormatOption = NoDefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, value: &f64, limit: (i32, i32)) -> i32 {
+        let share = (value - self.low) / (self.high - self.low);
+        limit.0 + (share * f64::from(limit.1 - limit.0)).round() as i32
+    }
+
+    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
+        let bold = self.bold.iter().map(|&(place, _)| place);
+        if hint.weight().allow_light_points() {
+            bold.chain(self.light.iter().copied()).collect()
+        } else {
+            bold.collect()
+        }
+    }
+
+    fn range(&self) -> Range<f64> {
+        self.low..self.high
+    }
+}
+
+impl ValueFormatter<f64> for Ticks {
+    fn format_ext(&self, value: &f64) -> String {
+        self.bold.iter().find(|(place, _)| place == value).map(|(_, label)| label.clone()).unwrap_or_default()
+    }
+}
+
+/// 1, 2 or 5 times a power of ten, not below `step`.
+fn round_step(step: f64) -> f64 {
+    let magnitude = 10.0_f64.powf(step.log10().floor());
+    [1.0, 2.0, 5.0]
+        .map(|digit| digit * magnitude)
+        .into_iter()
+        .find(|&round| round >= step)
+        .unwrap_or(10.0 * magnitude)
+}
+
+fn linear_label(index: i64, step: f64) -> String {
+    let value = index as f64 * step;
+    let exponent = step.log10().floor() as i64;
+    // Beyond these magnitudes a label with all its zeros would be wider than it says anything.
+    if value != 0.0 && (exponent < -4 || value.abs() >= 1e6) {
+        let leading = value.abs().log10().floor() as i64;
+        let digits = usize::try_from(leading - exponent).unwrap_or(0);
+        let mantissa = format!("{:.digits$}", value / 10.0_f64.powi(leading as i32));
+        return format!("{}·{}", mantissa.replace('-', "−"), power_of_ten(leading));
+    }
+    let decimals = usize::try_from(-exponent).unwrap_or(0);
+    format!("{value:.decimals$}").replace('-', "−")
+}
+
+/// 10 with a raised exponent.
+fn power_of_ten(exponent: i64) -> String {
+    const RAISED: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
+    let raise = |letter: char| letter.to_digit(10).map_or('⁻', |digit| RAISED[digit as usize]);
+    match exponent {
+        0 => "1".to_owned(),
+        1 => "10".to_owned(),
+        _ => format!("10{}", exponent.to_string().chars().map(raise).collect::<String>()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn labels(axis: &Axis, low: f64, high: f64) -> Vec<String> {
+        let places = [low, high].into_iter().filter_map(|value| axis.place(value));
+        axis.ticks(places, 6).bold.into_iter().map(|(_, label)| label).collect()
+    }
+
+    #[test]
+    fn linear_ticks_are_round_numbers() {
+        let axis = Axis::linear("t");
+        assert_eq!(labels(&axis, 0.0, 30.0), ["0", "5", "10", "15", "20", "25", "30"]);
+        assert_eq!(labels(&axis, -0.9, 1.1), ["−0.5", "0.0", "0.5", "1.0"]);
+        assert_eq!(labels(&axis, 0.0, 3e-7).last().map(String::as_str), Some("3.0·10⁻⁷"));
+        assert!(labels(&axis, 5.0, 5.0).contains(&"5.0".to_owned()));
+    }
+
+    #[test]
+    fn logarithmic_ticks_are_powers_of_ten() {
+        let axis = Axis::logarithmic("error");
+        assert_eq!(labels(&axis, 1e-3, 1e2), ["10⁻³", "10⁻²", "10⁻¹", "1", "10", "10²"]);
+        assert_eq!(labels(&axis, 1e-12, 1.0), ["10⁻¹²", "10⁻⁹", "10⁻⁶", "10⁻³", "1"]);
+        assert!(labels(&axis, 0.01, 0.04).contains(&"2·10⁻²".to_owned()));
+        assert_eq!(axis.place(0.0), None);
+        assert_eq!(axis.place(f64::NAN), None);
+    }
+}

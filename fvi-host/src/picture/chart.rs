@@ -1,0 +1,352 @@
+//! A chart: series over two axes, drawn as SVG.
+
+use super::axis::Axis;
+use atomic_write_file::AtomicWriteFile;
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+use std::io::Write;
+use std::path::Path;
+
+/// Size of a picture as it is shown, in pixels.
+const SIZE: (i32, i32) = (900, 560);
+/// Finer pixels that the library's whole-numbered coordinates count.
+const FINE: i32 = 4;
+
+const FONT: &str = "Helvetica, Arial, DejaVu Sans, sans-serif";
+const INK: RGBColor = RGBColor(40, 40, 40);
+
+/// Colours that people who see colours differently can tell apart (after Okabe and Ito).
+const COLOURS: [RGBColor; 8] = [
+    RGBColor(0, 114, 178),
+    RGBColor(213, 94, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(204, 121, 167),
+    RGBColor(230, 159, 0),
+    RGBColor(86, 180, 233),
+    RGBColor(120, 94, 64),
+    RGBColor(150, 150, 0),
+];
+
+/// How a series is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Style {
+    /// A line.
+    Line,
+    /// A dashed line.
+    Dashed,
+    /// Discs.
+    Points,
+    /// A line with discs at its points.
+    LineWithPoints,
+    /// A thin dashed black line over the others: what the others should be.
+    Reference,
+    /// Black rings over the others: what the others should be, where it is known.
+    ReferencePoints,
+    /// A dotted grey line with its label at its end, such as a slope to compare with; not in the legend.
+    Guide,
+}
+
+/// A named curve or set of points.
+#[derive(Clone, Debug)]
+pub struct Series {
+    label: String,
+    style: Style,
+    points: Vec<(f64, f64)>,
+    colour: Option<usize>,
+}
+
+impl Series {
+    /// A series; points without a place on the axes (not finite, or ≤ 0 on a logarithmic one) are left out.
+    pub fn new(label: impl Into<String>, style: Style, points: Vec<(f64, f64)>) -> Self {
+        Self { label: label.into(), style, points, colour: None }
+    }
+
+    /// The series in the colour of the `index`-th series, to go with that one.
+    pub fn with_colour_of(mut self, index: usize) -> Self {
+        self.colour = Some(index);
+        self
+    }
+
+    /// A guide y = c·x^slope through `through`, from `from` to `to` in x, for logarithmic axes.
+    pub fn slope(label: impl Into<String>, slope: f64, through: (f64, f64), from: f64, to: f64) -> Self {
+        let at = |x: f64| (x, through.1 * (x / through.0).powf(slope));
+        Self::new(label, Style::Guide, vec![at(from), at(to)])
+    }
+}
+
+/// A chart with a title, two axes and any number of series.
+#[derive(Clone, Debug)]
+pub struct Chart {
+    title: String,
+    subtitle: String,
+    x: Axis,
+    y: Axis,
+    series: Vec<Series>,
+}
+
+/// Why a picture cannot be drawn or written.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum PictureError {
+    /// The plotting library failed.
+    #[error("the picture cannot be drawn: {0}")]
+    Drawing(String),
+    /// The file cannot be written.
+    #[error(transparent)]
+    Writing(#[from] std::io::Error),
+}
+
+type DrawingResult<E> = Result<(), DrawingAreaErrorKind<E>>;
+
+impl Chart {
+    /// An empty chart.
+    pub fn new(title: impl Into<String>, x: Axis, y: Axis) -> Self {
+        Self { title: title.into(), subtitle: String::new(), x, y, series: Vec::new() }
+    }
+
+    /// A smaller line under the title.
+    pub fn with_subtitle(mut self, subtitle: impl Into<String>) -> Self {
+        self.subtitle = subtitle.into();
+        self
+    }
+
+    /// Adds a series; later ones are drawn over earlier ones.
+    pub fn with(mut self, series: Series) -> Self {
+        self.series.push(series);
+        self
+    }
+
+    /// Draws and writes the picture; the file appears at once or not at all.
+    ///
+    /// # Errors
+    /// [`PictureError`].
+    pub fn write(&self, path: &Path) -> Result<(), PictureError> {
+        let svg = self.to_svg()?;
+        let mut file = AtomicWriteFile::open(path)?;
+        file.write_all(svg.as_bytes())?;
+        file.commit()?;
+        Ok(())
+    }
+
+    /// The picture as SVG text.
+    ///
+    /// # Errors
+    /// [`PictureError::Drawing`].
+    pub fn to_svg(&self) -> Result<String, PictureError> {
+        let fine = ((SIZE.0 * FINE) as u32, (SIZE.1 * FINE) as u32);
+        let mut svg = String::new();
+        {
+            let area = SVGBackend::with_string(&mut svg, fine).into_drawing_area();
+            self.draw(&area).map_err(|error| PictureError::Drawing(error.to_string()))?;
+            area.present().map_err(|error| PictureError::Drawing(error.to_string()))?;
+        }
+        let size = |(width, height): (u32, u32)| format!("width=\"{width}\" height=\"{height}\"");
+        Ok(svg.replacen(&size(fine), &size((SIZE.0 as u32, SIZE.1 as u32)), 1))
+    }
+
+    fn draw<B: DrawingBackend>(
+        &self,
+        area: &DrawingArea<B, plotters::coord::Shift>,
+    ) -> DrawingResult<B::ErrorType> {
+        area.fill(&WHITE)?;
+        let places: Vec<Vec<(f64, f64)>> = self.series.iter().map(|series| self.places(series)).collect();
+        let all = || places.iter().flatten();
+        let x = self.x.ticks(all().map(|point| point.0), 8);
+        let y = self.y.ticks(all().map(|point| point.1), 6);
+        let top = self.draw_head(area)?;
+        let mut chart = ChartBuilder::on(area)
+            .margin_top(top)
+            .margin_right(24 * FINE)
+            .margin_bottom(10 * FINE)
+            .margin_left(10 * FINE)
+            .x_label_area_size(50 * FINE)
+            .y_label_area_size((38 + 8 * y.label_width() as i32) * FINE)
+            .build_cartesian_2d(x.clone(), y.clone())?;
+        chart
+            .configure_mesh()
+            .bold_line_style(RGBColor(208, 208, 208).stroke_width(FINE as u32))
+            .light_line_style(RGBColor(236, 236, 236).stroke_width(FINE as u32))
+            .axis_style(INK.stroke_width(FINE as u32))
+            .label_style((FONT, 14 * FINE).into_font().color(&INK))
+            .axis_desc_style((FONT, 16 * FINE).into_font().color(&INK))
+            .set_all_tick_mark_size(5 * FINE)
+            .x_desc(self.x.label())
+            .y_desc(self.y.label())
+            .draw()?;
+        for (index, points) in places.into_iter().enumerate() {
+            let series = &self.series[index];
+            let stroke = self.stroke(index);
+            let line = points.iter().copied();
+            match series.style {
+                Style::Line | Style::LineWithPoints => {
+                    chart.draw_series(LineSeries::new(line, stroke))?;
+                }
+                Style::Dashed => {
+                    chart.draw_series(DashedLineSeries::new(line, 9 * FINE, 5 * FINE, stroke))?;
+                }
+                Style::Reference => {
+                    chart.draw_series(DashedLineSeries::new(line, 5 * FINE, 5 * FINE, stroke))?;
+                }
+                Style::Guide => {
+                    chart.draw_series(DashedLineSeries::new(line, 2 * FINE, 4 * FINE, stroke))?;
+                    if let Some(&(x_end, y_end)) = points.last() {
+                        // Inside the frame: to the left of an end at the right edge, above the end otherwise.
+                        let (low, high) = x.ends();
+                        let near_edge = (high - x_end) < 0.12 * (high - low);
+                        let position =
+                            Pos::new(if near_edge { HPos::Right } else { HPos::Left }, VPos::Bottom);
+                        let style = (FONT, 13 * FINE).into_font().color(&RGBColor(90, 90, 90)).pos(position);
+                        chart.draw_series([Text::new(series.label.clone(), (x_end, y_end), style)])?;
+                    }
+                }
+                Style::Points | Style::ReferencePoints => {}
+            }
+            match series.style {
+                Style::Points | Style::LineWithPoints => {
+                    let radius = 3 * FINE;
+                    let fill = self.colour(index).filled();
+                    chart.draw_series(points.iter().map(|&point| Circle::new(point, radius, fill)))?;
+                }
+                Style::ReferencePoints => {
+                    chart.draw_series(points.iter().map(|&point| Circle::new(point, 4 * FINE, stroke)))?;
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// Draws title, subtitle and legend; returns the height they take.
+    fn draw_head<B: DrawingBackend>(
+        &self,
+        area: &DrawingArea<B, plotters::coord::Shift>,
+    ) -> Result<i32, DrawingAreaErrorKind<B::ErrorType>> {
+        const LEFT: i32 = 24;
+        const ROW: i32 = 22;
+        let mut top = 12;
+        if !self.title.is_empty() {
+            let style = (FONT, 19 * FINE).into_font().color(&INK);
+            area.draw(&Text::new(self.title.clone(), (LEFT * FINE, top * FINE), style))?;
+            top += 26;
+        }
+        if !self.subtitle.is_empty() {
+            let style = (FONT, 14 * FINE).into_font().color(&RGBColor(90, 90, 90));
+            area.draw(&Text::new(self.subtitle.clone(), (LEFT * FINE, top * FINE), style))?;
+            top += ROW;
+        }
+        let shown: Vec<usize> = (0..self.series.len())
+            .filter(|&index| self.series[index].style != Style::Guide && !self.series[index].label.is_empty())
+            .collect();
+        // A single curve that the vertical axis already names needs no legend.
+        if shown.len() < 2 {
+            return Ok((top + 6) * FINE);
+        }
+        let mut left = LEFT;
+        for index in shown {
+            let label = &self.series[index].label;
+            // Letters are about half as wide as they are high; the estimate is on the wide side.
+            let width = 34 + 8 * label.chars().count() as i32 + 18;
+            if left + width > SIZE.0 && left > LEFT {
+                left = LEFT;
+                top += ROW;
+            }
+            self.draw_key(area, index, left, top + ROW / 2)?;
+            let style = (FONT, 14 * FINE).into_font().color(&INK).pos(Pos::new(HPos::Left, VPos::Center));
+            area.draw(&Text::new(label.clone(), ((left + 34) * FINE, (top + ROW / 2) * FINE), style))?;
+            left += width;
+        }
+        Ok((top + ROW + 6) * FINE)
+    }
+
+    /// Draws the sample of a series in the legend.
+    fn draw_key<B: DrawingBackend>(
+        &self,
+        area: &DrawingArea<B, plotters::coord::Shift>,
+        index: usize,
+        left: i32,
+        middle: i32,
+    ) -> DrawingResult<B::ErrorType> {
+        let stroke = self.stroke(index);
+        let height = middle * FINE;
+        let dash = |from: i32, to: i32| {
+            PathElement::new(vec![((left + from) * FINE, height), ((left + to) * FINE, height)], stroke)
+        };
+        let centre = ((left + 13) * FINE, height);
+        match self.series[index].style {
+            Style::Line => area.draw(&dash(0, 26)),
+            Style::LineWithPoints => {
+                area.draw(&dash(0, 26))?;
+                area.draw(&Circle::new(centre, 3 * FINE, self.colour(index).filled()))
+            }
+            Style::Dashed | Style::Reference | Style::Guide => {
+                area.draw(&dash(0, 6))?;
+                area.draw(&dash(10, 16))?;
+                area.draw(&dash(20, 26))
+            }
+            Style::Points => area.draw(&Circle::new(centre, 3 * FINE, self.colour(index).filled())),
+            Style::ReferencePoints => area.draw(&Circle::new(centre, 4 * FINE, stroke)),
+        }
+    }
+
+    fn colour(&self, index: usize) -> RGBColor {
+        let own = |style| !matches!(style, Style::Reference | Style::ReferencePoints | Style::Guide);
+        match self.series[index].style {
+            Style::Reference | Style::ReferencePoints => BLACK,
+            Style::Guide => RGBColor(120, 120, 120),
+            _ => {
+                let rank = match self.series[index].colour {
+                    Some(like) => like,
+                    None => self.series[..index].iter().filter(|series| own(series.style)).count(),
+                };
+                COLOURS[rank % COLOURS.len()]
+            }
+        }
+    }
+
+    fn stroke(&self, index: usize) -> ShapeStyle {
+        let width = match self.series[index].style {
+            Style::Line | Style::LineWithPoints | Style::Dashed => 2 * FINE,
+            Style::Reference | Style::ReferencePoints | Style::Guide => FINE + FINE / 4,
+            Style::Points => FINE,
+        };
+        self.colour(index).stroke_width(width as u32)
+    }
+
+    fn places(&self, series: &Series) -> Vec<(f64, f64)> {
+        series.points.iter().filter_map(|&(x, y)| Some((self.x.place(x)?, self.y.place(y)?))).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn titles_and_labels_are_in_the_picture_and_cannot_break_it() {
+        let chart = Chart::new("a < b & c", Axis::linear("time t / s"), Axis::linear("position q / m"))
+            .with(Series::new("q0", Style::Line, vec![(0.0, 1.0), (1.0, 2.0)]))
+            .with(Series::new("exact", Style::Reference, vec![(0.0, 1.0), (1.0, 2.0)]));
+        let svg = chart.to_svg().unwrap();
+        assert!(svg.starts_with("<svg width=\"900\" height=\"560\" viewBox=\"0 0 3600 2240\""));
+        for text in ["a &lt; b &amp; c", "time t / s", "position q / m", "q0", "exact"] {
+            assert!(svg.contains(text), "{text}");
+        }
+    }
+
+    #[test]
+    fn points_without_a_place_are_left_out() {
+        let points = vec![(0.0, 1.0), (1.0, f64::NAN), (10.0, 0.0), (100.0, 1e-3), (1000.0, f64::INFINITY)];
+        let discs = |x: Axis, y: Axis| {
+            let svg =
+                Chart::new("", x, y).with(Series::new("", Style::Points, points.clone())).to_svg().unwrap();
+            svg.matches("<circle").count()
+        };
+        assert_eq!(discs(Axis::linear("x"), Axis::linear("y")), 3);
+        assert_eq!(discs(Axis::logarithmic("x"), Axis::logarithmic("y")), 1);
+    }
+
+    #[test]
+    fn an_empty_chart_is_drawn() {
+        assert!(Chart::new("nothing", Axis::logarithmic("x"), Axis::linear("y")).to_svg().is_ok());
+    }
+}
