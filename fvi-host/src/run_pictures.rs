@@ -14,8 +14,8 @@ pub(crate) struct RunPictures {
     phase: Option<PathTrace>,
 }
 
-/// Points at which a reference is drawn; fewer on shorter runs.
-const REFERENCE_POINTS: usize = 600;
+/// Intervals of the polygon by which a reference is drawn.
+const REFERENCE_INTERVALS: usize = 600;
 
 impl RunPictures {
     pub(crate) fn new(coordinates: usize) -> Self {
@@ -124,7 +124,7 @@ fn with_reference(chart: Chart, scenario: &Scenario, label: &str, points: Vec<(f
     chart.with(Series::new(label, style, points))
 }
 
-/// The reference over the time that was computed: all rows of a table, or an even selection of grid points.
+/// The reference over the time that was computed: all rows of a table, or a fine polygon.
 fn reference_rows(scenario: &Scenario, steps: usize) -> Vec<ReferenceRow> {
     let Some(reference) = &scenario.reference else { return Vec::new() };
     match &reference.source {
@@ -133,10 +133,10 @@ fn reference_rows(scenario: &Scenario, steps: usize) -> Vec<ReferenceRow> {
             rows.iter().filter(|row| row.time <= end).cloned().collect()
         }
         ReferenceSource::Expressions { .. } => {
-            let stride = steps.div_ceil(REFERENCE_POINTS).max(1);
-            let indices = (0..steps).step_by(stride).chain([steps]);
-            let row = |index| reference.at_step(index, scenario.time.step, scenario.coordinates());
-            indices.filter_map(row).collect()
+            let end = scenario.time.time(steps);
+            let at = |index: usize| end * index as f64 / REFERENCE_INTERVALS as f64;
+            let row = |index| reference.at_time(at(index), scenario.coordinates());
+            (0..=REFERENCE_INTERVALS).filter_map(row).collect()
         }
     }
 }

@@ -151,8 +151,8 @@ impl Chart {
         area.fill(&WHITE)?;
         let places: Vec<Vec<(f64, f64)>> = self.series.iter().map(|series| self.places(series)).collect();
         let all = || places.iter().flatten();
-        let x = self.x.ticks(all().map(|point| point.0), 8);
-        let y = self.y.ticks(all().map(|point| point.1), 6);
+        let x = self.x.ticks(all().map(|point| point.0), 10);
+        let y = self.y.ticks(all().map(|point| point.1), 8);
         let top = self.draw_head(area)?;
         let mut chart = ChartBuilder::on(area)
             .margin_top(top)

@@ -82,17 +82,7 @@ impl Reference {
     pub fn at_step(&self, index: usize, step: f64, coordinates: usize) -> Option<ReferenceRow> {
         let time = step * index as f64;
         match &self.source {
-            ReferenceSource::Expressions { position, momentum, energy } => {
-                let value = |expression: &Expression| expression.value(Moment::inside(time), &[]);
-                let list = |expressions: &Option<Vec<Expression>>| match expressions {
-                    Some(expressions) => {
-                        expressions.iter().map(|expression| Some(value(expression))).collect()
-                    }
-                    None => vec![None; coordinates],
-                };
-                let energy = energy.as_ref().map(value);
-                Some(ReferenceRow { time, position: list(position), momentum: list(momentum), energy })
-            }
+            ReferenceSource::Expressions { .. } => self.at_time(time, coordinates),
             ReferenceSource::Table { rows, .. } => {
                 // A tabulated time is a grid time when they differ by rounding only.
                 let tolerance = 1e-9 * step;
@@ -100,6 +90,18 @@ impl Reference {
                 rows.get(next).filter(|row| row.time <= time + tolerance).cloned()
             }
         }
+    }
+
+    /// The known solution at any time; `None` where it is known at some times only.
+    pub fn at_time(&self, time: f64, coordinates: usize) -> Option<ReferenceRow> {
+        let ReferenceSource::Expressions { position, momentum, energy } = &self.source else { return None };
+        let value = |expression: &Expression| expression.value(Moment::inside(time), &[]);
+        let list = |expressions: &Option<Vec<Expression>>| match expressions {
+            Some(expressions) => expressions.iter().map(|expression| Some(value(expression))).collect(),
+            None => vec![None; coordinates],
+        };
+        let energy = energy.as_ref().map(value);
+        Some(ReferenceRow { time, position: list(position), momentum: list(momentum), energy })
     }
 }
 
