@@ -77,7 +77,7 @@ impl MemoryRequest<'_> {
     }
 }
 
-/// A ring whose capacity is known at run time and whose storage grows as samples come.
+/// A ring whose capacity is known at run time and whose storage grows as samples come; newest first.
 #[derive(Clone, Debug)]
 struct GrowingRing<T> {
     samples: VecDeque<T>,
@@ -101,9 +101,9 @@ impl<T: Copy> Ring<T> for GrowingRing<T> {
 
     fn store(&mut self, sample: T) {
         if self.samples.len() == self.capacity {
-            self.samples.pop_front();
+            self.samples.pop_back();
         }
-        self.samples.push_back(sample);
+        self.samples.push_front(sample);
     }
 
     fn clear(&mut self) {

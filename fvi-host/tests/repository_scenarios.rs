@@ -1,0 +1,104 @@
+//! Every scenario in the repository does what its comment says.
+
+mod program;
+
+use program::{Run, Workplace, text};
+use std::path::{Path, PathBuf};
+
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios")
+}
+
+fn run(name: &str) -> Run {
+    let place = Workplace::new();
+    let scenario = folder().join(name).with_extension("toml");
+    let output = place.fvi(&["run", scenario.to_str().unwrap(), "--out", "out"]);
+    assert!(output.status.success(), "{name}: {}", text(&output.stderr));
+    Run::read(&place.path("out"))
+}
+
+fn largest_error(run: &Run, of: &str) -> f64 {
+    run.summary["errors"][of]["largest"].as_f64().unwrap()
+}
+
+#[test]
+fn every_scenario_is_among_those_tested_here() {
+    let source = include_str!("repository_scenarios.rs");
+    for entry in std::fs::read_dir(folder()).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_some_and(|extension| extension == "toml") {
+            let name = path.file_stem().unwrap().to_str().unwrap().to_owned();
+            assert!(source.contains(&format!("run(\"{name}\")")), "{name}");
+        }
+    }
+}
+
+#[test]
+fn the_pulse_driven_plate_agrees_with_the_exact_solution() {
+    let run = run("bagley-torvik-pulse");
+    assert_eq!(run.rows.len(), 3001);
+    assert_eq!(run.summary["errors"]["position"]["compared"], 28);
+    // Second order: 1.5e-4 at h = 0.01 on a solution of 4.5. The momentum is of first order.
+    assert!(largest_error(&run, "position") < 2e-4);
+    assert!(largest_error(&run, "momentum") < 2e-2);
+}
+
+#[test]
+fn the_exact_solutions_of_the_bagley_torvik_equation_are_met() {
+    let cubic = run("bagley-torvik-cubic");
+    assert!(largest_error(&cubic, "position") < 1e-5);
+    let root = run("bagley-torvik-root");
+    assert!(largest_error(&root, "position") < 5e-5);
+}
+
+#[test]
+fn the_variational_integrator_is_closer_than_both_euler_methods() {
+    let variational = run("damped-oscillator-jo");
+    let implicit = run("damped-oscillator-jo-implicit-euler");
+    let explicit = run("damped-oscillator-jo-explicit-euler");
+    assert!(largest_error(&variational, "position") < 0.03);
+    // The explicit method even has half the step.
+    for baseline in [&implicit, &explicit] {
+        assert!(largest_error(baseline, "position") > 10.0 * largest_error(&variational, "position"));
+    }
+    let (gains, loses) = (explicit.column("energy"), implicit.column("energy"));
+    let exact = |t: f64| 0.625 * (-0.2 * t).exp();
+    assert!(gains[300] > 5.0 * exact(30.0) && loses[150] < 0.2 * exact(30.0));
+}
+
+#[test]
+fn the_oscillator_with_a_quadrature_of_second_order_is_accurate() {
+    assert!(largest_error(&run("damped-oscillator-hjo"), "position") < 6e-3);
+}
+
+#[test]
+fn the_pendulum_comes_to_rest_slowly_below_its_first_height() {
+    let run = run("pendulum");
+    let angle = run.column("q0");
+    assert_eq!(angle[0], 2.0);
+    assert!(angle.iter().all(|angle| angle.abs() <= 2.0));
+    let late = angle[3000..].iter().fold(0.0_f64, |largest, angle| largest.max(angle.abs()));
+    assert!(late > 0.02 && late < 0.5, "{late}");
+}
+
+#[test]
+fn the_coupled_masses_follow_their_drive_in_the_end() {
+    let run = run("coupled-masses");
+    assert_eq!(run.columns, ["t", "q0", "q1", "p0", "p1", "energy"]);
+    // The start dies out; the drive, of period 2π/1.3, keeps both masses going.
+    let swing = |name: &str| {
+        let late = &run.column(name)[1700..];
+        late.iter().fold(f64::MIN, |a, &b| a.max(b)) - late.iter().fold(f64::MAX, |a, &b| a.min(b))
+    };
+    assert!((0.2..1.0).contains(&swing("q0")) && (0.2..1.0).contains(&swing("q1")));
+}
+
+#[test]
+fn the_stage_moves_with_its_drive_and_returns() {
+    let run = run("viscoelastic-stage");
+    let position = run.column("q0");
+    let farthest = position.iter().fold(0.0_f64, |largest, q| largest.max(q.abs()));
+    // 2 N against 40 N/m and the mounts.
+    assert!(farthest > 0.05 && farthest < 0.15, "{farthest}");
+    assert!(position[3000].abs() < 0.1 * farthest);
+}

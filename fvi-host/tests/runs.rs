@@ -1,0 +1,282 @@
+//! What a user of `fvi run` relies on: its files, its options, its ends.
+
+mod program;
+
+use program::{Run, Workplace, text};
+use std::fs;
+use std::io::Read;
+use std::process::Stdio;
+use std::time::Duration;
+
+const OSCILLATOR: &str = r#"
+[system]
+mass = [2.0]
+potential = "0.5*k*q0^2"
+parameters = { k = 3.0 }
+[[system.damping]]
+order = 0.5
+coefficient = [0.25]
+[initial]
+position = [1.0]
+velocity = [0.25]
+[scheme]
+kind = "low-order"
+[convolution]
+family = "bdf"
+order = 2
+[time]
+step = 0.1
+steps = 25
+"#;
+
+#[test]
+fn a_run_writes_data_pictures_and_a_line_of_result() {
+    let place = Workplace::new();
+    place.write("oscillator.toml", OSCILLATOR);
+    let output = place.fvi(&["run", "oscillator.toml"]);
+    assert_eq!(output.status.code(), Some(0));
+    assert_eq!(text(&output.stderr), "");
+    let line = text(&output.stdout);
+    assert_eq!(line.lines().count(), 1);
+    assert!(line.starts_with("oscillator: 25 steps to t = 2.5: q = "), "{line}");
+    assert_eq!(place.files(), ["oscillator.toml", "out"]);
+    let directory = place.path("out/oscillator");
+    let mut files: Vec<_> = fs::read_dir(&directory)
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
+    files.sort();
+    assert_eq!(files, ["coordinates.svg", "energy.svg", "phase.svg", "summary.json", "trajectory.csv"]);
+
+    let run = Run::read(&directory);
+    assert_eq!(run.columns, ["t", "q0", "p0", "energy"]);
+    assert_eq!(run.rows.len(), 26);
+    assert_eq!(run.rows[0], [0.0, 1.0, 0.5, 0.5 * 0.25 / 2.0 + 1.5]);
+    for (index, row) in run.rows.iter().enumerate() {
+        assert_eq!(row[0], 0.1 * index as f64);
+        assert!((row[3] - (row[2] * row[2] / 4.0 + 1.5 * row[1] * row[1])).abs() < 1e-15);
+    }
+    assert_eq!(run.summary["status"], "completed");
+    assert_eq!(run.summary["steps"], 25);
+    assert_eq!(run.summary["last"]["position"][0], run.rows[25][1]);
+    assert_eq!(run.summary["scenario"]["scheme"]["kappa"], 0.5);
+    assert_eq!(run.summary["scenario"]["system"]["damping"][0]["derivative"], "caputo");
+    let portrait = fs::read_to_string(directory.join("phase.svg")).unwrap();
+    assert!(portrait.contains("momentum p0"));
+}
+
+#[test]
+fn every_third_row_and_the_last_are_written() {
+    let place = Workplace::new();
+    let all = place.run(OSCILLATOR, &[]);
+    let some = place.run(&format!("{OSCILLATOR}\n[output]\nevery = 10\n"), &[]);
+    assert_eq!(some.rows, [0, 10, 20, 25].map(|index| all.rows[index].clone()));
+}
+
+#[test]
+fn equal_runs_give_equal_bits() {
+    let place = Workplace::new();
+    let read = || fs::read(place.path("out/trajectory.csv")).unwrap();
+    place.run(OSCILLATOR, &[]);
+    let first = read();
+    place.run(OSCILLATOR, &[]);
+    assert_eq!(first, read());
+}
+
+#[test]
+fn single_precision_agrees_with_double_to_its_own_rounding() {
+    let place = Workplace::new();
+    let double = place.run(OSCILLATOR, &[]);
+    let single = place.run(OSCILLATOR, &["--precision", "f32"]);
+    assert_eq!(single.summary["precision"], "f32");
+    for name in ["q0", "p0", "energy"] {
+        let (a, b) = (double.column(name), single.column(name));
+        assert!(b.iter().all(|&number| f64::from(number as f32) == number));
+        let largest = a.iter().fold(0.0_f64, |largest, number| largest.max(number.abs()));
+        let error = a.iter().zip(&b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(error > 0.0 && error < 1e-5 * largest, "{name}: {error}");
+    }
+}
+
+#[test]
+fn no_steps_give_the_initial_state() {
+    let place = Workplace::new();
+    let run = place.run(&OSCILLATOR.replace("steps = 25", "end = 0.0"), &[]);
+    assert_eq!(run.rows.len(), 1);
+}
+
+#[test]
+fn quiet_says_nothing() {
+    let place = Workplace::new();
+    place.write("scenario.toml", OSCILLATOR);
+    let output = place.fvi(&["run", "scenario.toml", "--quiet"]);
+    assert_eq!((output.status.code(), output.stdout.len(), output.stderr.len()), (Some(0), 0, 0));
+}
+
+#[test]
+fn a_full_memory_stops_the_run_and_keeps_what_was_computed() {
+    let place = Workplace::new();
+    let whole = place.run(OSCILLATOR, &[]);
+    let text_of =
+        |overflow: &str| format!("{OSCILLATOR}\n[history]\ncapacity = 10\noverflow = \"{overflow}\"\n");
+    place.write("scenario.toml", &text_of("stop"));
+    let output = place.fvi(&["run", "scenario.toml", "--out", "stopped"]);
+    assert_eq!(output.status.code(), Some(1));
+    let message = text(&output.stderr);
+    assert!(message.contains("step 9 (from t = 0.9 to t = 1) failed"), "{message}");
+    assert!(message.contains("10 samples"), "{message}");
+    let run = Run::read(&place.path("stopped"));
+    assert_eq!(run.rows, whole.rows[..10]);
+    assert_eq!((&run.summary["status"], &run.summary["step"]), (&"failed".into(), &9.into()));
+
+    // Told to forget, it goes on, and differs from the full memory from the first forgotten sample on.
+    let short = place.run(&text_of("forget"), &[]);
+    assert_eq!(short.rows.len(), 26);
+    assert_eq!(short.rows[..10], whole.rows[..10]);
+    assert_ne!(short.rows[25], whole.rows[25]);
+}
+
+#[test]
+fn a_step_without_a_solution_stops_the_run_and_names_step_and_time() {
+    let place = Workplace::new();
+    // The force becomes singular at t = 1.
+    let scenario =
+        OSCILLATOR.replace("parameters = { k = 3.0 }", "parameters = { k = 3.0 }\nforce = [\"sqrt(1 - t)\"]");
+    place.write("scenario.toml", &scenario);
+    let output = place.fvi(&["run", "scenario.toml", "--out", "out"]);
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+    let message = text(&output.stderr);
+    assert!(message.contains("step 10 (from t = 1 to t = 1.1) failed"), "{message}");
+    let run = Run::read(&place.path("out"));
+    assert_eq!(run.rows.len(), 11);
+    assert_eq!(run.summary["status"], "failed");
+}
+
+#[test]
+fn errors_against_a_reference_are_in_the_summary_and_in_the_result() {
+    let place = Workplace::new();
+    let free = r#"
+        [system]
+        mass = [1.0]
+        [initial]
+        position = [1.0]
+        momentum = [0.5]
+        [time]
+        step = 0.25
+        steps = 8
+        [reference]
+        position = ["1 + 0.5*t + 0.125*step(t - 1)"]
+        energy = "0.125"
+    "#;
+    place.write("scenario.toml", free);
+    let output = place.fvi(&["run", "scenario.toml", "--out", "out"]);
+    assert!(text(&output.stdout).contains("largest error of q 1.250e-1; largest error of energy 0.000e0"));
+    let errors = &Run::read(&place.path("out")).summary["errors"];
+    assert_eq!(errors["position"]["largest"], 0.125);
+    assert_eq!(errors["position"]["compared"], 9);
+    assert_eq!(errors["energy"]["largest"], 0.0);
+    assert!(errors.get("momentum").is_none());
+}
+
+#[test]
+fn a_sampled_input_acts_as_the_same_force_in_time() {
+    let place = Workplace::new();
+    let with = |more: &str, force: &str| {
+        OSCILLATOR.replace("parameters =", &format!("{force}\nparameters =")) + more
+    };
+    let held = place.run(&with("[input]\nperiod = 0.5\nsamples = [2.0, -1.0, 0.0]\n", ""), &[]);
+    let force = "force = [\"2 - 3*step(t - 0.5) + step(t - 1.0)\"]";
+    let forced = place.run(&with("", force), &[]);
+    assert_eq!(held.rows, forced.rows);
+    place.write("drive.csv", "# a comment\nt,u0\n0.0,2.0\n0.5,-1.0\n1.0,0.0\n");
+    let from_file = place.run(&with("[input]\nfile = \"drive.csv\"\n", ""), &[]);
+    assert_eq!(held.rows, from_file.rows);
+}
+
+#[test]
+fn an_unstable_step_is_refused_unless_it_is_allowed() {
+    let place = Workplace::new();
+    let steep =
+        OSCILLATOR.replace("order = 0.5", "order = 1.9").replace("[0.25]\n[initial]", "[20.0]\n[initial]");
+    place.write("scenario.toml", &steep);
+    let output = place.fvi(&["run", "scenario.toml", "--out", "out"]);
+    assert_eq!(output.status.code(), Some(2));
+    let message = text(&output.stderr);
+    assert!(message.contains("time.step = 0.1: unstable: the largest stable step is about "), "{message}");
+    assert!(message.contains("allow_unstable"), "{message}");
+    assert_eq!(place.files(), ["scenario.toml"]);
+    let run = place.run(&steep.replace("step = 0.1", "step = 0.1\nallow_unstable = true"), &[]);
+    assert_eq!(run.rows.len(), 26);
+}
+
+#[test]
+fn the_engine_of_the_command_line_counts() {
+    let place = Workplace::new();
+    let run = place.run(OSCILLATOR, &["--engine", "direct"]);
+    assert_eq!(run.summary["engine"][0], "direct");
+    assert_eq!(run.summary["scenario"]["history"]["engine"], "direct");
+    let output = place.fvi(&["run", "scenario.toml", "--engine", "fastest"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).contains("direct, block-fft, real-time, exponential-sum"));
+}
+
+#[test]
+fn a_phase_portrait_of_another_system_does_not_stay_behind() {
+    let place = Workplace::new();
+    place.run(OSCILLATOR, &[]);
+    assert!(place.path("out/phase.svg").exists());
+    let two = "[system]\nmass = [1.0, 1.0]\n[initial]\nposition = [0.0, 1.0]\nmomentum = [0.0, 1.0]\n[time]\nstep = 0.1\nsteps = 3\n";
+    let run = place.run(two, &[]);
+    assert_eq!(run.columns, ["t", "q0", "q1", "p0", "p1", "energy"]);
+    assert!(!place.path("out/phase.svg").exists());
+}
+
+#[test]
+fn eight_coordinates_run_and_nine_are_refused() {
+    let place = Workplace::new();
+    let scenario = |count: usize| {
+        let list = vec!["1.0"; count].join(", ");
+        format!(
+            "[system]\nmass = [{list}]\npotential = \"0.5*q{}^2\"\n[[system.damping]]\norder = 0.5\ncoefficient = [{list}]\n\
+             [initial]\nposition = [{list}]\nmomentum = [{list}]\n[time]\nstep = 0.1\nsteps = 5\n",
+            count - 1
+        )
+    };
+    let run = place.run(&scenario(8), &[]);
+    let (first, last) = (run.column("q0"), run.column("q7"));
+    assert_eq!(first, run.column("q6"));
+    assert!(last[5] < first[5]);
+    place.write("nine.toml", &scenario(9));
+    assert_eq!(place.fvi(&["run", "nine.toml"]).status.code(), Some(2));
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_keeps_what_was_computed() {
+    let place = Workplace::new();
+    place.write("scenario.toml", &OSCILLATOR.replace("steps = 25", "steps = 3_000_000"));
+    let mut child = place
+        .command(&["run", "scenario.toml", "--out", "out", "--engine", "direct"])
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // The trajectory's temporary file appears when the first step is about to be made.
+    let started = || fs::read_dir(place.path("out")).is_ok_and(|mut entries| entries.next().is_some());
+    while !started() {
+        assert!(child.try_wait().unwrap().is_none());
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    std::thread::sleep(Duration::from_millis(200));
+    let interrupt =
+        std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(interrupt.success());
+    let status = child.wait().unwrap();
+    let mut message = String::new();
+    child.stderr.take().unwrap().read_to_string(&mut message).unwrap();
+    assert_eq!(status.code(), Some(130), "{message}");
+    assert!(message.contains("stopped"), "{message}");
+    let run = Run::read(&place.path("out"));
+    assert_eq!(run.summary["status"], "stopped");
+    assert_eq!(run.summary["steps"], run.rows.len() - 1);
+    assert!(run.rows.len() > 1 && run.rows.len() < 3_000_000);
+}
