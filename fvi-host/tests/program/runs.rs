@@ -1,8 +1,6 @@
 //! What a user of `fvi run` relies on: its files, its options, its ends.
 
-mod program;
-
-use program::{Run, Workplace, text};
+use crate::workplace::{Run, Workplace, text};
 use std::fs;
 use std::io::Read;
 use std::process::Stdio;

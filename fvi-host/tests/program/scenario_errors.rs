@@ -1,8 +1,6 @@
 //! Bad input: exit code 2, a message with file, line, key, value and what is allowed, and nothing written.
 
-mod program;
-
-use program::{Workplace, text};
+use crate::workplace::{Workplace, text};
 
 const GOOD: &str = r#"[system]
 mass = [[2.0, 0.5], [0.5, 1.0]]

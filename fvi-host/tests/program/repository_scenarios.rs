@@ -1,8 +1,6 @@
 //! Every scenario in the repository does what its comment says.
 
-mod program;
-
-use program::{Run, Workplace, text};
+use crate::workplace::{Run, Workplace, text};
 use std::path::{Path, PathBuf};
 
 fn folder() -> PathBuf {

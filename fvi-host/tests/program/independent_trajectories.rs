@@ -1,9 +1,7 @@
 //! Runs agree with an independent implementation of the scheme, in 40-digit arithmetic, to 10⁻¹¹ of each
 //! column's largest value: see `dense_bdf.py` in `tests/reference`.
 
-mod program;
-
-use program::Workplace;
+use crate::workplace::Workplace;
 
 fn agrees(name: &str, scenario: &str) {
     let path = format!("{}/../tests/reference/trajectory_{name}.csv", env!("CARGO_MANIFEST_DIR"));
