@@ -17,7 +17,9 @@ mod linear;
 mod memory;
 mod newton;
 mod operator;
+mod quadrature;
 mod real;
+mod runge_kutta;
 mod scheme;
 mod stability;
 mod system;
@@ -32,9 +34,11 @@ pub use galerkin::Galerkin;
 pub use integrator::{Integrator, IntegratorError, State};
 pub use memory::{Memory, MemoryError, check_channels};
 pub use operator::{FractionalOperator, OperatorError, Start, left_operator, right_operator};
+pub use quadrature::Quadrature;
 pub use real::Real;
+pub use runge_kutta::{RungeKutta, StageGalerkin};
 pub use scheme::{Sampling, Scheme, StepEnd, StepError, StepStart};
-pub use stability::{ExplicitDamping, Stability, check_low_order_stability};
+pub use stability::{ExplicitDamping, Stability, check_stability};
 pub use system::{
     Approach, Coefficients, Force, Instant, Mass, MatrixError, NoForce, Potential, Quadratic, System,
     TimeForce,

@@ -119,24 +119,37 @@ fn add<T: Real>(place: Option<&mut T>, value: T) {
     }
 }
 
-/// Whether the symmetric matrix is positive definite to working precision: all pivots of its elimination stay above rounding.
-pub(crate) fn is_positive_definite<T: Real, const N: usize>(matrix: &SMatrix<T, N, N>) -> bool {
-    let mut rest = *matrix;
-    for column in 0..N {
-        let pivot = rest[(column, column)];
-        let floor = matrix[(column, column)].abs() * T::EPSILON * T::of(4.0);
-        if !(pivot.is_finite() && pivot > floor) {
+/// Whether the symmetric matrix of blocks is positive definite to working precision: all pivots of its elimination stay
+/// above rounding. The elimination is left in its place.
+pub(crate) fn are_positive_definite<T: Real, const N: usize, const S: usize>(
+    matrix: &mut Blocks<T, N, S>,
+) -> bool {
+    let size = N * S;
+    for column in 0..size {
+        // The diagonal entry before elimination is the pivot plus what was taken from it.
+        let (mut diagonal, pivot) = (entry(matrix, column, column).abs(), entry(matrix, column, column));
+        for earlier in 0..column {
+            let (factor, product) = (entry(matrix, column, earlier), entry(matrix, earlier, column));
+            diagonal += (factor * product).abs();
+        }
+        if !(pivot.is_finite() && pivot > diagonal * T::EPSILON * T::of(4.0)) {
             return false;
         }
-        for row in column + 1..N {
-            let factor = rest[(row, column)] / pivot;
-            for other in column + 1..N {
-                let change = factor * rest[(column, other)];
-                rest[(row, other)] -= change;
+        for row in column + 1..size {
+            let factor = entry(matrix, row, column) / pivot;
+            put(entry_mut(matrix, row, column), factor);
+            for other in column + 1..size {
+                let change = factor * entry(matrix, column, other);
+                add(entry_mut(matrix, row, other), -change);
             }
         }
     }
     true
+}
+
+/// [`are_positive_definite`] for a plain matrix.
+pub(crate) fn is_positive_definite<T: Real, const N: usize>(matrix: &SMatrix<T, N, N>) -> bool {
+    are_positive_definite(&mut [[*matrix]])
 }
 
 /// Inverse of a matrix.

@@ -3,7 +3,8 @@
 use nalgebra::SMatrix;
 
 use crate::error::{ParameterError, check_step_size};
-use crate::linear::is_positive_definite;
+use crate::galerkin::Galerkin;
+use crate::linear::are_positive_definite;
 use crate::real::Real;
 use crate::system::{Coefficients, Mass};
 use crate::weights::BdfOrder;
@@ -31,40 +32,47 @@ pub enum Stability {
     },
 }
 
-/// Checks the step size of the low-order scheme against the fastest motion the grid can carry.
+/// Checks the step size of a scheme with explicit damping against the fastest motion that the grid can carry.
 ///
 /// The fractional force is explicit. For a potential with the constant Hessian K the motion q_k = (−1)^k v is where growth
-/// sets in first, and it does not grow as long as
+/// sets in first. Its discrete action per step, with the inner nodes at rest against it, is L_d on the nodes
+/// v, x_1, …, x_{S−1}, −v, and the motion does not grow as long as the quadratic form
 ///
 /// ```text
-/// (4/h²) M − (1−2κ)² K − Σ_m ρ_m (γ_p(−1)/h)^{β_m}    is positive definite.
+/// 2 L_d(v, x_1, …, x_{S−1}, −v) − h Σ_m (γ_p(−1)/h)^{β_m} vᵀ ρ_m v    is positive definite in (v, x_1, …, x_{S−1}).
 /// ```
 ///
-/// On |z| = 1 the left side, as a function of z, can only vanish where (γ_p(z)/h)^β is real; without K that happens at
-/// z = −1 alone. `stiffness` is ∂²U/∂q² − ∂F/∂q at the initial point, so for nonlinear problems the check is local. κ = ½
-/// takes no account of K: the midpoint rule is stable for every spring.
+/// For degree 1 this is (4/h²) M − (1−2κ)² K − Σ_m ρ_m (γ_p(−1)/h)^{β_m}. For higher degrees it also asks that no free
+/// oscillation turns by half a revolution or more in a step: beyond that the grid takes it for its mirror image, whose damping
+/// has the wrong sign. On |z| = 1 the left side, as a function of z, can only vanish where (γ_p(z)/h)^β is real; without K
+/// that happens at z = −1 alone. `stiffness` is ∂²U/∂q² − ∂F/∂q at the initial point, so for nonlinear problems the check
+/// is local. The midpoint rule takes no account of K: it is stable for every spring.
 ///
 /// # Errors
 /// If the step size is not positive and finite.
-pub fn check_low_order_stability<T: Real, const N: usize>(
+pub fn check_stability<T: Real, const N: usize, const S: usize, const Q: usize>(
+    scheme: &Galerkin<T, S, Q>,
     mass: &Mass<T, N>,
     stiffness: &SMatrix<T, N, N>,
-    kappa: T,
     damping: &[ExplicitDamping<T, N>],
     step_size: f64,
 ) -> Result<Stability, ParameterError> {
     check_step_size(step_size)?;
-    let share = (T::one() - T::of(2.0) * kappa) * (T::one() - T::of(2.0) * kappa);
-    let symmetric = (stiffness + stiffness.transpose()) * (share * T::of(0.5));
+    let mass = mass.matrix().to_matrix();
+    let symmetric = (stiffness + stiffness.transpose()) * T::of(0.5);
+    let form = scheme.alternating_form();
     let stable = |h: f64| {
-        // Multiplied by h²/4, which keeps the numbers near those of the mass.
-        let quarter = h * h / 4.0;
-        let mut margin = mass.matrix().to_matrix() - symmetric * T::of(quarter);
-        for term in damping {
-            let symbol = libm::pow(term.bdf_order.generating_function(-1.0) / h, term.damping_order);
-            margin -= term.coefficients.to_matrix() * T::of(quarter * symbol);
+        // Multiplied by h, which keeps the numbers near those of the mass.
+        let square = T::of(h * h);
+        let mut blocks =
+            form.map(|row| row.map(|(kinetic, potential)| mass * kinetic - symmetric * (potential * square)));
+        if let Some(first) = blocks.first_mut().and_then(|row| row.first_mut()) {
+            for term in damping {
+                let symbol = libm::pow(term.bdf_order.generating_function(-1.0) / h, term.damping_order);
+                *first -= term.coefficients.to_matrix() * T::of(h * h * symbol);
+            }
         }
-        is_positive_definite(&margin)
+        are_positive_definite(&mut blocks)
     };
     if stable(step_size) {
         return Ok(Stability::Stable);
@@ -83,16 +91,23 @@ pub fn check_low_order_stability<T: Real, const N: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::quadrature::Quadrature;
     use nalgebra::matrix;
 
-    fn limit(kappa: f64, stiffness: f64, rho: f64, damping_order: f64, p: usize) -> Stability {
+    fn limit<const S: usize, const Q: usize>(
+        scheme: &Galerkin<f64, S, Q>,
+        stiffness: f64,
+        rho: f64,
+        damping_order: f64,
+        p: usize,
+    ) -> Stability {
         let term = ExplicitDamping {
             coefficients: Coefficients::Diagonal([rho].into()),
             damping_order,
             bdf_order: BdfOrder::new(p).unwrap(),
         };
         let mass = Mass::diagonal([1.0]).unwrap();
-        check_low_order_stability(&mass, &matrix![stiffness], kappa, &[term], 100.0).unwrap()
+        check_stability(scheme, &mass, &matrix![stiffness], &[term], 100.0).unwrap()
     }
 
     fn assert_limit(found: Stability, expected: f64) {
@@ -102,11 +117,28 @@ mod tests {
 
     #[test]
     fn the_limit_of_a_single_mass_has_a_closed_form() {
+        let low_order = |kappa| Galerkin::low_order(kappa).unwrap();
         // 4/h² = ρ (γ_p(−1)/h)^β ; γ₁(−1) = 2, γ₂(−1) = 4.
-        assert_limit(limit(0.5, 7.0, 3.0, 1.0, 1), 4.0 / (3.0 * 2.0));
-        assert_limit(limit(0.5, 7.0, 3.0, 1.5, 2), (4.0 / (3.0 * 8.0f64)).powi(2));
+        assert_limit(limit(&low_order(0.5), 7.0, 3.0, 1.0, 1), 4.0 / (3.0 * 2.0));
+        assert_limit(limit(&low_order(0.5), 7.0, 3.0, 1.5, 2), (4.0 / (3.0 * 8.0f64)).powi(2));
         // Symplectic Euler: h √k = 2.
-        assert_limit(limit(0.0, 9.0, 0.0, 0.5, 1), 2.0 / 3.0);
-        assert_eq!(limit(0.5, 9.0, 0.0, 0.5, 1), Stability::Stable);
+        assert_limit(limit(&low_order(0.0), 9.0, 0.0, 0.5, 1), 2.0 / 3.0);
+        assert_eq!(limit(&low_order(0.5), 9.0, 0.0, 0.5, 1), Stability::Stable);
+    }
+
+    #[test]
+    fn higher_degrees_stop_at_half_a_revolution() {
+        // Gauss collocation turns by twice the argument of 1 + iy/2 − y²/12 (degree 2) or 1 + iy/2 − y²/10 − iy³/120 (degree 3),
+        // y = h √k: half a revolution where the real part vanishes.
+        let two = Galerkin::<f64, 2, 2>::new(&Quadrature::gauss().unwrap()).unwrap();
+        assert_limit(limit(&two, 9.0, 0.0, 0.5, 1), 12f64.sqrt() / 3.0);
+        let three = Galerkin::<f64, 3, 3>::new(&Quadrature::gauss().unwrap()).unwrap();
+        assert_limit(limit(&three, 9.0, 0.0, 0.5, 1), 10f64.sqrt() / 3.0);
+        // Lobatto, three points, degree 2: h √k = √8.
+        let lobatto = Galerkin::<f64, 2, 3>::new(&Quadrature::lobatto().unwrap()).unwrap();
+        assert_limit(limit(&lobatto, 9.0, 0.0, 0.5, 1), 8f64.sqrt() / 3.0);
+        // Without a spring a step with inner nodes is that of degree 1.
+        assert_limit(limit(&two, 0.0, 3.0, 1.0, 1), 4.0 / (3.0 * 2.0));
+        assert_limit(limit(&three, 0.0, 3.0, 1.5, 2), (4.0 / (3.0 * 8.0f64)).powi(2));
     }
 }

@@ -1,0 +1,221 @@
+//! Runge–Kutta convolution quadrature: its methods, and the Galerkin scheme that is damped at their stages.
+
+use nalgebra::SVector;
+
+use crate::damping::AffineForce;
+use crate::error::ParameterError;
+use crate::galerkin::Galerkin;
+use crate::quadrature::Quadrature;
+use crate::real::Real;
+use crate::scheme::{Sampling, Scheme, StepEnd, StepError, StepStart};
+use crate::system::{Force, Potential, System};
+
+/// Implicit Runge–Kutta method of R stages: nodes c, weights b, matrix A, with b the last row of A (stiffly accurate).
+///
+/// Such a method makes a convolution quadrature of D^β whose weights are R×R matrices,
+///
+/// ```text
+/// Δ(z) = A⁻¹ − z A⁻¹ 1 bᵀ A⁻¹ ,      Σ_n W_n zⁿ = (Δ(z)/h)^β ,      (D^β X)_k = Σ_{n=0}^{k} W_n X_{k−n} ,
+/// ```
+///
+/// where X_k holds the values at the times t_k + c_i h of step k. Source: [LO93]; the methods are those of [HW].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RungeKutta<const R: usize> {
+    quadrature: Quadrature<R>,
+    matrix: [[f64; R]; R],
+}
+
+/// Rows of A, and the nodes c. The weights b are the last row.
+type Tableau = (&'static [&'static [f64]], &'static [f64]);
+
+const ROOT_5: f64 = 2.236067977499790;
+const ROOT_6: f64 = 2.449489742783178;
+
+/// Radau IIA of 1…3 stages, order 2R − 1.
+const RADAU_IIA: [Tableau; 3] = [
+    (&[&[1.0]], &[1.0]),
+    (&[&[5.0 / 12.0, -1.0 / 12.0], &[0.75, 0.25]], &[1.0 / 3.0, 1.0]),
+    (
+        &[
+            &[
+                (88.0 - 7.0 * ROOT_6) / 360.0,
+                (296.0 - 169.0 * ROOT_6) / 1800.0,
+                (-2.0 + 3.0 * ROOT_6) / 225.0,
+            ],
+            &[
+                (296.0 + 169.0 * ROOT_6) / 1800.0,
+                (88.0 + 7.0 * ROOT_6) / 360.0,
+                (-2.0 - 3.0 * ROOT_6) / 225.0,
+            ],
+            &[(16.0 - ROOT_6) / 36.0, (16.0 + ROOT_6) / 36.0, 1.0 / 9.0],
+        ],
+        &[(4.0 - ROOT_6) / 10.0, (4.0 + ROOT_6) / 10.0, 1.0],
+    ),
+];
+
+/// Lobatto IIIC of 2…4 stages, order 2R − 2.
+const LOBATTO_IIIC: [Tableau; 3] = [
+    (&[&[0.5, -0.5], &[0.5, 0.5]], &[0.0, 1.0]),
+    (
+        &[
+            &[1.0 / 6.0, -1.0 / 3.0, 1.0 / 6.0],
+            &[1.0 / 6.0, 5.0 / 12.0, -1.0 / 12.0],
+            &[1.0 / 6.0, 2.0 / 3.0, 1.0 / 6.0],
+        ],
+        &[0.0, 0.5, 1.0],
+    ),
+    (
+        &[
+            &[1.0 / 12.0, -ROOT_5 / 12.0, ROOT_5 / 12.0, -1.0 / 12.0],
+            &[1.0 / 12.0, 0.25, (10.0 - 7.0 * ROOT_5) / 60.0, ROOT_5 / 60.0],
+            &[1.0 / 12.0, (10.0 + 7.0 * ROOT_5) / 60.0, 0.25, -ROOT_5 / 60.0],
+            &[1.0 / 12.0, 5.0 / 12.0, 5.0 / 12.0, 1.0 / 12.0],
+        ],
+        &[0.0, 0.276393202250021, 0.7236067977499789, 1.0],
+    ),
+];
+
+impl<const R: usize> RungeKutta<R> {
+    /// Radau IIA of R stages, order 2R − 1; one stage is the implicit Euler method.
+    ///
+    /// # Errors
+    /// If R is not one of 1…3.
+    pub fn radau_iia() -> Result<Self, ParameterError> {
+        let tableau = R.checked_sub(1).and_then(|index| RADAU_IIA.get(index));
+        Self::from_tableau(tableau, "stages of Radau IIA", "one of 1, 2, 3")
+    }
+
+    /// Lobatto IIIC of R stages, order 2R − 2, with a node at each end of the step.
+    ///
+    /// # Errors
+    /// If R is not one of 2…4.
+    pub fn lobatto_iiic() -> Result<Self, ParameterError> {
+        let tableau = R.checked_sub(2).and_then(|index| LOBATTO_IIIC.get(index));
+        Self::from_tableau(tableau, "stages of Lobatto IIIC", "one of 2, 3, 4")
+    }
+
+    fn from_tableau(
+        tableau: Option<&Tableau>,
+        parameter: &'static str,
+        allowed: &'static str,
+    ) -> Result<Self, ParameterError> {
+        let error = ParameterError { parameter, value: R as f64, allowed };
+        let (rows, nodes) = tableau.ok_or(error)?;
+        let mut matrix = [[0.0; R]; R];
+        for (place, row) in matrix.iter_mut().zip(*rows) {
+            *place = <[f64; R]>::try_from(*row).map_err(|_| error)?;
+        }
+        let nodes = <[f64; R]>::try_from(*nodes).map_err(|_| error)?;
+        let weights = matrix.last().copied().ok_or(error)?;
+        Ok(Self { quadrature: Quadrature { nodes, weights }, matrix })
+    }
+
+    /// The quadrature of nodes c and weights b.
+    pub fn quadrature(&self) -> &Quadrature<R> {
+        &self.quadrature
+    }
+
+    /// The matrix A, row by row.
+    pub fn matrix(&self) -> &[[f64; R]; R] {
+        &self.matrix
+    }
+}
+
+/// Galerkin scheme of degree S whose fractional force acts at the R stages of a Runge–Kutta convolution quadrature.
+///
+/// The quadrature nodes are those of the method, X_{k,i} = q_d(c_i h) are the stage values, and with the memory on them
+///
+/// ```text
+/// p_k     = −D₁L_d − f₀ + h Σ_i b_i ℓ₀(c_i) Σ_m ρ_m (D^{β_m} X)_{k,i}
+/// 0       = D_νL_d + f_ν − h Σ_i b_i ℓ_ν(c_i) Σ_m ρ_m (D^{β_m} X)_{k,i}        (inner nodes)
+/// p_{k+1} = D_{S+1}L_d + f_S − h Σ_i b_i ℓ_S(c_i) Σ_m ρ_m (D^{β_m} X)_{k,i}
+/// ```
+///
+/// implicit in the stages of step k through the leading weight W₀. It follows from the restricted principle of [HJO] eq. 42 with
+/// the inner product Σ_k h Σ_i b_i in place of Σ_k h, in which the advanced operator is the adjoint of the retarded one.
+///
+/// A damping for it has a memory with R stages whose weights are those of the same method.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StageGalerkin<T, const S: usize, const R: usize> {
+    galerkin: Galerkin<T, S, R>,
+}
+
+impl<T: Real, const S: usize, const R: usize> StageGalerkin<T, S, R> {
+    /// Polynomials of degree S with the nodes and weights of `method`.
+    ///
+    /// # Errors
+    /// If S is not one of 1…R: the kinetic part would be singular.
+    pub fn new(method: &RungeKutta<R>) -> Result<Self, ParameterError> {
+        Ok(Self { galerkin: Galerkin::new(method.quadrature())? })
+    }
+}
+
+impl<T: Real, const N: usize, const S: usize, const R: usize> Scheme<T, N, R> for StageGalerkin<T, S, R> {
+    fn sampling(&self) -> Sampling<T, R> {
+        Sampling::Stages(*self.galerkin.nodes())
+    }
+
+    #[inline]
+    fn step<P: Potential<T, N>, F: Force<T, N>>(
+        &self,
+        system: &System<T, N, P, F>,
+        start: &StepStart<T, N>,
+        damping: &AffineForce<T, N, R>,
+    ) -> Result<StepEnd<T, N, R>, StepError> {
+        let solution = self.galerkin.solve(system, start, Some(damping))?;
+        let rise = solution.increments.last().copied().unwrap_or_else(SVector::zeros);
+        Ok(StepEnd {
+            position: start.position + rise,
+            momentum: start.momentum - solution.impulse,
+            samples: self.galerkin.stages(&solution.increments).map(|stage| start.position + stage),
+            iterations: solution.iterations,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// B(p): Σ b_i c_i^{k−1} = 1/k for k ≤ p; C(q): Σ_j a_ij c_j^{k−1} = c_i^k/k for k ≤ q.
+    fn assert_conditions<const R: usize>(method: &RungeKutta<R>, order: i32, stage_order: i32) {
+        let (c, b) = (method.quadrature().nodes(), method.quadrature().weights());
+        for k in 1..=order {
+            let sum: f64 = (0..R).map(|i| b[i] * c[i].powi(k - 1)).sum();
+            assert!((sum - 1.0 / f64::from(k)).abs() < 4e-16, "{R} stages, B({k})");
+        }
+        for k in 1..=stage_order {
+            for i in 0..R {
+                let sum: f64 = (0..R).map(|j| method.matrix()[i][j] * c[j].powi(k - 1)).sum();
+                assert!((sum - c[i].powi(k) / f64::from(k)).abs() < 4e-16, "{R} stages, C({k}), row {i}");
+            }
+        }
+        assert_eq!(method.matrix()[R - 1], *b);
+        assert_eq!(c[R - 1], 1.0);
+    }
+
+    #[test]
+    fn methods_have_their_orders_and_are_stiffly_accurate() {
+        assert_conditions(&RungeKutta::<1>::radau_iia().unwrap(), 1, 1);
+        assert_conditions(&RungeKutta::<2>::radau_iia().unwrap(), 3, 2);
+        assert_conditions(&RungeKutta::<3>::radau_iia().unwrap(), 5, 3);
+        assert_conditions(&RungeKutta::<2>::lobatto_iiic().unwrap(), 2, 1);
+        assert_conditions(&RungeKutta::<3>::lobatto_iiic().unwrap(), 4, 2);
+        assert_conditions(&RungeKutta::<4>::lobatto_iiic().unwrap(), 6, 3);
+        // The first column is what tells Lobatto IIIC from its relatives.
+        let method = RungeKutta::<4>::lobatto_iiic().unwrap();
+        assert!(method.matrix().iter().all(|row| row[0] == method.quadrature().weights()[0]));
+    }
+
+    #[test]
+    fn other_numbers_of_stages_and_degrees_are_refused() {
+        assert!(RungeKutta::<0>::radau_iia().is_err());
+        assert!(RungeKutta::<4>::radau_iia().is_err());
+        assert!(RungeKutta::<1>::lobatto_iiic().is_err());
+        assert!(RungeKutta::<5>::lobatto_iiic().is_err());
+        let method = RungeKutta::<2>::radau_iia().unwrap();
+        assert!(StageGalerkin::<f64, 2, 2>::new(&method).is_ok());
+        assert!(StageGalerkin::<f64, 3, 2>::new(&method).is_err());
+        assert!(StageGalerkin::<f64, 0, 2>::new(&method).is_err());
+    }
+}
