@@ -28,7 +28,7 @@ pub struct RungeKutta<const R: usize> {
 /// Rows of A, and the nodes c. The weights b are the last row.
 type Tableau = (&'static [&'static [f64]], &'static [f64]);
 
-const ROOT_5: f64 = 2.236067977499790;
+const ROOT_5: f64 = 2.23606797749979;
 const ROOT_6: f64 = 2.449489742783178;
 
 /// Radau IIA of 1…3 stages, order 2R − 1.
