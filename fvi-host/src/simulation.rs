@@ -12,7 +12,6 @@ use crate::scenario::{
 use fvi_core::{
     AffineForce, BdfOrder, Damping, DampingTerm, Derivative, ExplicitDamping, ExplicitEuler, Galerkin,
     ImplicitEuler, Integrator, Memory, MemoryError, MemoryShape, Stability, StepError,
-    check_low_order_stability,
 };
 use nalgebra::SVector;
 use serde::Serialize;
@@ -121,11 +120,12 @@ fn sized<T: Elementary>(scenario: &Scenario) -> Result<Box<dyn Stepper>, InputEr
 fn typed<T: Elementary, const N: usize>(scenario: &Scenario) -> Result<Box<dyn Stepper>, InputError> {
     match scenario.scheme {
         Scheme::LowOrder { kappa } => {
-            check_stability::<N>(scenario, kappa)?;
-            let allowed = "0 ≤ κ ≤ 1".to_owned();
-            let scheme = Galerkin::low_order(T::of(kappa))
-                .map_err(|_| scenario.error_at("scheme.kappa", Problem::OutOfRange { allowed }))?;
-            assemble::<T, N, _>(scenario, scheme)
+            let outside = |_| {
+                let allowed = "0 ≤ κ ≤ 1".to_owned();
+                scenario.error_at("scheme.kappa", Problem::OutOfRange { allowed })
+            };
+            check_stability::<N, 1, 1>(scenario, &Galerkin::low_order(kappa).map_err(outside)?)?;
+            assemble::<T, N, _>(scenario, Galerkin::low_order(T::of(kappa)).map_err(outside)?)
         }
         Scheme::ExplicitEuler => assemble::<T, N, _>(scenario, ExplicitEuler),
         Scheme::ImplicitEuler => assemble::<T, N, _>(scenario, ImplicitEuler),
@@ -137,7 +137,10 @@ fn typed<T: Elementary, const N: usize>(scenario: &Scenario) -> Result<Box<dyn S
 }
 
 /// Refuses a step that is too long for the explicit fractional force.
-fn check_stability<const N: usize>(scenario: &Scenario, kappa: f64) -> Result<(), InputError> {
+fn check_stability<const N: usize, const S: usize, const Q: usize>(
+    scenario: &Scenario,
+    scheme: &Galerkin<f64, S, Q>,
+) -> Result<(), InputError> {
     let ConvolutionFamily::Bdf { order } = scenario.convolution.family else { return Ok(()) };
     if scenario.time.allow_unstable {
         return Ok(());
@@ -147,7 +150,8 @@ fn check_stability<const N: usize>(scenario: &Scenario, kappa: f64) -> Result<()
     })?;
     let system = system::<f64, N>(scenario)?;
     let position = model::vector(&scenario.initial.position);
-    let instant = fvi_core::Instant::in_step(0.0, 1.0 - kappa, scenario.time.step);
+    let first_node = scheme.nodes().first().copied().unwrap_or(0.0);
+    let instant = fvi_core::Instant::in_step(0.0, first_node, scenario.time.step);
     let stiffness = fvi_core::Potential::hessian(&system.potential, &position)
         - fvi_core::Force::jacobian(&system.force, instant, &position);
     let explicit = |term: &DampingOfScenario| ExplicitDamping {
@@ -156,7 +160,7 @@ fn check_stability<const N: usize>(scenario: &Scenario, kappa: f64) -> Result<()
         bdf_order,
     };
     let damping: Vec<ExplicitDamping<f64, N>> = scenario.system.damping.iter().map(explicit).collect();
-    match check_low_order_stability(&system.mass, &stiffness, kappa, &damping, scenario.time.step) {
+    match fvi_core::check_stability(scheme, &system.mass, &stiffness, &damping, scenario.time.step) {
         Ok(Stability::Unstable { largest_stable_step: largest_step }) => {
             Err(scenario.error_at("time.step", Problem::Unstable { largest_step }))
         }

@@ -4,7 +4,7 @@ use fvi_core::{BdfOrder, Coefficients, right_operator};
 use fvi_core::{
     Derivative::{Caputo, RiemannLiouville},
     ExplicitDamping, ExplicitEuler, Galerkin, ImplicitEuler, Integrator, Mass, NoForce, Potential, Quadratic,
-    Scheme, Stability, System, check_low_order_stability,
+    Scheme, Stability, System, check_stability,
 };
 use fvi_tests::motion::{Motion, Pendulum, diagonal, integrate, term, weights};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3, matrix, vector};
@@ -203,14 +203,14 @@ fn single_precision_agrees_with_double_precision() {
 fn chain(rho: f64, damping_order: f64, p: usize, h: f64, steps: usize) -> (Stability, Motion<3>) {
     let stiffness = Matrix3::new(2.0, -1.0, 0.0, -1.0, 2.0, -1.0, 0.0, -1.0, 2.0);
     let mass = Mass::diagonal([1.0, 1.0, 1.0]).unwrap();
+    let scheme = Galerkin::low_order(0.5).unwrap();
     let explicit =
         ExplicitDamping { coefficients: diagonal(rho), damping_order, bdf_order: BdfOrder::new(p).unwrap() };
-    let check = check_low_order_stability(&mass, &stiffness, 0.5, &[explicit], h).unwrap();
+    let check = check_stability(&scheme, &mass, &stiffness, &[explicit], h).unwrap();
     let table = weights(p, damping_order, h, steps + 1);
     let damping = term(diagonal(rho), damping_order, Caputo, &table);
     let potential = Quadratic::new(Coefficients::Dense(stiffness)).unwrap();
     let system = System { mass, potential, force: NoForce };
-    let scheme = Galerkin::low_order(0.5).unwrap();
     let start = (Vector3::new(0.1, 0.0, 0.0), Vector3::zeros());
     (check, integrate(system, scheme, damping, h, start, steps).unwrap())
 }

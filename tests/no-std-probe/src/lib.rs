@@ -7,7 +7,7 @@ use core::panic::PanicInfo;
 use fvi_core::{
     BdfOrder, Coefficients, ConvolutionWeights, DampingTerm, Derivative, ExplicitDamping, FixedDirect,
     FractionalOperator, Galerkin, ImplicitEuler, Integrator, Mass, NoForce, Potential, Quadratic, Real, Scheme,
-    Stability, Start, System, check_low_order_stability, leading_bdf_weight, monic_bdf_table,
+    Stability, Start, System, check_stability, leading_bdf_weight, monic_bdf_table,
 };
 use nalgebra::{SMatrix, SVector};
 
@@ -86,7 +86,7 @@ pub extern "C" fn probe(numbers: &[f64; 8], order: usize) -> f64 {
         let spring = Quadratic::diagonal([mass]).ok()?;
         let stiffness = spring.hessian(&[kappa].into());
         let mass = Mass::diagonal([mass]).ok()?;
-        match check_low_order_stability(&mass, &stiffness, kappa, &terms, h).ok()? {
+        match check_stability(&Galerkin::low_order(kappa).ok()?, &mass, &stiffness, &terms, h).ok()? {
             Stability::Stable => Some(energy + derivative),
             Stability::Unstable { largest_stable_step } => Some(largest_stable_step),
         }
