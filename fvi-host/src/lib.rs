@@ -9,6 +9,7 @@ pub mod model;
 pub mod picture;
 pub mod run;
 mod run_pictures;
+pub mod runge_kutta_weights;
 pub mod scenario;
 pub mod simulation;
 pub mod trajectory;
