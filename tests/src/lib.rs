@@ -4,3 +4,4 @@
 pub mod convergence;
 pub mod motion;
 pub mod reference;
+pub mod stages;

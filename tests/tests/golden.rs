@@ -1,18 +1,26 @@
-//! Trajectories against an independent dense implementation in 40 digits (`tests/reference/dense_bdf.py`): nonlinear
+//! Trajectories against independent dense implementations (`tests/reference/dense_bdf.py`, `dense_galerkin.py`): nonlinear
 //! and coupled systems, dense matrices, several terms, both types of derivative, both ends of κ, high quadrature orders.
 
 use fvi_core::{
-    Coefficients, Derivative::Caputo, Derivative::RiemannLiouville, Force, Galerkin, Instant, Mass, NoForce,
-    Potential, System,
+    Coefficients, Damping, Derivative::Caputo, Derivative::RiemannLiouville, Force, Galerkin, Instant, Mass,
+    NoForce, Potential, Quadrature, RungeKutta, StageGalerkin, System,
 };
 use fvi_tests::motion::{Motion, Pendulum, diagonal, integrate, term, weights};
 use fvi_tests::reference;
+use fvi_tests::stages::stage_term;
 use nalgebra::{SMatrix, SVector, matrix, vector};
 
 /// Allowed distance from the golden values, relative to the largest value of a column.
 const TOLERANCE: f64 = 1e-11;
 
+/// The same for Runge–Kutta quadrature.
+const STAGE_TOLERANCE: f64 = 1e-12;
+
 fn assert_golden<const N: usize>(name: &str, motion: &Motion<N>) {
+    assert_golden_to(name, motion, TOLERANCE);
+}
+
+fn assert_golden_to<const N: usize>(name: &str, motion: &Motion<N>, tolerance: f64) {
     let rows = reference::read(&format!("trajectory_{name}.csv"));
     assert_eq!(rows.len(), motion.times.len());
     for (letter, found) in [("q", &motion.positions), ("p", &motion.momenta)] {
@@ -21,7 +29,7 @@ fn assert_golden<const N: usize>(name: &str, motion: &Motion<N>) {
             let largest = rows.iter().fold(0.0, |largest, row| f64::max(largest, row[&column].abs()));
             for (k, (row, found)) in rows.iter().zip(found).enumerate() {
                 let error = (found[i] - row[&column]).abs();
-                assert!(error <= TOLERANCE * largest, "{name}, {column}, step {k}: off by {error:e}");
+                assert!(error <= tolerance * largest, "{name}, {column}, step {k}: off by {error:e}");
             }
         }
     }
@@ -142,4 +150,84 @@ fn three_terms_of_order_five_quarters_zero_and_one_and_the_potential_at_the_end(
     let scheme = Galerkin::low_order(0.0).unwrap();
     let motion = integrate(hardening(), scheme, damping, h, (vector![1.0], vector![-0.5]), 128).unwrap();
     assert_golden("steep_last", &motion);
+}
+
+fn free_pendulum() -> System<f64, 1, Pendulum, NoForce> {
+    System { mass: Mass::diagonal([1.5]).unwrap(), potential: Pendulum { gravity: 9.75 }, force: NoForce }
+}
+
+fn coupled() -> System<f64, 2, CoupledSprings, DriveAndCoupling> {
+    System {
+        mass: Mass::dense(matrix![2.0, 0.5; 0.5, 1.0]).unwrap(),
+        potential: CoupledSprings,
+        force: DriveAndCoupling,
+    }
+}
+
+const COUPLED_START: (SVector<f64, 2>, SVector<f64, 2>) =
+    (SVector::<f64, 2>::new(0.5, -0.25), SVector::<f64, 2>::new(0.125, 1.0));
+
+#[test]
+fn galerkin_schemes_with_memory_on_the_main_nodes() {
+    // From `dense_galerkin.py`: degree 2 with two Gauss points and BDF 2; degree 6 with six and BDF 6.
+    let start = (vector![2.0], vector![0.3]);
+    let table = weights(2, 0.5, 0.0625, 121);
+    let damping = term(diagonal(0.375), 0.5, Caputo, &table);
+    let scheme = Galerkin::<f64, 2, 2>::new(&Quadrature::gauss().unwrap()).unwrap();
+    let motion = integrate(free_pendulum(), scheme, damping, 0.0625, start, 120).unwrap();
+    assert_golden("galerkin_pendulum", &motion);
+
+    let table = weights(6, 1.25, 0.125, 41);
+    let damping = term(diagonal(0.0078125), 1.25, RiemannLiouville, &table);
+    let scheme = Galerkin::<f64, 6, 6>::new(&Quadrature::gauss().unwrap()).unwrap();
+    let motion = integrate(free_pendulum(), scheme, damping, 0.125, start, 40).unwrap();
+    assert_golden("galerkin_high", &motion);
+
+    // Degree 3 with four Lobatto points and BDF 3, coupled, dense, two terms.
+    let (slow, fast) = (weights(3, 0.75, 0.0625, 61), weights(3, 1.5, 0.0625, 61));
+    let damping = (
+        term(Coefficients::Dense(matrix![0.5, 0.25; 0.25, 0.5]), 0.75, RiemannLiouville, &slow),
+        term(Coefficients::Diagonal(vector![0.25, 0.125]), 1.5, Caputo, &fast),
+    );
+    let scheme = Galerkin::<f64, 3, 4>::new(&Quadrature::lobatto().unwrap()).unwrap();
+    let motion = integrate(coupled(), scheme, damping, 0.0625, COUPLED_START, 60).unwrap();
+    assert_golden("galerkin_coupled", &motion);
+}
+
+#[test]
+fn schemes_with_memory_at_the_stages() {
+    let method = RungeKutta::<3>::radau_iia().unwrap();
+    let damping = stage_term(&method, diagonal(0.375), 0.5, Caputo, 0.125, 60);
+    let scheme = StageGalerkin::<f64, 3, 3>::new(&method).unwrap();
+    let start = (vector![2.0], vector![0.3]);
+    let motion = integrate(free_pendulum(), scheme, damping, 0.125, start, 60).unwrap();
+    assert_golden_to("radau_pendulum", &motion, STAGE_TOLERANCE);
+
+    let method = RungeKutta::<2>::radau_iia().unwrap();
+    let scheme = StageGalerkin::<f64, 2, 2>::new(&method).unwrap();
+    let motion =
+        integrate(coupled(), scheme, coupled_stage_damping(&method), 0.125, COUPLED_START, 40).unwrap();
+    assert_golden_to("radau_coupled", &motion, STAGE_TOLERANCE);
+
+    let method = RungeKutta::<3>::lobatto_iiic().unwrap();
+    let scheme = StageGalerkin::<f64, 2, 3>::new(&method).unwrap();
+    let motion =
+        integrate(coupled(), scheme, coupled_stage_damping(&method), 0.125, COUPLED_START, 40).unwrap();
+    assert_golden_to("lobatto_coupled", &motion, STAGE_TOLERANCE);
+
+    // Whole orders and one near 2, on four Lobatto stages.
+    let method = RungeKutta::<4>::lobatto_iiic().unwrap();
+    let stage = |rho, order| stage_term(&method, diagonal(rho), order, Caputo, 0.125, 40);
+    let damping = ((stage(0.5, 1.875), stage(0.25, 1.0)), stage(0.5, 0.0));
+    let scheme = StageGalerkin::<f64, 3, 4>::new(&method).unwrap();
+    let motion = integrate(hardening(), scheme, damping, 0.125, (vector![1.0], vector![-0.5]), 40).unwrap();
+    assert_golden_to("lobatto_steep", &motion, STAGE_TOLERANCE);
+}
+
+fn coupled_stage_damping<const R: usize>(method: &RungeKutta<R>) -> impl Damping<f64, 2, R> + use<R> {
+    let dense = Coefficients::Dense(matrix![0.5, 0.25; 0.25, 0.5]);
+    (
+        stage_term(method, dense, 0.75, RiemannLiouville, 0.125, 40),
+        stage_term(method, Coefficients::Diagonal(vector![0.25, 0.125]), 1.5, Caputo, 0.125, 40),
+    )
 }
