@@ -97,20 +97,25 @@ impl RunPictures {
         let known =
             |row: &ReferenceRow| Some((*row.position.first()?.as_ref()?, *row.momentum.first()?.as_ref()?));
         let points = reference.iter().filter_map(known).collect();
-        let portrait = Series::new("trajectory", Style::Line, self.phase.as_ref()?.points());
-        let chart = chart(scenario, Axis::linear("position q0"), Axis::linear("momentum p0")).with(portrait);
+        let path = self.phase.as_ref()?;
+        let mut subtitle = subtitle(scenario);
+        if path.interrupted() {
+            subtitle += "; beginning and end of the run";
+        }
+        let chart = Chart::new(scenario.heading(), Axis::linear("position q0"), Axis::linear("momentum p0"))
+            .with_subtitle(subtitle)
+            .with(Series::new("trajectory", Style::Line, path.points()));
         Some(with_reference(chart, scenario, "reference", points))
     }
 }
 
 fn chart(scenario: &Scenario, x: Axis, y: Axis) -> Chart {
-    let subtitle = format!(
-        "{}; {}; step {}",
-        scenario.scheme.describe(),
-        scenario.convolution.describe(),
-        scenario.time.step
-    );
-    Chart::new(scenario.heading(), x, y).with_subtitle(subtitle)
+    Chart::new(scenario.heading(), x, y).with_subtitle(subtitle(scenario))
+}
+
+fn subtitle(scenario: &Scenario) -> String {
+    let (scheme, convolution) = (scenario.scheme.describe(), scenario.convolution.describe());
+    format!("{scheme}; {convolution}; step {}", scenario.time.step)
 }
 
 fn with_reference(chart: Chart, scenario: &Scenario, label: &str, points: Vec<(f64, f64)>) -> Chart {

@@ -120,7 +120,12 @@ impl Ticks {
                 // With few decades in view the digits between them carry labels too.
                 let labelled = number <= 1 || (number <= 2 && (digit == 2 || digit == 5));
                 if labelled {
-                    bold.push((place, format!("{digit}·{}", power_of_ten(decade))));
+                    let label = match decade {
+                        -3..0 => format!("{:.*}", decade.unsigned_abs() as usize, 10.0_f64.powf(place)),
+                        0..=3 => format!("{:.0}", 10.0_f64.powf(place)),
+                        _ => format!("{digit}·{}", power_of_ten(decade)),
+                    };
+                    bold.push((place, label));
                 } else if stride == 1 {
                     light.push(place);
                 }
@@ -189,7 +194,18 @@ fn linear_label(index: i64, step: f64) -> String {
         return format!("{}·{}", mantissa.replace('-', "−"), power_of_ten(leading));
     }
     let decimals = usize::try_from(-exponent).unwrap_or(0);
-    format!("{value:.decimals$}").replace('-', "−")
+    let label = format!("{value:.decimals$}").replace('-', "−");
+    let whole = label.chars().take_while(|&letter| letter != '.').count();
+    if value.abs() < 1e4 {
+        return label;
+    }
+    // Digits in groups of three, apart by a thin space.
+    let grouped = |(place, letter): (usize, char)| {
+        let space =
+            (1 + usize::from(value < 0.0)..whole).contains(&place) && (whole - place).is_multiple_of(3);
+        space.then_some('\u{2009}').into_iter().chain([letter])
+    };
+    label.chars().enumerate().flat_map(grouped).collect()
 }
 
 /// 10 with a raised exponent.
@@ -217,6 +233,8 @@ mod tests {
         let axis = Axis::linear("t");
         assert_eq!(labels(&axis, 0.0, 30.0), ["0", "5", "10", "15", "20", "25", "30"]);
         assert_eq!(labels(&axis, -0.9, 1.1), ["−0.5", "0.0", "0.5", "1.0"]);
+        assert_eq!(labels(&axis, 0.0, 1e5)[1..3], ["20\u{2009}000", "40\u{2009}000"]);
+        assert_eq!(labels(&axis, -1e5, 0.0)[0], "−100\u{2009}000");
         assert_eq!(labels(&axis, 0.0, 3e-7).last().map(String::as_str), Some("3.0·10⁻⁷"));
         assert!(labels(&axis, 5.0, 5.0).contains(&"5.0".to_owned()));
     }
@@ -226,7 +244,8 @@ mod tests {
         let axis = Axis::logarithmic("error");
         assert_eq!(labels(&axis, 1e-3, 1e2), ["10⁻³", "10⁻²", "10⁻¹", "1", "10", "10²"]);
         assert_eq!(labels(&axis, 1e-12, 1.0), ["10⁻¹²", "10⁻⁹", "10⁻⁶", "10⁻³", "1"]);
-        assert!(labels(&axis, 0.01, 0.04).contains(&"2·10⁻²".to_owned()));
+        assert_eq!(labels(&axis, 0.012, 0.04), ["0.02", "0.03", "0.04"]);
+        assert!(labels(&axis, 1e-6, 1e-5).contains(&"2·10⁻⁶".to_owned()));
         assert_eq!(axis.place(0.0), None);
         assert_eq!(axis.place(f64::NAN), None);
     }

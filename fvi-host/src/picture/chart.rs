@@ -14,6 +14,7 @@ const FINE: i32 = 4;
 
 const FONT: &str = "Helvetica, Arial, DejaVu Sans, sans-serif";
 const INK: RGBColor = RGBColor(40, 40, 40);
+const FAINT: RGBColor = RGBColor(90, 90, 90);
 
 /// Colours that people who see colours differently can tell apart (after Okabe and Ito).
 const COLOURS: [RGBColor; 8] = [
@@ -56,7 +57,8 @@ pub struct Series {
 }
 
 impl Series {
-    /// A series; points without a place on the axes (not finite, or ≤ 0 on a logarithmic one) are left out.
+    /// A series; points without a place on the axes (not finite, or ≤ 0 on a logarithmic one) are left out and
+    /// interrupt its line.
     pub fn new(label: impl Into<String>, style: Style, points: Vec<(f64, f64)>) -> Self {
         Self { label: label.into(), style, points, colour: None }
     }
@@ -95,6 +97,9 @@ pub enum PictureError {
     #[error(transparent)]
     Writing(#[from] std::io::Error),
 }
+
+/// Points that a line joins.
+type Piece = Vec<(f64, f64)>;
 
 type DrawingResult<E> = Result<(), DrawingAreaErrorKind<E>>;
 
@@ -149,8 +154,8 @@ impl Chart {
         area: &DrawingArea<B, plotters::coord::Shift>,
     ) -> DrawingResult<B::ErrorType> {
         area.fill(&WHITE)?;
-        let places: Vec<Vec<(f64, f64)>> = self.series.iter().map(|series| self.places(series)).collect();
-        let all = || places.iter().flatten();
+        let pieces: Vec<Vec<Piece>> = self.series.iter().map(|series| self.pieces(series)).collect();
+        let all = || pieces.iter().flatten().flatten();
         let x = self.x.ticks(all().map(|point| point.0), 10);
         let y = self.y.ticks(all().map(|point| point.1), 8);
         let top = self.draw_head(area)?;
@@ -173,44 +178,49 @@ impl Chart {
             .x_desc(self.x.label())
             .y_desc(self.y.label())
             .draw()?;
-        for (index, points) in places.into_iter().enumerate() {
+        for (index, pieces) in pieces.iter().enumerate() {
             let series = &self.series[index];
             let stroke = self.stroke(index);
-            let line = points.iter().copied();
-            match series.style {
-                Style::Line | Style::LineWithPoints => {
-                    chart.draw_series(LineSeries::new(line, stroke))?;
+            let dash = |length: i32, gap: i32| (length * FINE, gap * FINE);
+            let dashed = match series.style {
+                Style::Line | Style::LineWithPoints => None,
+                Style::Dashed => Some(dash(9, 5)),
+                Style::Reference => Some(dash(5, 5)),
+                Style::Guide => Some(dash(2, 4)),
+                Style::Points | Style::ReferencePoints => {
+                    let (radius, style) = match series.style {
+                        Style::Points => (3 * FINE, self.colour(index).filled()),
+                        _ => (4 * FINE, stroke),
+                    };
+                    chart.draw_series(
+                        pieces.iter().flatten().map(|&point| Circle::new(point, radius, style)),
+                    )?;
+                    continue;
                 }
-                Style::Dashed => {
-                    chart.draw_series(DashedLineSeries::new(line, 9 * FINE, 5 * FINE, stroke))?;
-                }
-                Style::Reference => {
-                    chart.draw_series(DashedLineSeries::new(line, 5 * FINE, 5 * FINE, stroke))?;
-                }
-                Style::Guide => {
-                    chart.draw_series(DashedLineSeries::new(line, 2 * FINE, 4 * FINE, stroke))?;
-                    if let Some(&(x_end, y_end)) = points.last() {
-                        // Inside the frame: to the left of an end at the right edge, above the end otherwise.
-                        let (low, high) = x.ends();
-                        let near_edge = (high - x_end) < 0.12 * (high - low);
-                        let position =
-                            Pos::new(if near_edge { HPos::Right } else { HPos::Left }, VPos::Bottom);
-                        let style = (FONT, 13 * FINE).into_font().color(&RGBColor(90, 90, 90)).pos(position);
-                        chart.draw_series([Text::new(series.label.clone(), (x_end, y_end), style)])?;
+            };
+            for piece in pieces {
+                let line = piece.iter().copied();
+                match dashed {
+                    Some((length, gap)) => {
+                        chart.draw_series(DashedLineSeries::new(line, length, gap, stroke))?;
+                    }
+                    None => {
+                        chart.draw_series(LineSeries::new(line, stroke))?;
                     }
                 }
-                Style::Points | Style::ReferencePoints => {}
             }
-            match series.style {
-                Style::Points | Style::LineWithPoints => {
-                    let radius = 3 * FINE;
-                    let fill = self.colour(index).filled();
-                    chart.draw_series(points.iter().map(|&point| Circle::new(point, radius, fill)))?;
-                }
-                Style::ReferencePoints => {
-                    chart.draw_series(points.iter().map(|&point| Circle::new(point, 4 * FINE, stroke)))?;
-                }
-                _ => {}
+            let points = || pieces.iter().flatten().copied();
+            if series.style == Style::LineWithPoints {
+                let fill = self.colour(index).filled();
+                chart.draw_series(points().map(|point| Circle::new(point, 3 * FINE, fill)))?;
+            }
+            if let (Style::Guide, Some(end)) = (series.style, points().last()) {
+                // Inside the frame: to the left of an end at the right edge, to the right of others.
+                let (low, high) = x.ends();
+                let side = if (high - end.0) < 0.12 * (high - low) { HPos::Right } else { HPos::Left };
+                let style = (FONT, 13 * FINE).into_font().color(&FAINT).pos(Pos::new(side, VPos::Bottom));
+                let label = Text::new(series.label.clone(), (0, -5 * FINE), style);
+                chart.draw_series([EmptyElement::at(end) + label])?;
             }
         }
         Ok(())
@@ -230,7 +240,7 @@ impl Chart {
             top += 26;
         }
         if !self.subtitle.is_empty() {
-            let style = (FONT, 14 * FINE).into_font().color(&RGBColor(90, 90, 90));
+            let style = (FONT, 14 * FINE).into_font().color(&FAINT);
             area.draw(&Text::new(self.subtitle.clone(), (LEFT * FINE, top * FINE), style))?;
             top += ROW;
         }
@@ -245,7 +255,7 @@ impl Chart {
         for index in shown {
             let label = &self.series[index].label;
             // Letters are about half as wide as they are high; the estimate is on the wide side.
-            let width = 34 + 8 * label.chars().count() as i32 + 18;
+            let width = 34 + 7 * label.chars().count() as i32 + 18;
             if left + width > SIZE.0 && left > LEFT {
                 left = LEFT;
                 top += ROW;
@@ -312,8 +322,12 @@ impl Chart {
         self.colour(index).stroke_width(width as u32)
     }
 
-    fn places(&self, series: &Series) -> Vec<(f64, f64)> {
-        series.points.iter().filter_map(|&(x, y)| Some((self.x.place(x)?, self.y.place(y)?))).collect()
+    /// The series on the axes, interrupted where a point has no place.
+    fn pieces(&self, series: &Series) -> Vec<Piece> {
+        let place = |&(x, y): &(f64, f64)| Some((self.x.place(x)?, self.y.place(y)?));
+        let places: Vec<Option<(f64, f64)>> = series.points.iter().map(place).collect();
+        let pieces = places.split(Option::is_none).map(|piece| piece.iter().flatten().copied().collect());
+        pieces.filter(|piece: &Piece| !piece.is_empty()).collect()
     }
 }
 
@@ -343,6 +357,18 @@ mod tests {
         };
         assert_eq!(discs(Axis::linear("x"), Axis::linear("y")), 3);
         assert_eq!(discs(Axis::logarithmic("x"), Axis::logarithmic("y")), 1);
+    }
+
+    #[test]
+    fn a_line_is_interrupted_where_a_point_has_no_place() {
+        let points = vec![(0.0, 1.0), (1.0, 2.0), (f64::NAN, f64::NAN), (2.0, 1.0), (3.0, 2.0)];
+        let chart = Chart::new("", Axis::linear("x"), Axis::linear("y"));
+        let lines = |points: Vec<(f64, f64)>| {
+            let svg = chart.clone().with(Series::new("", Style::Line, points)).to_svg().unwrap();
+            svg.matches("stroke=\"#0072B2\"").count()
+        };
+        assert_eq!(lines(points[..2].to_vec()), 1);
+        assert_eq!(lines(points), 2);
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! Traces of a run that stay small however long it is.
 
+use std::collections::VecDeque;
+
 /// A curve over time, kept as the extremes of a bounded number of intervals: nothing that sticks out is lost.
 #[derive(Clone, Debug)]
 pub struct Envelope {
@@ -82,18 +84,24 @@ impl Default for Envelope {
     }
 }
 
-/// A path in the plane, kept as points no closer than a small share of its extent.
+/// A path in the plane, kept as points a small share of its extent apart; of a path that is too long even so,
+/// the beginning and the end.
 #[derive(Clone, Debug, Default)]
 pub struct PathTrace {
-    points: Vec<(f64, f64)>,
+    beginning: Vec<(f64, f64)>,
+    end: VecDeque<(f64, f64)>,
     /// Smallest distance of neighbouring points, as a share of the extent.
     spacing: f64,
     last: Option<(f64, f64)>,
     extent: Option<[(f64, f64); 2]>,
+    interrupted: bool,
 }
 
 impl PathTrace {
-    const MOST_POINTS: usize = 16_384;
+    /// Most points of the beginning, and of the end.
+    const MOST_POINTS: usize = 8192;
+    /// Finer than anyone can see in a picture.
+    const FINEST_SPACING: f64 = 1.0 / 512.0;
 
     /// An empty path.
     pub fn new() -> Self {
@@ -102,35 +110,40 @@ impl PathTrace {
 
     /// Takes the next point of the path.
     pub fn push(&mut self, x: f64, y: f64) {
-        let point = (x, y);
         if !x.is_finite() || !y.is_finite() {
             return;
         }
+        let point = (x, y);
         let [low, high] = self.extent.unwrap_or([point, point]);
         self.extent = Some([(low.0.min(x), low.1.min(y)), (high.0.max(x), high.1.max(y))]);
         self.last = Some(point);
-        if self.points.last().is_some_and(|&kept| self.distance(kept, point) < self.spacing) {
+        let newest = self.end.back().or(self.beginning.last());
+        if newest.is_some_and(|&kept| self.distance(kept, point) < self.spacing) {
             return;
         }
-        self.points.push(point);
-        while self.points.len() > Self::MOST_POINTS {
-            self.spacing = (2.0 * self.spacing).max(1.0 / 4096.0);
+        if self.beginning.len() == Self::MOST_POINTS && self.spacing == 0.0 {
             self.thin();
-            // A path that fills the plane is dropped to its newest part at last.
-            if self.spacing > 0.02 && self.points.len() > Self::MOST_POINTS {
-                self.points.drain(..Self::MOST_POINTS / 2);
-            }
         }
+        if self.beginning.len() < Self::MOST_POINTS {
+            self.beginning.push(point);
+            return;
+        }
+        if self.end.len() == Self::MOST_POINTS {
+            self.end.pop_front();
+            self.interrupted = true;
+        }
+        self.end.push_back(point);
     }
 
     fn thin(&mut self) {
-        let mut kept: Vec<(f64, f64)> = Vec::with_capacity(self.points.len());
-        for &point in &self.points {
+        self.spacing = Self::FINEST_SPACING;
+        let mut kept: Vec<(f64, f64)> = Vec::with_capacity(Self::MOST_POINTS);
+        for &point in &self.beginning {
             if kept.last().is_none_or(|&last| self.distance(last, point) >= self.spacing) {
                 kept.push(point);
             }
         }
-        self.points = kept;
+        self.beginning = kept;
     }
 
     /// Distance as a share of the extent.
@@ -140,10 +153,16 @@ impl PathTrace {
         share(a.0 - b.0, high.0 - low.0).max(share(a.1 - b.1, high.1 - low.1))
     }
 
-    /// The path to draw.
+    /// Whether the middle of the path is missing.
+    pub fn interrupted(&self) -> bool {
+        self.interrupted
+    }
+
+    /// The path to draw; a point that is not a number where it is interrupted.
     pub fn points(&self) -> Vec<(f64, f64)> {
-        let mut points = self.points.clone();
-        points.extend(self.last);
+        let gap = self.interrupted.then_some((f64::NAN, f64::NAN));
+        let mut points = self.beginning.clone();
+        points.extend(gap.into_iter().chain(self.end.iter().copied()).chain(self.last));
         points.dedup();
         points
     }
@@ -180,19 +199,35 @@ mod tests {
         assert_eq!((points[0].0, points[points.len() - 1].0), (0.0, 999_999.0));
     }
 
-    #[test]
-    fn a_long_path_keeps_its_shape_in_bounded_memory() {
+    /// A spiral of many turns; returns the chords of its drawing.
+    fn spiral(turns: f64, decay: f64) -> (PathTrace, Vec<f64>) {
         let mut path = PathTrace::new();
-        for k in 0..1_000_000 {
-            let angle = 1e-3 * f64::from(k);
-            let radius = (-3e-6 * f64::from(k)).exp();
+        let count = 1_000_000;
+        for k in 0..count {
+            let turned = turns * f64::from(k) / f64::from(count);
+            let (radius, angle) = ((-decay * turned).exp(), core::f64::consts::TAU * turned);
             path.push(radius * angle.cos(), radius * angle.sin());
         }
+        let chord = |pair: &[(f64, f64)]| (pair[0].0 - pair[1].0).hypot(pair[0].1 - pair[1].1);
+        let chords = path.points().windows(2).map(chord).filter(|chord| chord.is_finite()).collect();
+        (path, chords)
+    }
+
+    #[test]
+    fn a_path_that_comes_to_rest_is_kept_whole_in_bounded_memory() {
+        let (path, chords) = spiral(100.0, 0.3);
+        assert!(path.points().len() < PathTrace::MOST_POINTS && !path.interrupted());
+        assert!(chords.len() > 1000 && chords.iter().all(|&chord| chord < 0.01));
+    }
+
+    #[test]
+    fn of_a_path_without_end_the_beginning_and_the_end_are_kept() {
+        let (path, chords) = spiral(1000.0, 1e-4);
         let points = path.points();
-        assert!(points.len() <= PathTrace::MOST_POINTS + 1);
-        // The first turn is still a circle, no chord longer than a twenty-fifth of it.
-        let turn: Vec<_> = points.iter().take_while(|point| point.0.hypot(point.1) > 0.985).collect();
-        assert!(turn.windows(2).all(|pair| (pair[0].0 - pair[1].0).hypot(pair[0].1 - pair[1].1) < 0.08));
-        assert!(turn.len() > 100);
+        assert!(path.interrupted() && points.len() <= 2 * PathTrace::MOST_POINTS + 2);
+        assert!(chords.iter().all(|&chord| chord < 0.02));
+        let last = points[points.len() - 1];
+        assert!((last.0.hypot(last.1) - (-0.1_f64).exp()).abs() < 1e-6);
+        assert_eq!(points[0], (1.0, 0.0));
     }
 }
