@@ -36,6 +36,14 @@ pub enum EngineError {
         /// The kind of kernel.
         kernel: String,
     },
+    /// The run is too long for the engine's tables and samples to fit into memory.
+    #[error("the engine \"{}\" finds no room for {samples} samples", .engine.name())]
+    NoRoom {
+        /// The engine.
+        engine: Engine,
+        /// Number of samples.
+        samples: usize,
+    },
     /// A parameter of the kernel is outside its range.
     #[error(transparent)]
     Parameter(#[from] ParameterError),
@@ -65,7 +73,10 @@ impl MemoryRequest<'_> {
         let kept = self.history.capacity.map_or(samples, |capacity| capacity.min(samples));
         // With the step size γ_p(0) the leading weight is 1: the same monic table and scale as in flash.
         let mut monic = ConvolutionWeights::bdf(order, self.exponent, order.generating_function(0.0))?;
-        let mut weights = vec![T::zero(); kept + 1];
+        let mut weights = Vec::new();
+        let room = weights.try_reserve_exact(kept.saturating_add(1));
+        room.map_err(|_| EngineError::NoRoom { engine: Engine::Direct, samples: kept })?;
+        weights.resize(kept + 1, T::zero());
         monic.fill(&mut weights);
         let scale = T::of(fvi_core::leading_bdf_weight(order, self.exponent, self.step_size)?);
         let rings: Vec<GrowingRing<T>> = (0..self.coordinates).map(|_| GrowingRing::new(kept)).collect();
@@ -172,6 +183,15 @@ mod tests {
             memory.push(&[0.0, 0.0]).unwrap();
         }
         assert_eq!(memory.next_term(&mut [0.0; 2]), Err(MemoryError::Full { capacity: 6 }));
+    }
+
+    #[test]
+    fn a_run_too_long_for_the_memory_of_the_machine_is_refused() {
+        let (convolution, history) = (Convolution::default(), History::default());
+        let mut request = request(&convolution, &history);
+        request.samples = usize::MAX;
+        let refused = EngineError::NoRoom { engine: Engine::Direct, samples: usize::MAX };
+        assert_eq!(request.build::<f64>().err(), Some(refused));
     }
 
     #[test]

@@ -114,8 +114,11 @@ fn chart(scenario: &Scenario, x: Axis, y: Axis) -> Chart {
 }
 
 fn subtitle(scenario: &Scenario) -> String {
-    let (scheme, convolution) = (scenario.scheme.describe(), scenario.convolution.describe());
-    format!("{scheme}; {convolution}; step {}", scenario.time.step)
+    let mut words = scenario.scheme.describe();
+    if !scenario.system.damping.is_empty() {
+        words += &format!("; {}", scenario.convolution.describe());
+    }
+    format!("{words}; step {}", scenario.time.step)
 }
 
 fn with_reference(chart: Chart, scenario: &Scenario, label: &str, points: Vec<(f64, f64)>) -> Chart {

@@ -220,7 +220,9 @@ fn damping_term<T: Elementary, const N: usize>(
     term: &DampingOfScenario,
 ) -> Result<DampingTerm<T, N, HostMemory<T>>, InputError> {
     let memory = memory_request(scenario, term).build().map_err(|error| match error {
-        EngineError::Kernel { .. } => scenario.error_at("history.engine", Problem::Engine(error)),
+        EngineError::Kernel { .. } | EngineError::NoRoom { .. } => {
+            scenario.error_at("history.engine", Problem::Engine(error))
+        }
         EngineError::Parameter(_) => {
             scenario.error_at(&format!("system.damping[{index}].order"), Problem::Engine(error))
         }

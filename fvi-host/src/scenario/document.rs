@@ -59,16 +59,15 @@ impl Document {
         read(Table { document: self, path: String::new(), span: 0..0, entries: root.get_ref() })
     }
 
-    /// An error about the value at `path` (such as `system.damping[0].order`), or about the table or file that
-    /// it would be in.
+    /// An error about the value at `path` (such as `system.damping[0].order`), which need not be in the file.
     pub(crate) fn error_at(&self, path: &str, problem: Problem) -> InputError {
         let located = DeTable::parse(&self.text).ok().and_then(|root| locate(root.get_ref(), path));
-        let span = located.unwrap_or(0..0);
-        self.error(path, self.excerpt(&span), span, problem)
+        let value = located.as_ref().map(|span| self.excerpt(span)).unwrap_or_default();
+        InputError::new(&self.name, &self.text, path, value, located, problem)
     }
 
     fn error(&self, key: &str, value: String, span: Range<usize>, problem: Problem) -> InputError {
-        InputError::new(&self.name, &self.text, key, value, span, problem)
+        InputError::new(&self.name, &self.text, key, value, Some(span), problem)
     }
 
     /// The value as written, shortened to one line.
@@ -83,18 +82,15 @@ impl Document {
     }
 }
 
-/// The span of the value at a path, or of the nearest enclosing value that exists.
+/// The span of the value at a path, if it is there.
 fn locate(root: &DeTable<'_>, path: &str) -> Option<Range<usize>> {
-    let mut found = None;
     let mut table = Some(root);
+    let mut found = None;
     for part in path.split('.') {
-        let (key, indices) = part.split_once('[').map_or((part, ""), |(key, rest)| (key, rest));
-        let Some(mut value) = table.and_then(|table| table.get(key)) else { break };
+        let (key, indices) = part.split_once('[').unwrap_or((part, ""));
+        let mut value = table?.get(key)?;
         for index in indices.split(['[', ']']).filter_map(|digits| digits.parse::<usize>().ok()) {
-            match value.get_ref().as_array().and_then(|array| array.get(index)) {
-                Some(element) => value = element,
-                None => break,
-            }
+            value = value.get_ref().as_array()?.get(index)?;
         }
         found = Some(value.span());
         table = value.get_ref().as_table();

@@ -19,10 +19,25 @@ struct Details {
     /// The key, as a path such as `system.damping[0].order`; empty for the file as a whole.
     key: String,
     value: String,
+    /// Where in the file; nowhere for a value that is not written there.
+    place: Option<Place>,
+    problem: Problem,
+}
+
+#[derive(Debug)]
+struct Place {
     span: Range<usize>,
     line: usize,
     column: usize,
-    problem: Problem,
+}
+
+impl Place {
+    fn new(text: &str, span: Range<usize>) -> Self {
+        let before = text.get(..span.start).unwrap_or(text);
+        let line_start = before.rfind('\n').map_or(0, |newline| newline + 1);
+        let line = before.matches('\n').count() + 1;
+        Self { line, column: before[line_start..].chars().count() + 1, span }
+    }
 }
 
 impl InputError {
@@ -32,25 +47,17 @@ impl InputError {
         text: &str,
         key: &str,
         value: String,
-        span: Range<usize>,
+        span: Option<Range<usize>>,
         problem: Problem,
     ) -> Self {
-        let before = text.get(..span.start).unwrap_or(text);
-        let line_start = before.rfind('\n').map_or(0, |newline| newline + 1);
-        Self(Box::new(Details {
-            source: NamedSource::new(name, text.to_owned()),
-            key: key.to_owned(),
-            value,
-            line: before.matches('\n').count() + 1,
-            column: before[line_start..].chars().count() + 1,
-            span,
-            problem,
-        }))
+        let place = span.map(|span| Place::new(text, span));
+        let source = NamedSource::new(name, text.to_owned());
+        Self(Box::new(Details { source, key: key.to_owned(), value, place, problem }))
     }
 
     /// An error about a file that cannot be read at all.
     pub(crate) fn unreadable(name: &str, problem: Problem) -> Self {
-        Self::new(name, "", "", String::new(), 0..0, problem)
+        Self::new(name, "", "", String::new(), None, problem)
     }
 
     /// The key to blame, as a path such as `system.damping[0].order`; empty for the file as a whole.
@@ -58,9 +65,9 @@ impl InputError {
         &self.0.key
     }
 
-    /// Line in the file, counted from 1.
-    pub fn line(&self) -> usize {
-        self.0.line
+    /// Line in the file, counted from 1; `None` about what is not written there.
+    pub fn line(&self) -> Option<usize> {
+        self.0.place.as_ref().map(|place| place.line)
     }
 
     /// What is wrong.
@@ -72,8 +79,8 @@ impl InputError {
 impl fmt::Display for InputError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.0.source.name())?;
-        if !self.0.source.inner().is_empty() {
-            write!(f, ":{}:{}", self.0.line, self.0.column)?;
+        if let Some(Place { line, column, .. }) = &self.0.place {
+            write!(f, ":{line}:{column}")?;
         }
         match (self.0.key.as_str(), self.0.value.as_str()) {
             ("", _) => {}
@@ -92,11 +99,12 @@ impl Diagnostic for InputError {
     }
 
     fn source_code(&self) -> Option<&dyn SourceCode> {
-        (!self.0.source.inner().is_empty()).then_some(&self.0.source as &dyn SourceCode)
+        self.0.place.as_ref().map(|_| &self.0.source as &dyn SourceCode)
     }
 
     fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
-        let span = LabeledSpan::new_with_span(Some("here".to_owned()), self.0.span.clone());
+        let place = self.0.place.as_ref()?;
+        let span = LabeledSpan::new_with_span(Some("here".to_owned()), place.span.clone());
         Some(Box::new(core::iter::once(span)))
     }
 }

@@ -95,12 +95,15 @@ impl Reference {
     /// The known solution at any time; `None` where it is known at some times only.
     pub fn at_time(&self, time: f64, coordinates: usize) -> Option<ReferenceRow> {
         let ReferenceSource::Expressions { position, momentum, energy } = &self.source else { return None };
-        let value = |expression: &Expression| expression.value(Moment::inside(time), &[]);
+        // Where an expression is infinite or not a number, nothing is known.
+        let value = |expression: &Expression| {
+            Some(expression.value(Moment::inside(time), &[])).filter(|value: &f64| value.is_finite())
+        };
         let list = |expressions: &Option<Vec<Expression>>| match expressions {
-            Some(expressions) => expressions.iter().map(|expression| Some(value(expression))).collect(),
+            Some(expressions) => expressions.iter().map(value).collect(),
             None => vec![None; coordinates],
         };
-        let energy = energy.as_ref().map(value);
+        let energy = energy.as_ref().and_then(value);
         Some(ReferenceRow { time, position: list(position), momentum: list(momentum), energy })
     }
 }

@@ -46,7 +46,7 @@ fn read(text: &str) -> Result<Scenario, InputError> {
 fn refused(passage: &str, replacement: &str) -> (String, usize, String) {
     assert!(GOOD.contains(passage), "{passage}");
     let error = read(&GOOD.replacen(passage, replacement, 1)).unwrap_err();
-    (error.key().to_owned(), error.line(), error.to_string())
+    (error.key().to_owned(), error.line().unwrap(), error.to_string())
 }
 
 #[test]
@@ -200,4 +200,13 @@ fn a_start_where_the_potential_is_not_finite_is_refused() {
     assert!(text.contains("the potential is not finite at t = 0"), "{text}");
     let (key, ..) = refused("\"0\"]", "\"sqrt(-q1)\"]");
     assert_eq!(key, "system.force[1]");
+}
+
+#[test]
+fn an_error_about_what_the_file_does_not_say_names_the_key_without_a_line() {
+    let problem = Problem::OutOfRange { allowed: "something else".to_owned() };
+    let error = read(GOOD).unwrap().error_at("history.engine", problem.clone());
+    assert_eq!((error.line(), error.to_string().as_str()), (None, "test.toml: history.engine: not allowed"));
+    let error = read(GOOD).unwrap().error_at("system.damping[1].order", problem);
+    assert_eq!(error.to_string(), "test.toml:12:9: system.damping[1].order = 1.5: not allowed");
 }
