@@ -85,7 +85,7 @@ impl Reference {
             ReferenceSource::Expressions { .. } => self.at_time(time, coordinates),
             ReferenceSource::Table { rows, .. } => {
                 // A tabulated time is a grid time when they differ by rounding only.
-                let tolerance = 1e-9 * step;
+                let tolerance = f64::max(1e-9 * step, 4.0 * f64::EPSILON * time);
                 let next = rows.partition_point(|row| row.time < time - tolerance);
                 rows.get(next).filter(|row| row.time <= time + tolerance).cloned()
             }

@@ -62,9 +62,12 @@ impl SampledInput {
             let sample = |row: &Vec<f64>| place.iter().map(|place| place.map_or(0.0, |at| row[at])).collect();
             (read.rows.iter().map(|row| row[0]).collect(), read.rows.iter().map(sample).collect())
         };
-        // Grid times and sample times are rounded: a sample within a billionth of a step after t_k counts.
-        let first_steps =
-            times.iter().map(|time| (time / grid.step - 1e-9).ceil().max(0.0) as usize).collect();
+        let first_step = |time: &f64| {
+            // Grid times and sample times are rounded: a sample that little after t_k counts at t_k.
+            let place = time / grid.step;
+            (place - f64::max(1e-9, 4.0 * f64::EPSILON * place)).ceil().max(0.0) as usize
+        };
+        let first_steps = times.iter().map(first_step).collect();
         Ok(Self { times, samples, first_steps })
     }
 
