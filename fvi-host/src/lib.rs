@@ -13,3 +13,4 @@ pub mod runge_kutta_weights;
 pub mod scenario;
 pub mod simulation;
 pub mod trajectory;
+pub mod two_point;

@@ -1,0 +1,318 @@
+//! Two-point problems and their solutions.
+
+use super::functional::Functional;
+use super::grid::{Grid, Sigma};
+use super::lagrangian::Lagrangian;
+use super::newton::{Formulation, Iterate, NewtonOptions, minimise_residual};
+use super::operator::{DiscreteOperator, derivative_weights, sum_weights};
+use super::positions::Positions;
+use super::toeplitz::Product;
+use super::velocities::Velocities;
+use fvi_core::ParameterError;
+use serde::Serialize;
+
+/// How the equations of an extremal are solved.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Method {
+    /// Dense matrices in the positions: O(N³) time, O(N²) memory.
+    Dense,
+    /// A preconditioned Krylov method in the fractional velocities: a few transforms an iteration, O(N) memory.
+    Krylov,
+}
+
+impl Method {
+    /// The method for a grid of `steps` steps and `coordinates` coordinates when none is asked for.
+    pub fn fitting(steps: usize, coordinates: usize) -> Self {
+        if steps * coordinates <= 128 { Self::Dense } else { Self::Krylov }
+    }
+}
+
+/// The fixed positions Q₀ and Q_N.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct EndPoints {
+    pub(super) start: Vec<f64>,
+    pub(super) end: Vec<f64>,
+}
+
+/// A two-point problem: find Q with Q₀ and Q_N given at which L_h^{σ,α} is stationary.
+///
+/// ```
+/// use fvi_host::two_point::{Closures, ExtremalProblem, Grid, Sigma};
+/// // ½v², the straight line for α = 1
+/// let free = Closures::new(
+///     1,
+///     |_t, _x: &[f64], v: &[f64]| 0.5 * v[0] * v[0],
+///     |_t, _x: &[f64], v: &[f64], out: &mut [f64]| out.copy_from_slice(&[0.0, v[0]]),
+///     |_t, _x: &[f64], _v: &[f64], out: &mut [f64]| out.copy_from_slice(&[0.0, 0.0, 0.0, 1.0]),
+/// );
+/// let grid = Grid::new(0.0, 2.0, 4)?;
+/// let extremal = ExtremalProblem::new(&free, grid, Sigma::Minus, 1.0, &[0.0], &[1.0])?.solve()?;
+/// assert!(extremal.positions.iter().zip([0.0, 0.25, 0.5, 0.75, 1.0]).all(|(q, exact)| (q - exact).abs() < 1e-15));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub struct ExtremalProblem<'a> {
+    lagrangian: &'a dyn Lagrangian,
+    grid: Grid,
+    sigma: Sigma,
+    /// w₀…w_N of Δ_σ^α.
+    weights: Vec<f64>,
+    /// g₀…g_N of its inverse.
+    sum_weights: Vec<f64>,
+    ends: EndPoints,
+    guess: Option<Vec<f64>>,
+    method: Method,
+    product: Product,
+    options: NewtonOptions,
+}
+
+/// A two-point problem that cannot be set up.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum ProblemError {
+    /// A number is outside what is allowed.
+    #[error("{0}")]
+    Parameter(ParameterError),
+    /// An end point is not a vector of as many finite numbers as the Lagrangian has coordinates.
+    #[error("an end point needs {expected} finite numbers")]
+    EndPoint {
+        /// Number of coordinates.
+        expected: usize,
+    },
+    /// The initial guess is not one finite number for each coordinate at each of the N + 1 points.
+    #[error("an initial guess needs {expected} finite numbers")]
+    Guess {
+        /// (N + 1) d.
+        expected: usize,
+    },
+}
+
+impl From<ParameterError> for ProblemError {
+    fn from(error: ParameterError) -> Self {
+        Self::Parameter(error)
+    }
+}
+
+/// A discrete extremal, or the best iterate on the way to one, with what is known of its quality.
+#[derive(Clone, Debug)]
+pub struct Extremal {
+    /// Q_k, k = 0…N: coordinate i at t_k is entry k·d + i.
+    pub positions: Vec<f64>,
+    /// V_k = (−σ Δ_σ^α Q)_k in the same layout; zero and meaningless at the point outside I_σ.
+    pub velocities: Vec<f64>,
+    /// The value of the functional L_h^{σ,α}(Q).
+    pub value: f64,
+    /// Number of Newton steps.
+    pub newton_iterations: usize,
+    /// Number of iterations of the Krylov method, all Newton steps together.
+    pub krylov_iterations: usize,
+    /// Relative residual (see [`NewtonOptions::tolerance`]) after 0, 1, 2, … Newton steps.
+    pub history: Vec<f64>,
+    /// Its last value.
+    pub relative_residual: f64,
+    /// max_k of the left side of the discrete Euler–Lagrange equation, (1/h) ∂L_h/∂Q_k, in its own units.
+    pub residual: f64,
+    /// What rounding the positions to double precision alone may leave in that residual: ε times the largest
+    /// Σ|w|(|∂L/∂v| + |∂²L/∂v²| Σ|w||Q|) and the like, which grows like h^(−2α).
+    pub rounding_level: f64,
+    /// How it was solved.
+    pub method: Method,
+}
+
+/// Newton's method found no extremal.
+#[derive(Clone, Debug, thiserror::Error)]
+#[error(
+    "no convergence: after {} Newton steps the relative residual is {:.1e}",
+    best.newton_iterations,
+    best.relative_residual
+)]
+pub struct NotConverged {
+    /// The best iterate.
+    pub best: Box<Extremal>,
+}
+
+impl<'a> ExtremalProblem<'a> {
+    /// The problem with positions `start` and `end` at the ends of the grid.
+    ///
+    /// # Errors
+    /// If `alpha` is outside (0, 1] or an end point is not one finite number for each coordinate.
+    pub fn new(
+        lagrangian: &'a dyn Lagrangian,
+        grid: Grid,
+        sigma: Sigma,
+        alpha: f64,
+        start: &[f64],
+        end: &[f64],
+    ) -> Result<Self, ProblemError> {
+        let weights = derivative_weights(alpha, &grid)?;
+        let sum_weights = sum_weights(alpha, &grid)?;
+        let expected = lagrangian.coordinates();
+        for position in [start, end] {
+            if position.len() != expected || !position.iter().all(|x| x.is_finite()) {
+                return Err(ProblemError::EndPoint { expected });
+            }
+        }
+        let ends = EndPoints { start: start.to_vec(), end: end.to_vec() };
+        let method = Method::fitting(grid.steps(), expected);
+        let product = Product::fastest(grid.steps());
+        let options = NewtonOptions::default();
+        Ok(Self {
+            lagrangian,
+            grid,
+            sigma,
+            weights,
+            sum_weights,
+            ends,
+            guess: None,
+            method,
+            product,
+            options,
+        })
+    }
+
+    /// Solves by this method.
+    pub fn with_method(mut self, method: Method) -> Self {
+        self.method = method;
+        self
+    }
+
+    /// Forms Toeplitz products this way.
+    pub fn with_product(mut self, product: Product) -> Self {
+        self.product = product;
+        self
+    }
+
+    /// Sets tolerance and numbers of iterations.
+    pub fn with_options(mut self, options: NewtonOptions) -> Self {
+        self.options = options;
+        self
+    }
+
+    /// Starts from these positions, (N + 1) d numbers, instead of the straight line between the ends; at the ends they
+    /// are replaced by the end points.
+    ///
+    /// # Errors
+    /// If there are not as many finite numbers.
+    pub fn with_guess(mut self, positions: Vec<f64>) -> Result<Self, ProblemError> {
+        let expected = (self.grid.steps() + 1) * self.lagrangian.coordinates();
+        if positions.len() != expected || !positions.iter().all(|x| x.is_finite()) {
+            return Err(ProblemError::Guess { expected });
+        }
+        self.guess = Some(positions);
+        Ok(self)
+    }
+
+    /// The discrete extremal.
+    ///
+    /// # Errors
+    /// [`NotConverged`] with the best iterate.
+    pub fn solve(&self) -> Result<Extremal, NotConverged> {
+        self.solve_observed(&mut |_, _| ())
+    }
+
+    /// [`solve`](Self::solve); `observe` is told the number of Newton steps and the relative residual before each step.
+    ///
+    /// # Errors
+    /// [`NotConverged`] with the best iterate.
+    pub fn solve_observed(&self, observe: &mut dyn FnMut(usize, f64)) -> Result<Extremal, NotConverged> {
+        let mut functional = self.functional();
+        let positions = self.start();
+        let velocities = functional.velocities(&positions);
+        match self.method {
+            Method::Dense => {
+                let equations =
+                    Positions::new(self.lagrangian, self.grid, self.sigma, &self.weights, &self.ends);
+                self.iterate(equations, positions, velocities, observe)
+            }
+            Method::Krylov => {
+                let equations = Velocities::new(
+                    self.lagrangian,
+                    self.grid,
+                    self.sigma,
+                    &self.sum_weights,
+                    &self.ends,
+                    self.product,
+                    self.options.krylov_iterations,
+                );
+                self.iterate(equations, positions, velocities, observe)
+            }
+        }
+    }
+
+    fn functional(&self) -> Functional<'a> {
+        let d = self.lagrangian.coordinates();
+        let operator = DiscreteOperator::with_weights(self.sigma, self.weights.clone(), d, self.product);
+        Functional::with_operator(self.lagrangian, self.grid, operator)
+    }
+
+    /// The initial guess, or the straight line between the ends.
+    fn start(&self) -> Vec<f64> {
+        let (d, steps) = (self.lagrangian.coordinates(), self.grid.steps());
+        let mut positions = self.guess.clone().unwrap_or_else(|| {
+            let line = |k: usize, i: usize| {
+                let part = k as f64 / steps as f64;
+                self.ends.start[i] * (1.0 - part) + self.ends.end[i] * part
+            };
+            (0..=steps).flat_map(|k| (0..d).map(move |i| line(k, i))).collect()
+        });
+        positions[..d].copy_from_slice(&self.ends.start);
+        positions[steps * d..].copy_from_slice(&self.ends.end);
+        positions
+    }
+
+    fn iterate(
+        &self,
+        mut equations: impl Formulation,
+        positions: Vec<f64>,
+        velocities: Vec<f64>,
+        observe: &mut dyn FnMut(usize, f64),
+    ) -> Result<Extremal, NotConverged> {
+        let start = equations.unknowns(&positions, &velocities);
+        let Some(iterate) = minimise_residual(&mut equations, start, &self.options, observe) else {
+            let iterate = Iterate::untouched();
+            return Err(NotConverged { best: Box::new(self.report(iterate, positions, velocities)) });
+        };
+        let (positions, velocities) = equations.trajectory(&iterate.unknowns);
+        let converged = iterate.converged;
+        let extremal = self.report(iterate, positions, velocities);
+        if converged { Ok(extremal) } else { Err(NotConverged { best: Box::new(extremal) }) }
+    }
+
+    fn report(&self, iterate: Iterate, positions: Vec<f64>, velocities: Vec<f64>) -> Extremal {
+        let mut functional = self.functional();
+        let residual = functional.gradient(&positions).iter().fold(0.0, |a: f64, b| a.max(b.abs()));
+        Extremal {
+            value: functional.value(&positions),
+            residual,
+            rounding_level: self.rounding_level(&positions, &velocities),
+            positions,
+            velocities,
+            newton_iterations: iterate.newton_iterations,
+            krylov_iterations: iterate.krylov_iterations,
+            history: iterate.history,
+            relative_residual: iterate.relative_residual,
+            method: self.method,
+        }
+    }
+
+    /// See [`Extremal::rounding_level`].
+    fn rounding_level(&self, positions: &[f64], velocities: &[f64]) -> f64 {
+        let d = self.lagrangian.coordinates();
+        let weight: f64 = self.weights.iter().map(|weight| weight.abs()).sum();
+        let largest = positions.iter().fold(0.0, |a: f64, b| a.max(b.abs()));
+        let mut gradient = vec![0.0; 2 * d];
+        let mut hessian = vec![0.0; 4 * d * d];
+        let mut level: f64 = 0.0;
+        for k in self.sigma.points(self.grid.steps()) {
+            let point = k * d..(k + 1) * d;
+            let (x, v) = (&positions[point.clone()], &velocities[point]);
+            self.lagrangian.derivatives(self.grid.time(k), x, v, &mut gradient, &mut hessian);
+            for (i, (slope, row)) in gradient.iter().zip(hessian.chunks_exact(2 * d)).enumerate() {
+                let by_position: f64 = row[..d].iter().map(|c| c.abs()).sum();
+                let by_velocity: f64 = row[d..].iter().map(|c| c.abs()).sum();
+                let size = slope.abs() + (by_position + weight * by_velocity) * largest;
+                level = level.max(if i < d { size } else { weight * size });
+            }
+        }
+        f64::EPSILON * level
+    }
+}

@@ -1,0 +1,143 @@
+//! Lagrangians of two-point problems, from expressions and from closures.
+
+use crate::expression::{Expression, Moment};
+use nalgebra::SVector;
+
+/// Largest number of coordinates of a Lagrangian that is given as an expression.
+pub const MAX_COORDINATES: usize = 4;
+
+/// A Lagrangian L(x, v, t) of d coordinates with its first and second derivatives.
+///
+/// Derivatives are with respect to (x, v) together, 2d variables: first all of x, then all of v.
+pub trait Lagrangian {
+    /// Number of coordinates d.
+    fn coordinates(&self) -> usize;
+
+    /// L(x, v, t).
+    fn value(&self, t: f64, x: &[f64], v: &[f64]) -> f64;
+
+    /// Writes the 2d first derivatives ∂L/∂x, ∂L/∂v.
+    fn gradient(&self, t: f64, x: &[f64], v: &[f64], gradient: &mut [f64]);
+
+    /// Writes the symmetric (2d)×(2d) matrix of second derivatives, row by row, and the first derivatives.
+    fn derivatives(&self, t: f64, x: &[f64], v: &[f64], gradient: &mut [f64], hessian: &mut [f64]);
+}
+
+/// A Lagrangian made from three closures.
+///
+/// `value(t, x, v)`, `gradient(t, x, v, out)` and `hessian(t, x, v, out)`, with outputs laid out as in [`Lagrangian`].
+#[derive(Clone, Debug)]
+pub struct Closures<V, G, H> {
+    coordinates: usize,
+    value: V,
+    gradient: G,
+    hessian: H,
+}
+
+impl<V, G, H> Closures<V, G, H>
+where
+    V: Fn(f64, &[f64], &[f64]) -> f64,
+    G: Fn(f64, &[f64], &[f64], &mut [f64]),
+    H: Fn(f64, &[f64], &[f64], &mut [f64]),
+{
+    /// The Lagrangian of `coordinates` coordinates with these values and derivatives.
+    pub fn new(coordinates: usize, value: V, gradient: G, hessian: H) -> Self {
+        Self { coordinates, value, gradient, hessian }
+    }
+}
+
+impl<V, G, H> Lagrangian for Closures<V, G, H>
+where
+    V: Fn(f64, &[f64], &[f64]) -> f64,
+    G: Fn(f64, &[f64], &[f64], &mut [f64]),
+    H: Fn(f64, &[f64], &[f64], &mut [f64]),
+{
+    fn coordinates(&self) -> usize {
+        self.coordinates
+    }
+
+    fn value(&self, t: f64, x: &[f64], v: &[f64]) -> f64 {
+        (self.value)(t, x, v)
+    }
+
+    fn gradient(&self, t: f64, x: &[f64], v: &[f64], gradient: &mut [f64]) {
+        (self.gradient)(t, x, v, gradient);
+    }
+
+    fn derivatives(&self, t: f64, x: &[f64], v: &[f64], gradient: &mut [f64], hessian: &mut [f64]) {
+        (self.gradient)(t, x, v, gradient);
+        (self.hessian)(t, x, v, hessian);
+    }
+}
+
+/// A Lagrangian written as an expression in x0, x1, …, v0, v1, … and t.
+#[derive(Clone, Debug)]
+pub struct ExpressionLagrangian {
+    expression: Expression,
+    coordinates: usize,
+}
+
+impl ExpressionLagrangian {
+    /// The names of the variables of a Lagrangian, in the order that the expression must have been parsed with.
+    pub fn variables(coordinates: usize) -> impl Iterator<Item = String> {
+        let named = move |letter: char| (0..coordinates).map(move |index| format!("{letter}{index}"));
+        named('x').chain(named('v'))
+    }
+
+    /// The Lagrangian of `coordinates` coordinates given by an expression whose variables are
+    /// [`variables`](Self::variables); `None` if there are none or more than [`MAX_COORDINATES`] coordinates.
+    pub fn new(expression: Expression, coordinates: usize) -> Option<Self> {
+        (1..=MAX_COORDINATES).contains(&coordinates).then_some(Self { expression, coordinates })
+    }
+
+    fn write_gradient<const V: usize>(&self, t: f64, x: &[f64], v: &[f64], gradient: &mut [f64]) {
+        let (_, exact) = self.expression.gradient::<f64, V>(Moment::inside(t), &together(x, v));
+        gradient.copy_from_slice(exact.as_slice());
+    }
+
+    fn write_derivatives<const V: usize>(
+        &self,
+        t: f64,
+        x: &[f64],
+        v: &[f64],
+        gradient: &mut [f64],
+        hessian: &mut [f64],
+    ) {
+        let (_, first, second) = self.expression.hessian::<f64, V>(Moment::inside(t), &together(x, v));
+        gradient.copy_from_slice(first.as_slice());
+        hessian.copy_from_slice(second.as_slice());
+    }
+}
+
+/// The variables x, v in one vector.
+fn together<const V: usize>(x: &[f64], v: &[f64]) -> SVector<f64, V> {
+    SVector::from_iterator(x.iter().chain(v).copied())
+}
+
+impl Lagrangian for ExpressionLagrangian {
+    fn coordinates(&self) -> usize {
+        self.coordinates
+    }
+
+    fn value(&self, t: f64, x: &[f64], v: &[f64]) -> f64 {
+        self.expression.value(Moment::inside(t), &[x, v].concat())
+    }
+
+    fn gradient(&self, t: f64, x: &[f64], v: &[f64], gradient: &mut [f64]) {
+        match self.coordinates {
+            1 => self.write_gradient::<2>(t, x, v, gradient),
+            2 => self.write_gradient::<4>(t, x, v, gradient),
+            3 => self.write_gradient::<6>(t, x, v, gradient),
+            _ => self.write_gradient::<8>(t, x, v, gradient),
+        }
+    }
+
+    fn derivatives(&self, t: f64, x: &[f64], v: &[f64], gradient: &mut [f64], hessian: &mut [f64]) {
+        match self.coordinates {
+            1 => self.write_derivatives::<2>(t, x, v, gradient, hessian),
+            2 => self.write_derivatives::<4>(t, x, v, gradient, hessian),
+            3 => self.write_derivatives::<6>(t, x, v, gradient, hessian),
+            _ => self.write_derivatives::<8>(t, x, v, gradient, hessian),
+        }
+    }
+}
