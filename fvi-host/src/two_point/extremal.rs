@@ -28,6 +28,10 @@ impl Method {
     }
 }
 
+/// A coarser grid has fewer steps by this factor, and at least [`COARSEST`].
+const COARSENING: usize = 4;
+const COARSEST: usize = 16;
+
 /// The fixed positions Q₀ and Q_N.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct EndPoints {
@@ -55,6 +59,7 @@ pub struct ExtremalProblem<'a> {
     lagrangian: &'a dyn Lagrangian,
     grid: Grid,
     sigma: Sigma,
+    alpha: f64,
     /// w₀…w_N of Δ_σ^α.
     weights: Vec<f64>,
     /// g₀…g_N of its inverse.
@@ -159,6 +164,7 @@ impl<'a> ExtremalProblem<'a> {
             lagrangian,
             grid,
             sigma,
+            alpha,
             weights,
             sum_weights,
             ends,
@@ -187,8 +193,8 @@ impl<'a> ExtremalProblem<'a> {
         self
     }
 
-    /// Starts from these positions, (N + 1) d numbers, instead of the straight line between the ends; at the ends they
-    /// are replaced by the end points.
+    /// Starts from these positions, (N + 1) d numbers, instead of the straight line between the ends (dense method) or the
+    /// extremal of a coarser grid (Krylov method); at the ends they are replaced by the end points.
     ///
     /// # Errors
     /// If there are not as many finite numbers.
@@ -215,7 +221,8 @@ impl<'a> ExtremalProblem<'a> {
     /// [`NotConverged`] with the best iterate.
     pub fn solve_observed(&self, observe: &mut dyn FnMut(usize, f64)) -> Result<Extremal, NotConverged> {
         let mut functional = self.functional();
-        let positions = self.start();
+        let coarser = (self.guess.is_none() && self.method == Method::Krylov).then(|| self.coarse_solution());
+        let positions = coarser.flatten().unwrap_or_else(|| self.start());
         let velocities = functional.velocities(&positions);
         match self.method {
             Method::Dense => {
@@ -242,6 +249,30 @@ impl<'a> ExtremalProblem<'a> {
         let d = self.lagrangian.coordinates();
         let operator = DiscreteOperator::with_weights(self.sigma, self.weights.clone(), d, self.product);
         Functional::with_operator(self.lagrangian, self.grid, operator)
+    }
+
+    /// The extremal of the same problem on a coarser grid, itself found from a coarser one, with straight lines between
+    /// its points: from there Newton's method needs about as many steps on every grid.
+    fn coarse_solution(&self) -> Option<Vec<f64>> {
+        let (d, steps) = (self.lagrangian.coordinates(), self.grid.steps());
+        if steps < COARSENING * COARSEST {
+            return None;
+        }
+        let grid = self.grid.with_steps(steps / COARSENING).ok()?;
+        let (start, end) = (&self.ends.start, &self.ends.end);
+        let coarse = Self::new(self.lagrangian, grid, self.sigma, self.alpha, start, end).ok()?;
+        let coarse = coarse.with_options(self.options).solve().ok()?.positions;
+        let mut positions = self.start();
+        for k in 1..steps {
+            let place = k as f64 / steps as f64 * grid.steps() as f64;
+            let before = (place as usize).min(grid.steps() - 1);
+            let part = place - before as f64;
+            for i in 0..d {
+                let (left, right) = (coarse[before * d + i], coarse[(before + 1) * d + i]);
+                positions[k * d + i] = left + part * (right - left);
+            }
+        }
+        Some(positions)
     }
 
     /// The initial guess, or the straight line between the ends.

@@ -99,7 +99,7 @@ const SUFFICIENT_DECREASE: f64 = 1e-4;
 /// A converged iterate is improved further as long as a step reduces the residual by this factor.
 const WORTHWHILE_GAIN: f64 = 0.25;
 /// Below this relative residual nothing is left to gain.
-const ROUNDING: f64 = 4.0 * f64::EPSILON;
+const ROUNDING: f64 = 64.0 * f64::EPSILON;
 
 /// Newton's method from `start`: full steps where they reduce the residual, halved ones otherwise.
 ///
