@@ -3,11 +3,11 @@
 //! A [`Scenario`] is what the TOML file says after defaults are filled in and every value is checked; it
 //! knows nothing of how it is run. Its serialised form is the record of the inputs as used.
 
-mod document;
+pub(crate) mod document;
 mod error;
 mod initial;
 mod matrix;
-mod number_table;
+pub(crate) mod number_table;
 mod reference;
 mod sampled_input;
 mod scheme;

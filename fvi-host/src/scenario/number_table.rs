@@ -5,15 +5,15 @@ use super::error::{InputError, Problem};
 
 /// The columns of a CSV file with a header, rows ordered by its column `t`.
 #[derive(Debug)]
-pub(super) struct NumberTable {
-    pub(super) names: Vec<String>,
-    pub(super) rows: Vec<Vec<f64>>,
+pub(crate) struct NumberTable {
+    pub(crate) names: Vec<String>,
+    pub(crate) rows: Vec<Vec<f64>>,
 }
 
 impl NumberTable {
     /// Reads the file that `value` names, relative to the document's directory. Lines that begin with `#` are
     /// comments. The first column is `t`, ascending; every number is finite.
-    pub(super) fn read(
+    pub(crate) fn read(
         value: &Value<'_>,
         document: &Document,
         allowed: &[String],
