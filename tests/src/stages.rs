@@ -2,9 +2,9 @@
 
 use fvi_core::{Coefficients, DampingTerm, Derivative, Direct, Overflow, RungeKutta};
 use fvi_host::runge_kutta_weights::RungeKuttaWeights;
-use heapless::HistoryBuf;
+use heapless::Deque;
 
-type StageRing = HistoryBuf<f64, 4100>;
+type StageRing = Deque<f64, 4100>;
 
 /// A direct memory with any number of channels and stages.
 pub type StageMemory = Direct<f64, Vec<f64>, Vec<StageRing>, StageRing>;
