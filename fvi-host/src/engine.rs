@@ -1,7 +1,10 @@
 //! The memory engines on the host, and the one place where one is chosen.
 
+use crate::runge_kutta_weights::RungeKuttaWeights;
 use crate::scenario::{Convolution, ConvolutionFamily, Engine, History, Overflow};
-use fvi_core::{BdfOrder, ConvolutionWeights, Direct, Memory, MemoryError, ParameterError, Real, Ring};
+use fvi_core::{
+    BdfOrder, ConvolutionWeights, Direct, Memory, MemoryError, ParameterError, Real, Ring, RungeKutta,
+};
 use std::collections::VecDeque;
 
 /// A memory engine chosen at run time.
@@ -64,27 +67,69 @@ impl MemoryRequest<'_> {
         let unserved = || EngineError::Kernel { engine, kernel: self.convolution.describe() };
         match (engine, self.convolution.family) {
             (Engine::Direct, ConvolutionFamily::Bdf { order }) => self.direct(BdfOrder::new(order)?),
+            (Engine::Direct, ConvolutionFamily::RadauIia { stages }) => match stages {
+                1 => self.direct_stages(&RungeKutta::<1>::radau_iia()?),
+                2 => self.direct_stages(&RungeKutta::<2>::radau_iia()?),
+                _ => self.direct_stages(&RungeKutta::<3>::radau_iia()?),
+            },
+            (Engine::Direct, ConvolutionFamily::LobattoIiic { stages }) => match stages {
+                2 => self.direct_stages(&RungeKutta::<2>::lobatto_iiic()?),
+                3 => self.direct_stages(&RungeKutta::<3>::lobatto_iiic()?),
+                _ => self.direct_stages(&RungeKutta::<4>::lobatto_iiic()?),
+            },
             _ => Err(unserved()),
         }
     }
 
     fn direct<T: Real>(&self, order: BdfOrder) -> Result<HostMemory<T>, EngineError> {
-        let samples = self.samples.max(1);
-        let kept = self.history.capacity.map_or(samples, |capacity| capacity.min(samples));
+        let kept = self.kept();
         // With the step size γ_p(0) the leading weight is 1: the same monic table and scale as in flash.
         let mut monic = ConvolutionWeights::bdf(order, self.exponent, order.generating_function(0.0))?;
-        let mut weights = Vec::new();
-        let room = weights.try_reserve_exact(kept.saturating_add(1));
-        room.map_err(|_| EngineError::NoRoom { engine: Engine::Direct, samples: kept })?;
+        let mut weights = self.room(kept.saturating_add(1))?;
         weights.resize(kept + 1, T::zero());
         monic.fill(&mut weights);
         let scale = T::of(fvi_core::leading_bdf_weight(order, self.exponent, self.step_size)?);
-        let rings: Vec<GrowingRing<T>> = (0..self.coordinates).map(|_| GrowingRing::new(kept)).collect();
+        self.direct_of(weights, 1, scale)
+    }
+
+    fn direct_stages<T: Real, const R: usize>(
+        &self,
+        method: &RungeKutta<R>,
+    ) -> Result<HostMemory<T>, EngineError> {
+        let count = self.kept().saturating_add(1);
+        self.room::<f64>(count.saturating_mul(R * R))?;
+        let weights = RungeKuttaWeights::new(method, self.exponent, self.step_size, count)?.planes();
+        self.direct_of(weights.into_iter().map(T::of).collect(), R, T::one())
+    }
+
+    fn direct_of<T: Real>(
+        &self,
+        weights: Vec<T>,
+        stages: usize,
+        scale: T,
+    ) -> Result<HostMemory<T>, EngineError> {
+        let channels = self.coordinates * stages;
+        let rings: Vec<GrowingRing<T>> = (0..channels).map(|_| GrowingRing::new(self.kept())).collect();
         let overflow = match self.history.overflow {
             Overflow::Stop => fvi_core::Overflow::Refuse,
             Overflow::Forget => fvi_core::Overflow::Forget,
         };
-        Ok(HostMemory(Box::new(Direct::new(weights, 1, scale, rings, overflow)?)))
+        Ok(HostMemory(Box::new(Direct::new(weights, stages, scale, rings, overflow)?)))
+    }
+
+    /// Number of samples that the direct engine keeps.
+    fn kept(&self) -> usize {
+        let samples = self.samples.max(1);
+        self.history.capacity.map_or(samples, |capacity| capacity.min(samples))
+    }
+
+    /// Room for `count` numbers.
+    fn room<T>(&self, count: usize) -> Result<Vec<T>, EngineError> {
+        let mut room = Vec::new();
+        match room.try_reserve_exact(count) {
+            Ok(()) => Ok(room),
+            Err(_) => Err(EngineError::NoRoom { engine: self.engine(), samples: self.samples }),
+        }
     }
 }
 

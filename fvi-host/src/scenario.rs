@@ -106,6 +106,7 @@ impl Scenario {
             Some(value) => Convolution::read(&value.table()?, &scheme)?,
             None => Convolution::default(),
         };
+        let scheme = scheme.with_quadrature_for(convolution.family);
         let time = TimeGrid::read(&root.required("time")?.table()?)?;
         let history = match root.optional("history") {
             Some(value) => History::read(&value.table()?)?,

@@ -37,6 +37,15 @@ pub enum Quadrature {
     Lobatto(usize),
 }
 
+impl Quadrature {
+    /// Number of nodes.
+    pub fn points(self) -> usize {
+        match self {
+            Self::Gauss(points) | Self::Lobatto(points) => points,
+        }
+    }
+}
+
 /// How fractional derivatives are discretised.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Convolution {
@@ -123,6 +132,25 @@ impl Scheme {
         }
     }
 
+    /// A Galerkin scheme that is not told its quadrature takes Gauss's with as many points as its degree, unless
+    /// the convolution quadrature brings its own.
+    pub(super) fn with_quadrature_for(self, family: ConvolutionFamily) -> Self {
+        match (self, family) {
+            (Self::Galerkin { degree, quadrature: None }, ConvolutionFamily::Bdf { .. }) => {
+                Self::Galerkin { degree, quadrature: Some(Quadrature::Gauss(degree)) }
+            }
+            _ => self,
+        }
+    }
+
+    /// The quadrature of a Galerkin scheme; `None` where the convolution quadrature or the scheme itself says.
+    pub fn quadrature(&self) -> Option<Quadrature> {
+        match *self {
+            Self::Galerkin { quadrature, .. } => quadrature,
+            _ => None,
+        }
+    }
+
     /// The scheme's name with its parameters, for headings.
     pub fn describe(&self) -> String {
         match self {
@@ -147,15 +175,14 @@ fn read_quadrature(table: &Table<'_>, degree: usize) -> Result<Option<Quadrature
         None if table.optional("points").is_none() => return Ok(None),
         None => false,
     };
-    let points = |fewest: usize, usual: usize| match table.optional("points") {
-        Some(value) => value.whole(fewest..=6),
-        None => Ok(usual),
+    // With fewer points than the degree the quadrature cannot tell the polynomials apart.
+    let fewest = if lobatto { degree.max(2) } else { degree };
+    let usual = if lobatto { (degree + 1).min(6) } else { degree };
+    let points = match table.optional("points") {
+        Some(value) => value.whole(fewest..=6)?,
+        None => usual,
     };
-    Ok(Some(if lobatto {
-        Quadrature::Lobatto(points(2, (degree + 1).min(6))?)
-    } else {
-        Quadrature::Gauss(points(1, degree)?)
-    }))
+    Ok(Some(if lobatto { Quadrature::Lobatto(points) } else { Quadrature::Gauss(points) }))
 }
 
 impl Convolution {
@@ -169,6 +196,20 @@ impl Convolution {
             ])?,
             None => FamilyName::Bdf,
         };
+        // The stages are the nodes of the action's quadrature too: as many as the degree at least.
+        let stages = |fewest: usize, most: usize| {
+            let value = table.required("stages")?;
+            let stages = value.whole(fewest..=most)?;
+            match scheme {
+                Scheme::Galerkin { degree, .. } if *degree > stages => {
+                    Err(value.error(Problem::Incompatible {
+                        with: format!("`scheme.degree` = {degree}"),
+                        allowed: "at least as many stages as the degree".to_owned(),
+                    }))
+                }
+                _ => Ok(stages),
+            }
+        };
         let family = match name {
             FamilyName::Bdf => {
                 table.allow(&["family", "order", "starting"])?;
@@ -177,11 +218,11 @@ impl Convolution {
             }
             FamilyName::RadauIia => {
                 table.allow(&["family", "stages"])?;
-                ConvolutionFamily::RadauIia { stages: table.required("stages")?.whole(1..=3)? }
+                ConvolutionFamily::RadauIia { stages: stages(1, 3)? }
             }
             FamilyName::LobattoIiic => {
                 table.allow(&["family", "stages"])?;
-                ConvolutionFamily::LobattoIiic { stages: table.required("stages")?.whole(2..=4)? }
+                ConvolutionFamily::LobattoIiic { stages: stages(2, 4)? }
             }
         };
         if let (Some(value), FamilyName::RadauIia | FamilyName::LobattoIiic) = (&family_value, name) {

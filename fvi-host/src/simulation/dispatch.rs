@@ -1,0 +1,113 @@
+//! From a scenario's numbers to the core's types.
+
+use super::assembly::{assemble, check_step};
+use super::{Precision, Stepper};
+use crate::expression::Elementary;
+use crate::scenario::{ConvolutionFamily, InputError, Problem, Quadrature, Scenario, Scheme};
+use fvi_core::{ExplicitEuler, Galerkin, ImplicitEuler, RungeKutta, StageGalerkin};
+
+type Made = Result<Box<dyn Stepper>, InputError>;
+
+/// Calls `$function` with the number of coordinates as its type parameter.
+macro_rules! by_coordinates {
+    ($scenario:expr, $function:ident, $($scalar:ty)?) => {
+        match $scenario.coordinates() {
+            1 => $function::<$($scalar,)? 1>($scenario),
+            2 => $function::<$($scalar,)? 2>($scenario),
+            3 => $function::<$($scalar,)? 3>($scenario),
+            4 => $function::<$($scalar,)? 4>($scenario),
+            5 => $function::<$($scalar,)? 5>($scenario),
+            6 => $function::<$($scalar,)? 6>($scenario),
+            7 => $function::<$($scalar,)? 7>($scenario),
+            _ => $function::<$($scalar,)? 8>($scenario),
+        }
+    };
+}
+
+/// The integrator of a scenario.
+///
+/// Galerkin schemes come in double precision only: there is one for each degree, number of quadrature points
+/// and number of coordinates, and their orders are beyond what single precision resolves.
+pub(super) fn stepper(scenario: &Scenario, precision: Precision) -> Made {
+    match (scenario.scheme, precision) {
+        (Scheme::Galerkin { .. }, Precision::F64) => by_coordinates!(scenario, galerkin,),
+        (Scheme::Galerkin { .. }, Precision::F32) => Err(scenario.error_at(
+            "scheme.kind",
+            Problem::Incompatible {
+                with: "`--precision f32`".to_owned(),
+                allowed: "\"low-order\", \"explicit-euler\", \"implicit-euler\"".to_owned(),
+            },
+        )),
+        (_, Precision::F64) => by_coordinates!(scenario, one_node, f64),
+        (_, Precision::F32) => by_coordinates!(scenario, one_node, f32),
+    }
+}
+
+/// The schemes with one node.
+fn one_node<T: Elementary, const N: usize>(scenario: &Scenario) -> Made {
+    match scenario.scheme {
+        Scheme::ExplicitEuler => assemble::<T, N, 1, _>(scenario, ExplicitEuler),
+        Scheme::ImplicitEuler => assemble::<T, N, 1, _>(scenario, ImplicitEuler),
+        Scheme::LowOrder { kappa } => {
+            let refused = |_| {
+                scenario.error_at("scheme.kappa", Problem::OutOfRange { allowed: "0 ≤ κ ≤ 1".to_owned() })
+            };
+            let checked = Galerkin::low_order(kappa).map_err(refused)?;
+            check_step::<N, 1, 1>(scenario, &checked)?;
+            assemble::<T, N, 1, _>(scenario, Galerkin::low_order(T::of(kappa)).map_err(refused)?)
+        }
+        Scheme::Galerkin { .. } => Err(wrong_shape(scenario)),
+    }
+}
+
+/// Calls `$function` with degree and number of points as its type parameters, for the pairs listed.
+macro_rules! by_shape {
+    ($scenario:expr, $degree:expr, $points:expr, $function:ident, $($s:literal: $($q:literal)*;)*) => {
+        match ($degree, $points) {
+            $($(($s, $q) => $function::<N, $s, $q>($scenario),)*)*
+            _ => Err(wrong_shape($scenario)),
+        }
+    };
+}
+
+/// The Galerkin schemes: damped at the main nodes, or at the stages of a Runge–Kutta method.
+fn galerkin<const N: usize>(scenario: &Scenario) -> Made {
+    let Scheme::Galerkin { degree, .. } = scenario.scheme else { return Err(wrong_shape(scenario)) };
+    match scenario.convolution.family {
+        ConvolutionFamily::Bdf { .. } => {
+            let points = scenario.scheme.quadrature().map_or(0, Quadrature::points);
+            by_shape!(scenario, degree, points, main_nodes,
+                1: 1 2 3 4 5 6; 2: 2 3 4 5 6; 3: 3 4 5 6; 4: 4 5 6; 5: 5 6; 6: 6;)
+        }
+        ConvolutionFamily::RadauIia { stages } | ConvolutionFamily::LobattoIiic { stages } => {
+            by_shape!(scenario, degree, stages, at_stages, 1: 1 2 3 4; 2: 2 3 4; 3: 3 4; 4: 4;)
+        }
+    }
+}
+
+fn main_nodes<const N: usize, const S: usize, const Q: usize>(scenario: &Scenario) -> Made {
+    let quadrature = match scenario.scheme.quadrature() {
+        Some(Quadrature::Lobatto(_)) => fvi_core::Quadrature::<Q>::lobatto(),
+        _ => fvi_core::Quadrature::<Q>::gauss(),
+    };
+    let scheme = quadrature
+        .and_then(|quadrature| Galerkin::<f64, S, Q>::new(&quadrature))
+        .map_err(|_| wrong_shape(scenario))?;
+    check_step::<N, S, Q>(scenario, &scheme)?;
+    assemble::<f64, N, 1, _>(scenario, scheme)
+}
+
+fn at_stages<const N: usize, const S: usize, const R: usize>(scenario: &Scenario) -> Made {
+    let method = match scenario.convolution.family {
+        ConvolutionFamily::LobattoIiic { .. } => RungeKutta::<R>::lobatto_iiic(),
+        _ => RungeKutta::<R>::radau_iia(),
+    };
+    let scheme = method.and_then(|method| StageGalerkin::<f64, S, R>::new(&method));
+    assemble::<f64, N, R, _>(scenario, scheme.map_err(|_| wrong_shape(scenario))?)
+}
+
+/// A degree with fewer nodes than it needs.
+fn wrong_shape(scenario: &Scenario) -> InputError {
+    let allowed = "at most as many as there are quadrature points or stages".to_owned();
+    scenario.error_at("scheme.degree", Problem::OutOfRange { allowed })
+}
