@@ -1,2 +1,15 @@
 //! Fast-Fourier-transform memories for fractional variational integrators.
 #![forbid(unsafe_code)]
+
+mod block_fft;
+mod cover;
+mod kernel;
+mod lanes;
+mod level;
+mod near;
+mod scalar;
+mod transform;
+
+pub use block_fft::BlockFft;
+pub use kernel::{Kernel, WeightTable};
+pub use scalar::Scalar;

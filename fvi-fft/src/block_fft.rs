@@ -1,0 +1,261 @@
+//! The engine for throughput: blocks transformed as soon as their outputs are due.
+
+use fvi_core::{Memory, MemoryError, ParameterError, check_channels};
+use pulp::Arch;
+use rustfft::FftPlanner;
+use rustfft::num_complex::Complex;
+
+use crate::cover::Cover;
+use crate::kernel::{Kernel, check_shape, extend_planes, take_planes};
+use crate::level::{Level, LevelShape};
+use crate::near::{CHUNK, Near};
+use crate::scalar::Scalar;
+
+/// The `block-fft` memory: fast convolution of a known kernel with an online signal, O(k log² k) for k steps.
+///
+/// Lags below two blocks of 64 samples are summed directly; beyond, blocks of growing size are convolved through cached spectra of the
+/// kernel, block pairs always at distance ≥ 2 (see [HLS] for the idea). It is exact to rounding for any kernel, leading
+/// weight zero included: the error is a few u·Σ|w||x|, on decaying and growing signals too.
+///
+/// All coordinates share plans and kernel spectra. The cost of a step is uneven: a step that begins a large block
+/// does all the work of that block.
+pub struct BlockFft<T: Scalar> {
+    channels: usize,
+    len: usize,
+    /// `None` for a run of unknown length.
+    capacity: Option<usize>,
+    cover: Cover,
+    levels: Vec<Level<T>>,
+    near: Near<T>,
+    /// All samples, one row per channel.
+    signal: Vec<Vec<T>>,
+    growth: Option<Growth<T>>,
+    scratch: Vec<Complex<T>>,
+    unit: Arch,
+}
+
+/// What a run of unknown length needs to go on.
+struct Growth<T: Scalar> {
+    source: Box<dyn Kernel<T> + Send>,
+    /// For each entry of the matrices, row by row, all weights asked for so far.
+    planes: Vec<Vec<T>>,
+    planner: FftPlanner<T>,
+}
+
+/// Samples of a block of the finest level.
+const FIRST_BLOCK: usize = 64;
+
+/// Largest leaf of the transforms.
+const LEAF: usize = 512;
+
+/// Ratio of the block sizes of neighbouring levels.
+const RATIO: usize = 8;
+
+/// A level is the top if the whole run has at most this many of its blocks.
+const TOP_BLOCKS: usize = 32;
+
+/// Levels for a run of at most `capacity` samples.
+fn bounded_cover(capacity: usize) -> Cover {
+    let mut ratios = Vec::new();
+    let mut block = FIRST_BLOCK;
+    while capacity.div_ceil(block) > TOP_BLOCKS {
+        ratios.push(RATIO);
+        block *= RATIO;
+    }
+    Cover::bounded(FIRST_BLOCK, &ratios)
+}
+
+impl<T: Scalar> BlockFft<T> {
+    /// A memory for at most `capacity` samples; all spectra are computed here.
+    ///
+    /// # Errors
+    /// If `channels` is zero or no multiple of the kernel's stages.
+    pub fn planned(
+        mut kernel: impl Kernel<T>,
+        channels: usize,
+        capacity: usize,
+    ) -> Result<Self, ParameterError> {
+        let stages = check_shape(&kernel, channels)?;
+        let unit = Arch::new();
+        let cover = bounded_cover(capacity);
+        let planes = take_planes(&mut kernel, capacity.max(2 * cover.block(0)));
+        let mut planner = FftPlanner::new();
+        let mut scratch = Vec::new();
+        let mut levels = Vec::new();
+        for index in 0..cover.levels() {
+            let reach = cover.reach(index, capacity);
+            if reach < 2 {
+                break;
+            }
+            let block = cover.block(index);
+            let shape = LevelShape { block, leaf: LEAF, stages, channels, reach, outputs: 1 };
+            let mut level = Level::new(&shape, &mut planner, unit);
+            scratch.resize(level.scratch().max(scratch.len()), Complex::default());
+            while level.missing_distance() <= reach {
+                level.add_distance(&planes, &mut scratch);
+            }
+            levels.push(level);
+        }
+        Ok(Self {
+            channels,
+            len: 0,
+            capacity: Some(capacity),
+            near: Near::new(cover.block(0), stages, channels, &planes, unit),
+            cover,
+            levels,
+            signal: (0..channels).map(|_| Vec::with_capacity(capacity)).collect(),
+            growth: None,
+            scratch,
+            unit,
+        })
+    }
+
+    /// A memory without a length: weights and levels are added as the run grows.
+    ///
+    /// # Errors
+    /// If `channels` is zero or no multiple of the kernel's stages.
+    pub fn growing(
+        mut kernel: impl Kernel<T> + Send + 'static,
+        channels: usize,
+    ) -> Result<Self, ParameterError> {
+        let stages = check_shape(&kernel, channels)?;
+        let unit = Arch::new();
+        let planes = take_planes(&mut kernel, 2 * FIRST_BLOCK);
+        Ok(Self {
+            channels,
+            len: 0,
+            capacity: None,
+            cover: Cover::growing(FIRST_BLOCK, RATIO),
+            levels: Vec::new(),
+            near: Near::new(FIRST_BLOCK, stages, channels, &planes, unit),
+            signal: vec![Vec::new(); channels],
+            growth: Some(Growth { source: Box::new(kernel), planes, planner: FftPlanner::new() }),
+            scratch: Vec::new(),
+            unit,
+        })
+    }
+
+    /// Makes the levels and spectra that the outputs from sample k on need and that are not there yet.
+    fn grow(&mut self, k: usize) {
+        let Some(growth) = &mut self.growth else { return };
+        let stages = self.near.stages();
+        loop {
+            let index = self.levels.len();
+            if index == self.cover.levels() {
+                self.cover.grow();
+            }
+            let block = self.cover.block(index);
+            if k < 2 * block {
+                break;
+            }
+            let shape = LevelShape {
+                block,
+                leaf: LEAF,
+                stages,
+                channels: self.channels,
+                reach: 2 * RATIO - 1,
+                outputs: 1,
+            };
+            let level = Level::new(&shape, &mut growth.planner, self.unit);
+            self.scratch.resize(level.scratch().max(self.scratch.len()), Complex::default());
+            self.levels.push(level);
+        }
+        for (index, level) in self.levels.iter_mut().enumerate() {
+            let m = k / level.block();
+            while level.missing_distance() <= m - self.cover.inputs(index, m).start {
+                extend_planes(
+                    &mut *growth.source,
+                    &mut growth.planes,
+                    (level.missing_distance() + 1) * level.block(),
+                );
+                level.add_distance(&growth.planes, &mut self.scratch);
+            }
+        }
+    }
+
+    /// Prepares the chunk of outputs that begins at sample k.
+    fn begin_chunk(&mut self, k: usize) {
+        if k.is_multiple_of(self.cover.block(0)) {
+            self.grow(k);
+            for (index, level) in self.levels.iter_mut().enumerate() {
+                let m = k / level.block();
+                if !k.is_multiple_of(level.block()) || m < 2 {
+                    break;
+                }
+                let inputs = self.cover.inputs(index, m);
+                for task in 0..level.tasks(&inputs) {
+                    level.run(&inputs, task, &self.signal, &mut self.scratch);
+                }
+            }
+        }
+        let levels = &self.levels;
+        self.near.begin(k, &self.signal, |channel, row| {
+            for level in levels.iter().rev() {
+                level.add_output(channel, k, row);
+            }
+        });
+    }
+
+    fn check_room(&self) -> Result<(), MemoryError> {
+        match self.capacity {
+            Some(capacity) if self.len >= capacity => Err(MemoryError::Full { capacity }),
+            _ => Ok(()),
+        }
+    }
+}
+
+impl<T: Scalar> Memory<T> for BlockFft<T> {
+    fn channels(&self) -> usize {
+        self.channels
+    }
+
+    fn stages(&self) -> usize {
+        self.near.stages()
+    }
+
+    fn leading(&self) -> &[T] {
+        self.near.leading()
+    }
+
+    fn len(&self) -> usize {
+        self.len
+    }
+
+    fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
+        check_channels(self.channels, term.len())?;
+        self.check_room()?;
+        self.near.term(self.len, term);
+        Ok(())
+    }
+
+    fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
+        check_channels(self.channels, sample.len())?;
+        self.check_room()?;
+        for (row, &number) in self.signal.iter_mut().zip(sample) {
+            row.push(number);
+        }
+        self.near.push(self.len, &self.signal);
+        self.len += 1;
+        if self.len.is_multiple_of(CHUNK) && self.check_room().is_ok() {
+            self.begin_chunk(self.len);
+        }
+        Ok(())
+    }
+
+    fn clear(&mut self) {
+        self.len = 0;
+        self.near.clear();
+        self.signal.iter_mut().for_each(Vec::clear);
+        self.levels.iter_mut().for_each(Level::clear);
+    }
+
+    fn bytes(&self) -> usize {
+        let rows = |rows: &[Vec<T>]| rows.iter().map(|row| row.capacity() * size_of::<T>()).sum::<usize>();
+        size_of::<Self>()
+            + self.near.bytes()
+            + self.levels.iter().map(Level::bytes).sum::<usize>()
+            + rows(&self.signal)
+            + self.growth.as_ref().map_or(0, |growth| rows(&growth.planes))
+            + size_of_val(self.scratch.as_slice())
+    }
+}

@@ -1,0 +1,157 @@
+//! Which level of blocks serves which pair of samples.
+
+/// Block sizes B₀ < B₁ < … of the levels, each a multiple of the one before.
+///
+/// The pair (k, j) of an output and an earlier input belongs
+/// - to the *near* part if the B₀-blocks of k and j are at distance ≤ 1,
+/// - otherwise to the coarsest level ℓ at which their blocks m, m′ are at distance ≥ 2.
+///
+/// Distance ≥ 2 at one level implies it at all finer ones, so level ℓ serves exactly the block pairs (m, m′) with
+///
+/// ```text
+/// m − m′ ≥ 2   and   ⌊m/r⌋ − ⌊m′/r⌋ ≤ 1 ,      r = B_{ℓ+1}/B_ℓ ,
+/// ```
+///
+/// the last condition dropped at the top. A block pair at distance d has the lags ((d−1)B, (d+1)B): large weights of
+/// short lags never share a transform with small ones of long lags, which would leave the latter with the rounding
+/// errors of the former.
+///
+/// Source: [HLS], [Gardner95], [Garcia02], arranged for accuracy.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Cover {
+    blocks: Vec<usize>,
+    /// Ratio of the level above the last one; `None` if the last level is the top.
+    beyond: Option<usize>,
+}
+
+impl Cover {
+    /// Levels from `first` up by the given ratios; the last is the top and serves all its distances.
+    pub(crate) fn bounded(first: usize, ratios: &[usize]) -> Self {
+        let mut blocks = vec![first];
+        for ratio in ratios {
+            blocks.push(blocks[blocks.len() - 1] * ratio);
+        }
+        Self { blocks, beyond: None }
+    }
+
+    /// Only the level `first`, with a level `ratio` times as large to come: for runs of unknown length.
+    pub(crate) fn growing(first: usize, ratio: usize) -> Self {
+        Self { blocks: vec![first], beyond: Some(ratio) }
+    }
+
+    /// Block size of a level.
+    pub(crate) fn block(&self, level: usize) -> usize {
+        self.blocks[level]
+    }
+
+    /// Number of levels.
+    pub(crate) fn levels(&self) -> usize {
+        self.blocks.len()
+    }
+
+    /// B_{ℓ+1}/B_ℓ, or `None` at the top.
+    pub(crate) fn ratio(&self, level: usize) -> Option<usize> {
+        match self.blocks.get(level + 1) {
+            Some(above) => Some(above / self.blocks[level]),
+            None => self.beyond,
+        }
+    }
+
+    /// The input blocks that output block `m` takes from this level.
+    pub(crate) fn inputs(&self, level: usize, m: usize) -> core::ops::Range<usize> {
+        let first = match self.ratio(level) {
+            Some(ratio) => ((m / ratio).saturating_sub(1)) * ratio,
+            None => 0,
+        };
+        first..(m.saturating_sub(1)).max(first)
+    }
+
+    /// Largest distance at which this level ever serves a block pair, for outputs below `length`.
+    pub(crate) fn reach(&self, level: usize, length: usize) -> usize {
+        let last = length.div_ceil(self.blocks[level]).saturating_sub(1);
+        match self.ratio(level) {
+            Some(ratio) => last.min(2 * ratio - 1),
+            None => last,
+        }
+    }
+
+    /// Adds the level above the last one of a growing cover.
+    pub(crate) fn grow(&mut self) {
+        if let Some(ratio) = self.beyond {
+            self.blocks.push(self.blocks[self.blocks.len() - 1] * ratio);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Counts how often each pair (k, j), j < k, is served.
+    fn served(cover: &Cover, length: usize) -> Vec<u8> {
+        let mut count = vec![0u8; length * length];
+        let near = cover.block(0);
+        for k in 0..length {
+            for j in (k / near).saturating_sub(1) * near..k {
+                count[k * length + j] += 1;
+            }
+            for level in 0..cover.levels() {
+                let block = cover.block(level);
+                for input in cover.inputs(level, k / block) {
+                    for j in input * block..(input + 1) * block {
+                        count[k * length + j] += 1;
+                    }
+                }
+            }
+        }
+        count
+    }
+
+    #[test]
+    fn every_pair_of_samples_is_served_exactly_once() {
+        let mut growing = Cover::growing(4, 3);
+        growing.grow();
+        growing.grow();
+        growing.grow();
+        let covers = [
+            Cover::bounded(4, &[]),
+            Cover::bounded(4, &[2, 2, 2, 2]),
+            Cover::bounded(2, &[4, 4, 4]),
+            Cover::bounded(8, &[4, 2]),
+            Cover::bounded(3, &[8, 16]),
+            growing,
+        ];
+        for cover in covers {
+            let length = 300;
+            let count = served(&cover, length);
+            for k in 0..length {
+                for j in 0..length {
+                    assert_eq!(count[k * length + j], u8::from(j < k), "{cover:?} k = {k} j = {j}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn no_transform_mixes_lags_that_differ_by_more_than_a_factor_of_three_per_block() {
+        let cover = Cover::bounded(4, &[4, 4]);
+        for level in 0..cover.levels() {
+            for m in 0..100 {
+                assert!(cover.inputs(level, m).all(|input| m - input >= 2));
+            }
+        }
+    }
+
+    #[test]
+    fn the_reach_bounds_every_distance_used() {
+        let cover = Cover::bounded(4, &[4, 2, 8]);
+        for level in 0..cover.levels() {
+            let mut largest = 0;
+            for k in 0..2000 {
+                let m = k / cover.block(level);
+                largest = cover.inputs(level, m).map(|input| m - input).fold(largest, usize::max);
+            }
+            assert_eq!(largest, cover.reach(level, 2000));
+        }
+    }
+}

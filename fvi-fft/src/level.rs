@@ -1,0 +1,289 @@
+//! One level of blocks: cached spectra of the kernel, spectra of the signal, and the job that makes one output block.
+
+use core::ops::Range;
+
+use pulp::{Arch, Simd, WithSimd};
+use rustfft::FftPlanner;
+use rustfft::num_complex::Complex;
+
+use crate::scalar::Scalar;
+use crate::transform::{PACKET, Packet, Transform};
+
+/// Packets of a spectrum that one task of products works on.
+const TILE: usize = 8;
+
+/// Products that are added at a time.
+const GROUP: usize = 4;
+
+/// Blocks of B samples and everything needed to convolve them at block distances 2, 3, ….
+pub(crate) struct Level<T: Scalar> {
+    block: usize,
+    stages: usize,
+    channels: usize,
+    transform: Transform<T>,
+    /// Spectra of the weights, for each distance from 2 the S×S entries row by row; they hold the factor 1/B.
+    kernel: Vec<Packet<T>>,
+    /// Spectra of the last input blocks, all channels of one block after the other.
+    signal: Vec<Packet<T>>,
+    slots: usize,
+    /// Sum of products in the making.
+    sum: Vec<Packet<T>>,
+    /// Polynomial in the making.
+    polynomial: Vec<Complex<T>>,
+    /// The last output blocks, one channel after the other in each.
+    output: Vec<T>,
+    outputs: usize,
+    unit: Arch,
+}
+
+/// What a level is made for.
+pub(crate) struct LevelShape {
+    /// Samples of a block, B.
+    pub(crate) block: usize,
+    /// Largest leaf of the transforms.
+    pub(crate) leaf: usize,
+    /// Stages S.
+    pub(crate) stages: usize,
+    /// Channels N·S.
+    pub(crate) channels: usize,
+    /// Largest block distance.
+    pub(crate) reach: usize,
+    /// Output blocks kept: the one being read, and with 2 also the one in the making.
+    pub(crate) outputs: usize,
+}
+
+impl<T: Scalar> Level<T> {
+    pub(crate) fn new(shape: &LevelShape, planner: &mut FftPlanner<T>, unit: Arch) -> Self {
+        let &LevelShape { block, leaf, stages, channels, reach, outputs } = shape;
+        let transform = Transform::new(block, leaf, planner, unit);
+        let packets = transform.packets();
+        let slots = reach - 1;
+        Self {
+            block,
+            stages,
+            channels,
+            kernel: Vec::with_capacity((reach - 1) * stages * stages * packets),
+            signal: vec![Packet::zero(); slots * channels * packets],
+            slots,
+            sum: vec![Packet::zero(); packets],
+            polynomial: vec![Complex::new(T::zero(), T::zero()); block],
+            output: vec![T::zero(); outputs * channels * block],
+            outputs,
+            transform,
+            unit,
+        }
+    }
+
+    pub(crate) fn block(&self) -> usize {
+        self.block
+    }
+
+    /// Complex numbers of scratch that a task needs.
+    pub(crate) fn scratch(&self) -> usize {
+        self.transform.scratch()
+    }
+
+    /// Block distance whose spectra are still missing.
+    pub(crate) fn missing_distance(&self) -> usize {
+        2 + self.kernel.len() / (self.stages * self.stages * self.transform.packets())
+    }
+
+    /// Makes the spectra of the first missing distance d from the weights of lags ((d−1)B, (d+1)B); weights beyond the
+    /// end of a plane count as zero.
+    pub(crate) fn add_distance(&mut self, planes: &[Vec<T>], scratch: &mut [Complex<T>]) {
+        let (block, packets) = (self.block, self.transform.packets());
+        let first = (self.missing_distance() - 1) * block;
+        let scale = T::of(1.0 / block as f64);
+        for plane in planes {
+            let start = self.kernel.len();
+            self.kernel.resize(start + packets, Packet::zero());
+            let spectrum = &mut self.kernel[start..];
+            let weight = |lag: usize| plane.get(lag).map_or(T::zero(), |&weight| weight * scale);
+            for (j, number) in self.polynomial.iter_mut().enumerate() {
+                // No pair has the lag (d−1)B itself.
+                let lower = if j == 0 { T::zero() } else { weight(first + j) };
+                *number = Complex::new(lower, weight(first + block + j));
+            }
+            for piece in 0..self.transform.pieces() {
+                self.transform.forward_in_place(piece, &mut self.polynomial, spectrum, scratch);
+            }
+        }
+    }
+
+    /// Number of tasks of the job that makes an output block from the given input blocks.
+    pub(crate) fn tasks(&self, inputs: &Range<usize>) -> usize {
+        self.channels * (self.transform.pieces() + self.tasks_per_channel(inputs))
+    }
+
+    fn tasks_per_channel(&self, inputs: &Range<usize>) -> usize {
+        self.tiles() * self.groups(inputs) + self.transform.pieces()
+    }
+
+    fn tiles(&self) -> usize {
+        self.transform.packets().div_ceil(TILE)
+    }
+
+    fn groups(&self, inputs: &Range<usize>) -> usize {
+        (inputs.len() * self.stages).div_ceil(GROUP)
+    }
+
+    fn locate(&self, inputs: &Range<usize>, task: usize) -> Place {
+        let pieces = self.transform.pieces();
+        if task < self.channels * pieces {
+            return Place::Forward { channel: task / pieces, piece: task % pieces };
+        }
+        let per_channel = self.tasks_per_channel(inputs);
+        let channel = (task - self.channels * pieces) / per_channel;
+        let within = (task - self.channels * pieces) % per_channel;
+        let groups = self.groups(inputs);
+        if within < self.tiles() * groups {
+            Place::Products { channel, tile: within / groups, group: within % groups }
+        } else {
+            Place::Inverse { channel, piece: within - self.tiles() * groups }
+        }
+    }
+
+    /// Cost of a task, in complex multiply–adds.
+    pub(crate) fn cost(&self, inputs: &Range<usize>, task: usize) -> usize {
+        match self.locate(inputs, task) {
+            Place::Forward { piece, .. } => self.transform.forward_cost(piece),
+            Place::Products { group, .. } => {
+                let products = GROUP.min(inputs.len() * self.stages - group * GROUP);
+                products * PACKET * TILE.min(self.transform.packets())
+            }
+            Place::Inverse { piece, .. } => self.transform.inverse_cost(piece),
+        }
+    }
+
+    /// Runs one task of the job that makes output block `inputs.end + 1`, whose newest input block is `inputs.end − 1`.
+    /// The tasks of a job are to be run in order.
+    pub(crate) fn run(
+        &mut self,
+        inputs: &Range<usize>,
+        task: usize,
+        signal: &[Vec<T>],
+        scratch: &mut [Complex<T>],
+    ) {
+        let packets = self.transform.packets();
+        match self.locate(inputs, task) {
+            Place::Forward { channel, piece } => {
+                let newest = inputs.end - 1;
+                let samples = &signal[channel][newest * self.block..(newest + 1) * self.block];
+                let slot = (newest % self.slots * self.channels + channel) * packets;
+                let spectrum = &mut self.signal[slot..slot + packets];
+                self.transform.forward(piece, samples, spectrum, &mut self.polynomial, scratch);
+            }
+            Place::Products { channel, tile, group } => self.products(inputs, channel, tile, group),
+            Place::Inverse { channel, piece } => {
+                let place = ((inputs.end + 1) % self.outputs * self.channels + channel) * self.block;
+                let output = &mut self.output[place..place + self.block];
+                self.transform.inverse(piece, &self.sum, output, &mut self.polynomial, scratch);
+            }
+        }
+    }
+
+    fn products(&mut self, inputs: &Range<usize>, channel: usize, tile: usize, group: usize) {
+        let first = group * GROUP;
+        match inputs.len() * self.stages - first {
+            1 => self.add_products::<1>(inputs, channel, tile, first),
+            2 => self.add_products::<2>(inputs, channel, tile, first),
+            3 => self.add_products::<3>(inputs, channel, tile, first),
+            _ => self.add_products::<GROUP>(inputs, channel, tile, first),
+        }
+    }
+
+    /// Adds M of the products X_{m′,s′}·W_{m−m′,s,s′} that an output needs; they are counted with s′ running fastest.
+    fn add_products<const M: usize>(
+        &mut self,
+        inputs: &Range<usize>,
+        channel: usize,
+        tile: usize,
+        first: usize,
+    ) {
+        let packets = self.transform.packets();
+        let tile = tile * TILE..packets.min((tile + 1) * TILE);
+        let stages = self.stages;
+        let (stage, group) = (channel % stages, channel - channel % stages);
+        let (mut input, mut other) = (inputs.start + first / stages, first % stages);
+        let mut slot = input % self.slots;
+        let mut signal: [&[Packet<T>]; M] = [&[]; M];
+        let mut kernel: [&[Packet<T>]; M] = [&[]; M];
+        for (signal, kernel) in signal.iter_mut().zip(&mut kernel) {
+            let spectrum = (slot * self.channels + group + other) * packets;
+            *signal = &self.signal[spectrum + tile.start..spectrum + tile.end];
+            let spectrum = (((inputs.end - 1 - input) * stages + stage) * stages + other) * packets;
+            *kernel = &self.kernel[spectrum + tile.start..spectrum + tile.end];
+            other += 1;
+            if other == stages {
+                (other, input, slot) = (0, input + 1, if slot + 1 == self.slots { 0 } else { slot + 1 });
+            }
+        }
+        let sum = &mut self.sum[tile];
+        if first == 0 {
+            sum.fill(Packet::zero());
+        }
+        self.unit.dispatch(Products { sum, signal, kernel });
+    }
+
+    /// Adds the N outputs from sample `k` on, all of one block, to `row`.
+    pub(crate) fn add_output<const N: usize>(&self, channel: usize, k: usize, row: &mut [T; N]) {
+        // Block sizes are powers of two, and so is the number of output blocks.
+        let output = (k >> self.block.trailing_zeros()) & (self.outputs - 1);
+        let place = (output * self.channels + channel) * self.block + (k & (self.block - 1));
+        for (number, output) in row.iter_mut().zip(&self.output[place..place + N]) {
+            *number += *output;
+        }
+    }
+
+    /// Forgets all samples.
+    pub(crate) fn clear(&mut self) {
+        self.output.fill(T::zero());
+    }
+
+    pub(crate) fn bytes(&self) -> usize {
+        self.transform.bytes()
+            + size_of_val(self.kernel.as_slice())
+            + size_of_val(self.signal.as_slice())
+            + size_of_val(self.sum.as_slice())
+            + size_of_val(self.polynomial.as_slice())
+            + size_of_val(self.output.as_slice())
+    }
+}
+
+enum Place {
+    Forward { channel: usize, piece: usize },
+    Products { channel: usize, tile: usize, group: usize },
+    Inverse { channel: usize, piece: usize },
+}
+
+/// sum += Σ signal·kernel, number by number.
+struct Products<'a, T, const M: usize> {
+    sum: &'a mut [Packet<T>],
+    signal: [&'a [Packet<T>]; M],
+    kernel: [&'a [Packet<T>]; M],
+}
+
+impl<T: Scalar, const M: usize> WithSimd for Products<'_, T, M> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, unit: S) {
+        let count = self.sum.len();
+        let signal = self.signal.map(|spectrum| &spectrum[..count]);
+        let kernel = self.kernel.map(|spectrum| &spectrum[..count]);
+        for (p, sum) in self.sum.iter_mut().enumerate() {
+            let (sum_re, sum_im) = (T::reals_mut::<S>(&mut sum.re), T::reals_mut::<S>(&mut sum.im));
+            for (v, (sum_re, sum_im)) in sum_re.iter_mut().zip(sum_im).enumerate() {
+                let (mut re, mut im) = (*sum_re, *sum_im);
+                for index in 0..M {
+                    let (x, w) = (&signal[index][p], &kernel[index][p]);
+                    let (x_re, x_im) = (T::reals::<S>(&x.re)[v], T::reals::<S>(&x.im)[v]);
+                    let (w_re, w_im) = (T::reals::<S>(&w.re)[v], T::reals::<S>(&w.im)[v]);
+                    re = T::minus_product(unit, x_im, w_im, T::plus_product(unit, x_re, w_re, re));
+                    im = T::plus_product(unit, x_im, w_re, T::plus_product(unit, x_re, w_im, im));
+                }
+                (*sum_re, *sum_im) = (re, im);
+            }
+        }
+    }
+}
