@@ -18,7 +18,7 @@ use crate::scalar::Scalar;
 /// weight zero included: the error is a few u·Σ|w||x|, on decaying and growing signals too.
 ///
 /// All coordinates share plans and kernel spectra. The cost of a step is uneven: a step that begins a large block
-/// does all the work of that block.
+/// does all the work of that block. [`RealTime`](crate::RealTime) spreads it.
 pub struct BlockFft<T: Scalar> {
     channels: usize,
     len: usize,

@@ -7,9 +7,11 @@ mod kernel;
 mod lanes;
 mod level;
 mod near;
+mod real_time;
 mod scalar;
 mod transform;
 
 pub use block_fft::BlockFft;
 pub use kernel::{Kernel, WeightTable};
+pub use real_time::{Pacing, RealTime};
 pub use scalar::Scalar;

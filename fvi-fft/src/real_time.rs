@@ -1,0 +1,336 @@
+//! The engine for deadlines: the work of large blocks is cut into small tasks and spread over the steps.
+
+use core::ops::Range;
+
+use fvi_core::{Memory, MemoryError, ParameterError, check_channels};
+use pulp::Arch;
+use rustfft::FftPlanner;
+use rustfft::num_complex::Complex;
+
+use crate::cover::Cover;
+use crate::kernel::{Kernel, check_shape, take_planes};
+use crate::level::{Level, LevelShape};
+use crate::near::{CHUNK, Near};
+use crate::scalar::Scalar;
+
+/// When the tasks of a block are run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pacing {
+    /// All at once, as soon as the block's input is complete.
+    Eager,
+    /// A constant amount of work a step, so that each block is done just in time.
+    Paced,
+}
+
+/// The `real-time` memory: fast convolution of a known kernel with an online signal at a bounded cost per step.
+///
+/// The result is exact to rounding for any kernel, as that of [`BlockFft`](crate::BlockFft). After construction there is no
+/// allocation, no lock and no thread.
+///
+/// **Schedule.** The job that makes output block m of a level needs the input blocks up to m − 2, so it is released when
+/// block m − 2 is complete, at sample (m − 1)B, and due when its output begins, at mB: a window of exactly B steps, one
+/// job at a time in each level. A job is a list of tasks of bounded cost (64 to 256 points). Each step spends
+/// the *work budget* Σ_ℓ C_ℓ/B_ℓ + 5 %, C_ℓ the largest cost of a job of level ℓ, on the finest level that has work; deadlines nest,
+/// so this is the earliest one first. The work of a step is at most the near part, the budget and one task.
+///
+/// A job that is not done when it is due would be an *overrun*: it is then finished at once, so that the
+/// result stays exact, and counted by [`overruns`](RealTime::overruns).
+///
+/// Outputs lie in buffers of their own level until they are read, so [`Pacing`] does not change a bit of the result.
+///
+/// Source: [Gardner95], [Garcia02], [Battenberg11].
+pub struct RealTime<T: Scalar> {
+    channels: usize,
+    len: usize,
+    capacity: usize,
+    pacing: Pacing,
+    cover: Cover,
+    levels: Vec<Level<T>>,
+    /// The job that each level works on.
+    jobs: Vec<Option<Job>>,
+    near: Near<T>,
+    /// All samples, one row per channel.
+    signal: Vec<Vec<T>>,
+    scratch: Vec<Complex<T>>,
+    budget: Work,
+    /// Work that may still be spent; negative after a task that cost more than was left.
+    credit: Work,
+    overruns: usize,
+}
+
+/// Cost of a task, about one complex multiply–add.
+type Work = i64;
+
+/// One output block in the making.
+#[derive(Clone, Debug)]
+struct Job {
+    inputs: Range<usize>,
+    done: usize,
+    tasks: usize,
+}
+
+/// Samples of a block of the finest level.
+const FIRST_BLOCK: usize = 64;
+
+/// Largest leaf of the transforms: bounds the cost of a task.
+const LEAF: usize = 256;
+
+/// Ratio of the block sizes of neighbouring levels.
+const RATIO: usize = 4;
+
+/// A level is the top if the whole run has at most this many of its blocks.
+const TOP_BLOCKS: usize = 16;
+
+/// The budget is this part larger than what the jobs need, in percent.
+const RESERVE: Work = 5;
+
+/// Levels for a run of at most `capacity` samples.
+fn cover(capacity: usize) -> Cover {
+    let mut ratios = Vec::new();
+    let mut block = FIRST_BLOCK;
+    while capacity.div_ceil(block) > TOP_BLOCKS {
+        ratios.push(RATIO);
+        block *= RATIO;
+    }
+    Cover::bounded(FIRST_BLOCK, &ratios)
+}
+
+impl<T: Scalar> RealTime<T> {
+    /// A memory for at most `capacity` samples; everything is computed and allocated here.
+    ///
+    /// # Errors
+    /// If `channels` is zero or no multiple of the kernel's stages.
+    pub fn planned(
+        mut kernel: impl Kernel<T>,
+        channels: usize,
+        capacity: usize,
+        pacing: Pacing,
+    ) -> Result<Self, ParameterError> {
+        let stages = check_shape(&kernel, channels)?;
+        let unit = Arch::new();
+        let cover = cover(capacity);
+        let planes = take_planes(&mut kernel, capacity.max(2 * cover.block(0)));
+        let mut planner = FftPlanner::new();
+        let mut scratch = Vec::new();
+        let mut levels = Vec::new();
+        let mut budget = 0;
+        for index in 0..cover.levels() {
+            let reach = cover.reach(index, capacity);
+            if reach < 2 {
+                break;
+            }
+            let block = cover.block(index);
+            let shape = LevelShape { block, leaf: LEAF, stages, channels, reach, outputs: 2 };
+            let mut level = Level::new(&shape, &mut planner, unit);
+            scratch.resize(level.scratch().max(scratch.len()), Complex::default());
+            while level.missing_distance() <= reach {
+                level.add_distance(&planes, &mut scratch);
+            }
+            let largest = 0..reach - 1;
+            let job: usize = (0..level.tasks(&largest)).map(|task| level.cost(&largest, task)).sum();
+            budget += (job as Work * (100 + RESERVE)).div_euclid(100 * block as Work) + 1;
+            levels.push(level);
+        }
+        Ok(Self {
+            channels,
+            len: 0,
+            capacity,
+            pacing,
+            near: Near::new(cover.block(0), stages, channels, &planes, unit),
+            cover,
+            jobs: vec![None; levels.len()],
+            levels,
+            signal: (0..channels).map(|_| Vec::with_capacity(capacity)).collect(),
+            scratch,
+            budget,
+            credit: 0,
+            overruns: 0,
+        })
+    }
+
+    /// Number of blocks since the beginning or the last [`clear`](Memory::clear) that were not done when they were due.
+    pub fn overruns(&self) -> usize {
+        self.overruns
+    }
+
+    /// Finishes what is due at sample k and releases what it makes possible.
+    fn turn_blocks(&mut self, k: usize) {
+        for index in 0..self.levels.len() {
+            let block = self.levels[index].block();
+            if k % block != 0 {
+                break;
+            }
+            if self.jobs[index].is_some() {
+                self.overruns += 1;
+                while self.jobs[index].is_some() {
+                    self.run_task(index);
+                }
+            }
+            let output = k / block + 1;
+            if output >= 2 && output * block < self.capacity {
+                let inputs = self.cover.inputs(index, output);
+                self.jobs[index] = Some(Job { done: 0, tasks: self.levels[index].tasks(&inputs), inputs });
+            }
+        }
+    }
+
+    /// Runs the next task of a level's job, if it has one, and returns the cost.
+    fn run_task(&mut self, index: usize) -> Work {
+        let Some(job) = &mut self.jobs[index] else { return 0 };
+        let level = &mut self.levels[index];
+        let cost = level.cost(&job.inputs, job.done);
+        level.run(&job.inputs, job.done, &self.signal, &mut self.scratch);
+        job.done += 1;
+        if job.done == job.tasks {
+            self.jobs[index] = None;
+        }
+        cost as Work
+    }
+
+    /// Spends the work of one step.
+    fn work(&mut self) {
+        // What an idle step leaves over is not kept: work in one step stays bounded.
+        self.credit = self.credit.min(0) + self.budget;
+        let mut index = 0;
+        while index < self.levels.len() && (self.credit > 0 || self.pacing == Pacing::Eager) {
+            if self.jobs[index].is_some() {
+                self.credit -= self.run_task(index);
+            } else {
+                index += 1;
+            }
+        }
+    }
+
+    fn check_room(&self) -> Result<(), MemoryError> {
+        if self.len < self.capacity { Ok(()) } else { Err(MemoryError::Full { capacity: self.capacity }) }
+    }
+}
+
+impl<T: Scalar> Memory<T> for RealTime<T> {
+    fn channels(&self) -> usize {
+        self.channels
+    }
+
+    fn stages(&self) -> usize {
+        self.near.stages()
+    }
+
+    fn leading(&self) -> &[T] {
+        self.near.leading()
+    }
+
+    fn len(&self) -> usize {
+        self.len
+    }
+
+    fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
+        check_channels(self.channels, term.len())?;
+        self.check_room()?;
+        self.near.term(self.len, term);
+        Ok(())
+    }
+
+    fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
+        check_channels(self.channels, sample.len())?;
+        self.check_room()?;
+        for (row, &number) in self.signal.iter_mut().zip(sample) {
+            row.push(number);
+        }
+        self.near.push(self.len, &self.signal);
+        self.len += 1;
+        if self.len == self.capacity {
+            return Ok(());
+        }
+        if self.len.is_multiple_of(self.cover.block(0)) {
+            self.turn_blocks(self.len);
+        }
+        self.work();
+        if self.len.is_multiple_of(CHUNK) {
+            let (levels, k) = (&self.levels, self.len);
+            self.near.begin(k, &self.signal, |channel, row| {
+                for level in levels.iter().rev() {
+                    level.add_output(channel, k, row);
+                }
+            });
+        }
+        Ok(())
+    }
+
+    fn clear(&mut self) {
+        self.len = 0;
+        self.credit = 0;
+        self.overruns = 0;
+        self.jobs.fill(None);
+        self.near.clear();
+        self.signal.iter_mut().for_each(Vec::clear);
+        self.levels.iter_mut().for_each(Level::clear);
+    }
+
+    fn bytes(&self) -> usize {
+        size_of::<Self>()
+            + self.near.bytes()
+            + self.levels.iter().map(Level::bytes).sum::<usize>()
+            + self.signal.iter().map(|row| row.capacity() * size_of::<T>()).sum::<usize>()
+            + size_of_val(self.scratch.as_slice())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn weight(first: usize, weights: &mut [f64]) {
+        for (n, weight) in (first..).zip(weights) {
+            *weight = 1.0 / (1.0 + n as f64);
+        }
+    }
+
+    fn terms(pacing: Pacing, length: usize) -> (Vec<u64>, usize) {
+        let mut memory = RealTime::planned(weight, 1, length, pacing).unwrap();
+        let mut term = [0.0];
+        let mut terms = Vec::new();
+        for k in 0..length {
+            memory.next_term(&mut term).unwrap();
+            terms.push(term[0].to_bits());
+            memory.push(&[(0.37 * k as f64).sin()]).unwrap();
+        }
+        (terms, memory.overruns())
+    }
+
+    #[test]
+    fn pacing_does_not_change_a_bit() {
+        for length in [1000, 10_000, 70_000] {
+            let (eager, _) = terms(Pacing::Eager, length);
+            let (paced, overruns) = terms(Pacing::Paced, length);
+            assert_eq!(overruns, 0);
+            assert!(eager == paced, "length {length}");
+        }
+    }
+
+    #[test]
+    fn no_block_is_late_in_runs_of_any_length_up_to_four_million_steps() {
+        for bits in 7..=22 {
+            for length in [1 << bits, 3 << (bits - 2)] {
+                let mut memory = RealTime::planned(weight, 1, length, Pacing::Paced).unwrap();
+                for _ in 0..length {
+                    memory.push(&[1.0]).unwrap();
+                }
+                assert_eq!(memory.overruns(), 0, "length {length}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_budget_too_small_is_reported_and_the_result_stays_exact() {
+        let mut memory = RealTime::planned(weight, 1, 5000, Pacing::Paced).unwrap();
+        memory.budget /= 2;
+        let (expected, _) = terms(Pacing::Eager, 5000);
+        let mut term = [0.0];
+        for (k, expected) in expected.iter().enumerate() {
+            memory.next_term(&mut term).unwrap();
+            assert_eq!(term[0].to_bits(), *expected, "k = {k}");
+            memory.push(&[(0.37 * k as f64).sin()]).unwrap();
+        }
+        assert!(memory.overruns() > 0);
+    }
+}
