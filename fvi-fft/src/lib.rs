@@ -1,6 +1,7 @@
 //! Fast-Fourier-transform memories for fractional variational integrators.
 #![forbid(unsafe_code)]
 
+pub mod baseline;
 mod block_fft;
 mod cover;
 mod kernel;

@@ -157,7 +157,7 @@ impl<T: Scalar> RealTime<T> {
     fn turn_blocks(&mut self, k: usize) {
         for index in 0..self.levels.len() {
             let block = self.levels[index].block();
-            if k % block != 0 {
+            if !k.is_multiple_of(block) {
                 break;
             }
             if self.jobs[index].is_some() {

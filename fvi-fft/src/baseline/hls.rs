@@ -1,0 +1,159 @@
+//! Fast online convolution as the textbook has it.
+
+use fvi_core::{Memory, MemoryError, ParameterError, check_channels};
+use rustfft::FftPlanner;
+use rustfft::num_complex::Complex;
+
+use crate::kernel::{Kernel, check_shape, take_planes};
+use crate::scalar::Scalar;
+
+/// Binary splitting with three complex transforms a block and nothing kept between blocks: O(log² k) a step.
+///
+/// When t samples are known and 2ⁱ is the largest power of two that divides t, the last 2ⁱ samples are convolved with the lags
+/// 1 … 2ⁱ⁺¹ − 1 and added to the next 2ⁱ terms. Blocks of at most 32 samples are summed directly.
+///
+/// Near and far lags share a transform, so that small terms get the rounding errors of large ones: on
+/// decaying signals the result is not exact to rounding.
+///
+/// Source: [HLS].
+pub struct Hls<T: Scalar> {
+    stages: usize,
+    capacity: usize,
+    leading: Vec<T>,
+    /// For each entry of the matrices, row by row, its weights.
+    planes: Vec<Vec<T>>,
+    /// All samples, one row per channel.
+    signal: Vec<Vec<T>>,
+    /// Memory terms as far as they are known, one row per channel.
+    terms: Vec<Vec<T>>,
+    planner: FftPlanner<T>,
+    samples: Vec<Complex<T>>,
+    weights: Vec<Complex<T>>,
+}
+
+/// Largest block that is summed directly.
+const DIRECT: usize = 32;
+
+impl<T: Scalar> Hls<T> {
+    /// A memory for at most `capacity` samples.
+    ///
+    /// # Errors
+    /// If `channels` is zero or no multiple of the kernel's stages.
+    pub fn planned(
+        mut kernel: impl Kernel<T>,
+        channels: usize,
+        capacity: usize,
+    ) -> Result<Self, ParameterError> {
+        let stages = check_shape(&kernel, channels)?;
+        let planes = take_planes(&mut kernel, capacity.max(2 * DIRECT));
+        Ok(Self {
+            stages,
+            capacity,
+            leading: planes.iter().map(|plane| plane[0]).collect(),
+            planes,
+            signal: (0..channels).map(|_| Vec::with_capacity(capacity)).collect(),
+            terms: vec![vec![T::zero(); capacity]; channels],
+            planner: FftPlanner::new(),
+            samples: Vec::new(),
+            weights: Vec::new(),
+        })
+    }
+
+    fn check_room(&self) -> Result<(), MemoryError> {
+        if self.len() < self.capacity { Ok(()) } else { Err(MemoryError::Full { capacity: self.capacity }) }
+    }
+
+    /// Adds the block of samples that ends at `known` of one channel to the terms of another through one plane.
+    fn add_block(&mut self, plane: usize, source: usize, target: usize, known: usize, block: usize) {
+        let samples = &self.signal[source][known - block..known];
+        let weights = &self.planes[plane];
+        let terms = &mut self.terms[target][known..self.capacity.min(known + block)];
+        if block <= DIRECT {
+            for (i, term) in terms.iter_mut().enumerate() {
+                for (j, &sample) in samples.iter().enumerate() {
+                    *term += weights[block + i - j] * sample;
+                }
+            }
+            return;
+        }
+        let length = 2 * block;
+        let zero = Complex::new(T::zero(), T::zero());
+        let complex = |&number: &T| Complex::new(number, T::zero());
+        self.samples.clear();
+        self.samples.extend(samples.iter().map(complex));
+        self.samples.resize(length, zero);
+        self.weights.clear();
+        self.weights.extend(weights.iter().take(length).map(complex));
+        self.weights.resize(length, zero);
+        let forward = self.planner.plan_fft_forward(length);
+        forward.process(&mut self.samples);
+        forward.process(&mut self.weights);
+        let scale = T::of(1.0 / length as f64);
+        for (sample, weight) in self.samples.iter_mut().zip(&self.weights) {
+            *sample = *sample * *weight * scale;
+        }
+        self.planner.plan_fft_inverse(length).process(&mut self.samples);
+        for (term, sum) in terms.iter_mut().zip(&self.samples[block..]) {
+            *term += sum.re;
+        }
+    }
+}
+
+impl<T: Scalar> Memory<T> for Hls<T> {
+    fn channels(&self) -> usize {
+        self.signal.len()
+    }
+
+    fn stages(&self) -> usize {
+        self.stages
+    }
+
+    fn leading(&self) -> &[T] {
+        &self.leading
+    }
+
+    fn len(&self) -> usize {
+        self.signal[0].len()
+    }
+
+    fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
+        check_channels(self.channels(), term.len())?;
+        self.check_room()?;
+        let k = self.len();
+        for (number, row) in term.iter_mut().zip(&self.terms) {
+            *number = row[k];
+        }
+        Ok(())
+    }
+
+    fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
+        check_channels(self.channels(), sample.len())?;
+        self.check_room()?;
+        for (row, &number) in self.signal.iter_mut().zip(sample) {
+            row.push(number);
+        }
+        let known = self.len();
+        let block = 1 << known.trailing_zeros();
+        if known == self.capacity {
+            return Ok(());
+        }
+        for channel in 0..self.channels() {
+            let (stage, group) = (channel % self.stages, channel - channel % self.stages);
+            for other in 0..self.stages {
+                self.add_block(stage * self.stages + other, group + other, channel, known, block);
+            }
+        }
+        Ok(())
+    }
+
+    fn clear(&mut self) {
+        self.signal.iter_mut().for_each(Vec::clear);
+        self.terms.iter_mut().for_each(|row| row.fill(T::zero()));
+    }
+
+    fn bytes(&self) -> usize {
+        let rows = |rows: &[Vec<T>]| rows.iter().map(|row| row.capacity() * size_of::<T>()).sum::<usize>();
+        let complex = (self.samples.capacity() + self.weights.capacity()) * size_of::<Complex<T>>();
+        size_of::<Self>() + rows(&self.planes) + rows(&self.signal) + rows(&self.terms) + complex
+    }
+}
