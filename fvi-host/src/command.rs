@@ -1,5 +1,6 @@
 //! The commands of the program, one module each, and what they share: how they end.
 
+pub mod extremal;
 pub mod run;
 
 use crate::scenario::InputError;
@@ -20,6 +21,8 @@ pub struct Program {
 enum Command {
     /// Integrate a scenario: data, pictures and a line of result
     Run(run::RunArguments),
+    /// Solve a two-point fractional Euler–Lagrange problem: the discrete extremal between fixed end points
+    Extremal(extremal::ExtremalArguments),
 }
 
 /// How a command that did not do all it was asked to ended.
@@ -43,6 +46,7 @@ impl Program {
     pub fn execute(self) -> ExitCode {
         let result = match self.command {
             Command::Run(arguments) => arguments.execute(),
+            Command::Extremal(arguments) => arguments.execute(),
         };
         match result {
             Ok(()) => ExitCode::SUCCESS,

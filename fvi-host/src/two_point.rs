@@ -17,12 +17,13 @@
 //! | `lagrangian` | Lagrangians from expressions and from closures |
 //! | `functional` | the discrete functional and its gradient (the variational integrator) |
 //! | `embedding` | the direct discrete embeddings of the Euler–Lagrange equation |
-//! | `equation` | the direct discrete embedding of a differential equation that need not be Lagrangian |
 //! | `newton` | Newton's method with line search |
 //! | `positions` | stationarity in the positions, solved with dense matrices |
 //! | `velocities` | stationarity in the fractional velocities, matrix-free |
 //! | `minres` | the preconditioned Krylov method |
 //! | `extremal` | the problem, its solution, and what is reported of it |
+//! | `problem_file` | the input of `fvi extremal` |
+//! | `output` | its files |
 //!
 //! Values on the grid are stored point by point: coordinate i at t_k is entry k·d + i.
 
@@ -34,7 +35,9 @@ mod lagrangian;
 mod minres;
 mod newton;
 mod operator;
+mod output;
 mod positions;
+mod problem_file;
 mod toeplitz;
 mod velocities;
 
@@ -45,4 +48,6 @@ pub use grid::{Grid, Sigma};
 pub use lagrangian::{Closures, ExpressionLagrangian, Lagrangian, MAX_COORDINATES};
 pub use newton::NewtonOptions;
 pub use operator::DiscreteOperator;
+pub use output::{ExtremalSummary, GridError, OutputError, Status, solve_and_write};
+pub use problem_file::{KnownPositions, ProblemFile};
 pub use toeplitz::{LowerToeplitz, Product};

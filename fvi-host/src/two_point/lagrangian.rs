@@ -90,6 +90,11 @@ impl ExpressionLagrangian {
         (1..=MAX_COORDINATES).contains(&coordinates).then_some(Self { expression, coordinates })
     }
 
+    /// The expression as it was written.
+    pub fn text(&self) -> &str {
+        self.expression.text()
+    }
+
     fn write_gradient<const V: usize>(&self, t: f64, x: &[f64], v: &[f64], gradient: &mut [f64]) {
         let (_, exact) = self.expression.gradient::<f64, V>(Moment::inside(t), &together(x, v));
         gradient.copy_from_slice(exact.as_slice());
@@ -139,5 +144,11 @@ impl Lagrangian for ExpressionLagrangian {
             3 => self.write_derivatives::<6>(t, x, v, gradient, hessian),
             _ => self.write_derivatives::<8>(t, x, v, gradient, hessian),
         }
+    }
+}
+
+impl serde::Serialize for ExpressionLagrangian {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.expression.serialize(serializer)
     }
 }

@@ -1,0 +1,102 @@
+//! `fvi extremal`: solve a two-point fractional Euler–Lagrange problem.
+
+use super::CommandError;
+use crate::two_point::{ExtremalSummary, GridError, ProblemFile, Status, solve_and_write};
+use indicatif::{ProgressBar, ProgressDrawTarget};
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// Arguments of `fvi extremal`.
+#[derive(Debug, clap::Args)]
+pub struct ExtremalArguments {
+    /// The problem file (TOML)
+    problem: PathBuf,
+    /// Where the files go [default: out/<problem name>]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Neither progress nor result on the terminal
+    #[arg(long)]
+    quiet: bool,
+}
+
+impl ExtremalArguments {
+    pub(super) fn execute(self) -> Result<(), CommandError> {
+        let file = ProblemFile::read(&self.problem)?;
+        let directory = self.out.unwrap_or_else(|| {
+            Path::new("out").join(self.problem.file_stem().unwrap_or("extremal".as_ref()))
+        });
+        let mut progress = Progress::new(!self.quiet && std::io::stderr().is_terminal());
+        let summary =
+            solve_and_write(&file, &directory, &mut |steps, residual| progress.update(steps, residual))
+                .map_err(|error| CommandError::Failed(error.to_string()))?;
+        progress.finish();
+        let line = result_line(&file, &summary, &directory);
+        match summary.status {
+            Status::Converged => {
+                if !self.quiet {
+                    println!("{line}");
+                }
+                Ok(())
+            }
+            Status::NotConverged => {
+                Err(CommandError::Failed(format!("no convergence; best iterate kept: {line}")))
+            }
+        }
+    }
+}
+
+/// The solution in one line.
+fn result_line(file: &ProblemFile, summary: &ExtremalSummary, directory: &Path) -> String {
+    let error = match summary.errors.last() {
+        Some(GridError { largest, order: Some(order), .. }) => {
+            format!("; largest error {largest:.3e}, order {order:.2}")
+        }
+        Some(GridError { largest, .. }) => format!("; largest error {largest:.3e}"),
+        None => String::new(),
+    };
+    format!(
+        "{}: {} steps, value {:.12}; {} Newton steps, {} Krylov iterations, residual {:.1e} (rounding {:.1e}), \
+         relative {:.1e}{error}; {:.3} s; files in {}",
+        file.heading(),
+        file.grid.steps(),
+        summary.value,
+        summary.newton_iterations,
+        summary.krylov_iterations,
+        summary.residual,
+        summary.rounding_level,
+        summary.relative_residual,
+        summary.seconds,
+        directory.display(),
+    )
+}
+
+/// A line on a terminal that appears once a solution has taken about a second.
+struct Progress {
+    start: Instant,
+    wanted: bool,
+    spinner: Option<ProgressBar>,
+}
+
+impl Progress {
+    fn new(wanted: bool) -> Self {
+        Self { start: Instant::now(), wanted, spinner: None }
+    }
+
+    fn update(&mut self, steps: usize, residual: f64) {
+        if !self.wanted || self.start.elapsed() < Duration::from_secs(1) {
+            return;
+        }
+        let spinner = self
+            .spinner
+            .get_or_insert_with(|| ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr()));
+        spinner.set_message(format!("{steps} Newton steps, relative residual {residual:.1e}"));
+        spinner.tick();
+    }
+
+    fn finish(&self) {
+        if let Some(spinner) = &self.spinner {
+            spinner.finish_and_clear();
+        }
+    }
+}

@@ -1,0 +1,284 @@
+//! The files of `fvi extremal`: data, pictures and the record.
+
+use super::extremal::{Extremal, NotConverged, ProblemError};
+use super::grid::{Grid, Sigma};
+use super::problem_file::ProblemFile;
+use crate::picture::{Axis, Chart, Envelope, PictureError, Series, Style};
+use atomic_write_file::AtomicWriteFile;
+use serde::Serialize;
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// The record of a problem's solution, `summary.json`.
+#[derive(Clone, Debug, Serialize)]
+pub struct ExtremalSummary {
+    /// Whether the positions are an extremal or only the best iterate.
+    pub status: Status,
+    /// Version of the program.
+    pub version: &'static str,
+    /// Operating system and processor.
+    pub platform: String,
+    /// Value of the functional.
+    pub value: f64,
+    /// Newton steps.
+    pub newton_iterations: usize,
+    /// Iterations of the Krylov method, all Newton steps together.
+    pub krylov_iterations: usize,
+    /// Relative residual after each Newton step.
+    pub residual_history: Vec<f64>,
+    /// The last relative residual.
+    pub relative_residual: f64,
+    /// Largest left side of the discrete Euler–Lagrange equation.
+    pub residual: f64,
+    /// What the rounding of the positions alone may leave there.
+    pub rounding_level: f64,
+    /// Errors against the reference on this grid and coarser ones.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub errors: Vec<GridError>,
+    /// Seconds for the solution on the grid of the file.
+    pub seconds: f64,
+    /// The files beside this one.
+    pub files: Vec<&'static str>,
+    /// The inputs as used, defaults filled in.
+    pub problem: ProblemFile,
+}
+
+/// How a problem ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Status {
+    /// An extremal was found.
+    Converged,
+    /// The positions are the best iterate of an iteration that did not converge.
+    NotConverged,
+}
+
+/// Error against the reference on one grid.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct GridError {
+    /// Steps of the grid.
+    pub steps: usize,
+    /// Grid points where the reference is known.
+    pub compared: usize,
+    /// Largest error of a position there.
+    pub largest: f64,
+    /// log₂ of the error of the grid with half as many steps over this one's.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub order: Option<f64>,
+}
+
+/// Why a problem could not be solved or recorded.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum OutputError {
+    /// The problem cannot be set up.
+    #[error(transparent)]
+    Problem(#[from] ProblemError),
+    /// A file cannot be written.
+    #[error("{}: {source}", .path.display())]
+    Writing {
+        /// The file or directory.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// A picture cannot be made.
+    #[error("{}: {source}", .path.display())]
+    Picture {
+        /// The picture.
+        path: PathBuf,
+        /// Why.
+        source: PictureError,
+    },
+    /// The summary cannot be put into words.
+    #[error("the summary cannot be written: {0}")]
+    Summary(#[from] serde_json::Error),
+}
+
+/// Coarser grids on which the error is measured for the order.
+const COARSER_GRIDS: u32 = 3;
+
+/// Solves the problem and writes `extremal.csv`, pictures and `summary.json` into `directory`.
+///
+/// An iteration that does not converge is no error here: the best iterate is written, and the summary says so.
+/// `observe` hears the number of Newton steps and the relative residual before each.
+///
+/// # Errors
+/// [`OutputError`].
+pub fn solve_and_write(
+    file: &ProblemFile,
+    directory: &Path,
+    observe: &mut dyn FnMut(usize, f64),
+) -> Result<ExtremalSummary, OutputError> {
+    let problem = file.problem(file.grid)?;
+    let start = Instant::now();
+    let (status, extremal) = match problem.solve_observed(observe) {
+        Ok(extremal) => (Status::Converged, extremal),
+        Err(NotConverged { best }) => (Status::NotConverged, *best),
+    };
+    let seconds = start.elapsed().as_secs_f64();
+    let errors = match status {
+        Status::Converged => grid_errors(file, &extremal)?,
+        Status::NotConverged => Vec::new(),
+    };
+
+    std::fs::create_dir_all(directory)
+        .map_err(|source| OutputError::Writing { path: directory.to_owned(), source })?;
+    let path = directory.join("extremal.csv");
+    write_table(file, &extremal, &path).map_err(|source| OutputError::Writing { path, source })?;
+    let mut files = vec!["extremal.csv"];
+    for (name, chart) in charts(file, status, &extremal) {
+        let path = directory.join(name);
+        chart.write(&path).map_err(|source| OutputError::Picture { path, source })?;
+        files.push(name);
+    }
+    let summary = ExtremalSummary {
+        status,
+        version: env!("CARGO_PKG_VERSION"),
+        platform: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
+        value: extremal.value,
+        newton_iterations: extremal.newton_iterations,
+        krylov_iterations: extremal.krylov_iterations,
+        residual_history: extremal.history,
+        relative_residual: extremal.relative_residual,
+        residual: extremal.residual,
+        rounding_level: extremal.rounding_level,
+        errors,
+        seconds,
+        files,
+        problem: file.clone(),
+    };
+    let path = directory.join("summary.json");
+    let mut text = serde_json::to_vec_pretty(&summary)?;
+    text.push(b'\n');
+    write_atomically(&path, &text).map_err(|source| OutputError::Writing { path, source })?;
+    Ok(summary)
+}
+
+fn write_atomically(path: &Path, content: &[u8]) -> io::Result<()> {
+    let mut file = AtomicWriteFile::open(path)?;
+    file.write_all(content)?;
+    file.commit()
+}
+
+/// `t,x0,…,v0,…` with 17 significant digits; no velocity at the point outside I_σ.
+fn write_table(file: &ProblemFile, extremal: &Extremal, path: &Path) -> io::Result<()> {
+    let d = file.coordinates();
+    let mut out = BufWriter::with_capacity(1 << 16, AtomicWriteFile::open(path)?);
+    let columns = |letter: char| (0..d).map(move |index| format!(",{letter}{index}"));
+    let names: String = columns('x').chain(columns('v')).collect();
+    writeln!(out, "t{names}")?;
+    let without_velocity = file.sigma.excluded(file.grid.steps());
+    for k in 0..=file.grid.steps() {
+        write!(out, "{:.16e}", file.grid.time(k))?;
+        for x in &extremal.positions[k * d..(k + 1) * d] {
+            write!(out, ",{x:.16e}")?;
+        }
+        for v in &extremal.velocities[k * d..(k + 1) * d] {
+            if k == without_velocity {
+                write!(out, ",")?;
+            } else {
+                write!(out, ",{v:.16e}")?;
+            }
+        }
+        writeln!(out)?;
+    }
+    out.into_inner().map_err(io::IntoInnerError::into_error)?.commit()
+}
+
+/// Errors on the file's grid and on those with half, a quarter, … as many steps; coarsest first.
+fn grid_errors(file: &ProblemFile, extremal: &Extremal) -> Result<Vec<GridError>, ProblemError> {
+    if file.reference.is_none() {
+        return Ok(Vec::new());
+    }
+    let mut errors: Vec<GridError> = Vec::new();
+    for level in (0..=COARSER_GRIDS).rev() {
+        let steps = file.grid.steps() >> level;
+        if steps << level != file.grid.steps() || steps < 8 {
+            continue;
+        }
+        let measured = if level == 0 {
+            grid_error(file, &file.grid, &extremal.positions)
+        } else {
+            let grid = file.grid.with_steps(steps)?;
+            match file.problem(grid)?.solve() {
+                Ok(coarse) => grid_error(file, &grid, &coarse.positions),
+                Err(_) => None,
+            }
+        };
+        let Some(mut error) = measured else { continue };
+        error.order = errors
+            .last()
+            .filter(|coarser| 2 * coarser.steps == steps && error.largest > 0.0)
+            .map(|coarser| (coarser.largest / error.largest).log2());
+        errors.push(error);
+    }
+    Ok(errors)
+}
+
+fn grid_error(file: &ProblemFile, grid: &Grid, positions: &[f64]) -> Option<GridError> {
+    let reference = file.reference.as_ref()?;
+    let mut error = GridError { steps: grid.steps(), compared: 0, largest: 0.0, order: None };
+    for (k, position) in positions.chunks_exact(file.coordinates()).enumerate() {
+        if let Some(known) = reference.at(grid.time(k), grid.step()) {
+            error.compared += 1;
+            for (x, exact) in position.iter().zip(&known) {
+                error.largest = error.largest.max((x - exact).abs());
+            }
+        }
+    }
+    (error.compared > 0).then_some(error)
+}
+
+fn charts(file: &ProblemFile, status: Status, extremal: &Extremal) -> Vec<(&'static str, Chart)> {
+    let d = file.coordinates();
+    let sigma = match file.sigma {
+        Sigma::Minus => "−",
+        Sigma::Plus => "+",
+    };
+    let label = match status {
+        Status::Converged => "discrete extremal",
+        Status::NotConverged => "best iterate, not converged",
+    };
+    let subtitle = format!(
+        "{label}; L = {}, α = {}, σ = {sigma}, {} steps",
+        file.lagrangian.text(),
+        file.alpha,
+        file.grid.steps()
+    );
+    let points = |values: &[f64], i: usize, skip: Option<usize>| {
+        let mut envelope = Envelope::new();
+        for (k, value) in values[i..].iter().step_by(d).enumerate() {
+            if Some(k) != skip {
+                envelope.push(file.grid.time(k), *value);
+            }
+        }
+        envelope.points()
+    };
+    let chart = |axis: &str| {
+        Chart::new(file.heading(), Axis::linear("time t"), Axis::linear(axis)).with_subtitle(subtitle.clone())
+    };
+    let mut positions = chart("position x");
+    let mut velocities = chart("fractional velocity v");
+    for i in 0..d {
+        let curve = points(&extremal.positions, i, None);
+        positions = positions.with(Series::new(format!("x{i}"), Style::Line, curve));
+        let curve = points(&extremal.velocities, i, Some(file.sigma.excluded(file.grid.steps())));
+        velocities = velocities.with(Series::new(format!("v{i}"), Style::Line, curve));
+    }
+    if let Some(reference) = &file.reference {
+        for i in 0..d {
+            let mut envelope = Envelope::new();
+            for k in 0..=file.grid.steps() {
+                let time = file.grid.time(k);
+                if let Some(known) = reference.at(time, file.grid.step()) {
+                    envelope.push(time, known[i]);
+                }
+            }
+            let label = if i == 0 { "reference" } else { "" };
+            positions = positions.with(Series::new(label, Style::Reference, envelope.points()));
+        }
+    }
+    vec![("positions.svg", positions), ("velocities.svg", velocities)]
+}
