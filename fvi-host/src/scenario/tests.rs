@@ -136,6 +136,20 @@ fn mistakes_are_told_with_key_line_value_and_what_is_allowed() {
             22,
             "go together",
         ),
+        (
+            "kind = \"low-order\"\nkappa = 0.3",
+            "kind = \"galerkin\"\ndegree = 7",
+            "scheme.degree",
+            20,
+            "not allowed",
+        ),
+        (
+            "kind = \"low-order\"\nkappa = 0.3",
+            "kind = \"galerkin\"\ndegree = 3\npoints = 2",
+            "scheme.points",
+            21,
+            "not allowed",
+        ),
         ("step = 0.1", "step = 0.0", "time.step", 25, "not allowed"),
         ("step = 0.1", "step = -0.1", "time.step", 25, "not allowed"),
         ("step = 0.1", "step = nan", "time.step", 25, "not allowed"),
@@ -209,4 +223,24 @@ fn an_error_about_what_the_file_does_not_say_names_the_key_without_a_line() {
     assert_eq!((error.line(), error.to_string().as_str()), (None, "test.toml: history.engine: not allowed"));
     let error = read(GOOD).unwrap().error_at("system.damping[1].order", problem);
     assert_eq!(error.to_string(), "test.toml:12:9: system.damping[1].order = 1.5: not allowed");
+}
+
+#[test]
+fn a_galerkin_scheme_takes_its_quadrature_from_where_it_is_given() {
+    let with = |scheme: &str, convolution: &str| {
+        let text =
+            GOOD.replacen("kind = \"low-order\"\nkappa = 0.3", &format!("kind = \"galerkin\"\n{scheme}"), 1);
+        read(&text.replacen("family = \"bdf\"\norder = 3", convolution, 1)).map(|scenario| scenario.scheme)
+    };
+    let galerkin = |degree, quadrature| Scheme::Galerkin { degree, quadrature };
+    assert_eq!(with("degree = 3", "").unwrap(), galerkin(3, Some(Quadrature::Gauss(3))));
+    let lobatto = with("degree = 3\nquadrature = \"lobatto\"", "").unwrap();
+    assert_eq!(lobatto, galerkin(3, Some(Quadrature::Lobatto(4))));
+    let radau = "family = \"radau-iia\"\nstages = 3";
+    assert_eq!(with("degree = 3", radau).unwrap(), galerkin(3, None));
+    assert!(with("degree = 3\npoints = 3", radau).is_err());
+    let error = with("degree = 3", "family = \"lobatto-iiic\"\nstages = 2").unwrap_err();
+    assert!(
+        error.to_string().contains("convolution.stages = 2: does not go together with `scheme.degree` = 3")
+    );
 }
