@@ -1,9 +1,14 @@
-//! Convolutions to compare with: what people write first, what the textbook says, and the bound of known data.
+//! What engines are compared with: a reference of twice the precision on telling signals, what people write first, what
+//! the textbook says, and the bound of data known beforehand.
 
+mod compensated_sum;
 mod hls;
 mod naive;
 mod offline_fft;
+mod signal;
 
+pub use compensated_sum::{MemoryTerm, memory_term};
 pub use hls::Hls;
 pub use naive::Naive;
 pub use offline_fft::OfflineFft;
+pub use signal::Signal;

@@ -1,6 +1,7 @@
 //! Shared problems and measures of the cross-crate tests.
 #![forbid(unsafe_code)]
 
+pub mod conformance;
 pub mod convergence;
 pub mod motion;
 pub mod reference;

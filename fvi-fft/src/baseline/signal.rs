@@ -1,0 +1,52 @@
+//! Signals that bring out the errors of an engine.
+
+use fvi_core::Real;
+
+/// A kind of signal, the same numbers each time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Signal {
+    /// A slow oscillation with noise of the same size.
+    Stationary,
+    /// The same under an envelope that falls from 1 to 10⁻⁸ over the length.
+    Decaying,
+    /// The same under an envelope that grows from 10⁻⁸ to 1 over the length.
+    Growing,
+}
+
+impl Signal {
+    /// All kinds.
+    pub const ALL: [Self; 3] = [Self::Stationary, Self::Decaying, Self::Growing];
+
+    /// `length` samples of `channels` numbers each, one sample after the other.
+    pub fn samples<T: Real>(self, channels: usize, length: usize) -> Vec<T> {
+        let mut noise = Noise(1);
+        let mut samples = Vec::with_capacity(channels * length);
+        for k in 0..length {
+            let progress = k as f64 / length as f64;
+            let envelope = match self {
+                Self::Stationary => 1.0,
+                Self::Decaying => 10f64.powf(-8.0 * progress),
+                Self::Growing => 10f64.powf(8.0 * progress - 8.0),
+            };
+            for channel in 0..channels {
+                let smooth = (20.0 * progress + channel as f64).sin();
+                samples.push(T::of(envelope * (smooth + noise.next())));
+            }
+        }
+        samples
+    }
+}
+
+/// Numbers spread evenly over (−1, 1): SplitMix64 by Steele, Lea and Flood.
+struct Noise(u64);
+
+impl Noise {
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut bits = self.0;
+        bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        bits ^= bits >> 31;
+        (bits >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    }
+}

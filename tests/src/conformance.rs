@@ -1,0 +1,175 @@
+//! What holds for every memory engine, checked through its constructor.
+
+use fvi_core::{BdfOrder, ConvolutionWeights, Memory, MemoryError, Real};
+
+use fvi_fft::baseline::{Signal, memory_term};
+
+/// A kernel to convolve with.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum TestKernel {
+    /// Weights of the convolution quadrature of a BDF order for D^`exponent` at step size 1.
+    Quadrature {
+        /// Order p of the formula.
+        order: usize,
+        /// Exponent of the quadrature.
+        exponent: f64,
+    },
+    /// Weights of no pattern but a slow decay, W₀ = 0, of S×S matrices.
+    Arbitrary {
+        /// S.
+        stages: usize,
+    },
+}
+
+impl TestKernel {
+    /// Number of stages S.
+    pub fn stages(self) -> usize {
+        match self {
+            Self::Quadrature { .. } => 1,
+            Self::Arbitrary { stages } => stages,
+        }
+    }
+
+    /// The first `count` weights, row by row.
+    pub fn weights<T: Real>(self, count: usize) -> Vec<T> {
+        match self {
+            Self::Quadrature { order, exponent } => {
+                let order = BdfOrder::new(order).expect("an order");
+                let mut source = ConvolutionWeights::bdf(order, exponent, 1.0).expect("an exponent");
+                let mut weights = vec![T::zero(); count];
+                source.fill(&mut weights);
+                weights
+            }
+            Self::Arbitrary { stages } => (0..count * stages * stages)
+                .map(|index| {
+                    let (n, entry) = ((index / (stages * stages)) as f64, (index % (stages * stages)) as f64);
+                    T::of(if n == 0.0 { 0.0 } else { (0.7 * n * n + entry).cos() / (1.0 + n).powf(0.8) })
+                })
+                .collect(),
+        }
+    }
+}
+
+/// Makes an engine for a kernel, a number of channels and at least so many samples.
+pub trait Constructor<T>: Fn(TestKernel, usize, usize) -> Box<dyn Memory<T>> {}
+
+impl<T, F: Fn(TestKernel, usize, usize) -> Box<dyn Memory<T>>> Constructor<T> for F {}
+
+/// Largest |r_k − reference| / Σ|w||x| on a signal, in units of u, over all k < `length` or `samples` of them, and the
+/// k where it is.
+pub fn largest_error<T: Real>(
+    memory: &mut dyn Memory<T>,
+    kernel: TestKernel,
+    signal: Signal,
+    length: usize,
+    samples: usize,
+) -> (f64, usize) {
+    let channels = memory.channels();
+    let unit_roundoff = T::EPSILON.to_f64() / 2.0;
+    let weights = kernel.weights::<T>(length);
+    let signal = signal.samples::<T>(channels, length);
+    // The last terms, those around powers of two where blocks begin, and the rest evenly.
+    let stride = length.div_ceil(samples).max(1);
+    let wanted = |k: usize| k % stride == stride - 1 || k + 3 >= length || (k & (k.wrapping_sub(1))) == 0;
+    let mut term = vec![T::of(f64::NAN); channels];
+    let mut largest = (0.0, 0);
+    for k in 0..length {
+        memory.next_term(&mut term).expect("room for the sample");
+        if wanted(k) {
+            for (number, reference) in
+                term.iter().zip(memory_term(&weights, kernel.stages(), &signal, channels, k))
+            {
+                let error = (number.to_f64() - reference.sum).abs();
+                let relative = if error == 0.0 { 0.0 } else { error / reference.absolute / unit_roundoff };
+                if relative > largest.0 || relative.is_nan() {
+                    largest = (relative, k);
+                }
+            }
+        }
+        memory.push(&signal[k * channels..(k + 1) * channels]).expect("room for the sample");
+    }
+    largest
+}
+
+/// Tolerance of |r_k − reference| / Σ|w||x| in units of u.
+pub fn tolerance(signal: Signal) -> f64 {
+    match signal {
+        Signal::Stationary => 8.0,
+        Signal::Decaying | Signal::Growing => 128.0,
+    }
+}
+
+/// Checks that the terms are those of the plain sum, at every length given.
+///
+/// # Panics
+/// If they are not.
+pub fn agrees_with_the_plain_sum<T: Real>(
+    build: impl Constructor<T>,
+    kernel: TestKernel,
+    coordinates: usize,
+    lengths: &[usize],
+) {
+    for &length in lengths {
+        for signal in Signal::ALL {
+            let mut memory = build(kernel, coordinates * kernel.stages(), length);
+            let (error, k) = largest_error(&mut *memory, kernel, signal, length, 40);
+            assert!(
+                error <= tolerance(signal),
+                "{kernel:?}, {coordinates} coordinates, length {length}, {signal:?}: error {error} u at k = {k}"
+            );
+        }
+    }
+}
+
+/// Checks what the trait promises beside the numbers: repeated calls, failing calls, `clear`.
+///
+/// # Panics
+/// If a promise is broken.
+pub fn keeps_the_contract<T: Real>(build: impl Constructor<T>, kernel: TestKernel, length: usize) {
+    let channels = 2 * kernel.stages();
+    let signal = Signal::Stationary.samples::<T>(channels, length);
+    let sample = |k: usize| &signal[k * channels..(k + 1) * channels];
+    let bits = |numbers: &[T]| numbers.iter().map(|number| number.to_f64().to_bits()).collect::<Vec<_>>();
+
+    let mut calm = build(kernel, channels, length);
+    assert_eq!((calm.channels(), calm.stages()), (channels, kernel.stages()));
+    assert_eq!(bits(calm.leading()), bits(&kernel.weights::<T>(1)));
+    assert!(calm.is_empty() && calm.bytes() > 0);
+    let mut expected = Vec::new();
+    let mut term = vec![T::zero(); channels];
+    for k in 0..length {
+        calm.next_term(&mut term).expect("room");
+        expected.push(bits(&term));
+        calm.push(sample(k)).expect("room");
+        assert_eq!(calm.len(), k + 1);
+    }
+    if let Err(full) = calm.next_term(&mut term) {
+        assert!(matches!(full, MemoryError::Full { capacity } if capacity >= length), "{full}");
+        assert_eq!(calm.push(sample(0)), Err(full));
+        assert_eq!(calm.len(), length);
+    }
+
+    // The same run with refused and repeated calls in between, in a memory that was used before.
+    let mut teased = build(kernel, channels, length);
+    for k in 0..length / 2 {
+        teased.push(sample(length - 1 - k)).expect("room");
+    }
+    teased.clear();
+    assert!(teased.is_empty());
+    let mut dirty = vec![T::of(f64::NAN); channels];
+    let mut long = vec![T::zero(); channels + 1];
+    for k in 0..length {
+        let refusal = MemoryError::ChannelMismatch { expected: channels, found: channels + 1 };
+        assert_eq!(teased.next_term(&mut long), Err(refusal));
+        assert_eq!(teased.push(&long), Err(refusal));
+        let refusal = MemoryError::ChannelMismatch { expected: channels, found: 0 };
+        assert_eq!(teased.next_term(&mut []), Err(refusal));
+        assert_eq!(teased.push(&[]), Err(refusal));
+        for _ in 0..2 {
+            dirty.fill(T::of(f64::NAN));
+            teased.next_term(&mut dirty).expect("room");
+            assert_eq!(bits(&dirty), expected[k], "k = {k}");
+        }
+        teased.push(sample(k)).expect("room");
+    }
+}

@@ -1,0 +1,231 @@
+//! Every engine for arbitrary kernels gives the plain sum to rounding and keeps the contract of a memory.
+
+use fvi_core::{Direct, Memory, Overflow, Real, Ring};
+use fvi_fft::baseline::{Hls, Naive, OfflineFft, Signal, memory_term};
+use fvi_fft::{BlockFft, Pacing, RealTime, Scalar, WeightTable};
+use fvi_tests::conformance::{
+    Constructor, TestKernel, agrees_with_the_plain_sum, keeps_the_contract, largest_error,
+};
+
+const FINEST_BLOCK: usize = 64;
+
+const QUADRATURES: [(usize, f64); 10] =
+    [(1, 0.3), (1, 0.5), (1, 1.5), (1, 1.9), (1, -0.5), (6, 0.3), (6, 0.5), (6, 1.5), (6, 1.9), (6, -0.5)];
+
+/// A ring that keeps everything, newest first.
+struct Everything<T>(Vec<T>, usize);
+
+impl<T: Copy> Ring<T> for Everything<T> {
+    fn as_slices(&self) -> (&[T], &[T]) {
+        (&self.0[self.0.len() - self.1..], &[])
+    }
+
+    fn capacity(&self) -> usize {
+        self.0.len()
+    }
+
+    fn store(&mut self, sample: T) {
+        self.1 += 1;
+        let place = self.0.len() - self.1;
+        self.0[place] = sample;
+    }
+
+    fn clear(&mut self) {
+        self.1 = 0;
+    }
+
+    fn bytes(&self) -> usize {
+        self.0.len() * size_of::<T>()
+    }
+}
+
+fn direct<T: Real>(kernel: TestKernel, channels: usize, capacity: usize) -> Box<dyn Memory<T>> {
+    let entries = kernel.stages() * kernel.stages();
+    let weights = kernel.weights::<T>(capacity + 1);
+    let planes: Vec<T> =
+        (0..entries).flat_map(|entry| weights.iter().skip(entry).step_by(entries).copied()).collect();
+    let rings: Vec<_> = (0..channels).map(|_| Everything(vec![T::zero(); capacity], 0)).collect();
+    Box::new(Direct::new(planes, kernel.stages(), T::one(), rings, Overflow::Refuse).unwrap())
+}
+
+fn block_fft<T: Scalar>(kernel: TestKernel, channels: usize, capacity: usize) -> Box<dyn Memory<T>> {
+    let weights = kernel.weights::<T>(capacity);
+    let table = WeightTable::matrices(&weights, kernel.stages());
+    // An empty run still has its leading weight.
+    let first = kernel.weights::<T>(1);
+    let table = if capacity == 0 { WeightTable::matrices(&first, kernel.stages()) } else { table };
+    Box::new(BlockFft::planned(table, channels, capacity).unwrap())
+}
+
+/// A kernel asked for as the run grows.
+struct Stream<T> {
+    stages: usize,
+    weights: Vec<T>,
+}
+
+impl<T: Scalar> fvi_fft::Kernel<T> for Stream<T> {
+    fn stages(&self) -> usize {
+        self.stages
+    }
+
+    fn fill(&mut self, first: usize, weights: &mut [T]) {
+        WeightTable::matrices(&self.weights, self.stages).fill(first, weights);
+    }
+}
+
+fn growing_block_fft<T: Scalar>(kernel: TestKernel, channels: usize, capacity: usize) -> Box<dyn Memory<T>> {
+    let stream = Stream { stages: kernel.stages(), weights: kernel.weights(4 * capacity.max(FINEST_BLOCK)) };
+    Box::new(BlockFft::growing(stream, channels).unwrap())
+}
+
+fn real_time<T: Scalar>(kernel: TestKernel, channels: usize, capacity: usize) -> Box<dyn Memory<T>> {
+    let weights = kernel.weights::<T>(capacity.max(1));
+    let table = WeightTable::matrices(&weights, kernel.stages());
+    Box::new(RealTime::planned(table, channels, capacity, Pacing::Paced).unwrap())
+}
+
+/// Lengths at which something begins or ends in blocks of 64 and the sizes above them.
+fn lengths() -> Vec<usize> {
+    let mut lengths = vec![0, 1, 2, 15, 16, 17];
+    for block in [FINEST_BLOCK, 2 * FINEST_BLOCK, 4 * FINEST_BLOCK, 16 * FINEST_BLOCK, 32 * FINEST_BLOCK] {
+        lengths.extend([block - 1, block, block + 1]);
+    }
+    lengths.push(5000);
+    lengths
+}
+
+fn short_runs<T: Real>(build: impl Constructor<T> + Copy) {
+    for (order, exponent) in QUADRATURES {
+        agrees_with_the_plain_sum(build, TestKernel::Quadrature { order, exponent }, 1, &[1000]);
+    }
+    let quadrature = TestKernel::Quadrature { order: 1, exponent: 0.5 };
+    agrees_with_the_plain_sum(build, quadrature, 1, &lengths());
+    agrees_with_the_plain_sum(build, quadrature, 3, &[1, 63, 700]);
+    for stages in [1, 3] {
+        for coordinates in [1, 3] {
+            let kernel = TestKernel::Arbitrary { stages };
+            agrees_with_the_plain_sum(build, kernel, coordinates, &[0, 1, 65, 129, 700, 2049]);
+        }
+    }
+}
+
+fn contract<T: Real>(build: impl Constructor<T> + Copy) {
+    for length in [1, 40, 700] {
+        keeps_the_contract(build, TestKernel::Quadrature { order: 2, exponent: 0.5 }, length);
+        keeps_the_contract(build, TestKernel::Arbitrary { stages: 3 }, length);
+    }
+}
+
+macro_rules! engine {
+    ($name:ident, $build:ident, $long:expr) => {
+        mod $name {
+            use super::*;
+
+            #[test]
+            fn short_runs_agree_with_the_plain_sum() {
+                short_runs::<f64>($build);
+            }
+
+            #[test]
+            fn short_runs_agree_with_the_plain_sum_in_f32() {
+                short_runs::<f32>($build);
+            }
+
+            #[test]
+            fn repeated_refused_and_cleared_runs_give_the_same_bits() {
+                contract::<f64>($build);
+                contract::<f32>($build);
+            }
+
+            #[test]
+            fn long_runs_agree_with_the_plain_sum() {
+                for kernel in [
+                    TestKernel::Quadrature { order: 1, exponent: 0.5 },
+                    TestKernel::Quadrature { order: 6, exponent: 1.5 },
+                    TestKernel::Arbitrary { stages: 1 },
+                ] {
+                    agrees_with_the_plain_sum::<f64>($build, kernel, 1, $long);
+                }
+                let kernel = TestKernel::Quadrature { order: 1, exponent: -0.5 };
+                agrees_with_the_plain_sum::<f32>($build, kernel, 1, $long);
+            }
+        }
+    };
+}
+
+engine!(direct_memory, direct, &[20_000]);
+engine!(block_fft_memory, block_fft, &[33_000, 300_000]);
+engine!(growing_block_fft_memory, growing_block_fft, &[33_000, 300_000]);
+engine!(real_time_memory, real_time, &[33_000, 300_000]);
+
+#[test]
+fn a_growing_block_fft_memory_takes_any_number_of_samples() {
+    let kernel = TestKernel::Quadrature { order: 1, exponent: 0.5 };
+    let mut memory = growing_block_fft::<f64>(kernel, 1, 1 << 16);
+    for _ in 0..200_000 {
+        memory.push(&[1.0]).unwrap();
+    }
+    assert_eq!(memory.len(), 200_000);
+}
+
+#[test]
+fn engines_refuse_channels_that_are_no_groups_of_stages() {
+    let weights = vec![0.5; 9 * 10];
+    let table = WeightTable::matrices(&weights, 3);
+    for channels in [0, 1, 4] {
+        let refusals = [
+            BlockFft::planned(table, channels, 10).err(),
+            RealTime::planned(table, channels, 10, Pacing::Eager).err(),
+            Naive::planned(table, channels, 10).err(),
+            Hls::planned(table, channels, 10).err(),
+        ];
+        for refusal in refusals {
+            assert_eq!(refusal.map(|error| error.parameter), Some("channels"), "{channels} channels");
+        }
+    }
+}
+
+/// The textbook's transforms mix near and far lags: good to rounding only in norm.
+#[test]
+fn baselines_agree_with_the_plain_sum_in_norm() {
+    for stages in [1, 3] {
+        let kernel = TestKernel::Arbitrary { stages };
+        let weights = kernel.weights::<f64>(3000);
+        let table = WeightTable::matrices(&weights, stages);
+        let mut memories: [Box<dyn Memory<f64>>; 2] = [
+            Box::new(Naive::planned(table, 2 * stages, 3000).unwrap()),
+            Box::new(Hls::planned(table, 2 * stages, 3000).unwrap()),
+        ];
+        for memory in &mut memories {
+            let (error, k) = largest_error(&mut **memory, kernel, Signal::Stationary, 3000, 100);
+            assert!(error < 300.0, "{stages} stages: {error} u at k = {k}");
+        }
+    }
+}
+
+#[test]
+fn an_offline_transform_agrees_with_the_plain_sum_in_norm() {
+    let weights = TestKernel::Quadrature { order: 1, exponent: 0.5 }.weights::<f64>(3000);
+    let signal = Signal::Stationary.samples::<f64>(1, 3000);
+    let mut terms = vec![f64::NAN; 3000];
+    let mut offline = OfflineFft::new(WeightTable::scalars(&weights), 3000).unwrap();
+    for _ in 0..2 {
+        offline.convolve(&signal, &mut terms);
+        for k in (0..3000).step_by(37) {
+            let reference = memory_term(&weights, 1, &signal, 1, k)[0];
+            assert!((terms[k] - reference.sum).abs() < 1e-13, "k = {k}");
+        }
+    }
+}
+
+#[test]
+fn the_textbook_loses_small_terms_where_block_fft_keeps_them() {
+    let kernel = TestKernel::Quadrature { order: 1, exponent: 0.5 };
+    let weights = kernel.weights::<f64>(20_000);
+    let table = WeightTable::scalars(&weights);
+    let mut textbook = Hls::planned(table, 1, 20_000).unwrap();
+    let mut blocks = BlockFft::planned(table, 1, 20_000).unwrap();
+    let (lost, _) = largest_error(&mut textbook, kernel, Signal::Decaying, 20_000, 40);
+    let (kept, _) = largest_error(&mut blocks, kernel, Signal::Decaying, 20_000, 40);
+    assert!(lost > 1000.0 && kept < 128.0, "textbook {lost} u, block-fft {kept} u");
+}
