@@ -10,7 +10,9 @@ mod damping;
 mod direct;
 mod double_double;
 mod error;
+
 mod euler;
+mod exponential_sum;
 mod galerkin;
 mod integrator;
 mod linear;
@@ -30,6 +32,7 @@ pub use damping::{AffineForce, Damping, DampingError, DampingTerm, Derivative, M
 pub use direct::{Direct, FixedDirect, MAX_STAGES, Overflow, Ring};
 pub use error::ParameterError;
 pub use euler::{ExplicitEuler, ImplicitEuler};
+pub use exponential_sum::{ExponentialSum, ExponentialTable};
 pub use galerkin::Galerkin;
 pub use integrator::{Integrator, IntegratorError, State};
 pub use memory::{Memory, MemoryError, check_channels};

@@ -1,7 +1,10 @@
 //! The commands of the program, one module each, and what they share: how they end.
 
 pub mod extremal;
+pub mod exponentials;
+mod listing;
 pub mod run;
+pub mod weights;
 
 use crate::scenario::InputError;
 use clap::{Parser, Subcommand};
@@ -23,6 +26,10 @@ enum Command {
     Run(run::RunArguments),
     /// Solve a two-point fractional Euler–Lagrange problem: the discrete extremal between fixed end points
     Extremal(extremal::ExtremalArguments),
+    /// Convolution-quadrature weights, as a table or as constants for firmware
+    Weights(weights::WeightsArguments),
+    /// Weights as a short head and decaying exponentials, for the exponential-sum memory
+    Exponentials(exponentials::ExponentialsArguments),
 }
 
 /// How a command that did not do all it was asked to ended.
@@ -32,6 +39,9 @@ pub enum CommandError {
     /// The input cannot be used: exit code 2.
     #[error(transparent)]
     Input(#[from] InputError),
+    /// An argument is outside its range: exit code 2.
+    #[error(transparent)]
+    Argument(fvi_core::ParameterError),
     /// The computation failed: exit code 1.
     #[error("{0}")]
     Failed(String),
@@ -47,6 +57,8 @@ impl Program {
         let result = match self.command {
             Command::Run(arguments) => arguments.execute(),
             Command::Extremal(arguments) => arguments.execute(),
+            Command::Weights(arguments) => arguments.execute(),
+            Command::Exponentials(arguments) => arguments.execute(),
         };
         match result {
             Ok(()) => ExitCode::SUCCESS,
@@ -61,7 +73,7 @@ impl Program {
 impl CommandError {
     fn code(&self) -> ExitCode {
         match self {
-            Self::Input(_) => ExitCode::from(2),
+            Self::Input(_) | Self::Argument(_) => ExitCode::from(2),
             Self::Failed(_) => ExitCode::from(1),
             Self::Stopped(_) => ExitCode::from(130),
         }

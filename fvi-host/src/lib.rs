@@ -1,8 +1,10 @@
 //! Fractional variational integrators on the host.
 #![forbid(unsafe_code)]
 
+pub mod aligned;
 pub mod command;
 pub mod engine;
+pub mod exponential_table;
 pub mod expression;
 pub mod measure;
 pub mod model;
@@ -14,3 +16,4 @@ pub mod scenario;
 pub mod simulation;
 pub mod trajectory;
 pub mod two_point;
+pub mod vectorised;

@@ -1,0 +1,494 @@
+//! The exponential-sum memory: a short head of weights and a tail of decaying exponentials, the same cost at every step.
+
+use core::marker::PhantomData;
+
+use crate::direct::MAX_STAGES;
+use crate::error::ParameterError;
+use crate::memory::{Memory, MemoryError, check_channels};
+use crate::real::Real;
+
+/// Exponentials in a block: what the table and the state hold lies in blocks, and vectors never straddle two kinds of numbers.
+const LANES: usize = 4;
+
+/// One number for each exponential of a block.
+type Lanes<T> = [T; LANES];
+
+/// A kernel whose weights beyond a head are a sum of decaying exponentials.
+///
+/// ```text
+/// W_n = head[n]                                   for 0 ≤ n < n₀ ,
+/// W_n = Σ_{j<J} (1 − μ_j)^{n−n₀} u_j v_jᵀ          for n₀ ≤ n ≤ horizon
+/// ```
+///
+/// For plain numbers (S = 1) u_j is the value of an exponential at n = n₀ and v_j = 1; kernels of S×S matrices have
+/// rank-one terms. The table holds μ_j = 1 − R_j and not the factor R_j, which near 1 would lose the digits that decide
+/// what is left after many steps.
+///
+/// This is plain data, so that it can lie in flash; [`ExponentialSum::new`] checks it. `C` is anything that holds
+/// numbers: `&'static [f32]`, `[f32; 8]`, `Vec<f64>`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ExponentialTable<C> {
+    /// Number of stages S of the kernel: 1 for plain numbers.
+    pub stages: usize,
+    /// Weights W₀ … W_{n₀−1}, at least two before exponentials and one without, plane by plane: entry (a, b) of W_n is
+    /// `head[(a·S + b)·n₀ + n]`.
+    pub head: C,
+    /// The exponentials in blocks of four: four μ_j in [0, 2], then for each stage four entries of the u_j, and for S > 1 for each
+    /// stage four entries of the v_j. The last block is filled up with zeros. Empty for a kernel that ends with its head.
+    pub exponentials: C,
+    /// How many blocks, from the first, hold slow exponentials, whose running sums are kept in two parts.
+    ///
+    /// A sum that forgets slowly (μ_j ≪ 1) would otherwise gather the rounding errors of 1/μ_j steps, and in single
+    /// precision stand still once a sample is less than half a unit in its last place.
+    pub slow_blocks: usize,
+    /// Largest lag at which the weights hold: the memory takes this many samples.
+    pub horizon: usize,
+}
+
+/// Numbers of a block in the table.
+const fn block_len(stages: usize) -> usize {
+    if stages == 1 { 2 * LANES } else { (1 + 2 * stages) * LANES }
+}
+
+/// Numbers of a block in the state: four recent parts, four settled parts.
+const STATE_BLOCK: usize = 2 * LANES;
+
+impl<C> ExponentialTable<C> {
+    /// The same table, borrowed.
+    #[inline(always)]
+    pub fn borrow<T>(&self) -> ExponentialTable<&[T]>
+    where
+        C: AsRef<[T]>,
+    {
+        ExponentialTable {
+            stages: self.stages,
+            head: self.head.as_ref(),
+            exponentials: self.exponentials.as_ref(),
+            slow_blocks: self.slow_blocks,
+            horizon: self.horizon,
+        }
+    }
+}
+
+impl<T> ExponentialTable<&[T]> {
+    /// How many numbers of state [`ExponentialSum`] needs for this table and `channels` channels.
+    ///
+    /// 2J C/S + (2n₀ + 2) C + S² with J in whole blocks of four: running sums in two parts, pending terms and delayed
+    /// samples, the term in four parts, the leading weight. A `const fn`, to be the length of an array.
+    pub const fn state_len(&self, channels: usize) -> usize {
+        let planes = self.stages.saturating_mul(self.stages);
+        if planes == 0 {
+            return 0;
+        }
+        let head = self.head.len() / planes;
+        let blocks = self.exponentials.len() / block_len(self.stages);
+        let per_channel = head.saturating_add(head.saturating_sub(2)).saturating_add(LANES);
+        planes
+            .saturating_add(per_channel.saturating_mul(channels))
+            .saturating_add(blocks.saturating_mul(STATE_BLOCK).saturating_mul(channels / self.stages))
+    }
+}
+
+/// The exponential-sum memory: r_k = Σ_{n=1}^{k} W_n x_{k−n} for the kernel of an [`ExponentialTable`].
+///
+/// ```text
+/// r_k = Σ_{n=1}^{n₀−1} W_n x_{k−n} + Σ_j u_j z_j ,      z_j ← z_j + (v_jᵀ x_{k+1−n₀} − μ_j z_j)
+/// ```
+///
+/// Cost and worst step: n₀ + 2J multiply–adds per channel (S = 1), whatever the length of the run. A new sample goes into every pending
+/// sum of the head and, n₀ steps later, into every z_j, with accumulators in fixed places: the result has the same bits
+/// whatever the width of the vectors that the compiler uses. The table may be shared; the state `B` is the
+/// caller's: an array, a mutable slice, or a `Vec`, of [`ExponentialTable::state_len`] numbers.
+///
+/// The kernel is `scale` times that of the table, so that one dimensionless table, made for h = 1, serves every
+/// step size with `scale` = h^{−β}.
+///
+/// Source: collapsed contour of [HJO] eq. 19; recursion as in [SchädleLFLubich06].
+///
+/// ```
+/// # use fvi_core::{ExponentialSum, ExponentialTable, Memory};
+/// // w = 2, 1, 1/2, 1/4, …: one exponential after a head of two weights.
+/// const TABLE: ExponentialTable<&[f32]> = ExponentialTable {
+///     stages: 1,
+///     head: &[2.0, 1.0],
+///     exponentials: &[0.5, 0.0, 0.0, 0.0, /* μ */ 0.5, 0.0, 0.0, 0.0 /* u */],
+///     slow_blocks: 0,
+///     horizon: 1_000_000,
+/// };
+/// let mut memory = ExponentialSum::new(TABLE, 1.0, 1, [0.0; TABLE.state_len(1)])?;
+/// let mut term = [0.0];
+/// for sample in [8.0, 0.0, 4.0] {
+///     memory.push(&[sample])?;
+/// }
+/// memory.next_term(&mut term)?;
+/// assert_eq!(term, [8.0 / 4.0 + 4.0]);
+/// # Ok::<(), Box<dyn core::error::Error>>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct ExponentialSum<T, C, B> {
+    table: ExponentialTable<C>,
+    scale: T,
+    channels: usize,
+    state: B,
+    /// Place of the oldest delayed sample.
+    oldest: usize,
+    /// Which slow block settles at the next step.
+    settling: usize,
+    len: usize,
+    number: PhantomData<T>,
+}
+
+impl<T, C, B> ExponentialSum<T, C, B>
+where
+    T: Real,
+    C: AsRef<[T]>,
+    B: AsRef<[T]> + AsMut<[T]>,
+{
+    /// A memory for the kernel scale·W_n on `channels` channels, without samples.
+    ///
+    /// # Errors
+    /// If the table's shapes do not fit together, S is not one of 1…4, a number of the table or the scale is not finite, a μ_j is
+    /// outside [0, 2], the number of channels is not a positive multiple of S, or the state has another length
+    /// than [`ExponentialTable::state_len`].
+    pub fn new(
+        table: ExponentialTable<C>,
+        scale: T,
+        channels: usize,
+        state: B,
+    ) -> Result<Self, ParameterError> {
+        let view = table.borrow();
+        let stages = view.stages;
+        let count = |parameter, value: usize, accepted, allowed| {
+            ParameterError::check(accepted, parameter, value as f64, allowed)
+        };
+        count("stages", stages, (1..=MAX_STAGES).contains(&stages), "one of 1, 2, 3, 4")?;
+        let planes = stages * stages;
+        let least = if view.exponentials.is_empty() { planes } else { 2 * planes };
+        count(
+            "head weights",
+            view.head.len(),
+            view.head.len() >= least && view.head.len().is_multiple_of(planes),
+            "a multiple of the squared stages, at least one of each and two before exponentials",
+        )?;
+        let block = block_len(stages);
+        count(
+            "numbers of exponentials",
+            view.exponentials.len(),
+            view.exponentials.len().is_multiple_of(block),
+            "a multiple of 8 for one stage, of 4 + 8 stages for more",
+        )?;
+        let blocks = view.exponentials.len() / block;
+        count("slow blocks", view.slow_blocks, view.slow_blocks <= blocks, "at most the number of blocks")?;
+        count(
+            "channels",
+            channels,
+            channels > 0 && channels.is_multiple_of(stages),
+            "a positive multiple of the stages",
+        )?;
+        let length = state.as_ref().len();
+        count("state length", length, length == view.state_len(channels), "the table's state_len")?;
+        for (parameter, numbers) in [("head weight", view.head), ("exponential", view.exponentials)] {
+            if let Some(number) = numbers.iter().copied().find(|number| !number.is_finite()) {
+                return Err(ParameterError { parameter, value: number.to_f64(), allowed: "finite" });
+            }
+        }
+        let mut decays = view.exponentials.chunks(block).flat_map(|block| block.iter().take(LANES));
+        if let Some(decay) = decays.find(|&&decay| decay < T::zero() || decay > T::of(2.0)) {
+            let allowed = "at least 0 and at most 2";
+            return Err(ParameterError { parameter: "decay", value: decay.to_f64(), allowed });
+        }
+        ParameterError::check(scale.is_finite(), "scale", scale.to_f64(), "finite")?;
+        let mut memory =
+            Self { table, scale, channels, state, oldest: 0, settling: 0, len: 0, number: PhantomData };
+        memory.clear();
+        Ok(memory)
+    }
+
+    /// The table.
+    pub fn table(&self) -> &ExponentialTable<C> {
+        &self.table
+    }
+
+    fn check_room(&self) -> Result<(), MemoryError> {
+        let capacity = self.table.horizon;
+        if self.len >= capacity { Err(MemoryError::Full { capacity }) } else { Ok(()) }
+    }
+}
+
+/// The parts of the state, one behind the other. The running sums come first: where the state is aligned, so are they.
+struct Parts<'a, T> {
+    /// Blocks of the z_j of every coordinate.
+    sums: &'a mut [T],
+    /// For every channel, what the samples so far add to the head of the next n₀ − 1 terms, then a zero.
+    pending: &'a mut [T],
+    /// The last n₀ − 2 samples, as a ring of samples.
+    delayed: &'a mut [T],
+    /// r_k / scale of every channel, in four parts.
+    term: &'a mut [T],
+    leading: &'a mut [T],
+}
+
+/// Splits off the first `count` numbers, if there are as many.
+#[inline(always)]
+fn split_off<'a, T>(rest: &mut &'a mut [T], count: usize) -> Option<&'a mut [T]> {
+    let (first, behind) = core::mem::take(rest).split_at_mut_checked(count)?;
+    *rest = behind;
+    Some(first)
+}
+
+impl<'a, T> Parts<'a, T> {
+    /// `None` if the state is too short, which the constructor excludes.
+    #[inline(always)]
+    fn of(
+        table: &ExponentialTable<&[T]>,
+        stages: usize,
+        channels: usize,
+        mut state: &'a mut [T],
+    ) -> Option<Self> {
+        let planes = stages * stages;
+        let head = table.head.len() / planes.max(1);
+        let coordinates = channels / stages.max(1);
+        let rest = &mut state;
+        let blocks = table.exponentials.len() / block_len(stages);
+        Some(Self {
+            sums: split_off(rest, coordinates * blocks * STATE_BLOCK)?,
+            pending: split_off(rest, channels * head)?,
+            delayed: split_off(rest, channels * head.saturating_sub(2))?,
+            term: split_off(rest, channels * LANES)?,
+            leading: split_off(rest, planes)?,
+        })
+    }
+}
+
+#[inline(always)]
+fn lanes<T: Real>(number: impl Fn(usize) -> T) -> Lanes<T> {
+    let mut lanes = [T::zero(); LANES];
+    for (lane, place) in lanes.iter_mut().enumerate() {
+        *place = number(lane);
+    }
+    lanes
+}
+
+/// pending[i] ← pending[i+1] + weights[i] x: the next term moves to the front, and the sample joins those to come.
+///
+/// Four at a time are read before they are written: then the compiler needs no proof that the slices are apart to use vectors.
+#[inline(always)]
+fn shift_and_add<T: Real>(mut pending: &mut [T], weights: &[T], x: T) {
+    let (blocks, rest) = weights.as_chunks::<LANES>();
+    for weights in blocks {
+        let Some(next) = pending.get(1..).and_then(|next| next.first_chunk::<LANES>()) else { return };
+        let moved = lanes(|lane| next[lane] + weights[lane] * x);
+        let Some((here, behind)) = pending.split_first_chunk_mut::<LANES>() else { return };
+        *here = moved;
+        pending = behind;
+    }
+    // At most three, each on its own: a loop would be made into one of vectors, at a greater cost.
+    let mut rest = rest.iter();
+    for _ in 1..LANES {
+        let (Some(&weight), Some(&next)) = (rest.next(), pending.get(1)) else { return };
+        let Some((here, behind)) = pending.split_first_mut() else { return };
+        *here = next + weight * x;
+        pending = behind;
+    }
+}
+
+/// z ← z + (x − μ z) for a block of exponentials, z = recent + settled; returns the z before.
+///
+/// Small changes meet the small recent part. That of a slow exponential is emptied into the settled part now and
+/// then by [`settle`]; a fast one has no settled part.
+#[inline(always)]
+fn absorb<T: Real>(sums: &mut [T; STATE_BLOCK], decay: &Lanes<T>, x: Lanes<T>) -> Lanes<T> {
+    let [recent, settled] = halves(*sums);
+    let before = lanes(|lane| settled[lane] + recent[lane]);
+    let changed = lanes(|lane| recent[lane] + (x[lane] - decay[lane] * before[lane]));
+    if let Some(recent) = sums.first_chunk_mut::<LANES>() {
+        *recent = changed;
+    }
+    before
+}
+
+/// Moves the recent parts of a block into the settled ones; what rounding takes away stays recent.
+#[inline(always)]
+fn settle<T: Real>(sums: &mut [T; STATE_BLOCK]) {
+    let [recent, settled] = halves(*sums);
+    let moved = lanes(|lane| settled[lane] + recent[lane]);
+    let rest = lanes(|lane| recent[lane] - (moved[lane] - settled[lane]));
+    *sums = lanes_of_both(rest, moved);
+}
+
+#[inline(always)]
+fn halves<T: Real>([a, b, c, d, e, f, g, h]: [T; STATE_BLOCK]) -> [Lanes<T>; 2] {
+    [[a, b, c, d], [e, f, g, h]]
+}
+
+#[inline(always)]
+fn lanes_of_both<T: Real>([a, b, c, d]: Lanes<T>, [e, f, g, h]: Lanes<T>) -> [T; STATE_BLOCK] {
+    [a, b, c, d, e, f, g, h]
+}
+
+impl<T, C, B> ExponentialSum<T, C, B>
+where
+    T: Real,
+    C: AsRef<[T]>,
+    B: AsRef<[T]> + AsMut<[T]>,
+{
+    /// The step for plain numbers. It returns early only if the state has another shape than the constructor found.
+    #[inline(always)]
+    fn push_numbers(&mut self, sample: &[T]) -> Option<()> {
+        let channels = self.channels;
+        let table = self.table.borrow();
+        let parts = Parts::of(&table, 1, channels, self.state.as_mut())?;
+        let weights = table.head.get(1..)?;
+        let exponentials = table.exponentials.as_chunks::<STATE_BLOCK>().0;
+        let (mut pending, mut sums) = (parts.pending, parts.sums.as_chunks_mut::<STATE_BLOCK>().0);
+        let mut delayed = parts.delayed.get_mut(self.oldest * channels..)?.iter_mut();
+        let terms = parts.term.as_chunks_mut::<LANES>().0;
+        for (&x, term) in sample.iter().zip(terms) {
+            let leaving = match delayed.next() {
+                Some(place) => core::mem::replace(place, x),
+                None => x,
+            };
+            let (here, behind) = core::mem::take(&mut sums).split_at_mut_checked(exponentials.len())?;
+            sums = behind;
+            let pending = split_off(&mut pending, table.head.len())?;
+            shift_and_add(pending, weights, x);
+            let head = pending.first().copied().unwrap_or_default();
+            let mut totals = [head, T::zero(), T::zero(), T::zero()];
+            for (block, sums) in exponentials.iter().zip(here.iter_mut()) {
+                let [decay, coefficient] = halves(*block);
+                let before = absorb(sums, &decay, [leaving; LANES]);
+                totals = lanes(|lane| totals[lane] + coefficient[lane] * before[lane]);
+            }
+            if let Some(sums) = here.get_mut(..table.slow_blocks)?.get_mut(self.settling) {
+                settle(sums);
+            }
+            *term = totals;
+        }
+        Some(())
+    }
+
+    /// The step for S×S matrices. Out of line: it would burden the registers of the step for plain numbers.
+    #[inline(never)]
+    fn push_stages(&mut self, sample: &[T]) -> Option<()> {
+        let (stages, channels) = (self.table.stages, self.channels);
+        let table = self.table.borrow();
+        let parts = Parts::of(&table, stages, channels, self.state.as_mut())?;
+        let head = table.head.len().checked_div(stages * stages)?;
+        let blocks = table.exponentials.len() / block_len(stages);
+        let (mut pending, mut sums) = (parts.pending, parts.sums.as_chunks_mut::<STATE_BLOCK>().0);
+        let mut delayed = parts.delayed.get_mut(self.oldest * channels..)?;
+        let terms = parts.term.as_chunks_mut::<LANES>().0.chunks_exact_mut(stages);
+        for (sample, terms) in sample.chunks_exact(stages).zip(terms) {
+            let mut planes = table.head.chunks_exact(head);
+            for term in terms.iter_mut() {
+                let pending = split_off(&mut pending, head)?;
+                for (b, &x) in sample.iter().enumerate() {
+                    let weights = planes.next()?.get(1..)?;
+                    if b == 0 {
+                        shift_and_add(pending, weights, x);
+                    } else {
+                        pending.iter_mut().zip(weights).for_each(|(here, &weight)| *here += weight * x);
+                    }
+                }
+                *term = [pending.first().copied().unwrap_or_default(), T::zero(), T::zero(), T::zero()];
+            }
+            let mut leaving = [T::zero(); MAX_STAGES];
+            let leaving = leaving.get_mut(..stages)?;
+            leaving.copy_from_slice(sample);
+            if let Some(places) = split_off(&mut delayed, stages) {
+                places.swap_with_slice(leaving);
+            }
+            let (here, behind) = core::mem::take(&mut sums).split_at_mut_checked(blocks)?;
+            sums = behind;
+            for (block, sums) in table.exponentials.chunks_exact(block_len(stages)).zip(here.iter_mut()) {
+                let (decay, entries) = block.as_chunks::<LANES>().0.split_first()?;
+                let (outputs, inputs) = entries.split_at_checked(stages)?;
+                let input = inputs
+                    .iter()
+                    .zip(&*leaving)
+                    .fold([T::zero(); LANES], |sum, (input, &x)| lanes(|lane| sum[lane] + input[lane] * x));
+                let before = absorb(sums, decay, input);
+                for (term, output) in terms.iter_mut().zip(outputs) {
+                    *term = lanes(|lane| term[lane] + output[lane] * before[lane]);
+                }
+            }
+            if let Some(sums) = here.get_mut(..table.slow_blocks)?.get_mut(self.settling) {
+                settle(sums);
+            }
+        }
+        Some(())
+    }
+}
+
+impl<T, C, B> Memory<T> for ExponentialSum<T, C, B>
+where
+    T: Real,
+    C: AsRef<[T]>,
+    B: AsRef<[T]> + AsMut<[T]>,
+{
+    fn channels(&self) -> usize {
+        self.channels
+    }
+
+    fn stages(&self) -> usize {
+        self.table.stages
+    }
+
+    fn leading(&self) -> &[T] {
+        let state = self.state.as_ref();
+        state.get(state.len().saturating_sub(self.table.stages * self.table.stages)..).unwrap_or(&[])
+    }
+
+    fn len(&self) -> usize {
+        self.len
+    }
+
+    #[inline]
+    fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
+        check_channels(self.channels, term.len())?;
+        self.check_room()?;
+        let state = self.state.as_ref();
+        let end = state.len().saturating_sub(self.table.stages * self.table.stages);
+        let ready = state.get(end.saturating_sub(self.channels * LANES)..end).unwrap_or(&[]);
+        for (term, &[a, b, c, d]) in term.iter_mut().zip(ready.as_chunks::<LANES>().0) {
+            *term = ((a + c) + (b + d)) * self.scale;
+        }
+        Ok(())
+    }
+
+    #[inline(always)]
+    fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
+        check_channels(self.channels, sample.len())?;
+        self.check_room()?;
+        let head = self.table.head.as_ref().len();
+        let (stored, head) = if self.table.stages == 1 {
+            (self.push_numbers(sample), head)
+        } else {
+            (self.push_stages(sample), head / (self.table.stages * self.table.stages).max(1))
+        };
+        debug_assert!(stored.is_some(), "the constructor checked the shapes");
+        self.oldest = if self.oldest + 3 < head { self.oldest + 1 } else { 0 };
+        self.settling = if self.settling + 1 < self.table.slow_blocks { self.settling + 1 } else { 0 };
+        self.len += 1;
+        Ok(())
+    }
+
+    fn clear(&mut self) {
+        let table = self.table.borrow();
+        let state = self.state.as_mut();
+        state.fill(T::zero());
+        if let Some(parts) = Parts::of(&table, table.stages, self.channels, state) {
+            let planes = table.head.chunks_exact((table.head.len() / parts.leading.len().max(1)).max(1));
+            for (leading, plane) in parts.leading.iter_mut().zip(planes) {
+                *leading = plane.first().map_or(T::zero(), |&weight| weight * self.scale);
+            }
+        }
+        (self.oldest, self.settling, self.len) = (0, 0, 0);
+    }
+
+    fn bytes(&self) -> usize {
+        let table = self.table.borrow();
+        let numbers = table.head.len() + table.exponentials.len();
+        size_of::<Self>() - size_of::<B>() + (numbers + self.state.as_ref().len()) * size_of::<T>()
+    }
+}

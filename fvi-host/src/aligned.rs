@@ -1,0 +1,72 @@
+//! Numbers that start on a cache line, so that no vector of theirs straddles two.
+
+/// Bytes of a cache line, and of the widest vector.
+const LINE: usize = 64;
+
+/// A fixed run of numbers whose first lies on a cache line.
+///
+/// A vector that straddles two lines costs two accesses, and one that has just been written so is slow to read back.
+#[derive(Debug)]
+pub struct Aligned<T> {
+    numbers: Vec<T>,
+    first: usize,
+    len: usize,
+}
+
+impl<T: Copy + Default> Aligned<T> {
+    /// `len` times the default number, zero.
+    pub fn zeros(len: usize) -> Self {
+        let numbers = vec![T::default(); len + LINE / size_of::<T>().max(1)];
+        let offset = numbers.as_ptr().align_offset(LINE);
+        let first = if offset + len <= numbers.len() { offset } else { 0 };
+        Self { numbers, first, len }
+    }
+}
+
+impl<T: Copy + Default> From<&[T]> for Aligned<T> {
+    fn from(numbers: &[T]) -> Self {
+        let mut aligned = Self::zeros(numbers.len());
+        aligned.as_mut().copy_from_slice(numbers);
+        aligned
+    }
+}
+
+impl<T: Copy + Default> FromIterator<T> for Aligned<T> {
+    fn from_iter<I: IntoIterator<Item = T>>(numbers: I) -> Self {
+        numbers.into_iter().collect::<Vec<T>>().as_slice().into()
+    }
+}
+
+/// The clone is aligned anew: it lies elsewhere.
+impl<T: Copy + Default> Clone for Aligned<T> {
+    fn clone(&self) -> Self {
+        self.as_ref().into()
+    }
+}
+
+impl<T> AsRef<[T]> for Aligned<T> {
+    fn as_ref(&self) -> &[T] {
+        &self.numbers[self.first..self.first + self.len]
+    }
+}
+
+impl<T> AsMut<[T]> for Aligned<T> {
+    fn as_mut(&mut self) -> &mut [T] {
+        &mut self.numbers[self.first..self.first + self.len]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn clones_and_copies_start_on_a_line_too() {
+        let numbers: Vec<f64> = (0..37).map(f64::from).collect();
+        let aligned = Aligned::from(&numbers[1..]);
+        for copy in [&aligned.clone(), &aligned.clone().clone(), &aligned] {
+            assert_eq!(copy.as_ref(), &numbers[1..]);
+            assert_eq!(copy.as_ref().as_ptr().align_offset(LINE), 0);
+        }
+    }
+}

@@ -1,0 +1,59 @@
+//! `fvi exponentials`: convolution-quadrature weights as a head and decaying exponentials.
+
+use super::CommandError;
+use super::listing::{ListingFormat, ListingPrecision, emit, exponentials_listing, parameter_error};
+use crate::exponential_table::{ExponentialKernel, ExponentialKernelError};
+use fvi_core::BdfOrder;
+use std::path::PathBuf;
+
+/// Arguments of `fvi exponentials`.
+#[derive(Debug, clap::Args)]
+pub struct ExponentialsArguments {
+    /// Order p of the backward differentiation formula, 1 to 6
+    #[arg(long, default_value_t = 1)]
+    order: usize,
+    /// Exponent of the operator in (−1, 2): positive for derivatives (the damping order), negative for integrals
+    #[arg(long, allow_negative_numbers = true)]
+    exponent: f64,
+    /// Step size h
+    #[arg(long, default_value_t = 1.0)]
+    step: f64,
+    /// Largest lag, in steps, at which the weights hold
+    #[arg(long, default_value_t = 1e8)]
+    horizon: f64,
+    /// Relative tolerance of every weight, 1e-15 to 0.1
+    #[arg(long, default_value_t = 1e-12)]
+    tolerance: f64,
+    /// A table, or constants for firmware
+    #[arg(long, value_enum, default_value_t)]
+    format: ListingFormat,
+    /// Numbers of the constants
+    #[arg(long, value_enum, default_value_t)]
+    precision: ListingPrecision,
+    /// Write to this file instead of standard output
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+}
+
+impl ExponentialsArguments {
+    pub(super) fn execute(self) -> Result<(), CommandError> {
+        // A horizon such as 1e8 is a float on the command line; up to 2⁵³ it is a whole number of steps.
+        if !(self.horizon >= 1.0 && self.horizon <= 9e15) {
+            let (parameter, allowed) = ("horizon", "at least 1 and at most 9e15");
+            return Err(parameter_error(fvi_core::ParameterError {
+                parameter,
+                value: self.horizon,
+                allowed,
+            }));
+        }
+        let order = BdfOrder::new(self.order).map_err(parameter_error)?;
+        let kernel =
+            ExponentialKernel::bdf(order, self.exponent, self.step, self.horizon as usize, self.tolerance)
+                .map_err(|error| match error {
+                    ExponentialKernelError::Parameter(error) => parameter_error(error),
+                    missed => CommandError::Failed(missed.to_string()),
+                })?;
+        let origin = format!("BDF {}, exponent {}, step {}", self.order, self.exponent, self.step);
+        emit(&exponentials_listing(&kernel, &origin, self.format, self.precision), self.out.as_deref())
+    }
+}

@@ -1,0 +1,71 @@
+//! A memory whose steps run with the widest vectors of the processor at hand.
+
+use fvi_core::{Memory, MemoryError};
+use pulp::{Arch, NullaryFnOnce};
+
+/// A memory of the core compiled for every vector unit of the target, with the one to use chosen at run time.
+///
+/// The arithmetic is that of the memory itself: the same operations in the same order, hence the same bits on every unit.
+#[derive(Clone, Debug)]
+pub struct Vectorised<M> {
+    memory: M,
+    unit: Arch,
+}
+
+impl<M> Vectorised<M> {
+    /// The same memory, dispatched.
+    pub fn new(memory: M) -> Self {
+        Self { memory, unit: Arch::new() }
+    }
+}
+
+impl<T, M: Memory<T>> Memory<T> for Vectorised<M> {
+    fn channels(&self) -> usize {
+        self.memory.channels()
+    }
+
+    fn stages(&self) -> usize {
+        self.memory.stages()
+    }
+
+    fn leading(&self) -> &[T] {
+        self.memory.leading()
+    }
+
+    fn len(&self) -> usize {
+        self.memory.len()
+    }
+
+    // Few copies: not worth a dispatch.
+    fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
+        self.memory.next_term(term)
+    }
+
+    fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
+        self.unit.dispatch(Push { memory: &mut self.memory, sample })
+    }
+
+    fn clear(&mut self) {
+        self.memory.clear();
+    }
+
+    fn bytes(&self) -> usize {
+        self.memory.bytes() + size_of::<Arch>()
+    }
+}
+
+/// The call that is compiled once for every vector unit. A closure would not do: it is called through a shim that is not
+/// inlined, and what is not inlined is compiled for the plain target.
+struct Push<'a, M, T> {
+    memory: &'a mut M,
+    sample: &'a [T],
+}
+
+impl<T, M: Memory<T>> NullaryFnOnce for Push<'_, M, T> {
+    type Output = Result<(), MemoryError>;
+
+    #[inline(always)]
+    fn call(self) -> Self::Output {
+        self.memory.push(self.sample)
+    }
+}

@@ -1,0 +1,318 @@
+//! The exponential-sum memory: every weight, and every term, against independent values.
+
+use fvi_core::{BdfOrder, ConvolutionWeights, ExponentialSum, ExponentialTable, Memory, MemoryError, Real};
+use fvi_host::exponential_table::ExponentialKernel;
+use fvi_host::vectorised::Vectorised;
+use fvi_tests::reference;
+
+fn kernel(order: usize, exponent: f64, horizon: usize, tolerance: f64) -> ExponentialKernel {
+    ExponentialKernel::bdf(BdfOrder::new(order).unwrap(), exponent, 1.0, horizon, tolerance).unwrap()
+}
+
+fn memory<T: Real>(kernel: &ExponentialKernel, channels: usize) -> impl Memory<T> + use<T> {
+    let table = kernel.table::<T>();
+    let state = vec![T::of(f64::NAN); table.borrow().state_len(channels)];
+    ExponentialSum::new(table, T::of(1.0), channels, state).unwrap()
+}
+
+/// Weight n as the memory itself computes it: the answer to a unit pulse n steps ago.
+fn pulse_answers(kernel: &ExponentialKernel, lags: &[usize]) -> Vec<f64> {
+    let mut memory = memory::<f64>(kernel, 1);
+    let mut term = [0.0];
+    let mut answers = Vec::new();
+    for step in 0..=*lags.last().unwrap() {
+        memory.next_term(&mut term).unwrap();
+        if lags.contains(&step) {
+            answers.push(term[0]);
+        }
+        memory.push(&[if step == 0 { 1.0 } else { 0.0 }]).unwrap();
+    }
+    answers
+}
+
+#[test]
+fn first_order_weights_hold_three_ulps_of_ten_up_to_a_hundred_million() {
+    // Closed form w_n = Γ(n − β) / (Γ(−β) n!) at 40 digits; `reference/long_weights.py`.
+    let rows = reference::read("long_weights.csv");
+    let mut checked = 0;
+    for group in rows.chunk_by(|a, b| a["exponent"] == b["exponent"]) {
+        let kernel = kernel(1, group[0]["exponent"], 100_000_000, 1e-15);
+        for row in group {
+            let (n, expected) = (row["n"] as usize, row["weight"]);
+            let error = (kernel.weight(n) / expected - 1.0).abs();
+            assert!(error <= 3e-15, "exponent {}, n = {n}: relative error {error:e}", row["exponent"]);
+            checked += 1;
+        }
+    }
+    assert!(checked >= 100, "only {checked} reference values were read");
+}
+
+#[test]
+fn weights_of_every_order_hold_the_requested_tolerance() {
+    let rows = reference::read("cq_weights.csv");
+    for tolerance in [1e-6, 1e-10, 1e-13, 1e-15] {
+        for group in rows.chunk_by(|a, b| a["order"] == b["order"] && a["beta"] == b["beta"]) {
+            let kernel = kernel(group[0]["order"] as usize, group[0]["beta"], 1_000_000, tolerance);
+            for row in group.iter().filter(|row| row["weight"] != 0.0) {
+                let (n, expected) = (row["n"] as usize, row["weight"]);
+                let error = (kernel.weight(n) / expected - 1.0).abs();
+                let allowed = tolerance + 2e-15;
+                assert!(
+                    error <= allowed,
+                    "order {}, exponent {}, n = {n}: relative error {error:e} with tolerance {tolerance:e}",
+                    row["order"],
+                    row["beta"]
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn the_recursion_keeps_the_accuracy_of_the_weights() {
+    let lags: Vec<usize> = [1, 2, 8, 9, 10, 100, 1000, 9999, 100_000, 299_999].into();
+    for (order, exponent) in [(1, 0.3), (1, 0.5), (1, 1.9), (1, -0.5), (3, 0.5), (6, 1.5), (2, 1.0)] {
+        let kernel = kernel(order, exponent, 1_000_000, 1e-15);
+        let exact: Vec<f64> = ConvolutionWeights::bdf(BdfOrder::new(order).unwrap(), exponent, 1.0)
+            .unwrap()
+            .take(300_000)
+            .collect();
+        for (&n, found) in lags.iter().zip(pulse_answers(&kernel, &lags)) {
+            let error = (found - exact[n]).abs();
+            assert!(
+                error <= 4e-15 * exact[n].abs(),
+                "order {order}, exponent {exponent}, n = {n}: {found:e} instead of {:e}",
+                exact[n]
+            );
+        }
+    }
+}
+
+/// Σ of the numbers with the rounding errors kept.
+fn compensated_sum(numbers: impl Iterator<Item = f64>) -> f64 {
+    let (sum, error) = numbers.fold((0.0, 0.0), |(sum, error): (f64, f64), number| {
+        let next = sum + number;
+        let part = next - sum;
+        (next, error + ((sum - (next - part)) + (number - part)))
+    });
+    sum + error
+}
+
+/// Largest |term − exact| / Σ|w||x|, in units of the roundoff of `T`, over a few steps of a run.
+fn largest_error<T: Real>(order: usize, exponent: f64, samples: &[f64], mut memory: impl Memory<T>) -> f64 {
+    let weights: Vec<f64> = ConvolutionWeights::bdf(BdfOrder::new(order).unwrap(), exponent, 1.0)
+        .unwrap()
+        .take(samples.len() + 1)
+        .collect();
+    let mut term = [T::of(0.0)];
+    let mut worst = 0.0f64;
+    for (k, &sample) in samples.iter().enumerate() {
+        memory.next_term(&mut term).unwrap();
+        if k > 0 && (k < 40 || k % (samples.len() / 50) == samples.len() / 50 - 1) {
+            let products = || (1..=k).map(|n| weights[n] * T::of(samples[k - n]).to_f64());
+            let size: f64 = products().map(f64::abs).sum();
+            let error = (term[0].to_f64() - compensated_sum(products())).abs();
+            worst = worst.max(error / size / (0.5 * T::EPSILON.to_f64()));
+        }
+        memory.push(&[T::of(sample)]).unwrap();
+    }
+    worst
+}
+
+fn signals(length: usize) -> [(&'static str, f64, Vec<f64>); 5] {
+    let mut state = 1u64;
+    let noise: Vec<f64> = (0..length)
+        .map(|_| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
+        })
+        .collect();
+    let smooth = |k: usize| (k as f64 * 0.01).sin() + 0.3;
+    let decay = (1e-8f64).ln() / length as f64;
+    let shaped = |shape: &dyn Fn(usize) -> f64| {
+        noise.iter().enumerate().map(|(k, x)| shape(k) * (smooth(k) + x)).collect()
+    };
+    [
+        ("stationary", 8.0, shaped(&|_| 1.0)),
+        ("noise", 8.0, noise.clone()),
+        // A tenth is rounded the same way at every step: errors that a plain recursion piles up.
+        ("constant", 8.0, vec![0.1; length]),
+        ("decaying", 128.0, shaped(&|k| (decay * k as f64).exp())),
+        ("growing", 128.0, shaped(&|k| (decay * (length - k) as f64).exp())),
+    ]
+}
+
+#[test]
+fn terms_agree_with_the_naive_sum_to_a_few_units_of_rounding() {
+    for length in [100, 1000, 100_000] {
+        for (order, exponent) in [(1, 0.3), (1, 0.5), (1, 1.5), (1, 1.9), (1, -0.5), (6, 0.5), (2, -0.5)] {
+            let kernel = kernel(order, exponent, length, 1e-15);
+            for (name, allowed, samples) in signals(length) {
+                let error = largest_error::<f64>(order, exponent, &samples, memory::<f64>(&kernel, 1));
+                assert!(error <= allowed, "{name}, length {length}, order {order}, {exponent}: {error:.1} u");
+                let error = largest_error::<f32>(order, exponent, &samples, memory::<f32>(&kernel, 1));
+                assert!(
+                    error <= allowed,
+                    "{name}, f32, length {length}, order {order}, {exponent}: {error:.1} u"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn dispatch_to_wider_vectors_and_more_channels_keep_every_bit() {
+    let kernel = kernel(2, 0.5, 10_000, 1e-13);
+    let table = kernel.table::<f64>();
+    let state = |channels| vec![0.0; table.borrow().state_len(channels)];
+    let mut plain = ExponentialSum::new(table.clone(), 0.7, 1, state(1)).unwrap();
+    let mut wide = Vectorised::new(ExponentialSum::new(table.clone(), 0.7, 3, state(3)).unwrap());
+    let (mut one, mut three) = ([0.0], [0.0; 3]);
+    for k in 0..3000 {
+        let x = (k as f64 * 0.37).sin();
+        plain.next_term(&mut one).unwrap();
+        wide.next_term(&mut three).unwrap();
+        assert_eq!((one[0], one[0]), (three[0], three[2]), "step {k}");
+        plain.push(&[x]).unwrap();
+        wide.push(&[x, -1.0, x]).unwrap();
+    }
+}
+
+#[test]
+fn matrix_kernels_agree_with_the_sum_of_their_definition() {
+    // Two stages, five exponentials in two blocks (one decays with changing sign), head of three.
+    let (stages, head, horizon) = (2, 3, 500);
+    let factors = [0.999, 0.9, 0.5, -0.8, 0.2];
+    let output = [[1.0, 0.5], [0.3, -1.0], [0.7, 0.2], [-0.4, 0.9], [2.0, 1.0]];
+    let input = [[0.2, 1.0], [1.0, 0.1], [-0.6, 0.8], [0.5, 0.5], [0.3, -0.7]];
+    let weight = |n: usize, a: usize, b: usize| match n {
+        0..3 => (n * 4 + a * 2 + b) as f64 - 5.0,
+        _ => (0..5).map(|j| f64::powi(factors[j], (n - head) as i32) * output[j][a] * input[j][b]).sum(),
+    };
+    let mut planes = Vec::new();
+    for (a, b) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+        planes.extend((0..head).map(|n| weight(n, a, b)));
+    }
+    let mut exponentials = Vec::new();
+    for block in [0..4, 4..5] {
+        let column = |value: &dyn Fn(usize) -> f64| {
+            let mut column = [0.0; 4];
+            block.clone().enumerate().for_each(|(lane, j)| column[lane] = value(j));
+            column
+        };
+        exponentials.extend(column(&|j| 1.0 - factors[j]));
+        (0..2).for_each(|a| exponentials.extend(column(&|j| output[j][a])));
+        (0..2).for_each(|b| exponentials.extend(column(&|j| input[j][b])));
+    }
+    let table = ExponentialTable { stages, head: planes, exponentials, slow_blocks: 1, horizon };
+    let state = vec![f64::NAN; table.borrow().state_len(4)];
+    let mut memory = ExponentialSum::new(table, 2.0, 4, state).unwrap();
+    assert_eq!(memory.leading(), [-10.0, -8.0, -6.0, -4.0]);
+    let sample = |k: usize, channel: usize| ((k * 4 + channel) as f64 * 0.61).cos();
+    let mut term = [0.0; 4];
+    for k in 0..60 {
+        memory.next_term(&mut term).unwrap();
+        for (channel, found) in term.iter().enumerate() {
+            let (coordinate, a) = (channel / 2, channel % 2);
+            let expected: f64 = (1..=k)
+                .flat_map(|n| (0..2).map(move |b| (n, b)))
+                .map(|(n, b)| 2.0 * weight(n, a, b) * sample(k - n, 2 * coordinate + b))
+                .sum();
+            assert!((found - expected).abs() <= 1e-12, "step {k}, channel {channel}: {found} and {expected}");
+        }
+        memory.push(&std::array::from_fn::<f64, 4, _>(|channel| sample(k, channel))).unwrap();
+    }
+}
+
+#[test]
+fn a_full_memory_refuses_and_a_cleared_one_starts_again() {
+    let kernel = kernel(1, 0.5, 300, 1e-10);
+    let mut memory = memory::<f64>(&kernel, 1);
+    let (mut first, mut again) = ([0.0], [0.0]);
+    for _ in 0..299 {
+        memory.push(&[1.0]).unwrap();
+    }
+    memory.next_term(&mut first).unwrap();
+    memory.next_term(&mut again).unwrap();
+    assert_eq!(first, again);
+    memory.push(&[1.0]).unwrap();
+    assert_eq!(memory.push(&[1.0]), Err(MemoryError::Full { capacity: 300 }));
+    assert_eq!(memory.next_term(&mut again), Err(MemoryError::Full { capacity: 300 }));
+    assert_eq!(memory.len(), 300);
+    memory.clear();
+    memory.next_term(&mut again).unwrap();
+    assert_eq!((again, memory.len()), ([0.0], 0));
+    (0..299).for_each(|_| memory.push(&[1.0]).unwrap());
+    memory.next_term(&mut again).unwrap();
+    assert_eq!(first, again);
+    let mismatch = Err(MemoryError::ChannelMismatch { expected: 1, found: 2 });
+    assert_eq!(memory.push(&[1.0, 2.0]), mismatch);
+    assert_eq!(memory.next_term(&mut [0.0; 2]), mismatch);
+}
+
+#[test]
+fn whole_exponents_are_finite_kernels() {
+    for (order, exponent, length) in [(1, 0.0, 1), (1, 1.0, 2), (6, 1.0, 7)] {
+        let kernel = kernel(order, exponent, 10, 1e-15);
+        assert_eq!((kernel.head().len(), kernel.exponentials().len()), (length, 0));
+        assert_eq!(kernel.horizon(), usize::MAX);
+        assert_eq!(kernel.weight(1000), 0.0);
+    }
+}
+
+#[test]
+fn tables_that_do_not_fit_together_are_refused() {
+    let good = ExponentialTable {
+        stages: 1,
+        head: vec![1.0, 2.0],
+        exponentials: vec![0.5, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
+        slow_blocks: 1,
+        horizon: 100,
+    };
+    let refusal = |table: ExponentialTable<Vec<f64>>, scale: f64, channels: usize, missing: usize| {
+        let state = vec![0.0; table.borrow().state_len(channels).saturating_sub(missing)];
+        ExponentialSum::new(table, scale, channels, state).err().map(|error| error.parameter)
+    };
+    assert_eq!(refusal(good.clone(), 1.0, 1, 0), None);
+    assert_eq!(refusal(good.clone(), 1.0, 1, 1), Some("state length"));
+    assert_eq!(refusal(good.clone(), f64::NAN, 1, 0), Some("scale"));
+    assert_eq!(refusal(good.clone(), 1.0, 0, 0), Some("channels"));
+    assert_eq!(refusal(ExponentialTable { stages: 5, ..good.clone() }, 1.0, 5, 0), Some("stages"));
+    assert_eq!(refusal(ExponentialTable { stages: 0, ..good.clone() }, 1.0, 1, 0), Some("stages"));
+    assert_eq!(
+        refusal(ExponentialTable { head: vec![1.0], ..good.clone() }, 1.0, 1, 0),
+        Some("head weights")
+    );
+    assert_eq!(refusal(ExponentialTable { slow_blocks: 2, ..good.clone() }, 1.0, 1, 0), Some("slow blocks"));
+    let infinite = ExponentialTable { head: vec![1.0, f64::INFINITY], ..good.clone() };
+    assert_eq!(refusal(infinite, 1.0, 1, 0), Some("head weight"));
+    let numbers = |change: &dyn Fn(&mut Vec<f64>)| {
+        let mut table = good.clone();
+        change(&mut table.exponentials);
+        refusal(table, 1.0, 1, 0)
+    };
+    assert_eq!(numbers(&|numbers| numbers.truncate(7)), Some("numbers of exponentials"));
+    assert_eq!(numbers(&|numbers| numbers[0] = 2.5), Some("decay"));
+    assert_eq!(numbers(&|numbers| numbers[3] = -0.1), Some("decay"));
+    assert_eq!(numbers(&|numbers| numbers[4] = f64::NAN), Some("exponential"));
+}
+
+#[test]
+fn parameters_outside_their_range_are_refused() {
+    let refusal = |exponent, step, horizon, tolerance| {
+        let order = BdfOrder::new(1).unwrap();
+        ExponentialKernel::bdf(order, exponent, step, horizon, tolerance).err().map(|error| error.to_string())
+    };
+    assert_eq!(refusal(0.5, 1.0, 100, 1e-12), None);
+    for (exponent, step, horizon, tolerance, named) in [
+        (2.0, 1.0, 100, 1e-12, "exponent"),
+        (f64::NAN, 1.0, 100, 1e-12, "exponent"),
+        (0.5, 0.0, 100, 1e-12, "step size"),
+        (0.5, 1.0, 0, 1e-12, "horizon"),
+        (0.5, 1.0, 100, 1e-16, "tolerance"),
+        (0.5, 1.0, 100, 0.5, "tolerance"),
+    ] {
+        let error = refusal(exponent, step, horizon, tolerance).expect(named);
+        assert!(error.starts_with(named), "{error}");
+    }
+}
