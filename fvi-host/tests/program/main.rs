@@ -1,6 +1,7 @@
 //! What a user of the program `fvi` relies on.
 
 mod independent_trajectories;
+mod listings;
 mod repository_scenarios;
 mod runs;
 mod scenario_errors;

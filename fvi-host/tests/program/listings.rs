@@ -1,0 +1,85 @@
+//! `fvi weights` and `fvi exponentials`: what the tables and constants say.
+
+use std::process::{Command, Output};
+
+fn fvi(arguments: &str) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_fvi")).args(arguments.split_whitespace()).output().unwrap()
+}
+
+fn text(arguments: &str) -> String {
+    let output = fvi(arguments);
+    assert!(output.status.success(), "{arguments}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// Rows of numbers under the given header.
+fn rows(table: &str, header: &str) -> Vec<[f64; 2]> {
+    let mut lines = table.lines().filter(|line| !line.starts_with('#'));
+    assert_eq!(lines.next(), Some(header));
+    lines
+        .map(|line| {
+            let (first, second) = line.split_once(',').unwrap();
+            [first.parse().unwrap(), second.parse().unwrap()]
+        })
+        .collect()
+}
+
+#[test]
+fn listed_exponentials_sum_up_to_the_listed_weights_behind_the_head() {
+    let weights = rows(&text("weights --order 2 --exponent 0.5 --step 0.01 --count 3000"), "n,weight");
+    let table = text("exponentials --order 2 --exponent 0.5 --step 0.01 --horizon 1e8 --tolerance 1e-12");
+    let note = |name: &str| {
+        let line = table.lines().find_map(|line| line.strip_prefix(&format!("# {name} = "))).unwrap();
+        line.parse::<f64>().unwrap()
+    };
+    assert_eq!((note("horizon"), note("tolerance")), (1e8, 1e-12));
+    let exponentials = rows(&table, "rate,coefficient");
+    assert_eq!(weights.len(), 3000);
+    for &[n, weight] in weights.iter().skip(note("head") as usize) {
+        let sum: f64 = exponentials.iter().map(|[rate, coefficient]| coefficient * (-rate * n).exp()).sum();
+        assert!((sum / weight - 1.0).abs() <= 1.1e-12, "n = {n}: {sum:e} and {weight:e}");
+    }
+}
+
+#[test]
+fn constants_hold_the_numbers_of_the_tables() {
+    for format in ["rust", "c"] {
+        let constants = text(&format!("weights --order 1 --exponent 0.5 --count 6 --format {format}"));
+        assert!(constants.contains("1e0, -5e-1, -1.25e-1, -6.25e-2,"), "{constants}");
+        let constants = text(&format!(
+            "exponentials --exponent 0.5 --horizon 1e4 --tolerance 1e-3 --precision f32 --format {format}"
+        ));
+        assert!(constants.contains("1e0, -5e-1, -1.25e-1, -6.25e-2,"), "{constants}");
+        assert!(constants.contains(if format == "rust" {
+            "horizon: 10000,"
+        } else {
+            "#define FVI_HORIZON 10000ULL"
+        }));
+    }
+}
+
+#[test]
+fn arguments_outside_their_range_end_with_code_two_and_the_parameter() {
+    for (arguments, named) in [
+        ("weights --exponent 2", "exponent = 2 is not allowed"),
+        ("weights --exponent 0.5 --order 7", "order = 7 is not allowed"),
+        ("exponentials --exponent 0.5 --horizon 0", "horizon = 0 is not allowed"),
+        ("exponentials --exponent 0.5 --tolerance 1e-17", "tolerance"),
+    ] {
+        let output = fvi(arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments}");
+        let message = String::from_utf8(output.stderr).unwrap();
+        assert!(message.contains(named), "{arguments}: {message}");
+    }
+}
+
+#[test]
+fn a_listing_goes_to_a_file_as_a_whole() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("weights.csv");
+    let arguments = "weights --exponent 0.5 --count 5";
+    assert_eq!(text(&format!("{arguments} --out {}", path.display())), "");
+    assert_eq!(std::fs::read_to_string(path).unwrap(), text(arguments));
+    let missing = directory.path().join("missing").join("weights.csv");
+    assert_eq!(fvi(&format!("{arguments} --out {}", missing.display())).status.code(), Some(1));
+}
