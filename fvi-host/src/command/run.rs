@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 pub struct RunArguments {
     /// The scenario file (TOML)
     scenario: PathBuf,
-    /// Where the files go [default: out/<scenario name>]
+    /// Where the files go (default: `out/` and the name of the scenario)
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// The memory engine, in place of the scenario's
