@@ -1,7 +1,7 @@
 //! The commands of the program, one module each, and what they share: how they end.
 
-pub mod extremal;
 pub mod exponentials;
+pub mod extremal;
 mod listing;
 pub mod run;
 pub mod weights;

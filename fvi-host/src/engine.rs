@@ -1,14 +1,54 @@
 //! The memory engines on the host, and the one place where one is chosen.
 
+use crate::aligned::Aligned;
+use crate::exponential_table::{self, ExponentialKernel, ExponentialKernelError};
 use crate::runge_kutta_weights::RungeKuttaWeights;
 use crate::scenario::{Convolution, ConvolutionFamily, Engine, History, Overflow};
+use crate::vectorised::Vectorised;
 use fvi_core::{
-    BdfOrder, ConvolutionWeights, Direct, Memory, MemoryError, ParameterError, Real, Ring, RungeKutta,
+    BdfOrder, ConvolutionWeights, Direct, ExponentialSum, ExponentialTable, Memory, MemoryError,
+    ParameterError, Ring, RungeKutta,
 };
+use fvi_fft::{BlockFft, Kernel, Pacing, RealTime, Scalar};
 use std::collections::VecDeque;
 
 /// A memory engine chosen at run time.
-pub struct HostMemory<T>(Box<dyn Memory<T> + Send>);
+pub struct HostMemory<T> {
+    memory: Box<dyn Watched<T> + Send>,
+    engine: Engine,
+}
+
+/// A memory that can say whether it kept its schedule.
+trait Watched<T>: Memory<T> {
+    /// Blocks that were not done when they were due; `None` for engines without a schedule.
+    fn overruns(&self) -> Option<usize> {
+        None
+    }
+}
+
+impl<T: Scalar> Watched<T> for Direct<T, Vec<T>, Vec<GrowingRing<T>>, GrowingRing<T>> {}
+
+impl<T: Scalar> Watched<T> for BlockFft<T> {}
+
+impl<T: Scalar> Watched<T> for Vectorised<ExponentialSum<T, Aligned<T>, Aligned<T>>> {}
+
+impl<T: Scalar> Watched<T> for RealTime<T> {
+    fn overruns(&self) -> Option<usize> {
+        Some(RealTime::overruns(self))
+    }
+}
+
+impl<T> HostMemory<T> {
+    /// The engine that it is.
+    pub fn engine(&self) -> Engine {
+        self.engine
+    }
+
+    /// Blocks that the `real-time` engine had not done when they were due; `None` for the other engines.
+    pub fn overruns(&self) -> Option<usize> {
+        self.memory.overruns()
+    }
+}
 
 /// What a memory is wanted for.
 #[derive(Clone, Debug)]
@@ -31,14 +71,6 @@ pub struct MemoryRequest<'a> {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum EngineError {
-    /// The engine does not serve this kind of kernel.
-    #[error("the engine \"{}\" does not serve {kernel} kernels", .engine.name())]
-    Kernel {
-        /// The engine.
-        engine: Engine,
-        /// The kind of kernel.
-        kernel: String,
-    },
     /// The run is too long for the engine's tables and samples to fit into memory.
     #[error("the engine \"{}\" finds no room for {samples} samples", .engine.name())]
     NoRoom {
@@ -50,59 +82,115 @@ pub enum EngineError {
     /// A parameter of the kernel is outside its range.
     #[error(transparent)]
     Parameter(#[from] ParameterError),
+    /// No table of exponentials reaches the tolerance.
+    #[error(transparent)]
+    Table(ExponentialKernelError),
+}
+
+/// Number of samples from which on a fast engine beats the plain sum over a whole run, its preparation included.
+///
+/// From `cargo bench -p fvi-benches --bench crossover`.
+const CROSSOVER: usize = 16_384;
+
+/// Relative error of a weight that does not show beside rounding.
+const EXACT: f64 = exponential_table::SMALLEST_TOLERANCE;
+
+impl From<ExponentialKernelError> for EngineError {
+    fn from(error: ExponentialKernelError) -> Self {
+        match error {
+            ExponentialKernelError::Parameter(error) => Self::Parameter(error),
+            error => Self::Table(error),
+        }
+    }
 }
 
 impl MemoryRequest<'_> {
-    /// The engine that serves the request: the one asked for, or the fastest that is exact to rounding.
-    pub fn engine(&self) -> Engine {
-        self.history.engine.unwrap_or(Engine::Direct)
-    }
-
-    /// The memory, empty.
+    /// The memory, empty: of the engine asked for, or of the fastest that is exact to rounding.
     ///
     /// # Errors
     /// [`EngineError`] if the engine asked for cannot serve the kernel.
-    pub fn build<T: Real>(&self) -> Result<HostMemory<T>, EngineError> {
-        let engine = self.engine();
-        let unserved = || EngineError::Kernel { engine, kernel: self.convolution.describe() };
-        match (engine, self.convolution.family) {
-            (Engine::Direct, ConvolutionFamily::Bdf { order }) => self.direct(BdfOrder::new(order)?),
-            (Engine::Direct, ConvolutionFamily::RadauIia { stages }) => match stages {
-                1 => self.direct_stages(&RungeKutta::<1>::radau_iia()?),
-                2 => self.direct_stages(&RungeKutta::<2>::radau_iia()?),
-                _ => self.direct_stages(&RungeKutta::<3>::radau_iia()?),
-            },
-            (Engine::Direct, ConvolutionFamily::LobattoIiic { stages }) => match stages {
-                2 => self.direct_stages(&RungeKutta::<2>::lobatto_iiic()?),
-                3 => self.direct_stages(&RungeKutta::<3>::lobatto_iiic()?),
-                _ => self.direct_stages(&RungeKutta::<4>::lobatto_iiic()?),
-            },
-            _ => Err(unserved()),
+    pub fn build<T: Scalar>(&self) -> Result<HostMemory<T>, EngineError> {
+        if let Some(engine) = self.history.engine {
+            return self.memory(engine);
+        }
+        if self.samples <= CROSSOVER || self.history.capacity.is_some() {
+            return self.memory(Engine::Direct);
+        }
+        match self.memory(Engine::ExponentialSum) {
+            Err(EngineError::Table(_)) => self.memory(Engine::BlockFft),
+            other => other,
         }
     }
 
-    fn direct<T: Real>(&self, order: BdfOrder) -> Result<HostMemory<T>, EngineError> {
-        let kept = self.kept();
-        // With the step size γ_p(0) the leading weight is 1: the same monic table and scale as in flash.
-        let mut monic = ConvolutionWeights::bdf(order, self.exponent, order.generating_function(0.0))?;
-        let mut weights = self.room(kept.saturating_add(1))?;
-        weights.resize(kept + 1, T::zero());
-        monic.fill(&mut weights);
-        let scale = T::of(fvi_core::leading_bdf_weight(order, self.exponent, self.step_size)?);
-        self.direct_of(weights, 1, scale)
+    fn memory<T: Scalar>(&self, engine: Engine) -> Result<HostMemory<T>, EngineError> {
+        match self.convolution.family {
+            ConvolutionFamily::Bdf { order } => self.scalar(engine, BdfOrder::new(order)?),
+            ConvolutionFamily::RadauIia { stages } => match stages {
+                1 => self.staged(engine, &RungeKutta::<1>::radau_iia()?),
+                2 => self.staged(engine, &RungeKutta::<2>::radau_iia()?),
+                _ => self.staged(engine, &RungeKutta::<3>::radau_iia()?),
+            },
+            ConvolutionFamily::LobattoIiic { stages } => match stages {
+                2 => self.staged(engine, &RungeKutta::<2>::lobatto_iiic()?),
+                3 => self.staged(engine, &RungeKutta::<3>::lobatto_iiic()?),
+                _ => self.staged(engine, &RungeKutta::<4>::lobatto_iiic()?),
+            },
+        }
     }
 
-    fn direct_stages<T: Real, const R: usize>(
+    /// A memory for a kernel of plain numbers.
+    fn scalar<T: Scalar>(&self, engine: Engine, order: BdfOrder) -> Result<HostMemory<T>, EngineError> {
+        let weights = || ConvolutionWeights::bdf(order, self.exponent, self.step_size);
+        match engine {
+            Engine::Direct => {
+                let kept = self.kept();
+                // With the step size γ_p(0) the leading weight is 1: the same monic table and scale as in flash.
+                let mut monic =
+                    ConvolutionWeights::bdf(order, self.exponent, order.generating_function(0.0))?;
+                let mut table = self.room(engine, kept.saturating_add(1))?;
+                table.resize(kept + 1, T::zero());
+                monic.fill(&mut table);
+                let scale = T::of(fvi_core::leading_bdf_weight(order, self.exponent, self.step_size)?);
+                self.direct(table, 1, scale)
+            }
+            Engine::BlockFft | Engine::RealTime => self.transforms(engine, weights()?, 1),
+            Engine::ExponentialSum => {
+                let tolerance = self.history.tolerance.unwrap_or(EXACT).max(EXACT);
+                let kernel = ExponentialKernel::bdf(
+                    order,
+                    self.exponent,
+                    self.step_size,
+                    self.samples.max(1),
+                    tolerance,
+                )?;
+                self.exponential_sum(kernel.table())
+            }
+        }
+    }
+
+    /// A memory for a kernel of R×R matrices.
+    fn staged<T: Scalar, const R: usize>(
         &self,
+        engine: Engine,
         method: &RungeKutta<R>,
     ) -> Result<HostMemory<T>, EngineError> {
-        let count = self.kept().saturating_add(1);
-        self.room::<f64>(count.saturating_mul(R * R))?;
-        let weights = RungeKuttaWeights::new(method, self.exponent, self.step_size, count)?.planes();
-        self.direct_of(weights.into_iter().map(T::of).collect(), R, T::one())
+        let count = match engine {
+            Engine::Direct => self.kept().saturating_add(1),
+            _ => self.samples.saturating_add(1),
+        };
+        let weights = RungeKuttaWeights::new(method, self.exponent, self.step_size, count)?;
+        if engine == Engine::ExponentialSum {
+            return self.exponential_sum(weights.table());
+        }
+        self.room::<f64>(engine, count.saturating_mul(R * R))?;
+        let planes: Vec<T> = weights.planes().into_iter().map(T::of).collect();
+        match engine {
+            Engine::Direct => self.direct(planes, R, T::one()),
+            _ => self.transforms(engine, Planes { numbers: planes, stages: R }, R),
+        }
     }
 
-    fn direct_of<T: Real>(
+    fn direct<T: Scalar>(
         &self,
         weights: Vec<T>,
         stages: usize,
@@ -114,7 +202,35 @@ impl MemoryRequest<'_> {
             Overflow::Stop => fvi_core::Overflow::Refuse,
             Overflow::Forget => fvi_core::Overflow::Forget,
         };
-        Ok(HostMemory(Box::new(Direct::new(weights, stages, scale, rings, overflow)?)))
+        let memory = Box::new(Direct::new(weights, stages, scale, rings, overflow)?);
+        Ok(HostMemory { memory, engine: Engine::Direct })
+    }
+
+    fn transforms<T: Scalar>(
+        &self,
+        engine: Engine,
+        kernel: impl Kernel<T>,
+        stages: usize,
+    ) -> Result<HostMemory<T>, EngineError> {
+        let channels = self.coordinates * stages;
+        let samples = self.samples.max(1);
+        // Weights, their spectra and the samples: somewhat more than this many numbers.
+        self.room::<T>(engine, samples.saturating_mul(4 * stages * stages + channels))?;
+        let memory: Box<dyn Watched<T> + Send> = match engine {
+            Engine::RealTime => Box::new(RealTime::planned(kernel, channels, samples, Pacing::Paced)?),
+            _ => Box::new(BlockFft::planned(kernel, channels, samples)?),
+        };
+        Ok(HostMemory { memory, engine })
+    }
+
+    fn exponential_sum<T: Scalar>(
+        &self,
+        table: ExponentialTable<Aligned<T>>,
+    ) -> Result<HostMemory<T>, EngineError> {
+        let channels = self.coordinates * table.stages;
+        let state = Aligned::zeros(table.borrow().state_len(channels));
+        let memory = Box::new(Vectorised::new(ExponentialSum::new(table, T::one(), channels, state)?));
+        Ok(HostMemory { memory, engine: Engine::ExponentialSum })
     }
 
     /// Number of samples that the direct engine keeps.
@@ -124,11 +240,35 @@ impl MemoryRequest<'_> {
     }
 
     /// Room for `count` numbers.
-    fn room<T>(&self, count: usize) -> Result<Vec<T>, EngineError> {
+    fn room<T>(&self, engine: Engine, count: usize) -> Result<Vec<T>, EngineError> {
         let mut room = Vec::new();
         match room.try_reserve_exact(count) {
             Ok(()) => Ok(room),
-            Err(_) => Err(EngineError::NoRoom { engine: self.engine(), samples: self.samples }),
+            Err(_) => Err(EngineError::NoRoom { engine, samples: self.samples }),
+        }
+    }
+}
+
+/// A kernel of matrices that lie plane by plane.
+struct Planes<T> {
+    numbers: Vec<T>,
+    stages: usize,
+}
+
+impl<T: Copy> Kernel<T> for Planes<T> {
+    fn stages(&self) -> usize {
+        self.stages
+    }
+
+    fn fill(&mut self, first: usize, weights: &mut [T]) {
+        let planes = self.stages * self.stages;
+        let length = self.numbers.len() / planes;
+        for (index, matrix) in weights.chunks_exact_mut(planes).enumerate() {
+            // The engines may ask for a few more weights than the run needs; those meet no sample.
+            let n = (first + index).min(length - 1);
+            for (plane, place) in matrix.iter_mut().enumerate() {
+                *place = self.numbers[plane * length + n];
+            }
         }
     }
 }
@@ -173,35 +313,35 @@ impl<T: Copy> Ring<T> for GrowingRing<T> {
 
 impl<T> Memory<T> for HostMemory<T> {
     fn channels(&self) -> usize {
-        self.0.channels()
+        self.memory.channels()
     }
 
     fn stages(&self) -> usize {
-        self.0.stages()
+        self.memory.stages()
     }
 
     fn leading(&self) -> &[T] {
-        self.0.leading()
+        self.memory.leading()
     }
 
     fn len(&self) -> usize {
-        self.0.len()
+        self.memory.len()
     }
 
     fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
-        self.0.next_term(term)
+        self.memory.next_term(term)
     }
 
     fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
-        self.0.push(sample)
+        self.memory.push(sample)
     }
 
     fn clear(&mut self) {
-        self.0.clear();
+        self.memory.clear();
     }
 
     fn bytes(&self) -> usize {
-        self.0.bytes()
+        self.memory.bytes()
     }
 }
 

@@ -56,6 +56,9 @@ pub struct RunSummary {
     pub precision: Precision,
     /// The engine of each damping term.
     pub engine: Vec<Engine>,
+    /// Blocks that the `real-time` engine had not done when they were due.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub overruns: Option<usize>,
     /// Bytes of the memories at the end.
     pub memory_bytes: usize,
     /// Seconds for making the integrator: weights, tables.
@@ -188,6 +191,7 @@ pub fn run(
         platform: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
         precision: simulation.precision(),
         engine: simulation.engines().to_vec(),
+        overruns: simulation.overruns(),
         memory_bytes: simulation.memory_bytes(),
         preparation_seconds,
         seconds,

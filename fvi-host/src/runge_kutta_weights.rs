@@ -3,7 +3,8 @@
 use std::f64::consts::PI;
 use std::ops::Range;
 
-use fvi_core::{ParameterError, RungeKutta};
+use crate::aligned::Aligned;
+use fvi_core::{ExponentialTable, ParameterError, Real, RungeKutta};
 use nalgebra::{Complex, SMatrix, SVector};
 
 /// A decaying exponential of the kernel: its part of the weight W_n is (1 − `decrement`)^{n−1} · `left` · `right`ᵀ.
@@ -22,6 +23,12 @@ const CONTOUR_POINTS: usize = 2048;
 
 /// Relative accuracy of the quadrature over the cut.
 const TOLERANCE: f64 = 1e-17;
+
+/// Exponentials in a block of the core's table.
+const EXPONENTIALS_IN_BLOCK: usize = 4;
+
+/// Running sums that forget more slowly than this are kept in two parts: they would gather the rounding errors of many steps.
+const SLOW_DECREMENT: f64 = 1.0 / 32.0;
 
 /// Powers between two exact evaluations of an exponential in [`RungeKuttaWeights::planes`].
 const RESTART: usize = 16;
@@ -110,6 +117,42 @@ impl<const R: usize> RungeKuttaWeights<R> {
     /// The exponentials that the other weights are sums of; none where those vanish.
     pub fn exponentials(&self) -> &[RankOneExponential<R>] {
         &self.exponentials
+    }
+
+    /// The table that the exponential-sum memory of the core reads, in its scalar.
+    pub fn table<T: Real>(&self) -> ExponentialTable<Aligned<T>> {
+        let first = self.near.len();
+        let entries = (0..R).flat_map(|i| (0..R).map(move |j| (i, j)));
+        let head = entries.flat_map(|place| self.near.iter().map(move |weight| T::of(weight[place])));
+        // Slow exponentials come first.
+        let slow_first: Vec<_> = self.exponentials.iter().rev().collect();
+        let mut numbers = Vec::new();
+        for block in slow_first.chunks(EXPONENTIALS_IN_BLOCK) {
+            let lane = |of: &dyn Fn(&RankOneExponential<R>) -> f64| {
+                let mut lanes = [T::zero(); EXPONENTIALS_IN_BLOCK];
+                for (lane, exponential) in lanes.iter_mut().zip(block) {
+                    *lane = T::of(of(exponential));
+                }
+                lanes
+            };
+            numbers.extend(lane(&|exponential| exponential.decrement));
+            for stage in 0..R {
+                numbers.extend(lane(&|exponential| exponential.left[stage] * exponential.power(first - 1)));
+            }
+            if R > 1 {
+                for stage in 0..R {
+                    numbers.extend(lane(&|exponential| exponential.right[stage]));
+                }
+            }
+        }
+        let slow = slow_first.iter().take_while(|exponential| exponential.decrement < SLOW_DECREMENT).count();
+        ExponentialTable {
+            stages: R,
+            head: head.collect(),
+            exponentials: numbers.into_iter().collect(),
+            slow_blocks: slow.div_ceil(EXPONENTIALS_IN_BLOCK),
+            horizon: self.count,
+        }
     }
 
     /// All weights, plane by plane as the engines take them: entry (i, j) of W_n is at (i·R + j)·count + n.

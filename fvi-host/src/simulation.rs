@@ -34,6 +34,8 @@ trait Stepper {
     fn time(&self) -> f64;
     fn read(&self, position: &mut [f64], momentum: &mut [f64]);
     fn energy(&self) -> f64;
+    fn engines(&self) -> Vec<Engine>;
+    fn overruns(&self) -> Option<usize>;
     fn memory_bytes(&self) -> usize;
 }
 
@@ -57,8 +59,7 @@ impl Simulation {
     /// If settings of the scenario do not go together, or the step is too long to be stable.
     pub fn new(scenario: &Scenario, precision: Precision) -> Result<Self, InputError> {
         let stepper = dispatch::stepper(scenario, precision)?;
-        let terms = scenario.system.damping.iter();
-        let engines = terms.map(|term| assembly::memory_request(scenario, term).engine()).collect();
+        let engines = stepper.engines();
         Ok(Self { stepper, engines, precision })
     }
 
@@ -85,6 +86,11 @@ impl Simulation {
     /// What it computes in.
     pub fn precision(&self) -> Precision {
         self.precision
+    }
+
+    /// Blocks that `real-time` memories had not done when they were due; `None` without such a memory.
+    pub fn overruns(&self) -> Option<usize> {
+        self.stepper.overruns()
     }
 
     /// Bytes of all memories.

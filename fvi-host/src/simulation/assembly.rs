@@ -4,11 +4,12 @@ use super::Stepper;
 use crate::engine::{EngineError, HostMemory, MemoryRequest};
 use crate::expression::Elementary;
 use crate::model::{self, ExpressionForce, ExpressionPotential, ScenarioSystem};
-use crate::scenario::{self, ConvolutionFamily, InputError, Problem, Scenario};
+use crate::scenario::{self, ConvolutionFamily, Engine, InputError, Problem, Scenario};
 use fvi_core::{
     AffineForce, BdfOrder, Damping, DampingTerm, Derivative, ExplicitDamping, Force, Galerkin, Instant,
     Integrator, Memory, MemoryError, MemoryShape, Potential, Scheme, Stability, StepError, check_stability,
 };
+use fvi_fft::Scalar;
 use nalgebra::SVector;
 
 /// Refuses a step that is too long for the explicit fractional force.
@@ -67,7 +68,7 @@ pub(super) fn assemble<T, const N: usize, const R: usize, S>(
     scheme: S,
 ) -> Result<Box<dyn Stepper>, InputError>
 where
-    T: Elementary,
+    T: Elementary + Scalar,
     S: Scheme<T, N, R> + 'static,
 {
     let terms = scenario.system.damping.iter().enumerate();
@@ -85,13 +86,13 @@ where
     Ok(Box::new(integrator))
 }
 
-fn damping_term<T: Elementary, const N: usize>(
+fn damping_term<T: Elementary + Scalar, const N: usize>(
     scenario: &Scenario,
     index: usize,
     term: &scenario::Damping,
 ) -> Result<DampingTerm<T, N, HostMemory<T>>, InputError> {
     let memory = memory_request(scenario, term).build().map_err(|error| match error {
-        EngineError::Kernel { .. } | EngineError::NoRoom { .. } => {
+        EngineError::Table(_) | EngineError::NoRoom { .. } => {
             scenario.error_at("history.engine", Problem::Engine(error))
         }
         EngineError::Parameter(_) => {
@@ -158,6 +159,14 @@ where
 
     fn energy(&self) -> f64 {
         Self::energy(self).to_f64()
+    }
+
+    fn engines(&self) -> Vec<Engine> {
+        self.damping().0.iter().map(|term| term.memory().engine()).collect()
+    }
+
+    fn overruns(&self) -> Option<usize> {
+        self.damping().0.iter().filter_map(|term| term.memory().overruns()).reduce(|sum, more| sum + more)
     }
 
     fn memory_bytes(&self) -> usize {

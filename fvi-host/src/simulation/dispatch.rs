@@ -5,6 +5,7 @@ use super::{Precision, Stepper};
 use crate::expression::Elementary;
 use crate::scenario::{ConvolutionFamily, InputError, Problem, Quadrature, Scenario, Scheme};
 use fvi_core::{ExplicitEuler, Galerkin, ImplicitEuler, RungeKutta, StageGalerkin};
+use fvi_fft::Scalar;
 
 type Made = Result<Box<dyn Stepper>, InputError>;
 
@@ -44,7 +45,7 @@ pub(super) fn stepper(scenario: &Scenario, precision: Precision) -> Made {
 }
 
 /// The schemes with one node.
-fn one_node<T: Elementary, const N: usize>(scenario: &Scenario) -> Made {
+fn one_node<T: Elementary + Scalar, const N: usize>(scenario: &Scenario) -> Made {
     match scenario.scheme {
         Scheme::ExplicitEuler => assemble::<T, N, 1, _>(scenario, ExplicitEuler),
         Scheme::ImplicitEuler => assemble::<T, N, 1, _>(scenario, ImplicitEuler),
