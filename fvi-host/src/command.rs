@@ -1,5 +1,6 @@
 //! The commands of the program, one module each, and what they share: how they end.
 
+pub mod compare_engines;
 pub mod exponentials;
 pub mod extremal;
 mod listing;
@@ -30,6 +31,8 @@ enum Command {
     Weights(weights::WeightsArguments),
     /// Weights as a short head and decaying exponentials, for the exponential-sum memory
     Exponentials(exponentials::ExponentialsArguments),
+    /// Memory engines side by side: agreement, then time per step and memory
+    CompareEngines(compare_engines::CompareEnginesArguments),
 }
 
 /// How a command that did not do all it was asked to ended.
@@ -56,6 +59,7 @@ impl Program {
     pub fn execute(self) -> ExitCode {
         let result = match self.command {
             Command::Run(arguments) => arguments.execute(),
+            Command::CompareEngines(arguments) => arguments.execute(),
             Command::Extremal(arguments) => arguments.execute(),
             Command::Weights(arguments) => arguments.execute(),
             Command::Exponentials(arguments) => arguments.execute(),

@@ -3,6 +3,7 @@
 
 pub mod aligned;
 pub mod command;
+pub mod compare_engines;
 pub mod engine;
 pub mod exponential_table;
 pub mod expression;

@@ -1,8 +1,10 @@
 //! Every engine for arbitrary kernels gives the plain sum to rounding and keeps the contract of a memory.
 
-use fvi_core::{Direct, Memory, Overflow, Real, Ring};
+use fvi_core::{BdfOrder, Direct, ExponentialSum, Memory, Overflow, Real, Ring};
 use fvi_fft::baseline::{Hls, Naive, OfflineFft, Signal, memory_term};
 use fvi_fft::{BlockFft, Pacing, RealTime, Scalar, WeightTable};
+use fvi_host::exponential_table::ExponentialKernel;
+use fvi_host::vectorised::Vectorised;
 use fvi_tests::conformance::{
     Constructor, TestKernel, agrees_with_the_plain_sum, keeps_the_contract, largest_error,
 };
@@ -84,6 +86,15 @@ fn real_time<T: Scalar>(kernel: TestKernel, channels: usize, capacity: usize) ->
     Box::new(RealTime::planned(table, channels, capacity, Pacing::Paced).unwrap())
 }
 
+fn exponential_sum<T: Real>(kernel: TestKernel, channels: usize, capacity: usize) -> Box<dyn Memory<T>> {
+    let TestKernel::Quadrature { order, exponent } = kernel else { panic!("no exponentials for {kernel:?}") };
+    let order = BdfOrder::new(order).unwrap();
+    let kernel = ExponentialKernel::bdf(order, exponent, 1.0, capacity.max(1), 1e-15).unwrap();
+    let table = kernel.table::<T>();
+    let state = vec![T::of(f64::NAN); table.borrow().state_len(channels)];
+    Box::new(Vectorised::new(ExponentialSum::new(table, T::one(), channels, state).unwrap()))
+}
+
 /// Lengths at which something begins or ends in blocks of 64 and the sizes above them.
 fn lengths() -> Vec<usize> {
     let mut lengths = vec![0, 1, 2, 15, 16, 17];
@@ -151,6 +162,47 @@ macro_rules! engine {
             }
         }
     };
+}
+
+mod exponential_sum_memory {
+    use super::*;
+
+    fn short_quadratures<T: Real>() {
+        for (order, exponent) in QUADRATURES {
+            let kernel = TestKernel::Quadrature { order, exponent };
+            agrees_with_the_plain_sum::<T>(exponential_sum, kernel, 1, &[1000]);
+        }
+        let kernel = TestKernel::Quadrature { order: 1, exponent: 0.5 };
+        agrees_with_the_plain_sum::<T>(exponential_sum, kernel, 1, &lengths());
+        agrees_with_the_plain_sum::<T>(exponential_sum, kernel, 3, &[1, 63, 700]);
+    }
+
+    #[test]
+    fn short_runs_agree_with_the_plain_sum() {
+        short_quadratures::<f64>();
+    }
+
+    #[test]
+    fn short_runs_agree_with_the_plain_sum_in_f32() {
+        short_quadratures::<f32>();
+    }
+
+    #[test]
+    fn repeated_refused_and_cleared_runs_give_the_same_bits() {
+        for length in [1, 40, 700] {
+            let kernel = TestKernel::Quadrature { order: 2, exponent: 0.5 };
+            keeps_the_contract::<f64>(exponential_sum, kernel, length);
+            keeps_the_contract::<f32>(exponential_sum, kernel, length);
+        }
+    }
+
+    #[test]
+    fn long_runs_agree_with_the_plain_sum() {
+        for (order, exponent) in [(1, 0.5), (1, -0.5), (6, 1.5)] {
+            let kernel = TestKernel::Quadrature { order, exponent };
+            agrees_with_the_plain_sum::<f64>(exponential_sum, kernel, 1, &[33_000, 300_000]);
+        }
+    }
 }
 
 engine!(direct_memory, direct, &[20_000]);
