@@ -116,6 +116,19 @@ impl<'a> Contender<'a> {
         Self { name: name.into(), make: Box::new(make) }
     }
 
+    /// Name of the engine.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The engine for a task.
+    ///
+    /// # Errors
+    /// What the engine's constructor says.
+    pub fn make(&self, task: Task<'_>) -> Candidate {
+        (self.make)(task)
+    }
+
     /// The engines of the project and the baselines.
     pub fn all() -> Vec<Self> {
         vec![
@@ -247,7 +260,8 @@ fn measure(
 
     let mut engines = Vec::new();
     for contender in contenders {
-        let made = (contender.make)(task)
+        let made = contender
+            .make(task)
             .map_err(|error| ComparisonError::Making { engine: contender.name.clone(), error })?;
         let Some(mut memory) = made else { continue };
         let mut error = 0.0f64;

@@ -1,5 +1,6 @@
 //! What a user of the program `fvi` relies on.
 
+mod engine_comparison;
 mod independent_trajectories;
 mod listings;
 mod repository_scenarios;

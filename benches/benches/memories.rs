@@ -1,0 +1,51 @@
+//! Whole runs of each memory engine, and an offline transform of the same length as the lower bound.
+
+use std::hint::black_box;
+use std::time::Duration;
+
+use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use fvi_benches::noise;
+use fvi_core::{BdfOrder, ConvolutionWeights};
+use fvi_fft::WeightTable;
+use fvi_fft::baseline::{OfflineFft, memory_term};
+use fvi_host::compare_engines::{Contender, Task};
+
+fn runs(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("memory");
+    group.sample_size(10).warm_up_time(Duration::from_millis(500)).measurement_time(Duration::from_secs(2));
+    for length in [1 << 10, 1 << 14, 1 << 18] {
+        let (order, exponent) = (BdfOrder::GRUNWALD_LETNIKOV, 0.5);
+        let mut weights = vec![0.0; length];
+        ConvolutionWeights::bdf(order, exponent, 1.0).expect("a good exponent").fill(&mut weights);
+        let signal = noise(length);
+        let last = memory_term(&weights, 1, &signal, 1, length - 1)[0];
+        group.throughput(Throughput::Elements(length as u64));
+
+        let mut offline = OfflineFft::new(WeightTable::scalars(&weights), length).expect("a length");
+        let mut terms = vec![0.0; length];
+        group.bench_function(BenchmarkId::new("offline-fft", length), |bencher| {
+            bencher.iter(|| offline.convolve(black_box(&signal), &mut terms));
+        });
+        for contender in Contender::all() {
+            let task = Task { order, exponent, weights: &weights };
+            let Some(mut memory) = contender.make(task).expect("a good task") else { continue };
+            let mut run = || {
+                memory.clear();
+                let mut term = [0.0];
+                for sample in &signal {
+                    memory.next_term(&mut term).expect("room");
+                    memory.push(&[*sample]).expect("room");
+                }
+                term[0]
+            };
+            // Norm-wise for the textbook's algorithm, which is among them.
+            assert!((run() - last.sum).abs() <= 1e-9 * last.absolute, "{}", contender.name());
+            group
+                .bench_function(BenchmarkId::new(contender.name(), length), |bencher| bencher.iter(&mut run));
+        }
+    }
+    group.finish();
+}
+
+criterion_group!(benches, runs);
+criterion_main!(benches);

@@ -1,0 +1,48 @@
+//! `fvi compare-engines`.
+
+use crate::workplace::{Workplace, text};
+
+#[test]
+fn the_table_has_a_row_for_each_engine_and_length_and_every_engine_agrees() {
+    let workplace = Workplace::new();
+    let output =
+        workplace.fvi(&["compare-engines", "--lengths", "4,8", "--exponent", "-0.5", "--out", "comparison"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let table = std::fs::read_to_string(workplace.path("comparison/engines.csv")).unwrap();
+    let mut lines = table.lines();
+    assert_eq!(
+        lines.next().unwrap(),
+        "engine,length,order,exponent,step_mean_ns,step_p50_ns,step_p999_ns,step_max_ns,bytes,max_error_u"
+    );
+    let rows: Vec<Vec<&str>> = lines.map(|line| line.split(',').collect()).collect();
+    for engine in ["offline-fft", "exponential-sum", "block-fft", "real-time", "direct", "hls", "naive"] {
+        for length in ["16", "256"] {
+            let row = rows.iter().find(|row| row[0] == engine && row[1] == length).unwrap();
+            assert_eq!((row[2], row[3]), ("1", "-0.5"));
+            assert!(row[4].parse::<f64>().unwrap() > 0.0);
+            if engine != "offline-fft" {
+                let times: Vec<f64> = row[5..8].iter().map(|cell| cell.parse().unwrap()).collect();
+                assert!(times.is_sorted(), "{row:?}");
+            }
+            if ["exponential-sum", "block-fft", "real-time", "direct"].contains(&engine) {
+                assert!(row[9].parse::<f64>().unwrap() <= 128.0, "{row:?}");
+            }
+            assert!(text(&output.stdout).contains(engine));
+        }
+    }
+    for picture in ["step_time_order1_exponent-0.5.svg", "step_distribution_order1_exponent-0.5.svg"] {
+        let svg = std::fs::read_to_string(workplace.path("comparison").join(picture)).unwrap();
+        assert!(svg.contains("real-time"));
+    }
+}
+
+#[test]
+fn an_order_or_exponent_out_of_range_is_refused() {
+    for arguments in [["--order", "7"], ["--exponent", "2"], ["--exponent", "-1"], ["--lengths", "99"]] {
+        let workplace = Workplace::new();
+        let output = workplace.fvi(&[&["compare-engines"], &arguments[..]].concat());
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+        assert!(text(&output.stderr).contains(arguments[0]), "{}", text(&output.stderr));
+        assert!(workplace.files().is_empty());
+    }
+}
