@@ -17,6 +17,7 @@
 //! | `lagrangian` | Lagrangians from expressions and from closures |
 //! | `functional` | the discrete functional and its gradient (the variational integrator) |
 //! | `embedding` | the direct discrete embeddings of the Euler–Lagrange equation |
+//! | `equation` | the direct discrete embedding of an equation that need not be Lagrangian |
 //! | `newton` | Newton's method with line search |
 //! | `positions` | stationarity in the positions, solved with dense matrices |
 //! | `velocities` | stationarity in the fractional velocities, matrix-free |
@@ -28,6 +29,7 @@
 //! Values on the grid are stored point by point: coordinate i at t_k is entry k·d + i.
 
 mod embedding;
+mod equation;
 mod extremal;
 mod functional;
 mod grid;
@@ -42,12 +44,13 @@ mod toeplitz;
 mod velocities;
 
 pub use embedding::{asymmetric_embedding, fractional_embedding, symmetric_embedding};
-pub use extremal::{Extremal, ExtremalProblem, Method, NotConverged, ProblemError};
+pub use equation::{EmbeddedProblem, OperatorEquation, Term};
+pub use extremal::{ExtremalProblem, Method, NotConverged, ProblemError, Solution};
 pub use functional::Functional;
 pub use grid::{Grid, Sigma};
 pub use lagrangian::{Closures, ExpressionLagrangian, Lagrangian, MAX_COORDINATES};
 pub use newton::NewtonOptions;
 pub use operator::DiscreteOperator;
 pub use output::{ExtremalSummary, GridError, OutputError, Status, solve_and_write};
-pub use problem_file::{KnownPositions, ProblemFile};
+pub use problem_file::{KnownPositions, ProblemFile, Statement};
 pub use toeplitz::{LowerToeplitz, Product};

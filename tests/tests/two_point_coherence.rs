@@ -3,8 +3,8 @@
 
 use fvi_host::expression::{Expression, Symbols};
 use fvi_host::two_point::{
-    ExpressionLagrangian, Functional, Grid, Product, Sigma, asymmetric_embedding, fractional_embedding,
-    symmetric_embedding,
+    ExpressionLagrangian, Functional, Grid, OperatorEquation, Product, Sigma, Term, asymmetric_embedding,
+    fractional_embedding, symmetric_embedding,
 };
 use proptest::prelude::*;
 
@@ -142,5 +142,62 @@ fn without_positions_the_symmetric_embedding_only_shifts_the_equations() {
         let gradient = Functional::new(&free, grid, sigma, 1.0, Product::Sums).unwrap().gradient(&positions);
         let embedding = symmetric_embedding(&free, &grid, sigma, &positions);
         assert!(difference(&gradient, &embedding) < 16.0, "{sigma:?}");
+    }
+}
+
+fn term(factor: Option<&str>, order: usize, of: &str) -> Term {
+    let symbols = Symbols::new().with_time().with_variables(OperatorEquation::variables(1));
+    let parse = |text| Expression::parse(text, &symbols).unwrap();
+    Term { factor: factor.map(parse), order, of: vec![parse(of)] }
+}
+
+fn wave(grid: &Grid) -> Vec<f64> {
+    (0..=grid.steps()).map(|k| (1.7 * k as f64).sin()).collect()
+}
+
+#[test]
+fn newtons_equation_with_friction_is_embedded_as_printed() {
+    // [BCGI] NE_h: (Q_k − 2Q_{k−1} + Q_{k−2})/h² + (Q_k − Q_{k−1})/h + Q_k, k = 2…N.
+    let terms = vec![term(None, 2, "x0"), term(None, 1, "x0"), term(None, 0, "x0")];
+    let equation = OperatorEquation::new(terms, 1).unwrap();
+    let grid = Grid::new(0.0, 3.0, 10).unwrap();
+    let (q, h) = (wave(&grid), grid.step());
+    let printed: Vec<f64> = (2..=10)
+        .map(|k| (q[k] - 2.0 * q[k - 1] + q[k - 2]) / (h * h) + (q[k] - q[k - 1]) / h + q[k])
+        .collect();
+    assert!(difference(&equation.embedding(&grid, Sigma::Minus, &q), &printed) < 8.0);
+    let mirrored: Vec<f64> = (0..=8)
+        .map(|k| (q[k + 2] - 2.0 * q[k + 1] + q[k]) / (h * h) + (q[k + 1] - q[k]) / h + q[k])
+        .collect();
+    assert!(difference(&equation.embedding(&grid, Sigma::Plus, &q), &mirrored) < 8.0);
+}
+
+#[test]
+fn the_embedding_of_an_equation_depends_on_how_it_is_written() {
+    // d/dt ∘ sin = cos · d/dt, but their embeddings differ ([BCGI] after Definition 4); each is consistent.
+    let with = |first: Term| OperatorEquation::new(vec![term(None, 2, "x0"), first], 1).unwrap();
+    let outside = with(term(None, 1, "sin(x0)"));
+    let inside = with(term(Some("cos(x0)"), 1, "x0"));
+    let gap = |steps| {
+        let grid = Grid::new(0.0, 2.0, steps).unwrap();
+        let positions: Vec<f64> = (0..=steps).map(|k| 1.0 + grid.time(k).sin()).collect();
+        let first = outside.embedding(&grid, Sigma::Minus, &positions);
+        let second = inside.embedding(&grid, Sigma::Minus, &positions);
+        first.iter().zip(&second).fold(0.0, |a: f64, (b, c)| a.max((b - c).abs()))
+    };
+    let ratio = gap(100) / gap(200);
+    assert!(gap(100) > 1e-3);
+    assert!((1.9..2.1).contains(&ratio), "{ratio}");
+}
+
+#[test]
+fn both_ways_to_embed_the_euler_lagrange_equation_directly_agree() {
+    // ∂L/∂x − d/dt ∂L/∂v for L = ½v² − cosh x, as a Lagrangian and as terms.
+    let lagrangian = lagrangian("0.5*v0^2 - cosh(x0)", 1);
+    let equation = OperatorEquation::new(vec![term(None, 2, "-x0"), term(None, 0, "-sinh(x0)")], 1).unwrap();
+    let grid = Grid::new(0.0, 3.0, 12).unwrap();
+    for sigma in [Sigma::Minus, Sigma::Plus] {
+        let first = symmetric_embedding(&lagrangian, &grid, sigma, &wave(&grid));
+        assert!(difference(&first, &equation.embedding(&grid, sigma, &wave(&grid))) < 8.0, "{sigma:?}");
     }
 }

@@ -55,12 +55,12 @@ fn result_line(file: &ProblemFile, summary: &ExtremalSummary, directory: &Path) 
         Some(GridError { largest, .. }) => format!("; largest error {largest:.3e}"),
         None => String::new(),
     };
+    let value = summary.value.map_or_else(String::new, |value| format!(", value {value:.12}"));
     format!(
-        "{}: {} steps, value {:.12}; {} Newton steps, {} Krylov iterations, residual {:.1e} (rounding {:.1e}), \
+        "{}: {} steps{value}; Newton {}, Krylov {}, residual {:.1e} (rounding {:.1e}), \
          relative {:.1e}{error}; {:.3} s; files in {}",
         file.heading(),
         file.grid.steps(),
-        summary.value,
         summary.newton_iterations,
         summary.krylov_iterations,
         summary.residual,

@@ -97,15 +97,16 @@ impl From<ParameterError> for ProblemError {
     }
 }
 
-/// A discrete extremal, or the best iterate on the way to one, with what is known of its quality.
+/// A discrete extremal or the solution of an embedded equation, or the best iterate on the way to one, with what is known
+/// of its quality.
 #[derive(Clone, Debug)]
-pub struct Extremal {
+pub struct Solution {
     /// Q_k, k = 0…N: coordinate i at t_k is entry k·d + i.
     pub positions: Vec<f64>,
     /// V_k = (−σ Δ_σ^α Q)_k in the same layout; zero and meaningless at the point outside I_σ.
     pub velocities: Vec<f64>,
-    /// The value of the functional L_h^{σ,α}(Q).
-    pub value: f64,
+    /// The value of the functional L_h^{σ,α}(Q); an embedded equation has none.
+    pub value: Option<f64>,
     /// Number of Newton steps.
     pub newton_iterations: usize,
     /// Number of iterations of the Krylov method, all Newton steps together.
@@ -114,13 +115,11 @@ pub struct Extremal {
     pub history: Vec<f64>,
     /// Its last value.
     pub relative_residual: f64,
-    /// max_k of the left side of the discrete Euler–Lagrange equation, (1/h) ∂L_h/∂Q_k, in its own units.
+    /// max_k of the left side of the discrete equation, (1/h) ∂L_h/∂Q_k for a Lagrangian, in its own units.
     pub residual: f64,
     /// What rounding the positions to double precision alone may leave in that residual: ε times the largest
     /// Σ|w|(|∂L/∂v| + |∂²L/∂v²| Σ|w||Q|) and the like, which grows like h^(−2α).
     pub rounding_level: f64,
-    /// How it was solved.
-    pub method: Method,
 }
 
 /// Newton's method found no extremal.
@@ -132,7 +131,44 @@ pub struct Extremal {
 )]
 pub struct NotConverged {
     /// The best iterate.
-    pub best: Box<Extremal>,
+    pub best: Box<Solution>,
+}
+
+impl EndPoints {
+    pub(super) fn new(start: &[f64], end: &[f64], expected: usize) -> Result<Self, ProblemError> {
+        for position in [start, end] {
+            if position.len() != expected || !position.iter().all(|x| x.is_finite()) {
+                return Err(ProblemError::EndPoint { expected });
+            }
+        }
+        Ok(Self { start: start.to_vec(), end: end.to_vec() })
+    }
+
+    /// The guess with these ends, or the straight line between them.
+    pub(super) fn join(&self, guess: Option<&[f64]>, steps: usize) -> Vec<f64> {
+        let d = self.start.len();
+        let mut positions = match guess {
+            Some(guess) => guess.to_vec(),
+            None => (0..=steps)
+                .flat_map(|k| {
+                    let part = k as f64 / steps as f64;
+                    self.start.iter().zip(&self.end).map(move |(a, b)| a * (1.0 - part) + b * part)
+                })
+                .collect(),
+        };
+        positions[..d].copy_from_slice(&self.start);
+        positions[steps * d..].copy_from_slice(&self.end);
+        positions
+    }
+}
+
+/// Checks an initial guess for `count` numbers.
+pub(super) fn check_guess(positions: &[f64], expected: usize) -> Result<(), ProblemError> {
+    if positions.len() == expected && positions.iter().all(|x| x.is_finite()) {
+        Ok(())
+    } else {
+        Err(ProblemError::Guess { expected })
+    }
 }
 
 impl<'a> ExtremalProblem<'a> {
@@ -151,12 +187,7 @@ impl<'a> ExtremalProblem<'a> {
         let weights = derivative_weights(alpha, &grid)?;
         let sum_weights = sum_weights(alpha, &grid)?;
         let expected = lagrangian.coordinates();
-        for position in [start, end] {
-            if position.len() != expected || !position.iter().all(|x| x.is_finite()) {
-                return Err(ProblemError::EndPoint { expected });
-            }
-        }
-        let ends = EndPoints { start: start.to_vec(), end: end.to_vec() };
+        let ends = EndPoints::new(start, end, expected)?;
         let method = Method::fitting(grid.steps(), expected);
         let product = Product::fastest(grid.steps());
         let options = NewtonOptions::default();
@@ -199,10 +230,7 @@ impl<'a> ExtremalProblem<'a> {
     /// # Errors
     /// If there are not as many finite numbers.
     pub fn with_guess(mut self, positions: Vec<f64>) -> Result<Self, ProblemError> {
-        let expected = (self.grid.steps() + 1) * self.lagrangian.coordinates();
-        if positions.len() != expected || !positions.iter().all(|x| x.is_finite()) {
-            return Err(ProblemError::Guess { expected });
-        }
+        check_guess(&positions, (self.grid.steps() + 1) * self.lagrangian.coordinates())?;
         self.guess = Some(positions);
         Ok(self)
     }
@@ -211,7 +239,7 @@ impl<'a> ExtremalProblem<'a> {
     ///
     /// # Errors
     /// [`NotConverged`] with the best iterate.
-    pub fn solve(&self) -> Result<Extremal, NotConverged> {
+    pub fn solve(&self) -> Result<Solution, NotConverged> {
         self.solve_observed(&mut |_, _| ())
     }
 
@@ -219,10 +247,11 @@ impl<'a> ExtremalProblem<'a> {
     ///
     /// # Errors
     /// [`NotConverged`] with the best iterate.
-    pub fn solve_observed(&self, observe: &mut dyn FnMut(usize, f64)) -> Result<Extremal, NotConverged> {
+    pub fn solve_observed(&self, observe: &mut dyn FnMut(usize, f64)) -> Result<Solution, NotConverged> {
         let mut functional = self.functional();
         let coarser = (self.guess.is_none() && self.method == Method::Krylov).then(|| self.coarse_solution());
-        let positions = coarser.flatten().unwrap_or_else(|| self.start());
+        let positions =
+            coarser.flatten().unwrap_or_else(|| self.ends.join(self.guess.as_deref(), self.grid.steps()));
         let velocities = functional.velocities(&positions);
         match self.method {
             Method::Dense => {
@@ -262,7 +291,7 @@ impl<'a> ExtremalProblem<'a> {
         let (start, end) = (&self.ends.start, &self.ends.end);
         let coarse = Self::new(self.lagrangian, grid, self.sigma, self.alpha, start, end).ok()?;
         let coarse = coarse.with_options(self.options).solve().ok()?.positions;
-        let mut positions = self.start();
+        let mut positions = self.ends.join(self.guess.as_deref(), self.grid.steps());
         for k in 1..steps {
             let place = k as f64 / steps as f64 * grid.steps() as f64;
             let before = (place as usize).min(grid.steps() - 1);
@@ -275,28 +304,13 @@ impl<'a> ExtremalProblem<'a> {
         Some(positions)
     }
 
-    /// The initial guess, or the straight line between the ends.
-    fn start(&self) -> Vec<f64> {
-        let (d, steps) = (self.lagrangian.coordinates(), self.grid.steps());
-        let mut positions = self.guess.clone().unwrap_or_else(|| {
-            let line = |k: usize, i: usize| {
-                let part = k as f64 / steps as f64;
-                self.ends.start[i] * (1.0 - part) + self.ends.end[i] * part
-            };
-            (0..=steps).flat_map(|k| (0..d).map(move |i| line(k, i))).collect()
-        });
-        positions[..d].copy_from_slice(&self.ends.start);
-        positions[steps * d..].copy_from_slice(&self.ends.end);
-        positions
-    }
-
     fn iterate(
         &self,
         mut equations: impl Formulation,
         positions: Vec<f64>,
         velocities: Vec<f64>,
         observe: &mut dyn FnMut(usize, f64),
-    ) -> Result<Extremal, NotConverged> {
+    ) -> Result<Solution, NotConverged> {
         let start = equations.unknowns(&positions, &velocities);
         let Some(iterate) = minimise_residual(&mut equations, start, &self.options, observe) else {
             let iterate = Iterate::untouched();
@@ -308,11 +322,11 @@ impl<'a> ExtremalProblem<'a> {
         if converged { Ok(extremal) } else { Err(NotConverged { best: Box::new(extremal) }) }
     }
 
-    fn report(&self, iterate: Iterate, positions: Vec<f64>, velocities: Vec<f64>) -> Extremal {
+    fn report(&self, iterate: Iterate, positions: Vec<f64>, velocities: Vec<f64>) -> Solution {
         let mut functional = self.functional();
         let residual = functional.gradient(&positions).iter().fold(0.0, |a: f64, b| a.max(b.abs()));
-        Extremal {
-            value: functional.value(&positions),
+        Solution {
+            value: Some(functional.value(&positions)),
             residual,
             rounding_level: self.rounding_level(&positions, &velocities),
             positions,
@@ -321,11 +335,10 @@ impl<'a> ExtremalProblem<'a> {
             krylov_iterations: iterate.krylov_iterations,
             history: iterate.history,
             relative_residual: iterate.relative_residual,
-            method: self.method,
         }
     }
 
-    /// See [`Extremal::rounding_level`].
+    /// See [`Solution::rounding_level`].
     fn rounding_level(&self, positions: &[f64], velocities: &[f64]) -> f64 {
         let d = self.lagrangian.coordinates();
         let weight: f64 = self.weights.iter().map(|weight| weight.abs()).sum();

@@ -16,7 +16,7 @@ pub struct NewtonOptions {
 
 impl Default for NewtonOptions {
     fn default() -> Self {
-        Self { tolerance: 1e-11, iterations: 50, krylov_iterations: 500 }
+        Self { tolerance: 1e-11, iterations: 100, krylov_iterations: 500 }
     }
 }
 
@@ -32,6 +32,24 @@ pub(super) trait Stationarity {
 
     /// The Newton step at the last linearisation; `None` if the linear system cannot be solved.
     fn direction(&mut self) -> Option<Direction>;
+
+    /// The functional whose gradient the equations are, where there is one.
+    fn functional(&mut self) -> Option<&mut dyn Descent> {
+        None
+    }
+}
+
+/// A functional that can be decreased where Newton's method for its gradient fails.
+pub(super) trait Descent {
+    /// Its value; infinite where something is not finite.
+    fn value_at(&mut self, unknowns: &[f64]) -> f64;
+
+    /// Its derivative along a step, at the last linearisation.
+    fn slope(&self, step: &[f64]) -> f64;
+
+    /// A step along which it decreases: minus its gradient, times a positive definite stand-in for the inverse of its
+    /// second derivative.
+    fn steepest(&mut self) -> Vec<f64>;
 }
 
 /// Discrete Euler–Lagrange equations written in some unknowns.
@@ -92,26 +110,30 @@ impl Iterate {
     }
 }
 
-/// Least part of a Newton step that the line search tries.
+/// Least part of a step that a line search tries.
 const SHORTEST_STEP: f64 = 1.0 / (1 << 20) as f64;
+/// Least part of a Newton step that must reduce the residual, where the functional can be decreased instead.
+const SHORTEST_NEWTON_STEP: f64 = 1.0 / 8.0;
 /// Part of the decrease that the linear model promises which a step must bring.
 const SUFFICIENT_DECREASE: f64 = 1e-4;
 /// A converged iterate is improved further as long as a step reduces the residual by this factor.
 const WORTHWHILE_GAIN: f64 = 0.25;
 /// Below this relative residual nothing is left to gain.
-const ROUNDING: f64 = 64.0 * f64::EPSILON;
+const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
-/// Newton's method from `start`: full steps where they reduce the residual, halved ones otherwise.
+/// Newton's method from `start`: full steps where they reduce the residual, shortened ones otherwise. Where even those
+/// do not, and the equations are the gradient of a functional, a step that decreases the functional.
 ///
 /// `observe` sees the number of steps and the relative residual before each step. `None` if the equations cannot be
 /// evaluated at the start.
 pub(super) fn minimise_residual(
-    equations: &mut (impl Stationarity + ?Sized),
+    equations: &mut impl Stationarity,
     start: Vec<f64>,
     options: &NewtonOptions,
     observe: &mut dyn FnMut(usize, f64),
 ) -> Option<Iterate> {
     let mut residual = equations.linearise(&start)?;
+    let mut point = start.clone();
     let mut best = Iterate {
         unknowns: start,
         newton_iterations: 0,
@@ -121,23 +143,27 @@ pub(super) fn minimise_residual(
         converged: residual.relative() <= options.tolerance,
     };
     while best.newton_iterations < options.iterations && best.relative_residual > ROUNDING {
-        observe(best.newton_iterations, best.relative_residual);
+        observe(best.newton_iterations, residual.relative());
         let Some(direction) = equations.direction() else { break };
         best.krylov_iterations += direction.krylov_iterations;
-        let Some(next) = search(equations, &best.unknowns, &direction.step, residual.norm) else { break };
+        let Some(next) = step(equations, &point, &direction.step, residual.norm, best.converged) else {
+            break;
+        };
         let Some(next_residual) = equations.linearise(&next) else { break };
-        let relative = next_residual.relative();
-        let gain = relative / best.relative_residual;
+        let gain = next_residual.relative() / residual.relative();
         if best.converged && gain >= 1.0 {
             break;
         }
         residual = next_residual;
-        best.unknowns = next;
+        point = next;
         best.newton_iterations += 1;
-        best.relative_residual = relative;
-        best.history.push(relative);
+        best.history.push(residual.relative());
         let finished = best.converged && gain > WORTHWHILE_GAIN;
-        best.converged = relative <= options.tolerance;
+        if residual.relative() < best.relative_residual {
+            best.relative_residual = residual.relative();
+            best.unknowns.clone_from(&point);
+            best.converged = residual.relative() <= options.tolerance;
+        }
         if finished {
             break;
         }
@@ -145,17 +171,48 @@ pub(super) fn minimise_residual(
     Some(best)
 }
 
-/// The first of the points at full, half, quarter, … step with a sufficiently smaller residual.
+/// The next point; a converged one is only ever improved by Newton steps.
+fn step(
+    equations: &mut impl Stationarity,
+    from: &[f64],
+    newton: &[f64],
+    norm: f64,
+    converged: bool,
+) -> Option<Vec<f64>> {
+    let has_functional = equations.functional().is_some();
+    let shortest = if has_functional { SHORTEST_NEWTON_STEP } else { SHORTEST_STEP };
+    let reduces =
+        |trial: &[f64], length: f64| equations.norm_at(trial) <= (1.0 - SUFFICIENT_DECREASE * length) * norm;
+    let next = search(from, newton, shortest, reduces);
+    if next.is_some() || converged {
+        return next;
+    }
+    let functional = equations.functional()?;
+    let steepest;
+    let along = if functional.slope(newton) < 0.0 {
+        newton
+    } else {
+        steepest = functional.steepest();
+        &steepest
+    };
+    let (value, slope) = (functional.value_at(from), functional.slope(along));
+    let decreases = |trial: &[f64], length: f64| {
+        functional.value_at(trial) <= value + SUFFICIENT_DECREASE * length * slope
+    };
+    search(from, along, SHORTEST_STEP, decreases)
+}
+
+/// The first of the points at full, half, quarter, … step that is accepted.
 fn search(
-    equations: &mut (impl Stationarity + ?Sized),
     from: &[f64],
     step: &[f64],
-    norm: f64,
+    shortest: f64,
+    mut accepts: impl FnMut(&[f64], f64) -> bool,
 ) -> Option<Vec<f64>> {
     let mut length = 1.0;
-    while length >= SHORTEST_STEP {
+    while length >= shortest {
         let trial: Vec<f64> = from.iter().zip(step).map(|(u, s)| u + length * s).collect();
-        if equations.norm_at(&trial) <= (1.0 - SUFFICIENT_DECREASE * length) * norm {
+        if accepts(&trial, length) {
             return Some(trial);
         }
         length *= 0.5;

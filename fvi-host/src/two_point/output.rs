@@ -1,8 +1,8 @@
 //! The files of `fvi extremal`: data, pictures and the record.
 
-use super::extremal::{Extremal, NotConverged, ProblemError};
+use super::extremal::{NotConverged, ProblemError, Solution};
 use super::grid::{Grid, Sigma};
-use super::problem_file::ProblemFile;
+use super::problem_file::{KnownPositions, ProblemFile, Statement};
 use crate::picture::{Axis, Chart, Envelope, PictureError, Series, Style};
 use atomic_write_file::AtomicWriteFile;
 use serde::Serialize;
@@ -19,8 +19,9 @@ pub struct ExtremalSummary {
     pub version: &'static str,
     /// Operating system and processor.
     pub platform: String,
-    /// Value of the functional.
-    pub value: f64,
+    /// Value of the functional, where there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub value: Option<f64>,
     /// Newton steps.
     pub newton_iterations: usize,
     /// Iterations of the Krylov method, all Newton steps together.
@@ -111,9 +112,8 @@ pub fn solve_and_write(
     directory: &Path,
     observe: &mut dyn FnMut(usize, f64),
 ) -> Result<ExtremalSummary, OutputError> {
-    let problem = file.problem(file.grid)?;
     let start = Instant::now();
-    let (status, extremal) = match problem.solve_observed(observe) {
+    let (status, extremal) = match file.solve(file.grid, observe)? {
         Ok(extremal) => (Status::Converged, extremal),
         Err(NotConverged { best }) => (Status::NotConverged, *best),
     };
@@ -163,7 +163,7 @@ fn write_atomically(path: &Path, content: &[u8]) -> io::Result<()> {
 }
 
 /// `t,x0,…,v0,…` with 17 significant digits; no velocity at the point outside I_σ.
-fn write_table(file: &ProblemFile, extremal: &Extremal, path: &Path) -> io::Result<()> {
+fn write_table(file: &ProblemFile, extremal: &Solution, path: &Path) -> io::Result<()> {
     let d = file.coordinates();
     let mut out = BufWriter::with_capacity(1 << 16, AtomicWriteFile::open(path)?);
     let columns = |letter: char| (0..d).map(move |index| format!(",{letter}{index}"));
@@ -188,7 +188,7 @@ fn write_table(file: &ProblemFile, extremal: &Extremal, path: &Path) -> io::Resu
 }
 
 /// Errors on the file's grid and on those with half, a quarter, … as many steps; coarsest first.
-fn grid_errors(file: &ProblemFile, extremal: &Extremal) -> Result<Vec<GridError>, ProblemError> {
+fn grid_errors(file: &ProblemFile, extremal: &Solution) -> Result<Vec<GridError>, ProblemError> {
     if file.reference.is_none() {
         return Ok(Vec::new());
     }
@@ -202,7 +202,7 @@ fn grid_errors(file: &ProblemFile, extremal: &Extremal) -> Result<Vec<GridError>
             grid_error(file, &file.grid, &extremal.positions)
         } else {
             let grid = file.grid.with_steps(steps)?;
-            match file.problem(grid)?.solve() {
+            match file.solve(grid, &mut |_, _| ())? {
                 Ok(coarse) => grid_error(file, &grid, &coarse.positions),
                 Err(_) => None,
             }
@@ -231,22 +231,23 @@ fn grid_error(file: &ProblemFile, grid: &Grid, positions: &[f64]) -> Option<Grid
     (error.compared > 0).then_some(error)
 }
 
-fn charts(file: &ProblemFile, status: Status, extremal: &Extremal) -> Vec<(&'static str, Chart)> {
+fn charts(file: &ProblemFile, status: Status, extremal: &Solution) -> Vec<(&'static str, Chart)> {
     let d = file.coordinates();
     let sigma = match file.sigma {
         Sigma::Minus => "−",
         Sigma::Plus => "+",
     };
+    let (statement, solution, velocity) = match &file.statement {
+        Statement::Lagrangian { lagrangian, alpha } => {
+            (format!("L = {}, α = {alpha}", lagrangian.text()), "discrete extremal", "fractional velocity v")
+        }
+        Statement::Equation { .. } => ("direct embedding".to_owned(), "solution", "velocity v"),
+    };
     let label = match status {
-        Status::Converged => "discrete extremal",
+        Status::Converged => solution,
         Status::NotConverged => "best iterate, not converged",
     };
-    let subtitle = format!(
-        "{label}; L = {}, α = {}, σ = {sigma}, {} steps",
-        file.lagrangian.text(),
-        file.alpha,
-        file.grid.steps()
-    );
+    let subtitle = format!("{label}; {statement}, σ = {sigma}, {} steps", file.grid.steps());
     let points = |values: &[f64], i: usize, skip: Option<usize>| {
         let mut envelope = Envelope::new();
         for (k, value) in values[i..].iter().step_by(d).enumerate() {
@@ -260,7 +261,7 @@ fn charts(file: &ProblemFile, status: Status, extremal: &Extremal) -> Vec<(&'sta
         Chart::new(file.heading(), Axis::linear("time t"), Axis::linear(axis)).with_subtitle(subtitle.clone())
     };
     let mut positions = chart("position x");
-    let mut velocities = chart("fractional velocity v");
+    let mut velocities = chart(velocity);
     for i in 0..d {
         let curve = points(&extremal.positions, i, None);
         positions = positions.with(Series::new(format!("x{i}"), Style::Line, curve));
@@ -268,6 +269,10 @@ fn charts(file: &ProblemFile, status: Status, extremal: &Extremal) -> Vec<(&'sta
         velocities = velocities.with(Series::new(format!("v{i}"), Style::Line, curve));
     }
     if let Some(reference) = &file.reference {
+        let style = match reference {
+            KnownPositions::Expressions { .. } => Style::Reference,
+            KnownPositions::Table { .. } => Style::ReferencePoints,
+        };
         for i in 0..d {
             let mut envelope = Envelope::new();
             for k in 0..=file.grid.steps() {
@@ -277,7 +282,7 @@ fn charts(file: &ProblemFile, status: Status, extremal: &Extremal) -> Vec<(&'sta
                 }
             }
             let label = if i == 0 { "reference" } else { "" };
-            positions = positions.with(Series::new(label, Style::Reference, envelope.points()));
+            positions = positions.with(Series::new(label, style, envelope.points()));
         }
     }
     vec![("positions.svg", positions), ("velocities.svg", velocities)]

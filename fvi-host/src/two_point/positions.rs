@@ -4,8 +4,11 @@
 use super::extremal::EndPoints;
 use super::grid::{Grid, Sigma};
 use super::lagrangian::Lagrangian;
-use super::newton::{Direction, Formulation, Residual, Stationarity};
+use super::newton::{Descent, Direction, Formulation, Residual, Stationarity};
 use nalgebra::{DMatrix, DVector};
+
+/// An eigenvalue is raised to this part of the largest one where only descent is sought.
+const LEAST_CURVATURE: f64 = 1e-8;
 
 /// The discrete Euler–Lagrange equations at the points 1…N−1, written with the matrix D of −σ Δ_σ^α (rows I_σ, columns
 /// 0…N; ⊗ the identity of the coordinates):
@@ -146,6 +149,33 @@ impl Stationarity for Positions<'_> {
         step.iter()
             .all(|entry| entry.is_finite())
             .then(|| Direction { step: step.as_slice().to_vec(), krylov_iterations: 0 })
+    }
+
+    fn functional(&mut self) -> Option<&mut dyn Descent> {
+        Some(self)
+    }
+}
+
+impl Descent for Positions<'_> {
+    fn value_at(&mut self, unknowns: &[f64]) -> f64 {
+        let mut sum = 0.0;
+        self.visit_points(unknowns, |_, t, x, v| sum += self.lagrangian.value(t, x, v));
+        if sum.is_nan() { f64::INFINITY } else { sum }
+    }
+
+    fn slope(&self, step: &[f64]) -> f64 {
+        self.gradient.iter().zip(step).map(|(g, s)| g * s).sum()
+    }
+
+    /// With the sizes of the eigenvalues of the second derivative in place of the eigenvalues.
+    fn steepest(&mut self) -> Vec<f64> {
+        let eigen = self.jacobian.clone().symmetric_eigen();
+        let floor = LEAST_CURVATURE * eigen.eigenvalues.amax();
+        let mut coefficients = eigen.eigenvectors.tr_mul(&self.gradient);
+        for (coefficient, value) in coefficients.iter_mut().zip(&eigen.eigenvalues) {
+            *coefficient /= -value.abs().max(floor).max(f64::MIN_POSITIVE);
+        }
+        (eigen.eigenvectors * coefficients).as_slice().to_vec()
     }
 }
 

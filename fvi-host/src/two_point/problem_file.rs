@@ -1,6 +1,7 @@
 //! Problem files of `fvi extremal`: a two-point problem, read and checked.
 
-use super::extremal::{ExtremalProblem, Method, ProblemError};
+use super::equation::{EmbeddedProblem, ORDER, OperatorEquation, Term};
+use super::extremal::{ExtremalProblem, Method, NotConverged, ProblemError, Solution};
 use super::grid::{Grid, Sigma};
 use super::lagrangian::{ExpressionLagrangian, MAX_COORDINATES};
 use super::newton::NewtonOptions;
@@ -17,13 +18,12 @@ use std::path::Path;
 pub struct ProblemFile {
     /// What it is, in words; heads the pictures.
     pub title: Option<String>,
-    /// L(x, v, t).
-    pub lagrangian: ExpressionLagrangian,
+    /// What is to hold between the ends.
+    #[serde(flatten)]
+    pub statement: Statement,
     /// Named constants of the expressions.
     pub parameters: BTreeMap<String, f64>,
-    /// Order α of the derivative in the Lagrangian.
-    pub alpha: f64,
-    /// Its side.
+    /// The side of the discrete derivative.
     pub sigma: Sigma,
     /// Position at the start of the interval.
     pub start: Vec<f64>,
@@ -34,8 +34,9 @@ pub struct ProblemFile {
     /// Where Newton's method starts, as functions of t; absent: its own start.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub guess: Option<Vec<Expression>>,
-    /// How the equations are solved.
-    pub method: Method,
+    /// How the equations of an extremal are solved; embedded ones have one way.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub method: Option<Method>,
     /// When they count as solved.
     pub solver: NewtonOptions,
     /// What the extremal is known to be.
@@ -43,6 +44,24 @@ pub struct ProblemFile {
     pub reference: Option<KnownPositions>,
     #[serde(skip)]
     name: String,
+}
+
+/// What is to hold between the ends.
+#[derive(Clone, Debug, Serialize)]
+#[serde(untagged)]
+pub enum Statement {
+    /// A Lagrangian functional is stationary.
+    Lagrangian {
+        /// L(x, v, t).
+        lagrangian: ExpressionLagrangian,
+        /// Order α of the derivative that v stands for.
+        alpha: f64,
+    },
+    /// A differential equation holds, embedded directly.
+    Equation {
+        /// The sum of its terms is zero.
+        terms: OperatorEquation,
+    },
 }
 
 /// Known positions.
@@ -99,24 +118,18 @@ impl ProblemFile {
         let start_value = boundary.required("start")?;
         let start = start_value.numbers()?;
         let count = start.len();
+        if !(1..=MAX_COORDINATES).contains(&count) {
+            return Err(start_value.out_of_range(format!("1 to {MAX_COORDINATES} coordinates")));
+        }
         let end_value = boundary.required("end")?;
         let end = end_value.numbers()?;
         check_count(&end_value, count, end.len())?;
 
         let problem = root.required("problem")?.table()?;
-        problem.allow(&["lagrangian", "parameters", "alpha", "sigma"])?;
+        problem.allow(&["lagrangian", "terms", "parameters", "alpha", "sigma"])?;
         let (parameters, timed) =
             read_parameters(problem.optional("parameters"), Symbols::new().with_time())?;
-        let variables = Symbols::new().with_time().with_variables(ExpressionLagrangian::variables(count));
-        let (_, symbols) = read_parameters(problem.optional("parameters"), variables)?;
-        let lagrangian = problem.required("lagrangian")?.expression(&symbols)?;
-        let lagrangian = ExpressionLagrangian::new(lagrangian, count)
-            .ok_or_else(|| start_value.out_of_range(format!("1 to {MAX_COORDINATES} coordinates")))?;
-        let alpha_value = problem.required("alpha")?;
-        let alpha = alpha_value.number()?;
-        if !(alpha > 0.0 && alpha <= 1.0) {
-            return Err(alpha_value.out_of_range("an order 0 < α ≤ 1"));
-        }
+        let statement = Statement::read(&problem, count)?;
         let sigma = match problem.optional("sigma") {
             Some(value) => value.choice(&[("-", Sigma::Minus), ("+", Sigma::Plus)])?,
             None => Sigma::Minus,
@@ -130,7 +143,7 @@ impl ProblemFile {
             }
             None => None,
         };
-        let (method, solver) = read_solver(root.optional("solver"), &grid, count)?;
+        let (method, solver) = read_solver(root.optional("solver"), &statement, &grid, count)?;
         let reference = match root.optional("reference") {
             Some(value) => Some(read_reference(&value.table()?, document, &timed, count)?),
             None => None,
@@ -138,9 +151,8 @@ impl ProblemFile {
         let name = document.name().to_owned();
         let file = Self {
             title,
-            lagrangian,
+            statement,
             parameters,
-            alpha,
             sigma,
             start,
             end,
@@ -191,20 +203,85 @@ impl ProblemFile {
         })
     }
 
-    /// The problem on a grid of the same interval.
+    /// Solves the problem on a grid of the same interval; `observe` is told the number of Newton steps and the relative
+    /// residual before each step.
     ///
     /// # Errors
-    /// None for a file that was read, except a guess that is not finite on another grid than the file's.
-    pub fn problem(&self, grid: Grid) -> Result<ExtremalProblem<'_>, ProblemError> {
-        let problem =
-            ExtremalProblem::new(&self.lagrangian, grid, self.sigma, self.alpha, &self.start, &self.end)?
-                .with_options(self.solver);
-        let problem = if grid == self.grid { problem.with_method(self.method) } else { problem };
-        match self.guess_on(&grid) {
-            Some(guess) => problem.with_guess(guess),
-            None => Ok(problem),
+    /// A guess that is not finite on another grid than the file's. The inner result is the solution or the best
+    /// iterate.
+    pub fn solve(
+        &self,
+        grid: Grid,
+        observe: &mut dyn FnMut(usize, f64),
+    ) -> Result<Result<Solution, NotConverged>, ProblemError> {
+        let guess = self.guess_on(&grid);
+        match &self.statement {
+            Statement::Lagrangian { lagrangian, alpha } => {
+                let (start, end) = (&self.start, &self.end);
+                let mut problem = ExtremalProblem::new(lagrangian, grid, self.sigma, *alpha, start, end)?
+                    .with_options(self.solver);
+                if let Some(method) = self.method.filter(|_| grid == self.grid) {
+                    problem = problem.with_method(method);
+                }
+                if let Some(guess) = guess {
+                    problem = problem.with_guess(guess)?;
+                }
+                Ok(problem.solve_observed(observe))
+            }
+            Statement::Equation { terms } => {
+                let mut problem = EmbeddedProblem::new(terms, grid, self.sigma, &self.start, &self.end)?
+                    .with_options(self.solver);
+                if let Some(guess) = guess {
+                    problem = problem.with_guess(guess)?;
+                }
+                Ok(problem.solve(observe))
+            }
         }
     }
+}
+
+impl Statement {
+    fn read(table: &Table<'_>, count: usize) -> Result<Self, InputError> {
+        let (is_lagrangian, value) = table.either("lagrangian", "terms")?;
+        let parameters = table.optional("parameters");
+        let timed = Symbols::new().with_time();
+        if is_lagrangian {
+            let variables = timed.with_variables(ExpressionLagrangian::variables(count));
+            let (_, symbols) = read_parameters(parameters, variables)?;
+            let lagrangian = ExpressionLagrangian::new(value.expression(&symbols)?, count)
+                .ok_or_else(|| value.out_of_range(format!("1 to {MAX_COORDINATES} coordinates")))?;
+            let alpha_value = table.required("alpha")?;
+            let alpha = alpha_value.number()?;
+            if !(alpha > 0.0 && alpha <= 1.0) {
+                return Err(alpha_value.out_of_range("an order 0 < α ≤ 1"));
+            }
+            return Ok(Self::Lagrangian { lagrangian, alpha });
+        }
+        if let Some(alpha) = table.optional("alpha") {
+            return Err(alpha.key_error(Problem::Incompatible {
+                with: "`problem.terms`".to_owned(),
+                allowed: "`alpha` belongs to a Lagrangian; terms name whole orders themselves".to_owned(),
+            }));
+        }
+        let variables = timed.with_variables(OperatorEquation::variables(count));
+        let (_, symbols) = read_parameters(parameters, variables)?;
+        let terms = value
+            .list("a list of tables, each headed [[problem.terms]]")?
+            .iter()
+            .map(|term| read_term(&term.table()?, &symbols, count))
+            .collect::<Result<_, _>>()?;
+        let terms = OperatorEquation::new(terms, count)
+            .ok_or_else(|| value.out_of_range("terms whose highest order is 2"))?;
+        Ok(Self::Equation { terms })
+    }
+}
+
+fn read_term(table: &Table<'_>, symbols: &Symbols, count: usize) -> Result<Term, InputError> {
+    table.allow(&["factor", "order", "of"])?;
+    let factor = table.optional("factor").map(|value| value.expression(symbols)).transpose()?;
+    let order = table.required("order")?.whole(0..=ORDER)?;
+    let of = expressions(&table.required("of")?, symbols, count)?;
+    Ok(Term { factor, order, of })
 }
 
 fn check_count(value: &Value<'_>, expected: usize, found: usize) -> Result<(), InputError> {
@@ -254,18 +331,29 @@ fn read_grid(table: &Table<'_>) -> Result<Grid, InputError> {
 
 fn read_solver(
     value: Option<Value<'_>>,
+    statement: &Statement,
     grid: &Grid,
     count: usize,
-) -> Result<(Method, NewtonOptions), InputError> {
+) -> Result<(Option<Method>, NewtonOptions), InputError> {
     const DENSE_LIMIT: usize = 4096;
     let mut options = NewtonOptions::default();
-    let mut method = Method::fitting(grid.steps(), count);
+    let mut method = match statement {
+        Statement::Lagrangian { .. } => Some(Method::fitting(grid.steps(), count)),
+        Statement::Equation { .. } => None,
+    };
     let Some(value) = value else { return Ok((method, options)) };
     let table = value.table()?;
     table.allow(&["method", "tolerance", "iterations", "krylov-iterations"])?;
     if let Some(value) = table.optional("method") {
-        method = value.choice(&[("dense", Method::Dense), ("krylov", Method::Krylov)])?;
-        if method == Method::Dense && grid.steps() * count > DENSE_LIMIT {
+        let chosen = value.choice(&[("dense", Method::Dense), ("krylov", Method::Krylov)])?;
+        if method.is_none() {
+            return Err(value.key_error(Problem::Incompatible {
+                with: "`problem.terms`".to_owned(),
+                allowed: "`method` belongs to a Lagrangian; embedded equations have one way".to_owned(),
+            }));
+        }
+        method = Some(chosen);
+        if chosen == Method::Dense && grid.steps() * count > DENSE_LIMIT {
             return Err(value.error(Problem::Incompatible {
                 with: "`interval.steps`".to_owned(),
                 allowed: format!("\"dense\" for at most {DENSE_LIMIT} unknowns, \"krylov\" for any number"),

@@ -24,7 +24,7 @@ use super::extremal::EndPoints;
 use super::grid::{Grid, Sigma};
 use super::lagrangian::Lagrangian;
 use super::minres::{self, Limits, inner};
-use super::newton::{Direction, Formulation, Residual, Stationarity};
+use super::newton::{Descent, Direction, Formulation, Residual, Stationarity};
 use super::toeplitz::{LowerToeplitz, Product};
 use nalgebra::{DMatrix, DVector};
 
@@ -312,6 +312,33 @@ impl Stationarity for Velocities<'_> {
         self.preconditioner = preconditioner;
         (solution.reduction < 1.0)
             .then_some(Direction { step: solution.unknowns, krylov_iterations: solution.iterations })
+    }
+
+    fn functional(&mut self) -> Option<&mut dyn Descent> {
+        Some(self)
+    }
+}
+
+impl Descent for Velocities<'_> {
+    fn value_at(&mut self, unknowns: &[f64]) -> f64 {
+        let d = self.coordinates;
+        let sign = self.sigma.derivative_sign();
+        let (positions, velocities) = self.state(unknowns);
+        let mut v = vec![0.0; d];
+        let mut sum = 0.0;
+        for (k, (x, velocity)) in positions.chunks_exact(d).zip(velocities.chunks_exact(d)).enumerate() {
+            v.iter_mut().zip(velocity).for_each(|(v, value)| *v = sign * value);
+            sum += self.lagrangian.value(self.time(k + 1), x, &v);
+        }
+        if sum.is_nan() { f64::INFINITY } else { sum }
+    }
+
+    fn slope(&self, step: &[f64]) -> f64 {
+        inner(&self.gradient, step)
+    }
+
+    fn steepest(&mut self) -> Vec<f64> {
+        self.preconditioner.solve(&self.gradient).iter().map(|entry| -entry).collect()
     }
 }
 

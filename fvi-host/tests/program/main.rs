@@ -1,6 +1,7 @@
 //! What a user of the program `fvi` relies on.
 
 mod engine_comparison;
+mod extremals;
 mod independent_trajectories;
 mod listings;
 mod repository_scenarios;
