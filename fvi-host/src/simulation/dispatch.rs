@@ -4,7 +4,7 @@ use super::assembly::{assemble, check_step};
 use super::{Precision, Stepper};
 use crate::expression::Elementary;
 use crate::scenario::{ConvolutionFamily, InputError, Problem, Quadrature, Scenario, Scheme};
-use fvi_core::{ExplicitEuler, Galerkin, ImplicitEuler, RungeKutta, StageGalerkin};
+use fvi_core::{ExplicitEuler, Galerkin, ImplicitEuler, ParameterError, RungeKutta, StageGalerkin};
 use fvi_fft::Scalar;
 
 type Made = Result<Box<dyn Stepper>, InputError>;
@@ -27,8 +27,7 @@ macro_rules! by_coordinates {
 
 /// The integrator of a scenario.
 ///
-/// Galerkin schemes come in double precision only: there is one for each degree, number of quadrature points
-/// and number of coordinates, and their orders are beyond what single precision resolves.
+/// Galerkin schemes come in double precision only: there is one for each degree and number of coordinates, and their orders are beyond what single precision resolves.
 pub(super) fn stepper(scenario: &Scenario, precision: Precision) -> Made {
     match (scenario.scheme, precision) {
         (Scheme::Galerkin { .. }, Precision::F64) => by_coordinates!(scenario, galerkin,),
@@ -76,9 +75,18 @@ fn galerkin<const N: usize>(scenario: &Scenario) -> Made {
     let Scheme::Galerkin { degree, .. } = scenario.scheme else { return Err(wrong_shape(scenario)) };
     match scenario.convolution.family {
         ConvolutionFamily::Bdf { .. } => {
-            let points = scenario.scheme.quadrature().map_or(0, Quadrature::points);
-            by_shape!(scenario, degree, points, main_nodes,
-                1: 1 2 3 4 5 6; 2: 2 3 4 5 6; 3: 3 4 5 6; 4: 4 5 6; 5: 5 6; 6: 6;)
+            let refused = |_| wrong_shape(scenario);
+            let rule = scenario.scheme.quadrature().and_then(rule).transpose().map_err(refused)?;
+            let rule = rule.ok_or_else(|| wrong_shape(scenario))?;
+            match degree {
+                1 => main_nodes::<N, 1>(scenario, &rule),
+                2 => main_nodes::<N, 2>(scenario, &rule),
+                3 => main_nodes::<N, 3>(scenario, &rule),
+                4 => main_nodes::<N, 4>(scenario, &rule),
+                5 => main_nodes::<N, 5>(scenario, &rule),
+                6 => main_nodes::<N, 6>(scenario, &rule),
+                _ => Err(wrong_shape(scenario)),
+            }
         }
         ConvolutionFamily::RadauIia { stages } | ConvolutionFamily::LobattoIiic { stages } => {
             by_shape!(scenario, degree, stages, at_stages, 1: 1 2 3 4; 2: 2 3 4; 3: 3 4; 4: 4;)
@@ -86,15 +94,31 @@ fn galerkin<const N: usize>(scenario: &Scenario) -> Made {
     }
 }
 
-fn main_nodes<const N: usize, const S: usize, const Q: usize>(scenario: &Scenario) -> Made {
-    let quadrature = match scenario.scheme.quadrature() {
-        Some(Quadrature::Lobatto(_)) => fvi_core::Quadrature::<Q>::lobatto(),
-        _ => fvi_core::Quadrature::<Q>::gauss(),
-    };
-    let scheme = quadrature
-        .and_then(|quadrature| Galerkin::<f64, S, Q>::new(&quadrature))
-        .map_err(|_| wrong_shape(scenario))?;
-    check_step::<N, S, Q>(scenario, &scheme)?;
+/// Most quadrature points of a scenario. Rules are padded to it, so that there is one integrator for each degree.
+const POINTS: usize = 6;
+
+/// The quadrature of a scenario; `None` for a number of points that no rule has.
+fn rule(quadrature: Quadrature) -> Option<Result<fvi_core::Quadrature<POINTS>, ParameterError>> {
+    macro_rules! padded {
+        ($rule:ident, $points:expr, $($q:literal)*) => {
+            match $points {
+                $($q => Some(fvi_core::Quadrature::<$q>::$rule().and_then(|rule| rule.padded())),)*
+                _ => None,
+            }
+        };
+    }
+    match quadrature {
+        Quadrature::Gauss(points) => padded!(gauss, points, 1 2 3 4 5 6),
+        Quadrature::Lobatto(points) => padded!(lobatto, points, 2 3 4 5 6),
+    }
+}
+
+fn main_nodes<const N: usize, const S: usize>(
+    scenario: &Scenario,
+    rule: &fvi_core::Quadrature<POINTS>,
+) -> Made {
+    let scheme = Galerkin::<f64, S, POINTS>::new(rule).map_err(|_| wrong_shape(scenario))?;
+    check_step::<N, S, POINTS>(scenario, &scheme)?;
     assemble::<f64, N, 1, _>(scenario, scheme)
 }
 
