@@ -1,0 +1,36 @@
+//! What the images share: how they print, and how they end.
+#![no_std]
+
+use core::fmt;
+use core::panic::PanicInfo;
+
+use cortex_m as _;
+use cortex_m_semihosting::{debug, hio};
+
+/// Runs `program` on the debugger's standard output and ends the emulation: with success if it does.
+pub fn main(program: impl FnOnce(&mut hio::HostStream) -> Result<(), Refused>) -> ! {
+    let status = match hio::hstdout().map_err(|()| Refused).and_then(|mut out| program(&mut out)) {
+        Ok(()) => debug::EXIT_SUCCESS,
+        Err(Refused) => debug::EXIT_FAILURE,
+    };
+    loop {
+        debug::exit(status);
+    }
+}
+
+/// The program could not go on; it has said why.
+pub struct Refused;
+
+impl Refused {
+    /// Says why.
+    pub fn because(out: &mut hio::HostStream, reason: impl fmt::Display) -> Self {
+        // If this fails as well, nothing is left but the exit status.
+        let _ = fmt::Write::write_fmt(out, format_args!("refused: {reason}\n"));
+        Self
+    }
+}
+
+#[panic_handler]
+fn panic(info: &PanicInfo<'_>) -> ! {
+    main(|out| Err(Refused::because(out, info)))
+}

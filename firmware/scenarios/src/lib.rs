@@ -1,0 +1,7 @@
+//! What the images compute, and their twins on the host from the same source: the two must agree in every bit.
+#![no_std]
+#![forbid(unsafe_code)]
+
+pub mod bits;
+pub mod pulse;
+pub mod refusal;

@@ -1,0 +1,54 @@
+//! Why a scenario stopped.
+
+use core::fmt;
+
+use fvi_core::{DampingError, IntegratorError, MatrixError, OperatorError, ParameterError, StepError};
+
+/// What refused to go on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Refusal {
+    /// A number of the scenario.
+    Parameter(ParameterError),
+    /// A matrix of the scenario.
+    Matrix(MatrixError),
+    /// A damping term.
+    Damping(DampingError),
+    /// The integrator.
+    Integrator(IntegratorError),
+    /// A step.
+    Step(StepError),
+    /// A fractional operator.
+    Operator(OperatorError),
+    /// The output.
+    Output(fmt::Error),
+}
+
+macro_rules! refusals {
+    ($($variant:ident($error:ty)),*) => {
+        $(impl From<$error> for Refusal {
+            fn from(error: $error) -> Self {
+                Self::$variant(error)
+            }
+        })*
+
+        impl fmt::Display for Refusal {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                match self {
+                    $(Self::$variant(error) => error.fmt(f),)*
+                }
+            }
+        }
+    };
+}
+
+refusals!(
+    Parameter(ParameterError),
+    Matrix(MatrixError),
+    Damping(DampingError),
+    Integrator(IntegratorError),
+    Step(StepError),
+    Operator(OperatorError),
+    Output(fmt::Error)
+);
+
+impl core::error::Error for Refusal {}
