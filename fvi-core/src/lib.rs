@@ -25,6 +25,7 @@ mod runge_kutta;
 mod scheme;
 mod stability;
 mod system;
+mod tiled;
 mod weighted_sum;
 mod weights;
 
@@ -46,4 +47,5 @@ pub use system::{
     Approach, Coefficients, Force, Instant, Mass, MatrixError, NoForce, Potential, Quadratic, System,
     TimeForce,
 };
+pub use tiled::Tiled;
 pub use weights::{BdfOrder, ConvolutionWeights, leading_bdf_weight, monic_bdf_table, monic_bdf_table_f32};
