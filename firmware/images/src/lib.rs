@@ -1,6 +1,8 @@
 //! What the images share: how they print, and how they end.
 #![no_std]
 
+pub mod instructions;
+
 use core::fmt;
 use core::panic::PanicInfo;
 
