@@ -1,0 +1,501 @@
+/* C interface of fvi: fractional operators on a stream, and a stepper for fractionally damped systems.
+ *
+ * All state is the caller's, of a size known at compile time. Nothing is allocated. Every call that can be wrong returns a
+ * status; any status but FVI_STATUS_OK means that the call has changed nothing. Numbers are single precision.
+ *
+ * Generated; do not edit. */
+
+#ifndef FVI_H
+#define FVI_H
+
+#include <stddef.h>
+#include <stdint.h>
+/* Numbers in the buffer of an exponential sum with the given numbers of head weights, of exponential_count, and of channels. */
+#define FVI_EXPONENTIAL_NUMBERS(head, exponentials, channels) \
+    (1 + ((head) + ((head) > 2 ? (head) - 2 : 0) + 4 + (exponentials)) * (channels))
+
+/*
+ Kind of memory: a ring that takes as many samples as it holds and then refuses.
+ */
+#define FVI_FULL_MEMORY 0
+
+/*
+ Kind of memory: a ring that drops the oldest sample. The sum then lacks its far end.
+ */
+#define FVI_SHORT_MEMORY 1
+
+/*
+ Kind of memory: a head of weights and a sum of decaying exponentials. No ring, the same cost at every step.
+ */
+#define FVI_EXPONENTIAL_SUM 2
+
+/*
+ Start: nothing is subtracted; the operator of Riemann–Liouville type. Fractional integrals are of this type.
+ */
+#define FVI_RIEMANN_LIOUVILLE 0
+
+/*
+ Start: the first sample is subtracted; the Caputo derivative of an order up to 1.
+ */
+#define FVI_CAPUTO 1
+
+/*
+ Start: the first sample and `rise` per step are subtracted; the Caputo derivative of an order between 1 and 2.
+ */
+#define FVI_CAPUTO_WITH_RISE 2
+
+/*
+ Words of an operator.
+ */
+#define FVI_OPERATOR_WORDS 24
+
+/*
+ Words of a stepper for one coordinate.
+ */
+#define FVI_STEPPER_WORDS_1 42
+
+/*
+ Words of a stepper for two coordinates.
+ */
+#define FVI_STEPPER_WORDS_2 52
+
+/*
+ Words of a stepper for three coordinates.
+ */
+#define FVI_STEPPER_WORDS_3 66
+
+/*
+ Words of a stepper for four coordinates.
+ */
+#define FVI_STEPPER_WORDS_4 82
+
+/*
+ Words of a stepper for five coordinates.
+ */
+#define FVI_STEPPER_WORDS_5 102
+
+/*
+ Words of a stepper for six coordinates.
+ */
+#define FVI_STEPPER_WORDS_6 126
+
+/*
+ What a call returns. Anything but FVI_STATUS_OK means that the call has changed nothing.
+ */
+typedef enum FviStatus {
+  /*
+   Done.
+   */
+  FVI_STATUS_OK = 0,
+  /*
+   A pointer that must not be NULL is.
+   */
+  FVI_STATUS_NULL = 1,
+  /*
+   A pointer is not aligned as its type requires.
+   */
+  FVI_STATUS_MISALIGNED = 2,
+  /*
+   A number is infinite or not a number: a parameter, a sample, what a callback wrote, or the result.
+   */
+  FVI_STATUS_NOT_FINITE = 3,
+  /*
+   A parameter is outside what is allowed.
+   */
+  FVI_STATUS_OUT_OF_RANGE = 4,
+  /*
+   A buffer has another size than the call needs.
+   */
+  FVI_STATUS_WRONG_SIZE = 5,
+  /*
+   A matrix is not symmetric.
+   */
+  FVI_STATUS_NOT_SYMMETRIC = 6,
+  /*
+   The mass is not positive definite, or the damping not positive semidefinite.
+   */
+  FVI_STATUS_NOT_POSITIVE = 7,
+  /*
+   The state was never set up, or belongs to something else.
+   */
+  FVI_STATUS_NOT_INITIALISED = 8,
+  /*
+   The memory holds as many samples as it can, or its table reaches no further.
+   */
+  FVI_STATUS_MEMORY_FULL = 9,
+  /*
+   Newton's method did not converge.
+   */
+  FVI_STATUS_NOT_CONVERGED = 10,
+  /*
+   The Jacobian of the step is singular.
+   */
+  FVI_STATUS_SINGULAR = 11,
+} FviStatus;
+
+/*
+ A fractional operator on a stream: takes a sample x_k, gives back Σ_{n=0}^{k} w_n x_{k−n}.
+
+ Set all words to zero before the first call.
+ */
+typedef struct FviOperator {
+  /*
+   The state; not for the caller.
+   */
+  uint64_t words[FVI_OPERATOR_WORDS];
+} FviOperator;
+
+/*
+ A memory: which, for which kernel, and on which buffer.
+
+ Tables and buffer stay in use until the last call on the object that was set up with them; the buffer must belong
+ to that object alone. The kernel is `scale` times the table. A new object has an empty memory, whatever the buffer held.
+ */
+typedef struct FviMemory {
+  /*
+   FVI_FULL_MEMORY, FVI_SHORT_MEMORY or FVI_EXPONENTIAL_SUM.
+   */
+  uint32_t kind;
+  /*
+   Factor of all weights: 1 for weights that hold the step size, h^(-exponent) for a table made for h = 1.
+   */
+  float scale;
+  /*
+   Weights w_0, w_1, … of a ring; the head of an exponential sum.
+   */
+  const float *weights;
+  /*
+   Number of weights, at least 1; at least 2 for an exponential sum. Lags beyond a ring's weights count as zero.
+   */
+  size_t weight_count;
+  /*
+   Exponential sum: the exponentials in blocks of four, four decays and four coefficients each. Rings ignore this and the next three.
+   */
+  const float *exponentials;
+  /*
+   Exponential sum: how many numbers those are.
+   */
+  size_t exponential_count;
+  /*
+   Exponential sum: how many blocks, from the first, hold slow exponentials.
+   */
+  size_t slow_blocks;
+  /*
+   Exponential sum: largest lag at which the table holds; so many samples are taken.
+   */
+  size_t horizon;
+  /*
+   The buffer. Ring: one sample per step and channel. Exponential sum: FVI_EXPONENTIAL_NUMBERS.
+   */
+  float *buffer;
+  /*
+   Numbers in the buffer. A ring with c channels takes `buffer_count` / c samples.
+   */
+  size_t buffer_count;
+} FviMemory;
+
+/*
+ Storage of a stepper for one coordinate.
+ */
+typedef struct FviStepper1 {
+  /*
+   The state; not for the caller. Set all to zero before the first call.
+   */
+  uint64_t words[FVI_STEPPER_WORDS_1];
+} FviStepper1;
+
+/*
+ Writes ∇U(q), n numbers, to `gradient`.
+ */
+typedef void (*FviGradient)(void *context, const float *position, float *gradient);
+
+/*
+ Writes ∂²U/∂q², n² numbers row by row, to `hessian`. It must be the derivative of the gradient.
+ */
+typedef void (*FviHessian)(void *context, const float *position, float *hessian);
+
+/*
+ Writes the external force F(t, q), n numbers, to `force`. Its dependence on q must be weak.
+ */
+typedef void (*FviForce)(void *context, float time, const float *position, float *force);
+
+/*
+ A system M q̈ + ∇U(q) + ρ D^β q = F(t, q) + u and how it is integrated: the low-order fractional variational integrator.
+
+ The number of coordinates n is that of the function that sets it up. Matrices are n×n numbers row by row. Everything but the tables and buffer of the memory and what `context` points to
+ may go once the stepper is set up.
+ */
+typedef struct FviSystem {
+  /*
+   Mass M, symmetric positive definite.
+   */
+  const float *mass;
+  /*
+   Coefficients ρ of the damping, symmetric positive semidefinite.
+   */
+  const float *damping;
+  /*
+   Damping order β, 0 ≤ β < 2.
+   */
+  float damping_order;
+  /*
+   FVI_RIEMANN_LIOUVILLE or FVI_CAPUTO.
+   */
+  uint32_t derivative;
+  /*
+   Memory with n channels whose kernel is that of D^β for the step size.
+   */
+  const struct FviMemory *memory;
+  /*
+   Step size h.
+   */
+  float step_size;
+  /*
+   κ in [0, 1]: the potential is taken at κ q_k + (1−κ) q_{k+1}; ½ is the midpoint rule.
+   */
+  float kappa;
+  /*
+   Initial position, n numbers.
+   */
+  const float *position;
+  /*
+   Initial momentum, n numbers.
+   */
+  const float *momentum;
+  /*
+   ∇U.
+   */
+  FviGradient gradient;
+  /*
+   ∂²U/∂q².
+   */
+  FviHessian hessian;
+  /*
+   External force, or NULL.
+   */
+  FviForce force;
+  /*
+   Handed to the callbacks as it is.
+   */
+  void *context;
+} FviSystem;
+
+/*
+ A stepper of any number of coordinates, in storage of the caller.
+ */
+typedef struct FviStepper {
+  uint64_t _private[0];
+} FviStepper;
+
+/*
+ Storage of a stepper for two coordinates.
+ */
+typedef struct FviStepper2 {
+  /*
+   The state; not for the caller. Set all to zero before the first call.
+   */
+  uint64_t words[FVI_STEPPER_WORDS_2];
+} FviStepper2;
+
+/*
+ Storage of a stepper for three coordinates.
+ */
+typedef struct FviStepper3 {
+  /*
+   The state; not for the caller. Set all to zero before the first call.
+   */
+  uint64_t words[FVI_STEPPER_WORDS_3];
+} FviStepper3;
+
+/*
+ Storage of a stepper for four coordinates.
+ */
+typedef struct FviStepper4 {
+  /*
+   The state; not for the caller. Set all to zero before the first call.
+   */
+  uint64_t words[FVI_STEPPER_WORDS_4];
+} FviStepper4;
+
+/*
+ Storage of a stepper for five coordinates.
+ */
+typedef struct FviStepper5 {
+  /*
+   The state; not for the caller. Set all to zero before the first call.
+   */
+  uint64_t words[FVI_STEPPER_WORDS_5];
+} FviStepper5;
+
+/*
+ Storage of a stepper for six coordinates.
+ */
+typedef struct FviStepper6 {
+  /*
+   The state; not for the caller. Set all to zero before the first call.
+   */
+  uint64_t words[FVI_STEPPER_WORDS_6];
+} FviStepper6;
+
+#ifdef __cplusplus
+extern "C" {
+#endif // __cplusplus
+
+/*
+ A short English text for a status; an unknown one has a text as well. Never NULL.
+ */
+const char *fvi_status_text(int32_t status);
+
+/*
+ Sets up an operator on an empty memory.
+
+ `start` is FVI_RIEMANN_LIOUVILLE, FVI_CAPUTO or FVI_CAPUTO_WITH_RISE; `rise` is the initial slope times the step size, for the last only.
+ Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE, FVI_STATUS_OUT_OF_RANGE or FVI_STATUS_WRONG_SIZE if something is wrong with a pointer, a number or a size.
+
+ # Safety
+ `operation` must be writable, `memory` as its type describes.
+ */
+enum FviStatus fvi_operator_init(struct FviOperator *operation,
+                                 const struct FviMemory *memory,
+                                 uint32_t start,
+                                 float rise);
+
+/*
+ Takes a sample and writes the value of the operator to `result`.
+
+ Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_NOT_FINITE or FVI_STATUS_MEMORY_FULL; then neither operator nor `result` has changed.
+
+ # Safety
+ `operation` must be zeroed or set up, `result` writable.
+ */
+enum FviStatus fvi_operator_push(struct FviOperator *operation,
+                                 float sample,
+                                 float *result);
+
+/*
+ Forgets all samples.
+
+ Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED or FVI_STATUS_NOT_INITIALISED.
+
+ # Safety
+ `operation` must be zeroed or set up.
+ */
+enum FviStatus fvi_operator_clear(struct FviOperator *operation);
+
+/*
+ Writes the convolution-quadrature weights w_0 … w_{count−1} of D^exponent for a step size.
+
+ `order` is that of the backward differentiation formula, 1…6; −1 < exponent < 2; negative for fractional integrals. The weights hold the
+ step size: the scale of the memory is 1. Computed in double precision, in software on parts that have none.
+ Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE or FVI_STATUS_OUT_OF_RANGE.
+
+ # Safety
+ `weights` must be writable for `count` numbers.
+ */
+enum FviStatus fvi_weights_bdf(uint32_t order,
+                               double exponent,
+                               double step_size,
+                               float *weights,
+                               size_t count);
+
+/*
+ Sets up a stepper for one coordinate at t = 0 in `storage` and writes its address to `stepper`.
+
+ Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE, FVI_STATUS_OUT_OF_RANGE, FVI_STATUS_WRONG_SIZE, FVI_STATUS_NOT_SYMMETRIC or
+ FVI_STATUS_NOT_POSITIVE; then neither `storage` nor `stepper` has changed.
+
+ # Safety
+ `storage` and `stepper` must be writable, `system` as its type describes.
+ */
+enum FviStatus fvi_stepper_init_1(struct FviStepper1 *storage,
+                                  const struct FviSystem *system,
+                                  struct FviStepper **stepper);
+
+/*
+ Sets up a stepper for two coordinates at t = 0 in `storage` and writes its address to `stepper`.
+
+ Returns what fvi_stepper_init_1 returns.
+
+ # Safety
+ `storage` and `stepper` must be writable, `system` as its type describes.
+ */
+enum FviStatus fvi_stepper_init_2(struct FviStepper2 *storage,
+                                  const struct FviSystem *system,
+                                  struct FviStepper **stepper);
+
+/*
+ Sets up a stepper for three coordinates at t = 0 in `storage` and writes its address to `stepper`.
+
+ Returns what fvi_stepper_init_1 returns.
+
+ # Safety
+ `storage` and `stepper` must be writable, `system` as its type describes.
+ */
+enum FviStatus fvi_stepper_init_3(struct FviStepper3 *storage,
+                                  const struct FviSystem *system,
+                                  struct FviStepper **stepper);
+
+/*
+ Sets up a stepper for four coordinates at t = 0 in `storage` and writes its address to `stepper`.
+
+ Returns what fvi_stepper_init_1 returns.
+
+ # Safety
+ `storage` and `stepper` must be writable, `system` as its type describes.
+ */
+enum FviStatus fvi_stepper_init_4(struct FviStepper4 *storage,
+                                  const struct FviSystem *system,
+                                  struct FviStepper **stepper);
+
+/*
+ Sets up a stepper for five coordinates at t = 0 in `storage` and writes its address to `stepper`.
+
+ Returns what fvi_stepper_init_1 returns.
+
+ # Safety
+ `storage` and `stepper` must be writable, `system` as its type describes.
+ */
+enum FviStatus fvi_stepper_init_5(struct FviStepper5 *storage,
+                                  const struct FviSystem *system,
+                                  struct FviStepper **stepper);
+
+/*
+ Sets up a stepper for six coordinates at t = 0 in `storage` and writes its address to `stepper`.
+
+ Returns what fvi_stepper_init_1 returns.
+
+ # Safety
+ `storage` and `stepper` must be writable, `system` as its type describes.
+ */
+enum FviStatus fvi_stepper_init_6(struct FviStepper6 *storage,
+                                  const struct FviSystem *system,
+                                  struct FviStepper **stepper);
+
+/*
+ Makes one step with the input u, n numbers held over the step, or NULL for none.
+
+ Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_NOT_FINITE, FVI_STATUS_MEMORY_FULL, FVI_STATUS_NOT_CONVERGED
+ or FVI_STATUS_SINGULAR; then the stepper is as it was, and the step may be tried again.
+
+ # Safety
+ `stepper` must come from fvi_stepper_init_n or point to zeroed storage, `input` be NULL or hold n numbers. The callbacks must
+ not call this function on the same stepper.
+ */
+enum FviStatus fvi_stepper_step(struct FviStepper *stepper,
+                                const float *input);
+
+/*
+ Writes position and momentum, n numbers each, and the number of steps made; each pointer may be NULL.
+
+ Returns FVI_STATUS_NULL if `stepper` is NULL, FVI_STATUS_MISALIGNED or FVI_STATUS_NOT_INITIALISED.
+
+ # Safety
+ `stepper` must come from fvi_stepper_init_n or point to zeroed storage, the others be NULL or writable.
+ */
+enum FviStatus fvi_stepper_state(const struct FviStepper *stepper, float *position, float *momentum, uint64_t *steps);
+
+#ifdef __cplusplus
+}  // extern "C"
+#endif  // __cplusplus
+
+#endif  /* FVI_H */

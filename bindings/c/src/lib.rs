@@ -1,0 +1,41 @@
+//! C interface of fvi-core: fractional operators on a stream and a stepper for fractionally damped systems.
+//!
+//! All state is the caller's, of a size known at compile time; nothing is allocated, nothing unwinds, and every call
+//! that can be wrong returns a status and leaves the state as it was. The header `fvi.h` is generated from this crate.
+#![no_std]
+
+mod memory;
+mod operator;
+mod pointer;
+mod ring;
+mod status;
+mod stepper;
+mod stored;
+mod weights;
+
+pub use memory::{FVI_EXPONENTIAL_SUM, FVI_FULL_MEMORY, FVI_SHORT_MEMORY, FviMemory};
+pub use operator::{
+    FVI_CAPUTO, FVI_CAPUTO_WITH_RISE, FVI_OPERATOR_WORDS, FVI_RIEMANN_LIOUVILLE, FviOperator,
+    fvi_operator_clear, fvi_operator_init, fvi_operator_push,
+};
+pub use status::{FviStatus, fvi_status_text};
+pub use stepper::*;
+pub use weights::fvi_weights_bdf;
+
+/// Calls a function that does not exist: a program that could panic does not link. No call can, in an optimised build.
+#[panic_handler]
+fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
+    unsafe extern "C" {
+        fn fvi_reachable_panic() -> !;
+    }
+    // SAFETY: the function does not exist, so a program that could call it does not link.
+    unsafe { fvi_reachable_panic() }
+}
+
+/// The negative control of the panic check: an index that may be out of bounds.
+#[cfg(feature = "seeded-panic")]
+#[unsafe(no_mangle)]
+pub extern "C" fn fvi_seeded_panic(index: usize) -> f32 {
+    static NUMBERS: [f32; 2] = [1.0, 2.0];
+    NUMBERS[index]
+}

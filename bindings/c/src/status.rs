@@ -1,0 +1,132 @@
+//! What a call returns.
+
+use core::ffi::{CStr, c_char};
+
+use fvi_core::{
+    DampingError, IntegratorError, MatrixError, MemoryError, OperatorError, ParameterError, StepError,
+};
+
+/// What a call returns. Anything but FVI_STATUS_OK means that the call has changed nothing.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FviStatus {
+    /// Done.
+    Ok = 0,
+    /// A pointer that must not be NULL is.
+    Null = 1,
+    /// A pointer is not aligned as its type requires.
+    Misaligned = 2,
+    /// A number is infinite or not a number: a parameter, a sample, what a callback wrote, or the result.
+    NotFinite = 3,
+    /// A parameter is outside what is allowed.
+    OutOfRange = 4,
+    /// A buffer has another size than the call needs.
+    WrongSize = 5,
+    /// A matrix is not symmetric.
+    NotSymmetric = 6,
+    /// The mass is not positive definite, or the damping not positive semidefinite.
+    NotPositive = 7,
+    /// The state was never set up, or belongs to something else.
+    NotInitialised = 8,
+    /// The memory holds as many samples as it can, or its table reaches no further.
+    MemoryFull = 9,
+    /// Newton's method did not converge.
+    NotConverged = 10,
+    /// The Jacobian of the step is singular.
+    Singular = 11,
+}
+
+/// A short English text for a status; an unknown one has a text as well. Never NULL.
+#[unsafe(no_mangle)]
+pub extern "C" fn fvi_status_text(status: i32) -> *const c_char {
+    const TEXTS: [&CStr; 12] = [
+        c"done",
+        c"a pointer is NULL",
+        c"a pointer is not aligned",
+        c"a number is not finite",
+        c"a parameter is out of range",
+        c"a buffer has the wrong size",
+        c"a matrix is not symmetric",
+        c"a matrix is not positive definite or semidefinite",
+        c"the state is not initialised",
+        c"the memory is full",
+        c"Newton's method did not converge",
+        c"the Jacobian is singular",
+    ];
+    let text = usize::try_from(status).ok().and_then(|status| TEXTS.get(status));
+    text.unwrap_or(&c"unknown status").as_ptr()
+}
+
+/// The status of a result.
+pub(crate) fn status(result: Result<(), FviStatus>) -> FviStatus {
+    match result {
+        Ok(()) => FviStatus::Ok,
+        Err(status) => status,
+    }
+}
+
+impl From<ParameterError> for FviStatus {
+    fn from(error: ParameterError) -> Self {
+        if error.value.is_finite() { Self::OutOfRange } else { Self::NotFinite }
+    }
+}
+
+impl From<MatrixError> for FviStatus {
+    fn from(error: MatrixError) -> Self {
+        match error {
+            MatrixError::NotFinite => Self::NotFinite,
+            MatrixError::NotSymmetric { .. } => Self::NotSymmetric,
+            _ => Self::NotPositive,
+        }
+    }
+}
+
+impl From<MemoryError> for FviStatus {
+    fn from(error: MemoryError) -> Self {
+        match error {
+            MemoryError::Full { .. } => Self::MemoryFull,
+            _ => Self::WrongSize,
+        }
+    }
+}
+
+impl From<OperatorError> for FviStatus {
+    fn from(error: OperatorError) -> Self {
+        match error {
+            OperatorError::Memory(error) => error.into(),
+            _ => Self::NotFinite,
+        }
+    }
+}
+
+impl From<DampingError> for FviStatus {
+    fn from(error: DampingError) -> Self {
+        match error {
+            DampingError::Order(error) => error.into(),
+            DampingError::Coefficients(error) => error.into(),
+            _ => Self::OutOfRange,
+        }
+    }
+}
+
+impl From<IntegratorError> for FviStatus {
+    fn from(error: IntegratorError) -> Self {
+        match error {
+            IntegratorError::StepSize(error) => error.into(),
+            IntegratorError::Memory(error) => error.into(),
+            IntegratorError::Shape(_) => Self::WrongSize,
+            _ => Self::NotFinite,
+        }
+    }
+}
+
+impl From<StepError> for FviStatus {
+    fn from(error: StepError) -> Self {
+        match error {
+            StepError::NotConverged { .. } => Self::NotConverged,
+            StepError::SingularJacobian => Self::Singular,
+            StepError::Memory(error) => error.into(),
+            _ => Self::NotFinite,
+        }
+    }
+}

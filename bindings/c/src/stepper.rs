@@ -1,0 +1,451 @@
+//! The stepper: fractionally damped systems of one to six coordinates, with callbacks for the potential.
+
+use core::ffi::c_void;
+
+use fvi_core::{
+    Coefficients, DampingTerm, Derivative, Force, Galerkin, Instant, Integrator, Mass, Potential, System,
+};
+use nalgebra::{SMatrix, SVector};
+
+use crate::memory::{AnyMemory, FviMemory};
+use crate::operator::{FVI_CAPUTO, FVI_RIEMANN_LIOUVILLE};
+use crate::pointer::{check, reference, slice, slice_mut};
+use crate::status::{FviStatus, status};
+use crate::stored::{Kept, keep, kept, words};
+
+/// Words of a stepper for one coordinate.
+pub const FVI_STEPPER_WORDS_1: usize = 42;
+/// Words of a stepper for two coordinates.
+pub const FVI_STEPPER_WORDS_2: usize = 52;
+/// Words of a stepper for three coordinates.
+pub const FVI_STEPPER_WORDS_3: usize = 66;
+/// Words of a stepper for four coordinates.
+pub const FVI_STEPPER_WORDS_4: usize = 82;
+/// Words of a stepper for five coordinates.
+pub const FVI_STEPPER_WORDS_5: usize = 102;
+/// Words of a stepper for six coordinates.
+pub const FVI_STEPPER_WORDS_6: usize = 126;
+
+/// Writes ∇U(q), n numbers, to `gradient`.
+pub type FviGradient =
+    Option<unsafe extern "C" fn(context: *mut c_void, position: *const f32, gradient: *mut f32)>;
+/// Writes ∂²U/∂q², n² numbers row by row, to `hessian`. It must be the derivative of the gradient.
+pub type FviHessian =
+    Option<unsafe extern "C" fn(context: *mut c_void, position: *const f32, hessian: *mut f32)>;
+/// Writes the external force F(t, q), n numbers, to `force`. Its dependence on q must be weak.
+pub type FviForce =
+    Option<unsafe extern "C" fn(context: *mut c_void, time: f32, position: *const f32, force: *mut f32)>;
+
+/// A system M q̈ + ∇U(q) + ρ D^β q = F(t, q) + u and how it is integrated: the low-order fractional variational integrator.
+///
+/// The number of coordinates n is that of the function that sets it up. Matrices are n×n numbers row by row. Everything but the tables and buffer of the memory and what `context` points to
+/// may go once the stepper is set up.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct FviSystem {
+    /// Mass M, symmetric positive definite.
+    pub mass: *const f32,
+    /// Coefficients ρ of the damping, symmetric positive semidefinite.
+    pub damping: *const f32,
+    /// Damping order β, 0 ≤ β < 2.
+    pub damping_order: f32,
+    /// FVI_RIEMANN_LIOUVILLE or FVI_CAPUTO.
+    pub derivative: u32,
+    /// Memory with n channels whose kernel is that of D^β for the step size.
+    pub memory: *const FviMemory,
+    /// Step size h.
+    pub step_size: f32,
+    /// κ in [0, 1]: the potential is taken at κ q_k + (1−κ) q_{k+1}; ½ is the midpoint rule.
+    pub kappa: f32,
+    /// Initial position, n numbers.
+    pub position: *const f32,
+    /// Initial momentum, n numbers.
+    pub momentum: *const f32,
+    /// ∇U.
+    pub gradient: FviGradient,
+    /// ∂²U/∂q².
+    pub hessian: FviHessian,
+    /// External force, or NULL.
+    pub force: FviForce,
+    /// Handed to the callbacks as it is.
+    pub context: *mut c_void,
+}
+
+/// A stepper of any number of coordinates, in storage of the caller.
+#[repr(C)]
+#[derive(Debug)]
+pub struct FviStepper {
+    _private: [u64; 0],
+}
+
+/// Storage of a stepper for one coordinate.
+#[repr(C)]
+#[derive(Debug)]
+pub struct FviStepper1 {
+    /// The state; not for the caller. Set all to zero before the first call.
+    pub words: [u64; FVI_STEPPER_WORDS_1],
+}
+
+/// Storage of a stepper for two coordinates.
+#[repr(C)]
+#[derive(Debug)]
+pub struct FviStepper2 {
+    /// The state; not for the caller. Set all to zero before the first call.
+    pub words: [u64; FVI_STEPPER_WORDS_2],
+}
+
+/// Storage of a stepper for three coordinates.
+#[repr(C)]
+#[derive(Debug)]
+pub struct FviStepper3 {
+    /// The state; not for the caller. Set all to zero before the first call.
+    pub words: [u64; FVI_STEPPER_WORDS_3],
+}
+
+/// Storage of a stepper for four coordinates.
+#[repr(C)]
+#[derive(Debug)]
+pub struct FviStepper4 {
+    /// The state; not for the caller. Set all to zero before the first call.
+    pub words: [u64; FVI_STEPPER_WORDS_4],
+}
+
+/// Storage of a stepper for five coordinates.
+#[repr(C)]
+#[derive(Debug)]
+pub struct FviStepper5 {
+    /// The state; not for the caller. Set all to zero before the first call.
+    pub words: [u64; FVI_STEPPER_WORDS_5],
+}
+
+/// Storage of a stepper for six coordinates.
+#[repr(C)]
+#[derive(Debug)]
+pub struct FviStepper6 {
+    /// The state; not for the caller. Set all to zero before the first call.
+    pub words: [u64; FVI_STEPPER_WORDS_6],
+}
+
+/// Potential and force of the caller.
+#[derive(Clone, Copy, Debug)]
+struct Callbacks {
+    gradient: unsafe extern "C" fn(*mut c_void, *const f32, *mut f32),
+    hessian: unsafe extern "C" fn(*mut c_void, *const f32, *mut f32),
+    force: FviForce,
+    context: *mut c_void,
+}
+
+impl<const N: usize> Potential<f32, N> for Callbacks {
+    /// The interface has no energy and never asks for it.
+    fn value(&self, _: &SVector<f32, N>) -> f32 {
+        f32::NAN
+    }
+
+    #[inline]
+    fn gradient(&self, position: &SVector<f32, N>) -> SVector<f32, N> {
+        let mut gradient = SVector::<f32, N>::zeros();
+        // SAFETY: both point to N numbers, as the callback was promised.
+        unsafe { (self.gradient)(self.context, position.as_ptr(), gradient.as_mut_ptr()) };
+        gradient
+    }
+
+    #[inline]
+    fn hessian(&self, position: &SVector<f32, N>) -> SMatrix<f32, N, N> {
+        let mut hessian = SMatrix::<f32, N, N>::zeros();
+        // SAFETY: N and N² numbers, as the callback was promised.
+        unsafe { (self.hessian)(self.context, position.as_ptr(), hessian.as_mut_ptr()) };
+        // Written row by row, stored column by column.
+        hessian.transpose()
+    }
+}
+
+impl<const N: usize> Force<f32, N> for Callbacks {
+    #[inline]
+    fn value(&self, instant: Instant<f32>, position: &SVector<f32, N>) -> SVector<f32, N> {
+        let mut force = SVector::<f32, N>::zeros();
+        if let Some(callback) = self.force {
+            // SAFETY: both point to N numbers, as the callback was promised.
+            unsafe { callback(self.context, instant.time, position.as_ptr(), force.as_mut_ptr()) };
+        }
+        force
+    }
+}
+
+type Stepper<const N: usize> =
+    Integrator<f32, N, 1, Callbacks, Callbacks, Galerkin<f32, 1, 1>, DampingTerm<f32, N, AnyMemory<N>>>;
+
+/// What there is to call, whatever the number of coordinates: so a program links only the steppers that it sets up.
+#[derive(Clone, Copy)]
+struct Calls {
+    step: unsafe fn(*mut u64, *const f32) -> Result<(), FviStatus>,
+    state: unsafe fn(*mut u64, *mut f32, *mut f32, *mut u64) -> Result<(), FviStatus>,
+}
+
+/// A stepper as it lies in its storage. It begins with the calls, so that they can be found without knowing N.
+#[repr(C)]
+struct Machine<const N: usize> {
+    calls: Calls,
+    stepper: Stepper<N>,
+}
+
+impl Kept for Calls {
+    const TAG: u64 = 0x6676_692d_7374_6570;
+}
+
+impl<const N: usize> Kept for Machine<N> {
+    const TAG: u64 = Calls::TAG;
+}
+
+/// N² numbers as coefficients, diagonal where they are.
+///
+/// # Safety
+/// As [`slice`].
+unsafe fn coefficients<const N: usize>(numbers: *const f32) -> Result<Coefficients<f32, N>, FviStatus> {
+    // SAFETY: passed on.
+    let matrix = SMatrix::<f32, N, N>::from_iterator(unsafe { slice(numbers, N * N) }?.iter().copied());
+    let diagonal = matrix.diagonal();
+    Ok(if matrix == SMatrix::from_diagonal(&diagonal) {
+        Coefficients::Diagonal(diagonal)
+    } else {
+        Coefficients::Dense(matrix)
+    })
+}
+
+/// # Safety
+/// As [`slice`].
+unsafe fn vector<const N: usize>(numbers: *const f32) -> Result<SVector<f32, N>, FviStatus> {
+    // SAFETY: passed on.
+    Ok(SVector::from_iterator(unsafe { slice(numbers, N) }?.iter().copied()))
+}
+
+/// # Safety
+/// `storage` must hold the words of `Machine<N>`, `stepper` be writable, `system` as its type describes.
+unsafe fn init<const N: usize>(
+    storage: *mut u64,
+    system: *const FviSystem,
+    stepper: *mut *mut FviStepper,
+) -> Result<(), FviStatus> {
+    check(storage)?;
+    check(stepper)?;
+    // SAFETY: promised by the caller.
+    let system = unsafe { reference(system) }?;
+    let (Some(gradient), Some(hessian)) = (system.gradient, system.hessian) else {
+        return Err(FviStatus::Null);
+    };
+    let derivative = match system.derivative {
+        FVI_RIEMANN_LIOUVILLE => Derivative::RiemannLiouville,
+        FVI_CAPUTO => Derivative::Caputo,
+        _ => return Err(FviStatus::OutOfRange),
+    };
+    // SAFETY: promised by the caller.
+    let (mass, rho) = unsafe { (coefficients::<N>(system.mass)?, coefficients::<N>(system.damping)?) };
+    // SAFETY: promised by the caller.
+    let (position, momentum) = unsafe { (vector::<N>(system.position)?, vector::<N>(system.momentum)?) };
+    let mass = Mass::new(mass)?;
+    let scheme = Galerkin::low_order(system.kappa)?;
+    // SAFETY: promised by the caller.
+    let memory = unsafe { AnyMemory::<N>::new(reference(system.memory)?) }?;
+    let damping = DampingTerm::new(rho, system.damping_order, derivative, memory)?;
+    let callbacks = Callbacks { gradient, hessian, force: system.force, context: system.context };
+    let system_of_core = System { mass, potential: callbacks, force: callbacks };
+    let integrator =
+        Stepper::<N>::new(system_of_core, scheme, damping, system.step_size, position, momentum)?;
+    let calls = Calls { step: step::<N>, state: state::<N> };
+    // SAFETY: the storage has enough words.
+    unsafe { keep(storage, Machine { calls, stepper: integrator }) }?;
+    // SAFETY: not NULL and aligned; writable as promised.
+    unsafe { stepper.write(storage.cast()) };
+    Ok(())
+}
+
+/// # Safety
+/// As [`fvi_stepper_step`].
+unsafe fn step<const N: usize>(storage: *mut u64, input: *const f32) -> Result<(), FviStatus> {
+    let input = if input.is_null() {
+        SVector::zeros()
+    } else {
+        // SAFETY: promised by the caller.
+        unsafe { vector::<N>(input) }?
+    };
+    // SAFETY: the calls lead here only from a `Machine<N>`.
+    unsafe { kept::<Machine<N>>(storage) }?.stepper.step(&input)?;
+    Ok(())
+}
+
+/// # Safety
+/// As [`fvi_stepper_state`].
+unsafe fn state<const N: usize>(
+    storage: *mut u64,
+    position: *mut f32,
+    momentum: *mut f32,
+    steps: *mut u64,
+) -> Result<(), FviStatus> {
+    // SAFETY: the calls lead here only from a `Machine<N>`.
+    let state = unsafe { kept::<Machine<N>>(storage) }?.stepper.state();
+    // Everything is checked before anything is written.
+    if !steps.is_null() {
+        check(steps)?;
+    }
+    for (target, source) in [(position, &state.position), (momentum, &state.momentum)] {
+        if !target.is_null() {
+            check(target)?;
+        }
+        let count = if target.is_null() { 0 } else { N };
+        // SAFETY: writable for N numbers unless NULL.
+        for (target, &source) in unsafe { slice_mut(target, count) }?.iter_mut().zip(source.iter()) {
+            *target = source;
+        }
+    }
+    if !steps.is_null() {
+        // SAFETY: writable and aligned.
+        unsafe { steps.write(state.step) };
+    }
+    Ok(())
+}
+
+const _: () = {
+    assert!(words::<Machine<1>>() <= FVI_STEPPER_WORDS_1);
+    assert!(words::<Machine<2>>() <= FVI_STEPPER_WORDS_2);
+    assert!(words::<Machine<3>>() <= FVI_STEPPER_WORDS_3);
+    assert!(words::<Machine<4>>() <= FVI_STEPPER_WORDS_4);
+    assert!(words::<Machine<5>>() <= FVI_STEPPER_WORDS_5);
+    assert!(words::<Machine<6>>() <= FVI_STEPPER_WORDS_6);
+};
+
+/// Sets up a stepper for one coordinate at t = 0 in `storage` and writes its address to `stepper`.
+///
+/// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE, FVI_STATUS_OUT_OF_RANGE, FVI_STATUS_WRONG_SIZE, FVI_STATUS_NOT_SYMMETRIC or
+/// FVI_STATUS_NOT_POSITIVE; then neither `storage` nor `stepper` has changed.
+///
+/// # Safety
+/// `storage` and `stepper` must be writable, `system` as its type describes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_stepper_init_1(
+    storage: *mut FviStepper1,
+    system: *const FviSystem,
+    stepper: *mut *mut FviStepper,
+) -> FviStatus {
+    // SAFETY: promised by the caller; the words are as many as asserted above.
+    status(unsafe { init::<1>(storage.cast(), system, stepper) })
+}
+
+/// Sets up a stepper for two coordinates at t = 0 in `storage` and writes its address to `stepper`.
+///
+/// Returns what fvi_stepper_init_1 returns.
+///
+/// # Safety
+/// `storage` and `stepper` must be writable, `system` as its type describes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_stepper_init_2(
+    storage: *mut FviStepper2,
+    system: *const FviSystem,
+    stepper: *mut *mut FviStepper,
+) -> FviStatus {
+    // SAFETY: promised by the caller; the words are as many as asserted above.
+    status(unsafe { init::<2>(storage.cast(), system, stepper) })
+}
+
+/// Sets up a stepper for three coordinates at t = 0 in `storage` and writes its address to `stepper`.
+///
+/// Returns what fvi_stepper_init_1 returns.
+///
+/// # Safety
+/// `storage` and `stepper` must be writable, `system` as its type describes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_stepper_init_3(
+    storage: *mut FviStepper3,
+    system: *const FviSystem,
+    stepper: *mut *mut FviStepper,
+) -> FviStatus {
+    // SAFETY: promised by the caller; the words are as many as asserted above.
+    status(unsafe { init::<3>(storage.cast(), system, stepper) })
+}
+
+/// Sets up a stepper for four coordinates at t = 0 in `storage` and writes its address to `stepper`.
+///
+/// Returns what fvi_stepper_init_1 returns.
+///
+/// # Safety
+/// `storage` and `stepper` must be writable, `system` as its type describes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_stepper_init_4(
+    storage: *mut FviStepper4,
+    system: *const FviSystem,
+    stepper: *mut *mut FviStepper,
+) -> FviStatus {
+    // SAFETY: promised by the caller; the words are as many as asserted above.
+    status(unsafe { init::<4>(storage.cast(), system, stepper) })
+}
+
+/// Sets up a stepper for five coordinates at t = 0 in `storage` and writes its address to `stepper`.
+///
+/// Returns what fvi_stepper_init_1 returns.
+///
+/// # Safety
+/// `storage` and `stepper` must be writable, `system` as its type describes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_stepper_init_5(
+    storage: *mut FviStepper5,
+    system: *const FviSystem,
+    stepper: *mut *mut FviStepper,
+) -> FviStatus {
+    // SAFETY: promised by the caller; the words are as many as asserted above.
+    status(unsafe { init::<5>(storage.cast(), system, stepper) })
+}
+
+/// Sets up a stepper for six coordinates at t = 0 in `storage` and writes its address to `stepper`.
+///
+/// Returns what fvi_stepper_init_1 returns.
+///
+/// # Safety
+/// `storage` and `stepper` must be writable, `system` as its type describes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_stepper_init_6(
+    storage: *mut FviStepper6,
+    system: *const FviSystem,
+    stepper: *mut *mut FviStepper,
+) -> FviStatus {
+    // SAFETY: promised by the caller; the words are as many as asserted above.
+    status(unsafe { init::<6>(storage.cast(), system, stepper) })
+}
+
+/// Makes one step with the input u, n numbers held over the step, or NULL for none.
+///
+/// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_NOT_FINITE, FVI_STATUS_MEMORY_FULL, FVI_STATUS_NOT_CONVERGED
+/// or FVI_STATUS_SINGULAR; then the stepper is as it was, and the step may be tried again.
+///
+/// # Safety
+/// `stepper` must come from fvi_stepper_init_n or point to zeroed storage, `input` be NULL or hold n numbers. The callbacks must
+/// not call this function on the same stepper.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_stepper_step(stepper: *mut FviStepper, input: *const f32) -> FviStatus {
+    status((|| {
+        let storage = stepper.cast::<u64>();
+        // SAFETY: set up or zeroed, as promised; every `Machine` begins with its calls.
+        let calls = *unsafe { kept::<Calls>(storage) }?;
+        // SAFETY: promised by the caller.
+        unsafe { (calls.step)(storage, input) }
+    })())
+}
+
+/// Writes position and momentum, n numbers each, and the number of steps made; each pointer may be NULL.
+///
+/// Returns FVI_STATUS_NULL if `stepper` is NULL, FVI_STATUS_MISALIGNED or FVI_STATUS_NOT_INITIALISED.
+///
+/// # Safety
+/// `stepper` must come from fvi_stepper_init_n or point to zeroed storage, the others be NULL or writable.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_stepper_state(
+    stepper: *const FviStepper,
+    position: *mut f32,
+    momentum: *mut f32,
+    steps: *mut u64,
+) -> FviStatus {
+    status((|| {
+        let storage = stepper.cast_mut().cast::<u64>();
+        // SAFETY: set up or zeroed, as promised; every `Machine` begins with its calls.
+        let calls = *unsafe { kept::<Calls>(storage) }?;
+        // SAFETY: promised by the caller.
+        unsafe { (calls.state)(storage, position, momentum, steps) }
+    })())
+}

@@ -1,0 +1,31 @@
+//! Weights made at start-up, for those who have no table in flash.
+
+use fvi_core::{BdfOrder, ConvolutionWeights};
+
+use crate::pointer::slice_mut;
+use crate::status::{FviStatus, status};
+
+/// Writes the convolution-quadrature weights w_0 … w_{count−1} of D^exponent for a step size.
+///
+/// `order` is that of the backward differentiation formula, 1…6; −1 < exponent < 2; negative for fractional integrals. The weights hold the
+/// step size: the scale of the memory is 1. Computed in double precision, in software on parts that have none.
+/// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE or FVI_STATUS_OUT_OF_RANGE.
+///
+/// # Safety
+/// `weights` must be writable for `count` numbers.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_weights_bdf(
+    order: u32,
+    exponent: f64,
+    step_size: f64,
+    weights: *mut f32,
+    count: usize,
+) -> FviStatus {
+    status((|| {
+        let order = BdfOrder::new(usize::try_from(order).unwrap_or(0))?;
+        let mut generator = ConvolutionWeights::bdf(order, exponent, step_size)?;
+        // SAFETY: writable as promised; numbers may hold anything, they are written only.
+        generator.fill(unsafe { slice_mut(weights, count) }?);
+        Ok(())
+    })())
+}

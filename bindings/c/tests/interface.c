@@ -1,0 +1,449 @@
+#include "interface.h"
+
+#include "fvi.h"
+
+#if defined(CHECK_WITH_VALGRIND)
+#include <valgrind/memcheck.h>
+#define MAKE_DEFINED(place, count) (void)VALGRIND_MAKE_MEM_DEFINED(place, count)
+#else
+#define MAKE_DEFINED(place, count) ((void)0)
+#endif
+
+enum { CAPACITY = 40, STATUSES = 12 };
+
+static void (*tell)(const char *text);
+static int failures;
+static int reached[STATUSES];
+static uint32_t hash = 2166136261u;
+
+static const float not_a_number = 0.0f / 0.0f;
+
+static void fail(const char *what, const char *why) {
+    failures += 1;
+    tell("FAILED: ");
+    tell(what);
+    tell(": ");
+    tell(why);
+    tell("\n");
+}
+
+static void expect(const char *what, int status, int expected) {
+    reached[status] = 1;
+    if (status != expected) {
+        fail(what, fvi_status_text(status));
+    }
+}
+
+static void expect_that(const char *what, int condition) {
+    if (!condition) {
+        fail(what, "not so");
+    }
+}
+
+/* FNV-1a over the bits of a number. */
+static void note(float number) {
+    union {
+        float number;
+        uint32_t bits;
+    } as = {number};
+    for (int byte = 0; byte < 4; ++byte) {
+        hash = (hash ^ (as.bits >> 8 * byte & 255u)) * 16777619u;
+    }
+}
+
+/* A copy of some bytes, to see later whether they have changed. */
+typedef struct {
+    const unsigned char *place;
+    size_t count;
+    unsigned char bytes[2048];
+} Copy;
+
+static void take(Copy *copy, const void *place, size_t count) {
+    /* A state may hold bytes that nothing depends on: padding. They must stay as well, so valgrind need not mind them. */
+    MAKE_DEFINED(place, count);
+    copy->place = place;
+    copy->count = count;
+    for (size_t i = 0; i < count; ++i) {
+        copy->bytes[i] = copy->place[i];
+    }
+}
+
+static void expect_unchanged(const char *what, const Copy *copy) {
+    for (size_t i = 0; i < copy->count; ++i) {
+        if (copy->bytes[i] != copy->place[i]) {
+            fail(what, "a refused call changed something");
+            return;
+        }
+    }
+}
+
+static void *misaligned(void *pointer) {
+    return (char *)pointer + 1;
+}
+
+/* --- Weights ------------------------------------------------------------------------------------------------------------ */
+
+static float weights[CAPACITY];
+
+static void check_weights(void) {
+    Copy before;
+    expect("weights", fvi_weights_bdf(1, 0.5, 0.25, weights, CAPACITY), FVI_STATUS_OK);
+    expect_that("Gruenwald-Letnikov weights of a half derivative", weights[0] == 2.0f && weights[1] == -1.0f && weights[2] == -0.25f);
+    take(&before, weights, sizeof weights);
+    expect("order 7", fvi_weights_bdf(7, 0.5, 0.25, weights, CAPACITY), FVI_STATUS_OUT_OF_RANGE);
+    expect("exponent 2", fvi_weights_bdf(1, 2.0, 0.25, weights, CAPACITY), FVI_STATUS_OUT_OF_RANGE);
+    expect("step size not a number", fvi_weights_bdf(1, 0.5, not_a_number, weights, CAPACITY), FVI_STATUS_NOT_FINITE);
+    expect("weights to NULL", fvi_weights_bdf(1, 0.5, 0.25, NULL, CAPACITY), FVI_STATUS_NULL);
+    expect("misaligned weights", fvi_weights_bdf(1, 0.5, 0.25, misaligned(weights), CAPACITY - 1), FVI_STATUS_MISALIGNED);
+    expect_unchanged("weights", &before);
+}
+
+/* --- Operators ---------------------------------------------------------------------------------------------------------- */
+
+static FviOperator half_derivative;
+static float samples[CAPACITY];
+
+static FviMemory ring(uint32_t kind, float *buffer, size_t count) {
+    FviMemory memory = {0};
+    memory.kind = kind;
+    memory.scale = 1.0f;
+    memory.weights = weights;
+    memory.weight_count = CAPACITY;
+    memory.buffer = buffer;
+    memory.buffer_count = count;
+    return memory;
+}
+
+static void check_ring(void) {
+    Copy operator_before, samples_before;
+    float result = 7.0f;
+    expect("push before init", fvi_operator_push(&half_derivative, 1.0f, &result), FVI_STATUS_NOT_INITIALISED);
+    expect("clear before init", fvi_operator_clear(&half_derivative), FVI_STATUS_NOT_INITIALISED);
+
+    FviMemory memory = ring(FVI_FULL_MEMORY, samples, CAPACITY);
+    take(&operator_before, &half_derivative, sizeof half_derivative);
+    expect("init without memory", fvi_operator_init(&half_derivative, NULL, FVI_CAPUTO, 0.0f), FVI_STATUS_NULL);
+    expect("init without operator", fvi_operator_init(NULL, &memory, FVI_CAPUTO, 0.0f), FVI_STATUS_NULL);
+    expect("unknown start", fvi_operator_init(&half_derivative, &memory, 9, 0.0f), FVI_STATUS_OUT_OF_RANGE);
+    expect("rise not a number", fvi_operator_init(&half_derivative, &memory, FVI_CAPUTO_WITH_RISE, not_a_number), FVI_STATUS_NOT_FINITE);
+    memory.kind = 9;
+    expect("unknown memory", fvi_operator_init(&half_derivative, &memory, FVI_CAPUTO, 0.0f), FVI_STATUS_OUT_OF_RANGE);
+    memory = ring(FVI_FULL_MEMORY, samples, 0);
+    expect("empty ring", fvi_operator_init(&half_derivative, &memory, FVI_CAPUTO, 0.0f), FVI_STATUS_WRONG_SIZE);
+    memory = ring(FVI_FULL_MEMORY, samples, SIZE_MAX);
+    expect("endless ring", fvi_operator_init(&half_derivative, &memory, FVI_CAPUTO, 0.0f), FVI_STATUS_OUT_OF_RANGE);
+    memory = ring(FVI_FULL_MEMORY, misaligned(samples), CAPACITY - 1);
+    expect("misaligned ring", fvi_operator_init(&half_derivative, &memory, FVI_CAPUTO, 0.0f), FVI_STATUS_MISALIGNED);
+    memory = ring(FVI_FULL_MEMORY, samples, CAPACITY);
+    memory.scale = not_a_number;
+    expect("scale not a number", fvi_operator_init(&half_derivative, &memory, FVI_CAPUTO, 0.0f), FVI_STATUS_NOT_FINITE);
+    memory = ring(FVI_FULL_MEMORY, samples, CAPACITY);
+    memory.weight_count = 0;
+    expect("no weights", fvi_operator_init(&half_derivative, &memory, FVI_CAPUTO, 0.0f), FVI_STATUS_OUT_OF_RANGE);
+    expect_unchanged("operator", &operator_before);
+
+    memory = ring(FVI_FULL_MEMORY, samples, CAPACITY);
+    expect("init", fvi_operator_init(&half_derivative, &memory, FVI_RIEMANN_LIOUVILLE, 0.0f), FVI_STATUS_OK);
+    float plain[CAPACITY];
+    for (int k = 0; k < CAPACITY; ++k) {
+        plain[k] = (float)(k % 5) - 1.5f;
+        float sum = 0.0f;
+        for (int n = k; n >= 0; --n) {
+            sum += weights[n] * plain[k - n];
+        }
+        expect("push", fvi_operator_push(&half_derivative, plain[k], &result), FVI_STATUS_OK);
+        float error = result - sum;
+        expect_that("the operator is the sum", -1e-5f < error && error < 1e-5f);
+        note(result);
+        if (k == 20) {
+            take(&operator_before, &half_derivative, sizeof half_derivative);
+            take(&samples_before, samples, sizeof samples);
+            expect("sample not a number", fvi_operator_push(&half_derivative, not_a_number, &result), FVI_STATUS_NOT_FINITE);
+            expect("result too large", fvi_operator_push(&half_derivative, 3e38f, &result), FVI_STATUS_NOT_FINITE);
+            expect("result to NULL", fvi_operator_push(&half_derivative, 1.0f, NULL), FVI_STATUS_NULL);
+            expect("no operator", fvi_operator_push(NULL, 1.0f, &result), FVI_STATUS_NULL);
+            expect("misaligned result", fvi_operator_push(&half_derivative, 1.0f, misaligned(&result)), FVI_STATUS_MISALIGNED);
+            expect("misaligned operator", fvi_operator_push(misaligned(&half_derivative), 1.0f, &result), FVI_STATUS_MISALIGNED);
+            expect_unchanged("operator", &operator_before);
+            expect_unchanged("samples", &samples_before);
+        }
+    }
+    float last = result;
+    take(&operator_before, &half_derivative, sizeof half_derivative);
+    take(&samples_before, samples, sizeof samples);
+    expect("full", fvi_operator_push(&half_derivative, 1.0f, &result), FVI_STATUS_MEMORY_FULL);
+    expect_that("a refused push leaves the result", result == last);
+    expect_unchanged("operator", &operator_before);
+    expect_unchanged("samples", &samples_before);
+    expect("clear", fvi_operator_clear(&half_derivative), FVI_STATUS_OK);
+    expect("first push", fvi_operator_push(&half_derivative, 3.0f, &result), FVI_STATUS_OK);
+    expect_that("cleared", result == 3.0f * weights[0]);
+
+    memory = ring(FVI_SHORT_MEMORY, samples, 2);
+    expect("init", fvi_operator_init(&half_derivative, &memory, FVI_CAPUTO, 0.0f), FVI_STATUS_OK);
+    for (int k = 0; k < 10; ++k) {
+        expect("push", fvi_operator_push(&half_derivative, (float)k, &result), FVI_STATUS_OK);
+    }
+    expect_that("two samples back", result == 9.0f * weights[0] + (8.0f * weights[1] + 7.0f * weights[2]));
+}
+
+static void check_exponential_sum(void) {
+    /* w = 2, 1, 1/2, 1/4, … */
+    static const float head[] = {2.0f, 1.0f}, exponentials[8] = {[0] = 0.5f, [4] = 0.5f};
+    static float numbers[FVI_EXPONENTIAL_NUMBERS(2, 8, 1)];
+    static FviOperator operation;
+    float result = 0.0f;
+    FviMemory memory = {0};
+    memory.kind = FVI_EXPONENTIAL_SUM;
+    memory.scale = 1.0f;
+    memory.weights = head;
+    memory.weight_count = 2;
+    memory.exponentials = exponentials;
+    memory.exponential_count = 8;
+    memory.horizon = 4;
+    memory.buffer = numbers;
+    memory.buffer_count = sizeof numbers / sizeof *numbers;
+    Copy before;
+    take(&before, &operation, sizeof operation);
+    memory.slow_blocks = 2;
+    expect("too many slow blocks", fvi_operator_init(&operation, &memory, FVI_CAPUTO, 0.0f), FVI_STATUS_OUT_OF_RANGE);
+    memory.slow_blocks = 0;
+    memory.buffer_count -= 1;
+    expect("too small a buffer", fvi_operator_init(&operation, &memory, FVI_CAPUTO, 0.0f), FVI_STATUS_WRONG_SIZE);
+    memory.buffer_count += 1;
+    memory.exponentials = NULL;
+    expect("no exponentials", fvi_operator_init(&operation, &memory, FVI_CAPUTO, 0.0f), FVI_STATUS_NULL);
+    memory.exponentials = exponentials;
+    expect_unchanged("operator", &before);
+    expect("init", fvi_operator_init(&operation, &memory, FVI_RIEMANN_LIOUVILLE, 0.0f), FVI_STATUS_OK);
+    const float x[] = {8.0f, 0.0f, 4.0f, 0.0f};
+    const float expected[] = {16.0f, 8.0f, 12.0f, 6.0f};
+    for (int k = 0; k < 4; ++k) {
+        expect("push", fvi_operator_push(&operation, x[k], &result), FVI_STATUS_OK);
+        expect_that("decaying by halves", result == expected[k]);
+    }
+    expect("horizon", fvi_operator_push(&operation, 1.0f, &result), FVI_STATUS_MEMORY_FULL);
+}
+
+/* --- Steppers ----------------------------------------------------------------------------------------------------------- */
+
+/* Uncoupled springs, hardening a little; the Hessian is multiplied by `lie`. */
+typedef struct {
+    int coordinates;
+    float stiffness;
+    float hardening;
+    float lie;
+} Springs;
+
+static void gradient(void *context, const float *position, float *result) {
+    const Springs *springs = context;
+    for (int i = 0; i < springs->coordinates; ++i) {
+        float q = position[i];
+        result[i] = springs->stiffness * q + springs->hardening * q * q * q;
+    }
+}
+
+static void hessian(void *context, const float *position, float *result) {
+    const Springs *springs = context;
+    int n = springs->coordinates;
+    for (int i = 0; i < n * n; ++i) {
+        float q = position[i / n];
+        result[i] = i / n == i % n ? springs->lie * (springs->stiffness + 3.0f * springs->hardening * q * q) : 0.0f;
+    }
+}
+
+static void push_until_one(void *context, float time, const float *position, float *force) {
+    (void)position;
+    for (int i = 0; i < ((const Springs *)context)->coordinates; ++i) {
+        force[i] = time <= 1.0f ? 2.0f : 0.0f;
+    }
+}
+
+/* Room for any stepper. */
+static union {
+    FviStepper1 one;
+    FviStepper2 two;
+    FviStepper3 three;
+    FviStepper4 four;
+    FviStepper5 five;
+    FviStepper6 six;
+} storage;
+
+static int init(int n, const FviSystem *system, FviStepper **stepper) {
+    switch (n) {
+    case 1: return fvi_stepper_init_1(&storage.one, system, stepper);
+    case 2: return fvi_stepper_init_2(&storage.two, system, stepper);
+    case 3: return fvi_stepper_init_3(&storage.three, system, stepper);
+    case 4: return fvi_stepper_init_4(&storage.four, system, stepper);
+    case 5: return fvi_stepper_init_5(&storage.five, system, stepper);
+    default: return fvi_stepper_init_6(&storage.six, system, stepper);
+    }
+}
+
+static float history[6 * CAPACITY];
+
+typedef struct {
+    Springs springs;
+    FviMemory memory;
+    FviSystem system;
+    float mass[36], damping[36], position[6], momentum[6];
+} Plant;
+
+/* Fills in an uncoupled plant with h = 1/4, so that the weights above are those of its damping. */
+static void describe(Plant *plant, int n) {
+    *plant = (Plant){0};
+    plant->springs = (Springs){n, 1.0f, 0.25f, 1.0f};
+    plant->memory = ring(FVI_FULL_MEMORY, history, (size_t)(n * CAPACITY));
+    for (int i = 0; i < n; ++i) {
+        plant->mass[i * n + i] = 1.0f;
+        plant->damping[i * n + i] = 0.5f;
+        plant->position[i] = 1.0f;
+    }
+    plant->system = (FviSystem){
+        .mass = plant->mass,
+        .damping = plant->damping,
+        .damping_order = 0.5f,
+        .derivative = FVI_CAPUTO,
+        .memory = &plant->memory,
+        .step_size = 0.25f,
+        .kappa = 0.5f,
+        .position = plant->position,
+        .momentum = plant->momentum,
+        .gradient = gradient,
+        .hessian = hessian,
+        .force = push_until_one,
+        .context = &plant->springs,
+    };
+}
+
+static void check_trajectories(void) {
+    static float alone[CAPACITY];
+    for (int n = 1; n <= 6; ++n) {
+        Plant plant;
+        FviStepper *stepper = NULL;
+        float q[6], p[6];
+        uint64_t steps = 0;
+        describe(&plant, n);
+        expect("init", init(n, &plant.system, &stepper), FVI_STATUS_OK);
+        for (int k = 1; k < CAPACITY; ++k) {
+            expect("step", fvi_stepper_step(stepper, NULL), FVI_STATUS_OK);
+            expect("state", fvi_stepper_state(stepper, q, p, &steps), FVI_STATUS_OK);
+            if (n == 1) {
+                alone[k] = q[0];
+            }
+            for (int i = 0; i < n; ++i) {
+                expect_that("uncoupled coordinates move as if alone", q[i] == alone[k]);
+                note(q[i]);
+                note(p[i]);
+            }
+        }
+        expect_that("steps are counted", steps == CAPACITY - 1);
+        expect("full", fvi_stepper_step(stepper, NULL), FVI_STATUS_MEMORY_FULL);
+    }
+    expect_that("damped", -0.6f < alone[CAPACITY - 1] && alone[CAPACITY - 1] < 0.6f);
+}
+
+static void check_bad_steppers(void) {
+    Plant plant;
+    FviStepper *stepper = NULL;
+    Copy before;
+    for (int i = 0; i < FVI_STEPPER_WORDS_6; ++i) {
+        storage.six.words[i] = 0;
+    }
+    stepper = (FviStepper *)&storage;
+    float q[2];
+    expect("step before init", fvi_stepper_step(stepper, NULL), FVI_STATUS_NOT_INITIALISED);
+    expect("state before init", fvi_stepper_state(stepper, q, NULL, NULL), FVI_STATUS_NOT_INITIALISED);
+    take(&before, &storage, sizeof storage);
+    stepper = NULL;
+
+#define REFUSED(what, change, status) \
+    do { \
+        describe(&plant, 2); \
+        change; \
+        expect(what, init(2, &plant.system, &stepper), status); \
+        expect_unchanged(what, &before); \
+        expect_that("no stepper", stepper == NULL); \
+    } while (0)
+    REFUSED("no mass", plant.system.mass = NULL, FVI_STATUS_NULL);
+    REFUSED("no gradient", plant.system.gradient = NULL, FVI_STATUS_NULL);
+    REFUSED("no Hessian", plant.system.hessian = NULL, FVI_STATUS_NULL);
+    REFUSED("no memory", plant.system.memory = NULL, FVI_STATUS_NULL);
+    REFUSED("misaligned position", plant.system.position = misaligned(plant.position), FVI_STATUS_MISALIGNED);
+    REFUSED("asymmetric mass", plant.mass[1] = 0.5f, FVI_STATUS_NOT_SYMMETRIC);
+    REFUSED("negative mass", plant.mass[0] = -1.0f, FVI_STATUS_NOT_POSITIVE);
+    REFUSED("negative damping", plant.damping[0] = -1.0f, FVI_STATUS_NOT_POSITIVE);
+    REFUSED("mass not a number", plant.mass[0] = not_a_number, FVI_STATUS_NOT_FINITE);
+    REFUSED("position not a number", plant.position[0] = not_a_number, FVI_STATUS_NOT_FINITE);
+    REFUSED("damping order 2", plant.system.damping_order = 2.0f, FVI_STATUS_OUT_OF_RANGE);
+    REFUSED("kappa 2", plant.system.kappa = 2.0f, FVI_STATUS_OUT_OF_RANGE);
+    REFUSED("no step", plant.system.step_size = 0.0f, FVI_STATUS_OUT_OF_RANGE);
+    REFUSED("unknown derivative", plant.system.derivative = 5, FVI_STATUS_OUT_OF_RANGE);
+    REFUSED("buffer for one and a half channels", plant.memory.buffer_count = 3, FVI_STATUS_WRONG_SIZE);
+    describe(&plant, 2);
+    expect("no storage", fvi_stepper_init_2(NULL, &plant.system, &stepper), FVI_STATUS_NULL);
+    expect("misaligned storage", fvi_stepper_init_2(misaligned(&storage), &plant.system, &stepper), FVI_STATUS_MISALIGNED);
+    expect("no system", fvi_stepper_init_2(&storage.two, NULL, &stepper), FVI_STATUS_NULL);
+    expect("nowhere to put the stepper", fvi_stepper_init_2(&storage.two, &plant.system, NULL), FVI_STATUS_NULL);
+    expect_unchanged("stepper", &before);
+}
+
+/* A step fails, nothing changes, and the next one goes on as if nothing had happened. */
+static void check_failed_steps(void) {
+    Plant plant;
+    FviStepper *stepper = NULL;
+    Copy before, history_before;
+    float input[1] = {not_a_number};
+    describe(&plant, 1);
+    plant.system.force = NULL;
+    expect("init", init(1, &plant.system, &stepper), FVI_STATUS_OK);
+    expect("step", fvi_stepper_step(stepper, NULL), FVI_STATUS_OK);
+    take(&before, &storage.one, sizeof storage.one);
+    take(&history_before, history, sizeof history);
+    expect("input not a number", fvi_stepper_step(stepper, input), FVI_STATUS_NOT_FINITE);
+    expect("misaligned input", fvi_stepper_step(stepper, misaligned(input)), FVI_STATUS_MISALIGNED);
+    expect("no stepper", fvi_stepper_step(NULL, NULL), FVI_STATUS_NULL);
+    expect("misaligned state", fvi_stepper_state(stepper, misaligned(input), NULL, NULL), FVI_STATUS_MISALIGNED);
+    plant.springs.stiffness = not_a_number;
+    expect("gradient not a number", fvi_stepper_step(stepper, NULL), FVI_STATUS_NOT_FINITE);
+    /* 4m/h² = 64 decides what the Jacobian −m/h − hK/4 is: zero for K = −64, half of it for K = 64 when the gradient has 192. */
+    plant.springs = (Springs){1, 64.0f, 0.0f, -1.0f};
+    expect("singular", fvi_stepper_step(stepper, NULL), FVI_STATUS_SINGULAR);
+    plant.springs = (Springs){1, 192.0f, 0.0f, 1.0f / 3.0f};
+    expect("a Hessian that is not one", fvi_stepper_step(stepper, NULL), FVI_STATUS_NOT_CONVERGED);
+    expect_unchanged("stepper", &before);
+    expect_unchanged("history", &history_before);
+    plant.springs = (Springs){1, 1.0f, 0.25f, 1.0f};
+    float q = 0.0f;
+    expect("step again", fvi_stepper_step(stepper, NULL), FVI_STATUS_OK);
+    expect("state", fvi_stepper_state(stepper, &q, NULL, NULL), FVI_STATUS_OK);
+    note(q);
+}
+
+static void tell_hash(void) {
+    char text[] = "results 00000000\n";
+    for (int digit = 0; digit < 8; ++digit) {
+        text[8 + digit] = "0123456789abcdef"[hash >> (28 - 4 * digit) & 15u];
+    }
+    tell(text);
+}
+
+int check_interface(void (*say)(const char *text)) {
+    tell = say;
+    check_weights();
+    check_ring();
+    check_exponential_sum();
+    check_trajectories();
+    check_bad_steppers();
+    check_failed_steps();
+    for (int status = 0; status < STATUSES; ++status) {
+        if (!reached[status]) {
+            fail(fvi_status_text(status), "never returned");
+        }
+    }
+    expect_that("unknown statuses have a text", fvi_status_text(-1) != NULL && fvi_status_text(STATUSES) == fvi_status_text(-1));
+    expect_that("known statuses have their own", fvi_status_text(STATUSES - 1) != fvi_status_text(STATUSES));
+    tell_hash();
+    tell(failures ? "the interface FAILED\n" : "every status reached, every refused call without effect\n");
+    return failures;
+}
