@@ -3,5 +3,7 @@
 #![forbid(unsafe_code)]
 
 pub mod bits;
+pub mod control_loop;
 pub mod pulse;
 pub mod refusal;
+pub mod tables;
