@@ -27,7 +27,7 @@ impl Spread {
         self.worst = self.worst.max(instructions);
     }
 
-    /// Mean, in tenths.
+    /// Mean.
     pub fn mean(&self) -> f32 {
         self.total as f32 / self.runs.max(1) as f32
     }

@@ -2,6 +2,7 @@
 #![no_std]
 
 pub mod instructions;
+pub mod stack;
 
 use core::fmt;
 use core::panic::PanicInfo;

@@ -89,7 +89,8 @@ impl ControlLoop {
         let memory = ExponentialSum::new(DAMPING, 1.0, 1, [0.0; state_len(&DAMPING)])?;
         let rho = Coefficients::Diagonal(SVector::from([1.0]));
         let damping = DampingTerm::new(rho, 0.5, Derivative::RiemannLiouville, memory)?;
-        let system = System { mass: Mass::diagonal([1.0])?, potential: Quadratic::diagonal([4.0])?, force: NoForce };
+        let system =
+            System { mass: Mass::diagonal([1.0])?, potential: Quadratic::diagonal([4.0])?, force: NoForce };
         let (scheme, rest) = (Galerkin::low_order(0.5)?, SVector::from([0.0]));
         let integral = ExponentialSum::new(INTEGRAL, 1.0, 1, [0.0; state_len(&INTEGRAL)])?;
         let derivative = ExponentialSum::new(DERIVATIVE, 1.0, 1, [0.0; state_len(&DERIVATIVE)])?;

@@ -1,78 +1,217 @@
-//! Prints what memories and steppers cost, in instructions.
+//! Prints what memories and steppers cost: instructions per step, bytes, stack.
 #![no_std]
 #![no_main]
 
-use core::fmt::Write;
+use core::fmt::{Display, Write};
 use core::hint::black_box;
 
 use cortex_m_rt::entry;
-use fvi_core::{BdfOrder, FixedDirect, Memory, Overflow, Tiled, monic_bdf_table_f32};
+use cortex_m_semihosting::hio::HostStream;
+use fvi_core::{
+    BdfOrder, Coefficients, Damping, DampingTerm, Derivative, ExponentialSum, FixedDirect,
+    FractionalOperator, Galerkin, Integrator, Mass, Memory, NoForce, Overflow, Quadratic, Start, System,
+    Tiled, monic_bdf_table_f32,
+};
 use images::instructions::{Counter, Spread};
+use images::stack::used_by;
 use images::{Refused, main};
+use nalgebra::SVector;
+use scenarios::oustaloup::Oustaloup;
+use scenarios::tables::DAMPING;
+
+/// Steps that are measured; two tiles, so that every place in a tile occurs.
+const MEASURED: usize = 16;
 
 static WEIGHTS: [f32; 1025] = monic_bdf_table_f32(BdfOrder::GRUNWALD_LETNIKOV, 0.5);
 
-/// Cost of a term over `H` samples that lie in two slices.
-fn direct<const H: usize>(out: &mut impl Write, counter: &mut Counter) -> Result<(), Refused> {
-    let mut memory =
-        FixedDirect::<f32, 1, H>::short_memory(&WEIGHTS[..=H], 1.0).map_err(|_| Refused)?;
-    for k in 0..H + H / 2 {
-        let _ = memory.push(&[k as f32]);
-    }
-    let mut term = Spread::default();
-    let mut step = Spread::default();
-    for k in 0..16 {
-        let mut sum = [0.0];
-        term.add(counter.count(|| {
-            let _ = black_box(&mut memory).next_term(&mut sum);
-            black_box(&sum);
-        }));
-        step.add(term.worst() + counter.count(|| {
-            let _ = black_box(&mut memory).push(&black_box([k as f32]));
-        }));
-    }
-    let _ = writeln!(out, "direct {H}: term {} worst {} per product {} step {}", term.mean(), term.worst(), term.mean() / H as f32, step.mean());
-    Ok(())
+/// Products of a step of the exponential sum, and bytes of its table.
+const PRODUCTS: usize = DAMPING.head.len() + DAMPING.exponentials.len();
+const TABLE_BYTES: usize = 4 * PRODUCTS;
+
+struct Bench<'a> {
+    out: &'a mut HostStream,
+    counter: Counter,
 }
 
-/// Cost of a step with a tiled memory full of `B` blocks.
-fn tiled<const B: usize>(out: &mut impl Write, counter: &mut Counter) -> Result<(), Refused> {
-    let mut memory = Tiled::<f32, 1, B>::new(&WEIGHTS, 1.0, Overflow::Forget).map_err(|_| Refused)?;
-    for k in 0..12 * B {
-        let _ = memory.push(&[k as f32]);
+impl Bench<'_> {
+    /// `ram` is what the state takes, `table` what may lie in flash.
+    fn row(
+        &mut self,
+        name: impl Display,
+        steps: Spread,
+        products: usize,
+        ram: usize,
+        table: usize,
+        stack: usize,
+    ) {
+        let (mean, worst) = (steps.mean(), steps.worst());
+        // Nothing is left to do if the debugger does not listen.
+        let _ = writeln!(self.out, "{name},{mean:.1},{worst},{products},{ram},{table},{stack}");
     }
-    let (mut terms, mut pushes, mut steps) = (Spread::default(), Spread::default(), Spread::default());
-    for k in 0..16 {
-        let mut sum = [0.0];
-        let term = counter.count(|| {
-            let _ = black_box(&mut memory).next_term(&mut sum);
-            black_box(&sum);
+
+    /// A memory that holds as much as it will: `next_term` and `push` together.
+    #[inline(always)]
+    fn memory<M: Memory<f32>>(
+        &mut self,
+        name: impl Display + Copy,
+        mut memory: M,
+        products: usize,
+        fill: usize,
+    ) {
+        let mut sample = [0.0; 2];
+        let sample = &mut sample[..memory.channels()];
+        for k in 0..fill {
+            sample.fill((k % 7) as f32 - 3.0);
+            let _ = memory.push(sample);
+        }
+        let (mut terms, mut pushes, mut steps) = (Spread::default(), Spread::default(), Spread::default());
+        let mut term = [0.0; 2];
+        let term = &mut term[..memory.channels()];
+        for k in 0..MEASURED {
+            sample.fill(k as f32);
+            let asked = self.counter.count(|| {
+                let _ = black_box(&mut memory).next_term(term);
+                black_box(&*term);
+            });
+            let pushed = self.counter.count(|| {
+                let _ = black_box(&mut memory).push(black_box(&*sample));
+            });
+            terms.add(asked);
+            pushes.add(pushed);
+            steps.add(asked + pushed);
+        }
+        let stack = used_by(|| {
+            let _ = black_box(&mut memory).next_term(term);
+            let _ = black_box(&mut memory).push(black_box(&*sample));
         });
-        let push = counter.count(|| {
-            let _ = black_box(&mut memory).push(&black_box([k as f32]));
-        });
-        terms.add(term);
-        pushes.add(push);
-        steps.add(term + push);
+        let (ram, products) = (size_of_val(&memory), products * memory.channels());
+        let table = memory.bytes() - ram;
+        self.row(format_args!("{name}: term"), terms, products, ram, table, stack);
+        self.row(format_args!("{name}: push"), pushes, products, ram, table, stack);
+        self.row(name, steps, products, ram, table, stack);
     }
-    let _ = writeln!(out, "tiled {}: term {} worst {} push {} worst {} step {} worst {}, per product {}", 8 * (B - 1), terms.mean(), terms.worst(), pushes.mean(), pushes.worst(), steps.mean(), steps.worst(), steps.mean() / (8 * (B - 1)) as f32);
-    Ok(())
+
+    fn direct<const C: usize, const H: usize>(&mut self) -> Result<(), Refused> {
+        let memory = FixedDirect::<f32, C, H>::short_memory(&WEIGHTS[..=H], 1.0).map_err(|_| Refused)?;
+        // One and a half times around: the history lies in two slices.
+        self.memory(format_args!("direct {H} x {C}"), memory, H, H + H / 2);
+        Ok(())
+    }
+
+    fn tiled<const C: usize, const B: usize>(&mut self) -> Result<(), Refused> {
+        let memory = Tiled::<f32, C, B>::new(&WEIGHTS, 1.0, Overflow::Forget).map_err(|_| Refused)?;
+        self.memory(format_args!("tiled {} x {C}", 8 * (B - 1)), memory, 8 * (B - 1), 12 * B);
+        Ok(())
+    }
+
+    #[inline(always)]
+    fn stepper<const N: usize, D: Damping<f32, N, 1>>(
+        &mut self,
+        name: &str,
+        damping: D,
+        fill: usize,
+        table: usize,
+    ) -> Result<(), Refused> {
+        let system = System {
+            mass: Mass::diagonal([1.0; N]).map_err(|_| Refused)?,
+            potential: Quadratic::diagonal([4.0; N]).map_err(|_| Refused)?,
+            force: NoForce,
+        };
+        let scheme = Galerkin::low_order(0.5).map_err(|_| Refused)?;
+        let (start, rest) = (SVector::repeat(1.0), SVector::zeros());
+        let mut integrator =
+            Integrator::new(system, scheme, damping, 1e-3, start, rest).map_err(|_| Refused)?;
+        for _ in 0..fill {
+            integrator.step(&rest).map_err(|_| Refused)?;
+        }
+        let mut steps = Spread::default();
+        for _ in 0..MEASURED {
+            let taken = self.counter.count(|| {
+                let _ = black_box(black_box(&mut integrator).step(black_box(&rest)));
+            });
+            steps.add(taken);
+        }
+        let stack = used_by(|| {
+            let _ = black_box(black_box(&mut integrator).step(black_box(&rest)));
+        });
+        self.row(format_args!("stepper, {name} x {N}"), steps, 0, size_of_val(&integrator), table, stack);
+        Ok(())
+    }
+
+    fn term<const N: usize, M: Memory<f32>>(memory: M) -> Result<DampingTerm<f32, N, M>, Refused> {
+        let rho = Coefficients::Diagonal(SVector::repeat(0.1));
+        DampingTerm::new(rho, 0.5, Derivative::Caputo, memory).map_err(|_| Refused)
+    }
+
+    fn coordinates<const N: usize, const STATE: usize>(&mut self) -> Result<(), Refused> {
+        self.stepper::<N, ()>("no damping", (), 20, 0)?;
+        let sum = || ExponentialSum::new(DAMPING, 1.0, N, [0.0; STATE]).map_err(|_| Refused);
+        self.memory(format_args!("exponential sum x {N}"), sum()?, PRODUCTS, 20);
+        self.stepper::<N, _>("exponential sum", Self::term(sum()?)?, 20, TABLE_BYTES)?;
+        let ring = FixedDirect::<f32, N, 256>::short_memory(&WEIGHTS[..=256], 31.6).map_err(|_| Refused)?;
+        self.stepper::<N, _>("direct 256", Self::term(ring)?, 300, 4 * 257)
+    }
+
+    fn oustaloup<const S: usize>(&mut self) {
+        let mut filter = Oustaloup::<f32, S>::new(0.5, 1e-5, 1e3, 1e-3);
+        let mut steps = Spread::default();
+        for k in 0..MEASURED {
+            steps.add(self.counter.count(|| {
+                black_box(black_box(&mut filter).push(black_box(k as f32)));
+            }));
+        }
+        let stack = used_by(|| {
+            black_box(black_box(&mut filter).push(black_box(1.0)));
+        });
+        self.row(format_args!("Oustaloup {S}"), steps, 3 * S, size_of_val(&filter), 0, stack);
+    }
+
+    fn operator(&mut self) -> Result<(), Refused> {
+        const STATE: usize = DAMPING.state_len(1);
+        let memory = ExponentialSum::new(DAMPING, 1.0, 1, [0.0f32; STATE]).map_err(|_| Refused)?;
+        let mut operator = FractionalOperator::new(memory, Start::Caputo).map_err(|_| Refused)?;
+        let mut steps = Spread::default();
+        for k in 0..MEASURED {
+            let taken = self.counter.count(|| {
+                let _ = black_box(black_box(&mut operator).push(black_box(k as f32)));
+            });
+            steps.add(taken);
+        }
+        let stack = used_by(|| {
+            let _ = black_box(black_box(&mut operator).push(black_box(1.0)));
+        });
+        self.row(
+            "operator, exponential sum x 1",
+            steps,
+            PRODUCTS,
+            size_of_val(&operator),
+            TABLE_BYTES,
+            stack,
+        );
+        Ok(())
+    }
 }
 
 #[entry]
 fn start() -> ! {
     main(|out| {
-        let peripherals = cortex_m::Peripherals::take().ok_or(Refused)?;
-        let mut counter = Counter::new(peripherals.SYST);
-        direct::<32>(out, &mut counter)?;
-        direct::<64>(out, &mut counter)?;
-        direct::<128>(out, &mut counter)?;
-        direct::<256>(out, &mut counter)?;
-        direct::<512>(out, &mut counter)?;
-        direct::<1024>(out, &mut counter)?;
-        tiled::<17>(out, &mut counter)?;
-        tiled::<33>(out, &mut counter)?;
-        tiled::<129>(out, &mut counter)?;
-        Ok(())
+        let timer = cortex_m::Peripherals::take().ok_or(Refused)?.SYST;
+        let _ = writeln!(out, "name,instructions,worst,products,ram,table,stack");
+        let mut bench = Bench { out, counter: Counter::new(timer) };
+        bench.direct::<1, 32>()?;
+        bench.direct::<1, 64>()?;
+        bench.direct::<1, 128>()?;
+        bench.direct::<1, 160>()?;
+        bench.direct::<1, 256>()?;
+        bench.direct::<1, 1024>()?;
+        bench.direct::<2, 256>()?;
+        bench.tiled::<1, 17>()?;
+        bench.tiled::<1, 33>()?;
+        bench.tiled::<1, 129>()?;
+        bench.tiled::<2, 33>()?;
+        bench.operator()?;
+        bench.oustaloup::<31>();
+        bench.coordinates::<1, { DAMPING.state_len(1) }>()?;
+        bench.coordinates::<2, { DAMPING.state_len(2) }>()
     })
 }

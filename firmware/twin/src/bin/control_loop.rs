@@ -39,7 +39,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!("hash {:08x}", control_loop.hash());
     let integral = largest_error(&ticks, -0.8, |tick| tick.integral)?;
     let derivative = largest_error(&ticks, 0.6, |tick| tick.derivative)?;
-    eprintln!("error of I^0.8 and D^0.6 against full memory in double precision: {integral:.1e} and {derivative:.1e} of the sum's size");
+    eprintln!(
+        "error of I^0.8 and D^0.6 against full memory in double precision: {integral:.1e} and {derivative:.1e} of the sum's size"
+    );
     if integral > TOLERANCE || derivative > TOLERANCE {
         return Err(format!("larger than {TOLERANCE:e}").into());
     }

@@ -1,0 +1,29 @@
+//! Stack use by painting: what lies below the stack pointer is filled with a pattern, and later searched for what is left.
+
+use cortex_m::register::msp;
+
+const PATTERN: u32 = 0x5afe_57ac;
+
+/// Painted below the stack pointer.
+const PAINTED: usize = 4096;
+
+/// Left alone below the stack pointer, for the frames of the painting itself.
+const SPARED: usize = 128;
+
+/// Bytes of stack that `work` takes, up to 4 KiB; at least 128.
+#[inline(never)]
+pub fn used_by(work: impl FnOnce()) -> usize {
+    let top = (msp::read() as usize - SPARED) & !3;
+    let bottom = top - PAINTED;
+    for address in (bottom..top).step_by(4) {
+        // SAFETY: unused memory below the stack; images have 4 MiB of it.
+        unsafe { (address as *mut u32).write_volatile(PATTERN) };
+    }
+    work();
+    let untouched = (bottom..top)
+        .step_by(4)
+        // SAFETY: written above.
+        .take_while(|&address| unsafe { (address as *const u32).read_volatile() } == PATTERN)
+        .count();
+    PAINTED - 4 * untouched + SPARED
+}
