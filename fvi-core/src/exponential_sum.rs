@@ -77,7 +77,7 @@ impl<T> ExponentialTable<&[T]> {
     /// samples, the term in four parts, the leading weight. A `const fn`, to be the length of an array.
     pub const fn state_len(&self, channels: usize) -> usize {
         let planes = self.stages.saturating_mul(self.stages);
-        if planes == 0 {
+        if planes == 0 || self.stages == 0 {
             return 0;
         }
         let head = self.head.len() / planes;
@@ -370,10 +370,10 @@ where
     /// The step for S×S matrices. Out of line: it would burden the registers of the step for plain numbers.
     #[inline(never)]
     fn push_stages(&mut self, sample: &[T]) -> Option<()> {
-        let (stages, channels) = (self.table.stages, self.channels);
+        let (stages, channels) = (self.table.stages.max(1), self.channels);
         let table = self.table.borrow();
         let parts = Parts::of(&table, stages, channels, self.state.as_mut())?;
-        let head = table.head.len().checked_div(stages * stages)?;
+        let head = (table.head.len() / (stages * stages).max(1)).max(1);
         let blocks = table.exponentials.len() / block_len(stages);
         let (mut pending, mut sums) = (parts.pending, parts.sums.as_chunks_mut::<STATE_BLOCK>().0);
         let mut delayed = parts.delayed.get_mut(self.oldest * channels..)?;
@@ -394,13 +394,15 @@ where
             }
             let mut leaving = [T::zero(); MAX_STAGES];
             let leaving = leaving.get_mut(..stages)?;
-            leaving.copy_from_slice(sample);
+            leaving.iter_mut().zip(sample).for_each(|(leaving, &x)| *leaving = x);
             if let Some(places) = split_off(&mut delayed, stages) {
-                places.swap_with_slice(leaving);
+                for (place, leaving) in places.iter_mut().zip(&mut *leaving) {
+                    core::mem::swap(place, leaving);
+                }
             }
             let (here, behind) = core::mem::take(&mut sums).split_at_mut_checked(blocks)?;
             sums = behind;
-            for (block, sums) in table.exponentials.chunks_exact(block_len(stages)).zip(here.iter_mut()) {
+            for (block, sums) in table.exponentials.chunks_exact(block_len(stages).max(1)).zip(here.iter_mut()) {
                 let (decay, entries) = block.as_chunks::<LANES>().0.split_first()?;
                 let (outputs, inputs) = entries.split_at_checked(stages)?;
                 let input = inputs
