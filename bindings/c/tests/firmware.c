@@ -3,16 +3,29 @@
 
 #include "interface.h"
 
-enum { SYS_WRITE0 = 4, SYS_EXIT = 0x18, EXIT_SUCCESS_CODE = 0x20026, EXIT_FAILURE_CODE = 0x20023 };
+enum { SYS_OPEN = 1, SYS_WRITE = 5, SYS_EXIT = 0x18, EXIT_SUCCESS_CODE = 0x20026, EXIT_FAILURE_CODE = 0x20023 };
 
-static void semihosting(int operation, const void *argument) {
+static int semihosting(int operation, const void *argument) {
     register int r0 __asm__("r0") = operation;
     register const void *r1 __asm__("r1") = argument;
     __asm__ volatile("bkpt 0xab" : "+r"(r0) : "r"(r1) : "memory");
+    return r0;
 }
 
 static void say(const char *text) {
-    semihosting(SYS_WRITE0, text);
+    static const char console[] = ":tt";
+    static int output = -1;
+    if (output < 0) {
+        /* Mode 4, "w": the standard output. */
+        const uintptr_t open[] = {(uintptr_t)console, 4, sizeof console - 1};
+        output = semihosting(SYS_OPEN, open);
+    }
+    uintptr_t length = 0;
+    while (text[length]) {
+        ++length;
+    }
+    const uintptr_t write[] = {(uintptr_t)output, (uintptr_t)text, length};
+    semihosting(SYS_WRITE, write);
 }
 
 static void leave(uintptr_t reason) {
