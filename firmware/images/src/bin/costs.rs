@@ -134,7 +134,7 @@ impl Bench<'_> {
         let stack = used_by(|| {
             let _ = black_box(black_box(&mut integrator).step(black_box(&rest)));
         });
-        self.row(format_args!("stepper, {name} x {N}"), steps, 0, size_of_val(&integrator), table, stack);
+        self.row(format_args!("stepper: {name} x {N}"), steps, 0, size_of_val(&integrator), table, stack);
         Ok(())
     }
 
@@ -181,7 +181,7 @@ impl Bench<'_> {
             let _ = black_box(black_box(&mut operator).push(black_box(1.0)));
         });
         self.row(
-            "operator, exponential sum x 1",
+            "operator: exponential sum x 1",
             steps,
             PRODUCTS,
             size_of_val(&operator),
@@ -210,7 +210,9 @@ fn start() -> ! {
         bench.tiled::<1, 129>()?;
         bench.tiled::<2, 33>()?;
         bench.operator()?;
+        bench.oustaloup::<15>();
         bench.oustaloup::<31>();
+        bench.oustaloup::<75>();
         bench.coordinates::<1, { DAMPING.state_len(1) }>()?;
         bench.coordinates::<2, { DAMPING.state_len(2) }>()
     })
