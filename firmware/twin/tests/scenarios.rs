@@ -44,8 +44,10 @@ fn tables_give_the_weights_of_their_operators() -> Result<(), Box<dyn Error>> {
         let mut memory = ExponentialSum::new(table, 1.0, 1, vec![0.0f32; table.state_len(1)])?;
         // The response to a single sample is the weights, one after another.
         let mut sample = 1.0;
-        for (n, weight) in
-            ConvolutionWeights::bdf(BdfOrder::GRUNWALD_LETNIKOV, exponent, 1e-3)?.take(100_000).enumerate().skip(1)
+        for (n, weight) in ConvolutionWeights::bdf(BdfOrder::GRUNWALD_LETNIKOV, exponent, 1e-3)?
+            .take(100_000)
+            .enumerate()
+            .skip(1)
         {
             memory.push(&[sample])?;
             sample = 0.0;

@@ -128,8 +128,8 @@ fn draw(candidates: &[Candidate], file: &str) -> Result<(), Box<dyn Error>> {
         .light_line_style(TRANSPARENT)
         .x_desc("t / s")
         .y_desc("relative error")
-        .x_label_formatter(&|x| format!("{x:e}"))
-        .y_label_formatter(&|y| format!("{y:e}"))
+        .x_label_formatter(&|x| format!("{x:.0e}"))
+        .y_label_formatter(&|y| format!("{y:.0e}"))
         .draw()?;
     for (index, candidate) in candidates.iter().enumerate() {
         let colour = Palette99::pick(index).stroke_width(2);

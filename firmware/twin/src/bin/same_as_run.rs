@@ -15,13 +15,16 @@ fn main() -> Result<(), Box<dyn Error>> {
         Ok(if scalar == f32::NAME { (number as f32).bits() } else { number.bits() }.to_string())
     };
     let image = fs::read_to_string(image)?;
-    let printed = image.lines().skip_while(|line| line != scalar).skip(1).take_while(|line| line.contains(' '));
+    let printed =
+        image.lines().skip_while(|line| line != scalar).skip(1).take_while(|line| line.contains(' '));
     let trajectory = fs::read_to_string(trajectory)?;
     let mut rows = trajectory.lines().skip(1);
     let mut count = 0;
     for (step, printed) in printed.enumerate() {
         let row: Vec<&str> = rows.next().ok_or("the trajectory is shorter")?.split(',').collect();
-        let [_, position, momentum, ..] = row[..] else { return Err("a row without position and momentum".into()) };
+        let [_, position, momentum, ..] = row[..] else {
+            return Err("a row without position and momentum".into());
+        };
         let run = format!("{step} {} {}", bits(position)?, bits(momentum)?);
         if run != printed {
             return Err(format!("{scalar}, step {step}: the image has {printed}, the run {run}").into());
