@@ -117,30 +117,23 @@ fn exponentials_rust<T: Real + LowerExp>(kernel: &ExponentialKernel, origin: &st
 }
 
 fn exponentials_c<T: Real + LowerExp>(kernel: &ExponentialKernel, origin: &str, scalar: &str) -> String {
-    let first = kernel.head().len() as f64;
-    let column = |value: &dyn Fn(f64, f64) -> f64| -> Vec<T> {
-        kernel.exponentials().iter().map(|e| T::of(value(e.rate, e.coefficient))).collect()
-    };
-    let decay = column(&|rate, _| -libm::expm1(-rate));
-    let coefficient = column(&|rate, coefficient| coefficient * libm::exp(-rate * first));
-    let head: Vec<T> = kernel.head().iter().map(|&weight| T::of(weight)).collect();
+    let table = kernel.table::<T>();
+    let (head, exponentials) = (table.head.as_ref(), table.exponentials.as_ref());
     let array = |name: &str, length: &str, numbers: &[T]| match numbers {
         // C has no arrays without elements.
         [] => String::new(),
         _ => format!("static const {scalar} {name}[{length}] = {{\n{}}};\n", rows(numbers, "    ")),
     };
     format!(
-        "/* {origin}: tolerance {:e}.\n \
-         * r_k = sum fvi_head[n] x[k-n], 1 <= n < FVI_HEAD, + sum fvi_coefficient[j] z[j],\n \
-         * z[j] = z[j] + (x[k-FVI_HEAD] - fvi_decay[j] z[j]) before it is used for r_k. */\n\
-         #define FVI_HEAD {}\n#define FVI_EXPONENTIALS {}\n#define FVI_HORIZON {}ULL\n{}{}{}",
+        "/* {origin}: tolerance {:e}. The exponentials in blocks of four decays and four coefficients, as fvi.h takes them. */\n\
+         #define FVI_HEAD {}\n#define FVI_EXPONENTIALS {}\n#define FVI_SLOW_BLOCKS {}\n#define FVI_HORIZON {}U\n{}{}",
         kernel.tolerance(),
         head.len(),
-        decay.len(),
+        exponentials.len(),
+        table.slow_blocks,
         kernel.horizon(),
-        array("fvi_head", "FVI_HEAD", &head),
-        array("fvi_decay", "FVI_EXPONENTIALS", &decay),
-        array("fvi_coefficient", "FVI_EXPONENTIALS", &coefficient),
+        array("fvi_head", "FVI_HEAD", head),
+        array("fvi_exponentials", "FVI_EXPONENTIALS", exponentials),
     )
 }
 
