@@ -62,12 +62,12 @@ pub(super) fn weights_listing(weights: &[f64], origin: &str, format: ListingForm
         }
         ListingFormat::Rust => format!(
             "/// Convolution-quadrature weights: {origin}.\npub const WEIGHTS: [f64; {count}] = [\n{}];\n",
-            rows(weights, "    ")
+            rows(weights, "    ", "")
         ),
         ListingFormat::C => format!(
             "/* Convolution-quadrature weights: {origin}. */\n#define FVI_WEIGHTS {count}\n\
              static const double fvi_weights[FVI_WEIGHTS] = {{\n{}}};\n",
-            rows(weights, "    ")
+            rows(weights, "    ", "")
         ),
     }
 }
@@ -109,8 +109,8 @@ fn exponentials_rust<T: Real + LowerExp>(kernel: &ExponentialKernel, origin: &st
         kernel.head().len(),
         kernel.exponentials().len(),
         kernel.tolerance(),
-        rows(table.head.as_ref(), "        "),
-        rows(table.exponentials.as_ref(), "        "),
+        rows(table.head.as_ref(), "        ", ""),
+        rows(table.exponentials.as_ref(), "        ", ""),
         table.slow_blocks,
         table.horizon,
     )
@@ -119,10 +119,11 @@ fn exponentials_rust<T: Real + LowerExp>(kernel: &ExponentialKernel, origin: &st
 fn exponentials_c<T: Real + LowerExp>(kernel: &ExponentialKernel, origin: &str, scalar: &str) -> String {
     let table = kernel.table::<T>();
     let (head, exponentials) = (table.head.as_ref(), table.exponentials.as_ref());
+    let suffix = if scalar == "float" { "f" } else { "" };
     let array = |name: &str, length: &str, numbers: &[T]| match numbers {
         // C has no arrays without elements.
         [] => String::new(),
-        _ => format!("static const {scalar} {name}[{length}] = {{\n{}}};\n", rows(numbers, "    ")),
+        _ => format!("static const {scalar} {name}[{length}] = {{\n{}}};\n", rows(numbers, "    ", suffix)),
     };
     format!(
         "/* {origin}: tolerance {:e}. The exponentials in blocks of four decays and four coefficients, as fvi.h takes them. */\n\
@@ -137,12 +138,12 @@ fn exponentials_c<T: Real + LowerExp>(kernel: &ExponentialKernel, origin: &str, 
     )
 }
 
-/// Numbers in rows of four, each with the digits that bring the same number back.
-fn rows<T: LowerExp>(numbers: &[T], indent: &str) -> String {
+/// Numbers in rows of four, each with the digits that bring the same number back, and a suffix.
+fn rows<T: LowerExp>(numbers: &[T], indent: &str, suffix: &str) -> String {
     numbers
         .chunks(4)
         .map(|row| {
-            let row: Vec<String> = row.iter().map(|number| format!("{number:e}")).collect();
+            let row: Vec<String> = row.iter().map(|number| format!("{number:e}{suffix}")).collect();
             format!("{indent}{},\n", row.join(", "))
         })
         .collect()
