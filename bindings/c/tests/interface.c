@@ -1,6 +1,7 @@
 #include "interface.h"
 
 #include "fvi.h"
+#include "half_derivative.h"
 
 #if defined(CHECK_WITH_VALGRIND)
 #include <valgrind/memcheck.h>
@@ -225,6 +226,35 @@ static void check_exponential_sum(void) {
     expect("horizon", fvi_operator_push(&operation, 1.0f, &result), FVI_STATUS_MEMORY_FULL);
 }
 
+/* The same half derivative from a ring and from the table that `fvi exponentials --format c` has made. */
+static void check_table(void) {
+    static float numbers[FVI_EXPONENTIAL_NUMBERS(FVI_HEAD, FVI_EXPONENTIALS, 1)];
+    static FviOperator short_of_nothing;
+    FviMemory memory = ring(FVI_FULL_MEMORY, samples, CAPACITY);
+    expect("init", fvi_operator_init(&half_derivative, &memory, FVI_CAPUTO, 0.0f), FVI_STATUS_OK);
+    memory = (FviMemory){
+        .kind = FVI_EXPONENTIAL_SUM,
+        .scale = 1.0f,
+        .weights = fvi_head,
+        .weight_count = FVI_HEAD,
+        .exponentials = fvi_exponentials,
+        .exponential_count = FVI_EXPONENTIALS,
+        .slow_blocks = FVI_SLOW_BLOCKS,
+        .horizon = FVI_HORIZON,
+        .buffer = numbers,
+        .buffer_count = sizeof numbers / sizeof *numbers,
+    };
+    expect("init", fvi_operator_init(&short_of_nothing, &memory, FVI_CAPUTO, 0.0f), FVI_STATUS_OK);
+    for (int k = 0; k < CAPACITY; ++k) {
+        float sample = (float)(k % 7) - 2.0f, from_ring = 0.0f, from_table = 0.0f;
+        expect("push", fvi_operator_push(&half_derivative, sample, &from_ring), FVI_STATUS_OK);
+        expect("push", fvi_operator_push(&short_of_nothing, sample, &from_table), FVI_STATUS_OK);
+        float error = from_ring - from_table;
+        expect_that("table and ring agree", -2e-5f < error && error < 2e-5f);
+        note(from_table);
+    }
+}
+
 /* --- Steppers ----------------------------------------------------------------------------------------------------------- */
 
 /* Uncoupled springs, hardening a little; the Hessian is multiplied by `lie`. */
@@ -433,6 +463,7 @@ int check_interface(void (*say)(const char *text)) {
     check_weights();
     check_ring();
     check_exponential_sum();
+    check_table();
     check_trajectories();
     check_bad_steppers();
     check_failed_steps();
