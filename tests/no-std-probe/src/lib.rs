@@ -6,8 +6,8 @@ use core::panic::PanicInfo;
 
 use fvi_core::{
     BdfOrder, Coefficients, ConvolutionWeights, DampingTerm, Derivative, ExplicitDamping, FixedDirect,
-    FractionalOperator, Galerkin, ImplicitEuler, Integrator, Mass, NoForce, Potential, Quadratic, Real, Scheme,
-    Stability, Start, System, check_stability, leading_bdf_weight, monic_bdf_table,
+    FractionalOperator, Galerkin, ImplicitEuler, Integrator, Mass, NoForce, Overflow, Potential, Quadratic, Real, Scheme,
+    Stability, Start, System, Tiled, check_stability, leading_bdf_weight, monic_bdf_table,
 };
 use nalgebra::{SMatrix, SVector};
 
@@ -80,7 +80,9 @@ pub extern "C" fn probe(numbers: &[f64; 8], order: usize) -> f64 {
         let scale = leading_bdf_weight(bdf_order, beta, h).ok()?;
         let memory = FixedDirect::<f64, 1, HISTORY>::short_memory(&WEIGHTS, scale).ok()?;
         let mut operator = FractionalOperator::new(memory, Start::Caputo).ok()?;
-        let derivative = operator.push(mass).ok()? + operator.push(rho).ok()?;
+        let tiled = Tiled::<f64, 1, 4>::new(&WEIGHTS, scale, Overflow::Forget).ok()?;
+        let mut tiled = FractionalOperator::new(tiled, Start::Caputo).ok()?;
+        let derivative = operator.push(mass).ok()? + operator.push(rho).ok()? + tiled.push(mass).ok()?;
         let terms =
             [ExplicitDamping { coefficients: Coefficients::Diagonal([rho].into()), damping_order: beta, bdf_order }];
         let spring = Quadratic::diagonal([mass]).ok()?;
