@@ -372,11 +372,14 @@ mod tests {
 
     #[test]
     fn a_run_too_long_for_the_memory_of_the_machine_is_refused() {
-        let (convolution, history) = (Convolution::default(), History::default());
-        let mut request = request(&convolution, &history);
-        request.samples = usize::MAX;
-        let refused = EngineError::NoRoom { engine: Engine::Direct, samples: usize::MAX };
-        assert_eq!(request.build::<f64>().err(), Some(refused));
+        for engine in [Engine::Direct, Engine::BlockFft, Engine::RealTime] {
+            let convolution = Convolution::default();
+            let history = History { engine: Some(engine), ..History::default() };
+            let mut request = request(&convolution, &history);
+            request.samples = usize::MAX;
+            let refused = EngineError::NoRoom { engine, samples: usize::MAX };
+            assert_eq!(request.build::<f64>().err(), Some(refused));
+        }
     }
 
     #[test]

@@ -6,7 +6,7 @@ use super::tree::{Node, Operator};
 use core::ops::Range;
 
 /// Deepest nesting that is accepted; evaluation is recursive.
-const MAX_DEPTH: usize = 400;
+const MAX_DEPTH: usize = 128;
 
 /// An expression that cannot be used: what is wrong, and which bytes of its text are to blame.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
