@@ -1,13 +1,15 @@
 //! The commands of the program, one module each, and what they share: how they end.
 
 pub mod compare_engines;
+pub mod converge;
 pub mod exponentials;
 pub mod extremal;
 mod listing;
 pub mod run;
 pub mod weights;
 
-use crate::scenario::InputError;
+use crate::scenario::{InputError, Scenario};
+use crate::starting::{TRUSTED_CONDITION, starting_condition};
 use clap::{Parser, Subcommand};
 use miette::{GraphicalReportHandler, GraphicalTheme};
 use std::io::IsTerminal;
@@ -25,6 +27,8 @@ pub struct Program {
 enum Command {
     /// Integrate a scenario: data, pictures and a line of result
     Run(run::RunArguments),
+    /// Error and order of a scenario over step sizes, against its reference or a finer run
+    Converge(converge::ConvergeArguments),
     /// Solve a two-point fractional Euler–Lagrange problem: the discrete extremal between fixed end points
     Extremal(extremal::ExtremalArguments),
     /// Convolution-quadrature weights, as a table or as constants for firmware
@@ -60,6 +64,7 @@ impl Program {
         let result = match self.command {
             Command::Run(arguments) => arguments.execute(),
             Command::CompareEngines(arguments) => arguments.execute(),
+            Command::Converge(arguments) => arguments.execute(),
             Command::Extremal(arguments) => arguments.execute(),
             Command::Weights(arguments) => arguments.execute(),
             Command::Exponentials(arguments) => arguments.execute(),
@@ -98,5 +103,16 @@ impl CommandError {
             Ok(()) => report,
             Err(_) => format!("fvi: {error}\n"),
         }
+    }
+}
+
+/// Says on standard error how well the starting weights of a scenario are determined, if badly.
+fn warn_about_starting_weights(scenario: &Scenario) {
+    let condition = starting_condition(&scenario.convolution.starting);
+    if condition > TRUSTED_CONDITION {
+        eprintln!(
+            "warning: convolution.starting: the system of the starting weights has condition {condition:.1e}; \
+             above {TRUSTED_CONDITION:.0e} they are more rounding than weights: take fewer exponents"
+        );
     }
 }

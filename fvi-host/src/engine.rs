@@ -4,6 +4,7 @@ use crate::aligned::Aligned;
 use crate::exponential_table::{self, ExponentialKernel, ExponentialKernelError};
 use crate::runge_kutta_weights::RungeKuttaWeights;
 use crate::scenario::{Convolution, ConvolutionFamily, Engine, History, Overflow};
+use crate::starting::StartingCorrection;
 use crate::vectorised::Vectorised;
 use fvi_core::{
     BdfOrder, ConvolutionWeights, Direct, ExponentialSum, ExponentialTable, Memory, MemoryError,
@@ -35,6 +36,12 @@ impl<T: Scalar> Watched<T> for Vectorised<ExponentialSum<T, Aligned<T>, Aligned<
 impl<T: Scalar> Watched<T> for RealTime<T> {
     fn overruns(&self) -> Option<usize> {
         Some(RealTime::overruns(self))
+    }
+}
+
+impl<T: Scalar> Watched<T> for StartingCorrection<T, HostMemory<T>, HostMemory<f64>> {
+    fn overruns(&self) -> Option<usize> {
+        Some(self.memory().overruns()? + self.powers().overruns()?)
     }
 }
 
@@ -110,6 +117,19 @@ impl MemoryRequest<'_> {
     /// # Errors
     /// [`EngineError`] if the engine asked for cannot serve the kernel.
     pub fn build<T: Scalar>(&self) -> Result<HostMemory<T>, EngineError> {
+        let exponents = &self.convolution.starting;
+        let memory = self.without_starting()?;
+        if exponents.is_empty() {
+            return Ok(memory);
+        }
+        let engine = memory.engine();
+        let powers = Self { coordinates: exponents.len(), ..self.clone() }.without_starting::<f64>()?;
+        let corrected = StartingCorrection::new(memory, powers, self.exponent, self.step_size, exponents)?;
+        Ok(HostMemory { memory: Box::new(corrected), engine })
+    }
+
+    /// The memory without starting weights.
+    fn without_starting<T: Scalar>(&self) -> Result<HostMemory<T>, EngineError> {
         if let Some(engine) = self.history.engine {
             return self.memory(engine);
         }

@@ -4,6 +4,7 @@
 pub mod aligned;
 pub mod command;
 pub mod compare_engines;
+pub mod converge;
 pub mod engine;
 pub mod exponential_table;
 pub mod expression;
@@ -15,6 +16,7 @@ mod run_pictures;
 pub mod runge_kutta_weights;
 pub mod scenario;
 pub mod simulation;
+pub mod starting;
 pub mod trajectory;
 pub mod two_point;
 pub mod vectorised;

@@ -5,6 +5,7 @@ use crate::picture::PictureError;
 use crate::run_pictures::RunPictures;
 use crate::scenario::{Engine, InputError, Scenario};
 use crate::simulation::{GridState, Precision, Simulation};
+use crate::starting::starting_condition;
 use crate::trajectory::TrajectoryWriter;
 use atomic_write_file::AtomicWriteFile;
 use fvi_core::StepError;
@@ -80,6 +81,9 @@ pub struct RunSummary {
     /// Errors against the reference.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub errors: Option<ReferenceErrors>,
+    /// Condition number of the system of the starting weights, if there are any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub starting_condition: Option<f64>,
     /// The files beside this one.
     pub files: Vec<&'static str>,
     /// The inputs as used, defaults filled in.
@@ -201,6 +205,9 @@ pub fn run(
         newton_iterations_most,
         last: state,
         largest: observed.largest,
+        starting_condition: Some(&scenario.convolution.starting)
+            .filter(|exponents| !exponents.is_empty())
+            .map(|exponents| starting_condition(exponents)),
         errors: Some(observed.errors).filter(ReferenceErrors::any),
         files,
         scenario: scenario.clone(),

@@ -140,6 +140,17 @@ impl Scenario {
         })
     }
 
+    /// The same scenario over the same time in another number of steps.
+    pub fn in_steps(&self, steps: usize) -> Self {
+        let mut scenario = self.clone();
+        scenario.time.step = self.time.end() / steps.max(1) as f64;
+        scenario.time.steps = steps;
+        if let Some(input) = &mut scenario.input {
+            input.place_on(&scenario.time);
+        }
+        scenario
+    }
+
     /// Number of coordinates N.
     pub fn coordinates(&self) -> usize {
         self.system.coordinates()

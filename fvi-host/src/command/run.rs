@@ -1,6 +1,6 @@
 //! `fvi run`: integrate a scenario.
 
-use super::CommandError;
+use super::{CommandError, warn_about_starting_weights};
 use crate::run::{RunEnd, RunError, RunOptions, RunSummary, run};
 use crate::scenario::{Engine, Scenario};
 use crate::simulation::Precision;
@@ -38,6 +38,7 @@ impl RunArguments {
         if let Some(engine) = self.engine {
             scenario.history.choose(engine);
         }
+        warn_about_starting_weights(&scenario);
         let directory = self.out.unwrap_or_else(|| default_directory(&self.scenario));
         // Without the handler Ctrl-C still ends the program, only less tidily.
         let _ = ctrlc::set_handler(|| {

@@ -62,13 +62,19 @@ impl SampledInput {
             let sample = |row: &Vec<f64>| place.iter().map(|place| place.map_or(0.0, |at| row[at])).collect();
             (read.rows.iter().map(|row| row[0]).collect(), read.rows.iter().map(sample).collect())
         };
+        let mut input = Self { times, samples, first_steps: Vec::new() };
+        input.place_on(grid);
+        Ok(input)
+    }
+
+    /// Finds the first step under each sample on another grid.
+    pub(super) fn place_on(&mut self, grid: &TimeGrid) {
         let first_step = |time: &f64| {
             // Grid times and sample times are rounded: a sample that little after t_k counts at t_k.
             let place = time / grid.step;
             (place - f64::max(1e-9, 4.0 * f64::EPSILON * place)).ceil().max(0.0) as usize
         };
-        let first_steps = times.iter().map(first_step).collect();
-        Ok(Self { times, samples, first_steps })
+        self.first_steps = self.times.iter().map(first_step).collect();
     }
 
     /// The input held over step `step`; `None` before the first sample.

@@ -1,0 +1,112 @@
+//! `fvi converge`: error and order over a sequence of step sizes.
+
+use super::{CommandError, warn_about_starting_weights};
+use crate::converge::{ConvergeError, Grids, converge};
+use crate::scenario::{Engine, Scenario};
+use atomic_write_file::AtomicWriteFile;
+use indicatif::{ProgressBar, ProgressDrawTarget};
+use std::io::{IsTerminal, Write};
+use std::ops::RangeInclusive;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// Arguments of `fvi converge`.
+#[derive(Debug, clap::Args)]
+pub struct ConvergeArguments {
+    /// The scenario file (TOML)
+    scenario: PathBuf,
+    /// Levels, FIRST..LAST: on level i the scenario's time is cut into INTERVALS·2^i steps
+    #[arg(long, value_name = "FIRST..LAST", default_value = "4..11", value_parser = levels)]
+    levels: RangeInclusive<u32>,
+    /// Parts of the scenario's time whose ends are grid points on every level, such as the jumps of a force
+    #[arg(long, value_name = "INTERVALS", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    intervals: u32,
+    /// Where the files go [default: out/<scenario name>]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// The memory engine, in place of the scenario's
+    #[arg(long, value_enum)]
+    engine: Option<Engine>,
+    /// Neither progress nor table on the terminal
+    #[arg(long)]
+    quiet: bool,
+}
+
+/// Set by Ctrl-C; ends the run after the step under way.
+static STOP: AtomicBool = AtomicBool::new(false);
+
+impl ConvergeArguments {
+    pub(super) fn execute(self) -> Result<(), CommandError> {
+        let mut scenario = Scenario::read(&self.scenario)?;
+        if let Some(engine) = self.engine {
+            scenario.history.choose(engine);
+        }
+        warn_about_starting_weights(&scenario);
+        let directory = self.out.unwrap_or_else(|| {
+            Path::new("out").join(self.scenario.file_stem().unwrap_or("converge".as_ref()))
+        });
+        // Without the handler Ctrl-C still ends the program, only less tidily.
+        let _ = ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed));
+        let start = Instant::now();
+        let wanted = !self.quiet && std::io::stderr().is_terminal();
+        let mut bar: Option<ProgressBar> = None;
+        let grids = Grids { levels: self.levels, intervals: self.intervals as usize };
+        let result = converge(&scenario, &grids, &STOP, |made, all| {
+            if !wanted || !made.is_multiple_of(256) {
+                return;
+            }
+            if bar.is_none() && start.elapsed() > Duration::from_secs(1) {
+                bar = Some(ProgressBar::with_draw_target(Some(all as u64), ProgressDrawTarget::stderr()));
+            }
+            if let Some(bar) = &bar {
+                bar.set_position(made as u64);
+            }
+        });
+        if let Some(bar) = bar {
+            bar.finish_and_clear();
+        }
+        let convergence = result.map_err(|error| match error {
+            ConvergeError::Input(error) => CommandError::Input(error),
+            ConvergeError::Stopped => CommandError::Stopped("stopped; nothing was written".to_owned()),
+            other => CommandError::Failed(other.to_string()),
+        })?;
+        let failed = |what: &Path, error: &dyn std::fmt::Display| {
+            CommandError::Failed(format!("{}: {error}", what.display()))
+        };
+        std::fs::create_dir_all(&directory).map_err(|error| failed(&directory, &error))?;
+        let path = directory.join("convergence.csv");
+        let write = || {
+            let mut file = AtomicWriteFile::open(&path)?;
+            file.write_all(convergence.csv().as_bytes())?;
+            file.commit()
+        };
+        write().map_err(|error| failed(&path, &error))?;
+        let path = directory.join("convergence.svg");
+        convergence.chart(&scenario).write(&path).map_err(|error| failed(&path, &error))?;
+        if !self.quiet {
+            println!(
+                "{}: {}; {}",
+                scenario.heading(),
+                scenario.scheme.describe(),
+                scenario.convolution.describe()
+            );
+            print!("{}", convergence.table());
+            println!("files in {}", directory.display());
+        }
+        if convergence.levels.iter().all(|level| level.failure.is_some()) {
+            return Err(CommandError::Failed("no level could be run".to_owned()));
+        }
+        Ok(())
+    }
+}
+
+/// Reads FIRST..LAST, both ends included.
+fn levels(text: &str) -> Result<RangeInclusive<u32>, String> {
+    let expected = || "expected FIRST..LAST with 0 ≤ FIRST ≤ LAST ≤ 40, such as 4..11".to_owned();
+    let (first, last) = text.split_once("..").ok_or_else(expected)?;
+    let last = last.strip_prefix('=').unwrap_or(last);
+    let (first, last): (u32, u32) =
+        (first.parse().map_err(|_| expected())?, last.parse().map_err(|_| expected())?);
+    if first <= last && last <= 40 { Ok(first..=last) } else { Err(expected()) }
+}

@@ -1,0 +1,140 @@
+//! `fvi converge`: errors and orders; starting weights.
+
+use crate::workplace::{Workplace, text};
+use std::fs;
+use std::process::Output;
+
+/// t^{5/2} solves it exactly; BDF 1 alone has order 1.
+fn root_scenario(convolution: &str) -> String {
+    format!(
+        r#"
+        [system]
+        mass = [1.0]
+        potential = "0.5*q0^2"
+        force = ["15/4*sqrt(t) + 15/8*sqrt(pi)*t + t^2.5"]
+        [[system.damping]]
+        order = 1.5
+        coefficient = [1.0]
+        derivative = "riemann-liouville"
+        [initial]
+        position = [0.0]
+        momentum = [0.0]
+        [scheme]
+        kind = "low-order"
+        kappa = 0.5
+        [convolution]
+        family = "bdf"
+        order = 1
+        {convolution}
+        [time]
+        step = 0.125
+        end = 1.0
+        [reference]
+        position = ["t^2.5"]
+        "#
+    )
+}
+
+fn converge(place: &Workplace, scenario: &str, levels: &str) -> Output {
+    place.write("scenario.toml", scenario);
+    place.fvi(&["converge", "scenario.toml", "--levels", levels, "--out", "out"])
+}
+
+/// Cells of a column of `convergence.csv`.
+fn column(place: &Workplace, name: &str) -> Vec<String> {
+    let table = fs::read_to_string(place.path("out").join("convergence.csv")).unwrap();
+    let mut lines = table.lines().map(|line| line.split(',').map(str::to_owned).collect::<Vec<_>>());
+    let header = lines.next().unwrap();
+    let at = header.iter().position(|cell| cell == name).unwrap_or_else(|| panic!("{name} in {header:?}"));
+    lines.map(|cells| cells[at].clone()).collect()
+}
+
+fn numbers(place: &Workplace, name: &str) -> Vec<f64> {
+    column(place, name).iter().filter_map(|cell| cell.parse().ok()).collect()
+}
+
+#[test]
+fn errors_orders_and_a_picture_against_the_reference_and_a_finer_run() {
+    let place = Workplace::new();
+    let output = converge(&place, &root_scenario(""), "4..8");
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert_eq!(numbers(&place, "steps"), [16.0, 32.0, 64.0, 128.0, 256.0]);
+    let orders = numbers(&place, "position_order");
+    assert_eq!(orders.len(), 4);
+    assert!(orders.iter().all(|order| (order - 1.0).abs() < 0.1), "{orders:?}");
+    // The reference says nothing about the energy.
+    let energy = numbers(&place, "energy_order");
+    assert!(energy.iter().all(|order| (order - 1.0).abs() < 0.3), "{energy:?}");
+    assert!(text(&output.stdout).contains("energy against a run of 1024 steps"));
+    let picture = fs::read_to_string(place.path("out").join("convergence.svg")).unwrap();
+    assert!(picture.contains("position (slope 1.0") && picture.contains("step size h"), "{picture}");
+}
+
+#[test]
+fn starting_weights_take_away_the_error_of_the_quadrature() {
+    // t² with damping of order ½: BDF 1 has order 1, exact derivatives leave the order 2 of the midpoint rule.
+    let square = |convolution: &str| {
+        root_scenario(convolution)
+            .replace("15/4*sqrt(t) + 15/8*sqrt(pi)*t + t^2.5", "2 + t^2 + 2/gamma(2.5)*t^1.5")
+            .replace("order = 1.5", "order = 0.5")
+            .replace("\"t^2.5\"", "\"t^2\"")
+    };
+    let place = Workplace::new();
+    converge(&place, &square(""), "4..8");
+    let plain = numbers(&place, "position_error");
+    let orders = numbers(&place, "position_order");
+    assert!(orders.iter().all(|order| (order - 1.0).abs() < 0.2), "{orders:?}");
+    converge(&place, &square("starting = [2.0]"), "4..8");
+    let corrected = numbers(&place, "position_error");
+    assert!(corrected[4] < 0.05 * plain[4], "{corrected:?} and {plain:?}");
+    let orders = numbers(&place, "position_order");
+    assert!(orders.iter().all(|order| (order - 2.0).abs() < 0.2), "{orders:?}");
+}
+
+#[test]
+fn starting_weights_are_no_better_than_the_first_step() {
+    // The midpoint rule takes the first step under a force like √t with an error of a third, at every step size: the
+    // coefficient of t^{5/2} is wrong by as much, and the order stays that of BDF 1.
+    let place = Workplace::new();
+    converge(&place, &root_scenario(""), "4..8");
+    let plain = numbers(&place, "position_error");
+    converge(&place, &root_scenario("starting = [2.5]"), "4..8");
+    let corrected = numbers(&place, "position_error");
+    assert!(corrected[4] < 0.4 * plain[4], "{corrected:?} and {plain:?}");
+    let orders = numbers(&place, "position_order");
+    assert!(orders.iter().all(|order| (order - 1.0).abs() < 0.1), "{orders:?}");
+}
+
+#[test]
+fn a_warning_says_that_starting_weights_are_ill_determined() {
+    let place = Workplace::new();
+    let exponents = "starting = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9]";
+    let output = converge(&place, &root_scenario(exponents), "4..4");
+    let warning = text(&output.stderr);
+    assert!(warning.contains("warning: convolution.starting") && warning.contains("condition"), "{warning}");
+    let output = converge(&place, &root_scenario("starting = [1.5, 2.5]"), "4..4");
+    assert_eq!(text(&output.stderr), "");
+    let run = place.run(&root_scenario("starting = [1.5, 2.5]"), &[]);
+    assert!(run.summary["starting_condition"].as_f64().unwrap() < 100.0);
+}
+
+#[test]
+fn levels_that_are_too_coarse_are_listed_and_the_others_measured() {
+    let place = Workplace::new();
+    let scenario = root_scenario("").replace("order = 1\n", "order = 4\n");
+    let output = converge(&place, &scenario, "1..9");
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let failures = column(&place, "failure");
+    assert!(failures[0].contains("unstable") && failures[8].is_empty(), "{failures:?}");
+    assert_eq!(column(&place, "position_error")[0], "");
+    assert!(numbers(&place, "position_order").len() >= 2);
+}
+
+#[test]
+fn levels_that_make_no_sense_are_bad_input() {
+    let place = Workplace::new();
+    for levels in ["8..4", "4", "4..99", "a..b"] {
+        assert_eq!(converge(&place, &root_scenario(""), levels).status.code(), Some(2), "{levels}");
+    }
+    assert!(!place.path("out").exists());
+}
