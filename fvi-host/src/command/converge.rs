@@ -22,7 +22,7 @@ pub struct ConvergeArguments {
     /// Parts of the scenario's time whose ends are grid points on every level, such as the jumps of a force
     #[arg(long, value_name = "INTERVALS", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     intervals: u32,
-    /// Where the files go [default: out/<scenario name>]
+    /// Where the files go (default: `out/` and the name of the scenario)
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// The memory engine, in place of the scenario's

@@ -42,6 +42,14 @@ fn the_pulse_driven_plate_agrees_with_the_exact_solution() {
 }
 
 #[test]
+fn six_hundred_steps_with_radau_quadrature_give_eight_digits() {
+    let run = run("bagley-torvik-pulse-radau");
+    assert_eq!(run.rows.len(), 601);
+    assert!(largest_error(&run, "position") < 1e-8);
+    assert!(largest_error(&run, "momentum") < 2e-6);
+}
+
+#[test]
 fn the_exact_solutions_of_the_bagley_torvik_equation_are_met() {
     let cubic = run("bagley-torvik-cubic");
     assert!(largest_error(&cubic, "position") < 1e-5);
