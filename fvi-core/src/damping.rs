@@ -11,7 +11,7 @@ use crate::system::{Coefficients, MatrixError};
 
 /// On what the fractional derivative acts.
 ///
-/// The two types agree where the terms left out vanish ([JO] eq. 4). With q₀ ≠ 0 and 0 < β < 1 the Riemann–Liouville
+/// The two types agree where the terms left out vanish (\[JO\] eq. 4). With q₀ ≠ 0 and 0 < β < 1 the Riemann–Liouville
 /// type has the force ρ q₀ t^{−β}/Γ(1−β), singular at t = 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Derivative {
@@ -134,7 +134,7 @@ impl core::error::Error for DampingError {}
 /// One damping term ρ D₋^β q with its memory.
 ///
 /// ρ is symmetric positive semidefinite; β = 2α is the damping order, 0 ≤ β < 2 (α is the order in the Lagrangian). The
-/// kernel of the memory must be that of D^β for the step size of the integration. Source: [JO] eq. 1, 34a; [HJO] eq. 34a, 35.
+/// kernel of the memory must be that of D^β for the step size of the integration. Source: \[JO\] eq. 1, 34a; \[HJO\] eq. 34a, 35.
 #[derive(Clone, Copy, Debug)]
 pub struct DampingTerm<T, const N: usize, M> {
     coefficients: Coefficients<T, N>,

@@ -73,7 +73,7 @@ pub enum Overflow {
 /// For S×S kernels the weights lie plane by plane: entry (i, j) of W_n is `weights[(i·S + j)·L + n]` with
 /// L = `weights.len() / S²`. All of them are multiplied by `scale`, the h^{−β} (or w₀) that a dimensionless table leaves out.
 ///
-/// Source of the kernels: [HJO] eq. 21, 35; [JO] eq. 45.
+/// Source of the kernels: \[HJO\] eq. 21, 35; \[JO\] eq. 45.
 #[derive(Clone, Debug)]
 pub struct Direct<T, K, C, R> {
     weights: K,

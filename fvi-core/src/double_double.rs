@@ -2,7 +2,7 @@
 
 /// Unevaluated sum `high + low` with |low| at most half a unit in the last place of `high`.
 ///
-/// The classical error-free transformations of [Dekker71] and [Knuth2]; products split their factors, so
+/// The classical error-free transformations of \[Dekker71\] and \[Knuth2\]; products split their factors, so
 /// that the same operations run in a `const fn` and on targets without fused multiply–add.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DoubleDouble {

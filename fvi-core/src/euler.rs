@@ -15,7 +15,7 @@ use crate::system::{Force, Instant, Potential, System};
 /// ```
 ///
 /// q_{k+1} is known before the memory is asked for it; for β = 1 and Grünwald–Letnikov weights the last term is ρ (q_{k+1} − q_k) =
-/// h ρ M⁻¹ p_k, the explicit Euler method of the linearly damped system. Source: [JO] §5, eq. 44.
+/// h ρ M⁻¹ p_k, the explicit Euler method of the linearly damped system. Source: \[JO\] §5, eq. 44.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ExplicitEuler;
 
@@ -25,7 +25,7 @@ pub struct ExplicitEuler;
 /// q_{k+1} = q_k + h M⁻¹ p_{k+1} ,     p_{k+1} = p_k − h ∇U(q_{k+1}) + h F(t_{k+1}, q_{k+1}) − h Σ_m ρ_m (D^{β_m} q)_{k+1}
 /// ```
 ///
-/// Source: [JO] §5, eq. 44.
+/// Source: \[JO\] §5, eq. 44.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ImplicitEuler;
 

@@ -103,7 +103,7 @@ impl<T> ExponentialTable<&[T]> {
 /// The kernel is `scale` times that of the table, so that one dimensionless table, made for h = 1, serves every
 /// step size with `scale` = h^{−β}.
 ///
-/// Source: collapsed contour of [HJO] eq. 19; recursion as in [SchädleLFLubich06].
+/// Source: collapsed contour of \[HJO\] eq. 19; recursion as in \[SchädleLFLubich06\].
 ///
 /// ```
 /// # use fvi_core::{ExponentialSum, ExponentialTable, Memory};
@@ -402,7 +402,9 @@ where
             }
             let (here, behind) = core::mem::take(&mut sums).split_at_mut_checked(blocks)?;
             sums = behind;
-            for (block, sums) in table.exponentials.chunks_exact(block_len(stages).max(1)).zip(here.iter_mut()) {
+            for (block, sums) in
+                table.exponentials.chunks_exact(block_len(stages).max(1)).zip(here.iter_mut())
+            {
                 let (decay, entries) = block.as_chunks::<LANES>().0.split_first()?;
                 let (outputs, inputs) = entries.split_at_checked(stages)?;
                 let input = inputs

@@ -26,10 +26,10 @@ use crate::system::{Force, Instant, Potential, System};
 /// p_k = −D₁L_d − f₀ ,    0 = D_νL_d + f_ν (inner nodes) ,    p_{k+1} = D_{S+1}L_d + f_S − h Σ_m ρ_m (D^{β_m} q)_{k+1}
 /// ```
 ///
-/// with the virtual work f_ν = h Σ_i b_i ℓ_ν(c_i) F of the external force. Eliminating p gives [JO] Algorithm 3 and [HJO] eq. 38a,
+/// with the virtual work f_ν = h Σ_i b_i ℓ_ν(c_i) F of the external force. Eliminating p gives \[JO\] Algorithm 3 and \[HJO\] eq. 38a,
 /// 44a–b (Algorithm 1). The fractional force involves q_{k+1} only after the first two lines have found it.
 ///
-/// Source: [JO] eq. 45a, 57, 63–66; [HJO] eq. 6–7, 42.
+/// Source: \[JO\] eq. 45a, 57, 63–66; \[HJO\] eq. 6–7, 42.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Galerkin<T, const S: usize, const Q: usize> {
     /// Quadrature weights b_i.
@@ -61,7 +61,7 @@ fn lagrange(points: &[f64], nu: usize, tau: f64) -> (f64, f64) {
 impl<T: Real, const S: usize, const Q: usize> Galerkin<T, S, Q> {
     /// Polynomials of degree S through the Lobatto points of S + 1 nodes, with the given quadrature.
     ///
-    /// The conservative part has the order min(2S, u), u the order of the quadrature ([HJO] §2.3 with its references): 2Q
+    /// The conservative part has the order min(2S, u), u the order of the quadrature (\[HJO\] §2.3 with its references): 2Q
     /// for Gauss, 2Q − 2 for Lobatto. S = Q with Gauss points is the Gauss collocation method.
     ///
     /// ```
@@ -73,7 +73,7 @@ impl<T: Real, const S: usize, const Q: usize> Galerkin<T, S, Q> {
     /// # Ok::<(), fvi_core::ParameterError>(())
     /// ```
     ///
-    /// Source: [HJO] eq. 6–7, 42.
+    /// Source: \[HJO\] eq. 6–7, 42.
     ///
     /// # Errors
     /// If S is not one of 1…6, or Q is less than S: Σ_i b_i ℓ̇_ν(c_i) ℓ̇_μ(c_i) is then singular.
@@ -185,7 +185,7 @@ impl<T: Real, const S: usize, const Q: usize> Galerkin<T, S, Q> {
 const MAX_DEGREE: usize = 6;
 
 impl<T: Real> Galerkin<T, 1, 1> {
-    /// The low-order discrete Lagrangian of [JO] eq. 57, potential at κ q_k + (1−κ) q_{k+1}.
+    /// The low-order discrete Lagrangian of \[JO\] eq. 57, potential at κ q_k + (1−κ) q_{k+1}.
     ///
     /// κ = ½ is the midpoint rule (order 2 for the conservative part); κ = 0 and 1 are the two symplectic Euler methods.
     ///

@@ -51,7 +51,7 @@ pub struct State<T, const N: usize> {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 ///
-/// Source: [JO] Algorithm 3; [HJO] Algorithm 1.
+/// Source: \[JO\] Algorithm 3; \[HJO\] Algorithm 1.
 #[derive(Clone, Debug)]
 pub struct Integrator<T, const N: usize, const R: usize, P, F, S, D> {
     system: System<T, N, P, F>,
@@ -169,7 +169,7 @@ where
         self.system.mass.velocity(&self.state.momentum)
     }
 
-    /// Energy ½ pᵀ M⁻¹ p + U(q) of the present state ([JO] §5).
+    /// Energy ½ pᵀ M⁻¹ p + U(q) of the present state (\[JO\] §5).
     pub fn energy(&self) -> T {
         self.system.energy(&self.state.position, &self.state.momentum)
     }

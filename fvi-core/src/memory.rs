@@ -23,7 +23,7 @@ use core::fmt;
 /// successful `next_term` the following push of a sample of the right length succeeds. A call that fails
 /// changes nothing. Engines differ in cost and in rounding only.
 ///
-/// Source: [HLS]; the kernels are those of [Lubich86].
+/// Source: \[HLS\]; the kernels are those of \[Lubich86\].
 pub trait Memory<T> {
     /// Number of channels, N·S: how many numbers a sample has.
     fn channels(&self) -> usize;

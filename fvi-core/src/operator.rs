@@ -7,7 +7,7 @@ use crate::real::Real;
 
 /// Left (retarded) discrete operator: (D₋x)_k = Σ_{n=0}^{k} w_n x_{k−n}, for every k of the sequence.
 ///
-/// `output` has as many numbers as `samples`, of which those are written for which both exist. Source: [JO] eq. 45b; [HJO] eq. 21.
+/// `output` has as many numbers as `samples`, of which those are written for which both exist. Source: \[JO\] eq. 45b; \[HJO\] eq. 21.
 pub fn left_operator<T: Real>(weights: &[T], samples: &[T], output: &mut [T]) {
     for (k, output) in output.iter_mut().enumerate().take(samples.len()) {
         let past = samples.get(..=k).unwrap_or(&[]).iter().rev();
@@ -17,7 +17,7 @@ pub fn left_operator<T: Real>(weights: &[T], samples: &[T], output: &mut [T]) {
 
 /// Right (advanced) discrete operator: (D₊x)_k = Σ_{n=0}^{N−k} w_n x_{k+n}, for every k of the sequence x₀ … x_N.
 ///
-/// It is the adjoint of the left one: Σ_k g_k (D₋f)_k = Σ_k (D₊g)_k f_k. Source: [JO] eq. 45c; [HJO] eq. 22–23.
+/// It is the adjoint of the left one: Σ_k g_k (D₋f)_k = Σ_k (D₊g)_k f_k. Source: \[JO\] eq. 45c; \[HJO\] eq. 22–23.
 pub fn right_operator<T: Real>(weights: &[T], samples: &[T], output: &mut [T]) {
     for (k, output) in output.iter_mut().enumerate() {
         let future = samples.get(k..).unwrap_or(&[]);
@@ -60,7 +60,7 @@ pub enum Start<T> {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 ///
-/// Source: [HJO] eq. 21; [JO] eq. 4 for the relation of the two types.
+/// Source: \[HJO\] eq. 21; \[JO\] eq. 4 for the relation of the two types.
 #[derive(Clone, Debug)]
 pub struct FractionalOperator<T, M> {
     memory: M,

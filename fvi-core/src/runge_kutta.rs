@@ -18,7 +18,7 @@ use crate::system::{Force, Potential, System};
 /// Δ(z) = A⁻¹ − z A⁻¹ 1 bᵀ A⁻¹ ,      Σ_n W_n zⁿ = (Δ(z)/h)^β ,      (D^β X)_k = Σ_{n=0}^{k} W_n X_{k−n} ,
 /// ```
 ///
-/// where X_k holds the values at the times t_k + c_i h of step k. Source: [LO93]; the methods are those of [HW].
+/// where X_k holds the values at the times t_k + c_i h of step k. Source: \[LO93\]; the methods are those of \[HW\].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RungeKutta<const R: usize> {
     quadrature: Quadrature<R>,
@@ -131,7 +131,7 @@ impl<const R: usize> RungeKutta<R> {
 /// p_{k+1} = D_{S+1}L_d + f_S − h Σ_i b_i ℓ_S(c_i) Σ_m ρ_m (D^{β_m} X)_{k,i}
 /// ```
 ///
-/// implicit in the stages of step k through the leading weight W₀. It follows from the restricted principle of [HJO] eq. 42 with
+/// implicit in the stages of step k through the leading weight W₀. It follows from the restricted principle of \[HJO\] eq. 42 with
 /// the inner product Σ_k h Σ_i b_i in place of Σ_k h, in which the advanced operator is the adjoint of the retarded one.
 ///
 /// A damping for it has a memory with R stages whose weights are those of the same method.

@@ -109,7 +109,7 @@ impl core::error::Error for MatrixError {}
 
 /// Mass matrix M of the kinetic energy ½ vᵀ M v: symmetric and positive definite, diagonal or dense.
 ///
-/// Source: [JO] eq. 33.
+/// Source: \[JO\] eq. 33.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mass<T, const N: usize> {
     matrix: Coefficients<T, N>,
@@ -300,7 +300,7 @@ impl<T: Real, const N: usize, F: Fn(Instant<T>) -> SVector<T, N>> Force<T, N> fo
 /// d/dt ∂L/∂v − ∂L/∂q = F(t, q) − Σ_m ρ_m D₋^{β_m} q
 /// ```
 ///
-/// The damping on the right is not part of it: it has a memory, see [`DampingTerm`](crate::DampingTerm). Source: [JO] eq. 1, 31–34.
+/// The damping on the right is not part of it: it has a memory, see [`DampingTerm`](crate::DampingTerm). Source: \[JO\] eq. 1, 31–34.
 #[derive(Clone, Copy, Debug)]
 pub struct System<T, const N: usize, P, F = NoForce> {
     /// Mass matrix M.
@@ -312,7 +312,7 @@ pub struct System<T, const N: usize, P, F = NoForce> {
 }
 
 impl<T: Real, const N: usize, P: Potential<T, N>, F: Force<T, N>> System<T, N, P, F> {
-    /// Energy E = ½ pᵀ M⁻¹ p + U(q) ([JO] §5).
+    /// Energy E = ½ pᵀ M⁻¹ p + U(q) (\[JO\] §5).
     pub fn energy(&self, position: &SVector<T, N>, momentum: &SVector<T, N>) -> T {
         T::of(0.5) * momentum.dot(&self.mass.velocity(momentum)) + self.potential.value(position)
     }

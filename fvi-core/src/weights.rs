@@ -6,8 +6,8 @@ use crate::real::Real;
 
 /// Order p = 1…6 of a backward differentiation formula.
 ///
-/// Its generating function is γ_p(z) = Σ_{i=1}^{p} (1−z)^i / i ([HJO] eq. 30); p = 1 gives the Grünwald–Letnikov
-/// weights of [JO] eq. 46.
+/// Its generating function is γ_p(z) = Σ_{i=1}^{p} (1−z)^i / i (\[HJO\] eq. 30); p = 1 gives the Grünwald–Letnikov
+/// weights of \[JO\] eq. 46.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct BdfOrder(u8);
 
@@ -160,7 +160,7 @@ impl MonicWeights {
 /// The exponent β may be any number in (−1, 2): positive for derivatives (the damping order 2α of the equation
 /// of motion), negative for fractional integrals. Units of a weight: time^(−β).
 ///
-/// Source: [HJO] eq. 18–22, 30, 35; [JO] eq. 45–46 for p = 1; [Lubich86].
+/// Source: \[HJO\] eq. 18–22, 30, 35; \[JO\] eq. 45–46 for p = 1; \[Lubich86\].
 ///
 /// ```
 /// # use fvi_core::{BdfOrder, ConvolutionWeights};

@@ -14,7 +14,7 @@ use crate::scalar::Scalar;
 /// The `block-fft` memory: fast convolution of a known kernel with an online signal, O(k log² k) for k steps.
 ///
 /// Lags below two blocks of 64 samples are summed directly; beyond, blocks of growing size are convolved through cached spectra of the
-/// kernel, block pairs always at distance ≥ 2 (see [HLS] for the idea). It is exact to rounding for any kernel, leading
+/// kernel, block pairs always at distance ≥ 2 (see \[HLS\] for the idea). It is exact to rounding for any kernel, leading
 /// weight zero included: the error is a few u·Σ|w||x|, on decaying and growing signals too.
 ///
 /// All coordinates share plans and kernel spectra. The cost of a step is uneven: a step that begins a large block

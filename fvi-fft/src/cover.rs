@@ -16,7 +16,7 @@
 /// short lags never share a transform with small ones of long lags, which would leave the latter with the rounding
 /// errors of the former.
 ///
-/// Source: [HLS], [Gardner95], [Garcia02], arranged for accuracy.
+/// Source: \[HLS\], \[Gardner95\], \[Garcia02\], arranged for accuracy.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Cover {
     blocks: Vec<usize>,

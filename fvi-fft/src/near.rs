@@ -60,7 +60,7 @@ impl<T: Scalar> Near<T> {
     /// Adds what is due after the sample x_k, the last one of `signal`, to the terms of its chunk.
     ///
     /// If 2ⁱ is the largest power of two that divides k + 1, the last 2ⁱ samples are added to the next 2ⁱ terms: the
-    /// binary splitting of [HLS], here to load and store each term four times only.
+    /// binary splitting of \[HLS\], here to load and store each term four times only.
     pub(crate) fn push(&mut self, k: usize, signal: &[Vec<T>]) {
         match (k + 1) % CHUNK {
             0 => {}

@@ -38,7 +38,7 @@ pub enum Pacing {
 ///
 /// Outputs lie in buffers of their own level until they are read, so [`Pacing`] does not change a bit of the result.
 ///
-/// Source: [Gardner95], [Garcia02], [Battenberg11].
+/// Source: \[Gardner95\], \[Garcia02\], \[Battenberg11\].
 pub struct RealTime<T: Scalar> {
     channels: usize,
     len: usize,

@@ -14,8 +14,8 @@
 //! How much each group can be compressed, and how short the head may be, is found by measuring the error of the
 //! weights and not by a bound.
 //!
-//! Sources: [HJO] eq. 18–22, 30; the Gauss rule of a discrete measure by Lanczos' algorithm, [GolubWelsch69],
-//! [Gautschi04]; quadrature for sums of exponentials, [BeylkinMonzon10], [McLean18].
+//! Sources: \[HJO\] eq. 18–22, 30; the Gauss rule of a discrete measure by Lanczos' algorithm, \[GolubWelsch69\],
+//! \[Gautschi04\]; quadrature for sums of exponentials, \[BeylkinMonzon10\], \[McLean18\].
 
 use crate::aligned::Aligned;
 use fvi_core::{BdfOrder, ConvolutionWeights, ExponentialTable, ParameterError, Real};
@@ -224,7 +224,7 @@ fn sum_of_exponentials(exponentials: &[Exponential], n: usize) -> f64 {
     accurate_sum(exponentials.iter().map(|e| e.coefficient * libm::exp(-e.rate * n as f64)))
 }
 
-/// Sum with the rounding errors of the additions gathered apart [Knuth2]: the check of a table must not be less accurate
+/// Sum with the rounding errors of the additions gathered apart \[Knuth2\]: the check of a table must not be less accurate
 /// than the table.
 fn accurate_sum(numbers: impl Iterator<Item = f64>) -> f64 {
     let (sum, error) = numbers.fold((0.0, 0.0), |(sum, error): (f64, f64), number| {
@@ -389,7 +389,7 @@ fn fast_gauss_rule(group: &[Exponential], size: usize, head: usize) -> Nodes {
 /// The Gauss rule of `size` nodes of a discrete positive measure of (place, mass), in ascending order.
 ///
 /// Lanczos' algorithm on the diagonal matrix of places, started from the square roots of the masses and
-/// reorthogonalised, gives the Jacobi matrix; its eigenvalues are the nodes ([GolubWelsch69]).
+/// reorthogonalised, gives the Jacobi matrix; its eigenvalues are the nodes (\[GolubWelsch69\]).
 fn gauss_rule(measure: &[(f64, f64)], size: usize) -> Vec<(f64, f64)> {
     let total = accurate_sum(measure.iter().map(|(_, mass)| *mass));
     let mut jacobi = DMatrix::zeros(size, size);

@@ -55,7 +55,7 @@ const RESTART: usize = 16;
 /// on a circle loses all digits of the tail. The powers come from ln(1 − decrement), not from R rounded to a number near one.
 ///
 /// For 1 < β < 2 the first three follow from those of β − 1 by the semigroup: the integral needs n > β + 1 to end soon. Whole
-/// exponents have two coefficients at most: D¹ has A⁻¹/h and −A⁻¹1bᵀA⁻¹/h. Source: [LO93]; [LS02] for the contour.
+/// exponents have two coefficients at most: D¹ has A⁻¹/h and −A⁻¹1bᵀA⁻¹/h. Source: \[LO93\]; \[LS02\] for the contour.
 #[derive(Clone, Debug)]
 pub struct RungeKuttaWeights<const R: usize> {
     count: usize,

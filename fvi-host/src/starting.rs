@@ -25,7 +25,7 @@ pub const TRUSTED_CONDITION: f64 = 1e8;
 /// The corrections are as good as the first samples. Where the scheme takes the first step with an error that is a fixed part of
 /// x₁ itself, as under a force that starts like √t, that part of the quadrature's error stays at every step size.
 ///
-/// Source: [HJO] eq. 26–27; [Lubich86] eq. 4.1 ff.; [DFFW06] for the condition.
+/// Source: \[HJO\] eq. 26–27; \[Lubich86\] eq. 4.1 ff.; \[DFFW06\] for the condition.
 #[derive(Clone, Debug)]
 pub struct StartingCorrection<T, M, P> {
     memory: M,

@@ -7,7 +7,7 @@
 //! L_h^{σ,α}(Q) = h Σ_{k∈I_σ} L(Q_k, V_k, t_k) ,   V = −σ Δ_σ^α Q ,   I₋ = {1…N}, I₊ = {0…N−1}
 //! ```
 //!
-//! and its extremals solve ∂L/∂x − σ Δ_{−σ}^α ∂L/∂v = 0 at k = 1…N−1 ([BCGI] Propositions 4 and 5, Theorem 5).
+//! and its extremals solve ∂L/∂x − σ Δ_{−σ}^α ∂L/∂v = 0 at k = 1…N−1 (\[BCGI\] Propositions 4 and 5, Theorem 5).
 //!
 //! | file | idea |
 //! |---|---|

@@ -57,7 +57,7 @@ fn the_mirror_system_runs_backwards() {
     }
 }
 
-/// Linearly damped oscillator of [JO] eq. 67 (ρ = 0.2, q₀ = 1, p₀ = ½) to t = 20.
+/// Linearly damped oscillator of \[JO\] eq. 67 (ρ = 0.2, q₀ = 1, p₀ = ½) to t = 20.
 fn oscillator<S: Scheme<f64, 1, 1>>(scheme: S, h: f64) -> Motion<1> {
     let steps = (20.0 / h).round() as usize;
     let table = weights(1, 1.0, h, steps + 1);

@@ -1,8 +1,8 @@
 //! A million steps of a nonlinear pendulum: the fast engines give one trajectory, in memories of very different size.
 
 use fvi_core::{
-    BdfOrder, ConvolutionWeights, DampingTerm, Derivative::Caputo, ExponentialSum, Galerkin, Integrator, Mass, Memory,
-    NoForce, System,
+    BdfOrder, ConvolutionWeights, DampingTerm, Derivative::Caputo, ExponentialSum, Galerkin, Integrator,
+    Mass, Memory, NoForce, System,
 };
 use fvi_fft::{BlockFft, Pacing, RealTime};
 use fvi_host::exponential_table::ExponentialKernel;

@@ -1,5 +1,5 @@
 //! Coherence of discrete embeddings: the direct embedding of the Euler–Lagrange equation against the gradient of the
-//! discrete functional ([BCGI] Propositions 1, 3 and 5).
+//! discrete functional (\[BCGI\] Propositions 1, 3 and 5).
 
 use fvi_host::expression::{Expression, Symbols};
 use fvi_host::two_point::{

@@ -8,7 +8,7 @@ use fvi_core::Real;
 /// s^β ≈ ω_h^β Π_{k=1}^{S} (s + ω′_k) / (s + ω_k) ,     ω′_k, ω_k = ω_b (ω_h/ω_b)^{(k − ½ ∓ β/2)/S}
 /// ```
 ///
-/// good between the frequencies ω_b and ω_h. Source: [Oustaloup00].
+/// good between the frequencies ω_b and ω_h. Source: \[Oustaloup00\].
 #[derive(Clone, Debug)]
 pub struct Oustaloup<T, const S: usize> {
     gain: T,

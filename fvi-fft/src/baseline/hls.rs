@@ -15,7 +15,7 @@ use crate::scalar::Scalar;
 /// Near and far lags share a transform, so that small terms get the rounding errors of large ones: on
 /// decaying signals the result is not exact to rounding.
 ///
-/// Source: [HLS].
+/// Source: \[HLS\].
 pub struct Hls<T: Scalar> {
     stages: usize,
     capacity: usize,

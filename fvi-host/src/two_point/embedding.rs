@@ -17,7 +17,7 @@ use fvi_core::ParameterError;
 /// ∂L/∂x(Q_k, V_k, t_k) − σ (Δ_{−σ}^α ∂L/∂v(Q, V, t))_k ,   V = −σ Δ_σ^α Q ,   k = 1…N−1
 /// ```
 ///
-/// Coherent: [BCGI] Proposition 5.
+/// Coherent: \[BCGI\] Proposition 5.
 ///
 /// # Errors
 /// If `alpha` is outside (0, 1].
@@ -42,7 +42,7 @@ pub fn fractional_embedding(
 /// Direct embedding of the asymmetric Euler–Lagrange equation ∂L/∂x − σ d_{−σ}(∂L/∂v) = 0 by the asymmetric
 /// Gauss–FDEσ, with the one-sided differences Δ₋ and Δ₊; k = 1…N−1.
 ///
-/// Coherent: [BCGI] Proposition 3.
+/// Coherent: \[BCGI\] Proposition 3.
 pub fn asymmetric_embedding(
     lagrangian: &dyn Lagrangian,
     grid: &Grid,
@@ -63,7 +63,7 @@ pub fn asymmetric_embedding(
 /// derivatives: the equations k = 2…N for σ = −, k = 0…N−2 for σ = +.
 ///
 /// Not coherent: it has no adjoint difference, and its equations are not those of any critical point of the
-/// functional. [BCGI] Proposition 1 (eq. 1) and §2.2.
+/// functional. \[BCGI\] Proposition 1 (eq. 1) and §2.2.
 pub fn symmetric_embedding(
     lagrangian: &dyn Lagrangian,
     grid: &Grid,

@@ -25,7 +25,7 @@ pub struct Term {
 /// The differential equation O(x) = Σ_i f_i · (d/dt)^i ∘ g_i = 0 of order two, and its embedding by FDEσ: each d/dt becomes
 /// −σ Δ_σ, which gives an equation at k = 2…N for σ = − and k = 0…N−2 for σ = +.
 ///
-/// The embedding depends on how the operator is written, not only on the equation. Source: [BCGI] Definition 4; its
+/// The embedding depends on how the operator is written, not only on the equation. Source: \[BCGI\] Definition 4; its
 /// example, ẍ + ẋ + x = 0, is their eq. NE and NE_h.
 #[derive(Clone, Debug, Serialize)]
 #[serde(transparent)]

@@ -8,7 +8,7 @@ use fvi_core::ParameterError;
 
 /// The discrete Lagrangian functional L_h^{σ,α}(Q) = h Σ_{k∈I_σ} L(Q_k, V_k, t_k), V = −σ Δ_σ^α Q.
 ///
-/// Source: [BCGI] Proposition 4; for α = 1, Proposition 2.
+/// Source: \[BCGI\] Proposition 4; for α = 1, Proposition 2.
 pub struct Functional<'a> {
     lagrangian: &'a dyn Lagrangian,
     grid: Grid,
@@ -67,7 +67,7 @@ impl<'a> Functional<'a> {
     /// (1/h) ∂L_h^{σ,α}/∂Q_k for k = 1…N−1, by the chain rule: ∂L/∂x plus the adjoint of −σ Δ_σ^α applied to ∂L/∂v.
     ///
     /// Its zeros are the discrete extremals; it is the left side of the equation that the variational integrator
-    /// gives, [BCGI] Theorem 5.
+    /// gives, \[BCGI\] Theorem 5.
     pub fn gradient(&mut self, positions: &[f64]) -> Vec<f64> {
         let velocities = self.velocities(positions);
         let d = self.lagrangian.coordinates();

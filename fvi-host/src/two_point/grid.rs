@@ -4,7 +4,7 @@ use core::ops::Range;
 use fvi_core::ParameterError;
 use serde::Serialize;
 
-/// The side σ of a discrete operator Δ_σ^α ([BCGI] Definitions 2, 3 and 11).
+/// The side σ of a discrete operator Δ_σ^α (\[BCGI\] Definitions 2, 3 and 11).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub enum Sigma {
     /// σ = −: the left derivative, which looks back to the start of the interval.

@@ -20,7 +20,7 @@ pub(super) struct Limits {
 /// residual in the norm of M⁻¹ over a Krylov space that grows by one dimension an iteration, at one product with A and
 /// one with M⁻¹. Memory: nine vectors.
 ///
-/// Source: [PaigeSaunders75].
+/// Source: \[PaigeSaunders75\].
 pub(super) fn solve(
     right_side: &[f64],
     mut product: impl FnMut(&[f64]) -> Vec<f64>,

@@ -16,7 +16,7 @@ use fvi_core::{BdfOrder, ConvolutionWeights, ParameterError};
 ///
 /// Values are stored for all points 0…N; at the one point outside I_σ they are zero and mean nothing.
 ///
-/// Source: [BCGI] Definitions 2, 3 and 11.
+/// Source: \[BCGI\] Definitions 2, 3 and 11.
 #[derive(Debug)]
 pub struct DiscreteOperator {
     sigma: Sigma,
