@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 pub struct ExtremalArguments {
     /// The problem file (TOML)
     problem: PathBuf,
-    /// Where the files go [default: `out/<problem name>`]
+    /// Where the files go (default: `out/` and the name of the problem)
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Neither progress nor result on the terminal
