@@ -184,7 +184,7 @@ pub fn converge(
             Ok(Outcome::Failed { reason }) => (0.0, Some(reason)),
             Err(ConvergeError::Input(error)) => match error.problem() {
                 Problem::Unstable { largest_step } => {
-                    (0.0, Some(format!("unstable: the largest stable step is {largest_step:.3e}")))
+                    (0.0, Some(format!("unstable: the largest stable step is {largest_step:.2e}")))
                 }
                 _ => return Err(ConvergeError::Input(error)),
             },

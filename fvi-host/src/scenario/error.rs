@@ -206,7 +206,7 @@ pub enum Problem {
         place: String,
     },
     /// The step is too long for the explicit fractional force.
-    #[error("unstable: the largest stable step is about {largest_step:e}")]
+    #[error("unstable: the largest stable step is about {largest_step:.2e}")]
     Unstable {
         /// The largest stable step.
         largest_step: f64,

@@ -35,7 +35,8 @@ pub(super) fn check_step<const N: usize, const S: usize, const Q: usize>(
     };
     let damping: Vec<ExplicitDamping<f64, N>> = scenario.system.damping.iter().map(explicit).collect();
     match check_stability(scheme, &system.mass, &stiffness, &damping, scenario.time.step) {
-        Ok(Stability::Unstable { largest_stable_step: largest_step }) => {
+        Ok(Stability::Unstable { largest_stable_step }) => {
+            let largest_step = three_digits_below(largest_stable_step);
             Err(scenario.error_at("time.step", Problem::Unstable { largest_step }))
         }
         Ok(Stability::Stable) => Ok(()),
@@ -43,6 +44,12 @@ pub(super) fn check_step<const N: usize, const S: usize, const Q: usize>(
             Err(scenario.error_at("time.step", Problem::OutOfRange { allowed: error.allowed.to_owned() }))
         }
     }
+}
+
+/// A positive number cut to three digits: a step of that size passes the check.
+fn three_digits_below(number: f64) -> f64 {
+    let unit = libm::exp10(libm::log10(number).floor() - 2.0);
+    (number / unit).floor() * unit
 }
 
 fn system<T: Elementary, const N: usize>(scenario: &Scenario) -> Result<ScenarioSystem<T, N>, InputError> {

@@ -59,7 +59,7 @@ fn constants_hold_the_numbers_of_the_tables() {
         assert!(constants.contains(if format == "rust" {
             "horizon: 10000,"
         } else {
-            "#define FVI_HORIZON 10000ULL"
+            "#define FVI_HORIZON 10000U\n"
         }));
     }
 }
