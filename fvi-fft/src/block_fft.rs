@@ -54,17 +54,6 @@ const RATIO: usize = 8;
 /// A level is the top if the whole run has at most this many of its blocks.
 const TOP_BLOCKS: usize = 32;
 
-/// Levels for a run of at most `capacity` samples.
-fn bounded_cover(capacity: usize) -> Cover {
-    let mut ratios = Vec::new();
-    let mut block = FIRST_BLOCK;
-    while capacity.div_ceil(block) > TOP_BLOCKS {
-        ratios.push(RATIO);
-        block *= RATIO;
-    }
-    Cover::bounded(FIRST_BLOCK, &ratios)
-}
-
 impl<T: Scalar> BlockFft<T> {
     /// A memory for at most `capacity` samples; all spectra are computed here.
     ///
@@ -77,25 +66,11 @@ impl<T: Scalar> BlockFft<T> {
     ) -> Result<Self, ParameterError> {
         let stages = check_shape(&kernel, channels)?;
         let unit = Arch::new();
-        let cover = bounded_cover(capacity);
+        let cover = Cover::for_run(FIRST_BLOCK, RATIO, TOP_BLOCKS, capacity);
         let planes = take_planes(&mut kernel, capacity.max(2 * cover.block(0)));
-        let mut planner = FftPlanner::new();
         let mut scratch = Vec::new();
-        let mut levels = Vec::new();
-        for index in 0..cover.levels() {
-            let reach = cover.reach(index, capacity);
-            if reach < 2 {
-                break;
-            }
-            let block = cover.block(index);
-            let shape = LevelShape { block, leaf: LEAF, stages, channels, reach, outputs: 1 };
-            let mut level = Level::new(&shape, &mut planner, unit);
-            scratch.resize(level.scratch().max(scratch.len()), Complex::default());
-            while level.missing_distance() <= reach {
-                level.add_distance(&planes, &mut scratch);
-            }
-            levels.push(level);
-        }
+        let shape = LevelShape { block: 0, leaf: LEAF, stages, channels, reach: 0, outputs: 1 };
+        let levels = Level::for_run(&cover, capacity, &shape, &planes, &mut scratch, unit);
         Ok(Self {
             channels,
             len: 0,

@@ -34,6 +34,17 @@ impl Cover {
         Self { blocks, beyond: None }
     }
 
+    /// Levels for a run of at most `capacity` samples: blocks grow by `ratio` until at most `top_blocks` hold the run.
+    pub(crate) fn for_run(first: usize, ratio: usize, top_blocks: usize, capacity: usize) -> Self {
+        let mut ratios = Vec::new();
+        let mut block = first;
+        while capacity.div_ceil(block) > top_blocks {
+            ratios.push(ratio);
+            block *= ratio;
+        }
+        Self::bounded(first, &ratios)
+    }
+
     /// Only the level `first`, with a level `ratio` times as large to come: for runs of unknown length.
     pub(crate) fn growing(first: usize, ratio: usize) -> Self {
         Self { blocks: vec![first], beyond: Some(ratio) }

@@ -6,6 +6,7 @@ use pulp::{Arch, Simd, WithSimd};
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 
+use crate::cover::Cover;
 use crate::scalar::Scalar;
 use crate::transform::{PACKET, Packet, Transform};
 
@@ -72,6 +73,37 @@ impl<T: Scalar> Level<T> {
             transform,
             unit,
         }
+    }
+
+    /// The levels of a run of at most `capacity` samples, with all their spectra; `scratch` grows to what they need.
+    ///
+    /// `shape` tells what all levels share; its block and reach are those of no level.
+    pub(crate) fn for_run(
+        cover: &Cover,
+        capacity: usize,
+        shape: &LevelShape,
+        planes: &[Vec<T>],
+        scratch: &mut Vec<Complex<T>>,
+        unit: Arch,
+    ) -> Vec<Self> {
+        let mut planner = FftPlanner::new();
+        let reaches = (0..cover.levels()).map(|index| cover.reach(index, capacity));
+        let mut levels = Vec::new();
+        for (index, reach) in reaches.enumerate().take_while(|&(_, reach)| reach >= 2) {
+            let shape = LevelShape { block: cover.block(index), reach, ..*shape };
+            let mut level = Self::new(&shape, &mut planner, unit);
+            scratch.resize(level.scratch().max(scratch.len()), Complex::default());
+            while level.missing_distance() <= reach {
+                level.add_distance(planes, scratch);
+            }
+            levels.push(level);
+        }
+        levels
+    }
+
+    /// Largest block distance that the level serves.
+    pub(crate) fn reach(&self) -> usize {
+        self.slots + 1
     }
 
     pub(crate) fn block(&self) -> usize {

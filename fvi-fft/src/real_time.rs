@@ -4,7 +4,6 @@ use core::ops::Range;
 
 use fvi_core::{Memory, MemoryError, ParameterError, check_channels};
 use pulp::Arch;
-use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 
 use crate::cover::Cover;
@@ -84,17 +83,6 @@ const TOP_BLOCKS: usize = 16;
 /// The budget is this part larger than what the jobs need, in percent.
 const RESERVE: Work = 5;
 
-/// Levels for a run of at most `capacity` samples.
-fn cover(capacity: usize) -> Cover {
-    let mut ratios = Vec::new();
-    let mut block = FIRST_BLOCK;
-    while capacity.div_ceil(block) > TOP_BLOCKS {
-        ratios.push(RATIO);
-        block *= RATIO;
-    }
-    Cover::bounded(FIRST_BLOCK, &ratios)
-}
-
 impl<T: Scalar> RealTime<T> {
     /// A memory for at most `capacity` samples; everything is computed and allocated here.
     ///
@@ -108,29 +96,17 @@ impl<T: Scalar> RealTime<T> {
     ) -> Result<Self, ParameterError> {
         let stages = check_shape(&kernel, channels)?;
         let unit = Arch::new();
-        let cover = cover(capacity);
+        let cover = Cover::for_run(FIRST_BLOCK, RATIO, TOP_BLOCKS, capacity);
         let planes = take_planes(&mut kernel, capacity.max(2 * cover.block(0)));
-        let mut planner = FftPlanner::new();
         let mut scratch = Vec::new();
-        let mut levels = Vec::new();
-        let mut budget = 0;
-        for index in 0..cover.levels() {
-            let reach = cover.reach(index, capacity);
-            if reach < 2 {
-                break;
-            }
-            let block = cover.block(index);
-            let shape = LevelShape { block, leaf: LEAF, stages, channels, reach, outputs: 2 };
-            let mut level = Level::new(&shape, &mut planner, unit);
-            scratch.resize(level.scratch().max(scratch.len()), Complex::default());
-            while level.missing_distance() <= reach {
-                level.add_distance(&planes, &mut scratch);
-            }
-            let largest = 0..reach - 1;
+        let shape = LevelShape { block: 0, leaf: LEAF, stages, channels, reach: 0, outputs: 2 };
+        let levels: Vec<Level<T>> = Level::for_run(&cover, capacity, &shape, &planes, &mut scratch, unit);
+        let budget = levels.iter().map(|level| {
+            let largest = 0..level.reach() - 1;
             let job: usize = (0..level.tasks(&largest)).map(|task| level.cost(&largest, task)).sum();
-            budget += (job as Work * (100 + RESERVE)).div_euclid(100 * block as Work) + 1;
-            levels.push(level);
-        }
+            (job as Work * (100 + RESERVE)).div_euclid(100 * level.block() as Work) + 1
+        });
+        let budget = budget.sum();
         Ok(Self {
             channels,
             len: 0,
