@@ -94,9 +94,10 @@ pub enum EngineError {
     Table(ExponentialKernelError),
 }
 
-/// Number of samples from which on a fast engine beats the plain sum over a whole run, its preparation included.
+/// Number of samples up to which the plain sum serves by default.
 ///
-/// From `cargo bench -p fvi-benches --bench crossover`.
+/// So long a run spends tens of milliseconds in the sum, about as much as making a table of exponentials takes; step for step
+/// the fast engines are ahead much earlier (`fvi compare-engines`).
 const CROSSOVER: usize = 16_384;
 
 /// Relative error of a weight that does not show beside rounding.
