@@ -128,7 +128,7 @@ impl<T> ExponentialTable<&[T]> {
 pub struct ExponentialSum<T, C, B> {
     table: ExponentialTable<C>,
     scale: T,
-    channels: usize,
+    layout: Layout,
     state: B,
     /// Place of the oldest delayed sample.
     oldest: usize,
@@ -198,8 +198,9 @@ where
             return Err(ParameterError { parameter: "decay", value: decay.to_f64(), allowed });
         }
         ParameterError::check(scale.is_finite(), "scale", scale.to_f64(), "finite")?;
-        let mut memory =
-            Self { table, scale, channels, state, oldest: 0, settling: 0, len: 0, number: PhantomData };
+        let layout = Layout::of(&view, channels);
+        let (oldest, settling, len) = (0, 0, 0);
+        let mut memory = Self { table, scale, layout, state, oldest, settling, len, number: PhantomData };
         memory.clear();
         Ok(memory)
     }
@@ -215,7 +216,68 @@ where
     }
 }
 
-/// The parts of the state, one behind the other. The running sums come first: where the state is aligned, so are they.
+/// Where the parts of the state lie, one behind the other. The running sums come first: where the state is aligned, so are they.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Layout {
+    stages: usize,
+    /// Channels over stages.
+    coordinates: usize,
+    /// n₀.
+    head: usize,
+    /// Blocks of exponentials.
+    blocks: usize,
+}
+
+impl Layout {
+    /// For a table and a number of channels that [`ExponentialSum::new`] has checked.
+    fn of<T>(table: &ExponentialTable<&[T]>, channels: usize) -> Self {
+        let stages = table.stages.max(1);
+        Self {
+            stages,
+            coordinates: channels / stages,
+            head: table.head.len() / (stages * stages),
+            blocks: table.exponentials.len() / block_len(stages),
+        }
+    }
+
+    #[inline(always)]
+    fn channels(self) -> usize {
+        self.coordinates * self.stages
+    }
+
+    #[inline(always)]
+    fn sums(self) -> usize {
+        self.coordinates * self.blocks * STATE_BLOCK
+    }
+
+    #[inline(always)]
+    fn pending(self) -> usize {
+        self.channels() * self.head
+    }
+
+    #[inline(always)]
+    fn delayed(self) -> usize {
+        self.channels() * self.head.saturating_sub(2)
+    }
+
+    /// Where the term begins.
+    #[inline(always)]
+    fn term_start(self) -> usize {
+        self.sums() + self.pending() + self.delayed()
+    }
+
+    /// `None` if the state is too short, which the constructor excludes.
+    #[inline(always)]
+    fn split<T>(self, state: &mut [T]) -> Option<Parts<'_, T>> {
+        let (sums, state) = state.split_at_mut_checked(self.sums())?;
+        let (pending, state) = state.split_at_mut_checked(self.pending())?;
+        let (delayed, state) = state.split_at_mut_checked(self.delayed())?;
+        let (term, leading) = state.split_at_mut_checked(self.channels() * LANES)?;
+        Some(Parts { sums, pending, delayed, term, leading })
+    }
+}
+
+/// The parts of the state.
 struct Parts<'a, T> {
     /// Blocks of the z_j of every coordinate.
     sums: &'a mut [T],
@@ -225,6 +287,7 @@ struct Parts<'a, T> {
     delayed: &'a mut [T],
     /// r_k / scale of every channel, in four parts.
     term: &'a mut [T],
+    /// The leading weight, scaled.
     leading: &'a mut [T],
 }
 
@@ -234,30 +297,6 @@ fn split_off<'a, T>(rest: &mut &'a mut [T], count: usize) -> Option<&'a mut [T]>
     let (first, behind) = core::mem::take(rest).split_at_mut_checked(count)?;
     *rest = behind;
     Some(first)
-}
-
-impl<'a, T> Parts<'a, T> {
-    /// `None` if the state is too short, which the constructor excludes.
-    #[inline(always)]
-    fn of(
-        table: &ExponentialTable<&[T]>,
-        stages: usize,
-        channels: usize,
-        mut state: &'a mut [T],
-    ) -> Option<Self> {
-        let planes = stages * stages;
-        let head = table.head.len() / planes.max(1);
-        let coordinates = channels / stages.max(1);
-        let rest = &mut state;
-        let blocks = table.exponentials.len() / block_len(stages);
-        Some(Self {
-            sums: split_off(rest, coordinates * blocks * STATE_BLOCK)?,
-            pending: split_off(rest, channels * head)?,
-            delayed: split_off(rest, channels * head.saturating_sub(2))?,
-            term: split_off(rest, channels * LANES)?,
-            leading: split_off(rest, planes)?,
-        })
-    }
 }
 
 #[inline(always)]
@@ -281,6 +320,9 @@ fn shift_and_add<T: Real>(mut pending: &mut [T], weights: &[T], x: T) {
         let Some((here, behind)) = pending.split_first_chunk_mut::<LANES>() else { return };
         *here = moved;
         pending = behind;
+        // The compiler would make a loop over several blocks of this one, and check at every step, at a greater cost than
+        // that of the step, that no slices overlap.
+        core::hint::black_box(());
     }
     // At most three, each on its own: a loop would be made into one of vectors, at a greater cost.
     let mut rest = rest.iter();
@@ -305,6 +347,55 @@ fn absorb<T: Real>(sums: &mut [T; STATE_BLOCK], decay: &Lanes<T>, x: Lanes<T>) -
         *recent = changed;
     }
     before
+}
+
+#[inline(always)]
+fn absorb_number<T: Real>(
+    sums: &mut [T; STATE_BLOCK],
+    block: &[T; STATE_BLOCK],
+    x: T,
+    totals: &mut Lanes<T>,
+) {
+    let [decay, coefficient] = halves(*block);
+    let before = absorb(sums, &decay, [x; LANES]);
+    *totals = lanes(|lane| totals[lane] + coefficient[lane] * before[lane]);
+}
+
+/// What the steps of all channels share.
+struct NumberStep<'a, T> {
+    /// w₁ … w_{n₀−1}.
+    weights: &'a [T],
+    exponentials: &'a [[T; STATE_BLOCK]],
+    /// Which block settles at this step.
+    settling: Option<usize>,
+}
+
+impl<T: Real> NumberStep<'_, T> {
+    /// The step of one channel: takes the sample x and returns the next term in four parts.
+    #[inline(always)]
+    fn take(&self, x: T, sums: &mut [T], pending: &mut [T], delayed: Option<&mut T>) -> Lanes<T> {
+        let leaving = match delayed {
+            Some(place) => core::mem::replace(place, x),
+            None => x,
+        };
+        shift_and_add(pending, self.weights, x);
+        let head = pending.first().copied().unwrap_or_default();
+        let sums = sums.as_chunks_mut::<STATE_BLOCK>().0;
+        let mut totals = [head, T::zero(), T::zero(), T::zero()];
+        let (pairs, last) = self.exponentials.as_chunks::<2>();
+        let (sums_of_pairs, sums_of_last) = sums.as_chunks_mut::<2>();
+        for ([first, second], [sums, more_sums]) in pairs.iter().zip(sums_of_pairs) {
+            absorb_number(sums, first, leaving, &mut totals);
+            absorb_number(more_sums, second, leaving, &mut totals);
+        }
+        for (block, sums) in last.iter().zip(sums_of_last) {
+            absorb_number(sums, block, leaving, &mut totals);
+        }
+        if let Some(sums) = self.settling.and_then(|settling| sums.get_mut(settling)) {
+            settle(sums);
+        }
+        totals
+    }
 }
 
 /// Moves the recent parts of a block into the settled ones; what rounding takes away stays recent.
@@ -335,34 +426,26 @@ where
     /// The step for plain numbers. It returns early only if the state has another shape than the constructor found.
     #[inline(always)]
     fn push_numbers(&mut self, sample: &[T]) -> Option<()> {
-        let channels = self.channels;
+        let layout = Layout { stages: 1, ..self.layout };
         let table = self.table.borrow();
-        let parts = Parts::of(&table, 1, channels, self.state.as_mut())?;
-        let weights = table.head.get(1..)?;
-        let exponentials = table.exponentials.as_chunks::<STATE_BLOCK>().0;
-        let (mut pending, mut sums) = (parts.pending, parts.sums.as_chunks_mut::<STATE_BLOCK>().0);
-        let mut delayed = parts.delayed.get_mut(self.oldest * channels..)?.iter_mut();
+        let parts = layout.split(self.state.as_mut())?;
+        let weights = table.head.get(1..layout.head)?;
+        let step = NumberStep {
+            weights,
+            exponentials: table.exponentials.as_chunks::<STATE_BLOCK>().0,
+            settling: Some(self.settling).filter(|&settling| settling < table.slow_blocks),
+        };
+        let delayed = parts.delayed.get_mut(self.oldest * layout.coordinates..)?;
         let terms = parts.term.as_chunks_mut::<LANES>().0;
+        if let ([x], [term, ..]) = (sample, &mut *terms) {
+            // The same as below, without what a loop computes beforehand.
+            *term = step.take(*x, parts.sums, parts.pending, delayed.first_mut());
+            return Some(());
+        }
+        let (mut sums, mut pending, mut delayed) = (parts.sums, parts.pending, delayed.iter_mut());
         for (&x, term) in sample.iter().zip(terms) {
-            let leaving = match delayed.next() {
-                Some(place) => core::mem::replace(place, x),
-                None => x,
-            };
-            let (here, behind) = core::mem::take(&mut sums).split_at_mut_checked(exponentials.len())?;
-            sums = behind;
-            let pending = split_off(&mut pending, table.head.len())?;
-            shift_and_add(pending, weights, x);
-            let head = pending.first().copied().unwrap_or_default();
-            let mut totals = [head, T::zero(), T::zero(), T::zero()];
-            for (block, sums) in exponentials.iter().zip(here.iter_mut()) {
-                let [decay, coefficient] = halves(*block);
-                let before = absorb(sums, &decay, [leaving; LANES]);
-                totals = lanes(|lane| totals[lane] + coefficient[lane] * before[lane]);
-            }
-            if let Some(sums) = here.get_mut(..table.slow_blocks)?.get_mut(self.settling) {
-                settle(sums);
-            }
-            *term = totals;
+            let sums = split_off(&mut sums, layout.blocks * STATE_BLOCK)?;
+            *term = step.take(x, sums, split_off(&mut pending, layout.head)?, delayed.next());
         }
         Some(())
     }
@@ -370,16 +453,15 @@ where
     /// The step for S×S matrices. Out of line: it would burden the registers of the step for plain numbers.
     #[inline(never)]
     fn push_stages(&mut self, sample: &[T]) -> Option<()> {
-        let (stages, channels) = (self.table.stages.max(1), self.channels);
+        let layout = self.layout;
+        let Layout { stages, head, blocks, .. } = layout;
         let table = self.table.borrow();
-        let parts = Parts::of(&table, stages, channels, self.state.as_mut())?;
-        let head = (table.head.len() / (stages * stages).max(1)).max(1);
-        let blocks = table.exponentials.len() / block_len(stages);
+        let parts = layout.split(self.state.as_mut())?;
         let (mut pending, mut sums) = (parts.pending, parts.sums.as_chunks_mut::<STATE_BLOCK>().0);
-        let mut delayed = parts.delayed.get_mut(self.oldest * channels..)?;
+        let mut delayed = parts.delayed.get_mut(self.oldest * layout.channels()..)?;
         let terms = parts.term.as_chunks_mut::<LANES>().0.chunks_exact_mut(stages);
         for (sample, terms) in sample.chunks_exact(stages).zip(terms) {
-            let mut planes = table.head.chunks_exact(head);
+            let mut planes = table.head.chunks_exact(head.max(1));
             for term in terms.iter_mut() {
                 let pending = split_off(&mut pending, head)?;
                 for (b, &x) in sample.iter().enumerate() {
@@ -431,7 +513,7 @@ where
     B: AsRef<[T]> + AsMut<[T]>,
 {
     fn channels(&self) -> usize {
-        self.channels
+        self.layout.channels()
     }
 
     fn stages(&self) -> usize {
@@ -449,11 +531,9 @@ where
 
     #[inline]
     fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
-        check_channels(self.channels, term.len())?;
+        check_channels(self.layout.channels(), term.len())?;
         self.check_room()?;
-        let state = self.state.as_ref();
-        let end = state.len().saturating_sub(self.table.stages * self.table.stages);
-        let ready = state.get(end.saturating_sub(self.channels * LANES)..end).unwrap_or(&[]);
+        let ready = self.state.as_ref().get(self.layout.term_start()..).unwrap_or(&[]);
         for (term, &[a, b, c, d]) in term.iter_mut().zip(ready.as_chunks::<LANES>().0) {
             *term = ((a + c) + (b + d)) * self.scale;
         }
@@ -462,16 +542,12 @@ where
 
     #[inline(always)]
     fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
-        check_channels(self.channels, sample.len())?;
+        check_channels(self.layout.channels(), sample.len())?;
         self.check_room()?;
-        let head = self.table.head.as_ref().len();
-        let (stored, head) = if self.table.stages == 1 {
-            (self.push_numbers(sample), head)
-        } else {
-            (self.push_stages(sample), head / (self.table.stages * self.table.stages).max(1))
-        };
+        let stored =
+            if self.layout.stages == 1 { self.push_numbers(sample) } else { self.push_stages(sample) };
         debug_assert!(stored.is_some(), "the constructor checked the shapes");
-        self.oldest = if self.oldest + 3 < head { self.oldest + 1 } else { 0 };
+        self.oldest = if self.oldest + 3 < self.layout.head { self.oldest + 1 } else { 0 };
         self.settling = if self.settling + 1 < self.table.slow_blocks { self.settling + 1 } else { 0 };
         self.len += 1;
         Ok(())
@@ -481,8 +557,8 @@ where
         let table = self.table.borrow();
         let state = self.state.as_mut();
         state.fill(T::zero());
-        if let Some(parts) = Parts::of(&table, table.stages, self.channels, state) {
-            let planes = table.head.chunks_exact((table.head.len() / parts.leading.len().max(1)).max(1));
+        if let Some(parts) = self.layout.split(state) {
+            let planes = table.head.chunks_exact(self.layout.head.max(1));
             for (leading, plane) in parts.leading.iter_mut().zip(planes) {
                 *leading = plane.first().map_or(T::zero(), |&weight| weight * self.scale);
             }
