@@ -8,18 +8,19 @@ const LINE: usize = 64;
 /// A vector that straddles two lines costs two accesses, and one that has just been written so is slow to read back.
 #[derive(Debug)]
 pub struct Aligned<T> {
-    numbers: Vec<T>,
+    /// What lies before the line, then the numbers.
+    room: Vec<T>,
     first: usize,
-    len: usize,
 }
 
 impl<T: Copy + Default> Aligned<T> {
     /// `len` times the default number, zero.
     pub fn zeros(len: usize) -> Self {
-        let numbers = vec![T::default(); len + LINE / size_of::<T>().max(1)];
-        let offset = numbers.as_ptr().align_offset(LINE);
-        let first = if offset + len <= numbers.len() { offset } else { 0 };
-        Self { numbers, first, len }
+        let mut room = vec![T::default(); len + LINE / size_of::<T>().max(1)];
+        let offset = room.as_ptr().align_offset(LINE);
+        let first = if offset + len <= room.len() { offset } else { 0 };
+        room.truncate(first + len);
+        Self { room, first }
     }
 }
 
@@ -46,13 +47,13 @@ impl<T: Copy + Default> Clone for Aligned<T> {
 
 impl<T> AsRef<[T]> for Aligned<T> {
     fn as_ref(&self) -> &[T] {
-        &self.numbers[self.first..self.first + self.len]
+        &self.room[self.first..]
     }
 }
 
 impl<T> AsMut<[T]> for Aligned<T> {
     fn as_mut(&mut self) -> &mut [T] {
-        &mut self.numbers[self.first..self.first + self.len]
+        &mut self.room[self.first..]
     }
 }
 
