@@ -93,11 +93,17 @@ const ROUNDING: f64 = 8.0 * f64::EPSILON;
 /// Lengths n₀ of the head that are tried: n₀ − 1 weights are summed directly, in whole vectors.
 const HEADS: [usize; 15] = [5, 9, 17, 25, 33, 41, 49, 65, 81, 97, 129, 193, 257, 385, 513];
 
+/// The search ends after so many longer heads that cost more: each saves fewer exponentials than the one before.
+const DEARER_HEADS: usize = 2;
+
 /// Multiply–adds per step of an exponential; a weight of the head has one.
 const COST_OF_EXPONENTIAL: usize = 2;
 
 /// Running sums of rates below this are kept in two parts: they would gather the rounding errors of 1/rate steps.
 const SLOW_RATE: f64 = 1.0 / 32.0;
+
+/// Nodes of the longest Gauss rule that is tried.
+const LONGEST_RULE: usize = 24;
 
 /// Exponentials in a block of the core's table.
 const BLOCK: usize = 4;
@@ -144,16 +150,23 @@ impl ExponentialKernel {
         let spacing = cut.spacing(tolerance);
         let mut best: Option<(usize, usize, Vec<Exponential>)> = None;
         let mut reached = f64::INFINITY;
+        let mut dearer = 0;
         for head in HEADS {
-            if head > horizon || best.as_ref().is_some_and(|(cost, ..)| *cost <= head) {
+            if head > horizon || dearer == DEARER_HEADS {
                 break;
             }
             let exponentials = cut.compressed_rule(spacing, head, horizon, tolerance);
             let error = largest_error(&exponentials, &exact, head, horizon);
             reached = reached.min(error);
             let cost = head + COST_OF_EXPONENTIAL * exponentials.len();
-            if error <= tolerance + ROUNDING && best.as_ref().is_none_or(|(least, ..)| cost < *least) {
+            if error > tolerance + ROUNDING {
+                continue;
+            }
+            if best.as_ref().is_none_or(|(least, ..)| cost < *least) {
                 best = Some((cost, head, exponentials));
+                dearer = 0;
+            } else {
+                dearer += 1;
             }
         }
         let longest = HEADS[HEADS.len() - 1];
@@ -329,12 +342,12 @@ impl Cut {
         let slow = |reach: f64| {
             let count = nodes.partition_point(|node| node.rate * horizon as f64 <= reach);
             let group = nodes.get(..count).unwrap_or(&[]);
-            shortest_rule(group, |size| slow_gauss_rule(group, size), &agrees)
+            shortest_rule(group, slow_gauss_rules(group), &agrees)
         };
         let fast = |reach: f64| {
             let count = nodes.partition_point(|node| node.rate * head as f64 <= reach);
             let group = nodes.get(count..).unwrap_or(&[]);
-            shortest_rule(group, |size| fast_gauss_rule(group, size, head), &agrees)
+            shortest_rule(group, fast_gauss_rules(group, head), &agrees)
         };
         // The reaches s·horizon and s·head of the two groups: the one that saves most.
         let most = |rules: Vec<(usize, Nodes)>| {
@@ -355,67 +368,91 @@ fn shortest_rule(
     gauss_rule: impl Fn(usize) -> Nodes,
     agrees: &impl Fn(&[Exponential], &[Exponential]) -> bool,
 ) -> (usize, Nodes) {
-    let rule = (1..group.len()).map(gauss_rule).take(24).find(|rule| agrees(group, rule));
+    let sizes = 1..group.len().min(LONGEST_RULE + 1);
+    let rule = sizes.map(gauss_rule).find(|rule| agrees(group, rule));
     (group.len(), rule.unwrap_or_else(|| group.to_vec()))
 }
 
-/// Gauss rule of the measure in the rate: e^{−sn} is nearly a polynomial in s where s n is moderate.
-fn slow_gauss_rule(group: &[Exponential], size: usize) -> Nodes {
+/// Gauss rules of the measure in the rate, by size: e^{−sn} is nearly a polynomial in s where s n is moderate.
+fn slow_gauss_rules(group: &[Exponential]) -> impl Fn(usize) -> Nodes {
     let unit = group.last().map_or(1.0, |node| node.rate);
     let measure: Vec<(f64, f64)> = group.iter().map(|node| (node.rate / unit, node.coefficient)).collect();
-    let rule = gauss_rule(&measure, size);
-    rule.into_iter().map(|(x, c)| Exponential { rate: x.max(0.0) * unit, coefficient: c }).collect()
+    let jacobi = JacobiMatrix::of(&measure);
+    move |size| {
+        let rule = jacobi.gauss_rule(size).into_iter();
+        rule.map(|(x, c)| Exponential { rate: x.max(0.0) * unit, coefficient: c }).collect()
+    }
 }
 
-/// Gauss rule of the measure in t = e^{−s}, weighted as it stands behind the head: e^{−s(n−n₀)} is a power of t.
-fn fast_gauss_rule(group: &[Exponential], size: usize, head: usize) -> Nodes {
+/// Gauss rules of the measure in t = e^{−s}, by size, weighted as it stands behind the head: e^{−s(n−n₀)} is a power of t.
+fn fast_gauss_rules(group: &[Exponential], head: usize) -> impl Fn(usize) -> Nodes {
     let behind = head as f64;
     let unit = group.first().map_or(1.0, |node| libm::exp(-node.rate));
     let measure: Vec<(f64, f64)> = group
         .iter()
         .map(|node| (libm::exp(-node.rate) / unit, node.coefficient * libm::exp(-node.rate * behind)))
         .collect();
-    let mut rule: Nodes = gauss_rule(&measure, size)
-        .into_iter()
-        .map(|(t, c)| {
+    let jacobi = JacobiMatrix::of(&measure);
+    move |size| {
+        let node = |(t, c): (f64, f64)| {
             let rate = -libm::log(t.max(f64::EPSILON) * unit);
             Exponential { rate, coefficient: c * libm::exp(rate * behind) }
-        })
-        .collect();
-    rule.sort_by(|a, b| a.rate.total_cmp(&b.rate));
-    rule
+        };
+        let mut rule: Nodes = jacobi.gauss_rule(size).into_iter().map(node).collect();
+        rule.sort_by(|a, b| a.rate.total_cmp(&b.rate));
+        rule
+    }
 }
 
-/// The Gauss rule of `size` nodes of a discrete positive measure of (place, mass), in ascending order.
-///
-/// Lanczos' algorithm on the diagonal matrix of places, started from the square roots of the masses and
-/// reorthogonalised, gives the Jacobi matrix; its eigenvalues are the nodes (\[GolubWelsch69\]).
-fn gauss_rule(measure: &[(f64, f64)], size: usize) -> Vec<(f64, f64)> {
-    let total = accurate_sum(measure.iter().map(|(_, mass)| *mass));
-    let mut jacobi = DMatrix::zeros(size, size);
-    let mut basis: Vec<Vec<f64>> = vec![measure.iter().map(|(_, mass)| (mass / total).sqrt()).collect()];
-    let dot = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
-    for k in 0..size {
-        let current = &basis[k];
-        let mut next: Vec<f64> = measure.iter().zip(current).map(|((place, _), q)| place * q).collect();
-        jacobi[(k, k)] = dot(&next, current);
-        for _ in 0..2 {
-            for vector in &basis {
-                let overlap = dot(&next, vector);
-                next.iter_mut().zip(vector).for_each(|(next, q)| *next -= overlap * q);
+/// The Jacobi matrix of a discrete positive measure; its leading parts are those of the Gauss rules \[GolubWelsch69\].
+struct JacobiMatrix {
+    mass: f64,
+    diagonal: Vec<f64>,
+    beside: Vec<f64>,
+}
+
+impl JacobiMatrix {
+    /// For a measure of (place, mass), as far as rules of [`LONGEST_RULE`] nodes need it: Lanczos' algorithm on the
+    /// diagonal matrix of places, started from the square roots of the masses and reorthogonalised.
+    fn of(measure: &[(f64, f64)]) -> Self {
+        let mass = accurate_sum(measure.iter().map(|(_, mass)| *mass));
+        let mut jacobi = Self { mass, diagonal: Vec::new(), beside: Vec::new() };
+        let dot = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
+        let mut current: Vec<f64> = measure.iter().map(|(_, part)| (part / mass).sqrt()).collect();
+        let mut basis: Vec<Vec<f64>> = Vec::new();
+        for _ in 0..LONGEST_RULE.min(measure.len()) {
+            let mut next: Vec<f64> = measure.iter().zip(&current).map(|((place, _), q)| place * q).collect();
+            jacobi.diagonal.push(dot(&next, &current));
+            basis.push(current);
+            for _ in 0..2 {
+                for vector in &basis {
+                    let overlap = dot(&next, vector);
+                    next.iter_mut().zip(vector).for_each(|(next, q)| *next -= overlap * q);
+                }
+            }
+            let norm = dot(&next, &next).sqrt();
+            jacobi.beside.push(norm);
+            next.iter_mut().for_each(|next| *next /= norm);
+            current = next;
+        }
+        jacobi
+    }
+
+    /// The Gauss rule of `size` nodes, (place, mass) in ascending order.
+    fn gauss_rule(&self, size: usize) -> Vec<(f64, f64)> {
+        let size = size.min(self.diagonal.len());
+        let mut leading = DMatrix::zeros(size, size);
+        for k in 0..size {
+            leading[(k, k)] = self.diagonal[k];
+            if k + 1 < size {
+                leading[(k, k + 1)] = self.beside[k];
+                leading[(k + 1, k)] = self.beside[k];
             }
         }
-        if k + 1 < size {
-            let norm = dot(&next, &next).sqrt();
-            jacobi[(k, k + 1)] = norm;
-            jacobi[(k + 1, k)] = norm;
-            next.iter_mut().for_each(|next| *next /= norm);
-            basis.push(next);
-        }
+        let eigen = leading.symmetric_eigen();
+        let node = |k: usize| (eigen.eigenvalues[k], self.mass * eigen.eigenvectors[(0, k)].powi(2));
+        let mut rule: Vec<(f64, f64)> = (0..size).map(node).collect();
+        rule.sort_by(|a, b| a.0.total_cmp(&b.0));
+        rule
     }
-    let eigen = jacobi.symmetric_eigen();
-    let mut rule: Vec<(f64, f64)> =
-        (0..size).map(|k| (eigen.eigenvalues[k], total * eigen.eigenvectors[(0, k)].powi(2))).collect();
-    rule.sort_by(|a, b| a.0.total_cmp(&b.0));
-    rule
 }
