@@ -1,12 +1,12 @@
 //! Every engine for arbitrary kernels gives the plain sum to rounding and keeps the contract of a memory.
 
-use fvi_core::{BdfOrder, Direct, ExponentialSum, Memory, Overflow, Real, Ring};
+use fvi_core::{BdfOrder, Direct, ExponentialSum, ExponentialTable, Memory, Overflow, Real, Ring, Tiled};
 use fvi_fft::baseline::{Hls, Naive, OfflineFft, Signal, memory_term};
 use fvi_fft::{BlockFft, Pacing, RealTime, Scalar, WeightTable};
 use fvi_host::exponential_table::ExponentialKernel;
 use fvi_host::vectorised::Vectorised;
 use fvi_tests::conformance::{
-    Constructor, TestKernel, agrees_with_the_plain_sum, keeps_the_contract, largest_error,
+    Constructor, TestKernel, agrees_with_the_plain_sum, keeps_the_contract, largest_error, radau_iia_weights,
 };
 
 const FINEST_BLOCK: usize = 64;
@@ -87,12 +87,35 @@ fn real_time<T: Scalar>(kernel: TestKernel, channels: usize, capacity: usize) ->
 }
 
 fn exponential_sum<T: Real>(kernel: TestKernel, channels: usize, capacity: usize) -> Box<dyn Memory<T>> {
-    let TestKernel::Quadrature { order, exponent } = kernel else { panic!("no exponentials for {kernel:?}") };
-    let order = BdfOrder::new(order).unwrap();
-    let kernel = ExponentialKernel::bdf(order, exponent, 1.0, capacity.max(1), 1e-15).unwrap();
-    let table = kernel.table::<T>();
-    let state = vec![T::of(f64::NAN); table.borrow().state_len(channels)];
-    Box::new(Vectorised::new(ExponentialSum::new(table, T::one(), channels, state).unwrap()))
+    fn memory<T: Real, C: AsRef<[T]> + 'static>(
+        table: ExponentialTable<C>,
+        channels: usize,
+    ) -> Box<dyn Memory<T>> {
+        let state = vec![T::of(f64::NAN); table.borrow().state_len(channels)];
+        Box::new(Vectorised::new(ExponentialSum::new(table, T::one(), channels, state).unwrap()))
+    }
+    match kernel {
+        TestKernel::Quadrature { order, exponent } => {
+            let order = BdfOrder::new(order).unwrap();
+            let kernel = ExponentialKernel::bdf(order, exponent, 1.0, capacity.max(1), 1e-15).unwrap();
+            memory(kernel.table(), channels)
+        }
+        TestKernel::RadauIia { exponent } => memory(radau_iia_weights(exponent).table(), channels),
+        TestKernel::Arbitrary { .. } => panic!("no exponentials for {kernel:?}"),
+    }
+}
+
+/// Blocks of the tiled memories: 5120 samples.
+const TILES: usize = 640;
+
+fn tiled<T: Real>(kernel: TestKernel, channels: usize, capacity: usize) -> Box<dyn Memory<T>> {
+    assert!(kernel.stages() == 1 && capacity <= 8 * TILES, "{kernel:?}, {capacity} samples");
+    let weights: &[T] = kernel.weights(capacity.max(1)).leak();
+    match channels {
+        1 => Box::new(Tiled::<T, 1, TILES>::new(weights, T::one(), Overflow::Refuse).unwrap()),
+        2 => Box::new(Tiled::<T, 2, TILES>::new(weights, T::one(), Overflow::Refuse).unwrap()),
+        _ => Box::new(Tiled::<T, 3, TILES>::new(weights, T::one(), Overflow::Refuse).unwrap()),
+    }
 }
 
 /// Lengths at which something begins or ends in blocks of 64 and the sizes above them.
@@ -105,19 +128,38 @@ fn lengths() -> Vec<usize> {
     lengths
 }
 
-fn short_runs<T: Real>(build: impl Constructor<T> + Copy) {
+/// The kernels of plain numbers from convolution quadrature.
+fn short_runs_of_quadratures<T: Real>(build: impl Constructor<T> + Copy) {
     for (order, exponent) in QUADRATURES {
         agrees_with_the_plain_sum(build, TestKernel::Quadrature { order, exponent }, 1, &[1000]);
     }
     let quadrature = TestKernel::Quadrature { order: 1, exponent: 0.5 };
     agrees_with_the_plain_sum(build, quadrature, 1, &lengths());
     agrees_with_the_plain_sum(build, quadrature, 3, &[1, 63, 700]);
-    for stages in [1, 3] {
+}
+
+/// Those of 3×3 matrices.
+fn short_runs_of_stages<T: Real>(build: impl Constructor<T> + Copy) {
+    for exponent in [0.3, 0.5, 1.5, 1.9, -0.5] {
+        agrees_with_the_plain_sum(build, TestKernel::RadauIia { exponent }, 1, &[700]);
+    }
+    agrees_with_the_plain_sum(build, TestKernel::RadauIia { exponent: 0.5 }, 3, &[0, 1, 65, 129]);
+}
+
+/// Those without a pattern.
+fn short_runs_of_arbitrary_kernels<T: Real>(build: impl Constructor<T> + Copy, stages: &[usize]) {
+    for &stages in stages {
         for coordinates in [1, 3] {
             let kernel = TestKernel::Arbitrary { stages };
             agrees_with_the_plain_sum(build, kernel, coordinates, &[0, 1, 65, 129, 700, 2049]);
         }
     }
+}
+
+fn short_runs<T: Real>(build: impl Constructor<T> + Copy) {
+    short_runs_of_quadratures(build);
+    short_runs_of_stages(build);
+    short_runs_of_arbitrary_kernels(build, &[1, 3]);
 }
 
 fn contract<T: Real>(build: impl Constructor<T> + Copy) {
@@ -167,32 +209,30 @@ macro_rules! engine {
 mod exponential_sum_memory {
     use super::*;
 
-    fn short_quadratures<T: Real>() {
-        for (order, exponent) in QUADRATURES {
-            let kernel = TestKernel::Quadrature { order, exponent };
-            agrees_with_the_plain_sum::<T>(exponential_sum, kernel, 1, &[1000]);
-        }
-        let kernel = TestKernel::Quadrature { order: 1, exponent: 0.5 };
-        agrees_with_the_plain_sum::<T>(exponential_sum, kernel, 1, &lengths());
-        agrees_with_the_plain_sum::<T>(exponential_sum, kernel, 3, &[1, 63, 700]);
+    fn short_runs<T: Real>() {
+        short_runs_of_quadratures::<T>(exponential_sum);
+        short_runs_of_stages::<T>(exponential_sum);
     }
 
     #[test]
     fn short_runs_agree_with_the_plain_sum() {
-        short_quadratures::<f64>();
+        short_runs::<f64>();
     }
 
     #[test]
     fn short_runs_agree_with_the_plain_sum_in_f32() {
-        short_quadratures::<f32>();
+        short_runs::<f32>();
     }
 
     #[test]
     fn repeated_refused_and_cleared_runs_give_the_same_bits() {
         for length in [1, 40, 700] {
-            let kernel = TestKernel::Quadrature { order: 2, exponent: 0.5 };
-            keeps_the_contract::<f64>(exponential_sum, kernel, length);
-            keeps_the_contract::<f32>(exponential_sum, kernel, length);
+            for kernel in
+                [TestKernel::Quadrature { order: 2, exponent: 0.5 }, TestKernel::RadauIia { exponent: 0.5 }]
+            {
+                keeps_the_contract::<f64>(exponential_sum, kernel, length);
+                keeps_the_contract::<f32>(exponential_sum, kernel, length);
+            }
         }
     }
 
@@ -201,6 +241,34 @@ mod exponential_sum_memory {
         for (order, exponent) in [(1, 0.5), (1, -0.5), (6, 1.5)] {
             let kernel = TestKernel::Quadrature { order, exponent };
             agrees_with_the_plain_sum::<f64>(exponential_sum, kernel, 1, &[33_000, 300_000]);
+        }
+    }
+}
+
+mod tiled_memory {
+    use super::*;
+
+    fn short_runs<T: Real>() {
+        short_runs_of_quadratures::<T>(tiled);
+        short_runs_of_arbitrary_kernels::<T>(tiled, &[1]);
+    }
+
+    #[test]
+    fn short_runs_agree_with_the_plain_sum() {
+        short_runs::<f64>();
+    }
+
+    #[test]
+    fn short_runs_agree_with_the_plain_sum_in_f32() {
+        short_runs::<f32>();
+    }
+
+    #[test]
+    fn repeated_refused_and_cleared_runs_give_the_same_bits() {
+        for length in [1, 40, 700] {
+            let kernel = TestKernel::Quadrature { order: 2, exponent: 0.5 };
+            keeps_the_contract::<f64>(tiled, kernel, length);
+            keeps_the_contract::<f32>(tiled, kernel, length);
         }
     }
 }
