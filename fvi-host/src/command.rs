@@ -5,6 +5,7 @@ pub mod converge;
 pub mod exponentials;
 pub mod extremal;
 mod listing;
+pub mod reproduce;
 pub mod run;
 pub mod weights;
 
@@ -29,6 +30,8 @@ enum Command {
     Run(run::RunArguments),
     /// Error and order of a scenario over step sizes, against its reference or a finer run
     Converge(converge::ConvergeArguments),
+    /// The figures and tables of the papers, computed again and set beside the printed values
+    Reproduce(reproduce::ReproduceArguments),
     /// Solve a two-point fractional Euler–Lagrange problem: the discrete extremal between fixed end points
     Extremal(extremal::ExtremalArguments),
     /// Convolution-quadrature weights, as a table or as constants for firmware
@@ -65,6 +68,7 @@ impl Program {
             Command::Run(arguments) => arguments.execute(),
             Command::CompareEngines(arguments) => arguments.execute(),
             Command::Converge(arguments) => arguments.execute(),
+            Command::Reproduce(arguments) => arguments.execute(),
             Command::Extremal(arguments) => arguments.execute(),
             Command::Weights(arguments) => arguments.execute(),
             Command::Exponentials(arguments) => arguments.execute(),

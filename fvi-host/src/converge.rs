@@ -291,23 +291,15 @@ impl Convergence {
     /// Order between a level and the one before it.
     pub fn order(&self, index: usize, quantity: Quantity) -> Option<f64> {
         let usable = |level: &&Level| level.failure.is_none() && quantity.of(&level.errors).compared > 0;
+        let point = |level: &Level| (level.step, quantity.of(&level.errors).largest);
         let fine = self.levels.get(index).filter(usable)?;
         let coarse = self.levels.get(index.checked_sub(1)?).filter(usable)?;
-        let ratio = quantity.of(&coarse.errors).largest / quantity.of(&fine.errors).largest;
-        let order = libm::log2(ratio) / libm::log2(coarse.step / fine.step);
-        order.is_finite().then_some(order)
+        order_between(point(coarse), point(fine))
     }
 
     /// Slope of the line of least squares through all points of a quantity.
     pub fn slope(&self, quantity: Quantity) -> Option<f64> {
-        let points: Vec<(f64, f64)> =
-            self.points(quantity).iter().map(|&(h, error)| (libm::log(h), libm::log(error))).collect();
-        let count = points.len() as f64;
-        let mean = |select: fn(&(f64, f64)) -> f64| points.iter().map(select).sum::<f64>() / count;
-        let (x, y) = (mean(|point| point.0), mean(|point| point.1));
-        let covariance: f64 = points.iter().map(|point| (point.0 - x) * (point.1 - y)).sum();
-        let variance: f64 = points.iter().map(|point| (point.0 - x).powi(2)).sum();
-        Some(covariance / variance).filter(|slope| slope.is_finite())
+        slope(&self.points(quantity))
     }
 
     /// The table as text, for a terminal.
@@ -402,8 +394,25 @@ impl Convergence {
     }
 }
 
+/// Order log(e₁/e₂)/log(h₁/h₂) between two step sizes with their errors, the coarse one first.
+pub fn order_between(coarse: (f64, f64), fine: (f64, f64)) -> Option<f64> {
+    let order = libm::log2(coarse.1 / fine.1) / libm::log2(coarse.0 / fine.0);
+    order.is_finite().then_some(order)
+}
+
+/// Slope of the line of least squares through the logarithms of step sizes and errors.
+pub fn slope(points: &[(f64, f64)]) -> Option<f64> {
+    let points: Vec<(f64, f64)> = points.iter().map(|&(h, error)| (libm::log(h), libm::log(error))).collect();
+    let count = points.len() as f64;
+    let mean = |select: fn(&(f64, f64)) -> f64| points.iter().map(select).sum::<f64>() / count;
+    let (x, y) = (mean(|point| point.0), mean(|point| point.1));
+    let covariance: f64 = points.iter().map(|point| (point.0 - x) * (point.1 - y)).sum();
+    let variance: f64 = points.iter().map(|point| (point.0 - x).powi(2)).sum();
+    Some(covariance / variance).filter(|slope| slope.is_finite())
+}
+
 /// A whole number as a superscript.
-fn superscript(number: i64) -> String {
+pub(crate) fn superscript(number: i64) -> String {
     const DIGITS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
     number.to_string().bytes().filter_map(|digit| DIGITS.get(usize::from(digit.checked_sub(b'0')?))).collect()
 }

@@ -1,0 +1,118 @@
+//! The figures and tables of the papers, computed again and set beside the printed values.
+//!
+//! An [`Exhibit`] is one figure or table: a name, where it is printed, and the function that computes its [`Findings`].
+//! [`exhibits`] lists them all. [`write()`] turns findings into pictures, CSV files and one page that compares.
+
+mod error_curve;
+mod findings;
+mod hjo;
+mod page;
+mod problems;
+mod table;
+
+pub use error_curve::ErrorCurve;
+pub use findings::{Comparison, Findings, Picture};
+pub use page::{PAGE, write};
+pub use table::{Cell, Column, Format, Table};
+
+use crate::converge::ConvergeError;
+use crate::picture::PictureError;
+use crate::scenario::InputError;
+use fvi_core::{ParameterError, StepError};
+use std::io;
+use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
+
+/// Where an exhibit is printed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Origin {
+    /// In a paper.
+    Printed {
+        /// Its key in `REFERENCES.md`, such as `HJO`.
+        paper: &'static str,
+        /// Figure or table, such as `Table 1`.
+        number: &'static str,
+    },
+    /// Nowhere: a measurement that goes beyond the papers.
+    Beyond,
+}
+
+/// A figure or table that can be computed again.
+#[derive(Clone, Copy, Debug)]
+pub struct Exhibit {
+    /// Its name on the command line and at the head of its files' names, such as `hjo-table-1`.
+    pub name: &'static str,
+    /// Where it is printed.
+    pub origin: Origin,
+    /// What it shows.
+    pub title: &'static str,
+    /// Computes it; the flag ends the computation early with [`ReproduceError::Stopped`].
+    pub compute: fn(&AtomicBool) -> Result<Findings, ReproduceError>,
+}
+
+impl Exhibit {
+    /// Where it is printed and what it shows, in one line.
+    pub fn heading(&self) -> String {
+        match self.origin {
+            Origin::Printed { paper, number } => format!("[{paper}] {number}: {}", self.title),
+            Origin::Beyond => format!("Beyond the papers: {}", self.title),
+        }
+    }
+}
+
+/// Why an exhibit could not be computed or written.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ReproduceError {
+    /// A scenario of the exhibit cannot be run.
+    #[error(transparent)]
+    Scenario(#[from] InputError),
+    /// Errors over step sizes could not be measured.
+    #[error("{0}")]
+    Converge(ConvergeError),
+    /// A parameter is outside its range.
+    #[error(transparent)]
+    Parameter(#[from] ParameterError),
+    /// A step failed.
+    #[error("step {step} failed: {error}")]
+    Step {
+        /// Its index, from 0.
+        step: usize,
+        /// Why.
+        error: StepError,
+    },
+    /// A file cannot be written.
+    #[error("{}: {source}", .path.display())]
+    Writing {
+        /// The file or directory.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// A picture cannot be made.
+    #[error("{}: {source}", .path.display())]
+    Picture {
+        /// The picture.
+        path: PathBuf,
+        /// Why.
+        source: PictureError,
+    },
+    /// It was stopped.
+    #[error("stopped")]
+    Stopped,
+}
+
+impl From<ConvergeError> for ReproduceError {
+    fn from(error: ConvergeError) -> Self {
+        match error {
+            ConvergeError::Stopped => Self::Stopped,
+            ConvergeError::Input(error) => Self::Scenario(error),
+            other => Self::Converge(other),
+        }
+    }
+}
+
+/// All exhibits, in the order of the page.
+pub fn exhibits() -> Vec<Exhibit> {
+    hjo::EXHIBITS.to_vec()
+}
