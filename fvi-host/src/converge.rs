@@ -119,7 +119,7 @@ pub enum ConvergeError {
 const FINER: u32 = 2;
 
 /// How a run on one grid ended.
-enum Outcome {
+pub(crate) enum Outcome {
     Done { seconds: f64 },
     Failed { reason: String },
 }
@@ -247,7 +247,7 @@ fn known_at(scenario: &Scenario, index: usize, fine: Option<&GridState>, known: 
 }
 
 /// Runs a scenario; `take` sees every grid point with its index.
-fn run_on(
+pub(crate) fn run_on(
     scenario: &Scenario,
     stop: &AtomicBool,
     mut take: impl FnMut(usize, &GridState),

@@ -11,6 +11,7 @@ pub mod expression;
 pub mod measure;
 pub mod model;
 pub mod picture;
+pub mod podlubny_matrix;
 pub mod reproduce;
 pub mod run;
 mod run_pictures;

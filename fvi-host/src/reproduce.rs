@@ -6,6 +6,8 @@
 mod error_curve;
 mod findings;
 mod hjo;
+mod jo;
+mod motion;
 mod page;
 mod problems;
 mod table;
@@ -18,7 +20,7 @@ pub use table::{Cell, Column, Format, Table};
 use crate::converge::ConvergeError;
 use crate::picture::PictureError;
 use crate::scenario::InputError;
-use fvi_core::{ParameterError, StepError};
+use fvi_core::ParameterError;
 use std::io;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
@@ -73,13 +75,11 @@ pub enum ReproduceError {
     /// A parameter is outside its range.
     #[error(transparent)]
     Parameter(#[from] ParameterError),
-    /// A step failed.
-    #[error("step {step} failed: {error}")]
-    Step {
-        /// Its index, from 0.
-        step: usize,
-        /// Why.
-        error: StepError,
+    /// A step of a run failed.
+    #[error("{reason}")]
+    Run {
+        /// Which, and why.
+        reason: String,
     },
     /// A file cannot be written.
     #[error("{}: {source}", .path.display())]
@@ -114,5 +114,5 @@ impl From<ConvergeError> for ReproduceError {
 
 /// All exhibits, in the order of the page.
 pub fn exhibits() -> Vec<Exhibit> {
-    hjo::EXHIBITS.to_vec()
+    [jo::EXHIBITS.as_slice(), hjo::EXHIBITS.as_slice()].concat()
 }

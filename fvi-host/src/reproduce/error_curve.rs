@@ -47,6 +47,16 @@ impl ErrorCurve {
         slope(&self.points[self.points.len().saturating_sub(count)..]).unwrap_or(f64::NAN)
     }
 
+    /// The same of the `count` points with the longest steps.
+    pub fn slope_of_coarsest(&self, count: usize) -> f64 {
+        slope(&self.points[..count.min(self.points.len())]).unwrap_or(f64::NAN)
+    }
+
+    /// Orders between neighbouring step sizes, the longest first.
+    pub fn orders(&self) -> Vec<f64> {
+        self.points.windows(2).filter_map(|pair| order_between(pair[0], pair[1])).collect()
+    }
+
     /// Error at a step size, if it is there.
     fn error(&self, step: f64) -> Option<f64> {
         self.points.iter().find(|point| point.0 == step).map(|point| point.1)

@@ -1,9 +1,13 @@
 //! \[HJO\]: figures 2 to 8, tables 1 and 2.
 
-use super::error_curve::{ErrorCurve, error_chart, error_table};
-use super::problems::{
-    GALERKIN, MIDPOINT, oscillator_from_rest_point, plate_with_cube, plate_with_root, with_bdf, with_scheme,
-};
+mod oscillator;
+mod plate;
+mod saturation;
+mod starting;
+mod tables;
+
+use super::error_curve::ErrorCurve;
+use super::problems::{on_any_step, with_bdf, with_scheme};
 use super::{Exhibit, Findings, Origin, ReproduceError};
 use crate::converge::{Grids, Quantity};
 use crate::scenario::{Scenario, Scheme};
@@ -18,55 +22,47 @@ const fn exhibit(
     Exhibit { name, origin: Origin::Printed { paper: "HJO", number }, title, compute }
 }
 
-pub(super) const EXHIBITS: &[Exhibit] = &[
-    exhibit("hjo-table-1", "Table 1", "orders with the midpoint rule", table_1),
-    exhibit("hjo-table-2", "Table 2", "orders with the Galerkin scheme of order 4", table_2),
+pub(super) const EXHIBITS: [Exhibit; 9] = [
+    exhibit("hjo-fig-2", "Fig. 2", "saturation of convolution quadrature on powers", saturation::figure_2),
+    exhibit("hjo-fig-3", "Fig. 3", "oscillator: positions and energies", oscillator::figure_3),
+    exhibit("hjo-fig-4", "Fig. 4", "oscillator: errors with the midpoint rule", oscillator::figure_4),
+    exhibit("hjo-fig-5", "Fig. 5", "Bagley–Torvik equation: errors with the midpoint rule", plate::figure_5),
+    exhibit("hjo-table-1", "Table 1", "orders with the midpoint rule", tables::table_1),
+    exhibit("hjo-fig-6", "Fig. 6", "oscillator: errors with the Galerkin scheme", oscillator::figure_6),
+    exhibit(
+        "hjo-fig-7",
+        "Fig. 7",
+        "Bagley–Torvik equation: errors with the Galerkin scheme",
+        plate::figure_7,
+    ),
+    exhibit("hjo-fig-8", "Fig. 8", "starting weights", starting::figure_8),
+    exhibit("hjo-table-2", "Table 2", "orders with the Galerkin scheme", tables::table_2),
 ];
 
-/// Errors of BDF 1, 2 and 3 over the grids.
+/// h = 16/2^i, i = 4…11, on [0, 16].
+const OSCILLATOR_GRIDS: Grids = Grids { levels: 4..=11, intervals: 1 };
+/// h = 2^−i, i = 1…8, on [0, 1].
+const PLATE_GRIDS: Grids = Grids { levels: 1..=8, intervals: 1 };
+
+/// Errors of q with BDF 1, 2 and 3, on every grid of the paper.
 fn bdf_curves(
     scenario: &Scenario,
     scheme: Scheme,
     grids: &Grids,
     stop: &AtomicBool,
 ) -> Result<Vec<ErrorCurve>, ReproduceError> {
-    let measure = |order: usize| {
-        let scenario = with_bdf(with_scheme(scenario.clone(), scheme), order);
-        ErrorCurve::measure(format!("BDF {order}"), &scenario, grids, Quantity::Position, stop)
-    };
-    (1..=3).map(measure).collect()
+    (1..=3).map(|order| bdf_curve(format!("BDF {order}"), scenario, scheme, order, grids, stop)).collect()
 }
 
-fn table_1(stop: &AtomicBool) -> Result<Findings, ReproduceError> {
-    table_of_orders(MIDPOINT, ["1", "1.8", "1.8"], stop)
-}
-
-fn table_2(stop: &AtomicBool) -> Result<Findings, ReproduceError> {
-    table_of_orders(GALERKIN, ["1", "2", "2"], stop)
-}
-
-/// The three problems with one scheme; `root_orders` are the printed ones of the last problem, those of the others are 1, 2, 2.
-fn table_of_orders(
+/// Errors of q with one BDF method, on every grid of the paper.
+fn bdf_curve(
+    label: impl Into<String>,
+    scenario: &Scenario,
     scheme: Scheme,
-    root_orders: [&str; 3],
+    order: usize,
+    grids: &Grids,
     stop: &AtomicBool,
-) -> Result<Findings, ReproduceError> {
-    let problems = [
-        ("oscillator", "Damped oscillator (α = ½)", oscillator_from_rest_point()?, 4..=11, ["1", "2", "2"]),
-        ("cube", "Bagley–Torvik (α = ¼)", plate_with_cube()?, 1..=8, ["1", "2", "2"]),
-        ("root", "Bagley–Torvik (α = ¾)", plate_with_root()?, 1..=8, root_orders),
-    ];
-    let mut findings = Findings::default();
-    for (name, words, scenario, levels, printed) in problems {
-        let curves = bdf_curves(&scenario, scheme, &Grids { levels, intervals: 1 }, stop)?;
-        for (curve, printed) in curves.iter().zip(printed) {
-            let ours = format!("{:.2}, finest four {:.2}", curve.slope(), curve.slope_of_finest(4));
-            findings = findings.agrees(format!("{words}, {}", curve.label), printed, ours);
-        }
-        let chart = error_chart(words, scheme.describe(), &curves, &[1.0, 2.0]);
-        findings = findings
-            .with_picture(name, format!("{words}: errors over step sizes"), chart)
-            .with_table(error_table(name, words, &curves));
-    }
-    Ok(findings)
+) -> Result<ErrorCurve, ReproduceError> {
+    let scenario = on_any_step(with_bdf(with_scheme(scenario.clone(), scheme), order));
+    ErrorCurve::measure(label, &scenario, grids, Quantity::Position, stop)
 }

@@ -13,6 +13,8 @@ pub struct Document {
     name: String,
     directory: PathBuf,
     text: String,
+    /// Files at hand that it may name, with their contents.
+    attached: Vec<(String, String)>,
 }
 
 impl Document {
@@ -26,12 +28,19 @@ impl Document {
             InputError::unreadable(&name, Problem::Unreadable { reason: error.to_string() })
         })?;
         let directory = path.parent().map(Path::to_path_buf).unwrap_or_default();
-        Ok(Self { name, directory, text })
+        Ok(Self { name, directory, text, attached: Vec::new() })
     }
 
     /// A file's content that is at hand; other files that it names are sought in `directory`.
     pub fn new(name: &str, directory: &Path, text: &str) -> Self {
-        Self { name: name.to_owned(), directory: directory.to_owned(), text: text.to_owned() }
+        let (name, directory, text) = (name.to_owned(), directory.to_owned(), text.to_owned());
+        Self { name, directory, text, attached: Vec::new() }
+    }
+
+    /// The document with a file at hand: where the document names `name`, `text` is what is in it.
+    pub fn with_attached(mut self, name: &str, text: &str) -> Self {
+        self.attached.push((name.to_owned(), text.to_owned()));
+        self
     }
 
     /// The name for messages.
@@ -42,6 +51,14 @@ impl Document {
     /// A path written in the file, relative to the file's own directory.
     pub(crate) fn resolve(&self, path: &str) -> PathBuf {
         self.directory.join(path)
+    }
+
+    /// The content of a file that the document names: attached to it, or in its directory.
+    pub(crate) fn read_named(&self, path: &str) -> std::io::Result<String> {
+        match self.attached.iter().find(|(name, _)| name == path) {
+            Some((_, text)) => Ok(text.clone()),
+            None => std::fs::read_to_string(self.resolve(path)),
+        }
     }
 
     /// Hands the file's root table to `read`.

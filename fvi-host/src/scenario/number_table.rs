@@ -18,16 +18,13 @@ impl NumberTable {
         document: &Document,
         allowed: &[String],
     ) -> Result<Self, InputError> {
-        let path = document.resolve(value.text()?);
-        let file = path.display().to_string();
+        let file = document.resolve(value.text()?).display().to_string();
         let unreadable = |reason: String| value.error(Problem::Unreadable { reason });
         let fault =
             |line: u64, reason: String| value.error(Problem::Table { file: file.clone(), line, reason });
-        let mut reader = csv::ReaderBuilder::new()
-            .comment(Some(b'#'))
-            .trim(csv::Trim::All)
-            .from_path(&path)
-            .map_err(|error| unreadable(error.to_string()))?;
+        let text = document.read_named(value.text()?).map_err(|error| unreadable(error.to_string()))?;
+        let mut reader =
+            csv::ReaderBuilder::new().comment(Some(b'#')).trim(csv::Trim::All).from_reader(text.as_bytes());
         let names: Vec<String> = reader
             .headers()
             .map_err(|error| unreadable(error.to_string()))?
