@@ -5,6 +5,7 @@ pub mod converge;
 pub mod exponentials;
 pub mod extremal;
 mod listing;
+mod progress;
 pub mod reproduce;
 pub mod run;
 pub mod weights;

@@ -116,3 +116,22 @@ impl From<ConvergeError> for ReproduceError {
 pub fn exhibits() -> Vec<Exhibit> {
     [jo::EXHIBITS.as_slice(), hjo::EXHIBITS.as_slice()].concat()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_unique_and_say_where_the_exhibit_is_printed() {
+        let exhibits = exhibits();
+        let mut names: Vec<&str> = exhibits.iter().map(|exhibit| exhibit.name).collect();
+        names.sort_unstable();
+        names.dedup();
+        assert_eq!(names.len(), exhibits.len());
+        for exhibit in exhibits {
+            let Origin::Printed { paper, number } = exhibit.origin else { continue };
+            let printed = format!("{paper} {number}").to_lowercase().replace(". ", "-").replace(' ', "-");
+            assert_eq!(exhibit.name, printed);
+        }
+    }
+}

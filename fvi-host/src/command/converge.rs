@@ -1,15 +1,14 @@
 //! `fvi converge`: error and order over a sequence of step sizes.
 
+use super::progress::Progress;
 use super::{CommandError, warn_about_starting_weights};
 use crate::converge::{ConvergeError, Grids, converge};
 use crate::scenario::{Engine, Scenario};
 use atomic_write_file::AtomicWriteFile;
-use indicatif::{ProgressBar, ProgressDrawTarget};
-use std::io::{IsTerminal, Write};
+use std::io::Write;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
 
 /// Arguments of `fvi converge`.
 #[derive(Debug, clap::Args)]
@@ -48,23 +47,13 @@ impl ConvergeArguments {
         });
         // Without the handler Ctrl-C still ends the program, only less tidily.
         let _ = ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed));
-        let start = Instant::now();
-        let wanted = !self.quiet && std::io::stderr().is_terminal();
-        let mut bar: Option<ProgressBar> = None;
         let grids = Grids { levels: self.levels, intervals: self.intervals as usize };
+        let mut progress = None;
         let result = converge(&scenario, &grids, &STOP, |made, all| {
-            if !wanted || !made.is_multiple_of(256) {
-                return;
-            }
-            if bar.is_none() && start.elapsed() > Duration::from_secs(1) {
-                bar = Some(ProgressBar::with_draw_target(Some(all as u64), ProgressDrawTarget::stderr()));
-            }
-            if let Some(bar) = &bar {
-                bar.set_position(made as u64);
-            }
+            progress.get_or_insert_with(|| Progress::new(all, "steps", self.quiet)).update(made);
         });
-        if let Some(bar) = bar {
-            bar.finish_and_clear();
+        if let Some(progress) = progress {
+            progress.finish();
         }
         let convergence = result.map_err(|error| match error {
             ConvergeError::Input(error) => CommandError::Input(error),

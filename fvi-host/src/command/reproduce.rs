@@ -1,13 +1,11 @@
 //! `fvi reproduce`: the figures and tables of the papers, computed again.
 
 use super::CommandError;
+use super::progress::Progress;
 use crate::reproduce::{Exhibit, Findings, PAGE, ReproduceError, exhibits, write};
 use clap::builder::PossibleValuesParser;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
 
 /// Arguments of `fvi reproduce`.
 #[derive(Debug, clap::Args)]
@@ -43,10 +41,10 @@ impl ReproduceArguments {
         }
         // Without the handler Ctrl-C still ends the program, only less tidily.
         let _ = ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed));
-        let mut progress = Progress::new(chosen.len(), self.quiet);
+        let mut progress = Progress::new(chosen.len(), "exhibits", self.quiet);
         let mut found: Vec<(Exhibit, Findings)> = Vec::new();
         for exhibit in chosen {
-            progress.begin(found.len(), exhibit.name);
+            progress.update(found.len());
             let findings = (exhibit.compute)(&STOP).map_err(|error| match error {
                 ReproduceError::Stopped => CommandError::Stopped("stopped; nothing was written".to_owned()),
                 other => CommandError::Failed(format!("{}: {other}", exhibit.name)),
@@ -77,43 +75,5 @@ fn print_comparisons(exhibit: &Exhibit, findings: &Findings) {
     println!("{}: {}", exhibit.name, exhibit.heading());
     for comparison in &findings.comparisons {
         println!("  {}: paper {}, here {}", comparison.quantity, comparison.paper, comparison.ours);
-    }
-}
-
-/// A progress bar over the exhibits that appears on a terminal once they have taken about a second.
-struct Progress {
-    exhibits: usize,
-    start: Instant,
-    wanted: bool,
-    bar: Option<ProgressBar>,
-}
-
-impl Progress {
-    fn new(exhibits: usize, quiet: bool) -> Self {
-        let wanted = !quiet && std::io::stderr().is_terminal();
-        Self { exhibits, start: Instant::now(), wanted, bar: None }
-    }
-
-    fn begin(&mut self, done: usize, name: &'static str) {
-        if !self.wanted {
-            return;
-        }
-        if self.bar.is_none() && self.start.elapsed() > Duration::from_secs(1) {
-            let bar = ProgressBar::with_draw_target(Some(self.exhibits as u64), ProgressDrawTarget::stderr());
-            self.bar = Some(match ProgressStyle::with_template("{bar:40} {pos}/{len} exhibits, {msg}") {
-                Ok(style) => bar.with_style(style),
-                Err(_) => bar,
-            });
-        }
-        if let Some(bar) = &self.bar {
-            bar.set_position(done as u64);
-            bar.set_message(name);
-        }
-    }
-
-    fn finish(&self) {
-        if let Some(bar) = &self.bar {
-            bar.finish_and_clear();
-        }
     }
 }

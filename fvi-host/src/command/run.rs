@@ -1,14 +1,12 @@
 //! `fvi run`: integrate a scenario.
 
+use super::progress::Progress;
 use super::{CommandError, warn_about_starting_weights};
 use crate::run::{RunEnd, RunError, RunOptions, RunSummary, run};
 use crate::scenario::{Engine, Scenario};
 use crate::simulation::Precision;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
 
 /// Arguments of `fvi run`.
 #[derive(Debug, clap::Args)]
@@ -46,7 +44,7 @@ impl RunArguments {
                 std::process::exit(130);
             }
         });
-        let mut progress = Progress::new(scenario.time.steps, self.quiet);
+        let mut progress = Progress::new(scenario.time.steps, "steps", self.quiet);
         let options = RunOptions { directory: directory.clone(), precision: self.precision };
         let summary =
             run(&scenario, &options, &STOP, |steps| progress.update(steps)).map_err(|error| match error {
@@ -103,44 +101,4 @@ fn result_line(scenario: &Scenario, summary: &RunSummary, directory: &Path) -> S
         summary.seconds,
         directory.display(),
     )
-}
-
-/// A progress bar that appears on a terminal once a run has taken about a second.
-struct Progress {
-    steps: usize,
-    start: Instant,
-    wanted: bool,
-    bar: Option<ProgressBar>,
-}
-
-impl Progress {
-    fn new(steps: usize, quiet: bool) -> Self {
-        Self { steps, start: Instant::now(), wanted: !quiet && std::io::stderr().is_terminal(), bar: None }
-    }
-
-    fn update(&mut self, steps: usize) {
-        // Reading the clock costs as much as a short step.
-        if !self.wanted || !steps.is_multiple_of(64) {
-            return;
-        }
-        match &self.bar {
-            Some(bar) => bar.set_position(steps as u64),
-            None if self.start.elapsed() > Duration::from_secs(1) => {
-                let bar =
-                    ProgressBar::with_draw_target(Some(self.steps as u64), ProgressDrawTarget::stderr());
-                let template = "{bar:40} {human_pos}/{human_len} steps, {elapsed} gone, {eta} to go";
-                self.bar = Some(match ProgressStyle::with_template(template) {
-                    Ok(style) => bar.with_style(style),
-                    Err(_) => bar,
-                });
-            }
-            None => {}
-        }
-    }
-
-    fn finish(&self) {
-        if let Some(bar) = &self.bar {
-            bar.finish_and_clear();
-        }
-    }
 }

@@ -186,8 +186,11 @@ fn round_step(step: f64) -> f64 {
 fn linear_label(index: i64, step: f64) -> String {
     let value = index as f64 * step;
     let exponent = step.log10().floor() as i64;
+    if index == 0 && exponent < -4 {
+        return "0".to_owned();
+    }
     // Beyond these magnitudes a label with all its zeros would be wider than it says anything.
-    if value != 0.0 && (exponent < -4 || value.abs() >= 1e6) {
+    if exponent < -4 || value.abs() >= 1e6 {
         let leading = value.abs().log10().floor() as i64;
         let digits = usize::try_from(leading - exponent).unwrap_or(0);
         let mantissa = format!("{:.digits$}", value / 10.0_f64.powi(leading as i32));
@@ -236,6 +239,7 @@ mod tests {
         assert_eq!(labels(&axis, 0.0, 1e5)[1..3], ["20\u{2009}000", "40\u{2009}000"]);
         assert_eq!(labels(&axis, -1e5, 0.0)[0], "−100\u{2009}000");
         assert_eq!(labels(&axis, 0.0, 3e-7).last().map(String::as_str), Some("3.0·10⁻⁷"));
+        assert_eq!(labels(&axis, -1e-15, 1e-15)[2..4], ["0", "5·10⁻¹⁶"]);
         assert!(labels(&axis, 5.0, 5.0).contains(&"5.0".to_owned()));
     }
 

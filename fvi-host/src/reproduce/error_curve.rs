@@ -47,14 +47,19 @@ impl ErrorCurve {
         slope(&self.points[self.points.len().saturating_sub(count)..]).unwrap_or(f64::NAN)
     }
 
-    /// The same of the `count` points with the longest steps.
-    pub fn slope_of_coarsest(&self, count: usize) -> f64 {
-        slope(&self.points[..count.min(self.points.len())]).unwrap_or(f64::NAN)
-    }
-
     /// Orders between neighbouring step sizes, the longest first.
     pub fn orders(&self) -> Vec<f64> {
         self.points.windows(2).filter_map(|pair| order_between(pair[0], pair[1])).collect()
+    }
+
+    /// The orders in words, two decimals each.
+    pub fn orders_in_words(&self) -> String {
+        self.orders().iter().map(|order| format!("{order:.2}")).collect::<Vec<_>>().join(", ")
+    }
+
+    /// The slope over all points, and over the four shortest steps.
+    pub fn slopes_in_words(&self) -> String {
+        format!("{:.2}, finest four {:.2}", self.slope(), self.slope_of_finest(4))
     }
 
     /// Error at a step size, if it is there.
@@ -78,7 +83,7 @@ pub(super) fn error_table(name: &'static str, caption: impl Into<String>, curves
     let pair = |curve: &ErrorCurve| {
         [
             Column::new(&curve.label, Format::Error),
-            Column::new(format!("order {}", curve.label), Format::Order),
+            Column::new(format!("order {}", curve.label), Format::Order).headed("order"),
         ]
     };
     let columns = [Column::new("h", Format::Exact)].into_iter().chain(curves.iter().flat_map(pair)).collect();
@@ -103,24 +108,21 @@ pub(super) fn error_chart(
         chart = chart.with(Series::new(label, Style::LineWithPoints, curve.points.clone()));
     }
     for &wanted in slopes {
-        if let Some(guide) = guide(curves, wanted) {
-            chart = chart.with(guide);
-        }
+        chart = guide(curves, wanted).into_iter().fold(chart, Chart::with);
     }
     chart
 }
 
-/// A line of a slope, a factor of three below the lowest of the curves that it is nearest to.
+/// A line of a slope a factor of three below all curves, with its label at the longest step.
 fn guide(curves: &[ErrorCurve], slope: f64) -> Option<Series> {
-    let nearest = |curve: &&ErrorCurve| (curve.slope() - slope).abs() < 0.5;
-    let (from, to) = (curves.first()?.points.first()?.0, curves.first()?.points.last()?.0);
-    let factor = |&(h, error): &(f64, f64)| error / libm::pow(h, slope);
-    let lowest =
-        curves.iter().filter(nearest).flat_map(|curve| curve.points.iter().map(factor)).reduce(f64::min)?;
+    let points = || curves.iter().flat_map(|curve| curve.points.iter());
+    let from = points().map(|point| point.0).reduce(f64::min)?;
+    let to = points().map(|point| point.0).reduce(f64::max)?;
+    let factor = points().map(|&(h, error)| error / libm::pow(h, slope)).reduce(f64::min)? / 3.0;
     let label = if slope.fract() == 0.0 {
         format!("h{}", superscript(slope as i64))
     } else {
         format!("slope {slope}")
     };
-    Some(Series::slope(label, slope, (from, lowest * libm::pow(from, slope) / 3.0), from, to))
+    Some(Series::slope(label, slope, (from, factor * libm::pow(from, slope)), from, to))
 }

@@ -83,7 +83,7 @@ pub(super) fn exact(scenario: &Scenario, quantity: Quantity) -> Vec<(f64, f64)> 
     (0..=EXACT_INTERVALS).filter_map(at).collect()
 }
 
-pub(super) fn value(state: &GridState, quantity: Quantity) -> f64 {
+fn value(state: &GridState, quantity: Quantity) -> f64 {
     match quantity {
         Quantity::Position => state.position[0],
         Quantity::Momentum => state.momentum[0],
@@ -107,18 +107,24 @@ pub(super) fn motion_chart(
     let mut chart = Chart::new(title, Axis::linear("time t"), Axis::linear(axis)).with_subtitle(subtitle);
     for motion in motions {
         // Grid points far enough apart to tell them from one another are marked.
-        let style = if motion.states.len() <= 200 { Style::LineWithPoints } else { Style::Line };
+        let style = if motion.states.len() <= 60 { Style::LineWithPoints } else { Style::Line };
         chart = chart.with(Series::new(&motion.label, style, motion.points(quantity)));
     }
     chart.with(Series::new("exact", Style::Reference, exact(scenario, quantity)))
 }
 
-/// The motions one below the other.
-pub(super) fn motion_table(name: &'static str, caption: &str, motions: &[&Motion]) -> Table {
+/// Quantities of the motions, the motions one below the other.
+pub(super) fn motion_table(
+    name: &'static str,
+    caption: &str,
+    quantities: &[Quantity],
+    motions: &[&Motion],
+) -> Table {
+    let columns: Vec<&str> = ["motion", "t"].into_iter().chain(quantities.iter().map(|q| q.name())).collect();
     let row = |motion: &Motion, state: &GridState| -> Vec<Cell> {
-        let numbers = [state.time, state.position[0], state.momentum[0], state.energy];
-        [motion.label.as_str().into()].into_iter().chain(numbers.map(Cell::from)).collect()
+        let numbers = quantities.iter().map(|&quantity| value(state, quantity).into());
+        [motion.label.as_str().into(), state.time.into()].into_iter().chain(numbers).collect()
     };
     let rows = motions.iter().flat_map(|motion| motion.states.iter().map(|state| row(motion, state)));
-    Table::of_curves(name, caption, &["motion", "t", "q0", "p0", "energy"], rows)
+    Table::of_curves(name, caption, &columns, rows)
 }

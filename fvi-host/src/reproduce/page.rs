@@ -49,8 +49,9 @@ fn page(found: &[(Exhibit, Findings)]) -> String {
         "# Figures and tables of the papers, computed again\n\n\
          `fvi reproduce all` writes this page, its pictures and the CSV files behind them; `fvi reproduce NAME` \
          makes one exhibit. Keys are those of `REFERENCES.md`. Errors are the largest over the grid points of a \
-         run unless a heading says otherwise; *order* is log₂ of the error on the grid with twice the step over the \
-         error here, *slope* that of the line of least squares through the logarithms.\n",
+         run unless a heading says otherwise; *order* is that between a step size and the next longer \
+         one, *slope* that of the line of least squares through the logarithms. [BCGI] prints no numbers: \
+         `fvi extremal` solves its equations. Figures that are drawings only are left out.\n",
     );
     for (exhibit, findings) in found {
         text += &section(exhibit, findings);

@@ -18,8 +18,10 @@ pub struct Table {
 /// A column of a table.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Column {
-    /// Its name.
+    /// Its name in the file.
     pub name: String,
+    /// Its heading on the page.
+    pub heading: String,
     /// How the page shows its numbers.
     pub format: Format,
 }
@@ -67,9 +69,17 @@ impl From<&str> for Cell {
 impl Column {
     /// A column.
     pub fn new(name: impl Into<String>, format: Format) -> Self {
-        Self { name: name.into(), format }
+        let name = name.into();
+        Self { heading: name.clone(), name, format }
     }
 
+    /// The column with a shorter heading on the page.
+    pub fn headed(mut self, heading: &str) -> Self {
+        heading.clone_into(&mut self.heading);
+        self
+    }
+
+    /// What the page shows of a cell.
     fn show(&self, cell: &Cell) -> String {
         match cell {
             Cell::Empty => "–".to_owned(),
@@ -123,7 +133,7 @@ impl Table {
 
     /// The table as Markdown, with the digits of its columns' formats.
     pub fn markdown(&self) -> String {
-        let head = self.columns.iter().map(|column| column.name.as_str());
+        let head = self.columns.iter().map(|column| column.heading.as_str());
         let rows = self.rows.iter().map(|row| {
             self.columns.iter().zip(row).map(|(column, cell)| column.show(cell)).collect::<Vec<_>>()
         });
@@ -164,15 +174,19 @@ mod tests {
         let columns = vec![
             Column::new("h", Format::Exact),
             Column::new("error, BDF 1", Format::Error),
-            Column::new("order", Format::Order),
+            Column::new("order of BDF 1", Format::Order).headed("order"),
         ];
         let third = 1.0 / 3.0;
         let table = Table::new("", "Errors", columns)
             .with_row([0.5.into(), third.into(), None.into()])
             .with_row([0.25.into(), 1e-7.into(), third.into()]);
         let csv = table.csv();
-        assert_eq!(csv, "h,\"error, BDF 1\",order\n0.5,0.3333333333333333,\n0.25,1e-7,0.3333333333333333\n");
+        assert_eq!(
+            csv,
+            "h,\"error, BDF 1\",order of BDF 1\n0.5,0.3333333333333333,\n0.25,1e-7,0.3333333333333333\n"
+        );
         let page = table.markdown();
+        assert!(page.starts_with("| h | error, BDF 1 | order |\n"), "{page}");
         assert!(page.contains("| 0.5 | 3.33e-1 | – |\n| 0.25 | 1.00e-7 | 0.33 |\n"), "{page}");
     }
 }

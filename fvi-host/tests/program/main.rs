@@ -6,6 +6,7 @@ mod extremals;
 mod independent_trajectories;
 mod listings;
 mod repository_scenarios;
+mod reproduction;
 mod runs;
 mod scenario_errors;
 mod workplace;

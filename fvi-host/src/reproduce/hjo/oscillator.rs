@@ -51,7 +51,7 @@ pub(super) fn figure_3(stop: &AtomicBool) -> Result<Findings, ReproduceError> {
             "the decay is that of the exact energy up to the error; where the momentum is near zero, so is the dissipation, and the \
              error decides the sign of a step's change",
         )
-        .with_table(motion_table("", "The motions", &all)))
+        .with_table(motion_table("", "The motions", &[Quantity::Position, Quantity::Energy], &all)))
 }
 
 pub(super) fn figure_4(stop: &AtomicBool) -> Result<Findings, ReproduceError> {
@@ -104,8 +104,8 @@ fn orders(findings: Findings, scheme: Scheme, stop: &AtomicBool) -> Result<Findi
         } else {
             "the coarsest steps are as long as a sixth of a period; there the leading terms of the error partly cancel"
         };
-        let ours = format!("{:.2}, finest four {:.2}", curve.slope(), curve.slope_of_finest(4));
-        findings = findings.differs(format!("slope, {}", curve.label), paper, ours, reason);
+        let quantity = format!("slope, {}", curve.label);
+        findings = findings.differs(quantity, paper, curve.slopes_in_words(), reason);
     }
     Ok(findings.with_table(error_table("errors", "Largest errors of q", &curves)))
 }

@@ -60,7 +60,7 @@ pub(super) fn figure_4(stop: &AtomicBool) -> Result<Findings, ReproduceError> {
             "“approximates properly”",
             format!("largest error of q {error:.1e} with h = ½"),
         )
-        .with_table(motion_table("", "The motions", &motions))
+        .with_table(motion_table("", "Positions", &[Quantity::Position], &motions))
         .with_table(differences)
         .with_remark(
             "The text of the paper does not list its values of α. For α ≠ ½ the derivative of q itself, with q(0) = 1, is a force \
@@ -108,6 +108,10 @@ impl Duel {
         let subtitle = format!("α = ½, ρ = 0.2, q(0) = 1, p(0) = ½; step {}", self.step);
         motion_chart(&title, &subtitle, quantity, &[&self.variational, &self.baseline], &self.scenario)
     }
+
+    fn table(&self, caption: &str, quantities: &[Quantity]) -> Table {
+        motion_table(self.name, caption, quantities, &[&self.variational, &self.baseline])
+    }
 }
 
 /// Step sizes 1/8 … 1/256 on [0, 30]; the paper does not print its own.
@@ -116,11 +120,10 @@ const STEP_SIZES: &str = "h = 1/8 … 1/256 on [0, 30]";
 
 /// Why the slope depends on the step sizes.
 fn order_rises(curve: &ErrorCurve) -> String {
-    let orders: Vec<String> = curve.orders().iter().map(|order| format!("{order:.2}")).collect();
     format!(
         "the paper does not print its step sizes; the order rises to 1 as h falls, from level to level {}, and the slope depends on \
          where one begins",
-        orders.join(", ")
+        curve.orders_in_words()
     )
 }
 
@@ -131,7 +134,7 @@ pub(super) fn figure_5(stop: &AtomicBool) -> Result<Findings, ReproduceError> {
         let ours = format!("{:.1e} and {:.1e}", of(&duel.variational), of(&duel.baseline));
         let quantity = format!("largest error of q, variational and {}, h = {}", duel.scheme, duel.step);
         let caption = format!("Positions: variational integrator and {}", duel.scheme);
-        let table = motion_table(duel.name, &caption, &[&duel.variational, &duel.baseline]);
+        let table = duel.table(&caption, &[Quantity::Position, Quantity::Momentum]);
         findings = findings
             .with_picture(duel.name, caption, duel.chart(Quantity::Position))
             .with_table(table)
@@ -196,14 +199,16 @@ pub(super) fn figure_6(stop: &AtomicBool) -> Result<Findings, ReproduceError> {
         let exact = exact.and_then(|row| row.energy).unwrap_or(f64::NAN);
         let share = |motion: &Motion| motion.last_energy() / exact;
         let caption = format!("Energies: variational integrator and {}", duel.scheme);
-        findings = findings
-            .with_table(motion_table(duel.name, &caption, &[&duel.variational, &duel.baseline]))
-            .with_picture(duel.name, caption, duel.chart(Quantity::Energy));
+        findings = findings.with_table(duel.table(&caption, &[Quantity::Energy])).with_picture(
+            duel.name,
+            caption,
+            duel.chart(Quantity::Energy),
+        );
         let quantity = format!(
             "energy at t = 30 over the exact one, variational and {}, h = {}",
             duel.scheme, duel.step
         );
-        let ours = format!("{:.2} and {:.2}", share(&duel.variational), share(&duel.baseline));
+        let ours = format!("{:.3} and {:.3}", share(&duel.variational), share(&duel.baseline));
         findings = match duel.name {
             "explicit-euler" => findings.differs(
                 quantity,
