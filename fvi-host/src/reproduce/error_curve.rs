@@ -113,16 +113,16 @@ pub(super) fn error_chart(
     chart
 }
 
-/// A line of a slope a factor of three below all curves, with its label at the longest step.
+/// A line of a slope below all curves, far enough for its label, which is at the longest step.
 fn guide(curves: &[ErrorCurve], slope: f64) -> Option<Series> {
     let points = || curves.iter().flat_map(|curve| curve.points.iter());
-    let from = points().map(|point| point.0).reduce(f64::min)?;
-    let to = points().map(|point| point.0).reduce(f64::max)?;
-    let factor = points().map(|&(h, error)| error / libm::pow(h, slope)).reduce(f64::min)? / 3.0;
-    let label = if slope.fract() == 0.0 {
-        format!("h{}", superscript(slope as i64))
-    } else {
-        format!("slope {slope}")
-    };
-    Some(Series::slope(label, slope, (from, factor * libm::pow(from, slope)), from, to))
+    let extreme =
+        |select: fn(&(f64, f64)) -> f64, better: fn(f64, f64) -> f64| points().map(select).reduce(better);
+    let (from, to) = (extreme(|point| point.0, f64::min)?, extreme(|point| point.0, f64::max)?);
+    let (smallest, largest) = (extreme(|point| point.1, f64::min)?, extreme(|point| point.1, f64::max)?);
+    let distance = libm::pow(largest / smallest, 0.11).max(3.0);
+    let lowest = points().map(|&(h, error)| error / libm::pow(h, slope)).reduce(f64::min)?;
+    let label =
+        if slope.fract() == 0.0 { format!("h{}", superscript(slope as i64)) } else { format!("h^{slope}") };
+    Some(Series::slope(label, slope, (from, lowest / distance * libm::pow(from, slope)), from, to))
 }
