@@ -78,7 +78,33 @@ pub(super) fn figure_8(stop: &AtomicBool) -> Result<Findings, ReproduceError> {
             ),
         )
         .with_table(error_table("", "Largest errors of q", &curves))
-        .with_table(first))
+        .with_table(first)
+        .with_table(exponent_lists(stop)?))
+}
+
+/// Slopes with other exponents than that of the solution.
+fn exponent_lists(stop: &AtomicBool) -> Result<Table, ReproduceError> {
+    let columns = vec![
+        Column::new("exponents", Format::Exact),
+        Column::new("error, h = 1/256", Format::Error),
+        Column::new("slope", Format::Order),
+        Column::new("slope, finest four", Format::Order),
+    ];
+    let caption = "t^(5/2), BDF 3: other starting exponents; the paper does not print its own";
+    let mut table = Table::new("exponents", caption, columns);
+    let lists: [&[f64]; 6] =
+        [&[2.5], &[1.0, 2.5], &[1.5, 2.5], &[2.0, 2.5], &[1.0, 1.5, 2.0], &[0.5, 1.0, 1.5, 2.0, 2.5]];
+    for exponents in lists {
+        let curve = ErrorCurve::measure("", &bdf_3(2.5, exponents)?, &PLATE_GRIDS, Quantity::Position, stop)?;
+        let words: Vec<String> = exponents.iter().map(f64::to_string).collect();
+        table = table.with_row([
+            words.join(" ").as_str().into(),
+            curve.points.last().map(|point| point.1).into(),
+            curve.slope().into(),
+            curve.slope_of_finest(4).into(),
+        ]);
+    }
+    Ok(table)
 }
 
 /// Relative errors of q₁ for t^(5/2) over the grids, which the correction is made from, and their limit c as h → 0.
