@@ -1,4 +1,4 @@
-//! A million steps of a nonlinear pendulum: the fast engines give one trajectory, in memories of very different size.
+//! Long runs of a nonlinear pendulum: the engines give one trajectory, in memories of very different size.
 
 use fvi_core::{
     BdfOrder, ConvolutionWeights, DampingTerm, Derivative::Caputo, ExponentialSum, Galerkin, Integrator,
@@ -6,8 +6,11 @@ use fvi_core::{
 };
 use fvi_fft::{BlockFft, Pacing, RealTime};
 use fvi_host::exponential_table::ExponentialKernel;
+use fvi_host::scenario::{Document, Engine, Scenario};
+use fvi_host::simulation::{GridState, Precision, Simulation};
 use fvi_tests::motion::{Pendulum, diagonal};
 use nalgebra::vector;
+use std::path::Path;
 
 const STEPS: usize = 1_000_000;
 const STEP_SIZE: f64 = 0.01;
@@ -60,6 +63,63 @@ fn a_million_steps_of_a_pendulum_do_not_depend_on_the_engine() {
         for (thousand, (a, b)) in (1..).zip(exponential.iter().zip(other)) {
             let error = (a[0] - b[0]).abs().max((a[1] - b[1]).abs());
             assert!(error < 1e-9, "{name}, step {}: {error:e}", 1000 * thousand);
+        }
+    }
+}
+
+/// Position and momentum every hundredth step of a pendulum with Runge–Kutta quadrature, 10⁵ steps.
+fn staged_run(engine: Engine) -> Vec<[f64; 2]> {
+    let text = r#"
+        [system]
+        mass = [1.0]
+        potential = "-cos(q0)"
+        [[system.damping]]
+        order = 0.5
+        coefficient = [0.002]
+        [initial]
+        position = [2.0]
+        momentum = [0.0]
+        [scheme]
+        kind = "galerkin"
+        degree = 2
+        [convolution]
+        family = "radau-iia"
+        stages = 2
+        [time]
+        step = 0.01
+        steps = 100000
+    "#;
+    let document = Document::new("pendulum.toml", Path::new(""), text);
+    let mut scenario = Scenario::from_document(document).unwrap();
+    scenario.history.choose(engine);
+    let mut simulation = Simulation::new(&scenario, Precision::F64).unwrap();
+    assert_eq!(simulation.engines(), [engine]);
+    let mut state = GridState { position: vec![0.0], momentum: vec![0.0], ..GridState::default() };
+    let mut states = vec![];
+    for step in 1..=scenario.time.steps {
+        simulation.step(&[]).unwrap();
+        if step % 100 == 0 {
+            simulation.read(&mut state);
+            states.push([state.position[0], state.momentum[0]]);
+        }
+    }
+    states
+}
+
+#[test]
+fn a_hundred_thousand_steps_with_matrix_weights_do_not_depend_on_the_engine() {
+    // The plain sum runs through all of its 5·10⁹ pairs of steps: nothing is sampled.
+    let plain = staged_run(Engine::Direct);
+    let largest =
+        [0, 1].map(|quantity| plain.iter().fold(0.0, |m, state| f64::max(m, state[quantity].abs())));
+    let last = plain[900..].iter().fold(0.0, |m, state| f64::max(m, state[0].abs()));
+    assert!(last > 0.5, "the pendulum came to rest: {last}");
+    for engine in [Engine::BlockFft, Engine::RealTime, Engine::ExponentialSum] {
+        for (hundred, (a, b)) in (1..).zip(plain.iter().zip(staged_run(engine))) {
+            for quantity in [0, 1] {
+                let error = (a[quantity] - b[quantity]).abs() / largest[quantity];
+                assert!(error < 1e-9, "{}, step {}: {error:e}", engine.name(), 100 * hundred);
+            }
         }
     }
 }
