@@ -119,6 +119,23 @@ impl<const R: usize> RungeKuttaWeights<R> {
         &self.exponentials
     }
 
+    /// (Δ(z)/h)^β = Σ_n W_n zⁿ for |z| ≤ 1, as the sum of geometric series. The exponentials describe the weights below
+    /// [`count`](Self::count), so z must keep away from 1 by much more than the inverse of that.
+    pub fn symbol(&self, z: Complex<f64>) -> SMatrix<Complex<f64>, R, R> {
+        let mut power = Complex::new(1.0, 0.0);
+        let mut symbol = SMatrix::zeros();
+        for weight in &self.near {
+            symbol += weight.map(|entry| power * entry);
+            power *= z;
+        }
+        for exponential in &self.exponentials {
+            let first = exponential.power(self.near.len() - 1);
+            let series = power * first / (Complex::new(1.0, 0.0) - z * (1.0 - exponential.decrement));
+            symbol += (exponential.left * exponential.right.transpose()).map(|entry| series * entry);
+        }
+        symbol
+    }
+
     /// The table that the exponential-sum memory of the core reads, in its scalar.
     pub fn table<T: Real>(&self) -> ExponentialTable<Aligned<T>> {
         let first = self.near.len();

@@ -205,7 +205,7 @@ pub enum Problem {
         /// Where.
         place: String,
     },
-    /// The step is too long for the explicit fractional force.
+    /// The step is so long that the fractional force makes motions grow.
     #[error("unstable: the largest stable step is about {largest_step:.2e}")]
     Unstable {
         /// The largest stable step.
@@ -258,7 +258,7 @@ impl Problem {
             }
             Self::Expression(error) => error.advice(),
             Self::Unstable { .. } => Some(
-                "take a shorter `time.step`, a lower `convolution.order`, or set `time.allow_unstable = true` to run anyway"
+                "take a shorter `time.step`, a lower `convolution.order` (with stages: a lower `scheme.degree`), or set `time.allow_unstable = true` to run anyway"
                     .to_owned(),
             ),
             _ => None,

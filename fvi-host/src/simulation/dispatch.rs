@@ -1,6 +1,6 @@
 //! From a scenario's numbers to the core's types.
 
-use super::assembly::{assemble, check_step};
+use super::assembly::{assemble, check_stage_step, check_step};
 use super::{Precision, Stepper};
 use crate::expression::Elementary;
 use crate::scenario::{ConvolutionFamily, InputError, Problem, Quadrature, Scenario, Scheme};
@@ -127,8 +127,11 @@ fn at_stages<const N: usize, const S: usize, const R: usize>(scenario: &Scenario
         ConvolutionFamily::LobattoIiic { .. } => RungeKutta::<R>::lobatto_iiic(),
         _ => RungeKutta::<R>::radau_iia(),
     };
-    let scheme = method.and_then(|method| StageGalerkin::<f64, S, R>::new(&method));
-    assemble::<f64, N, R, _>(scenario, scheme.map_err(|_| wrong_shape(scenario))?)
+    let refused = |_| wrong_shape(scenario);
+    let method = method.map_err(refused)?;
+    let scheme = StageGalerkin::<f64, S, R>::new(&method).map_err(refused)?;
+    check_stage_step::<N, R>(scenario, &method, S)?;
+    assemble::<f64, N, R, _>(scenario, scheme)
 }
 
 /// A degree with fewer nodes than it needs.

@@ -208,6 +208,46 @@ fn an_unstable_step_is_refused_unless_it_is_allowed() {
 }
 
 #[test]
+fn a_step_at_which_stage_damping_grows_is_refused() {
+    let place = Workplace::new();
+    let staged = |degree: usize, more: &str| {
+        format!(
+            r#"
+            [system]
+            mass = [0.4]
+            potential = "3*q0^2"
+            [[system.damping]]
+            order = 1.9
+            coefficient = [0.9]
+            [initial]
+            position = [0.0]
+            momentum = [0.1]
+            [scheme]
+            kind = "galerkin"
+            degree = {degree}
+            [convolution]
+            family = "radau-iia"
+            stages = 3
+            [time]
+            step = 0.015625
+            steps = 200
+            {more}
+            "#
+        )
+    };
+    place.write("scenario.toml", &staged(3, ""));
+    let output = place.fvi(&["run", "scenario.toml", "--out", "out"]);
+    assert_eq!(output.status.code(), Some(2));
+    let message = text(&output.stderr);
+    assert!(message.contains("time.step = 0.015625: unstable: the largest stable step is"), "{message}");
+    assert_eq!(place.files(), ["scenario.toml"]);
+    let largest = |run: Run| run.column("q0").iter().fold(0.0, |largest, q| f64::max(largest, q.abs()));
+    assert!(largest(place.run(&staged(3, "allow_unstable = true"), &[])) > 1e3);
+    // A degree less lifts the limit.
+    assert!(largest(place.run(&staged(2, ""), &[])) < 0.1);
+}
+
+#[test]
 fn the_engine_of_the_command_line_counts() {
     let place = Workplace::new();
     let run = place.run(OSCILLATOR, &["--engine", "direct"]);
