@@ -5,5 +5,5 @@ mod chart;
 mod trace;
 
 pub use axis::{Axis, Scale};
-pub use chart::{Chart, PictureError, Series, Style};
+pub use chart::{Chart, Marker, PictureError, Series, Style};
 pub use trace::{Envelope, PathTrace};

@@ -35,9 +35,9 @@ pub enum Style {
     Line,
     /// A dashed line.
     Dashed,
-    /// Discs.
+    /// Markers.
     Points,
-    /// A line with discs at its points.
+    /// A line with markers at its points.
     LineWithPoints,
     /// A thin dashed black line over the others: what the others should be.
     Reference,
@@ -47,11 +47,44 @@ pub enum Style {
     Guide,
 }
 
+/// The shape of a series' points.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Marker {
+    /// A disc.
+    #[default]
+    Disc,
+    /// A square.
+    Square,
+    /// A triangle, point up.
+    Triangle,
+    /// A square on its corner.
+    Diamond,
+}
+
+/// Radius of a disc; the other markers are about as large.
+const MARKER_RADIUS: i32 = 3 * FINE;
+
+impl Marker {
+    /// Corners around the middle; none for the disc.
+    fn corners(self) -> Option<&'static [(i32, i32)]> {
+        const SQUARE: [(i32, i32); 4] = [(-12, -12), (12, -12), (12, 12), (-12, 12)];
+        const TRIANGLE: [(i32, i32); 3] = [(0, -17), (15, 11), (-15, 11)];
+        const DIAMOND: [(i32, i32); 4] = [(0, -18), (16, 0), (0, 18), (-16, 0)];
+        match self {
+            Self::Disc => None,
+            Self::Square => Some(&SQUARE),
+            Self::Triangle => Some(&TRIANGLE),
+            Self::Diamond => Some(&DIAMOND),
+        }
+    }
+}
+
 /// A named curve or set of points.
 #[derive(Clone, Debug)]
 pub struct Series {
     label: String,
     style: Style,
+    marker: Marker,
     points: Vec<(f64, f64)>,
     colour: Option<usize>,
 }
@@ -60,10 +93,16 @@ impl Series {
     /// A series; points without a place on the axes (not finite, or ≤ 0 on a logarithmic one) are left out and
     /// interrupt its line.
     pub fn new(label: impl Into<String>, style: Style, points: Vec<(f64, f64)>) -> Self {
-        Self { label: label.into(), style, points, colour: None }
+        Self { label: label.into(), style, marker: Marker::default(), points, colour: None }
     }
 
-    /// The series in the colour of the `index`-th series, to go with that one.
+    /// The series with another shape of its points.
+    pub fn with_marker(mut self, marker: Marker) -> Self {
+        self.marker = marker;
+        self
+    }
+
+    /// The series in the `index`-th colour, which by default is that of the `index`-th series.
     pub fn with_colour_of(mut self, index: usize) -> Self {
         self.colour = Some(index);
         self
@@ -187,14 +226,13 @@ impl Chart {
                 Style::Dashed => Some(dash(9, 5)),
                 Style::Reference => Some(dash(5, 5)),
                 Style::Guide => Some(dash(2, 4)),
-                Style::Points | Style::ReferencePoints => {
-                    let (radius, style) = match series.style {
-                        Style::Points => (3 * FINE, self.colour(index).filled()),
-                        _ => (4 * FINE, stroke),
-                    };
-                    chart.draw_series(
-                        pieces.iter().flatten().map(|&point| Circle::new(point, radius, style)),
-                    )?;
+                Style::Points => {
+                    self.draw_markers(&mut chart, index, pieces)?;
+                    continue;
+                }
+                Style::ReferencePoints => {
+                    let ring = |&point| Circle::new(point, 4 * FINE, stroke);
+                    chart.draw_series(pieces.iter().flatten().map(ring))?;
                     continue;
                 }
             };
@@ -209,12 +247,10 @@ impl Chart {
                     }
                 }
             }
-            let points = || pieces.iter().flatten().copied();
             if series.style == Style::LineWithPoints {
-                let fill = self.colour(index).filled();
-                chart.draw_series(points().map(|point| Circle::new(point, 3 * FINE, fill)))?;
+                self.draw_markers(&mut chart, index, pieces)?;
             }
-            if let (Style::Guide, Some(end)) = (series.style, points().last()) {
+            if let (Style::Guide, Some(&end)) = (series.style, pieces.iter().flatten().last()) {
                 // Inside the frame: to the left of an end at the right edge, to the right of others.
                 let (low, high) = x.ends();
                 let side = if (high - end.0) < 0.12 * (high - low) { HPos::Right } else { HPos::Left };
@@ -223,6 +259,24 @@ impl Chart {
                 chart.draw_series([EmptyElement::at(end) + label])?;
             }
         }
+        Ok(())
+    }
+
+    /// Draws the points of a series.
+    fn draw_markers<B: DrawingBackend, C: CoordTranslate<From = (f64, f64)>>(
+        &self,
+        chart: &mut ChartContext<'_, B, C>,
+        index: usize,
+        pieces: &[Piece],
+    ) -> DrawingResult<B::ErrorType> {
+        let fill = self.colour(index).filled();
+        let points = pieces.iter().flatten().copied();
+        match self.series[index].marker.corners() {
+            None => chart.draw_series(points.map(|point| Circle::new(point, MARKER_RADIUS, fill)))?,
+            Some(corners) => chart.draw_series(
+                points.map(|point| EmptyElement::at(point) + Polygon::new(corners.to_vec(), fill)),
+            )?,
+        };
         Ok(())
     }
 
@@ -282,18 +336,26 @@ impl Chart {
             PathElement::new(vec![((left + from) * FINE, height), ((left + to) * FINE, height)], stroke)
         };
         let centre = ((left + 13) * FINE, height);
+        let fill = self.colour(index).filled();
+        let marker = match self.series[index].marker.corners() {
+            None => Circle::new(centre, MARKER_RADIUS, fill).into_dyn(),
+            Some(corners) => {
+                let place = |corner: &(i32, i32)| (centre.0 + corner.0, centre.1 + corner.1);
+                Polygon::new(corners.iter().map(place).collect::<Vec<_>>(), fill).into_dyn()
+            }
+        };
         match self.series[index].style {
             Style::Line => area.draw(&dash(0, 26)),
             Style::LineWithPoints => {
                 area.draw(&dash(0, 26))?;
-                area.draw(&Circle::new(centre, 3 * FINE, self.colour(index).filled()))
+                area.draw(&marker)
             }
             Style::Dashed | Style::Reference | Style::Guide => {
                 area.draw(&dash(0, 6))?;
                 area.draw(&dash(10, 16))?;
                 area.draw(&dash(20, 26))
             }
-            Style::Points => area.draw(&Circle::new(centre, 3 * FINE, self.colour(index).filled())),
+            Style::Points => area.draw(&marker),
             Style::ReferencePoints => area.draw(&Circle::new(centre, 4 * FINE, stroke)),
         }
     }
