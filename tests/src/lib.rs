@@ -3,6 +3,7 @@
 
 pub mod conformance;
 pub mod convergence;
+pub mod manufactured;
 pub mod motion;
 pub mod reference;
 pub mod stages;

@@ -3,9 +3,11 @@
 use std::f64::consts::PI;
 
 use fvi_core::{
-    Derivative::RiemannLiouville, Galerkin, Instant, Mass, NoForce, Quadratic, Quadrature, System, TimeForce,
+    Derivative::Caputo, Derivative::RiemannLiouville, Galerkin, Instant, Mass, NoForce, Quadratic,
+    Quadrature, System, TimeForce,
 };
 use fvi_tests::convergence::{largest_error, observed_order};
+use fvi_tests::manufactured::manufactured_errors;
 use fvi_tests::motion::{Motion, Pendulum, diagonal, integrate, term, weights};
 use nalgebra::{SVector, vector};
 
@@ -134,4 +136,46 @@ fn hjo_table_2() {
     assert_orders(free, [1.0, 2.0, 2.0], 0.1);
     assert_orders(cube, [1.0, 2.0, 2.0], 0.15);
     assert_orders(power, [1.0, 2.0, 2.0], 0.1);
+}
+
+/// Observed orders of position and momentum on a nonlinear motion that is smooth from the start on.
+fn nonlinear_orders<const S: usize, const Q: usize>(
+    scheme: Galerkin<f64, S, Q>,
+    bdf_order: usize,
+    damping: (f64, f64),
+) -> [f64; 2] {
+    let steps = [256, 512, 1024];
+    let errors = steps.map(|n| {
+        let table = weights(bdf_order, damping.1, 1.0 / n as f64, n + 1);
+        let term = term(diagonal(damping.0), damping.1, Caputo, &table);
+        manufactured_errors(scheme, term, damping, n)
+    });
+    let step_sizes = steps.map(|n| 1.0 / n as f64);
+    [0, 1].map(|quantity| observed_order(&step_sizes, &errors.map(|error| error[quantity])))
+}
+
+#[test]
+fn damping_at_the_main_nodes_has_order_two_in_position_and_one_in_momentum_on_a_nonlinear_motion() {
+    // The memory acts at the ends of the steps only. Eliminating the momenta leaves the trapezoidal rule for the damping: positions of
+    // order min(p, 2), whatever the degree. p_k has lost the whole h ρ D^β q at the end of its step where half of it belongs
+    // to the next: momenta are of order 1.
+    // The coefficients are large, so that the error of the damping stands out, but small enough for BDF 3 to be stable.
+    for (coefficient, damping_order) in [(4.0, 0.3), (2.0, 0.5), (2.0, 1.0), (1.0, 1.5), (0.1, 1.9)] {
+        let damping = (coefficient, damping_order);
+        for p in [1, 2, 3] {
+            let parabolas = Galerkin::<f64, 2, 2>::new(&Quadrature::gauss().unwrap()).unwrap();
+            let found = [
+                nonlinear_orders(Galerkin::low_order(0.5).unwrap(), p, damping),
+                nonlinear_orders(parabolas, p, damping),
+            ];
+            println!("BDF {p}, β = {damping_order}: {found:?}");
+            let expected = [f64::min(p as f64, 2.0), 1.0];
+            for (order, expected) in found.into_iter().flat_map(|found| found.into_iter().zip(expected)) {
+                assert!(
+                    (order - expected).abs() < 0.2,
+                    "BDF {p}, β = {damping_order}: order {order:.3} instead of {expected}"
+                );
+            }
+        }
+    }
 }
