@@ -7,10 +7,13 @@ mod error_curve;
 mod findings;
 mod hjo;
 mod jo;
+mod methods;
 mod motion;
 mod page;
 mod problems;
+mod runge_kutta_orders;
 mod table;
+mod work_precision;
 
 pub use error_curve::ErrorCurve;
 pub use findings::{Comparison, Findings, Picture};
@@ -114,7 +117,13 @@ impl From<ConvergeError> for ReproduceError {
 
 /// All exhibits, in the order of the page.
 pub fn exhibits() -> Vec<Exhibit> {
-    [jo::EXHIBITS.as_slice(), hjo::EXHIBITS.as_slice()].concat()
+    [
+        jo::EXHIBITS.as_slice(),
+        hjo::EXHIBITS.as_slice(),
+        runge_kutta_orders::EXHIBITS.as_slice(),
+        work_precision::EXHIBITS.as_slice(),
+    ]
+    .concat()
 }
 
 #[cfg(test)]

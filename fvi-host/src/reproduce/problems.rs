@@ -39,6 +39,11 @@ fn with_pulse_reference(document: Document) -> Document {
     document.with_attached("bagley-torvik-pulse-reference.csv", TABLE)
 }
 
+/// A pendulum on a viscoelastic hinge, released from 2 rad, on [0, 20].
+pub(super) fn pendulum() -> Result<Scenario, InputError> {
+    Scenario::from_document(repository!("pendulum.toml"))
+}
+
 /// q̈ + D^{1/2} q + q = f with the solution t³ on [0, 1]: \[HJO\] eq. 41a.
 pub(super) fn cube_plate() -> Result<Scenario, InputError> {
     Scenario::from_document(repository!("bagley-torvik-cubic.toml"))
