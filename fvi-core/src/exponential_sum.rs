@@ -235,7 +235,7 @@ impl Layout {
         Self {
             stages,
             coordinates: channels / stages,
-            head: table.head.len() / (stages * stages),
+            head: table.head.len() / (stages * stages).max(1),
             blocks: table.exponentials.len() / block_len(stages),
         }
     }
