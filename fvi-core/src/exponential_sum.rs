@@ -73,8 +73,8 @@ impl<C> ExponentialTable<C> {
 impl<T> ExponentialTable<&[T]> {
     /// How many numbers of state [`ExponentialSum`] needs for this table and `channels` channels.
     ///
-    /// 2J C/S + (2n₀ + 2) C + S² with J in whole blocks of four: running sums in two parts, pending terms and delayed
-    /// samples, the term in four parts, the leading weight. A `const fn`, to be the length of an array.
+    /// 2J C/S + (2n₀ − 1) C + S² with J in whole blocks of four: running sums in two parts, pending terms and delayed
+    /// samples, the term, the leading weight. A `const fn`, to be the length of an array.
     pub const fn state_len(&self, channels: usize) -> usize {
         let planes = self.stages.saturating_mul(self.stages);
         if planes == 0 || self.stages == 0 {
@@ -82,7 +82,7 @@ impl<T> ExponentialTable<&[T]> {
         }
         let head = self.head.len() / planes;
         let blocks = self.exponentials.len() / block_len(self.stages);
-        let per_channel = head.saturating_add(head.saturating_sub(2)).saturating_add(LANES);
+        let per_channel = head.saturating_add(head.saturating_sub(2)).saturating_add(1);
         planes
             .saturating_add(per_channel.saturating_mul(channels))
             .saturating_add(blocks.saturating_mul(STATE_BLOCK).saturating_mul(channels / self.stages))
@@ -272,7 +272,7 @@ impl Layout {
         let (sums, state) = state.split_at_mut_checked(self.sums())?;
         let (pending, state) = state.split_at_mut_checked(self.pending())?;
         let (delayed, state) = state.split_at_mut_checked(self.delayed())?;
-        let (term, leading) = state.split_at_mut_checked(self.channels() * LANES)?;
+        let (term, leading) = state.split_at_mut_checked(self.channels())?;
         Some(Parts { sums, pending, delayed, term, leading })
     }
 }
@@ -285,7 +285,7 @@ struct Parts<'a, T> {
     pending: &'a mut [T],
     /// The last n₀ − 2 samples, as a ring of samples.
     delayed: &'a mut [T],
-    /// r_k / scale of every channel, in four parts.
+    /// r_k of every channel.
     term: &'a mut [T],
     /// The leading weight, scaled.
     leading: &'a mut [T],
@@ -306,6 +306,12 @@ fn lanes<T: Real>(number: impl Fn(usize) -> T) -> Lanes<T> {
         *place = number(lane);
     }
     lanes
+}
+
+/// The sum of four parts.
+#[inline(always)]
+fn total<T: Real>([a, b, c, d]: Lanes<T>) -> T {
+    (a + c) + (b + d)
 }
 
 /// pending[i] ← pending[i+1] + weights[i] x: the next term moves to the front, and the sample joins those to come.
@@ -366,14 +372,25 @@ struct NumberStep<'a, T> {
     /// w₁ … w_{n₀−1}.
     weights: &'a [T],
     exponentials: &'a [[T; STATE_BLOCK]],
+    scale: T,
     /// Which block settles at this step.
     settling: Option<usize>,
 }
 
-impl<T: Real> NumberStep<'_, T> {
-    /// The step of one channel: takes the sample x and returns the next term in four parts.
+impl<'a, T: Real> NumberStep<'a, T> {
     #[inline(always)]
-    fn take(&self, x: T, sums: &mut [T], pending: &mut [T], delayed: Option<&mut T>) -> Lanes<T> {
+    fn new(table: &ExponentialTable<&'a [T]>, layout: Layout, scale: T, settling: usize) -> Option<Self> {
+        Some(Self {
+            weights: table.head.get(1..layout.head)?,
+            exponentials: table.exponentials.as_chunks::<STATE_BLOCK>().0,
+            scale,
+            settling: Some(settling).filter(|&settling| settling < table.slow_blocks),
+        })
+    }
+
+    /// The step of one channel: takes the sample x and returns the next term.
+    #[inline(always)]
+    fn take(&self, x: T, sums: &mut [T], pending: &mut [T], delayed: Option<&mut T>) -> T {
         let leaving = match delayed {
             Some(place) => core::mem::replace(place, x),
             None => x,
@@ -394,7 +411,8 @@ impl<T: Real> NumberStep<'_, T> {
         if let Some(sums) = self.settling.and_then(|settling| sums.get_mut(settling)) {
             settle(sums);
         }
-        totals
+        // Through memory: otherwise the pairs of the total decide how the compiler lays out the loop above.
+        total(core::hint::black_box(totals)) * self.scale
     }
 }
 
@@ -423,27 +441,28 @@ where
     C: AsRef<[T]>,
     B: AsRef<[T]> + AsMut<[T]>,
 {
+    /// The step for plain numbers in one channel, which needs no loop and what a loop computes beforehand.
+    #[inline(always)]
+    fn push_number(&mut self, x: T) -> Option<()> {
+        let layout = Layout { stages: 1, coordinates: 1, ..self.layout };
+        let table = self.table.borrow();
+        let parts = layout.split(self.state.as_mut())?;
+        let step = NumberStep::new(&table, layout, self.scale, self.settling)?;
+        let term = parts.term.first_mut()?;
+        *term = step.take(x, parts.sums, parts.pending, parts.delayed.get_mut(self.oldest));
+        Some(())
+    }
+
     /// The step for plain numbers. It returns early only if the state has another shape than the constructor found.
     #[inline(always)]
     fn push_numbers(&mut self, sample: &[T]) -> Option<()> {
         let layout = Layout { stages: 1, ..self.layout };
         let table = self.table.borrow();
         let parts = layout.split(self.state.as_mut())?;
-        let weights = table.head.get(1..layout.head)?;
-        let step = NumberStep {
-            weights,
-            exponentials: table.exponentials.as_chunks::<STATE_BLOCK>().0,
-            settling: Some(self.settling).filter(|&settling| settling < table.slow_blocks),
-        };
-        let delayed = parts.delayed.get_mut(self.oldest * layout.coordinates..)?;
-        let terms = parts.term.as_chunks_mut::<LANES>().0;
-        if let ([x], [term, ..]) = (sample, &mut *terms) {
-            // The same as below, without what a loop computes beforehand.
-            *term = step.take(*x, parts.sums, parts.pending, delayed.first_mut());
-            return Some(());
-        }
-        let (mut sums, mut pending, mut delayed) = (parts.sums, parts.pending, delayed.iter_mut());
-        for (&x, term) in sample.iter().zip(terms) {
+        let step = NumberStep::new(&table, layout, self.scale, self.settling)?;
+        let (mut sums, mut pending) = (parts.sums, parts.pending);
+        let mut delayed = parts.delayed.get_mut(self.oldest * layout.coordinates..)?.iter_mut();
+        for (&x, term) in sample.iter().zip(parts.term) {
             let sums = split_off(&mut sums, layout.blocks * STATE_BLOCK)?;
             *term = step.take(x, sums, split_off(&mut pending, layout.head)?, delayed.next());
         }
@@ -459,10 +478,11 @@ where
         let parts = layout.split(self.state.as_mut())?;
         let (mut pending, mut sums) = (parts.pending, parts.sums.as_chunks_mut::<STATE_BLOCK>().0);
         let mut delayed = parts.delayed.get_mut(self.oldest * layout.channels()..)?;
-        let terms = parts.term.as_chunks_mut::<LANES>().0.chunks_exact_mut(stages);
-        for (sample, terms) in sample.chunks_exact(stages).zip(terms) {
+        for (sample, terms) in sample.chunks_exact(stages).zip(parts.term.chunks_exact_mut(stages)) {
             let mut planes = table.head.chunks_exact(head.max(1));
-            for term in terms.iter_mut() {
+            let mut totals = [[T::zero(); LANES]; MAX_STAGES];
+            let totals = totals.get_mut(..stages)?;
+            for totals in totals.iter_mut() {
                 let pending = split_off(&mut pending, head)?;
                 for (b, &x) in sample.iter().enumerate() {
                     let weights = planes.next()?.get(1..)?;
@@ -472,7 +492,7 @@ where
                         pending.iter_mut().zip(weights).for_each(|(here, &weight)| *here += weight * x);
                     }
                 }
-                *term = [pending.first().copied().unwrap_or_default(), T::zero(), T::zero(), T::zero()];
+                *totals = [pending.first().copied().unwrap_or_default(), T::zero(), T::zero(), T::zero()];
             }
             let mut leaving = [T::zero(); MAX_STAGES];
             let leaving = leaving.get_mut(..stages)?;
@@ -494,9 +514,12 @@ where
                     .zip(&*leaving)
                     .fold([T::zero(); LANES], |sum, (input, &x)| lanes(|lane| sum[lane] + input[lane] * x));
                 let before = absorb(sums, decay, input);
-                for (term, output) in terms.iter_mut().zip(outputs) {
-                    *term = lanes(|lane| term[lane] + output[lane] * before[lane]);
+                for (totals, output) in totals.iter_mut().zip(outputs) {
+                    *totals = lanes(|lane| totals[lane] + output[lane] * before[lane]);
                 }
+            }
+            for (term, &totals) in terms.iter_mut().zip(&*totals) {
+                *term = total(totals) * self.scale;
             }
             if let Some(sums) = here.get_mut(..table.slow_blocks)?.get_mut(self.settling) {
                 settle(sums);
@@ -534,8 +557,10 @@ where
         check_channels(self.layout.channels(), term.len())?;
         self.check_room()?;
         let ready = self.state.as_ref().get(self.layout.term_start()..).unwrap_or(&[]);
-        for (term, &[a, b, c, d]) in term.iter_mut().zip(ready.as_chunks::<LANES>().0) {
-            *term = ((a + c) + (b + d)) * self.scale;
+        match (term, ready) {
+            // Without what a loop computes beforehand.
+            ([term], [ready, ..]) => *term = *ready,
+            (term, ready) => term.iter_mut().zip(ready).for_each(|(term, &ready)| *term = ready),
         }
         Ok(())
     }
@@ -544,8 +569,11 @@ where
     fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
         check_channels(self.layout.channels(), sample.len())?;
         self.check_room()?;
-        let stored =
-            if self.layout.stages == 1 { self.push_numbers(sample) } else { self.push_stages(sample) };
+        let stored = match (self.layout.stages, sample) {
+            (1, &[x]) => self.push_number(x),
+            (1, _) => self.push_numbers(sample),
+            _ => self.push_stages(sample),
+        };
         debug_assert!(stored.is_some(), "the constructor checked the shapes");
         self.oldest = if self.oldest + 3 < self.layout.head { self.oldest + 1 } else { 0 };
         self.settling = if self.settling + 1 < self.table.slow_blocks { self.settling + 1 } else { 0 };
