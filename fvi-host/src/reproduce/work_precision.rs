@@ -115,7 +115,7 @@ impl Comparison {
 }
 
 /// Factor of the number of steps over which the lines of the orders run.
-const FAN: f64 = 4.0;
+const FAN: f64 = 3.0;
 
 /// Lines of the given orders that fan out from one place to the left, below all curves.
 fn guides(measured: &[Measured], orders: &[f64]) -> Vec<Series> {
