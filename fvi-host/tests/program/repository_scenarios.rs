@@ -15,6 +15,17 @@ fn run(name: &str) -> Run {
     Run::read(&place.path("out"))
 }
 
+/// A scenario that runs too long for a test, with something in its file replaced.
+fn shortened(name: &str, long: &str, short: &str) -> Run {
+    let place = Workplace::new();
+    let scenario = std::fs::read_to_string(folder().join(name).with_extension("toml")).unwrap();
+    assert!(scenario.contains(long), "{name}");
+    place.write("short.toml", &scenario.replace(long, short));
+    let output = place.fvi(&["run", "short.toml", "--out", "out"]);
+    assert!(output.status.success(), "{name}: {}", text(&output.stderr));
+    Run::read(&place.path("out"))
+}
+
 fn largest_error(run: &Run, of: &str) -> f64 {
     run.summary["errors"][of]["largest"].as_f64().unwrap()
 }
@@ -26,7 +37,8 @@ fn every_scenario_is_among_those_tested_here() {
         let path = entry.unwrap().path();
         if path.extension().is_some_and(|extension| extension == "toml") {
             let name = path.file_stem().unwrap().to_str().unwrap().to_owned();
-            assert!(source.contains(&format!("run(\"{name}\")")), "{name}");
+            let tested = [format!("run(\"{name}\")"), format!("shortened(\"{name}\"")];
+            assert!(tested.iter().any(|call| source.contains(call)), "{name}");
         }
     }
 }
@@ -85,6 +97,18 @@ fn the_pendulum_comes_to_rest_slowly_below_its_first_height() {
     assert!(angle.iter().all(|angle| angle.abs() <= 2.0));
     let late = angle[3000..].iter().fold(0.0_f64, |largest, angle| largest.max(angle.abs()));
     assert!(late > 0.02 && late < 0.5, "{late}");
+}
+
+#[test]
+fn the_pendulum_of_ten_million_steps_swings_on_in_three_kilobytes() {
+    let run = shortened("pendulum-ten-million", "steps = 10_000_000", "steps = 100_000");
+    assert_eq!(run.summary["engine"][0], "exponential-sum");
+    assert!(run.summary["memory_bytes"].as_u64().unwrap() < 3000);
+    assert_eq!(run.rows.len(), 51);
+    // The energy falls slowly: each time it is looked at there is less.
+    let energy = run.column("energy");
+    assert!(energy.windows(2).all(|pair| pair[1] < pair[0]), "{energy:?}");
+    assert!(energy[50] > 0.9 * energy[0]);
 }
 
 #[test]
