@@ -473,7 +473,8 @@ where
     #[inline(never)]
     fn push_stages(&mut self, sample: &[T]) -> Option<()> {
         let layout = self.layout;
-        let Layout { stages, head, blocks, .. } = layout;
+        let Layout { head, blocks, .. } = layout;
+        let stages = layout.stages.max(1);
         let table = self.table.borrow();
         let parts = layout.split(self.state.as_mut())?;
         let (mut pending, mut sums) = (parts.pending, parts.sums.as_chunks_mut::<STATE_BLOCK>().0);

@@ -5,9 +5,10 @@
 use core::panic::PanicInfo;
 
 use fvi_core::{
-    BdfOrder, Coefficients, ConvolutionWeights, DampingTerm, Derivative, ExplicitDamping, FixedDirect,
-    FractionalOperator, Galerkin, ImplicitEuler, Integrator, Mass, NoForce, Overflow, Potential, Quadratic, Real, Scheme,
-    Stability, Start, System, Tiled, check_stability, leading_bdf_weight, monic_bdf_table,
+    BdfOrder, Coefficients, ConvolutionWeights, DampingTerm, Derivative, ExplicitDamping, ExponentialSum,
+    ExponentialTable, FixedDirect, FractionalOperator, Galerkin, ImplicitEuler, Integrator, Mass, Memory,
+    NoForce, Overflow, Potential, Quadratic, Real, Scheme, Stability, Start, System, Tiled, check_stability,
+    leading_bdf_weight, monic_bdf_table,
 };
 use nalgebra::{SMatrix, SVector};
 
@@ -40,11 +41,7 @@ impl<T: Real, const N: usize> Potential<T, N> for Pendulums {
     }
 }
 
-fn run<T: Real, S: Scheme<T, 2, 1>>(
-    scheme: S,
-    table: &[T],
-    numbers: &[f64; 8],
-) -> Option<T> {
+fn run<T: Real, S: Scheme<T, 2, 1>>(scheme: S, table: &[T], numbers: &[f64; 8]) -> Option<T> {
     let [mass, rho, beta, h, q, p, u, scale] = numbers.map(T::of);
     let system = System {
         mass: Mass::dense(SMatrix::from([[mass, u], [u, mass]])).ok()?,
@@ -62,6 +59,24 @@ fn run<T: Real, S: Scheme<T, 2, 1>>(
     let mut integrator = Integrator::new(system, scheme, damping, h, start.0, start.1).ok()?;
     integrator.step(&SVector::from([u, u])).ok()?;
     Some(integrator.energy())
+}
+
+/// A memory of exponentials for tables, channels and numbers that the compiler does not know.
+fn exponentials<T: Real>(table: &[T], stages: usize, channels: usize, samples: &[T; 4]) -> Option<T> {
+    let exponentials = table.get(8..24)?;
+    let table =
+        ExponentialTable { stages, head: table.get(..8)?, exponentials, slow_blocks: 1, horizon: HISTORY };
+    let mut state = [T::zero(); 128];
+    let state = state.get_mut(..table.state_len(channels))?;
+    let mut memory = ExponentialSum::new(table, T::one(), channels, state).ok()?;
+    let mut term = [T::zero(); 4];
+    for _ in 0..2 {
+        memory.next_term(term.get_mut(..channels)?).ok()?;
+        memory.push(samples.get(..channels)?).ok()?;
+    }
+    let leading = memory.leading().first().copied()?;
+    memory.clear();
+    Some(term.iter().fold(leading, |sum, &term| sum + term))
 }
 
 /// Runs everything on numbers that the compiler does not know.
@@ -83,8 +98,14 @@ pub extern "C" fn probe(numbers: &[f64; 8], order: usize) -> f64 {
         let tiled = Tiled::<f64, 1, 4>::new(&WEIGHTS, scale, Overflow::Forget).ok()?;
         let mut tiled = FractionalOperator::new(tiled, Start::Caputo).ok()?;
         let derivative = operator.push(mass).ok()? + operator.push(rho).ok()? + tiled.push(mass).ok()?;
-        let terms =
-            [ExplicitDamping { coefficients: Coefficients::Diagonal([rho].into()), damping_order: beta, bdf_order }];
+        let derivative = derivative
+            + exponentials(&table, order, order, &[mass, rho, beta, h])?
+            + f64::from(exponentials(&single, order, 2 * order, &[mass as f32; 4])?);
+        let terms = [ExplicitDamping {
+            coefficients: Coefficients::Diagonal([rho].into()),
+            damping_order: beta,
+            bdf_order,
+        }];
         let spring = Quadratic::diagonal([mass]).ok()?;
         let stiffness = spring.hessian(&[kappa].into());
         let mass = Mass::diagonal([mass]).ok()?;
