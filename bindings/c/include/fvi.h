@@ -12,7 +12,7 @@
 #include <stdint.h>
 /* Numbers in the buffer of an exponential sum with the given numbers of head weights, of exponential_count, and of channels. */
 #define FVI_EXPONENTIAL_NUMBERS(head, exponentials, channels) \
-    (1 + ((head) + ((head) > 2 ? (head) - 2 : 0) + 4 + (exponentials)) * (channels))
+    (1 + ((head) + ((head) > 2 ? (head) - 2 : 0) + 1 + (exponentials)) * (channels))
 
 /*
  Kind of memory: a ring that takes as many samples as it holds and then refuses.
