@@ -117,13 +117,16 @@ impl Comparison {
 /// Factor of the number of steps over which the lines of the orders run.
 const FAN: f64 = 3.0;
 
+/// The same for the lines and the labels at their ends.
+const LABELLED_FAN: f64 = 2.0 * FAN;
+
 /// Lines of the given orders that fan out from one place to the left, below all curves.
 fn guides(measured: &[Measured], orders: &[f64]) -> Vec<Series> {
     let runs = || measured.iter().flat_map(|of_method| &of_method.runs);
     let first = runs().map(|run| run.steps as f64).fold(f64::INFINITY, f64::min);
     let lowest =
         |runs: &mut dyn Iterator<Item = &Run>| runs.map(|run| run.error).fold(f64::INFINITY, f64::min);
-    let start = (first, lowest(&mut runs().filter(|run| run.steps as f64 <= FAN * first)) / 3.0);
+    let start = (first, lowest(&mut runs().filter(|run| run.steps as f64 <= LABELLED_FAN * first)) / 3.0);
     let floor = lowest(&mut runs());
     let line = |&order: &f64| {
         let end = first * libm::pow(start.1 / floor, 1.0 / order).clamp(1.0, FAN);
