@@ -45,6 +45,17 @@ pub struct ExponentialTable<C> {
     pub horizon: usize,
 }
 
+/// An exponential of an [`ExponentialTable`]: the part (1 − μ)^{n−n₀} u vᵀ of the weights W_n.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ExponentialTerm<T, const S: usize> {
+    /// μ
+    pub decay: T,
+    /// u
+    pub output: [T; S],
+    /// v; 1 for plain numbers.
+    pub input: [T; S],
+}
+
 /// Numbers of a block in the table.
 const fn block_len(stages: usize) -> usize {
     if stages == 1 { 2 * LANES } else { (1 + 2 * stages) * LANES }
@@ -67,6 +78,25 @@ impl<C> ExponentialTable<C> {
             slow_blocks: self.slow_blocks,
             horizon: self.horizon,
         }
+    }
+}
+
+impl<T: Real> ExponentialTable<&[T]> {
+    /// The exponentials one by one, without those that fill up the last block; none if S is not the number of stages.
+    pub fn terms<const S: usize>(&self) -> impl Iterator<Item = ExponentialTerm<T, S>> {
+        let exponentials = if S == self.stages { self.exponentials } else { &[] };
+        let blocks = exponentials.chunks_exact(block_len(S).max(1));
+        let terms = blocks.flat_map(|block| {
+            (0..LANES).map(move |lane| {
+                let entry = |row: usize| block.get(row * LANES + lane).copied().unwrap_or_default();
+                ExponentialTerm {
+                    decay: entry(0),
+                    output: core::array::from_fn(|a| entry(1 + a)),
+                    input: core::array::from_fn(|b| if S == 1 { T::one() } else { entry(1 + S + b) }),
+                }
+            })
+        });
+        terms.filter(|term| term.output.iter().any(|&number| number != T::zero()))
     }
 }
 

@@ -33,7 +33,7 @@ pub use damping::{AffineForce, Damping, DampingError, DampingTerm, Derivative, M
 pub use direct::{Direct, FixedDirect, MAX_STAGES, Overflow, Ring};
 pub use error::ParameterError;
 pub use euler::{ExplicitEuler, ImplicitEuler};
-pub use exponential_sum::{ExponentialSum, ExponentialTable};
+pub use exponential_sum::{ExponentialSum, ExponentialTable, ExponentialTerm};
 pub use galerkin::Galerkin;
 pub use integrator::{Integrator, IntegratorError, State};
 pub use memory::{Memory, MemoryError, check_channels};
