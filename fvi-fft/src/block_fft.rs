@@ -7,8 +7,9 @@ use rustfft::num_complex::Complex;
 
 use crate::cover::Cover;
 use crate::kernel::{Kernel, check_shape, extend_planes, take_planes};
-use crate::level::{Level, LevelShape};
-use crate::near::{CHUNK, Near};
+use crate::level::{Level, LevelShape, owed};
+use crate::near::Near;
+use crate::row::CHUNK;
 use crate::scalar::Scalar;
 
 /// The `block-fft` memory: fast convolution of a known kernel with an online signal, O(k log² k) for k steps.
@@ -75,7 +76,7 @@ impl<T: Scalar> BlockFft<T> {
             channels,
             len: 0,
             capacity: Some(capacity),
-            near: Near::new(cover.block(0), stages, channels, &planes, unit),
+            near: Near::new(2 * cover.block(0), stages, channels, &planes, unit),
             cover,
             levels,
             signal: (0..channels).map(|_| Vec::with_capacity(capacity)).collect(),
@@ -102,7 +103,7 @@ impl<T: Scalar> BlockFft<T> {
             capacity: None,
             cover: Cover::growing(FIRST_BLOCK, RATIO),
             levels: Vec::new(),
-            near: Near::new(FIRST_BLOCK, stages, channels, &planes, unit),
+            near: Near::new(2 * FIRST_BLOCK, stages, channels, &planes, unit),
             signal: vec![Vec::new(); channels],
             growth: Some(Growth { source: Box::new(kernel), planes, planner: FftPlanner::new() }),
             scratch: Vec::new(),
@@ -164,11 +165,7 @@ impl<T: Scalar> BlockFft<T> {
             }
         }
         let levels = &self.levels;
-        self.near.begin(k, &self.signal, |channel, row| {
-            for level in levels.iter().rev() {
-                level.add_output(channel, k, row);
-            }
-        });
+        self.near.begin(self.cover.near(k), &self.signal, |channel| owed(levels, channel, k));
     }
 
     fn check_room(&self) -> Result<(), MemoryError> {
@@ -209,7 +206,7 @@ impl<T: Scalar> Memory<T> for BlockFft<T> {
         for (row, &number) in self.signal.iter_mut().zip(sample) {
             row.push(number);
         }
-        self.near.push(self.len, &self.signal);
+        self.near.push(self.len, sample);
         self.len += 1;
         if self.len.is_multiple_of(CHUNK) && self.check_room().is_ok() {
             self.begin_chunk(self.len);

@@ -55,6 +55,12 @@ impl Cover {
         self.blocks[level]
     }
 
+    /// Number of samples before k in the near part of the outputs of its chunk.
+    pub(crate) fn near(&self, k: usize) -> usize {
+        let block = self.blocks[0];
+        k - (k / block).saturating_sub(1) * block
+    }
+
     /// Number of levels.
     pub(crate) fn levels(&self) -> usize {
         self.blocks.len()
@@ -101,9 +107,8 @@ mod tests {
     /// Counts how often each pair (k, j), j < k, is served.
     fn served(cover: &Cover, length: usize) -> Vec<u8> {
         let mut count = vec![0u8; length * length];
-        let near = cover.block(0);
         for k in 0..length {
-            for j in (k / near).saturating_sub(1) * near..k {
+            for j in k - cover.near(k)..k {
                 count[k * length + j] += 1;
             }
             for level in 0..cover.levels() {

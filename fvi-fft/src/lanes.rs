@@ -26,6 +26,10 @@ pub trait Lanes: Pod {
     fn in_lanes<S: Simd>(unit: S, number: Self) -> Self::Reals<S>;
     /// a + b
     fn plus<S: Simd>(unit: S, a: Self::Reals<S>, b: Self::Reals<S>) -> Self::Reals<S>;
+    /// a − b
+    fn minus<S: Simd>(unit: S, a: Self::Reals<S>, b: Self::Reals<S>) -> Self::Reals<S>;
+    /// a·b
+    fn times<S: Simd>(unit: S, a: Self::Reals<S>, b: Self::Reals<S>) -> Self::Reals<S>;
     /// a·b + c
     fn plus_product<S: Simd>(
         unit: S,
@@ -63,7 +67,7 @@ pub trait Lanes: Pod {
 macro_rules! lanes {
     (
         $scalar:ident, $reals:ident, $complexes:ident, $as_reals:ident, $as_reals_mut:ident, $as_complexes:ident,
-        $as_complexes_mut:ident, $splat:ident, $add:ident, $mul_add:ident, $neg_mul_add:ident, $complex_splat:ident,
+        $as_complexes_mut:ident, $splat:ident, $add:ident, $sub:ident, $mul:ident, $mul_add:ident, $neg_mul_add:ident, $complex_splat:ident,
         $complex_add:ident, $complex_sub:ident, $complex_mul:ident, $conj_mul:ident, $swap:ident, $conj:ident,
         $separate:ident, $interleave:ident
     ) => {
@@ -94,6 +98,14 @@ macro_rules! lanes {
             #[inline(always)]
             fn plus<S: Simd>(unit: S, a: Self::Reals<S>, b: Self::Reals<S>) -> Self::Reals<S> {
                 unit.$add(a, b)
+            }
+            #[inline(always)]
+            fn minus<S: Simd>(unit: S, a: Self::Reals<S>, b: Self::Reals<S>) -> Self::Reals<S> {
+                unit.$sub(a, b)
+            }
+            #[inline(always)]
+            fn times<S: Simd>(unit: S, a: Self::Reals<S>, b: Self::Reals<S>) -> Self::Reals<S> {
+                unit.$mul(a, b)
             }
             #[inline(always)]
             fn plus_product<S: Simd>(
@@ -176,6 +188,8 @@ lanes!(
     as_mut_simd_c32s,
     splat_f32s,
     add_f32s,
+    sub_f32s,
+    mul_f32s,
     mul_add_e_f32s,
     negate_mul_add_e_f32s,
     splat_c32s,
@@ -198,6 +212,8 @@ lanes!(
     as_mut_simd_c64s,
     splat_f64s,
     add_f64s,
+    sub_f64s,
+    mul_f64s,
     mul_add_e_f64s,
     negate_mul_add_e_f64s,
     splat_c64s,

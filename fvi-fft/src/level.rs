@@ -7,6 +7,7 @@ use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 
 use crate::cover::Cover;
+use crate::row::{CHUNK, Row};
 use crate::scalar::Scalar;
 use crate::transform::{PACKET, Packet, Transform};
 
@@ -257,12 +258,12 @@ impl<T: Scalar> Level<T> {
         self.unit.dispatch(Products { sum, signal, kernel });
     }
 
-    /// Adds the N outputs from sample `k` on, all of one block, to `row`.
-    pub(crate) fn add_output<const N: usize>(&self, channel: usize, k: usize, row: &mut [T; N]) {
+    /// Adds the chunk of outputs at sample `k`, all of one block, to `row`.
+    fn add_output(&self, channel: usize, k: usize, row: &mut Row<T>) {
         // Block sizes are powers of two, and so is the number of output blocks.
         let output = (k >> self.block.trailing_zeros()) & (self.outputs - 1);
         let place = (output * self.channels + channel) * self.block + (k & (self.block - 1));
-        for (number, output) in row.iter_mut().zip(&self.output[place..place + N]) {
+        for (number, output) in row.0.iter_mut().zip(&self.output[place..place + CHUNK]) {
             *number += *output;
         }
     }
@@ -280,6 +281,13 @@ impl<T: Scalar> Level<T> {
             + size_of_val(self.polynomial.as_slice())
             + size_of_val(self.output.as_slice())
     }
+}
+
+/// What the levels owe to the chunk of outputs at sample `k`, the smallest parts first.
+pub(crate) fn owed<T: Scalar>(levels: &[Level<T>], channel: usize, k: usize) -> Row<T> {
+    let mut row = Row::zeros();
+    levels.iter().rev().for_each(|level| level.add_output(channel, k, &mut row));
+    row
 }
 
 enum Place {

@@ -3,16 +3,19 @@
 
 pub mod baseline;
 mod block_fft;
+mod chunked_exponential_sum;
 mod cover;
 mod kernel;
 mod lanes;
 mod level;
 mod near;
 mod real_time;
+mod row;
 mod scalar;
 mod transform;
 
 pub use block_fft::BlockFft;
+pub use chunked_exponential_sum::ChunkedExponentialSum;
 pub use kernel::{Kernel, WeightTable};
 pub use real_time::{Pacing, RealTime};
 pub use scalar::Scalar;

@@ -8,8 +8,9 @@ use rustfft::num_complex::Complex;
 
 use crate::cover::Cover;
 use crate::kernel::{Kernel, check_shape, take_planes};
-use crate::level::{Level, LevelShape};
-use crate::near::{CHUNK, Near};
+use crate::level::{Level, LevelShape, owed};
+use crate::near::Near;
+use crate::row::CHUNK;
 use crate::scalar::Scalar;
 
 /// When the tasks of a block are run.
@@ -112,7 +113,7 @@ impl<T: Scalar> RealTime<T> {
             len: 0,
             capacity,
             pacing,
-            near: Near::new(cover.block(0), stages, channels, &planes, unit),
+            near: Near::new(2 * cover.block(0), stages, channels, &planes, unit),
             cover,
             jobs: vec![None; levels.len()],
             levels,
@@ -212,7 +213,7 @@ impl<T: Scalar> Memory<T> for RealTime<T> {
         for (row, &number) in self.signal.iter_mut().zip(sample) {
             row.push(number);
         }
-        self.near.push(self.len, &self.signal);
+        self.near.push(self.len, sample);
         self.len += 1;
         if self.len == self.capacity {
             return Ok(());
@@ -223,11 +224,7 @@ impl<T: Scalar> Memory<T> for RealTime<T> {
         self.work();
         if self.len.is_multiple_of(CHUNK) {
             let (levels, k) = (&self.levels, self.len);
-            self.near.begin(k, &self.signal, |channel, row| {
-                for level in levels.iter().rev() {
-                    level.add_output(channel, k, row);
-                }
-            });
+            self.near.begin(self.cover.near(k), &self.signal, |channel| owed(levels, channel, k));
         }
         Ok(())
     }

@@ -1,0 +1,521 @@
+//! The exponential-sum memory of the host: samples and terms in chunks, so that far samples cost products with small matrices.
+
+use fvi_core::{
+    ExponentialSum, ExponentialTable, ExponentialTerm, Memory, MemoryError, ParameterError, check_channels,
+};
+use pulp::{Arch, NullaryFnOnce, Simd, WithSimd};
+
+use crate::row::{CHUNK, Row, add_product};
+use crate::scalar::Scalar;
+
+/// The exponential-sum memory in vector code: r_k = Σ_{n=1}^{k} W_n x_{k−n} for the kernel of an [`ExponentialTable`].
+///
+/// Samples and terms come in chunks of M = 16. With d the least number of chunks that hold the head of the table,
+/// lags up to those of d chunks are summed directly; what lies further back is known to the terms of chunk c + 1
+/// while chunk c is under way, through sums Z_j that take up a chunk at a time:
+///
+/// ```text
+/// Z_j ← (1 − μ_j)^M Z_j + Σ_{m<M} (1 − μ_j)^{M−1−m} v_jᵀ x_{(c−d)M+m}
+/// r_{(c+1)M+i} ⊇ Σ_j u_j (1 − μ_j)^{dM+1−n₀} (1 − μ_j)^i Z_j ,      0 ≤ i < M
+/// ```
+///
+/// The weights are those of the table, and terms agree with [`ExponentialSum`] to rounding, at little more than half its time on a host; not
+/// to the last bit, because the order of the sums differs, and because a multiply–add is rounded once on machines where that is one
+/// instruction. The work of a chunk is spread over its steps. Memory is constant: some 32 numbers for each exponential.
+///
+/// S is the number of stages of the kernel, 1 for plain numbers. Powers are formed in double precision, whatever `T`.
+///
+/// Source: collapsed contour of \[HJO\] eq. 19; recursion as in \[SchädleLFLubich06\].
+pub struct ChunkedExponentialSum<T: Scalar, const S: usize> {
+    horizon: usize,
+    len: usize,
+    /// W₀, row by row.
+    leading: Vec<T>,
+    within: Columns<T, S>,
+    /// Weights of lags from one chunk to another behind it, the d-th first and the next one last.
+    between: Vec<Columns<T, S>>,
+    blocks: Vec<Block<T, S>>,
+    coordinates: Vec<Coordinate<T, S>>,
+    /// Pieces of the far work that are to be done after each sample of a chunk.
+    due: [usize; CHUNK],
+    /// Pieces that are done in this chunk.
+    done: usize,
+    unit: Arch,
+}
+
+/// What each sample of a chunk adds to the terms of a chunk: at `[m][b][a]`, of stage b of sample m to stage a.
+type Columns<T, const S: usize> = [[[Row<T>; S]; S]; CHUNK];
+
+/// Exponentials of a block: as many as a chunk has samples.
+const LANES: usize = CHUNK;
+
+/// Sixteen exponentials. A block that is not full has zeros.
+struct Block<T, const S: usize> {
+    /// 1 − μ
+    factor: Row<T>,
+    /// (1 − μ)²
+    squared: Row<T>,
+    /// 1 − (1 − μ)^M, which near 0 has the digits that (1 − μ)^M lacks.
+    decay: Row<T>,
+    /// v, stage by stage; for plain numbers with u.
+    inputs: [Row<T>; S],
+    /// u (1 − μ)^{dM+1−n₀}, stage by stage; for plain numbers it is part of the input already.
+    outputs: [Row<T>; S],
+    /// For each exponential (1 − μ)^i, 0 ≤ i < M.
+    powers: [Row<T>; LANES],
+}
+
+/// The state of one coordinate.
+struct Coordinate<T, const S: usize> {
+    /// Memory terms of this chunk, as far as the samples are known.
+    terms: [Row<T>; S],
+    /// What samples before this chunk add to the terms of the next one.
+    next: [Row<T>; S],
+    /// Samples of this chunk.
+    samples: [Row<T>; S],
+    /// Samples of the d chunks before, oldest first.
+    past: Vec<[Row<T>; S]>,
+    sums: Vec<Sum<T>>,
+}
+
+/// The Z_j of a block.
+#[derive(Clone, Copy)]
+struct Sum<T> {
+    whole: Row<T>,
+    /// What rounding took away from it: a sum that forgets slowly would gather the errors of many chunks.
+    rest: Row<T>,
+}
+
+/// An exponential is left out where it is below this part of the weight.
+const NEGLIGIBLE: f64 = 1e-18;
+
+/// Decay of an exponential over the lag at hand from which it loses importance against the weights.
+const FAST: f64 = 8.0;
+
+impl<T: Scalar, const S: usize> ChunkedExponentialSum<T, S> {
+    /// A memory for the kernel of a table on `channels` channels, without samples.
+    ///
+    /// # Errors
+    /// If the table is one that [`ExponentialSum::new`] refuses, has another number of stages than S, or `channels` is no positive multiple of S.
+    pub fn new(table: &ExponentialTable<&[f64]>, channels: usize) -> Result<Self, ParameterError> {
+        let stages = table.stages;
+        if stages != S {
+            let allowed = "as many as the type of the memory has";
+            return Err(ParameterError { parameter: "stages", value: stages as f64, allowed });
+        }
+        ExponentialSum::new(*table, 1.0, channels, vec![0.0; table.state_len(channels)])?;
+        let mut kernel = WholeKernel { head: table.head, terms: table.terms().collect::<Vec<_>>() };
+        let head = kernel.head_len();
+        let distance = (head - 1).div_ceil(CHUNK).max(1);
+        // Terms of sample m of a chunk in the chunk `chunks` further on.
+        let columns = |chunks: usize| -> Columns<T, S> {
+            let weight = |m: usize, b: usize, a: usize, i: usize| match (chunks * CHUNK + i).checked_sub(m) {
+                None | Some(0) => T::zero(),
+                Some(n) => T::of(kernel.weight(a, b, n)),
+            };
+            core::array::from_fn(|m| {
+                core::array::from_fn(|b| {
+                    core::array::from_fn(|a| Row(core::array::from_fn(|i| weight(m, b, a, i))))
+                })
+            })
+        };
+        let within = columns(0);
+        let between = (1..=distance).rev().map(columns).collect();
+        let nearest = distance * CHUNK + 1;
+        kernel.keep_what_lasts(nearest);
+        let blocks: Vec<Block<T, S>> =
+            kernel.terms.chunks(LANES).map(|terms| Block::new(terms, nearest - head)).collect();
+        let pieces = distance - 1 + blocks.len() + usize::from(!blocks.is_empty());
+        let coordinates = (0..channels / S).map(|_| Coordinate::new(distance, blocks.len())).collect();
+        Ok(Self {
+            horizon: table.horizon,
+            len: 0,
+            leading: (0..S * S).map(|entry| T::of(kernel.weight(entry / S, entry % S, 0))).collect(),
+            within,
+            between,
+            blocks,
+            coordinates,
+            due: core::array::from_fn(|place| pieces.min((place + 1) * pieces / (CHUNK - 1))),
+            done: 0,
+            unit: Arch::new(),
+        })
+    }
+
+    #[inline]
+    fn check(&self, channels: usize) -> Result<(), MemoryError> {
+        check_channels(self.coordinates.len() * S, channels)?;
+        let capacity = self.horizon;
+        if self.len >= capacity { Err(MemoryError::Full { capacity }) } else { Ok(()) }
+    }
+
+    /// Takes a sample of the right length.
+    #[inline(always)]
+    fn step<V: Simd>(&mut self, unit: V, sample: &[T]) {
+        let place = self.len % CHUNK;
+        let within = &self.within[place];
+        for (coordinate, x) in self.coordinates.iter_mut().zip(sample.as_chunks::<S>().0) {
+            for (samples, &x) in coordinate.samples.iter_mut().zip(x) {
+                samples.0[place] = x;
+            }
+            for (weights, &x) in within.iter().zip(x) {
+                for (terms, weights) in coordinate.terms.iter_mut().zip(weights) {
+                    terms.add_multiple(unit, weights, x, place);
+                }
+            }
+        }
+        self.len += 1;
+        if self.due[place] != self.done || place + 1 == CHUNK {
+            unit.vectorize(Work { memory: self, unit, place });
+        }
+    }
+
+    /// What is to be done behind the sample at `place`: the next pieces of the far work, and the beginning of a chunk.
+    #[inline(always)]
+    fn work<V: Simd>(&mut self, unit: V, place: usize) {
+        let (pieces, begins) = (self.done..self.due[place], place + 1 == CHUNK);
+        self.done = if begins { 0 } else { pieces.end };
+        for coordinate in &mut self.coordinates {
+            for piece in pieces.clone() {
+                coordinate.work(unit, piece, &self.blocks, &self.between);
+            }
+            if begins {
+                coordinate.begin_chunk(unit, &self.between);
+            }
+        }
+    }
+
+    /// The step for processors without a vector unit that is known. Out of line: it would burden the registers of the call of the others.
+    #[inline(never)]
+    fn portable_step(&mut self, sample: &[T]) {
+        self.step(pulp::Scalar, sample);
+    }
+}
+
+/// The call that is compiled once for every vector unit.
+struct Step<'a, T: Scalar, const S: usize> {
+    memory: &'a mut ChunkedExponentialSum<T, S>,
+    sample: &'a [T],
+}
+
+impl<T: Scalar, const S: usize> WithSimd for Step<'_, T, S> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<V: Simd>(self, unit: V) {
+        self.memory.step(unit, self.sample);
+    }
+}
+
+/// The far work, a call of its own: its registers would burden the steps that have none to do.
+struct Work<'a, T: Scalar, V, const S: usize> {
+    memory: &'a mut ChunkedExponentialSum<T, S>,
+    unit: V,
+    place: usize,
+}
+
+impl<T: Scalar, V: Simd, const S: usize> NullaryFnOnce for Work<'_, T, V, S> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        self.memory.work(self.unit, self.place);
+    }
+}
+
+/// The weights of a table at any lag.
+struct WholeKernel<'a, const S: usize> {
+    head: &'a [f64],
+    terms: Vec<ExponentialTerm<f64, S>>,
+}
+
+impl<const S: usize> WholeKernel<'_, S> {
+    fn head_len(&self) -> usize {
+        self.head.len() / (S * S)
+    }
+
+    fn weight(&self, a: usize, b: usize, n: usize) -> f64 {
+        let head = self.head_len();
+        if n < head {
+            self.head[(a * S + b) * head + n]
+        } else {
+            self.terms.iter().map(|term| term.output[a] * term.input[b] * power(term, n - head)).sum()
+        }
+    }
+
+    /// Leaves out what has died away at lag n and beyond: what is negligible there and decays faster than the weights, which are
+    /// like a power of the lag above the minus third.
+    fn keep_what_lasts(&mut self, n: usize) {
+        let size = |entry: &dyn Fn(usize, usize) -> f64| {
+            (0..S * S).map(|place| entry(place / S, place % S).abs()).fold(0.0, f64::max)
+        };
+        let weight = size(&|a, b| self.weight(a, b, n));
+        let left = n - self.head_len();
+        self.terms.retain(|term| {
+            let slow = term.decay * (n as f64) < FAST;
+            let part = size(&|a, b| term.output[a] * term.input[b]) * power(term, left).abs();
+            slow || part > NEGLIGIBLE * weight
+        });
+    }
+}
+
+/// (1 − μ)ⁿ, accurate relative to itself: with what rounding takes away from 1 − μ.
+fn power<const S: usize>(term: &ExponentialTerm<f64, S>, n: usize) -> f64 {
+    let base = 1.0 - term.decay;
+    let rest = (1.0 - base) - term.decay;
+    let power = libm::pow(base, n as f64);
+    if rest == 0.0 { power } else { power + power * (n as f64 * (rest / base)) }
+}
+
+impl<T: Scalar, const S: usize> Block<T, S> {
+    /// The block of up to sixteen exponentials; `left` is how far the nearest lag is behind the first of the table.
+    fn new(terms: &[ExponentialTerm<f64, S>], left: usize) -> Self {
+        let lanes = |of: &dyn Fn(&ExponentialTerm<f64, S>) -> f64| {
+            Row(core::array::from_fn(|lane| terms.get(lane).map_or(T::zero(), |term| T::of(of(term)))))
+        };
+        let decay = |term: &ExponentialTerm<f64, S>| match 1.0 - term.decay > 0.0 {
+            true => -libm::expm1(CHUNK as f64 * libm::log1p(-term.decay)),
+            false => 1.0 - power(term, CHUNK),
+        };
+        Self {
+            factor: lanes(&|term| power(term, 1)),
+            squared: lanes(&|term| power(term, 2)),
+            decay: lanes(&decay),
+            inputs: core::array::from_fn(|b| match S {
+                1 => lanes(&|term| term.input[b] * term.output[b] * power(term, left)),
+                _ => lanes(&|term| term.input[b]),
+            }),
+            outputs: core::array::from_fn(|a| lanes(&|term| term.output[a] * power(term, left))),
+            powers: core::array::from_fn(|lane| {
+                let power = |i| terms.get(lane).map_or(T::zero(), |term| T::of(power(term, i)));
+                Row(core::array::from_fn(power))
+            }),
+        }
+    }
+
+    /// Takes a chunk of samples into the sums.
+    #[inline(always)]
+    fn absorb<V: Simd>(&self, unit: V, sum: &mut Sum<T>, samples: &[Row<T>; S]) {
+        let zero = T::in_lanes(unit, T::zero());
+        let mut inputs = [zero; LANES];
+        for (samples, scale) in samples.iter().zip(&self.inputs) {
+            // Horner's rule, for samples at even and at odd places apart: two chains that do not wait for each other.
+            let [[first, second], later @ ..] = samples.0.as_chunks::<2>().0 else { return };
+            let (mut even, mut odd) =
+                ([T::in_lanes(unit, *first); LANES], [T::in_lanes(unit, *second); LANES]);
+            for &[first, second] in later {
+                let (first, second) = (T::in_lanes(unit, first), T::in_lanes(unit, second));
+                for ((even, odd), &squared) in even.iter_mut().zip(&mut odd).zip(self.squared.parts::<V>()) {
+                    *even = T::plus_product(unit, squared, *even, first);
+                    *odd = T::plus_product(unit, squared, *odd, second);
+                }
+                // A compiler that unrolls this loop takes one chain after the other, and finds too few registers for the samples.
+                core::hint::black_box(());
+            }
+            let parts = self.factor.parts::<V>().iter().zip(scale.parts::<V>());
+            for (((input, (&factor, &scale)), even), odd) in inputs.iter_mut().zip(parts).zip(even).zip(odd) {
+                *input = T::plus_product(unit, scale, T::plus_product(unit, factor, even, odd), *input);
+            }
+        }
+        let sums = sum.whole.parts_mut::<V>().iter_mut().zip(sum.rest.parts_mut::<V>());
+        for (((whole, rest), &decay), input) in sums.zip(self.decay.parts::<V>()).zip(inputs) {
+            let change = T::plus(unit, T::minus_product(unit, decay, *whole, *rest), input);
+            let after = T::plus(unit, *whole, change);
+            *rest = T::minus(unit, change, T::minus(unit, after, *whole));
+            *whole = after;
+        }
+    }
+
+    /// Adds what the sums are worth to the terms of the next chunk.
+    #[inline(always)]
+    fn emit<V: Simd>(&self, unit: V, sum: &Sum<T>, next: &mut [Row<T>; S]) {
+        for (outputs, next) in self.outputs.iter().zip(next) {
+            if S == 1 {
+                add_product(unit, next, self.powers.iter().zip(sum.whole.0));
+                continue;
+            }
+            let mut amplitudes = Row::zeros();
+            let parts = outputs.parts::<V>().iter().zip(sum.whole.parts::<V>());
+            for (amplitude, (&output, &whole)) in amplitudes.parts_mut::<V>().iter_mut().zip(parts) {
+                *amplitude = T::times(unit, output, whole);
+            }
+            add_product(unit, next, self.powers.iter().zip(amplitudes.0));
+        }
+    }
+}
+
+impl<T: Scalar, const S: usize> Coordinate<T, S> {
+    fn new(distance: usize, blocks: usize) -> Self {
+        let sum = Sum { whole: Row::zeros(), rest: Row::zeros() };
+        Self {
+            terms: [Row::zeros(); S],
+            next: [Row::zeros(); S],
+            samples: [Row::zeros(); S],
+            past: vec![[Row::zeros(); S]; distance],
+            sums: vec![sum; blocks],
+        }
+    }
+
+    /// One piece of the far work of a chunk: first each chunk but the oldest, directly; then the blocks. A block emits one piece
+    /// after it has absorbed: what neighbouring blocks do together does not wait for each other.
+    #[inline(always)]
+    fn work<V: Simd>(&mut self, unit: V, piece: usize, blocks: &[Block<T, S>], between: &[Columns<T, S>]) {
+        let direct = between.len() - 1;
+        if let Some(piece) = piece.checked_sub(direct) {
+            let emitting = piece.wrapping_sub(1);
+            if let (Some(block), Some(sum)) = (blocks.get(emitting), self.sums.get(emitting)) {
+                block.emit(unit, sum, &mut self.next);
+            }
+            let oldest = self.past.first();
+            if let (Some(block), Some(sum), Some(oldest)) =
+                (blocks.get(piece), self.sums.get_mut(piece), oldest)
+            {
+                block.absorb(unit, sum, oldest);
+            }
+        } else if let (Some(samples), Some(columns)) = (self.past.get(piece + 1), between.get(piece)) {
+            add_chunk(unit, &mut self.next, samples, columns);
+        }
+    }
+
+    /// Ends a chunk: its samples join the past, and what was prepared for the next chunk comes to its turn.
+    #[inline(always)]
+    fn begin_chunk<V: Simd>(&mut self, unit: V, between: &[Columns<T, S>]) {
+        self.terms = self.next;
+        self.next = [Row::zeros(); S];
+        if let Some(columns) = between.last() {
+            add_chunk(unit, &mut self.terms, &self.samples, columns);
+        }
+        if self.past.len() > 1 {
+            self.past.copy_within(1.., 0);
+        }
+        if let Some(newest) = self.past.last_mut() {
+            *newest = self.samples;
+        }
+    }
+}
+
+/// Adds a chunk of samples to the terms of a later one directly.
+#[inline(always)]
+fn add_chunk<T: Scalar, V: Simd, const S: usize>(
+    unit: V,
+    terms: &mut [Row<T>; S],
+    samples: &[Row<T>; S],
+    columns: &Columns<T, S>,
+) {
+    for (b, samples) in samples.iter().enumerate() {
+        for (a, terms) in terms.iter_mut().enumerate() {
+            add_product(unit, terms, columns.iter().map(|column| &column[b][a]).zip(samples.0));
+        }
+    }
+}
+
+impl<T: Scalar, const S: usize> Memory<T> for ChunkedExponentialSum<T, S> {
+    fn channels(&self) -> usize {
+        self.coordinates.len() * S
+    }
+
+    fn stages(&self) -> usize {
+        S
+    }
+
+    fn leading(&self) -> &[T] {
+        &self.leading
+    }
+
+    fn len(&self) -> usize {
+        self.len
+    }
+
+    fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
+        self.check(term.len())?;
+        let place = self.len % CHUNK;
+        if let ([term], [coordinate]) = (&mut *term, &*self.coordinates) {
+            // Without what a loop computes beforehand.
+            *term = coordinate.terms[0].0[place];
+            return Ok(());
+        }
+        for (term, coordinate) in term.as_chunks_mut::<S>().0.iter_mut().zip(&self.coordinates) {
+            for (term, terms) in term.iter_mut().zip(&coordinate.terms) {
+                *term = terms.0[place];
+            }
+        }
+        Ok(())
+    }
+
+    fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
+        self.check(sample.len())?;
+        match self.unit {
+            Arch::Scalar => self.portable_step(sample),
+            unit => unit.dispatch(Step { memory: self, sample }),
+        }
+        Ok(())
+    }
+
+    fn clear(&mut self) {
+        (self.len, self.done) = (0, 0);
+        let (distance, blocks) = (self.between.len(), self.blocks.len());
+        self.coordinates.fill_with(|| Coordinate::new(distance, blocks));
+    }
+
+    fn bytes(&self) -> usize {
+        let coordinate = |coordinate: &Coordinate<T, S>| {
+            size_of_val(coordinate.past.as_slice()) + size_of_val(coordinate.sums.as_slice())
+        };
+        size_of::<Self>()
+            + size_of_val(self.leading.as_slice())
+            + size_of_val(self.between.as_slice())
+            + size_of_val(self.blocks.as_slice())
+            + size_of_val(self.coordinates.as_slice())
+            + self.coordinates.iter().map(coordinate).sum::<usize>()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Weights 2, 1, 1/2, 1/4, …
+    fn halves() -> ExponentialTable<&'static [f64]> {
+        ExponentialTable {
+            stages: 1,
+            head: &[2.0, 1.0],
+            exponentials: &[0.5, 0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0],
+            slow_blocks: 0,
+            horizon: 100,
+        }
+    }
+
+    #[test]
+    fn a_unit_sample_leaves_the_weights_until_the_horizon() {
+        let mut memory = ChunkedExponentialSum::<f64, 1>::new(&halves(), 1).unwrap();
+        assert_eq!(memory.leading(), [2.0]);
+        let mut term = [f64::NAN];
+        for k in 0..100 {
+            memory.next_term(&mut term).unwrap();
+            let weight = if k == 0 { 0.0 } else { 0.5f64.powi(k - 1) };
+            assert!((term[0] - weight).abs() <= 1e-15 * weight, "{term:?} at k = {k}");
+            memory.push(&[if k == 0 { 1.0 } else { 0.0 }]).unwrap();
+        }
+        let full = Err(MemoryError::Full { capacity: 100 });
+        assert_eq!((memory.next_term(&mut term), memory.push(&[0.0])), (full, full));
+    }
+
+    #[test]
+    fn what_has_died_away_costs_nothing() {
+        // Of rates 1/2 and 16 per step, from lag 1 on; the second is e^{−256} of itself at lag 17.
+        let exponentials: &[f64] = &[0.5, 1.0 - (-16.0f64).exp(), 0.0, 0.0, 0.5, 0.5, 0.0, 0.0];
+        let table = ExponentialTable { exponentials, ..halves() };
+        let memory = ChunkedExponentialSum::<f64, 1>::new(&table, 1).unwrap();
+        let alive = memory.blocks[0].factor.0.iter().filter(|&&factor| factor != 0.0).count();
+        assert_eq!((memory.blocks.len(), alive), (1, 1));
+    }
+
+    #[test]
+    fn a_table_with_other_stages_or_out_of_range_is_refused() {
+        let parameter = |table, channels| {
+            ChunkedExponentialSum::<f64, 1>::new(&table, channels).err().map(|error| error.parameter)
+        };
+        assert_eq!(parameter(ExponentialTable { stages: 2, ..halves() }, 2), Some("stages"));
+        assert_eq!(parameter(ExponentialTable { exponentials: &[3.0; 8], ..halves() }, 1), Some("decay"));
+        assert_eq!(parameter(halves(), 0), Some("channels"));
+    }
+}
