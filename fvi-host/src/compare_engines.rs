@@ -1,14 +1,14 @@
 //! Memory engines side by side: agreement first, then time per step and memory.
 
 use crate::aligned::Aligned;
-use crate::exponential_table::ExponentialKernel;
+use crate::exponential_table::{ExponentialKernel, ExponentialKernelError, SMALLEST_TOLERANCE};
 use crate::picture::{Axis, Chart, PictureError, Series, Style};
 use crate::vectorised::Vectorised;
 use fvi_core::{
     BdfOrder, ConvolutionWeights, Direct, ExponentialSum, Memory, MemoryError, Overflow, ParameterError, Ring,
 };
 use fvi_fft::baseline::{Hls, Naive, OfflineFft, Signal, memory_term};
-use fvi_fft::{BlockFft, Pacing, RealTime, WeightTable};
+use fvi_fft::{BlockFft, ChunkedExponentialSum, Pacing, RealTime, WeightTable};
 use std::error::Error;
 use std::hint::black_box;
 use std::path::Path;
@@ -133,12 +133,13 @@ impl<'a> Contender<'a> {
     pub fn all() -> Vec<Self> {
         vec![
             Self::new("exponential-sum", |task| {
-                let (horizon, tolerance) = (task.weights.len(), 1e-15);
-                let kernel = ExponentialKernel::bdf(task.order, task.exponent, 1.0, horizon, tolerance)?;
-                let table = kernel.table::<f64>();
+                let table = exponential_kernel(task)?.table();
+                Ok(Some(Box::new(ChunkedExponentialSum::<f64, 1>::new(&table.borrow(), 1)?)))
+            }),
+            Self::new("exponential-sum-core", |task| {
+                let table = exponential_kernel(task)?.table();
                 let state = Aligned::zeros(table.borrow().state_len(1));
-                let memory = ExponentialSum::new(table, 1.0, 1, state)?;
-                Ok(Some(Box::new(Vectorised::new(memory))))
+                Ok(Some(Box::new(Vectorised::new(ExponentialSum::new(table, 1.0, 1, state)?))))
             }),
             Self::new("block-fft", |task| {
                 let kernel = WeightTable::scalars(task.weights);
@@ -168,6 +169,10 @@ impl<'a> Contender<'a> {
             }),
         ]
     }
+}
+
+fn exponential_kernel(task: Task<'_>) -> Result<ExponentialKernel, ExponentialKernelError> {
+    ExponentialKernel::bdf(task.order, task.exponent, 1.0, task.weights.len(), SMALLEST_TOLERANCE)
 }
 
 /// A ring of a whole run in one piece, newest first.

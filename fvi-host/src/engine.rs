@@ -1,16 +1,14 @@
 //! The memory engines on the host, and the one place where one is chosen.
 
-use crate::aligned::Aligned;
 use crate::exponential_table::{self, ExponentialKernel, ExponentialKernelError};
 use crate::runge_kutta_weights::RungeKuttaWeights;
 use crate::scenario::{Convolution, ConvolutionFamily, Engine, History, Overflow};
 use crate::starting::StartingCorrection;
-use crate::vectorised::Vectorised;
 use fvi_core::{
-    BdfOrder, ConvolutionWeights, Direct, ExponentialSum, ExponentialTable, Memory, MemoryError,
-    ParameterError, Ring, RungeKutta,
+    BdfOrder, ConvolutionWeights, Direct, ExponentialTable, Memory, MemoryError, ParameterError, Ring,
+    RungeKutta,
 };
-use fvi_fft::{BlockFft, Kernel, Pacing, RealTime, Scalar};
+use fvi_fft::{BlockFft, ChunkedExponentialSum, Kernel, Pacing, RealTime, Scalar};
 use std::collections::VecDeque;
 
 /// A memory engine chosen at run time.
@@ -31,7 +29,7 @@ impl<T: Scalar> Watched<T> for Direct<T, Vec<T>, Vec<GrowingRing<T>>, GrowingRin
 
 impl<T: Scalar> Watched<T> for BlockFft<T> {}
 
-impl<T: Scalar> Watched<T> for Vectorised<ExponentialSum<T, Aligned<T>, Aligned<T>>> {}
+impl<T: Scalar, const S: usize> Watched<T> for ChunkedExponentialSum<T, S> {}
 
 impl<T: Scalar> Watched<T> for RealTime<T> {
     fn overruns(&self) -> Option<usize> {
@@ -184,7 +182,7 @@ impl MemoryRequest<'_> {
                     self.samples.max(1),
                     tolerance,
                 )?;
-                self.exponential_sum(kernel.table())
+                self.exponential_sum::<T, 1>(&kernel.table().borrow())
             }
         }
     }
@@ -201,7 +199,7 @@ impl MemoryRequest<'_> {
         };
         let weights = RungeKuttaWeights::new(method, self.exponent, self.step_size, count)?;
         if engine == Engine::ExponentialSum {
-            return self.exponential_sum(weights.table());
+            return self.exponential_sum::<T, R>(&weights.table().borrow());
         }
         self.room::<f64>(engine, count.saturating_mul(R * R))?;
         let planes: Vec<T> = weights.planes().into_iter().map(T::of).collect();
@@ -244,13 +242,11 @@ impl MemoryRequest<'_> {
         Ok(HostMemory { memory, engine })
     }
 
-    fn exponential_sum<T: Scalar>(
+    fn exponential_sum<T: Scalar, const S: usize>(
         &self,
-        table: ExponentialTable<Aligned<T>>,
+        table: &ExponentialTable<&[f64]>,
     ) -> Result<HostMemory<T>, EngineError> {
-        let channels = self.coordinates * table.stages;
-        let state = Aligned::zeros(table.borrow().state_len(channels));
-        let memory = Box::new(Vectorised::new(ExponentialSum::new(table, T::one(), channels, state)?));
+        let memory = Box::new(ChunkedExponentialSum::<T, S>::new(table, self.coordinates * S)?);
         Ok(HostMemory { memory, engine: Engine::ExponentialSum })
     }
 

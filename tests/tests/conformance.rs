@@ -2,7 +2,7 @@
 
 use fvi_core::{BdfOrder, Direct, ExponentialSum, ExponentialTable, Memory, Overflow, Real, Ring, Tiled};
 use fvi_fft::baseline::{Hls, Naive, OfflineFft, Signal, memory_term};
-use fvi_fft::{BlockFft, Pacing, RealTime, Scalar, WeightTable};
+use fvi_fft::{BlockFft, ChunkedExponentialSum, Pacing, RealTime, Scalar, WeightTable};
 use fvi_host::exponential_table::ExponentialKernel;
 use fvi_host::vectorised::Vectorised;
 use fvi_tests::conformance::{
@@ -86,23 +86,47 @@ fn real_time<T: Scalar>(kernel: TestKernel, channels: usize, capacity: usize) ->
     Box::new(RealTime::planned(table, channels, capacity, Pacing::Paced).unwrap())
 }
 
-fn exponential_sum<T: Real>(kernel: TestKernel, channels: usize, capacity: usize) -> Box<dyn Memory<T>> {
-    fn memory<T: Real, C: AsRef<[T]> + 'static>(
-        table: ExponentialTable<C>,
-        channels: usize,
-    ) -> Box<dyn Memory<T>> {
-        let state = vec![T::of(f64::NAN); table.borrow().state_len(channels)];
-        Box::new(Vectorised::new(ExponentialSum::new(table, T::one(), channels, state).unwrap()))
-    }
+/// What the exponential sums read: the table of exponentials for a run.
+fn with_table<T: Real, M>(
+    kernel: TestKernel,
+    capacity: usize,
+    memory: impl FnOnce(&ExponentialTable<&[T]>) -> M,
+) -> M {
     match kernel {
         TestKernel::Quadrature { order, exponent } => {
             let order = BdfOrder::new(order).unwrap();
             let kernel = ExponentialKernel::bdf(order, exponent, 1.0, capacity.max(1), 1e-15).unwrap();
-            memory(kernel.table(), channels)
+            memory(&kernel.table().borrow())
         }
-        TestKernel::RadauIia { exponent } => memory(radau_iia_weights(exponent).table(), channels),
+        TestKernel::RadauIia { exponent } => memory(&radau_iia_weights(exponent).table().borrow()),
         TestKernel::Arbitrary { .. } => panic!("no exponentials for {kernel:?}"),
     }
+}
+
+fn exponential_sum<T: Real>(kernel: TestKernel, channels: usize, capacity: usize) -> Box<dyn Memory<T>> {
+    with_table(kernel, capacity, |table| {
+        let owned = ExponentialTable {
+            stages: table.stages,
+            head: table.head.to_vec(),
+            exponentials: table.exponentials.to_vec(),
+            slow_blocks: table.slow_blocks,
+            horizon: table.horizon,
+        };
+        let state = vec![T::of(f64::NAN); table.state_len(channels)];
+        let memory = ExponentialSum::new(owned, T::one(), channels, state).unwrap();
+        Box::new(Vectorised::new(memory)) as Box<dyn Memory<T>>
+    })
+}
+
+fn chunked_exponential_sum<T: Scalar>(
+    kernel: TestKernel,
+    channels: usize,
+    capacity: usize,
+) -> Box<dyn Memory<T>> {
+    with_table(kernel, capacity, |table| match table.stages {
+        1 => Box::new(ChunkedExponentialSum::<T, 1>::new(table, channels).unwrap()) as Box<dyn Memory<T>>,
+        _ => Box::new(ChunkedExponentialSum::<T, 3>::new(table, channels).unwrap()),
+    })
 }
 
 /// Blocks of the tiled memories: 5120 samples.
@@ -156,127 +180,97 @@ fn short_runs_of_arbitrary_kernels<T: Real>(build: impl Constructor<T> + Copy, s
     }
 }
 
+/// For engines that take any kernel.
 fn short_runs<T: Real>(build: impl Constructor<T> + Copy) {
     short_runs_of_quadratures(build);
     short_runs_of_stages(build);
     short_runs_of_arbitrary_kernels(build, &[1, 3]);
 }
 
-fn contract<T: Real>(build: impl Constructor<T> + Copy) {
-    for length in [1, 40, 700] {
-        keeps_the_contract(build, TestKernel::Quadrature { order: 2, exponent: 0.5 }, length);
-        keeps_the_contract(build, TestKernel::Arbitrary { stages: 3 }, length);
-    }
+/// For those that need decaying weights.
+fn short_runs_of_decaying_weights<T: Real>(build: impl Constructor<T> + Copy) {
+    short_runs_of_quadratures(build);
+    short_runs_of_stages(build);
 }
 
+/// For those that need plain numbers.
+fn short_runs_of_plain_numbers<T: Real>(build: impl Constructor<T> + Copy) {
+    short_runs_of_quadratures(build);
+    short_runs_of_arbitrary_kernels(build, &[1]);
+}
+
+const HALF_DERIVATIVE: TestKernel = TestKernel::Quadrature { order: 1, exponent: 0.5 };
+const HALF_INTEGRAL: TestKernel = TestKernel::Quadrature { order: 1, exponent: -0.5 };
+const SECOND_ORDER: TestKernel = TestKernel::Quadrature { order: 2, exponent: 0.5 };
+const SIXTH_ORDER: TestKernel = TestKernel::Quadrature { order: 6, exponent: 1.5 };
+const STAGES: TestKernel = TestKernel::RadauIia { exponent: 0.5 };
+const NUMBERS: TestKernel = TestKernel::Arbitrary { stages: 1 };
+const MATRICES: TestKernel = TestKernel::Arbitrary { stages: 3 };
+
+/// The suite for one engine: its constructor, the short runs it takes, kernels for the contract and for long runs, and lengths of those.
 macro_rules! engine {
-    ($name:ident, $build:ident, $long:expr) => {
+    ($name:ident, $build:ident, $short_runs:ident, $contract:expr, $long:expr, $lengths:expr) => {
         mod $name {
             use super::*;
 
             #[test]
             fn short_runs_agree_with_the_plain_sum() {
-                short_runs::<f64>($build);
+                $short_runs::<f64>($build);
             }
 
             #[test]
             fn short_runs_agree_with_the_plain_sum_in_f32() {
-                short_runs::<f32>($build);
+                $short_runs::<f32>($build);
             }
 
             #[test]
             fn repeated_refused_and_cleared_runs_give_the_same_bits() {
-                contract::<f64>($build);
-                contract::<f32>($build);
+                for kernel in $contract {
+                    for length in [1, 40, 700] {
+                        keeps_the_contract::<f64>($build, kernel, length);
+                        keeps_the_contract::<f32>($build, kernel, length);
+                    }
+                }
             }
 
             #[test]
             fn long_runs_agree_with_the_plain_sum() {
-                for kernel in [
-                    TestKernel::Quadrature { order: 1, exponent: 0.5 },
-                    TestKernel::Quadrature { order: 6, exponent: 1.5 },
-                    TestKernel::Arbitrary { stages: 1 },
-                ] {
-                    agrees_with_the_plain_sum::<f64>($build, kernel, 1, $long);
+                for kernel in $long {
+                    agrees_with_the_plain_sum::<f64>($build, kernel, 1, $lengths);
                 }
-                let kernel = TestKernel::Quadrature { order: 1, exponent: -0.5 };
-                agrees_with_the_plain_sum::<f32>($build, kernel, 1, $long);
+                agrees_with_the_plain_sum::<f32>($build, HALF_INTEGRAL, 1, $lengths);
             }
         }
     };
 }
 
-mod exponential_sum_memory {
-    use super::*;
+const ANY: [TestKernel; 2] = [SECOND_ORDER, MATRICES];
+const ANY_LONG: [TestKernel; 3] = [HALF_DERIVATIVE, SIXTH_ORDER, NUMBERS];
+const DECAYING: [TestKernel; 2] = [SECOND_ORDER, STAGES];
+const DECAYING_LONG: [TestKernel; 3] = [HALF_DERIVATIVE, HALF_INTEGRAL, SIXTH_ORDER];
+const LONG: &[usize] = &[33_000, 300_000];
 
-    fn short_runs<T: Real>() {
-        short_runs_of_quadratures::<T>(exponential_sum);
-        short_runs_of_stages::<T>(exponential_sum);
-    }
-
-    #[test]
-    fn short_runs_agree_with_the_plain_sum() {
-        short_runs::<f64>();
-    }
-
-    #[test]
-    fn short_runs_agree_with_the_plain_sum_in_f32() {
-        short_runs::<f32>();
-    }
-
-    #[test]
-    fn repeated_refused_and_cleared_runs_give_the_same_bits() {
-        for length in [1, 40, 700] {
-            for kernel in
-                [TestKernel::Quadrature { order: 2, exponent: 0.5 }, TestKernel::RadauIia { exponent: 0.5 }]
-            {
-                keeps_the_contract::<f64>(exponential_sum, kernel, length);
-                keeps_the_contract::<f32>(exponential_sum, kernel, length);
-            }
-        }
-    }
-
-    #[test]
-    fn long_runs_agree_with_the_plain_sum() {
-        for (order, exponent) in [(1, 0.5), (1, -0.5), (6, 1.5)] {
-            let kernel = TestKernel::Quadrature { order, exponent };
-            agrees_with_the_plain_sum::<f64>(exponential_sum, kernel, 1, &[33_000, 300_000]);
-        }
-    }
-}
-
-mod tiled_memory {
-    use super::*;
-
-    fn short_runs<T: Real>() {
-        short_runs_of_quadratures::<T>(tiled);
-        short_runs_of_arbitrary_kernels::<T>(tiled, &[1]);
-    }
-
-    #[test]
-    fn short_runs_agree_with_the_plain_sum() {
-        short_runs::<f64>();
-    }
-
-    #[test]
-    fn short_runs_agree_with_the_plain_sum_in_f32() {
-        short_runs::<f32>();
-    }
-
-    #[test]
-    fn repeated_refused_and_cleared_runs_give_the_same_bits() {
-        for length in [1, 40, 700] {
-            let kernel = TestKernel::Quadrature { order: 2, exponent: 0.5 };
-            keeps_the_contract::<f64>(tiled, kernel, length);
-            keeps_the_contract::<f32>(tiled, kernel, length);
-        }
-    }
-}
-
-engine!(direct_memory, direct, &[20_000]);
-engine!(block_fft_memory, block_fft, &[33_000, 300_000]);
-engine!(growing_block_fft_memory, growing_block_fft, &[33_000, 300_000]);
-engine!(real_time_memory, real_time, &[33_000, 300_000]);
+engine!(direct_memory, direct, short_runs, ANY, ANY_LONG, &[20_000]);
+engine!(tiled_memory, tiled, short_runs_of_plain_numbers, [SECOND_ORDER], ANY_LONG, &[5120]);
+engine!(block_fft_memory, block_fft, short_runs, ANY, ANY_LONG, LONG);
+engine!(growing_block_fft_memory, growing_block_fft, short_runs, ANY, ANY_LONG, LONG);
+engine!(real_time_memory, real_time, short_runs, ANY, ANY_LONG, LONG);
+engine!(
+    exponential_sum_memory,
+    exponential_sum,
+    short_runs_of_decaying_weights,
+    DECAYING,
+    DECAYING_LONG,
+    LONG
+);
+engine!(
+    chunked_exponential_sum_memory,
+    chunked_exponential_sum,
+    short_runs_of_decaying_weights,
+    DECAYING,
+    DECAYING_LONG,
+    LONG
+);
 
 #[test]
 fn a_growing_block_fft_memory_takes_any_number_of_samples() {
