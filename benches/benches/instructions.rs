@@ -34,6 +34,7 @@ fn engine(name: &str) -> (Box<dyn Memory<f64>>, Vec<f64>) {
 
 #[library_benchmark(setup = engine)]
 #[bench::exponential_sum("exponential-sum")]
+#[bench::exponential_sum_core("exponential-sum-core")]
 #[bench::block_fft("block-fft")]
 #[bench::real_time("real-time")]
 #[bench::direct("direct")]

@@ -10,18 +10,18 @@ use crate::scalar::Scalar;
 
 /// The exponential-sum memory in vector code: r_k = Σ_{n=1}^{k} W_n x_{k−n} for the kernel of an [`ExponentialTable`].
 ///
-/// Samples and terms come in chunks of M = 16. With d the least number of chunks that hold the head of the table,
-/// lags up to those of d chunks are summed directly; what lies further back is known to the terms of chunk c + 1
-/// while chunk c is under way, through sums Z_j that take up a chunk at a time:
+/// Samples and terms come in chunks of M = 16. Terms take the samples of their own chunk and of the d before it directly, d
+/// chunks being enough to hold the head of the table, and everything older through sums Z_j that take up a chunk at a
+/// time. While chunk c is under way, what chunk c + 1 owes to chunks up to c − d is made ready:
 ///
 /// ```text
 /// Z_j ← (1 − μ_j)^M Z_j + Σ_{m<M} (1 − μ_j)^{M−1−m} v_jᵀ x_{(c−d)M+m}
-/// r_{(c+1)M+i} ⊇ Σ_j u_j (1 − μ_j)^{dM+1−n₀} (1 − μ_j)^i Z_j ,      0 ≤ i < M
+/// r_{(c+1)M+i} = Σ_{n=1}^{dM+i} W_n x_{(c+1)M+i−n} + Σ_j u_j (1 − μ_j)^{dM+1−n₀+i} Z_j ,      0 ≤ i < M
 /// ```
 ///
-/// The weights are those of the table, and terms agree with [`ExponentialSum`] to rounding, at little more than half its time on a host; not
-/// to the last bit, because the order of the sums differs, and because a multiply–add is rounded once on machines where that is one
-/// instruction. The work of a chunk is spread over its steps. Memory is constant: some 32 numbers for each exponential.
+/// Weights are those of the table, and terms agree with [`ExponentialSum`] to rounding, in some three fifths of its time on a host;
+/// not to the last bit, because the order of the sums differs, and because a multiply–add is rounded once on machines where
+/// that is one instruction. The work of a chunk is spread over its steps. Memory is constant: 17 kB for 2²⁰ steps of order 1 in `f64`.
 ///
 /// S is the number of stages of the kernel, 1 for plain numbers. Powers are formed in double precision, whatever `T`.
 ///
@@ -57,7 +57,7 @@ struct Block<T, const S: usize> {
     squared: Row<T>,
     /// 1 − (1 − μ)^M, which near 0 has the digits that (1 − μ)^M lacks.
     decay: Row<T>,
-    /// v, stage by stage; for plain numbers with u.
+    /// v, stage by stage, with what makes up for the rounding of the factors; for plain numbers with u.
     inputs: [Row<T>; S],
     /// u (1 − μ)^{dM+1−n₀}, stage by stage; for plain numbers it is part of the input already.
     outputs: [Row<T>; S],
@@ -258,10 +258,33 @@ impl<const S: usize> WholeKernel<'_, S> {
     }
 }
 
-/// (1 − μ)ⁿ, accurate relative to itself: with what rounding takes away from 1 − μ.
-fn power<const S: usize>(term: &ExponentialTerm<f64, S>, n: usize) -> f64 {
+/// 1 − μ, rounded, and what rounding takes away.
+fn factor<const S: usize>(term: &ExponentialTerm<f64, S>) -> (f64, f64) {
     let base = 1.0 - term.decay;
-    let rest = (1.0 - base) - term.decay;
+    (base, (1.0 - base) - term.decay)
+}
+
+/// By how much, relative to itself, [`Block::absorb`] with factors of the scalar T makes the sum over a chunk of a constant too small:
+/// the same at every chunk, where errors of the additions change.
+fn shortfall<T: Scalar, const S: usize>(term: &ExponentialTerm<f64, S>) -> f64 {
+    let (base, rest) = factor(term);
+    let square = base * base;
+    let square_rest = libm::fma(base, base, -square) + 2.0 * base * rest;
+    let excess = |number: f64, rest: f64| (T::of(number).to_f64() - number) - rest;
+    let excess_of_square = excess(square, square_rest);
+    let (mut sum, mut excess_of_sum, mut power, mut excess_of_power) = (0.0, 0.0, 1.0, 0.0);
+    for _ in 0..CHUNK / 2 {
+        sum += power * (1.0 + base);
+        excess_of_sum += excess_of_power * (1.0 + base) + power * excess(base, rest);
+        excess_of_power = excess_of_power * square + power * excess_of_square;
+        power *= square;
+    }
+    -excess_of_sum / sum
+}
+
+/// (1 − μ)ⁿ, accurate relative to itself.
+fn power<const S: usize>(term: &ExponentialTerm<f64, S>, n: usize) -> f64 {
+    let (base, rest) = factor(term);
     let power = libm::pow(base, n as f64);
     if rest == 0.0 { power } else { power + power * (n as f64 * (rest / base)) }
 }
@@ -280,9 +303,12 @@ impl<T: Scalar, const S: usize> Block<T, S> {
             factor: lanes(&|term| power(term, 1)),
             squared: lanes(&|term| power(term, 2)),
             decay: lanes(&decay),
-            inputs: core::array::from_fn(|b| match S {
-                1 => lanes(&|term| term.input[b] * term.output[b] * power(term, left)),
-                _ => lanes(&|term| term.input[b]),
+            inputs: core::array::from_fn(|b| {
+                lanes(&|term| {
+                    let joined = if S == 1 { term.output[b] * power(term, left) } else { 1.0 };
+                    let input = term.input[b] * joined;
+                    input + input * shortfall::<T, S>(term)
+                })
             }),
             outputs: core::array::from_fn(|a| lanes(&|term| term.output[a] * power(term, left))),
             powers: core::array::from_fn(|lane| {

@@ -1,4 +1,4 @@
-//! Fast-Fourier-transform memories for fractional variational integrators.
+//! Memories for hosts: fast Fourier transforms, and exponential sums, in vector code.
 #![forbid(unsafe_code)]
 
 pub mod baseline;

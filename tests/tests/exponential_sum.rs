@@ -1,6 +1,7 @@
 //! The exponential-sum memory: every weight, and every term, against independent values.
 
 use fvi_core::{BdfOrder, ConvolutionWeights, ExponentialSum, ExponentialTable, Memory, MemoryError, Real};
+use fvi_fft::{ChunkedExponentialSum, Scalar};
 use fvi_host::exponential_table::ExponentialKernel;
 use fvi_host::vectorised::Vectorised;
 use fvi_tests::reference;
@@ -9,15 +10,19 @@ fn kernel(order: usize, exponent: f64, horizon: usize, tolerance: f64) -> Expone
     ExponentialKernel::bdf(BdfOrder::new(order).unwrap(), exponent, 1.0, horizon, tolerance).unwrap()
 }
 
-fn memory<T: Real>(kernel: &ExponentialKernel, channels: usize) -> impl Memory<T> + use<T> {
+/// A memory that goes from sample to sample, and one that goes by chunks.
+fn memories<T: Scalar>(kernel: &ExponentialKernel) -> [(&'static str, Box<dyn Memory<T>>); 2] {
     let table = kernel.table::<T>();
-    let state = vec![T::of(f64::NAN); table.borrow().state_len(channels)];
-    ExponentialSum::new(table, T::of(1.0), channels, state).unwrap()
+    let state = vec![T::of(f64::NAN); table.borrow().state_len(1)];
+    let chunked = ChunkedExponentialSum::<T, 1>::new(&kernel.table().borrow(), 1).unwrap();
+    [
+        ("by samples", Box::new(ExponentialSum::new(table, T::of(1.0), 1, state).unwrap())),
+        ("in chunks", Box::new(chunked)),
+    ]
 }
 
-/// Weight n as the memory itself computes it: the answer to a unit pulse n steps ago.
-fn pulse_answers(kernel: &ExponentialKernel, lags: &[usize]) -> Vec<f64> {
-    let mut memory = memory::<f64>(kernel, 1);
+/// Weights as a memory itself computes them: the answers to a unit pulse n steps ago.
+fn pulse_answers(memory: &mut dyn Memory<f64>, lags: &[usize]) -> Vec<f64> {
     let mut term = [0.0];
     let mut answers = Vec::new();
     for step in 0..=*lags.last().unwrap() {
@@ -77,13 +82,15 @@ fn the_recursion_keeps_the_accuracy_of_the_weights() {
             .unwrap()
             .take(300_000)
             .collect();
-        for (&n, found) in lags.iter().zip(pulse_answers(&kernel, &lags)) {
-            let error = (found - exact[n]).abs();
-            assert!(
-                error <= 4e-15 * exact[n].abs(),
-                "order {order}, exponent {exponent}, n = {n}: {found:e} instead of {:e}",
-                exact[n]
-            );
+        for (name, mut memory) in memories(&kernel) {
+            for (&n, found) in lags.iter().zip(pulse_answers(&mut *memory, &lags)) {
+                let error = (found - exact[n]).abs();
+                assert!(
+                    error <= 4e-15 * exact[n].abs(),
+                    "{name}, order {order}, exponent {exponent}, n = {n}: {found:e} instead of {:e}",
+                    exact[n]
+                );
+            }
         }
     }
 }
@@ -99,7 +106,7 @@ fn compensated_sum(numbers: impl Iterator<Item = f64>) -> f64 {
 }
 
 /// Largest |term − exact| / Σ|w||x|, in units of the roundoff of `T`, over a few steps of a run.
-fn largest_error<T: Real>(order: usize, exponent: f64, samples: &[f64], mut memory: impl Memory<T>) -> f64 {
+fn largest_error<T: Real>(order: usize, exponent: f64, samples: &[f64], memory: &mut dyn Memory<T>) -> f64 {
     let weights: Vec<f64> = ConvolutionWeights::bdf(BdfOrder::new(order).unwrap(), exponent, 1.0)
         .unwrap()
         .take(samples.len() + 1)
@@ -147,14 +154,21 @@ fn terms_agree_with_the_naive_sum_to_a_few_units_of_rounding() {
     for length in [100, 1000, 100_000] {
         for (order, exponent) in [(1, 0.3), (1, 0.5), (1, 1.5), (1, 1.9), (1, -0.5), (6, 0.5), (2, -0.5)] {
             let kernel = kernel(order, exponent, length, 1e-15);
-            for (name, allowed, samples) in signals(length) {
-                let error = largest_error::<f64>(order, exponent, &samples, memory::<f64>(&kernel, 1));
-                assert!(error <= allowed, "{name}, length {length}, order {order}, {exponent}: {error:.1} u");
-                let error = largest_error::<f32>(order, exponent, &samples, memory::<f32>(&kernel, 1));
-                assert!(
-                    error <= allowed,
-                    "{name}, f32, length {length}, order {order}, {exponent}: {error:.1} u"
-                );
+            for (signal, allowed, samples) in signals(length) {
+                for (name, mut memory) in memories::<f64>(&kernel) {
+                    let error = largest_error(order, exponent, &samples, &mut *memory);
+                    assert!(
+                        error <= allowed,
+                        "{name}, {signal}, length {length}, order {order}, {exponent}: {error:.1} u"
+                    );
+                }
+                for (name, mut memory) in memories::<f32>(&kernel) {
+                    let error = largest_error(order, exponent, &samples, &mut *memory);
+                    assert!(
+                        error <= allowed,
+                        "{name}, {signal}, f32, length {length}, order {order}, {exponent}: {error:.1} u"
+                    );
+                }
             }
         }
     }
@@ -205,49 +219,59 @@ fn matrix_kernels_agree_with_the_sum_of_their_definition() {
         (0..2).for_each(|b| exponentials.extend(column(&|j| input[j][b])));
     }
     let table = ExponentialTable { stages, head: planes, exponentials, slow_blocks: 1, horizon };
+    let mut chunked = ChunkedExponentialSum::<f64, 2>::new(&table.borrow(), 4).unwrap();
     let state = vec![f64::NAN; table.borrow().state_len(4)];
     let mut memory = ExponentialSum::new(table, 2.0, 4, state).unwrap();
-    assert_eq!(memory.leading(), [-10.0, -8.0, -6.0, -4.0]);
+    assert_eq!(
+        (memory.leading(), chunked.leading()),
+        ([-10.0, -8.0, -6.0, -4.0].as_slice(), [-5.0, -4.0, -3.0, -2.0].as_slice())
+    );
     let sample = |k: usize, channel: usize| ((k * 4 + channel) as f64 * 0.61).cos();
-    let mut term = [0.0; 4];
+    let (mut term, mut chunked_term) = ([0.0; 4], [0.0; 4]);
     for k in 0..60 {
         memory.next_term(&mut term).unwrap();
-        for (channel, found) in term.iter().enumerate() {
+        chunked.next_term(&mut chunked_term).unwrap();
+        for (channel, (found, chunked)) in term.iter().zip(chunked_term).enumerate() {
             let (coordinate, a) = (channel / 2, channel % 2);
             let expected: f64 = (1..=k)
                 .flat_map(|n| (0..2).map(move |b| (n, b)))
                 .map(|(n, b)| 2.0 * weight(n, a, b) * sample(k - n, 2 * coordinate + b))
                 .sum();
-            assert!((found - expected).abs() <= 1e-12, "step {k}, channel {channel}: {found} and {expected}");
+            for found in [*found, 2.0 * chunked] {
+                let error = (found - expected).abs();
+                assert!(error <= 1e-12, "step {k}, channel {channel}: {found} and {expected}");
+            }
         }
-        memory.push(&std::array::from_fn::<f64, 4, _>(|channel| sample(k, channel))).unwrap();
+        let sample: [f64; 4] = std::array::from_fn(|channel| sample(k, channel));
+        memory.push(&sample).unwrap();
+        chunked.push(&sample).unwrap();
     }
 }
 
 #[test]
 fn a_full_memory_refuses_and_a_cleared_one_starts_again() {
-    let kernel = kernel(1, 0.5, 300, 1e-10);
-    let mut memory = memory::<f64>(&kernel, 1);
-    let (mut first, mut again) = ([0.0], [0.0]);
-    for _ in 0..299 {
+    for (_, mut memory) in memories::<f64>(&kernel(1, 0.5, 300, 1e-10)) {
+        let (mut first, mut again) = ([0.0], [0.0]);
+        for _ in 0..299 {
+            memory.push(&[1.0]).unwrap();
+        }
+        memory.next_term(&mut first).unwrap();
+        memory.next_term(&mut again).unwrap();
+        assert_eq!(first, again);
         memory.push(&[1.0]).unwrap();
+        assert_eq!(memory.push(&[1.0]), Err(MemoryError::Full { capacity: 300 }));
+        assert_eq!(memory.next_term(&mut again), Err(MemoryError::Full { capacity: 300 }));
+        assert_eq!(memory.len(), 300);
+        memory.clear();
+        memory.next_term(&mut again).unwrap();
+        assert_eq!((again, memory.len()), ([0.0], 0));
+        (0..299).for_each(|_| memory.push(&[1.0]).unwrap());
+        memory.next_term(&mut again).unwrap();
+        assert_eq!(first, again);
+        let mismatch = Err(MemoryError::ChannelMismatch { expected: 1, found: 2 });
+        assert_eq!(memory.push(&[1.0, 2.0]), mismatch);
+        assert_eq!(memory.next_term(&mut [0.0; 2]), mismatch);
     }
-    memory.next_term(&mut first).unwrap();
-    memory.next_term(&mut again).unwrap();
-    assert_eq!(first, again);
-    memory.push(&[1.0]).unwrap();
-    assert_eq!(memory.push(&[1.0]), Err(MemoryError::Full { capacity: 300 }));
-    assert_eq!(memory.next_term(&mut again), Err(MemoryError::Full { capacity: 300 }));
-    assert_eq!(memory.len(), 300);
-    memory.clear();
-    memory.next_term(&mut again).unwrap();
-    assert_eq!((again, memory.len()), ([0.0], 0));
-    (0..299).for_each(|_| memory.push(&[1.0]).unwrap());
-    memory.next_term(&mut again).unwrap();
-    assert_eq!(first, again);
-    let mismatch = Err(MemoryError::ChannelMismatch { expected: 1, found: 2 });
-    assert_eq!(memory.push(&[1.0, 2.0]), mismatch);
-    assert_eq!(memory.next_term(&mut [0.0; 2]), mismatch);
 }
 
 #[test]

@@ -15,7 +15,16 @@ fn the_table_has_a_row_for_each_engine_and_length_and_every_engine_agrees() {
         "engine,length,order,exponent,step_mean_ns,step_p50_ns,step_p999_ns,step_max_ns,bytes,max_error_u"
     );
     let rows: Vec<Vec<&str>> = lines.map(|line| line.split(',').collect()).collect();
-    for engine in ["offline-fft", "exponential-sum", "block-fft", "real-time", "direct", "hls", "naive"] {
+    for engine in [
+        "offline-fft",
+        "exponential-sum",
+        "exponential-sum-core",
+        "block-fft",
+        "real-time",
+        "direct",
+        "hls",
+        "naive",
+    ] {
         for length in ["16", "256"] {
             let row = rows.iter().find(|row| row[0] == engine && row[1] == length).unwrap();
             assert_eq!((row[2], row[3]), ("1", "-0.5"));
@@ -24,7 +33,9 @@ fn the_table_has_a_row_for_each_engine_and_length_and_every_engine_agrees() {
                 let times: Vec<f64> = row[5..8].iter().map(|cell| cell.parse().unwrap()).collect();
                 assert!(times.is_sorted(), "{row:?}");
             }
-            if ["exponential-sum", "block-fft", "real-time", "direct"].contains(&engine) {
+            if ["exponential-sum", "exponential-sum-core", "block-fft", "real-time", "direct"]
+                .contains(&engine)
+            {
                 assert!(row[9].parse::<f64>().unwrap() <= 128.0, "{row:?}");
             }
             assert!(text(&output.stdout).contains(engine));
