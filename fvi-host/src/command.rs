@@ -10,6 +10,7 @@ pub mod reproduce;
 pub mod run;
 pub mod weights;
 
+use crate::files::FileError;
 use crate::scenario::{InputError, Scenario};
 use crate::starting::{TRUSTED_CONDITION, starting_condition};
 use clap::{Parser, Subcommand};
@@ -56,6 +57,9 @@ pub enum CommandError {
     /// The computation failed: exit code 1.
     #[error("{0}")]
     Failed(String),
+    /// A file of results cannot be written: exit code 1.
+    #[error(transparent)]
+    File(#[from] FileError),
     /// It was stopped by Ctrl-C: exit code 130.
     #[error("{0}")]
     Stopped(String),
@@ -88,7 +92,7 @@ impl CommandError {
     fn code(&self) -> ExitCode {
         match self {
             Self::Input(_) | Self::Argument(_) => ExitCode::from(2),
-            Self::Failed(_) => ExitCode::from(1),
+            Self::Failed(_) | Self::File(_) => ExitCode::from(1),
             Self::Stopped(_) => ExitCode::from(130),
         }
     }

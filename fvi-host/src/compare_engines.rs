@@ -2,7 +2,8 @@
 
 use crate::aligned::Aligned;
 use crate::exponential_table::{ExponentialKernel, ExponentialKernelError, SMALLEST_TOLERANCE};
-use crate::picture::{Axis, Chart, PictureError, Series, Style};
+use crate::files::{FileError, write, write_picture};
+use crate::picture::{Axis, Chart, Series, Style};
 use crate::vectorised::Vectorised;
 use fvi_core::{
     BdfOrder, ConvolutionWeights, Direct, ExponentialSum, Memory, MemoryError, Overflow, ParameterError, Ring,
@@ -91,15 +92,6 @@ pub enum ComparisonError {
         /// What it said.
         error: MemoryError,
     },
-    /// A file cannot be written.
-    #[error(transparent)]
-    Writing(#[from] std::io::Error),
-    /// The table cannot be written.
-    #[error(transparent)]
-    Table(#[from] csv::Error),
-    /// A picture cannot be drawn or written.
-    #[error(transparent)]
-    Picture(#[from] PictureError),
 }
 
 /// Engines whose step grows with the run sit out longer ones.
@@ -383,43 +375,45 @@ impl EngineMeasurement {
 ///
 /// # Errors
 /// If the file cannot be written.
-pub fn write_table(measurements: &[EngineMeasurement], path: &Path) -> Result<(), ComparisonError> {
-    let mut table = csv::Writer::from_path(path)?;
-    table.write_record([
-        "engine",
-        "length",
-        "order",
-        "exponent",
-        "step_mean_ns",
-        "step_p50_ns",
-        "step_p999_ns",
-        "step_max_ns",
-        "bytes",
-        "max_error_u",
-    ])?;
-    for row in measurements {
-        let quantile = |part| row.step_quantile_ns(part).map_or(String::new(), |time| format!("{time:.1}"));
+pub fn write_table(measurements: &[EngineMeasurement], path: &Path) -> Result<(), FileError> {
+    write(path, |file| {
+        let mut table = csv::Writer::from_writer(file);
         table.write_record([
-            row.engine.clone(),
-            row.length.to_string(),
-            row.order.get().to_string(),
-            row.exponent.to_string(),
-            format!("{:.3}", row.step_mean_ns),
-            quantile(0.5),
-            quantile(0.999),
-            quantile(1.0),
-            row.bytes.to_string(),
-            format!("{:.3}", row.max_error_u),
+            "engine",
+            "length",
+            "order",
+            "exponent",
+            "step_mean_ns",
+            "step_p50_ns",
+            "step_p999_ns",
+            "step_max_ns",
+            "bytes",
+            "max_error_u",
         ])?;
-    }
-    table.flush()?;
-    Ok(())
+        for row in measurements {
+            let quantile =
+                |part| row.step_quantile_ns(part).map_or(String::new(), |time| format!("{time:.1}"));
+            table.write_record([
+                row.engine.clone(),
+                row.length.to_string(),
+                row.order.get().to_string(),
+                row.exponent.to_string(),
+                format!("{:.3}", row.step_mean_ns),
+                quantile(0.5),
+                quantile(0.999),
+                quantile(1.0),
+                row.bytes.to_string(),
+                format!("{:.3}", row.max_error_u),
+            ])?;
+        }
+        table.flush()
+    })
 }
 
 /// The measurements as text, with the time relative to the offline transform of the same kernel and length.
 pub fn text_table(measurements: &[EngineMeasurement]) -> String {
     let mut text = format!(
-        "{:<16} {:>8} {:>5} {:>8} {:>9} {:>8} {:>8} {:>8} {:>10} {:>10} {:>8}\n",
+        "{:<20} {:>8} {:>5} {:>8} {:>9} {:>8} {:>8} {:>8} {:>10} {:>10} {:>8}\n",
         "engine",
         "length",
         "order",
@@ -439,7 +433,7 @@ pub fn text_table(measurements: &[EngineMeasurement]) -> String {
         let quantile =
             |part| row.step_quantile_ns(part).map_or("–".to_owned(), |time| format!("{time:.0}"));
         text += &format!(
-            "{:<16} {:>8} {:>5} {:>8} {:>9.1} {:>8} {:>8} {:>8} {:>10} {:>10} {:>8}\n",
+            "{:<20} {:>8} {:>5} {:>8} {:>9.1} {:>8} {:>8} {:>8} {:>10} {:>10} {:>8}\n",
             row.engine,
             row.length,
             row.order.get(),
@@ -472,7 +466,7 @@ fn same_task(a: &EngineMeasurement, b: &EngineMeasurement) -> bool {
 pub fn write_pictures(
     measurements: &[EngineMeasurement],
     directory: &Path,
-) -> Result<Vec<String>, ComparisonError> {
+) -> Result<Vec<String>, FileError> {
     let mut files = Vec::new();
     let mut kernels: Vec<(BdfOrder, f64)> = Vec::new();
     for row in measurements {
@@ -489,7 +483,7 @@ pub fn write_pictures(
             [("step_time", time_against_length(&rows)), ("step_distribution", distribution(&rows))]
         {
             let file = format!("{name}_{suffix}");
-            chart.with_subtitle(&subtitle).write(&directory.join(&file))?;
+            write_picture(&directory.join(&file), &chart.with_subtitle(&subtitle))?;
             files.push(file);
         }
     }
@@ -550,14 +544,25 @@ mod tests {
     #[test]
     fn every_engine_is_measured_and_agrees() {
         let rows = comparison(&[1, 700]).run(&Contender::all(), |_| {}).unwrap();
-        let engines: Vec<&str> = rows[..7].iter().map(|row| row.engine.as_str()).collect();
+        let engines: Vec<&str> = rows[..8].iter().map(|row| row.engine.as_str()).collect();
         assert_eq!(
             engines,
-            ["offline-fft", "exponential-sum", "block-fft", "real-time", "direct", "hls", "naive"]
+            [
+                "offline-fft",
+                "exponential-sum",
+                "exponential-sum-core",
+                "block-fft",
+                "real-time",
+                "direct",
+                "hls",
+                "naive",
+            ]
         );
         for row in &rows {
             assert!(row.step_mean_ns.is_finite() && row.bytes > 0);
-            if ["exponential-sum", "block-fft", "real-time", "direct"].contains(&row.engine.as_str()) {
+            if ["exponential-sum", "exponential-sum-core", "block-fft", "real-time", "direct"]
+                .contains(&row.engine.as_str())
+            {
                 assert!(row.max_error_u <= 128.0, "{}: {} u", row.engine, row.max_error_u);
                 assert_eq!(row.steps_ns.len(), row.length);
             }

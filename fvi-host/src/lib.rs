@@ -8,6 +8,7 @@ pub mod converge;
 pub mod engine;
 pub mod exponential_table;
 pub mod expression;
+pub mod files;
 pub mod measure;
 pub mod model;
 pub mod picture;

@@ -21,11 +21,8 @@ pub use page::{PAGE, write};
 pub use table::{Cell, Column, Format, Table};
 
 use crate::converge::ConvergeError;
-use crate::picture::PictureError;
 use crate::scenario::InputError;
 use fvi_core::ParameterError;
-use std::io;
-use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
 /// Where an exhibit is printed.
@@ -65,7 +62,7 @@ impl Exhibit {
     }
 }
 
-/// Why an exhibit could not be computed or written.
+/// Why an exhibit could not be computed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReproduceError {
@@ -83,22 +80,6 @@ pub enum ReproduceError {
     Run {
         /// Which, and why.
         reason: String,
-    },
-    /// A file cannot be written.
-    #[error("{}: {source}", .path.display())]
-    Writing {
-        /// The file or directory.
-        path: PathBuf,
-        /// What the system says.
-        source: io::Error,
-    },
-    /// A picture cannot be made.
-    #[error("{}: {source}", .path.display())]
-    Picture {
-        /// The picture.
-        path: PathBuf,
-        /// Why.
-        source: PictureError,
     },
     /// It was stopped.
     #[error("stopped")]

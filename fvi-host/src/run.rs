@@ -1,17 +1,15 @@
 //! One run: from a checked scenario to the files of its output directory.
 
+use crate::files::{FileError, make_directory, write_json};
 use crate::measure::{Largest, ReferenceErrors};
-use crate::picture::PictureError;
 use crate::run_pictures::RunPictures;
 use crate::scenario::{Engine, InputError, Scenario};
 use crate::simulation::{GridState, Precision, Simulation};
 use crate::starting::starting_condition;
 use crate::trajectory::TrajectoryWriter;
-use atomic_write_file::AtomicWriteFile;
 use fvi_core::StepError;
 use serde::Serialize;
-use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
@@ -98,24 +96,8 @@ pub enum RunError {
     #[error(transparent)]
     Input(#[from] InputError),
     /// A file cannot be written.
-    #[error("{}: {source}", .path.display())]
-    Writing {
-        /// The file or directory.
-        path: PathBuf,
-        /// What the system says.
-        source: io::Error,
-    },
-    /// A picture cannot be made.
-    #[error("{}: {source}", .path.display())]
-    Picture {
-        /// The picture.
-        path: PathBuf,
-        /// Why.
-        source: PictureError,
-    },
-    /// The summary cannot be put into words.
-    #[error("the summary cannot be written: {0}")]
-    Summary(#[from] serde_json::Error),
+    #[error(transparent)]
+    File(#[from] FileError),
 }
 
 /// Names of the files that a run writes.
@@ -141,13 +123,12 @@ pub fn run(
     let preparation_seconds = preparation.elapsed().as_secs_f64();
 
     let directory = &options.directory;
-    std::fs::create_dir_all(directory)
-        .map_err(|source| RunError::Writing { path: directory.clone(), source })?;
+    make_directory(directory)?;
     let trajectory_path = directory.join(TRAJECTORY);
-    let writing = |source| RunError::Writing { path: trajectory_path.clone(), source };
+    let writing = FileError::at(&trajectory_path);
     let coordinates = scenario.coordinates();
     let mut writer =
-        TrajectoryWriter::create(&trajectory_path, coordinates, scenario.output.every).map_err(writing)?;
+        TrajectoryWriter::create(&trajectory_path, coordinates, scenario.output.every).map_err(&writing)?;
     let mut observed = Observed::new(scenario);
     let mut state = GridState {
         position: vec![0.0; coordinates],
@@ -155,7 +136,7 @@ pub fn run(
         ..GridState::default()
     };
     simulation.read(&mut state);
-    writer.push(&state).map_err(writing)?;
+    writer.push(&state).map_err(&writing)?;
     observed.take(scenario, 0, &state);
 
     let start = Instant::now();
@@ -180,11 +161,11 @@ pub fn run(
         }
         steps += 1;
         simulation.read(&mut state);
-        writer.push(&state).map_err(writing)?;
+        writer.push(&state).map_err(&writing)?;
         observed.take(scenario, steps, &state);
         progress(steps);
     }
-    writer.finish().map_err(writing)?;
+    writer.finish().map_err(&writing)?;
     let seconds = start.elapsed().as_secs_f64();
 
     let mut files = vec![TRAJECTORY];
@@ -212,7 +193,7 @@ pub fn run(
         files,
         scenario: scenario.clone(),
     };
-    write_summary(&summary, &directory.join(SUMMARY))?;
+    write_json(&directory.join(SUMMARY), &summary)?;
     Ok(summary)
 }
 
@@ -245,15 +226,4 @@ impl Observed {
             self.errors.compare(state, &known);
         }
     }
-}
-
-fn write_summary(summary: &RunSummary, path: &Path) -> Result<(), RunError> {
-    let mut text = serde_json::to_vec_pretty(summary)?;
-    text.push(b'\n');
-    let write = || {
-        let mut file = AtomicWriteFile::open(path)?;
-        file.write_all(&text)?;
-        file.commit()
-    };
-    write().map_err(|source| RunError::Writing { path: path.to_owned(), source })
 }

@@ -1,7 +1,7 @@
 //! The pictures of a run: coordinates over time, phase portrait, energy.
 
+use crate::files::{FileError, write_picture};
 use crate::picture::{Axis, Chart, Envelope, PathTrace, Series, Style};
-use crate::run::RunError;
 use crate::scenario::{ReferenceRow, ReferenceSource, Scenario};
 use crate::simulation::GridState;
 use std::path::Path;
@@ -44,7 +44,7 @@ impl RunPictures {
         scenario: &Scenario,
         steps: usize,
         directory: &Path,
-    ) -> Result<Vec<&'static str>, RunError> {
+    ) -> Result<Vec<&'static str>, FileError> {
         let reference = reference_rows(scenario, steps);
         let mut charts = vec![
             ("coordinates.svg", self.coordinates(scenario, &reference)),
@@ -55,14 +55,13 @@ impl RunPictures {
             // A portrait from an earlier run of another system would pass for this one's.
             None => match std::fs::remove_file(directory.join("phase.svg")) {
                 Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-                    return Err(RunError::Writing { path: directory.join("phase.svg"), source: error });
+                    return Err(FileError::at(&directory.join("phase.svg"))(error));
                 }
                 _ => {}
             },
         }
         for (name, chart) in &charts {
-            let path = directory.join(name);
-            chart.write(&path).map_err(|source| RunError::Picture { path, source })?;
+            write_picture(&directory.join(name), chart)?;
         }
         Ok(charts.into_iter().map(|(name, _)| name).collect())
     }

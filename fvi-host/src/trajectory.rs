@@ -1,8 +1,8 @@
 //! `trajectory.csv`: one row for each grid point, streamed.
 
+use crate::files::{NewFile, begin, commit};
 use crate::simulation::GridState;
-use atomic_write_file::AtomicWriteFile;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, Write};
 use std::path::Path;
 
 /// Writes `t,q0,…,p0,…,energy` row by row with 17 significant digits, so that a reader gets the same f64 back.
@@ -10,7 +10,7 @@ use std::path::Path;
 /// The rows go to a temporary file in the same directory; [`finish`](Self::finish) puts it in its place at once,
 /// and without it nothing is left behind.
 pub struct TrajectoryWriter {
-    file: BufWriter<AtomicWriteFile>,
+    file: NewFile,
     every: usize,
     rows: usize,
     /// The newest row, while it is not due.
@@ -23,7 +23,7 @@ impl TrajectoryWriter {
     /// # Errors
     /// If the file cannot be created.
     pub fn create(path: &Path, coordinates: usize, every: usize) -> io::Result<Self> {
-        let mut file = BufWriter::with_capacity(1 << 16, AtomicWriteFile::open(path)?);
+        let mut file = begin(path)?;
         let columns = |letter: char| (0..coordinates).map(move |index| format!(",{letter}{index}"));
         let names: String = columns('q').chain(columns('p')).collect();
         writeln!(file, "t{names},energy")?;
@@ -56,7 +56,7 @@ impl TrajectoryWriter {
         if let Some(pending) = self.pending.take() {
             write_row(&mut self.file, &pending)?;
         }
-        self.file.into_inner().map_err(io::IntoInnerError::into_error)?.commit()
+        commit(self.file)
     }
 }
 

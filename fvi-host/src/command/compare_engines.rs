@@ -1,9 +1,8 @@
 //! `fvi compare-engines`: memory engines side by side.
 
 use super::CommandError;
-use crate::compare_engines::{
-    Comparison, ComparisonError, Contender, text_table, write_pictures, write_table,
-};
+use crate::compare_engines::{Comparison, Contender, text_table, write_pictures, write_table};
+use crate::files::make_directory;
 use fvi_core::BdfOrder;
 use std::io::IsTerminal;
 use std::path::PathBuf;
@@ -47,11 +46,7 @@ fn exponent(text: &str) -> Result<f64, String> {
 
 impl CompareEnginesArguments {
     pub(super) fn execute(self) -> Result<(), CommandError> {
-        self.compare().map_err(|error| CommandError::Failed(error.to_string()))
-    }
-
-    fn compare(&self) -> Result<(), ComparisonError> {
-        std::fs::create_dir_all(&self.out)?;
+        make_directory(&self.out)?;
         let kernels =
             self.order.iter().flat_map(|&order| self.exponent.iter().map(move |&exponent| (order, exponent)));
         let comparison = Comparison {
@@ -64,7 +59,8 @@ impl CompareEnginesArguments {
             if announce {
                 eprintln!("{task}");
             }
-        })?;
+        });
+        let measurements = measurements.map_err(|error| CommandError::Failed(error.to_string()))?;
         write_table(&measurements, &self.out.join("engines.csv"))?;
         write_pictures(&measurements, &self.out)?;
         if !self.quiet {

@@ -3,9 +3,8 @@
 use super::progress::Progress;
 use super::{CommandError, warn_about_starting_weights};
 use crate::converge::{ConvergeError, Grids, converge};
+use crate::files::{make_directory, write_picture, write_text};
 use crate::scenario::{Engine, Scenario};
-use atomic_write_file::AtomicWriteFile;
-use std::io::Write;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -60,19 +59,9 @@ impl ConvergeArguments {
             ConvergeError::Stopped => CommandError::Stopped("stopped; nothing was written".to_owned()),
             other => CommandError::Failed(other.to_string()),
         })?;
-        let failed = |what: &Path, error: &dyn std::fmt::Display| {
-            CommandError::Failed(format!("{}: {error}", what.display()))
-        };
-        std::fs::create_dir_all(&directory).map_err(|error| failed(&directory, &error))?;
-        let path = directory.join("convergence.csv");
-        let write = || {
-            let mut file = AtomicWriteFile::open(&path)?;
-            file.write_all(convergence.csv().as_bytes())?;
-            file.commit()
-        };
-        write().map_err(|error| failed(&path, &error))?;
-        let path = directory.join("convergence.svg");
-        convergence.chart(&scenario).write(&path).map_err(|error| failed(&path, &error))?;
+        make_directory(&directory)?;
+        write_text(&directory.join("convergence.csv"), &convergence.csv())?;
+        write_picture(&directory.join("convergence.svg"), &convergence.chart(&scenario))?;
         if !self.quiet {
             println!(
                 "{}: {}; {}",

@@ -2,7 +2,7 @@
 
 use super::CommandError;
 use crate::exponential_table::ExponentialKernel;
-use atomic_write_file::AtomicWriteFile;
+use crate::files::write_text;
 use fvi_core::{ParameterError, Real};
 use std::fmt::LowerExp;
 use std::io::Write;
@@ -39,16 +39,12 @@ pub(super) fn parameter_error(error: ParameterError) -> CommandError {
 pub(super) fn emit(text: &str, file: Option<&Path>) -> Result<(), CommandError> {
     let written = match file {
         None => std::io::stdout().lock().write_all(text.as_bytes()),
-        Some(path) => AtomicWriteFile::open(path).and_then(|mut file| {
-            file.write_all(text.as_bytes())?;
-            file.commit()
-        }),
+        Some(path) => return Ok(write_text(path, text)?),
     };
-    let place = file.map_or_else(|| "standard output".into(), |path| path.display().to_string());
     match written {
         // The reader has seen enough, as in `fvi weights … | head`.
         Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
-        written => written.map_err(|error| CommandError::Failed(format!("{place}: {error}"))),
+        written => written.map_err(|error| CommandError::Failed(format!("standard output: {error}"))),
     }
 }
 

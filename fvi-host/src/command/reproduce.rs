@@ -52,7 +52,7 @@ impl ReproduceArguments {
             found.push((exhibit, findings));
         }
         progress.finish();
-        write(&found, &self.out).map_err(|error| CommandError::Failed(error.to_string()))?;
+        write(&found, &self.out)?;
         if !self.quiet {
             for (exhibit, findings) in &found {
                 print_comparisons(exhibit, findings);

@@ -1,11 +1,8 @@
 //! A chart: series over two axes, drawn as SVG.
 
 use super::axis::Axis;
-use atomic_write_file::AtomicWriteFile;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
-use std::io::Write;
-use std::path::Path;
 
 /// Size of a picture as it is shown, in pixels.
 const SIZE: (i32, i32) = (900, 560);
@@ -125,17 +122,10 @@ pub struct Chart {
     series: Vec<Series>,
 }
 
-/// Why a picture cannot be drawn or written.
+/// The plotting library failed, and why.
 #[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum PictureError {
-    /// The plotting library failed.
-    #[error("the picture cannot be drawn: {0}")]
-    Drawing(String),
-    /// The file cannot be written.
-    #[error(transparent)]
-    Writing(#[from] std::io::Error),
-}
+#[error("the picture cannot be drawn: {0}")]
+pub struct PictureError(String);
 
 /// Points that a line joins.
 type Piece = Vec<(f64, f64)>;
@@ -160,29 +150,17 @@ impl Chart {
         self
     }
 
-    /// Draws and writes the picture; the file appears at once or not at all.
-    ///
-    /// # Errors
-    /// [`PictureError`].
-    pub fn write(&self, path: &Path) -> Result<(), PictureError> {
-        let svg = self.to_svg()?;
-        let mut file = AtomicWriteFile::open(path)?;
-        file.write_all(svg.as_bytes())?;
-        file.commit()?;
-        Ok(())
-    }
-
     /// The picture as SVG text.
     ///
     /// # Errors
-    /// [`PictureError::Drawing`].
+    /// [`PictureError`].
     pub fn to_svg(&self) -> Result<String, PictureError> {
         let fine = ((SIZE.0 * FINE) as u32, (SIZE.1 * FINE) as u32);
         let mut svg = String::new();
         {
             let area = SVGBackend::with_string(&mut svg, fine).into_drawing_area();
-            self.draw(&area).map_err(|error| PictureError::Drawing(error.to_string()))?;
-            area.present().map_err(|error| PictureError::Drawing(error.to_string()))?;
+            self.draw(&area).map_err(|error| PictureError(error.to_string()))?;
+            area.present().map_err(|error| PictureError(error.to_string()))?;
         }
         let size = |(width, height): (u32, u32)| format!("width=\"{width}\" height=\"{height}\"");
         Ok(svg.replacen(&size(fine), &size((SIZE.0 as u32, SIZE.1 as u32)), 1))

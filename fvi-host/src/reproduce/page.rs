@@ -1,9 +1,8 @@
 //! The files of a reproduction: pictures, CSV files and the page that compares.
 
 use super::table::markdown_table;
-use super::{Comparison, Exhibit, Findings, ReproduceError};
-use atomic_write_file::AtomicWriteFile;
-use std::io::Write;
+use super::{Comparison, Exhibit, Findings};
+use crate::files::{FileError, make_directory, write_picture, write_text};
 use std::path::Path;
 
 /// Name of the page in the output directory.
@@ -12,29 +11,18 @@ pub const PAGE: &str = "reproduction.md";
 /// Writes pictures and tables of the exhibits, then the page about them; each file appears whole or not at all.
 ///
 /// # Errors
-/// [`ReproduceError::Writing`], [`ReproduceError::Picture`].
-pub fn write(found: &[(Exhibit, Findings)], directory: &Path) -> Result<(), ReproduceError> {
-    std::fs::create_dir_all(directory)
-        .map_err(|source| ReproduceError::Writing { path: directory.to_owned(), source })?;
+/// [`FileError`].
+pub fn write(found: &[(Exhibit, Findings)], directory: &Path) -> Result<(), FileError> {
+    make_directory(directory)?;
     for (exhibit, findings) in found {
         for picture in &findings.pictures {
-            let path = directory.join(file_name(exhibit, picture.name, "svg"));
-            picture.chart.write(&path).map_err(|source| ReproduceError::Picture { path, source })?;
+            write_picture(&directory.join(file_name(exhibit, picture.name, "svg")), &picture.chart)?;
         }
         for table in &findings.tables {
             write_text(&directory.join(file_name(exhibit, table.name, "csv")), &table.csv())?;
         }
     }
     write_text(&directory.join(PAGE), &page(found))
-}
-
-fn write_text(path: &Path, text: &str) -> Result<(), ReproduceError> {
-    let write = || {
-        let mut file = AtomicWriteFile::open(path)?;
-        file.write_all(text.as_bytes())?;
-        file.commit()
-    };
-    write().map_err(|source| ReproduceError::Writing { path: path.to_owned(), source })
 }
 
 /// `hjo-fig-4-errors.svg`: the exhibit's name, what tells the file from its other files, the ending.

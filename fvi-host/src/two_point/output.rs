@@ -3,11 +3,11 @@
 use super::extremal::{NotConverged, ProblemError, Solution};
 use super::grid::{Grid, Sigma};
 use super::problem_file::{KnownPositions, ProblemFile, Statement};
-use crate::picture::{Axis, Chart, Envelope, PictureError, Series, Style};
-use atomic_write_file::AtomicWriteFile;
+use crate::files::{FileError, make_directory, write, write_json, write_picture};
+use crate::picture::{Axis, Chart, Envelope, Series, Style};
 use serde::Serialize;
-use std::io::{self, BufWriter, Write};
-use std::path::{Path, PathBuf};
+use std::io::Write;
+use std::path::Path;
 use std::time::Instant;
 
 /// The record of a problem's solution, `summary.json`.
@@ -77,24 +77,8 @@ pub enum OutputError {
     #[error(transparent)]
     Problem(#[from] ProblemError),
     /// A file cannot be written.
-    #[error("{}: {source}", .path.display())]
-    Writing {
-        /// The file or directory.
-        path: PathBuf,
-        /// What the system says.
-        source: io::Error,
-    },
-    /// A picture cannot be made.
-    #[error("{}: {source}", .path.display())]
-    Picture {
-        /// The picture.
-        path: PathBuf,
-        /// Why.
-        source: PictureError,
-    },
-    /// The summary cannot be put into words.
-    #[error("the summary cannot be written: {0}")]
-    Summary(#[from] serde_json::Error),
+    #[error(transparent)]
+    File(#[from] FileError),
 }
 
 /// Coarser grids on which the error is measured for the order.
@@ -123,14 +107,11 @@ pub fn solve_and_write(
         Status::NotConverged => Vec::new(),
     };
 
-    std::fs::create_dir_all(directory)
-        .map_err(|source| OutputError::Writing { path: directory.to_owned(), source })?;
-    let path = directory.join("extremal.csv");
-    write_table(file, &extremal, &path).map_err(|source| OutputError::Writing { path, source })?;
+    make_directory(directory)?;
+    write_table(file, &extremal, &directory.join("extremal.csv"))?;
     let mut files = vec!["extremal.csv"];
     for (name, chart) in charts(file, status, &extremal) {
-        let path = directory.join(name);
-        chart.write(&path).map_err(|source| OutputError::Picture { path, source })?;
+        write_picture(&directory.join(name), &chart)?;
         files.push(name);
     }
     let summary = ExtremalSummary {
@@ -149,42 +130,34 @@ pub fn solve_and_write(
         files,
         problem: file.clone(),
     };
-    let path = directory.join("summary.json");
-    let mut text = serde_json::to_vec_pretty(&summary)?;
-    text.push(b'\n');
-    write_atomically(&path, &text).map_err(|source| OutputError::Writing { path, source })?;
+    write_json(&directory.join("summary.json"), &summary)?;
     Ok(summary)
 }
 
-fn write_atomically(path: &Path, content: &[u8]) -> io::Result<()> {
-    let mut file = AtomicWriteFile::open(path)?;
-    file.write_all(content)?;
-    file.commit()
-}
-
 /// `t,x0,…,v0,…` with 17 significant digits; no velocity at the point outside I_σ.
-fn write_table(file: &ProblemFile, extremal: &Solution, path: &Path) -> io::Result<()> {
+fn write_table(file: &ProblemFile, extremal: &Solution, path: &Path) -> Result<(), FileError> {
     let d = file.coordinates();
-    let mut out = BufWriter::with_capacity(1 << 16, AtomicWriteFile::open(path)?);
-    let columns = |letter: char| (0..d).map(move |index| format!(",{letter}{index}"));
-    let names: String = columns('x').chain(columns('v')).collect();
-    writeln!(out, "t{names}")?;
-    let without_velocity = file.sigma.excluded(file.grid.steps());
-    for k in 0..=file.grid.steps() {
-        write!(out, "{:.16e}", file.grid.time(k))?;
-        for x in &extremal.positions[k * d..(k + 1) * d] {
-            write!(out, ",{x:.16e}")?;
-        }
-        for v in &extremal.velocities[k * d..(k + 1) * d] {
-            if k == without_velocity {
-                write!(out, ",")?;
-            } else {
-                write!(out, ",{v:.16e}")?;
+    write(path, |out| {
+        let columns = |letter: char| (0..d).map(move |index| format!(",{letter}{index}"));
+        let names: String = columns('x').chain(columns('v')).collect();
+        writeln!(out, "t{names}")?;
+        let without_velocity = file.sigma.excluded(file.grid.steps());
+        for k in 0..=file.grid.steps() {
+            write!(out, "{:.16e}", file.grid.time(k))?;
+            for x in &extremal.positions[k * d..(k + 1) * d] {
+                write!(out, ",{x:.16e}")?;
             }
+            for v in &extremal.velocities[k * d..(k + 1) * d] {
+                if k == without_velocity {
+                    write!(out, ",")?;
+                } else {
+                    write!(out, ",{v:.16e}")?;
+                }
+            }
+            writeln!(out)?;
         }
-        writeln!(out)?;
-    }
-    out.into_inner().map_err(io::IntoInnerError::into_error)?.commit()
+        Ok(())
+    })
 }
 
 /// Errors on the file's grid and on those with half, a quarter, … as many steps; coarsest first.
