@@ -219,7 +219,7 @@ impl Comparison {
                 ConvolutionWeights::bdf(order, exponent, 1.0)?.fill(&mut weights);
                 let task = Task { order, exponent, weights: &weights };
                 let repetitions =
-                    self.repetitions.unwrap_or_else(|| ((1 << 22) / length.max(1)).clamp(5, 50));
+                    self.repetitions.unwrap_or_else(|| ((1 << 23) / length.max(1)).clamp(5, 50));
                 measurements.extend(measure(task, contenders, repetitions)?);
             }
         }
