@@ -29,7 +29,7 @@ pub enum Pacing {
 ///
 /// **Schedule.** The job that makes output block m of a level needs the input blocks up to m − 2, so it is released when
 /// block m − 2 is complete, at sample (m − 1)B, and due when its output begins, at mB: a window of exactly B steps, one
-/// job at a time in each level. A job is a list of tasks of bounded cost (64 to 256 points). Each step spends
+/// job at a time in each level. A job is a list of tasks of bounded cost (64 to 128 points). Each step spends
 /// the *work budget* Σ_ℓ C_ℓ/B_ℓ + 5 %, C_ℓ the largest cost of a job of level ℓ, on the finest level that has work; deadlines nest,
 /// so this is the earliest one first. The work of a step is at most the near part, the budget and one task.
 ///
@@ -73,7 +73,7 @@ struct Job {
 const FIRST_BLOCK: usize = 64;
 
 /// Largest leaf of the transforms: bounds the cost of a task.
-const LEAF: usize = 256;
+const LEAF: usize = 128;
 
 /// Ratio of the block sizes of neighbouring levels.
 const RATIO: usize = 4;
