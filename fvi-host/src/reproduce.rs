@@ -49,10 +49,27 @@ pub struct Exhibit {
     /// What it shows.
     pub title: &'static str,
     /// Computes it; the flag ends the computation early with [`ReproduceError::Stopped`].
-    pub compute: fn(&AtomicBool) -> Result<Findings, ReproduceError>,
+    pub compute: Compute,
 }
 
+/// How findings are made.
+type Compute = fn(&AtomicBool) -> Result<Findings, ReproduceError>;
+
 impl Exhibit {
+    const fn printed(
+        paper: &'static str,
+        name: &'static str,
+        number: &'static str,
+        title: &'static str,
+        compute: Compute,
+    ) -> Self {
+        Self { name, origin: Origin::Printed { paper, number }, title, compute }
+    }
+
+    const fn beyond(name: &'static str, title: &'static str, compute: Compute) -> Self {
+        Self { name, origin: Origin::Beyond, title, compute }
+    }
+
     /// Where it is printed and what it shows, in one line.
     pub fn heading(&self) -> String {
         match self.origin {

@@ -8,35 +8,57 @@ mod tables;
 
 use super::error_curve::ErrorCurve;
 use super::problems::{on_any_step, with_bdf, with_scheme};
-use super::{Exhibit, Findings, Origin, ReproduceError};
+use super::{Exhibit, ReproduceError};
 use crate::converge::{Grids, Quantity};
 use crate::scenario::{Scenario, Scheme};
 use std::sync::atomic::AtomicBool;
 
-const fn exhibit(
-    name: &'static str,
-    number: &'static str,
-    title: &'static str,
-    compute: fn(&AtomicBool) -> Result<Findings, ReproduceError>,
-) -> Exhibit {
-    Exhibit { name, origin: Origin::Printed { paper: "HJO", number }, title, compute }
-}
-
 pub(super) const EXHIBITS: [Exhibit; 9] = [
-    exhibit("hjo-fig-2", "Fig. 2", "saturation of convolution quadrature on powers", saturation::figure_2),
-    exhibit("hjo-fig-3", "Fig. 3", "oscillator: positions and energies", oscillator::figure_3),
-    exhibit("hjo-fig-4", "Fig. 4", "oscillator: errors with the midpoint rule", oscillator::figure_4),
-    exhibit("hjo-fig-5", "Fig. 5", "Bagley–Torvik equation: errors with the midpoint rule", plate::figure_5),
-    exhibit("hjo-table-1", "Table 1", "orders with the midpoint rule", tables::table_1),
-    exhibit("hjo-fig-6", "Fig. 6", "oscillator: errors with the Galerkin scheme", oscillator::figure_6),
-    exhibit(
+    Exhibit::printed(
+        "HJO",
+        "hjo-fig-2",
+        "Fig. 2",
+        "saturation of convolution quadrature on powers",
+        saturation::figure_2,
+    ),
+    Exhibit::printed(
+        "HJO",
+        "hjo-fig-3",
+        "Fig. 3",
+        "oscillator: positions and energies",
+        oscillator::figure_3,
+    ),
+    Exhibit::printed(
+        "HJO",
+        "hjo-fig-4",
+        "Fig. 4",
+        "oscillator: errors with the midpoint rule",
+        oscillator::figure_4,
+    ),
+    Exhibit::printed(
+        "HJO",
+        "hjo-fig-5",
+        "Fig. 5",
+        "Bagley–Torvik equation: errors with the midpoint rule",
+        plate::figure_5,
+    ),
+    Exhibit::printed("HJO", "hjo-table-1", "Table 1", "orders with the midpoint rule", tables::table_1),
+    Exhibit::printed(
+        "HJO",
+        "hjo-fig-6",
+        "Fig. 6",
+        "oscillator: errors with the Galerkin scheme",
+        oscillator::figure_6,
+    ),
+    Exhibit::printed(
+        "HJO",
         "hjo-fig-7",
         "Fig. 7",
         "Bagley–Torvik equation: errors with the Galerkin scheme",
         plate::figure_7,
     ),
-    exhibit("hjo-fig-8", "Fig. 8", "starting weights", starting::figure_8),
-    exhibit("hjo-table-2", "Table 2", "orders with the Galerkin scheme", tables::table_2),
+    Exhibit::printed("HJO", "hjo-fig-8", "Fig. 8", "starting weights", starting::figure_8),
+    Exhibit::printed("HJO", "hjo-table-2", "Table 2", "orders with the Galerkin scheme", tables::table_2),
 ];
 
 /// h = 16/2^i, i = 4…11, on [0, 16].

@@ -3,19 +3,18 @@
 use super::error_curve::{ErrorCurve, error_table};
 use super::methods::{Method, RUNGE_KUTTA};
 use super::table::{Cell, Column, Format, Table};
-use super::{Exhibit, Findings, Origin, ReproduceError};
+use super::{Exhibit, Findings, ReproduceError};
 use crate::converge::{Grids, Quantity, converge};
 use crate::picture::{Axis, Chart, Series, Style};
 use crate::scenario::{Document, InputError, Scenario};
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-pub(super) const EXHIBITS: [Exhibit; 1] = [Exhibit {
-    name: "rk-orders",
-    origin: Origin::Beyond,
-    title: "orders of Runge–Kutta convolution quadrature, named as future work in [HJO] §6",
+pub(super) const EXHIBITS: [Exhibit; 1] = [Exhibit::beyond(
+    "rk-orders",
+    "orders of Runge–Kutta convolution quadrature, named as future work in [HJO] §6",
     compute,
-}];
+)];
 
 /// Damping orders of the tables.
 const DAMPING_ORDERS: [f64; 5] = [0.3, 0.5, 1.0, 1.5, 1.9];

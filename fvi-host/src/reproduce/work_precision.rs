@@ -5,24 +5,28 @@ use super::methods::{MAIN_NODES, Method, RUNGE_KUTTA};
 use super::motion::Motion;
 use super::problems::{cube_plate, on_grid, pendulum, pulse_plate};
 use super::table::{Cell, Column, Format, Table};
-use super::{Exhibit, Findings, Origin, ReproduceError};
+use super::{Exhibit, Findings, ReproduceError};
 use crate::converge::{Grids, converge};
 use crate::picture::{Axis, Chart, Series};
 use crate::scenario::{Reference, ReferenceRow, ReferenceSource, Scenario};
 use std::sync::atomic::AtomicBool;
 
-const fn exhibit(
-    name: &'static str,
-    title: &'static str,
-    compute: fn(&AtomicBool) -> Result<Findings, ReproduceError>,
-) -> Exhibit {
-    Exhibit { name, origin: Origin::Beyond, title, compute }
-}
-
 pub(super) const EXHIBITS: [Exhibit; 3] = [
-    exhibit("work-precision-plate", "error against work, the plate under a pulse of [JO] Fig. 7", plate),
-    exhibit("work-precision-pendulum", "error against work, a pendulum on a viscoelastic hinge", swinging),
-    exhibit("work-precision-cubic", "error against work, the solution t³ of [HJO] Fig. 5 and 7", cubic),
+    Exhibit::beyond(
+        "work-precision-plate",
+        "error against work, the plate under a pulse of [JO] Fig. 7",
+        plate,
+    ),
+    Exhibit::beyond(
+        "work-precision-pendulum",
+        "error against work, a pendulum on a viscoelastic hinge",
+        swinging,
+    ),
+    Exhibit::beyond(
+        "work-precision-cubic",
+        "error against work, the solution t³ of [HJO] Fig. 5 and 7",
+        cubic,
+    ),
 ];
 
 /// Runs of each grid; the fastest counts.
