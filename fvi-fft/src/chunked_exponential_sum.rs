@@ -89,8 +89,9 @@ struct Sum<T> {
 /// An exponential is left out where it is below this part of the weight.
 const NEGLIGIBLE: f64 = 1e-18;
 
-/// Decay of an exponential over the lag at hand from which it loses importance against the weights.
-const FAST: f64 = 8.0;
+/// What is left of an exponential from which on it may be left out: one that has faded so much at a lag decays faster there than
+/// weights do, which are like a power of the lag above the minus third.
+const FADED: f64 = 1e-3;
 
 impl<T: Scalar, const S: usize> ChunkedExponentialSum<T, S> {
     /// A memory for the kernel of a table on `channels` channels, without samples.
@@ -242,8 +243,7 @@ impl<const S: usize> WholeKernel<'_, S> {
         }
     }
 
-    /// Leaves out what has died away at lag n and beyond: what is negligible there and decays faster than the weights, which are
-    /// like a power of the lag above the minus third.
+    /// Leaves out what has died away at lag n and beyond.
     fn keep_what_lasts(&mut self, n: usize) {
         let size = |entry: &dyn Fn(usize, usize) -> f64| {
             (0..S * S).map(|place| entry(place / S, place % S).abs()).fold(0.0, f64::max)
@@ -251,9 +251,8 @@ impl<const S: usize> WholeKernel<'_, S> {
         let weight = size(&|a, b| self.weight(a, b, n));
         let left = n - self.head_len();
         self.terms.retain(|term| {
-            let slow = term.decay * (n as f64) < FAST;
             let part = size(&|a, b| term.output[a] * term.input[b]) * power(term, left).abs();
-            slow || part > NEGLIGIBLE * weight
+            power(term, n).abs() > FADED || part > NEGLIGIBLE * weight
         });
     }
 }
@@ -265,9 +264,12 @@ fn factor<const S: usize>(term: &ExponentialTerm<f64, S>) -> (f64, f64) {
 }
 
 /// By how much, relative to itself, [`Block::absorb`] with factors of the scalar T makes the sum over a chunk of a constant too small:
-/// the same at every chunk, where errors of the additions change.
+/// the same at every chunk, where errors of the additions change. Sums of changing sign make nothing pile up.
 fn shortfall<T: Scalar, const S: usize>(term: &ExponentialTerm<f64, S>) -> f64 {
     let (base, rest) = factor(term);
+    if base <= 0.0 {
+        return 0.0;
+    }
     let square = base * base;
     let square_rest = libm::fma(base, base, -square) + 2.0 * base * rest;
     let excess = |number: f64, rest: f64| (T::of(number).to_f64() - number) - rest;
@@ -512,17 +514,25 @@ mod tests {
 
     #[test]
     fn a_unit_sample_leaves_the_weights_until_the_horizon() {
-        let mut memory = ChunkedExponentialSum::<f64, 1>::new(&halves(), 1).unwrap();
-        assert_eq!(memory.leading(), [2.0]);
-        let mut term = [f64::NAN];
-        for k in 0..100 {
-            memory.next_term(&mut term).unwrap();
-            let weight = if k == 0 { 0.0 } else { 0.5f64.powi(k - 1) };
-            assert!((term[0] - weight).abs() <= 1e-15 * weight, "{term:?} at k = {k}");
-            memory.push(&[if k == 0 { 1.0 } else { 0.0 }]).unwrap();
+        // One exponential, and one more that keeps its size and changes its sign.
+        let alternating: &[f64] = &[0.5, 2.0, 0.0, 0.0, 0.5, 0.25, 0.0, 0.0];
+        let tables = [(halves(), 0.0), (ExponentialTable { exponentials: alternating, ..halves() }, 0.25)];
+        for (table, size) in tables {
+            let mut memory = ChunkedExponentialSum::<f64, 1>::new(&table, 1).unwrap();
+            assert_eq!(memory.leading(), [2.0]);
+            let mut term = [f64::NAN];
+            for k in 0..100 {
+                memory.next_term(&mut term).unwrap();
+                let weight = match k {
+                    0 | 1 => f64::from(k),
+                    _ => 0.5f64.powi(k - 1) + size * f64::from(1 - k % 2 * 2),
+                };
+                assert!((term[0] - weight).abs() <= 1e-15 * weight.abs(), "{term:?} at k = {k}");
+                memory.push(&[if k == 0 { 1.0 } else { 0.0 }]).unwrap();
+            }
+            let full = Err(MemoryError::Full { capacity: 100 });
+            assert_eq!((memory.next_term(&mut term), memory.push(&[0.0])), (full, full));
         }
-        let full = Err(MemoryError::Full { capacity: 100 });
-        assert_eq!((memory.next_term(&mut term), memory.push(&[0.0])), (full, full));
     }
 
     #[test]
