@@ -108,11 +108,14 @@ impl<T: Scalar, const S: usize> ChunkedExponentialSum<T, S> {
         let mut kernel = WholeKernel { head: table.head, terms: table.terms().collect::<Vec<_>>() };
         let head = kernel.head_len();
         let distance = (head - 1).div_ceil(CHUNK).max(1);
+        let weights: Vec<[[T; S]; S]> = (0..(distance + 1) * CHUNK)
+            .map(|n| core::array::from_fn(|b| core::array::from_fn(|a| T::of(kernel.weight(a, b, n)))))
+            .collect();
         // Terms of sample m of a chunk in the chunk `chunks` further on.
         let columns = |chunks: usize| -> Columns<T, S> {
             let weight = |m: usize, b: usize, a: usize, i: usize| match (chunks * CHUNK + i).checked_sub(m) {
                 None | Some(0) => T::zero(),
-                Some(n) => T::of(kernel.weight(a, b, n)),
+                Some(n) => weights[n][b][a],
             };
             core::array::from_fn(|m| {
                 core::array::from_fn(|b| {
@@ -131,7 +134,7 @@ impl<T: Scalar, const S: usize> ChunkedExponentialSum<T, S> {
         Ok(Self {
             horizon: table.horizon,
             len: 0,
-            leading: (0..S * S).map(|entry| T::of(kernel.weight(entry / S, entry % S, 0))).collect(),
+            leading: (0..S * S).map(|entry| weights[0][entry % S][entry / S]).collect(),
             within,
             between,
             blocks,
