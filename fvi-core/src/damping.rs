@@ -2,11 +2,11 @@
 
 use core::fmt;
 
-use nalgebra::{SMatrix, SVector};
-
 use crate::error::ParameterError;
 use crate::memory::{Memory, MemoryError};
 use crate::real::Real;
+use crate::scheme::Sample;
+use crate::space::{Block, Fixed, Space, add_multiple};
 use crate::system::{Coefficients, MatrixError};
 
 /// On what the fractional derivative acts.
@@ -21,68 +21,54 @@ pub enum Derivative {
     Caputo,
 }
 
-/// The damping forces of one step as they depend on what is being solved for.
-///
-/// ```text
-/// Σ_m ρ_m (D^{β_m} q)_i = known_i + Σ_j leading_ij e_j ,      e_j = q_j − q_k ,   i, j = 1…R
-/// ```
-///
-/// The R nodes of the sample to come are measured from the position q_k at the beginning of the step. The force on the
-/// system is minus this.
-#[derive(Clone, Copy, Debug)]
-pub struct AffineForce<T, const N: usize, const R: usize> {
-    /// Σ_m ρ_m times entry (i, j) of the leading weight of term m.
-    pub leading: [[SMatrix<T, N, N>; R]; R],
-    /// The part that no unknown enters.
-    pub known: [SVector<T, N>; R],
-}
-
-impl<T: Real, const N: usize, const R: usize> AffineForce<T, N, R> {
-    /// No force.
-    pub fn zero() -> Self {
-        Self { leading: [[SMatrix::zeros(); R]; R], known: [SVector::zeros(); R] }
-    }
-
-    /// The force at node i when the nodes lie at q_k + `increments`.
-    #[inline]
-    pub fn at(&self, node: usize, increments: &[SVector<T, N>; R]) -> SVector<T, N> {
-        let known = self.known.get(node).copied().unwrap_or_else(SVector::zeros);
-        let row = self.leading.get(node).map_or(&[][..], |row| &row[..]);
-        row.iter().zip(increments).fold(known, |sum, (weight, increment)| sum + weight * increment)
-    }
-}
-
 /// Damping with memory: anything between no damping and many terms.
 ///
-/// `R` is the number of nodes of a sample: 1 where the memory holds main nodes q_k, r where it holds the r stage
-/// values of a Runge–Kutta convolution quadrature. `()` is no damping, [`DampingTerm`] one term, and tuples, arrays and
-/// mutable slices of dampings act together.
-pub trait Damping<T: Real, const N: usize, const R: usize> {
+/// A sample holds R nodes: one where the memory stores the main nodes q_k, and as many as there are quadrature nodes where it stores those. With
+/// the nodes of the sample to come at q_k + e_1, …, q_k + e_R the damping exerts
+///
+/// ```text
+/// Σ_m ρ_m (D^{β_m} q)_i = known_i + Σ_m ρ_m Σ_j W_ij e_j ,     i = 1…R
+/// ```
+///
+/// and the force on the system is minus this. Vectors of R·N numbers have one node after another. `()` is no damping, [`DampingTerm`]
+/// one term, and tuples, arrays and mutable slices of dampings act together.
+pub trait Damping<T: Real, X: Space<T>> {
     /// Checks that the memories fit N coordinates and R nodes.
     ///
     /// # Errors
     /// [`MemoryShape`] if one does not.
-    fn check_shape(&self) -> Result<(), MemoryShape>;
+    fn check_shape(&self, coordinates: usize, nodes: usize) -> Result<(), MemoryShape>;
 
     /// Forgets everything and notes how the motion starts.
-    fn begin(&mut self, position: &SVector<T, N>, velocity: &SVector<T, N>);
+    fn begin(&mut self, position: &[T], velocity: &[T]);
 
-    /// Adds to `force` what the damping exerts at nodes at the given times; `from` is the position q_k.
+    /// Adds known_i for nodes at the given times to `known`, R·N numbers; `from` is the position q_k. `scratch` has
+    /// R·N numbers, and N more where R > 1.
     ///
     /// # Errors
     /// [`MemoryError::Full`] if the sample to come could not be stored.
-    fn add_force(
+    fn add_known(
         &mut self,
-        from: &SVector<T, N>,
-        times: &[T; R],
-        force: &mut AffineForce<T, N, R>,
+        from: &[T],
+        times: &[T],
+        known: &mut [T],
+        scratch: &mut [T],
     ) -> Result<(), MemoryError>;
 
-    /// Stores the positions of the nodes.
+    /// Adds Σ_m ρ_m Σ_j W_ij e_j to `force`, R·N numbers. `scratch` has N numbers at least.
+    fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]);
+
+    /// Shows every W_ij ρ_m that is not zero, as (i, j, W_ij, ρ_m), for a sample of `nodes` nodes.
+    fn visit_leading(&self, nodes: usize, visit: impl FnMut(usize, usize, T, &X::Block));
+
+    /// Whether the leading weights of all later steps are those of the step to come.
+    fn leading_is_constant(&self) -> bool;
+
+    /// Stores the sample with nodes at `from` + e_i. `scratch` has R·N numbers at least.
     ///
     /// # Errors
-    /// [`MemoryError::Full`]; not after a successful [`add_force`](Damping::add_force).
-    fn push(&mut self, positions: &[SVector<T, N>; R], times: &[T; R]) -> Result<(), MemoryError>;
+    /// [`MemoryError::Full`]; not after a successful [`add_known`](Damping::add_known).
+    fn push(&mut self, from: &[T], sample: &Sample<'_, T>, scratch: &mut [T]) -> Result<(), MemoryError>;
 }
 
 /// A memory has another number of channels or stages than the system and the scheme need.
@@ -134,13 +120,16 @@ impl core::error::Error for DampingError {}
 /// One damping term ρ D₋^β q with its memory.
 ///
 /// ρ is symmetric positive semidefinite; β = 2α is the damping order, 0 ≤ β < 2 (α is the order in the Lagrangian). The
-/// kernel of the memory must be that of D^β for the step size of the integration. Source: \[JO\] eq. 1, 34a; \[HJO\] eq. 34a, 35.
+/// kernel of the memory must be that of D^β for the step size of the integration.
+///
+/// The memory has one channel for each coordinate and node. A kernel of plain numbers acts on the sequence of every node by itself; one of R×R
+/// matrices couples the R nodes. Source: \[JO\] eq. 1, 34a; \[HJO\] eq. 34a, 35.
 #[derive(Clone, Copy, Debug)]
-pub struct DampingTerm<T, const N: usize, M> {
-    coefficients: Coefficients<T, N>,
+pub struct DampingTerm<T: Real, X: Space<T>, M> {
+    coefficients: X::Block,
     start: Subtraction,
-    initial_position: SVector<T, N>,
-    initial_velocity: SVector<T, N>,
+    initial_position: X::Vector,
+    initial_velocity: X::Vector,
     memory: M,
 }
 
@@ -152,13 +141,29 @@ enum Subtraction {
     PositionAndVelocity,
 }
 
-impl<T: Real, const N: usize, M> DampingTerm<T, N, M> {
+impl<T: Real, const N: usize, M> DampingTerm<T, Fixed<N>, M> {
     /// The term ρ D^β q on an engine whose kernel is that of D^β.
     ///
     /// # Errors
     /// If β is outside [0, 2) or ρ is not finite, symmetric and positive semidefinite.
     pub fn new(
         coefficients: Coefficients<T, N>,
+        damping_order: T,
+        derivative: Derivative,
+        memory: M,
+    ) -> Result<Self, DampingError> {
+        Self::in_space(&Fixed, coefficients, damping_order, derivative, memory)
+    }
+}
+
+impl<T: Real, X: Space<T>, M> DampingTerm<T, X, M> {
+    /// The term ρ D^β q in any space; see [`new`](DampingTerm::new).
+    ///
+    /// # Errors
+    /// If β is outside [0, 2) or ρ is not finite, symmetric and positive semidefinite.
+    pub fn in_space(
+        space: &X,
+        coefficients: X::Block,
         damping_order: T,
         derivative: Derivative,
         memory: M,
@@ -177,8 +182,8 @@ impl<T: Real, const N: usize, M> DampingTerm<T, N, M> {
             Derivative::Caputo if damping_order <= T::one() => Subtraction::Position,
             Derivative::Caputo => Subtraction::PositionAndVelocity,
         };
-        let zero = SVector::zeros();
-        Ok(Self { coefficients, start, initial_position: zero, initial_velocity: zero, memory })
+        let (initial_position, initial_velocity) = (space.zeros(), space.zeros());
+        Ok(Self { coefficients, start, initial_position, initial_velocity, memory })
     }
 
     /// The memory.
@@ -186,156 +191,259 @@ impl<T: Real, const N: usize, M> DampingTerm<T, N, M> {
         &self.memory
     }
 
-    /// What the operator acts on when the position is `position` at `time`.
+    /// What the operator acts on in one coordinate when its position is `position` at `time`, for each coordinate in turn.
     #[inline]
-    fn acted_on(&self, position: &SVector<T, N>, time: T) -> SVector<T, N> {
-        match self.start {
-            Subtraction::Nothing => *position,
-            Subtraction::Position => position - self.initial_position,
-            Subtraction::PositionAndVelocity => {
-                position - self.initial_position - self.initial_velocity * time
-            }
-        }
+    fn acted_on(&self, position: impl Iterator<Item = T>, time: T) -> impl Iterator<Item = T> {
+        let start = self.start;
+        let initial = X::slice(&self.initial_position).iter().zip(X::slice(&self.initial_velocity));
+        position.zip(initial).map(move |(position, (&initial, &velocity))| match start {
+            Subtraction::Nothing => position,
+            Subtraction::Position => position - initial,
+            Subtraction::PositionAndVelocity => position - initial - velocity * time,
+        })
     }
 }
 
-impl<T: Real, const N: usize, const R: usize, M: Memory<T>> Damping<T, N, R> for DampingTerm<T, N, M> {
-    fn check_shape(&self) -> Result<(), MemoryShape> {
+impl<T: Real, X: Space<T>, M: Memory<T>> DampingTerm<T, X, M> {
+    /// W_ij, i and j from 0, of a sample with `nodes` nodes.
+    #[inline]
+    fn leading(&self, nodes: usize, i: usize, j: usize) -> T {
+        let stages = self.memory.stages();
+        let index = if stages == nodes {
+            i * stages + j
+        } else if i == j {
+            0
+        } else {
+            return T::zero();
+        };
+        self.memory.leading().get(index).copied().unwrap_or(T::zero())
+    }
+}
+
+impl<T: Real, X: Space<T>, M: Memory<T>> Damping<T, X> for DampingTerm<T, X, M> {
+    fn check_shape(&self, coordinates: usize, nodes: usize) -> Result<(), MemoryShape> {
         let (channels, stages) = (self.memory.channels(), self.memory.stages());
-        if channels == N * R && stages == R {
+        let channels_needed = coordinates * nodes;
+        if channels == channels_needed && (stages == nodes || stages == 1) {
             Ok(())
         } else {
-            Err(MemoryShape { channels_needed: N * R, channels, stages_needed: R, stages })
+            Err(MemoryShape { channels_needed, channels, stages_needed: nodes, stages })
         }
     }
 
-    fn begin(&mut self, position: &SVector<T, N>, velocity: &SVector<T, N>) {
+    fn begin(&mut self, position: &[T], velocity: &[T]) {
         self.memory.clear();
-        self.initial_position = *position;
-        self.initial_velocity = *velocity;
+        copy(X::slice_mut(&mut self.initial_position), position);
+        copy(X::slice_mut(&mut self.initial_velocity), velocity);
     }
 
     #[inline]
-    fn add_force(
+    fn add_known(
         &mut self,
-        from: &SVector<T, N>,
-        times: &[T; R],
-        force: &mut AffineForce<T, N, R>,
+        from: &[T],
+        times: &[T],
+        known: &mut [T],
+        scratch: &mut [T],
     ) -> Result<(), MemoryError> {
-        let mut term = [[T::zero(); R]; N];
-        self.memory.next_term(term.as_flattened_mut())?;
-        let rho = self.coefficients.to_matrix();
-        let weights = self.memory.leading().chunks(R.max(1));
-        for (i, ((known, blocks), weights)) in
-            force.known.iter_mut().zip(&mut force.leading).zip(weights).enumerate()
-        {
-            // Stage i of every coordinate.
-            let mut sum = SVector::<T, N>::from_fn(|coordinate, _| {
-                term.get(coordinate).and_then(|stages| stages.get(i)).copied().unwrap_or(T::zero())
-            });
-            for ((block, &weight), &time) in blocks.iter_mut().zip(weights).zip(times) {
-                *block += rho * weight;
-                sum += self.acted_on(from, time) * weight;
+        let (coordinates, nodes) = (from.len(), times.len());
+        let (term, rest) = scratch.split_at_mut_checked(coordinates * nodes).unwrap_or_default();
+        self.memory.next_term(term)?;
+        if let [time] = *times {
+            let weight = self.leading(1, 0, 0);
+            for (number, acted_on) in term.iter_mut().zip(self.acted_on(from.iter().copied(), time)) {
+                *number += acted_on * weight;
             }
-            *known += self.coefficients.multiply(&sum);
+            self.coefficients.multiply_add(T::one(), term, known);
+            return Ok(());
+        }
+        let sum = rest.get_mut(..coordinates).unwrap_or(&mut []);
+        for (i, known) in known.chunks_exact_mut(coordinates.max(1)).enumerate() {
+            // Node i of every coordinate.
+            for (sum, stages) in sum.iter_mut().zip(term.chunks_exact(nodes.max(1))) {
+                *sum = stages.get(i).copied().unwrap_or(T::zero());
+            }
+            for (j, &time) in times.iter().enumerate() {
+                let weight = self.leading(nodes, i, j);
+                for (sum, acted_on) in sum.iter_mut().zip(self.acted_on(from.iter().copied(), time)) {
+                    *sum += acted_on * weight;
+                }
+            }
+            self.coefficients.multiply_add(T::one(), sum, known);
         }
         Ok(())
     }
 
     #[inline]
-    fn push(&mut self, positions: &[SVector<T, N>; R], times: &[T; R]) -> Result<(), MemoryError> {
-        let mut sample = [[T::zero(); R]; N];
-        for (stage, (position, &time)) in positions.iter().zip(times).enumerate() {
-            let acted_on = self.acted_on(position, time);
-            for (stages, &number) in sample.iter_mut().zip(acted_on.iter()) {
+    fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
+        let coordinates = X::slice(&self.initial_position).len();
+        let nodes = increments.len() / coordinates.max(1);
+        let sum = scratch.get_mut(..coordinates).unwrap_or(&mut []);
+        for (i, force) in force.chunks_exact_mut(coordinates.max(1)).enumerate() {
+            sum.fill(T::zero());
+            for (j, increment) in increments.chunks_exact(coordinates.max(1)).enumerate() {
+                add_multiple(sum, self.leading(nodes, i, j), increment);
+            }
+            self.coefficients.multiply_add(T::one(), sum, force);
+        }
+    }
+
+    #[inline]
+    fn visit_leading(&self, nodes: usize, mut visit: impl FnMut(usize, usize, T, &X::Block)) {
+        for i in 0..nodes {
+            for j in 0..nodes {
+                let weight = self.leading(nodes, i, j);
+                if weight != T::zero() {
+                    visit(i, j, weight, &self.coefficients);
+                }
+            }
+        }
+    }
+
+    #[inline]
+    fn leading_is_constant(&self) -> bool {
+        self.memory.leading_is_constant()
+    }
+
+    #[inline]
+    fn push(&mut self, from: &[T], sample: &Sample<'_, T>, scratch: &mut [T]) -> Result<(), MemoryError> {
+        let (coordinates, nodes) = (from.len(), sample.times.len());
+        let stored = scratch.get_mut(..coordinates * nodes).unwrap_or(&mut []);
+        let increments = sample.increments.chunks_exact(coordinates.max(1));
+        for (stage, (increment, &time)) in increments.zip(sample.times).enumerate() {
+            let position = from.iter().zip(increment).map(|(&q, &e)| q + e);
+            let places = stored.chunks_exact_mut(nodes.max(1));
+            for (stages, number) in places.zip(self.acted_on(position, time)) {
                 if let Some(place) = stages.get_mut(stage) {
                     *place = number;
                 }
             }
         }
-        self.memory.push(sample.as_flattened())
+        self.memory.push(stored)
     }
 }
 
-impl<T: Real, const N: usize, const R: usize> Damping<T, N, R> for () {
-    fn check_shape(&self) -> Result<(), MemoryShape> {
+#[inline]
+fn copy<T: Copy>(target: &mut [T], source: &[T]) {
+    target.iter_mut().zip(source).for_each(|(place, &number)| *place = number);
+}
+
+impl<T: Real, X: Space<T>> Damping<T, X> for () {
+    fn check_shape(&self, _: usize, _: usize) -> Result<(), MemoryShape> {
         Ok(())
     }
 
-    fn begin(&mut self, _: &SVector<T, N>, _: &SVector<T, N>) {}
+    fn begin(&mut self, _: &[T], _: &[T]) {}
 
-    fn add_force(
-        &mut self,
-        _: &SVector<T, N>,
-        _: &[T; R],
-        _: &mut AffineForce<T, N, R>,
-    ) -> Result<(), MemoryError> {
+    fn add_known(&mut self, _: &[T], _: &[T], _: &mut [T], _: &mut [T]) -> Result<(), MemoryError> {
         Ok(())
     }
 
-    fn push(&mut self, _: &[SVector<T, N>; R], _: &[T; R]) -> Result<(), MemoryError> {
+    fn add_leading(&self, _: &[T], _: &mut [T], _: &mut [T]) {}
+
+    fn visit_leading(&self, _: usize, _: impl FnMut(usize, usize, T, &X::Block)) {}
+
+    fn leading_is_constant(&self) -> bool {
+        true
+    }
+
+    fn push(&mut self, _: &[T], _: &Sample<'_, T>, _: &mut [T]) -> Result<(), MemoryError> {
         Ok(())
     }
 }
 
-impl<T: Real, const N: usize, const R: usize, A: Damping<T, N, R>, B: Damping<T, N, R>> Damping<T, N, R>
-    for (A, B)
-{
-    fn check_shape(&self) -> Result<(), MemoryShape> {
-        self.0.check_shape()?;
-        self.1.check_shape()
+impl<T: Real, X: Space<T>, A: Damping<T, X>, B: Damping<T, X>> Damping<T, X> for (A, B) {
+    fn check_shape(&self, coordinates: usize, nodes: usize) -> Result<(), MemoryShape> {
+        self.0.check_shape(coordinates, nodes)?;
+        self.1.check_shape(coordinates, nodes)
     }
 
-    fn begin(&mut self, position: &SVector<T, N>, velocity: &SVector<T, N>) {
+    fn begin(&mut self, position: &[T], velocity: &[T]) {
         self.0.begin(position, velocity);
         self.1.begin(position, velocity);
     }
 
     #[inline]
-    fn add_force(
+    fn add_known(
         &mut self,
-        from: &SVector<T, N>,
-        times: &[T; R],
-        force: &mut AffineForce<T, N, R>,
+        from: &[T],
+        times: &[T],
+        known: &mut [T],
+        scratch: &mut [T],
     ) -> Result<(), MemoryError> {
-        self.0.add_force(from, times, force)?;
-        self.1.add_force(from, times, force)
+        self.0.add_known(from, times, known, scratch)?;
+        self.1.add_known(from, times, known, scratch)
     }
 
     #[inline]
-    fn push(&mut self, positions: &[SVector<T, N>; R], times: &[T; R]) -> Result<(), MemoryError> {
-        self.0.push(positions, times)?;
-        self.1.push(positions, times)
+    fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
+        self.0.add_leading(increments, force, scratch);
+        self.1.add_leading(increments, force, scratch);
+    }
+
+    #[inline]
+    fn visit_leading(&self, nodes: usize, mut visit: impl FnMut(usize, usize, T, &X::Block)) {
+        self.0.visit_leading(nodes, &mut visit);
+        self.1.visit_leading(nodes, visit);
+    }
+
+    #[inline]
+    fn leading_is_constant(&self) -> bool {
+        self.0.leading_is_constant() && self.1.leading_is_constant()
+    }
+
+    #[inline]
+    fn push(&mut self, from: &[T], sample: &Sample<'_, T>, scratch: &mut [T]) -> Result<(), MemoryError> {
+        self.0.push(from, sample, scratch)?;
+        self.1.push(from, sample, scratch)
     }
 }
 
 /// Several dampings of one type, one after another.
 macro_rules! damping_sequence {
     ($({$($generics:tt)*})? $sequence:ty) => {
-        impl<T: Real, const N: usize, const R: usize, D: Damping<T, N, R> $(, $($generics)*)?> Damping<T, N, R>
-            for $sequence
-        {
-            fn check_shape(&self) -> Result<(), MemoryShape> {
-                self.iter().try_for_each(D::check_shape)
+        impl<T: Real, X: Space<T>, D: Damping<T, X> $(, $($generics)*)?> Damping<T, X> for $sequence {
+            fn check_shape(&self, coordinates: usize, nodes: usize) -> Result<(), MemoryShape> {
+                self.iter().try_for_each(|damping| damping.check_shape(coordinates, nodes))
             }
 
-            fn begin(&mut self, position: &SVector<T, N>, velocity: &SVector<T, N>) {
+            fn begin(&mut self, position: &[T], velocity: &[T]) {
                 self.iter_mut().for_each(|damping| damping.begin(position, velocity));
             }
 
             #[inline]
-            fn add_force(
+            fn add_known(
                 &mut self,
-                from: &SVector<T, N>,
-                times: &[T; R],
-                force: &mut AffineForce<T, N, R>,
+                from: &[T],
+                times: &[T],
+                known: &mut [T],
+                scratch: &mut [T],
             ) -> Result<(), MemoryError> {
-                self.iter_mut().try_for_each(|damping| damping.add_force(from, times, force))
+                self.iter_mut().try_for_each(|damping| damping.add_known(from, times, known, scratch))
             }
 
             #[inline]
-            fn push(&mut self, positions: &[SVector<T, N>; R], times: &[T; R]) -> Result<(), MemoryError> {
-                self.iter_mut().try_for_each(|damping| damping.push(positions, times))
+            fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
+                self.iter().for_each(|damping| damping.add_leading(increments, force, scratch));
+            }
+
+            #[inline]
+            fn visit_leading(&self, nodes: usize, mut visit: impl FnMut(usize, usize, T, &X::Block)) {
+                self.iter().for_each(|damping| damping.visit_leading(nodes, &mut visit));
+            }
+
+            #[inline]
+            fn leading_is_constant(&self) -> bool {
+                self.iter().all(|damping| damping.leading_is_constant())
+            }
+
+            #[inline]
+            fn push(
+                &mut self,
+                from: &[T],
+                sample: &Sample<'_, T>,
+                scratch: &mut [T],
+            ) -> Result<(), MemoryError> {
+                self.iter_mut().try_for_each(|damping| damping.push(from, sample, scratch))
             }
         }
     };

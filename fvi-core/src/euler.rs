@@ -2,11 +2,14 @@
 
 use nalgebra::SVector;
 
-use crate::damping::AffineForce;
-use crate::newton::newton;
+use crate::damping::Damping;
+use crate::discrete_lagrangian::{Kept, Workspace};
+use crate::galerkin::{Galerkin, in_place};
+use crate::newton::{Inverse, StepMatrix};
 use crate::real::Real;
-use crate::scheme::{Sampling, Scheme, StepEnd, StepError, StepStart};
-use crate::system::{Force, Instant, Potential, System};
+use crate::scheme::{Sampling, Scheme, Step, StepError};
+use crate::space::Fixed;
+use crate::system::Mechanics;
 
 /// Explicit Euler method.
 ///
@@ -29,56 +32,58 @@ pub struct ExplicitEuler;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ImplicitEuler;
 
-impl<T: Real, const N: usize> Scheme<T, N, 1> for ExplicitEuler {
-    fn sampling(&self) -> Sampling<T, 1> {
-        Sampling::MainNodes
-    }
-
-    fn step<P: Potential<T, N>, F: Force<T, N>>(
-        &self,
-        system: &System<T, N, P, F>,
-        start: &StepStart<T, N>,
-        damping: &AffineForce<T, N, 1>,
-    ) -> Result<StepEnd<T, N, 1>, StepError> {
-        let h = start.step_size;
-        let instant = Instant::in_step(start.time, T::zero(), h);
-        let rise = system.mass.velocity(&start.momentum) * h;
-        let force = system.pull(instant, &start.position) - start.input + damping.at(0, &[rise]);
-        let position = start.position + rise;
-        Ok(StepEnd { position, momentum: start.momentum - force * h, samples: [position], iterations: 0 })
+impl ExplicitEuler {
+    /// The coefficients that turn [`step_damped_at_main_nodes`](crate::DiscreteLagrangian::step_damped_at_main_nodes) into this method: U and F
+    /// count at the beginning of the step and in the new momentum only.
+    #[inline]
+    pub fn coefficients<T: Real>() -> Galerkin<T, 1, 1> {
+        Galerkin::of_degree_one(T::zero(), T::zero(), T::zero())
     }
 }
 
-impl<T: Real, const N: usize> Scheme<T, N, 1> for ImplicitEuler {
-    fn sampling(&self) -> Sampling<T, 1> {
-        Sampling::MainNodes
-    }
-
-    fn step<P: Potential<T, N>, F: Force<T, N>>(
-        &self,
-        system: &System<T, N, P, F>,
-        start: &StepStart<T, N>,
-        damping: &AffineForce<T, N, 1>,
-    ) -> Result<StepEnd<T, N, 1>, StepError> {
-        let h = start.step_size;
-        let instant = Instant::in_step(start.time, T::one(), h);
-        let mass = system.mass.matrix();
-        let dense_mass = mass.to_matrix();
-        let mut rise = [system.mass.velocity(&start.momentum) * h];
-        let force = |rise: &[SVector<T, N>; 1]| {
-            let [increment] = rise;
-            system.pull(instant, &(start.position + increment)) - start.input + damping.at(0, rise)
-        };
-        // 0 = p_k − h G(q_k + e) − M e / h
-        let iterations = newton(&mut rise, start.position.amax(), |rise, [[jacobian]]| {
-            let [[leading]] = &damping.leading;
-            let [increment] = rise;
-            let stiffness = system.stiffness(instant, &(start.position + increment));
-            *jacobian = -(dense_mass * (T::one() / h) + (stiffness + leading) * h);
-            [start.momentum - force(rise) * h - mass.multiply(increment) * (T::one() / h)]
-        })?;
-        let momentum = start.momentum - force(&rise) * h;
-        let position = start.position + rise[0];
-        Ok(StepEnd { position, momentum, samples: [position], iterations })
+impl ImplicitEuler {
+    /// The coefficients that turn [`step_damped_at_nodes`](crate::DiscreteLagrangian::step_damped_at_nodes) into this method: all forces
+    /// count at the end of the step and in both of its equations.
+    #[inline]
+    pub fn coefficients<T: Real>() -> Galerkin<T, 1, 1> {
+        Galerkin::of_degree_one(T::one(), T::one(), T::one())
     }
 }
+
+/// [`Scheme`] for a method with the main nodes in its memory.
+macro_rules! scheme {
+    ($method:ty, $step:ident) => {
+        impl<T: Real, const N: usize> Scheme<T, Fixed<N>> for $method {
+            type Storage = Kept<Inverse<T, N, 1>>;
+
+            fn storage<G: Mechanics<T, Fixed<N>>>(&self, _: &Fixed<N>, _: &G) -> Self::Storage {
+                Kept::nothing(Inverse::zero())
+            }
+
+            fn sampling(&self) -> Sampling<'_, T> {
+                Sampling::MainNodes
+            }
+
+            fn step<G: Mechanics<T, Fixed<N>>, D: Damping<T, Fixed<N>>>(
+                &self,
+                storage: &mut Self::Storage,
+                mechanics: &mut G,
+                damping: &mut D,
+                step: &Step<'_, T>,
+                position: &mut SVector<T, N>,
+                momentum: &mut SVector<T, N>,
+            ) -> Result<u32, StepError> {
+                const S: usize = 1;
+                const Q: usize = 1;
+                let coefficients = Self::coefficients::<T>();
+                let zeros = [[T::zero(); N]; 1];
+                in_place!(storage, mechanics, [T::zero(); 1], zeros, [[T::zero(); N]; 1], |workspace| {
+                    coefficients.view().$step(workspace, mechanics, damping, step, (position, momentum))
+                })
+            }
+        }
+    };
+}
+
+scheme!(ExplicitEuler, step_damped_at_main_nodes);
+scheme!(ImplicitEuler, step_damped_at_nodes);

@@ -2,24 +2,23 @@
 
 use core::fmt;
 
-use nalgebra::SVector;
-
-use crate::damping::{AffineForce, Damping, MemoryShape};
+use crate::damping::{Damping, MemoryShape};
 use crate::error::{ParameterError, check_step_size};
 use crate::memory::MemoryError;
 use crate::real::{Real, all_finite};
-use crate::scheme::{Sampling, Scheme, StepError, StepStart};
-use crate::system::{Force, Potential, System};
+use crate::scheme::{Sample, Sampling, Scheme, Step, StepError};
+use crate::space::{Block, Fixed, Space};
+use crate::system::{Force, Mechanics, Potential, System};
 
-/// State of the motion after a number of steps.
+/// State of the motion after a number of steps; `V` is a vector of the space.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct State<T, const N: usize> {
+pub struct State<V> {
     /// Number of steps made, k; the time is t_k = k h.
     pub step: u64,
     /// Position q_k.
-    pub position: SVector<T, N>,
+    pub position: V,
     /// Momentum p_k.
-    pub momentum: SVector<T, N>,
+    pub momentum: V,
 }
 
 /// Integrates d/dt ∂L/∂v − ∂L/∂q = F + u − Σ_m ρ_m D₋^{β_m} q step by step.
@@ -42,7 +41,11 @@ pub struct State<T, const N: usize> {
 ///     force: NoForce,
 /// };
 /// let scheme = Galerkin::low_order(0.5)?;
-/// let mut integrator = Integrator::new(system, scheme, damping, step_size, [1.0].into(), [0.0].into())?;
+/// let mut integrator = Integrator::builder(system, scheme, step_size)
+///     .damping(damping)
+///     .position([1.0])
+///     .velocity([0.0])
+///     .build()?;
 /// let energy = integrator.energy();
 /// for _ in 0..100 {
 ///     integrator.step(&[0.0].into())?;
@@ -53,12 +56,34 @@ pub struct State<T, const N: usize> {
 ///
 /// Source: \[JO\] Algorithm 3; \[HJO\] Algorithm 1.
 #[derive(Clone, Debug)]
-pub struct Integrator<T, const N: usize, const R: usize, P, F, S, D> {
-    system: System<T, N, P, F>,
+#[must_use]
+pub struct Integrator<T: Real, X: Space<T>, G, S: Scheme<T, X>, D> {
+    mechanics: G,
+    scheme: S,
+    storage: S::Storage,
+    damping: D,
+    step_size: T,
+    state: State<X::Vector>,
+}
+
+/// An integrator in the making. Without more said, the motion begins at rest at the origin, undamped.
+#[derive(Clone, Debug)]
+#[must_use]
+pub struct IntegratorBuilder<T: Real, X: Space<T>, G, S, D> {
+    space: X,
+    mechanics: G,
     scheme: S,
     damping: D,
     step_size: T,
-    state: State<T, N>,
+    position: X::Vector,
+    /// Momentum or velocity.
+    motion: (X::Vector, Motion),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Motion {
+    Momentum,
+    Velocity,
 }
 
 /// Why an integrator cannot be made.
@@ -86,66 +111,126 @@ impl fmt::Display for IntegratorError {
     }
 }
 
-impl core::error::Error for IntegratorError {}
+impl core::error::Error for IntegratorError {
+    fn source(&self) -> Option<&(dyn core::error::Error + 'static)> {
+        match self {
+            Self::StepSize(error) => Some(error),
+            Self::InitialState => None,
+            Self::Shape(error) => Some(error),
+            Self::Memory(error) => Some(error),
+        }
+    }
+}
 
-impl<T, const N: usize, const R: usize, P, F, S, D> Integrator<T, N, R, P, F, S, D>
+impl<T, const N: usize, P, F, S> Integrator<T, Fixed<N>, System<T, N, P, F>, S, ()>
 where
     T: Real,
     P: Potential<T, N>,
     F: Force<T, N>,
-    S: Scheme<T, N, R>,
-    D: Damping<T, N, R>,
+    S: Scheme<T, Fixed<N>>,
 {
-    /// An integrator at t = 0 with empty memories.
+    /// Begins an integrator for a system of N coordinates with the step size h.
+    pub fn builder(
+        system: System<T, N, P, F>,
+        scheme: S,
+        step_size: T,
+    ) -> IntegratorBuilder<T, Fixed<N>, System<T, N, P, F>, S, ()> {
+        IntegratorBuilder::in_space(Fixed, system, scheme, step_size)
+    }
+}
+
+impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>> IntegratorBuilder<T, X, G, S, ()> {
+    /// Begins an integrator in any space; see [`Integrator::builder`].
+    pub fn in_space(space: X, mechanics: G, scheme: S, step_size: T) -> Self {
+        let (position, motion) = (space.zeros(), (space.zeros(), Motion::Momentum));
+        Self { space, mechanics, scheme, damping: (), step_size, position, motion }
+    }
+
+    /// The damping: a term, or several together.
+    pub fn damping<D: Damping<T, X>>(self, damping: D) -> IntegratorBuilder<T, X, G, S, D> {
+        let Self { space, mechanics, scheme, damping: (), step_size, position, motion } = self;
+        IntegratorBuilder { space, mechanics, scheme, damping, step_size, position, motion }
+    }
+}
+
+impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>>
+    IntegratorBuilder<T, X, G, S, D>
+{
+    /// Initial position q₀.
+    pub fn position(mut self, position: impl Into<X::Vector>) -> Self {
+        self.position = position.into();
+        self
+    }
+
+    /// Initial momentum p₀.
+    pub fn momentum(mut self, momentum: impl Into<X::Vector>) -> Self {
+        self.motion = (momentum.into(), Motion::Momentum);
+        self
+    }
+
+    /// Initial velocity v₀: the momentum is M v₀.
+    pub fn velocity(mut self, velocity: impl Into<X::Vector>) -> Self {
+        self.motion = (velocity.into(), Motion::Velocity);
+        self
+    }
+
+    /// The integrator at t = 0 with empty memories.
     ///
     /// # Errors
     /// [`IntegratorError`].
-    pub fn new(
-        system: System<T, N, P, F>,
-        scheme: S,
-        mut damping: D,
-        step_size: T,
-        position: SVector<T, N>,
-        momentum: SVector<T, N>,
-    ) -> Result<Self, IntegratorError> {
+    pub fn build(self) -> Result<Integrator<T, X, G, S, D>, IntegratorError> {
+        let Self { space, mechanics, scheme, mut damping, step_size, position, motion } = self;
         check_step_size(step_size.to_f64()).map_err(IntegratorError::StepSize)?;
-        if !all_finite(position.as_slice()) || !all_finite(momentum.as_slice()) {
+        let (given, motion) = motion;
+        let mut other = space.zeros();
+        let (momentum, velocity) = match motion {
+            Motion::Momentum => {
+                mechanics.velocity(X::slice(&given), X::slice_mut(&mut other));
+                (given, other)
+            }
+            Motion::Velocity => {
+                mechanics.mass().multiply_add(T::one(), X::slice(&given), X::slice_mut(&mut other));
+                (other, given)
+            }
+        };
+        if ![&position, &momentum, &velocity].iter().all(|vector| all_finite(X::slice(vector))) {
             return Err(IntegratorError::InitialState);
         }
-        damping.check_shape().map_err(IntegratorError::Shape)?;
-        damping.begin(&position, &system.mass.velocity(&momentum));
+        damping
+            .check_shape(space.coordinates(), scheme.sampling().nodes())
+            .map_err(IntegratorError::Shape)?;
+        damping.begin(X::slice(&position), X::slice(&velocity));
         if matches!(scheme.sampling(), Sampling::MainNodes) {
-            damping.push(&[position; R], &[T::zero(); R]).map_err(IntegratorError::Memory)?;
+            let (rest, mut scratch) = (space.zeros(), space.zeros());
+            let sample = Sample { times: &[T::zero()], increments: X::slice(&rest) };
+            damping
+                .push(X::slice(&position), &sample, X::slice_mut(&mut scratch))
+                .map_err(IntegratorError::Memory)?;
         }
-        Ok(Self { system, scheme, damping, step_size, state: State { step: 0, position, momentum } })
+        let storage = scheme.storage(&space, &mechanics);
+        let state = State { step: 0, position, momentum };
+        Ok(Integrator { mechanics, scheme, storage, damping, step_size, state })
     }
+}
 
+impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>> Integrator<T, X, G, S, D> {
     /// Makes one step with the input u held over it (zero where there is none); returns the iterations of Newton's method.
     ///
     /// # Errors
     /// [`StepError`]; state and memories are as before the call.
     #[inline]
-    pub fn step(&mut self, input: &SVector<T, N>) -> Result<u32, StepError> {
-        let start = StepStart {
+    pub fn step(&mut self, input: &X::Vector) -> Result<u32, StepError> {
+        let step = Step {
             time: self.time(),
-            step_size: self.step_size,
-            position: self.state.position,
-            momentum: self.state.momentum,
-            input: *input,
+            end: T::from_count(self.state.step + 1) * self.step_size,
+            size: self.step_size,
+            input: X::slice(input),
         };
-        let times = match self.scheme.sampling() {
-            Sampling::MainNodes => [T::from_count(self.state.step + 1) * self.step_size; R],
-            Sampling::Stages(nodes) => nodes.map(|node| start.time + node * self.step_size),
-        };
-        let mut force = AffineForce::zero();
-        self.damping.add_force(&start.position, &times, &mut force)?;
-        let end = self.scheme.step(&self.system, &start, &force)?;
-        if !all_finite(end.position.as_slice()) || !all_finite(end.momentum.as_slice()) {
-            return Err(StepError::NotFinite);
-        }
-        self.damping.push(&end.samples, &times)?;
-        self.state = State { step: self.state.step + 1, position: end.position, momentum: end.momentum };
-        Ok(end.iterations)
+        let Self { mechanics, scheme, storage, damping, state, .. } = self;
+        let iterations =
+            scheme.step(storage, mechanics, damping, &step, &mut state.position, &mut state.momentum)?;
+        state.step += 1;
+        Ok(iterations)
     }
 
     /// Time t_k = k h of the present state.
@@ -160,23 +245,23 @@ where
     }
 
     /// The present state.
-    pub fn state(&self) -> &State<T, N> {
+    pub fn state(&self) -> &State<X::Vector> {
         &self.state
     }
 
-    /// Velocity M⁻¹ p of the present state.
-    pub fn velocity(&self) -> SVector<T, N> {
-        self.system.mass.velocity(&self.state.momentum)
+    /// Writes the velocity M⁻¹ p of the present state.
+    pub fn velocity(&self, velocity: &mut X::Vector) {
+        self.mechanics.velocity(X::slice(&self.state.momentum), X::slice_mut(velocity));
     }
 
     /// Energy ½ pᵀ M⁻¹ p + U(q) of the present state (\[JO\] §5).
-    pub fn energy(&self) -> T {
-        self.system.energy(&self.state.position, &self.state.momentum)
+    pub fn energy(&mut self) -> T {
+        self.mechanics.energy(&self.state.position, &self.state.momentum)
     }
 
     /// The system.
-    pub fn system(&self) -> &System<T, N, P, F> {
-        &self.system
+    pub fn system(&self) -> &G {
+        &self.mechanics
     }
 
     /// The damping with its memories.

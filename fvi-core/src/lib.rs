@@ -8,9 +8,9 @@ extern crate std;
 
 mod damping;
 mod direct;
+mod discrete_lagrangian;
 mod double_double;
 mod error;
-
 mod euler;
 mod exponential_sum;
 mod galerkin;
@@ -18,34 +18,41 @@ mod integrator;
 mod linear;
 mod memory;
 mod newton;
+mod node_galerkin;
 mod operator;
 mod quadrature;
 mod real;
 mod runge_kutta;
 mod scheme;
+mod space;
 mod stability;
 mod system;
 mod tiled;
 mod weighted_sum;
 mod weights;
 
-pub use damping::{AffineForce, Damping, DampingError, DampingTerm, Derivative, MemoryShape};
+pub use damping::{Damping, DampingError, DampingTerm, Derivative, MemoryShape};
 pub use direct::{Direct, FixedDirect, MAX_STAGES, Overflow, Ring};
+pub use discrete_lagrangian::{DiscreteLagrangian, Kept, Workspace};
 pub use error::ParameterError;
 pub use euler::{ExplicitEuler, ImplicitEuler};
 pub use exponential_sum::{ExponentialSum, ExponentialTable, ExponentialTerm};
 pub use galerkin::Galerkin;
-pub use integrator::{Integrator, IntegratorError, State};
+pub use integrator::{Integrator, IntegratorBuilder, IntegratorError, State};
+pub use linear::{Singular, factor, invert_factored, is_positive_definite_in_place, multiply, substitute};
 pub use memory::{Memory, MemoryError, check_channels};
+pub use newton::{Equations, Inverse, StepMatrix};
+pub use node_galerkin::NodeGalerkin;
 pub use operator::{FractionalOperator, OperatorError, Start, left_operator, right_operator};
 pub use quadrature::Quadrature;
 pub use real::Real;
-pub use runge_kutta::{RungeKutta, StageGalerkin};
-pub use scheme::{Sampling, Scheme, StepEnd, StepError, StepStart};
+pub use runge_kutta::RungeKutta;
+pub use scheme::{Sample, Sampling, Scheme, Step, StepError, conclude};
+pub use space::{Block, Fixed, Space};
 pub use stability::{ExplicitDamping, Stability, check_stability};
 pub use system::{
-    Approach, Coefficients, Force, Instant, Mass, MatrixError, NoForce, Potential, Quadratic, System,
-    TimeForce,
+    Approach, Coefficients, Force, Instant, Mass, MatrixError, Mechanics, NoForce, Potential, Quadratic,
+    System, TimeForce,
 };
 pub use tiled::Tiled;
 pub use weights::{BdfOrder, ConvolutionWeights, leading_bdf_weight, monic_bdf_table, monic_bdf_table_f32};

@@ -1,72 +1,50 @@
-//! Small dense linear algebra: elimination on blocks, and what symmetric matrices must satisfy.
+//! Small dense linear algebra: elimination with pivots, and what symmetric matrices must satisfy.
+//!
+//! Matrices of n×n numbers lie row by row in a slice.
 
-use nalgebra::{SMatrix, SVector};
+use nalgebra::SMatrix;
 
 use crate::real::Real;
 
-/// S×S blocks of N×N numbers: the Jacobian of a step with S unknown nodes.
-pub(crate) type Blocks<T, const N: usize, const S: usize> = [[SMatrix<T, N, N>; S]; S];
-
-/// S vectors of N numbers.
-pub(crate) type Nodes<T, const N: usize, const S: usize> = [SVector<T, N>; S];
-
 /// A pivot vanished: the matrix is singular to working precision.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Singular;
+pub struct Singular;
 
-/// Entry in row (a, i) and column (b, j) of a matrix of blocks.
-#[inline]
-fn entry<T: Real, const N: usize, const S: usize>(matrix: &Blocks<T, N, S>, row: usize, column: usize) -> T {
-    matrix
-        .get(row / N.max(1))
-        .and_then(|blocks| blocks.get(column / N.max(1)))
-        .and_then(|block| block.get((row % N.max(1), column % N.max(1))))
-        .copied()
-        .unwrap_or(T::zero())
+impl core::fmt::Display for Singular {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "the matrix is singular to working precision")
+    }
 }
 
-#[inline]
-fn entry_mut<T: Real, const N: usize, const S: usize>(
-    matrix: &mut Blocks<T, N, S>,
-    row: usize,
-    column: usize,
-) -> Option<&mut T> {
-    matrix
-        .get_mut(row / N.max(1))
-        .and_then(|blocks| blocks.get_mut(column / N.max(1)))
-        .and_then(|block| block.get_mut((row % N.max(1), column % N.max(1))))
-}
+impl core::error::Error for Singular {}
 
 #[inline]
-fn component<T: Real, const N: usize, const S: usize>(vector: &Nodes<T, N, S>, row: usize) -> T {
-    vector.get(row / N.max(1)).and_then(|node| node.get(row % N.max(1))).copied().unwrap_or(T::zero())
+fn at<T: Real>(numbers: &[T], index: usize) -> T {
+    numbers.get(index).copied().unwrap_or(T::zero())
 }
 
+/// Row `upper` and the later row `lower` of a matrix of width n, to read and to change.
 #[inline]
-fn component_mut<T: Real, const N: usize, const S: usize>(
-    vector: &mut Nodes<T, N, S>,
-    row: usize,
-) -> Option<&mut T> {
-    vector.get_mut(row / N.max(1)).and_then(|node| node.get_mut(row % N.max(1)))
+fn two_rows<T>(matrix: &mut [T], n: usize, upper: usize, lower: usize) -> Option<(&mut [T], &mut [T])> {
+    let (above, below) = matrix.split_at_mut_checked(lower * n)?;
+    Some((above.get_mut(upper * n..)?.get_mut(..n)?, below.get_mut(..n)?))
 }
 
-/// Solves `matrix` · x = `vector` in place by elimination with row pivoting; x replaces `vector`.
+/// Factors P A = L U in place, by elimination with row pivoting; `pivots` takes the row that each column's pivot came from.
 ///
 /// # Errors
 /// [`Singular`] if no pivot of a column is larger than rounding of that column's largest entry, or one is not a number.
-pub(crate) fn solve<T: Real, const N: usize, const S: usize>(
-    matrix: &mut Blocks<T, N, S>,
-    vector: &mut Nodes<T, N, S>,
-) -> Result<(), Singular> {
-    let size = N * S;
-    for column in 0..size {
+#[inline]
+pub fn factor<T: Real>(matrix: &mut [T], pivots: &mut [usize]) -> Result<(), Singular> {
+    let n = pivots.len();
+    for (column, place) in pivots.iter_mut().enumerate() {
         let mut largest = T::zero();
-        for row in 0..size {
-            largest = largest.max(entry(matrix, row, column).abs());
+        for row in 0..n {
+            largest = largest.max(at(matrix, row * n + column).abs());
         }
         let (mut pivot_row, mut pivot) = (column, T::zero());
-        for row in column..size {
-            let candidate = entry(matrix, row, column);
+        for row in column..n {
+            let candidate = at(matrix, row * n + column);
             if candidate.abs() > pivot.abs() {
                 (pivot_row, pivot) = (row, candidate);
             }
@@ -74,117 +52,158 @@ pub(crate) fn solve<T: Real, const N: usize, const S: usize>(
         if !pivot.is_finite() || pivot.abs() <= largest * T::EPSILON {
             return Err(Singular);
         }
-        if pivot_row != column {
-            for other in column..size {
-                let (upper, lower) = (entry(matrix, column, other), entry(matrix, pivot_row, other));
-                put(entry_mut(matrix, column, other), lower);
-                put(entry_mut(matrix, pivot_row, other), upper);
-            }
-            let (upper, lower) = (component(vector, column), component(vector, pivot_row));
-            put(component_mut(vector, column), lower);
-            put(component_mut(vector, pivot_row), upper);
+        *place = pivot_row;
+        if pivot_row != column
+            && let Some((upper, lower)) = two_rows(matrix, n, column, pivot_row)
+        {
+            upper.iter_mut().zip(lower).for_each(|(a, b)| core::mem::swap(a, b));
         }
-        for row in column + 1..size {
-            let factor = entry(matrix, row, column) / pivot;
-            for other in column + 1..size {
-                let change = factor * entry(matrix, column, other);
-                add(entry_mut(matrix, row, other), -change);
+        for row in column + 1..n {
+            let Some((upper, lower)) = two_rows(matrix, n, column, row) else { continue };
+            let mut entries = lower.iter_mut().zip(upper).skip(column);
+            let Some((entry, _)) = entries.next() else { continue };
+            *entry /= pivot;
+            let factor = *entry;
+            for (entry, &mut above) in entries {
+                *entry -= factor * above;
             }
-            let change = factor * component(vector, column);
-            add(component_mut(vector, row), -change);
-        }
-    }
-    for column in (0..size).rev() {
-        let solution = component(vector, column) / entry(matrix, column, column);
-        put(component_mut(vector, column), solution);
-        for row in 0..column {
-            let change = entry(matrix, row, column) * solution;
-            add(component_mut(vector, row), -change);
         }
     }
     Ok(())
 }
 
+/// Solves A x = `vector` with the factors of A; x replaces `vector`.
 #[inline]
-fn put<T>(place: Option<&mut T>, value: T) {
-    if let Some(place) = place {
+pub fn substitute<T: Real>(factors: &[T], pivots: &[usize], vector: &mut [T]) {
+    let n = pivots.len();
+    for (row, &pivot) in pivots.iter().enumerate() {
+        if row != pivot {
+            let (a, b) = (at(vector, row), at(vector, pivot));
+            put(vector, row, b);
+            put(vector, pivot, a);
+        }
+    }
+    for column in 0..n {
+        let known = at(vector, column);
+        for row in column + 1..n {
+            put(vector, row, at(vector, row) - at(factors, row * n + column) * known);
+        }
+    }
+    for column in (0..n).rev() {
+        let solution = at(vector, column) / at(factors, column * n + column);
+        put(vector, column, solution);
+        for row in 0..column {
+            put(vector, row, at(vector, row) - at(factors, row * n + column) * solution);
+        }
+    }
+}
+
+#[inline]
+fn put<T>(numbers: &mut [T], index: usize, value: T) {
+    if let Some(place) = numbers.get_mut(index) {
         *place = value;
     }
 }
 
+/// Writes the inverse of a factored matrix.
 #[inline]
-fn add<T: Real>(place: Option<&mut T>, value: T) {
-    if let Some(place) = place {
-        *place += value;
+pub fn invert_factored<T: Real>(factors: &[T], pivots: &[usize], inverse: &mut [T]) {
+    let n = pivots.len();
+    inverse.fill(T::zero());
+    // Column by column, each where a row will lie.
+    for (index, column) in inverse.chunks_exact_mut(n.max(1)).enumerate() {
+        put(column, index, T::one());
+        substitute(factors, pivots, column);
+    }
+    for row in 1..n {
+        for column in 0..row {
+            let (lower, upper) = (row * n + column, column * n + row);
+            let (a, b) = (at(inverse, lower), at(inverse, upper));
+            put(inverse, lower, b);
+            put(inverse, upper, a);
+        }
     }
 }
 
-/// Whether the symmetric matrix of blocks is positive definite to working precision: all pivots of its elimination stay
-/// above rounding. The elimination is left in its place.
-pub(crate) fn are_positive_definite<T: Real, const N: usize, const S: usize>(
-    matrix: &mut Blocks<T, N, S>,
-) -> bool {
-    let size = N * S;
-    for column in 0..size {
+/// out = A x for a matrix of rows as long as x.
+#[inline]
+pub fn multiply<T: Real>(matrix: &[T], x: &[T], out: &mut [T]) {
+    for (out, row) in out.iter_mut().zip(matrix.chunks_exact(x.len().max(1))) {
+        *out = row.iter().zip(x).fold(T::zero(), |sum, (&entry, &x)| sum + entry * x);
+    }
+}
+
+/// Whether the symmetric matrix of n×n numbers is positive definite to working precision: all pivots of its elimination
+/// stay above rounding. The elimination is left in its place.
+pub fn is_positive_definite_in_place<T: Real>(matrix: &mut [T], n: usize) -> bool {
+    for column in 0..n {
+        let pivot = at(matrix, column * n + column);
         // The diagonal entry before elimination is the pivot plus what was taken from it.
-        let (mut diagonal, pivot) = (entry(matrix, column, column).abs(), entry(matrix, column, column));
+        let mut diagonal = pivot.abs();
         for earlier in 0..column {
-            let (factor, product) = (entry(matrix, column, earlier), entry(matrix, earlier, column));
+            let (factor, product) = (at(matrix, column * n + earlier), at(matrix, earlier * n + column));
             diagonal += (factor * product).abs();
         }
         if !(pivot.is_finite() && pivot > diagonal * T::EPSILON * T::of(4.0)) {
             return false;
         }
-        for row in column + 1..size {
-            let factor = entry(matrix, row, column) / pivot;
-            put(entry_mut(matrix, row, column), factor);
-            for other in column + 1..size {
-                let change = factor * entry(matrix, column, other);
-                add(entry_mut(matrix, row, other), -change);
+        for row in column + 1..n {
+            let Some((upper, lower)) = two_rows(matrix, n, column, row) else { continue };
+            let mut entries = lower.iter_mut().zip(upper).skip(column);
+            let Some((entry, _)) = entries.next() else { continue };
+            *entry /= pivot;
+            let factor = *entry;
+            for (entry, &mut above) in entries {
+                *entry -= factor * above;
             }
         }
     }
     true
 }
 
-/// [`are_positive_definite`] for a plain matrix.
+/// Whether a symmetric matrix is positive definite to working precision.
 pub(crate) fn is_positive_definite<T: Real, const N: usize>(matrix: &SMatrix<T, N, N>) -> bool {
-    are_positive_definite(&mut [[*matrix]])
+    let mut copy = matrix.data.0;
+    is_positive_definite_in_place(copy.as_flattened_mut(), N)
 }
 
 /// Inverse of a matrix.
 ///
 /// # Errors
-/// [`Singular`], as [`solve`].
+/// [`Singular`], as [`factor`].
 pub(crate) fn invert<T: Real, const N: usize>(
     matrix: &SMatrix<T, N, N>,
 ) -> Result<SMatrix<T, N, N>, Singular> {
-    let mut inverse = SMatrix::<T, N, N>::zeros();
-    for column in 0..N {
-        let mut unit = [SVector::<T, N>::zeros()];
-        put(component_mut(&mut unit, column), T::one());
-        solve(&mut [[*matrix]], &mut unit)?;
-        inverse.set_column(column, &unit[0]);
-    }
-    Ok(inverse)
+    let mut rows = matrix.transpose().data.0;
+    let mut pivots = [0; N];
+    factor(rows.as_flattened_mut(), &mut pivots)?;
+    let mut inverse = [[T::zero(); N]; N];
+    invert_factored(rows.as_flattened(), &pivots, inverse.as_flattened_mut());
+    Ok(SMatrix::from_data(nalgebra::ArrayStorage(inverse)).transpose())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::{matrix, vector};
+    use nalgebra::matrix;
 
     #[test]
-    fn elimination_pivots_across_blocks() {
-        // The leading block is zero, so the first pivot comes from the second block row.
-        let mut blocks = [
-            [SMatrix::<f64, 2, 2>::zeros(), matrix![1.0, 2.0; 3.0, 4.0]],
-            [matrix![0.0, 5.0; 6.0, 0.0], matrix![1.0, 0.0; 0.0, 1.0]],
+    fn elimination_changes_rows_where_it_must() {
+        // The first pivot comes from the fourth row: 6 in column 0.
+        let mut matrix = [
+            0.0, 0.0, 1.0, 2.0, //
+            0.0, 0.0, 3.0, 4.0, //
+            0.0, 5.0, 1.0, 0.0, //
+            6.0, 0.0, 0.0, 1.0f64,
         ];
-        let mut vector = [vector![5.0, 11.0], vector![11.0, 8.0]];
-        solve(&mut blocks, &mut vector).unwrap();
-        assert!((vector[0] - vector![1.0, 2.0]).norm() < 1e-14);
-        assert!((vector[1] - vector![1.0, 2.0]).norm() < 1e-14);
+        let mut vector = [5.0, 11.0, 11.0, 8.0];
+        let mut pivots = [0; 4];
+        factor(&mut matrix, &mut pivots).unwrap();
+        assert_eq!(pivots[0], 3);
+        substitute(&matrix, &pivots, &mut vector);
+        for (found, expected) in vector.into_iter().zip([1.0, 2.0, 1.0, 2.0]) {
+            assert!((found - expected).abs() < 1e-14, "{vector:?}");
+        }
     }
 
     #[test]

@@ -36,6 +36,11 @@ pub trait Memory<T> {
     /// Leading weight W₀, S×S numbers, row by row.
     fn leading(&self) -> &[T];
 
+    /// Whether W₀ of all later samples is that of the sample to come: not where starting weights correct the first few.
+    fn leading_is_constant(&self) -> bool {
+        true
+    }
+
     /// Number of samples pushed so far, k.
     fn len(&self) -> usize;
 
@@ -105,6 +110,10 @@ impl<T, M: Memory<T> + ?Sized> Memory<T> for &mut M {
 
     fn leading(&self) -> &[T] {
         (**self).leading()
+    }
+
+    fn leading_is_constant(&self) -> bool {
+        (**self).leading_is_constant()
     }
 
     fn len(&self) -> usize {

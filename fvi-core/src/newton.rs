@@ -1,54 +1,160 @@
-//! Newton's method for the nodes of one step, converged to rounding.
+//! The equations of one step: their matrix, and Newton's method converged to rounding.
 
-use nalgebra::SVector;
-
-use crate::linear::{Blocks, Nodes, solve};
-use crate::real::Real;
+use crate::linear::{Singular, factor, invert_factored, multiply, substitute};
+use crate::real::{Real, all_finite};
 use crate::scheme::StepError;
+use crate::space::Block;
 
 /// Corrections before giving up. A sane step needs three to five.
 const MAX_ITERATIONS: u32 = 50;
 
-/// Largest absolute component.
+/// The matrix of a step's linear equations: S×S blocks of N×N numbers, put together term by term.
+///
+/// [`StepMatrix`] is the dense one, in place. A host brings others, sparse ones included.
+pub trait Equations<T: Real, B: Block<T>> {
+    /// What solves the equations step after step while the matrix stays the same.
+    type Kept;
+
+    /// Sets all entries to zero.
+    fn clear(&mut self);
+
+    /// Adds factor · `block` to the block in the given row and column.
+    fn add(&mut self, row: usize, column: usize, factor: T, block: &B);
+
+    /// Replaces `vector` by the solution. The matrix may be overwritten.
+    ///
+    /// # Errors
+    /// [`Singular`].
+    fn solve(&mut self, vector: &mut [T]) -> Result<(), Singular>;
+
+    /// Prepares solutions for this matrix. It may be overwritten.
+    ///
+    /// # Errors
+    /// [`Singular`].
+    fn keep(&mut self, kept: &mut Self::Kept) -> Result<(), Singular>;
+
+    /// Replaces `vector` by the solution, with what [`keep`](Equations::keep) prepared.
+    fn solve_kept(&mut self, kept: &Self::Kept, vector: &mut [T]);
+}
+
+/// Dense [`Equations`] for N coordinates and S nodes, in place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StepMatrix<T, const N: usize, const S: usize> {
+    entries: Square<T, N, S>,
+    pivots: [[usize; N]; S],
+}
+
+/// (S N)×(S N) numbers, row by row.
+type Square<T, const N: usize, const S: usize> = [[[[T; N]; S]; N]; S];
+
+/// The inverse of a [`StepMatrix`].
+///
+/// One correction from a good guess is all that a linear step takes, so what an inverse loses to elimination does not show.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Inverse<T, const N: usize, const S: usize>(Square<T, N, S>);
+
+impl<T: Real, const N: usize, const S: usize> Inverse<T, N, S> {
+    /// No inverse yet.
+    #[inline]
+    pub fn zero() -> Self {
+        Self([[[[T::zero(); N]; S]; N]; S])
+    }
+}
+
+impl<T: Real, const N: usize, const S: usize> StepMatrix<T, N, S> {
+    /// The zero matrix.
+    #[inline]
+    pub fn zero() -> Self {
+        Self { entries: [[[[T::zero(); N]; S]; N]; S], pivots: [[0; N]; S] }
+    }
+
+    #[inline]
+    fn entries(&mut self) -> &mut [T] {
+        self.entries.as_flattened_mut().as_flattened_mut().as_flattened_mut()
+    }
+}
+
+impl<T: Real, const N: usize, const S: usize, B: Block<T>> Equations<T, B> for StepMatrix<T, N, S> {
+    type Kept = Inverse<T, N, S>;
+
+    #[inline]
+    fn clear(&mut self) {
+        self.entries().fill(T::zero());
+    }
+
+    #[inline]
+    fn add(&mut self, row: usize, column: usize, factor: T, block: &B) {
+        block.add_to(factor, self.entries(), N * S, row * N, column * N);
+    }
+
+    #[inline]
+    fn solve(&mut self, vector: &mut [T]) -> Result<(), Singular> {
+        let entries = self.entries.as_flattened_mut().as_flattened_mut().as_flattened_mut();
+        factor(entries, self.pivots.as_flattened_mut())?;
+        substitute(entries, self.pivots.as_flattened(), vector);
+        Ok(())
+    }
+
+    #[inline]
+    fn keep(&mut self, kept: &mut Inverse<T, N, S>) -> Result<(), Singular> {
+        let entries = self.entries.as_flattened_mut().as_flattened_mut().as_flattened_mut();
+        factor(entries, self.pivots.as_flattened_mut())?;
+        let inverse = kept.0.as_flattened_mut().as_flattened_mut().as_flattened_mut();
+        invert_factored(entries, self.pivots.as_flattened(), inverse);
+        Ok(())
+    }
+
+    #[inline]
+    fn solve_kept(&mut self, kept: &Inverse<T, N, S>, vector: &mut [T]) {
+        let mut solution = [[T::zero(); N]; S];
+        let inverse = kept.0.as_flattened().as_flattened().as_flattened();
+        multiply(inverse, vector, solution.as_flattened_mut());
+        for (place, &number) in vector.iter_mut().zip(solution.as_flattened()) {
+            *place = number;
+        }
+    }
+}
+
+/// Largest absolute value.
 #[inline]
-fn size<T: Real, const N: usize>(vectors: &[SVector<T, N>]) -> T {
-    vectors
-        .iter()
-        .flat_map(|vector| vector.iter())
-        .fold(T::zero(), |largest, number| largest.max(number.abs()))
+pub(crate) fn size<T: Real>(numbers: &[T]) -> T {
+    numbers.iter().fold(T::zero(), |largest, number| largest.max(number.abs()))
 }
 
 /// Solves residual(x) = 0 from the guess `unknowns`; returns the number of corrections.
 ///
-/// `linearise` returns the residual at x and fills in its Jacobian. The iteration ends when a correction is no larger than
-/// the rounding of numbers of size `offset` + |x| (the unknowns are increments on something of size `offset`), or, once
-/// corrections are below the square root of that, when they stop shrinking: then rounding in the residual makes them.
+/// `linearise` writes the residual at x and its Jacobian. The iteration ends when a correction is no larger than the rounding of
+/// numbers of size `offset` + |x| (the unknowns are increments on something of size `offset`), or, once corrections are below the
+/// square root of that, when they stop shrinking: then rounding in the residual makes them. Near the smallest normal
+/// number rounding no longer shrinks with the numbers, so neither does the bound.
 ///
 /// # Errors
 /// [`StepError::NotFinite`], [`StepError::SingularJacobian`] or [`StepError::NotConverged`].
 #[inline]
-pub(crate) fn newton<T: Real, const N: usize, const S: usize>(
-    unknowns: &mut Nodes<T, N, S>,
+pub(crate) fn newton<T: Real, B: Block<T>, E: Equations<T, B>>(
+    unknowns: &mut [T],
+    correction: &mut [T],
     offset: T,
-    mut linearise: impl FnMut(&Nodes<T, N, S>, &mut Blocks<T, N, S>) -> Nodes<T, N, S>,
+    matrix: &mut E,
+    mut linearise: impl FnMut(&[T], &mut [T], &mut E),
 ) -> Result<u32, StepError> {
-    let mut jacobian = [[nalgebra::SMatrix::zeros(); S]; S];
+    let floor = T::SMALLEST_NORMAL / T::EPSILON;
     let mut previous: Option<T> = None;
     let mut residual_size = T::zero();
     for iteration in 1..=MAX_ITERATIONS {
-        let mut correction = linearise(unknowns, &mut jacobian);
-        residual_size = size(&correction);
-        if !finite(&correction) {
+        linearise(unknowns, correction, matrix);
+        residual_size = size(correction);
+        if !all_finite(correction) {
             return Err(StepError::NotFinite);
         }
-        solve(&mut jacobian, &mut correction).map_err(|_| StepError::SingularJacobian)?;
-        if !finite(&correction) {
+        matrix.solve(correction).map_err(|_| StepError::SingularJacobian)?;
+        if !all_finite(correction) {
             return Err(StepError::NotFinite);
         }
-        for (unknown, correction) in unknowns.iter_mut().zip(&correction) {
+        for (unknown, &correction) in unknowns.iter_mut().zip(&*correction) {
             *unknown -= correction;
         }
-        let (change, scale) = (size(&correction), offset + size(unknowns));
+        let (change, scale) = (size(correction), offset + size(unknowns) + floor);
         let resolved = change <= T::of(2.0) * T::EPSILON * scale;
         let stalled =
             previous.is_some_and(|previous| change >= previous) && change <= T::EPSILON.sqrt() * scale;
@@ -60,43 +166,67 @@ pub(crate) fn newton<T: Real, const N: usize, const S: usize>(
     Err(StepError::NotConverged { iterations: MAX_ITERATIONS, residual: residual_size.to_f64() })
 }
 
-fn finite<T: Real, const N: usize>(vectors: &[SVector<T, N>]) -> bool {
-    vectors.iter().flat_map(|vector| vector.iter()).all(|number| number.is_finite())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::{SMatrix, vector};
+    use crate::system::Coefficients;
 
-    fn scalar(f: impl Fn(f64) -> (f64, f64)) -> Result<(f64, u32), StepError> {
-        let mut unknown = [vector![1.0]];
-        let iterations = newton(&mut unknown, 0.0, |x, jacobian| {
-            let (value, slope) = f(x[0][0]);
-            jacobian[0][0] = SMatrix::from_element(slope);
-            [vector![value]]
-        })?;
-        Ok((unknown[0][0], iterations))
+    fn scalar(guess: f64, f: impl Fn(f64) -> (f64, f64)) -> Result<(f64, u32), StepError> {
+        let mut unknown = [guess];
+        let mut matrix = StepMatrix::<f64, 1, 1>::zero();
+        let linearise = |x: &[f64], residual: &mut [f64], matrix: &mut StepMatrix<f64, 1, 1>| {
+            let (value, slope) = f(x[0]);
+            residual[0] = value;
+            Equations::<f64, Coefficients<f64, 1>>::clear(matrix);
+            matrix.add(0, 0, slope, &Coefficients::Diagonal([1.0].into()));
+        };
+        let iterations =
+            newton::<_, Coefficients<f64, 1>, _>(&mut unknown, &mut [0.0], 0.0, &mut matrix, linearise)?;
+        Ok((unknown[0], iterations))
     }
 
     #[test]
     fn a_root_is_found_to_the_last_digit() {
-        let (root, iterations) = scalar(|x| (x * x - 2.0, 2.0 * x)).unwrap();
+        let (root, iterations) = scalar(1.0, |x| (x * x - 2.0, 2.0 * x)).unwrap();
         assert!((root - 2f64.sqrt()).abs() <= f64::EPSILON);
         assert!(iterations <= 7, "{iterations}");
     }
 
     #[test]
+    fn rounding_has_a_floor_among_the_smallest_numbers() {
+        // Three of the smallest number there is on either side of the root: corrections cannot shrink further.
+        let rough = |x: f64| (if x > 1e-317 { 1.5e-323 } else { -1.5e-323 }, 1.0);
+        let (root, iterations) = scalar(1.0001e-317, rough).unwrap();
+        assert!((root - 1e-317).abs() < 1e-320 && iterations < 3, "{root:e} after {iterations}");
+    }
+
+    #[test]
     fn failures_are_told_apart() {
-        assert_eq!(scalar(|_| (1.0, 0.0)), Err(StepError::SingularJacobian));
-        assert_eq!(scalar(|_| (f64::NAN, 1.0)), Err(StepError::NotFinite));
-        let never = scalar(|x| (x * x + 1.0, 2.0 * x));
-        assert!(
-            matches!(
-                never,
-                Err(StepError::NotConverged { iterations: 50, .. } | StepError::SingularJacobian)
-            ),
-            "{never:?}"
-        );
+        assert_eq!(scalar(1.0, |_| (1.0, 0.0)), Err(StepError::SingularJacobian));
+        assert_eq!(scalar(1.0, |_| (f64::NAN, 1.0)), Err(StepError::NotFinite));
+        // No real root, and from this guess Newton's method never comes to rest.
+        let never = scalar(0.3, |x| (x * x + 1.0, 2.0 * x));
+        assert!(matches!(never, Err(StepError::NotConverged { iterations: 50, .. })), "{never:?}");
+    }
+
+    #[test]
+    fn a_kept_inverse_solves_what_elimination_solves() {
+        let block = Coefficients::Dense(nalgebra::matrix![0.0, 2.0; 2.0, 1.0]);
+        let other = Coefficients::Diagonal([3.0, -1.0].into());
+        let mut matrix = StepMatrix::<f64, 2, 2>::zero();
+        for (row, column, factor, block) in
+            [(0, 0, 1.0, &block), (0, 1, 2.0, &other), (1, 0, -1.0, &other), (1, 1, 0.5, &block)]
+        {
+            matrix.add(row, column, factor, block);
+        }
+        let (mut eliminated, mut kept) = ([1.0, -2.0, 0.5, 4.0], [1.0, -2.0, 0.5, 4.0]);
+        let mut inverse = Inverse::zero();
+        let mut copy = matrix;
+        Equations::<f64, Coefficients<f64, 2>>::keep(&mut copy, &mut inverse).unwrap();
+        Equations::<f64, Coefficients<f64, 2>>::solve_kept(&mut copy, &inverse, &mut kept);
+        Equations::<f64, Coefficients<f64, 2>>::solve(&mut matrix, &mut eliminated).unwrap();
+        for (a, b) in eliminated.into_iter().zip(kept) {
+            assert!((a - b).abs() < 1e-14, "{eliminated:?} {kept:?}");
+        }
     }
 }

@@ -84,31 +84,6 @@ impl<const Q: usize> Quadrature<Q> {
         &self.weights
     }
 
-    /// The same rule filled up to P points with nodes of weight zero, which take no part: [`Galerkin`](crate::Galerkin) evaluates
-    /// nothing there. So rules of different lengths can share one type.
-    ///
-    /// # Errors
-    /// If P is less than Q.
-    pub fn padded<const P: usize>(&self) -> Result<Quadrature<P>, ParameterError> {
-        ParameterError::check(
-            P >= Q,
-            "places for quadrature points",
-            P as f64,
-            "at least the number of points",
-        )?;
-        let mut rule = Quadrature { nodes: [1.0; P], weights: [0.0; P] };
-        let places = rule.nodes.iter_mut().zip(&mut rule.weights);
-        for ((node, weight), (&c, &b)) in places.zip(self.nodes.iter().zip(&self.weights)) {
-            (*node, *weight) = (c, b);
-        }
-        Ok(rule)
-    }
-
-    /// Number of points that take part: those whose weight is not zero.
-    pub(crate) fn active(&self) -> usize {
-        self.weights.iter().filter(|&&weight| weight != 0.0).count()
-    }
-
     fn mirrored(
         half: Option<Half>,
         parameter: &'static str,

@@ -11,6 +11,9 @@ pub trait Real: RealField + Copy + Default {
     /// Distance from 1 to the next larger number, twice the unit roundoff u.
     const EPSILON: Self;
 
+    /// Smallest positive number with all its digits.
+    const SMALLEST_NORMAL: Self;
+
     /// Nearest number to `value`.
     fn of(value: f64) -> Self;
 
@@ -28,6 +31,7 @@ macro_rules! real {
     ($scalar:ident, $power:path) => {
         impl Real for $scalar {
             const EPSILON: Self = $scalar::EPSILON;
+            const SMALLEST_NORMAL: Self = $scalar::MIN_POSITIVE;
 
             #[inline]
             fn of(value: f64) -> Self {

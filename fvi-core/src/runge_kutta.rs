@@ -1,14 +1,7 @@
-//! Runge–Kutta convolution quadrature: its methods, and the Galerkin scheme that is damped at their stages.
+//! The Runge–Kutta methods of convolution quadrature.
 
-use nalgebra::SVector;
-
-use crate::damping::AffineForce;
 use crate::error::ParameterError;
-use crate::galerkin::Galerkin;
 use crate::quadrature::Quadrature;
-use crate::real::Real;
-use crate::scheme::{Sampling, Scheme, StepEnd, StepError, StepStart};
-use crate::system::{Force, Potential, System};
 
 /// Implicit Runge–Kutta method of R stages: nodes c, weights b, matrix A, with b the last row of A (stiffly accurate).
 ///
@@ -121,58 +114,6 @@ impl<const R: usize> RungeKutta<R> {
     }
 }
 
-/// Galerkin scheme of degree S whose fractional force acts at the R stages of a Runge–Kutta convolution quadrature.
-///
-/// The quadrature nodes are those of the method, X_{k,i} = q_d(c_i h) are the stage values, and with the memory on them
-///
-/// ```text
-/// p_k     = −D₁L_d − f₀ + h Σ_i b_i ℓ₀(c_i) Σ_m ρ_m (D^{β_m} X)_{k,i}
-/// 0       = D_νL_d + f_ν − h Σ_i b_i ℓ_ν(c_i) Σ_m ρ_m (D^{β_m} X)_{k,i}        (inner nodes)
-/// p_{k+1} = D_{S+1}L_d + f_S − h Σ_i b_i ℓ_S(c_i) Σ_m ρ_m (D^{β_m} X)_{k,i}
-/// ```
-///
-/// implicit in the stages of step k through the leading weight W₀. It follows from the restricted principle of \[HJO\] eq. 42 with
-/// the inner product Σ_k h Σ_i b_i in place of Σ_k h, in which the advanced operator is the adjoint of the retarded one.
-///
-/// A damping for it has a memory with R stages whose weights are those of the same method.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct StageGalerkin<T, const S: usize, const R: usize> {
-    galerkin: Galerkin<T, S, R>,
-}
-
-impl<T: Real, const S: usize, const R: usize> StageGalerkin<T, S, R> {
-    /// Polynomials of degree S with the nodes and weights of `method`.
-    ///
-    /// # Errors
-    /// If S is not one of 1…R: the kinetic part would be singular.
-    pub fn new(method: &RungeKutta<R>) -> Result<Self, ParameterError> {
-        Ok(Self { galerkin: Galerkin::new(method.quadrature())? })
-    }
-}
-
-impl<T: Real, const N: usize, const S: usize, const R: usize> Scheme<T, N, R> for StageGalerkin<T, S, R> {
-    fn sampling(&self) -> Sampling<T, R> {
-        Sampling::Stages(*self.galerkin.nodes())
-    }
-
-    #[inline]
-    fn step<P: Potential<T, N>, F: Force<T, N>>(
-        &self,
-        system: &System<T, N, P, F>,
-        start: &StepStart<T, N>,
-        damping: &AffineForce<T, N, R>,
-    ) -> Result<StepEnd<T, N, R>, StepError> {
-        let solution = self.galerkin.solve(system, start, Some(damping))?;
-        let rise = solution.increments.last().copied().unwrap_or_else(SVector::zeros);
-        Ok(StepEnd {
-            position: start.position + rise,
-            momentum: start.momentum - solution.impulse,
-            samples: self.galerkin.stages(&solution.increments).map(|stage| start.position + stage),
-            iterations: solution.iterations,
-        })
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -208,14 +149,10 @@ mod tests {
     }
 
     #[test]
-    fn other_numbers_of_stages_and_degrees_are_refused() {
+    fn other_numbers_of_stages_are_refused() {
         assert!(RungeKutta::<0>::radau_iia().is_err());
         assert!(RungeKutta::<4>::radau_iia().is_err());
         assert!(RungeKutta::<1>::lobatto_iiic().is_err());
         assert!(RungeKutta::<5>::lobatto_iiic().is_err());
-        let method = RungeKutta::<2>::radau_iia().unwrap();
-        assert!(StageGalerkin::<f64, 2, 2>::new(&method).is_ok());
-        assert!(StageGalerkin::<f64, 3, 2>::new(&method).is_err());
-        assert!(StageGalerkin::<f64, 0, 2>::new(&method).is_err());
     }
 }

@@ -2,68 +2,108 @@
 
 use core::fmt;
 
-use nalgebra::SVector;
-
-use crate::damping::AffineForce;
+use crate::damping::Damping;
 use crate::memory::MemoryError;
-use crate::real::Real;
-use crate::system::{Force, Potential, System};
+use crate::real::{Real, all_finite};
+use crate::space::{Space, add_multiple};
+use crate::system::Mechanics;
 
-/// Where a step begins.
+/// The step that is to be made.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct StepStart<T, const N: usize> {
-    /// Time t_k.
+pub struct Step<'a, T> {
+    /// Time t_k at its beginning.
     pub time: T,
-    /// Step size h.
-    pub step_size: T,
-    /// Position q_k.
-    pub position: SVector<T, N>,
-    /// Momentum p_k.
-    pub momentum: SVector<T, N>,
-    /// Input u_k: a force held over the step, added to F(t, q).
-    pub input: SVector<T, N>,
-}
-
-/// Where a step ends.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct StepEnd<T, const N: usize, const R: usize> {
-    /// Position q_{k+1}.
-    pub position: SVector<T, N>,
-    /// Momentum p_{k+1}.
-    pub momentum: SVector<T, N>,
-    /// Positions of the nodes that the memory stores.
-    pub samples: [SVector<T, N>; R],
-    /// Iterations of Newton's method; 0 for explicit formulas.
-    pub iterations: u32,
+    /// Time t_{k+1} at its end.
+    pub end: T,
+    /// Its size h.
+    pub size: T,
+    /// Input u_k: a force held over the step, added to F(t, q). Missing numbers are zero.
+    pub input: &'a [T],
 }
 
 /// What the memory stores of each step.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Sampling<T, const R: usize> {
+pub enum Sampling<'a, T> {
     /// The main nodes q_0, q_1, …: one sample before the first step and one at the end of every step.
     MainNodes,
     /// The positions at these fractions of every step.
-    Stages([T; R]),
+    Nodes(&'a [T]),
 }
 
-/// A one-step scheme for N coordinates whose memory stores R nodes a step.
-///
-/// A scheme has no state: it turns (q_k, p_k) and what the damping exerts, known up to the unknowns themselves, into
-/// (q_{k+1}, p_{k+1}).
-pub trait Scheme<T: Real, const N: usize, const R: usize> {
-    /// What the memory stores of each step.
-    fn sampling(&self) -> Sampling<T, R>;
+impl<T> Sampling<'_, T> {
+    /// Number of nodes R that a sample holds.
+    pub fn nodes(&self) -> usize {
+        match self {
+            Self::MainNodes => 1,
+            Self::Nodes(fractions) => fractions.len(),
+        }
+    }
+}
 
-    /// One step.
+/// A one-step scheme.
+///
+/// A scheme has no state of its own. Its [`Storage`](Scheme::Storage) keeps what is worth keeping between steps: the factors of
+/// a linear system's equations, and scratch space where the stack is not the place for it.
+pub trait Scheme<T: Real, X: Space<T>> {
+    /// What is kept between steps.
+    type Storage;
+
+    /// Storage for a system in the given space.
+    fn storage<G: Mechanics<T, X>>(&self, space: &X, mechanics: &G) -> Self::Storage;
+
+    /// What the memory stores of each step.
+    fn sampling(&self) -> Sampling<'_, T>;
+
+    /// One step: asks the damping for what it knows, solves for the new state, stores the new sample with the damping and then
+    /// moves `position` and `momentum` on ([`conclude`] does the last two). Returns the iterations of Newton's method, 0 for
+    /// explicit formulas.
     ///
     /// # Errors
-    /// If the nonlinear equations have no solution that Newton's method finds, or the result is not finite.
-    fn step<P: Potential<T, N>, F: Force<T, N>>(
+    /// If the nonlinear equations have no solution that Newton's method finds, the result is not finite, or the memory
+    /// refuses; position, momentum and damping are then as before.
+    fn step<G: Mechanics<T, X>, D: Damping<T, X>>(
         &self,
-        system: &System<T, N, P, F>,
-        start: &StepStart<T, N>,
-        damping: &AffineForce<T, N, R>,
-    ) -> Result<StepEnd<T, N, R>, StepError>;
+        storage: &mut Self::Storage,
+        mechanics: &mut G,
+        damping: &mut D,
+        step: &Step<'_, T>,
+        position: &mut X::Vector,
+        momentum: &mut X::Vector,
+    ) -> Result<u32, StepError>;
+}
+
+/// The sample that a damping stores: R nodes at q_k + e_1, …, q_k + e_R.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample<'a, T> {
+    /// Times of the nodes.
+    pub times: &'a [T],
+    /// e_1, …, e_R, one node after another.
+    pub increments: &'a [T],
+}
+
+/// The last part of every step: checks that `rise` = q_{k+1} − q_k and the new momentum are finite, stores the sample and only then moves on.
+/// `scratch` has room for the sample and one vector more.
+///
+/// # Errors
+/// [`StepError::NotFinite`] or [`StepError::Memory`]; nothing has changed.
+#[inline]
+pub fn conclude<T: Real, X: Space<T>, D: Damping<T, X>>(
+    damping: &mut D,
+    sample: Sample<'_, T>,
+    (rise, new_momentum): (&[T], &[T]),
+    (position, momentum): (&mut [T], &mut [T]),
+    scratch: &mut [T],
+) -> Result<(), StepError> {
+    let finite = position.iter().zip(rise).all(|(&q, &rise)| (q + rise).is_finite());
+    if !finite || !all_finite(new_momentum) {
+        return Err(StepError::NotFinite);
+    }
+    damping.push(position, &sample, scratch)?;
+    add_multiple(position, T::one(), rise);
+    for (place, &number) in momentum.iter_mut().zip(new_momentum) {
+        *place = number;
+    }
+    Ok(())
 }
 
 /// Why a step failed. State and memory are as before the step.

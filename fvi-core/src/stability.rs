@@ -4,8 +4,9 @@ use nalgebra::SMatrix;
 
 use crate::error::{ParameterError, check_step_size};
 use crate::galerkin::Galerkin;
-use crate::linear::are_positive_definite;
+use crate::linear::is_positive_definite_in_place;
 use crate::real::Real;
+use crate::space::Block;
 use crate::system::{Coefficients, Mass};
 use crate::weights::BdfOrder;
 
@@ -64,15 +65,19 @@ pub fn check_stability<T: Real, const N: usize, const S: usize, const Q: usize>(
     let stable = |h: f64| {
         // Multiplied by h, which keeps the numbers near those of the mass.
         let square = T::of(h * h);
-        let mut blocks =
-            form.map(|row| row.map(|(kinetic, potential)| mass * kinetic - symmetric * (potential * square)));
-        if let Some(first) = blocks.first_mut().and_then(|row| row.first_mut()) {
-            for term in damping {
-                let symbol = libm::pow(term.bdf_order.generating_function(-1.0) / h, term.damping_order);
-                *first -= term.coefficients.to_matrix() * T::of(h * h * symbol);
+        let mut rows = [[[[T::zero(); N]; S]; N]; S];
+        let numbers = rows.as_flattened_mut().as_flattened_mut().as_flattened_mut();
+        for (row, blocks) in form.iter().enumerate() {
+            for (column, &(kinetic, potential)) in blocks.iter().enumerate() {
+                let block = Coefficients::Dense(mass * kinetic - symmetric * (potential * square));
+                block.add_to(T::one(), numbers, N * S, row * N, column * N);
             }
         }
-        are_positive_definite(&mut blocks)
+        for term in damping {
+            let symbol = libm::pow(term.bdf_order.generating_function(-1.0) / h, term.damping_order);
+            term.coefficients.add_to(-T::of(h * h * symbol), numbers, N * S, 0, 0);
+        }
+        is_positive_definite_in_place(numbers, N * S)
     };
     if stable(step_size) {
         return Ok(Stability::Stable);

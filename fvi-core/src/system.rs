@@ -6,6 +6,7 @@ use nalgebra::{SMatrix, SVector};
 
 use crate::linear::{invert, is_positive_definite};
 use crate::real::{Real, all_finite};
+use crate::space::{Block, Fixed, Space};
 
 /// Symmetric N×N matrix of coefficients, kept diagonal where it is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -51,12 +52,50 @@ impl<T: Real, const N: usize> Coefficients<T, N> {
         }
         Ok(())
     }
+}
 
-    /// Checks that the matrix is symmetric and positive semidefinite to rounding.
-    ///
-    /// # Errors
-    /// [`MatrixError`].
-    pub(crate) fn check_positive_semidefinite(&self) -> Result<(), MatrixError> {
+impl<T: Real, const N: usize> Block<T> for Coefficients<T, N> {
+    #[inline]
+    fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]) {
+        match self {
+            Self::Diagonal(diagonal) => {
+                for ((out, &entry), &x) in out.iter_mut().zip(diagonal.iter()).zip(x) {
+                    *out += entry * x * factor;
+                }
+            }
+            Self::Dense(matrix) => {
+                for (row, out) in out.iter_mut().enumerate().take(N) {
+                    let entries = matrix.data.0.iter().filter_map(|column| column.get(row));
+                    let sum = entries.zip(x).fold(T::zero(), |sum, (&entry, &x)| sum + entry * x);
+                    *out += sum * factor;
+                }
+            }
+        }
+    }
+
+    #[inline]
+    fn add_to(&self, factor: T, target: &mut [T], width: usize, row: usize, column: usize) {
+        let rows = target.chunks_exact_mut(width.max(1)).skip(row);
+        match self {
+            Self::Diagonal(diagonal) => {
+                for (index, (numbers, &entry)) in rows.zip(diagonal.iter()).enumerate() {
+                    if let Some(place) = numbers.get_mut(column + index) {
+                        *place += entry * factor;
+                    }
+                }
+            }
+            Self::Dense(matrix) => {
+                for (index, numbers) in rows.take(N).enumerate() {
+                    let entries = matrix.data.0.iter().filter_map(|column| column.get(index));
+                    for (place, &entry) in numbers.iter_mut().skip(column).zip(entries) {
+                        *place += entry * factor;
+                    }
+                }
+            }
+        }
+    }
+
+    fn check_positive_semidefinite(&self) -> Result<(), MatrixError> {
         self.check_symmetric()?;
         let matrix = self.to_matrix();
         let lift = matrix.diagonal().amax() * T::EPSILON * T::from_count(64 * N as u64);
@@ -180,6 +219,11 @@ pub trait Potential<T, const N: usize> {
     fn gradient(&self, position: &SVector<T, N>) -> SVector<T, N>;
     /// ∂²U/∂q².
     fn hessian(&self, position: &SVector<T, N>) -> SMatrix<T, N, N>;
+    /// Whether U is a quadratic polynomial, so that the Hessian is the same everywhere. With a force that does not depend on
+    /// the position every step then solves a linear system with one matrix, factored once.
+    fn is_quadratic(&self) -> bool {
+        false
+    }
 }
 
 /// Quadratic potential U(q) = ½ qᵀ K q.
@@ -221,6 +265,11 @@ impl<T: Real, const N: usize> Potential<T, N> for Quadratic<T, N> {
     #[inline]
     fn hessian(&self, _: &SVector<T, N>) -> SMatrix<T, N, N> {
         self.stiffness.to_matrix()
+    }
+
+    #[inline]
+    fn is_quadratic(&self) -> bool {
+        true
     }
 }
 
@@ -270,6 +319,11 @@ pub trait Force<T: Real, const N: usize> {
     fn jacobian(&self, _instant: Instant<T>, _position: &SVector<T, N>) -> SMatrix<T, N, N> {
         SMatrix::zeros()
     }
+
+    /// Whether F depends on the position at all.
+    fn depends_on_position(&self) -> bool {
+        true
+    }
 }
 
 /// No external force.
@@ -281,6 +335,11 @@ impl<T: Real, const N: usize> Force<T, N> for NoForce {
     fn value(&self, _: Instant<T>, _: &SVector<T, N>) -> SVector<T, N> {
         SVector::zeros()
     }
+
+    #[inline]
+    fn depends_on_position(&self) -> bool {
+        false
+    }
 }
 
 /// A force F(t) of time alone, from a function.
@@ -291,6 +350,11 @@ impl<T: Real, const N: usize, F: Fn(Instant<T>) -> SVector<T, N>> Force<T, N> fo
     #[inline]
     fn value(&self, instant: Instant<T>, _: &SVector<T, N>) -> SVector<T, N> {
         (self.0)(instant)
+    }
+
+    #[inline]
+    fn depends_on_position(&self) -> bool {
+        false
     }
 }
 
@@ -311,22 +375,93 @@ pub struct System<T, const N: usize, P, F = NoForce> {
     pub force: F,
 }
 
+/// What schemes ask of a system in the space X.
+///
+/// [`System`] answers for the fixed space. Methods take `&mut self` so that a host can keep scratch space with its models.
+pub trait Mechanics<T: Real, X: Space<T>> {
+    /// Mass matrix M.
+    fn mass(&self) -> &X::Block;
+
+    /// v = M⁻¹ p.
+    fn velocity(&self, momentum: &[T], velocity: &mut [T]);
+
+    /// ∇U(q) − F(t, q): what the momentum loses per time, damping and input apart.
+    fn pull(&mut self, instant: Instant<T>, position: &X::Vector, pull: &mut [T]);
+
+    /// [`pull`](Mechanics::pull) together with its derivative ∂²U/∂q² − ∂F/∂q.
+    fn linearise(
+        &mut self,
+        instant: Instant<T>,
+        position: &X::Vector,
+        pull: &mut [T],
+        stiffness: &mut X::Block,
+    );
+
+    /// A matrix for [`linearise`](Mechanics::linearise) to write to.
+    fn stiffness(&self) -> X::Block;
+
+    /// Whether the stiffness is the same at every position and time.
+    fn is_linear(&self) -> bool;
+
+    /// Energy E = ½ pᵀ M⁻¹ p + U(q) (\[JO\] §5).
+    fn energy(&mut self, position: &X::Vector, momentum: &X::Vector) -> T;
+}
+
 impl<T: Real, const N: usize, P: Potential<T, N>, F: Force<T, N>> System<T, N, P, F> {
     /// Energy E = ½ pᵀ M⁻¹ p + U(q) (\[JO\] §5).
     pub fn energy(&self, position: &SVector<T, N>, momentum: &SVector<T, N>) -> T {
         T::of(0.5) * momentum.dot(&self.mass.velocity(momentum)) + self.potential.value(position)
     }
+}
 
-    /// ∇U(q) − F(t, q): what the momentum loses per time, damping apart.
+impl<T: Real, const N: usize, P: Potential<T, N>, F: Force<T, N>> Mechanics<T, Fixed<N>>
+    for System<T, N, P, F>
+{
     #[inline]
-    pub(crate) fn pull(&self, instant: Instant<T>, position: &SVector<T, N>) -> SVector<T, N> {
-        self.potential.gradient(position) - self.force.value(instant, position)
+    fn mass(&self) -> &Coefficients<T, N> {
+        self.mass.matrix()
     }
 
-    /// ∂²U/∂q² − ∂F/∂q.
     #[inline]
-    pub(crate) fn stiffness(&self, instant: Instant<T>, position: &SVector<T, N>) -> SMatrix<T, N, N> {
-        self.potential.hessian(position) - self.force.jacobian(instant, position)
+    fn velocity(&self, momentum: &[T], velocity: &mut [T]) {
+        velocity.fill(T::zero());
+        self.mass.inverse.multiply_add(T::one(), momentum, velocity);
+    }
+
+    #[inline]
+    fn pull(&mut self, instant: Instant<T>, position: &SVector<T, N>, pull: &mut [T]) {
+        let found = self.potential.gradient(position) - self.force.value(instant, position);
+        for (place, &number) in pull.iter_mut().zip(found.iter()) {
+            *place = number;
+        }
+    }
+
+    #[inline]
+    fn linearise(
+        &mut self,
+        instant: Instant<T>,
+        position: &SVector<T, N>,
+        pull: &mut [T],
+        stiffness: &mut Coefficients<T, N>,
+    ) {
+        self.pull(instant, position, pull);
+        *stiffness =
+            Coefficients::Dense(self.potential.hessian(position) - self.force.jacobian(instant, position));
+    }
+
+    #[inline]
+    fn stiffness(&self) -> Coefficients<T, N> {
+        Coefficients::Dense(SMatrix::zeros())
+    }
+
+    #[inline]
+    fn is_linear(&self) -> bool {
+        self.potential.is_quadratic() && !self.force.depends_on_position()
+    }
+
+    #[inline]
+    fn energy(&mut self, position: &SVector<T, N>, momentum: &SVector<T, N>) -> T {
+        System::energy(self, position, momentum)
     }
 }
 

@@ -1,0 +1,641 @@
+//! One step of a discrete Lagrangian on polynomials, whatever its degree, its quadrature and the space.
+
+use crate::damping::Damping;
+use crate::newton::{Equations, newton, size};
+use crate::real::{Real, all_finite};
+use crate::scheme::{Sample, Step, StepError, conclude};
+use crate::space::{Block, Space, add_multiple};
+use crate::system::{Instant, Mechanics};
+
+/// Discrete Lagrangian on polynomials of degree S with a quadrature of Q points, as a view of its numbers.
+///
+/// ```text
+/// L_d = h Σ_i b_i L(q_d(c_i h), q̇_d(c_i h)) ,     q_d(τh) = q_k + Σ_{ν=1}^{S} ℓ_ν(τ) e^ν ,     e^ν = q^ν − q_k
+/// ```
+///
+/// The lengths of the slices say what S and Q are. Where they are known at compile time ([`Galerkin`](crate::Galerkin) lends such a
+/// view) they cost nothing. Source: \[HJO\] eq. 6–7, 42.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DiscreteLagrangian<'a, T> {
+    /// Quadrature weights b_i, Q numbers.
+    pub weights: &'a [T],
+    /// Quadrature nodes c_i, Q numbers.
+    pub nodes: &'a [T],
+    /// Control points d_1 … d_S.
+    pub control_points: &'a [T],
+    /// ℓ_ν(c_i), S numbers ν = 1…S for each i.
+    pub shapes: &'a [T],
+    /// ℓ_ν(c_i), S numbers ν = 0…S−1 for each i: the shapes that the S equations are tested with.
+    pub tests: &'a [T],
+    /// K_νμ = Σ_i b_i ℓ̇_ν(c_i) ℓ̇_μ(c_i), S numbers μ = 1…S for each row ν = 0…S−1.
+    pub kinetic: &'a [T],
+}
+
+/// Where a step puts its intermediate results, for N coordinates, S nodes, Q points and a memory of R nodes.
+#[derive(Debug)]
+pub struct Workspace<'a, T: Real, X: Space<T>, E: Equations<T, X::Block>> {
+    /// e^1 … e^S: S·N numbers.
+    pub increments: &'a mut [T],
+    /// S·N numbers.
+    pub residual: &'a mut [T],
+    /// X_i − q_k: Q·N numbers.
+    pub stages: &'a mut [T],
+    /// Q·N numbers.
+    pub forces: &'a mut [T],
+    /// R·N numbers.
+    pub known: &'a mut [T],
+    /// R·N numbers, and N more where R > 1.
+    pub scratch: &'a mut [T],
+    /// R numbers.
+    pub times: &'a mut [T],
+    /// A position.
+    pub point: &'a mut X::Vector,
+    /// From [`Mechanics::stiffness`].
+    pub stiffness: &'a mut X::Block,
+    /// The equations of a step.
+    pub matrix: &'a mut E,
+    /// What solves them while they stay the same.
+    pub kept: &'a mut Kept<E::Kept>,
+}
+
+/// What solves the equations of a linear system, once it is prepared.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Kept<K> {
+    /// What [`Equations::keep`] prepares.
+    pub solver: K,
+    /// Whether it is for the equations of the step to come.
+    pub valid: bool,
+}
+
+impl<K> Kept<K> {
+    /// Nothing prepared yet.
+    pub fn nothing(solver: K) -> Self {
+        Self { solver, valid: false }
+    }
+}
+
+impl<T: Real> DiscreteLagrangian<'_, T> {
+    /// Number of unknown nodes S.
+    #[inline]
+    fn degree(&self) -> usize {
+        self.control_points.len()
+    }
+
+    /// Whether no force enters the equation for q_{k+1}, so that the position drifts: a straight line with ℓ₀ = 0 at every node.
+    #[inline]
+    fn drifts(&self) -> bool {
+        self.degree() == 1 && self.tests.iter().all(|test| *test == T::zero())
+    }
+
+    /// X_i − q_k = Σ_ν ℓ_ν(c_i) e^ν for every node.
+    #[inline]
+    fn place_stages(&self, increments: &[T], stages: &mut [T], coordinates: usize) {
+        let shapes = self.shapes.chunks_exact(self.degree().max(1));
+        for (stage, shapes) in stages.chunks_exact_mut(coordinates.max(1)).zip(shapes) {
+            stage.fill(T::zero());
+            for (&shape, increment) in shapes.iter().zip(increments.chunks_exact(coordinates.max(1))) {
+                add_multiple(stage, shape, increment);
+            }
+        }
+    }
+
+    /// The step of the fractional variational integrator whose memory stores the main nodes:
+    ///
+    /// ```text
+    /// p_k = −D₁L_d − f₀ ,    0 = D_νL_d + f_ν (inner nodes) ,    p_{k+1} = D_{S+1}L_d + f_S − h Σ_m ρ_m (D^{β_m} q)_{k+1}
+    /// ```
+    ///
+    /// with the virtual work f_ν = h Σ_i b_i ℓ_ν(c_i) F of the external force. The fractional force involves q_{k+1} only after the first two
+    /// lines have found it. Source: \[JO\] eq. 63–66, Algorithm 3; \[HJO\] eq. 38a, 44a–b, Algorithm 1.
+    ///
+    /// # Errors
+    /// [`StepError`]; position, momentum and damping are as before.
+    #[inline]
+    pub fn step_damped_at_main_nodes<X, E, G, D>(
+        &self,
+        work: &mut Workspace<'_, T, X, E>,
+        mechanics: &mut G,
+        damping: &mut D,
+        step: &Step<'_, T>,
+        (position, momentum): (&mut X::Vector, &mut X::Vector),
+    ) -> Result<u32, StepError>
+    where
+        X: Space<T>,
+        E: Equations<T, X::Block>,
+        G: Mechanics<T, X>,
+        D: Damping<T, X>,
+    {
+        let h = step.size;
+        work.times.fill(step.end);
+        work.known.fill(T::zero());
+        damping.add_known(X::slice(position), work.times, work.known, work.scratch)?;
+        let iterations = self.solve::<X, E, G, ()>(work, mechanics, None, step, (position, momentum))?;
+        let coordinates = work.known.len();
+        let rise = work.increments.chunks_exact(coordinates.max(1)).last().unwrap_or(&[]);
+        damping.add_leading(rise, work.known, work.scratch);
+        // The impulse lies in the first numbers of the residual, which end as p_{k+1}.
+        let new_momentum = work.residual.get_mut(..coordinates).unwrap_or(&mut []);
+        let fractional = work.known.iter();
+        for ((number, &p), &force) in new_momentum.iter_mut().zip(X::slice(momentum)).zip(fractional) {
+            *number = p - *number - force * h;
+        }
+        let sample = Sample { times: work.times, increments: rise };
+        let state = (X::slice_mut(position), X::slice_mut(momentum));
+        conclude(damping, sample, (rise, new_momentum), state, work.scratch)?;
+        Ok(iterations)
+    }
+
+    /// The step whose fractional force acts at the quadrature nodes X_{k,i} = q_d(c_i h), which the memory stores:
+    ///
+    /// ```text
+    /// p_k     = −D₁L_d − f₀ + h Σ_i b_i ℓ₀(c_i) Σ_m ρ_m (D^{β_m} X)_{k,i}
+    /// 0       = D_νL_d + f_ν − h Σ_i b_i ℓ_ν(c_i) Σ_m ρ_m (D^{β_m} X)_{k,i}        (inner nodes)
+    /// p_{k+1} = D_{S+1}L_d + f_S − h Σ_i b_i ℓ_S(c_i) Σ_m ρ_m (D^{β_m} X)_{k,i}
+    /// ```
+    ///
+    /// implicit in the nodes of step k through the leading weight. It follows from the restricted principle of \[HJO\] eq. 42 with
+    /// the inner product Σ_k h Σ_i b_i in place of Σ_k h, in which the advanced operator is the adjoint of the retarded one.
+    ///
+    /// # Errors
+    /// [`StepError`]; position, momentum and damping are as before.
+    #[inline]
+    pub fn step_damped_at_nodes<X, E, G, D>(
+        &self,
+        work: &mut Workspace<'_, T, X, E>,
+        mechanics: &mut G,
+        damping: &mut D,
+        step: &Step<'_, T>,
+        (position, momentum): (&mut X::Vector, &mut X::Vector),
+    ) -> Result<u32, StepError>
+    where
+        X: Space<T>,
+        E: Equations<T, X::Block>,
+        G: Mechanics<T, X>,
+        D: Damping<T, X>,
+    {
+        for (time, &node) in work.times.iter_mut().zip(self.nodes) {
+            *time = if node == T::one() { step.end } else { step.time + node * step.size };
+        }
+        work.known.fill(T::zero());
+        damping.add_known(X::slice(position), work.times, work.known, work.scratch)?;
+        let iterations = self.solve(work, mechanics, Some(damping), step, (position, momentum))?;
+        let coordinates = X::slice(position).len();
+        let rise = work.increments.chunks_exact(coordinates.max(1)).last().unwrap_or(&[]);
+        let new_momentum = work.residual.get_mut(..coordinates).unwrap_or(&mut []);
+        for (number, &p) in new_momentum.iter_mut().zip(X::slice(momentum)) {
+            *number = p - *number;
+        }
+        let sample = Sample { times: work.times, increments: work.stages };
+        let state = (X::slice_mut(position), X::slice_mut(momentum));
+        conclude(damping, sample, (rise, new_momentum), state, work.scratch)?;
+        Ok(iterations)
+    }
+
+    /// Solves the first S equations for the nodes and leaves, in the first N numbers of `work.residual`, the impulse h Σ_i b_i G_i: what
+    /// the momentum loses by the forces at the quadrature nodes.
+    ///
+    /// With G_i = ∇U(X_i) − F(t_k + c_i h, X_i) − u, plus the fractional force where it acts at the nodes, equation ν = 0…S−1 is
+    ///
+    /// ```text
+    /// 0 = δ_{ν0} p_k + (1/h) Σ_μ K_{νμ} M e^μ − h Σ_i b_i ℓ_ν(c_i) G_i ,      K_{νμ} = Σ_i b_i ℓ̇_ν(c_i) ℓ̇_μ(c_i)
+    /// ```
+    ///
+    /// The shapes add to one and their derivatives to zero, so the last equation is p_{k+1} = p_k − h Σ_i b_i G_i.
+    #[inline]
+    fn solve<X, E, G, D>(
+        &self,
+        work: &mut Workspace<'_, T, X, E>,
+        mechanics: &mut G,
+        damping: Option<&D>,
+        step: &Step<'_, T>,
+        (position, momentum): (&X::Vector, &X::Vector),
+    ) -> Result<u32, StepError>
+    where
+        X: Space<T>,
+        E: Equations<T, X::Block>,
+        G: Mechanics<T, X>,
+        D: Damping<T, X>,
+    {
+        let (position, momentum) = (X::slice(position), X::slice(momentum));
+        let coordinates = position.len();
+        // From here on `scratch` holds one vector for products, and whatever the damping needs.
+        let drift = work.scratch.get_mut(..coordinates).unwrap_or(&mut []);
+        mechanics.velocity(momentum, drift);
+        for (increment, &point) in
+            work.increments.chunks_exact_mut(coordinates.max(1)).zip(self.control_points)
+        {
+            for (place, &velocity) in increment.iter_mut().zip(&*drift) {
+                *place = velocity * step.size * point;
+            }
+        }
+        let mut equations = StepEquations {
+            lagrangian: self,
+            mechanics,
+            damping,
+            step,
+            position,
+            momentum,
+            stages: &mut *work.stages,
+            forces: &mut *work.forces,
+            known: &*work.known,
+            scratch: &mut *work.scratch,
+            point: &mut *work.point,
+            stiffness: &mut *work.stiffness,
+        };
+        let iterations = if self.drifts() {
+            0
+        } else if equations.mechanics.is_linear() {
+            let stays = damping.is_none_or(|damping| damping.leading_is_constant());
+            if work.kept.valid {
+                equations.residual::<E>(work.increments, work.residual, None);
+            } else {
+                equations.residual(work.increments, work.residual, Some(&mut *work.matrix));
+                work.matrix.keep(&mut work.kept.solver).map_err(|_| StepError::SingularJacobian)?;
+                work.kept.valid = stays;
+            }
+            work.matrix.solve_kept(&work.kept.solver, work.residual);
+            if !all_finite(work.residual) {
+                return Err(StepError::NotFinite);
+            }
+            for (unknown, &correction) in work.increments.iter_mut().zip(&*work.residual) {
+                *unknown -= correction;
+            }
+            1
+        } else {
+            let linearise = |increments: &[T], residual: &mut [T], matrix: &mut E| {
+                equations.residual(increments, residual, Some(matrix));
+            };
+            newton(work.increments, work.residual, size(position), work.matrix, linearise)?
+        };
+        equations.forces::<E>(work.increments, None);
+        let impulse = work.residual.get_mut(..coordinates).unwrap_or(&mut []);
+        impulse.fill(T::zero());
+        for (&weight, force) in self.weights.iter().zip(equations.forces.chunks_exact(coordinates.max(1))) {
+            add_multiple(impulse, step.size * weight, force);
+        }
+        Ok(iterations)
+    }
+}
+
+/// The equations of one step at a guess of the nodes.
+struct StepEquations<'a, T: Real, X: Space<T>, G, D> {
+    lagrangian: &'a DiscreteLagrangian<'a, T>,
+    mechanics: &'a mut G,
+    /// Where it acts at the quadrature nodes.
+    damping: Option<&'a D>,
+    step: &'a Step<'a, T>,
+    position: &'a [T],
+    momentum: &'a [T],
+    stages: &'a mut [T],
+    forces: &'a mut [T],
+    known: &'a [T],
+    scratch: &'a mut [T],
+    point: &'a mut X::Vector,
+    stiffness: &'a mut X::Block,
+}
+
+impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> StepEquations<'_, T, X, G, D> {
+    /// Places the stages and writes G_i to `forces`; adds −h Σ_i b_i ℓ_ν(c_i) ∂G_i/∂e^μ to the matrix if there is one.
+    #[inline]
+    fn forces<E: Equations<T, X::Block>>(&mut self, increments: &[T], mut matrix: Option<&mut E>) {
+        let (lagrangian, h) = (self.lagrangian, self.step.size);
+        let (coordinates, degree) = (self.position.len(), lagrangian.degree());
+        lagrangian.place_stages(increments, self.stages, coordinates);
+        let of_node = lagrangian.weights.iter().zip(lagrangian.nodes);
+        let shapes = lagrangian.shapes.chunks_exact(degree.max(1));
+        let tests = lagrangian.tests.chunks_exact(degree.max(1));
+        let stages = self.stages.chunks_exact(coordinates.max(1));
+        let forces = self.forces.chunks_exact_mut(coordinates.max(1));
+        for ((((&weight, &node), (shapes, tests)), stage), force) in
+            of_node.zip(shapes.zip(tests)).zip(stages).zip(forces)
+        {
+            let point = X::slice_mut(self.point);
+            for ((place, &q), &e) in point.iter_mut().zip(self.position).zip(stage) {
+                *place = q + e;
+            }
+            let instant = Instant::in_step(self.step.time, node, h);
+            if let Some(matrix) = matrix.as_deref_mut() {
+                self.mechanics.linearise(instant, self.point, force, self.stiffness);
+                for (row, &test) in tests.iter().enumerate() {
+                    let factor = h * weight * test;
+                    for (column, &shape) in shapes.iter().enumerate() {
+                        matrix.add(row, column, -(factor * shape), self.stiffness);
+                    }
+                }
+            } else {
+                self.mechanics.pull(instant, self.point, force);
+            }
+            for (force, &input) in force.iter_mut().zip(self.step.input) {
+                *force -= input;
+            }
+        }
+        let Some(damping) = self.damping else { return };
+        add_multiple(self.forces, T::one(), self.known);
+        damping.add_leading(self.stages, self.forces, self.scratch);
+        let Some(matrix) = matrix else { return };
+        damping.visit_leading(lagrangian.nodes.len(), |i, j, leading, rho| {
+            let weight = lagrangian.weights.get(i).copied().unwrap_or(T::zero());
+            let tests = lagrangian.tests.chunks_exact(degree.max(1)).nth(i).unwrap_or(&[]);
+            let shapes = lagrangian.shapes.chunks_exact(degree.max(1)).nth(j).unwrap_or(&[]);
+            for (row, &test) in tests.iter().enumerate() {
+                for (column, &shape) in shapes.iter().enumerate() {
+                    matrix.add(row, column, -(h * weight * test * shape * leading), rho);
+                }
+            }
+        });
+    }
+
+    /// Writes the residuals of the S equations, and their derivatives to the matrix if there is one.
+    #[inline]
+    fn residual<E: Equations<T, X::Block>>(
+        &mut self,
+        increments: &[T],
+        residual: &mut [T],
+        mut matrix: Option<&mut E>,
+    ) {
+        let (lagrangian, h) = (self.lagrangian, self.step.size);
+        let (coordinates, degree) = (self.position.len(), lagrangian.degree());
+        if let Some(matrix) = matrix.as_deref_mut() {
+            matrix.clear();
+            for (row, numbers) in lagrangian.kinetic.chunks_exact(degree.max(1)).enumerate() {
+                for (column, &kinetic) in numbers.iter().enumerate() {
+                    matrix.add(row, column, kinetic / h, self.mechanics.mass());
+                }
+            }
+        }
+        self.forces(increments, matrix);
+        for (row, residual) in residual.chunks_exact_mut(coordinates.max(1)).enumerate() {
+            residual.fill(T::zero());
+            if row == 0 {
+                add_multiple(residual, T::one(), self.momentum);
+            }
+        }
+        let product = self.scratch.get_mut(..coordinates).unwrap_or(&mut []);
+        for (column, increment) in increments.chunks_exact(coordinates.max(1)).enumerate() {
+            product.fill(T::zero());
+            self.mechanics.mass().multiply_add(T::one(), increment, product);
+            let kinetic = lagrangian.kinetic.iter().skip(column).step_by(degree.max(1));
+            for (residual, &kinetic) in residual.chunks_exact_mut(coordinates.max(1)).zip(kinetic) {
+                add_multiple(residual, kinetic / h, product);
+            }
+        }
+        let tests = lagrangian.tests.chunks_exact(degree.max(1));
+        let forces = self.forces.chunks_exact(coordinates.max(1));
+        for ((&weight, tests), force) in lagrangian.weights.iter().zip(tests).zip(forces) {
+            for (residual, &test) in residual.chunks_exact_mut(coordinates.max(1)).zip(tests) {
+                add_multiple(residual, -(h * weight * test), force);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::damping::MemoryShape;
+    use crate::galerkin::Galerkin;
+    use crate::memory::MemoryError;
+    use crate::newton::{Inverse, StepMatrix};
+    use crate::quadrature::Quadrature;
+    use crate::runge_kutta::RungeKutta;
+    use crate::space::Fixed;
+    use crate::system::{Coefficients, Force, Mass, Potential, System};
+    use nalgebra::{SMatrix, SVector, matrix, vector};
+
+    struct Coupled;
+
+    impl Potential<f64, 2> for Coupled {
+        fn value(&self, q: &SVector<f64, 2>) -> f64 {
+            1.5 * q[0] * q[0] + q[0].powi(4) / 4.0 + (q[0] - 2.0 * q[1]).cos()
+        }
+
+        fn gradient(&self, q: &SVector<f64, 2>) -> SVector<f64, 2> {
+            let sine = (q[0] - 2.0 * q[1]).sin();
+            vector![3.0 * q[0] + q[0].powi(3) - sine, 2.0 * sine]
+        }
+
+        fn hessian(&self, q: &SVector<f64, 2>) -> SMatrix<f64, 2, 2> {
+            let cosine = (q[0] - 2.0 * q[1]).cos();
+            matrix![3.0 + 3.0 * q[0] * q[0] - cosine, 2.0 * cosine; 2.0 * cosine, -4.0 * cosine]
+        }
+    }
+
+    struct Push;
+
+    impl Force<f64, 2> for Push {
+        fn value(&self, instant: Instant<f64>, q: &SVector<f64, 2>) -> SVector<f64, 2> {
+            vector![(2.0 * instant.time).cos() - q[1] / 4.0, instant.time * q[0] / 8.0]
+        }
+
+        fn jacobian(&self, instant: Instant<f64>, _: &SVector<f64, 2>) -> SMatrix<f64, 2, 2> {
+            matrix![0.0, -0.25; instant.time / 8.0, 0.0]
+        }
+    }
+
+    fn system() -> System<f64, 2, Coupled, Push> {
+        let mass = Mass::new(Coefficients::Dense(matrix![2.0, 0.5; 0.5, 1.0])).unwrap();
+        System { mass, potential: Coupled, force: Push }
+    }
+
+    const STEP: Step<'static, f64> = Step { time: 0.7, end: 0.95, size: 0.25, input: &[0.3, -0.2] };
+    const POSITION: SVector<f64, 2> = SVector::<f64, 2>::new(0.4, -0.3);
+    const MOMENTUM: SVector<f64, 2> = SVector::<f64, 2>::new(1.2, 0.5);
+
+    /// A damping that exerts known_i + Σ_j leading_ij e_j, without memory.
+    struct Affine<const Q: usize> {
+        known: [SVector<f64, 2>; Q],
+        leading: [[SMatrix<f64, 2, 2>; Q]; Q],
+    }
+
+    impl<const Q: usize> Affine<Q> {
+        fn at(&self, node: usize, increments: &[SVector<f64, 2>; Q]) -> SVector<f64, 2> {
+            let row = self.leading[node].iter().zip(increments);
+            row.fold(self.known[node], |sum, (weight, increment)| sum + weight * increment)
+        }
+    }
+
+    impl<const Q: usize> Damping<f64, Fixed<2>> for Affine<Q> {
+        fn check_shape(&self, _: usize, _: usize) -> Result<(), MemoryShape> {
+            Ok(())
+        }
+
+        fn begin(&mut self, _: &[f64], _: &[f64]) {}
+
+        fn add_known(
+            &mut self,
+            _: &[f64],
+            _: &[f64],
+            known: &mut [f64],
+            _: &mut [f64],
+        ) -> Result<(), MemoryError> {
+            add_multiple(known, 1.0, self.known.map(|vector| [vector[0], vector[1]]).as_flattened());
+            Ok(())
+        }
+
+        fn add_leading(&self, increments: &[f64], force: &mut [f64], _: &mut [f64]) {
+            for (force, row) in force.chunks_exact_mut(2).zip(&self.leading) {
+                for (block, increment) in row.iter().zip(increments.chunks_exact(2)) {
+                    let product = block * vector![increment[0], increment[1]];
+                    add_multiple(force, 1.0, product.as_slice());
+                }
+            }
+        }
+
+        fn visit_leading(
+            &self,
+            nodes: usize,
+            mut visit: impl FnMut(usize, usize, f64, &Coefficients<f64, 2>),
+        ) {
+            for i in 0..nodes {
+                for j in 0..nodes {
+                    visit(i, j, 1.0, &Coefficients::Dense(self.leading[i][j]));
+                }
+            }
+        }
+
+        fn leading_is_constant(&self) -> bool {
+            true
+        }
+
+        fn push(&mut self, _: &[f64], _: &Sample<'_, f64>, _: &mut [f64]) -> Result<(), MemoryError> {
+            Ok(())
+        }
+    }
+
+    /// The increments e^1 … e^S and the new momentum of one step damped at its nodes.
+    fn solved<const S: usize, const Q: usize>(
+        galerkin: &Galerkin<f64, S, Q>,
+        damping: &Affine<Q>,
+    ) -> ([SVector<f64, 2>; S], SVector<f64, 2>) {
+        let mut system = system();
+        let (mut increments, mut residual) = ([[0.0; 2]; S], [[0.0; 2]; S]);
+        let (mut stages, mut forces, mut known) = ([[0.0; 2]; Q], [[0.0; 2]; Q], [[0.0; 2]; Q]);
+        let mut work = Workspace::<f64, Fixed<2>, StepMatrix<f64, 2, S>> {
+            increments: increments.as_flattened_mut(),
+            residual: residual.as_flattened_mut(),
+            stages: stages.as_flattened_mut(),
+            forces: forces.as_flattened_mut(),
+            known: known.as_flattened_mut(),
+            scratch: &mut [0.0; 32],
+            times: &mut [0.0; Q],
+            point: &mut SVector::zeros(),
+            stiffness: &mut system.stiffness(),
+            matrix: &mut StepMatrix::zero(),
+            kept: &mut Kept::nothing(Inverse::zero()),
+        };
+        let mut damping = Affine { known: damping.known, leading: damping.leading };
+        let (mut position, mut momentum) = (POSITION, MOMENTUM);
+        let state = (&mut position, &mut momentum);
+        galerkin.view().step_damped_at_nodes(&mut work, &mut system, &mut damping, &STEP, state).unwrap();
+        (increments.map(SVector::from), momentum)
+    }
+
+    /// Value and derivative of the polynomial through (points, values), by Neville's scheme.
+    fn interpolate(
+        points: &[f64],
+        values: &[SVector<f64, 2>],
+        tau: f64,
+    ) -> (SVector<f64, 2>, SVector<f64, 2>) {
+        let mut table: std::vec::Vec<_> = values.iter().map(|&value| (value, SVector::zeros())).collect();
+        for level in 1..points.len() {
+            for i in 0..points.len() - level {
+                let (left, right) = (points[i], points[i + level]);
+                let ((a, da), (b, db)) = (table[i], table[i + 1]);
+                let width = right - left;
+                let value = (a * (right - tau) + b * (tau - left)) / width;
+                let derivative = (b - a + da * (right - tau) + db * (tau - left)) / width;
+                table[i] = (value, derivative);
+            }
+        }
+        table[0]
+    }
+
+    /// The solved step must satisfy p_k = −D₁L_d − f₀, 0 = D_νL_d + f_ν, p_{k+1} = D_{S+1}L_d + f_S, with L_d and the virtual
+    /// work of the forces computed from their definitions and D by differences.
+    fn assert_stationary<const S: usize, const Q: usize>(
+        quadrature: &Quadrature<Q>,
+        control_points: &[f64],
+        damping: Option<&Affine<Q>>,
+    ) {
+        let galerkin = Galerkin::<f64, S, Q>::new(quadrature).unwrap();
+        let (system, h) = (system(), STEP.size);
+        let none = Affine { known: [SVector::zeros(); Q], leading: [[SMatrix::zeros(); Q]; Q] };
+        let (increments, new_momentum) = solved(&galerkin, damping.unwrap_or(&none));
+        let mut nodes = std::vec![POSITION];
+        nodes.extend(increments.iter().map(|increment| POSITION + increment));
+        let rules = || quadrature.nodes().iter().zip(quadrature.weights());
+        let action = |nodes: &[SVector<f64, 2>]| -> f64 {
+            let lagrangian = |&c: &f64| {
+                let (q, slope) = interpolate(control_points, nodes, c);
+                let v = slope / h;
+                0.5 * v.dot(&system.mass.momentum(&v)) - system.potential.value(&q)
+            };
+            rules().map(|(c, b)| h * b * lagrangian(c)).sum()
+        };
+        let stages: std::vec::Vec<_> =
+            rules().map(|(&c, _)| interpolate(control_points, &nodes, c).0 - POSITION).collect();
+        let stages: [SVector<f64, 2>; Q] = stages.try_into().unwrap();
+        for nu in 0..=S {
+            let mut unit = std::vec![SVector::zeros(); S + 1];
+            unit[nu] = vector![1.0, 1.0];
+            let mut work = SVector::<f64, 2>::zeros();
+            for (i, (&c, &b)) in rules().enumerate() {
+                let shape = interpolate(control_points, &unit, c).0[0];
+                let instant = Instant::in_step(STEP.time, c, h);
+                let input = vector![STEP.input[0], STEP.input[1]];
+                let mut force = system.force.value(instant, &(POSITION + stages[i])) + input;
+                if let Some(damping) = damping {
+                    force -= damping.at(i, &stages);
+                }
+                work += force * (h * b * shape);
+            }
+            for coordinate in 0..2 {
+                let moved = |by: f64| {
+                    let mut nodes = nodes.clone();
+                    nodes[nu][coordinate] += by;
+                    action(&nodes)
+                };
+                let epsilon = 1e-3;
+                // Fourth-order difference.
+                let derivative = (8.0 * (moved(epsilon) - moved(-epsilon))
+                    - (moved(2.0 * epsilon) - moved(-2.0 * epsilon)))
+                    / (12.0 * epsilon);
+                let momentum = match nu {
+                    0 => -MOMENTUM[coordinate],
+                    nu if nu == S => new_momentum[coordinate],
+                    _ => 0.0,
+                };
+                let error = derivative + work[coordinate] - momentum;
+                assert!(error.abs() < 1e-10, "degree {S}, {Q} points, node {nu}: {error:e}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_step_makes_the_discrete_action_stationary() {
+        assert_stationary::<1, 1>(&Quadrature::gauss().unwrap(), &[0.0, 1.0], None);
+        assert_stationary::<1, 2>(&Quadrature::lobatto().unwrap(), &[0.0, 1.0], None);
+        assert_stationary::<2, 2>(&Quadrature::gauss().unwrap(), &[0.0, 0.5, 1.0], None);
+        assert_stationary::<2, 3>(&Quadrature::lobatto().unwrap(), &[0.0, 0.5, 1.0], None);
+        let root = 0.2f64.sqrt();
+        let third = [0.0, 0.5 - 0.5 * root, 0.5 + 0.5 * root, 1.0];
+        assert_stationary::<3, 3>(&Quadrature::gauss().unwrap(), &third, None);
+        assert_stationary::<3, 4>(&Quadrature::lobatto().unwrap(), &third, None);
+        assert_stationary::<3, 6>(&Quadrature::gauss().unwrap(), &third, None);
+    }
+
+    #[test]
+    fn forces_at_the_stages_do_their_virtual_work() {
+        let mut damping = Affine { known: [SVector::zeros(); 3], leading: [[SMatrix::zeros(); 3]; 3] };
+        for i in 0..3 {
+            damping.known[i] = vector![0.3, -0.4 * i as f64];
+            for j in 0..3 {
+                damping.leading[i][j] = matrix![1.0, 0.2; 0.2, 0.5] * (1.0 + i as f64 - 0.7 * j as f64);
+            }
+        }
+        let radau = RungeKutta::<3>::radau_iia().unwrap();
+        assert_stationary::<2, 3>(radau.quadrature(), &[0.0, 0.5, 1.0], Some(&damping));
+        let lobatto = RungeKutta::<3>::lobatto_iiic().unwrap();
+        assert_stationary::<2, 3>(lobatto.quadrature(), &[0.0, 0.5, 1.0], Some(&damping));
+    }
+}

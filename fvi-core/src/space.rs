@@ -1,0 +1,82 @@
+//! Where the coordinates of a system live: how vectors and matrices are stored.
+
+use nalgebra::SVector;
+
+use crate::real::Real;
+use crate::system::{Coefficients, MatrixError};
+
+/// Storage for N coordinates.
+///
+/// Schemes, damping and the integrator are written once, over slices of N numbers; a space says what holds them. [`Fixed`] keeps
+/// everything in place and needs no allocator. A host brings a space whose N is known at run time only.
+pub trait Space<T: Real>: Clone {
+    /// N numbers.
+    type Vector: Clone;
+    /// An N×N matrix: mass, damping coefficients, stiffness.
+    type Block: Block<T>;
+
+    /// Number of coordinates N.
+    fn coordinates(&self) -> usize;
+
+    /// The zero vector.
+    fn zeros(&self) -> Self::Vector;
+
+    /// The N numbers of a vector.
+    fn slice(vector: &Self::Vector) -> &[T];
+
+    /// The N numbers of a vector.
+    fn slice_mut(vector: &mut Self::Vector) -> &mut [T];
+}
+
+/// An N×N matrix as schemes use it.
+pub trait Block<T: Real> {
+    /// out += factor · (B x).
+    fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]);
+
+    /// Adds factor · B to the N×N part of a dense matrix that begins at the given row and column. The matrix lies row by row, `width`
+    /// numbers each.
+    fn add_to(&self, factor: T, target: &mut [T], width: usize, row: usize, column: usize);
+
+    /// Checks that the matrix is finite, symmetric and positive semidefinite to rounding.
+    ///
+    /// # Errors
+    /// [`MatrixError`].
+    fn check_positive_semidefinite(&self) -> Result<(), MatrixError>;
+}
+
+/// N coordinates, N known at compile time; everything lies in place.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Fixed<const N: usize>;
+
+impl<T: Real, const N: usize> Space<T> for Fixed<N> {
+    type Vector = SVector<T, N>;
+    type Block = Coefficients<T, N>;
+
+    #[inline]
+    fn coordinates(&self) -> usize {
+        N
+    }
+
+    #[inline]
+    fn zeros(&self) -> SVector<T, N> {
+        SVector::zeros()
+    }
+
+    #[inline]
+    fn slice(vector: &SVector<T, N>) -> &[T] {
+        vector.as_slice()
+    }
+
+    #[inline]
+    fn slice_mut(vector: &mut SVector<T, N>) -> &mut [T] {
+        vector.as_mut_slice()
+    }
+}
+
+/// target += factor · x, number by number.
+#[inline]
+pub(crate) fn add_multiple<T: Real>(target: &mut [T], factor: T, x: &[T]) {
+    for (target, &x) in target.iter_mut().zip(x) {
+        *target += x * factor;
+    }
+}
