@@ -398,56 +398,97 @@ impl<T: Real, X: Space<T>, A: Damping<T, X>, B: Damping<T, X>> Damping<T, X> for
     }
 }
 
-/// Several dampings of one type, one after another.
-macro_rules! damping_sequence {
-    ($({$($generics:tt)*})? $sequence:ty) => {
-        impl<T: Real, X: Space<T>, D: Damping<T, X> $(, $($generics)*)?> Damping<T, X> for $sequence {
-            fn check_shape(&self, coordinates: usize, nodes: usize) -> Result<(), MemoryShape> {
-                self.iter().try_for_each(|damping| damping.check_shape(coordinates, nodes))
+impl<T: Real, X: Space<T>, D: Damping<T, X>> Damping<T, X> for [D] {
+    fn check_shape(&self, coordinates: usize, nodes: usize) -> Result<(), MemoryShape> {
+        self.iter().try_for_each(|damping| damping.check_shape(coordinates, nodes))
+    }
+
+    fn begin(&mut self, position: &[T], velocity: &[T]) {
+        self.iter_mut().for_each(|damping| damping.begin(position, velocity));
+    }
+
+    #[inline]
+    fn add_known(
+        &mut self,
+        from: &[T],
+        times: &[T],
+        known: &mut [T],
+        scratch: &mut [T],
+    ) -> Result<(), MemoryError> {
+        self.iter_mut().try_for_each(|damping| damping.add_known(from, times, known, scratch))
+    }
+
+    #[inline]
+    fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
+        self.iter().for_each(|damping| damping.add_leading(increments, force, scratch));
+    }
+
+    #[inline]
+    fn visit_leading(&self, nodes: usize, mut visit: impl FnMut(usize, usize, T, &X::Block)) {
+        self.iter().for_each(|damping| damping.visit_leading(nodes, &mut visit));
+    }
+
+    #[inline]
+    fn leading_is_constant(&self) -> bool {
+        self.iter().all(|damping| damping.leading_is_constant())
+    }
+
+    #[inline]
+    fn push(&mut self, from: &[T], sample: &Sample<'_, T>, scratch: &mut [T]) -> Result<(), MemoryError> {
+        self.iter_mut().try_for_each(|damping| damping.push(from, sample, scratch))
+    }
+}
+
+/// A damping that hands every call on to the one it holds.
+macro_rules! handing_on {
+    ($({$($generics:tt)*})? $holder:ty, $inner:ty, $self:ident => $shared:expr, $unique:expr) => {
+        impl<T: Real, X: Space<T>, D: Damping<T, X> $(, $($generics)*)?> Damping<T, X> for $holder {
+            fn check_shape(&$self, coordinates: usize, nodes: usize) -> Result<(), MemoryShape> {
+                <$inner as Damping<T, X>>::check_shape($shared, coordinates, nodes)
             }
 
-            fn begin(&mut self, position: &[T], velocity: &[T]) {
-                self.iter_mut().for_each(|damping| damping.begin(position, velocity));
+            fn begin(&mut $self, position: &[T], velocity: &[T]) {
+                <$inner as Damping<T, X>>::begin($unique, position, velocity);
             }
 
             #[inline]
             fn add_known(
-                &mut self,
+                &mut $self,
                 from: &[T],
                 times: &[T],
                 known: &mut [T],
                 scratch: &mut [T],
             ) -> Result<(), MemoryError> {
-                self.iter_mut().try_for_each(|damping| damping.add_known(from, times, known, scratch))
+                <$inner as Damping<T, X>>::add_known($unique, from, times, known, scratch)
             }
 
             #[inline]
-            fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
-                self.iter().for_each(|damping| damping.add_leading(increments, force, scratch));
+            fn add_leading(&$self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
+                <$inner as Damping<T, X>>::add_leading($shared, increments, force, scratch);
             }
 
             #[inline]
-            fn visit_leading(&self, nodes: usize, mut visit: impl FnMut(usize, usize, T, &X::Block)) {
-                self.iter().for_each(|damping| damping.visit_leading(nodes, &mut visit));
+            fn visit_leading(&$self, nodes: usize, visit: impl FnMut(usize, usize, T, &X::Block)) {
+                <$inner as Damping<T, X>>::visit_leading($shared, nodes, visit);
             }
 
             #[inline]
-            fn leading_is_constant(&self) -> bool {
-                self.iter().all(|damping| damping.leading_is_constant())
+            fn leading_is_constant(&$self) -> bool {
+                <$inner as Damping<T, X>>::leading_is_constant($shared)
             }
 
             #[inline]
             fn push(
-                &mut self,
+                &mut $self,
                 from: &[T],
                 sample: &Sample<'_, T>,
                 scratch: &mut [T],
             ) -> Result<(), MemoryError> {
-                self.iter_mut().try_for_each(|damping| damping.push(from, sample, scratch))
+                <$inner as Damping<T, X>>::push($unique, from, sample, scratch)
             }
         }
     };
 }
 
-damping_sequence!({const K: usize} [D; K]);
-damping_sequence!(&mut [D]);
+handing_on!({const K: usize} [D; K], [D], self => self.as_slice(), self.as_mut_slice());
+handing_on!(&mut [D], [D], self => &**self, &mut **self);

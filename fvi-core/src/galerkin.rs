@@ -59,6 +59,68 @@ fn lagrange(points: &[f64], nu: usize, tau: f64) -> (f64, f64) {
     (value, derivative)
 }
 
+/// The numbers of a [`DiscreteLagrangian`] that follow from its quadrature, as places to write them to.
+#[derive(Debug)]
+pub struct Tables<'a, T> {
+    /// S numbers; their count is the degree.
+    pub control_points: &'a mut [T],
+    /// Q·S numbers.
+    pub shapes: &'a mut [T],
+    /// Q·S numbers.
+    pub tests: &'a mut [T],
+    /// S·S numbers.
+    pub kinetic: &'a mut [T],
+}
+
+impl<T: Real> Tables<'_, T> {
+    /// Fills the tables for polynomials through the Lobatto points of S + 1 nodes and a quadrature; see [`Galerkin::new`].
+    ///
+    /// # Errors
+    /// If S is not one of 1…6, or there are fewer nodes than S.
+    pub fn fill(self, nodes: &[f64], weights: &[f64]) -> Result<(), ParameterError> {
+        let degree = self.control_points.len();
+        let half = degree.checked_add(1).and_then(lobatto_half).ok_or(ParameterError {
+            parameter: "degree of the polynomials",
+            value: degree as f64,
+            allowed: "one of 1, 2, 3, 4, 5, 6",
+        })?;
+        ParameterError::check(
+            nodes.len() >= degree,
+            "number of quadrature points",
+            nodes.len() as f64,
+            "at least the degree of the polynomials",
+        )?;
+        let mut points = [0.0; MAX_DEGREE + 1];
+        let points = points.get_mut(..=degree).unwrap_or(&mut []);
+        for (point, &(d, _)) in points.iter_mut().zip(half) {
+            *point = d;
+        }
+        for (point, &(d, _)) in points.iter_mut().rev().zip(half) {
+            *point = 1.0 - d;
+        }
+        let points = &*points;
+        for (place, &point) in self.control_points.iter_mut().zip(points.iter().skip(1)) {
+            *place = T::of(point);
+        }
+        let shapes = self.shapes.chunks_exact_mut(degree.max(1));
+        let tests = self.tests.chunks_exact_mut(degree.max(1));
+        for (&node, (shapes, tests)) in nodes.iter().zip(shapes.zip(tests)) {
+            for (nu, (shape, test)) in shapes.iter_mut().zip(tests).enumerate() {
+                *shape = T::of(lagrange(points, nu + 1, node).0);
+                *test = T::of(lagrange(points, nu, node).0);
+            }
+        }
+        for (nu, row) in self.kinetic.chunks_exact_mut(degree.max(1)).enumerate() {
+            for (mu, entry) in row.iter_mut().enumerate() {
+                let product = |node| lagrange(points, nu, node).1 * lagrange(points, mu + 1, node).1;
+                let terms = nodes.iter().zip(weights);
+                *entry = T::of(terms.map(|(&node, weight)| weight * product(node)).sum());
+            }
+        }
+        Ok(())
+    }
+}
+
 impl<T: Real, const S: usize, const Q: usize> Galerkin<T, S, Q> {
     /// Polynomials of degree S through the Lobatto points of S + 1 nodes, with the given quadrature.
     ///
@@ -79,26 +141,7 @@ impl<T: Real, const S: usize, const Q: usize> Galerkin<T, S, Q> {
     /// # Errors
     /// If S is not one of 1…6, or Q is less than S: Σ_i b_i ℓ̇_ν(c_i) ℓ̇_μ(c_i) is then singular.
     pub fn new(quadrature: &Quadrature<Q>) -> Result<Self, ParameterError> {
-        let half = S.checked_add(1).and_then(lobatto_half).ok_or(ParameterError {
-            parameter: "degree of the polynomials",
-            value: S as f64,
-            allowed: "one of 1, 2, 3, 4, 5, 6",
-        })?;
-        ParameterError::check(
-            Q >= S,
-            "number of quadrature points",
-            Q as f64,
-            "at least the degree of the polynomials",
-        )?;
-        let mut points = [0.0; MAX_DEGREE + 1];
-        let points = points.get_mut(..=S).unwrap_or(&mut []);
-        for (point, &(d, _)) in points.iter_mut().zip(half) {
-            *point = d;
-        }
-        for (point, &(d, _)) in points.iter_mut().rev().zip(half) {
-            *point = 1.0 - d;
-        }
-        let (points, zero) = (&*points, T::zero());
+        let zero = T::zero();
         let mut galerkin = Self {
             weights: quadrature.weights.map(T::of),
             nodes: quadrature.nodes.map(T::of),
@@ -107,23 +150,13 @@ impl<T: Real, const S: usize, const Q: usize> Galerkin<T, S, Q> {
             tests: [[zero; S]; Q],
             kinetic: [[zero; S]; S],
         };
-        for (place, &point) in galerkin.control_points.iter_mut().zip(points.iter().skip(1)) {
-            *place = T::of(point);
-        }
-        let at_nodes = quadrature.nodes.iter().zip(galerkin.shapes.iter_mut().zip(&mut galerkin.tests));
-        for (&node, (shapes, tests)) in at_nodes {
-            for (nu, (shape, test)) in shapes.iter_mut().zip(tests).enumerate() {
-                *shape = T::of(lagrange(points, nu + 1, node).0);
-                *test = T::of(lagrange(points, nu, node).0);
-            }
-        }
-        for (nu, row) in galerkin.kinetic.iter_mut().enumerate() {
-            for (mu, entry) in row.iter_mut().enumerate() {
-                let product = |node| lagrange(points, nu, node).1 * lagrange(points, mu + 1, node).1;
-                let terms = quadrature.nodes.iter().zip(&quadrature.weights);
-                *entry = T::of(terms.map(|(&node, weight)| weight * product(node)).sum());
-            }
-        }
+        let tables = Tables {
+            control_points: &mut galerkin.control_points,
+            shapes: galerkin.shapes.as_flattened_mut(),
+            tests: galerkin.tests.as_flattened_mut(),
+            kinetic: galerkin.kinetic.as_flattened_mut(),
+        };
+        tables.fill(&quadrature.nodes, &quadrature.weights)?;
         Ok(galerkin)
     }
 

@@ -37,18 +37,20 @@ pub use discrete_lagrangian::{DiscreteLagrangian, Kept, Workspace};
 pub use error::ParameterError;
 pub use euler::{ExplicitEuler, ImplicitEuler};
 pub use exponential_sum::{ExponentialSum, ExponentialTable, ExponentialTerm};
-pub use galerkin::Galerkin;
+pub use galerkin::{Galerkin, Tables};
 pub use integrator::{Integrator, IntegratorBuilder, IntegratorError, State};
-pub use linear::{Singular, factor, invert_factored, is_positive_definite_in_place, multiply, substitute};
+pub use linear::{
+    Singular, factor, invert_factored, is_positive_definite_in_place, multiply_columns, solve, substitute,
+};
 pub use memory::{Memory, MemoryError, check_channels};
 pub use newton::{Equations, Inverse, StepMatrix};
 pub use node_galerkin::NodeGalerkin;
 pub use operator::{FractionalOperator, OperatorError, Start, left_operator, right_operator};
-pub use quadrature::Quadrature;
+pub use quadrature::{Quadrature, gauss_rule, lobatto_rule};
 pub use real::Real;
 pub use runge_kutta::RungeKutta;
 pub use scheme::{Sample, Sampling, Scheme, Step, StepError, conclude};
-pub use space::{Block, Fixed, Space};
+pub use space::{Block, Fixed, Space, add_multiple};
 pub use stability::{ExplicitDamping, Stability, check_stability};
 pub use system::{
     Approach, Coefficients, Force, Instant, Mass, MatrixError, Mechanics, NoForce, Potential, Quadratic,

@@ -5,6 +5,7 @@
 use nalgebra::SMatrix;
 
 use crate::real::Real;
+use crate::space::add_multiple;
 
 /// A pivot vanished: the matrix is singular to working precision.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -98,6 +99,17 @@ pub fn substitute<T: Real>(factors: &[T], pivots: &[usize], vector: &mut [T]) {
     }
 }
 
+/// Solves A x = `vector` in place; x replaces `vector`, the factors the matrix.
+///
+/// # Errors
+/// [`Singular`], as [`factor`].
+#[inline]
+pub fn solve<T: Real>(matrix: &mut [T], pivots: &mut [usize], vector: &mut [T]) -> Result<(), Singular> {
+    factor(matrix, pivots)?;
+    substitute(matrix, pivots, vector);
+    Ok(())
+}
+
 #[inline]
 fn put<T>(numbers: &mut [T], index: usize, value: T) {
     if let Some(place) = numbers.get_mut(index) {
@@ -105,31 +117,22 @@ fn put<T>(numbers: &mut [T], index: usize, value: T) {
     }
 }
 
-/// Writes the inverse of a factored matrix.
+/// Writes the inverse of a factored matrix, column by column.
 #[inline]
-pub fn invert_factored<T: Real>(factors: &[T], pivots: &[usize], inverse: &mut [T]) {
-    let n = pivots.len();
-    inverse.fill(T::zero());
-    // Column by column, each where a row will lie.
-    for (index, column) in inverse.chunks_exact_mut(n.max(1)).enumerate() {
+pub fn invert_factored<T: Real>(factors: &[T], pivots: &[usize], columns: &mut [T]) {
+    columns.fill(T::zero());
+    for (index, column) in columns.chunks_exact_mut(pivots.len().max(1)).enumerate() {
         put(column, index, T::one());
         substitute(factors, pivots, column);
     }
-    for row in 1..n {
-        for column in 0..row {
-            let (lower, upper) = (row * n + column, column * n + row);
-            let (a, b) = (at(inverse, lower), at(inverse, upper));
-            put(inverse, lower, b);
-            put(inverse, upper, a);
-        }
-    }
 }
 
-/// out = A x for a matrix of rows as long as x.
+/// out = A x for a matrix given column by column, each as long as `out`.
 #[inline]
-pub fn multiply<T: Real>(matrix: &[T], x: &[T], out: &mut [T]) {
-    for (out, row) in out.iter_mut().zip(matrix.chunks_exact(x.len().max(1))) {
-        *out = row.iter().zip(x).fold(T::zero(), |sum, (&entry, &x)| sum + entry * x);
+pub fn multiply_columns<T: Real>(columns: &[T], x: &[T], out: &mut [T]) {
+    out.fill(T::zero());
+    for (column, &x) in columns.chunks_exact(out.len().max(1)).zip(x) {
+        add_multiple(out, x, column);
     }
 }
 
@@ -177,9 +180,9 @@ pub(crate) fn invert<T: Real, const N: usize>(
     let mut rows = matrix.transpose().data.0;
     let mut pivots = [0; N];
     factor(rows.as_flattened_mut(), &mut pivots)?;
-    let mut inverse = [[T::zero(); N]; N];
-    invert_factored(rows.as_flattened(), &pivots, inverse.as_flattened_mut());
-    Ok(SMatrix::from_data(nalgebra::ArrayStorage(inverse)).transpose())
+    let mut inverse = SMatrix::<T, N, N>::zeros();
+    invert_factored(rows.as_flattened(), &pivots, inverse.data.0.as_flattened_mut());
+    Ok(inverse)
 }
 
 #[cfg(test)]

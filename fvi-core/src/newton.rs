@@ -1,6 +1,6 @@
 //! The equations of one step: their matrix, and Newton's method converged to rounding.
 
-use crate::linear::{Singular, factor, invert_factored, multiply, substitute};
+use crate::linear::{Singular, factor, invert_factored, multiply_columns, solve};
 use crate::real::{Real, all_finite};
 use crate::scheme::StepError;
 use crate::space::Block;
@@ -47,7 +47,7 @@ pub struct StepMatrix<T, const N: usize, const S: usize> {
 /// (S N)×(S N) numbers, row by row.
 type Square<T, const N: usize, const S: usize> = [[[[T; N]; S]; N]; S];
 
-/// The inverse of a [`StepMatrix`].
+/// The inverse of a [`StepMatrix`], column by column.
 ///
 /// One correction from a good guess is all that a linear step takes, so what an inverse loses to elimination does not show.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -90,9 +90,7 @@ impl<T: Real, const N: usize, const S: usize, B: Block<T>> Equations<T, B> for S
     #[inline]
     fn solve(&mut self, vector: &mut [T]) -> Result<(), Singular> {
         let entries = self.entries.as_flattened_mut().as_flattened_mut().as_flattened_mut();
-        factor(entries, self.pivots.as_flattened_mut())?;
-        substitute(entries, self.pivots.as_flattened(), vector);
-        Ok(())
+        solve(entries, self.pivots.as_flattened_mut(), vector)
     }
 
     #[inline]
@@ -108,7 +106,7 @@ impl<T: Real, const N: usize, const S: usize, B: Block<T>> Equations<T, B> for S
     fn solve_kept(&mut self, kept: &Inverse<T, N, S>, vector: &mut [T]) {
         let mut solution = [[T::zero(); N]; S];
         let inverse = kept.0.as_flattened().as_flattened().as_flattened();
-        multiply(inverse, vector, solution.as_flattened_mut());
+        multiply_columns(inverse, vector, solution.as_flattened_mut());
         for (place, &number) in vector.iter_mut().zip(solution.as_flattened()) {
             *place = number;
         }

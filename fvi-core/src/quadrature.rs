@@ -56,14 +56,50 @@ pub(crate) fn lobatto_half(points: usize) -> Option<Half> {
     LOBATTO.get(points.checked_sub(2)?).copied()
 }
 
+/// Writes the Gauss rule of as many points as there are places; see [`Quadrature::gauss`].
+///
+/// # Errors
+/// If that is not one of 1…6.
+pub fn gauss_rule(nodes: &mut [f64], weights: &mut [f64]) -> Result<(), ParameterError> {
+    let half = nodes.len().checked_sub(1).and_then(|index| GAUSS.get(index)).copied();
+    mirror(half, nodes, weights, "points of the Gauss quadrature", "one of 1, 2, 3, 4, 5, 6")
+}
+
+/// Writes the Lobatto rule of as many points as there are places; see [`Quadrature::lobatto`].
+///
+/// # Errors
+/// If that is not one of 2…7.
+pub fn lobatto_rule(nodes: &mut [f64], weights: &mut [f64]) -> Result<(), ParameterError> {
+    let half = lobatto_half(nodes.len());
+    mirror(half, nodes, weights, "points of the Lobatto quadrature", "one of 2, 3, 4, 5, 6, 7")
+}
+
+fn mirror(
+    half: Option<Half>,
+    nodes: &mut [f64],
+    weights: &mut [f64],
+    parameter: &'static str,
+    allowed: &'static str,
+) -> Result<(), ParameterError> {
+    let half = half.ok_or(ParameterError { parameter, value: nodes.len() as f64, allowed })?;
+    for ((node, weight), &(c, b)) in nodes.iter_mut().zip(&mut *weights).zip(half) {
+        (*node, *weight) = (c, b);
+    }
+    for ((node, weight), &(c, b)) in nodes.iter_mut().zip(weights).rev().zip(half) {
+        (*node, *weight) = (1.0 - c, b);
+    }
+    Ok(())
+}
+
 impl<const Q: usize> Quadrature<Q> {
     /// Gauss quadrature, exact for polynomials of degree 2Q − 1.
     ///
     /// # Errors
     /// If Q is not one of 1…6.
     pub fn gauss() -> Result<Self, ParameterError> {
-        let half = Q.checked_sub(1).and_then(|index| GAUSS.get(index));
-        Self::mirrored(half.copied(), "points of the Gauss quadrature", "one of 1, 2, 3, 4, 5, 6")
+        let mut rule = Self { nodes: [0.0; Q], weights: [0.0; Q] };
+        gauss_rule(&mut rule.nodes, &mut rule.weights)?;
+        Ok(rule)
     }
 
     /// Lobatto quadrature, with a node at each end: exact for polynomials of degree 2Q − 3.
@@ -71,7 +107,9 @@ impl<const Q: usize> Quadrature<Q> {
     /// # Errors
     /// If Q is not one of 2…7.
     pub fn lobatto() -> Result<Self, ParameterError> {
-        Self::mirrored(lobatto_half(Q), "points of the Lobatto quadrature", "one of 2, 3, 4, 5, 6, 7")
+        let mut rule = Self { nodes: [0.0; Q], weights: [0.0; Q] };
+        lobatto_rule(&mut rule.nodes, &mut rule.weights)?;
+        Ok(rule)
     }
 
     /// Nodes c_i, increasing.
@@ -82,24 +120,6 @@ impl<const Q: usize> Quadrature<Q> {
     /// Weights b_i, positive, of sum 1.
     pub fn weights(&self) -> &[f64; Q] {
         &self.weights
-    }
-
-    fn mirrored(
-        half: Option<Half>,
-        parameter: &'static str,
-        allowed: &'static str,
-    ) -> Result<Self, ParameterError> {
-        let half = half.ok_or(ParameterError { parameter, value: Q as f64, allowed })?;
-        let mut rule = Self { nodes: [0.0; Q], weights: [0.0; Q] };
-        let places = rule.nodes.iter_mut().zip(&mut rule.weights);
-        for ((node, weight), &(c, b)) in places.zip(half) {
-            (*node, *weight) = (c, b);
-        }
-        let places = rule.nodes.iter_mut().zip(&mut rule.weights).rev();
-        for ((node, weight), &(c, b)) in places.zip(half) {
-            (*node, *weight) = (1.0 - c, b);
-        }
-        Ok(rule)
     }
 }
 

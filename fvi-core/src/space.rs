@@ -75,7 +75,7 @@ impl<T: Real, const N: usize> Space<T> for Fixed<N> {
 
 /// target += factor · x, number by number.
 #[inline]
-pub(crate) fn add_multiple<T: Real>(target: &mut [T], factor: T, x: &[T]) {
+pub fn add_multiple<T: Real>(target: &mut [T], factor: T, x: &[T]) {
     for (target, &x) in target.iter_mut().zip(x) {
         *target += x * factor;
     }

@@ -1,13 +1,16 @@
 //! A scenario in motion: the integrator behind a face without type parameters.
-//!
-//! The core knows the number of coordinates, the scalar and the scheme at compile time; here they become known
-//! at run time. [`Simulation::new`] is the one place where the one is turned into the other.
 
-mod assembly;
-mod dispatch;
-
-use crate::scenario::{Engine, InputError, Scenario};
-use fvi_core::StepError;
+use crate::engine::{EngineError, HostMemory, MemoryRequest};
+use crate::expression::Elementary;
+use crate::model::{self, AnyScheme, Dense, Matrix, Model};
+use crate::scenario::{self, Engine, InputError, Problem, Scenario};
+use crate::stability;
+use fvi_core::{
+    Damping, DampingTerm, Derivative, Instant, Integrator, IntegratorBuilder, IntegratorError, Mechanics,
+    Memory, MemoryError, MemoryShape, Sample, StepError,
+};
+use fvi_fft::Scalar;
+use nalgebra::DMatrix;
 use serde::Serialize;
 
 /// The scalar a simulation computes in.
@@ -21,19 +24,19 @@ pub enum Precision {
     F32,
 }
 
-/// A scenario in motion, N from 1 to 8.
+/// A scenario in motion, whatever its number of coordinates.
 pub struct Simulation {
     stepper: Box<dyn Stepper>,
     engines: Vec<Engine>,
     precision: Precision,
 }
 
-/// What the integrator of any scalar, size and scheme can do.
+/// What the integrator of any scalar can do.
 trait Stepper {
     fn step(&mut self, input: &[f64]) -> Result<u32, StepError>;
     fn time(&self) -> f64;
     fn read(&self, position: &mut [f64], momentum: &mut [f64]);
-    fn energy(&self) -> f64;
+    fn energy(&mut self) -> f64;
     fn engines(&self) -> Vec<Engine>;
     fn overruns(&self) -> Option<usize>;
     fn memory_bytes(&self) -> usize;
@@ -58,7 +61,11 @@ impl Simulation {
     /// # Errors
     /// If settings of the scenario do not go together, or the step is too long to be stable.
     pub fn new(scenario: &Scenario, precision: Precision) -> Result<Self, InputError> {
-        let stepper = dispatch::stepper(scenario, precision)?;
+        stability::of_scenario::check_step(scenario, &stiffness(scenario)?)?;
+        let stepper: Box<dyn Stepper> = match precision {
+            Precision::F64 => Box::new(Machine::<f64>::new(scenario)?),
+            Precision::F32 => Box::new(Machine::<f32>::new(scenario)?),
+        };
         let engines = stepper.engines();
         Ok(Self { stepper, engines, precision })
     }
@@ -72,7 +79,7 @@ impl Simulation {
     }
 
     /// Writes the present state into `state`, whose vectors have one place for each coordinate.
-    pub fn read(&self, state: &mut GridState) {
+    pub fn read(&mut self, state: &mut GridState) {
         state.time = self.stepper.time();
         self.stepper.read(&mut state.position, &mut state.momentum);
         state.energy = self.stepper.energy();
@@ -96,5 +103,174 @@ impl Simulation {
     /// Bytes of all memories.
     pub fn memory_bytes(&self) -> usize {
         self.stepper.memory_bytes()
+    }
+}
+
+/// ∂²U/∂q² − ∂F/∂q at the initial position in the middle of the first step.
+fn stiffness(scenario: &Scenario) -> Result<DMatrix<f64>, InputError> {
+    let mut model = compiled::<f64>(scenario)?;
+    let size = scenario.coordinates();
+    let instant = Instant::in_step(0.0, 0.5, scenario.time.step);
+    let (mut pull, mut stiffness) = (vec![0.0; size], model.stiffness());
+    model.linearise(instant, &scenario.initial.position, &mut pull, &mut stiffness);
+    let mut dense = DMatrix::zeros(size, size);
+    for (row, column, entry) in Matrix::entries(&stiffness) {
+        dense[(row, column)] = entry;
+    }
+    Ok(dense)
+}
+
+fn compiled<T: Elementary>(scenario: &Scenario) -> Result<Model<T>, InputError> {
+    Model::new(scenario)
+        .map_err(|error| scenario.error_at("system.mass", Problem::Precision { reason: error.to_string() }))
+}
+
+/// The integrator of a scenario in one precision.
+struct Machine<T: Elementary + Scalar> {
+    integrator: Integrator<T, Dense, Model<T>, AnyScheme<T>, DampingTerms<T>>,
+    input: Vec<T>,
+}
+
+impl<T: Elementary + Scalar> Machine<T> {
+    /// Puts system, scheme and memories together.
+    fn new(scenario: &Scenario) -> Result<Self, InputError> {
+        let space = Dense { coordinates: scenario.coordinates() };
+        let scheme = AnyScheme::<T>::new(scenario).map_err(|error| {
+            let allowed = format!("{} ({} given)", error.allowed, error.parameter);
+            scenario.error_at("scheme", Problem::OutOfRange { allowed })
+        })?;
+        let nodes = fvi_core::Scheme::<T, Dense>::sampling(&scheme).nodes();
+        let terms = scenario.system.damping.iter().enumerate();
+        let terms = terms.map(|(index, term)| damping_term(scenario, space, nodes, index, term));
+        let terms = terms.collect::<Result<Vec<_>, _>>()?;
+        let integrator =
+            IntegratorBuilder::in_space(space, compiled(scenario)?, scheme, T::of(scenario.time.step))
+                .damping(DampingTerms(terms))
+                .position(model::vector(&scenario.initial.position))
+                .momentum(model::vector(&scenario.initial.momentum))
+                .build()
+                .map_err(|error| refused(scenario, &error))?;
+        Ok(Self { integrator, input: vec![T::zero(); space.coordinates] })
+    }
+}
+
+fn refused(scenario: &Scenario, error: &IntegratorError) -> InputError {
+    let path = match error {
+        IntegratorError::InitialState => "initial",
+        _ => "time.step",
+    };
+    scenario.error_at(path, Problem::Precision { reason: error.to_string() })
+}
+
+/// What the memory of a damping term is wanted for.
+fn memory_request<'a>(scenario: &'a Scenario, nodes: usize, term: &scenario::Damping) -> MemoryRequest<'a> {
+    MemoryRequest {
+        convolution: &scenario.convolution,
+        exponent: term.order,
+        step_size: scenario.time.step,
+        coordinates: scenario.coordinates(),
+        samples: scenario.time.steps.saturating_add(1),
+        history: &scenario.history,
+    }
+}
+
+fn damping_term<T: Elementary + Scalar>(
+    scenario: &Scenario,
+    space: Dense,
+    nodes: usize,
+    index: usize,
+    term: &scenario::Damping,
+) -> Result<DampingTerm<T, Dense, HostMemory<T>>, InputError> {
+    let memory = memory_request(scenario, nodes, term).build().map_err(|error| match error {
+        EngineError::Table(_) | EngineError::NoRoom { .. } => {
+            scenario.error_at("history.engine", Problem::Engine(error))
+        }
+        EngineError::Parameter(_) => {
+            scenario.error_at(&format!("system.damping[{index}].order"), Problem::Engine(error))
+        }
+    })?;
+    let derivative = match term.derivative {
+        scenario::Derivative::RiemannLiouville => Derivative::RiemannLiouville,
+        scenario::Derivative::Caputo => Derivative::Caputo,
+    };
+    let rho = model::matrix(&term.coefficient);
+    DampingTerm::in_space(&space, rho, T::of(term.order), derivative, memory).map_err(|error| {
+        let path = format!("system.damping[{index}]");
+        scenario.error_at(&path, Problem::Precision { reason: error.to_string() })
+    })
+}
+
+/// Any number of damping terms, each with a memory of its own.
+struct DampingTerms<T: Elementary>(Vec<DampingTerm<T, Dense, HostMemory<T>>>);
+
+impl<T: Elementary> Damping<T, Dense> for DampingTerms<T> {
+    fn check_shape(&self, coordinates: usize, nodes: usize) -> Result<(), MemoryShape> {
+        self.0[..].check_shape(coordinates, nodes)
+    }
+
+    fn begin(&mut self, position: &[T], velocity: &[T]) {
+        self.0[..].begin(position, velocity);
+    }
+
+    fn add_known(
+        &mut self,
+        from: &[T],
+        times: &[T],
+        known: &mut [T],
+        scratch: &mut [T],
+    ) -> Result<(), MemoryError> {
+        self.0[..].add_known(from, times, known, scratch)
+    }
+
+    fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
+        self.0[..].add_leading(increments, force, scratch);
+    }
+
+    fn visit_leading(&self, nodes: usize, visit: impl FnMut(usize, usize, T, &Matrix<T>)) {
+        self.0[..].visit_leading(nodes, visit);
+    }
+
+    fn leading_is_constant(&self) -> bool {
+        self.0[..].leading_is_constant()
+    }
+
+    fn push(&mut self, from: &[T], sample: &Sample<'_, T>, scratch: &mut [T]) -> Result<(), MemoryError> {
+        self.0[..].push(from, sample, scratch)
+    }
+}
+
+impl<T: Elementary + Scalar> Stepper for Machine<T> {
+    fn step(&mut self, input: &[f64]) -> Result<u32, StepError> {
+        for (index, place) in self.input.iter_mut().enumerate() {
+            *place = input.get(index).map_or(T::zero(), |&number| T::of(number));
+        }
+        self.integrator.step(&self.input)
+    }
+
+    fn time(&self) -> f64 {
+        self.integrator.time().to_f64()
+    }
+
+    fn read(&self, position: &mut [f64], momentum: &mut [f64]) {
+        let state = self.integrator.state();
+        position.iter_mut().zip(&state.position).for_each(|(place, number)| *place = number.to_f64());
+        momentum.iter_mut().zip(&state.momentum).for_each(|(place, number)| *place = number.to_f64());
+    }
+
+    fn energy(&mut self) -> f64 {
+        self.integrator.energy().to_f64()
+    }
+
+    fn engines(&self) -> Vec<Engine> {
+        self.integrator.damping().0.iter().map(|term| term.memory().engine()).collect()
+    }
+
+    fn overruns(&self) -> Option<usize> {
+        let terms = self.integrator.damping().0.iter();
+        terms.filter_map(|term| term.memory().overruns()).reduce(|sum, more| sum + more)
+    }
+
+    fn memory_bytes(&self) -> usize {
+        self.integrator.damping().0.iter().map(|term| term.memory().bytes()).sum()
     }
 }

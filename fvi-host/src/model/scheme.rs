@@ -1,0 +1,232 @@
+//! The schemes of scenarios: any degree, any quadrature, known at run time.
+
+use super::space::{Dense, DenseEquations, Matrix};
+use crate::scenario::{ConvolutionFamily, Quadrature, Scenario, Scheme as ScenarioScheme};
+use fvi_core::{
+    Damping, DiscreteLagrangian, Equations, ExplicitEuler, Galerkin, ImplicitEuler, Kept, Mechanics,
+    ParameterError, Real, RungeKutta, Sampling, Scheme, Step, StepError, Tables, Workspace, gauss_rule,
+    lobatto_rule,
+};
+
+/// Any of the core's schemes, its tables on the heap.
+#[derive(Clone, Debug)]
+pub struct AnyScheme<T> {
+    weights: Vec<T>,
+    nodes: Vec<T>,
+    control_points: Vec<T>,
+    shapes: Vec<T>,
+    tests: Vec<T>,
+    kinetic: Vec<T>,
+    damped_at: DampedAt,
+}
+
+/// Where the fractional force acts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DampedAt {
+    /// At q_{k+1}, in the new momentum only.
+    MainNodes,
+    /// At the end of the step, in all equations; the memory stores the main nodes.
+    EndOfStep,
+    /// At the quadrature nodes, which the memory stores.
+    Nodes,
+}
+
+impl<T: Real> AnyScheme<T> {
+    /// The scheme of a scenario.
+    ///
+    /// # Errors
+    /// If degree, points and stages do not go together.
+    pub fn new(scenario: &Scenario) -> Result<Self, ParameterError> {
+        let degree = match scenario.scheme {
+            ScenarioScheme::LowOrder { kappa } => {
+                return Ok(Self::of(&Galerkin::low_order(T::of(kappa))?, DampedAt::MainNodes));
+            }
+            ScenarioScheme::ExplicitEuler => {
+                return Ok(Self::of(&ExplicitEuler::coefficients(), DampedAt::MainNodes));
+            }
+            ScenarioScheme::ImplicitEuler => {
+                return Ok(Self::of(&ImplicitEuler::coefficients(), DampedAt::EndOfStep));
+            }
+            ScenarioScheme::Galerkin { degree, .. } => degree,
+        };
+        let (damped_at, rule) = match scenario.convolution.family {
+            ConvolutionFamily::Bdf { .. } => {
+                let quadrature = scenario.scheme.quadrature().unwrap_or(Quadrature::Gauss(degree));
+                (DampedAt::MainNodes, Rule::of(quadrature)?)
+            }
+            ConvolutionFamily::RadauIia { stages } => (DampedAt::Nodes, Rule::radau_iia(stages)?),
+            ConvolutionFamily::LobattoIiic { stages } => (DampedAt::Nodes, Rule::lobatto_iiic(stages)?),
+        };
+        Self::galerkin(degree, &rule, damped_at)
+    }
+
+    fn galerkin(degree: usize, rule: &Rule, damped_at: DampedAt) -> Result<Self, ParameterError> {
+        let points = rule.nodes.len();
+        let numbers = |count: usize| vec![T::zero(); count];
+        let mut scheme = Self {
+            weights: super::vector(&rule.weights),
+            nodes: super::vector(&rule.nodes),
+            control_points: numbers(degree),
+            shapes: numbers(points * degree),
+            tests: numbers(points * degree),
+            kinetic: numbers(degree * degree),
+            damped_at,
+        };
+        let tables = Tables {
+            control_points: &mut scheme.control_points,
+            shapes: &mut scheme.shapes,
+            tests: &mut scheme.tests,
+            kinetic: &mut scheme.kinetic,
+        };
+        tables.fill(&rule.nodes, &rule.weights)?;
+        Ok(scheme)
+    }
+
+    fn of(galerkin: &Galerkin<T, 1, 1>, damped_at: DampedAt) -> Self {
+        let view = galerkin.view();
+        Self {
+            weights: view.weights.to_vec(),
+            nodes: view.nodes.to_vec(),
+            control_points: view.control_points.to_vec(),
+            shapes: view.shapes.to_vec(),
+            tests: view.tests.to_vec(),
+            kinetic: view.kinetic.to_vec(),
+            damped_at,
+        }
+    }
+
+    /// The discrete Lagrangian.
+    pub fn view(&self) -> DiscreteLagrangian<'_, T> {
+        DiscreteLagrangian {
+            weights: &self.weights,
+            nodes: &self.nodes,
+            control_points: &self.control_points,
+            shapes: &self.shapes,
+            tests: &self.tests,
+            kinetic: &self.kinetic,
+        }
+    }
+
+    /// Where the fractional force acts.
+    pub fn damped_at(&self) -> DampedAt {
+        self.damped_at
+    }
+}
+
+/// A quadrature on [0, 1].
+struct Rule {
+    nodes: Vec<f64>,
+    weights: Vec<f64>,
+}
+
+impl Rule {
+    fn of(quadrature: Quadrature) -> Result<Self, ParameterError> {
+        let points = quadrature.points();
+        let (mut nodes, mut weights) = (vec![0.0; points], vec![0.0; points]);
+        match quadrature {
+            Quadrature::Gauss(_) => gauss_rule(&mut nodes, &mut weights)?,
+            Quadrature::Lobatto(_) => lobatto_rule(&mut nodes, &mut weights)?,
+        }
+        Ok(Self { nodes, weights })
+    }
+
+    fn radau_iia(stages: usize) -> Result<Self, ParameterError> {
+        match stages {
+            1 => Ok(Self::of_method(&RungeKutta::<1>::radau_iia()?)),
+            2 => Ok(Self::of_method(&RungeKutta::<2>::radau_iia()?)),
+            _ => Ok(Self::of_method(&RungeKutta::<3>::radau_iia()?)),
+        }
+    }
+
+    fn lobatto_iiic(stages: usize) -> Result<Self, ParameterError> {
+        match stages {
+            2 => Ok(Self::of_method(&RungeKutta::<2>::lobatto_iiic()?)),
+            3 => Ok(Self::of_method(&RungeKutta::<3>::lobatto_iiic()?)),
+            _ => Ok(Self::of_method(&RungeKutta::<4>::lobatto_iiic()?)),
+        }
+    }
+
+    fn of_method<const R: usize>(method: &RungeKutta<R>) -> Self {
+        let quadrature = method.quadrature();
+        Self { nodes: quadrature.nodes().to_vec(), weights: quadrature.weights().to_vec() }
+    }
+}
+
+/// The room of a step, and what a linear system keeps between steps.
+#[derive(Clone, Debug)]
+pub struct Room<T> {
+    increments: Vec<T>,
+    residual: Vec<T>,
+    stages: Vec<T>,
+    forces: Vec<T>,
+    known: Vec<T>,
+    scratch: Vec<T>,
+    times: Vec<T>,
+    point: Vec<T>,
+    stiffness: Matrix<T>,
+    matrix: DenseEquations<T>,
+    kept: Kept<<DenseEquations<T> as Equations<T, Matrix<T>>>::Kept>,
+}
+
+impl<T: Real> Scheme<T, Dense> for AnyScheme<T> {
+    type Storage = Room<T>;
+
+    fn storage<G: Mechanics<T, Dense>>(&self, space: &Dense, mechanics: &G) -> Room<T> {
+        let (size, degree, points) = (space.coordinates, self.control_points.len(), self.nodes.len());
+        let samples = self.sampling().nodes();
+        let numbers = |count: usize| vec![T::zero(); count * size];
+        Room {
+            increments: numbers(degree),
+            residual: numbers(degree),
+            stages: numbers(points),
+            forces: numbers(points),
+            known: numbers(samples),
+            scratch: numbers(samples + 1),
+            times: vec![T::zero(); samples],
+            point: numbers(1),
+            stiffness: mechanics.stiffness(),
+            matrix: DenseEquations::new(size, degree),
+            kept: Kept::nothing(Vec::new()),
+        }
+    }
+
+    fn sampling(&self) -> Sampling<'_, T> {
+        match self.damped_at {
+            DampedAt::MainNodes | DampedAt::EndOfStep => Sampling::MainNodes,
+            DampedAt::Nodes => Sampling::Nodes(&self.nodes),
+        }
+    }
+
+    fn step<G: Mechanics<T, Dense>, D: Damping<T, Dense>>(
+        &self,
+        room: &mut Room<T>,
+        mechanics: &mut G,
+        damping: &mut D,
+        step: &Step<'_, T>,
+        position: &mut Vec<T>,
+        momentum: &mut Vec<T>,
+    ) -> Result<u32, StepError> {
+        let mut work = Workspace::<T, Dense, _> {
+            increments: &mut room.increments,
+            residual: &mut room.residual,
+            stages: &mut room.stages,
+            forces: &mut room.forces,
+            known: &mut room.known,
+            scratch: &mut room.scratch,
+            times: &mut room.times,
+            point: &mut room.point,
+            stiffness: &mut room.stiffness,
+            matrix: &mut room.matrix,
+            kept: &mut room.kept,
+        };
+        let state = (position, momentum);
+        match self.damped_at {
+            DampedAt::MainNodes => {
+                self.view().step_damped_at_main_nodes(&mut work, mechanics, damping, step, state)
+            }
+            DampedAt::EndOfStep | DampedAt::Nodes => {
+                self.view().step_damped_at_nodes(&mut work, mechanics, damping, step, state)
+            }
+        }
+    }
+}

@@ -1,0 +1,289 @@
+//! Vectors and matrices of as many coordinates as a scenario has.
+
+use fvi_core::{Block, Equations, MatrixError, Real, Singular, Space};
+use fvi_core::{add_multiple, factor, invert_factored, is_positive_definite_in_place, multiply_columns};
+use std::sync::Arc;
+
+/// The space of N coordinates, N known at run time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Dense {
+    /// N.
+    pub coordinates: usize,
+}
+
+impl<T: Real> Space<T> for Dense {
+    type Vector = Vec<T>;
+    type Block = Matrix<T>;
+
+    fn coordinates(&self) -> usize {
+        self.coordinates
+    }
+
+    fn zeros(&self) -> Vec<T> {
+        vec![T::zero(); self.coordinates]
+    }
+
+    fn slice(vector: &Vec<T>) -> &[T] {
+        vector
+    }
+
+    fn slice_mut(vector: &mut Vec<T>) -> &mut [T] {
+        vector
+    }
+}
+
+/// An N×N matrix, stored as it deserves.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Matrix<T> {
+    /// Diagonal entries.
+    Diagonal(Vec<T>),
+    /// All entries, column by column.
+    Dense(Vec<T>),
+    /// Some entries.
+    Sparse(Sparse<T>),
+}
+
+/// The entries of a matrix that need not be zero, row by row.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sparse<T> {
+    pattern: Arc<Pattern>,
+    /// One number for each place of the pattern.
+    pub values: Vec<T>,
+}
+
+/// The places of a sparse matrix.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Pattern {
+    /// Where each row begins, and where the last one ends.
+    starts: Vec<usize>,
+    columns: Vec<usize>,
+}
+
+impl Pattern {
+    /// The pattern of the given places, in any order, repetitions allowed.
+    pub fn new(rows: usize, mut places: Vec<(usize, usize)>) -> Self {
+        places.sort_unstable();
+        places.dedup();
+        let mut starts = vec![0; rows + 1];
+        for &(row, _) in &places {
+            starts[row + 1] += 1;
+        }
+        for row in 0..rows {
+            starts[row + 1] += starts[row];
+        }
+        Self { starts, columns: places.into_iter().map(|(_, column)| column).collect() }
+    }
+
+    /// Where in the values the entry of a place lies; the place must be one of the pattern's.
+    pub fn slot(&self, row: usize, column: usize) -> usize {
+        let start = self.starts[row];
+        start + self.columns[start..self.starts[row + 1]].partition_point(|&other| other < column)
+    }
+
+    /// Number of places.
+    pub fn len(&self) -> usize {
+        self.columns.len()
+    }
+
+    /// Whether there is no place at all.
+    pub fn is_empty(&self) -> bool {
+        self.columns.is_empty()
+    }
+
+    /// Each row as its range of slots.
+    fn rows(&self) -> impl Iterator<Item = std::ops::Range<usize>> {
+        self.starts.windows(2).map(|ends| ends[0]..ends[1])
+    }
+}
+
+impl<T: Real> Sparse<T> {
+    /// The zero matrix with a pattern.
+    pub fn zero(pattern: Arc<Pattern>) -> Self {
+        let values = vec![T::zero(); pattern.len()];
+        Self { pattern, values }
+    }
+}
+
+impl<T: Real> Matrix<T> {
+    /// The entries of a symmetric matrix of `size` rows from those of its lower triangle.
+    pub fn symmetric(size: usize, lower: impl Iterator<Item = (usize, usize, T)> + Clone) -> Self {
+        if lower.clone().all(|(row, column, _)| row == column) {
+            let mut diagonal = vec![T::zero(); size];
+            lower.for_each(|(row, _, entry)| diagonal[row] += entry);
+            return Self::Diagonal(diagonal);
+        }
+        let both = |(row, column, _): (usize, usize, T)| [(row, column), (column, row)];
+        let pattern = Pattern::new(size, lower.clone().flat_map(both).collect());
+        // Half full is as good as full.
+        if 2 * pattern.len() > size * size {
+            let mut dense = vec![T::zero(); size * size];
+            for (row, column, entry) in lower {
+                dense[column * size + row] += entry;
+                if row != column {
+                    dense[row * size + column] += entry;
+                }
+            }
+            return Self::Dense(dense);
+        }
+        let mut sparse = Sparse::zero(Arc::new(pattern));
+        for (row, column, entry) in lower {
+            let slot = sparse.pattern.slot(row, column);
+            sparse.values[slot] += entry;
+            if row != column {
+                let mirrored = sparse.pattern.slot(column, row);
+                sparse.values[mirrored] += entry;
+            }
+        }
+        Self::Sparse(sparse)
+    }
+
+    /// Each entry that need not be zero, as (row, column, entry).
+    pub fn entries(&self) -> Vec<(usize, usize, T)> {
+        match self {
+            Self::Diagonal(diagonal) => {
+                diagonal.iter().enumerate().map(|(index, &entry)| (index, index, entry)).collect()
+            }
+            Self::Dense(columns) => {
+                let size = columns.len().isqrt();
+                let place = |(index, &entry)| (index % size, index / size, entry);
+                columns.iter().enumerate().map(place).collect()
+            }
+            Self::Sparse(sparse) => {
+                let rows = sparse.pattern.rows().enumerate();
+                let places = rows.flat_map(|(row, slots)| slots.map(move |slot| (row, slot)));
+                places.map(|(row, slot)| (row, sparse.pattern.columns[slot], sparse.values[slot])).collect()
+            }
+        }
+    }
+}
+
+impl<T: Real> Block<T> for Matrix<T> {
+    #[inline]
+    fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]) {
+        match self {
+            Self::Diagonal(diagonal) => {
+                for ((out, &entry), &x) in out.iter_mut().zip(diagonal).zip(x) {
+                    *out += entry * x * factor;
+                }
+            }
+            Self::Dense(columns) => {
+                for (column, &x) in columns.chunks_exact(out.len().max(1)).zip(x) {
+                    add_multiple(out, x * factor, column);
+                }
+            }
+            Self::Sparse(sparse) => {
+                for (out, slots) in out.iter_mut().zip(sparse.pattern.rows()) {
+                    let entries = sparse.pattern.columns[slots.clone()].iter().zip(&sparse.values[slots]);
+                    let sum = entries.fold(T::zero(), |sum, (&column, &entry)| sum + entry * x[column]);
+                    *out += sum * factor;
+                }
+            }
+        }
+    }
+
+    fn add_to(&self, factor: T, target: &mut [T], width: usize, row: usize, column: usize) {
+        let rows = target.chunks_exact_mut(width.max(1)).skip(row);
+        match self {
+            Self::Diagonal(diagonal) => {
+                for (index, (numbers, &entry)) in rows.zip(diagonal).enumerate() {
+                    numbers[column + index] += entry * factor;
+                }
+            }
+            Self::Dense(columns) => {
+                let size = columns.len().isqrt();
+                for (index, numbers) in rows.take(size).enumerate() {
+                    let entries = columns.iter().skip(index).step_by(size);
+                    for (place, &entry) in numbers[column..].iter_mut().zip(entries) {
+                        *place += entry * factor;
+                    }
+                }
+            }
+            Self::Sparse(sparse) => {
+                for (numbers, slots) in rows.zip(sparse.pattern.rows()) {
+                    for slot in slots {
+                        numbers[column + sparse.pattern.columns[slot]] += sparse.values[slot] * factor;
+                    }
+                }
+            }
+        }
+    }
+
+    fn check_positive_semidefinite(&self) -> Result<(), MatrixError> {
+        let entries = self.entries();
+        if !entries.iter().all(|&(.., entry)| entry.is_finite()) {
+            return Err(MatrixError::NotFinite);
+        }
+        let largest = entries.iter().fold(T::zero(), |largest, &(.., entry)| largest.max(entry.abs()));
+        if largest == T::zero() {
+            return Ok(());
+        }
+        if let Self::Diagonal(diagonal) = self {
+            let negative = diagonal.iter().any(|&entry| entry < T::zero());
+            return if negative { Err(MatrixError::NotPositiveSemidefinite) } else { Ok(()) };
+        }
+        let size = match self {
+            Self::Sparse(sparse) => sparse.pattern.starts.len() - 1,
+            Self::Diagonal(entries) => entries.len(),
+            Self::Dense(entries) => entries.len().isqrt(),
+        };
+        let mut dense = vec![T::zero(); size * size];
+        self.add_to(T::one(), &mut dense, size, 0, 0);
+        // A lift by rounding makes a semidefinite matrix definite.
+        let lift = largest * T::EPSILON * T::from_count(64 * size as u64);
+        (0..size).for_each(|index| dense[index * size + index] += lift);
+        if is_positive_definite_in_place(&mut dense, size) {
+            Ok(())
+        } else {
+            Err(MatrixError::NotPositiveSemidefinite)
+        }
+    }
+}
+
+/// The equations of a step as a dense matrix.
+#[derive(Clone, Debug)]
+pub struct DenseEquations<T> {
+    /// Row by row.
+    entries: Vec<T>,
+    coordinates: usize,
+    pivots: Vec<usize>,
+    solution: Vec<T>,
+}
+
+impl<T: Real> DenseEquations<T> {
+    /// For N coordinates and S nodes.
+    pub fn new(coordinates: usize, nodes: usize) -> Self {
+        let size = coordinates * nodes;
+        let (entries, solution) = (vec![T::zero(); size * size], vec![T::zero(); size]);
+        Self { entries, coordinates, pivots: vec![0; size], solution }
+    }
+}
+
+impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
+    /// The inverse, column by column.
+    type Kept = Vec<T>;
+
+    fn clear(&mut self) {
+        self.entries.fill(T::zero());
+    }
+
+    fn add(&mut self, row: usize, column: usize, factor: T, block: &Matrix<T>) {
+        let (row, column) = (row * self.coordinates, column * self.coordinates);
+        block.add_to(factor, &mut self.entries, self.pivots.len(), row, column);
+    }
+
+    fn solve(&mut self, vector: &mut [T]) -> Result<(), Singular> {
+        fvi_core::solve(&mut self.entries, &mut self.pivots, vector)
+    }
+
+    fn keep(&mut self, kept: &mut Vec<T>) -> Result<(), Singular> {
+        factor(&mut self.entries, &mut self.pivots)?;
+        kept.resize(self.entries.len(), T::zero());
+        invert_factored(&self.entries, &self.pivots, kept);
+        Ok(())
+    }
+
+    fn solve_kept(&mut self, kept: &Vec<T>, vector: &mut [T]) {
+        multiply_columns(kept, vector, &mut self.solution);
+        vector.copy_from_slice(&self.solution);
+    }
+}
