@@ -3,6 +3,7 @@
 mod characteristic;
 #[cfg(test)]
 mod growth_tests;
+mod of_scenario;
 mod parts;
 mod polynomials;
 mod symbol;
@@ -11,6 +12,7 @@ mod winding;
 use characteristic::Characteristic;
 use fvi_core::{BdfOrder, ParameterError};
 use nalgebra::{Cholesky, DMatrix};
+pub(crate) use of_scenario::check_step;
 use parts::{Part, parts};
 
 /// Where the fractional force acts, and the convolution quadrature behind it.

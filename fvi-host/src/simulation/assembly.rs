@@ -4,85 +4,23 @@ use super::Stepper;
 use crate::engine::{EngineError, HostMemory, MemoryRequest};
 use crate::expression::Elementary;
 use crate::model::{self, ExpressionForce, ExpressionPotential, ScenarioSystem};
-use crate::scenario::{self, ConvolutionFamily, Engine, InputError, Problem, Scenario};
-use crate::stage_stability::{LinearSystem, StageDamping, check_stage_stability};
+use crate::scenario::{self, Engine, InputError, Problem, Scenario};
+use crate::stability;
 use fvi_core::{
-    AffineForce, BdfOrder, Damping, DampingTerm, Derivative, ExplicitDamping, Force, Galerkin, Instant,
-    Integrator, Mass, Memory, MemoryError, MemoryShape, ParameterError, Potential, RungeKutta, Scheme,
-    Stability, StepError, check_stability,
+    AffineForce, Damping, DampingTerm, Derivative, Force, Instant, Integrator, Memory, MemoryError,
+    MemoryShape, Potential, Scheme, StepError,
 };
 use fvi_fft::Scalar;
-use nalgebra::{SMatrix, SVector};
+use nalgebra::{DMatrix, SMatrix, SVector};
 
-/// Refuses a step that is too long for the explicit fractional force.
-pub(super) fn check_step<const N: usize, const S: usize, const Q: usize>(
-    scenario: &Scenario,
-    scheme: &Galerkin<f64, S, Q>,
-) -> Result<(), InputError> {
-    let ConvolutionFamily::Bdf { order } = scenario.convolution.family else { return Ok(()) };
-    if scenario.time.allow_unstable {
-        return Ok(());
-    }
-    let bdf_order = BdfOrder::new(order).map_err(|_| {
-        scenario.error_at("convolution.order", Problem::OutOfRange { allowed: "1 to 6".to_owned() })
-    })?;
-    let explicit = |term: &scenario::Damping| ExplicitDamping {
-        coefficients: model::coefficients(&term.coefficient),
-        damping_order: term.order,
-        bdf_order,
-    };
-    let damping: Vec<ExplicitDamping<f64, N>> = scenario.system.damping.iter().map(explicit).collect();
-    let (mass, stiffness) = mass_and_stiffness(scenario)?;
-    judge(scenario, check_stability(scheme, &mass, &stiffness, &damping, scenario.time.step))
-}
-
-/// Refuses a step at which the damping at the stages of a Runge–Kutta method makes a motion grow.
-pub(super) fn check_stage_step<const N: usize, const R: usize>(
-    scenario: &Scenario,
-    method: &RungeKutta<R>,
-    degree: usize,
-) -> Result<(), InputError> {
-    if scenario.time.allow_unstable {
-        return Ok(());
-    }
-    let at_stages = |term: &scenario::Damping| StageDamping {
-        coefficients: model::coefficients(&term.coefficient),
-        damping_order: term.order,
-    };
-    let damping: Vec<StageDamping<N>> = scenario.system.damping.iter().map(at_stages).collect();
-    let (mass, stiffness) = mass_and_stiffness(scenario)?;
-    let system = LinearSystem { mass: mass.matrix().to_matrix(), stiffness };
-    judge(scenario, check_stage_stability(method, degree, &system, &damping, scenario.time.step))
-}
-
-/// M and ∂²U/∂q² − ∂F/∂q at the initial position in the middle of the first step.
-fn mass_and_stiffness<const N: usize>(
-    scenario: &Scenario,
-) -> Result<(Mass<f64, N>, SMatrix<f64, N, N>), InputError> {
+/// Refuses a step at which motions near the start grow.
+pub(super) fn check_step<const N: usize>(scenario: &Scenario) -> Result<(), InputError> {
     let system = system::<f64, N>(scenario)?;
     let position = model::vector(&scenario.initial.position);
     let instant = Instant::in_step(0.0, 0.5, scenario.time.step);
-    let stiffness = system.potential.hessian(&position) - system.force.jacobian(instant, &position);
-    Ok((system.mass, stiffness))
-}
-
-fn judge(scenario: &Scenario, verdict: Result<Stability, ParameterError>) -> Result<(), InputError> {
-    match verdict {
-        Ok(Stability::Unstable { largest_stable_step }) => {
-            let largest_step = three_digits_below(largest_stable_step);
-            Err(scenario.error_at("time.step", Problem::Unstable { largest_step }))
-        }
-        Ok(Stability::Stable) => Ok(()),
-        Err(error) => {
-            Err(scenario.error_at("time.step", Problem::OutOfRange { allowed: error.allowed.to_owned() }))
-        }
-    }
-}
-
-/// A positive number cut to three digits: a step of that size passes the check.
-fn three_digits_below(number: f64) -> f64 {
-    let unit = libm::exp10(libm::log10(number).floor() - 2.0);
-    (number / unit).floor() * unit
+    let stiffness: SMatrix<f64, N, N> =
+        system.potential.hessian(&position) - system.force.jacobian(instant, &position);
+    stability::check_step(scenario, &DMatrix::from_fn(N, N, |i, j| stiffness[(i, j)]))
 }
 
 fn system<T: Elementary, const N: usize>(scenario: &Scenario) -> Result<ScenarioSystem<T, N>, InputError> {

@@ -1,6 +1,6 @@
 //! From a scenario's numbers to the core's types.
 
-use super::assembly::{assemble, check_stage_step, check_step};
+use super::assembly::{assemble, check_step};
 use super::{Precision, Stepper};
 use crate::expression::Elementary;
 use crate::scenario::{ConvolutionFamily, InputError, Problem, Quadrature, Scenario, Scheme};
@@ -52,9 +52,9 @@ fn one_node<T: Elementary + Scalar, const N: usize>(scenario: &Scenario) -> Made
             let refused = |_| {
                 scenario.error_at("scheme.kappa", Problem::OutOfRange { allowed: "0 ≤ κ ≤ 1".to_owned() })
             };
-            let checked = Galerkin::low_order(kappa).map_err(refused)?;
-            check_step::<N, 1, 1>(scenario, &checked)?;
-            assemble::<T, N, 1, _>(scenario, Galerkin::low_order(T::of(kappa)).map_err(refused)?)
+            let scheme = Galerkin::low_order(T::of(kappa)).map_err(refused)?;
+            check_step::<N>(scenario)?;
+            assemble::<T, N, 1, _>(scenario, scheme)
         }
         Scheme::Galerkin { .. } => Err(wrong_shape(scenario)),
     }
@@ -118,7 +118,7 @@ fn main_nodes<const N: usize, const S: usize>(
     rule: &fvi_core::Quadrature<POINTS>,
 ) -> Made {
     let scheme = Galerkin::<f64, S, POINTS>::new(rule).map_err(|_| wrong_shape(scenario))?;
-    check_step::<N, S, POINTS>(scenario, &scheme)?;
+    check_step::<N>(scenario)?;
     assemble::<f64, N, 1, _>(scenario, scheme)
 }
 
@@ -130,7 +130,7 @@ fn at_stages<const N: usize, const S: usize, const R: usize>(scenario: &Scenario
     let refused = |_| wrong_shape(scenario);
     let method = method.map_err(refused)?;
     let scheme = StageGalerkin::<f64, S, R>::new(&method).map_err(refused)?;
-    check_stage_step::<N, R>(scenario, &method, S)?;
+    check_step::<N>(scenario)?;
     assemble::<f64, N, R, _>(scenario, scheme)
 }
 
