@@ -183,9 +183,7 @@ pub fn converge(
             Ok(Outcome::Done { seconds }) => (seconds, None),
             Ok(Outcome::Failed { reason }) => (0.0, Some(reason)),
             Err(ConvergeError::Input(error)) => match error.problem() {
-                Problem::Unstable { largest_step } => {
-                    (0.0, Some(format!("unstable: the largest stable step is {largest_step:.2e}")))
-                }
+                problem @ Problem::Unstable { .. } => (0.0, Some(problem.to_string())),
                 _ => return Err(ConvergeError::Input(error)),
             },
             Err(error) => return Err(error),

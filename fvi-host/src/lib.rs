@@ -19,7 +19,7 @@ mod run_pictures;
 pub mod runge_kutta_weights;
 pub mod scenario;
 pub mod simulation;
-pub mod stage_stability;
+pub mod stability;
 pub mod starting;
 pub mod trajectory;
 pub mod two_point;

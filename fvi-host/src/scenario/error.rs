@@ -205,11 +205,13 @@ pub enum Problem {
         /// Where.
         place: String,
     },
-    /// The step is so long that the fractional force makes motions grow.
-    #[error("unstable: the largest stable step is about {largest_step:.2e}")]
+    /// The step is so long that motions grow that should not.
+    #[error("unstable: {}", largest_stable(*.largest_step))]
     Unstable {
-        /// The largest stable step.
-        largest_step: f64,
+        /// The largest stable step; `None` if there is none worth naming.
+        largest_step: Option<f64>,
+        /// What to change.
+        advice: String,
     },
     /// A value that the core refuses in the precision of the run.
     #[error("cannot be used in this precision: {reason}")]
@@ -240,6 +242,13 @@ pub enum Problem {
     },
 }
 
+fn largest_stable(step: Option<f64>) -> String {
+    match step {
+        Some(step) => format!("the largest stable step is about {step:.2e}"),
+        None => "motions grow at every shorter step too".to_owned(),
+    }
+}
+
 impl Problem {
     /// What is allowed instead, where that can be said.
     pub fn allowed(&self) -> Option<String> {
@@ -257,10 +266,7 @@ impl Problem {
                 Some("allowed: a symmetric positive semidefinite matrix (diagonal: every number ≥ 0)".to_owned())
             }
             Self::Expression(error) => error.advice(),
-            Self::Unstable { .. } => Some(
-                "take a shorter `time.step`, a lower `convolution.order` (with stages: a lower `scheme.degree`), or set `time.allow_unstable = true` to run anyway"
-                    .to_owned(),
-            ),
+            Self::Unstable { advice, .. } => Some(advice.clone()),
             _ => None,
         }
     }

@@ -1,0 +1,195 @@
+//! Whether a step is short enough: the growing motions of a linearised scheme, counted.
+
+mod characteristic;
+#[cfg(test)]
+mod growth_tests;
+mod of_scenario;
+mod parts;
+mod polynomials;
+mod symbol;
+mod winding;
+
+use characteristic::Characteristic;
+use fvi_core::{BdfOrder, ParameterError};
+use nalgebra::{Cholesky, DMatrix};
+pub(crate) use of_scenario::check_step;
+use parts::{Part, parts};
+
+/// Where the fractional force acts, and the convolution quadrature behind it.
+#[derive(Clone, Debug, PartialEq)]
+pub enum DampingForm {
+    /// Explicitly at the main nodes q_k.
+    MainNodes {
+        /// The backward differentiation formula.
+        order: BdfOrder,
+    },
+    /// At the quadrature nodes, each with its own sequence of values, implicitly.
+    Nodes {
+        /// The backward differentiation formula.
+        order: BdfOrder,
+    },
+    /// At the stages of a stiffly accurate Runge–Kutta method, whose nodes and weights are those of the quadrature, implicitly.
+    Stages {
+        /// A of the method.
+        matrix: DMatrix<f64>,
+    },
+}
+
+/// A scheme as far as stability goes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Discretisation {
+    /// Degree S of the polynomials; 1 with one node at 1 − κ is the low-order scheme.
+    pub degree: usize,
+    /// Quadrature nodes c_i on [0, 1].
+    pub nodes: Vec<f64>,
+    /// Quadrature weights b_i.
+    pub weights: Vec<f64>,
+    /// Where the fractional force acts.
+    pub form: DampingForm,
+}
+
+/// A damping term ρ D^β q.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LinearDamping {
+    /// ρ, symmetric and positive semidefinite.
+    pub coefficients: DMatrix<f64>,
+    /// Damping order β = 2α.
+    pub damping_order: f64,
+}
+
+/// M q̈ + K q + Σ_m ρ_m D^{β_m} q = 0, in coordinates where M is the identity.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LinearSystem {
+    stiffness: DMatrix<f64>,
+    damping: Vec<LinearDamping>,
+}
+
+impl LinearSystem {
+    /// The system of a mass matrix M, a stiffness K = ∂²U/∂q² − ∂F/∂q, symmetric or not, and damping terms.
+    ///
+    /// # Errors
+    /// If M is not positive definite.
+    pub fn new(
+        mass: &DMatrix<f64>,
+        stiffness: &DMatrix<f64>,
+        mut damping: Vec<LinearDamping>,
+    ) -> Result<Self, ParameterError> {
+        let refused = ParameterError {
+            parameter: "smallest diagonal entry of the mass matrix",
+            value: mass.diagonal().min(),
+            allowed: "that of a positive definite matrix",
+        };
+        let factor = Cholesky::new(mass.clone()).ok_or(refused)?.l();
+        let inverse = factor.try_inverse().ok_or(refused)?;
+        let in_new_coordinates = |matrix: &DMatrix<f64>| &inverse * matrix * inverse.transpose();
+        for term in &mut damping {
+            term.coefficients = in_new_coordinates(&term.coefficients);
+        }
+        Ok(Self { stiffness: in_new_coordinates(stiffness), damping })
+    }
+}
+
+/// What the check finds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Verdict {
+    /// No motion grows.
+    Stable,
+    /// Some motion grows.
+    Unstable {
+        /// The largest shorter step at which none does, to four digits; `None` if there is none above 10⁻¹² of the step.
+        largest_stable_step: Option<f64>,
+    },
+}
+
+/// Growth of a motion over the whole run that is let pass.
+const GROWTH: f64 = 2.0;
+
+/// The least and the largest growth in a step that is told from none: by rounding, and in short runs.
+const MARGINS: (f64, f64) = (1e-7, 1e-3);
+
+/// Checks whether a step is short enough for runs of this length.
+///
+/// With motions q_k = z^{−k} v the equations of a step are A(z) v = 0 (`characteristic.rs`). Every zero of det A in |z| < 1 is a
+/// motion that grows, and a motion that grows is such a zero. They are counted by the argument principle, on a circle a
+/// little inside |z| = 1: a motion may grow by the factor 2 over the run. So what neither grows nor decays is accepted, as are undamped
+/// systems. Where the system itself makes motions grow (K not positive semidefinite, forces that do not come from a potential)
+/// none may grow more than twice as fast as the system's fastest can.
+///
+/// Matrices that commute are split into their modes. Parts of more than 40 coupled coordinates are taken apart along the modes of K, and
+/// along those of ρ, without what couples these: then the check is no more than a good sign.
+///
+/// K is that of the initial point, so for nonlinear problems the check is local.
+pub fn check_stability(
+    discretisation: &Discretisation,
+    system: &LinearSystem,
+    step: f64,
+    steps: usize,
+) -> Verdict {
+    let orders = system.damping.iter().map(|term| term.damping_order).collect();
+    let check = Check {
+        characteristic: Characteristic::new(discretisation, orders),
+        parts: parts(system).into_iter().filter(|part| !is_always_stable(discretisation, part)).collect(),
+        end: step * steps.max(1) as f64,
+    };
+    if check.is_stable(step) {
+        return Verdict::Stable;
+    }
+    Verdict::Unstable { largest_stable_step: check.largest_stable_step(step) }
+}
+
+/// Whether a part is stable at every step.
+///
+/// A free motion is. So is the midpoint rule, undamped or with BDF 1 or 2 at its node: with w = (2/h)(1 − z)/(1 + z) the equation
+/// divided by w, along v, is
+///
+/// ```text
+/// w + k/w + Σ ρ (γ_p(z)/h)^β / w = 0 ,
+/// ```
+///
+/// and in |z| < 1 the first term has a positive real part, the others have none that is negative: on the upper half of |z| = 1,
+/// arg 1/w = π/2 and −π/2 ≤ arg γ_p ≤ 0, so arg γ_p^β/w stays within ±π/2 for 0 ≤ β ≤ 2; it is harmonic, so it does inside too.
+fn is_always_stable(discretisation: &Discretisation, part: &Part) -> bool {
+    if !part.is_damped() && part.stiffness.amax() == 0.0 {
+        return true;
+    }
+    let mut nodes = discretisation.nodes.iter().zip(&discretisation.weights).filter(|(_, weight)| **weight != 0.0);
+    let midpoint = discretisation.degree == 1 && nodes.all(|(&node, _)| node == 0.5);
+    let passive = match discretisation.form {
+        DampingForm::Nodes { order } => order.get() <= 2,
+        DampingForm::MainNodes { .. } | DampingForm::Stages { .. } => false,
+    };
+    midpoint && (passive || !part.is_damped()) && part.growth_rate() == 0.0
+}
+
+struct Check {
+    characteristic: Characteristic,
+    parts: Vec<Part>,
+    end: f64,
+}
+
+impl Check {
+    fn is_stable(&self, step: f64) -> bool {
+        let margin = (libm::log(GROWTH) * step / self.end).clamp(MARGINS.0, MARGINS.1);
+        self.parts.iter().all(|part| {
+            let radius = libm::exp(-margin.max(2.0 * part.growth_rate() * step));
+            winding::zeros_inside(radius, |z| self.characteristic.logarithm(part, step, z)) == Some(0)
+        })
+    }
+
+    /// The first stable step below, by steps of a tenth and later by halves; then the limit above it to four digits.
+    fn largest_stable_step(&self, step: f64) -> Option<f64> {
+        let (mut low, mut high) = (step, step);
+        while !self.is_stable(low) {
+            high = low;
+            low *= if low > 0.1 * step { 0.9 } else { 0.5 };
+            if low < 1e-12 * step {
+                return None;
+            }
+        }
+        while high - low > 1e-4 * low {
+            let middle = 0.5 * (low + high);
+            if self.is_stable(middle) { low = middle } else { high = middle }
+        }
+        Some(low)
+    }
+}

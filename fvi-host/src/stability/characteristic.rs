@@ -1,0 +1,189 @@
+//! The characteristic function of a step: its zeros z are the motions q_k = z^{−k} v.
+
+use super::parts::Part;
+use super::polynomials::Polynomials;
+use super::symbol;
+use super::{DampingForm, Discretisation};
+use nalgebra::{Complex, DMatrix};
+use std::cell::RefCell;
+use std::collections::HashMap;
+use std::rc::Rc;
+
+/// The equations of a step for motions z^{−k} v, multiplied by h and by z^{−k−1}:
+///
+/// ```text
+/// A(z) v = 0 ,   A_νμ(z) = Σ_i b_i [ ψ̇_ν(c_i) φ̇_μ(c_i) M − h² ψ_ν(c_i) φ_μ(c_i) K ] − Σ_m h^{2−β_m} D^m_νμ(z) ρ_m
+/// ```
+///
+/// with φ₀ = z(1 − τ) + τ, ψ₀ = 1 − τ + zτ and the bubbles at both places for 0 < μ < S. The damping enters as
+///
+/// ```text
+/// main nodes:  D_00 = z γ_p(z)^β, all others zero           (h (D^β q)_k in the equation of q_k)
+/// nodes:       D_νμ = γ_p(z)^β Σ_i b_i ψ_ν(c_i) φ_μ(c_i)
+/// stages:      D_νμ = Σ_i b_i ψ_ν(c_i) Σ_j (Δ(z)^β)_ij φ_μ(c_j)
+/// ```
+pub(super) struct Characteristic {
+    degree: usize,
+    polynomials: Polynomials,
+    form: Form,
+    orders: Vec<f64>,
+    /// What does not depend on h, by the bits of z: the search for a stable step returns to the same places.
+    known: RefCell<HashMap<[u64; 2], Rc<Factors>>>,
+}
+
+enum Form {
+    MainNodes(fvi_core::BdfOrder),
+    Nodes(fvi_core::BdfOrder),
+    Stages { inverse: DMatrix<f64> },
+}
+
+/// The factors of M, K and the ρ_m at one place z, S×S.
+struct Factors {
+    kinetic: DMatrix<Complex<f64>>,
+    elastic: DMatrix<Complex<f64>>,
+    damped: Vec<DMatrix<Complex<f64>>>,
+}
+
+impl Characteristic {
+    pub(super) fn new(discretisation: &Discretisation, orders: Vec<f64>) -> Self {
+        let form = match &discretisation.form {
+            DampingForm::MainNodes { order } => Form::MainNodes(*order),
+            DampingForm::Nodes { order } => Form::Nodes(*order),
+            DampingForm::Stages { matrix } => {
+                let size = matrix.nrows();
+                let inverse = matrix.clone().try_inverse().unwrap_or_else(|| DMatrix::zeros(size, size));
+                Form::Stages { inverse }
+            }
+        };
+        Self {
+            degree: discretisation.degree,
+            polynomials: Polynomials::new(
+                discretisation.degree,
+                &discretisation.nodes,
+                &discretisation.weights,
+            ),
+            form,
+            orders,
+            known: RefCell::default(),
+        }
+    }
+
+    /// A logarithm of det A(z) up to a positive factor; `None` where it is zero or not finite.
+    pub(super) fn logarithm(&self, part: &Part, step: f64, z: Complex<f64>) -> Option<Complex<f64>> {
+        let factors = self.factors(z);
+        let (size, rows) = (part.size(), part.size() * self.degree);
+        let mut matrix = vec![Complex::ZERO; rows * rows];
+        let mut add = |factor: Complex<f64>, of: &DMatrix<f64>, nu: usize, mu: usize| {
+            for i in 0..size {
+                for j in 0..size {
+                    matrix[(nu * size + i) * rows + mu * size + j] += factor * of[(i, j)];
+                }
+            }
+        };
+        let identity = DMatrix::identity(size, size);
+        for nu in 0..self.degree {
+            for mu in 0..self.degree {
+                add(factors.kinetic[(nu, mu)], &identity, nu, mu);
+                add(-factors.elastic[(nu, mu)] * (step * step), &part.stiffness, nu, mu);
+                for ((rho, damped), order) in part.damping.iter().zip(&factors.damped).zip(&self.orders) {
+                    add(-damped[(nu, mu)] * libm::pow(step, 2.0 - order), rho, nu, mu);
+                }
+            }
+        }
+        log_determinant(&mut matrix, rows)
+    }
+
+    fn factors(&self, z: Complex<f64>) -> Rc<Factors> {
+        let place = [z.re.to_bits(), z.im.to_bits()];
+        if let Some(factors) = self.known.borrow().get(&place) {
+            return Rc::clone(factors);
+        }
+        let factors = Rc::new(self.factors_at(z));
+        self.known.borrow_mut().insert(place, Rc::clone(&factors));
+        factors
+    }
+
+    fn factors_at(&self, z: Complex<f64>) -> Factors {
+        let Polynomials { weights, values, kinetic, elastic } = &self.polynomials;
+        let one = Complex::new(1.0, 0.0);
+        // Of the ends, 0 and 1, ψ₀ and φ₀ are combinations.
+        let wide = |to: &DMatrix<f64>, [left, right]: [Complex<f64>; 2]| {
+            DMatrix::from_fn(to.nrows(), self.degree, |row, mu| match mu {
+                0 => left * to[(row, 0)] + right * to[(row, 1)],
+                _ => one * to[(row, mu + 1)],
+            })
+        };
+        let (trial, test) = ([z, one], [one, z]);
+        let both = |products: &DMatrix<f64>| {
+            let half = wide(products, trial);
+            DMatrix::from_fn(self.degree, self.degree, |nu, mu| match nu {
+                0 => test[0] * half[(0, mu)] + test[1] * half[(1, mu)],
+                _ => half[(nu + 1, mu)],
+            })
+        };
+        let elastic = both(elastic);
+        let damped = self.orders.iter().map(|&order| match &self.form {
+            Form::MainNodes(formula) => {
+                let mut only = DMatrix::zeros(self.degree, self.degree);
+                only[(0, 0)] = z * symbol::bdf(*formula, order, z);
+                only
+            }
+            Form::Nodes(formula) => &elastic * symbol::bdf(*formula, order, z),
+            Form::Stages { inverse } => {
+                let mut tests = wide(values, test);
+                for (mut row, &weight) in tests.row_iter_mut().zip(weights) {
+                    row *= Complex::new(weight, 0.0);
+                }
+                tests.transpose() * symbol::runge_kutta(inverse, order, z) * wide(values, trial)
+            }
+        });
+        let damped = damped.collect();
+        Factors { kinetic: both(kinetic), elastic, damped }
+    }
+}
+
+/// ln det of a matrix given row by row, by elimination with pivots of a column; `None` for zero and what is not finite.
+fn log_determinant(matrix: &mut [Complex<f64>], rows: usize) -> Option<Complex<f64>> {
+    let mut sum = Complex::ZERO;
+    for column in 0..rows {
+        let size = |row: usize| matrix[row * rows + column].norm_sqr();
+        let pivot_row = (column..rows).max_by(|&a, &b| size(a).total_cmp(&size(b)))?;
+        let pivot = matrix[pivot_row * rows + column];
+        if pivot == Complex::ZERO || !(pivot.re.is_finite() && pivot.im.is_finite()) {
+            return None;
+        }
+        sum += Complex::new(libm::log(pivot.norm()), libm::atan2(pivot.im, pivot.re));
+        if pivot_row != column {
+            sum.im += std::f64::consts::PI;
+            for j in column..rows {
+                matrix.swap(pivot_row * rows + j, column * rows + j);
+            }
+        }
+        let (above, below) = matrix.split_at_mut((column + 1) * rows);
+        let pivots = &above[column * rows + column + 1..];
+        let inverse = pivot.inv();
+        for row in below.chunks_exact_mut(rows) {
+            let factor = row[column] * inverse;
+            if factor != Complex::ZERO {
+                row[column + 1..].iter_mut().zip(pivots).for_each(|(entry, pivot)| *entry -= factor * pivot);
+            }
+        }
+    }
+    Some(sum)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_logarithm_of_a_determinant_with_exchanged_rows() {
+        // det [0 2i; 3 1] = −6i.
+        let entry = Complex::new;
+        let mut matrix = [entry(0.0, 0.0), entry(0.0, 2.0), entry(3.0, 0.0), entry(1.0, 0.0)];
+        let found = log_determinant(&mut matrix, 2).unwrap();
+        assert!((found.re - 6f64.ln()).abs() < 1e-15);
+        assert!((found.im.sin() + 1.0).abs() < 1e-15);
+        assert_eq!(log_determinant(&mut [entry(0.0, 0.0); 4], 2), None);
+    }
+}

@@ -1,0 +1,186 @@
+//! A linear system cut into parts that do not act on each other.
+
+use super::LinearSystem;
+use nalgebra::{DMatrix, SymmetricEigen};
+
+/// Coupling between coordinates, relative to the largest entry of its matrix, that counts as none.
+const ROUNDING: f64 = 1e-12;
+
+/// Most coordinates of one part; in larger ones the coupling between the modes is neglected.
+pub(super) const LARGEST_PART: usize = 40;
+
+/// A part of the system, in coordinates where the mass matrix is the identity.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Part {
+    /// K.
+    pub(super) stiffness: DMatrix<f64>,
+    /// ρ of each term.
+    pub(super) damping: Vec<DMatrix<f64>>,
+}
+
+impl Part {
+    /// Number of coordinates.
+    pub(super) fn size(&self) -> usize {
+        self.stiffness.nrows()
+    }
+
+    /// Whether any term acts on it.
+    pub(super) fn is_damped(&self) -> bool {
+        self.damping.iter().any(|term| term.amax() > 0.0)
+    }
+
+    /// No motion of the part grows faster than e^{σt}.
+    ///
+    /// Where s² + k + iκ + Σ ρ s^β = 0 with ρ ≥ 0, k and iκ the symmetric and skew parts of K along the motion, and Re s > 0, then
+    /// (Re s)² ≤ max(−k, 0) + |κ|/2: the imaginary part of the equation bounds 2 Re s |Im s| by |κ|, the real part the rest.
+    pub(super) fn growth_rate(&self) -> f64 {
+        let transposed = self.stiffness.transpose();
+        let symmetric = (&self.stiffness + &transposed) * 0.5;
+        let skew = (&self.stiffness - &transposed) * 0.5;
+        let smallest = symmetric.symmetric_eigenvalues().min();
+        let rounding = 1e-14 * self.size() as f64 * self.stiffness.amax();
+        let pushing = if -smallest > rounding { -smallest } else { 0.0 };
+        let turning = skew.norm();
+        libm::sqrt(pushing + if turning > rounding { 0.5 * turning } else { 0.0 })
+    }
+}
+
+/// The parts of a system.
+///
+/// In the eigenvectors of a combination of all matrices those that commute become diagonal together: then every mode is a part. What
+/// remains coupled stays together. With a stiffness that is not symmetric the coordinates stay as they are.
+pub(super) fn parts(system: &LinearSystem) -> Vec<Part> {
+    let size = system.stiffness.nrows();
+    let mut matrices = vec![system.stiffness.clone()];
+    matrices.extend(system.damping.iter().map(|term| term.coefficients.clone()));
+    let symmetric = (&matrices[0] - matrices[0].transpose()).amax() <= ROUNDING * matrices[0].amax();
+    if symmetric && size > 1 {
+        turn(&mut matrices, |index| libm::sqrt(2.0 + index as f64));
+    }
+    let mut found = components(&matrices);
+    if found.iter().any(|members| members.len() > LARGEST_PART) {
+        return neglecting_coupling(&matrices);
+    }
+    found.iter_mut().for_each(|members| members.sort_unstable());
+    let mut parts: Vec<Part> = found.iter().map(|members| part(&matrices, members)).collect();
+    // Of equal modes one is enough.
+    parts.sort_by(|a, b| order(a).partial_cmp(&order(b)).unwrap_or(std::cmp::Ordering::Equal));
+    parts.dedup_by(|a, b| a.size() == 1 && b.size() == 1 && order(a) == order(b));
+    parts
+}
+
+/// Turns all matrices into the eigenvectors of their combination with these factors.
+fn turn(matrices: &mut [DMatrix<f64>], factor: impl Fn(usize) -> f64) {
+    let size = matrices[0].nrows();
+    let combination = matrices.iter().enumerate().fold(DMatrix::zeros(size, size), |sum, (index, matrix)| {
+        let largest = matrix.amax();
+        if largest > 0.0 { sum + matrix * (factor(index) / largest) } else { sum }
+    });
+    let vectors = SymmetricEigen::new((&combination + combination.transpose()) * 0.5).eigenvectors;
+    for matrix in matrices {
+        *matrix = vectors.transpose() * &*matrix * &vectors;
+    }
+}
+
+/// The coordinates that are coupled with each other, directly or through others.
+fn components(matrices: &[DMatrix<f64>]) -> Vec<Vec<usize>> {
+    let size = matrices[0].nrows();
+    let coupled = |i: usize, j: usize| {
+        matrices.iter().any(|of| of[(i, j)].abs().max(of[(j, i)].abs()) > ROUNDING * of.amax())
+    };
+    let mut free: Vec<usize> = (0..size).collect();
+    let mut found = Vec::new();
+    while let Some(first) = free.pop() {
+        let mut members = vec![first];
+        let mut next = 0;
+        while next < members.len() {
+            let from = members[next];
+            let (joined, left): (Vec<_>, Vec<_>) = free.into_iter().partition(|&to| coupled(from, to));
+            members.extend(joined);
+            free = left;
+            next += 1;
+        }
+        found.push(members);
+    }
+    found
+}
+
+fn part(matrices: &[DMatrix<f64>], members: &[usize]) -> Part {
+    let of = |matrix: &DMatrix<f64>| {
+        let block =
+            DMatrix::from_fn(members.len(), members.len(), |i, j| matrix[(members[i], members[j])]);
+        // A number that stands for zero is zero, so that undamped modes are known as such.
+        let rounding = ROUNDING * matrix.amax();
+        if block.amax() <= rounding { DMatrix::zeros(members.len(), members.len()) } else { block }
+    };
+    let (stiffness, damping) = matrices.split_first().map_or((&matrices[0], &[][..]), |split| split);
+    Part { stiffness: of(stiffness), damping: damping.iter().map(of).collect() }
+}
+
+/// Every mode of the stiffness, and every mode of the damping, by itself.
+fn neglecting_coupling(matrices: &[DMatrix<f64>]) -> Vec<Part> {
+    let one_by_one = |matrices: &[DMatrix<f64>]| -> Vec<Part> {
+        (0..matrices[0].nrows()).map(|index| part(matrices, &[index])).collect()
+    };
+    let (mut elastic, mut damped) = (matrices.to_vec(), matrices.to_vec());
+    turn(&mut elastic, |index| if index == 0 { 1.0 } else { 0.0 });
+    turn(&mut damped, |index| if index == 0 { 0.0 } else { 1.0 });
+    [one_by_one(&elastic), one_by_one(&damped)].concat()
+}
+
+/// Numbers of a part to sort by, to eight digits.
+fn order(part: &Part) -> Vec<f64> {
+    let digits = |number: &f64| {
+        let unit = libm::exp10(libm::log10(number.abs()).floor() - 8.0);
+        if unit > 0.0 { (number / unit).round() * unit } else { 0.0 }
+    };
+    let numbers = part.stiffness.iter().chain(part.damping.iter().flat_map(|term| term.iter()));
+    std::iter::once(part.size() as f64).chain(numbers.map(digits)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::LinearDamping;
+    use super::*;
+    use nalgebra::dmatrix;
+
+    fn system(mass: DMatrix<f64>, stiffness: DMatrix<f64>, rho: DMatrix<f64>) -> LinearSystem {
+        let damping = vec![LinearDamping { coefficients: rho, damping_order: 0.5 }];
+        LinearSystem::new(&mass, &stiffness, damping).unwrap()
+    }
+
+    #[test]
+    fn modes_come_apart_where_the_matrices_commute() {
+        let stiffness = dmatrix![2.0, -1.0, 0.0; -1.0, 2.0, -1.0; 0.0, -1.0, 2.0];
+        let mass = dmatrix![2.0, 0.3, 0.0; 0.3, 1.0, 0.1; 0.0, 0.1, 3.0];
+        let proportional = system(mass.clone(), stiffness.clone(), &mass * 0.1 + &stiffness * 0.2);
+        let found = parts(&proportional);
+        assert_eq!(found.len(), 3);
+        for part in found {
+            let (k, rho) = (part.stiffness[(0, 0)], part.damping[0][(0, 0)]);
+            assert!((rho - 0.1 - 0.2 * k).abs() < 1e-14);
+        }
+        let one_damper = system(mass, stiffness, dmatrix![1.0, 0.0, 0.0; 0.0, 0.0, 0.0; 0.0, 0.0, 0.0]);
+        assert_eq!(parts(&one_damper).len(), 1);
+    }
+
+    #[test]
+    fn equal_modes_are_looked_at_once_and_couplings_are_followed() {
+        let rho = DMatrix::identity(3, 3);
+        assert_eq!(parts(&system(DMatrix::identity(3, 3), DMatrix::identity(3, 3) * 4.0, rho)).len(), 1);
+        let turning = dmatrix![1.0, 0.5, 0.0; -0.5, 1.0, 0.0; 0.0, 0.0, 3.0];
+        let sizes: Vec<usize> =
+            parts(&system(DMatrix::identity(3, 3), turning, DMatrix::zeros(3, 3))).iter().map(Part::size).collect();
+        assert_eq!(sizes, [1, 2]);
+    }
+
+    #[test]
+    fn the_growth_rate_bounds_that_of_unstable_equilibria() {
+        let of = |stiffness| parts(&system(DMatrix::identity(2, 2), stiffness, DMatrix::zeros(2, 2)));
+        let rates: Vec<f64> = of(dmatrix![-4.0, 0.0; 0.0, 9.0]).iter().map(Part::growth_rate).collect();
+        assert_eq!(rates, [2.0, 0.0]);
+        // A force that turns: s² = −1 ± 0.5i, Re s = 0.2429.
+        let rate = of(dmatrix![1.0, 0.5; -0.5, 1.0])[0].growth_rate();
+        assert!((0.2429..0.7).contains(&rate), "{rate}");
+    }
+}

@@ -1,0 +1,130 @@
+//! Generating functions of convolution quadratures inside the unit circle, by their principal branches.
+
+use fvi_core::BdfOrder;
+use nalgebra::{Complex, DMatrix, Schur};
+
+/// γ_p(z)^β for |z| < 1.
+///
+/// The formulas are A(ϑ)-stable, so γ_p takes no value on the negative real axis there, and the principal branch is the one that
+/// continues γ_p(0)^β > 0.
+pub(super) fn bdf(order: BdfOrder, exponent: f64, z: Complex<f64>) -> Complex<f64> {
+    let difference = Complex::new(1.0, 0.0) - z;
+    let mut sum = Complex::ZERO;
+    for i in (1..=order.get()).rev() {
+        sum = (sum + 1.0 / i as f64) * difference;
+    }
+    scalar_power(sum, exponent)
+}
+
+/// Δ(z)^β for |z| < 1, with Δ(z) = A⁻¹ − z A⁻¹ 1 bᵀ A⁻¹ and b the last row of A.
+///
+/// The methods are A-stable: the eigenvalues of Δ(z) lie in the right half-plane.
+pub(super) fn runge_kutta(inverse: &DMatrix<f64>, exponent: f64, z: Complex<f64>) -> DMatrix<Complex<f64>> {
+    let stages = inverse.nrows();
+    let sums = inverse.column_sum();
+    // bᵀA⁻¹ is the last unit vector.
+    let delta = DMatrix::from_fn(stages, stages, |i, j| {
+        let entry = Complex::new(inverse[(i, j)], 0.0);
+        if j + 1 == stages { entry - z * sums[i] } else { entry }
+    });
+    matrix_power(&delta, exponent)
+}
+
+fn scalar_power(base: Complex<f64>, exponent: f64) -> Complex<f64> {
+    if exponent == 0.0 {
+        return Complex::new(1.0, 0.0);
+    }
+    let (size, angle) = (libm::pow(base.norm(), exponent), exponent * libm::atan2(base.im, base.re));
+    Complex::new(size * libm::cos(angle), size * libm::sin(angle))
+}
+
+/// Principal power, 0 ≤ exponent < 2, of a matrix without eigenvalues on the negative real axis.
+///
+/// Square roots of the triangular factor of Schur's decomposition until it is near the identity, the binomial series, and
+/// squares. Eigenvalues may coincide.
+fn matrix_power(matrix: &DMatrix<Complex<f64>>, exponent: f64) -> DMatrix<Complex<f64>> {
+    let size = matrix.nrows();
+    if exponent == 0.0 {
+        return DMatrix::identity(size, size);
+    }
+    if exponent == 1.0 {
+        return matrix.clone();
+    }
+    if exponent > 1.0 {
+        return matrix_power(matrix, exponent - 1.0) * matrix;
+    }
+    let (unitary, triangular) = Schur::new(matrix.clone()).unpack();
+    let identity = DMatrix::<Complex<f64>>::identity(size, size);
+    let (mut root, mut roots) = (triangular.clone(), 0);
+    while roots < 40 && (&root - &identity).norm() > 0.2 {
+        root = triangular_root(&root);
+        roots += 1;
+    }
+    let away = &identity - root;
+    let (mut term, mut power) = (identity.clone(), identity);
+    for j in 1..40 {
+        term = &term * &away * Complex::new((f64::from(j) - 1.0 - exponent) / f64::from(j), 0.0);
+        power += &term;
+        if term.norm() < 1e-18 {
+            break;
+        }
+    }
+    for _ in 0..roots {
+        power = &power * &power;
+    }
+    for i in 0..size {
+        power[(i, i)] = scalar_power(triangular[(i, i)], exponent);
+    }
+    &unitary * power * unitary.adjoint()
+}
+
+/// Principal square root of an upper triangular matrix.
+fn triangular_root(matrix: &DMatrix<Complex<f64>>) -> DMatrix<Complex<f64>> {
+    let size = matrix.nrows();
+    let mut root = DMatrix::zeros(size, size);
+    for column in 0..size {
+        root[(column, column)] = matrix[(column, column)].sqrt();
+        for row in (0..column).rev() {
+            let between: Complex<f64> = (row + 1..column).map(|k| root[(row, k)] * root[(k, column)]).sum();
+            root[(row, column)] =
+                (matrix[(row, column)] - between) / (root[(row, row)] + root[(column, column)]);
+        }
+    }
+    root
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::dmatrix;
+
+    #[test]
+    fn powers_of_a_matrix_form_a_semigroup() {
+        // Radau IIA of two stages, close to the branch point too.
+        let inverse = dmatrix![1.5, 0.5; -4.5, 2.5];
+        for z in [Complex::new(0.3, 0.9), Complex::new(1.0 - 1e-6, 1e-7), Complex::new(-0.999, 0.0)] {
+            for (a, b) in [(0.3, 0.5), (0.9, 0.95), (0.25, 0.75)] {
+                let product = runge_kutta(&inverse, a, z) * runge_kutta(&inverse, b, z);
+                let error = (&product - runge_kutta(&inverse, a + b, z)).norm() / product.norm();
+                assert!(error < 1e-12, "{z}, {a} + {b}: {error:e}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_branch_of_the_formulas_is_the_one_of_the_power_series() {
+        // Σ w_n zⁿ well inside the circle, where arg γ₆ passes 160° towards it.
+        let order = BdfOrder::new(6).unwrap();
+        for exponent in [0.5, 1.2, 1.9] {
+            let mut weights = vec![0.0; 4000];
+            fvi_core::ConvolutionWeights::bdf(order, exponent, 1.0).unwrap().fill(&mut weights);
+            for angle in [0.4, 0.9, 1.6, 3.0f64] {
+                let z = Complex::new(angle.cos(), angle.sin()) * 0.99;
+                let series: Complex<f64> =
+                    weights.iter().rev().fold(Complex::ZERO, |sum, &weight| sum * z + weight);
+                let error = (series - bdf(order, exponent, z)).norm();
+                assert!(error < 1e-9, "β = {exponent}, {angle}: {error:e}");
+            }
+        }
+    }
+}

@@ -1,0 +1,91 @@
+//! Zeros of an analytic function inside a circle, by the argument principle.
+
+use nalgebra::Complex;
+use std::f64::consts::PI;
+
+/// Increment of the logarithm between neighbouring points that is taken for followed.
+const FOLLOWED: f64 = 0.5;
+
+/// Parts of the half-circle to begin with, and how often they are halved at most: down to 10⁻¹³.
+const PARTS: usize = 16;
+const HALVINGS: u32 = 41;
+
+/// Number of zeros in |z| < radius of a function with real coefficients, given by any branch of its logarithm.
+///
+/// The phase is followed over the upper half of the circle, from the real axis to the real axis; the conjugate half turns as much.
+/// Intervals are halved until the logarithm, size and phase, changes little over both halves of each. Unlike the phase alone that
+/// cannot miss several zeros that lie together near the circle: they would turn the phase by a multiple of 2π, but on the way the
+/// function is small.
+///
+/// `None` where a zero lies on the circle, or the function is not finite.
+pub(super) fn zeros_inside(
+    radius: f64,
+    logarithm: impl Fn(Complex<f64>) -> Option<Complex<f64>>,
+) -> Option<usize> {
+    let at = |angle: f64| {
+        let value = logarithm(Complex::new(radius * libm::cos(angle), radius * libm::sin(angle)))?;
+        (value.re.is_finite() && value.im.is_finite()).then_some((angle, value))
+    };
+    let mut intervals = Vec::new();
+    let mut left = at(0.0)?;
+    for part in 1..=PARTS {
+        let right = at(PI * part as f64 / PARTS as f64)?;
+        intervals.push((left, right, 0));
+        left = right;
+    }
+    let mut turned = 0.0;
+    while let Some((left, right, halvings)) = intervals.pop() {
+        let middle = at(0.5 * (left.0 + right.0))?;
+        let (first, second) = (increment(left.1, middle.1), increment(middle.1, right.1));
+        if first.norm() < FOLLOWED && second.norm() < FOLLOWED {
+            turned += first.im + second.im;
+        } else if halvings < HALVINGS {
+            intervals.push((left, middle, halvings + 1));
+            intervals.push((middle, right, halvings + 1));
+        } else {
+            return None;
+        }
+    }
+    let zeros = (turned / PI).round();
+    (zeros >= 0.0 && (turned / PI - zeros).abs() < 0.1).then_some(zeros as usize)
+}
+
+/// Difference of two logarithms, its phase in [−π, π].
+fn increment(from: Complex<f64>, to: Complex<f64>) -> Complex<f64> {
+    let phase = to.im - from.im;
+    Complex::new(to.re - from.re, phase - 2.0 * PI * (phase / (2.0 * PI)).round())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn count(radius: f64, zeros: &[(f64, f64)]) -> Option<usize> {
+        zeros_inside(radius, |z| {
+            let product: Complex<f64> = zeros
+                .iter()
+                .map(|&(size, angle)| {
+                    let zero = |sign: f64| Complex::new(size * angle.cos(), sign * size * angle.sin());
+                    (z - zero(1.0)) * (z - zero(-1.0))
+                })
+                .product();
+            Some(Complex::new(product.norm().ln(), product.arg()))
+        })
+    }
+
+    #[test]
+    fn zeros_close_to_the_circle_are_told_apart_together_and_alone() {
+        let radius = 1.0 - 1e-6;
+        for angle in [1e-5, 0.01, 0.7, 2.0, 3.1] {
+            for gap in [1e-1, 1e-3, 1e-7] {
+                let (inside, outside) = ((radius - gap, angle), (radius + gap, angle));
+                assert_eq!(count(radius, &[inside]), Some(2));
+                assert_eq!(count(radius, &[outside]), Some(0));
+                assert_eq!(count(radius, &[outside; 3]), Some(0), "three at {angle}, {gap}");
+                assert_eq!(count(radius, &[inside; 3]), Some(6), "three at {angle}, {gap}");
+                assert_eq!(count(radius, &[inside, outside, (radius + 0.5, 1.0)]), Some(2));
+            }
+        }
+        assert_eq!(count(0.5, &[(0.5, 1.0)]), None);
+    }
+}
