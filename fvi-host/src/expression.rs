@@ -26,19 +26,23 @@ mod syntax;
 mod tree;
 
 pub use elementary::Elementary;
+pub(crate) use function::Function;
 pub(crate) use syntax::nearest;
 pub use syntax::{ExpressionError, ExpressionFault};
 
 use fvi_core::Real;
 use jet::{FirstOrder, Jet, SecondOrder};
 use nalgebra::{SMatrix, SVector};
-use tree::Node;
+use std::collections::HashMap;
+pub(crate) use tree::{Kind, LARGEST_MULTIPLIED, Node, Operator, power};
 
 /// The names an expression may use besides numbers, functions and `pi`.
 #[derive(Clone, Debug, Default)]
 pub struct Symbols {
     time: bool,
     variables: Vec<String>,
+    /// Where each variable stands in `variables`: a chain of N coordinates names them some 4N times.
+    indices: HashMap<String, usize>,
     parameters: Vec<(String, f64)>,
 }
 
@@ -56,7 +60,10 @@ impl Symbols {
 
     /// Adds variables; their order is the order of the derivatives.
     pub fn with_variables(mut self, names: impl IntoIterator<Item = String>) -> Self {
-        self.variables.extend(names);
+        for name in names {
+            self.indices.entry(name.clone()).or_insert(self.variables.len());
+            self.variables.push(name);
+        }
         self
     }
 
@@ -88,7 +95,7 @@ impl Symbols {
         let numbered = name
             .strip_prefix('q')
             .is_some_and(|rest| !rest.is_empty() && rest.bytes().all(|digit| digit.is_ascii_digit()));
-        if numbered || self.variables.iter().any(|variable| variable == name) {
+        if numbered || self.indices.contains_key(name) {
             return Err(ParameterNameError::Variable);
         }
         self.parameters.push((name.to_owned(), value));
@@ -102,7 +109,7 @@ impl Symbols {
         if name == "t" && self.time {
             return Some(Node::time());
         }
-        if let Some(index) = self.variables.iter().position(|variable| variable == name) {
+        if let Some(&index) = self.indices.get(name) {
             return Some(Node::variable(index));
         }
         self.parameters.iter().find(|(known, _)| known == name).map(|&(_, value)| Node::number(value))
@@ -144,8 +151,8 @@ pub enum ParameterNameError {
 /// moved by 8 units of rounding, far more than both roundings and far less than a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moment<T> {
-    time: T,
-    sided: T,
+    pub(crate) time: T,
+    pub(crate) sided: T,
 }
 
 impl<T: Real> Moment<T> {
@@ -194,6 +201,11 @@ impl Expression {
     /// Whether any variable occurs in it (after constants are folded).
     pub fn has_variables(&self) -> bool {
         self.root.varies()
+    }
+
+    /// What it says, as a tree.
+    pub(crate) fn root(&self) -> &Node {
+        &self.root
     }
 
     /// The value at a moment and a point. `variables` in the order of [`Symbols::with_variables`].

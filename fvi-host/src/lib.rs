@@ -21,6 +21,7 @@ pub mod scenario;
 pub mod simulation;
 pub mod stability;
 pub mod starting;
+pub mod tape;
 pub mod trajectory;
 pub mod two_point;
 pub mod vectorised;

@@ -28,21 +28,26 @@ pub trait Elementary: Real {
     /// Γ(x).
     fn gamma_function(self) -> Self;
 
-    /// (ψ(x), ψ′(x)), the first two derivatives of ln Γ; computed in double precision.
+    /// (sin x, cos x), the same bits as from [`sine`](Self::sine) and [`cosine`](Self::cosine).
+    fn sine_cosine(self) -> (Self, Self);
+
+    /// ψ(x), the derivative of ln Γ; computed in double precision.
     ///
     /// Not-a-number for x < −1000, where Γ has long underflown to zero between its poles.
-    fn polygamma(self) -> (Self, Self) {
+    fn digamma_function(self) -> Self {
         let x = self.to_f64();
-        if x > -1000.0 {
-            (Self::of(x.digamma()), Self::of(x.trigamma()))
-        } else {
-            (Self::of(f64::NAN), Self::of(f64::NAN))
-        }
+        Self::of(if x > -1000.0 { x.digamma() } else { f64::NAN })
+    }
+
+    /// ψ′(x), likewise.
+    fn trigamma_function(self) -> Self {
+        let x = self.to_f64();
+        Self::of(if x > -1000.0 { x.trigamma() } else { f64::NAN })
     }
 }
 
 macro_rules! elementary {
-    ($scalar:ty, $($name:ident = $function:path),* $(,)?) => {
+    ($scalar:ty, $pair:path, $($name:ident = $function:path),* $(,)?) => {
         impl Elementary for $scalar {
             $(
                 #[inline]
@@ -50,12 +55,18 @@ macro_rules! elementary {
                     $function(self)
                 }
             )*
+
+            #[inline]
+            fn sine_cosine(self) -> (Self, Self) {
+                $pair(self)
+            }
         }
     };
 }
 
 elementary!(
     f64,
+    libm::sincos,
     square_root = libm::sqrt,
     exponential = libm::exp,
     logarithm = libm::log,
@@ -70,6 +81,7 @@ elementary!(
 
 elementary!(
     f32,
+    libm::sincosf,
     square_root = libm::sqrtf,
     exponential = libm::expf,
     logarithm = libm::logf,

@@ -5,8 +5,8 @@ use super::jet::Jet;
 use core::cmp::Ordering;
 
 /// A function of one or two arguments.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Function {
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub(crate) enum Function {
     Step,
     Sign,
     Abs,
@@ -67,7 +67,7 @@ impl Function {
     ///
     /// At a kink or jump the derivatives are those of neither side: `abs` has 0 at 0, `step` and `sign` have
     /// 0 everywhere.
-    pub(super) fn apply<T: Elementary, J: Jet<T>>(self, x: J) -> J {
+    pub(crate) fn apply<T: Elementary, J: Jet<T>>(self, x: J) -> J {
         let v = x.value();
         let (zero, one, two) = (T::zero(), T::one(), T::one() + T::one());
         match self {
@@ -122,7 +122,7 @@ impl Function {
                 let gamma = v.gamma_function();
                 x.chain(gamma, || {
                     // Γ′ = Γψ, Γ″ = Γ(ψ² + ψ′).
-                    let (first, second) = v.polygamma();
+                    let (first, second) = (v.digamma_function(), v.trigamma_function());
                     (gamma * first, gamma * (first * first + second))
                 })
             }

@@ -4,7 +4,7 @@ use super::Elementary;
 use nalgebra::{SMatrix, SVector};
 
 /// A number with its derivatives with respect to the variables, to some order.
-pub(super) trait Jet<T: Elementary>: Copy {
+pub(crate) trait Jet<T: Elementary>: Copy {
     fn constant(value: T) -> Self;
     fn value(&self) -> T;
     fn negate(self) -> Self;

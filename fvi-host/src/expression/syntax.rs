@@ -264,8 +264,9 @@ impl Parser<'_> {
     }
 
     fn join(&self, operator: Operator, left: Part, right: Part) -> Parsed<Part> {
-        let depth = 1 + left.depth.max(right.depth);
-        self.part(Node::operation(operator, left.node, right.node), left.start..right.end, depth)
+        let grows = !left.node.takes(operator, &right.node);
+        let depth = (left.depth + usize::from(grows)).max(right.depth + 1);
+        self.part(Node::join(operator, left.node, right.node), left.start..right.end, depth)
     }
 
     fn sum(&mut self) -> Parsed<Part> {
@@ -323,7 +324,8 @@ impl Parser<'_> {
         }
         let exponent = self.signed()?;
         self.nesting -= 1;
-        self.join(Operator::Power, base, exponent)
+        let depth = 1 + base.depth.max(exponent.depth);
+        self.part(Node::power(base.node, exponent.node), base.start..exponent.end, depth)
     }
 
     fn primary(&mut self) -> Parsed<Part> {

@@ -6,38 +6,55 @@ use super::jet::Jet;
 
 /// A part of an expression.
 #[derive(Clone, Debug)]
-pub(super) struct Node {
+pub(crate) struct Node {
     kind: Kind,
     /// Whether a variable occurs in it. Parts without variables are evaluated as plain numbers: that is
     /// cheap, and t^2.5 or sqrt(t) at t = 0 then have no derivative that could be infinite.
     varies: bool,
 }
 
+/// What a part is.
 #[derive(Clone, Debug)]
-enum Kind {
+pub(crate) enum Kind {
+    /// A number.
     Number(f64),
+    /// The time.
     Time,
     /// The time as seen from the side from which it is approached.
     SidedTime,
+    /// A variable, by its index.
     Variable(usize),
+    /// The negative of a part.
     Negation(Box<Node>),
-    Operation(Operator, Box<[Node; 2]>),
+    /// Operands joined from left to right by operators of one precedence: a sum or a product. A sum of a
+    /// hundred thousand terms is one part, not a hundred thousand nested ones.
+    Chain(Box<Node>, Vec<(Operator, Node)>),
+    /// Base and exponent.
+    Power(Box<[Node; 2]>),
+    /// A function of one argument.
     Call(Function, Box<Node>),
+    /// `min` or `max`.
     Choice(Function, Box<[Node; 2]>),
 }
 
-/// A binary operator.
+/// An operator that joins operands from left to right.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Operator {
+pub(crate) enum Operator {
     Add,
     Subtract,
     Multiply,
     Divide,
-    Power,
+}
+
+impl Operator {
+    /// Whether it joins the terms of a sum rather than the factors of a product.
+    pub(crate) fn is_additive(self) -> bool {
+        matches!(self, Self::Add | Self::Subtract)
+    }
 }
 
 impl Node {
-    pub(super) fn number(value: f64) -> Self {
+    pub(crate) fn number(value: f64) -> Self {
         Self { kind: Kind::Number(value), varies: false }
     }
 
@@ -49,14 +66,38 @@ impl Node {
         Self { kind: Kind::Variable(index), varies: true }
     }
 
-    pub(super) fn negation(inner: Self) -> Self {
+    pub(crate) fn negation(inner: Self) -> Self {
         let varies = inner.varies;
         Self { kind: Kind::Negation(Box::new(inner)), varies }.folded()
     }
 
-    pub(super) fn operation(operator: Operator, left: Self, right: Self) -> Self {
+    /// `left` joined with `right`: one more operand of `left` where it is a chain that can take it.
+    pub(crate) fn join(operator: Operator, mut left: Self, right: Self) -> Self {
+        if left.takes(operator, &right)
+            && let Kind::Chain(_, operands) = &mut left.kind
+        {
+            operands.push((operator, right));
+            return left;
+        }
         let varies = left.varies || right.varies;
-        Self { kind: Kind::Operation(operator, Box::new([left, right])), varies }.folded()
+        Self { kind: Kind::Chain(Box::new(left), vec![(operator, right)]), varies }.folded()
+    }
+
+    /// Whether [`join`](Self::join) makes the chain longer and not the tree deeper. A beginning without
+    /// variables stays a part of its own, which is evaluated as a plain number.
+    pub(super) fn takes(&self, operator: Operator, right: &Self) -> bool {
+        match &self.kind {
+            Kind::Chain(_, operands) => {
+                operands.last().is_some_and(|(last, _)| last.is_additive() == operator.is_additive())
+                    && (self.varies || !right.varies)
+            }
+            _ => false,
+        }
+    }
+
+    pub(super) fn power(base: Self, exponent: Self) -> Self {
+        let varies = base.varies || exponent.varies;
+        Self { kind: Kind::Power(Box::new([base, exponent])), varies }.folded()
     }
 
     pub(super) fn call(function: Function, mut argument: Self) -> Self {
@@ -72,12 +113,16 @@ impl Node {
         Self { kind: Kind::Choice(function, Box::new([left, right])), varies }.folded()
     }
 
-    pub(super) fn varies(&self) -> bool {
+    pub(crate) fn varies(&self) -> bool {
         self.varies
     }
 
+    pub(crate) fn kind(&self) -> &Kind {
+        &self.kind
+    }
+
     /// The number, if it is one.
-    pub(super) fn as_number(&self) -> Option<f64> {
+    pub(crate) fn as_number(&self) -> Option<f64> {
         match self.kind {
             Kind::Number(value) => Some(value),
             _ => None,
@@ -89,7 +134,11 @@ impl Node {
         let constant = match &self.kind {
             Kind::Number(_) | Kind::Time | Kind::SidedTime | Kind::Variable(_) => false,
             Kind::Negation(inner) | Kind::Call(_, inner) => inner.as_number().is_some(),
-            Kind::Operation(_, sides) | Kind::Choice(_, sides) => {
+            Kind::Chain(first, operands) => {
+                first.as_number().is_some()
+                    && operands.iter().all(|(_, operand)| operand.as_number().is_some())
+            }
+            Kind::Power(sides) | Kind::Choice(_, sides) => {
                 sides.iter().all(|side| side.as_number().is_some())
             }
         };
@@ -102,7 +151,11 @@ impl Node {
             Kind::Time => self.kind = Kind::SidedTime,
             Kind::Number(_) | Kind::SidedTime | Kind::Variable(_) => {}
             Kind::Negation(inner) | Kind::Call(_, inner) => inner.take_sides(),
-            Kind::Operation(_, sides) | Kind::Choice(_, sides) => sides.iter_mut().for_each(Self::take_sides),
+            Kind::Chain(first, operands) => {
+                first.take_sides();
+                operands.iter_mut().for_each(|(_, operand)| operand.take_sides());
+            }
+            Kind::Power(sides) | Kind::Choice(_, sides) => sides.iter_mut().for_each(Self::take_sides),
         }
     }
 
@@ -136,15 +189,20 @@ impl Node {
             Kind::Negation(inner) => of(inner).negate(),
             Kind::Call(function, argument) => function.apply(of(argument)),
             Kind::Choice(function, sides) => function.choose(of(&sides[0]), of(&sides[1])),
-            Kind::Operation(operator, sides) => {
-                let [left, right] = sides.as_ref();
-                match operator {
-                    Operator::Add => of(left).add(of(right)),
-                    Operator::Subtract => of(left).subtract(of(right)),
-                    Operator::Multiply => of(left).multiply(of(right)),
-                    Operator::Divide => of(left).divide(of(right)),
-                    Operator::Power if right.varies => varying_power(of(left), of(right), left.varies),
-                    Operator::Power => fixed_power(of(left), right.evaluate::<T, T>(time, sided, &[])),
+            Kind::Chain(first, operands) => {
+                operands.iter().fold(of(first), |joined, (operator, operand)| match operator {
+                    Operator::Add => joined.add(of(operand)),
+                    Operator::Subtract => joined.subtract(of(operand)),
+                    Operator::Multiply => joined.multiply(of(operand)),
+                    Operator::Divide => joined.divide(of(operand)),
+                })
+            }
+            Kind::Power(sides) => {
+                let [base, exponent] = sides.as_ref();
+                if exponent.varies {
+                    varying_power(of(base), of(exponent), base.varies)
+                } else {
+                    fixed_power(of(base), exponent.evaluate::<T, T>(time, sided, &[]))
                 }
             }
         }
@@ -175,14 +233,16 @@ fn varying_power<T: Elementary, J: Jet<T>>(base: J, exponent: J, base_varies: bo
     exponent.multiply(logarithm).chain(value, || (value, value))
 }
 
+/// Largest whole exponent that is taken by multiplication.
+pub(crate) const LARGEST_MULTIPLIED: u32 = 8;
+
 /// x^e: by multiplication for small whole exponents, which is exact where it can be and what anyone writing
 /// the formula out would compute; otherwise from `libm`. Negative bases take whole exponents only.
-fn power<T: Elementary>(x: T, exponent: T) -> T {
-    const LARGEST: i32 = 8;
+pub(crate) fn power<T: Elementary>(x: T, exponent: T) -> T {
     let mut whole = 0;
     let mut count = T::zero();
     let magnitude = exponent.abs();
-    while whole < LARGEST && count < magnitude {
+    while whole < LARGEST_MULTIPLIED && count < magnitude {
         whole += 1;
         count += T::one();
     }
