@@ -341,6 +341,10 @@ impl<T> Memory<T> for HostMemory<T> {
         self.memory.leading()
     }
 
+    fn leading_is_constant(&self) -> bool {
+        self.memory.leading_is_constant()
+    }
+
     fn len(&self) -> usize {
         self.memory.len()
     }

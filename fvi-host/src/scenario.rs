@@ -29,9 +29,6 @@ use document::Table;
 use serde::Serialize;
 use std::path::Path;
 
-/// Largest number of coordinates a scenario may have.
-pub const MAX_COORDINATES: usize = 8;
-
 /// A scenario with all its values checked.
 #[derive(Clone, Debug, Serialize)]
 pub struct Scenario {

@@ -3,7 +3,7 @@
 use crate::engine::{EngineError, HostMemory, MemoryRequest};
 use crate::expression::Elementary;
 use crate::model::{self, AnyScheme, Dense, Matrix, Model};
-use crate::scenario::{self, Engine, InputError, Problem, Scenario};
+use crate::scenario::{self, ConvolutionFamily, Engine, InputError, Problem, Scenario};
 use crate::stability;
 use fvi_core::{
     Damping, DampingTerm, Derivative, Instant, Integrator, IntegratorBuilder, IntegratorError, Mechanics,
@@ -61,7 +61,7 @@ impl Simulation {
     /// # Errors
     /// If settings of the scenario do not go together, or the step is too long to be stable.
     pub fn new(scenario: &Scenario, precision: Precision) -> Result<Self, InputError> {
-        stability::of_scenario::check_step(scenario, &stiffness(scenario)?)?;
+        stability::check_step(scenario, &stiffness(scenario)?)?;
         let stepper: Box<dyn Stepper> = match precision {
             Precision::F64 => Box::new(Machine::<f64>::new(scenario)?),
             Precision::F32 => Box::new(Machine::<f32>::new(scenario)?),
@@ -168,7 +168,11 @@ fn memory_request<'a>(scenario: &'a Scenario, nodes: usize, term: &scenario::Dam
         convolution: &scenario.convolution,
         exponent: term.order,
         step_size: scenario.time.step,
-        coordinates: scenario.coordinates(),
+        // Plain weights act on the sequence of every node by itself, matrix weights on all nodes together.
+        coordinates: match scenario.convolution.family {
+            ConvolutionFamily::Bdf { .. } => scenario.coordinates() * nodes,
+            _ => scenario.coordinates(),
+        },
         samples: scenario.time.steps.saturating_add(1),
         history: &scenario.history,
     }

@@ -158,6 +158,10 @@ impl<T: Real, M: Memory<T>, P: Memory<f64>> Memory<T> for StartingCorrection<T, 
         &self.leading
     }
 
+    fn leading_is_constant(&self) -> bool {
+        self.coefficients.is_some() || self.exponents.is_empty()
+    }
+
     fn len(&self) -> usize {
         self.memory.len()
     }

@@ -61,10 +61,10 @@ impl<T: Elementary> Model<T> {
         let turned: Vec<_> = force.pattern().iter().map(index).collect();
 
         let both = |(row, column): (usize, usize)| [(row, column), (column, row)];
-        let of_potential = springs.iter().map(|&(row, column, _)| (row, column)).chain(curved.iter().copied());
+        let of_potential =
+            springs.iter().map(|&(row, column, _)| (row, column)).chain(curved.iter().copied());
         let of_force = pushed.iter().map(|&(row, column, _)| (row, column)).chain(turned.iter().copied());
-        let pattern =
-            Arc::new(Pattern::new(size, of_potential.flat_map(both).chain(of_force).collect()));
+        let pattern = Arc::new(Pattern::new(size, of_potential.flat_map(both).chain(of_force).collect()));
         let slots = |&(row, column): &(usize, usize)| (pattern.slot(row, column), pattern.slot(column, row));
         let hessian_slots: Vec<_> = curved.iter().map(slots).collect();
         let jacobian_slots: Vec<_> = turned.iter().map(|&(row, column)| pattern.slot(row, column)).collect();
@@ -193,7 +193,8 @@ pub fn vector<T: Real>(numbers: &[f64]) -> Vec<T> {
 fn inverse<T: Real>(mass: &Matrix<T>, size: usize) -> Result<Matrix<T>, MatrixError> {
     if let Matrix::Diagonal(entries) = mass {
         let inverses: Vec<T> = entries.iter().map(|&entry| T::one() / entry).collect();
-        let good = entries.iter().zip(&inverses).all(|(entry, inverse)| *entry > T::zero() && inverse.is_finite());
+        let good =
+            entries.iter().zip(&inverses).all(|(entry, inverse)| *entry > T::zero() && inverse.is_finite());
         return if good { Ok(Matrix::Diagonal(inverses)) } else { Err(MatrixError::NotPositiveDefinite) };
     }
     let mut factors = vec![T::zero(); size * size];

@@ -3,9 +3,8 @@
 use super::space::{Dense, DenseEquations, Matrix};
 use crate::scenario::{ConvolutionFamily, Quadrature, Scenario, Scheme as ScenarioScheme};
 use fvi_core::{
-    Damping, DiscreteLagrangian, Equations, ExplicitEuler, Galerkin, ImplicitEuler, Kept, Mechanics,
-    ParameterError, Real, RungeKutta, Sampling, Scheme, Step, StepError, Tables, Workspace, gauss_rule,
-    lobatto_rule,
+    Damping, DiscreteLagrangian, ExplicitEuler, Galerkin, ImplicitEuler, Kept, Mechanics, ParameterError,
+    Real, RungeKutta, Sampling, Scheme, Step, StepError, Tables, Workspace, gauss_rule, lobatto_rule,
 };
 
 /// Any of the core's schemes, its tables on the heap.
@@ -165,7 +164,7 @@ pub struct Room<T> {
     point: Vec<T>,
     stiffness: Matrix<T>,
     matrix: DenseEquations<T>,
-    kept: Kept<<DenseEquations<T> as Equations<T, Matrix<T>>>::Kept>,
+    kept: Kept<Vec<T>>,
 }
 
 impl<T: Real> Scheme<T, Dense> for AnyScheme<T> {
