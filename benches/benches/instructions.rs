@@ -8,7 +8,7 @@ use std::hint::black_box;
 use fvi_benches::{
     ChainIntegrator, HISTORY, ShortMemoryDamping, noise, pendulum_chain, short_memory_damping,
 };
-use fvi_core::{BdfOrder, ConvolutionWeights, Damping, Memory};
+use fvi_core::{BdfOrder, ConvolutionWeights, Damping, Fixed, Memory};
 use fvi_fft::WeightTable;
 use fvi_fft::baseline::OfflineFft;
 use fvi_host::compare_engines::{Contender, Task};
@@ -83,7 +83,7 @@ fn with_full_memory() -> ChainIntegrator<ShortMemoryDamping<2>, 2> {
     integrator
 }
 
-fn steps<D: Damping<f64, N, 1>, const N: usize>(mut integrator: ChainIntegrator<D, N>) -> f64 {
+fn steps<D: Damping<f64, Fixed<N>>, const N: usize>(mut integrator: ChainIntegrator<D, N>) -> f64 {
     for _ in 0..STEPS {
         integrator.step(black_box(&SVector::zeros())).expect("a step");
     }

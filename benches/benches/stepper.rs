@@ -7,7 +7,7 @@ use fvi_benches::{ChainIntegrator, HISTORY, pendulum_chain, short_memory_damping
 use fvi_core::Damping;
 use nalgebra::SVector;
 
-fn step<D: Damping<f64, N, 1>, const N: usize>(
+fn step<D: Damping<f64, Fixed<N>>, const N: usize>(
     criterion: &mut Criterion,
     group: &str,
     mut integrator: ChainIntegrator<D, N>,

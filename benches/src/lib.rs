@@ -2,7 +2,7 @@
 #![forbid(unsafe_code)]
 
 use fvi_core::{
-    BdfOrder, Coefficients, Damping, DampingTerm, Derivative, FixedDirect, Galerkin, Integrator, Mass,
+    BdfOrder, Coefficients, Damping, DampingTerm, Derivative, Fixed, FixedDirect, Galerkin, Integrator, Mass,
     NoForce, Potential, System, leading_bdf_weight, monic_bdf_table,
 };
 use nalgebra::{SMatrix, SVector};
@@ -26,7 +26,8 @@ const STEP_SIZE: f64 = 0.01;
 static WEIGHTS: [f64; HISTORY + 1] = monic_bdf_table(BdfOrder::GRUNWALD_LETNIKOV, 0.5);
 
 /// Damping of order ½ on the latest 256 samples.
-pub type ShortMemoryDamping<const N: usize> = DampingTerm<f64, N, FixedDirect<'static, f64, N, HISTORY>>;
+pub type ShortMemoryDamping<const N: usize> =
+    DampingTerm<f64, Fixed<N>, FixedDirect<'static, f64, N, HISTORY>>;
 
 /// A [`ShortMemoryDamping`] without samples.
 pub fn short_memory_damping<const N: usize>() -> ShortMemoryDamping<N> {
@@ -69,16 +70,20 @@ impl<const N: usize> Potential<f64, N> for PendulumChain {
 
 /// The integrator of [`pendulum_chain`].
 pub type ChainIntegrator<D, const N: usize> =
-    Integrator<f64, N, 1, PendulumChain, NoForce, Galerkin<f64, 1, 1>, D>;
+    Integrator<f64, Fixed<N>, System<f64, N, PendulumChain, NoForce>, Galerkin<f64, 1, 1>, D>;
 
 /// A chain of pendulums, each let go one radian from where it hangs; low order with κ = ½.
-pub fn pendulum_chain<D: Damping<f64, N, 1>, const N: usize>(damping: D) -> ChainIntegrator<D, N> {
+pub fn pendulum_chain<D: Damping<f64, Fixed<N>>, const N: usize>(damping: D) -> ChainIntegrator<D, N> {
     let system = System {
         mass: Mass::diagonal([1.0; N]).expect("positive"),
         potential: PendulumChain,
         force: NoForce,
     };
     let scheme = Galerkin::low_order(0.5).expect("in range");
-    Integrator::new(system, scheme, damping, STEP_SIZE, SVector::repeat(1.0), SVector::zeros())
+    Integrator::builder(system, scheme, STEP_SIZE)
+        .damping(damping)
+        .position(SVector::repeat(1.0))
+        .momentum(SVector::zeros())
+        .build()
         .expect("good problem")
 }

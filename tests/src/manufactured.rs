@@ -1,6 +1,6 @@
 //! A nonlinear motion that is known because the force is made for it.
 
-use fvi_core::{Damping, Instant, Mass, Scheme, System, TimeForce};
+use fvi_core::{Damping, Fixed, Instant, Mass, Scheme, System, TimeForce};
 use nalgebra::{SVector, vector};
 
 use crate::convergence::largest_error;
@@ -15,9 +15,9 @@ fn derivative(n: f64, t: f64) -> f64 {
 /// with so many derivatives zero at the start that no method loses order there.
 ///
 /// `damping` is ρ D^β with ρ = `coefficient`, β = `damping_order`, in steps of 1/`steps`.
-pub fn manufactured_errors<const R: usize>(
-    scheme: impl Scheme<f64, 1, R>,
-    damping: impl Damping<f64, 1, R>,
+pub fn manufactured_errors(
+    scheme: impl Scheme<f64, Fixed<1>>,
+    damping: impl Damping<f64, Fixed<1>>,
     (coefficient, damping_order): (f64, f64),
     steps: usize,
 ) -> [f64; 2] {

@@ -1,7 +1,7 @@
 //! Runs of the integrator on test problems, with everything kept.
 
 use fvi_core::{
-    BdfOrder, Coefficients, ConvolutionWeights, Damping, DampingTerm, Derivative, FixedDirect, Force,
+    BdfOrder, Coefficients, ConvolutionWeights, Damping, DampingTerm, Derivative, Fixed, FixedDirect, Force,
     Integrator, Potential, Scheme, StepError, System,
 };
 use nalgebra::{SMatrix, SVector};
@@ -10,7 +10,7 @@ use nalgebra::{SMatrix, SVector};
 pub const CAPACITY: usize = 8200;
 
 /// A damping term on a full direct memory.
-pub type Term<'w, const N: usize> = DampingTerm<f64, N, FixedDirect<'w, f64, N, CAPACITY>>;
+pub type Term<'w, const N: usize> = DampingTerm<f64, Fixed<N>, FixedDirect<'w, f64, N, CAPACITY>>;
 
 /// Weights of D^`exponent` for the first `count` lags.
 pub fn weights(order: usize, exponent: f64, step_size: f64, count: usize) -> Vec<f64> {
@@ -62,7 +62,7 @@ impl<const N: usize> Motion<N> {
 ///
 /// # Errors
 /// The error of the first step that fails.
-pub fn integrate<const N: usize, const R: usize, P, F, S, D>(
+pub fn integrate<const N: usize, P, F, S, D>(
     system: System<f64, N, P, F>,
     scheme: S,
     damping: D,
@@ -73,11 +73,15 @@ pub fn integrate<const N: usize, const R: usize, P, F, S, D>(
 where
     P: Potential<f64, N>,
     F: Force<f64, N>,
-    S: Scheme<f64, N, R>,
-    D: Damping<f64, N, R>,
+    S: Scheme<f64, Fixed<N>>,
+    D: Damping<f64, Fixed<N>>,
 {
-    let mut integrator =
-        Integrator::new(system, scheme, damping, step_size, start.0, start.1).expect("a good problem");
+    let mut integrator = Integrator::builder(system, scheme, step_size)
+        .damping(damping)
+        .position(start.0)
+        .momentum(start.1)
+        .build()
+        .expect("a good problem");
     let mut motion = Motion { times: vec![], positions: vec![], momenta: vec![], energies: vec![] };
     for k in 0..=steps {
         if k > 0 {

@@ -1,6 +1,6 @@
 //! Damping at the stages of a Runge–Kutta convolution quadrature, on direct memories.
 
-use fvi_core::{Coefficients, DampingTerm, Derivative, Direct, Overflow, RungeKutta};
+use fvi_core::{Coefficients, DampingTerm, Derivative, Direct, Fixed, Overflow, RungeKutta};
 use fvi_host::runge_kutta_weights::RungeKuttaWeights;
 use heapless::Deque;
 
@@ -29,7 +29,7 @@ pub fn stage_term<const N: usize, const R: usize>(
     derivative: Derivative,
     step_size: f64,
     count: usize,
-) -> DampingTerm<f64, N, StageMemory> {
+) -> DampingTerm<f64, Fixed<N>, StageMemory> {
     let memory = stage_memory::<N, R>(method, damping_order, step_size, count);
     DampingTerm::new(coefficients, damping_order, derivative, memory).expect("good damping")
 }

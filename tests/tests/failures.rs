@@ -33,7 +33,12 @@ fn a_failed_step_can_be_tried_again_as_if_nothing_had_happened() {
         let damping = DampingTerm::new(diagonal(0.2), 0.5, Caputo, memory).unwrap();
         let system = System { mass: Mass::diagonal([1.0]).unwrap(), potential: Walled, force: NoForce };
         let scheme = Galerkin::low_order(0.5).unwrap();
-        Integrator::new(system, scheme, damping, 0.1, vector![0.5], vector![0.0]).unwrap()
+        Integrator::builder(system, scheme, 0.1)
+            .damping(damping)
+            .position(vector![0.5])
+            .momentum(vector![0.0])
+            .build()
+            .unwrap()
     };
     let (mut disturbed, mut undisturbed) = (make(), make());
     for k in 0..100 {
@@ -71,8 +76,12 @@ fn a_full_second_memory_leaves_the_first_one_alone() {
     let second = DampingTerm::new(diagonal(0.2), 0.5, Caputo, short).unwrap();
     let system = System { mass: Mass::diagonal([1.0]).unwrap(), potential: Walled, force: NoForce };
     let scheme = Galerkin::low_order(0.5).unwrap();
-    let mut integrator =
-        Integrator::new(system, scheme, (first, second), 0.1, vector![0.5], vector![0.0]).unwrap();
+    let mut integrator = Integrator::builder(system, scheme, 0.1)
+        .damping((first, second))
+        .position(vector![0.5])
+        .momentum(vector![0.0])
+        .build()
+        .unwrap();
     assert!(integrator.step(&vector![0.0]).is_ok());
     assert!(integrator.step(&vector![0.0]).is_ok());
     assert_eq!(integrator.step(&vector![0.0]), Err(MemoryError::Full { capacity: 3 }.into()));
@@ -89,10 +98,20 @@ fn wrong_values_are_refused_at_construction() {
     };
     let scheme = Galerkin::low_order(0.5).unwrap();
     for h in [0.0, -0.1, f64::NAN, f64::INFINITY] {
-        let error = Integrator::new(spring(), scheme, (), h, vector![0.0], vector![0.0]).unwrap_err();
+        let error = Integrator::builder(spring(), scheme, h)
+            .damping(())
+            .position(vector![0.0])
+            .momentum(vector![0.0])
+            .build()
+            .unwrap_err();
         assert!(matches!(error, IntegratorError::StepSize(_)), "{h}: {error}");
     }
-    let error = Integrator::new(spring(), scheme, (), 0.1, vector![f64::NAN], vector![0.0]).unwrap_err();
+    let error = Integrator::builder(spring(), scheme, 0.1)
+        .damping(())
+        .position(vector![f64::NAN])
+        .momentum(vector![0.0])
+        .build()
+        .unwrap_err();
     assert_eq!(error, IntegratorError::InitialState);
     for kappa in [-0.1, 1.1, f64::NAN] {
         assert_eq!(Galerkin::low_order(kappa).unwrap_err().parameter, "kappa");
@@ -112,6 +131,11 @@ fn a_memory_for_another_number_of_coordinates_is_refused() {
     let damping = DampingTerm::new(diagonal(0.2), 0.5, Caputo, memory).unwrap();
     let system = System { mass: Mass::diagonal([1.0]).unwrap(), potential: Walled, force: NoForce };
     let scheme = Galerkin::low_order(0.5).unwrap();
-    let error = Integrator::new(system, scheme, damping, 0.1, vector![0.5], vector![0.0]).unwrap_err();
+    let error = Integrator::builder(system, scheme, 0.1)
+        .damping(damping)
+        .position(vector![0.5])
+        .momentum(vector![0.0])
+        .build()
+        .unwrap_err();
     assert!(matches!(error, IntegratorError::Shape(_)), "{error}");
 }

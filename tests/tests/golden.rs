@@ -2,8 +2,8 @@
 //! and coupled systems, dense matrices, several terms, both types of derivative, both ends of κ, high quadrature orders.
 
 use fvi_core::{
-    Coefficients, Damping, Derivative::Caputo, Derivative::RiemannLiouville, Force, Galerkin, Instant, Mass,
-    NoForce, Potential, Quadrature, RungeKutta, StageGalerkin, System,
+    Coefficients, Damping, Derivative::Caputo, Derivative::RiemannLiouville, Fixed, Force, Galerkin, Instant,
+    Mass, NoForce, NodeGalerkin, Potential, Quadrature, RungeKutta, System,
 };
 use fvi_tests::motion::{Motion, Pendulum, diagonal, integrate, term, weights};
 use fvi_tests::reference;
@@ -198,19 +198,19 @@ fn galerkin_schemes_with_memory_on_the_main_nodes() {
 fn schemes_with_memory_at_the_stages() {
     let method = RungeKutta::<3>::radau_iia().unwrap();
     let damping = stage_term(&method, diagonal(0.375), 0.5, Caputo, 0.125, 60);
-    let scheme = StageGalerkin::<f64, 3, 3>::new(&method).unwrap();
+    let scheme = NodeGalerkin::<f64, 3, 3>::with_stages(&method).unwrap();
     let start = (vector![2.0], vector![0.3]);
     let motion = integrate(free_pendulum(), scheme, damping, 0.125, start, 60).unwrap();
     assert_golden_to("radau_pendulum", &motion, STAGE_TOLERANCE);
 
     let method = RungeKutta::<2>::radau_iia().unwrap();
-    let scheme = StageGalerkin::<f64, 2, 2>::new(&method).unwrap();
+    let scheme = NodeGalerkin::<f64, 2, 2>::with_stages(&method).unwrap();
     let motion =
         integrate(coupled(), scheme, coupled_stage_damping(&method), 0.125, COUPLED_START, 40).unwrap();
     assert_golden_to("radau_coupled", &motion, STAGE_TOLERANCE);
 
     let method = RungeKutta::<3>::lobatto_iiic().unwrap();
-    let scheme = StageGalerkin::<f64, 2, 3>::new(&method).unwrap();
+    let scheme = NodeGalerkin::<f64, 2, 3>::with_stages(&method).unwrap();
     let motion =
         integrate(coupled(), scheme, coupled_stage_damping(&method), 0.125, COUPLED_START, 40).unwrap();
     assert_golden_to("lobatto_coupled", &motion, STAGE_TOLERANCE);
@@ -219,12 +219,12 @@ fn schemes_with_memory_at_the_stages() {
     let method = RungeKutta::<4>::lobatto_iiic().unwrap();
     let stage = |rho, order| stage_term(&method, diagonal(rho), order, Caputo, 0.125, 40);
     let damping = ((stage(0.5, 1.875), stage(0.25, 1.0)), stage(0.5, 0.0));
-    let scheme = StageGalerkin::<f64, 3, 4>::new(&method).unwrap();
+    let scheme = NodeGalerkin::<f64, 3, 4>::with_stages(&method).unwrap();
     let motion = integrate(hardening(), scheme, damping, 0.125, (vector![1.0], vector![-0.5]), 40).unwrap();
     assert_golden_to("lobatto_steep", &motion, STAGE_TOLERANCE);
 }
 
-fn coupled_stage_damping<const R: usize>(method: &RungeKutta<R>) -> impl Damping<f64, 2, R> + use<R> {
+fn coupled_stage_damping<const R: usize>(method: &RungeKutta<R>) -> impl Damping<f64, Fixed<2>> + use<R> {
     let dense = Coefficients::Dense(matrix![0.5, 0.25; 0.25, 0.5]);
     (
         stage_term(method, dense, 0.75, RiemannLiouville, 0.125, 40),

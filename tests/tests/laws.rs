@@ -1,6 +1,6 @@
 //! What the integrator keeps and what it equals: limits that pin the theory.
 
-use fvi_core::{BdfOrder, Coefficients, right_operator};
+use fvi_core::{BdfOrder, Coefficients, Fixed, right_operator};
 use fvi_core::{
     Derivative::{Caputo, RiemannLiouville},
     ExplicitDamping, ExplicitEuler, Galerkin, ImplicitEuler, Integrator, Mass, NoForce, Potential, Quadratic,
@@ -58,7 +58,7 @@ fn the_mirror_system_runs_backwards() {
 }
 
 /// Linearly damped oscillator of \[JO\] eq. 67 (ρ = 0.2, q₀ = 1, p₀ = ½) to t = 20.
-fn oscillator<S: Scheme<f64, 1, 1>>(scheme: S, h: f64) -> Motion<1> {
+fn oscillator<S: Scheme<f64, Fixed<1>>>(scheme: S, h: f64) -> Motion<1> {
     let steps = (20.0 / h).round() as usize;
     let table = weights(1, 1.0, h, steps + 1);
     let system = System {
@@ -191,7 +191,12 @@ fn single_precision_agrees_with_double_precision() {
         force: NoForce,
     };
     let scheme = Galerkin::low_order(0.5f32).unwrap();
-    let mut single = Integrator::new(system, scheme, damping, h as f32, [1.0].into(), [0.0].into()).unwrap();
+    let mut single = Integrator::builder(system, scheme, h as f32)
+        .damping(damping)
+        .position([1.0].into())
+        .momentum([0.0].into())
+        .build()
+        .unwrap();
     for position in &double.positions[1..] {
         single.step(&[0.0].into()).unwrap();
         let error = (f64::from(single.state().position[0]) - position[0]).abs();

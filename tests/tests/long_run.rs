@@ -27,8 +27,12 @@ fn run(memory: impl Memory<f64>) -> (Vec<[f64; 2]>, usize) {
     let system =
         System { mass: Mass::diagonal([1.0]).unwrap(), potential: Pendulum { gravity: 1.0 }, force: NoForce };
     let scheme = Galerkin::low_order(0.5).unwrap();
-    let mut integrator =
-        Integrator::new(system, scheme, damping, STEP_SIZE, vector![2.0], vector![0.0]).unwrap();
+    let mut integrator = Integrator::builder(system, scheme, STEP_SIZE)
+        .damping(damping)
+        .position(vector![2.0])
+        .momentum(vector![0.0])
+        .build()
+        .unwrap();
     let mut states = vec![];
     for step in 1..=STEPS {
         integrator.step(&vector![0.0]).unwrap();

@@ -3,8 +3,8 @@
 use std::collections::HashMap;
 
 use fvi_core::{
-    Approach, Coefficients, Derivative::Caputo, Derivative::RiemannLiouville, Instant, Mass, Quadratic,
-    RungeKutta, Stability, StageGalerkin, System, TimeForce,
+    Approach, Coefficients, Derivative::Caputo, Derivative::RiemannLiouville, Instant, Mass, NodeGalerkin,
+    Quadratic, RungeKutta, Stability, System, TimeForce,
 };
 use fvi_host::runge_kutta_weights::RungeKuttaWeights;
 use fvi_host::stage_stability::{LinearSystem, StageDamping, check_stage_stability};
@@ -202,7 +202,7 @@ fn linear<const S: usize, const R: usize>(
         force: TimeForce(|instant| SVector::from([force(instant)])),
     };
     let damping = stage_term(method, diagonal(rho), damping_order, RiemannLiouville, step_size, steps);
-    let scheme = StageGalerkin::<f64, S, R>::new(method).unwrap();
+    let scheme = NodeGalerkin::<f64, S, R>::with_stages(method).unwrap();
     integrate(system, scheme, damping, step_size, (vector![0.0], vector![momentum]), steps).unwrap()
 }
 
@@ -268,7 +268,7 @@ fn orders<const S: usize, const R: usize>(method: &RungeKutta<R>, damping_order:
     let step_sizes = steps.map(|n| 1.0 / n as f64);
     let errors = steps.map(|n| {
         let damping = stage_term(method, diagonal(0.5), damping_order, Caputo, 1.0 / n as f64, n);
-        let scheme = StageGalerkin::<f64, S, R>::new(method).unwrap();
+        let scheme = NodeGalerkin::<f64, S, R>::with_stages(method).unwrap();
         manufactured_errors(scheme, damping, (0.5, damping_order), n)
     });
     [0, 1].map(|quantity| observed_order(&step_sizes, &errors.map(|error| error[quantity])))

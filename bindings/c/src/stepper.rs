@@ -3,7 +3,8 @@
 use core::ffi::c_void;
 
 use fvi_core::{
-    Coefficients, DampingTerm, Derivative, Force, Galerkin, Instant, Integrator, Mass, Potential, System,
+    Coefficients, DampingTerm, Derivative, Fixed, Force, Galerkin, Instant, Integrator, Mass, Potential,
+    System,
 };
 use nalgebra::{SMatrix, SVector};
 
@@ -171,8 +172,13 @@ impl<const N: usize> Force<f32, N> for Callbacks {
     }
 }
 
-type Stepper<const N: usize> =
-    Integrator<f32, N, 1, Callbacks, Callbacks, Galerkin<f32, 1, 1>, DampingTerm<f32, N, AnyMemory<N>>>;
+type Stepper<const N: usize> = Integrator<
+    f32,
+    Fixed<N>,
+    System<f32, N, Callbacks, Callbacks>,
+    Galerkin<f32, 1, 1>,
+    DampingTerm<f32, Fixed<N>, AnyMemory<N>>,
+>;
 
 /// What there is to call, whatever the number of coordinates: so a program links only the steppers that it sets up.
 #[derive(Clone, Copy)]
@@ -248,8 +254,11 @@ unsafe fn init<const N: usize>(
     let damping = DampingTerm::new(rho, system.damping_order, derivative, memory)?;
     let callbacks = Callbacks { gradient, hessian, force: system.force, context: system.context };
     let system_of_core = System { mass, potential: callbacks, force: callbacks };
-    let integrator =
-        Stepper::<N>::new(system_of_core, scheme, damping, system.step_size, position, momentum)?;
+    let integrator = Integrator::builder(system_of_core, scheme, system.step_size)
+        .damping(damping)
+        .position(position)
+        .momentum(momentum)
+        .build()?;
     let calls = Calls { step: step::<N>, state: state::<N> };
     // SAFETY: the storage has enough words.
     unsafe { keep(storage, Machine { calls, stepper: integrator }) }?;

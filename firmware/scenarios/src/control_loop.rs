@@ -11,8 +11,8 @@
 use core::fmt;
 
 use fvi_core::{
-    Coefficients, DampingTerm, Derivative, ExponentialSum, ExponentialTable, FractionalOperator, Galerkin,
-    Integrator, Mass, NoForce, Quadratic, Start, System,
+    Coefficients, DampingTerm, Derivative, ExponentialSum, ExponentialTable, Fixed, FractionalOperator,
+    Galerkin, Integrator, Mass, NoForce, Quadratic, Start, System,
 };
 use nalgebra::SVector;
 
@@ -38,8 +38,9 @@ const fn state_len(table: &ExponentialTable<&[f32]>) -> usize {
     table.state_len(1)
 }
 
-type Damping = DampingTerm<f32, 1, Forgetless<{ state_len(&DAMPING) }>>;
-type Plant = Integrator<f32, 1, 1, Quadratic<f32, 1>, NoForce, Galerkin<f32, 1, 1>, Damping>;
+type Damping = DampingTerm<f32, Fixed<1>, Forgetless<{ state_len(&DAMPING) }>>;
+type Plant =
+    Integrator<f32, Fixed<1>, System<f32, 1, Quadratic<f32, 1>, NoForce>, Galerkin<f32, 1, 1>, Damping>;
 type Integral = FractionalOperator<f32, Forgetless<{ state_len(&INTEGRAL) }>>;
 type Derived = FractionalOperator<f32, Forgetless<{ state_len(&DERIVATIVE) }>>;
 
@@ -96,7 +97,11 @@ impl ControlLoop {
         let derivative = ExponentialSum::new(DERIVATIVE, 1.0, 1, [0.0; state_len(&DERIVATIVE)])?;
         Ok(Self {
             tick: 0,
-            plant: Integrator::new(system, scheme, damping, STEP_SIZE, rest, rest)?,
+            plant: Integrator::builder(system, scheme, STEP_SIZE)
+                .damping(damping)
+                .position(rest)
+                .momentum(rest)
+                .build()?,
             integral: FractionalOperator::new(integral, Start::RiemannLiouville)?,
             derivative: FractionalOperator::new(derivative, Start::RiemannLiouville)?,
             hash: 0x811c_9dc5,

@@ -67,7 +67,11 @@ pub fn run<T: Tabulated>(out: &mut impl fmt::Write) -> Result<(), Refusal> {
     };
     let scheme = Galerkin::low_order(T::of(0.5))?;
     let rest = SVector::from([T::zero()]);
-    let mut integrator = Integrator::new(system, scheme, damping, T::of(STEP_SIZE), rest, rest)?;
+    let mut integrator = Integrator::builder(system, scheme, T::of(STEP_SIZE))
+        .damping(damping)
+        .position(rest)
+        .momentum(rest)
+        .build()?;
     for step in 0..=STEPS {
         let state = integrator.state();
         writeln!(out, "{step} {} {}", state.position[0].bits(), state.momentum[0].bits())?;

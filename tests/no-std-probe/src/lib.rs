@@ -6,9 +6,9 @@ use core::panic::PanicInfo;
 
 use fvi_core::{
     BdfOrder, Coefficients, ConvolutionWeights, DampingTerm, Derivative, ExplicitDamping, ExponentialSum,
-    ExponentialTable, FixedDirect, FractionalOperator, Galerkin, ImplicitEuler, Integrator, Mass, Memory,
-    NoForce, Overflow, Potential, Quadratic, Real, Scheme, Stability, Start, System, Tiled, check_stability,
-    leading_bdf_weight, monic_bdf_table,
+    ExponentialTable, Fixed, FixedDirect, FractionalOperator, Galerkin, ImplicitEuler, Integrator, Mass,
+    Memory, NoForce, Overflow, Potential, Quadratic, Real, Scheme, Stability, Start, System, Tiled,
+    check_stability, leading_bdf_weight, monic_bdf_table,
 };
 use nalgebra::{SMatrix, SVector};
 
@@ -41,7 +41,7 @@ impl<T: Real, const N: usize> Potential<T, N> for Pendulums {
     }
 }
 
-fn run<T: Real, S: Scheme<T, 2, 1>>(scheme: S, table: &[T], numbers: &[f64; 8]) -> Option<T> {
+fn run<T: Real, S: Scheme<T, Fixed<2>>>(scheme: S, table: &[T], numbers: &[f64; 8]) -> Option<T> {
     let [mass, rho, beta, h, q, p, u, scale] = numbers.map(T::of);
     let system = System {
         mass: Mass::dense(SMatrix::from([[mass, u], [u, mass]])).ok()?,
@@ -56,7 +56,12 @@ fn run<T: Real, S: Scheme<T, 2, 1>>(scheme: S, table: &[T], numbers: &[f64; 8]) 
         DampingTerm::new(coefficients, beta, Derivative::RiemannLiouville, short).ok()?,
     );
     let start = (SVector::from([q, p]), SVector::from([p, q]));
-    let mut integrator = Integrator::new(system, scheme, damping, h, start.0, start.1).ok()?;
+    let mut integrator = Integrator::builder(system, scheme, h)
+        .damping(damping)
+        .position(start.0)
+        .momentum(start.1)
+        .build()
+        .ok()?;
     integrator.step(&SVector::from([u, u])).ok()?;
     Some(integrator.energy())
 }

@@ -8,7 +8,7 @@ use core::hint::black_box;
 use cortex_m_rt::entry;
 use cortex_m_semihosting::hio::HostStream;
 use fvi_core::{
-    BdfOrder, Coefficients, Damping, DampingTerm, Derivative, ExponentialSum, FixedDirect,
+    BdfOrder, Coefficients, Damping, DampingTerm, Derivative, ExponentialSum, Fixed, FixedDirect,
     FractionalOperator, Galerkin, Integrator, Mass, Memory, NoForce, Overflow, Quadratic, Start, System,
     Tiled, monic_bdf_table_f32,
 };
@@ -105,7 +105,7 @@ impl Bench<'_> {
     }
 
     #[inline(always)]
-    fn stepper<const N: usize, D: Damping<f32, N, 1>>(
+    fn stepper<const N: usize, D: Damping<f32, Fixed<N>>>(
         &mut self,
         name: &str,
         damping: D,
@@ -119,8 +119,12 @@ impl Bench<'_> {
         };
         let scheme = Galerkin::low_order(0.5).map_err(|_| Refused)?;
         let (start, rest) = (SVector::repeat(1.0), SVector::zeros());
-        let mut integrator =
-            Integrator::new(system, scheme, damping, 1e-3, start, rest).map_err(|_| Refused)?;
+        let mut integrator = Integrator::builder(system, scheme, 1e-3)
+            .damping(damping)
+            .position(start)
+            .momentum(rest)
+            .build()
+            .map_err(|_| Refused)?;
         for _ in 0..fill {
             integrator.step(&rest).map_err(|_| Refused)?;
         }
@@ -138,7 +142,7 @@ impl Bench<'_> {
         Ok(())
     }
 
-    fn term<const N: usize, M: Memory<f32>>(memory: M) -> Result<DampingTerm<f32, N, M>, Refused> {
+    fn term<const N: usize, M: Memory<f32>>(memory: M) -> Result<DampingTerm<f32, Fixed<N>, M>, Refused> {
         let rho = Coefficients::Diagonal(SVector::repeat(0.1));
         DampingTerm::new(rho, 0.5, Derivative::Caputo, memory).map_err(|_| Refused)
     }
