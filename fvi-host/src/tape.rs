@@ -10,6 +10,7 @@
 
 mod derivative;
 mod force;
+mod function;
 mod graph;
 mod operation;
 mod polynomial;
@@ -17,6 +18,7 @@ mod potential;
 mod program;
 
 pub use force::CompiledForce;
+pub use function::CompiledFunction;
 pub use potential::{CompiledPotential, QuadraticPart};
 
 #[cfg(test)]
