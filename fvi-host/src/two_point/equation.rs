@@ -32,11 +32,17 @@ pub struct Term {
 #[serde(transparent)]
 pub struct OperatorEquation {
     terms: Vec<Term>,
-    /// Of each term: f and g.
     #[serde(skip)]
-    compiled: Vec<(Option<CompiledFunction<f64>>, Vec<CompiledFunction<f64>>)>,
+    compiled: Vec<CompiledTerm>,
     #[serde(skip)]
     coordinates: usize,
+}
+
+/// f and g of a term.
+#[derive(Clone, Debug)]
+struct CompiledTerm {
+    factor: Option<CompiledFunction<f64>>,
+    of: Vec<CompiledFunction<f64>>,
 }
 
 /// Highest order of a derivative; with it there are as many equations as points between the ends.
@@ -56,8 +62,10 @@ impl OperatorEquation {
             && terms.iter().map(|term| term.order).max() == Some(ORDER);
         fitting.then(|| {
             let compile = |expression: &Expression| CompiledFunction::compile(expression, coordinates);
-            let both =
-                |term: &Term| (term.factor.as_ref().map(compile), term.of.iter().map(compile).collect());
+            let both = |term: &Term| CompiledTerm {
+                factor: term.factor.as_ref().map(compile),
+                of: term.of.iter().map(compile).collect(),
+            };
             Self { compiled: terms.iter().map(both).collect(), terms, coordinates }
         })
     }
@@ -221,15 +229,15 @@ impl Tridiagonal<'_> {
         let first = equation - 1;
         let mut row = Row([(); 3].map(|()| DMatrix::zeros(d, d)));
         let mut sizes = vec![0.0; d];
-        for (term, (factor, of)) in operator.terms.iter().zip(&operator.compiled) {
+        for (term, compiled) in operator.terms.iter().zip(&operator.compiled) {
             let coefficients = stencil(*sigma, term.order, grid.step());
-            let (factor, factor_slope) = match factor {
+            let (factor, factor_slope) = match &compiled.factor {
                 Some(factor) => {
                     value_and_gradient(factor, grid.time(points[0]), point(positions, points[0], d))
                 }
                 None => (1.0, vec![0.0; d]),
             };
-            for (i, function) in of.iter().enumerate() {
+            for (i, function) in compiled.of.iter().enumerate() {
                 let mut inner = 0.0;
                 for (coefficient, k) in coefficients.into_iter().zip(points) {
                     if coefficient == 0.0 {

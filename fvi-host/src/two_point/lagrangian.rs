@@ -74,7 +74,7 @@ where
 #[derive(Clone, Debug)]
 pub struct ExpressionLagrangian {
     expression: Expression,
-    compiled: CompiledFunction<f64>,
+    compiled: Box<CompiledFunction<f64>>,
     coordinates: usize,
 }
 
@@ -89,7 +89,7 @@ impl ExpressionLagrangian {
     /// [`variables`](Self::variables); `None` if there are none or more than [`MAX_COORDINATES`] coordinates.
     pub fn new(expression: Expression, coordinates: usize) -> Option<Self> {
         (1..=MAX_COORDINATES).contains(&coordinates).then(|| {
-            let compiled = CompiledFunction::compile(&expression, 2 * coordinates);
+            let compiled = Box::new(CompiledFunction::compile(&expression, 2 * coordinates));
             Self { expression, compiled, coordinates }
         })
     }
