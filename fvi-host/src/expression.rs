@@ -115,12 +115,24 @@ impl Symbols {
         self.parameters.iter().find(|(known, _)| known == name).map(|&(_, value)| Node::number(value))
     }
 
-    /// Every name that may stand alone, for messages.
-    fn names(&self) -> Vec<&str> {
-        let time = self.time.then_some("t");
+    /// Every name that may stand alone.
+    fn names(&self) -> impl Iterator<Item = &str> {
         let variables = self.variables.iter().map(String::as_str);
-        let parameters = self.parameters.iter().map(|(name, _)| name.as_str());
-        time.into_iter().chain(variables).chain(parameters).chain(["pi"]).collect()
+        self.time.then_some("t").into_iter().chain(variables).chain(self.others())
+    }
+
+    /// The names for messages: of many variables only the first two and the last.
+    fn names_in_brief(&self) -> Vec<&str> {
+        const MANY: usize = 8;
+        let variables: Vec<&str> = match self.variables.as_slice() {
+            [first, second, between @ .., last] if between.len() + 3 > MANY => vec![first, second, "…", last],
+            variables => variables.iter().map(String::as_str).collect(),
+        };
+        self.time.then_some("t").into_iter().chain(variables).chain(self.others()).collect()
+    }
+
+    fn others(&self) -> impl Iterator<Item = &str> {
+        self.parameters.iter().map(|(name, _)| name.as_str()).chain(["pi"])
     }
 }
 

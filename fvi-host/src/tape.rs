@@ -1,6 +1,6 @@
 //! Potentials and forces compiled once, before the first step.
 //!
-//! An expression is differentiated symbolically into a [`Graph`](graph) in which every distinct value occurs
+//! An expression is differentiated symbolically into a graph in which every distinct value occurs
 //! once, and the graph is written out as programs without branches: for the value, for the gradient, and for
 //! the gradient with those entries of the Hessian that are not zero everywhere. The quadratic part of a
 //! potential becomes a matrix, the linear part of a force likewise, so that a linear system is seen to be one.
@@ -10,6 +10,7 @@
 
 mod derivative;
 mod force;
+mod function;
 mod graph;
 mod operation;
 mod polynomial;
@@ -17,6 +18,7 @@ mod potential;
 mod program;
 
 pub use force::CompiledForce;
+pub use function::CompiledFunction;
 pub use potential::{CompiledPotential, QuadraticPart};
 
 #[cfg(test)]

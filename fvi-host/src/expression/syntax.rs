@@ -73,7 +73,7 @@ pub enum ExpressionFault {
         name: String,
         /// The known name nearest to it, if one is near.
         suggestion: Option<String>,
-        /// All known names, separated by commas.
+        /// The known names, separated by commas; of many variables only some.
         allowed: String,
     },
     /// A name in front of a bracket that is not a function.
@@ -379,11 +379,10 @@ impl Parser<'_> {
                     Err((ExpressionFault::UnknownFunction { name: name.to_owned(), suggestion }, span))
                 }
                 None => {
-                    let known = self.symbols.names();
                     let fault = ExpressionFault::UnknownName {
                         name: name.to_owned(),
-                        suggestion: nearest(name, known.iter().copied()).map(str::to_owned),
-                        allowed: known.join(", "),
+                        suggestion: nearest(name, self.symbols.names()).map(str::to_owned),
+                        allowed: self.symbols.names_in_brief().join(", "),
                     };
                     Err((fault, span))
                 }

@@ -262,6 +262,14 @@ fn an_unknown_name_comes_with_the_known_ones() {
 }
 
 #[test]
+fn of_many_coordinates_a_message_names_the_first_and_the_last() {
+    let advice = |count, text| Expression::parse(text, &coordinates(count)).unwrap_err().advice().unwrap();
+    assert_eq!(advice(2000, "frequency"), "known here: t, q0, q1, …, q1999, pi");
+    assert!(advice(8, "frequency").contains("q6, q7"));
+    assert!(advice(2000, "q2000").starts_with("did you mean `q"));
+}
+
+#[test]
 fn hostile_nesting_is_refused_before_the_stack_runs_out() {
     for text in ["(".repeat(100_000), "-(".repeat(100_000), "2^".repeat(100_000), "sin(".repeat(100_000)] {
         assert!(Expression::parse(&text, &coordinates(1)).is_err());

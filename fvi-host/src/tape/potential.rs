@@ -1,10 +1,9 @@
 //! U(q) compiled.
 
-use super::derivative::{Entry, Order};
-use super::graph::Graph;
+use super::function::{Differentiated, value};
 use super::polynomial::{Polynomial, split};
 use super::program::Program;
-use crate::expression::{Elementary, Expression, Moment};
+use crate::expression::{Elementary, Expression, Moment, Node};
 
 /// ½ qᵀ K q + bᵀ q + c.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -60,33 +59,18 @@ impl<T: Elementary> QuadraticPart<T> {
 pub struct CompiledPotential<T> {
     quadratic: QuadraticPart<T>,
     value: Program<T>,
-    rest: Option<Rest<T>>,
-}
-
-#[derive(Clone, Debug)]
-struct Rest<T> {
-    pattern: Vec<Entry>,
-    gradient: Program<T>,
-    derivatives: Program<T>,
+    rest: Option<Differentiated<T>>,
 }
 
 impl<T: Elementary> CompiledPotential<T> {
     /// Compiles U for `coordinates` coordinates, the variables of the expression.
     pub fn compile(potential: &Expression, coordinates: usize) -> Self {
-        let mut graph = Graph::default();
-        let whole = graph.differentiate(potential.root(), Order::Value).value;
-        let value = Program::new(&graph, coordinates, &[(0, whole)], &[]);
         let (polynomial, rest) = split(potential.root());
-        let rest = rest.filter(|rest| rest.varies()).map(|rest| {
-            let mut graph = Graph::default();
-            let rest = graph.differentiate(&rest, Order::Hessian);
-            let gradient = Program::new(&graph, coordinates, &rest.gradient, &[]);
-            let (pattern, values): (Vec<_>, Vec<_>) = rest.hessian.into_iter().unzip();
-            let entries: Vec<_> = (0..).zip(values).collect();
-            let derivatives = Program::new(&graph, coordinates, &rest.gradient, &entries);
-            Rest { pattern, gradient, derivatives }
-        });
-        Self { quadratic: QuadraticPart::new(&polynomial), value, rest }
+        Self {
+            quadratic: QuadraticPart::new(&polynomial),
+            value: value(potential, coordinates),
+            rest: rest.filter(Node::varies).map(|rest| Differentiated::new(&rest, coordinates)),
+        }
     }
 
     /// The quadratic part.

@@ -8,7 +8,7 @@
 
 use super::graph::{Graph, Origin, Value};
 use super::operation::{Operation, scale};
-use crate::expression::{Elementary, Moment};
+use crate::expression::{Elementary, Function, Moment};
 use core::ops::Range;
 
 /// Operations in a window: their values take 8 KB in double precision.
@@ -37,10 +37,18 @@ pub(super) struct Program<T> {
 /// Equal operations whose values go to neighbouring registers.
 #[derive(Clone, Debug)]
 struct Run {
-    operation: Operation,
+    work: Work,
     target: usize,
     count: usize,
     operands: usize,
+}
+
+/// What a run does with each of its operands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Work {
+    One(Operation),
+    /// Sines, and behind all of them the cosines of the same numbers: reducing the argument is half the work.
+    SineAndCosine,
 }
 
 #[derive(Clone, Debug)]
@@ -106,14 +114,27 @@ impl Run {
     fn evaluate<T: Elementary>(&self, registers: &mut [T], operands: &[u32]) {
         // What a run reads was written before: it lies in front of what it writes.
         let (known, new) = registers.split_at_mut(self.target);
+        let operation = match self.work {
+            Work::One(operation) => operation,
+            Work::SineAndCosine => {
+                let (sines, cosines) = new.split_at_mut(self.count);
+                for ((sine, cosine), &x) in sines.iter_mut().zip(cosines).zip(operands) {
+                    (*sine, *cosine) = known[x as usize].sine_cosine();
+                }
+                return;
+            }
+        };
         let new = &mut new[..self.count];
-        match self.operation {
+        match operation {
             Operation::Negate => unary(known, new, operands, |x| -x),
             Operation::Add => binary(known, new, operands, |x, y| x + y),
             Operation::Subtract => binary(known, new, operands, |x, y| x - y),
             Operation::Multiply => binary(known, new, operands, |x, y| x * y),
             Operation::Divide => binary(known, new, operands, |x, y| x / y),
             Operation::Scale => binary(known, new, operands, scale),
+            Operation::Call(Function::Sin) => unary(known, new, operands, T::sine),
+            Operation::Call(Function::Cos) => unary(known, new, operands, T::cosine),
+            Operation::Call(Function::Exp) => unary(known, new, operands, T::exponential),
             other => match other.arity() {
                 1 => unary(known, new, operands, |x| other.of([x, x, x])),
                 2 => binary(known, new, operands, |x, y| other.of([x, y, y])),
@@ -169,7 +190,11 @@ impl Schedule {
                 window_of[value.0 as usize] = index;
             }
             let mut window = window.to_vec();
-            window.sort_by_key(|&value| (level_of[value.0 as usize], operation(graph, value)));
+            // Equal operations by their operands: sines and cosines of the same numbers then match.
+            window.sort_by_key(|&value| {
+                let first = operands(graph, value).next();
+                (level_of[value.0 as usize], operation(graph, value), first)
+            });
             windows.push(window);
         }
         if windows.is_empty() {
@@ -360,9 +385,11 @@ impl<'a, T: Elementary> Assembly<'a, T> {
             }
             // One more of the run, unless it reads what the run writes.
             match self.program.runs[first_run..].last_mut() {
-                Some(run) if run.operation == operation && (latest as usize) < run.target => run.count += 1,
+                Some(run) if run.work == Work::One(operation) && (latest as usize) < run.target => {
+                    run.count += 1
+                }
                 _ => self.program.runs.push(Run {
-                    operation,
+                    work: Work::One(operation),
                     target: target as usize,
                     count: 1,
                     operands: start,
@@ -370,6 +397,26 @@ impl<'a, T: Elementary> Assembly<'a, T> {
             }
             self.passing[value.0 as usize] = target;
             target += 1;
+        }
+        self.join_sines_and_cosines(first_run);
+    }
+
+    /// Makes one run of two where the cosines of the same numbers follow sines.
+    fn join_sines_and_cosines(&mut self, first_run: usize) {
+        let operands = &self.program.operands;
+        let read = |run: &Run| &operands[run.operands..run.operands + run.count];
+        let runs = self.program.runs.split_off(first_run);
+        for run in runs {
+            match self.program.runs[first_run..].last_mut() {
+                Some(last)
+                    if last.work == Work::One(Operation::Call(Function::Sin))
+                        && run.work == Work::One(Operation::Call(Function::Cos))
+                        && read(last) == read(&run) =>
+                {
+                    last.work = Work::SineAndCosine;
+                }
+                _ => self.program.runs.push(run),
+            }
         }
     }
 }

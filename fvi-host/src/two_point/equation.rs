@@ -7,7 +7,8 @@ use super::lagrangian::MAX_COORDINATES;
 use super::minres::inner;
 use super::newton::{Direction, Iterate, NewtonOptions, Residual, Stationarity, minimise_residual};
 use crate::expression::{Expression, Moment};
-use nalgebra::{DMatrix, DVector, SVector};
+use crate::tape::CompiledFunction;
+use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
 /// One term f(x, t) · (d/dt)^i ( g(x, t) ) of a differential operator.
@@ -32,7 +33,16 @@ pub struct Term {
 pub struct OperatorEquation {
     terms: Vec<Term>,
     #[serde(skip)]
+    compiled: Vec<CompiledTerm>,
+    #[serde(skip)]
     coordinates: usize,
+}
+
+/// f and g of a term.
+#[derive(Clone, Debug)]
+struct CompiledTerm {
+    factor: Option<CompiledFunction<f64>>,
+    of: Vec<CompiledFunction<f64>>,
 }
 
 /// Highest order of a derivative; with it there are as many equations as points between the ends.
@@ -50,7 +60,14 @@ impl OperatorEquation {
         let fitting = (1..=MAX_COORDINATES).contains(&coordinates)
             && terms.iter().all(|term| term.of.len() == coordinates)
             && terms.iter().map(|term| term.order).max() == Some(ORDER);
-        fitting.then_some(Self { terms, coordinates })
+        fitting.then(|| {
+            let compile = |expression: &Expression| CompiledFunction::compile(expression, coordinates);
+            let both = |term: &Term| CompiledTerm {
+                factor: term.factor.as_ref().map(compile),
+                of: term.of.iter().map(compile).collect(),
+            };
+            Self { compiled: terms.iter().map(both).collect(), terms, coordinates }
+        })
     }
 
     /// The left sides of the embedded equations for the positions at the points 0…N, N − 1 points of d numbers.
@@ -103,19 +120,11 @@ fn point(values: &[f64], k: usize, coordinates: usize) -> &[f64] {
     &values[k * coordinates..(k + 1) * coordinates]
 }
 
-/// Value and gradient of an expression in the positions.
-fn value_and_gradient(expression: &Expression, t: f64, x: &[f64]) -> (f64, Vec<f64>) {
-    fn exact<const N: usize>(expression: &Expression, t: f64, x: &[f64]) -> (f64, Vec<f64>) {
-        let point = SVector::<f64, N>::from_column_slice(x);
-        let (value, gradient) = expression.gradient(Moment::inside(t), &point);
-        (value, gradient.as_slice().to_vec())
-    }
-    match x.len() {
-        1 => exact::<1>(expression, t, x),
-        2 => exact::<2>(expression, t, x),
-        3 => exact::<3>(expression, t, x),
-        _ => exact::<4>(expression, t, x),
-    }
+/// Value and gradient of a function of the positions.
+fn value_and_gradient(function: &CompiledFunction<f64>, t: f64, x: &[f64]) -> (f64, Vec<f64>) {
+    let (mut registers, mut gradient) = (Vec::new(), vec![0.0; x.len()]);
+    function.gradient(Moment::inside(t), x, &mut registers, &mut gradient);
+    (function.value(Moment::inside(t), x, &mut registers), gradient)
 }
 
 /// An embedded equation with fixed end points.
@@ -220,22 +229,22 @@ impl Tridiagonal<'_> {
         let first = equation - 1;
         let mut row = Row([(); 3].map(|()| DMatrix::zeros(d, d)));
         let mut sizes = vec![0.0; d];
-        for term in &operator.terms {
+        for (term, compiled) in operator.terms.iter().zip(&operator.compiled) {
             let coefficients = stencil(*sigma, term.order, grid.step());
-            let (factor, factor_slope) = match &term.factor {
+            let (factor, factor_slope) = match &compiled.factor {
                 Some(factor) => {
                     value_and_gradient(factor, grid.time(points[0]), point(positions, points[0], d))
                 }
                 None => (1.0, vec![0.0; d]),
             };
-            for (i, expression) in term.of.iter().enumerate() {
+            for (i, function) in compiled.of.iter().enumerate() {
                 let mut inner = 0.0;
                 for (coefficient, k) in coefficients.into_iter().zip(points) {
                     if coefficient == 0.0 {
                         continue;
                     }
                     let x = point(positions, k, d);
-                    let (value, slope) = value_and_gradient(expression, grid.time(k), x);
+                    let (value, slope) = value_and_gradient(function, grid.time(k), x);
                     inner += coefficient * value;
                     sizes[i] += (factor * coefficient * value).abs();
                     for (j, slope) in slope.into_iter().enumerate() {

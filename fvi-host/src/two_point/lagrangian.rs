@@ -1,7 +1,7 @@
 //! Lagrangians of two-point problems, from expressions and from closures.
 
 use crate::expression::{Expression, Moment};
-use nalgebra::SVector;
+use crate::tape::CompiledFunction;
 
 /// Largest number of coordinates of a Lagrangian that is given as an expression.
 pub const MAX_COORDINATES: usize = 4;
@@ -74,6 +74,7 @@ where
 #[derive(Clone, Debug)]
 pub struct ExpressionLagrangian {
     expression: Expression,
+    compiled: Box<CompiledFunction<f64>>,
     coordinates: usize,
 }
 
@@ -87,36 +88,16 @@ impl ExpressionLagrangian {
     /// The Lagrangian of `coordinates` coordinates given by an expression whose variables are
     /// [`variables`](Self::variables); `None` if there are none or more than [`MAX_COORDINATES`] coordinates.
     pub fn new(expression: Expression, coordinates: usize) -> Option<Self> {
-        (1..=MAX_COORDINATES).contains(&coordinates).then_some(Self { expression, coordinates })
+        (1..=MAX_COORDINATES).contains(&coordinates).then(|| {
+            let compiled = Box::new(CompiledFunction::compile(&expression, 2 * coordinates));
+            Self { expression, compiled, coordinates }
+        })
     }
 
     /// The expression as it was written.
     pub fn text(&self) -> &str {
         self.expression.text()
     }
-
-    fn write_gradient<const V: usize>(&self, t: f64, x: &[f64], v: &[f64], gradient: &mut [f64]) {
-        let (_, exact) = self.expression.gradient::<f64, V>(Moment::inside(t), &together(x, v));
-        gradient.copy_from_slice(exact.as_slice());
-    }
-
-    fn write_derivatives<const V: usize>(
-        &self,
-        t: f64,
-        x: &[f64],
-        v: &[f64],
-        gradient: &mut [f64],
-        hessian: &mut [f64],
-    ) {
-        let (_, first, second) = self.expression.hessian::<f64, V>(Moment::inside(t), &together(x, v));
-        gradient.copy_from_slice(first.as_slice());
-        hessian.copy_from_slice(second.as_slice());
-    }
-}
-
-/// The variables x, v in one vector.
-fn together<const V: usize>(x: &[f64], v: &[f64]) -> SVector<f64, V> {
-    SVector::from_iterator(x.iter().chain(v).copied())
 }
 
 impl Lagrangian for ExpressionLagrangian {
@@ -129,20 +110,19 @@ impl Lagrangian for ExpressionLagrangian {
     }
 
     fn gradient(&self, t: f64, x: &[f64], v: &[f64], gradient: &mut [f64]) {
-        match self.coordinates {
-            1 => self.write_gradient::<2>(t, x, v, gradient),
-            2 => self.write_gradient::<4>(t, x, v, gradient),
-            3 => self.write_gradient::<6>(t, x, v, gradient),
-            _ => self.write_gradient::<8>(t, x, v, gradient),
-        }
+        self.compiled.gradient(Moment::inside(t), &[x, v].concat(), &mut Vec::new(), gradient);
     }
 
     fn derivatives(&self, t: f64, x: &[f64], v: &[f64], gradient: &mut [f64], hessian: &mut [f64]) {
-        match self.coordinates {
-            1 => self.write_derivatives::<2>(t, x, v, gradient, hessian),
-            2 => self.write_derivatives::<4>(t, x, v, gradient, hessian),
-            3 => self.write_derivatives::<6>(t, x, v, gradient, hessian),
-            _ => self.write_derivatives::<8>(t, x, v, gradient, hessian),
+        let pattern = self.compiled.pattern();
+        let mut entries = vec![0.0; pattern.len()];
+        let variables = [x, v].concat();
+        self.compiled.derivatives(Moment::inside(t), &variables, &mut Vec::new(), gradient, &mut entries);
+        hessian.fill(0.0);
+        for (&(row, column), entry) in pattern.iter().zip(entries) {
+            let (row, column) = (row as usize, column as usize);
+            hessian[row * variables.len() + column] = entry;
+            hessian[column * variables.len() + row] = entry;
         }
     }
 }
