@@ -163,7 +163,12 @@ mod tests {
             let argument = |step: i32| {
                 let theta = f64::from(step) * core::f64::consts::PI / 4000.0;
                 let sum = |part: fn(f64) -> f64| {
-                    order.coefficients().iter().zip(0..).map(|(a, j)| a * part(f64::from(j) * theta)).sum::<f64>()
+                    order
+                        .coefficients()
+                        .iter()
+                        .zip(0..)
+                        .map(|(a, j)| a * part(f64::from(j) * theta))
+                        .sum::<f64>()
                 };
                 libm::atan2(sum(libm::sin), sum(libm::cos)).abs()
             };

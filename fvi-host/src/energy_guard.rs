@@ -121,7 +121,8 @@ impl<'a> EnergyGuard<'a> {
         let mut work: f64 = input.iter().enumerate().map(|(index, push)| (push * way(index)).abs()).sum();
         for (push, exponent) in &self.pushes {
             let fading = libm::pow(state.time, -exponent);
-            work += fading * push.iter().enumerate().map(|(index, push)| push.abs() * way(index)).sum::<f64>();
+            work +=
+                fading * push.iter().enumerate().map(|(index, push)| push.abs() * way(index)).sum::<f64>();
         }
         let Some(force) = &self.scenario.system.force else { return work };
         let middle: Vec<f64> = from.iter().zip(to).map(|(from, to)| 0.5 * (from + to)).collect();
@@ -185,14 +186,18 @@ mod tests {
         let driven = "potential = \"0.5*q0^2\"\nforce = [\"sin(t)\"]";
         assert_eq!(trips(driven, [0.0, 0.0], half, time), None);
         assert_eq!(trips("potential = \"-0.5*q0^2\"", [1e-6, 0.0], half, "step = 0.05\nsteps = 600"), None);
-        assert_eq!(trips("potential = \"q0^4 - 50*q0^2\"", [1e-9, 0.0], half, "step = 0.01\nsteps = 3000"), None);
+        assert_eq!(
+            trips("potential = \"q0^4 - 50*q0^2\"", [1e-9, 0.0], half, "step = 0.01\nsteps = 3000"),
+            None
+        );
         assert_eq!(trips("potential = \"10 - 10*cos(q0) + 1e6\"", [1.0, 0.0], half, time), None);
         let kicked = "potential = \"0.5*q0^2\"\nforce = [\"1e6*exp(-(100*(t-1.025))^2)\"]";
         assert_eq!(trips(kicked, [0.0, 0.0], half, time), None);
         // A stiff spring, every step a turn by nearly π.
         assert_eq!(trips("potential = \"1e10*q0^2\"", [1.0, 0.0], half, time), None);
         // The memory of a Riemann–Liouville derivative pushes a system without a spring.
-        let pushed = "[[system.damping]]\norder = 1.5\ncoefficient = [0.5]\nderivative = \"riemann-liouville\"";
+        let pushed =
+            "[[system.damping]]\norder = 1.5\ncoefficient = [0.5]\nderivative = \"riemann-liouville\"";
         assert_eq!(trips(pushed, [1.0, 0.0], half, "step = 0.01\nsteps = 2000"), None);
     }
 }

@@ -152,7 +152,8 @@ fn is_always_stable(discretisation: &Discretisation, part: &Part) -> bool {
     if !part.is_damped() && part.stiffness.amax() == 0.0 {
         return true;
     }
-    let mut nodes = discretisation.nodes.iter().zip(&discretisation.weights).filter(|(_, weight)| **weight != 0.0);
+    let mut nodes =
+        discretisation.nodes.iter().zip(&discretisation.weights).filter(|(_, weight)| **weight != 0.0);
     let midpoint = discretisation.degree == 1 && nodes.all(|(&node, _)| node == 0.5);
     let passive = match discretisation.form {
         DampingForm::Nodes { order } => order.get() <= 2,

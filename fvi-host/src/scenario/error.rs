@@ -262,9 +262,9 @@ impl Problem {
             Self::NotSymmetric { .. } | Self::NotPositiveDefinite { .. } => {
                 Some("allowed: a symmetric positive definite matrix (diagonal: every number > 0)".to_owned())
             }
-            Self::NotPositiveSemidefinite { .. } => {
-                Some("allowed: a symmetric positive semidefinite matrix (diagonal: every number ≥ 0)".to_owned())
-            }
+            Self::NotPositiveSemidefinite { .. } => Some(
+                "allowed: a symmetric positive semidefinite matrix (diagonal: every number ≥ 0)".to_owned(),
+            ),
             Self::Expression(error) => error.advice(),
             Self::Unstable { advice, .. } => Some(advice.clone()),
             _ => None,

@@ -52,7 +52,12 @@ fn with_formula<const Q: usize>(degree: usize, rule: &Quadrature<Q>, form: Dampi
     Case { discretisation: Discretisation { degree, nodes, weights, form }, weights: bdf_weights, name }
 }
 
-fn with_stages<const R: usize>(degree: usize, method: &RungeKutta<R>, weights: fn(&Discretisation, f64, f64, usize) -> Vec<Vec<f64>>, name: &str) -> Case {
+fn with_stages<const R: usize>(
+    degree: usize,
+    method: &RungeKutta<R>,
+    weights: fn(&Discretisation, f64, f64, usize) -> Vec<Vec<f64>>,
+    name: &str,
+) -> Case {
     let matrix = DMatrix::from_fn(R, R, |i, j| method.matrix()[i][j]);
     let rule = method.quadrature();
     let form = DampingForm::Stages { matrix };
@@ -146,7 +151,8 @@ impl<'a> Motion<'a> {
     fn sizes(&self, steps: usize) -> Vec<f64> {
         let (system, of, h) = (self.system, &self.of, self.step);
         let form = &self.case.discretisation.form;
-        let (size, degree, nodes) = (system.stiffness.nrows(), self.case.discretisation.degree, of.values.nrows());
+        let (size, degree, nodes) =
+            (system.stiffness.nrows(), self.case.discretisation.degree, of.values.nrows());
         let main = matches!(form, DampingForm::MainNodes { .. });
         let mut q = DVector::from_fn(size, |i, _| 1.0 + 0.37 * i as f64);
         let mut p = DVector::from_fn(size, |i, _| (0.2 - 0.31 * i as f64) / h);
@@ -186,7 +192,8 @@ impl<'a> Motion<'a> {
             let mut right = DVector::zeros(degree * size);
             for row in 0..degree {
                 let nu = if row == 0 { 0 } else { row + 1 };
-                let mut known = (&system.stiffness * &q) * (h * h * of.elastic[(nu, 0)]) - &q * of.kinetic[(nu, 0)];
+                let mut known =
+                    (&system.stiffness * &q) * (h * h * of.elastic[(nu, 0)]) - &q * of.kinetic[(nu, 0)];
                 for (i, force) in force.iter().enumerate() {
                     known += force * (h * h * of.weights[i] * of.values[(i, nu)]);
                 }
@@ -257,7 +264,9 @@ fn growth(sizes: &[f64], steps: usize) -> f64 {
 }
 
 fn symmetric(size: usize, numbers: &[f64], eigenvalues: impl Fn(usize) -> f64) -> DMatrix<f64> {
-    let vectors = DMatrix::from_fn(size, size, |i, j| numbers[(i * size + j) % numbers.len()] + if i == j { 1.5 } else { 0.0 });
+    let vectors = DMatrix::from_fn(size, size, |i, j| {
+        numbers[(i * size + j) % numbers.len()] + if i == j { 1.5 } else { 0.0 }
+    });
     let orthogonal = vectors.qr().q();
     let diagonal = DMatrix::from_diagonal(&DVector::from_fn(size, |i, _| eigenvalues(i)));
     let product = &orthogonal * diagonal * orthogonal.transpose();
@@ -332,9 +341,14 @@ fn verdict_holds(random: &Random) -> Result<(), TestCaseError> {
                 let below = sizes(limit);
                 prop_assert!(growth(&below, STEPS) < 3.0, "the limit, grows: {}", what(limit, &below));
                 // Growth may set in and end again within a short range of steps.
-                let above = [5e-4, 2e-3, 5e-3, 0.01, 0.02, 0.04, 0.06, 0.08, 0.1].map(|part| (1.0 + part) * limit);
+                let above =
+                    [5e-4, 2e-3, 5e-3, 0.01, 0.02, 0.04, 0.06, 0.08, 0.1].map(|part| (1.0 + part) * limit);
                 let mut above = above.into_iter().filter(|&h| h < step).chain([step.min(1.1 * limit)]);
-                prop_assert!(above.any(grows), "does not grow above the limit {limit} for {step}: {}", case.name);
+                prop_assert!(
+                    above.any(grows),
+                    "does not grow above the limit {limit} for {step}: {}",
+                    case.name
+                );
             }
         }
     }
@@ -380,7 +394,8 @@ fn formulas_of_order_five_grow_below_the_alternating_motion() {
 #[test]
 fn limits_with_a_closed_form() {
     // Midpoint, explicit: 4/h² = ρ (γ_p(−1)/h)^β, γ₁(−1) = 2, γ₂(−1) = 4.
-    let near = |found: f64, expected: f64| assert!((found / expected - 1.0).abs() < 1e-3, "{found}, {expected}");
+    let near =
+        |found: f64, expected: f64| assert!((found / expected - 1.0).abs() < 1e-3, "{found}, {expected}");
     near(limit(&case(2, 1, 0.5), &one(7.0, 3.0, 1.0), 5.0), 4.0 / (3.0 * 2.0));
     near(limit(&case(2, 2, 0.5), &one(7.0, 3.0, 1.5), 5.0), (4.0 / (3.0 * 8.0f64)).powi(2));
     // Symplectic Euler: h √k = 2.
@@ -397,7 +412,8 @@ fn the_midpoint_rule_damped_at_its_node_has_no_limit() {
             assert_eq!(check_stability(&scheme, &one(4.0, 3.0, order), h, 1000), Verdict::Stable);
             // Counted, not only known.
             let parts = parts(&one(4.0, 3.0, order));
-            let check = Check { characteristic: Characteristic::new(&scheme, vec![order]), parts, end: 1000.0 * h };
+            let check =
+                Check { characteristic: Characteristic::new(&scheme, vec![order]), parts, end: 1000.0 * h };
             assert!(check.is_stable(h), "BDF {p}, β = {order}, h = {h}");
         }
     }

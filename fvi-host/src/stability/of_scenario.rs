@@ -16,13 +16,15 @@ pub(crate) fn check_step(scenario: &Scenario, stiffness: &DMatrix<f64>) -> Resul
     if scenario.time.allow_unstable {
         return Ok(());
     }
-    let damping = scenario.system.damping.iter().map(|term| LinearDamping {
-        coefficients: dense(&term.coefficient),
-        damping_order: term.order,
-    });
-    let system = LinearSystem::new(&dense(&scenario.system.mass), stiffness, damping.collect()).map_err(|error| {
-        scenario.error_at("system.mass", Problem::Precision { reason: error.to_string() })
-    })?;
+    let damping = scenario
+        .system
+        .damping
+        .iter()
+        .map(|term| LinearDamping { coefficients: dense(&term.coefficient), damping_order: term.order });
+    let system =
+        LinearSystem::new(&dense(&scenario.system.mass), stiffness, damping.collect()).map_err(|error| {
+            scenario.error_at("system.mass", Problem::Precision { reason: error.to_string() })
+        })?;
     match check_stability(&discretisation, &system, scenario.time.step, scenario.time.steps) {
         Verdict::Stable => Ok(()),
         Verdict::Unstable { largest_stable_step } => {

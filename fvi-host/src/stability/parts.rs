@@ -107,8 +107,7 @@ fn components(matrices: &[DMatrix<f64>]) -> Vec<Vec<usize>> {
 
 fn part(matrices: &[DMatrix<f64>], members: &[usize]) -> Part {
     let of = |matrix: &DMatrix<f64>| {
-        let block =
-            DMatrix::from_fn(members.len(), members.len(), |i, j| matrix[(members[i], members[j])]);
+        let block = DMatrix::from_fn(members.len(), members.len(), |i, j| matrix[(members[i], members[j])]);
         // A number that stands for zero is zero, so that undamped modes are known as such.
         let rounding = ROUNDING * matrix.amax();
         if block.amax() <= rounding { DMatrix::zeros(members.len(), members.len()) } else { block }
@@ -169,8 +168,10 @@ mod tests {
         let rho = DMatrix::identity(3, 3);
         assert_eq!(parts(&system(DMatrix::identity(3, 3), DMatrix::identity(3, 3) * 4.0, rho)).len(), 1);
         let turning = dmatrix![1.0, 0.5, 0.0; -0.5, 1.0, 0.0; 0.0, 0.0, 3.0];
-        let sizes: Vec<usize> =
-            parts(&system(DMatrix::identity(3, 3), turning, DMatrix::zeros(3, 3))).iter().map(Part::size).collect();
+        let sizes: Vec<usize> = parts(&system(DMatrix::identity(3, 3), turning, DMatrix::zeros(3, 3)))
+            .iter()
+            .map(Part::size)
+            .collect();
         assert_eq!(sizes, [1, 2]);
     }
 

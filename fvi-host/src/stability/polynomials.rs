@@ -76,7 +76,8 @@ mod tests {
     fn bubbles_vanish_at_the_ends_and_have_their_slopes() {
         for index in 0..7 {
             for tau in [0.1, 0.37, 0.8] {
-                let (h, numeric) = (1e-6, |h: f64| (value(tau + h, index) - value(tau - h, index)) / (2.0 * h));
+                let (h, numeric) =
+                    (1e-6, |h: f64| (value(tau + h, index) - value(tau - h, index)) / (2.0 * h));
                 assert!((numeric(h) - slope(tau, index)).abs() < 1e-8, "{index} at {tau}");
             }
             if index > 1 {
@@ -89,11 +90,8 @@ mod tests {
     fn products_of_degree_two_with_exact_quadrature() {
         // Gauss, three points: ∫ φ̇₂² = ∫ (2τ−1)² = 1/3 and ∫ φ₂² = ∫ τ²(1−τ)² = 1/30.
         let node = 0.5 - 0.15f64.sqrt();
-        let of = Polynomials::new(
-            2,
-            &[node, 0.5, 1.0 - node, 0.9],
-            &[5.0 / 18.0, 4.0 / 9.0, 5.0 / 18.0, 0.0],
-        );
+        let of =
+            Polynomials::new(2, &[node, 0.5, 1.0 - node, 0.9], &[5.0 / 18.0, 4.0 / 9.0, 5.0 / 18.0, 0.0]);
         assert_eq!(of.values.nrows(), 3);
         assert!((of.kinetic[(2, 2)] - 1.0 / 3.0).abs() < 1e-15);
         assert!((of.elastic[(2, 2)] - 1.0 / 30.0).abs() < 1e-16);

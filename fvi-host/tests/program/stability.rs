@@ -20,7 +20,10 @@ fn growth_below_the_alternating_motion_is_refused() {
     let fifth = "kappa = 0.5\n[convolution]\norder = 5";
     let two = "0.5*q0^2+0.5*q1^2+5000*(q1-q0)^2";
     for (name, text_of) in [
-        ("two.toml", scenario(two, &damping(1.9, "0.01, 0.01"), "1.0, 1.0000001", fifth, "step = 0.02\nsteps = 2000")),
+        (
+            "two.toml",
+            scenario(two, &damping(1.9, "0.01, 0.01"), "1.0, 1.0000001", fifth, "step = 0.02\nsteps = 2000"),
+        ),
         ("one.toml", scenario("2*q0^2", &damping(1.5, "0.05"), "0.5", fifth, "step = 1.0\nsteps = 2000")),
     ] {
         place.write(name, &text_of);
@@ -40,7 +43,10 @@ fn growth_below_the_alternating_motion_is_refused() {
 fn without_a_stable_step_none_is_named() {
     let place = Workplace::new();
     let damping = "[[system.damping]]\norder = 1.99\ncoefficient = [1.0]";
-    place.write("scenario.toml", &scenario("0.5*q0^2", damping, "1.0", "kappa = 0.5", "step = 0.1\nsteps = 10"));
+    place.write(
+        "scenario.toml",
+        &scenario("0.5*q0^2", damping, "1.0", "kappa = 0.5", "step = 0.1\nsteps = 10"),
+    );
     let output = place.fvi(&["run", "scenario.toml", "--out", "out"]);
     let message = text(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{message}");
@@ -58,7 +64,10 @@ fn a_run_whose_energy_grows_by_itself_stops_or_warns() {
     let output = place.fvi(&["run", "scenario.toml", "--out", "out"]);
     let message = text(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{message}");
-    assert!(message.contains("the energy has risen from 1.990e3") && message.contains("time.energy_guard"), "{message}");
+    assert!(
+        message.contains("the energy has risen from 1.990e3") && message.contains("time.energy_guard"),
+        "{message}"
+    );
     place.write("scenario.toml", &pendulum("energy_guard = \"warn\""));
     let output = place.fvi(&["run", "scenario.toml", "--out", "out"]);
     assert!(output.status.success() && text(&output.stderr).contains("warning: the energy has risen"));
