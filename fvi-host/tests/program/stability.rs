@@ -42,7 +42,7 @@ fn growth_below_the_alternating_motion_is_refused() {
 #[test]
 fn without_a_stable_step_none_is_named() {
     let place = Workplace::new();
-    let damping = "[[system.damping]]\norder = 1.99\ncoefficient = [1.0]";
+    let damping = "[[system.damping]]\norder = 1.99\ncoefficient = [3.0]";
     place.write(
         "scenario.toml",
         &scenario("0.5*q0^2", damping, "1.0", "kappa = 0.5", "step = 0.1\nsteps = 10"),
