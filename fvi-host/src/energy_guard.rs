@@ -3,6 +3,7 @@
 use crate::expression::Moment;
 use crate::scenario::{Derivative, OnEnergyGrowth, Scenario, SymmetricMatrix};
 use crate::simulation::GridState;
+use crate::stability::discretisation;
 
 /// How far the energy may rise, as a multiple of all that was there or put in.
 const FACTOR: f64 = 1000.0;
@@ -13,13 +14,14 @@ const FACTOR: f64 = 1000.0;
 /// be too long elsewhere, and the energy then grows by itself. Damping only takes energy, so
 ///
 /// ```text
-/// E_k − E₀ ≤ W_k ,    W_k = Σ |F·Δq| + Σ |u·Δq| + what the start does to the memory
+/// E_k − E₀ ≤ W_k ,    W_k = Σ h |F·v| + Σ h |u·v| + what the start does to the memory
 /// ```
 ///
 /// up to the error of the scheme. The guard trips where E_k − E₀ passes a thousand times T₀ + max(|U₀|, U₀ − min U) + W_k, with the kinetic
-/// energy T and the potential U: a rise that no constant in U, fall into a well or resonance explains. Forces are
-/// looked at in both ends and the middle of each step. The memory of a Riemann–Liouville derivative pushes with up to |ρ q₀| t^{−β}, that
-/// of Caputo's for β > 1 with up to |ρ v₀| t^{1−β}; for β = 0 it is a spring and holds ½ q₀ᵀρ q₀.
+/// energy T and the potential U: a rise that no constant in U, fall into a well or resonance explains. Forces are taken at the nodes
+/// of the scheme, and the larger of Δq and h v at both ends of the step for the way that they act along. The memory of a
+/// Riemann–Liouville derivative pushes with up to |ρ q₀| t^{−β}, that of Caputo's for β > 1 with up to |ρ v₀| t^{1−β}; for β = 0 it is a
+/// spring and holds ½ q₀ᵀρ q₀.
 pub struct EnergyGuard<'a> {
     scenario: &'a Scenario,
     reaction: OnEnergyGrowth,
@@ -34,6 +36,9 @@ pub struct EnergyGuard<'a> {
     work: f64,
     time: f64,
     position: Vec<f64>,
+    velocity: Vec<f64>,
+    /// Where in a step the scheme looks at forces.
+    nodes: Vec<f64>,
     warning: Option<String>,
 }
 
@@ -76,6 +81,8 @@ impl<'a> EnergyGuard<'a> {
             work: 0.0,
             time: start.time,
             position: start.position.clone(),
+            velocity,
+            nodes: discretisation(scenario).map_or_else(|| vec![0.0, 1.0], |scheme| scheme.nodes),
             warning: None,
         }
     }
@@ -85,10 +92,12 @@ impl<'a> EnergyGuard<'a> {
         if self.reaction == OnEnergyGrowth::Ignore || self.warning.is_some() {
             return None;
         }
-        self.work += self.work_of_step(input, state);
+        let velocity = self.inverse_mass.times(&state.momentum);
+        let kinetic = 0.5 * dot(&state.momentum, &velocity);
+        self.work += self.work_of_step(input, state, &velocity);
         self.time = state.time;
         self.position.copy_from_slice(&state.position);
-        let kinetic = 0.5 * dot(&state.momentum, &self.inverse_mass.times(&state.momentum));
+        self.velocity = velocity;
         self.lowest_potential = self.lowest_potential.min(state.energy - kinetic);
         let fall = self.first_potential - self.lowest_potential;
         let explained = self.stored + self.first_potential.abs().max(fall) + self.work;
@@ -115,28 +124,32 @@ impl<'a> EnergyGuard<'a> {
     }
 
     /// A bound on the work over the step to `state`.
-    fn work_of_step(&self, input: &[f64], state: &GridState) -> f64 {
-        let (from, to) = (&self.position, &state.position);
-        let way = |index: usize| (to[index] - from[index]).abs();
-        let mut work: f64 = input.iter().enumerate().map(|(index, push)| (push * way(index)).abs()).sum();
+    fn work_of_step(&self, input: &[f64], state: &GridState, velocity: &[f64]) -> f64 {
+        let (from, to, step) = (&self.position, &state.position, state.time - self.time);
+        let way = |index: usize| {
+            let fastest = self.velocity[index].abs().max(velocity[index].abs());
+            (to[index] - from[index]).abs().max(step * fastest)
+        };
+        let mut work: f64 = input.iter().enumerate().map(|(index, push)| push.abs() * way(index)).sum();
         for (push, exponent) in &self.pushes {
             let fading = libm::pow(state.time, -exponent);
             work +=
                 fading * push.iter().enumerate().map(|(index, push)| push.abs() * way(index)).sum::<f64>();
         }
         let Some(force) = &self.scenario.system.force else { return work };
-        let middle: Vec<f64> = from.iter().zip(to).map(|(from, to)| 0.5 * (from + to)).collect();
-        let places = [
-            (Moment::from_right(self.time), from),
-            (Moment::inside(0.5 * (self.time + state.time)), &middle),
-            (Moment::from_left(state.time), to),
-        ];
-        for (index, component) in force.iter().enumerate() {
-            let sizes = places.iter().map(|(moment, position)| component.value(*moment, position).abs());
-            // A force may be singular at an end, where no node looks.
-            work += way(index) * sizes.filter(|size| size.is_finite()).fold(0.0, f64::max);
+        let mut largest = vec![0.0_f64; force.len()];
+        for &node in &self.nodes {
+            let moment = match node {
+                0.0 => Moment::from_right(self.time),
+                1.0 => Moment::from_left(state.time),
+                _ => Moment::inside(self.time + node * step),
+            };
+            let place: Vec<f64> = from.iter().zip(to).map(|(from, to)| from + node * (to - from)).collect();
+            for (largest, component) in largest.iter_mut().zip(force) {
+                *largest = largest.max(component.value(moment, &place).abs());
+            }
         }
-        work
+        work + largest.iter().enumerate().map(|(index, force)| force * way(index)).sum::<f64>()
     }
 }
 
