@@ -28,7 +28,7 @@ pub enum Stability {
     Stable,
     /// The step is too large.
     Unstable {
-        /// The largest step that passes the check.
+        /// The largest step that passes the check; 0 if there is none.
         largest_stable_step: f64,
     },
 }
@@ -45,12 +45,20 @@ pub enum Stability {
 ///
 /// For degree 1 this is (4/h²) M − (1−2κ)² K − Σ_m ρ_m (γ_p(−1)/h)^{β_m}. For higher degrees it also asks that no free
 /// oscillation turns by half a revolution or more in a step: beyond that the grid takes it for its mirror image, whose damping
-/// has the wrong sign. On |z| = 1 the left side, as a function of z, can only vanish where (γ_p(z)/h)^β is real; without K
-/// that happens at z = −1 alone. `stiffness` is ∂²U/∂q² − ∂F/∂q at the initial point, so for nonlinear problems the check
-/// is local. The midpoint rule takes no account of K: it is stable for every spring.
+/// has the wrong sign.
+///
+/// For a symmetric positive semidefinite K that is enough. A motion e^{−ikθ} v, 0 < θ < π, between growth and decay would make the
+/// conservative part, which is real along v, equal to h Σ_m (γ_p(e^{iθ})/h)^{β_m} vᵀ ρ_m v. As long as β |arg γ_p(e^{iθ})| < π at every θ
+/// the imaginary parts of these terms have one sign, and the motion is undamped. As ρ rises from zero, growth
+/// can therefore set in at z = −1 only. The formulas of order 1 and 2 have |arg γ_p| ≤ π/2; the others allow β up to 1.915, 1.687,
+/// 1.404 and 1.109 for p = 3, 4, 5, 6. Above, slower motions can grow and this function refuses to judge; the host's check
+/// (`fvi_host::stability`) counts them.
+///
+/// `stiffness` is ∂²U/∂q² − ∂F/∂q at the initial point, of which the symmetric part is taken; for nonlinear problems the
+/// check is local. The midpoint rule takes no account of K: it is stable for every spring.
 ///
 /// # Errors
-/// If the step size is not positive and finite.
+/// If the step size is not positive and finite, or a damping order is above those limits.
 pub fn check_stability<T: Real, const N: usize, const S: usize, const Q: usize>(
     scheme: &Galerkin<T, S, Q>,
     mass: &Mass<T, N>,
@@ -59,6 +67,14 @@ pub fn check_stability<T: Real, const N: usize, const S: usize, const Q: usize>(
     step_size: f64,
 ) -> Result<Stability, ParameterError> {
     check_step_size(step_size)?;
+    for term in damping {
+        ParameterError::check(
+            term.damping_order <= largest_damping_order(term.bdf_order),
+            "damping order of a scheme to be checked",
+            term.damping_order,
+            "below 2, 2, 1.915, 1.687, 1.404, 1.109 for formulas of order 1…6",
+        )?;
+    }
     let mass = mass.matrix().to_matrix();
     let symmetric = (stiffness + stiffness.transpose()) * T::of(0.5);
     let form = scheme.alternating_form();
@@ -86,11 +102,25 @@ pub fn check_stability<T: Real, const N: usize, const S: usize, const Q: usize>(
     while !stable(low) && low > f64::MIN_POSITIVE {
         (low, high) = (low * 0.5, low);
     }
+    if !stable(low) {
+        return Ok(Stability::Unstable { largest_stable_step: 0.0 });
+    }
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
         if stable(middle) { low = middle } else { high = middle }
     }
     Ok(Stability::Unstable { largest_stable_step: low })
+}
+
+/// Up to here β |arg γ_p(e^{iθ})| < π at every θ.
+const fn largest_damping_order(order: BdfOrder) -> f64 {
+    match order.get() {
+        1 | 2 => 2.0,
+        3 => 1.915,
+        4 => 1.687,
+        5 => 1.404,
+        _ => 1.109,
+    }
 }
 
 #[cfg(test)]
@@ -129,6 +159,40 @@ mod tests {
         // Symplectic Euler: h √k = 2.
         assert_limit(limit(&low_order(0.0), 9.0, 0.0, 0.5, 1), 2.0 / 3.0);
         assert_eq!(limit(&low_order(0.5), 9.0, 0.0, 0.5, 1), Stability::Stable);
+    }
+
+    #[test]
+    fn orders_at_which_slower_motions_can_grow_are_not_judged() {
+        for p in 1..=6 {
+            let order = BdfOrder::new(p).unwrap();
+            let argument = |step: i32| {
+                let theta = f64::from(step) * core::f64::consts::PI / 4000.0;
+                let sum = |part: fn(f64) -> f64| {
+                    order
+                        .coefficients()
+                        .iter()
+                        .zip(0..)
+                        .map(|(a, j)| a * part(f64::from(j) * theta))
+                        .sum::<f64>()
+                };
+                libm::atan2(sum(libm::sin), sum(libm::cos)).abs()
+            };
+            let turned = (1..4000).map(argument).fold(0.0, f64::max);
+            let limit = largest_damping_order(order);
+            assert!(limit * turned < core::f64::consts::PI, "{p}");
+            assert!(p < 3 || (limit + 2e-3) * turned > core::f64::consts::PI, "{p}");
+            if p > 2 {
+                let term = ExplicitDamping {
+                    coefficients: Coefficients::Diagonal([0.01].into()),
+                    damping_order: limit + 1e-3,
+                    bdf_order: order,
+                };
+                let (scheme, mass) = (Galerkin::low_order(0.5).unwrap(), Mass::diagonal([1.0]).unwrap());
+                let judged = |term| check_stability(&scheme, &mass, &matrix![1.0], &[term], 1e-3);
+                assert_eq!(judged(term).unwrap_err().value, term.damping_order);
+                assert_eq!(judged(ExplicitDamping { damping_order: limit, ..term }), Ok(Stability::Stable));
+            }
+        }
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! Error and order of a scenario over a sequence of step sizes.
 
+use crate::energy_guard::EnergyGuard;
 use crate::measure::{ErrorMeasure, ReferenceErrors};
 use crate::picture::{Axis, Chart, Series, Style};
 use crate::scenario::{InputError, Problem, ReferenceRow, ReferenceSource, Scenario};
@@ -256,6 +257,7 @@ pub(crate) fn run_on(
     let mut state = GridState { position, momentum, ..GridState::default() };
     simulation.read(&mut state);
     take(0, &state);
+    let mut guard = EnergyGuard::new(scenario, &state);
     let mut seconds = 0.0;
     for index in 0..scenario.time.steps {
         if stop.load(Ordering::Relaxed) {
@@ -270,6 +272,9 @@ pub(crate) fn run_on(
         }
         simulation.read(&mut state);
         take(index + 1, &state);
+        if let Some(reason) = guard.take(input, &state) {
+            return Ok(Outcome::Failed { reason: format!("step {index}: {reason}") });
+        }
     }
     Ok(Outcome::Done { seconds })
 }

@@ -5,6 +5,7 @@ pub mod aligned;
 pub mod command;
 pub mod compare_engines;
 pub mod converge;
+pub mod energy_guard;
 pub mod engine;
 pub mod exponential_table;
 pub mod expression;

@@ -1,5 +1,6 @@
 //! One run: from a checked scenario to the files of its output directory.
 
+use crate::energy_guard::EnergyGuard;
 use crate::files::{FileError, make_directory, write_json};
 use crate::measure::{Largest, ReferenceErrors};
 use crate::run_pictures::RunPictures;
@@ -82,6 +83,9 @@ pub struct RunSummary {
     /// Condition number of the system of the starting weights, if there are any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub starting_condition: Option<f64>,
+    /// Energy that grew although nothing had put it in, where the scenario asks for a warning only.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub energy_warning: Option<String>,
     /// The files beside this one.
     pub files: Vec<&'static str>,
     /// The inputs as used, defaults filled in.
@@ -138,6 +142,7 @@ pub fn run(
     simulation.read(&mut state);
     writer.push(&state).map_err(&writing)?;
     observed.take(scenario, 0, &state);
+    let mut guard = EnergyGuard::new(scenario, &state);
 
     let start = Instant::now();
     let mut end = RunEnd::Completed;
@@ -164,6 +169,10 @@ pub fn run(
         writer.push(&state).map_err(&writing)?;
         observed.take(scenario, steps, &state);
         progress(steps);
+        if let Some(reason) = guard.take(input, &state) {
+            end = RunEnd::Failed { step: steps - 1, time: scenario.time.time(steps - 1), reason };
+            break;
+        }
     }
     writer.finish().map_err(&writing)?;
     let seconds = start.elapsed().as_secs_f64();
@@ -190,6 +199,7 @@ pub fn run(
             .filter(|exponents| !exponents.is_empty())
             .map(|exponents| starting_condition(exponents)),
         errors: Some(observed.errors).filter(ReferenceErrors::any),
+        energy_warning: guard.warning(),
         files,
         scenario: scenario.clone(),
     };

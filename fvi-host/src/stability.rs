@@ -12,7 +12,7 @@ mod winding;
 use characteristic::Characteristic;
 use fvi_core::{BdfOrder, ParameterError};
 use nalgebra::{Cholesky, DMatrix};
-pub(crate) use of_scenario::check_step;
+pub(crate) use of_scenario::{check_step, discretisation};
 use parts::{Part, parts};
 
 /// Where the fractional force acts, and the convolution quadrature behind it.

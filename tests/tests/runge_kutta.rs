@@ -3,17 +3,19 @@
 use std::collections::HashMap;
 
 use fvi_core::{
-    Approach, Coefficients, Derivative::Caputo, Derivative::RiemannLiouville, Instant, Mass, NodeGalerkin,
-    Quadratic, RungeKutta, Stability, System, TimeForce,
+    Approach, Derivative::Caputo, Derivative::RiemannLiouville, Instant, Mass, NodeGalerkin, Quadratic,
+    RungeKutta, System, TimeForce,
 };
 use fvi_host::runge_kutta_weights::RungeKuttaWeights;
-use fvi_host::stage_stability::{LinearSystem, StageDamping, check_stage_stability};
+use fvi_host::stability::{
+    DampingForm, Discretisation, LinearDamping, LinearSystem, Verdict, check_stability,
+};
 use fvi_tests::convergence::observed_order;
 use fvi_tests::manufactured::manufactured_errors;
 use fvi_tests::motion::{Motion, diagonal, integrate};
 use fvi_tests::reference;
 use fvi_tests::stages::stage_term;
-use nalgebra::{SVector, matrix, vector};
+use nalgebra::{DMatrix, SVector, dmatrix, vector};
 
 /// Runs `$body` with `$method` for each of the methods, `$family` 0 for Radau IIA and 1 for Lobatto IIIC.
 macro_rules! for_each_method {
@@ -315,10 +317,17 @@ fn limit<const S: usize, const R: usize>(
     method: &RungeKutta<R>,
     damping_order: f64,
 ) -> Option<(f64, [f64; 2])> {
-    let system = LinearSystem { mass: matrix![1.0], stiffness: matrix![1.0] };
-    let term = StageDamping { coefficients: Coefficients::Diagonal([2.0].into()), damping_order };
-    let verdict = check_stage_stability(method, S, &system, &[term], 100.0).unwrap();
-    let Stability::Unstable { largest_stable_step } = verdict else { return None };
+    let damping = vec![LinearDamping { coefficients: dmatrix![2.0], damping_order }];
+    let system = LinearSystem::new(&dmatrix![1.0], &dmatrix![1.0], damping).unwrap();
+    let rule = method.quadrature();
+    let discretisation = Discretisation {
+        degree: S,
+        nodes: rule.nodes().to_vec(),
+        weights: rule.weights().to_vec(),
+        form: DampingForm::Stages { matrix: DMatrix::from_fn(R, R, |i, j| method.matrix()[i][j]) },
+    };
+    let verdict = check_stability(&discretisation, &system, 100.0, 1000);
+    let Verdict::Unstable { largest_stable_step: Some(largest_stable_step) } = verdict else { return None };
     let size = |(factor, steps): (f64, usize)| {
         let (h, parameters) = (factor * largest_stable_step, (1.0, 2.0, 1.0, damping_order));
         let motion = linear::<S, R>(method, parameters, 1.0, |_| 0.0, h, steps);

@@ -52,6 +52,9 @@ impl RunArguments {
                 other => CommandError::Failed(other.to_string()),
             })?;
         progress.finish();
+        if let Some(warning) = &summary.energy_warning {
+            eprintln!("warning: {warning}");
+        }
         let line = result_line(&scenario, &summary, &directory);
         match &summary.end {
             RunEnd::Completed => {

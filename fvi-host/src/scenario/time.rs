@@ -11,13 +11,29 @@ pub struct TimeGrid {
     pub step: f64,
     /// Number of steps.
     pub steps: usize,
-    /// Whether to run although the fractional force is known to make the scheme unstable.
+    /// Whether to run although the step is known to make motions grow.
     pub allow_unstable: bool,
+    /// What happens when energy grows that nothing has put in; absent: the run stops, unless `allow_unstable`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub energy_guard: Option<OnEnergyGrowth>,
+}
+
+/// What happens when energy grows that nothing has put in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum OnEnergyGrowth {
+    /// The step fails.
+    Stop,
+    /// The run goes on and a warning is given.
+    Warn,
+    /// Nothing: `"off"`.
+    #[serde(rename = "off")]
+    Ignore,
 }
 
 impl TimeGrid {
     pub(super) fn read(table: &Table<'_>) -> Result<Self, InputError> {
-        table.allow(&["step", "steps", "end", "allow_unstable"])?;
+        table.allow(&["step", "steps", "end", "allow_unstable", "energy_guard"])?;
         let step = table.required("step")?.positive()?;
         let (counted, value) = table.either("steps", "end")?;
         let steps = if counted {
@@ -40,7 +56,17 @@ impl TimeGrid {
             return Err(value.out_of_range("an end that is a finite time"));
         }
         let allow_unstable = table.optional("allow_unstable").map_or(Ok(false), |value| value.truth())?;
-        Ok(Self { step, steps, allow_unstable })
+        let reactions =
+            [("stop", OnEnergyGrowth::Stop), ("warn", OnEnergyGrowth::Warn), ("off", OnEnergyGrowth::Ignore)];
+        let energy_guard =
+            table.optional("energy_guard").map(|value| value.choice(&reactions)).transpose()?;
+        Ok(Self { step, steps, allow_unstable, energy_guard })
+    }
+
+    /// What happens when energy grows that nothing has put in.
+    pub fn on_energy_growth(&self) -> OnEnergyGrowth {
+        let default = if self.allow_unstable { OnEnergyGrowth::Ignore } else { OnEnergyGrowth::Stop };
+        self.energy_guard.unwrap_or(default)
     }
 
     /// t_k.

@@ -68,7 +68,7 @@ fn dense(matrix: &SymmetricMatrix) -> DMatrix<f64> {
 }
 
 /// The scheme of a scenario; `None` for the Euler methods and for shapes that do not exist.
-fn discretisation(scenario: &Scenario) -> Option<Discretisation> {
+pub(crate) fn discretisation(scenario: &Scenario) -> Option<Discretisation> {
     let (degree, kappa) = match scenario.scheme {
         Scheme::LowOrder { kappa } => (1, Some(kappa)),
         Scheme::Galerkin { degree, .. } => (degree, None),

@@ -9,4 +9,5 @@ mod repository_scenarios;
 mod reproduction;
 mod runs;
 mod scenario_errors;
+mod stability;
 mod workplace;

@@ -195,7 +195,7 @@ fn a_sampled_input_acts_as_the_same_force_in_time() {
 fn an_unstable_step_is_refused_unless_it_is_allowed() {
     let place = Workplace::new();
     let steep =
-        OSCILLATOR.replace("order = 0.5", "order = 1.9").replace("[0.25]\n[initial]", "[20.0]\n[initial]");
+        OSCILLATOR.replace("order = 0.5", "order = 1.9").replace("[0.25]\n[initial]", "[2.0]\n[initial]");
     place.write("scenario.toml", &steep);
     let output = place.fvi(&["run", "scenario.toml", "--out", "out"]);
     assert_eq!(output.status.code(), Some(2));
