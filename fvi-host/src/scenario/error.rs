@@ -2,6 +2,7 @@
 
 use crate::engine::EngineError;
 use crate::expression::{ExpressionError, ParameterNameError};
+use crate::visible::visible;
 use core::ops::Range;
 use miette::{Diagnostic, LabeledSpan, NamedSource, SourceCode};
 use std::fmt;
@@ -51,8 +52,10 @@ impl InputError {
         problem: Problem,
     ) -> Self {
         let place = span.map(|span| Place::new(text, span));
-        let source = NamedSource::new(name, text.to_owned());
-        Self(Box::new(Details { source, key: key.to_owned(), value, place, problem }))
+        // Nothing of the file steers the terminal it is shown on. Places stay valid.
+        let source = NamedSource::new(visible(name), visible(text).into_owned());
+        let (key, value) = (visible(key).into_owned(), visible(&value).into_owned());
+        Self(Box::new(Details { source, key, value, place, problem }))
     }
 
     /// An error about a file that cannot be read at all.
@@ -87,7 +90,7 @@ impl fmt::Display for InputError {
             (key, "") => write!(f, ": {key}")?,
             (key, value) => write!(f, ": {key} = {value}")?,
         }
-        write!(f, ": {}", self.0.problem)
+        write!(f, ": {}", visible(&self.0.problem.to_string()))
     }
 }
 
@@ -95,7 +98,8 @@ impl std::error::Error for InputError {}
 
 impl Diagnostic for InputError {
     fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
-        self.0.problem.allowed().map(|allowed| Box::new(allowed) as Box<dyn fmt::Display>)
+        let allowed = self.0.problem.allowed()?;
+        Some(Box::new(visible(&allowed).into_owned()))
     }
 
     fn source_code(&self) -> Option<&dyn SourceCode> {
@@ -206,7 +210,7 @@ pub enum Problem {
         place: String,
     },
     /// The step is so long that the fractional force makes motions grow.
-    #[error("unstable: the largest stable step is about {largest_step:.2e}")]
+    #[error("unstable: {}", stable_steps(*.largest_step))]
     Unstable {
         /// The largest stable step.
         largest_step: f64,
@@ -238,6 +242,16 @@ pub enum Problem {
         /// What is wrong there.
         reason: String,
     },
+}
+
+/// What is known of the steps that are stable.
+fn stable_steps(largest: f64) -> String {
+    // The search for the limit ends where numbers do.
+    if largest < 1e-300 {
+        "no step, however short, is stable".to_owned()
+    } else {
+        format!("the largest stable step is about {largest:.2e}")
+    }
 }
 
 impl Problem {
