@@ -39,7 +39,7 @@ enum Family {
     Bdf,
 }
 
-/// Weights that are looked at before the first is written; behind them weights fall off smoothly.
+/// Weights that are looked at before the first is written.
 const CHECKED: usize = 1 << 16;
 
 impl WeightsArguments {
@@ -47,7 +47,11 @@ impl WeightsArguments {
         let Family::Bdf = self.family;
         let order = BdfOrder::new(self.order).map_err(parameter_error)?;
         let weights = || ConvolutionWeights::bdf(order, self.exponent, self.step).map_err(parameter_error);
-        if !weights()?.take(self.count.min(CHECKED)).all(|weight| weight == 0.0 || weight.is_normal()) {
+        let first: Vec<f64> = weights()?.take(self.count.min(CHECKED)).collect();
+        // Behind them the weights fall off like n^(−1−exponent).
+        let factor = libm::pow((self.count as f64 / CHECKED as f64).max(1.0), -1.0 - self.exponent);
+        let last = first.last().map(|weight| weight * factor);
+        if !first.iter().copied().chain(last).all(|weight| weight == 0.0 || weight.is_normal()) {
             let allowed = "a step whose weights, h^−exponent in size, double precision holds";
             return Err(parameter_error(ParameterError { parameter: "step", value: self.step, allowed }));
         }

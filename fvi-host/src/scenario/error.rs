@@ -244,10 +244,12 @@ pub enum Problem {
     },
 }
 
+/// Where the search for the longest stable step ends, with room to spare: near the smallest numbers.
+const SHORTEST_STEP: f64 = 1e-300;
+
 /// What is known of the steps that are stable.
 fn stable_steps(largest: f64) -> String {
-    // The search for the limit ends where numbers do.
-    if largest < 1e-300 {
+    if largest < SHORTEST_STEP {
         "no step, however short, is stable".to_owned()
     } else {
         format!("the largest stable step is about {largest:.2e}")
@@ -271,6 +273,9 @@ impl Problem {
                 Some("allowed: a symmetric positive semidefinite matrix (diagonal: every number ≥ 0)".to_owned())
             }
             Self::Expression(error) => error.advice(),
+            Self::Unstable { largest_step } if *largest_step < SHORTEST_STEP => Some(
+                "take less damping, or set `time.allow_unstable = true` to run anyway".to_owned(),
+            ),
             Self::Unstable { .. } => Some(
                 "take a shorter `time.step`, a lower `convolution.order` (with stages: a lower `scheme.degree`), or set `time.allow_unstable = true` to run anyway"
                     .to_owned(),

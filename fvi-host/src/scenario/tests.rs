@@ -212,6 +212,14 @@ fn an_end_is_a_whole_number_of_steps_up_to_rounding() {
 }
 
 #[test]
+fn where_no_step_is_stable_no_step_is_named() {
+    let unstable = |largest_step| Problem::Unstable { largest_step };
+    assert_eq!(unstable(1.78e-308).to_string(), "unstable: no step, however short, is stable");
+    assert!(!unstable(1.78e-308).allowed().unwrap().contains("shorter"));
+    assert_eq!(unstable(0.25).to_string(), "unstable: the largest stable step is about 2.50e-1");
+}
+
+#[test]
 fn steps_are_few_enough_to_be_counted() {
     let steps = |count: &str| read(&GOOD.replacen("end = 30.0", &format!("steps = {count}"), 1));
     assert_eq!(steps("9007199254740992").unwrap().time.steps, MOST_STEPS);

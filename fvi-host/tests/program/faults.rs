@@ -50,7 +50,14 @@ impl Workplace {
         if cfg!(target_os = "linux") {
             // Whoever started the tests may have had hang-ups ignored, which is passed on.
             command = Command::new("env");
-            command.args(["--default-signal=HUP", env!("CARGO_BIN_EXE_fvi"), "run", "long.toml", "--out", "out"]);
+            command.args([
+                "--default-signal=HUP",
+                env!("CARGO_BIN_EXE_fvi"),
+                "run",
+                "long.toml",
+                "--out",
+                "out",
+            ]);
             command.current_dir(self.path(""));
         }
         let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
@@ -245,6 +252,7 @@ fn numbers_that_cannot_be_listed_are_refused() {
     for arguments in [
         "weights --exponent 1.9 --step 1e-170",
         "weights --exponent 1.9 --step 1e170",
+        "weights --exponent 1.9 --step 1e155 --count 100000000",
         "exponentials --exponent 1.9 --step 1e-170",
         "exponentials --exponent 1.9 --step 1e-30 --precision f32 --format c",
         "exponentials --exponent 1.9 --step 1e30 --precision f32 --format rust",
