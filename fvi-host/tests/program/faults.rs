@@ -147,7 +147,7 @@ fn termination_and_hang_up_keep_what_was_computed() {
 #[test]
 fn a_run_behind_nohup_goes_on_after_a_hang_up() {
     let place = Workplace::new();
-    place.write("long.toml", &LONG.replace("3_000_000", "20_000"));
+    place.write("long.toml", &LONG.replace("3_000_000", "10_000"));
     let line =
         "trap '' HUP; fvi run long.toml --out out & until test -d out; do :; done; kill -HUP $!; wait $!";
     let output = place.shell(line);
