@@ -8,14 +8,19 @@ mod listing;
 mod progress;
 pub mod reproduce;
 pub mod run;
+mod stop;
+mod terminal;
 pub mod weights;
 
 use crate::files::FileError;
+use crate::output_directory::OutputDirectory;
 use crate::scenario::{InputError, Scenario};
 use crate::starting::{TRUSTED_CONDITION, starting_condition};
+use crate::visible::visible;
 use clap::{Parser, Subcommand};
 use miette::{GraphicalReportHandler, GraphicalTheme};
-use std::io::IsTerminal;
+use std::io::{ErrorKind, IsTerminal};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Fractional variational integrators with a fast memory.
@@ -54,21 +59,37 @@ pub enum CommandError {
     /// An argument is outside its range: exit code 2.
     #[error(transparent)]
     Argument(fvi_core::ParameterError),
+    /// There is no room in memory for what was asked for: exit code 2.
+    #[error("{0}")]
+    NoRoom(String),
     /// The computation failed: exit code 1.
     #[error("{0}")]
     Failed(String),
-    /// A file of results cannot be written: exit code 1.
+    /// A file of results cannot be written: exit code 1; another run is writing to the directory: exit code 2.
     #[error(transparent)]
     File(#[from] FileError),
-    /// It was stopped by Ctrl-C: exit code 130.
+    /// It was stopped by a signal: exit code 130.
     #[error("{0}")]
     Stopped(String),
 }
 
 impl Program {
     /// Does what the command line says; the exit code is 0 when all is done, 2 on bad input, 1 when the
-    /// computation failed and 130 when it was stopped by Ctrl-C.
-    pub fn execute(self) -> ExitCode {
+    /// computation failed and 130 when it was stopped by a signal.
+    pub fn run() -> ExitCode {
+        match Self::try_parse() {
+            Ok(program) => program.execute(),
+            Err(usage) => match usage.print() {
+                // Help that was asked for and could not be given.
+                Err(error) if usage.exit_code() == 0 && error.kind() != ErrorKind::BrokenPipe => {
+                    ExitCode::FAILURE
+                }
+                _ => ExitCode::from(usage.exit_code() as u8),
+            },
+        }
+    }
+
+    fn execute(self) -> ExitCode {
         let result = match self.command {
             Command::Run(arguments) => arguments.execute(),
             Command::CompareEngines(arguments) => arguments.execute(),
@@ -81,7 +102,7 @@ impl Program {
         match result {
             Ok(()) => ExitCode::SUCCESS,
             Err(error) => {
-                eprint!("{}", error.report());
+                terminal::mention(&error.report());
                 error.code()
             }
         }
@@ -91,15 +112,16 @@ impl Program {
 impl CommandError {
     fn code(&self) -> ExitCode {
         match self {
-            Self::Input(_) | Self::Argument(_) => ExitCode::from(2),
+            Self::File(error) if OutputDirectory::in_use(error) => ExitCode::from(2),
+            Self::Input(_) | Self::Argument(_) | Self::NoRoom(_) => ExitCode::from(2),
             Self::Failed(_) | Self::File(_) => ExitCode::from(1),
-            Self::Stopped(_) => ExitCode::from(130),
+            Self::Stopped(_) => ExitCode::from(stop::STOPPED),
         }
     }
 
     /// What is written to standard error.
     fn report(&self) -> String {
-        let Self::Input(error) = self else { return format!("fvi: {self}\n") };
+        let Self::Input(error) = self else { return visible(&format!("fvi: {self}\n")).into_owned() };
         let theme = if std::io::stderr().is_terminal() {
             GraphicalTheme::default()
         } else {
@@ -119,9 +141,34 @@ impl CommandError {
 fn warn_about_starting_weights(scenario: &Scenario) {
     let condition = starting_condition(&scenario.convolution.starting);
     if condition > TRUSTED_CONDITION {
-        eprintln!(
+        terminal::mention(&format!(
             "warning: convolution.starting: the system of the starting weights has condition {condition:.1e}; \
-             above {TRUSTED_CONDITION:.0e} they are more rounding than weights: take fewer exponents"
-        );
+             above {TRUSTED_CONDITION:.0e} they are more rounding than weights: take fewer exponents\n"
+        ));
+    }
+}
+
+/// Where the files about an input file go if nothing is said: `out/` and the file's name without its ending.
+fn default_directory(input: &Path, command: &str) -> PathBuf {
+    let stem = input.file_stem().unwrap_or_default();
+    // A name of dots alone, as of `...toml`, would lead out of the directory.
+    let only_dots = stem.as_encoded_bytes().iter().all(|&byte| byte == b'.');
+    Path::new("out").join(if only_dots { command.as_ref() } else { stem })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_directory_of_a_file_lies_below_out() {
+        for (file, directory) in [
+            ("a/plate.toml", "out/plate"),
+            ("...toml", "out/run"),
+            ("..toml", "out/run"),
+            (".toml", "out/.toml"),
+        ] {
+            assert_eq!(default_directory(Path::new(file), "run"), Path::new(directory), "{file}");
+        }
     }
 }

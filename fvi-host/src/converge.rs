@@ -2,9 +2,11 @@
 
 use crate::energy_guard::EnergyGuard;
 use crate::measure::{ErrorMeasure, ReferenceErrors};
+use crate::not_finite::{reason, start, what_is_not_finite};
 use crate::picture::{Axis, Chart, Series, Style};
-use crate::scenario::{InputError, Problem, ReferenceRow, ReferenceSource, Scenario};
-use crate::simulation::{GridState, Precision, Simulation};
+use crate::room::{NoRoom, require};
+use crate::scenario::{InputError, MOST_STEPS, Problem, ReferenceRow, ReferenceSource, Scenario};
+use crate::simulation::{GridState, Precision};
 use serde::Serialize;
 use std::ops::RangeInclusive;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -105,6 +107,9 @@ pub enum ConvergeError {
         /// Why.
         reason: String,
     },
+    /// The states of the finer run do not fit into memory.
+    #[error("the states of the finer run: {0}")]
+    NoRoom(#[from] NoRoom),
     /// There are too many steps to count.
     #[error("level {level} has more steps than can be counted")]
     TooManySteps {
@@ -142,6 +147,7 @@ pub fn converge(
         let power = 1_usize.checked_shl(level).filter(|&power| power >> level == 1);
         power
             .and_then(|power| power.checked_mul(grids.intervals))
+            .filter(|&steps| steps <= MOST_STEPS)
             .ok_or(ConvergeError::TooManySteps { level })
     };
     let finest = *grids.levels.end();
@@ -157,7 +163,14 @@ pub fn converge(
         progress(made, all);
     };
 
-    let mut fine_states = Vec::new();
+    let mut fine_states: Vec<GridState> = Vec::new();
+    if finer.is_some() {
+        let numbers =
+            size_of::<GridState>() + 2 * scenario.coordinates().next_multiple_of(2) * size_of::<f64>() + 32;
+        let states = steps_of(finest)?.saturating_add(1);
+        require(states.saturating_mul(numbers))?;
+        fine_states.reserve_exact(states);
+    }
     if let Some(steps) = finer {
         let outcome = run_on(&scenario.in_steps(steps), stop, |index, state| {
             if index.is_multiple_of(1 << FINER) {
@@ -251,11 +264,7 @@ pub(crate) fn run_on(
     stop: &AtomicBool,
     mut take: impl FnMut(usize, &GridState),
 ) -> Result<Outcome, ConvergeError> {
-    let mut simulation = Simulation::new(scenario, Precision::F64)?;
-    let coordinates = scenario.coordinates();
-    let (position, momentum) = (vec![0.0; coordinates], vec![0.0; coordinates]);
-    let mut state = GridState { position, momentum, ..GridState::default() };
-    simulation.read(&mut state);
+    let (mut simulation, mut state) = start(scenario, Precision::F64)?;
     take(0, &state);
     let mut guard = EnergyGuard::new(scenario, &state);
     let mut seconds = 0.0;
@@ -264,13 +273,16 @@ pub(crate) fn run_on(
             return Err(ConvergeError::Stopped);
         }
         let input = scenario.input.as_ref().and_then(|input| input.at_step(index)).unwrap_or(&[]);
-        let start = Instant::now();
+        let begin = Instant::now();
         let result = simulation.step(input);
-        seconds += start.elapsed().as_secs_f64();
+        seconds += begin.elapsed().as_secs_f64();
         if let Err(error) = result {
             return Ok(Outcome::Failed { reason: format!("step {index}: {error}") });
         }
         simulation.read(&mut state);
+        if let Some(what) = what_is_not_finite(&state) {
+            return Ok(Outcome::Failed { reason: format!("step {index}: {}", reason(what)) });
+        }
         take(index + 1, &state);
         if let Some(reason) = guard.take(input, &state) {
             return Ok(Outcome::Failed { reason: format!("step {index}: {reason}") });

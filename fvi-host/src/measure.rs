@@ -4,6 +4,11 @@ use crate::scenario::ReferenceRow;
 use crate::simulation::GridState;
 use serde::Serialize;
 
+/// The larger of two; not-a-number, once met, stays.
+fn larger(largest: f64, number: f64) -> f64 {
+    if number <= largest || largest.is_nan() { largest } else { number }
+}
+
 /// The largest error so far and the last one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct ErrorMeasure {
@@ -24,12 +29,12 @@ impl ErrorMeasure {
         let Some((first_found, first_known)) = errors.next() else { return };
         let mut last = 0.0_f64;
         for (found, known) in core::iter::once((first_found, first_known)).chain(errors) {
-            last = last.max((found - known).abs());
-            self.reference_largest = self.reference_largest.max(known.abs());
+            last = larger(last, (found - known).abs());
+            self.reference_largest = larger(self.reference_largest, known.abs());
             self.compared += 1;
         }
         self.last = last;
-        self.largest = self.largest.max(last);
+        self.largest = larger(self.largest, last);
     }
 }
 
@@ -84,17 +89,30 @@ impl Largest {
             largest
                 .iter_mut()
                 .zip(numbers)
-                .for_each(|(largest, number)| *largest = largest.max(number.abs()));
+                .for_each(|(largest, number)| *largest = larger(*largest, number.abs()));
         };
         raise(&mut self.position, &state.position);
         raise(&mut self.momentum, &state.momentum);
-        self.energy = self.energy.max(state.energy.abs());
+        self.energy = larger(self.energy, state.energy.abs());
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn not_a_number_is_not_passed_over() {
+        let mut largest = Largest::default();
+        let mut errors = ErrorMeasure::default();
+        for number in [1.0, f64::NAN, 2.0] {
+            let (position, momentum) = (vec![number], vec![0.5]);
+            largest.take(&GridState { time: 0.0, position, momentum, energy: number });
+            errors.compare(&[number], &[Some(0.0)]);
+        }
+        assert!(largest.position[0].is_nan() && largest.energy.is_nan() && errors.largest.is_nan());
+        assert_eq!(largest.momentum, [0.5]);
+    }
 
     #[test]
     fn only_what_is_known_is_compared() {

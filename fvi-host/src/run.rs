@@ -1,14 +1,15 @@
 //! One run: from a checked scenario to the files of its output directory.
 
 use crate::energy_guard::EnergyGuard;
-use crate::files::{FileError, make_directory, write_json};
+use crate::files::{FileError, remove, write_json};
 use crate::measure::{Largest, ReferenceErrors};
+use crate::not_finite::{reason, start, what_is_not_finite};
+use crate::output_directory::OutputDirectory;
 use crate::run_pictures::RunPictures;
 use crate::scenario::{Engine, InputError, Scenario};
-use crate::simulation::{GridState, Precision, Simulation};
+use crate::simulation::{GridState, Precision};
 use crate::starting::starting_condition;
 use crate::trajectory::TrajectoryWriter;
-use fvi_core::StepError;
 use serde::Serialize;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -17,7 +18,7 @@ use std::time::Instant;
 /// How a run is made.
 #[derive(Clone, Debug)]
 pub struct RunOptions {
-    /// Where its files go; made if it is not there.
+    /// Where its files go; made if it is not there, and closed to other runs meanwhile.
     pub directory: PathBuf,
     /// What it computes in.
     pub precision: Precision,
@@ -123,28 +124,22 @@ pub fn run(
     mut progress: impl FnMut(usize),
 ) -> Result<RunSummary, RunError> {
     let preparation = Instant::now();
-    let mut simulation = Simulation::new(scenario, options.precision)?;
+    let (mut simulation, mut state) = start(scenario, options.precision)?;
     let preparation_seconds = preparation.elapsed().as_secs_f64();
 
-    let directory = &options.directory;
-    make_directory(directory)?;
+    let directory = OutputDirectory::claim(&options.directory)?;
     let trajectory_path = directory.join(TRAJECTORY);
     let writing = FileError::at(&trajectory_path);
     let coordinates = scenario.coordinates();
     let mut writer =
         TrajectoryWriter::create(&trajectory_path, coordinates, scenario.output.every).map_err(&writing)?;
     let mut observed = Observed::new(scenario);
-    let mut state = GridState {
-        position: vec![0.0; coordinates],
-        momentum: vec![0.0; coordinates],
-        ..GridState::default()
-    };
-    simulation.read(&mut state);
     writer.push(&state).map_err(&writing)?;
     observed.take(scenario, 0, &state);
     let mut guard = EnergyGuard::new(scenario, &state);
 
-    let start = Instant::now();
+    let begin = Instant::now();
+    let mut next = state.clone();
     let mut end = RunEnd::Completed;
     let mut steps = 0;
     let (mut newton_iterations, mut newton_iterations_most) = (0_u64, 0_u32);
@@ -160,12 +155,17 @@ pub fn run(
                 newton_iterations_most = newton_iterations_most.max(iterations);
             }
             Err(error) => {
-                end = failure(steps, state.time, error);
+                end = failure(steps, &state, error.to_string());
                 break;
             }
         }
+        simulation.read(&mut next);
+        if let Some(what) = what_is_not_finite(&next) {
+            end = failure(steps, &state, reason(what));
+            break;
+        }
         steps += 1;
-        simulation.read(&mut state);
+        std::mem::swap(&mut state, &mut next);
         writer.push(&state).map_err(&writing)?;
         observed.take(scenario, steps, &state);
         progress(steps);
@@ -174,11 +174,14 @@ pub fn run(
             break;
         }
     }
+    // A summary stands for the files beside it: the old one goes before they do, the new one comes last.
+    remove(&directory.join(SUMMARY))?;
     writer.finish().map_err(&writing)?;
-    let seconds = start.elapsed().as_secs_f64();
+    let seconds = begin.elapsed().as_secs_f64();
 
     let mut files = vec![TRAJECTORY];
-    files.extend(observed.pictures.write(scenario, steps, directory)?);
+    // The record is written even if a picture cannot be.
+    let drawn = observed.pictures.write(scenario, steps, directory.path(), &mut files);
     let summary = RunSummary {
         end,
         version: env!("CARGO_PKG_VERSION"),
@@ -197,18 +200,20 @@ pub fn run(
         largest: observed.largest,
         starting_condition: Some(&scenario.convolution.starting)
             .filter(|exponents| !exponents.is_empty())
-            .map(|exponents| starting_condition(exponents)),
+            .map(|exponents| starting_condition(exponents))
+            .filter(|condition| condition.is_finite()),
         errors: Some(observed.errors).filter(ReferenceErrors::any),
         energy_warning: guard.warning(),
         files,
         scenario: scenario.clone(),
     };
     write_json(&directory.join(SUMMARY), &summary)?;
+    drawn?;
     Ok(summary)
 }
 
-fn failure(step: usize, time: f64, error: StepError) -> RunEnd {
-    RunEnd::Failed { step, time, reason: error.to_string() }
+fn failure(step: usize, before: &GridState, reason: String) -> RunEnd {
+    RunEnd::Failed { step, time: before.time, reason }
 }
 
 /// What is gathered along the way.

@@ -1,6 +1,6 @@
 //! The pictures of a run: coordinates over time, phase portrait, energy.
 
-use crate::files::{FileError, write_picture};
+use crate::files::{FileError, remove, write_picture};
 use crate::picture::{Axis, Chart, Envelope, PathTrace, Series, Style};
 use crate::scenario::{ReferenceRow, ReferenceSource, Scenario};
 use crate::simulation::GridState;
@@ -38,13 +38,14 @@ impl RunPictures {
         }
     }
 
-    /// Draws what was gathered over `steps` steps; returns the names of the files.
+    /// Draws what was gathered over `steps` steps; adds the names of the files.
     pub(crate) fn write(
         &self,
         scenario: &Scenario,
         steps: usize,
         directory: &Path,
-    ) -> Result<Vec<&'static str>, FileError> {
+        files: &mut Vec<&'static str>,
+    ) -> Result<(), FileError> {
         let reference = reference_rows(scenario, steps);
         let mut charts = vec![
             ("coordinates.svg", self.coordinates(scenario, &reference)),
@@ -53,17 +54,13 @@ impl RunPictures {
         match self.phase_portrait(scenario, &reference) {
             Some(chart) => charts.push(("phase.svg", chart)),
             // A portrait from an earlier run of another system would pass for this one's.
-            None => match std::fs::remove_file(directory.join("phase.svg")) {
-                Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-                    return Err(FileError::at(&directory.join("phase.svg"))(error));
-                }
-                _ => {}
-            },
+            None => remove(&directory.join("phase.svg"))?,
         }
         for (name, chart) in &charts {
             write_picture(&directory.join(name), chart)?;
+            files.push(name);
         }
-        Ok(charts.into_iter().map(|(name, _)| name).collect())
+        Ok(())
     }
 
     fn coordinates(&self, scenario: &Scenario, reference: &[ReferenceRow]) -> Chart {

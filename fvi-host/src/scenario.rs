@@ -22,7 +22,7 @@ pub use reference::{Reference, ReferenceRow, ReferenceSource};
 pub use sampled_input::SampledInput;
 pub use scheme::{Convolution, ConvolutionFamily, Quadrature, Scheme};
 pub use system::{Damping, Derivative, System};
-pub use time::{Engine, History, OnEnergyGrowth, OutputOptions, Overflow, TimeGrid};
+pub use time::{Engine, History, MOST_STEPS, OnEnergyGrowth, OutputOptions, Overflow, TimeGrid};
 
 use crate::expression::Moment;
 use document::Table;

@@ -80,10 +80,6 @@ fn the_path_of_least_fractional_speed_converges_with_order_2_alpha_minus_1() {
             known.iter().map(at).fold(0.0, |a: f64, b| a.max(b.abs()))
         };
         let errors: Vec<f64> = [1024, 2048, 4096, 8192].map(error).to_vec();
-        println!(
-            "least fractional speed, alpha = {alpha}: errors {errors:?}, orders {:.3?}",
-            orders(&errors)
-        );
         for order in orders(&errors) {
             assert!(low < order && order < high, "alpha = {alpha}: {errors:?} {order}");
         }
@@ -111,7 +107,6 @@ fn the_power_law_converges_with_order_one() {
             largest_difference(&extremal.positions, &exact)
         };
         let errors: Vec<f64> = [1024, 2048, 4096, 8192].map(error).to_vec();
-        println!("power law, alpha = {alpha}: errors {errors:?}, orders {:.3?}", orders(&errors));
         for order in orders(&errors) {
             assert!(low < order && order < high, "alpha = {alpha}: {errors:?} {order}");
         }
@@ -220,10 +215,6 @@ fn iterations_do_not_grow_with_the_grid() {
                 let grid = Grid::new(0.0, 1.0, steps).unwrap();
                 let extremal =
                     solve(&lagrangian, grid, Sigma::Minus, alpha, [&[0.5], &[1.0]], Method::Krylov);
-                println!(
-                    "{text}, alpha = {alpha}, {steps} steps: {} Newton, {} Krylov, relative residual {:.1e}",
-                    extremal.newton_iterations, extremal.krylov_iterations, extremal.relative_residual
-                );
                 assert!(extremal.newton_iterations <= 4, "{text} {alpha} {steps}");
                 // One more solution than Newton steps when the last step gains nothing and is not taken.
                 let limit = most_per_newton_step * (extremal.newton_iterations + 1);

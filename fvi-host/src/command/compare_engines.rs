@@ -1,8 +1,10 @@
 //! `fvi compare-engines`: memory engines side by side.
 
-use super::CommandError;
-use crate::compare_engines::{Comparison, Contender, text_table, write_pictures, write_table};
-use crate::files::make_directory;
+use super::{CommandError, terminal};
+use crate::compare_engines::{
+    Comparison, ComparisonError, Contender, text_table, write_pictures, write_table,
+};
+use crate::output_directory::OutputDirectory;
 use fvi_core::BdfOrder;
 use std::io::IsTerminal;
 use std::path::PathBuf;
@@ -46,7 +48,7 @@ fn exponent(text: &str) -> Result<f64, String> {
 
 impl CompareEnginesArguments {
     pub(super) fn execute(self) -> Result<(), CommandError> {
-        make_directory(&self.out)?;
+        let directory = OutputDirectory::claim(&self.out)?;
         let kernels =
             self.order.iter().flat_map(|&order| self.exponent.iter().map(move |&exponent| (order, exponent)));
         let comparison = Comparison {
@@ -57,15 +59,18 @@ impl CompareEnginesArguments {
         let announce = !self.quiet && std::io::stderr().is_terminal();
         let measurements = comparison.run(&Contender::all(), |task| {
             if announce {
-                eprintln!("{task}");
+                terminal::mention(&format!("{task}\n"));
             }
         });
-        let measurements = measurements.map_err(|error| CommandError::Failed(error.to_string()))?;
-        write_table(&measurements, &self.out.join("engines.csv"))?;
-        write_pictures(&measurements, &self.out)?;
+        let measurements = measurements.map_err(|error| match error {
+            ComparisonError::NoRoom { .. } => CommandError::NoRoom(format!("--lengths: {error}")),
+            other => CommandError::Failed(other.to_string()),
+        })?;
+        write_table(&measurements, &directory.join("engines.csv"))?;
+        write_pictures(&measurements, directory.path())?;
         if !self.quiet {
-            print!("{}", text_table(&measurements));
-            println!("written to {}", self.out.display());
+            let table = text_table(&measurements);
+            terminal::say(&format!("{table}written to {}\n", self.out.display()))?;
         }
         Ok(())
     }

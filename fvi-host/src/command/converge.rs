@@ -1,13 +1,14 @@
 //! `fvi converge`: error and order over a sequence of step sizes.
 
 use super::progress::Progress;
-use super::{CommandError, warn_about_starting_weights};
+use super::{CommandError, default_directory, stop, terminal, warn_about_starting_weights};
 use crate::converge::{ConvergeError, Grids, converge};
-use crate::files::{make_directory, write_picture, write_text};
+use crate::files::{write_picture, write_text};
+use crate::output_directory::OutputDirectory;
 use crate::scenario::{Engine, Scenario};
+use crate::visible::visible_line;
 use std::ops::RangeInclusive;
-use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::path::PathBuf;
 
 /// Arguments of `fvi converge`.
 #[derive(Debug, clap::Args)]
@@ -31,9 +32,6 @@ pub struct ConvergeArguments {
     quiet: bool,
 }
 
-/// Set by Ctrl-C; ends the run after the step under way.
-static STOP: AtomicBool = AtomicBool::new(false);
-
 impl ConvergeArguments {
     pub(super) fn execute(self) -> Result<(), CommandError> {
         let mut scenario = Scenario::read(&self.scenario)?;
@@ -41,14 +39,12 @@ impl ConvergeArguments {
             scenario.history.choose(engine);
         }
         warn_about_starting_weights(&scenario);
-        let directory = self.out.unwrap_or_else(|| {
-            Path::new("out").join(self.scenario.file_stem().unwrap_or("converge".as_ref()))
-        });
-        // Without the handler Ctrl-C still ends the program, only less tidily.
-        let _ = ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed));
+        let directory = self.out.unwrap_or_else(|| default_directory(&self.scenario, "converge"));
+        let directory = OutputDirectory::claim(&directory)?;
+        let stop = stop::flag();
         let grids = Grids { levels: self.levels, intervals: self.intervals as usize };
         let mut progress = None;
-        let result = converge(&scenario, &grids, &STOP, |made, all| {
+        let result = converge(&scenario, &grids, &stop, |made, all| {
             progress.get_or_insert_with(|| Progress::new(all, "steps", self.quiet)).update(made);
         });
         if let Some(progress) = progress {
@@ -57,20 +53,20 @@ impl ConvergeArguments {
         let convergence = result.map_err(|error| match error {
             ConvergeError::Input(error) => CommandError::Input(error),
             ConvergeError::Stopped => CommandError::Stopped("stopped; nothing was written".to_owned()),
+            ConvergeError::NoRoom(_) => CommandError::NoRoom(format!("--levels: {error}")),
             other => CommandError::Failed(other.to_string()),
         })?;
-        make_directory(&directory)?;
         write_text(&directory.join("convergence.csv"), &convergence.csv())?;
         write_picture(&directory.join("convergence.svg"), &convergence.chart(&scenario))?;
         if !self.quiet {
-            println!(
+            let heading = format!(
                 "{}: {}; {}",
-                scenario.heading(),
+                visible_line(scenario.heading()),
                 scenario.scheme.describe(),
                 scenario.convolution.describe()
             );
-            print!("{}", convergence.table());
-            println!("files in {}", directory.display());
+            let files = directory.path().display();
+            terminal::say(&format!("{heading}\n{}files in {files}\n", convergence.table()))?;
         }
         if convergence.levels.iter().all(|level| level.failure.is_some()) {
             return Err(CommandError::Failed("no level could be run".to_owned()));

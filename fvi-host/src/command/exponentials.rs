@@ -1,7 +1,9 @@
 //! `fvi exponentials`: convolution-quadrature weights as a head and decaying exponentials.
 
 use super::CommandError;
-use super::listing::{ListingFormat, ListingPrecision, emit, exponentials_listing, parameter_error};
+use super::listing::{
+    ListingFormat, ListingPrecision, check_exponentials, emit, exponentials_listing, parameter_error,
+};
 use crate::exponential_table::{ExponentialKernel, ExponentialKernelError};
 use fvi_core::BdfOrder;
 use std::path::PathBuf;
@@ -54,6 +56,13 @@ impl ExponentialsArguments {
                     missed => CommandError::Failed(missed.to_string()),
                 })?;
         let origin = format!("BDF {}, exponent {}, step {}", self.order, self.exponent, self.step);
-        emit(&exponentials_listing(&kernel, &origin, self.format, self.precision), self.out.as_deref())
+        // A table has the digits of double precision, whatever its constants would have.
+        let precision = match self.format {
+            ListingFormat::Csv => ListingPrecision::F64,
+            _ => self.precision,
+        };
+        check_exponentials(&kernel, self.step, precision)?;
+        let listing = exponentials_listing(&kernel, &origin, self.format, precision);
+        emit(|out| out.write_all(listing.as_bytes()), self.out.as_deref())
     }
 }

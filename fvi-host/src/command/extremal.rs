@@ -1,7 +1,9 @@
 //! `fvi extremal`: solve a two-point fractional Euler–Lagrange problem.
 
-use super::CommandError;
-use crate::two_point::{ExtremalSummary, GridError, ProblemFile, Status, solve_and_write};
+use super::{CommandError, default_directory, terminal};
+use crate::output_directory::OutputDirectory;
+use crate::two_point::{ExtremalSummary, GridError, OutputError, ProblemFile, Status, solve_and_write};
+use crate::visible::visible_line;
 use indicatif::{ProgressBar, ProgressDrawTarget};
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -23,19 +25,22 @@ pub struct ExtremalArguments {
 impl ExtremalArguments {
     pub(super) fn execute(self) -> Result<(), CommandError> {
         let file = ProblemFile::read(&self.problem)?;
-        let directory = self.out.unwrap_or_else(|| {
-            Path::new("out").join(self.problem.file_stem().unwrap_or("extremal".as_ref()))
-        });
+        let directory = self.out.unwrap_or_else(|| default_directory(&self.problem, "extremal"));
+        let directory = OutputDirectory::claim(&directory)?;
         let mut progress = Progress::new(!self.quiet && std::io::stderr().is_terminal());
         let summary =
             solve_and_write(&file, &directory, &mut |steps, residual| progress.update(steps, residual))
-                .map_err(|error| CommandError::Failed(error.to_string()))?;
+                .map_err(|error| match error {
+                    OutputError::File(error) => CommandError::File(error),
+                    OutputError::NoRoom { .. } => CommandError::NoRoom(error.to_string()),
+                    other => CommandError::Failed(other.to_string()),
+                })?;
         progress.finish();
-        let line = result_line(&file, &summary, &directory);
+        let line = result_line(&file, &summary, directory.path());
         match summary.status {
             Status::Converged => {
                 if !self.quiet {
-                    println!("{line}");
+                    terminal::say(&format!("{line}\n"))?;
                 }
                 Ok(())
             }
@@ -59,7 +64,7 @@ fn result_line(file: &ProblemFile, summary: &ExtremalSummary, directory: &Path) 
     format!(
         "{}: {} steps{value}; Newton {}, Krylov {}, residual {:.1e} (rounding {:.1e}), \
          relative {:.1e}{error}; {:.3} s; files in {}",
-        file.heading(),
+        visible_line(file.heading()),
         file.grid.steps(),
         summary.newton_iterations,
         summary.krylov_iterations,

@@ -1,11 +1,12 @@
 //! Weights and exponentials as text: tables, and constants for firmware.
 
 use super::CommandError;
+use super::terminal::output;
 use crate::exponential_table::ExponentialKernel;
-use crate::files::write_text;
+use crate::files::write_out;
 use fvi_core::{ParameterError, Real};
 use std::fmt::LowerExp;
-use std::io::Write;
+use std::io::{self, Write};
 use std::path::Path;
 
 /// How numbers are written.
@@ -35,37 +36,78 @@ pub(super) fn parameter_error(error: ParameterError) -> CommandError {
     CommandError::Argument(error)
 }
 
-/// Writes the text to standard output, or to a file that appears whole or not at all.
-pub(super) fn emit(text: &str, file: Option<&Path>) -> Result<(), CommandError> {
-    let written = match file {
-        None => std::io::stdout().lock().write_all(text.as_bytes()),
-        Some(path) => return Ok(write_text(path, text)?),
-    };
-    match written {
-        // The reader has seen enough, as in `fvi weights … | head`.
-        Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
-        written => written.map_err(|error| CommandError::Failed(format!("standard output: {error}"))),
+/// Writes a listing to standard output, or to what the user has named.
+pub(super) fn emit(
+    content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+    file: Option<&Path>,
+) -> Result<(), CommandError> {
+    match file {
+        None => output(content),
+        Some(path) => Ok(write_out(path, content)?),
     }
 }
 
-/// Weights w₀, w₁, …
-pub(super) fn weights_listing(weights: &[f64], origin: &str, format: ListingFormat) -> String {
-    let count = weights.len();
-    match format {
-        ListingFormat::Csv => {
-            let rows = weights.iter().enumerate().map(|(n, weight)| format!("{n},{weight:.16e}\n"));
-            std::iter::once("n,weight\n".to_string()).chain(rows).collect()
+/// Writes `count` weights w₀, w₁, … one by one: there may be more than memory holds.
+pub(super) fn write_weights(
+    out: &mut dyn Write,
+    weights: impl Iterator<Item = f64>,
+    count: usize,
+    origin: &str,
+    format: ListingFormat,
+) -> io::Result<()> {
+    let (head, end) = match format {
+        ListingFormat::Csv => ("n,weight\n".to_owned(), ""),
+        ListingFormat::Rust => (
+            format!("/// Convolution-quadrature weights: {origin}.\npub const WEIGHTS: [f64; {count}] = [\n"),
+            "];\n",
+        ),
+        ListingFormat::C => (
+            format!(
+                "/* Convolution-quadrature weights: {origin}. */\n#define FVI_WEIGHTS {count}\n\
+                 static const double fvi_weights[FVI_WEIGHTS] = {{\n"
+            ),
+            "};\n",
+        ),
+    };
+    out.write_all(head.as_bytes())?;
+    for (n, weight) in weights.take(count).enumerate() {
+        match format {
+            ListingFormat::Csv => writeln!(out, "{n},{weight:.16e}")?,
+            // In rows of four.
+            _ => {
+                let (before, after) = (if n % 4 == 0 { "    " } else { " " }, n % 4 == 3 || n + 1 == count);
+                write!(out, "{before}{weight:e},{}", if after { "\n" } else { "" })?;
+            }
         }
-        ListingFormat::Rust => format!(
-            "/// Convolution-quadrature weights: {origin}.\npub const WEIGHTS: [f64; {count}] = [\n{}];\n",
-            rows(weights, "    ", "")
-        ),
-        ListingFormat::C => format!(
-            "/* Convolution-quadrature weights: {origin}. */\n#define FVI_WEIGHTS {count}\n\
-             static const double fvi_weights[FVI_WEIGHTS] = {{\n{}}};\n",
-            rows(weights, "    ", "")
-        ),
     }
+    out.write_all(end.as_bytes())
+}
+
+/// Refuses a table with a number that is not finite in the precision it is listed in, or that vanishes there though it
+/// is not zero.
+pub(super) fn check_exponentials(
+    kernel: &ExponentialKernel,
+    step: f64,
+    precision: ListingPrecision,
+) -> Result<(), CommandError> {
+    let coefficients = kernel.exponentials().iter().map(|e| e.coefficient);
+    let mut numbers = kernel.head().iter().copied().chain(coefficients);
+    let held = |number: f64| match precision {
+        ListingPrecision::F64 => number == 0.0 || number.is_normal(),
+        ListingPrecision::F32 => number == 0.0 || (number as f32).is_normal(),
+    };
+    let allowed = match precision {
+        ListingPrecision::F64 => {
+            "a step and a horizon whose weights, from h^−exponent in size, double precision holds"
+        }
+        ListingPrecision::F32 => {
+            "a step and a horizon whose weights, from h^−exponent in size, single precision holds"
+        }
+    };
+    if numbers.all(held) {
+        return Ok(());
+    }
+    Err(parameter_error(ParameterError { parameter: "step", value: step, allowed }))
 }
 
 /// A head of weights and exponentials.

@@ -1,11 +1,11 @@
 //! `fvi reproduce`: the figures and tables of the papers, computed again.
 
-use super::CommandError;
 use super::progress::Progress;
+use super::{CommandError, stop, terminal};
+use crate::output_directory::OutputDirectory;
 use crate::reproduce::{Exhibit, Findings, PAGE, ReproduceError, exhibits, write};
 use clap::builder::PossibleValuesParser;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Arguments of `fvi reproduce`.
 #[derive(Debug, clap::Args)]
@@ -28,52 +28,47 @@ fn names() -> PossibleValuesParser {
     exhibits().iter().map(|exhibit| exhibit.name).chain([ALL]).collect::<Vec<_>>().into()
 }
 
-/// Set by Ctrl-C; ends the computation after the step under way.
-static STOP: AtomicBool = AtomicBool::new(false);
-
 impl ReproduceArguments {
     pub(super) fn execute(self) -> Result<(), CommandError> {
         let wanted = |exhibit: &Exhibit| self.names.iter().any(|name| name == ALL || name == exhibit.name);
         let chosen: Vec<Exhibit> = exhibits().into_iter().filter(wanted).collect();
         if chosen.is_empty() {
-            print_list();
-            return Ok(());
+            return terminal::say(&list());
         }
-        // Without the handler Ctrl-C still ends the program, only less tidily.
-        let _ = ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed));
+        let directory = OutputDirectory::claim(&self.out)?;
+        let stop = stop::flag();
         let mut progress = Progress::new(chosen.len(), "exhibits", self.quiet);
         let mut found: Vec<(Exhibit, Findings)> = Vec::new();
         for exhibit in chosen {
             progress.update(found.len());
-            let findings = (exhibit.compute)(&STOP).map_err(|error| match error {
+            let findings = (exhibit.compute)(&stop).map_err(|error| match error {
                 ReproduceError::Stopped => CommandError::Stopped("stopped; nothing was written".to_owned()),
                 other => CommandError::Failed(format!("{}: {other}", exhibit.name)),
             })?;
             found.push((exhibit, findings));
         }
         progress.finish();
-        write(&found, &self.out)?;
+        write(&found, &directory)?;
         if !self.quiet {
-            for (exhibit, findings) in &found {
-                print_comparisons(exhibit, findings);
-            }
-            println!("{} exhibits; page: {}", found.len(), self.out.join(PAGE).display());
+            let comparisons: String =
+                found.iter().map(|(exhibit, findings)| comparisons(exhibit, findings)).collect();
+            let page = self.out.join(PAGE);
+            terminal::say(&format!("{comparisons}{} exhibits; page: {}\n", found.len(), page.display()))?;
         }
         Ok(())
     }
 }
 
-fn print_list() {
+fn list() -> String {
     let exhibits = exhibits();
     let width = exhibits.iter().map(|exhibit| exhibit.name.len()).max().unwrap_or(0);
-    for exhibit in &exhibits {
-        println!("{:width$}  {}", exhibit.name, exhibit.heading());
-    }
+    exhibits.iter().map(|exhibit| format!("{:width$}  {}\n", exhibit.name, exhibit.heading())).collect()
 }
 
-fn print_comparisons(exhibit: &Exhibit, findings: &Findings) {
-    println!("{}: {}", exhibit.name, exhibit.heading());
+fn comparisons(exhibit: &Exhibit, findings: &Findings) -> String {
+    let mut text = format!("{}: {}\n", exhibit.name, exhibit.heading());
     for comparison in &findings.comparisons {
-        println!("  {}: paper {}, here {}", comparison.quantity, comparison.paper, comparison.ours);
+        text += &format!("  {}: paper {}, here {}\n", comparison.quantity, comparison.paper, comparison.ours);
     }
+    text
 }

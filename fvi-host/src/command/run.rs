@@ -1,12 +1,12 @@
 //! `fvi run`: integrate a scenario.
 
 use super::progress::Progress;
-use super::{CommandError, warn_about_starting_weights};
+use super::{CommandError, default_directory, stop, terminal, warn_about_starting_weights};
 use crate::run::{RunEnd, RunError, RunOptions, RunSummary, run};
 use crate::scenario::{Engine, Scenario};
 use crate::simulation::Precision;
+use crate::visible::visible_line;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Arguments of `fvi run`.
 #[derive(Debug, clap::Args)]
@@ -27,9 +27,6 @@ pub struct RunArguments {
     quiet: bool,
 }
 
-/// Set by Ctrl-C; the run ends after the step under way.
-static STOP: AtomicBool = AtomicBool::new(false);
-
 impl RunArguments {
     pub(super) fn execute(self) -> Result<(), CommandError> {
         let mut scenario = Scenario::read(&self.scenario)?;
@@ -37,19 +34,14 @@ impl RunArguments {
             scenario.history.choose(engine);
         }
         warn_about_starting_weights(&scenario);
-        let directory = self.out.unwrap_or_else(|| default_directory(&self.scenario));
-        // Without the handler Ctrl-C still ends the program, only less tidily.
-        let _ = ctrlc::set_handler(|| {
-            if STOP.swap(true, Ordering::Relaxed) {
-                std::process::exit(130);
-            }
-        });
+        let directory = self.out.unwrap_or_else(|| default_directory(&self.scenario, "run"));
+        let stop = stop::flag();
         let mut progress = Progress::new(scenario.time.steps, "steps", self.quiet);
         let options = RunOptions { directory: directory.clone(), precision: self.precision };
         let summary =
-            run(&scenario, &options, &STOP, |steps| progress.update(steps)).map_err(|error| match error {
+            run(&scenario, &options, &stop, |steps| progress.update(steps)).map_err(|error| match error {
                 RunError::Input(error) => CommandError::Input(error),
-                other => CommandError::Failed(other.to_string()),
+                RunError::File(error) => CommandError::File(error),
             })?;
         progress.finish();
         if let Some(warning) = &summary.energy_warning {
@@ -59,7 +51,7 @@ impl RunArguments {
         match &summary.end {
             RunEnd::Completed => {
                 if !self.quiet {
-                    println!("{line}");
+                    terminal::say(&format!("{line}\n"))?;
                 }
                 Ok(())
             }
@@ -70,10 +62,6 @@ impl RunArguments {
             ))),
         }
     }
-}
-
-fn default_directory(scenario: &Path) -> PathBuf {
-    Path::new("out").join(scenario.file_stem().unwrap_or_else(|| "run".as_ref()))
 }
 
 /// The run in one line.
@@ -95,7 +83,7 @@ fn result_line(scenario: &Scenario, summary: &RunSummary, directory: &Path) -> S
     let engines = if engines.is_empty() { "no memory".to_owned() } else { engines.join(", ") };
     format!(
         "{}: {} steps to t = {}: q = {}, p = {}, energy = {:.9}{errors}; {:.3} s, {engines}; files in {}",
-        scenario.heading(),
+        visible_line(scenario.heading()),
         summary.steps,
         last.time,
         list(&last.position),

@@ -1,8 +1,8 @@
 //! `fvi weights`: convolution-quadrature weights as a table or as constants.
 
 use super::CommandError;
-use super::listing::{ListingFormat, emit, parameter_error, weights_listing};
-use fvi_core::{BdfOrder, ConvolutionWeights};
+use super::listing::{ListingFormat, emit, parameter_error, write_weights};
+use fvi_core::{BdfOrder, ConvolutionWeights, ParameterError};
 use std::path::PathBuf;
 
 /// Arguments of `fvi weights`.
@@ -39,14 +39,24 @@ enum Family {
     Bdf,
 }
 
+/// Weights that are looked at before the first is written.
+const CHECKED: usize = 1 << 16;
+
 impl WeightsArguments {
     pub(super) fn execute(self) -> Result<(), CommandError> {
         let Family::Bdf = self.family;
-        let weights = BdfOrder::new(self.order)
-            .and_then(|order| ConvolutionWeights::bdf(order, self.exponent, self.step))
-            .map_err(parameter_error)?;
-        let weights: Vec<f64> = weights.take(self.count).collect();
+        let order = BdfOrder::new(self.order).map_err(parameter_error)?;
+        let weights = || ConvolutionWeights::bdf(order, self.exponent, self.step).map_err(parameter_error);
+        let first: Vec<f64> = weights()?.take(self.count.min(CHECKED)).collect();
+        // Behind them the weights fall off like n^(−1−exponent).
+        let factor = libm::pow((self.count as f64 / CHECKED as f64).max(1.0), -1.0 - self.exponent);
+        let last = first.last().map(|weight| weight * factor);
+        if !first.iter().copied().chain(last).all(|weight| weight == 0.0 || weight.is_normal()) {
+            let allowed = "a step whose weights, h^−exponent in size, double precision holds";
+            return Err(parameter_error(ParameterError { parameter: "step", value: self.step, allowed }));
+        }
+        let weights = weights()?;
         let origin = format!("BDF {}, exponent {}, step {}", self.order, self.exponent, self.step);
-        emit(&weights_listing(&weights, &origin, self.format), self.out.as_deref())
+        emit(|out| write_weights(out, weights, self.count, &origin, self.format), self.out.as_deref())
     }
 }

@@ -12,6 +12,10 @@ pub enum Scale {
     Logarithmic,
 }
 
+/// Largest and smallest numbers that a linear axis tells apart from infinity and zero.
+pub(super) const LARGEST_PLACE: f64 = 1e290;
+const SMALLEST_PLACE: f64 = 1e-280;
+
 /// An axis with its label, unit included.
 #[derive(Clone, Debug)]
 pub struct Axis {
@@ -37,15 +41,24 @@ impl Axis {
         self
     }
 
+    /// Whether a number is too large for the axis.
+    pub(super) fn overflows(&self, value: f64) -> bool {
+        value.is_finite() && self.scale == Scale::Linear && self.place(value).is_none()
+    }
+
     pub(super) fn label(&self) -> &str {
         &self.label
     }
 
     /// The place of a value along the axis: itself, or its decimal logarithm; `None` if it has no place.
+    ///
+    /// On a linear axis the smallest numbers lie at zero and the largest have no place: widths and ticks of what is left
+    /// neither overflow nor lose digits.
     pub(super) fn place(&self, value: f64) -> Option<f64> {
         match self.scale {
             _ if !value.is_finite() => None,
-            Scale::Linear => Some(value),
+            Scale::Linear if value.abs() > LARGEST_PLACE => None,
+            Scale::Linear => Some(if value.abs() < SMALLEST_PLACE { 0.0 } else { value }),
             Scale::Logarithmic => (value > 0.0).then(|| value.log10()),
         }
     }
@@ -241,6 +254,22 @@ mod tests {
         assert_eq!(labels(&axis, 0.0, 3e-7).last().map(String::as_str), Some("3.0·10⁻⁷"));
         assert_eq!(labels(&axis, -1e-15, 1e-15)[2..4], ["0", "5·10⁻¹⁶"]);
         assert!(labels(&axis, 5.0, 5.0).contains(&"5.0".to_owned()));
+    }
+
+    #[test]
+    fn a_range_at_the_ends_of_the_numbers_has_few_ticks() {
+        let axis = Axis::linear("E");
+        for (low, high) in
+            [(0.0, 4.5e-324), (-3e-280, 3e-280), (1e-280, 1.1e-280), (-1e290, 1e290), (-1e308, f64::MAX)]
+        {
+            let labels = labels(&axis, low, high);
+            assert!((2..12).contains(&labels.len()), "{low:e}, {high:e}: {labels:?}");
+            assert!(
+                labels.iter().all(|label| !label.contains("inf") && !label.contains("NaN")),
+                "{labels:?}"
+            );
+        }
+        assert!(axis.overflows(1e291) && !axis.overflows(f64::INFINITY) && !axis.overflows(1.0));
     }
 
     #[test]

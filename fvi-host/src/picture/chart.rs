@@ -1,6 +1,6 @@
 //! A chart: series over two axes, drawn as SVG.
 
-use super::axis::Axis;
+use super::axis::{Axis, LARGEST_PLACE};
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
@@ -130,6 +130,11 @@ pub struct PictureError(String);
 /// Points that a line joins.
 type Piece = Vec<(f64, f64)>;
 
+/// Whether a character may stand in a document of XML 1.0, escaped or not.
+fn belongs_in_xml(letter: char) -> bool {
+    matches!(letter, '\t' | '\n' | '\r' | ' '..='\u{fffd}' | '\u{10000}'..)
+}
+
 type DrawingResult<E> = Result<(), DrawingAreaErrorKind<E>>;
 
 impl Chart {
@@ -163,7 +168,9 @@ impl Chart {
             area.present().map_err(|error| PictureError(error.to_string()))?;
         }
         let size = |(width, height): (u32, u32)| format!("width=\"{width}\" height=\"{height}\"");
-        Ok(svg.replacen(&size(fine), &size((SIZE.0 as u32, SIZE.1 as u32)), 1))
+        let svg = svg.replacen(&size(fine), &size((SIZE.0 as u32, SIZE.1 as u32)), 1);
+        // Titles and labels may hold any character; XML may not.
+        Ok(svg.replace(|letter| !belongs_in_xml(letter), "\u{fffd}"))
     }
 
     fn draw<B: DrawingBackend>(
@@ -271,9 +278,10 @@ impl Chart {
             area.draw(&Text::new(self.title.clone(), (LEFT * FINE, top * FINE), style))?;
             top += 26;
         }
-        if !self.subtitle.is_empty() {
+        let subtitle = self.subtitle_with_omissions();
+        if !subtitle.is_empty() {
             let style = (FONT, 14 * FINE).into_font().color(&FAINT);
-            area.draw(&Text::new(self.subtitle.clone(), (LEFT * FINE, top * FINE), style))?;
+            area.draw(&Text::new(subtitle, (LEFT * FINE, top * FINE), style))?;
             top += ROW;
         }
         let shown: Vec<usize> = (0..self.series.len())
@@ -298,6 +306,17 @@ impl Chart {
             left += width;
         }
         Ok((top + ROW + 6) * FINE)
+    }
+
+    /// The subtitle, and whether points are left out because they are too large to draw.
+    fn subtitle_with_omissions(&self) -> String {
+        let mut points = self.series.iter().flat_map(|series| &series.points);
+        let omitted = points.any(|&(x, y)| self.x.overflows(x) || self.y.overflows(y));
+        match (omitted, self.subtitle.as_str()) {
+            (false, subtitle) => subtitle.to_owned(),
+            (true, "") => format!("values beyond {LARGEST_PLACE:e} are left out"),
+            (true, subtitle) => format!("{subtitle}; values beyond {LARGEST_PLACE:e} are left out"),
+        }
     }
 
     /// Draws the sample of a series in the legend.
@@ -384,6 +403,30 @@ mod tests {
         assert!(svg.starts_with("<svg width=\"900\" height=\"560\" viewBox=\"0 0 3600 2240\""));
         for text in ["a &lt; b &amp; c", "time t / s", "position q / m", "q0", "exact"] {
             assert!(svg.contains(text), "{text}");
+        }
+    }
+
+    #[test]
+    fn what_xml_forbids_is_not_in_the_picture() {
+        let svg = Chart::new("bell \u{7}, escape \u{1b}[2J", Axis::linear("x\0"), Axis::linear("y\u{ffff}"))
+            .with_subtitle("tab\tand α")
+            .to_svg()
+            .unwrap();
+        assert!(svg.contains("bell \u{fffd}, escape \u{fffd}[2J") && svg.contains("tab\tand α"), "{svg}");
+        assert!(svg.chars().all(belongs_in_xml));
+    }
+
+    #[test]
+    fn the_largest_numbers_are_left_out_with_a_word() {
+        let chart = |y: f64| {
+            Chart::new("", Axis::linear("x"), Axis::linear("y"))
+                .with(Series::new("", Style::Line, vec![(0.0, -y), (1.0, y)]))
+                .to_svg()
+                .unwrap()
+        };
+        assert!(chart(f64::MAX).contains("left out"));
+        for drawn in [1e290, 1.0, 3e-162, f64::MIN_POSITIVE, 4.5e-324] {
+            assert!(!chart(drawn).contains("left out"), "{drawn:e}");
         }
     }
 

@@ -2,8 +2,8 @@
 
 use super::table::markdown_table;
 use super::{Comparison, Exhibit, Findings};
-use crate::files::{FileError, make_directory, write_picture, write_text};
-use std::path::Path;
+use crate::files::{FileError, write_picture, write_text};
+use crate::output_directory::OutputDirectory;
 
 /// Name of the page in the output directory.
 pub const PAGE: &str = "reproduction.md";
@@ -12,8 +12,7 @@ pub const PAGE: &str = "reproduction.md";
 ///
 /// # Errors
 /// [`FileError`].
-pub fn write(found: &[(Exhibit, Findings)], directory: &Path) -> Result<(), FileError> {
-    make_directory(directory)?;
+pub fn write(found: &[(Exhibit, Findings)], directory: &OutputDirectory) -> Result<(), FileError> {
     for (exhibit, findings) in found {
         for picture in &findings.pictures {
             write_picture(&directory.join(file_name(exhibit, picture.name, "svg")), &picture.chart)?;

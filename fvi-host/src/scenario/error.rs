@@ -2,6 +2,7 @@
 
 use crate::engine::EngineError;
 use crate::expression::{ExpressionError, ParameterNameError};
+use crate::visible::visible;
 use core::ops::Range;
 use miette::{Diagnostic, LabeledSpan, NamedSource, SourceCode};
 use std::fmt;
@@ -51,8 +52,10 @@ impl InputError {
         problem: Problem,
     ) -> Self {
         let place = span.map(|span| Place::new(text, span));
-        let source = NamedSource::new(name, text.to_owned());
-        Self(Box::new(Details { source, key: key.to_owned(), value, place, problem }))
+        // Nothing of the file steers the terminal it is shown on. Places stay valid.
+        let source = NamedSource::new(visible(name), visible(text).into_owned());
+        let (key, value) = (visible(key).into_owned(), visible(&value).into_owned());
+        Self(Box::new(Details { source, key, value, place, problem }))
     }
 
     /// An error about a file that cannot be read at all.
@@ -87,7 +90,7 @@ impl fmt::Display for InputError {
             (key, "") => write!(f, ": {key}")?,
             (key, value) => write!(f, ": {key} = {value}")?,
         }
-        write!(f, ": {}", self.0.problem)
+        write!(f, ": {}", visible(&self.0.problem.to_string()))
     }
 }
 
@@ -95,7 +98,8 @@ impl std::error::Error for InputError {}
 
 impl Diagnostic for InputError {
     fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
-        self.0.problem.allowed().map(|allowed| Box::new(allowed) as Box<dyn fmt::Display>)
+        let allowed = self.0.problem.allowed()?;
+        Some(Box::new(visible(&allowed).into_owned()))
     }
 
     fn source_code(&self) -> Option<&dyn SourceCode> {

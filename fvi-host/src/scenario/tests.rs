@@ -205,6 +205,38 @@ fn an_end_is_a_whole_number_of_steps_up_to_rounding() {
     assert!(steps("0.3", "1.0").is_err());
     assert!(steps("0.1", "-1.0").is_err());
     assert!(steps("1e-300", "1e300").is_err());
+    // An end within the first step is not an end at its beginning.
+    let error = steps("1.0", "1e-10").unwrap_err();
+    assert!(error.to_string().contains("time.end = 1e-10: not allowed"), "{error}");
+    assert_eq!(error.problem().allowed().unwrap(), "allowed: a whole number of steps of 1, such as 0 or 1");
+}
+
+#[test]
+fn where_no_step_is_stable_no_step_is_named() {
+    let unstable = |largest_step| Problem::Unstable { largest_step };
+    assert_eq!(unstable(1.78e-308).to_string(), "unstable: no step, however short, is stable");
+    assert!(!unstable(1.78e-308).allowed().unwrap().contains("shorter"));
+    assert_eq!(unstable(0.25).to_string(), "unstable: the largest stable step is about 2.50e-1");
+}
+
+#[test]
+fn steps_are_few_enough_to_be_counted() {
+    let steps = |count: &str| read(&GOOD.replacen("end = 30.0", &format!("steps = {count}"), 1));
+    assert_eq!(steps("9007199254740992").unwrap().time.steps, MOST_STEPS);
+    for count in ["9007199254740993", "9223372036854775807", "18446744073709551613", "18446744073709551615"] {
+        assert_eq!(steps(count).unwrap_err().key(), "time.steps", "{count}");
+    }
+}
+
+#[test]
+fn nothing_of_a_file_steers_the_terminal() {
+    let error = read(&GOOD.replacen("capacity", "\"cap\\u001b[2Jcity\"", 1)).unwrap_err();
+    assert!(error.to_string().contains("unknown key") && !error.to_string().contains('\u{1b}'), "{error}");
+    let error = read("title = \"bell \u{7} \u{9b}\"\n").unwrap_err();
+    let mut report = String::new();
+    let theme = miette::GraphicalTheme::unicode_nocolor();
+    miette::GraphicalReportHandler::new_themed(theme).render_report(&mut report, &error).unwrap();
+    assert!(report.contains("bell ?") && !report.contains(['\u{7}', '\u{9b}']), "{report}");
 }
 
 #[test]

@@ -4,6 +4,9 @@ use super::document::Table;
 use super::error::{InputError, Problem};
 use serde::Serialize;
 
+/// Most steps of a run: beyond 2⁵³ their numbers have no exact place among floating-point numbers.
+pub const MOST_STEPS: usize = 1 << 53;
+
 /// The times t_k = k h, k = 0…steps.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct TimeGrid {
@@ -37,7 +40,7 @@ impl TimeGrid {
         let step = table.required("step")?.positive()?;
         let (counted, value) = table.either("steps", "end")?;
         let steps = if counted {
-            value.whole(0..=usize::MAX)?
+            value.whole(0..=MOST_STEPS)?
         } else {
             let end = value.number()?;
             if end < 0.0 {
@@ -45,7 +48,10 @@ impl TimeGrid {
             }
             let exact = end / step;
             let whole = exact.round();
-            if (exact - whole).abs() > 1e-9 * whole.max(1.0) || whole >= 2.0_f64.powi(53) {
+            if whole > MOST_STEPS as f64 {
+                return Err(value.out_of_range(format!("at most {MOST_STEPS} steps of {step}")));
+            }
+            if (exact - whole).abs() > 1e-9 * whole {
                 let (before, after) = (exact.floor() * step, exact.ceil() * step);
                 let allowed = format!("a whole number of steps of {step}, such as {before} or {after}");
                 return Err(value.out_of_range(allowed));

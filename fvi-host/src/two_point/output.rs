@@ -1,10 +1,12 @@
 //! The files of `fvi extremal`: data, pictures and the record.
 
-use super::extremal::{NotConverged, ProblemError, Solution};
+use super::extremal::{Method, NotConverged, ProblemError, Solution};
 use super::grid::{Grid, Sigma};
 use super::problem_file::{KnownPositions, ProblemFile, Statement};
-use crate::files::{FileError, make_directory, write, write_json, write_picture};
+use crate::files::{FileError, remove, write, write_json, write_picture};
+use crate::output_directory::OutputDirectory;
 use crate::picture::{Axis, Chart, Envelope, Series, Style};
+use crate::room::{NoRoom, require};
 use serde::Serialize;
 use std::io::Write;
 use std::path::Path;
@@ -76,10 +78,21 @@ pub enum OutputError {
     /// The problem cannot be set up.
     #[error(transparent)]
     Problem(#[from] ProblemError),
+    /// There is no room for the grid.
+    #[error("interval.steps = {steps}: {no_room}")]
+    NoRoom {
+        /// Its number of steps.
+        steps: usize,
+        /// What would be needed.
+        no_room: NoRoom,
+    },
     /// A file cannot be written.
     #[error(transparent)]
     File(#[from] FileError),
 }
+
+/// Name of the record.
+const SUMMARY: &str = "summary.json";
 
 /// Coarser grids on which the error is measured for the order.
 const COARSER_GRIDS: u32 = 3;
@@ -93,9 +106,10 @@ const COARSER_GRIDS: u32 = 3;
 /// [`OutputError`].
 pub fn solve_and_write(
     file: &ProblemFile,
-    directory: &Path,
+    directory: &OutputDirectory,
     observe: &mut dyn FnMut(usize, f64),
 ) -> Result<ExtremalSummary, OutputError> {
+    require_room(file)?;
     let start = Instant::now();
     let (status, extremal) = match file.solve(file.grid, observe)? {
         Ok(extremal) => (Status::Converged, extremal),
@@ -107,7 +121,8 @@ pub fn solve_and_write(
         Status::NotConverged => Vec::new(),
     };
 
-    make_directory(directory)?;
+    // A summary stands for the files beside it: the old one goes before they do, the new one comes last.
+    remove(&directory.join(SUMMARY))?;
     write_table(file, &extremal, &directory.join("extremal.csv"))?;
     let mut files = vec!["extremal.csv"];
     for (name, chart) in charts(file, status, &extremal) {
@@ -130,8 +145,22 @@ pub fn solve_and_write(
         files,
         problem: file.clone(),
     };
-    write_json(&directory.join("summary.json"), &summary)?;
+    write_json(&directory.join(SUMMARY), &summary)?;
     Ok(summary)
+}
+
+/// Refuses a grid whose solution would not fit into memory.
+fn require_room(file: &ProblemFile) -> Result<(), OutputError> {
+    let (steps, d) = (file.grid.steps(), file.coordinates());
+    // Measured: 700 bytes a step with one coordinate, 1000 with two; with room to spare.
+    let linear = steps.saturating_mul(640 + 320 * d + 48 * d * d);
+    let unknowns = steps.saturating_mul(d);
+    let dense = match file.method {
+        // Several matrices of all unknowns.
+        Some(Method::Dense) => unknowns.saturating_mul(unknowns).saturating_mul(4 * size_of::<f64>()),
+        _ => 0,
+    };
+    require(linear.saturating_add(dense)).map_err(|no_room| OutputError::NoRoom { steps, no_room })
 }
 
 /// `t,x0,…,v0,…` with 17 significant digits; no velocity at the point outside I_σ.

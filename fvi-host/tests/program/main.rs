@@ -3,6 +3,7 @@
 mod convergence;
 mod engine_comparison;
 mod extremals;
+mod faults;
 mod independent_trajectories;
 mod listings;
 mod repository_scenarios;
