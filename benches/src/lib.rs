@@ -2,8 +2,8 @@
 #![forbid(unsafe_code)]
 
 use fvi_core::{
-    BdfOrder, Coefficients, Damping, DampingTerm, Derivative, Fixed, FixedDirect, Galerkin, Integrator, Mass,
-    NoForce, Potential, System, leading_bdf_weight, monic_bdf_table,
+    BdfOrder, Coefficients, Damping, DampingTerm, Derivative, Fixed, FixedDirect, Galerkin, Integrator,
+    Kernel, Mass, NoForce, Potential, System, leading_bdf_weight, monic_bdf_table,
 };
 use nalgebra::{SMatrix, SVector};
 
@@ -34,7 +34,8 @@ pub fn short_memory_damping<const N: usize>() -> ShortMemoryDamping<N> {
     let scale = leading_bdf_weight(BdfOrder::GRUNWALD_LETNIKOV, 0.5, STEP_SIZE).expect("in range");
     let memory = FixedDirect::<f64, N, HISTORY>::short_memory(&WEIGHTS, scale).expect("good weights");
     let rho = Coefficients::Diagonal(SVector::repeat(1e-3));
-    DampingTerm::new(rho, 0.5, Derivative::Caputo, memory).expect("good damping")
+    DampingTerm::new(Kernel::given(0.5).expect("an order in range"), rho, Derivative::Caputo, memory)
+        .expect("good damping")
 }
 
 /// Pendulums, each tied to its neighbours by a spring.

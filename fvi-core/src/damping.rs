@@ -3,6 +3,7 @@
 use core::fmt;
 
 use crate::error::ParameterError;
+use crate::kernel::Kernel;
 use crate::memory::{Memory, MemoryError};
 use crate::real::Real;
 use crate::scheme::Sample;
@@ -33,11 +34,11 @@ pub enum Derivative {
 /// and the force on the system is minus this. Vectors of R·N numbers have one node after another. `()` is no damping, [`DampingTerm`]
 /// one term, and tuples, arrays and mutable slices of dampings act together.
 pub trait Damping<T: Real, X: Space<T>> {
-    /// Checks that the memories fit N coordinates and R nodes.
+    /// Checks that the memories fit N coordinates and R nodes, and the kernels the step size.
     ///
     /// # Errors
-    /// [`MemoryShape`] if one does not.
-    fn check_shape(&self, coordinates: usize, nodes: usize) -> Result<(), MemoryShape>;
+    /// [`Mismatch`] if one does not.
+    fn check(&self, coordinates: usize, nodes: usize, step_size: T) -> Result<(), Mismatch>;
 
     /// Forgets everything and notes how the motion starts.
     fn begin(&mut self, position: &[T], velocity: &[T]);
@@ -71,30 +72,46 @@ pub trait Damping<T: Real, X: Space<T>> {
     fn push(&mut self, from: &[T], sample: &Sample<'_, T>, scratch: &mut [T]) -> Result<(), MemoryError>;
 }
 
-/// A memory has another number of channels or stages than the system and the scheme need.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct MemoryShape {
-    /// Channels needed, N·R.
-    pub channels_needed: usize,
-    /// Channels of the memory.
-    pub channels: usize,
-    /// Stages needed, R.
-    pub stages_needed: usize,
-    /// Stages of the memory's kernel.
-    pub stages: usize,
+/// Why a damping does not go with an integrator.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Mismatch {
+    /// A memory has another number of channels or stages than the system and the scheme need.
+    Shape {
+        /// Channels needed, N·R.
+        channels_needed: usize,
+        /// Channels of the memory.
+        channels: usize,
+        /// Stages needed, R.
+        stages_needed: usize,
+        /// Stages of the memory's kernel.
+        stages: usize,
+    },
+    /// The kernel is for another step size.
+    StepSize {
+        /// The step size of the kernel.
+        kernel: f64,
+        /// The step size of the integrator.
+        integrator: f64,
+    },
 }
 
-impl fmt::Display for MemoryShape {
+impl fmt::Display for Mismatch {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "a memory has {} channels and {} stages where {} and {} are needed",
-            self.channels, self.stages, self.channels_needed, self.stages_needed
-        )
+        match self {
+            Self::Shape { channels_needed, channels, stages_needed, stages } => write!(
+                f,
+                "a memory has {channels} channels and {stages} stages where {channels_needed} and {stages_needed} are needed"
+            ),
+            Self::StepSize { kernel, integrator } => write!(
+                f,
+                "a damping term has the kernel of step size {kernel}, the integrator makes steps of {integrator}"
+            ),
+        }
     }
 }
 
-impl core::error::Error for MemoryShape {}
+impl core::error::Error for Mismatch {}
 
 /// Why a damping term cannot be made.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -104,6 +121,8 @@ pub enum DampingError {
     Order(ParameterError),
     /// The coefficients are not finite, not symmetric or not positive semidefinite.
     Coefficients(MatrixError),
+    /// The memory is not one of the kernel.
+    Kernel(ParameterError),
 }
 
 impl fmt::Display for DampingError {
@@ -111,16 +130,24 @@ impl fmt::Display for DampingError {
         match self {
             Self::Order(error) => error.fmt(f),
             Self::Coefficients(error) => write!(f, "damping coefficient: {error}"),
+            Self::Kernel(error) => error.fmt(f),
         }
     }
 }
 
-impl core::error::Error for DampingError {}
+impl core::error::Error for DampingError {
+    fn source(&self) -> Option<&(dyn core::error::Error + 'static)> {
+        Some(match self {
+            Self::Order(error) | Self::Kernel(error) => error,
+            Self::Coefficients(error) => error,
+        })
+    }
+}
 
 /// One damping term ρ D₋^β q with its memory.
 ///
 /// ρ is symmetric positive semidefinite; β = 2α is the damping order, 0 ≤ β < 2 (α is the order in the Lagrangian). The
-/// kernel of the memory must be that of D^β for the step size of the integration.
+/// [`Kernel`] of the memory says what β and the step size are.
 ///
 /// The memory has one channel for each coordinate and node. A kernel of plain numbers acts on the sequence of every node by itself; one of R×R
 /// matrices couples the R nodes. Source: \[JO\] eq. 1, 34a; \[HJO\] eq. 34a, 35.
@@ -130,6 +157,8 @@ pub struct DampingTerm<T: Real, X: Space<T>, M> {
     start: Subtraction,
     initial_position: X::Vector,
     initial_velocity: X::Vector,
+    /// Of the kernel; zero if the caller vouches for it.
+    step_size: T,
     memory: M,
 }
 
@@ -141,51 +170,56 @@ enum Subtraction {
     PositionAndVelocity,
 }
 
-impl<T: Real, const N: usize, M> DampingTerm<T, Fixed<N>, M> {
-    /// The term ρ D^β q on an engine whose kernel is that of D^β.
+impl<T: Real, const N: usize, M: Memory<T>> DampingTerm<T, Fixed<N>, M> {
+    /// The term ρ D^β q on a memory of the given kernel, that of s^β.
     ///
     /// # Errors
-    /// If β is outside [0, 2) or ρ is not finite, symmetric and positive semidefinite.
+    /// If β is outside [0, 2), ρ is not finite, symmetric and positive semidefinite, or the memory is not one of the kernel.
     pub fn new(
+        kernel: Kernel,
         coefficients: Coefficients<T, N>,
-        damping_order: T,
         derivative: Derivative,
         memory: M,
     ) -> Result<Self, DampingError> {
-        Self::in_space(&Fixed, coefficients, damping_order, derivative, memory)
+        Self::in_space(&Fixed, kernel, coefficients, derivative, memory)
     }
 }
 
-impl<T: Real, X: Space<T>, M> DampingTerm<T, X, M> {
+impl<T: Real, X: Space<T>, M: Memory<T>> DampingTerm<T, X, M> {
     /// The term ρ D^β q in any space; see [`new`](DampingTerm::new).
     ///
     /// # Errors
-    /// If β is outside [0, 2) or ρ is not finite, symmetric and positive semidefinite.
+    /// As [`new`](DampingTerm::new).
     pub fn in_space(
         space: &X,
+        kernel: Kernel,
         coefficients: X::Block,
-        damping_order: T,
         derivative: Derivative,
         memory: M,
     ) -> Result<Self, DampingError> {
+        let damping_order = kernel.exponent();
         ParameterError::check(
-            damping_order >= T::zero() && damping_order < T::of(2.0),
+            (0.0..2.0).contains(&damping_order),
             "damping order",
-            damping_order.to_f64(),
+            damping_order,
             "at least 0 and less than 2",
         )
         .map_err(DampingError::Order)?;
         coefficients.check_positive_semidefinite().map_err(DampingError::Coefficients)?;
+        kernel.check(&memory).map_err(DampingError::Kernel)?;
         let start = match derivative {
             Derivative::RiemannLiouville => Subtraction::Nothing,
-            Derivative::Caputo if damping_order == T::zero() => Subtraction::Nothing,
-            Derivative::Caputo if damping_order <= T::one() => Subtraction::Position,
+            Derivative::Caputo if damping_order == 0.0 => Subtraction::Nothing,
+            Derivative::Caputo if damping_order <= 1.0 => Subtraction::Position,
             Derivative::Caputo => Subtraction::PositionAndVelocity,
         };
         let (initial_position, initial_velocity) = (space.zeros(), space.zeros());
-        Ok(Self { coefficients, start, initial_position, initial_velocity, memory })
+        let step_size = kernel.step_size().map_or(T::zero(), T::of);
+        Ok(Self { coefficients, start, initial_position, initial_velocity, step_size, memory })
     }
+}
 
+impl<T: Real, X: Space<T>, M> DampingTerm<T, X, M> {
     /// The memory.
     pub fn memory(&self) -> &M {
         &self.memory
@@ -221,14 +255,17 @@ impl<T: Real, X: Space<T>, M: Memory<T>> DampingTerm<T, X, M> {
 }
 
 impl<T: Real, X: Space<T>, M: Memory<T>> Damping<T, X> for DampingTerm<T, X, M> {
-    fn check_shape(&self, coordinates: usize, nodes: usize) -> Result<(), MemoryShape> {
+    fn check(&self, coordinates: usize, nodes: usize, step_size: T) -> Result<(), Mismatch> {
         let (channels, stages) = (self.memory.channels(), self.memory.stages());
         let channels_needed = coordinates * nodes;
-        if channels == channels_needed && (stages == nodes || stages == 1) {
-            Ok(())
-        } else {
-            Err(MemoryShape { channels_needed, channels, stages_needed: nodes, stages })
+        if channels != channels_needed || (stages != nodes && stages != 1) {
+            return Err(Mismatch::Shape { channels_needed, channels, stages_needed: nodes, stages });
         }
+        if self.step_size != T::zero() && self.step_size != step_size {
+            let (kernel, integrator) = (self.step_size.to_f64(), step_size.to_f64());
+            return Err(Mismatch::StepSize { kernel, integrator });
+        }
+        Ok(())
     }
 
     fn begin(&mut self, position: &[T], velocity: &[T]) {
@@ -328,7 +365,7 @@ fn copy<T: Copy>(target: &mut [T], source: &[T]) {
 }
 
 impl<T: Real, X: Space<T>> Damping<T, X> for () {
-    fn check_shape(&self, _: usize, _: usize) -> Result<(), MemoryShape> {
+    fn check(&self, _: usize, _: usize, _: T) -> Result<(), Mismatch> {
         Ok(())
     }
 
@@ -352,9 +389,9 @@ impl<T: Real, X: Space<T>> Damping<T, X> for () {
 }
 
 impl<T: Real, X: Space<T>, A: Damping<T, X>, B: Damping<T, X>> Damping<T, X> for (A, B) {
-    fn check_shape(&self, coordinates: usize, nodes: usize) -> Result<(), MemoryShape> {
-        self.0.check_shape(coordinates, nodes)?;
-        self.1.check_shape(coordinates, nodes)
+    fn check(&self, coordinates: usize, nodes: usize, step_size: T) -> Result<(), Mismatch> {
+        self.0.check(coordinates, nodes, step_size)?;
+        self.1.check(coordinates, nodes, step_size)
     }
 
     fn begin(&mut self, position: &[T], velocity: &[T]) {
@@ -399,8 +436,8 @@ impl<T: Real, X: Space<T>, A: Damping<T, X>, B: Damping<T, X>> Damping<T, X> for
 }
 
 impl<T: Real, X: Space<T>, D: Damping<T, X>> Damping<T, X> for [D] {
-    fn check_shape(&self, coordinates: usize, nodes: usize) -> Result<(), MemoryShape> {
-        self.iter().try_for_each(|damping| damping.check_shape(coordinates, nodes))
+    fn check(&self, coordinates: usize, nodes: usize, step_size: T) -> Result<(), Mismatch> {
+        self.iter().try_for_each(|damping| damping.check(coordinates, nodes, step_size))
     }
 
     fn begin(&mut self, position: &[T], velocity: &[T]) {
@@ -443,8 +480,8 @@ impl<T: Real, X: Space<T>, D: Damping<T, X>> Damping<T, X> for [D] {
 macro_rules! handing_on {
     ($({$($generics:tt)*})? $holder:ty, $inner:ty, $self:ident => $shared:expr, $unique:expr) => {
         impl<T: Real, X: Space<T>, D: Damping<T, X> $(, $($generics)*)?> Damping<T, X> for $holder {
-            fn check_shape(&$self, coordinates: usize, nodes: usize) -> Result<(), MemoryShape> {
-                <$inner as Damping<T, X>>::check_shape($shared, coordinates, nodes)
+            fn check(&$self, coordinates: usize, nodes: usize, step_size: T) -> Result<(), Mismatch> {
+                <$inner as Damping<T, X>>::check($shared, coordinates, nodes, step_size)
             }
 
             fn begin(&mut $self, position: &[T], velocity: &[T]) {

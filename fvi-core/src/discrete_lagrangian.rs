@@ -392,7 +392,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> StepEquations<'
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::damping::MemoryShape;
+    use crate::damping::Mismatch;
     use crate::galerkin::Galerkin;
     use crate::memory::MemoryError;
     use crate::newton::{Inverse, StepMatrix};
@@ -455,7 +455,7 @@ mod tests {
     }
 
     impl<const Q: usize> Damping<f64, Fixed<2>> for Affine<Q> {
-        fn check_shape(&self, _: usize, _: usize) -> Result<(), MemoryShape> {
+        fn check(&self, _: usize, _: usize, _: f64) -> Result<(), Mismatch> {
             Ok(())
         }
 

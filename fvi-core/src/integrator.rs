@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use crate::damping::{Damping, MemoryShape};
+use crate::damping::{Damping, Mismatch};
 use crate::error::{ParameterError, check_step_size};
 use crate::memory::MemoryError;
 use crate::real::{Real, all_finite};
@@ -31,10 +31,10 @@ pub struct State<V> {
 /// // m q̈ + k q = −ρ D^{1/2} q with q(0) = 1, q̇(0) = 0, in Caputo's sense.
 /// static WEIGHTS: [f64; 128] = monic_bdf_table(BdfOrder::GRUNWALD_LETNIKOV, 0.5);
 /// let step_size = 0.05;
-/// let scale = leading_bdf_weight(BdfOrder::GRUNWALD_LETNIKOV, 0.5, step_size)?;
-/// let memory = FixedDirect::<f64, 1, 128>::full_memory(&WEIGHTS, scale)?;
+/// let kernel = Kernel::bdf(BdfOrder::GRUNWALD_LETNIKOV, 0.5, step_size)?;
+/// let memory = kernel.full_memory::<f64, 1, 128>(&WEIGHTS)?;
 /// let rho = Coefficients::Diagonal([0.2].into());
-/// let damping = DampingTerm::new(rho, 0.5, Derivative::Caputo, memory)?;
+/// let damping = DampingTerm::new(kernel, rho, Derivative::Caputo, memory)?;
 /// let system = System {
 ///     mass: Mass::diagonal([1.0])?,
 ///     potential: Quadratic::diagonal([1.0])?,
@@ -94,8 +94,8 @@ pub enum IntegratorError {
     StepSize(ParameterError),
     /// The initial position or momentum is not finite.
     InitialState,
-    /// A memory does not fit the system and the scheme.
-    Shape(MemoryShape),
+    /// A damping does not go with the system, the scheme or the step size.
+    Damping(Mismatch),
     /// A memory has no room for the first sample.
     Memory(MemoryError),
 }
@@ -105,7 +105,7 @@ impl fmt::Display for IntegratorError {
         match self {
             Self::StepSize(error) => error.fmt(f),
             Self::InitialState => write!(f, "the initial position or momentum is not finite"),
-            Self::Shape(error) => error.fmt(f),
+            Self::Damping(error) => error.fmt(f),
             Self::Memory(error) => error.fmt(f),
         }
     }
@@ -116,7 +116,7 @@ impl core::error::Error for IntegratorError {
         match self {
             Self::StepSize(error) => Some(error),
             Self::InitialState => None,
-            Self::Shape(error) => Some(error),
+            Self::Damping(error) => Some(error),
             Self::Memory(error) => Some(error),
         }
     }
@@ -130,6 +130,7 @@ where
     S: Scheme<T, Fixed<N>>,
 {
     /// Begins an integrator for a system of N coordinates with the step size h.
+    #[inline]
     pub fn builder(
         system: System<T, N, P, F>,
         scheme: S,
@@ -141,12 +142,14 @@ where
 
 impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>> IntegratorBuilder<T, X, G, S, ()> {
     /// Begins an integrator in any space; see [`Integrator::builder`].
+    #[inline]
     pub fn in_space(space: X, mechanics: G, scheme: S, step_size: T) -> Self {
         let (position, motion) = (space.zeros(), (space.zeros(), Motion::Momentum));
         Self { space, mechanics, scheme, damping: (), step_size, position, motion }
     }
 
     /// The damping: a term, or several together.
+    #[inline]
     pub fn damping<D: Damping<T, X>>(self, damping: D) -> IntegratorBuilder<T, X, G, S, D> {
         let Self { space, mechanics, scheme, damping: (), step_size, position, motion } = self;
         IntegratorBuilder { space, mechanics, scheme, damping, step_size, position, motion }
@@ -157,18 +160,21 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
     IntegratorBuilder<T, X, G, S, D>
 {
     /// Initial position q₀.
+    #[inline]
     pub fn position(mut self, position: impl Into<X::Vector>) -> Self {
         self.position = position.into();
         self
     }
 
     /// Initial momentum p₀.
+    #[inline]
     pub fn momentum(mut self, momentum: impl Into<X::Vector>) -> Self {
         self.motion = (momentum.into(), Motion::Momentum);
         self
     }
 
     /// Initial velocity v₀: the momentum is M v₀.
+    #[inline]
     pub fn velocity(mut self, velocity: impl Into<X::Vector>) -> Self {
         self.motion = (velocity.into(), Motion::Velocity);
         self
@@ -178,6 +184,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
     ///
     /// # Errors
     /// [`IntegratorError`].
+    #[inline]
     pub fn build(self) -> Result<Integrator<T, X, G, S, D>, IntegratorError> {
         let Self { space, mechanics, scheme, mut damping, step_size, position, motion } = self;
         check_step_size(step_size.to_f64()).map_err(IntegratorError::StepSize)?;
@@ -196,9 +203,8 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         if ![&position, &momentum, &velocity].iter().all(|vector| all_finite(X::slice(vector))) {
             return Err(IntegratorError::InitialState);
         }
-        damping
-            .check_shape(space.coordinates(), scheme.sampling().nodes())
-            .map_err(IntegratorError::Shape)?;
+        let nodes = scheme.sampling().nodes();
+        damping.check(space.coordinates(), nodes, step_size).map_err(IntegratorError::Damping)?;
         damping.begin(X::slice(&position), X::slice(&velocity));
         if matches!(scheme.sampling(), Sampling::MainNodes) {
             let (rest, mut scratch) = (space.zeros(), space.zeros());

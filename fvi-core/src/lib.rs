@@ -3,6 +3,8 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+pub use {heapless, nalgebra};
+
 #[cfg(test)]
 extern crate std;
 
@@ -15,6 +17,7 @@ mod euler;
 mod exponential_sum;
 mod galerkin;
 mod integrator;
+mod kernel;
 mod linear;
 mod memory;
 mod newton;
@@ -31,7 +34,7 @@ mod tiled;
 mod weighted_sum;
 mod weights;
 
-pub use damping::{Damping, DampingError, DampingTerm, Derivative, MemoryShape};
+pub use damping::{Damping, DampingError, DampingTerm, Derivative, Mismatch};
 pub use direct::{Direct, FixedDirect, MAX_STAGES, Overflow, Ring};
 pub use discrete_lagrangian::{DiscreteLagrangian, Kept, Workspace};
 pub use error::ParameterError;
@@ -39,6 +42,7 @@ pub use euler::{ExplicitEuler, ImplicitEuler};
 pub use exponential_sum::{ExponentialSum, ExponentialTable, ExponentialTerm};
 pub use galerkin::{Galerkin, Tables};
 pub use integrator::{Integrator, IntegratorBuilder, IntegratorError, State};
+pub use kernel::{Kernel, Rule, Symbol};
 pub use linear::{
     Singular, factor, invert_factored, is_positive_definite_in_place, multiply_columns, solve, substitute,
 };

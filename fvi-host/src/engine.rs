@@ -127,6 +127,29 @@ impl MemoryRequest<'_> {
         Ok(HostMemory { memory: Box::new(corrected), engine })
     }
 
+    /// The kernel of the memory.
+    ///
+    /// # Errors
+    /// If the exponent or the step size is outside its range.
+    pub fn kernel(&self) -> Result<fvi_core::Kernel, ParameterError> {
+        let (exponent, step_size) = (self.exponent, self.step_size);
+        match self.convolution.family {
+            ConvolutionFamily::Bdf { order } => {
+                fvi_core::Kernel::bdf(BdfOrder::new(order)?, exponent, step_size)
+            }
+            ConvolutionFamily::RadauIia { stages } => match stages {
+                1 => fvi_core::Kernel::runge_kutta(&RungeKutta::<1>::radau_iia()?, exponent, step_size),
+                2 => fvi_core::Kernel::runge_kutta(&RungeKutta::<2>::radau_iia()?, exponent, step_size),
+                _ => fvi_core::Kernel::runge_kutta(&RungeKutta::<3>::radau_iia()?, exponent, step_size),
+            },
+            ConvolutionFamily::LobattoIiic { stages } => match stages {
+                2 => fvi_core::Kernel::runge_kutta(&RungeKutta::<2>::lobatto_iiic()?, exponent, step_size),
+                3 => fvi_core::Kernel::runge_kutta(&RungeKutta::<3>::lobatto_iiic()?, exponent, step_size),
+                _ => fvi_core::Kernel::runge_kutta(&RungeKutta::<4>::lobatto_iiic()?, exponent, step_size),
+            },
+        }
+    }
+
     /// The memory without starting weights.
     fn without_starting<T: Scalar>(&self) -> Result<HostMemory<T>, EngineError> {
         if let Some(engine) = self.history.engine {

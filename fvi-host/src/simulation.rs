@@ -7,7 +7,7 @@ use crate::scenario::{self, ConvolutionFamily, Engine, InputError, Problem, Scen
 use crate::stability;
 use fvi_core::{
     Damping, DampingTerm, Derivative, Instant, Integrator, IntegratorBuilder, IntegratorError, Mechanics,
-    Memory, MemoryError, MemoryShape, Sample, StepError,
+    Memory, MemoryError, Mismatch, Sample, StepError,
 };
 use fvi_fft::Scalar;
 use nalgebra::DMatrix;
@@ -185,20 +185,23 @@ fn damping_term<T: Elementary + Scalar>(
     index: usize,
     term: &scenario::Damping,
 ) -> Result<DampingTerm<T, Dense, HostMemory<T>>, InputError> {
-    let memory = memory_request(scenario, nodes, term).build().map_err(|error| match error {
+    let request = memory_request(scenario, nodes, term);
+    let refused = |error| match error {
         EngineError::Table(_) | EngineError::NoRoom { .. } => {
             scenario.error_at("history.engine", Problem::Engine(error))
         }
         EngineError::Parameter(_) => {
             scenario.error_at(&format!("system.damping[{index}].order"), Problem::Engine(error))
         }
-    })?;
+    };
+    let kernel = request.kernel().map_err(|error| refused(error.into()))?;
+    let memory = request.build().map_err(refused)?;
     let derivative = match term.derivative {
         scenario::Derivative::RiemannLiouville => Derivative::RiemannLiouville,
         scenario::Derivative::Caputo => Derivative::Caputo,
     };
     let rho = model::matrix(&term.coefficient);
-    DampingTerm::in_space(&space, rho, T::of(term.order), derivative, memory).map_err(|error| {
+    DampingTerm::in_space(&space, kernel, rho, derivative, memory).map_err(|error| {
         let path = format!("system.damping[{index}]");
         scenario.error_at(&path, Problem::Precision { reason: error.to_string() })
     })
@@ -208,8 +211,8 @@ fn damping_term<T: Elementary + Scalar>(
 struct DampingTerms<T: Elementary>(Vec<DampingTerm<T, Dense, HostMemory<T>>>);
 
 impl<T: Elementary> Damping<T, Dense> for DampingTerms<T> {
-    fn check_shape(&self, coordinates: usize, nodes: usize) -> Result<(), MemoryShape> {
-        self.0[..].check_shape(coordinates, nodes)
+    fn check(&self, coordinates: usize, nodes: usize, step_size: T) -> Result<(), Mismatch> {
+        self.0[..].check(coordinates, nodes, step_size)
     }
 
     fn begin(&mut self, position: &[T], velocity: &[T]) {

@@ -2,7 +2,7 @@
 
 use fvi_core::{
     BdfOrder, Coefficients, ConvolutionWeights, Damping, DampingTerm, Derivative, Fixed, FixedDirect, Force,
-    Integrator, Potential, Scheme, StepError, System,
+    Integrator, Kernel, Potential, Scheme, StepError, System,
 };
 use nalgebra::{SMatrix, SVector};
 
@@ -26,7 +26,13 @@ pub fn term<'w, const N: usize>(
     weights: &'w [f64],
 ) -> Term<'w, N> {
     let memory = FixedDirect::full_memory(weights, 1.0).expect("good weights");
-    DampingTerm::new(coefficients, damping_order, derivative, memory).expect("good damping")
+    DampingTerm::new(
+        Kernel::given(damping_order).expect("an order in range"),
+        coefficients,
+        derivative,
+        memory,
+    )
+    .expect("good damping")
 }
 
 /// Equal diagonal coefficients.

@@ -1,6 +1,6 @@
 //! Damping at the stages of a Runge–Kutta convolution quadrature, on direct memories.
 
-use fvi_core::{Coefficients, DampingTerm, Derivative, Direct, Fixed, Overflow, RungeKutta};
+use fvi_core::{Coefficients, DampingTerm, Derivative, Direct, Fixed, Kernel, Overflow, RungeKutta};
 use fvi_host::runge_kutta_weights::RungeKuttaWeights;
 use heapless::Deque;
 
@@ -31,5 +31,11 @@ pub fn stage_term<const N: usize, const R: usize>(
     count: usize,
 ) -> DampingTerm<f64, Fixed<N>, StageMemory> {
     let memory = stage_memory::<N, R>(method, damping_order, step_size, count);
-    DampingTerm::new(coefficients, damping_order, derivative, memory).expect("good damping")
+    DampingTerm::new(
+        Kernel::given(damping_order).expect("an order in range"),
+        coefficients,
+        derivative,
+        memory,
+    )
+    .expect("good damping")
 }

@@ -1,8 +1,9 @@
 //! Errors are typed, and a failing call leaves everything as it was.
 
 use fvi_core::{
-    Coefficients, DampingError, DampingTerm, Derivative::Caputo, FixedDirect, Galerkin, Integrator,
-    IntegratorError, Mass, Memory, MemoryError, NoForce, Potential, Quadratic, StepError, System,
+    BdfOrder, Coefficients, DampingError, DampingTerm, Derivative::Caputo, FixedDirect, Galerkin, Integrator,
+    IntegratorError, Kernel, Mass, Memory, MemoryError, Mismatch, NoForce, Potential, Quadratic, StepError,
+    System,
 };
 use fvi_tests::motion::{diagonal, weights};
 use nalgebra::{SMatrix, SVector, vector};
@@ -25,12 +26,20 @@ impl Potential<f64, 1> for Walled {
     }
 }
 
+fn spring() -> System<f64, 1, Quadratic<f64, 1>> {
+    System {
+        mass: Mass::diagonal([1.0]).unwrap(),
+        potential: Quadratic::diagonal([1.0]).unwrap(),
+        force: NoForce,
+    }
+}
+
 #[test]
 fn a_failed_step_can_be_tried_again_as_if_nothing_had_happened() {
     let table = weights(1, 0.5, 0.1, 101);
     let make = || {
         let memory = FixedDirect::<f64, 1, 101>::full_memory(&table, 1.0).unwrap();
-        let damping = DampingTerm::new(diagonal(0.2), 0.5, Caputo, memory).unwrap();
+        let damping = DampingTerm::new(Kernel::given(0.5).unwrap(), diagonal(0.2), Caputo, memory).unwrap();
         let system = System { mass: Mass::diagonal([1.0]).unwrap(), potential: Walled, force: NoForce };
         let scheme = Galerkin::low_order(0.5).unwrap();
         Integrator::builder(system, scheme, 0.1)
@@ -72,8 +81,8 @@ fn a_full_second_memory_leaves_the_first_one_alone() {
     let table = weights(1, 0.5, 0.1, 101);
     let long = FixedDirect::<f64, 1, 100>::full_memory(&table, 1.0).unwrap();
     let short = FixedDirect::<f64, 1, 3>::full_memory(&table, 1.0).unwrap();
-    let first = DampingTerm::new(diagonal(0.2), 0.5, Caputo, long).unwrap();
-    let second = DampingTerm::new(diagonal(0.2), 0.5, Caputo, short).unwrap();
+    let first = DampingTerm::new(Kernel::given(0.5).unwrap(), diagonal(0.2), Caputo, long).unwrap();
+    let second = DampingTerm::new(Kernel::given(0.5).unwrap(), diagonal(0.2), Caputo, short).unwrap();
     let system = System { mass: Mass::diagonal([1.0]).unwrap(), potential: Walled, force: NoForce };
     let scheme = Galerkin::low_order(0.5).unwrap();
     let mut integrator = Integrator::builder(system, scheme, 0.1)
@@ -91,11 +100,6 @@ fn a_full_second_memory_leaves_the_first_one_alone() {
 
 #[test]
 fn wrong_values_are_refused_at_construction() {
-    let spring = || System {
-        mass: Mass::diagonal([1.0]).unwrap(),
-        potential: Quadratic::diagonal([1.0]).unwrap(),
-        force: NoForce,
-    };
     let scheme = Galerkin::low_order(0.5).unwrap();
     for h in [0.0, -0.1, f64::NAN, f64::INFINITY] {
         let error = Integrator::builder(spring(), scheme, h)
@@ -116,19 +120,47 @@ fn wrong_values_are_refused_at_construction() {
     for kappa in [-0.1, 1.1, f64::NAN] {
         assert_eq!(Galerkin::low_order(kappa).unwrap_err().parameter, "kappa");
     }
-    for order in [-0.5, 2.0, f64::NAN] {
-        let error = DampingTerm::new(diagonal::<1>(1.0), order, Caputo, ()).unwrap_err();
-        assert!(matches!(error, DampingError::Order(_)), "{order}: {error}");
+    for order in [-1.0, 2.0, f64::NAN] {
+        assert_eq!(Kernel::given(order).unwrap_err().parameter, "exponent", "{order}");
     }
-    let negative = DampingTerm::new(Coefficients::Diagonal(vector![-1.0]), 0.5, Caputo, ()).unwrap_err();
+    let table = weights(1, 0.5, 0.1, 10);
+    let memory = || FixedDirect::<f64, 1, 10>::full_memory(&table, 1.0).unwrap();
+    // Integrals have kernels, but no damping is one.
+    let integral = Kernel::given(-0.5).unwrap();
+    let error = DampingTerm::new(integral, diagonal::<1>(1.0), Caputo, memory()).unwrap_err();
+    assert!(matches!(error, DampingError::Order(_)), "{error}");
+    let kernel = Kernel::given(0.5).unwrap();
+    let negative = Coefficients::Diagonal(vector![-1.0]);
+    let negative = DampingTerm::new(kernel, negative, Caputo, memory()).unwrap_err();
     assert!(matches!(negative, DampingError::Coefficients(_)));
+}
+
+#[test]
+fn a_kernel_that_is_not_the_memorys_or_the_integrators_is_refused() {
+    let table = weights(1, 0.5, 0.1, 10);
+    let memory = || FixedDirect::<f64, 1, 10>::full_memory(&table, 1.0).unwrap();
+    let term = |h: f64, exponent: f64| {
+        let kernel = Kernel::bdf(BdfOrder::GRUNWALD_LETNIKOV, exponent, h).unwrap();
+        DampingTerm::new(kernel, diagonal::<1>(0.2), Caputo, memory())
+    };
+    for (h, exponent) in [(0.2, 0.5), (0.1, 0.6)] {
+        assert!(matches!(term(h, exponent).unwrap_err(), DampingError::Kernel(_)), "{h}, {exponent}");
+    }
+    let build = |h| {
+        let scheme = Galerkin::low_order(0.5).unwrap();
+        Integrator::builder(spring(), scheme, h).damping(term(0.1, 0.5).unwrap()).build()
+    };
+    assert!(build(0.1).is_ok());
+    let error = build(0.05).unwrap_err();
+    let mismatch = Mismatch::StepSize { kernel: 0.1, integrator: 0.05 };
+    assert_eq!(error, IntegratorError::Damping(mismatch), "{error}");
 }
 
 #[test]
 fn a_memory_for_another_number_of_coordinates_is_refused() {
     let table = weights(1, 0.5, 0.1, 10);
     let memory = FixedDirect::<f64, 2, 10>::full_memory(&table, 1.0).unwrap();
-    let damping = DampingTerm::new(diagonal(0.2), 0.5, Caputo, memory).unwrap();
+    let damping = DampingTerm::new(Kernel::given(0.5).unwrap(), diagonal(0.2), Caputo, memory).unwrap();
     let system = System { mass: Mass::diagonal([1.0]).unwrap(), potential: Walled, force: NoForce };
     let scheme = Galerkin::low_order(0.5).unwrap();
     let error = Integrator::builder(system, scheme, 0.1)
@@ -137,5 +169,5 @@ fn a_memory_for_another_number_of_coordinates_is_refused() {
         .momentum(vector![0.0])
         .build()
         .unwrap_err();
-    assert!(matches!(error, IntegratorError::Shape(_)), "{error}");
+    assert!(matches!(error, IntegratorError::Damping(Mismatch::Shape { .. })), "{error}");
 }

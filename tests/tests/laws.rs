@@ -1,6 +1,6 @@
 //! What the integrator keeps and what it equals: limits that pin the theory.
 
-use fvi_core::{BdfOrder, Coefficients, Fixed, right_operator};
+use fvi_core::{BdfOrder, Coefficients, Fixed, Kernel, right_operator};
 use fvi_core::{
     Derivative::{Caputo, RiemannLiouville},
     ExplicitDamping, ExplicitEuler, Galerkin, ImplicitEuler, Integrator, Mass, NoForce, Potential, Quadratic,
@@ -204,7 +204,9 @@ fn single_precision_agrees_with_double_precision() {
     let mut single_table = vec![0f32; steps + 1];
     ConvolutionWeights::bdf(BdfOrder::new(1).unwrap(), 0.5, h).unwrap().fill(&mut single_table);
     let memory = FixedDirect::<f32, 1, 512>::full_memory(&single_table, 1.0).unwrap();
-    let damping = DampingTerm::new(Coefficients::Diagonal([0.3].into()), 0.5, Caputo, memory).unwrap();
+    let damping =
+        DampingTerm::new(Kernel::given(0.5).unwrap(), Coefficients::Diagonal([0.3].into()), Caputo, memory)
+            .unwrap();
     let system = System {
         mass: Mass::diagonal([1f32]).unwrap(),
         potential: Quadratic::diagonal([1.0]).unwrap(),
@@ -213,8 +215,8 @@ fn single_precision_agrees_with_double_precision() {
     let scheme = Galerkin::low_order(0.5f32).unwrap();
     let mut single = Integrator::builder(system, scheme, h as f32)
         .damping(damping)
-        .position([1.0].into())
-        .momentum([0.0].into())
+        .position([1.0])
+        .momentum([0.0])
         .build()
         .unwrap();
     for position in &double.positions[1..] {

@@ -2,7 +2,7 @@
 
 use fvi_core::{
     BdfOrder, ConvolutionWeights, DampingTerm, Derivative::Caputo, ExponentialSum, Galerkin, Integrator,
-    Mass, Memory, NoForce, System,
+    Kernel, Mass, Memory, NoForce, System,
 };
 use fvi_fft::{BlockFft, Pacing, RealTime};
 use fvi_host::exponential_table::ExponentialKernel;
@@ -23,7 +23,8 @@ fn kernel() -> ConvolutionWeights {
 /// Position and momentum every thousandth step, and the bytes of the memory at the end.
 fn run(memory: impl Memory<f64>) -> (Vec<[f64; 2]>, usize) {
     // So weakly damped that it still swings through half a radian at the end.
-    let damping = DampingTerm::new(diagonal(2e-4), DAMPING_ORDER, Caputo, memory).unwrap();
+    let damping =
+        DampingTerm::new(Kernel::given(DAMPING_ORDER).unwrap(), diagonal(2e-4), Caputo, memory).unwrap();
     let system =
         System { mass: Mass::diagonal([1.0]).unwrap(), potential: Pendulum { gravity: 1.0 }, force: NoForce };
     let scheme = Galerkin::low_order(0.5).unwrap();

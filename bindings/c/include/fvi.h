@@ -62,22 +62,22 @@
 /*
  Words of a stepper for three coordinates.
  */
-#define FVI_STEPPER_WORDS_3 66
+#define FVI_STEPPER_WORDS_3 68
 
 /*
  Words of a stepper for four coordinates.
  */
-#define FVI_STEPPER_WORDS_4 82
+#define FVI_STEPPER_WORDS_4 88
 
 /*
  Words of a stepper for five coordinates.
  */
-#define FVI_STEPPER_WORDS_5 102
+#define FVI_STEPPER_WORDS_5 112
 
 /*
  Words of a stepper for six coordinates.
  */
-#define FVI_STEPPER_WORDS_6 126
+#define FVI_STEPPER_WORDS_6 140
 
 /*
  What a call returns. Anything but FVI_STATUS_OK means that the call has changed nothing.

@@ -3,7 +3,7 @@
 use core::ffi::{CStr, c_char};
 
 use fvi_core::{
-    DampingError, IntegratorError, MatrixError, MemoryError, OperatorError, ParameterError, StepError,
+    DampingError, IntegratorError, Mismatch, MatrixError, MemoryError, OperatorError, ParameterError, StepError,
 };
 
 /// What a call returns. Anything but FVI_STATUS_OK means that the call has changed nothing.
@@ -114,7 +114,8 @@ impl From<IntegratorError> for FviStatus {
         match error {
             IntegratorError::StepSize(error) => error.into(),
             IntegratorError::Memory(error) => error.into(),
-            IntegratorError::Shape(_) => Self::WrongSize,
+            IntegratorError::Damping(Mismatch::Shape { .. }) => Self::WrongSize,
+            IntegratorError::Damping(_) => Self::OutOfRange,
             _ => Self::NotFinite,
         }
     }

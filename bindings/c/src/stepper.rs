@@ -3,8 +3,8 @@
 use core::ffi::c_void;
 
 use fvi_core::{
-    Coefficients, DampingTerm, Derivative, Fixed, Force, Galerkin, Instant, Integrator, Mass, Potential,
-    System,
+    Coefficients, DampingTerm, Derivative, Fixed, Force, Galerkin, Instant, Integrator, Kernel, Mass,
+    Potential, System,
 };
 use nalgebra::{SMatrix, SVector};
 
@@ -19,13 +19,13 @@ pub const FVI_STEPPER_WORDS_1: usize = 42;
 /// Words of a stepper for two coordinates.
 pub const FVI_STEPPER_WORDS_2: usize = 52;
 /// Words of a stepper for three coordinates.
-pub const FVI_STEPPER_WORDS_3: usize = 66;
+pub const FVI_STEPPER_WORDS_3: usize = 68;
 /// Words of a stepper for four coordinates.
-pub const FVI_STEPPER_WORDS_4: usize = 82;
+pub const FVI_STEPPER_WORDS_4: usize = 88;
 /// Words of a stepper for five coordinates.
-pub const FVI_STEPPER_WORDS_5: usize = 102;
+pub const FVI_STEPPER_WORDS_5: usize = 112;
 /// Words of a stepper for six coordinates.
-pub const FVI_STEPPER_WORDS_6: usize = 126;
+pub const FVI_STEPPER_WORDS_6: usize = 140;
 
 /// Writes ∇U(q), n numbers, to `gradient`.
 pub type FviGradient =
@@ -251,7 +251,7 @@ unsafe fn init<const N: usize>(
     let scheme = Galerkin::low_order(system.kappa)?;
     // SAFETY: promised by the caller.
     let memory = unsafe { AnyMemory::<N>::new(reference(system.memory)?) }?;
-    let damping = DampingTerm::new(rho, system.damping_order, derivative, memory)?;
+    let damping = DampingTerm::new(Kernel::given(f64::from(system.damping_order))?, rho, derivative, memory)?;
     let callbacks = Callbacks { gradient, hessian, force: system.force, context: system.context };
     let system_of_core = System { mass, potential: callbacks, force: callbacks };
     let integrator = Integrator::builder(system_of_core, scheme, system.step_size)

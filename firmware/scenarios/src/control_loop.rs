@@ -12,7 +12,7 @@ use core::fmt;
 
 use fvi_core::{
     Coefficients, DampingTerm, Derivative, ExponentialSum, ExponentialTable, Fixed, FractionalOperator,
-    Galerkin, Integrator, Mass, NoForce, Quadratic, Start, System,
+    Galerkin, Integrator, Kernel, Mass, NoForce, Quadratic, Start, System,
 };
 use nalgebra::SVector;
 
@@ -89,7 +89,7 @@ impl ControlLoop {
     pub fn new() -> Result<Self, Refusal> {
         let memory = ExponentialSum::new(DAMPING, 1.0, 1, [0.0; state_len(&DAMPING)])?;
         let rho = Coefficients::Diagonal(SVector::from([1.0]));
-        let damping = DampingTerm::new(rho, 0.5, Derivative::RiemannLiouville, memory)?;
+        let damping = DampingTerm::new(Kernel::given(0.5)?, rho, Derivative::RiemannLiouville, memory)?;
         let system =
             System { mass: Mass::diagonal([1.0])?, potential: Quadratic::diagonal([4.0])?, force: NoForce };
         let (scheme, rest) = (Galerkin::low_order(0.5)?, SVector::from([0.0]));

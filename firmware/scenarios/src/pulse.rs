@@ -7,8 +7,8 @@
 use core::fmt;
 
 use fvi_core::{
-    BdfOrder, Coefficients, DampingTerm, Derivative, FixedDirect, Galerkin, Instant, Integrator, Mass,
-    Quadratic, Real, System, TimeForce, leading_bdf_weight, monic_bdf_table, monic_bdf_table_f32,
+    BdfOrder, Coefficients, DampingTerm, Derivative, FixedDirect, Galerkin, Instant, Integrator, Kernel,
+    Mass, Quadratic, Real, System, TimeForce, leading_bdf_weight, monic_bdf_table, monic_bdf_table_f32,
 };
 use nalgebra::SVector;
 
@@ -59,7 +59,7 @@ pub fn run<T: Tabulated>(out: &mut impl fmt::Write) -> Result<(), Refusal> {
     let scale = T::of(leading_bdf_weight(BdfOrder::GRUNWALD_LETNIKOV, DAMPING_ORDER, STEP_SIZE)?);
     let memory = FixedDirect::<T, 1, CAPACITY>::full_memory(T::weights(), scale)?;
     let rho = Coefficients::Diagonal(SVector::from([T::one()]));
-    let damping = DampingTerm::new(rho, T::of(DAMPING_ORDER), Derivative::RiemannLiouville, memory)?;
+    let damping = DampingTerm::new(Kernel::given(DAMPING_ORDER)?, rho, Derivative::RiemannLiouville, memory)?;
     let system = System {
         mass: Mass::diagonal([T::one()])?,
         potential: Quadratic::diagonal([T::one()])?,

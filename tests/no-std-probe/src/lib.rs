@@ -6,8 +6,8 @@ use core::panic::PanicInfo;
 
 use fvi_core::{
     BdfOrder, Coefficients, ConvolutionWeights, DampingTerm, Derivative, ExplicitDamping, ExponentialSum,
-    ExponentialTable, Fixed, FixedDirect, FractionalOperator, Galerkin, ImplicitEuler, Integrator, Mass,
-    Memory, NoForce, Overflow, Potential, Quadratic, Real, Scheme, Stability, Start, System, Tiled,
+    ExponentialTable, Fixed, FixedDirect, FractionalOperator, Galerkin, ImplicitEuler, Integrator, Kernel,
+    Mass, Memory, NoForce, Overflow, Potential, Quadratic, Real, Scheme, Stability, Start, System, Tiled,
     check_stability, leading_bdf_weight, monic_bdf_table,
 };
 use nalgebra::{SMatrix, SVector};
@@ -52,8 +52,15 @@ fn run<T: Real, S: Scheme<T, Fixed<2>>>(scheme: S, table: &[T], numbers: &[f64; 
     let short = FixedDirect::<T, 2, HISTORY>::short_memory(table, scale).ok()?;
     let coefficients = Coefficients::Dense(SMatrix::from([[rho, u], [u, rho]]));
     let damping = (
-        DampingTerm::new(coefficients, beta, Derivative::Caputo, memory).ok()?,
-        DampingTerm::new(coefficients, beta, Derivative::RiemannLiouville, short).ok()?,
+        DampingTerm::new(Kernel::given(beta.to_f64()).ok()?, coefficients, Derivative::Caputo, memory)
+            .ok()?,
+        DampingTerm::new(
+            Kernel::given(beta.to_f64()).ok()?,
+            coefficients,
+            Derivative::RiemannLiouville,
+            short,
+        )
+        .ok()?,
     );
     let start = (SVector::from([q, p]), SVector::from([p, q]));
     let mut integrator = Integrator::builder(system, scheme, h)

@@ -9,8 +9,8 @@ use cortex_m_rt::entry;
 use cortex_m_semihosting::hio::HostStream;
 use fvi_core::{
     BdfOrder, Coefficients, Damping, DampingTerm, Derivative, ExponentialSum, Fixed, FixedDirect,
-    FractionalOperator, Galerkin, Integrator, Mass, Memory, NoForce, Overflow, Quadratic, Start, System,
-    Tiled, monic_bdf_table_f32,
+    FractionalOperator, Galerkin, Integrator, Kernel, Mass, Memory, NoForce, Overflow, Quadratic, Start,
+    System, Tiled, monic_bdf_table_f32,
 };
 use images::instructions::{Counter, Spread};
 use images::stack::used_by;
@@ -144,7 +144,8 @@ impl Bench<'_> {
 
     fn term<const N: usize, M: Memory<f32>>(memory: M) -> Result<DampingTerm<f32, Fixed<N>, M>, Refused> {
         let rho = Coefficients::Diagonal(SVector::repeat(0.1));
-        DampingTerm::new(rho, 0.5, Derivative::Caputo, memory).map_err(|_| Refused)
+        DampingTerm::new(Kernel::given(0.5).map_err(|_| Refused)?, rho, Derivative::Caputo, memory)
+            .map_err(|_| Refused)
     }
 
     fn coordinates<const N: usize, const STATE: usize>(&mut self) -> Result<(), Refused> {
