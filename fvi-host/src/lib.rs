@@ -6,6 +6,7 @@ pub mod command;
 pub mod compare_engines;
 pub mod converge;
 pub mod engine;
+mod excerpt;
 pub mod exponential_table;
 pub mod expression;
 pub mod files;

@@ -21,7 +21,9 @@ enum Kind {
     SidedTime,
     Variable(usize),
     Negation(Box<Node>),
-    Operation(Operator, Box<[Node; 2]>),
+    /// An operand and what is done to it, from left to right: a long sum or product is one node, whose evaluation needs no
+    /// stack for each of its terms.
+    Operation(Box<Node>, Vec<(Operator, Node)>),
     Call(Function, Box<Node>),
     Choice(Function, Box<[Node; 2]>),
 }
@@ -56,7 +58,23 @@ impl Node {
 
     pub(super) fn operation(operator: Operator, left: Self, right: Self) -> Self {
         let varies = left.varies || right.varies;
-        Self { kind: Kind::Operation(operator, Box::new([left, right])), varies }.folded()
+        match left {
+            // What does not vary stays a part of its own, to be evaluated as a plain number.
+            Self { kind: Kind::Operation(first, mut rest), varies: before }
+                if operator != Operator::Power && before == varies =>
+            {
+                rest.push((operator, right));
+                Self { kind: Kind::Operation(first, rest), varies }
+            }
+            left => Self { kind: Kind::Operation(Box::new(left), vec![(operator, right)]), varies }.folded(),
+        }
+    }
+
+    /// Whether a further operation from the right makes this node longer instead of deeper.
+    pub(super) fn takes_operand(&self, operator: Operator, right: &Self) -> bool {
+        matches!(self.kind, Kind::Operation(..))
+            && operator != Operator::Power
+            && self.varies == (self.varies || right.varies)
     }
 
     pub(super) fn call(function: Function, mut argument: Self) -> Self {
@@ -89,8 +107,9 @@ impl Node {
         let constant = match &self.kind {
             Kind::Number(_) | Kind::Time | Kind::SidedTime | Kind::Variable(_) => false,
             Kind::Negation(inner) | Kind::Call(_, inner) => inner.as_number().is_some(),
-            Kind::Operation(_, sides) | Kind::Choice(_, sides) => {
-                sides.iter().all(|side| side.as_number().is_some())
+            Kind::Choice(_, sides) => sides.iter().all(|side| side.as_number().is_some()),
+            Kind::Operation(first, rest) => {
+                first.as_number().is_some() && rest.iter().all(|(_, right)| right.as_number().is_some())
             }
         };
         if constant { Self::number(self.plain(0.0, 0.0)) } else { self }
@@ -102,7 +121,11 @@ impl Node {
             Kind::Time => self.kind = Kind::SidedTime,
             Kind::Number(_) | Kind::SidedTime | Kind::Variable(_) => {}
             Kind::Negation(inner) | Kind::Call(_, inner) => inner.take_sides(),
-            Kind::Operation(_, sides) | Kind::Choice(_, sides) => sides.iter_mut().for_each(Self::take_sides),
+            Kind::Choice(_, sides) => sides.iter_mut().for_each(Self::take_sides),
+            Kind::Operation(first, rest) => {
+                first.take_sides();
+                rest.iter_mut().for_each(|(_, right)| right.take_sides());
+            }
         }
     }
 
@@ -136,16 +159,15 @@ impl Node {
             Kind::Negation(inner) => of(inner).negate(),
             Kind::Call(function, argument) => function.apply(of(argument)),
             Kind::Choice(function, sides) => function.choose(of(&sides[0]), of(&sides[1])),
-            Kind::Operation(operator, sides) => {
-                let [left, right] = sides.as_ref();
-                match operator {
-                    Operator::Add => of(left).add(of(right)),
-                    Operator::Subtract => of(left).subtract(of(right)),
-                    Operator::Multiply => of(left).multiply(of(right)),
-                    Operator::Divide => of(left).divide(of(right)),
-                    Operator::Power if right.varies => varying_power(of(left), of(right), left.varies),
-                    Operator::Power => fixed_power(of(left), right.evaluate::<T, T>(time, sided, &[])),
-                }
+            Kind::Operation(first, rest) => {
+                rest.iter().fold(of(first), |left, (operator, right)| match operator {
+                    Operator::Add => left.add(of(right)),
+                    Operator::Subtract => left.subtract(of(right)),
+                    Operator::Multiply => left.multiply(of(right)),
+                    Operator::Divide => left.divide(of(right)),
+                    Operator::Power if right.varies => varying_power(left, of(right), first.varies),
+                    Operator::Power => fixed_power(left, right.evaluate::<T, T>(time, sided, &[])),
+                })
             }
         }
     }
