@@ -68,6 +68,30 @@ pub(super) fn weights_listing(weights: &[f64], origin: &str, format: ListingForm
     }
 }
 
+/// Matrix weights W₀, W₁, … of R stages, given plane by plane: entry (i, j) of W_n at (i·R + j)·count + n, as constants keep them.
+pub(super) fn matrix_weights_listing(
+    planes: &[f64],
+    stages: usize,
+    origin: &str,
+    format: ListingFormat,
+) -> String {
+    let count = planes.len() / (stages * stages);
+    match format {
+        ListingFormat::Csv => {
+            let entries = (0..count).flat_map(|n| (0..stages * stages).map(move |plane| (n, plane)));
+            let row = |(n, plane): (usize, usize)| {
+                let (row, column) = (plane / stages, plane % stages);
+                format!("{n},{row},{column},{:.16e}\n", planes[plane * count + n])
+            };
+            std::iter::once("n,row,column,weight\n".to_string()).chain(entries.map(row)).collect()
+        }
+        ListingFormat::Rust | ListingFormat::C => {
+            let layout = format!("{origin}; entry (i, j) of weight n at (i*{stages} + j)*{count} + n");
+            weights_listing(planes, &layout, format)
+        }
+    }
+}
+
 /// A head of weights and exponentials.
 pub(super) fn exponentials_listing(
     kernel: &ExponentialKernel,
