@@ -31,6 +31,7 @@ mod weights;
 
 pub use damping::{AffineForce, Damping, DampingError, DampingTerm, Derivative, MemoryShape};
 pub use direct::{Direct, FixedDirect, MAX_STAGES, Overflow, Ring};
+pub use double_double::DoubleDouble;
 pub use error::ParameterError;
 pub use euler::{ExplicitEuler, ImplicitEuler};
 pub use exponential_sum::{ExponentialSum, ExponentialTable, ExponentialTerm};

@@ -22,6 +22,7 @@ pub mod scenario;
 pub mod simulation;
 pub mod stage_stability;
 pub mod starting;
+mod starting_defects;
 pub mod trajectory;
 pub mod two_point;
 pub mod vectorised;
