@@ -11,8 +11,7 @@ pub mod run;
 pub mod weights;
 
 use crate::files::FileError;
-use crate::scenario::{InputError, Scenario};
-use crate::starting::{TRUSTED_CONDITION, starting_condition};
+use crate::scenario::InputError;
 use clap::{Parser, Subcommand};
 use miette::{GraphicalReportHandler, GraphicalTheme};
 use std::io::IsTerminal;
@@ -115,13 +114,9 @@ impl CommandError {
     }
 }
 
-/// Says on standard error how well the starting weights of a scenario are determined, if badly.
-fn warn_about_starting_weights(scenario: &Scenario) {
-    let condition = starting_condition(&scenario.convolution.starting);
-    if condition > TRUSTED_CONDITION {
-        eprintln!(
-            "warning: convolution.starting: the system of the starting weights has condition {condition:.1e}; \
-             above {TRUSTED_CONDITION:.0e} they are more rounding than weights: take fewer exponents"
-        );
+/// Says on standard error what makes a result other than it may seem.
+fn warn(warnings: impl IntoIterator<Item = String>) {
+    for warning in warnings {
+        eprintln!("warning: {warning}");
     }
 }

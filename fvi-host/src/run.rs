@@ -76,6 +76,9 @@ pub struct RunSummary {
     pub last: GridState,
     /// Largest absolute values.
     pub largest: Largest,
+    /// What makes the result other than it may seem.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
     /// Errors against the reference.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub errors: Option<ReferenceErrors>,
@@ -189,6 +192,7 @@ pub fn run(
         starting_condition: Some(&scenario.convolution.starting)
             .filter(|exponents| !exponents.is_empty())
             .map(|exponents| starting_condition(exponents)),
+        warnings: scenario.warnings().into_iter().chain(observed.errors.warning()).collect(),
         errors: Some(observed.errors).filter(ReferenceErrors::any),
         files,
         scenario: scenario.clone(),

@@ -1,7 +1,7 @@
 //! `fvi converge`: error and order over a sequence of step sizes.
 
 use super::progress::Progress;
-use super::{CommandError, warn_about_starting_weights};
+use super::{CommandError, warn};
 use crate::converge::{ConvergeError, Grids, converge};
 use crate::files::{make_directory, write_picture, write_text};
 use crate::scenario::{Engine, Scenario};
@@ -40,7 +40,7 @@ impl ConvergeArguments {
         if let Some(engine) = self.engine {
             scenario.history.choose(engine);
         }
-        warn_about_starting_weights(&scenario);
+        warn(scenario.warnings());
         let directory = self.out.unwrap_or_else(|| {
             Path::new("out").join(self.scenario.file_stem().unwrap_or("converge".as_ref()))
         });
@@ -59,6 +59,7 @@ impl ConvergeArguments {
             ConvergeError::Stopped => CommandError::Stopped("stopped; nothing was written".to_owned()),
             other => CommandError::Failed(other.to_string()),
         })?;
+        warn(convergence.warning());
         make_directory(&directory)?;
         write_text(&directory.join("convergence.csv"), &convergence.csv())?;
         write_picture(&directory.join("convergence.svg"), &convergence.chart(&scenario))?;

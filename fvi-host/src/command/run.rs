@@ -1,7 +1,7 @@
 //! `fvi run`: integrate a scenario.
 
 use super::progress::Progress;
-use super::{CommandError, warn_about_starting_weights};
+use super::{CommandError, warn};
 use crate::run::{RunEnd, RunError, RunOptions, RunSummary, run};
 use crate::scenario::{Engine, Scenario};
 use crate::simulation::Precision;
@@ -36,7 +36,9 @@ impl RunArguments {
         if let Some(engine) = self.engine {
             scenario.history.choose(engine);
         }
-        warn_about_starting_weights(&scenario);
+        let warnings = scenario.warnings();
+        let before = warnings.len();
+        warn(warnings);
         let directory = self.out.unwrap_or_else(|| default_directory(&self.scenario));
         // Without the handler Ctrl-C still ends the program, only less tidily.
         let _ = ctrlc::set_handler(|| {
@@ -52,6 +54,7 @@ impl RunArguments {
                 other => CommandError::Failed(other.to_string()),
             })?;
         progress.finish();
+        warn(summary.warnings.iter().skip(before).cloned());
         let line = result_line(&scenario, &summary, &directory);
         match &summary.end {
             RunEnd::Completed => {

@@ -1,7 +1,8 @@
 //! `[scheme]` and `[convolution]`: how the motion and its fractional derivatives are discretised.
 
-use super::document::Table;
+use super::document::{Table, Value};
 use super::error::{InputError, Problem};
+use super::system::System;
 use serde::Serialize;
 
 /// The integrator.
@@ -33,7 +34,7 @@ pub enum Scheme {
 pub enum Quadrature {
     /// Gauss–Legendre with 1 to 6 nodes.
     Gauss(usize),
-    /// Gauss–Lobatto with 2 to 6 nodes.
+    /// Gauss–Lobatto with 2 to 7 nodes.
     Lobatto(usize),
 }
 
@@ -177,16 +178,16 @@ fn read_quadrature(table: &Table<'_>, degree: usize) -> Result<Option<Quadrature
     };
     // With fewer points than the degree the quadrature cannot tell the polynomials apart.
     let fewest = if lobatto { degree.max(2) } else { degree };
-    let usual = if lobatto { (degree + 1).min(6) } else { degree };
+    let (most, usual) = if lobatto { (7, degree + 1) } else { (6, degree) };
     let points = match table.optional("points") {
-        Some(value) => value.whole(fewest..=6)?,
+        Some(value) => value.whole(fewest..=most)?,
         None => usual,
     };
     Ok(Some(if lobatto { Quadrature::Lobatto(points) } else { Quadrature::Gauss(points) }))
 }
 
 impl Convolution {
-    pub(super) fn read(table: &Table<'_>, scheme: &Scheme) -> Result<Self, InputError> {
+    pub(super) fn read(table: &Table<'_>, scheme: &Scheme, system: &System) -> Result<Self, InputError> {
         let family_value = table.optional("family");
         let name = match &family_value {
             Some(value) => value.choice(&[
@@ -250,6 +251,7 @@ impl Convolution {
                 if !distinct || exponents.iter().any(|&exponent| exponent < 0.0) {
                     return Err(value.out_of_range("distinct exponents ≥ 0"));
                 }
+                check_starting_exponents(&value, family, system)?;
                 exponents
             }
             None => Vec::new(),
@@ -266,4 +268,29 @@ impl Convolution {
         };
         if self.starting.is_empty() { family } else { format!("{family} with starting weights") }
     }
+}
+
+/// Refuses exponents whose starting weights grow with time.
+///
+/// The quadrature's error on t^ν, which the starting weights make up, goes like h^p t^(ν − β − p): with ν > β + p a fixed
+/// multiple of the first samples would act as a force that grows without end. A derivative of order 0 has no error.
+fn check_starting_exponents(
+    value: &Value<'_>,
+    family: ConvolutionFamily,
+    system: &System,
+) -> Result<(), InputError> {
+    let ConvolutionFamily::Bdf { order } = family else { return Ok(()) };
+    let orders = system.damping.iter().map(|term| term.order).filter(|&beta| beta > 0.0);
+    let Some(lowest) = orders.min_by(f64::total_cmp) else { return Ok(()) };
+    let reach = order as f64 + lowest;
+    for entry in value.list("a list of numbers")? {
+        if entry.number()? > reach {
+            let allowed = format!(
+                "exponents up to {reach}, `convolution.order` plus the lowest `system.damping` order: the starting weights \
+                 of higher ones grow with time; take a higher `convolution.order`"
+            );
+            return Err(entry.out_of_range(allowed));
+        }
+    }
+    Ok(())
 }

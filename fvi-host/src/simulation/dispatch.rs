@@ -95,7 +95,7 @@ fn galerkin<const N: usize>(scenario: &Scenario) -> Made {
 }
 
 /// Most quadrature points of a scenario. Rules are padded to it, so that there is one integrator for each degree.
-const POINTS: usize = 6;
+const POINTS: usize = 7;
 
 /// The quadrature of a scenario; `None` for a number of points that no rule has.
 fn rule(quadrature: Quadrature) -> Option<Result<fvi_core::Quadrature<POINTS>, ParameterError>> {
@@ -109,7 +109,7 @@ fn rule(quadrature: Quadrature) -> Option<Result<fvi_core::Quadrature<POINTS>, P
     }
     match quadrature {
         Quadrature::Gauss(points) => padded!(gauss, points, 1 2 3 4 5 6),
-        Quadrature::Lobatto(points) => padded!(lobatto, points, 2 3 4 5 6),
+        Quadrature::Lobatto(points) => padded!(lobatto, points, 2 3 4 5 6 7),
     }
 }
 

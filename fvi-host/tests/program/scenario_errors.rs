@@ -53,7 +53,7 @@ const MISTAKES: &[(usize, &str, &str, &[&str])] = &[
     (16, "step = 0.1", "step = 0", &["time.step = 0", "allowed: a number > 0"]),
     (16, "step = 0.1", "step = -0.1", &["time.step = -0.1", "allowed: a number > 0"]),
     (16, "step = 0.1", "step = 10.0", &["time.step = 10.0", "unstable: the largest stable step is about"]),
-    (17, "steps = 30", "steps = -30", &["time.steps = -30", "allowed: a whole number ≥ 0"]),
+    (17, "steps = 30", "steps = -30", &["time.steps = -30", "allowed: a whole number from 0 to"]),
     (17, "steps = 30", "end = 0.25", &["time.end = 0.25", "whole number of steps of 0.1"]),
     (17, "steps = 30", "steps = 30\nend = 3.0", &["time.end = 3.0", "`time.steps`"]),
     (17, "steps = 30", "steps = ", &["not valid TOML"]),
