@@ -1,6 +1,6 @@
 //! `fvi extremal`: solve a two-point fractional Euler–Lagrange problem.
 
-use super::CommandError;
+use super::{CommandError, warn};
 use crate::two_point::{ExtremalSummary, GridError, ProblemFile, Status, solve_and_write};
 use indicatif::{ProgressBar, ProgressDrawTarget};
 use std::io::IsTerminal;
@@ -31,6 +31,9 @@ impl ExtremalArguments {
             solve_and_write(&file, &directory, &mut |steps, residual| progress.update(steps, residual))
                 .map_err(|error| CommandError::Failed(error.to_string()))?;
         progress.finish();
+        warn(summary.errors.last().filter(|error| error.undefined > 0).map(|error| {
+            format!("reference: it is not finite at {} grid points, which are not compared", error.undefined)
+        }));
         let line = result_line(&file, &summary, &directory);
         match summary.status {
             Status::Converged => {
