@@ -104,11 +104,14 @@ impl Scenario {
             None => Scheme::default(),
         };
         let convolution = match root.optional("convolution") {
-            Some(value) => Convolution::read(&value.table()?, &scheme, &system)?,
+            Some(value) => Convolution::read(&value.table()?, &scheme)?,
             None => Convolution::default(),
         };
         let scheme = scheme.with_quadrature_for(convolution.family);
         let time = TimeGrid::read(&root.required("time")?.table()?)?;
+        if let (Some(value), false) = (root.optional("convolution"), time.allow_unstable) {
+            convolution.check_exponents(&value.table()?, &system)?;
+        }
         let history = match root.optional("history") {
             Some(value) => History::read(&value.table()?, convolution.family)?,
             None => History::default(),

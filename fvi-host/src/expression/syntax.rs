@@ -56,7 +56,7 @@ pub enum ExpressionFault {
     #[error("the expression is empty")]
     Empty,
     /// A character that no expression has at this place.
-    #[error("unexpected character `{character}`")]
+    #[error("unexpected character `{}`", excerpt(&character.to_string()))]
     UnexpectedCharacter {
         /// The character.
         character: char,

@@ -1,6 +1,6 @@
 //! `[scheme]` and `[convolution]`: how the motion and its fractional derivatives are discretised.
 
-use super::document::{Table, Value};
+use super::document::Table;
 use super::error::{InputError, Problem};
 use super::system::System;
 use serde::Serialize;
@@ -187,7 +187,7 @@ fn read_quadrature(table: &Table<'_>, degree: usize) -> Result<Option<Quadrature
 }
 
 impl Convolution {
-    pub(super) fn read(table: &Table<'_>, scheme: &Scheme, system: &System) -> Result<Self, InputError> {
+    pub(super) fn read(table: &Table<'_>, scheme: &Scheme) -> Result<Self, InputError> {
         let family_value = table.optional("family");
         let name = match &family_value {
             Some(value) => value.choice(&[
@@ -251,12 +251,34 @@ impl Convolution {
                 if !distinct || exponents.iter().any(|&exponent| exponent < 0.0) {
                     return Err(value.out_of_range("distinct exponents ≥ 0"));
                 }
-                check_starting_exponents(&value, family, system)?;
                 exponents
             }
             None => Vec::new(),
         };
         Ok(Self { family, starting })
+    }
+
+    /// The highest exponent whose starting weights do not grow with time: p + β, with the lowest order β of a damping term.
+    ///
+    /// The quadrature's error on t^ν, which the starting weights make up, goes like h^p t^(ν − β − p): beyond, a fixed multiple of the
+    /// first samples acts as a force that grows without end. A derivative of order 0 has no error.
+    pub(super) fn highest_exponent(&self, system: &System) -> f64 {
+        let ConvolutionFamily::Bdf { order } = self.family else { return f64::INFINITY };
+        let orders = system.damping.iter().map(|term| term.order).filter(|&beta| beta > 0.0);
+        order as f64 + orders.fold(f64::INFINITY, f64::min)
+    }
+
+    /// Refuses exponents above that.
+    pub(super) fn check_exponents(&self, table: &Table<'_>, system: &System) -> Result<(), InputError> {
+        let highest = self.highest_exponent(system);
+        let Some(value) = table.optional("starting") else { return Ok(()) };
+        match value.list("a list of numbers")?.iter().zip(&self.starting).find(|(_, nu)| **nu > highest) {
+            Some((entry, _)) => Err(entry.out_of_range(format!(
+                "exponents up to {highest}, `convolution.order` plus the lowest `system.damping` order: the starting weights of higher \
+                 ones grow with time; take a higher `convolution.order`, or set `time.allow_unstable = true` to run anyway"
+            ))),
+            None => Ok(()),
+        }
     }
 
     /// The quadrature's name with its parameters, for headings.
@@ -268,29 +290,4 @@ impl Convolution {
         };
         if self.starting.is_empty() { family } else { format!("{family} with starting weights") }
     }
-}
-
-/// Refuses exponents whose starting weights grow with time.
-///
-/// The quadrature's error on t^ν, which the starting weights make up, goes like h^p t^(ν − β − p): with ν > β + p a fixed
-/// multiple of the first samples would act as a force that grows without end. A derivative of order 0 has no error.
-fn check_starting_exponents(
-    value: &Value<'_>,
-    family: ConvolutionFamily,
-    system: &System,
-) -> Result<(), InputError> {
-    let ConvolutionFamily::Bdf { order } = family else { return Ok(()) };
-    let orders = system.damping.iter().map(|term| term.order).filter(|&beta| beta > 0.0);
-    let Some(lowest) = orders.min_by(f64::total_cmp) else { return Ok(()) };
-    let reach = order as f64 + lowest;
-    for entry in value.list("a list of numbers")? {
-        if entry.number()? > reach {
-            let allowed = format!(
-                "exponents up to {reach}, `convolution.order` plus the lowest `system.damping` order: the starting weights \
-                 of higher ones grow with time; take a higher `convolution.order`"
-            );
-            return Err(entry.out_of_range(allowed));
-        }
-    }
-    Ok(())
 }

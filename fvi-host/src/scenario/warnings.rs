@@ -11,7 +11,8 @@ impl Scenario {
         let starting = self.starting_warning();
         let terms = self.system.damping.iter().enumerate();
         let singular = terms.filter_map(|(index, term)| self.singular_force_warning(index, term));
-        starting.into_iter().chain(singular).chain(self.off_grid_warning()).collect()
+        let growing = self.growing_warning();
+        starting.into_iter().chain(growing).chain(singular).chain(self.off_grid_warning()).collect()
     }
 
     /// Starting weights that are not determined by their exponents.
@@ -25,11 +26,20 @@ impl Scenario {
         })
     }
 
+    /// Starting weights that grow, of a scenario that allows it.
+    fn growing_warning(&self) -> Option<String> {
+        let highest = self.convolution.highest_exponent(&self.system);
+        self.convolution.starting.iter().any(|&nu| nu > highest).then(|| {
+            format!("convolution.starting: the starting weights of exponents above {highest} grow with time")
+        })
+    }
+
     /// The Riemann–Liouville derivative of a position that does not start at zero.
     ///
     /// It holds q₀ t^(−β)/Γ(1 − β). The sum at the main nodes begins with the first step, without the kick −h ρ w₀ q₀ of t = 0,
     /// which is of the order h^(1−β); a derivative of order 0 has no singularity, and with β = 1 and BDF 1 the sum is the
-    /// difference quotient (q_k − q_{k−1})/h, right as it stands.
+    /// difference quotient (q_k − q_{k−1})/h, right as it stands. The stages of a Runge–Kutta method resolve the kick while it has
+    /// a limit: with Radau IIA the error of q falls like h^(2−β).
     fn singular_force_warning(&self, index: usize, term: &Damping) -> Option<String> {
         let force = term.coefficient.times(&self.initial.position);
         if term.derivative == Derivative::Caputo
@@ -39,7 +49,9 @@ impl Scenario {
             return None;
         }
         let at_stages = !matches!(self.convolution.family, ConvolutionFamily::Bdf { .. });
-        if term.order == 1.0 && self.convolution.family == (ConvolutionFamily::Bdf { order: 1 }) {
+        let linear_damper =
+            term.order == 1.0 && self.convolution.family == (ConvolutionFamily::Bdf { order: 1 });
+        if linear_damper || (at_stages && term.order < 1.0) {
             return None;
         }
         let consequence = if term.order > 1.0 {
@@ -54,7 +66,7 @@ impl Scenario {
         } else {
             let order = 1.0 - term.order;
             format!(
-                "is not resolved by the first step: the error falls like h^{order:.3} only, whatever the scheme"
+                "is not resolved by the first step: the error falls like h^{order:.3} only; Runge–Kutta quadrature resolves it"
             )
         };
         let beta = term.order;

@@ -108,7 +108,14 @@ impl ProblemFile {
     /// # Errors
     /// The first thing in the file that cannot be used, with its place.
     pub fn read(path: &Path) -> Result<Self, InputError> {
-        let document = Document::read(path)?;
+        Self::from_document(Document::read(path)?)
+    }
+
+    /// Checks a problem that is at hand.
+    ///
+    /// # Errors
+    /// The first thing in the document that cannot be used, with its place.
+    pub fn from_document(document: Document) -> Result<Self, InputError> {
         document.with_root(|root| Self::from_root(&root, &document))
     }
 
