@@ -217,7 +217,11 @@ impl<'a> EmbeddedProblem<'a> {
             residual: residual.iter().fold(0.0, |a: f64, b| a.max(b.abs())),
             rounding_level: f64::EPSILON * equations.largest_term,
         };
-        if iterate.converged { Ok(solution) } else { Err(NotConverged { best: Box::new(solution) }) }
+        if iterate.converged && solution.is_finite() {
+            Ok(solution)
+        } else {
+            Err(NotConverged { best: Box::new(solution) })
+        }
     }
 }
 

@@ -307,3 +307,15 @@ fn a_reference_that_is_not_finite_is_never_an_error_of_zero() {
         assert!(text(&output.stderr).contains(told), "{}", text(&output.stderr));
     }
 }
+
+#[test]
+fn an_extremal_whose_functional_overflows_is_none() {
+    let place = Workplace::new();
+    let endless = GOOD.replace("end = 4.0", "end = 1.7e308").replace("steps = 300", "steps = 16");
+    let endless: String =
+        endless.lines().take_while(|line| *line != "[guess]").map(|line| format!("{line}\n")).collect();
+    place.write("endless.toml", &endless.replace("krylov", "dense"));
+    let output = place.fvi(&["extremal", "endless.toml", "--out", "out"]);
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stdout));
+    assert!(text(&output.stderr).contains("no convergence"), "{}", text(&output.stderr));
+}
