@@ -17,7 +17,8 @@ use fvi_core::{BdfOrder, ConvolutionWeights, DoubleDouble, ParameterError};
 /// d_k ~ −Σ_{m≥p} c_m Γ(ν+1)/Γ(ν+1−β−m) k^{ν−β−m} − Σ_{j≥0} k^{−β−1−j}/Γ(−β−j) Σ_{i+m=j} c_m ζ(−ν−i) (−1)^i/i! .
 /// ```
 ///
-/// Source: the expansion is that of \[Lubich86\] §2, carried on; for the singularities see \[FlajoletSedgewick\] ch. VI.
+/// Source: \[Lubich86\] for the error's leading term; \[FS\] ch. VI for expansions of coefficients from those of a function at its
+/// singularity.
 #[derive(Clone, Debug)]
 pub(crate) struct PowerDefects {
     powers: Vec<Power>,

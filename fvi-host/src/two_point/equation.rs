@@ -43,7 +43,7 @@ pub enum Embedding {
     #[default]
     Symmetric,
     /// d/dt ∘ d/dt becomes −Δ_{−σ} ∘ Δ_σ, the central second difference, the equation at k = 1…N−1; with it an equation of
-    /// Euler and Lagrange gives the variational integrator's: \[BCGI\] §2.3, Proposition 3.
+    /// Euler and Lagrange gives the variational integrator's: \[BCGI\] Proposition 3.
     Asymmetric,
 }
 
