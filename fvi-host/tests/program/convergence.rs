@@ -144,3 +144,14 @@ fn levels_that_make_no_sense_are_bad_input() {
     }
     assert!(!place.path("out").exists());
 }
+
+#[test]
+fn known_values_that_no_level_meets_are_bad_input() {
+    let place = Workplace::new();
+    place.write("known.csv", "t,q0\n0.3,1\n");
+    let scenario = root_scenario("").replace("position = [\"t^2.5\"]", "file = \"known.csv\"");
+    let scenario = scenario.replace("step = 0.125", "step = 0.1");
+    let output = converge(&place, &scenario, "4..6");
+    assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("does not go together with `--levels`"), "{}", text(&output.stderr));
+}
