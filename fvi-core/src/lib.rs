@@ -34,6 +34,7 @@ mod weights;
 pub use damping::{Damping, DampingError, DampingTerm, Derivative, MemoryShape};
 pub use direct::{Direct, FixedDirect, MAX_STAGES, Overflow, Ring};
 pub use discrete_lagrangian::{DiscreteLagrangian, Kept, Workspace};
+pub use double_double::DoubleDouble;
 pub use error::ParameterError;
 pub use euler::{ExplicitEuler, ImplicitEuler};
 pub use exponential_sum::{ExponentialSum, ExponentialTable, ExponentialTerm};

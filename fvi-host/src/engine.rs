@@ -37,9 +37,9 @@ impl<T: Scalar> Watched<T> for RealTime<T> {
     }
 }
 
-impl<T: Scalar> Watched<T> for StartingCorrection<T, HostMemory<T>, HostMemory<f64>> {
+impl<T: Scalar> Watched<T> for StartingCorrection<T, HostMemory<T>> {
     fn overruns(&self) -> Option<usize> {
-        Some(self.memory().overruns()? + self.powers().overruns()?)
+        self.memory().overruns()
     }
 }
 
@@ -118,12 +118,12 @@ impl MemoryRequest<'_> {
     pub fn build<T: Scalar>(&self) -> Result<HostMemory<T>, EngineError> {
         let exponents = &self.convolution.starting;
         let memory = self.without_starting()?;
+        let ConvolutionFamily::Bdf { order } = self.convolution.family else { return Ok(memory) };
         if exponents.is_empty() {
             return Ok(memory);
         }
-        let engine = memory.engine();
-        let powers = Self { coordinates: exponents.len(), ..self.clone() }.without_starting::<f64>()?;
-        let corrected = StartingCorrection::new(memory, powers, self.exponent, self.step_size, exponents)?;
+        let (engine, order) = (memory.engine(), BdfOrder::new(order)?);
+        let corrected = StartingCorrection::new(memory, order, self.exponent, self.step_size, exponents)?;
         Ok(HostMemory { memory: Box::new(corrected), engine })
     }
 

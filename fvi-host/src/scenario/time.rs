@@ -2,6 +2,8 @@
 
 use super::document::Table;
 use super::error::{InputError, Problem};
+use super::scheme::ConvolutionFamily;
+use crate::exponential_table::SMALLEST_TOLERANCE;
 use serde::Serialize;
 
 /// Most steps of a run: beyond 2⁵³ their numbers have no exact place among floating-point numbers.
@@ -51,9 +53,13 @@ impl TimeGrid {
             if whole > MOST_STEPS as f64 {
                 return Err(value.out_of_range(format!("at most {MOST_STEPS} steps of {step}")));
             }
-            if (exact - whole).abs() > 1e-9 * whole {
-                let (before, after) = (exact.floor() * step, exact.ceil() * step);
-                let allowed = format!("a whole number of steps of {step}, such as {before} or {after}");
+            let off_grid = (exact - whole).abs() > 1e-9 * whole.max(1.0);
+            if off_grid || (whole == 0.0 && end > 0.0) {
+                let (before, after) = (exact.floor() * step, (exact.floor() + 1.0) * step);
+                // Far out, neighbouring grid times are one number.
+                let examples =
+                    if before < after { format!(", such as {before} or {after}") } else { String::new() };
+                let allowed = format!("a whole number of steps of {step}{examples}; or give `steps` instead");
                 return Err(value.out_of_range(allowed));
             }
             whole as usize
@@ -80,10 +86,26 @@ impl TimeGrid {
         self.step * index as f64
     }
 
+    /// The index of a time that differs from a grid time by rounding only.
+    pub(super) fn index_of(&self, time: f64) -> Option<usize> {
+        let index = (time / self.step).round();
+        if !(index >= 0.0 && index <= self.steps as f64) {
+            return None;
+        }
+        let index = index as usize;
+        let grid_time = self.time(index);
+        ((time - grid_time).abs() <= same_time(grid_time, self.step)).then_some(index)
+    }
+
     /// The last time.
     pub fn end(&self) -> f64 {
         self.time(self.steps)
     }
+}
+
+/// How far a time may be from the grid time `time` to be the same but for rounding.
+pub(super) fn same_time(time: f64, step: f64) -> f64 {
+    f64::max(1e-9 * step, 4.0 * f64::EPSILON * time)
 }
 
 /// A memory engine.
@@ -131,6 +153,9 @@ pub enum Overflow {
     Forget,
 }
 
+/// Largest tolerance of the exponential sum, see `scenarios/README.md`.
+const LARGEST_TOLERANCE: f64 = 1e-6;
+
 /// The memory engine and its settings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct History {
@@ -155,7 +180,7 @@ impl History {
         }
     }
 
-    pub(super) fn read(table: &Table<'_>) -> Result<Self, InputError> {
+    pub(super) fn read(table: &Table<'_>, family: ConvolutionFamily) -> Result<Self, InputError> {
         table.allow(&["engine", "tolerance", "capacity", "overflow"])?;
         let mut engine = table.optional("engine").map(|value| value.choice(&Engine::NAMES)).transpose()?;
         for (key, owner) in [
@@ -174,8 +199,16 @@ impl History {
         let tolerance = match table.optional("tolerance") {
             Some(value) => {
                 let tolerance = value.number()?;
-                if !(1e-16..=0.1).contains(&tolerance) {
-                    return Err(value.out_of_range("1e-16 ≤ tolerance ≤ 0.1"));
+                if !(SMALLEST_TOLERANCE..=LARGEST_TOLERANCE).contains(&tolerance) {
+                    let allowed = format!("{SMALLEST_TOLERANCE:e} ≤ tolerance ≤ {LARGEST_TOLERANCE:e}");
+                    return Err(value.out_of_range(allowed));
+                }
+                if !matches!(family, ConvolutionFamily::Bdf { .. }) {
+                    return Err(value.error(Problem::Incompatible {
+                        with: "this `convolution.family`".to_owned(),
+                        allowed: "only with \"bdf\"; the exponentials of Runge–Kutta quadrature are exact to rounding"
+                            .to_owned(),
+                    }));
                 }
                 Some(tolerance)
             }
