@@ -101,6 +101,43 @@ fn matrix_weights_agree_with_twenty_five_digits_up_to_twenty_thousand() {
     assert_eq!(checked, 7 * 17 * (1 + 4 + 9 + 4 + 9 + 16));
 }
 
+/// Largest error of a table's weights against the planes, relative to the largest entry of the weight.
+fn largest_error_of_the_table<const R: usize>(method: &RungeKutta<R>, exponent: f64) -> f64 {
+    let weights = RungeKuttaWeights::new(method, exponent, 0.5, 100).unwrap();
+    let kernel = Kernel::new(method, exponent, 100);
+    let table = weights.table::<f64>();
+    let table = table.borrow();
+    let head = table.head.len() / (R * R);
+    let mut largest = 0.0;
+    for n in 0..kernel.count() {
+        let entry = |i: usize, j: usize| -> f64 {
+            match n.checked_sub(head) {
+                None => table.head[(i * R + j) * head + n],
+                Some(left) => table
+                    .terms::<R>()
+                    .map(|term| (1.0 - term.decay).powi(left as i32) * term.output[i] * term.input[j])
+                    .sum(),
+            }
+        };
+        for (i, j) in kernel.entries() {
+            let error = (entry(i, j) - kernel.entry(n, i, j)).abs();
+            largest = f64::max(largest, error / kernel.size(n).max(f64::MIN_POSITIVE));
+        }
+    }
+    largest
+}
+
+#[test]
+fn tables_of_exponentials_have_the_weights_of_the_planes() {
+    for exponent in [-0.7, -0.1, 0.004, 0.5, 0.83, 1.17, 1.5, 1.96] {
+        for_each_method!(|family, method| {
+            let error = largest_error_of_the_table(&method, exponent);
+            let stages = method.matrix().len();
+            assert!(error < 1e-13, "family {family}, {stages} stages, β = {exponent}: {error:e}");
+        });
+    }
+}
+
 #[test]
 fn powers_of_the_matrix_symbol_form_a_semigroup() {
     for (a, b) in [(0.25, 0.25), (0.75, 0.75), (0.3, 0.7), (-0.5, 0.5), (0.95, 0.95), (-0.5, 1.5), (1.0, 0.5)]
