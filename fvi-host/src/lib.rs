@@ -9,6 +9,7 @@ pub mod engine;
 pub mod exponential_table;
 pub mod expression;
 pub mod files;
+pub mod growing_ring;
 pub mod measure;
 pub mod model;
 pub mod picture;

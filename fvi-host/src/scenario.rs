@@ -109,7 +109,7 @@ impl Scenario {
         let scheme = scheme.with_quadrature_for(convolution.family);
         let time = TimeGrid::read(&root.required("time")?.table()?)?;
         let history = match root.optional("history") {
-            Some(value) => History::read(&value.table()?)?,
+            Some(value) => History::read(&value.table()?, &time)?,
             None => History::default(),
         };
         let output = match root.optional("output") {

@@ -162,6 +162,10 @@ fn mistakes_are_told_with_key_line_value_and_what_is_allowed() {
         ("capacity = 64", "capacity = 0", "history.capacity", 28, "not allowed"),
         ("capacity = 64", "engine = \"block-fft\"", "history.overflow", 29, "go together"),
         ("capacity = 64", "engine = \"fast\"", "history.engine", 28, "not allowed"),
+        ("overflow = \"forget\"", "horizon = 400", "history.horizon", 29, "go together"),
+        ("capacity = 64\noverflow = \"forget\"", "tolerance = 1e-15", "history.tolerance", 28, "not allowed"),
+        // 301 samples
+        ("capacity = 64\noverflow = \"forget\"", "horizon = 300", "history.horizon", 28, "not allowed"),
         ("every = 10", "every = 0", "output.every", 31, "not allowed"),
         ("period = 0.2", "", "input", 32, "`period` is missing"),
         ("[0.0, 2.0]]", "2.0]", "input.samples[1]", 34, "one number instead of a row"),
@@ -189,7 +193,7 @@ fn an_expression_error_points_at_the_character() {
 fn a_misspelt_key_is_answered_with_the_right_one() {
     let error = read(&GOOD.replacen("capacity", "capcity", 1)).unwrap_err();
     let help = miette::Diagnostic::help(&error).unwrap().to_string();
-    assert_eq!(help, "did you mean `capacity`? Keys here: engine, tolerance, capacity, overflow");
+    assert_eq!(help, "did you mean `capacity`? Keys here: engine, tolerance, horizon, capacity, overflow");
 }
 
 #[test]
