@@ -139,7 +139,7 @@ where
     ) -> Result<Self, ParameterError> {
         let table = weights.as_ref();
         let channels = rings.as_ref().len();
-        let planes = stages * stages;
+        let planes = stages.saturating_mul(stages);
         ParameterError::check(
             (1..=MAX_STAGES).contains(&stages),
             "stages",
@@ -163,7 +163,7 @@ where
             return Err(ParameterError { parameter: "weight", value: weight.to_f64(), allowed: "finite" });
         }
         let mut leading = [T::zero(); MAX_STAGES * MAX_STAGES];
-        for (leading, plane) in leading.iter_mut().zip(table.chunks(table.len() / planes)) {
+        for (leading, plane) in leading.iter_mut().zip(table.chunks((table.len() / planes.max(1)).max(1))) {
             *leading = plane.first().map_or(T::zero(), |&weight| weight * scale);
         }
         rings.as_mut().iter_mut().for_each(Ring::clear);
