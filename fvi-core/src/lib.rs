@@ -18,6 +18,8 @@ mod integrator;
 mod linear;
 mod memory;
 mod newton;
+#[cfg(test)]
+mod noise;
 mod operator;
 mod quadrature;
 mod real;
