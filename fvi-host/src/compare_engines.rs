@@ -166,8 +166,8 @@ impl<'a> Contender<'a> {
 impl Comparison {
     /// Measures all contenders and an offline transform; `progress` is told what is under way.
     ///
-    /// For each kernel and length, first every engine runs on a smooth signal with noise, a decaying and a
-    /// growing one, and a constant, and is compared with a sum in twice the precision. Those runs touch all memory. Then the engines are timed
+    /// For each kernel and length, first every engine runs on a smooth signal with noise, a decaying and a growing one, and a
+    /// constant, and is compared with a sum in twice the precision. Those runs touch all memory. Then the engines are timed
     /// turn by turn, and the shortest time counts: of whole runs for the mean, of each step for the distribution.
     ///
     /// # Errors

@@ -168,7 +168,6 @@ fn damping_at_the_main_nodes_has_order_two_in_position_and_one_in_momentum_on_a_
                 nonlinear_orders(Galerkin::low_order(0.5).unwrap(), p, damping),
                 nonlinear_orders(parabolas, p, damping),
             ];
-            println!("BDF {p}, β = {damping_order}: {found:?}");
             let expected = [f64::min(p as f64, 2.0), 1.0];
             for (order, expected) in found.into_iter().flat_map(|found| found.into_iter().zip(expected)) {
                 assert!(

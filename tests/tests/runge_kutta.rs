@@ -326,15 +326,13 @@ fn stage_damped_schemes_have_their_orders_on_a_smooth_nonlinear_motion() {
             };
             for (quantity, (found, expected)) in ["q", "p"].into_iter().zip(found.into_iter().zip(expected)) {
                 let what = format!("{name}, {quantity}, β = {damping_order}: {found:.2} for {expected:.2}");
-                println!("{what}");
-                // Two parts of the error, of nearly the same order and of opposite sign, cancel at some step sizes.
-                let cancelling = match (name, quantity) {
-                    ("Lobatto 3", "p") | ("Lobatto 4", "q") => damping_order < 1.0,
-                    _ => false,
+                // Two parts of the error, of nearly the same order and of opposite sign, cancel at some step sizes: what is seen
+                // there is above or below.
+                let allowed = match (name, quantity) {
+                    ("Lobatto 3", "p") | ("Lobatto 4", "q") if damping_order < 1.0 => 0.9,
+                    _ => 0.3,
                 };
-                if !cancelling {
-                    assert!((found - expected).abs() < 0.3, "{what}");
-                }
+                assert!((found - expected).abs() < allowed, "{what}");
             }
         };
         check("Radau 1", orders::<1, 1>(&RungeKutta::radau_iia().unwrap(), damping_order), 1.0, 1.0);
@@ -369,7 +367,6 @@ fn the_limit_of_the_step_with_damping_at_the_stages_is_sharp() {
     for damping_order in [0.5, 1.0, 1.5] {
         let assert_sharp = |found: Option<(f64, [f64; 2])>, name: &str| {
             let (step, [below, above]) = found.expect("a limit");
-            println!("{name}, β = {damping_order}, h = {step}: {below:e}, {above:e}");
             assert!(
                 below < 10.0 && above > 100.0,
                 "{name}, β = {damping_order}, h = {step}: {below:e}, {above:e}"
