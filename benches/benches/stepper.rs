@@ -4,7 +4,7 @@ use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use fvi_benches::{ChainIntegrator, HISTORY, pendulum_chain, short_memory_damping};
-use fvi_core::Damping;
+use fvi_core::{Damping, Fixed};
 use nalgebra::SVector;
 
 fn step<D: Damping<f64, Fixed<N>>, const N: usize>(

@@ -19,6 +19,8 @@ mod linear;
 mod memory;
 mod newton;
 mod node_galerkin;
+#[cfg(test)]
+mod noise;
 mod operator;
 mod quadrature;
 mod real;

@@ -11,6 +11,7 @@ mod excerpt;
 pub mod exponential_table;
 pub mod expression;
 pub mod files;
+pub mod growing_ring;
 pub mod measure;
 pub mod model;
 mod not_finite;

@@ -110,7 +110,7 @@ impl Scenario {
             convolution.check_exponents(&value.table()?, &system)?;
         }
         let history = match root.optional("history") {
-            Some(value) => History::read(&value.table()?, convolution.family)?,
+            Some(value) => History::read(&value.table()?, convolution.family, &time)?,
             None => History::default(),
         };
         let output = match root.optional("output") {

@@ -213,8 +213,8 @@ fn single_precision_agrees_with_double_precision() {
     let scheme = Galerkin::low_order(0.5f32).unwrap();
     let mut single = Integrator::builder(system, scheme, h as f32)
         .damping(damping)
-        .position([1.0].into())
-        .momentum([0.0].into())
+        .position([1.0])
+        .momentum([0.0])
         .build()
         .unwrap();
     for position in &double.positions[1..] {

@@ -163,6 +163,10 @@ fn mistakes_are_told_with_key_line_value_and_what_is_allowed() {
         ("capacity = 64", "capacity = 0", "history.capacity", 28, "not allowed"),
         ("capacity = 64", "engine = \"block-fft\"", "history.overflow", 29, "go together"),
         ("capacity = 64", "engine = \"fast\"", "history.engine", 28, "not allowed"),
+        ("overflow = \"forget\"", "horizon = 400", "history.horizon", 29, "go together"),
+        ("capacity = 64\noverflow = \"forget\"", "tolerance = 1e-15", "history.tolerance", 28, "not allowed"),
+        // 301 samples
+        ("capacity = 64\noverflow = \"forget\"", "horizon = 300", "history.horizon", 28, "not allowed"),
         ("every = 10", "every = 0", "output.every", 31, "not allowed"),
         ("period = 0.2", "", "input", 32, "`period` is missing"),
         ("[0.0, 2.0]]", "2.0]", "input.samples[1]", 34, "one number instead of a row"),
@@ -190,7 +194,7 @@ fn an_expression_error_points_at_the_character() {
 fn a_misspelt_key_is_answered_with_the_right_one() {
     let error = read(&GOOD.replacen("capacity", "capcity", 1)).unwrap_err();
     let help = miette::Diagnostic::help(&error).unwrap().to_string();
-    assert_eq!(help, "did you mean `capacity`? Keys here: engine, tolerance, capacity, overflow");
+    assert_eq!(help, "did you mean `capacity`? Keys here: engine, tolerance, horizon, capacity, overflow");
 }
 
 #[test]
@@ -209,15 +213,15 @@ fn an_end_is_a_whole_number_of_steps_up_to_rounding() {
     // An end within the first step is not an end at its beginning.
     let error = steps("1.0", "1e-10").unwrap_err();
     assert!(error.to_string().contains("time.end = 1e-10: not allowed"), "{error}");
-    assert_eq!(error.problem().allowed().unwrap(), "allowed: a whole number of steps of 1, such as 0 or 1");
+    let allowed = "allowed: a whole number of steps of 1, such as 0 or 1; or give `steps` instead";
+    assert_eq!(error.problem().allowed().unwrap(), allowed);
 }
 
 #[test]
 fn where_no_step_is_stable_no_step_is_named() {
-    let unstable = |largest_step| Problem::Unstable { largest_step };
-    assert_eq!(unstable(1.78e-308).to_string(), "unstable: no step, however short, is stable");
-    assert!(!unstable(1.78e-308).allowed().unwrap().contains("shorter"));
-    assert_eq!(unstable(0.25).to_string(), "unstable: the largest stable step is about 2.50e-1");
+    let unstable = |largest_step| Problem::Unstable { largest_step, advice: String::new() };
+    assert_eq!(unstable(None).to_string(), "unstable: motions grow at every shorter step too");
+    assert_eq!(unstable(Some(0.25)).to_string(), "unstable: the largest stable step is about 2.50e-1");
 }
 
 #[test]

@@ -118,17 +118,20 @@ pub enum Engine {
     BlockFft,
     /// Block transforms spread evenly over the steps.
     RealTime,
-    /// A short head and decaying exponentials.
+    /// A short head and decaying exponentials, in chunks and vector code.
     ExponentialSum,
+    /// The same by the core's own memory, a sample at a time: what firmware runs, with its bits.
+    ExponentialSumCore,
 }
 
 impl Engine {
     /// The engines with their names in files and on the command line.
-    pub const NAMES: [(&'static str, Self); 4] = [
+    pub const NAMES: [(&'static str, Self); 5] = [
         ("direct", Self::Direct),
         ("block-fft", Self::BlockFft),
         ("real-time", Self::RealTime),
         ("exponential-sum", Self::ExponentialSum),
+        ("exponential-sum-core", Self::ExponentialSumCore),
     ];
 
     /// The name in files and on the command line.
@@ -138,6 +141,7 @@ impl Engine {
             Self::BlockFft => "block-fft",
             Self::RealTime => "real-time",
             Self::ExponentialSum => "exponential-sum",
+            Self::ExponentialSumCore => "exponential-sum-core",
         }
     }
 }
@@ -165,6 +169,9 @@ pub struct History {
     /// Relative error of each weight of the exponential sum; absent: rounding.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tolerance: Option<f64>,
+    /// Largest lag of the table of exponentials; absent: that of the run. A table of firmware reaches further.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub horizon: Option<usize>,
     /// Samples that the direct engine keeps; absent: all.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub capacity: Option<usize>,
@@ -180,16 +187,20 @@ impl History {
         }
     }
 
-    pub(super) fn read(table: &Table<'_>, family: ConvolutionFamily) -> Result<Self, InputError> {
-        table.allow(&["engine", "tolerance", "capacity", "overflow"])?;
+    pub(super) fn read(
+        table: &Table<'_>,
+        family: ConvolutionFamily,
+        time: &TimeGrid,
+    ) -> Result<Self, InputError> {
+        table.allow(&["engine", "tolerance", "horizon", "capacity", "overflow"])?;
         let mut engine = table.optional("engine").map(|value| value.choice(&Engine::NAMES)).transpose()?;
-        for (key, owner) in [
-            ("capacity", Engine::Direct),
-            ("overflow", Engine::Direct),
-            ("tolerance", Engine::ExponentialSum),
-        ] {
-            let Some(value) = table.optional(key) else { continue };
-            if *engine.get_or_insert(owner) != owner {
+        let (ring, exponentials) =
+            ([Engine::Direct].as_slice(), [Engine::ExponentialSum, Engine::ExponentialSumCore].as_slice());
+        for (key, owners) in
+            [("capacity", ring), ("overflow", ring), ("tolerance", exponentials), ("horizon", exponentials)]
+        {
+            let (Some(value), Some(&owner)) = (table.optional(key), owners.first()) else { continue };
+            if !owners.contains(engine.get_or_insert(owner)) {
                 return Err(value.key_error(Problem::Incompatible {
                     with: "this `history.engine`".to_owned(),
                     allowed: format!("`{key}` belongs to the engine \"{}\"", owner.name()),
@@ -214,6 +225,8 @@ impl History {
             }
             None => None,
         };
+        let samples = time.steps.saturating_add(1);
+        let horizon = table.optional("horizon").map(|value| value.whole(samples..=usize::MAX)).transpose()?;
         let capacity = table.optional("capacity").map(|value| value.whole(1..=usize::MAX)).transpose()?;
         let overflow = match table.optional("overflow") {
             Some(value) => {
@@ -226,7 +239,7 @@ impl History {
             }
             None => Overflow::Stop,
         };
-        Ok(Self { engine, tolerance, capacity, overflow })
+        Ok(Self { engine, tolerance, horizon, capacity, overflow })
     }
 }
 
