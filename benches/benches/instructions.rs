@@ -12,7 +12,7 @@ use fvi_core::{BdfOrder, ConvolutionWeights, Damping, Fixed, Memory};
 use fvi_fft::WeightTable;
 use fvi_fft::baseline::OfflineFft;
 use fvi_host::compare_engines::{Contender, Task};
-use fvi_host::exponential_table::ExponentialKernel;
+use fvi_host::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
 use gungraun::{library_benchmark, library_benchmark_group, main};
 use nalgebra::SVector;
 
@@ -72,7 +72,8 @@ fn quadrature_weights(order: usize) -> Vec<f64> {
 #[library_benchmark]
 #[bench::a_million_steps(1 << 20)]
 fn table_of_exponentials(horizon: usize) -> ExponentialKernel {
-    ExponentialKernel::bdf(BdfOrder::GRUNWALD_LETNIKOV, 0.5, 1.0, black_box(horizon), 1e-15).expect("a table")
+    let order = BdfOrder::GRUNWALD_LETNIKOV;
+    ExponentialKernel::bdf(order, 0.5, 1.0, black_box(horizon), SMALLEST_TOLERANCE).expect("a table")
 }
 
 fn with_full_memory() -> ChainIntegrator<ShortMemoryDamping<2>, 2> {

@@ -7,15 +7,9 @@ use fvi_core::{
 };
 use nalgebra::{SMatrix, SVector};
 
-/// Numbers in (−½, ½) that look random, the same in every run.
+/// A slow oscillation with noise, the same in every run.
 pub fn noise(count: usize) -> Vec<f64> {
-    let mut state = 1u64;
-    (0..count)
-        .map(|_| {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
-        })
-        .collect()
+    fvi_fft::baseline::Signal::Stationary.samples(1, count)
 }
 
 /// Samples that the memory of [`short_memory_damping`] keeps.

@@ -139,7 +139,7 @@ where
     ) -> Result<Self, ParameterError> {
         let table = weights.as_ref();
         let channels = rings.as_ref().len();
-        let planes = stages * stages;
+        let planes = stages.saturating_mul(stages);
         ParameterError::check(
             (1..=MAX_STAGES).contains(&stages),
             "stages",
@@ -163,7 +163,7 @@ where
             return Err(ParameterError { parameter: "weight", value: weight.to_f64(), allowed: "finite" });
         }
         let mut leading = [T::zero(); MAX_STAGES * MAX_STAGES];
-        for (leading, plane) in leading.iter_mut().zip(table.chunks(table.len() / planes)) {
+        for (leading, plane) in leading.iter_mut().zip(table.chunks((table.len() / planes.max(1)).max(1))) {
             *leading = plane.first().map_or(T::zero(), |&weight| weight * scale);
         }
         rings.as_mut().iter_mut().for_each(Ring::clear);
@@ -313,6 +313,23 @@ mod tests {
         assert!(FixedDirect::<f64, 1, 4>::full_memory(&[], 1.0).is_err());
         assert!(FixedDirect::<f64, 1, 4>::full_memory(&[1.0, f64::NAN], 1.0).is_err());
         assert!(FixedDirect::<f64, 1, 4>::full_memory(&WEIGHTS, f64::INFINITY).is_err());
+        let rings = || [const { Deque::<f64, 4>::new() }; 4];
+        for (stages, weights, named) in [
+            (0, 16, "stages"),
+            (5, 16, "stages"),
+            (usize::MAX, 16, "stages"),
+            (3, 18, "channels"),
+            (2, 2, "number of weights"),
+            (2, 6, "number of weights"),
+        ] {
+            let refused =
+                Direct::new([1.0; 18].get(..weights).unwrap(), stages, 1.0, rings(), Overflow::Refuse);
+            assert_eq!(
+                refused.map(|_| ()).unwrap_err().parameter,
+                named,
+                "{stages} stages, {weights} weights"
+            );
+        }
         let mut memory = FixedDirect::<f64, 1, 4>::full_memory(&WEIGHTS, 1.0).unwrap();
         let mismatch = Err(MemoryError::ChannelMismatch { expected: 1, found: 2 });
         assert_eq!(memory.push(&[1.0, 2.0]), mismatch);

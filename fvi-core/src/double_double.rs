@@ -5,7 +5,7 @@
 /// The classical error-free transformations of \[Dekker71\] and \[Knuth2\]; products split their factors, so
 /// that the same operations run in a `const fn` and on targets without fused multiply–add.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct DoubleDouble {
+pub struct DoubleDouble {
     high: f64,
     low: f64,
 }
@@ -40,42 +40,53 @@ const fn two_product(a: f64, b: f64) -> DoubleDouble {
 }
 
 impl DoubleDouble {
-    pub(crate) const ZERO: Self = Self::exact(0.0);
-    pub(crate) const ONE: Self = Self::exact(1.0);
+    /// 0.
+    pub const ZERO: Self = Self::exact(0.0);
+    /// 1.
+    pub const ONE: Self = Self::exact(1.0);
 
-    pub(crate) const fn exact(value: f64) -> Self {
+    /// The number itself.
+    pub const fn exact(value: f64) -> Self {
         Self { high: value, low: 0.0 }
     }
 
     /// The exact product of two numbers.
-    pub(crate) const fn product(a: f64, b: f64) -> Self {
+    pub const fn product(a: f64, b: f64) -> Self {
         two_product(a, b)
     }
 
-    pub(crate) const fn to_f64(self) -> f64 {
+    /// The nearest number in double precision.
+    pub const fn to_f64(self) -> f64 {
         self.high
     }
 
-    pub(crate) const fn add(self, other: Self) -> Self {
+    /// What [`to_f64`](Self::to_f64) leaves out.
+    pub const fn low(self) -> f64 {
+        self.low
+    }
+
+    /// Sum.
+    pub const fn add(self, other: Self) -> Self {
         let high = two_sum(self.high, other.high);
         let low = two_sum(self.low, other.low);
         let carried = quick_two_sum(high.high, high.low + low.high);
         quick_two_sum(carried.high, carried.low + low.low)
     }
 
-    pub(crate) const fn multiply(self, other: Self) -> Self {
+    /// Product.
+    pub const fn multiply(self, other: Self) -> Self {
         let product = two_product(self.high, other.high);
         quick_two_sum(product.high, product.low + (self.high * other.low + self.low * other.high))
     }
 
     /// Product with a number.
-    pub(crate) const fn scale(self, factor: f64) -> Self {
+    pub const fn scale(self, factor: f64) -> Self {
         let product = two_product(self.high, factor);
         quick_two_sum(product.high, product.low + self.low * factor)
     }
 
     /// Quotient by a number.
-    pub(crate) const fn divide(self, divisor: f64) -> Self {
+    pub const fn divide(self, divisor: f64) -> Self {
         let quotient = self.high / divisor;
         let back = two_product(quotient, divisor);
         let rest = (self.high - back.high) - back.low + self.low;

@@ -24,7 +24,7 @@ type Lanes<T> = [T; LANES];
 /// rank-one terms. The table holds μ_j = 1 − R_j and not the factor R_j, which near 1 would lose the digits that decide
 /// what is left after many steps.
 ///
-/// This is plain data, so that it can lie in flash; [`ExponentialSum::new`] checks it. `C` is anything that holds
+/// This is plain data, so that it can lie in flash; [`check`](ExponentialTable::check) checks it. `C` is anything that holds
 /// numbers: `&'static [f32]`, `[f32; 8]`, `Vec<f64>`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ExponentialTable<C> {
@@ -82,6 +82,47 @@ impl<C> ExponentialTable<C> {
 }
 
 impl<T: Real> ExponentialTable<&[T]> {
+    /// Checks that the table can be read: what a memory refuses, whatever its channels.
+    ///
+    /// # Errors
+    /// If the shapes do not fit together, S is not one of 1…4, a number is not finite, or a μ_j is outside [0, 2].
+    pub fn check(&self) -> Result<(), ParameterError> {
+        let count = |parameter, value: usize, accepted, allowed| {
+            ParameterError::check(accepted, parameter, value as f64, allowed)
+        };
+        count("stages", self.stages, (1..=MAX_STAGES).contains(&self.stages), "one of 1, 2, 3, 4")?;
+        let planes = self.stages * self.stages;
+        let least = if self.exponentials.is_empty() { planes } else { 2 * planes };
+        count(
+            "head weights",
+            self.head.len(),
+            self.head.len() >= least && self.head.len().is_multiple_of(planes),
+            "a multiple of the squared stages, at least one of each and two before exponentials",
+        )?;
+        let block = block_len(self.stages);
+        count(
+            "numbers of exponentials",
+            self.exponentials.len(),
+            self.exponentials.len().is_multiple_of(block),
+            "a multiple of 8 for one stage, of 4 + 8 stages for more",
+        )?;
+        let blocks = self.exponentials.len() / block;
+        count("slow blocks", self.slow_blocks, self.slow_blocks <= blocks, "at most the number of blocks")?;
+        for (parameter, numbers) in [("head weight", self.head), ("exponential", self.exponentials)] {
+            if let Some(number) = numbers.iter().copied().find(|number| !number.is_finite()) {
+                return Err(ParameterError { parameter, value: number.to_f64(), allowed: "finite" });
+            }
+        }
+        let mut decays = self.exponentials.chunks(block).flat_map(|block| block.iter().take(LANES));
+        match decays.find(|&&decay| decay < T::zero() || decay > T::of(2.0)) {
+            Some(decay) => {
+                let allowed = "at least 0 and at most 2";
+                Err(ParameterError { parameter: "decay", value: decay.to_f64(), allowed })
+            }
+            None => Ok(()),
+        }
+    }
+
     /// The exponentials one by one, without those that fill up the last block; none if S is not the number of stages.
     pub fn terms<const S: usize>(&self) -> impl Iterator<Item = ExponentialTerm<T, S>> {
         let exponentials = if S == self.stages { self.exponentials } else { &[] };
@@ -177,9 +218,8 @@ where
     /// A memory for the kernel scale·W_n on `channels` channels, without samples.
     ///
     /// # Errors
-    /// If the table's shapes do not fit together, S is not one of 1…4, a number of the table or the scale is not finite, a μ_j is
-    /// outside [0, 2], the number of channels is not a positive multiple of S, or the state has another length
-    /// than [`ExponentialTable::state_len`].
+    /// If [`ExponentialTable::check`] refuses the table, the scale is not finite, the number of channels is not a positive multiple
+    /// of S, or the state has another length than [`ExponentialTable::state_len`].
     pub fn new(
         table: ExponentialTable<C>,
         scale: T,
@@ -187,46 +227,20 @@ where
         state: B,
     ) -> Result<Self, ParameterError> {
         let view = table.borrow();
-        let stages = view.stages;
-        let count = |parameter, value: usize, accepted, allowed| {
-            ParameterError::check(accepted, parameter, value as f64, allowed)
-        };
-        count("stages", stages, (1..=MAX_STAGES).contains(&stages), "one of 1, 2, 3, 4")?;
-        let planes = stages * stages;
-        let least = if view.exponentials.is_empty() { planes } else { 2 * planes };
-        count(
-            "head weights",
-            view.head.len(),
-            view.head.len() >= least && view.head.len().is_multiple_of(planes),
-            "a multiple of the squared stages, at least one of each and two before exponentials",
-        )?;
-        let block = block_len(stages);
-        count(
-            "numbers of exponentials",
-            view.exponentials.len(),
-            view.exponentials.len().is_multiple_of(block),
-            "a multiple of 8 for one stage, of 4 + 8 stages for more",
-        )?;
-        let blocks = view.exponentials.len() / block;
-        count("slow blocks", view.slow_blocks, view.slow_blocks <= blocks, "at most the number of blocks")?;
-        count(
+        view.check()?;
+        ParameterError::check(
+            channels > 0 && channels.is_multiple_of(view.stages),
             "channels",
-            channels,
-            channels > 0 && channels.is_multiple_of(stages),
+            channels as f64,
             "a positive multiple of the stages",
         )?;
         let length = state.as_ref().len();
-        count("state length", length, length == view.state_len(channels), "the table's state_len")?;
-        for (parameter, numbers) in [("head weight", view.head), ("exponential", view.exponentials)] {
-            if let Some(number) = numbers.iter().copied().find(|number| !number.is_finite()) {
-                return Err(ParameterError { parameter, value: number.to_f64(), allowed: "finite" });
-            }
-        }
-        let mut decays = view.exponentials.chunks(block).flat_map(|block| block.iter().take(LANES));
-        if let Some(decay) = decays.find(|&&decay| decay < T::zero() || decay > T::of(2.0)) {
-            let allowed = "at least 0 and at most 2";
-            return Err(ParameterError { parameter: "decay", value: decay.to_f64(), allowed });
-        }
+        ParameterError::check(
+            length == view.state_len(channels),
+            "state length",
+            length as f64,
+            "the table's state_len",
+        )?;
         ParameterError::check(scale.is_finite(), "scale", scale.to_f64(), "finite")?;
         let layout = Layout::of(&view, channels);
         let (oldest, settling, len) = (0, 0, 0);

@@ -22,6 +22,8 @@ mod linear;
 mod memory;
 mod newton;
 mod node_galerkin;
+#[cfg(test)]
+mod noise;
 mod operator;
 mod quadrature;
 mod real;
@@ -37,6 +39,7 @@ mod weights;
 pub use damping::{Damping, DampingError, DampingTerm, Derivative, Mismatch};
 pub use direct::{Direct, FixedDirect, MAX_STAGES, Overflow, Ring};
 pub use discrete_lagrangian::{DiscreteLagrangian, Kept, Workspace};
+pub use double_double::DoubleDouble;
 pub use error::ParameterError;
 pub use euler::{ExplicitEuler, ImplicitEuler};
 pub use exponential_sum::{ExponentialSum, ExponentialTable, ExponentialTerm};

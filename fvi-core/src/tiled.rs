@@ -216,17 +216,7 @@ impl<T: Real, const C: usize, const B: usize> Memory<T> for Tiled<'_, T, C, B> {
 mod tests {
     use super::*;
     use crate::direct::FixedDirect;
-    use std::vec::Vec;
-
-    fn noise(count: usize) -> Vec<f64> {
-        let mut state = 5u64;
-        (0..count)
-            .map(|_| {
-                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-                (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
-            })
-            .collect()
-    }
+    use crate::noise::noise;
 
     /// Runs both memories side by side; the terms agree to rounding of at most a few hundred products of size ¼.
     fn agree(mut tiled: impl Memory<f64>, mut direct: impl Memory<f64>, steps: usize) {

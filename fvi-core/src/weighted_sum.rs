@@ -99,17 +99,8 @@ fn add_products<T: Real>(lanes: &mut [T], weights: &[T], samples: &[T]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::noise::noise;
     use std::vec::Vec;
-
-    fn noise(count: usize) -> Vec<f64> {
-        let mut state = 1u64;
-        (0..count)
-            .map(|_| {
-                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-                (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
-            })
-            .collect()
-    }
 
     #[test]
     fn the_cut_of_the_history_does_not_change_a_bit() {

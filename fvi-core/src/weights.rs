@@ -195,6 +195,11 @@ impl ConvolutionWeights {
         }
     }
 
+    /// The weight to come divided by the leading one, w_n/w₀, to about 30 digits: independent of the step size.
+    pub fn next_monic(&mut self) -> DoubleDouble {
+        self.monic.advance()
+    }
+
     fn advance(&mut self) -> f64 {
         self.monic.advance().scale(self.leading).to_f64()
     }

@@ -7,7 +7,7 @@ mod naive;
 mod offline_fft;
 mod signal;
 
-pub use compensated_sum::{MemoryTerm, memory_term};
+pub use compensated_sum::{CompensatedSum, MemoryTerm, memory_term};
 pub use hls::Hls;
 pub use naive::Naive;
 pub use offline_fft::OfflineFft;

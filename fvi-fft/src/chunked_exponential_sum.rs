@@ -1,8 +1,6 @@
 //! The exponential-sum memory of the host: samples and terms in chunks, so that far samples cost products with small matrices.
 
-use fvi_core::{
-    ExponentialSum, ExponentialTable, ExponentialTerm, Memory, MemoryError, ParameterError, check_channels,
-};
+use fvi_core::{ExponentialTable, ExponentialTerm, Memory, MemoryError, ParameterError, check_channels};
 use pulp::{Arch, NullaryFnOnce, Simd, WithSimd};
 
 use crate::row::{CHUNK, Row, add_product};
@@ -19,7 +17,7 @@ use crate::scalar::Scalar;
 /// r_{(c+1)M+i} = Σ_{n=1}^{dM+i} W_n x_{(c+1)M+i−n} + Σ_j u_j (1 − μ_j)^{dM+1−n₀+i} Z_j ,      0 ≤ i < M
 /// ```
 ///
-/// Weights are those of the table, and terms agree with [`ExponentialSum`] to rounding, in some three fifths of its time on a host;
+/// Weights are those of the table, and terms agree with [`ExponentialSum`](fvi_core::ExponentialSum) to rounding, in some three fifths of its time on a host;
 /// not to the last bit, because the order of the sums differs, and because a multiply–add is rounded once on machines where
 /// that is one instruction. The work of a chunk is spread over its steps. Memory is constant: 17 kB for 2²⁰ steps of order 1 in `f64`.
 ///
@@ -97,14 +95,19 @@ impl<T: Scalar, const S: usize> ChunkedExponentialSum<T, S> {
     /// A memory for the kernel of a table on `channels` channels, without samples.
     ///
     /// # Errors
-    /// If the table is one that [`ExponentialSum::new`] refuses, has another number of stages than S, or `channels` is no positive multiple of S.
+    /// If [`ExponentialTable::check`] refuses the table, it has another number of stages than S, or `channels` is no positive multiple
+    /// of S.
     pub fn new(table: &ExponentialTable<&[f64]>, channels: usize) -> Result<Self, ParameterError> {
         let stages = table.stages;
         if stages != S {
             let allowed = "as many as the type of the memory has";
             return Err(ParameterError { parameter: "stages", value: stages as f64, allowed });
         }
-        ExponentialSum::new(*table, 1.0, channels, vec![0.0; table.state_len(channels)])?;
+        table.check()?;
+        if channels == 0 || !channels.is_multiple_of(S) {
+            let allowed = "a positive multiple of the stages";
+            return Err(ParameterError { parameter: "channels", value: channels as f64, allowed });
+        }
         let mut kernel = WholeKernel { head: table.head, terms: table.terms().collect::<Vec<_>>() };
         let head = kernel.head_len();
         let distance = (head - 1).div_ceil(CHUNK).max(1);

@@ -104,57 +104,84 @@ impl Cover {
 mod tests {
     use super::*;
 
-    /// Counts how often each pair (k, j), j < k, is served.
-    fn served(cover: &Cover, length: usize) -> Vec<u8> {
-        let mut count = vec![0u8; length * length];
-        for k in 0..length {
-            for j in k - cover.near(k)..k {
-                count[k * length + j] += 1;
-            }
-            for level in 0..cover.levels() {
-                let block = cover.block(level);
-                for input in cover.inputs(level, k / block) {
-                    for j in input * block..(input + 1) * block {
-                        count[k * length + j] += 1;
-                    }
+    /// Who serves the pair (k, j): the near part, or a level.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    enum Server {
+        Near,
+        Level(usize),
+    }
+
+    /// What the definition says: the coarsest level at which the blocks of k and j are two or more apart.
+    fn server(cover: &Cover, k: usize, j: usize) -> Server {
+        let apart = |&level: &usize| k / cover.block(level) - j / cover.block(level) >= 2;
+        (0..cover.levels()).rev().find(apart).map_or(Server::Near, Server::Level)
+    }
+
+    /// Everyone who serves each earlier sample j of the output k.
+    fn servers(cover: &Cover, k: usize) -> Vec<Vec<Server>> {
+        let mut servers = vec![Vec::new(); k];
+        for servers in &mut servers[k - cover.near(k)..] {
+            servers.push(Server::Near);
+        }
+        for level in 0..cover.levels() {
+            let block = cover.block(level);
+            for input in cover.inputs(level, k / block) {
+                for servers in &mut servers[input * block..(input + 1) * block] {
+                    servers.push(Server::Level(level));
                 }
             }
         }
-        count
+        servers
     }
 
-    #[test]
-    fn every_pair_of_samples_is_served_exactly_once() {
+    fn covers() -> [Cover; 6] {
         let mut growing = Cover::growing(4, 3);
         growing.grow();
         growing.grow();
         growing.grow();
-        let covers = [
+        [
             Cover::bounded(4, &[]),
             Cover::bounded(4, &[2, 2, 2, 2]),
             Cover::bounded(2, &[4, 4, 4]),
             Cover::bounded(8, &[4, 2]),
             Cover::bounded(3, &[8, 16]),
             growing,
-        ];
-        for cover in covers {
-            let length = 300;
-            let count = served(&cover, length);
-            for k in 0..length {
-                for j in 0..length {
-                    assert_eq!(count[k * length + j], u8::from(j < k), "{cover:?} k = {k} j = {j}");
+        ]
+    }
+
+    #[test]
+    fn every_pair_of_samples_is_served_once_by_the_coarsest_level_that_keeps_its_blocks_apart() {
+        for cover in covers() {
+            for k in 0..300 {
+                for (j, servers) in servers(&cover, k).iter().enumerate() {
+                    assert_eq!(servers[..], [server(&cover, k, j)], "{cover:?}, k = {k}, j = {j}");
                 }
             }
         }
     }
 
     #[test]
-    fn no_transform_mixes_lags_that_differ_by_more_than_a_factor_of_three_per_block() {
-        let cover = Cover::bounded(4, &[4, 4]);
-        for level in 0..cover.levels() {
-            for m in 0..100 {
-                assert!(cover.inputs(level, m).all(|input| m - input >= 2));
+    fn lags_that_share_a_block_pair_differ_by_less_than_a_factor_of_three() {
+        for cover in covers() {
+            for level in 0..cover.levels() {
+                let block = cover.block(level);
+                for m in 0..100 {
+                    for input in cover.inputs(level, m) {
+                        let shortest = m * block - ((input + 1) * block - 1);
+                        let longest = (m + 1) * block - 1 - input * block;
+                        assert!(longest < 3 * shortest, "{cover:?}, level {level}: {shortest} to {longest}");
+                    }
+                }
             }
+        }
+    }
+
+    #[test]
+    fn a_cover_for_a_run_has_as_few_levels_as_hold_it_in_so_many_blocks() {
+        for (capacity, blocks) in
+            [(1, vec![64]), (2048, vec![64]), (2049, vec![64, 512]), (16_385, vec![64, 512, 4096])]
+        {
+            assert_eq!(Cover::for_run(64, 8, 32, capacity).blocks, blocks, "{capacity} samples");
         }
     }
 

@@ -14,8 +14,7 @@ pub mod weights;
 
 use crate::files::FileError;
 use crate::output_directory::OutputDirectory;
-use crate::scenario::{InputError, Scenario};
-use crate::starting::{TRUSTED_CONDITION, starting_condition};
+use crate::scenario::InputError;
 use crate::visible::visible;
 use clap::{Parser, Subcommand};
 use miette::{GraphicalReportHandler, GraphicalTheme};
@@ -137,14 +136,10 @@ impl CommandError {
     }
 }
 
-/// Says on standard error how well the starting weights of a scenario are determined, if badly.
-fn warn_about_starting_weights(scenario: &Scenario) {
-    let condition = starting_condition(&scenario.convolution.starting);
-    if condition > TRUSTED_CONDITION {
-        terminal::mention(&format!(
-            "warning: convolution.starting: the system of the starting weights has condition {condition:.1e}; \
-             above {TRUSTED_CONDITION:.0e} they are more rounding than weights: take fewer exponents\n"
-        ));
+/// Says on standard error what makes a result other than it may seem.
+fn warn(warnings: impl IntoIterator<Item = String>) {
+    for warning in warnings {
+        terminal::mention(&format!("warning: {}\n", visible(&warning)));
     }
 }
 

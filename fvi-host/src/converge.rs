@@ -157,6 +157,13 @@ pub fn converge(
     for level in grids.levels.clone() {
         all = all.saturating_add(steps_of(level)?);
     }
+    let meets = |level| steps_of(level).is_ok_and(|steps| scenario.in_steps(steps).meets_reference());
+    if !grids.levels.clone().any(meets) {
+        let allowed =
+            "levels of which one has a grid point at a time of the table (see `--intervals`)".to_owned();
+        let problem = Problem::Incompatible { with: "`--levels`".to_owned(), allowed };
+        return Err(ConvergeError::Input(scenario.error_at("reference.file", problem)));
+    }
     let mut made = 0;
     let mut count = || {
         made += 1;
@@ -237,6 +244,7 @@ fn known_at(scenario: &Scenario, index: usize, fine: Option<&GridState>, known: 
         position: vec![None; coordinates],
         momentum: vec![None; coordinates],
         energy: None,
+        undefined: 0,
     };
     let reference = scenario.reference.as_ref();
     let mut row = reference
@@ -315,6 +323,11 @@ impl Convergence {
     /// Slope of the line of least squares through all points of a quantity.
     pub fn slope(&self, quantity: Quantity) -> Option<f64> {
         slope(&self.points(quantity))
+    }
+
+    /// What is to be said when values of the reference could not be compared with.
+    pub fn warning(&self) -> Option<String> {
+        self.levels.iter().rev().find_map(|level| level.errors.warning())
     }
 
     /// The table as text, for a terminal.

@@ -1,15 +1,17 @@
 //! The memory engines on the host, and the one place where one is chosen.
 
+use crate::aligned::Aligned;
 use crate::exponential_table::{self, ExponentialKernel, ExponentialKernelError};
+use crate::growing_ring::GrowingRing;
 use crate::runge_kutta_weights::RungeKuttaWeights;
 use crate::scenario::{Convolution, ConvolutionFamily, Engine, History, Overflow};
 use crate::starting::StartingCorrection;
+use crate::vectorised::Vectorised;
 use fvi_core::{
-    BdfOrder, ConvolutionWeights, Direct, ExponentialTable, Memory, MemoryError, ParameterError, Ring,
-    RungeKutta,
+    BdfOrder, ConvolutionWeights, Direct, ExponentialSum, ExponentialTable, Memory, MemoryError,
+    ParameterError, RungeKutta,
 };
 use fvi_fft::{BlockFft, ChunkedExponentialSum, Kernel, Pacing, RealTime, Scalar};
-use std::collections::VecDeque;
 
 /// A memory engine chosen at run time.
 pub struct HostMemory<T> {
@@ -31,15 +33,17 @@ impl<T: Scalar> Watched<T> for BlockFft<T> {}
 
 impl<T: Scalar, const S: usize> Watched<T> for ChunkedExponentialSum<T, S> {}
 
+impl<T: Scalar> Watched<T> for Vectorised<ExponentialSum<T, Aligned<T>, Aligned<T>>> {}
+
 impl<T: Scalar> Watched<T> for RealTime<T> {
     fn overruns(&self) -> Option<usize> {
         Some(RealTime::overruns(self))
     }
 }
 
-impl<T: Scalar> Watched<T> for StartingCorrection<T, HostMemory<T>, HostMemory<f64>> {
+impl<T: Scalar> Watched<T> for StartingCorrection<T, HostMemory<T>> {
     fn overruns(&self) -> Option<usize> {
-        Some(self.memory().overruns()? + self.powers().overruns()?)
+        self.memory().overruns()
     }
 }
 
@@ -118,12 +122,12 @@ impl MemoryRequest<'_> {
     pub fn build<T: Scalar>(&self) -> Result<HostMemory<T>, EngineError> {
         let exponents = &self.convolution.starting;
         let memory = self.without_starting()?;
+        let ConvolutionFamily::Bdf { order } = self.convolution.family else { return Ok(memory) };
         if exponents.is_empty() {
             return Ok(memory);
         }
-        let engine = memory.engine();
-        let powers = Self { coordinates: exponents.len(), ..self.clone() }.without_starting::<f64>()?;
-        let corrected = StartingCorrection::new(memory, powers, self.exponent, self.step_size, exponents)?;
+        let (engine, order) = (memory.engine(), BdfOrder::new(order)?);
+        let corrected = StartingCorrection::new(memory, order, self.exponent, self.step_size, exponents)?;
         Ok(HostMemory { memory: Box::new(corrected), engine })
     }
 
@@ -196,16 +200,14 @@ impl MemoryRequest<'_> {
                 self.direct(table, 1, scale)
             }
             Engine::BlockFft | Engine::RealTime => self.transforms(engine, weights()?, 1),
-            Engine::ExponentialSum => {
-                let tolerance = self.history.tolerance.unwrap_or(EXACT).max(EXACT);
-                let kernel = ExponentialKernel::bdf(
-                    order,
-                    self.exponent,
-                    self.step_size,
-                    self.samples.max(1),
-                    tolerance,
-                )?;
-                self.exponential_sum::<T, 1>(&kernel.table().borrow())
+            Engine::ExponentialSum | Engine::ExponentialSumCore => {
+                let tolerance = self.history.tolerance.unwrap_or(EXACT);
+                let kernel =
+                    ExponentialKernel::bdf(order, self.exponent, self.step_size, self.horizon(), tolerance)?;
+                match engine {
+                    Engine::ExponentialSumCore => self.core_exponential_sum(kernel.table()),
+                    _ => self.exponential_sum::<T, 1>(&kernel.table().borrow()),
+                }
             }
         }
     }
@@ -218,11 +220,14 @@ impl MemoryRequest<'_> {
     ) -> Result<HostMemory<T>, EngineError> {
         let count = match engine {
             Engine::Direct => self.kept().saturating_add(1),
-            _ => self.samples.saturating_add(1),
+            Engine::BlockFft | Engine::RealTime => self.samples.saturating_add(1),
+            Engine::ExponentialSum | Engine::ExponentialSumCore => self.horizon().saturating_add(1),
         };
         let weights = RungeKuttaWeights::new(method, self.exponent, self.step_size, count)?;
-        if engine == Engine::ExponentialSum {
-            return self.exponential_sum::<T, R>(&weights.table().borrow());
+        match engine {
+            Engine::ExponentialSum => return self.exponential_sum::<T, R>(&weights.table().borrow()),
+            Engine::ExponentialSumCore => return self.core_exponential_sum(weights.table()),
+            Engine::Direct | Engine::BlockFft | Engine::RealTime => {}
         }
         self.room::<f64>(engine, count.saturating_mul(R * R))?;
         let planes: Vec<T> = weights.planes().into_iter().map(T::of).collect();
@@ -273,6 +278,22 @@ impl MemoryRequest<'_> {
         Ok(HostMemory { memory, engine: Engine::ExponentialSum })
     }
 
+    /// The core's own memory, a sample at a time, on a table rounded as one of firmware is.
+    fn core_exponential_sum<T: Scalar>(
+        &self,
+        table: ExponentialTable<Aligned<T>>,
+    ) -> Result<HostMemory<T>, EngineError> {
+        let channels = self.coordinates * table.stages;
+        let state = Aligned::zeros(table.borrow().state_len(channels));
+        let memory = Box::new(Vectorised::new(ExponentialSum::new(table, T::one(), channels, state)?));
+        Ok(HostMemory { memory, engine: Engine::ExponentialSumCore })
+    }
+
+    /// Largest lag of a table of exponentials.
+    fn horizon(&self) -> usize {
+        self.history.horizon.unwrap_or(1).max(self.samples)
+    }
+
     /// Number of samples that the direct engine keeps.
     fn kept(&self) -> usize {
         let samples = self.samples.max(1);
@@ -310,44 +331,6 @@ impl<T: Copy> Kernel<T> for Planes<T> {
                 *place = self.numbers[plane * length + n];
             }
         }
-    }
-}
-
-/// A ring whose capacity is known at run time and whose storage grows as samples come; newest first.
-#[derive(Clone, Debug)]
-struct GrowingRing<T> {
-    samples: VecDeque<T>,
-    capacity: usize,
-}
-
-impl<T> GrowingRing<T> {
-    fn new(capacity: usize) -> Self {
-        Self { samples: VecDeque::new(), capacity }
-    }
-}
-
-impl<T: Copy> Ring<T> for GrowingRing<T> {
-    fn as_slices(&self) -> (&[T], &[T]) {
-        self.samples.as_slices()
-    }
-
-    fn capacity(&self) -> usize {
-        self.capacity
-    }
-
-    fn store(&mut self, sample: T) {
-        if self.samples.len() == self.capacity {
-            self.samples.pop_back();
-        }
-        self.samples.push_front(sample);
-    }
-
-    fn clear(&mut self) {
-        self.samples.clear();
-    }
-
-    fn bytes(&self) -> usize {
-        size_of::<Self>() + self.samples.capacity() * size_of::<T>()
     }
 }
 
@@ -442,5 +425,32 @@ mod tests {
         memory.push(&[1.0, 1.0]).unwrap();
         memory.push(&[1.0, 1.0]).unwrap();
         assert_eq!(memory.push(&[1.0, 1.0]), Err(MemoryError::Full { capacity: 2 }));
+    }
+
+    #[test]
+    fn the_cores_exponential_sum_has_the_bits_of_a_table_in_flash() {
+        let history = History {
+            engine: Some(Engine::ExponentialSumCore),
+            tolerance: Some(1e-7),
+            horizon: Some(100_000_000),
+            ..History::default()
+        };
+        let convolution = Convolution::default();
+        let request = MemoryRequest { samples: 600, ..request(&convolution, &history) };
+        let mut hosted = request.build::<f32>().unwrap();
+        let order = BdfOrder::GRUNWALD_LETNIKOV;
+        let kernel = ExponentialKernel::bdf(order, 0.5, 0.25, 100_000_000, 1e-7).unwrap();
+        let table = kernel.table::<f32>();
+        let state = vec![0.0; table.borrow().state_len(2)];
+        let mut flashed = ExponentialSum::new(table, 1.0, 2, state).unwrap();
+        let (mut found, mut expected) = ([f32::NAN; 2], [f32::NAN; 2]);
+        for k in 0..600u16 {
+            hosted.next_term(&mut found).unwrap();
+            flashed.next_term(&mut expected).unwrap();
+            assert_eq!(found.map(f32::to_bits), expected.map(f32::to_bits), "k = {k}");
+            let sample = [(f32::from(k) * 0.37).sin(), 1.0 - f32::from(k)];
+            hosted.push(&sample).unwrap();
+            flashed.push(&sample).unwrap();
+        }
     }
 }

@@ -19,6 +19,7 @@
 
 use crate::aligned::Aligned;
 use fvi_core::{BdfOrder, ConvolutionWeights, ExponentialTable, ParameterError, Real};
+use fvi_fft::baseline::CompensatedSum;
 use nalgebra::DMatrix;
 use std::f64::consts::PI;
 
@@ -85,13 +86,22 @@ impl From<ParameterError> for ExponentialKernelError {
 }
 
 /// Smallest relative tolerance of a table: below it the rounding of the coefficients decides.
-pub const SMALLEST_TOLERANCE: f64 = 1e-15;
+pub const SMALLEST_TOLERANCE: f64 = 4e-15;
+
+/// Below this tolerance, rounding takes a good part of it.
+const ROUNDING_COUNTS: f64 = 1e-14;
 
 /// What rounding in double precision adds to the measured error of a weight.
 const ROUNDING: f64 = 8.0 * f64::EPSILON;
 
+/// The part of the tolerance that is left to the quadrature where rounding counts.
+const PART_OF_THE_QUADRATURE: f64 = 0.25;
+
 /// Lengths n₀ of the head that are tried: n₀ − 1 weights are summed directly, in whole vectors.
 const HEADS: [usize; 15] = [5, 9, 17, 25, 33, 41, 49, 65, 81, 97, 129, 193, 257, 385, 513];
+
+/// The last of them.
+const LONGEST_HEAD: usize = HEADS[HEADS.len() - 1];
 
 /// The search ends after so many longer heads that cost more: each saves fewer exponentials than the one before.
 const DEARER_HEADS: usize = 2;
@@ -102,6 +112,18 @@ const COST_OF_EXPONENTIAL: usize = 2;
 /// Running sums of rates below this are kept in two parts: they would gather the rounding errors of 1/rate steps.
 const SLOW_RATE: f64 = 1.0 / 32.0;
 
+/// How far the slow nodes reach that a Gauss rule is tried for, as rate · horizon: up to there e^{−sn} is nearly a polynomial in s.
+const SLOW_REACHES: [f64; 5] = [2.0, 4.0, 8.0, 16.0, 32.0];
+
+/// How far down the fast nodes reach, as rate · head.
+const FAST_REACHES: [f64; 6] = [16.0, 13.0, 10.0, 8.0, 6.0, 4.0];
+
+/// Lags behind the head at which the error of a table is measured one by one; from there on they are an eighth apart.
+const DENSE_LAGS: usize = 64;
+
+/// The measurement goes up to this many times the longest head.
+const MEASURED_HEADS: usize = 4;
+
 /// Nodes of the longest Gauss rule that is tried.
 const LONGEST_RULE: usize = 24;
 
@@ -110,13 +132,13 @@ const BLOCK: usize = 4;
 
 impl ExponentialKernel {
     /// Weights of the backward differentiation formula `order` for the operator D^`exponent` and the step size `step_size`,
-    /// each within the relative tolerance `tolerance` (and rounding) up to lag `horizon`.
+    /// each within the relative tolerance `tolerance` up to lag `horizon`.
     ///
     /// Kernels of exponent 0 and 1 end after a few weights: they are all head.
     ///
     /// # Errors
     /// If the exponent is outside (−1, 2), the step size not positive, the horizon zero or the tolerance outside
-    /// [10⁻¹⁵, 10⁻¹]; or if no table reaches the tolerance.
+    /// [4·10⁻¹⁵, 10⁻¹]; or if no table reaches the tolerance.
     pub fn bdf(
         order: BdfOrder,
         exponent: f64,
@@ -134,7 +156,7 @@ impl ExponentialKernel {
             (SMALLEST_TOLERANCE..=0.1).contains(&tolerance),
             "tolerance",
             tolerance,
-            "at least 1e-15 and at most 0.1",
+            "at least 4e-15 and at most 0.1",
         )?;
         let all_head = |length: usize| -> Result<Self, ExponentialKernelError> {
             let head = weights()?.take(length).collect();
@@ -144,10 +166,12 @@ impl ExponentialKernel {
             return Ok(Self { horizon: usize::MAX, ..all_head(exponent as usize * order.get() + 1)? });
         }
         let exact: Vec<f64> = ConvolutionWeights::bdf(order, exponent, 1.0)?
-            .take(4 * HEADS[HEADS.len() - 1].min(horizon) + 2)
+            .take(MEASURED_HEADS * LONGEST_HEAD.min(horizon) + 2)
             .collect();
         let cut = Cut { order, exponent };
-        let spacing = cut.spacing(tolerance);
+        let part = if tolerance < ROUNDING_COUNTS { PART_OF_THE_QUADRATURE } else { 1.0 };
+        let quadrature_tolerance = part * tolerance;
+        let spacing = cut.spacing(quadrature_tolerance);
         let mut best: Option<(usize, usize, Vec<Exponential>)> = None;
         let mut reached = f64::INFINITY;
         let mut dearer = 0;
@@ -155,11 +179,11 @@ impl ExponentialKernel {
             if head > horizon || dearer == DEARER_HEADS {
                 break;
             }
-            let exponentials = cut.compressed_rule(spacing, head, horizon, tolerance);
+            let exponentials = cut.compressed_rule(spacing, head, horizon, quadrature_tolerance);
             let error = largest_error(&exponentials, &exact, head, horizon);
             reached = reached.min(error);
             let cost = head + COST_OF_EXPONENTIAL * exponentials.len();
-            if error > tolerance + ROUNDING {
+            if error > tolerance.min(quadrature_tolerance + ROUNDING) {
                 continue;
             }
             if best.as_ref().is_none_or(|(least, ..)| cost < *least) {
@@ -169,7 +193,6 @@ impl ExponentialKernel {
                 dearer += 1;
             }
         }
-        let longest = HEADS[HEADS.len() - 1];
         match best {
             Some((cost, head, exponentials)) if cost <= horizon => {
                 let unit = step_size.power(-exponent);
@@ -177,7 +200,7 @@ impl ExponentialKernel {
                 let exponentials = exponentials.into_iter().map(scaled).collect();
                 Ok(Self { exponentials, ..all_head(head)? })
             }
-            _ if horizon < longest => all_head(horizon + 1),
+            _ if horizon < LONGEST_HEAD => all_head(horizon + 1),
             _ => Err(ExponentialKernelError::ToleranceMissed { tolerance, reached }),
         }
     }
@@ -233,26 +256,17 @@ impl ExponentialKernel {
     }
 }
 
+/// The check of a table must not be less accurate than the table, so the sum is compensated.
 fn sum_of_exponentials(exponentials: &[Exponential], n: usize) -> f64 {
-    accurate_sum(exponentials.iter().map(|e| e.coefficient * libm::exp(-e.rate * n as f64)))
-}
-
-/// Sum with the rounding errors of the additions gathered apart \[Knuth2\]: the check of a table must not be less accurate
-/// than the table.
-fn accurate_sum(numbers: impl Iterator<Item = f64>) -> f64 {
-    let (sum, error) = numbers.fold((0.0, 0.0), |(sum, error): (f64, f64), number| {
-        let next = sum + number;
-        let part = next - sum;
-        (next, error + ((sum - (next - part)) + (number - part)))
-    });
-    sum + error
+    let terms = exponentials.iter().map(|e| e.coefficient * libm::exp(-e.rate * n as f64));
+    terms.collect::<CompensatedSum>().total()
 }
 
 /// Largest relative error of the exponentials against exact weights behind the head: every lag at first, then ever fewer.
 fn largest_error(exponentials: &[Exponential], exact: &[f64], head: usize, horizon: usize) -> f64 {
     let last = horizon.min(exact.len() - 1);
-    let dense = head..=last.min(head + 64);
-    let sparse = lags(head + 65, last);
+    let dense = head..=last.min(head + DENSE_LAGS);
+    let sparse = lags(head + DENSE_LAGS + 1, last);
     dense
         .chain(sparse)
         .map(|n| (sum_of_exponentials(exponentials, n) / exact[n] - 1.0).abs())
@@ -349,12 +363,12 @@ impl Cut {
             let group = nodes.get(count..).unwrap_or(&[]);
             shortest_rule(group, fast_gauss_rules(group, head), &agrees)
         };
-        // The reaches s·horizon and s·head of the two groups: the one that saves most.
+        // Of the reaches, the one that saves most.
         let most = |rules: Vec<(usize, Nodes)>| {
             rules.into_iter().max_by_key(|(replaced, rule)| replaced - rule.len()).unwrap_or_default()
         };
-        let (slow_count, slow_rule) = most([2.0, 4.0, 8.0, 16.0, 32.0].map(slow).into());
-        let (fast_count, fast_rule) = most([16.0, 13.0, 10.0, 8.0, 6.0, 4.0].map(fast).into());
+        let (slow_count, slow_rule) = most(SLOW_REACHES.map(slow).into());
+        let (fast_count, fast_rule) = most(FAST_REACHES.map(fast).into());
         let middle = nodes.get(slow_count..nodes.len() - fast_count).unwrap_or(&[]);
         let mut rule = [&slow_rule, middle, &fast_rule].concat();
         rule.iter_mut().for_each(|node| node.coefficient *= self.jump());
@@ -415,7 +429,7 @@ impl JacobiMatrix {
     /// For a measure of (place, mass), as far as rules of [`LONGEST_RULE`] nodes need it: Lanczos' algorithm on the
     /// diagonal matrix of places, started from the square roots of the masses and reorthogonalised.
     fn of(measure: &[(f64, f64)]) -> Self {
-        let mass = accurate_sum(measure.iter().map(|(_, mass)| *mass));
+        let mass = measure.iter().map(|(_, mass)| *mass).collect::<CompensatedSum>().total();
         let mut jacobi = Self { mass, diagonal: Vec::new(), beside: Vec::new() };
         let dot = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
         let mut current: Vec<f64> = measure.iter().map(|(_, part)| (part / mass).sqrt()).collect();

@@ -29,8 +29,10 @@ impl ErrorMeasure {
         let Some((first_found, first_known)) = errors.next() else { return };
         let mut last = 0.0_f64;
         for (found, known) in core::iter::once((first_found, first_known)).chain(errors) {
-            last = larger(last, (found - known).abs());
-            self.reference_largest = larger(self.reference_largest, known.abs());
+            // A difference beyond the largest number, or of what is not a number, counts as the largest number.
+            let error = Some((found - known).abs()).filter(|error| error.is_finite());
+            last = last.max(error.unwrap_or(f64::MAX));
+            self.reference_largest = self.reference_largest.max(known.abs());
             self.compared += 1;
         }
         self.last = last;
@@ -50,6 +52,13 @@ pub struct ReferenceErrors {
     /// Of the energy.
     #[serde(skip_serializing_if = "unknown")]
     pub energy: ErrorMeasure,
+    /// Values of the reference that are infinite or not a number; nothing is compared with them.
+    #[serde(skip_serializing_if = "none")]
+    pub undefined: usize,
+}
+
+fn none(count: &usize) -> bool {
+    *count == 0
 }
 
 fn unknown(measure: &ErrorMeasure) -> bool {
@@ -62,6 +71,14 @@ impl ReferenceErrors {
         self.position.compare(&state.position, &known.position);
         self.momentum.compare(&state.momentum, &known.momentum);
         self.energy.compare(&[state.energy], &[known.energy]);
+        self.undefined += known.undefined;
+    }
+
+    /// What is to be said when values of the reference could not be compared with.
+    pub fn warning(&self) -> Option<String> {
+        (self.undefined > 0).then(|| {
+            format!("reference: {} of its values are not finite numbers and are not compared", self.undefined)
+        })
     }
 
     /// Whether anything was compared.
@@ -110,7 +127,8 @@ mod tests {
             largest.take(&GridState { time: 0.0, position, momentum, energy: number });
             errors.compare(&[number], &[Some(0.0)]);
         }
-        assert!(largest.position[0].is_nan() && largest.energy.is_nan() && errors.largest.is_nan());
+        assert!(largest.position[0].is_nan() && largest.energy.is_nan());
+        assert_eq!(errors.largest, f64::MAX);
         assert_eq!(largest.momentum, [0.5]);
     }
 
@@ -124,6 +142,7 @@ mod tests {
             position: vec![Some(1.0), None],
             momentum: vec![None, None],
             energy,
+            undefined: 0,
         };
         errors.compare(&state(1.5), &known(Some(-1.0)));
         errors.compare(&state(0.75), &known(None));
@@ -136,5 +155,23 @@ mod tests {
         );
         let record = serde_json::to_value(errors).unwrap();
         assert!(record.get("momentum").is_none() && record["energy"]["largest"] == 3.0);
+    }
+
+    #[test]
+    fn an_error_is_never_infinite_and_never_forgotten() {
+        let mut errors = ReferenceErrors::default();
+        let state = |q: f64| GridState { position: vec![q], momentum: vec![0.0], ..GridState::default() };
+        let known = |q: f64| ReferenceRow {
+            time: 0.0,
+            position: vec![Some(q)],
+            momentum: vec![None],
+            energy: None,
+            undefined: 3,
+        };
+        errors.compare(&state(f64::MAX), &known(f64::MIN));
+        assert_eq!((errors.position.largest, errors.undefined), (f64::MAX, 3));
+        let mut errors = ReferenceErrors::default();
+        errors.compare(&state(f64::NAN), &known(0.0));
+        assert_eq!(errors.position.largest, f64::MAX);
     }
 }

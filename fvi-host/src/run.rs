@@ -78,15 +78,15 @@ pub struct RunSummary {
     pub last: GridState,
     /// Largest absolute values.
     pub largest: Largest,
+    /// What makes the result other than it may seem.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
     /// Errors against the reference.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub errors: Option<ReferenceErrors>,
     /// Condition number of the system of the starting weights, if there are any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub starting_condition: Option<f64>,
-    /// Energy that grew although nothing had put it in, where the scenario asks for a warning only.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub energy_warning: Option<String>,
     /// The files beside this one.
     pub files: Vec<&'static str>,
     /// The inputs as used, defaults filled in.
@@ -202,8 +202,13 @@ pub fn run(
             .filter(|exponents| !exponents.is_empty())
             .map(|exponents| starting_condition(exponents))
             .filter(|condition| condition.is_finite()),
+        warnings: scenario
+            .warnings()
+            .into_iter()
+            .chain(observed.errors.warning())
+            .chain(guard.warning())
+            .collect(),
         errors: Some(observed.errors).filter(ReferenceErrors::any),
-        energy_warning: guard.warning(),
         files,
         scenario: scenario.clone(),
     };

@@ -154,7 +154,12 @@ impl<const R: usize> RungeKuttaWeights<R> {
             };
             numbers.extend(lane(&|exponential| exponential.decrement));
             for stage in 0..R {
-                numbers.extend(lane(&|exponential| exponential.left[stage] * exponential.power(first - 1)));
+                // The table of a plain kernel has no inputs: they are part of the outputs.
+                let input =
+                    |exponential: &RankOneExponential<R>| if R == 1 { exponential.right[0] } else { 1.0 };
+                numbers.extend(lane(&|exponential| {
+                    exponential.left[stage] * input(exponential) * exponential.power(first - 1)
+                }));
             }
             if R > 1 {
                 for stage in 0..R {

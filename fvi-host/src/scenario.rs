@@ -13,6 +13,7 @@ mod sampled_input;
 mod scheme;
 mod system;
 mod time;
+mod warnings;
 
 pub use document::Document;
 pub use error::{InputError, Problem};
@@ -105,8 +106,11 @@ impl Scenario {
         };
         let scheme = scheme.with_quadrature_for(convolution.family);
         let time = TimeGrid::read(&root.required("time")?.table()?)?;
+        if let (Some(value), false) = (root.optional("convolution"), time.allow_unstable) {
+            convolution.check_exponents(&value.table()?, &system)?;
+        }
         let history = match root.optional("history") {
-            Some(value) => History::read(&value.table()?)?,
+            Some(value) => History::read(&value.table()?, convolution.family, &time)?,
             None => History::default(),
         };
         let output = match root.optional("output") {
@@ -118,7 +122,7 @@ impl Scenario {
             None => None,
         };
         let reference = match root.optional("reference") {
-            Some(value) => Some(Reference::read(&value.table()?, &system, document)?),
+            Some(value) => Some(Reference::read(&value.table()?, &system, &time, document)?),
             None => None,
         };
         let document = document.clone();
@@ -148,6 +152,11 @@ impl Scenario {
         scenario
     }
 
+    /// Whether there is no reference or it can be compared with at one grid point at least.
+    pub fn meets_reference(&self) -> bool {
+        self.reference.as_ref().is_none_or(|reference| reference.meets(&self.time))
+    }
+
     /// Number of coordinates N.
     pub fn coordinates(&self) -> usize {
         self.system.coordinates()
@@ -163,6 +172,12 @@ impl Scenario {
     /// An error about the value at `path`, such as `history.engine`, in this scenario's file.
     pub fn error_at(&self, path: &str, problem: Problem) -> InputError {
         self.document.error_at(path, problem)
+    }
+
+    /// An error about the first of these values that is in the file, or about the first of them if none is.
+    pub fn error_at_first(&self, paths: &[&str], problem: Problem) -> InputError {
+        let path = paths.iter().find(|path| self.document.has(path)).or(paths.first());
+        self.document.error_at(path.copied().unwrap_or_default(), problem)
     }
 
     /// Refuses a potential or force that is not finite where the run begins.

@@ -187,8 +187,11 @@ fn damping_term<T: Elementary + Scalar>(
 ) -> Result<DampingTerm<T, Dense, HostMemory<T>>, InputError> {
     let request = memory_request(scenario, nodes, term);
     let refused = |error| match error {
-        EngineError::Table(_) | EngineError::NoRoom { .. } => {
-            scenario.error_at("history.engine", Problem::Engine(error))
+        EngineError::Table(_) => {
+            scenario.error_at_first(&["history.tolerance", "history.engine"], Problem::Engine(error))
+        }
+        EngineError::NoRoom { .. } => {
+            scenario.error_at_first(&["history.engine", "time.steps", "time.end"], Problem::Engine(error))
         }
         EngineError::Parameter(_) => {
             scenario.error_at(&format!("system.damping[{index}].order"), Problem::Engine(error))

@@ -1,6 +1,7 @@
 //! Starting weights: fractional derivatives that are exact on chosen powers of time.
 
-use fvi_core::{Memory, MemoryError, ParameterError, Real, check_channels};
+use crate::starting_defects::PowerDefects;
+use fvi_core::{BdfOrder, Memory, MemoryError, ParameterError, Real, check_channels};
 use nalgebra::{DMatrix, DVector};
 
 /// Above this condition number of the starting system its weights have lost half of their digits.
@@ -15,8 +16,11 @@ pub const TRUSTED_CONDITION: f64 = 1e8;
 ///
 /// with as many samples x_j as exponents: from j = 0 on if ν = 0 is one of them, from j = 1 on otherwise (a column of zeros
 /// belongs to x₀ then). The sum of the corrections is Σ_ν a_ν (D^β t^ν − its quadrature), where Σ_ν a_ν t^ν interpolates the first
-/// samples: once these are known no weights are needed any more, and the quadrature of the powers runs on an engine of its own,
-/// one channel for each exponent, at the cost of so many coordinates.
+/// samples: once these are known no weights are needed any more. What the quadrature misses of a power is known beforehand, with all
+/// digits at every step, where a sum of k^ν would leave its rounding.
+///
+/// The quadrature's error on t^ν grows like t^{ν−β−p}, with the order p: exponents above β + p bring in a force that grows without
+/// end, and are for the few who know that their solution is that power.
 ///
 /// While there are fewer samples than exponents the smallest exponents are made exact, as many as there are samples, the one to
 /// come included: the corrections of a step never ask for a later sample, and the scheme stays explicit in the memory. The
@@ -27,12 +31,10 @@ pub const TRUSTED_CONDITION: f64 = 1e8;
 ///
 /// Source: \[HJO\] eq. 26–27; \[Lubich86\] eq. 4.1 ff.; \[DFFW06\] for the condition.
 #[derive(Clone, Debug)]
-pub struct StartingCorrection<T, M, P> {
+pub struct StartingCorrection<T, M> {
     memory: M,
-    /// The same kernel on the samples k^ν.
-    powers: P,
-    /// β.
-    exponent: f64,
+    /// What its kernel with step size 1 misses of D^β t^ν.
+    defects: PowerDefects,
     /// h^{−β}.
     scale: f64,
     /// ν, ascending.
@@ -44,26 +46,23 @@ pub struct StartingCorrection<T, M, P> {
     leading: [T; 1],
 }
 
-impl<T: Real, M: Memory<T>, P: Memory<f64>> StartingCorrection<T, M, P> {
-    /// Wraps `memory`, a memory for D^`exponent` with the given step size, both of `memory` and `powers` empty. The memory
-    /// `powers` has the same kernel and a channel for each of the starting exponents.
+impl<T: Real, M: Memory<T>> StartingCorrection<T, M> {
+    /// Wraps `memory`, an empty memory for D^`exponent` by the backward differentiation formula of order `order` with the given
+    /// step size.
     ///
     /// # Errors
-    /// If a memory has more than one stage, `powers` another number of channels, or the starting exponents are not distinct,
-    /// finite and at least zero.
+    /// If the memory has more than one stage, the exponent is outside (−1, 2), or the starting exponents are not distinct, finite and
+    /// at least zero.
     pub fn new(
         memory: M,
-        powers: P,
+        order: BdfOrder,
         exponent: f64,
         step_size: f64,
         exponents: &[f64],
     ) -> Result<Self, ParameterError> {
         let refuse = |parameter, value, allowed| Err(ParameterError { parameter, value, allowed });
-        if memory.stages() != 1 || powers.stages() != 1 {
+        if memory.stages() != 1 {
             return refuse("stages", memory.stages() as f64, "1 for starting weights");
-        }
-        if powers.channels() != exponents.len() {
-            return refuse("channels", powers.channels() as f64, "the number of starting exponents");
         }
         let mut sorted = exponents.to_vec();
         sorted.sort_by(f64::total_cmp);
@@ -75,8 +74,7 @@ impl<T: Real, M: Memory<T>, P: Memory<f64>> StartingCorrection<T, M, P> {
         let mut this = Self {
             leading: [T::zero()],
             memory,
-            powers,
-            exponent,
+            defects: PowerDefects::new(order, exponent, &sorted)?,
             scale: libm::pow(step_size, -exponent),
             exponents: sorted,
             first: Vec::new(),
@@ -91,27 +89,14 @@ impl<T: Real, M: Memory<T>, P: Memory<f64>> StartingCorrection<T, M, P> {
         &self.memory
     }
 
-    /// The memory of the powers.
-    pub fn powers(&self) -> &P {
-        &self.powers
-    }
-
     /// The samples that the corrections use are x_j with j from here on.
     fn first_index(&self) -> usize {
         usize::from(self.exponents.first() != Some(&0.0))
     }
 
     /// D^β t^ν minus its quadrature at step k ≥ 1, for every ν: what the corrections have to make up.
-    fn defects(&mut self) -> Result<Vec<f64>, MemoryError> {
-        let k = self.memory.len() as f64;
-        let mut terms = vec![0.0; self.exponents.len()];
-        self.powers.next_term(&mut terms)?;
-        let leading = self.powers.leading().first().copied().unwrap_or(0.0);
-        let defect = |(&nu, term): (&f64, f64)| {
-            let quadrature = leading * power(k, nu) + term;
-            derivative_factor(nu, self.exponent) * self.scale * power(k, nu - self.exponent) - quadrature
-        };
-        Ok(self.exponents.iter().zip(terms).map(defect).collect())
+    fn defects(&self) -> Vec<f64> {
+        self.defects.at(self.memory.len()).map(|defect| self.scale * defect).collect()
     }
 
     /// The weights h^{−β} ϖ_{k,j} of the first `count` samples from the defects of the `count` smallest exponents.
@@ -121,19 +106,19 @@ impl<T: Real, M: Memory<T>, P: Memory<f64>> StartingCorrection<T, M, P> {
     }
 
     /// The leading weight for the sample to come, and the corrections' part of its memory term.
-    fn correct(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
+    fn correct(&mut self, term: &mut [T]) {
         let k = self.memory.len();
         self.leading = [self.memory.leading().first().copied().unwrap_or(T::zero())];
         if k == 0 || self.exponents.is_empty() {
-            return Ok(());
+            return;
         }
-        let defects = self.defects()?;
+        let defects = self.defects();
         if let Some(coefficients) = &self.coefficients {
             for (term, column) in term.iter_mut().zip(coefficients.column_iter()) {
                 let sum: f64 = column.iter().zip(&defects).map(|(a, defect)| a * defect).sum();
                 *term += T::of(sum);
             }
-            return Ok(());
+            return;
         }
         // The sample to come is one of the first.
         let weights = self.starting_weights(&defects, self.first.len() + 1);
@@ -145,11 +130,10 @@ impl<T: Real, M: Memory<T>, P: Memory<f64>> StartingCorrection<T, M, P> {
         if let Some(&last) = weights.iter().next_back() {
             self.leading[0] += T::of(last);
         }
-        Ok(())
     }
 }
 
-impl<T: Real, M: Memory<T>, P: Memory<f64>> Memory<T> for StartingCorrection<T, M, P> {
+impl<T: Real, M: Memory<T>> Memory<T> for StartingCorrection<T, M> {
     fn channels(&self) -> usize {
         self.memory.channels()
     }
@@ -168,15 +152,14 @@ impl<T: Real, M: Memory<T>, P: Memory<f64>> Memory<T> for StartingCorrection<T, 
 
     fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
         self.memory.next_term(term)?;
-        self.correct(term)
+        self.correct(term);
+        Ok(())
     }
 
     fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
         check_channels(self.memory.channels(), sample.len())?;
         let k = self.memory.len();
         self.memory.push(sample)?;
-        let powers: Vec<f64> = self.exponents.iter().map(|&nu| power(k as f64, nu)).collect();
-        self.powers.push(&powers)?;
         let wanted = self.exponents.len();
         if k >= self.first_index() && self.first.len() < wanted {
             self.first.push(sample.iter().map(|x| x.to_f64()).collect());
@@ -191,7 +174,6 @@ impl<T: Real, M: Memory<T>, P: Memory<f64>> Memory<T> for StartingCorrection<T, 
 
     fn clear(&mut self) {
         self.memory.clear();
-        self.powers.clear();
         self.first.clear();
         self.coefficients = None;
         self.leading = [self.memory.leading().first().copied().unwrap_or(T::zero())];
@@ -199,22 +181,13 @@ impl<T: Real, M: Memory<T>, P: Memory<f64>> Memory<T> for StartingCorrection<T, 
 
     fn bytes(&self) -> usize {
         let numbers = self.first.iter().map(Vec::len).sum::<usize>() + 2 * self.exponents.len();
-        self.memory.bytes() + self.powers.bytes() + size_of::<Self>() + numbers * size_of::<f64>()
+        self.memory.bytes() + self.defects.bytes() + size_of::<Self>() + numbers * size_of::<f64>()
     }
 }
 
 /// x^ν with 0⁰ = 1.
 fn power(x: f64, nu: f64) -> f64 {
     if nu == 0.0 { 1.0 } else { libm::pow(x, nu) }
-}
-
-/// Γ(ν+1)/Γ(ν+1−β), zero where the derivative of t^ν vanishes.
-fn derivative_factor(nu: f64, beta: f64) -> f64 {
-    let argument = nu + 1.0 - beta;
-    if argument <= 0.0 && argument == libm::floor(argument) {
-        return 0.0;
-    }
-    libm::tgamma(nu + 1.0) / libm::tgamma(argument)
 }
 
 /// j^ν: row ν, column j from `first` on, as many as exponents.
@@ -243,7 +216,13 @@ pub fn starting_condition(exponents: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fvi_core::{BdfOrder, ConvolutionWeights, FixedDirect};
+    use crate::starting_defects::reciprocal_gamma;
+    use fvi_core::{ConvolutionWeights, FixedDirect};
+
+    /// Γ(ν+1)/Γ(ν+1−β), zero where the derivative of t^ν vanishes.
+    fn derivative_factor(nu: f64, beta: f64) -> f64 {
+        libm::tgamma(nu + 1.0) * reciprocal_gamma(nu + 1.0 - beta)
+    }
 
     const STEPS: usize = 60;
     const STEP_SIZE: f64 = 0.125;
@@ -255,12 +234,13 @@ mod tests {
 
     fn corrected<'w, const M: usize>(
         weights: &'w [f64],
+        order: usize,
         beta: f64,
         exponents: [f64; M],
-    ) -> StartingCorrection<f64, FixedDirect<'w, f64, 1, STEPS>, FixedDirect<'w, f64, M, STEPS>> {
+    ) -> StartingCorrection<f64, FixedDirect<'w, f64, 1, STEPS>> {
         StartingCorrection::new(
             FixedDirect::full_memory(weights, 1.0).unwrap(),
-            FixedDirect::full_memory(weights, 1.0).unwrap(),
+            BdfOrder::new(order).unwrap(),
             beta,
             STEP_SIZE,
             &exponents,
@@ -286,7 +266,7 @@ mod tests {
         let exponents = [2.5, 1.0, 3.0];
         for (order, beta) in [(1, 0.5), (3, 1.5), (2, 1.0)] {
             let table = weights(order, beta);
-            let mut memory = corrected(&table, beta, exponents);
+            let mut memory = corrected(&table, order, beta, exponents);
             for nu in exponents {
                 memory.clear();
                 let values = stream(&mut memory, |k| power(k as f64 * STEP_SIZE, nu));
@@ -308,7 +288,7 @@ mod tests {
         let (beta, exponents) = (0.6, [0.0, 0.6, 1.2]);
         let table = weights(2, beta);
         let signal = |k: usize| (0.3 * k as f64).cos() + 0.1 * k as f64;
-        let found = stream(&mut corrected(&table, beta, exponents), signal);
+        let found = stream(&mut corrected(&table, 2, beta, exponents), signal);
         for (k, found) in found.iter().enumerate().skip(3) {
             let quadrature = |f: &dyn Fn(usize) -> f64| (0..=k).map(|n| table[n] * f(k - n)).sum::<f64>();
             let defects = exponents.map(|nu| {
@@ -325,12 +305,12 @@ mod tests {
     #[test]
     fn bad_exponents_are_refused_and_close_ones_ill_conditioned() {
         let table = weights(1, 0.5);
-        let memory = || FixedDirect::<f64, 2, STEPS>::full_memory(&table, 1.0).unwrap();
         let single = || FixedDirect::<f64, 1, STEPS>::full_memory(&table, 1.0).unwrap();
         for exponents in [[0.5, 0.5], [-0.5, 1.0], [f64::NAN, 1.0]] {
-            assert!(StartingCorrection::new(single(), memory(), 0.5, 0.1, &exponents).is_err());
+            assert!(
+                StartingCorrection::new(single(), BdfOrder::GRUNWALD_LETNIKOV, 0.5, 0.1, &exponents).is_err()
+            );
         }
-        assert!(StartingCorrection::new(single(), single(), 0.5, 0.1, &[0.5, 1.0]).is_err());
         assert_eq!(starting_condition(&[2.5]), 1.0);
         assert!(starting_condition(&[0.0, 0.5, 1.0]) < 100.0);
         let many: Vec<f64> = (0..12).map(|i| 0.1 * f64::from(i)).collect();

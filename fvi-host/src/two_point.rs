@@ -44,7 +44,7 @@ mod toeplitz;
 mod velocities;
 
 pub use embedding::{asymmetric_embedding, fractional_embedding, symmetric_embedding};
-pub use equation::{EmbeddedProblem, OperatorEquation, Term};
+pub use equation::{EmbeddedProblem, Embedding, OperatorEquation, Term};
 pub use extremal::{ExtremalProblem, Method, NotConverged, ProblemError, Solution};
 pub use functional::Functional;
 pub use grid::{Grid, Sigma};

@@ -5,7 +5,7 @@ use fvi_core::{
     Kernel, Mass, Memory, NoForce, System,
 };
 use fvi_fft::{BlockFft, Pacing, RealTime};
-use fvi_host::exponential_table::ExponentialKernel;
+use fvi_host::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
 use fvi_host::scenario::{Document, Engine, Scenario};
 use fvi_host::simulation::{GridState, Precision, Simulation};
 use fvi_tests::motion::{Pendulum, diagonal};
@@ -47,9 +47,15 @@ fn run(memory: impl Memory<f64>) -> (Vec<[f64; 2]>, usize) {
 #[test]
 fn a_million_steps_of_a_pendulum_do_not_depend_on_the_engine() {
     let samples = STEPS + 1;
-    let table = ExponentialKernel::bdf(BdfOrder::GRUNWALD_LETNIKOV, DAMPING_ORDER, STEP_SIZE, samples, 1e-15)
-        .unwrap()
-        .table::<f64>();
+    let table = ExponentialKernel::bdf(
+        BdfOrder::GRUNWALD_LETNIKOV,
+        DAMPING_ORDER,
+        STEP_SIZE,
+        samples,
+        SMALLEST_TOLERANCE,
+    )
+    .unwrap()
+    .table::<f64>();
     let state = vec![0.0; table.borrow().state_len(1)];
     let table = fvi_core::ExponentialTable {
         stages: 1,

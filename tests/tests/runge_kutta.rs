@@ -103,6 +103,43 @@ fn matrix_weights_agree_with_twenty_five_digits_up_to_twenty_thousand() {
     assert_eq!(checked, 7 * 17 * (1 + 4 + 9 + 4 + 9 + 16));
 }
 
+/// Largest error of a table's weights against the planes, relative to the largest entry of the weight.
+fn largest_error_of_the_table<const R: usize>(method: &RungeKutta<R>, exponent: f64) -> f64 {
+    let weights = RungeKuttaWeights::new(method, exponent, 0.5, 100).unwrap();
+    let kernel = Kernel::new(method, exponent, 100);
+    let table = weights.table::<f64>();
+    let table = table.borrow();
+    let head = table.head.len() / (R * R);
+    let mut largest = 0.0;
+    for n in 0..kernel.count() {
+        let entry = |i: usize, j: usize| -> f64 {
+            match n.checked_sub(head) {
+                None => table.head[(i * R + j) * head + n],
+                Some(left) => table
+                    .terms::<R>()
+                    .map(|term| (1.0 - term.decay).powi(left as i32) * term.output[i] * term.input[j])
+                    .sum(),
+            }
+        };
+        for (i, j) in kernel.entries() {
+            let error = (entry(i, j) - kernel.entry(n, i, j)).abs();
+            largest = f64::max(largest, error / kernel.size(n).max(f64::MIN_POSITIVE));
+        }
+    }
+    largest
+}
+
+#[test]
+fn tables_of_exponentials_have_the_weights_of_the_planes() {
+    for exponent in [-0.7, -0.1, 0.004, 0.5, 0.83, 1.17, 1.5, 1.96] {
+        for_each_method!(|family, method| {
+            let error = largest_error_of_the_table(&method, exponent);
+            let stages = method.matrix().len();
+            assert!(error < 1e-13, "family {family}, {stages} stages, β = {exponent}: {error:e}");
+        });
+    }
+}
+
 #[test]
 fn powers_of_the_matrix_symbol_form_a_semigroup() {
     for (a, b) in [(0.25, 0.25), (0.75, 0.75), (0.3, 0.7), (-0.5, 0.5), (0.95, 0.95), (-0.5, 1.5), (1.0, 0.5)]
@@ -291,14 +328,13 @@ fn stage_damped_schemes_have_their_orders_on_a_smooth_nonlinear_motion() {
             };
             for (quantity, (found, expected)) in ["q", "p"].into_iter().zip(found.into_iter().zip(expected)) {
                 let what = format!("{name}, {quantity}, β = {damping_order}: {found:.2} for {expected:.2}");
-                // Two parts of the error, of nearly the same order and of opposite sign, cancel at some step sizes.
-                let cancelling = match (name, quantity) {
-                    ("Lobatto 3", "p") | ("Lobatto 4", "q") => damping_order < 1.0,
-                    _ => false,
+                // Two parts of the error, of nearly the same order and of opposite sign, cancel at some step sizes: what is seen
+                // there is above or below.
+                let allowed = match (name, quantity) {
+                    ("Lobatto 3", "p") | ("Lobatto 4", "q") if damping_order < 1.0 => 0.9,
+                    _ => 0.3,
                 };
-                if !cancelling {
-                    assert!((found - expected).abs() < 0.3, "{what}");
-                }
+                assert!((found - expected).abs() < allowed, "{what}");
             }
         };
         check("Radau 1", orders::<1, 1>(&RungeKutta::radau_iia().unwrap(), damping_order), 1.0, 1.0);

@@ -2,6 +2,43 @@
 
 use fvi_core::Real;
 
+/// A sum in f64 with the rounding errors of its additions and products gathered apart \[Knuth2\], as if computed in twice the precision.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct CompensatedSum {
+    sum: f64,
+    error: f64,
+}
+
+impl CompensatedSum {
+    /// Adds a number.
+    pub fn add(&mut self, number: f64) {
+        let next = self.sum + number;
+        let part = next - self.sum;
+        self.error += (self.sum - (next - part)) + (number - part);
+        self.sum = next;
+    }
+
+    /// Adds a product, split exactly by a fused multiply–add.
+    pub fn add_product(&mut self, a: f64, b: f64) {
+        let product = a * b;
+        self.error += a.mul_add(b, -product);
+        self.add(product);
+    }
+
+    /// The sum, rounded once.
+    pub fn total(self) -> f64 {
+        self.sum + self.error
+    }
+}
+
+impl FromIterator<f64> for CompensatedSum {
+    fn from_iter<I: IntoIterator<Item = f64>>(numbers: I) -> Self {
+        let mut sum = Self::default();
+        numbers.into_iter().for_each(|number| sum.add(number));
+        sum
+    }
+}
+
 /// One number of r_k and what its rounding errors are measured against.
 #[derive(Clone, Copy, Debug)]
 pub struct MemoryTerm {
@@ -13,8 +50,7 @@ pub struct MemoryTerm {
 
 /// r_k of every channel, for S×S weights row by row and samples one after the other.
 ///
-/// Products are split exactly by a fused multiply–add, and the sums of sums and of errors are those of Ogita, Rump and Oishi: the
-/// result is as if computed in twice the precision.
+/// The sums of sums and of errors are those of Ogita, Rump and Oishi.
 pub fn memory_term<T: Real>(
     weights: &[T],
     stages: usize,
@@ -26,21 +62,16 @@ pub fn memory_term<T: Real>(
     (0..channels)
         .map(|channel| {
             let (stage, group) = (channel % stages, channel - channel % stages);
-            let (mut sum, mut error, mut absolute) = (0.0f64, 0.0, 0.0);
+            let (mut sum, mut absolute) = (CompensatedSum::default(), 0.0);
             for n in 1..=k {
                 for other in 0..stages {
                     let weight = weights[n * entries + stage * stages + other].to_f64();
                     let sample = samples[(k - n) * channels + group + other].to_f64();
-                    let product = weight * sample;
-                    error += weight.mul_add(sample, -product);
-                    let next = sum + product;
-                    let rounded = next - sum;
-                    error += (sum - (next - rounded)) + (product - rounded);
-                    sum = next;
-                    absolute += product.abs();
+                    sum.add_product(weight, sample);
+                    absolute += (weight * sample).abs();
                 }
             }
-            MemoryTerm { sum: sum + error, absolute }
+            MemoryTerm { sum: sum.total(), absolute }
         })
         .collect()
 }

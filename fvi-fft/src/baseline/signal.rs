@@ -11,11 +11,13 @@ pub enum Signal {
     Decaying,
     /// The same under an envelope that grows from 10⁻⁸ to 1 over the length.
     Growing,
+    /// A tenth, which is rounded the same way at every step: errors that do not change sign pile up.
+    Constant,
 }
 
 impl Signal {
     /// All kinds.
-    pub const ALL: [Self; 3] = [Self::Stationary, Self::Decaying, Self::Growing];
+    pub const ALL: [Self; 4] = [Self::Stationary, Self::Decaying, Self::Growing, Self::Constant];
 
     /// `length` samples of `channels` numbers each, one sample after the other.
     pub fn samples<T: Real>(self, channels: usize, length: usize) -> Vec<T> {
@@ -24,13 +26,14 @@ impl Signal {
         for k in 0..length {
             let progress = k as f64 / length as f64;
             let envelope = match self {
-                Self::Stationary => 1.0,
+                Self::Stationary | Self::Constant => 1.0,
                 Self::Decaying => 10f64.powf(-8.0 * progress),
                 Self::Growing => 10f64.powf(8.0 * progress - 8.0),
             };
             for channel in 0..channels {
                 let smooth = (20.0 * progress + channel as f64).sin();
-                samples.push(T::of(envelope * (smooth + noise.next())));
+                let number = if self == Self::Constant { 0.1 } else { envelope * (smooth + noise.next()) };
+                samples.push(T::of(number));
             }
         }
         samples

@@ -1,7 +1,7 @@
 //! `fvi converge`: error and order over a sequence of step sizes.
 
 use super::progress::Progress;
-use super::{CommandError, default_directory, stop, terminal, warn_about_starting_weights};
+use super::{CommandError, default_directory, stop, terminal, warn};
 use crate::converge::{ConvergeError, Grids, converge};
 use crate::files::{write_picture, write_text};
 use crate::output_directory::OutputDirectory;
@@ -38,7 +38,7 @@ impl ConvergeArguments {
         if let Some(engine) = self.engine {
             scenario.history.choose(engine);
         }
-        warn_about_starting_weights(&scenario);
+        warn(scenario.warnings());
         let directory = self.out.unwrap_or_else(|| default_directory(&self.scenario, "converge"));
         let directory = OutputDirectory::claim(&directory)?;
         let stop = stop::flag();
@@ -56,6 +56,7 @@ impl ConvergeArguments {
             ConvergeError::NoRoom(_) => CommandError::NoRoom(format!("--levels: {error}")),
             other => CommandError::Failed(other.to_string()),
         })?;
+        warn(convergence.warning());
         write_text(&directory.join("convergence.csv"), &convergence.csv())?;
         write_picture(&directory.join("convergence.svg"), &convergence.chart(&scenario))?;
         if !self.quiet {

@@ -23,7 +23,7 @@ pub struct ExponentialsArguments {
     /// Largest lag, in steps, at which the weights hold
     #[arg(long, default_value_t = 1e8)]
     horizon: f64,
-    /// Relative tolerance of every weight, 1e-15 to 0.1
+    /// Relative tolerance of every weight, 4e-15 to 0.1
     #[arg(long, default_value_t = 1e-12)]
     tolerance: f64,
     /// A table, or constants for firmware

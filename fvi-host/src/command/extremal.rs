@@ -1,6 +1,6 @@
 //! `fvi extremal`: solve a two-point fractional Euler–Lagrange problem.
 
-use super::{CommandError, default_directory, terminal};
+use super::{CommandError, default_directory, terminal, warn};
 use crate::output_directory::OutputDirectory;
 use crate::two_point::{ExtremalSummary, GridError, OutputError, ProblemFile, Status, solve_and_write};
 use crate::visible::visible_line;
@@ -36,6 +36,9 @@ impl ExtremalArguments {
                     other => CommandError::Failed(other.to_string()),
                 })?;
         progress.finish();
+        warn(summary.errors.last().filter(|error| error.undefined > 0).map(|error| {
+            format!("reference: it is not finite at {} grid points, which are not compared", error.undefined)
+        }));
         let line = result_line(&file, &summary, directory.path());
         match summary.status {
             Status::Converged => {

@@ -83,6 +83,29 @@ pub(super) fn write_weights(
     out.write_all(end.as_bytes())
 }
 
+/// Writes matrix weights W₀, W₁, … of R stages, given plane by plane: entry (i, j) of W_n at (i·R + j)·count + n, as
+/// constants keep them.
+pub(super) fn write_matrix_weights(
+    out: &mut dyn Write,
+    planes: &[f64],
+    stages: usize,
+    origin: &str,
+    format: ListingFormat,
+) -> io::Result<()> {
+    let count = planes.len() / (stages * stages);
+    if format != ListingFormat::Csv {
+        let layout = format!("{origin}; entry (i, j) of weight n at (i*{stages} + j)*{count} + n");
+        return write_weights(out, planes.iter().copied(), planes.len(), &layout, format);
+    }
+    out.write_all(b"n,row,column,weight\n")?;
+    for n in 0..count {
+        for (place, plane) in planes.chunks(count).enumerate() {
+            writeln!(out, "{n},{},{},{:.16e}", place / stages, place % stages, plane[n])?;
+        }
+    }
+    Ok(())
+}
+
 /// Refuses a table with a number that is not finite in the precision it is listed in, or that vanishes there though it
 /// is not zero.
 pub(super) fn check_exponentials(

@@ -1,7 +1,7 @@
 //! `fvi run`: integrate a scenario.
 
 use super::progress::Progress;
-use super::{CommandError, default_directory, stop, terminal, warn_about_starting_weights};
+use super::{CommandError, default_directory, stop, terminal, warn};
 use crate::run::{RunEnd, RunError, RunOptions, RunSummary, run};
 use crate::scenario::{Engine, Scenario};
 use crate::simulation::Precision;
@@ -33,7 +33,9 @@ impl RunArguments {
         if let Some(engine) = self.engine {
             scenario.history.choose(engine);
         }
-        warn_about_starting_weights(&scenario);
+        let warnings = scenario.warnings();
+        let before = warnings.len();
+        warn(warnings);
         let directory = self.out.unwrap_or_else(|| default_directory(&self.scenario, "run"));
         let stop = stop::flag();
         let mut progress = Progress::new(scenario.time.steps, "steps", self.quiet);
@@ -44,9 +46,7 @@ impl RunArguments {
                 RunError::File(error) => CommandError::File(error),
             })?;
         progress.finish();
-        if let Some(warning) = &summary.energy_warning {
-            eprintln!("warning: {warning}");
-        }
+        warn(summary.warnings.iter().skip(before).cloned());
         let line = result_line(&scenario, &summary, &directory);
         match &summary.end {
             RunEnd::Completed => {

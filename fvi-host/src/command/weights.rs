@@ -1,8 +1,10 @@
 //! `fvi weights`: convolution-quadrature weights as a table or as constants.
 
 use super::CommandError;
-use super::listing::{ListingFormat, emit, parameter_error, write_weights};
-use fvi_core::{BdfOrder, ConvolutionWeights, ParameterError};
+use super::listing::{ListingFormat, emit, parameter_error, write_matrix_weights, write_weights};
+use crate::room::require;
+use crate::runge_kutta_weights::RungeKuttaWeights;
+use fvi_core::{BdfOrder, ConvolutionWeights, ParameterError, RungeKutta};
 use std::path::PathBuf;
 
 /// Arguments of `fvi weights`.
@@ -14,6 +16,9 @@ pub struct WeightsArguments {
     /// Order p of the backward differentiation formula, 1 to 6
     #[arg(long, default_value_t = 1)]
     order: usize,
+    /// Stages of the Runge–Kutta method: 1 to 3 (radau-iia), 2 to 4 (lobatto-iiic); the weights are matrices then
+    #[arg(long)]
+    stages: Option<usize>,
     /// Exponent of the operator in (−1, 2): positive for derivatives (the damping order), negative for integrals
     #[arg(long, allow_negative_numbers = true)]
     exponent: f64,
@@ -31,12 +36,16 @@ pub struct WeightsArguments {
     out: Option<PathBuf>,
 }
 
-/// Families of weights.
+/// Families of weights, by their names in scenarios.
 #[derive(Clone, Copy, Debug, Default, clap::ValueEnum)]
 enum Family {
     /// Backward differentiation formulas
     #[default]
     Bdf,
+    /// Radau IIA methods
+    RadauIia,
+    /// Lobatto IIIC methods
+    LobattoIiic,
 }
 
 /// Weights that are looked at before the first is written.
@@ -44,19 +53,64 @@ const CHECKED: usize = 1 << 16;
 
 impl WeightsArguments {
     pub(super) fn execute(self) -> Result<(), CommandError> {
-        let Family::Bdf = self.family;
+        match (self.family, self.stages) {
+            (Family::Bdf, None) => self.bdf(),
+            (Family::RadauIia, Some(1)) => self.matrices(RungeKutta::<1>::radau_iia()),
+            (Family::RadauIia, Some(2)) => self.matrices(RungeKutta::<2>::radau_iia()),
+            (Family::RadauIia, Some(3)) => self.matrices(RungeKutta::<3>::radau_iia()),
+            (Family::LobattoIiic, Some(2)) => self.matrices(RungeKutta::<2>::lobatto_iiic()),
+            (Family::LobattoIiic, Some(3)) => self.matrices(RungeKutta::<3>::lobatto_iiic()),
+            (Family::LobattoIiic, Some(4)) => self.matrices(RungeKutta::<4>::lobatto_iiic()),
+            (family, stages) => {
+                let allowed = match family {
+                    Family::Bdf => "none with the family bdf",
+                    Family::RadauIia => "1, 2 or 3 with the family radau-iia",
+                    Family::LobattoIiic => "2, 3 or 4 with the family lobatto-iiic",
+                };
+                let value = stages.map_or(f64::NAN, |stages| stages as f64);
+                Err(parameter_error(ParameterError { parameter: "stages", value, allowed }))
+            }
+        }
+    }
+
+    fn bdf(&self) -> Result<(), CommandError> {
         let order = BdfOrder::new(self.order).map_err(parameter_error)?;
         let weights = || ConvolutionWeights::bdf(order, self.exponent, self.step).map_err(parameter_error);
         let first: Vec<f64> = weights()?.take(self.count.min(CHECKED)).collect();
         // Behind them the weights fall off like n^(−1−exponent).
         let factor = libm::pow((self.count as f64 / CHECKED as f64).max(1.0), -1.0 - self.exponent);
         let last = first.last().map(|weight| weight * factor);
-        if !first.iter().copied().chain(last).all(|weight| weight == 0.0 || weight.is_normal()) {
-            let allowed = "a step whose weights, h^−exponent in size, double precision holds";
-            return Err(parameter_error(ParameterError { parameter: "step", value: self.step, allowed }));
-        }
+        self.check(first.iter().copied().chain(last))?;
         let weights = weights()?;
         let origin = format!("BDF {}, exponent {}, step {}", self.order, self.exponent, self.step);
         emit(|out| write_weights(out, weights, self.count, &origin, self.format), self.out.as_deref())
+    }
+
+    fn matrices<const R: usize>(
+        &self,
+        method: Result<RungeKutta<R>, ParameterError>,
+    ) -> Result<(), CommandError> {
+        let weights = method
+            .and_then(|method| RungeKuttaWeights::new(&method, self.exponent, self.step, self.count))
+            .map_err(parameter_error)?;
+        require(self.count.saturating_mul(R * R * size_of::<f64>()))
+            .map_err(|error| CommandError::NoRoom(format!("--count: {error}")))?;
+        let planes = weights.planes();
+        self.check(planes.iter().copied())?;
+        let name = match self.family {
+            Family::LobattoIiic => "Lobatto IIIC",
+            _ => "Radau IIA",
+        };
+        let origin = format!("{name}, {R} stages, exponent {}, step {}", self.exponent, self.step);
+        emit(|out| write_matrix_weights(out, &planes, R, &origin, self.format), self.out.as_deref())
+    }
+
+    /// Refuses weights that double precision does not hold.
+    fn check(&self, mut weights: impl Iterator<Item = f64>) -> Result<(), CommandError> {
+        if weights.all(|weight| weight == 0.0 || weight.is_normal()) {
+            return Ok(());
+        }
+        let allowed = "a step whose weights, h^−exponent in size, double precision holds";
+        Err(parameter_error(ParameterError { parameter: "step", value: self.step, allowed }))
     }
 }

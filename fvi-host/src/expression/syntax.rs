@@ -3,9 +3,10 @@
 use super::Symbols;
 use super::function::Function;
 use super::tree::{Node, Operator};
+use crate::excerpt::{excerpt, excerpt_list};
 use core::ops::Range;
 
-/// Deepest nesting that is accepted; evaluation is recursive.
+/// Deepest nesting that is accepted: evaluation is recursive. A sum or product counts once, however many terms it has.
 const MAX_DEPTH: usize = 128;
 
 /// An expression that cannot be used: what is wrong, and which bytes of its text are to blame.
@@ -55,7 +56,7 @@ pub enum ExpressionFault {
     #[error("the expression is empty")]
     Empty,
     /// A character that no expression has at this place.
-    #[error("unexpected character `{character}`")]
+    #[error("unexpected character `{}`", excerpt(&character.to_string()))]
     UnexpectedCharacter {
         /// The character.
         character: char,
@@ -188,7 +189,7 @@ fn tokens(text: &str) -> Parsed<Vec<(Token, Range<usize>)>> {
             match digits.parse::<f64>() {
                 Ok(value) if value.is_finite() => tokens.push((Token::Number(value), start..start + length)),
                 _ => {
-                    let fault = ExpressionFault::BadNumber { text: digits.to_owned() };
+                    let fault = ExpressionFault::BadNumber { text: excerpt(digits) };
                     return Err((fault, start..start + length));
                 }
             }
@@ -367,7 +368,7 @@ impl Parser<'_> {
         let function = Function::named(name);
         match (function, called) {
             (Some(function), Some((_, opening))) => self.call(function, span, opening),
-            (Some(_), None) => Err((ExpressionFault::MissingArgument { name: name.to_owned() }, span)),
+            (Some(_), None) => Err((ExpressionFault::MissingArgument { name: excerpt(name) }, span)),
             (None, called) => match self.symbols.resolve(name) {
                 // A known name in front of a bracket: the product's sign was left out.
                 Some(_) if called.is_some() => {
@@ -376,13 +377,13 @@ impl Parser<'_> {
                 Some(node) => self.part(node, span, 1),
                 None if called.is_some() => {
                     let suggestion = nearest(name, Function::names());
-                    Err((ExpressionFault::UnknownFunction { name: name.to_owned(), suggestion }, span))
+                    Err((ExpressionFault::UnknownFunction { name: excerpt(name), suggestion }, span))
                 }
                 None => {
                     let fault = ExpressionFault::UnknownName {
-                        name: name.to_owned(),
+                        name: excerpt(name),
                         suggestion: nearest(name, self.symbols.names()).map(str::to_owned),
-                        allowed: self.symbols.names_in_brief().join(", "),
+                        allowed: excerpt_list(&self.symbols.names_in_brief()),
                     };
                     Err((fault, span))
                 }
@@ -414,11 +415,18 @@ impl Parser<'_> {
 
 /// The candidate most like `name`, if one is like it at all.
 pub(crate) fn nearest<'a>(name: &str, candidates: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    let letters = name.chars().count();
     candidates
-        .map(|candidate| {
-            (strsim::damerau_levenshtein(&name.to_lowercase(), &candidate.to_lowercase()), candidate)
+        .filter_map(|candidate| {
+            let length = candidate.chars().count();
+            let most = 1 + length / 4;
+            // Words whose lengths differ by more are farther apart than that: the search, quadratic in the length, is spared.
+            if letters.abs_diff(length) > most {
+                return None;
+            }
+            let distance = strsim::damerau_levenshtein(&name.to_lowercase(), &candidate.to_lowercase());
+            (distance <= most).then_some((distance, candidate))
         })
-        .filter(|&(distance, candidate)| distance <= 1 + candidate.chars().count() / 4)
         .min_by_key(|&(distance, _)| distance)
         .map(|(_, candidate)| candidate)
 }

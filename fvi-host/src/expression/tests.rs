@@ -274,18 +274,27 @@ fn hostile_nesting_is_refused_before_the_stack_runs_out() {
     for text in ["(".repeat(100_000), "-(".repeat(100_000), "2^".repeat(100_000), "sin(".repeat(100_000)] {
         assert!(Expression::parse(&text, &coordinates(1)).is_err());
     }
+    let deep = format!("q0{}{}", " + (2*(q0".repeat(100), "))".repeat(100));
+    assert_eq!(fault(&deep).0, ExpressionFault::TooDeep);
     assert_eq!(value(&format!("{}1{}", "(".repeat(100), ")".repeat(100))), 1.0);
     assert_eq!(value(&format!("{}1", "-".repeat(10_001))), -1.0);
 }
 
 #[test]
-fn a_sum_may_have_any_number_of_terms_and_a_product_of_factors() {
-    let long = format!("q0{}", " + q0 - 1".repeat(100_000));
-    let sum = Expression::parse(&long, &coordinates(1)).unwrap();
-    let (value, gradient, _) = sum.hessian(Moment::inside(0.0), &SVector::<f64, 1>::new(2.0));
-    assert_eq!((value, gradient[0]), (100_002.0, 100_001.0));
-    let product = Expression::parse(&format!("q0{}", "*2/2".repeat(1000)), &coordinates(1)).unwrap();
-    assert_eq!(product.value(Moment::inside(0.0), &[3.0]), 3.0);
+fn sums_and_products_may_have_any_number_of_terms() {
+    let sum = format!("q0{}", " + q0 - 1".repeat(100_000));
+    let (value, first, second) = second_order(&sum, 3.0);
+    assert_eq!((value, first, second), (200_003.0, 100_001.0, 0.0));
+    let product = format!("q0{}", "*2/2".repeat(100_000));
+    assert_eq!(second_order(&product, 3.0), (3.0, 1.0, 0.0));
+    // From left to right, as without brackets: 1e16 + 1 + 1 loses both ones.
+    assert_eq!(second_order("q0 + 1 + 1 - q0", 1e16).0, 0.0);
+    // What holds no variable is worked out before: no derivative of √t at t = 0.
+    let root = Expression::parse("t^0.5 + t*2 + q0*q0", &coordinates(1)).unwrap();
+    assert_eq!(
+        root.gradient(Moment::inside(0.0), &SVector::<f64, 1>::new(3.0)),
+        (9.0, SVector::<f64, 1>::new(6.0))
+    );
 }
 
 #[test]
@@ -307,4 +316,12 @@ fn sine_and_cosine_in_one_are_those_computed_alone() {
         let (sine, cosine) = x.sine_cosine();
         assert_eq!((sine.to_bits(), cosine.to_bits()), (x.sine().to_bits(), x.cosine().to_bits()), "{x}");
     }
+}
+
+#[test]
+fn an_endless_name_is_answered_at_once_and_in_short() {
+    let error = Expression::parse(&"k".repeat(1_000_000), &coordinates(1)).unwrap_err();
+    assert!(error.to_string().len() < 200, "{}", error.to_string().len());
+    assert_eq!(nearest(&"k".repeat(1_000_000), ["k", "kk"].into_iter()), None);
+    assert_eq!(nearest("stifness", ["mass", "stiffness"].into_iter()), Some("stiffness"));
 }

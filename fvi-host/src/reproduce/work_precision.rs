@@ -259,6 +259,7 @@ fn with_fine_reference(
         position: known(&state.position),
         momentum: known(&state.momentum),
         energy: Some(state.energy),
+        undefined: 0,
     };
     let rows = fine.states.iter().map(row).collect();
     let source = ReferenceSource::Table { file: format!("{} with {steps} steps", fine.label), rows };

@@ -1,6 +1,7 @@
 //! Reading typed values out of a TOML file, with errors that point at them.
 
 use super::error::{InputError, Problem};
+use crate::excerpt::excerpt;
 use crate::expression::{Expression, Symbols, nearest};
 use core::ops::{Range, RangeInclusive};
 use std::path::{Path, PathBuf};
@@ -24,8 +25,22 @@ impl Document {
     /// [`Problem::Unreadable`].
     pub fn read(path: &Path) -> Result<Self, InputError> {
         let name = path.display().to_string();
-        let text = std::fs::read_to_string(path).map_err(|error| {
+        let bytes = std::fs::read(path).map_err(|error| {
             InputError::unreadable(&name, Problem::Unreadable { reason: error.to_string() })
+        })?;
+        let text = String::from_utf8(bytes).map_err(|error| {
+            let (valid, reason) =
+                (error.utf8_error().valid_up_to(), not_text(error.as_bytes(), &error.utf8_error()));
+            let readable = String::from_utf8_lossy(error.as_bytes());
+            let problem = Problem::Unreadable { reason };
+            InputError::new(
+                &name,
+                &readable,
+                "",
+                String::new(),
+                Some(valid..valid + '\u{FFFD}'.len_utf8()),
+                problem,
+            )
         })?;
         let directory = path.parent().map(Path::to_path_buf).unwrap_or_default();
         Ok(Self { name, directory, text, attached: Vec::new() })
@@ -57,7 +72,13 @@ impl Document {
     pub(crate) fn read_named(&self, path: &str) -> std::io::Result<String> {
         match self.attached.iter().find(|(name, _)| name == path) {
             Some((_, text)) => Ok(text.clone()),
-            None => std::fs::read_to_string(self.resolve(path)),
+            None => {
+                let bytes = std::fs::read(self.resolve(path))?;
+                String::from_utf8(bytes).map_err(|error| {
+                    let reason = not_text(error.as_bytes(), &error.utf8_error());
+                    std::io::Error::new(std::io::ErrorKind::InvalidData, reason)
+                })
+            }
         }
     }
 
@@ -83,20 +104,26 @@ impl Document {
         InputError::new(&self.name, &self.text, path, value, located, problem)
     }
 
+    /// Whether a value is written at `path`.
+    pub(crate) fn has(&self, path: &str) -> bool {
+        DeTable::parse(&self.text).is_ok_and(|root| locate(root.get_ref(), path).is_some())
+    }
+
     fn error(&self, key: &str, value: String, span: Range<usize>, problem: Problem) -> InputError {
         InputError::new(&self.name, &self.text, key, value, Some(span), problem)
     }
 
     /// The value as written, shortened to one line.
     fn excerpt(&self, span: &Range<usize>) -> String {
-        const LONGEST: usize = 60;
-        let written = self.text.get(span.clone()).unwrap_or_default();
-        let mut words = written.split_whitespace().collect::<Vec<_>>().join(" ");
-        if words.chars().count() > LONGEST {
-            words = words.chars().take(LONGEST).chain("…".chars()).collect();
-        }
-        words
+        excerpt(self.text.get(span.clone()).unwrap_or_default())
     }
+}
+
+/// Where bytes stop being text.
+fn not_text(bytes: &[u8], error: &core::str::Utf8Error) -> String {
+    let place = error.valid_up_to();
+    let line = bytes.iter().take(place).filter(|&&byte| byte == b'\n').count() + 1;
+    format!("not text in UTF-8: line {line}, byte {} of the file", place + 1)
 }
 
 /// The span of the value at a path, if it is there.
@@ -181,7 +208,8 @@ impl<'a> Table<'a> {
     }
 
     fn child(&self, key: &str) -> String {
-        if self.path.is_empty() { key.to_owned() } else { format!("{}.{key}", self.path) }
+        let key = excerpt(key);
+        if self.path.is_empty() { key } else { format!("{}.{key}", self.path) }
     }
 }
 

@@ -25,11 +25,16 @@ struct Details {
     problem: Problem,
 }
 
+/// Longest line of a file, in bytes, that a message shows.
+const LONGEST_LINE: usize = 1000;
+
 #[derive(Debug)]
 struct Place {
     span: Range<usize>,
     line: usize,
     column: usize,
+    /// Whether the lines around it are short enough to be shown.
+    showable: bool,
 }
 
 impl Place {
@@ -37,7 +42,12 @@ impl Place {
         let before = text.get(..span.start).unwrap_or(text);
         let line_start = before.rfind('\n').map_or(0, |newline| newline + 1);
         let line = before.matches('\n').count() + 1;
-        Self { line, column: before[line_start..].chars().count() + 1, span }
+        // The line itself and its neighbours.
+        let from = before[..line_start.saturating_sub(1)].rfind('\n').map_or(0, |newline| newline + 1);
+        let rest = text.get(from..).unwrap_or_default();
+        let lines_around = before[from..].matches('\n').count() + 2;
+        let showable = rest.split('\n').take(lines_around).all(|line| line.len() <= LONGEST_LINE);
+        Self { line, column: before[line_start..].chars().count() + 1, span, showable }
     }
 }
 
@@ -103,11 +113,11 @@ impl Diagnostic for InputError {
     }
 
     fn source_code(&self) -> Option<&dyn SourceCode> {
-        self.0.place.as_ref().map(|_| &self.0.source as &dyn SourceCode)
+        self.0.place.as_ref().filter(|place| place.showable).map(|_| &self.0.source as &dyn SourceCode)
     }
 
     fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
-        let place = self.0.place.as_ref()?;
+        let place = self.0.place.as_ref().filter(|place| place.showable)?;
         let span = LabeledSpan::new_with_span(Some("here".to_owned()), place.span.clone());
         Some(Box::new(core::iter::once(span)))
     }

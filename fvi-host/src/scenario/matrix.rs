@@ -72,10 +72,10 @@ impl SymmetricMatrix {
         Ok(Self::Dense(matrix))
     }
 
-    /// Refuses a matrix with an eigenvalue ≤ 0 (to rounding).
+    /// Refuses a matrix with an eigenvalue ≤ 0 (to rounding), or so small that the inverse is not finite.
     pub(super) fn positive_definite(self, value: &Value<'_>) -> Result<Self, InputError> {
         let (smallest, threshold) = self.spectrum();
-        if smallest > threshold {
+        if smallest > threshold && smallest.recip().is_finite() {
             Ok(self)
         } else {
             Err(value.error(Problem::NotPositiveDefinite { smallest }))

@@ -2,6 +2,7 @@
 
 use super::document::{Document, Value};
 use super::error::{InputError, Problem};
+use crate::excerpt::excerpt;
 
 /// The columns of a CSV file with a header, rows ordered by its column `t`.
 #[derive(Debug)]
@@ -42,9 +43,13 @@ impl NumberTable {
                 let list = allowed.join(", ");
                 return Err(fault(
                     1,
-                    format!("unknown or repeated column `{name}`; columns after t: {list}"),
+                    format!("unknown or repeated column `{}`; columns after t: {list}", excerpt(name)),
                 ));
             }
+        }
+        if names.len() < 2 {
+            let list = allowed.join(", ");
+            return Err(fault(1, format!("there is no column beside t; columns after t: {list}")));
         }
         let mut rows: Vec<Vec<f64>> = Vec::new();
         for record in reader.records() {
@@ -57,7 +62,7 @@ impl NumberTable {
                 .iter()
                 .map(|cell| {
                     let number = cell.parse::<f64>().ok().filter(|number| number.is_finite());
-                    number.ok_or_else(|| fault(line, format!("`{cell}` is not a finite number")))
+                    number.ok_or_else(|| fault(line, format!("`{}` is not a finite number", excerpt(cell))))
                 })
                 .collect::<Result<Vec<f64>, _>>()?;
             if rows.last().is_some_and(|last| last[0] >= row[0]) {

@@ -4,6 +4,7 @@ use super::document::{Document, Table};
 use super::error::{InputError, Problem};
 use super::number_table::NumberTable;
 use super::system::System;
+use super::time::{TimeGrid, same_time};
 use crate::expression::{Expression, Moment};
 use serde::Serialize;
 
@@ -52,10 +53,17 @@ pub struct ReferenceRow {
     pub momentum: Vec<Option<f64>>,
     /// E.
     pub energy: Option<f64>,
+    /// How many values the reference gives here that are infinite or not a number; they count as not known.
+    pub undefined: usize,
 }
 
 impl Reference {
-    pub(super) fn read(table: &Table<'_>, system: &System, document: &Document) -> Result<Self, InputError> {
+    pub(super) fn read(
+        table: &Table<'_>,
+        system: &System,
+        grid: &TimeGrid,
+        document: &Document,
+    ) -> Result<Self, InputError> {
         table.allow(&["position", "momentum", "energy", "file"])?;
         let count = system.coordinates();
         if let Some(value) = table.optional("file") {
@@ -65,7 +73,14 @@ impl Reference {
                 }
             }
             let rows = read_rows(&value, document, count)?;
-            return Ok(Self { source: ReferenceSource::Table { file: value.text()?.to_owned(), rows } });
+            let reference = Self { source: ReferenceSource::Table { file: value.text()?.to_owned(), rows } };
+            if !reference.meets(grid) {
+                let reason =
+                    format!("none of its times is a grid point k·{}, k = 0…{}", grid.step, grid.steps);
+                let file = document.resolve(value.text()?).display().to_string();
+                return Err(value.error(Problem::Table { file, line: 2, reason }));
+            }
+            return Ok(reference);
         }
         let symbols = system.symbols().with_time();
         let list = |key| table.optional(key).map(|value| value.expressions(&symbols, count)).transpose();
@@ -74,6 +89,16 @@ impl Reference {
         let energy = table.optional("energy").map(|value| value.expression(&symbols)).transpose()?;
         if position.is_none() && momentum.is_none() && energy.is_none() {
             table.required("position")?;
+        }
+        for (key, expressions) in [("position", &position), ("momentum", &momentum)] {
+            let Some(value) = table.optional(key) else { continue };
+            let entries = value.list("a list of expressions in quotes")?;
+            for (entry, expression) in entries.iter().zip(expressions.iter().flatten()) {
+                check_finite_somewhere(expression, entry, grid)?;
+            }
+        }
+        if let (Some(value), Some(expression)) = (table.optional("energy"), &energy) {
+            check_finite_somewhere(expression, &value, grid)?;
         }
         Ok(Self { source: ReferenceSource::Expressions { position, momentum, energy } })
     }
@@ -84,8 +109,7 @@ impl Reference {
         match &self.source {
             ReferenceSource::Expressions { .. } => self.at_time(time, coordinates),
             ReferenceSource::Table { rows, .. } => {
-                // A tabulated time is a grid time when they differ by rounding only.
-                let tolerance = f64::max(1e-9 * step, 4.0 * f64::EPSILON * time);
+                let tolerance = same_time(time, step);
                 let next = rows.partition_point(|row| row.time < time - tolerance);
                 rows.get(next).filter(|row| row.time <= time + tolerance).cloned()
             }
@@ -96,16 +120,50 @@ impl Reference {
     pub fn at_time(&self, time: f64, coordinates: usize) -> Option<ReferenceRow> {
         let ReferenceSource::Expressions { position, momentum, energy } = &self.source else { return None };
         // Where an expression is infinite or not a number, nothing is known.
-        let value = |expression: &Expression| {
-            Some(expression.value(Moment::inside(time), &[])).filter(|value: &f64| value.is_finite())
+        let mut undefined = 0;
+        let mut value = |expression: &Expression| {
+            let value: f64 = expression.value(Moment::inside(time), &[]);
+            undefined += usize::from(!value.is_finite());
+            Some(value).filter(|value| value.is_finite())
         };
-        let list = |expressions: &Option<Vec<Expression>>| match expressions {
-            Some(expressions) => expressions.iter().map(value).collect(),
+        let mut list = |expressions: &Option<Vec<Expression>>| match expressions {
+            Some(expressions) => expressions.iter().map(&mut value).collect(),
             None => vec![None; coordinates],
         };
+        let (position, momentum) = (list(position), list(momentum));
         let energy = energy.as_ref().and_then(value);
-        Some(ReferenceRow { time, position: list(position), momentum: list(momentum), energy })
+        Some(ReferenceRow { time, position, momentum, energy, undefined })
     }
+
+    /// Whether something is known at a grid point; expressions may be known anywhere.
+    pub(super) fn meets(&self, grid: &TimeGrid) -> bool {
+        let ReferenceSource::Table { rows, .. } = &self.source else { return true };
+        rows.iter().any(|row| grid.index_of(row.time).is_some())
+    }
+
+    /// Times of a table up to the end of the grid that are not grid points: nothing is compared there.
+    pub(super) fn off_grid(&self, grid: &TimeGrid) -> usize {
+        let ReferenceSource::Table { rows, .. } = &self.source else { return 0 };
+        let within = |row: &&ReferenceRow| (0.0..=grid.end()).contains(&row.time);
+        rows.iter().filter(within).filter(|row| grid.index_of(row.time).is_none()).count()
+    }
+}
+
+/// Most grid points at which an expression is tried.
+const MOST_TRIED: usize = 1 << 20;
+
+/// Refuses an expression that is infinite or not a number at every grid point: nothing could be compared.
+fn check_finite_somewhere(
+    expression: &Expression,
+    value: &super::document::Value<'_>,
+    grid: &TimeGrid,
+) -> Result<(), InputError> {
+    let finite = |index: usize| expression.value::<f64>(Moment::inside(grid.time(index)), &[]).is_finite();
+    if grid.steps > MOST_TRIED || (0..=grid.steps).any(finite) {
+        return Ok(());
+    }
+    let place = format!("any of the {} grid points", grid.steps + 1);
+    Err(value.error(Problem::NotFinite { what: "the reference", place }))
 }
 
 fn read_rows(
@@ -125,6 +183,7 @@ fn read_rows(
             position: known.by_ref().take(count).collect(),
             momentum: known.by_ref().take(count).collect(),
             energy: known.next().flatten(),
+            undefined: 0,
         }
     };
     Ok(table.rows.iter().map(row).collect())

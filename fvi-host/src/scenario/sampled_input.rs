@@ -50,7 +50,13 @@ impl SampledInput {
             if samples.is_empty() {
                 return Err(value.out_of_range("at least one sample"));
             }
-            ((0..samples.len()).map(|index| period * index as f64).collect::<Vec<_>>(), samples)
+            let times: Vec<f64> = (0..samples.len()).map(|index| period * index as f64).collect();
+            if times.last().is_some_and(|last| !last.is_finite()) {
+                let allowed =
+                    format!("a period with which the last of {} samples has a finite time", samples.len());
+                return Err(table.required("period")?.out_of_range(allowed));
+            }
+            (times, samples)
         } else {
             if let Some(period) = table.optional("period") {
                 return Err(period.key_error(Problem::Conflict { other: "input.file".to_owned() }));
@@ -72,6 +78,9 @@ impl SampledInput {
         let first_step = |time: &f64| {
             // Grid times and sample times are rounded: a sample that little after t_k counts at t_k.
             let place = time / grid.step;
+            if place.is_infinite() {
+                return usize::MAX;
+            }
             (place - f64::max(1e-9, 4.0 * f64::EPSILON * place)).ceil().max(0.0) as usize
         };
         self.first_steps = self.times.iter().map(first_step).collect();

@@ -2,6 +2,7 @@
 
 use super::document::Table;
 use super::error::{InputError, Problem};
+use super::system::System;
 use serde::Serialize;
 
 /// The integrator.
@@ -33,7 +34,7 @@ pub enum Scheme {
 pub enum Quadrature {
     /// Gauss–Legendre with 1 to 6 nodes.
     Gauss(usize),
-    /// Gauss–Lobatto with 2 to 6 nodes.
+    /// Gauss–Lobatto with 2 to 7 nodes.
     Lobatto(usize),
 }
 
@@ -177,9 +178,9 @@ fn read_quadrature(table: &Table<'_>, degree: usize) -> Result<Option<Quadrature
     };
     // With fewer points than the degree the quadrature cannot tell the polynomials apart.
     let fewest = if lobatto { degree.max(2) } else { degree };
-    let usual = if lobatto { (degree + 1).min(6) } else { degree };
+    let (most, usual) = if lobatto { (7, degree + 1) } else { (6, degree) };
     let points = match table.optional("points") {
-        Some(value) => value.whole(fewest..=6)?,
+        Some(value) => value.whole(fewest..=most)?,
         None => usual,
     };
     Ok(Some(if lobatto { Quadrature::Lobatto(points) } else { Quadrature::Gauss(points) }))
@@ -255,6 +256,29 @@ impl Convolution {
             None => Vec::new(),
         };
         Ok(Self { family, starting })
+    }
+
+    /// The highest exponent whose starting weights do not grow with time: p + β, with the lowest order β of a damping term.
+    ///
+    /// The quadrature's error on t^ν, which the starting weights make up, goes like h^p t^(ν − β − p): beyond, a fixed multiple of the
+    /// first samples acts as a force that grows without end. A derivative of order 0 has no error.
+    pub(super) fn highest_exponent(&self, system: &System) -> f64 {
+        let ConvolutionFamily::Bdf { order } = self.family else { return f64::INFINITY };
+        let orders = system.damping.iter().map(|term| term.order).filter(|&beta| beta > 0.0);
+        order as f64 + orders.fold(f64::INFINITY, f64::min)
+    }
+
+    /// Refuses exponents above that.
+    pub(super) fn check_exponents(&self, table: &Table<'_>, system: &System) -> Result<(), InputError> {
+        let highest = self.highest_exponent(system);
+        let Some(value) = table.optional("starting") else { return Ok(()) };
+        match value.list("a list of numbers")?.iter().zip(&self.starting).find(|(_, nu)| **nu > highest) {
+            Some((entry, _)) => Err(entry.out_of_range(format!(
+                "exponents up to {highest}, `convolution.order` plus the lowest `system.damping` order: the starting weights of higher \
+                 ones grow with time; take a higher `convolution.order`, or set `time.allow_unstable = true` to run anyway"
+            ))),
+            None => Ok(()),
+        }
     }
 
     /// The quadrature's name with its parameters, for headings.

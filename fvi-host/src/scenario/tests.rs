@@ -104,6 +104,7 @@ fn mistakes_are_told_with_key_line_value_and_what_is_allowed() {
         ),
         ("[[2.0, 0.5], [0.5, 1.0]]", "[[1.0, 2.0], [2.0, 1.0]]", "system.mass", 4, "not positive definite"),
         ("[[2.0, 0.5], [0.5, 1.0]]", "[2.0, 0.0]", "system.mass", 4, "not positive definite"),
+        ("[[2.0, 0.5], [0.5, 1.0]]", "[2.0, 5e-324]", "system.mass", 4, "not positive definite"),
         ("[[2.0, 0.5], [0.5, 1.0]]", "[2.0, nan]", "system.mass[1]", 4, "not allowed"),
         ("[[2.0, 0.5], [0.5, 1.0]]", "[[2.0, 0.5], [0.5]]", "system.mass[1]", 4, "1 entries instead of 2"),
         ("[[2.0, 0.5], [0.5, 1.0]]", "2.0", "system.mass", 4, "a number instead of a list"),
@@ -162,6 +163,10 @@ fn mistakes_are_told_with_key_line_value_and_what_is_allowed() {
         ("capacity = 64", "capacity = 0", "history.capacity", 28, "not allowed"),
         ("capacity = 64", "engine = \"block-fft\"", "history.overflow", 29, "go together"),
         ("capacity = 64", "engine = \"fast\"", "history.engine", 28, "not allowed"),
+        ("overflow = \"forget\"", "horizon = 400", "history.horizon", 29, "go together"),
+        ("capacity = 64\noverflow = \"forget\"", "tolerance = 1e-15", "history.tolerance", 28, "not allowed"),
+        // 301 samples
+        ("capacity = 64\noverflow = \"forget\"", "horizon = 300", "history.horizon", 28, "not allowed"),
         ("every = 10", "every = 0", "output.every", 31, "not allowed"),
         ("period = 0.2", "", "input", 32, "`period` is missing"),
         ("[0.0, 2.0]]", "2.0]", "input.samples[1]", 34, "one number instead of a row"),
@@ -189,7 +194,7 @@ fn an_expression_error_points_at_the_character() {
 fn a_misspelt_key_is_answered_with_the_right_one() {
     let error = read(&GOOD.replacen("capacity", "capcity", 1)).unwrap_err();
     let help = miette::Diagnostic::help(&error).unwrap().to_string();
-    assert_eq!(help, "did you mean `capacity`? Keys here: engine, tolerance, capacity, overflow");
+    assert_eq!(help, "did you mean `capacity`? Keys here: engine, tolerance, horizon, capacity, overflow");
 }
 
 #[test]
@@ -208,15 +213,15 @@ fn an_end_is_a_whole_number_of_steps_up_to_rounding() {
     // An end within the first step is not an end at its beginning.
     let error = steps("1.0", "1e-10").unwrap_err();
     assert!(error.to_string().contains("time.end = 1e-10: not allowed"), "{error}");
-    assert_eq!(error.problem().allowed().unwrap(), "allowed: a whole number of steps of 1, such as 0 or 1");
+    let allowed = "allowed: a whole number of steps of 1, such as 0 or 1; or give `steps` instead";
+    assert_eq!(error.problem().allowed().unwrap(), allowed);
 }
 
 #[test]
 fn where_no_step_is_stable_no_step_is_named() {
-    let unstable = |largest_step| Problem::Unstable { largest_step };
-    assert_eq!(unstable(1.78e-308).to_string(), "unstable: no step, however short, is stable");
-    assert!(!unstable(1.78e-308).allowed().unwrap().contains("shorter"));
-    assert_eq!(unstable(0.25).to_string(), "unstable: the largest stable step is about 2.50e-1");
+    let unstable = |largest_step| Problem::Unstable { largest_step, advice: String::new() };
+    assert_eq!(unstable(None).to_string(), "unstable: motions grow at every shorter step too");
+    assert_eq!(unstable(Some(0.25)).to_string(), "unstable: the largest stable step is about 2.50e-1");
 }
 
 #[test]
@@ -275,4 +280,170 @@ fn a_galerkin_scheme_takes_its_quadrature_from_where_it_is_given() {
     assert!(
         error.to_string().contains("convolution.stages = 2: does not go together with `scheme.degree` = 3")
     );
+}
+
+/// The good scenario with one passage replaced and a table file at hand.
+fn with_table(passage: &str, replacement: &str, table: &str) -> Result<Scenario, InputError> {
+    assert!(GOOD.contains(passage), "{passage}");
+    let text = GOOD.replacen(passage, replacement, 1);
+    Scenario::from_document(
+        Document::new("test.toml", Path::new(""), &text).with_attached("table.csv", table),
+    )
+}
+
+const INLINE_INPUT: &str = "period = 0.2\nsamples = [[1.0, 0.0], [0.0, 2.0]]";
+const INLINE_REFERENCE: &str = "position = [\"t^2.5\", \"0\"]";
+const TABLE: &str = "file = \"table.csv\"";
+
+#[test]
+fn a_sample_beyond_all_steps_never_acts() {
+    for late in ["1e308", "1.7e308", "31"] {
+        let table = format!("t,u0\n0,1\n{late},5\n");
+        let input = with_table(INLINE_INPUT, TABLE, &table).unwrap().input.unwrap();
+        assert_eq!(input.at_step(0), Some([1.0, 0.0].as_slice()), "{late}");
+        assert_eq!(input.at_step(299), Some([1.0, 0.0].as_slice()), "{late}");
+    }
+    let endless = INLINE_INPUT.replace("0.2", "1.7e308").replace("]]", "], [0.0, 0.0]]");
+    let error = read(&GOOD.replacen(INLINE_INPUT, &endless, 1)).unwrap_err();
+    assert_eq!(error.key(), "input.period");
+}
+
+#[test]
+fn a_reference_that_nothing_can_be_compared_with_is_refused() {
+    for (expressions, key) in [
+        (r#"position = ["sqrt(-1 - t)", "0"]"#, "reference.position[0]"),
+        (r#"position = ["0", "1e308*10^(1 + t)"]"#, "reference.position[1]"),
+        (r#"momentum = ["log(-t)", "0"]"#, "reference.momentum[0]"),
+        (r#"energy = "log(t - 40)""#, "reference.energy"),
+    ] {
+        let (found, line, text) = refused(INLINE_REFERENCE, expressions);
+        assert_eq!((found.as_str(), line), (key, 36), "{text}");
+        assert!(text.contains("the reference is not finite at any of the 301 grid points"), "{text}");
+    }
+    for (table, told) in [
+        ("t\n0\n1\n", "line 1: there is no column beside t; columns after t: q0, q1, p0, p1, energy"),
+        ("t,q0\n0.05,1\n31,1\n", "none of its times is a grid point k·0.1, k = 0…300"),
+    ] {
+        let text = with_table(INLINE_REFERENCE, TABLE, table).unwrap_err().to_string();
+        assert!(text.contains(told), "{text}");
+    }
+    let text = with_table(INLINE_INPUT, TABLE, "t\n0\n").unwrap_err().to_string();
+    assert!(text.contains("there is no column beside t"), "{text}");
+}
+
+#[test]
+fn values_that_are_not_finite_and_times_off_the_grid_are_counted() {
+    let scenario = read(&GOOD.replacen("\"t^2.5\", \"0\"", "\"1/t\", \"log(t - 1)\"", 1)).unwrap();
+    let undefined = |index| scenario.reference.as_ref().unwrap().at_step(index, 0.1, 2).unwrap().undefined;
+    assert_eq!((undefined(0), undefined(5), undefined(10), undefined(11)), (2, 1, 1, 0));
+    let rows = "t,q0\n0,1\n0.1,1\n0.15,1\n0.25,1\n30.05,1\n";
+    let warnings = with_table(INLINE_REFERENCE, TABLE, rows).unwrap().warnings();
+    assert!(
+        warnings.iter().any(|warning| warning.contains("2 of its times are not grid points")),
+        "{warnings:?}"
+    );
+}
+
+#[test]
+fn a_tolerance_is_small_and_belongs_to_exponentials_of_plain_weights() {
+    let history = "capacity = 64\noverflow = \"forget\"";
+    let with = |tolerance: &str| GOOD.replacen(history, &format!("tolerance = {tolerance}"), 1);
+    for tolerance in ["1e-15", "1e-6"] {
+        assert_eq!(read(&with(tolerance)).unwrap().history.engine, Some(Engine::ExponentialSum));
+    }
+    for tolerance in ["1e-16", "2e-6", "0.1"] {
+        let error = read(&with(tolerance)).unwrap_err();
+        let help = miette::Diagnostic::help(&error).unwrap().to_string();
+        assert_eq!((error.key(), help.as_str()), ("history.tolerance", "allowed: 1e-15 ≤ tolerance ≤ 1e-6"));
+    }
+    let text = with("1e-8")
+        .replacen("kind = \"low-order\"\nkappa = 0.3", "kind = \"galerkin\"\ndegree = 2", 1)
+        .replacen("family = \"bdf\"\norder = 3", "family = \"radau-iia\"\nstages = 2", 1);
+    assert!(
+        read(&text).unwrap_err().to_string().contains("does not go together with this `convolution.family`")
+    );
+}
+
+#[test]
+fn starting_exponents_whose_weights_grow_are_refused() {
+    // The orders of the good scenario are ½ and 3/2, its formula is of order 3.
+    let with = |exponents: &str| {
+        read(&GOOD.replacen("order = 3", &format!("order = 3\nstarting = {exponents}"), 1)).map(|_| ())
+    };
+    assert!(with("[0.5, 2, 3.5]").is_ok());
+    let error = with("[2, 3.51]").unwrap_err();
+    assert_eq!((error.key(), error.line()), ("convolution.starting[1]", Some(24)));
+    let help = miette::Diagnostic::help(&error).unwrap().to_string();
+    assert!(help.contains("exponents up to 3.5"), "{help}");
+    let allowed = GOOD.replacen("order = 3", "order = 3\nstarting = [3.51]\n", 1);
+    let allowed = read(&allowed.replacen("end = 30.0", "end = 30.0\nallow_unstable = true", 1)).unwrap();
+    assert!(allowed.warnings().iter().any(|warning| warning.contains("above 3.5 grow with time")));
+}
+
+#[test]
+fn a_singular_force_of_the_initial_position_is_warned_of() {
+    let warned = |order: &str, family: &str, position: &str| {
+        let text = GOOD
+            .replacen("order = 1.5", &format!("order = {order}"), 1)
+            .replacen("order = 3", family, 1)
+            .replacen("position = [1.0, 2]", &format!("position = {position}"), 1);
+        read(&text).unwrap().warnings().concat()
+    };
+    assert!(warned("1.5", "order = 1", "[1.0, 2]").contains("damping[1].derivative"));
+    assert!(warned("1.5", "order = 1", "[1.0, 2]").contains("no limit"));
+    assert!(warned("1.0", "order = 2", "[1.0, 2]").contains("differently by each `convolution.order`"));
+    assert!(warned("0.25", "order = 2", "[1.0, 2]").contains("h^0.750"));
+    // The force acts on the difference of the coordinates; with BDF 1 and order 1 it is a linear damper's.
+    for (order, family, position) in
+        [("1.5", "order = 1", "[2.0, 2]"), ("1.0", "order = 1", "[1.0, 2]"), ("0", "order = 2", "[1.0, 2]")]
+    {
+        assert_eq!(warned(order, family, position), "", "{order} {family} {position}");
+    }
+}
+
+#[test]
+fn lobatto_quadrature_has_one_point_more_than_the_degree_up_to_the_highest() {
+    let text = GOOD.replacen(
+        "kind = \"low-order\"\nkappa = 0.3",
+        "kind = \"galerkin\"\ndegree = 6\nquadrature = \"lobatto\"",
+        1,
+    );
+    assert_eq!(read(&text).unwrap().scheme.quadrature(), Some(Quadrature::Lobatto(7)));
+    let text = text.replacen("\"lobatto\"", "\"gauss\"\npoints = 7", 1);
+    assert!(read(&text).unwrap_err().to_string().contains("scheme.points = 7: not allowed"));
+}
+
+#[test]
+fn an_end_that_no_step_reaches_is_refused_with_two_that_are_reached() {
+    let refused = |step: &str, end: &str| {
+        let text = GOOD.replacen("step = 0.1", &format!("step = {step}"), 1);
+        let error = read(&text.replacen("end = 30.0", &format!("end = {end}"), 1)).unwrap_err();
+        miette::Diagnostic::help(&error).unwrap().to_string()
+    };
+    assert!(refused("0.3", "1.0").contains("such as 0.8999999999999999 or 1.2"), "{}", refused("0.3", "1.0"));
+    assert!(refused("1.0", "1e-10").contains("such as 0 or 1"));
+    assert!(refused("1e-10", "1e300").contains("at most 9007199254740992 steps"));
+}
+
+#[test]
+fn long_and_binary_input_is_told_in_short() {
+    let long = "x".repeat(1_000_000);
+    let cell = format!("t,u0\n0,{long}\n");
+    for error in [
+        with_table(INLINE_INPUT, TABLE, &cell).unwrap_err(),
+        with_table(INLINE_INPUT, TABLE, &format!("t,{long}\n0,1\n")).unwrap_err(),
+        read(&GOOD.replacen("title =", &format!("{long} ="), 1)).unwrap_err(),
+        read(&GOOD.replacen("[0.1, 0.2]", &format!("\"{long}\""), 1)).unwrap_err(),
+        read(&GOOD.replacen("k*q0^2", &format!("{long}*q0^2"), 1)).unwrap_err(),
+    ] {
+        assert!(error.to_string().len() < 400, "{}", error.to_string().len());
+        let shown = miette::Diagnostic::source_code(&error).is_some();
+        assert_eq!(shown, error.key().starts_with("input"), "a line that long is not shown");
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("binary.toml");
+    std::fs::write(&path, b"title = \"a\"\n\nb = \xff\n").unwrap();
+    let error = Scenario::read(&path).unwrap_err();
+    assert_eq!(error.line(), Some(3));
+    assert!(error.to_string().contains("not text in UTF-8: line 3, byte 18 of the file"), "{error}");
 }

@@ -2,6 +2,8 @@
 
 use super::document::Table;
 use super::error::{InputError, Problem};
+use super::scheme::ConvolutionFamily;
+use crate::exponential_table::SMALLEST_TOLERANCE;
 use serde::Serialize;
 
 /// Most steps of a run: beyond 2⁵³ their numbers have no exact place among floating-point numbers.
@@ -51,9 +53,13 @@ impl TimeGrid {
             if whole > MOST_STEPS as f64 {
                 return Err(value.out_of_range(format!("at most {MOST_STEPS} steps of {step}")));
             }
-            if (exact - whole).abs() > 1e-9 * whole {
-                let (before, after) = (exact.floor() * step, exact.ceil() * step);
-                let allowed = format!("a whole number of steps of {step}, such as {before} or {after}");
+            let off_grid = (exact - whole).abs() > 1e-9 * whole.max(1.0);
+            if off_grid || (whole == 0.0 && end > 0.0) {
+                let (before, after) = (exact.floor() * step, (exact.floor() + 1.0) * step);
+                // Far out, neighbouring grid times are one number.
+                let examples =
+                    if before < after { format!(", such as {before} or {after}") } else { String::new() };
+                let allowed = format!("a whole number of steps of {step}{examples}; or give `steps` instead");
                 return Err(value.out_of_range(allowed));
             }
             whole as usize
@@ -80,10 +86,26 @@ impl TimeGrid {
         self.step * index as f64
     }
 
+    /// The index of a time that differs from a grid time by rounding only.
+    pub(super) fn index_of(&self, time: f64) -> Option<usize> {
+        let index = (time / self.step).round();
+        if !(index >= 0.0 && index <= self.steps as f64) {
+            return None;
+        }
+        let index = index as usize;
+        let grid_time = self.time(index);
+        ((time - grid_time).abs() <= same_time(grid_time, self.step)).then_some(index)
+    }
+
     /// The last time.
     pub fn end(&self) -> f64 {
         self.time(self.steps)
     }
+}
+
+/// How far a time may be from the grid time `time` to be the same but for rounding.
+pub(super) fn same_time(time: f64, step: f64) -> f64 {
+    f64::max(1e-9 * step, 4.0 * f64::EPSILON * time)
 }
 
 /// A memory engine.
@@ -96,17 +118,20 @@ pub enum Engine {
     BlockFft,
     /// Block transforms spread evenly over the steps.
     RealTime,
-    /// A short head and decaying exponentials.
+    /// A short head and decaying exponentials, in chunks and vector code.
     ExponentialSum,
+    /// The same by the core's own memory, a sample at a time: what firmware runs, with its bits.
+    ExponentialSumCore,
 }
 
 impl Engine {
     /// The engines with their names in files and on the command line.
-    pub const NAMES: [(&'static str, Self); 4] = [
+    pub const NAMES: [(&'static str, Self); 5] = [
         ("direct", Self::Direct),
         ("block-fft", Self::BlockFft),
         ("real-time", Self::RealTime),
         ("exponential-sum", Self::ExponentialSum),
+        ("exponential-sum-core", Self::ExponentialSumCore),
     ];
 
     /// The name in files and on the command line.
@@ -116,6 +141,7 @@ impl Engine {
             Self::BlockFft => "block-fft",
             Self::RealTime => "real-time",
             Self::ExponentialSum => "exponential-sum",
+            Self::ExponentialSumCore => "exponential-sum-core",
         }
     }
 }
@@ -131,6 +157,9 @@ pub enum Overflow {
     Forget,
 }
 
+/// Largest tolerance of the exponential sum, see `scenarios/README.md`.
+const LARGEST_TOLERANCE: f64 = 1e-6;
+
 /// The memory engine and its settings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct History {
@@ -140,6 +169,9 @@ pub struct History {
     /// Relative error of each weight of the exponential sum; absent: rounding.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tolerance: Option<f64>,
+    /// Largest lag of the table of exponentials; absent: that of the run. A table of firmware reaches further.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub horizon: Option<usize>,
     /// Samples that the direct engine keeps; absent: all.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub capacity: Option<usize>,
@@ -155,16 +187,20 @@ impl History {
         }
     }
 
-    pub(super) fn read(table: &Table<'_>) -> Result<Self, InputError> {
-        table.allow(&["engine", "tolerance", "capacity", "overflow"])?;
+    pub(super) fn read(
+        table: &Table<'_>,
+        family: ConvolutionFamily,
+        time: &TimeGrid,
+    ) -> Result<Self, InputError> {
+        table.allow(&["engine", "tolerance", "horizon", "capacity", "overflow"])?;
         let mut engine = table.optional("engine").map(|value| value.choice(&Engine::NAMES)).transpose()?;
-        for (key, owner) in [
-            ("capacity", Engine::Direct),
-            ("overflow", Engine::Direct),
-            ("tolerance", Engine::ExponentialSum),
-        ] {
-            let Some(value) = table.optional(key) else { continue };
-            if *engine.get_or_insert(owner) != owner {
+        let (ring, exponentials) =
+            ([Engine::Direct].as_slice(), [Engine::ExponentialSum, Engine::ExponentialSumCore].as_slice());
+        for (key, owners) in
+            [("capacity", ring), ("overflow", ring), ("tolerance", exponentials), ("horizon", exponentials)]
+        {
+            let (Some(value), Some(&owner)) = (table.optional(key), owners.first()) else { continue };
+            if !owners.contains(engine.get_or_insert(owner)) {
                 return Err(value.key_error(Problem::Incompatible {
                     with: "this `history.engine`".to_owned(),
                     allowed: format!("`{key}` belongs to the engine \"{}\"", owner.name()),
@@ -174,13 +210,23 @@ impl History {
         let tolerance = match table.optional("tolerance") {
             Some(value) => {
                 let tolerance = value.number()?;
-                if !(1e-16..=0.1).contains(&tolerance) {
-                    return Err(value.out_of_range("1e-16 ≤ tolerance ≤ 0.1"));
+                if !(SMALLEST_TOLERANCE..=LARGEST_TOLERANCE).contains(&tolerance) {
+                    let allowed = format!("{SMALLEST_TOLERANCE:e} ≤ tolerance ≤ {LARGEST_TOLERANCE:e}");
+                    return Err(value.out_of_range(allowed));
+                }
+                if !matches!(family, ConvolutionFamily::Bdf { .. }) {
+                    return Err(value.error(Problem::Incompatible {
+                        with: "this `convolution.family`".to_owned(),
+                        allowed: "only with \"bdf\"; the exponentials of Runge–Kutta quadrature are exact to rounding"
+                            .to_owned(),
+                    }));
                 }
                 Some(tolerance)
             }
             None => None,
         };
+        let samples = time.steps.saturating_add(1);
+        let horizon = table.optional("horizon").map(|value| value.whole(samples..=usize::MAX)).transpose()?;
         let capacity = table.optional("capacity").map(|value| value.whole(1..=usize::MAX)).transpose()?;
         let overflow = match table.optional("overflow") {
             Some(value) => {
@@ -193,7 +239,7 @@ impl History {
             }
             None => Overflow::Stop,
         };
-        Ok(Self { engine, tolerance, capacity, overflow })
+        Ok(Self { engine, tolerance, horizon, capacity, overflow })
     }
 }
 

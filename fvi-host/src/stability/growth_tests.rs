@@ -71,7 +71,8 @@ const KINDS: usize = 31;
 
 fn case(kind: usize, p: usize, kappa: f64) -> Case {
     let order = BdfOrder::new(p).unwrap();
-    let form = if kind % 2 == 0 { DampingForm::MainNodes { order } } else { DampingForm::Nodes { order } };
+    let form =
+        if kind.is_multiple_of(2) { DampingForm::MainNodes { order } } else { DampingForm::Nodes { order } };
     let low = |kappa: f64| {
         let (nodes, weights) = (vec![1.0 - kappa], vec![1.0]);
         let discretisation = Discretisation { degree: 1, nodes, weights, form: form.clone() };
@@ -211,9 +212,9 @@ impl<'a> Motion<'a> {
             if !main {
                 for (term, weights) in system.damping.iter().zip(&self.weights) {
                     for (i, force) in force.iter_mut().enumerate() {
-                        for j in 0..nodes {
+                        for (j, value) in values.iter().enumerate() {
                             let leading = leading(form, weights, nodes, i, j);
-                            let rest = &values[j] - &q * of.values[(j, 0)];
+                            let rest = value - &q * of.values[(j, 0)];
                             *force += &term.coefficients * rest * leading;
                         }
                     }
@@ -237,7 +238,7 @@ impl<'a> Motion<'a> {
             }
             let size = q.norm() + h * p.norm();
             sizes.push(size);
-            if !(size < 1e100) {
+            if size.is_nan() || size >= 1e100 {
                 break;
             }
         }

@@ -24,14 +24,14 @@ pub struct Term {
 }
 
 /// The differential equation O(x) = Σ_i f_i · (d/dt)^i ∘ g_i = 0 of order two, and its embedding by FDEσ: each d/dt becomes
-/// −σ Δ_σ, which gives an equation at k = 2…N for σ = − and k = 0…N−2 for σ = +.
+/// −σ Δ_σ, which gives an equation at k = 2…N for σ = − and k = 0…N−2 for σ = +. See [`Embedding`] for the other one.
 ///
 /// The embedding depends on how the operator is written, not only on the equation. Source: \[BCGI\] Definition 4; its
 /// example, ẍ + ẋ + x = 0, is their eq. NE and NE_h.
 #[derive(Clone, Debug, Serialize)]
-#[serde(transparent)]
 pub struct OperatorEquation {
     terms: Vec<Term>,
+    embedding: Embedding,
     #[serde(skip)]
     compiled: Vec<CompiledTerm>,
     #[serde(skip)]
@@ -43,6 +43,18 @@ pub struct OperatorEquation {
 struct CompiledTerm {
     factor: Option<CompiledFunction<f64>>,
     of: Vec<CompiledFunction<f64>>,
+}
+
+/// What a second derivative becomes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Embedding {
+    /// d/dt ∘ d/dt becomes Δ_σ ∘ Δ_σ, with both differences to the same side: \[BCGI\] Definition 4.
+    #[default]
+    Symmetric,
+    /// d/dt ∘ d/dt becomes −Δ_{−σ} ∘ Δ_σ, the central second difference, the equation at k = 1…N−1; with it an equation of
+    /// Euler and Lagrange gives the variational integrator's: \[BCGI\] Proposition 3.
+    Asymmetric,
 }
 
 /// Highest order of a derivative; with it there are as many equations as points between the ends.
@@ -66,8 +78,15 @@ impl OperatorEquation {
                 factor: term.factor.as_ref().map(compile),
                 of: term.of.iter().map(compile).collect(),
             };
-            Self { compiled: terms.iter().map(both).collect(), terms, coordinates }
+            let compiled = terms.iter().map(both).collect();
+            Self { compiled, terms, embedding: Embedding::default(), coordinates }
         })
+    }
+
+    /// The equation with another embedding than the symmetric one.
+    pub fn with_embedding(mut self, embedding: Embedding) -> Self {
+        self.embedding = embedding;
+        self
     }
 
     /// The left sides of the embedded equations for the positions at the points 0…N, N − 1 points of d numbers.
@@ -77,8 +96,10 @@ impl OperatorEquation {
         for term in &self.terms {
             for (place, value) in sum.iter_mut().enumerate() {
                 let (equation, i) = (place / d + 1, place % d);
-                let points = stencil_points(sigma, equation);
-                let inner: f64 = stencil(sigma, term.order, grid.step())
+                let points = self.embedding.points(sigma, equation);
+                let inner: f64 = self
+                    .embedding
+                    .stencil(sigma, term.order, grid.step())
                     .iter()
                     .zip(points)
                     .filter(|(coefficient, _)| **coefficient != 0.0)
@@ -97,22 +118,27 @@ impl OperatorEquation {
     }
 }
 
-/// The points k, k ∓ 1, k ∓ 2 of the equation that is counted as the `equation`-th of 1…N−1: k, the point where the equation
-/// holds, is such that the three surround the point with that number.
-fn stencil_points(sigma: Sigma, equation: usize) -> [usize; 3] {
-    match sigma {
-        Sigma::Minus => [equation + 1, equation, equation - 1],
-        Sigma::Plus => [equation - 1, equation, equation + 1],
+impl Embedding {
+    /// The point k where the equation holds and the two others that it meets, of the equation that is counted as the
+    /// `equation`-th of 1…N−1: the three surround the point with that number.
+    fn points(self, sigma: Sigma, equation: usize) -> [usize; 3] {
+        match (self, sigma) {
+            (Self::Symmetric, Sigma::Minus) => [equation + 1, equation, equation - 1],
+            (Self::Symmetric, Sigma::Plus) => [equation - 1, equation, equation + 1],
+            (Self::Asymmetric, Sigma::Minus) => [equation, equation - 1, equation + 1],
+            (Self::Asymmetric, Sigma::Plus) => [equation, equation + 1, equation - 1],
+        }
     }
-}
 
-/// Coefficients of (−σ Δ_σ)^order at those points.
-fn stencil(sigma: Sigma, order: usize, step: f64) -> [f64; 3] {
-    let sign = sigma.derivative_sign();
-    match order {
-        0 => [1.0, 0.0, 0.0],
-        1 => [sign / step, -sign / step, 0.0],
-        _ => [1.0, -2.0, 1.0].map(|coefficient| coefficient / (step * step)),
+    /// Coefficients of the derivative of an order at those points.
+    fn stencil(self, sigma: Sigma, order: usize, step: f64) -> [f64; 3] {
+        let sign = sigma.derivative_sign();
+        match (order, self) {
+            (0, _) => [1.0, 0.0, 0.0],
+            (1, _) => [sign / step, -sign / step, 0.0],
+            (_, Self::Symmetric) => [1.0, -2.0, 1.0].map(|coefficient| coefficient / (step * step)),
+            (_, Self::Asymmetric) => [-2.0, 1.0, 1.0].map(|coefficient| coefficient / (step * step)),
+        }
     }
 }
 
@@ -201,7 +227,11 @@ impl<'a> EmbeddedProblem<'a> {
             residual: residual.iter().fold(0.0, |a: f64, b| a.max(b.abs())),
             rounding_level: f64::EPSILON * equations.largest_term,
         };
-        if iterate.converged { Ok(solution) } else { Err(NotConverged { best: Box::new(solution) }) }
+        if iterate.converged && solution.is_finite() {
+            Ok(solution)
+        } else {
+            Err(NotConverged { best: Box::new(solution) })
+        }
     }
 }
 
@@ -225,12 +255,12 @@ impl Tridiagonal<'_> {
     fn row(&self, equation: usize, positions: &[f64]) -> (Row, Vec<f64>) {
         let EmbeddedProblem { equation: operator, grid, sigma, .. } = self.problem;
         let d = operator.coordinates;
-        let points = stencil_points(*sigma, equation);
+        let points = operator.embedding.points(*sigma, equation);
         let first = equation - 1;
         let mut row = Row([(); 3].map(|()| DMatrix::zeros(d, d)));
         let mut sizes = vec![0.0; d];
         for (term, compiled) in operator.terms.iter().zip(&operator.compiled) {
-            let coefficients = stencil(*sigma, term.order, grid.step());
+            let coefficients = operator.embedding.stencil(*sigma, term.order, grid.step());
             let (factor, factor_slope) = match &compiled.factor {
                 Some(factor) => {
                     value_and_gradient(factor, grid.time(points[0]), point(positions, points[0], d))

@@ -122,7 +122,17 @@ pub struct Solution {
     pub rounding_level: f64,
 }
 
-/// Newton's method found no extremal.
+impl Solution {
+    /// Whether all its numbers are finite: where one is not, because something between input and result overflows, there is no
+    /// solution to speak of.
+    pub(super) fn is_finite(&self) -> bool {
+        let numbers = self.positions.iter().chain(&self.velocities).chain(&self.history).chain(&self.value);
+        let measures = [self.relative_residual, self.residual, self.rounding_level];
+        numbers.chain(&measures).all(|number| number.is_finite())
+    }
+}
+
+/// Newton's method found no extremal, or one with numbers that are not finite.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error(
     "no convergence: after {} Newton steps the relative residual is {:.1e}",
@@ -319,7 +329,11 @@ impl<'a> ExtremalProblem<'a> {
         let (positions, velocities) = equations.trajectory(&iterate.unknowns);
         let converged = iterate.converged;
         let extremal = self.report(iterate, positions, velocities);
-        if converged { Ok(extremal) } else { Err(NotConverged { best: Box::new(extremal) }) }
+        if converged && extremal.is_finite() {
+            Ok(extremal)
+        } else {
+            Err(NotConverged { best: Box::new(extremal) })
+        }
     }
 
     fn report(&self, iterate: Iterate, positions: Vec<f64>, velocities: Vec<f64>) -> Solution {

@@ -64,11 +64,18 @@ pub struct GridError {
     pub steps: usize,
     /// Grid points where the reference is known.
     pub compared: usize,
+    /// Grid points where it is infinite or not a number: nothing is compared there.
+    #[serde(skip_serializing_if = "none")]
+    pub undefined: usize,
     /// Largest error of a position there.
     pub largest: f64,
     /// log₂ of the error of the grid with half as many steps over this one's.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub order: Option<f64>,
+}
+
+fn none(count: &usize) -> bool {
+    *count == 0
 }
 
 /// Why a problem could not be solved or recorded.
@@ -213,7 +220,8 @@ fn grid_errors(file: &ProblemFile, extremal: &Solution) -> Result<Vec<GridError>
         error.order = errors
             .last()
             .filter(|coarser| 2 * coarser.steps == steps && error.largest > 0.0)
-            .map(|coarser| (coarser.largest / error.largest).log2());
+            .map(|coarser| (coarser.largest / error.largest).log2())
+            .filter(|order| order.is_finite());
         errors.push(error);
     }
     Ok(errors)
@@ -221,12 +229,17 @@ fn grid_errors(file: &ProblemFile, extremal: &Solution) -> Result<Vec<GridError>
 
 fn grid_error(file: &ProblemFile, grid: &Grid, positions: &[f64]) -> Option<GridError> {
     let reference = file.reference.as_ref()?;
-    let mut error = GridError { steps: grid.steps(), compared: 0, largest: 0.0, order: None };
+    let mut error = GridError { steps: grid.steps(), compared: 0, undefined: 0, largest: 0.0, order: None };
     for (k, position) in positions.chunks_exact(file.coordinates()).enumerate() {
         if let Some(known) = reference.at(grid.time(k), grid.step()) {
+            if known.iter().any(|exact| !exact.is_finite()) {
+                error.undefined += 1;
+                continue;
+            }
             error.compared += 1;
             for (x, exact) in position.iter().zip(&known) {
-                error.largest = error.largest.max((x - exact).abs());
+                // A difference beyond the largest number counts as the largest number.
+                error.largest = error.largest.max((x - exact).abs().min(f64::MAX));
             }
         }
     }
@@ -279,7 +292,7 @@ fn charts(file: &ProblemFile, status: Status, extremal: &Solution) -> Vec<(&'sta
             let mut envelope = Envelope::new();
             for k in 0..=file.grid.steps() {
                 let time = file.grid.time(k);
-                if let Some(known) = reference.at(time, file.grid.step()) {
+                if let Some(known) = reference.at(time, file.grid.step()).filter(|x| x[i].is_finite()) {
                     envelope.push(time, known[i]);
                 }
             }

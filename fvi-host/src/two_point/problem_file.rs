@@ -1,6 +1,6 @@
 //! Problem files of `fvi extremal`: a two-point problem, read and checked.
 
-use super::equation::{EmbeddedProblem, ORDER, OperatorEquation, Term};
+use super::equation::{EmbeddedProblem, Embedding, ORDER, OperatorEquation, Term};
 use super::extremal::{ExtremalProblem, Method, NotConverged, ProblemError, Solution};
 use super::grid::{Grid, Sigma};
 use super::lagrangian::{ExpressionLagrangian, MAX_COORDINATES};
@@ -60,7 +60,8 @@ pub enum Statement {
     /// A differential equation holds, embedded directly.
     Equation {
         /// The sum of its terms is zero.
-        terms: OperatorEquation,
+        #[serde(flatten)]
+        equation: OperatorEquation,
     },
 }
 
@@ -84,7 +85,8 @@ pub enum KnownPositions {
 }
 
 impl KnownPositions {
-    /// The positions at `time` on a grid of step `step`; `None` where nothing is known.
+    /// The positions at `time` on a grid of step `step`, which may be infinite or not a number where they are expressions; `None`
+    /// where a table says nothing.
     pub fn at(&self, time: f64, step: f64) -> Option<Vec<f64>> {
         match self {
             Self::Expressions { position } => {
@@ -106,7 +108,14 @@ impl ProblemFile {
     /// # Errors
     /// The first thing in the file that cannot be used, with its place.
     pub fn read(path: &Path) -> Result<Self, InputError> {
-        let document = Document::read(path)?;
+        Self::from_document(Document::read(path)?)
+    }
+
+    /// Checks a problem that is at hand.
+    ///
+    /// # Errors
+    /// The first thing in the document that cannot be used, with its place.
+    pub fn from_document(document: Document) -> Result<Self, InputError> {
         document.with_root(|root| Self::from_root(&root, &document))
     }
 
@@ -126,7 +135,7 @@ impl ProblemFile {
         check_count(&end_value, count, end.len())?;
 
         let problem = root.required("problem")?.table()?;
-        problem.allow(&["lagrangian", "terms", "parameters", "alpha", "sigma"])?;
+        problem.allow(&["lagrangian", "terms", "embedding", "parameters", "alpha", "sigma"])?;
         let (parameters, timed) =
             read_parameters(problem.optional("parameters"), Symbols::new().with_time())?;
         let statement = Statement::read(&problem, count)?;
@@ -145,7 +154,7 @@ impl ProblemFile {
         };
         let (method, solver) = read_solver(root.optional("solver"), &statement, &grid, count)?;
         let reference = match root.optional("reference") {
-            Some(value) => Some(read_reference(&value.table()?, document, &timed, count)?),
+            Some(value) => Some(read_reference(&value.table()?, document, &timed, &grid, count)?),
             None => None,
         };
         let name = document.name().to_owned();
@@ -228,8 +237,8 @@ impl ProblemFile {
                 }
                 Ok(problem.solve_observed(observe))
             }
-            Statement::Equation { terms } => {
-                let mut problem = EmbeddedProblem::new(terms, grid, self.sigma, &self.start, &self.end)?
+            Statement::Equation { equation } => {
+                let mut problem = EmbeddedProblem::new(equation, grid, self.sigma, &self.start, &self.end)?
                     .with_options(self.solver);
                 if let Some(guess) = guess {
                     problem = problem.with_guess(guess)?;
@@ -255,6 +264,12 @@ impl Statement {
             if !(alpha > 0.0 && alpha <= 1.0) {
                 return Err(alpha_value.out_of_range("an order 0 < α ≤ 1"));
             }
+            if let Some(embedding) = table.optional("embedding") {
+                return Err(embedding.key_error(Problem::Incompatible {
+                    with: "`problem.lagrangian`".to_owned(),
+                    allowed: "`embedding` belongs to `problem.terms`".to_owned(),
+                }));
+            }
             return Ok(Self::Lagrangian { lagrangian, alpha });
         }
         if let Some(alpha) = table.optional("alpha") {
@@ -272,7 +287,13 @@ impl Statement {
             .collect::<Result<_, _>>()?;
         let terms = OperatorEquation::new(terms, count)
             .ok_or_else(|| value.out_of_range("terms whose highest order is 2"))?;
-        Ok(Self::Equation { terms })
+        let embedding = match table.optional("embedding") {
+            Some(value) => {
+                value.choice(&[("symmetric", Embedding::Symmetric), ("asymmetric", Embedding::Asymmetric)])?
+            }
+            None => Embedding::default(),
+        };
+        Ok(Self::Equation { equation: terms.with_embedding(embedding) })
     }
 }
 
@@ -379,12 +400,23 @@ fn read_reference(
     table: &Table<'_>,
     document: &Document,
     symbols: &Symbols,
+    grid: &Grid,
     count: usize,
 ) -> Result<KnownPositions, InputError> {
     table.allow(&["position", "file"])?;
     let (is_position, value) = table.either("position", "file")?;
     if is_position {
-        return Ok(KnownPositions::Expressions { position: expressions(&value, symbols, count)? });
+        let position = expressions(&value, symbols, count)?;
+        let entries = value.list("a list of expressions in quotes")?;
+        for (entry, expression) in entries.iter().zip(&position) {
+            let finite = |k: usize| expression.value::<f64>(Moment::inside(grid.time(k)), &[]).is_finite();
+            // At the ends the position is given: nothing is learned there.
+            if !(1..grid.steps()).any(finite) {
+                let place = "any grid point between the ends".to_owned();
+                return Err(entry.error(Problem::NotFinite { what: "the reference", place }));
+            }
+        }
+        return Ok(KnownPositions::Expressions { position });
     }
     let columns: Vec<String> = (0..count).map(|index| format!("x{index}")).collect();
     let known = NumberTable::read(&value, document, &columns)?;
@@ -396,6 +428,10 @@ fn read_reference(
         return Err(value.error(Problem::Table { file, line: 1, reason }));
     };
     let row = |numbers: &Vec<f64>| [0].iter().chain(&places).map(|&place| numbers[place]).collect();
-    let rows = known.rows.iter().map(row).collect();
-    Ok(KnownPositions::Table { file, rows })
+    let reference = KnownPositions::Table { file: file.clone(), rows: known.rows.iter().map(row).collect() };
+    if !(1..grid.steps()).any(|k| reference.at(grid.time(k), grid.step()).is_some()) {
+        let reason = "none of its times is a grid point between the ends".to_owned();
+        return Err(value.error(Problem::Table { file, line: 2, reason }));
+    }
+    Ok(reference)
 }

@@ -84,7 +84,13 @@ fn starting_weights_take_away_the_error_of_the_quadrature() {
     let plain = numbers(&place, "position_error");
     let orders = numbers(&place, "position_order");
     assert!(orders.iter().all(|order| (order - 1.0).abs() < 0.2), "{orders:?}");
-    converge(&place, &square("starting = [2.0]"), "4..8");
+    let corrected = square("starting = [2.0]");
+    // The weights of t² grow, which does no harm to a solution that is t².
+    let output = converge(&place, &corrected, "4..8");
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).contains("exponents up to 1.5"), "{}", text(&output.stderr));
+    let output = converge(&place, &corrected.replace("[time]", "[time]\nallow_unstable = true"), "4..8");
+    assert!(text(&output.stderr).contains("warning: convolution.starting"), "{}", text(&output.stderr));
     let corrected = numbers(&place, "position_error");
     assert!(corrected[4] < 0.05 * plain[4], "{corrected:?} and {plain:?}");
     let orders = numbers(&place, "position_order");
@@ -137,4 +143,19 @@ fn levels_that_make_no_sense_are_bad_input() {
         assert_eq!(converge(&place, &root_scenario(""), levels).status.code(), Some(2), "{levels}");
     }
     assert!(!place.path("out").exists());
+}
+
+#[test]
+fn known_values_that_no_level_meets_are_bad_input() {
+    let place = Workplace::new();
+    place.write("known.csv", "t,q0\n0.3,1\n");
+    let scenario = root_scenario("").replace("position = [\"t^2.5\"]", "file = \"known.csv\"");
+    let scenario = scenario.replace("step = 0.125", "step = 0.1");
+    let output = converge(&place, &scenario, "4..6");
+    assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
+    assert!(
+        text(&output.stderr).contains("does not go together with `--levels`"),
+        "{}",
+        text(&output.stderr)
+    );
 }

@@ -231,3 +231,91 @@ fn terms_of_an_equation_and_a_lagrangian_exclude_each_other() {
         assert!(message.contains(told), "{told}: {message}");
     }
 }
+
+/// x'' + x = 0 from 0 to 1 over [0, 2].
+const OSCILLATOR: &str = r#"[problem]
+terms = [{ order = 2, of = ["x0"] }, { order = 0, of = ["x0"] }]
+[boundary]
+start = [0.0]
+end = [1.0]
+[interval]
+end = 2.0
+steps = 64
+[reference]
+position = ["sin(t)/sin(2)"]
+"#;
+
+fn solved(problem: &str) -> Written {
+    let place = Workplace::new();
+    place.write("problem.toml", problem);
+    let output = place.fvi(&["extremal", "problem.toml", "--out", "out"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    Written::read(&place.path("out"))
+}
+
+#[test]
+fn the_asymmetric_embedding_of_an_euler_lagrange_equation_gives_the_extremal() {
+    let terms = OSCILLATOR.lines().nth(1).unwrap();
+    let extremal = solved(&OSCILLATOR.replace(terms, "lagrangian = \"0.5*v0^2 - 0.5*x0^2\"\nalpha = 1.0"));
+    let embedded = |key: &str| solved(&OSCILLATOR.replace("[boundary]", &format!("{key}\n[boundary]")));
+    let distance = |a: &Written, b: &Written| {
+        let pairs = a.column("x0").into_iter().zip(b.column("x0"));
+        pairs.fold(0.0, |largest, (a, b)| f64::max(largest, (a.unwrap() - b.unwrap()).abs()))
+    };
+    for sigma in ["-", "+"] {
+        let asymmetric = embedded(&format!("embedding = \"asymmetric\"\nsigma = \"{sigma}\""));
+        assert_eq!(asymmetric.summary["problem"]["embedding"], "asymmetric");
+        assert!(distance(&asymmetric, &extremal) < 1e-12, "{sigma}");
+        assert!((1.95..2.05).contains(&asymmetric.error_and_order().1));
+        let symmetric = embedded(&format!("sigma = \"{sigma}\""));
+        assert!(distance(&symmetric, &extremal) > 1e-3, "{sigma}");
+        assert!((0.95..1.05).contains(&symmetric.error_and_order().1));
+    }
+}
+
+#[test]
+fn a_reference_that_is_not_finite_is_never_an_error_of_zero() {
+    let place = Workplace::new();
+    for (reference, told) in [
+        ("0/0 + sqrt(-1 - t)", "not a finite number"),
+        ("sqrt(-1 - t)", "the reference is not finite at any grid point between the ends"),
+        ("1e308*10^(1 + t)", "the reference is not finite at any grid point between the ends"),
+    ] {
+        place.write("bad.toml", &OSCILLATOR.replace("sin(t)/sin(2)", reference));
+        let output = place.fvi(&["extremal", "bad.toml"]);
+        let message = text(&output.stderr);
+        assert_eq!((output.status.code(), place.files().len()), (Some(2), 1), "{message}");
+        assert!(message.contains("bad.toml:10:") && message.contains(told), "{message}");
+    }
+    place.write("part.toml", &OSCILLATOR.replace("sin(t)", "(t + sqrt(1 - t) - sqrt(1 - t))"));
+    let output = place.fvi(&["extremal", "part.toml", "--out", "out"]);
+    assert!(output.status.success());
+    let message = text(&output.stderr);
+    assert!(message.contains("warning: reference: it is not finite at 32 grid points"), "{message}");
+    let written = Written::read(&place.path("out"));
+    let finest = &written.summary["errors"].as_array().unwrap().last().unwrap().clone();
+    assert_eq!((finest["compared"].as_u64(), finest["undefined"].as_u64()), (Some(33), Some(32)));
+    for (table, told) in [
+        ("t\n0\n1\n", "there is no column beside t"),
+        ("t,x0\n0.01,1\n", "none of its times is a grid point"),
+    ] {
+        place.write("known.csv", table);
+        place
+            .write("bad.toml", &OSCILLATOR.replace("position = [\"sin(t)/sin(2)\"]", "file = \"known.csv\""));
+        let output = place.fvi(&["extremal", "bad.toml"]);
+        assert_eq!(output.status.code(), Some(2));
+        assert!(text(&output.stderr).contains(told), "{}", text(&output.stderr));
+    }
+}
+
+#[test]
+fn an_extremal_whose_functional_overflows_is_none() {
+    let place = Workplace::new();
+    let endless = GOOD.replace("end = 4.0", "end = 1.7e308").replace("steps = 300", "steps = 16");
+    let endless: String =
+        endless.lines().take_while(|line| *line != "[guess]").map(|line| format!("{line}\n")).collect();
+    place.write("endless.toml", &endless.replace("krylov", "dense"));
+    let output = place.fvi(&["extremal", "endless.toml", "--out", "out"]);
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stdout));
+    assert!(text(&output.stderr).contains("no convergence"), "{}", text(&output.stderr));
+}

@@ -72,6 +72,9 @@ fn arguments_outside_their_range_end_with_code_two_and_the_parameter() {
             "weights --exponent 0.5 --order 7",
             "order of the backward differentiation formula = 7 is not allowed",
         ),
+        ("weights --exponent 0.5 --family radau-iia --stages 4", "1, 2 or 3 with the family radau-iia"),
+        ("weights --exponent 0.5 --family lobatto-iiic", "2, 3 or 4 with the family lobatto-iiic"),
+        ("weights --exponent 0.5 --stages 2", "none with the family bdf"),
         ("exponentials --exponent 0.5 --horizon 0", "horizon = 0 is not allowed"),
         ("exponentials --exponent 0.5 --tolerance 1e-17", "tolerance"),
     ] {
@@ -91,4 +94,26 @@ fn a_listing_goes_to_a_file_as_a_whole() {
     assert_eq!(std::fs::read_to_string(path).unwrap(), text(arguments));
     let missing = directory.path().join("missing").join("weights.csv");
     assert_eq!(fvi(&format!("{arguments} --out {}", missing.display())).status.code(), Some(1));
+}
+
+#[test]
+fn matrix_weights_are_listed_entry_by_entry() {
+    // D¹ by Radau IIA of 2 stages, h = ½: W₀ = A⁻¹/h, and W₁ = −A⁻¹1bᵀA⁻¹/h has a zero first column.
+    let table = text("weights --family radau-iia --stages 2 --exponent 1 --step 0.5 --count 3");
+    let mut lines = table.lines();
+    assert_eq!(lines.next(), Some("n,row,column,weight"));
+    let entries: Vec<(String, f64)> = lines
+        .map(|line| line.rsplit_once(',').unwrap())
+        .map(|(place, weight)| (place.to_owned(), weight.parse().unwrap()))
+        .collect();
+    let expected = [3.0, 1.0, -9.0, 5.0, 0.0, -4.0, 0.0, 4.0, 0.0, 0.0, 0.0, 0.0];
+    assert_eq!(entries.len(), 12);
+    for (index, ((place, weight), expected)) in entries.iter().zip(expected).enumerate() {
+        assert_eq!(place, &format!("{},{},{}", index / 4, index / 2 % 2, index % 2));
+        assert!((weight - expected).abs() < 1e-14, "{place}: {weight} {expected}");
+    }
+    let constants =
+        text("weights --family radau-iia --stages 2 --exponent 1 --step 0.5 --count 3 --format c");
+    assert!(constants.contains("entry (i, j) of weight n at (i*2 + j)*3 + n"), "{constants}");
+    assert!(constants.contains("#define FVI_WEIGHTS 12\n"), "{constants}");
 }

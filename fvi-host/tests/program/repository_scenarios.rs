@@ -68,7 +68,7 @@ fn the_pulse_driven_plate_agrees_with_the_exact_solution() {
 }
 
 #[test]
-fn six_hundred_steps_with_radau_quadrature_give_eight_digits() {
+fn six_hundred_steps_with_radau_quadrature_give_eight_digits_of_the_position() {
     let run = run("bagley-torvik-pulse-radau");
     assert_eq!(run.rows.len(), 601);
     assert!(largest_error(&run, "position") < 1e-8);

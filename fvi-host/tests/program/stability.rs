@@ -71,6 +71,8 @@ fn a_run_whose_energy_grows_by_itself_stops_or_warns() {
     place.write("scenario.toml", &pendulum("energy_guard = \"warn\""));
     let output = place.fvi(&["run", "scenario.toml", "--out", "out"]);
     assert!(output.status.success() && text(&output.stderr).contains("warning: the energy has risen"));
+    let summary = std::fs::read_to_string(place.path("out/summary.json")).unwrap();
+    assert!(summary.contains("\"warnings\"") && summary.contains("the energy has risen"));
     let run = place.run(&pendulum("energy_guard = \"off\""), &[]);
-    assert!(run.summary.get("energy_warning").is_none() && run.summary["steps"] == 5000);
+    assert!(run.summary.get("warnings").is_none() && run.summary["steps"] == 5000);
 }

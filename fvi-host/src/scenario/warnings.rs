@@ -1,0 +1,85 @@
+//! What a scenario may ask for although the result will not be what it seems.
+
+use super::Scenario;
+use super::scheme::ConvolutionFamily;
+use super::system::{Damping, Derivative};
+use crate::starting::{TRUSTED_CONDITION, starting_condition};
+
+impl Scenario {
+    /// What whoever runs it should know, a sentence or two each, with the key in front.
+    pub fn warnings(&self) -> Vec<String> {
+        let starting = self.starting_warning();
+        let terms = self.system.damping.iter().enumerate();
+        let singular = terms.filter_map(|(index, term)| self.singular_force_warning(index, term));
+        let growing = self.growing_warning();
+        starting.into_iter().chain(growing).chain(singular).chain(self.off_grid_warning()).collect()
+    }
+
+    /// Starting weights that are not determined by their exponents.
+    fn starting_warning(&self) -> Option<String> {
+        let condition = starting_condition(&self.convolution.starting);
+        (condition > TRUSTED_CONDITION).then(|| {
+            format!(
+                "convolution.starting: the system of the starting weights has condition {condition:.1e}; \
+                 above {TRUSTED_CONDITION:.0e} they are more rounding than weights: take fewer exponents"
+            )
+        })
+    }
+
+    /// Starting weights that grow, of a scenario that allows it.
+    fn growing_warning(&self) -> Option<String> {
+        let highest = self.convolution.highest_exponent(&self.system);
+        self.convolution.starting.iter().any(|&nu| nu > highest).then(|| {
+            format!("convolution.starting: the starting weights of exponents above {highest} grow with time")
+        })
+    }
+
+    /// The Riemann–Liouville derivative of a position that does not start at zero.
+    ///
+    /// It holds q₀ t^(−β)/Γ(1 − β). The sum at the main nodes begins with the first step, without the kick −h ρ w₀ q₀ of t = 0,
+    /// which is of the order h^(1−β); a derivative of order 0 has no singularity, and with β = 1 and BDF 1 the sum is the
+    /// difference quotient (q_k − q_{k−1})/h, right as it stands. The stages of a Runge–Kutta method resolve the kick while it has
+    /// a limit: with Radau IIA the error of q falls like h^(2−β).
+    fn singular_force_warning(&self, index: usize, term: &Damping) -> Option<String> {
+        let force = term.coefficient.times(&self.initial.position);
+        if term.derivative == Derivative::Caputo
+            || term.order == 0.0
+            || force.iter().all(|&entry| entry == 0.0)
+        {
+            return None;
+        }
+        let at_stages = !matches!(self.convolution.family, ConvolutionFamily::Bdf { .. });
+        let linear_damper =
+            term.order == 1.0 && self.convolution.family == (ConvolutionFamily::Bdf { order: 1 });
+        if linear_damper || (at_stages && term.order < 1.0) {
+            return None;
+        }
+        let consequence = if term.order > 1.0 {
+            "has no integral over the first step, so that the motion has no limit as `time.step` goes to 0"
+                .to_owned()
+        } else if term.order == 1.0 && at_stages {
+            "holds the kick −ρ q of a jump to the initial position, which a linear damper does not have"
+                .to_owned()
+        } else if term.order == 1.0 {
+            "is counted differently by each `convolution.order`, at every `time.step`; order 1 gives linear damping"
+                .to_owned()
+        } else {
+            let order = 1.0 - term.order;
+            format!(
+                "is not resolved by the first step: the error falls like h^{order:.3} only; Runge–Kutta quadrature resolves it"
+            )
+        };
+        let beta = term.order;
+        Some(format!(
+            "system.damping[{index}].derivative: with an initial position that is not 0 the Riemann–Liouville derivative of \
+             order {beta} has a singular part q(0) t^-{beta} which {consequence}; derivative = \"caputo\" has none"
+        ))
+    }
+
+    /// A table of known values at times that the run does not meet.
+    fn off_grid_warning(&self) -> Option<String> {
+        let count = self.reference.as_ref()?.off_grid(&self.time);
+        (count > 0)
+            .then(|| format!("reference.file: {count} of its times are not grid points and are not compared"))
+    }
+}

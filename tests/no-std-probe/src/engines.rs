@@ -1,0 +1,157 @@
+//! Weights, memories and operators: every public function, on numbers that the compiler does not know.
+
+use fvi_core::{
+    BdfOrder, ConvolutionWeights, Direct, ExponentialSum, ExponentialTable, FixedDirect, FractionalOperator,
+    Memory, Overflow, Quadrature, Real, Ring, RungeKutta, Start, Tiled, check_channels, leading_bdf_weight,
+    left_operator, monic_bdf_table, monic_bdf_table_f32, right_operator,
+};
+use heapless::Deque;
+
+use crate::HISTORY;
+
+/// What the caller hands in.
+pub struct Unknown<'a, T> {
+    /// A table of [`TABLE`](crate::TABLE) numbers.
+    pub table: &'a [T],
+    pub samples: &'a [T],
+    pub scale: T,
+    pub stages: usize,
+    pub channels: usize,
+}
+
+/// Everything that a memory is asked. Nothing here ends early on what the compiler knows, or it would leave out the rest.
+fn ask<T: Real>(mut memory: impl Memory<T>, samples: &[T]) -> Option<T> {
+    let channels = memory.channels();
+    let grouped = check_channels(channels, memory.stages()).is_ok();
+    let mut term = [T::zero(); 8];
+    let term = term.get_mut(..channels)?;
+    for sample in samples.chunks(channels.max(1)) {
+        memory.next_term(term).ok()?;
+        memory.push(sample).ok()?;
+    }
+    let mut by_reference = &mut memory;
+    Memory::<T>::next_term(&mut by_reference, term).ok()?;
+    let leading = memory.leading().iter().fold(T::zero(), |sum, &weight| sum + weight);
+    let counts = memory.bytes() + memory.len() + usize::from(memory.is_empty()) + usize::from(grouped);
+    memory.clear();
+    Some(term.iter().fold(leading + T::from_count(counts as u64), |sum, &term| sum + term))
+}
+
+type Stages<T> = Deque<T, HISTORY>;
+
+/// Direct memories: plain numbers and matrices, rings in an array and in a slice, full and short.
+fn direct<T: Real>(unknown: &Unknown<'_, T>) -> Option<T> {
+    let &Unknown { table, samples, scale, stages, channels } = unknown;
+    let full = FixedDirect::<T, 2, HISTORY>::full_memory(table, scale).ok()?;
+    let short = FixedDirect::<T, 2, HISTORY>::short_memory(table, scale).ok()?;
+    let mut kept = full.capacity();
+    let mut rings: [Stages<T>; 8] = [const { Deque::new() }; 8];
+    let rings = rings.get_mut(..channels)?;
+    let overflow = if scale > T::zero() { Overflow::Refuse } else { Overflow::Forget };
+    if let Some(ring) = rings.first_mut() {
+        Ring::store(ring, scale);
+        let (newer, older) = Ring::as_slices(ring);
+        let counts = newer.len() + older.len() + Ring::capacity(ring) + Ring::bytes(ring);
+        kept += counts;
+        Ring::clear(ring);
+    }
+    let of_stages = Direct::<T, _, _, Stages<T>>::new(table, stages, scale, rings, overflow).ok()?;
+    let four: [Stages<T>; 4] = [const { Deque::new() }; 4];
+    let in_an_array = Direct::new(table, stages, scale, four, overflow).ok()?;
+    let kept = T::from_count(kept as u64);
+    Some(
+        kept + ask(full, samples)?
+            + ask(short, samples)?
+            + ask(of_stages, samples)?
+            + ask(in_an_array, samples)?,
+    )
+}
+
+fn tiled<T: Real>(unknown: &Unknown<'_, T>) -> Option<T> {
+    let &Unknown { table, samples, scale, .. } = unknown;
+    let one = Tiled::<T, 1, 4>::new(table, scale, Overflow::Forget).ok()?;
+    let two = Tiled::<T, 2, 4>::new(table, scale, Overflow::Refuse).ok()?;
+    Some(ask(one, samples)? + ask(two, samples)?)
+}
+
+/// A memory of exponentials for a table that may have any shape.
+fn exponential_sum<T: Real>(unknown: &Unknown<'_, T>) -> Option<T> {
+    let &Unknown { table, samples, scale, stages, channels } = unknown;
+    let table = ExponentialTable {
+        stages,
+        head: table.get(..8)?,
+        exponentials: table.get(8..24)?,
+        slow_blocks: channels,
+        horizon: HISTORY,
+    };
+    let ones = table.terms::<1>().fold(T::zero(), |sum, term| sum + term.decay + term.output[0]);
+    let twos = table.terms::<2>().fold(ones, |sum, term| sum + term.input[0] + term.input[1]);
+    let mut state = [T::zero(); 256];
+    let state = state.get_mut(..table.state_len(channels))?;
+    let memory = ExponentialSum::new(table, scale, channels, state).ok()?;
+    let slow = T::from_count(memory.table().borrow().slow_blocks as u64);
+    Some(ask(memory, samples)? + twos + slow)
+}
+
+/// Operators on whole sequences and on streams.
+fn operators<T: Real>(unknown: &Unknown<'_, T>) -> Option<T> {
+    let &Unknown { table, samples, scale, channels, .. } = unknown;
+    let mut output = [T::zero(); HISTORY];
+    left_operator(table, samples, output.get_mut(..channels)?);
+    right_operator(table, output.get(..channels)?, &mut [scale; 8]);
+    right_operator(table, samples, output.get_mut(channels..)?);
+    let mut sum = output.iter().fold(T::zero(), |sum, &number| sum + number);
+    for start in [Start::RiemannLiouville, Start::Caputo, Start::CaputoWithRise { rise: scale }] {
+        let memory = FixedDirect::<T, 1, HISTORY>::short_memory(table, scale).ok()?;
+        let mut operator = FractionalOperator::new(memory, start).ok()?;
+        for &sample in samples {
+            sum += operator.push(sample).ok()?;
+        }
+        sum += T::from_count(operator.memory().len() as u64);
+        operator.clear();
+    }
+    Some(sum)
+}
+
+/// All memories and operators.
+pub fn engines<T: Real>(unknown: &Unknown<'_, T>) -> Option<T> {
+    Some(direct(unknown)? + tiled(unknown)? + exponential_sum(unknown)? + operators(unknown)?)
+}
+
+/// Weights of an order, exponent and step size.
+pub fn weights(order: BdfOrder, exponent: f64, step_size: f64) -> Option<f64> {
+    let coefficients = order.coefficients().iter().sum::<f64>();
+    let symbol = order.generating_function(exponent) + order.get() as f64 + coefficients;
+    let leading = leading_bdf_weight(order, exponent, step_size).ok()?;
+    let table: [f64; 16] = monic_bdf_table(order, exponent);
+    let single: [f32; 16] = monic_bdf_table_f32(order, exponent);
+    let next = ConvolutionWeights::bdf(order, exponent, step_size).ok()?.next()?;
+    Some(symbol + leading + table.iter().sum::<f64>() + f64::from(single.iter().sum::<f32>()) + next)
+}
+
+/// Quadratures and Runge–Kutta methods of a number of points.
+fn rules_of<const Q: usize>() -> Option<f64> {
+    let sum = |rule: &Quadrature<Q>| rule.nodes().iter().chain(rule.weights()).sum::<f64>();
+    let gauss = Quadrature::<Q>::gauss().ok()?;
+    let padded = gauss.padded::<6>().ok()?.nodes().iter().sum::<f64>();
+    let lobatto = Quadrature::<Q>::lobatto().map_or(0.0, |rule| sum(&rule));
+    let methods = [RungeKutta::<Q>::radau_iia(), RungeKutta::<Q>::lobatto_iiic()];
+    let methods = methods
+        .iter()
+        .flatten()
+        .map(|method| sum(method.quadrature()) + method.matrix().iter().flatten().sum::<f64>());
+    Some(sum(&gauss) + padded + lobatto + methods.sum::<f64>())
+}
+
+/// The rules of any number of points.
+pub fn rules(points: usize) -> Option<f64> {
+    match points {
+        1 => rules_of::<1>(),
+        2 => rules_of::<2>(),
+        3 => rules_of::<3>(),
+        4 => rules_of::<4>(),
+        5 => rules_of::<5>(),
+        6 => rules_of::<6>(),
+        _ => rules_of::<7>(),
+    }
+}
