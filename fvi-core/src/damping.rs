@@ -2,13 +2,13 @@
 
 use core::fmt;
 
-use crate::error::ParameterError;
+use crate::coefficients::{Coefficients, Fixed};
+use crate::error::{MatrixError, ParameterError};
 use crate::kernel::Kernel;
+use crate::linear::add_multiple;
 use crate::memory::{Memory, MemoryError};
 use crate::real::Real;
-use crate::scheme::Sample;
-use crate::space::{Block, Fixed, Space, add_multiple};
-use crate::system::{Coefficients, MatrixError};
+use crate::space::{Block, Space};
 
 /// On what the fractional derivative acts.
 ///
@@ -20,6 +20,15 @@ pub enum Derivative {
     RiemannLiouville,
     /// On q − q₀ for 0 < β ≤ 1, on q − q₀ − v₀ t for 1 < β < 2, with v₀ = M⁻¹ p₀; on q itself for β = 0.
     Caputo,
+}
+
+/// The sample that a damping stores: R nodes at q_k + e_1, …, q_k + e_R.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample<'a, T> {
+    /// Times of the nodes.
+    pub times: &'a [T],
+    /// e_1, …, e_R, one node after another.
+    pub increments: &'a [T],
 }
 
 /// Damping with memory: anything between no damping and many terms.

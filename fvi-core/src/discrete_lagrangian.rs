@@ -1,10 +1,11 @@
 //! One step of a discrete Lagrangian on polynomials, whatever its degree, its quadrature and the space.
 
-use crate::damping::Damping;
+use crate::damping::{Damping, Sample};
+use crate::linear::add_multiple;
 use crate::newton::{Equations, newton, size};
 use crate::real::{Real, all_finite};
-use crate::scheme::{Sample, Step, StepError, conclude};
-use crate::space::{Block, Space, add_multiple};
+use crate::scheme::{Step, StepError, conclude};
+use crate::space::{Block, Space};
 use crate::system::{Instant, Mechanics};
 
 /// Discrete Lagrangian on polynomials of degree S with a quadrature of Q points, as a view of its numbers.
@@ -392,14 +393,15 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> StepEquations<'
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::coefficients::Coefficients;
+    use crate::coefficients::Fixed;
     use crate::damping::Mismatch;
     use crate::galerkin::Galerkin;
     use crate::memory::MemoryError;
     use crate::newton::{Inverse, StepMatrix};
     use crate::quadrature::Quadrature;
     use crate::runge_kutta::RungeKutta;
-    use crate::space::Fixed;
-    use crate::system::{Coefficients, Force, Mass, Potential, System};
+    use crate::system::{Force, Mass, Potential, System};
     use nalgebra::{SMatrix, SVector, matrix, vector};
 
     struct Coupled;

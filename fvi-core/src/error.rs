@@ -42,3 +42,40 @@ pub(crate) const fn check_step_size(step_size: f64) -> Result<(), ParameterError
         "positive and finite",
     )
 }
+
+/// What is wrong with a matrix of coefficients.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum MatrixError {
+    /// An entry is infinite or not a number.
+    NotFinite,
+    /// Two entries that mirror each other differ.
+    NotSymmetric {
+        /// Row of the entry below the diagonal, from 0.
+        row: usize,
+        /// Its column.
+        column: usize,
+    },
+    /// The matrix must be positive definite and is not.
+    NotPositiveDefinite,
+    /// The matrix must be positive semidefinite and is not.
+    NotPositiveSemidefinite,
+}
+
+impl fmt::Display for MatrixError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotFinite => write!(f, "an entry is not a finite number"),
+            Self::NotSymmetric { row, column } => {
+                write!(
+                    f,
+                    "the matrix is not symmetric: entries ({row}, {column}) and ({column}, {row}) differ"
+                )
+            }
+            Self::NotPositiveDefinite => write!(f, "the matrix is not positive definite"),
+            Self::NotPositiveSemidefinite => write!(f, "the matrix is not positive semidefinite"),
+        }
+    }
+}
+
+impl core::error::Error for MatrixError {}

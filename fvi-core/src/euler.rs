@@ -2,13 +2,13 @@
 
 use nalgebra::SVector;
 
+use crate::coefficients::Fixed;
 use crate::damping::Damping;
 use crate::discrete_lagrangian::{Kept, Workspace};
 use crate::galerkin::{Galerkin, in_place};
 use crate::newton::{Inverse, StepMatrix};
 use crate::real::Real;
 use crate::scheme::{Sampling, Scheme, Step, StepError};
-use crate::space::Fixed;
 use crate::system::Mechanics;
 
 /// Explicit Euler method.

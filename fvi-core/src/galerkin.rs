@@ -2,6 +2,7 @@
 
 use nalgebra::SVector;
 
+use crate::coefficients::Fixed;
 use crate::damping::Damping;
 use crate::discrete_lagrangian::{DiscreteLagrangian, Kept, Workspace};
 use crate::error::ParameterError;
@@ -9,7 +10,6 @@ use crate::newton::{Inverse, StepMatrix};
 use crate::quadrature::{Quadrature, lobatto_half};
 use crate::real::Real;
 use crate::scheme::{Sampling, Scheme, Step, StepError};
-use crate::space::Fixed;
 use crate::system::Mechanics;
 
 /// Discrete Lagrangian on polynomials of degree S with a quadrature of Q points.

@@ -2,12 +2,13 @@
 
 use core::fmt;
 
-use crate::damping::{Damping, Mismatch};
+use crate::coefficients::Fixed;
+use crate::damping::{Damping, Mismatch, Sample};
 use crate::error::{ParameterError, check_step_size};
 use crate::memory::MemoryError;
 use crate::real::{Real, all_finite};
-use crate::scheme::{Sample, Sampling, Scheme, Step, StepError};
-use crate::space::{Block, Fixed, Space};
+use crate::scheme::{Sampling, Scheme, Step, StepError};
+use crate::space::{Block, Space};
 use crate::system::{Force, Mechanics, Potential, System};
 
 /// State of the motion after a number of steps; `V` is a vector of the space.

@@ -8,6 +8,7 @@ pub use {heapless, nalgebra};
 #[cfg(test)]
 extern crate std;
 
+mod coefficients;
 mod damping;
 mod direct;
 mod discrete_lagrangian;
@@ -36,18 +37,20 @@ mod tiled;
 mod weighted_sum;
 mod weights;
 
-pub use damping::{Damping, DampingError, DampingTerm, Derivative, Mismatch};
+pub use coefficients::{Coefficients, Fixed};
+pub use damping::{Damping, DampingError, DampingTerm, Derivative, Mismatch, Sample};
 pub use direct::{Direct, FixedDirect, MAX_STAGES, Overflow, Ring};
 pub use discrete_lagrangian::{DiscreteLagrangian, Kept, Workspace};
 pub use double_double::DoubleDouble;
-pub use error::ParameterError;
+pub use error::{MatrixError, ParameterError};
 pub use euler::{ExplicitEuler, ImplicitEuler};
 pub use exponential_sum::{ExponentialSum, ExponentialTable, ExponentialTerm};
 pub use galerkin::{Galerkin, Tables};
 pub use integrator::{Integrator, IntegratorBuilder, IntegratorError, State};
 pub use kernel::{Kernel, Rule, Symbol};
 pub use linear::{
-    Singular, factor, invert_factored, is_positive_definite_in_place, multiply_columns, solve, substitute,
+    Singular, add_multiple, factor, invert_factored, is_positive_definite_in_place, multiply_columns, solve,
+    substitute,
 };
 pub use memory::{Memory, MemoryError, check_channels};
 pub use newton::{Equations, Inverse, StepMatrix};
@@ -56,12 +59,11 @@ pub use operator::{FractionalOperator, OperatorError, Start, left_operator, righ
 pub use quadrature::{Quadrature, gauss_rule, lobatto_rule};
 pub use real::Real;
 pub use runge_kutta::RungeKutta;
-pub use scheme::{Sample, Sampling, Scheme, Step, StepError, conclude};
-pub use space::{Block, Fixed, Space, add_multiple};
+pub use scheme::{Sampling, Scheme, Step, StepError, conclude};
+pub use space::{Block, Space};
 pub use stability::{ExplicitDamping, Stability, check_stability};
 pub use system::{
-    Approach, Coefficients, Force, Instant, Mass, MatrixError, Mechanics, NoForce, Potential, Quadratic,
-    System, TimeForce,
+    Approach, Force, Instant, Mass, Mechanics, NoForce, Potential, Quadratic, System, TimeForce,
 };
 pub use tiled::Tiled;
 pub use weights::{BdfOrder, ConvolutionWeights, leading_bdf_weight, monic_bdf_table, monic_bdf_table_f32};

@@ -5,7 +5,14 @@
 use nalgebra::SMatrix;
 
 use crate::real::Real;
-use crate::space::add_multiple;
+
+/// target += factor · x, number by number.
+#[inline]
+pub fn add_multiple<T: Real>(target: &mut [T], factor: T, x: &[T]) {
+    for (target, &x) in target.iter_mut().zip(x) {
+        *target += x * factor;
+    }
+}
 
 /// A pivot vanished: the matrix is singular to working precision.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

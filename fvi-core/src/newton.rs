@@ -167,7 +167,7 @@ pub(crate) fn newton<T: Real, B: Block<T>, E: Equations<T, B>>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::system::Coefficients;
+    use crate::coefficients::Coefficients;
 
     fn scalar(guess: f64, f: impl Fn(f64) -> (f64, f64)) -> Result<(f64, u32), StepError> {
         let mut unknown = [guess];

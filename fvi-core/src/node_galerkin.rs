@@ -2,6 +2,7 @@
 
 use nalgebra::SVector;
 
+use crate::coefficients::Fixed;
 use crate::damping::Damping;
 use crate::discrete_lagrangian::{Kept, Workspace};
 use crate::error::ParameterError;
@@ -10,7 +11,6 @@ use crate::newton::{Inverse, StepMatrix};
 use crate::real::Real;
 use crate::runge_kutta::RungeKutta;
 use crate::scheme::{Sampling, Scheme, Step, StepError};
-use crate::space::Fixed;
 use crate::system::Mechanics;
 
 /// Galerkin scheme of degree S whose fractional force acts at its Q quadrature nodes, which the memory stores.

@@ -2,10 +2,11 @@
 
 use core::fmt;
 
-use crate::damping::Damping;
+use crate::damping::{Damping, Sample};
+use crate::linear::add_multiple;
 use crate::memory::MemoryError;
 use crate::real::{Real, all_finite};
-use crate::space::{Space, add_multiple};
+use crate::space::Space;
 use crate::system::Mechanics;
 
 /// The step that is to be made.
@@ -70,15 +71,6 @@ pub trait Scheme<T: Real, X: Space<T>> {
         position: &mut X::Vector,
         momentum: &mut X::Vector,
     ) -> Result<u32, StepError>;
-}
-
-/// The sample that a damping stores: R nodes at q_k + e_1, …, q_k + e_R.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sample<'a, T> {
-    /// Times of the nodes.
-    pub times: &'a [T],
-    /// e_1, …, e_R, one node after another.
-    pub increments: &'a [T],
 }
 
 /// The last part of every step: checks that `rise` = q_{k+1} − q_k and the new momentum are finite, stores the sample and only then moves on.

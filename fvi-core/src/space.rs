@@ -1,13 +1,11 @@
 //! Where the coordinates of a system live: how vectors and matrices are stored.
 
-use nalgebra::SVector;
-
+use crate::error::MatrixError;
 use crate::real::Real;
-use crate::system::{Coefficients, MatrixError};
 
 /// Storage for N coordinates.
 ///
-/// Schemes, damping and the integrator are written once, over slices of N numbers; a space says what holds them. [`Fixed`] keeps
+/// Schemes, damping and the integrator are written once, over slices of N numbers; a space says what holds them. [`Fixed`](crate::Fixed) keeps
 /// everything in place and needs no allocator. A host brings a space whose N is known at run time only.
 pub trait Space<T: Real>: Clone {
     /// N numbers.
@@ -42,41 +40,4 @@ pub trait Block<T: Real> {
     /// # Errors
     /// [`MatrixError`].
     fn check_positive_semidefinite(&self) -> Result<(), MatrixError>;
-}
-
-/// N coordinates, N known at compile time; everything lies in place.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Fixed<const N: usize>;
-
-impl<T: Real, const N: usize> Space<T> for Fixed<N> {
-    type Vector = SVector<T, N>;
-    type Block = Coefficients<T, N>;
-
-    #[inline]
-    fn coordinates(&self) -> usize {
-        N
-    }
-
-    #[inline]
-    fn zeros(&self) -> SVector<T, N> {
-        SVector::zeros()
-    }
-
-    #[inline]
-    fn slice(vector: &SVector<T, N>) -> &[T] {
-        vector.as_slice()
-    }
-
-    #[inline]
-    fn slice_mut(vector: &mut SVector<T, N>) -> &mut [T] {
-        vector.as_mut_slice()
-    }
-}
-
-/// target += factor · x, number by number.
-#[inline]
-pub fn add_multiple<T: Real>(target: &mut [T], factor: T, x: &[T]) {
-    for (target, &x) in target.iter_mut().zip(x) {
-        *target += x * factor;
-    }
 }

@@ -2,12 +2,13 @@
 
 use nalgebra::SMatrix;
 
+use crate::coefficients::Coefficients;
 use crate::error::{ParameterError, check_step_size};
 use crate::galerkin::Galerkin;
 use crate::linear::is_positive_definite_in_place;
 use crate::real::Real;
 use crate::space::Block;
-use crate::system::{Coefficients, Mass};
+use crate::system::Mass;
 use crate::weights::BdfOrder;
 
 /// A damping term as the stability check sees it.

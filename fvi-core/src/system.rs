@@ -1,150 +1,12 @@
 //! The mechanical system: mass, potential, external force.
 
-use core::fmt;
-
 use nalgebra::{SMatrix, SVector};
 
+use crate::coefficients::{Coefficients, Fixed};
+use crate::error::MatrixError;
 use crate::linear::{invert, is_positive_definite};
-use crate::real::{Real, all_finite};
-use crate::space::{Block, Fixed, Space};
-
-/// Symmetric N×N matrix of coefficients, kept diagonal where it is.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Coefficients<T, const N: usize> {
-    /// Diagonal entries.
-    Diagonal(SVector<T, N>),
-    /// All entries.
-    Dense(SMatrix<T, N, N>),
-}
-
-impl<T: Real, const N: usize> Coefficients<T, N> {
-    /// Product with a vector.
-    #[inline]
-    pub fn multiply(&self, vector: &SVector<T, N>) -> SVector<T, N> {
-        match self {
-            Self::Diagonal(diagonal) => diagonal.component_mul(vector),
-            Self::Dense(matrix) => matrix * vector,
-        }
-    }
-
-    /// The matrix with all its entries.
-    #[inline]
-    pub fn to_matrix(&self) -> SMatrix<T, N, N> {
-        match self {
-            Self::Diagonal(diagonal) => SMatrix::from_diagonal(diagonal),
-            Self::Dense(matrix) => *matrix,
-        }
-    }
-
-    /// Checks that the entries are finite and the matrix symmetric to rounding.
-    fn check_symmetric(&self) -> Result<(), MatrixError> {
-        let matrix = self.to_matrix();
-        if !all_finite(matrix.as_slice()) {
-            return Err(MatrixError::NotFinite);
-        }
-        for row in 0..N {
-            for column in 0..row {
-                let (lower, upper) = (matrix[(row, column)], matrix[(column, row)]);
-                if (lower - upper).abs() > T::of(4.0) * T::EPSILON * lower.abs().max(upper.abs()) {
-                    return Err(MatrixError::NotSymmetric { row, column });
-                }
-            }
-        }
-        Ok(())
-    }
-}
-
-impl<T: Real, const N: usize> Block<T> for Coefficients<T, N> {
-    #[inline]
-    fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]) {
-        match self {
-            Self::Diagonal(diagonal) => {
-                for ((out, &entry), &x) in out.iter_mut().zip(diagonal.iter()).zip(x) {
-                    *out += entry * x * factor;
-                }
-            }
-            Self::Dense(matrix) => {
-                for (row, out) in out.iter_mut().enumerate().take(N) {
-                    let entries = matrix.data.0.iter().filter_map(|column| column.get(row));
-                    let sum = entries.zip(x).fold(T::zero(), |sum, (&entry, &x)| sum + entry * x);
-                    *out += sum * factor;
-                }
-            }
-        }
-    }
-
-    #[inline]
-    fn add_to(&self, factor: T, target: &mut [T], width: usize, row: usize, column: usize) {
-        let rows = target.chunks_exact_mut(width.max(1)).skip(row);
-        match self {
-            Self::Diagonal(diagonal) => {
-                for (index, (numbers, &entry)) in rows.zip(diagonal.iter()).enumerate() {
-                    if let Some(place) = numbers.get_mut(column + index) {
-                        *place += entry * factor;
-                    }
-                }
-            }
-            Self::Dense(matrix) => {
-                for (index, numbers) in rows.take(N).enumerate() {
-                    let entries = matrix.data.0.iter().filter_map(|column| column.get(index));
-                    for (place, &entry) in numbers.iter_mut().skip(column).zip(entries) {
-                        *place += entry * factor;
-                    }
-                }
-            }
-        }
-    }
-
-    fn check_positive_semidefinite(&self) -> Result<(), MatrixError> {
-        self.check_symmetric()?;
-        let matrix = self.to_matrix();
-        let lift = matrix.diagonal().amax() * T::EPSILON * T::from_count(64 * N as u64);
-        // An all-zero matrix is semidefinite; elsewhere a lift by rounding makes a semidefinite matrix definite.
-        let zero = matrix.iter().all(|entry| *entry == T::zero());
-        if zero || is_positive_definite(&(matrix + SMatrix::identity() * lift)) {
-            Ok(())
-        } else {
-            Err(MatrixError::NotPositiveSemidefinite)
-        }
-    }
-}
-
-/// What is wrong with a matrix of coefficients.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum MatrixError {
-    /// An entry is infinite or not a number.
-    NotFinite,
-    /// Two entries that mirror each other differ.
-    NotSymmetric {
-        /// Row of the entry below the diagonal, from 0.
-        row: usize,
-        /// Its column.
-        column: usize,
-    },
-    /// The matrix must be positive definite and is not.
-    NotPositiveDefinite,
-    /// The matrix must be positive semidefinite and is not.
-    NotPositiveSemidefinite,
-}
-
-impl fmt::Display for MatrixError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::NotFinite => write!(f, "an entry is not a finite number"),
-            Self::NotSymmetric { row, column } => {
-                write!(
-                    f,
-                    "the matrix is not symmetric: entries ({row}, {column}) and ({column}, {row}) differ"
-                )
-            }
-            Self::NotPositiveDefinite => write!(f, "the matrix is not positive definite"),
-            Self::NotPositiveSemidefinite => write!(f, "the matrix is not positive semidefinite"),
-        }
-    }
-}
-
-impl core::error::Error for MatrixError {}
+use crate::real::Real;
+use crate::space::{Block, Space};
 
 /// Mass matrix M of the kinetic energy ½ vᵀ M v: symmetric and positive definite, diagonal or dense.
 ///
@@ -480,17 +342,6 @@ mod tests {
         let mass = Mass::dense(matrix![2.0, 1.0; 1.0, 3.0]).unwrap();
         let velocity = vector![0.3, -0.7];
         assert!((mass.velocity(&mass.momentum(&velocity)) - velocity).norm() < 1e-15);
-    }
-
-    #[test]
-    fn damping_may_act_on_some_directions_only() {
-        let rank_one = Coefficients::Dense(matrix![1.0, -1.0; -1.0, 1.0]);
-        assert_eq!(rank_one.check_positive_semidefinite(), Ok(()));
-        assert_eq!(Coefficients::Diagonal(vector![0.0, 0.0]).check_positive_semidefinite(), Ok(()));
-        let negative = Coefficients::Diagonal(vector![1.0, -1e-3]);
-        assert_eq!(negative.check_positive_semidefinite(), Err(MatrixError::NotPositiveSemidefinite));
-        let no_diagonal = Coefficients::Dense(matrix![0.0, 1.0; 1.0, 0.0]);
-        assert_eq!(no_diagonal.check_positive_semidefinite(), Err(MatrixError::NotPositiveSemidefinite));
     }
 
     #[test]

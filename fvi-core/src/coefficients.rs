@@ -1,0 +1,155 @@
+//! Matrices and vectors of N coordinates in place.
+
+use nalgebra::{SMatrix, SVector};
+
+use crate::error::MatrixError;
+use crate::linear::is_positive_definite;
+use crate::real::{Real, all_finite};
+use crate::space::{Block, Space};
+
+/// N coordinates, N known at compile time; everything lies in place.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Fixed<const N: usize>;
+
+impl<T: Real, const N: usize> Space<T> for Fixed<N> {
+    type Vector = SVector<T, N>;
+    type Block = Coefficients<T, N>;
+
+    #[inline]
+    fn coordinates(&self) -> usize {
+        N
+    }
+
+    #[inline]
+    fn zeros(&self) -> SVector<T, N> {
+        SVector::zeros()
+    }
+
+    #[inline]
+    fn slice(vector: &SVector<T, N>) -> &[T] {
+        vector.as_slice()
+    }
+
+    #[inline]
+    fn slice_mut(vector: &mut SVector<T, N>) -> &mut [T] {
+        vector.as_mut_slice()
+    }
+}
+
+/// Symmetric N×N matrix of coefficients, kept diagonal where it is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Coefficients<T, const N: usize> {
+    /// Diagonal entries.
+    Diagonal(SVector<T, N>),
+    /// All entries.
+    Dense(SMatrix<T, N, N>),
+}
+
+impl<T: Real, const N: usize> Coefficients<T, N> {
+    /// Product with a vector.
+    #[inline]
+    pub fn multiply(&self, vector: &SVector<T, N>) -> SVector<T, N> {
+        match self {
+            Self::Diagonal(diagonal) => diagonal.component_mul(vector),
+            Self::Dense(matrix) => matrix * vector,
+        }
+    }
+
+    /// The matrix with all its entries.
+    #[inline]
+    pub fn to_matrix(&self) -> SMatrix<T, N, N> {
+        match self {
+            Self::Diagonal(diagonal) => SMatrix::from_diagonal(diagonal),
+            Self::Dense(matrix) => *matrix,
+        }
+    }
+
+    /// Checks that the entries are finite and the matrix symmetric to rounding.
+    pub(crate) fn check_symmetric(&self) -> Result<(), MatrixError> {
+        let matrix = self.to_matrix();
+        if !all_finite(matrix.as_slice()) {
+            return Err(MatrixError::NotFinite);
+        }
+        for row in 0..N {
+            for column in 0..row {
+                let (lower, upper) = (matrix[(row, column)], matrix[(column, row)]);
+                if (lower - upper).abs() > T::of(4.0) * T::EPSILON * lower.abs().max(upper.abs()) {
+                    return Err(MatrixError::NotSymmetric { row, column });
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl<T: Real, const N: usize> Block<T> for Coefficients<T, N> {
+    #[inline]
+    fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]) {
+        match self {
+            Self::Diagonal(diagonal) => {
+                for ((out, &entry), &x) in out.iter_mut().zip(diagonal.iter()).zip(x) {
+                    *out += entry * x * factor;
+                }
+            }
+            Self::Dense(matrix) => {
+                for (row, out) in out.iter_mut().enumerate().take(N) {
+                    let entries = matrix.data.0.iter().filter_map(|column| column.get(row));
+                    let sum = entries.zip(x).fold(T::zero(), |sum, (&entry, &x)| sum + entry * x);
+                    *out += sum * factor;
+                }
+            }
+        }
+    }
+
+    #[inline]
+    fn add_to(&self, factor: T, target: &mut [T], width: usize, row: usize, column: usize) {
+        let rows = target.chunks_exact_mut(width.max(1)).skip(row);
+        match self {
+            Self::Diagonal(diagonal) => {
+                for (index, (numbers, &entry)) in rows.zip(diagonal.iter()).enumerate() {
+                    if let Some(place) = numbers.get_mut(column + index) {
+                        *place += entry * factor;
+                    }
+                }
+            }
+            Self::Dense(matrix) => {
+                for (index, numbers) in rows.take(N).enumerate() {
+                    let entries = matrix.data.0.iter().filter_map(|column| column.get(index));
+                    for (place, &entry) in numbers.iter_mut().skip(column).zip(entries) {
+                        *place += entry * factor;
+                    }
+                }
+            }
+        }
+    }
+
+    fn check_positive_semidefinite(&self) -> Result<(), MatrixError> {
+        self.check_symmetric()?;
+        let matrix = self.to_matrix();
+        let lift = matrix.diagonal().amax() * T::EPSILON * T::from_count(64 * N as u64);
+        // An all-zero matrix is semidefinite; elsewhere a lift by rounding makes a semidefinite matrix definite.
+        let zero = matrix.iter().all(|entry| *entry == T::zero());
+        if zero || is_positive_definite(&(matrix + SMatrix::identity() * lift)) {
+            Ok(())
+        } else {
+            Err(MatrixError::NotPositiveSemidefinite)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{matrix, vector};
+
+    #[test]
+    fn damping_may_act_on_some_directions_only() {
+        let rank_one = Coefficients::Dense(matrix![1.0, -1.0; -1.0, 1.0]);
+        assert_eq!(rank_one.check_positive_semidefinite(), Ok(()));
+        assert_eq!(Coefficients::Diagonal(vector![0.0, 0.0]).check_positive_semidefinite(), Ok(()));
+        let negative = Coefficients::Diagonal(vector![1.0, -1e-3]);
+        assert_eq!(negative.check_positive_semidefinite(), Err(MatrixError::NotPositiveSemidefinite));
+        let no_diagonal = Coefficients::Dense(matrix![0.0, 1.0; 1.0, 0.0]);
+        assert_eq!(no_diagonal.check_positive_semidefinite(), Err(MatrixError::NotPositiveSemidefinite));
+    }
+}
