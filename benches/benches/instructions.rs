@@ -11,8 +11,8 @@ use fvi_benches::{
 use fvi_core::{BdfOrder, ConvolutionWeights, Damping, Fixed, Memory};
 use fvi_fft::WeightTable;
 use fvi_fft::baseline::OfflineFft;
-use fvi_host::compare_engines::{Contender, Task};
-use fvi_host::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
+use fvi_host::lab::compare_engines::{Contender, Task};
+use fvi_host::numerics::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
 use gungraun::{library_benchmark, library_benchmark_group, main};
 use nalgebra::SVector;
 

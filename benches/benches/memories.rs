@@ -8,7 +8,7 @@ use fvi_benches::noise;
 use fvi_core::{BdfOrder, ConvolutionWeights};
 use fvi_fft::WeightTable;
 use fvi_fft::baseline::{OfflineFft, memory_term};
-use fvi_host::compare_engines::{Contender, Task};
+use fvi_host::lab::compare_engines::{Contender, Task};
 
 fn runs(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("memory");

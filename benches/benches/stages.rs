@@ -8,7 +8,7 @@ use fvi_benches::noise;
 use fvi_core::{BdfOrder, ConvolutionWeights, Memory, RungeKutta};
 use fvi_fft::baseline::memory_term;
 use fvi_fft::{BlockFft, WeightTable};
-use fvi_host::runge_kutta_weights::RungeKuttaWeights;
+use fvi_host::numerics::runge_kutta_weights::RungeKuttaWeights;
 
 const STEPS: usize = 100_000;
 const EXPONENT: f64 = 0.5;

@@ -4,7 +4,7 @@
 //! table shows how fast it is and what it costs in accuracy.
 
 use fvi_core::{BdfOrder, Memory, MemoryError, check_channels};
-use fvi_host::compare_engines::{Comparison, Contender, text_table};
+use fvi_host::lab::compare_engines::{Comparison, Contender, text_table};
 
 /// Samples that are kept one by one.
 const RECENT: usize = 256;

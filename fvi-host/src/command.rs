@@ -12,10 +12,10 @@ mod stop;
 mod terminal;
 pub mod weights;
 
-use crate::files::FileError;
-use crate::output_directory::OutputDirectory;
-use crate::scenario::InputError;
-use crate::visible::visible;
+use crate::language::InputError;
+use crate::language::visible::visible;
+use crate::results::files::FileError;
+use crate::results::output_directory::OutputDirectory;
 use clap::{Parser, Subcommand};
 use miette::{GraphicalReportHandler, GraphicalTheme};
 use std::io::{ErrorKind, IsTerminal};

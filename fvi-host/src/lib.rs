@@ -1,35 +1,26 @@
 //! Fractional variational integrators on the host.
+//!
+//! The modules are layers; each uses those above it in this list only, and a test reads that it does.
+//!
+//! | layer | what it knows |
+//! |---|---|
+//! | [`language`] | documents, expressions, errors that point at a place in a file |
+//! | [`numerics`] | tables of exponentials, weights of Runge–Kutta quadrature, starting weights |
+//! | [`scenario`] | what a scenario says, as plain data |
+//! | [`memory`] | the memory engines of the program |
+//! | [`model`] | systems compiled to programs and matrices, schemes of any shape |
+//! | [`simulation`] | a scenario in motion; its stability and its energy |
+//! | [`results`] | trajectories, summaries, pictures, the files they go to |
+//! | [`lab`] | runs, orders of convergence, comparisons, reproductions, two-point problems |
+//! | [`command`] | the program `fvi` |
 #![forbid(unsafe_code)]
 
-pub mod aligned;
 pub mod command;
-pub mod compare_engines;
-pub mod converge;
-pub mod energy_guard;
-pub mod engine;
-mod excerpt;
-pub mod exponential_table;
-pub mod expression;
-pub mod files;
-pub mod growing_ring;
-pub mod measure;
+pub mod lab;
+pub mod language;
+pub mod memory;
 pub mod model;
-mod not_finite;
-pub mod output_directory;
-pub mod picture;
-pub mod podlubny_matrix;
-pub mod reproduce;
-pub mod room;
-pub mod run;
-mod run_pictures;
-pub mod runge_kutta_weights;
+pub mod numerics;
+pub mod results;
 pub mod scenario;
 pub mod simulation;
-pub mod stability;
-pub mod starting;
-mod starting_defects;
-pub mod tape;
-pub mod trajectory;
-pub mod two_point;
-pub mod vectorised;
-mod visible;

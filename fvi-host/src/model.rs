@@ -3,6 +3,7 @@
 mod mechanics;
 mod scheme;
 mod space;
+pub mod tape;
 
 pub use mechanics::{Model, matrix, vector};
 pub use scheme::{AnyScheme, DampedAt, Room};

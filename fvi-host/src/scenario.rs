@@ -3,11 +3,8 @@
 //! A [`Scenario`] is what the TOML file says after defaults are filled in and every value is checked; it
 //! knows nothing of how it is run. Its serialised form is the record of the inputs as used.
 
-pub(crate) mod document;
-mod error;
 mod initial;
 mod matrix;
-pub(crate) mod number_table;
 mod reference;
 mod sampled_input;
 mod scheme;
@@ -15,8 +12,6 @@ mod system;
 mod time;
 mod warnings;
 
-pub use document::Document;
-pub use error::{InputError, Problem};
 pub use initial::InitialState;
 pub use matrix::SymmetricMatrix;
 pub use reference::{Reference, ReferenceRow, ReferenceSource};
@@ -25,8 +20,9 @@ pub use scheme::{Convolution, ConvolutionFamily, Quadrature, Scheme};
 pub use system::{Damping, Derivative, System};
 pub use time::{Engine, History, MOST_STEPS, OnEnergyGrowth, OutputOptions, Overflow, TimeGrid};
 
-use crate::expression::Moment;
-use document::Table;
+use crate::language::document::{Document, Table};
+use crate::language::expression::Moment;
+use crate::language::{InputError, Problem};
 use serde::Serialize;
 use std::path::Path;
 

@@ -1,10 +1,15 @@
 //! A scenario in motion: the integrator behind a face without type parameters.
 
-use crate::engine::{EngineError, HostMemory, MemoryRequest};
-use crate::expression::Elementary;
+pub mod energy_guard;
+pub(crate) mod not_finite;
+pub mod stability;
+
+use crate::language::error::Cause;
+use crate::language::expression::Elementary;
+use crate::language::{InputError, Problem};
+use crate::memory::{EngineError, HostMemory, MemoryRequest};
 use crate::model::{self, AnyScheme, Dense, Matrix, Model};
-use crate::scenario::{self, ConvolutionFamily, Engine, InputError, Problem, Scenario};
-use crate::stability;
+use crate::scenario::{self, ConvolutionFamily, Engine, Scenario};
 use fvi_core::{
     Damping, DampingTerm, Derivative, Instant, Integrator, IntegratorBuilder, IntegratorError, Mechanics,
     Memory, MemoryError, Mismatch, Sample, StepError,
@@ -186,15 +191,15 @@ fn damping_term<T: Elementary + Scalar>(
     term: &scenario::Damping,
 ) -> Result<DampingTerm<T, Dense, HostMemory<T>>, InputError> {
     let request = memory_request(scenario, nodes, term);
-    let refused = |error| match error {
-        EngineError::Table(_) => {
-            scenario.error_at_first(&["history.tolerance", "history.engine"], Problem::Engine(error))
-        }
-        EngineError::NoRoom { .. } => {
-            scenario.error_at_first(&["history.engine", "time.steps", "time.end"], Problem::Engine(error))
-        }
+    let refused = |error: EngineError| match error {
+        EngineError::Table(_) => scenario
+            .error_at_first(&["history.tolerance", "history.engine"], Problem::Engine(Cause::new(error))),
+        EngineError::NoRoom { .. } => scenario.error_at_first(
+            &["history.engine", "time.steps", "time.end"],
+            Problem::Engine(Cause::new(error)),
+        ),
         EngineError::Parameter(_) => {
-            scenario.error_at(&format!("system.damping[{index}].order"), Problem::Engine(error))
+            scenario.error_at(&format!("system.damping[{index}].order"), Problem::Engine(Cause::new(error)))
         }
     };
     let kernel = request.kernel().map_err(|error| refused(error.into()))?;

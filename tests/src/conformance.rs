@@ -3,8 +3,8 @@
 use fvi_core::{BdfOrder, ConvolutionWeights, Memory, MemoryError, Real, RungeKutta};
 use fvi_fft::Scalar;
 use fvi_fft::baseline::{Signal, memory_term};
-use fvi_host::engine::MemoryRequest;
-use fvi_host::runge_kutta_weights::RungeKuttaWeights;
+use fvi_host::memory::MemoryRequest;
+use fvi_host::numerics::runge_kutta_weights::RungeKuttaWeights;
 use fvi_host::scenario::{Convolution, ConvolutionFamily, Engine, History};
 
 /// A kernel to convolve with.

@@ -3,7 +3,7 @@
 use fvi_core::{Direct, Memory, Overflow, Real, Tiled};
 use fvi_fft::baseline::{Hls, Naive, OfflineFft, Signal, memory_term};
 use fvi_fft::{BlockFft, Pacing, RealTime, Scalar, WeightTable};
-use fvi_host::growing_ring::GrowingRing;
+use fvi_host::numerics::growing_ring::GrowingRing;
 use fvi_host::scenario::Engine;
 use fvi_tests::conformance::{
     Bound, Constructor, TestKernel, agrees_with_the_plain_sum, host_memory, keeps_the_contract, largest_error,

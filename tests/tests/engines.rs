@@ -5,9 +5,10 @@
 use fvi_core::{BdfOrder, ConvolutionWeights, Memory, RungeKutta};
 use fvi_fft::Scalar;
 use fvi_fft::baseline::{Signal, memory_term};
-use fvi_host::engine::MemoryRequest;
-use fvi_host::runge_kutta_weights::RungeKuttaWeights;
-use fvi_host::scenario::{Convolution, ConvolutionFamily, Document, Engine, History, InputError, Scenario};
+use fvi_host::language::{Document, InputError};
+use fvi_host::memory::MemoryRequest;
+use fvi_host::numerics::runge_kutta_weights::RungeKuttaWeights;
+use fvi_host::scenario::{Convolution, ConvolutionFamily, Engine, History, Scenario};
 use fvi_host::simulation::{GridState, Precision, Simulation};
 use fvi_tests::conformance::Bound;
 use nalgebra::{DMatrix, DVector};

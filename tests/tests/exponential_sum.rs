@@ -2,8 +2,8 @@
 
 use fvi_core::{BdfOrder, ConvolutionWeights, ExponentialSum, ExponentialTable, Memory, MemoryError};
 use fvi_fft::{ChunkedExponentialSum, Scalar};
-use fvi_host::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
-use fvi_host::vectorised::Vectorised;
+use fvi_host::numerics::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
+use fvi_host::numerics::vectorised::Vectorised;
 use fvi_tests::reference;
 
 /// Exponents of the quadrature: everywhere in (−1, 2), and near whole numbers.

@@ -5,8 +5,9 @@ use fvi_core::{
     Kernel, Mass, Memory, NoForce, System,
 };
 use fvi_fft::{BlockFft, Pacing, RealTime};
-use fvi_host::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
-use fvi_host::scenario::{Document, Engine, Scenario};
+use fvi_host::language::Document;
+use fvi_host::numerics::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
+use fvi_host::scenario::{Engine, Scenario};
 use fvi_host::simulation::{GridState, Precision, Simulation};
 use fvi_tests::motion::{Pendulum, diagonal};
 use nalgebra::vector;

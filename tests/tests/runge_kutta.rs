@@ -6,8 +6,8 @@ use fvi_core::{
     Approach, Derivative::Caputo, Derivative::RiemannLiouville, Instant, Mass, NodeGalerkin, Quadratic,
     RungeKutta, System, TimeForce,
 };
-use fvi_host::runge_kutta_weights::RungeKuttaWeights;
-use fvi_host::stability::{
+use fvi_host::numerics::runge_kutta_weights::RungeKuttaWeights;
+use fvi_host::simulation::stability::{
     DampingForm, Discretisation, LinearDamping, LinearSystem, Verdict, check_stability,
 };
 use fvi_tests::convergence::observed_order;

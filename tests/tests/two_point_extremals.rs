@@ -2,11 +2,11 @@
 //! grows.
 
 use fvi_core::{BdfOrder, ConvolutionWeights};
-use fvi_host::expression::{Expression, Symbols};
-use fvi_host::two_point::{
+use fvi_host::lab::two_point::{
     Closures, EmbeddedProblem, ExpressionLagrangian, ExtremalProblem, Functional, Grid, Lagrangian, Method,
     NewtonOptions, OperatorEquation, Product, Sigma, Solution, Term,
 };
+use fvi_host::language::expression::{Expression, Symbols};
 use fvi_tests::reference;
 use proptest::prelude::*;
 

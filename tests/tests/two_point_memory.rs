@@ -1,6 +1,6 @@
 //! The matrix-free solver's memory grows like the grid.
 
-use fvi_host::two_point::{Closures, ExtremalProblem, Grid, Method, Sigma};
+use fvi_host::lab::two_point::{Closures, ExtremalProblem, Grid, Method, Sigma};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use std::alloc::System;
 

@@ -1,10 +1,10 @@
 //! `fvi compare-engines`: memory engines side by side.
 
 use super::{CommandError, terminal};
-use crate::compare_engines::{
+use crate::lab::compare_engines::{
     Comparison, ComparisonError, Contender, text_table, write_pictures, write_table,
 };
-use crate::output_directory::OutputDirectory;
+use crate::results::output_directory::OutputDirectory;
 use fvi_core::BdfOrder;
 use std::io::IsTerminal;
 use std::path::PathBuf;

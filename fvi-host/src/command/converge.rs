@@ -2,11 +2,11 @@
 
 use super::progress::Progress;
 use super::{CommandError, default_directory, stop, terminal, warn};
-use crate::converge::{ConvergeError, Grids, converge};
-use crate::files::{write_picture, write_text};
-use crate::output_directory::OutputDirectory;
+use crate::lab::converge::{ConvergeError, Grids, converge};
+use crate::language::visible::visible_line;
+use crate::results::files::{write_picture, write_text};
+use crate::results::output_directory::OutputDirectory;
 use crate::scenario::{Engine, Scenario};
-use crate::visible::visible_line;
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
 

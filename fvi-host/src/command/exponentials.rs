@@ -4,7 +4,7 @@ use super::CommandError;
 use super::listing::{
     ListingFormat, ListingPrecision, check_exponentials, emit, exponentials_listing, parameter_error,
 };
-use crate::exponential_table::{ExponentialKernel, ExponentialKernelError};
+use crate::numerics::exponential_table::{ExponentialKernel, ExponentialKernelError};
 use fvi_core::BdfOrder;
 use std::path::PathBuf;
 

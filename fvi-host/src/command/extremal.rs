@@ -1,9 +1,9 @@
 //! `fvi extremal`: solve a two-point fractional Euler–Lagrange problem.
 
 use super::{CommandError, default_directory, terminal, warn};
-use crate::output_directory::OutputDirectory;
-use crate::two_point::{ExtremalSummary, GridError, OutputError, ProblemFile, Status, solve_and_write};
-use crate::visible::visible_line;
+use crate::lab::two_point::{ExtremalSummary, GridError, OutputError, ProblemFile, Status, solve_and_write};
+use crate::language::visible::visible_line;
+use crate::results::output_directory::OutputDirectory;
 use indicatif::{ProgressBar, ProgressDrawTarget};
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};

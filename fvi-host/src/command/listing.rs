@@ -2,8 +2,8 @@
 
 use super::CommandError;
 use super::terminal::output;
-use crate::exponential_table::ExponentialKernel;
-use crate::files::write_out;
+use crate::numerics::exponential_table::ExponentialKernel;
+use crate::results::files::write_out;
 use fvi_core::{ParameterError, Real};
 use std::fmt::LowerExp;
 use std::io::{self, Write};

@@ -2,10 +2,10 @@
 
 use super::progress::Progress;
 use super::{CommandError, default_directory, stop, terminal, warn};
-use crate::run::{RunEnd, RunError, RunOptions, RunSummary, run};
+use crate::lab::run::{RunEnd, RunError, RunOptions, RunSummary, run};
+use crate::language::visible::visible_line;
 use crate::scenario::{Engine, Scenario};
 use crate::simulation::Precision;
-use crate::visible::visible_line;
 use std::path::{Path, PathBuf};
 
 /// Arguments of `fvi run`.

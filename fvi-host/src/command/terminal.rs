@@ -1,7 +1,7 @@
 //! What the program says, to whoever still listens.
 
 use super::CommandError;
-use crate::visible::visible;
+use crate::language::visible::visible;
 use std::io::{self, ErrorKind, Write};
 
 /// Writes to standard output. A reader that has gone, as in `fvi weights … | head`, is no error; a full device is.

@@ -2,8 +2,8 @@
 
 use super::CommandError;
 use super::listing::{ListingFormat, emit, parameter_error, write_matrix_weights, write_weights};
-use crate::room::require;
-use crate::runge_kutta_weights::RungeKuttaWeights;
+use crate::numerics::runge_kutta_weights::RungeKuttaWeights;
+use crate::results::room::require;
 use fvi_core::{BdfOrder, ConvolutionWeights, ParameterError, RungeKutta};
 use std::path::PathBuf;
 

@@ -1,9 +1,9 @@
 //! The mechanics of a scenario: mass, compiled potential and force.
 
 use super::space::{Dense, Matrix, Pattern, Sparse};
-use crate::expression::{Elementary, Moment};
+use crate::language::expression::{Elementary, Moment};
+use crate::model::tape::{CompiledForce, CompiledPotential};
 use crate::scenario::{Scenario, SymmetricMatrix};
-use crate::tape::{CompiledForce, CompiledPotential};
 use fvi_core::{Approach, Block, Instant, MatrixError, Mechanics, Real, factor, invert_factored};
 use std::sync::Arc;
 

@@ -1,8 +1,8 @@
 //! `[initial]`: where the system starts.
 
-use super::document::Table;
-use super::error::InputError;
 use super::system::System;
+use crate::language::document::Table;
+use crate::language::error::InputError;
 use serde::Serialize;
 
 /// Position and momentum at t = 0.

@@ -1,7 +1,7 @@
 //! Symmetric matrices of a scenario: a list of diagonal entries, or rows.
 
-use super::document::Value;
-use super::error::{InputError, Problem};
+use crate::language::document::Value;
+use crate::language::error::{InputError, Problem};
 use nalgebra::DMatrix;
 use serde::{Serialize, Serializer};
 

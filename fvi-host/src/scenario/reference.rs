@@ -1,11 +1,11 @@
 //! `[reference]`: what the solution is known to be, as expressions in t or as a table.
 
-use super::document::{Document, Table};
-use super::error::{InputError, Problem};
-use super::number_table::NumberTable;
 use super::system::System;
 use super::time::{TimeGrid, same_time};
-use crate::expression::{Expression, Moment};
+use crate::language::document::{Document, Table};
+use crate::language::error::{InputError, Problem};
+use crate::language::expression::{Expression, Moment};
+use crate::language::number_table::NumberTable;
 use serde::Serialize;
 
 /// A known solution.
@@ -155,7 +155,7 @@ const MOST_TRIED: usize = 1 << 20;
 /// Refuses an expression that is infinite or not a number at every grid point: nothing could be compared.
 fn check_finite_somewhere(
     expression: &Expression,
-    value: &super::document::Value<'_>,
+    value: &crate::language::document::Value<'_>,
     grid: &TimeGrid,
 ) -> Result<(), InputError> {
     let finite = |index: usize| expression.value::<f64>(Moment::inside(grid.time(index)), &[]).is_finite();
@@ -167,7 +167,7 @@ fn check_finite_somewhere(
 }
 
 fn read_rows(
-    value: &super::document::Value<'_>,
+    value: &crate::language::document::Value<'_>,
     document: &Document,
     count: usize,
 ) -> Result<Vec<ReferenceRow>, InputError> {

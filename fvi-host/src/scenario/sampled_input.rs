@@ -1,9 +1,9 @@
 //! `[input]`: a force given by samples, each held until the next (zero-order hold).
 
-use super::document::{Document, Table};
-use super::error::{InputError, Problem};
-use super::number_table::NumberTable;
 use super::time::TimeGrid;
+use crate::language::document::{Document, Table};
+use crate::language::error::{InputError, Problem};
+use crate::language::number_table::NumberTable;
 use serde::Serialize;
 
 /// A piecewise constant force on the coordinates, as a controller with a zero-order hold puts out.

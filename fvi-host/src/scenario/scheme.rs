@@ -1,8 +1,8 @@
 //! `[scheme]` and `[convolution]`: how the motion and its fractional derivatives are discretised.
 
-use super::document::Table;
-use super::error::{InputError, Problem};
 use super::system::System;
+use crate::language::document::Table;
+use crate::language::error::{InputError, Problem};
 use serde::Serialize;
 
 /// The integrator.

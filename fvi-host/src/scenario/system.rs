@@ -1,9 +1,9 @@
 //! `[system]`: mass, potential, force, parameters and damping.
 
-use super::document::{Table, Value};
-use super::error::{InputError, Problem};
 use super::matrix::SymmetricMatrix;
-use crate::expression::{Expression, Symbols};
+use crate::language::document::{Table, Value};
+use crate::language::error::{InputError, Problem};
+use crate::language::expression::{Expression, Symbols};
 use serde::Serialize;
 use std::collections::BTreeMap;
 

@@ -1,9 +1,9 @@
 //! `[time]`, `[history]` and `[output]`: the grid, the memory engine and what is written.
 
-use super::document::Table;
-use super::error::{InputError, Problem};
 use super::scheme::ConvolutionFamily;
-use crate::exponential_table::SMALLEST_TOLERANCE;
+use crate::language::document::Table;
+use crate::language::error::{InputError, Problem};
+use crate::numerics::exponential_table::SMALLEST_TOLERANCE;
 use serde::Serialize;
 
 /// Most steps of a run: beyond 2⁵³ their numbers have no exact place among floating-point numbers.

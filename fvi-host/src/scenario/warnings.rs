@@ -3,7 +3,7 @@
 use super::Scenario;
 use super::scheme::ConvolutionFamily;
 use super::system::{Damping, Derivative};
-use crate::starting::{TRUSTED_CONDITION, starting_condition};
+use crate::numerics::starting::{TRUSTED_CONDITION, starting_condition};
 
 impl Scenario {
     /// What whoever runs it should know, a sentence or two each, with the key in front.

@@ -2,10 +2,11 @@
 
 use super::corpus::{files, lines};
 use super::{Domain, Outcome};
-use fvi_host::expression::{Expression, Moment, Symbols};
-use fvi_host::scenario::{Document, InputError, Scenario};
+use fvi_host::lab::two_point::ProblemFile;
+use fvi_host::language::expression::{Expression, Moment, Symbols};
+use fvi_host::language::{Document, InputError};
+use fvi_host::scenario::Scenario;
 use fvi_host::simulation::{GridState, Precision, Simulation};
-use fvi_host::two_point::ProblemFile;
 use nalgebra::SVector;
 use std::path::Path;
 

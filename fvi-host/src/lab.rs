@@ -1,0 +1,7 @@
+//! What is done with simulations: single runs, studies of convergence, comparisons, the papers' exhibits, two-point problems.
+
+pub mod compare_engines;
+pub mod converge;
+pub mod reproduce;
+pub mod run;
+pub mod two_point;

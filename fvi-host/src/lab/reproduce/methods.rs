@@ -1,0 +1,89 @@
+//! The schemes that exhibits beyond the papers set side by side.
+
+use super::problems::{GALERKIN, MIDPOINT};
+use crate::results::picture::{Marker, Series, Style};
+use crate::scenario::{Convolution, ConvolutionFamily, Scenario, Scheme};
+
+/// A scheme with its convolution quadrature, and how it is drawn: a colour for the kind, a marker for the order or the
+/// number of stages.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Method {
+    pub(super) label: &'static str,
+    scheme: Scheme,
+    family: ConvolutionFamily,
+    colour: usize,
+    marker: Marker,
+}
+
+/// Polynomials of a degree with the nodes of the Runge–Kutta method.
+const fn at_stages(degree: usize) -> Scheme {
+    Scheme::Galerkin { degree, quadrature: None }
+}
+
+const fn bdf(label: &'static str, scheme: Scheme, order: usize, (colour, marker): (usize, Marker)) -> Method {
+    Method { label, scheme, family: ConvolutionFamily::Bdf { order }, colour, marker }
+}
+
+const fn radau(label: &'static str, stages: usize, marker: Marker) -> Method {
+    Method {
+        label,
+        scheme: at_stages(stages),
+        family: ConvolutionFamily::RadauIia { stages },
+        colour: 1,
+        marker,
+    }
+}
+
+const fn lobatto(label: &'static str, stages: usize, marker: Marker) -> Method {
+    let family = ConvolutionFamily::LobattoIiic { stages };
+    Method { label, scheme: at_stages(stages - 1), family, colour: 3, marker }
+}
+
+/// Runge–Kutta convolution quadrature, with the polynomials that do not limit its order.
+pub(super) const RUNGE_KUTTA: [Method; 6] = [
+    radau("Radau IIA 1", 1, Marker::Disc),
+    radau("Radau IIA 2", 2, Marker::Square),
+    radau("Radau IIA 3", 3, Marker::Triangle),
+    lobatto("Lobatto IIIC 2", 2, Marker::Square),
+    lobatto("Lobatto IIIC 3", 3, Marker::Triangle),
+    lobatto("Lobatto IIIC 4", 4, Marker::Diamond),
+];
+
+/// The papers' schemes and their baselines.
+pub(super) const MAIN_NODES: [Method; 7] = [
+    bdf("explicit Euler", Scheme::ExplicitEuler, 1, (6, Marker::Disc)),
+    bdf("implicit Euler", Scheme::ImplicitEuler, 1, (6, Marker::Square)),
+    bdf("midpoint, BDF 1", MIDPOINT, 1, (0, Marker::Disc)),
+    bdf("midpoint, BDF 2", MIDPOINT, 2, (0, Marker::Square)),
+    bdf("midpoint, BDF 3", MIDPOINT, 3, (0, Marker::Triangle)),
+    bdf("Galerkin 2, BDF 2", GALERKIN, 2, (2, Marker::Square)),
+    bdf("Galerkin 2, BDF 3", GALERKIN, 3, (2, Marker::Triangle)),
+];
+
+impl Method {
+    /// Whether the damping acts at the stages of a Runge–Kutta method.
+    pub(super) fn is_at_stages(&self) -> bool {
+        !matches!(self.family, ConvolutionFamily::Bdf { .. })
+    }
+
+    /// A scenario with this method in place of its own.
+    pub(super) fn on(&self, mut scenario: Scenario) -> Scenario {
+        scenario.scheme = self.scheme;
+        scenario.convolution = Convolution { family: self.family, starting: Vec::new() };
+        scenario
+    }
+
+    /// The method's curve through the points.
+    pub(super) fn curve(&self, points: Vec<(f64, f64)>) -> Series {
+        self.series(Style::LineWithPoints, points)
+    }
+
+    /// The points with the method's marker.
+    pub(super) fn markers(&self, points: Vec<(f64, f64)>) -> Series {
+        self.series(Style::Points, points)
+    }
+
+    fn series(&self, style: Style, points: Vec<(f64, f64)>) -> Series {
+        Series::new(self.label, style, points).with_colour_of(self.colour).with_marker(self.marker)
+    }
+}

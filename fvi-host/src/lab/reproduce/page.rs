@@ -1,0 +1,73 @@
+//! The files of a reproduction: pictures, CSV files and the page that compares.
+
+use super::table::markdown_table;
+use super::{Comparison, Exhibit, Findings};
+use crate::results::files::{FileError, write_picture, write_text};
+use crate::results::output_directory::OutputDirectory;
+
+/// Name of the page in the output directory.
+pub const PAGE: &str = "reproduction.md";
+
+/// Writes pictures and tables of the exhibits, then the page about them; each file appears whole or not at all.
+///
+/// # Errors
+/// [`FileError`].
+pub fn write(found: &[(Exhibit, Findings)], directory: &OutputDirectory) -> Result<(), FileError> {
+    for (exhibit, findings) in found {
+        for picture in &findings.pictures {
+            write_picture(&directory.join(file_name(exhibit, picture.name, "svg")), &picture.chart)?;
+        }
+        for table in &findings.tables {
+            write_text(&directory.join(file_name(exhibit, table.name, "csv")), &table.csv())?;
+        }
+    }
+    write_text(&directory.join(PAGE), &page(found))
+}
+
+/// `hjo-fig-4-errors.svg`: the exhibit's name, what tells the file from its other files, the ending.
+fn file_name(exhibit: &Exhibit, part: &str, ending: &str) -> String {
+    let name = exhibit.name;
+    if part.is_empty() { format!("{name}.{ending}") } else { format!("{name}-{part}.{ending}") }
+}
+
+/// The page.
+fn page(found: &[(Exhibit, Findings)]) -> String {
+    let mut text = String::from(
+        "# Figures and tables of the papers, computed again\n\n\
+         `fvi reproduce all` writes this page, its pictures and the CSV files behind them; `fvi reproduce NAME` \
+         makes one exhibit. Keys are those of `REFERENCES.md`. Errors are the largest over the grid points of a \
+         run unless a heading says otherwise; *order* is that between a step size and the next longer \
+         one, *slope* that of the line of least squares through the logarithms. [BCGI] prints no numbers: \
+         `fvi extremal` solves its equations. Figures that are drawings only are left out.\n",
+    );
+    for (exhibit, findings) in found {
+        text += &section(exhibit, findings);
+    }
+    text
+}
+
+fn section(exhibit: &Exhibit, findings: &Findings) -> String {
+    let mut text = format!("\n## {}\n\n`fvi reproduce {}`\n", exhibit.heading(), exhibit.name);
+    for picture in &findings.pictures {
+        text += &format!("\n![{}]({})\n", picture.caption, file_name(exhibit, picture.name, "svg"));
+    }
+    if !findings.comparisons.is_empty() {
+        let head = ["", "paper", "here", "why they differ"];
+        let rows = findings.comparisons.iter().map(|comparison| {
+            let Comparison { quantity, paper, ours, reason } = comparison.clone();
+            vec![quantity, paper, ours, reason]
+        });
+        text += &format!("\n{}", markdown_table(head.into_iter(), rows));
+    }
+    for table in &findings.tables {
+        let file = file_name(exhibit, table.name, "csv");
+        text += &format!("\n{} ([`{file}`]({file}))\n", table.caption);
+        if table.shown {
+            text += &format!("\n{}", table.markdown());
+        }
+    }
+    for remark in &findings.remarks {
+        text += &format!("\n{remark}\n");
+    }
+    text
+}

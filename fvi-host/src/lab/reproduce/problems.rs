@@ -1,0 +1,120 @@
+//! The papers' problems, from the scenario files of the repository, and how exhibits vary them.
+
+use crate::language::{Document, InputError};
+use crate::scenario::{Convolution, ConvolutionFamily, Quadrature, Scenario, Scheme};
+use std::path::Path;
+
+/// The document of a scenario file of the repository, held in the program.
+macro_rules! repository {
+    ($name:literal) => {
+        Document::new(
+            concat!("scenarios/", $name),
+            Path::new(""),
+            include_str!(concat!("../../../../scenarios/", $name)),
+        )
+    };
+}
+
+/// q̈ + 0.2 q̇ + q = 0, q(0) = 1, q̇(0) = ½ as a fractional oscillator with α = ½, midpoint rule: \[JO\] eq. 67.
+pub(super) fn jo_oscillator() -> Result<Scenario, InputError> {
+    Scenario::from_document(repository!("damped-oscillator-jo.toml"))
+}
+
+/// q̈ + 0.2 q̇ + q = 0, q(0) = 0, q̇(0) = 1.2 on [0, 16] as a fractional oscillator with α = ½: \[HJO\] eq. 39.
+pub(super) fn hjo_oscillator() -> Result<Scenario, InputError> {
+    Scenario::from_document(repository!("damped-oscillator-hjo.toml"))
+}
+
+/// The plate under a pulse on [0, 30], midpoint rule: \[JO\] eq. 68.
+pub(super) fn pulse_plate() -> Result<Scenario, InputError> {
+    Scenario::from_document(with_pulse_reference(repository!("bagley-torvik-pulse.toml")))
+}
+
+/// The same with Radau IIA quadrature, far more accurate than anything it is compared with.
+pub(super) fn accurate_pulse_plate() -> Result<Scenario, InputError> {
+    Scenario::from_document(with_pulse_reference(repository!("bagley-torvik-pulse-radau.toml")))
+}
+
+fn with_pulse_reference(document: Document) -> Document {
+    const TABLE: &str = include_str!("../../../../scenarios/bagley-torvik-pulse-reference.csv");
+    document.with_attached("bagley-torvik-pulse-reference.csv", TABLE)
+}
+
+/// A pendulum on a viscoelastic hinge, released from 2 rad, on [0, 20].
+pub(super) fn pendulum() -> Result<Scenario, InputError> {
+    Scenario::from_document(repository!("pendulum.toml"))
+}
+
+/// q̈ + D^{1/2} q + q = f with the solution t³ on [0, 1]: \[HJO\] eq. 41a.
+pub(super) fn cube_plate() -> Result<Scenario, InputError> {
+    Scenario::from_document(repository!("bagley-torvik-cubic.toml"))
+}
+
+/// q̈ + D^{3/2} q + q = f with the solution t^{5/2} on [0, 1]: \[HJO\] eq. 41b.
+pub(super) fn root_plate() -> Result<Scenario, InputError> {
+    Scenario::from_document(repository!("bagley-torvik-root.toml"))
+}
+
+/// q̈ + ρ D^{3/2} q + q = f with the solution t^ν on [0, 1]; ρ = 0 switches the memory off.
+pub(super) fn power_plate(power: f64, coefficient: f64) -> Result<Scenario, InputError> {
+    let text = format!(
+        r#"
+        [system]
+        mass = [1.0]
+        potential = "0.5*q0^2"
+        force = ["nu*(nu - 1)*t^(nu - 2) + rho*gamma(nu + 1)/gamma(nu - 1/2)*t^(nu - 3/2) + t^nu"]
+        parameters = {{ nu = {power:?}, rho = {coefficient:?} }}
+        [[system.damping]]
+        order = 1.5
+        coefficient = [{coefficient:?}]
+        derivative = "riemann-liouville"
+        [initial]
+        position = [0.0]
+        momentum = [0.0]
+        [time]
+        step = 0.00390625
+        end = 1.0
+        [reference]
+        position = ["t^nu"]
+        "#
+    );
+    Scenario::from_document(Document::new("plate with the solution t^nu", Path::new(""), &text))
+}
+
+/// The midpoint rule: the low-order scheme with κ = ½.
+pub(super) const MIDPOINT: Scheme = Scheme::LowOrder { kappa: 0.5 };
+
+/// The Galerkin scheme of \[HJO\] §5.1: degree 2, two Gauss points.
+pub(super) const GALERKIN: Scheme = Scheme::Galerkin { degree: 2, quadrature: Some(Quadrature::Gauss(2)) };
+
+/// The same problem with another scheme.
+pub(super) fn with_scheme(mut scenario: Scenario, scheme: Scheme) -> Scenario {
+    scenario.scheme = scheme;
+    scenario
+}
+
+/// The same problem with convolution quadrature by the backward differentiation formula of an order.
+pub(super) fn with_bdf(mut scenario: Scenario, order: usize) -> Scenario {
+    scenario.convolution = Convolution { family: ConvolutionFamily::Bdf { order }, starting: Vec::new() };
+    scenario
+}
+
+/// The same problem with starting weights that make the powers t^ν exact.
+pub(super) fn with_starting_weights(mut scenario: Scenario, exponents: &[f64]) -> Scenario {
+    scenario.convolution.starting = exponents.to_vec();
+    scenario
+}
+
+/// The same problem on `steps` steps of the given size.
+pub(super) fn on_grid(mut scenario: Scenario, step: f64, steps: usize) -> Scenario {
+    scenario.time.step = step;
+    scenario.time.steps = steps;
+    scenario
+}
+
+/// The same problem on steps too long for the explicit fractional force as well: growth needs more steps to show than the papers'
+/// coarsest grids have.
+pub(super) fn on_any_step(mut scenario: Scenario) -> Scenario {
+    scenario.time.allow_unstable = true;
+    scenario
+}

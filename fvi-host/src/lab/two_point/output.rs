@@ -1,0 +1,304 @@
+//! The files of `fvi extremal`: data, pictures and the record.
+
+use super::extremal::{Method, NotConverged, ProblemError, Solution};
+use super::grid::{Grid, Sigma};
+use super::problem_file::{KnownPositions, ProblemFile, Statement};
+use crate::results::files::{FileError, remove, write, write_json, write_picture};
+use crate::results::output_directory::OutputDirectory;
+use crate::results::picture::{Axis, Chart, Envelope, Series, Style};
+use crate::results::room::{NoRoom, require};
+use serde::Serialize;
+use std::io::Write;
+use std::path::Path;
+use std::time::Instant;
+
+/// The record of a problem's solution, `summary.json`.
+#[derive(Clone, Debug, Serialize)]
+pub struct ExtremalSummary {
+    /// Whether the positions are an extremal or only the best iterate.
+    pub status: Status,
+    /// Version of the program.
+    pub version: &'static str,
+    /// Operating system and processor.
+    pub platform: String,
+    /// Value of the functional, where there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub value: Option<f64>,
+    /// Newton steps.
+    pub newton_iterations: usize,
+    /// Iterations of the Krylov method, all Newton steps together.
+    pub krylov_iterations: usize,
+    /// Relative residual after each Newton step.
+    pub residual_history: Vec<f64>,
+    /// The last relative residual.
+    pub relative_residual: f64,
+    /// Largest left side of the discrete Euler–Lagrange equation.
+    pub residual: f64,
+    /// What the rounding of the positions alone may leave there.
+    pub rounding_level: f64,
+    /// Errors against the reference on this grid and coarser ones.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub errors: Vec<GridError>,
+    /// Seconds for the solution on the grid of the file.
+    pub seconds: f64,
+    /// The files beside this one.
+    pub files: Vec<&'static str>,
+    /// The inputs as used, defaults filled in.
+    pub problem: ProblemFile,
+}
+
+/// How a problem ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Status {
+    /// An extremal was found.
+    Converged,
+    /// The positions are the best iterate of an iteration that did not converge.
+    NotConverged,
+}
+
+/// Error against the reference on one grid.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct GridError {
+    /// Steps of the grid.
+    pub steps: usize,
+    /// Grid points where the reference is known.
+    pub compared: usize,
+    /// Grid points where it is infinite or not a number: nothing is compared there.
+    #[serde(skip_serializing_if = "none")]
+    pub undefined: usize,
+    /// Largest error of a position there.
+    pub largest: f64,
+    /// log₂ of the error of the grid with half as many steps over this one's.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub order: Option<f64>,
+}
+
+fn none(count: &usize) -> bool {
+    *count == 0
+}
+
+/// Why a problem could not be solved or recorded.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum OutputError {
+    /// The problem cannot be set up.
+    #[error(transparent)]
+    Problem(#[from] ProblemError),
+    /// There is no room for the grid.
+    #[error("interval.steps = {steps}: {no_room}")]
+    NoRoom {
+        /// Its number of steps.
+        steps: usize,
+        /// What would be needed.
+        no_room: NoRoom,
+    },
+    /// A file cannot be written.
+    #[error(transparent)]
+    File(#[from] FileError),
+}
+
+/// Name of the record.
+const SUMMARY: &str = "summary.json";
+
+/// Coarser grids on which the error is measured for the order.
+const COARSER_GRIDS: u32 = 3;
+
+/// Solves the problem and writes `extremal.csv`, pictures and `summary.json` into `directory`.
+///
+/// An iteration that does not converge is no error here: the best iterate is written, and the summary says so.
+/// `observe` hears the number of Newton steps and the relative residual before each.
+///
+/// # Errors
+/// [`OutputError`].
+pub fn solve_and_write(
+    file: &ProblemFile,
+    directory: &OutputDirectory,
+    observe: &mut dyn FnMut(usize, f64),
+) -> Result<ExtremalSummary, OutputError> {
+    require_room(file)?;
+    let start = Instant::now();
+    let (status, extremal) = match file.solve(file.grid, observe)? {
+        Ok(extremal) => (Status::Converged, extremal),
+        Err(NotConverged { best }) => (Status::NotConverged, *best),
+    };
+    let seconds = start.elapsed().as_secs_f64();
+    let errors = match status {
+        Status::Converged => grid_errors(file, &extremal)?,
+        Status::NotConverged => Vec::new(),
+    };
+
+    // A summary stands for the files beside it: the old one goes before they do, the new one comes last.
+    remove(&directory.join(SUMMARY))?;
+    write_table(file, &extremal, &directory.join("extremal.csv"))?;
+    let mut files = vec!["extremal.csv"];
+    for (name, chart) in charts(file, status, &extremal) {
+        write_picture(&directory.join(name), &chart)?;
+        files.push(name);
+    }
+    let summary = ExtremalSummary {
+        status,
+        version: env!("CARGO_PKG_VERSION"),
+        platform: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
+        value: extremal.value,
+        newton_iterations: extremal.newton_iterations,
+        krylov_iterations: extremal.krylov_iterations,
+        residual_history: extremal.history,
+        relative_residual: extremal.relative_residual,
+        residual: extremal.residual,
+        rounding_level: extremal.rounding_level,
+        errors,
+        seconds,
+        files,
+        problem: file.clone(),
+    };
+    write_json(&directory.join(SUMMARY), &summary)?;
+    Ok(summary)
+}
+
+/// Refuses a grid whose solution would not fit into memory.
+fn require_room(file: &ProblemFile) -> Result<(), OutputError> {
+    let (steps, d) = (file.grid.steps(), file.coordinates());
+    // Measured: 700 bytes a step with one coordinate, 1000 with two; with room to spare.
+    let linear = steps.saturating_mul(640 + 320 * d + 48 * d * d);
+    let unknowns = steps.saturating_mul(d);
+    let dense = match file.method {
+        // Several matrices of all unknowns.
+        Some(Method::Dense) => unknowns.saturating_mul(unknowns).saturating_mul(4 * size_of::<f64>()),
+        _ => 0,
+    };
+    require(linear.saturating_add(dense)).map_err(|no_room| OutputError::NoRoom { steps, no_room })
+}
+
+/// `t,x0,…,v0,…` with 17 significant digits; no velocity at the point outside I_σ.
+fn write_table(file: &ProblemFile, extremal: &Solution, path: &Path) -> Result<(), FileError> {
+    let d = file.coordinates();
+    write(path, |out| {
+        let columns = |letter: char| (0..d).map(move |index| format!(",{letter}{index}"));
+        let names: String = columns('x').chain(columns('v')).collect();
+        writeln!(out, "t{names}")?;
+        let without_velocity = file.sigma.excluded(file.grid.steps());
+        for k in 0..=file.grid.steps() {
+            write!(out, "{:.16e}", file.grid.time(k))?;
+            for x in &extremal.positions[k * d..(k + 1) * d] {
+                write!(out, ",{x:.16e}")?;
+            }
+            for v in &extremal.velocities[k * d..(k + 1) * d] {
+                if k == without_velocity {
+                    write!(out, ",")?;
+                } else {
+                    write!(out, ",{v:.16e}")?;
+                }
+            }
+            writeln!(out)?;
+        }
+        Ok(())
+    })
+}
+
+/// Errors on the file's grid and on those with half, a quarter, … as many steps; coarsest first.
+fn grid_errors(file: &ProblemFile, extremal: &Solution) -> Result<Vec<GridError>, ProblemError> {
+    if file.reference.is_none() {
+        return Ok(Vec::new());
+    }
+    let mut errors: Vec<GridError> = Vec::new();
+    for level in (0..=COARSER_GRIDS).rev() {
+        let steps = file.grid.steps() >> level;
+        if steps << level != file.grid.steps() || steps < 8 {
+            continue;
+        }
+        let measured = if level == 0 {
+            grid_error(file, &file.grid, &extremal.positions)
+        } else {
+            let grid = file.grid.with_steps(steps)?;
+            match file.solve(grid, &mut |_, _| ())? {
+                Ok(coarse) => grid_error(file, &grid, &coarse.positions),
+                Err(_) => None,
+            }
+        };
+        let Some(mut error) = measured else { continue };
+        error.order = errors
+            .last()
+            .filter(|coarser| 2 * coarser.steps == steps && error.largest > 0.0)
+            .map(|coarser| (coarser.largest / error.largest).log2())
+            .filter(|order| order.is_finite());
+        errors.push(error);
+    }
+    Ok(errors)
+}
+
+fn grid_error(file: &ProblemFile, grid: &Grid, positions: &[f64]) -> Option<GridError> {
+    let reference = file.reference.as_ref()?;
+    let mut error = GridError { steps: grid.steps(), compared: 0, undefined: 0, largest: 0.0, order: None };
+    for (k, position) in positions.chunks_exact(file.coordinates()).enumerate() {
+        if let Some(known) = reference.at(grid.time(k), grid.step()) {
+            if known.iter().any(|exact| !exact.is_finite()) {
+                error.undefined += 1;
+                continue;
+            }
+            error.compared += 1;
+            for (x, exact) in position.iter().zip(&known) {
+                // A difference beyond the largest number counts as the largest number.
+                error.largest = error.largest.max((x - exact).abs().min(f64::MAX));
+            }
+        }
+    }
+    (error.compared > 0).then_some(error)
+}
+
+fn charts(file: &ProblemFile, status: Status, extremal: &Solution) -> Vec<(&'static str, Chart)> {
+    let d = file.coordinates();
+    let sigma = match file.sigma {
+        Sigma::Minus => "−",
+        Sigma::Plus => "+",
+    };
+    let (statement, solution, velocity) = match &file.statement {
+        Statement::Lagrangian { lagrangian, alpha } => {
+            (format!("L = {}, α = {alpha}", lagrangian.text()), "discrete extremal", "fractional velocity v")
+        }
+        Statement::Equation { .. } => ("direct embedding".to_owned(), "solution", "velocity v"),
+    };
+    let label = match status {
+        Status::Converged => solution,
+        Status::NotConverged => "best iterate, not converged",
+    };
+    let subtitle = format!("{label}; {statement}, σ = {sigma}, {} steps", file.grid.steps());
+    let points = |values: &[f64], i: usize, skip: Option<usize>| {
+        let mut envelope = Envelope::new();
+        for (k, value) in values[i..].iter().step_by(d).enumerate() {
+            if Some(k) != skip {
+                envelope.push(file.grid.time(k), *value);
+            }
+        }
+        envelope.points()
+    };
+    let chart = |axis: &str| {
+        Chart::new(file.heading(), Axis::linear("time t"), Axis::linear(axis)).with_subtitle(subtitle.clone())
+    };
+    let mut positions = chart("position x");
+    let mut velocities = chart(velocity);
+    for i in 0..d {
+        let curve = points(&extremal.positions, i, None);
+        positions = positions.with(Series::new(format!("x{i}"), Style::Line, curve));
+        let curve = points(&extremal.velocities, i, Some(file.sigma.excluded(file.grid.steps())));
+        velocities = velocities.with(Series::new(format!("v{i}"), Style::Line, curve));
+    }
+    if let Some(reference) = &file.reference {
+        let style = match reference {
+            KnownPositions::Expressions { .. } => Style::Reference,
+            KnownPositions::Table { .. } => Style::ReferencePoints,
+        };
+        for i in 0..d {
+            let mut envelope = Envelope::new();
+            for k in 0..=file.grid.steps() {
+                let time = file.grid.time(k);
+                if let Some(known) = reference.at(time, file.grid.step()).filter(|x| x[i].is_finite()) {
+                    envelope.push(time, known[i]);
+                }
+            }
+            let label = if i == 0 { "reference" } else { "" };
+            positions = positions.with(Series::new(label, style, envelope.points()));
+        }
+    }
+    vec![("positions.svg", positions), ("velocities.svg", velocities)]
+}

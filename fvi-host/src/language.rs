@@ -1,0 +1,11 @@
+//! What users write, before anyone asks what it means: documents, expressions, and errors with their places.
+
+pub(crate) mod document;
+pub(crate) mod error;
+pub(crate) mod excerpt;
+pub mod expression;
+pub(crate) mod number_table;
+pub(crate) mod visible;
+
+pub use document::Document;
+pub use error::{Cause, InputError, Problem};

@@ -1,0 +1,456 @@
+//! The memory engines on the host, and the one place where one is chosen.
+
+use crate::numerics::aligned::Aligned;
+use crate::numerics::exponential_table::{self, ExponentialKernel, ExponentialKernelError};
+use crate::numerics::growing_ring::GrowingRing;
+use crate::numerics::runge_kutta_weights::RungeKuttaWeights;
+use crate::numerics::starting::StartingCorrection;
+use crate::numerics::vectorised::Vectorised;
+use crate::scenario::{Convolution, ConvolutionFamily, Engine, History, Overflow};
+use fvi_core::{
+    BdfOrder, ConvolutionWeights, Direct, ExponentialSum, ExponentialTable, Memory, MemoryError,
+    ParameterError, RungeKutta,
+};
+use fvi_fft::{BlockFft, ChunkedExponentialSum, Kernel, Pacing, RealTime, Scalar};
+
+/// A memory engine chosen at run time.
+pub struct HostMemory<T> {
+    memory: Box<dyn Watched<T> + Send>,
+    engine: Engine,
+}
+
+/// A memory that can say whether it kept its schedule.
+trait Watched<T>: Memory<T> {
+    /// Blocks that were not done when they were due; `None` for engines without a schedule.
+    fn overruns(&self) -> Option<usize> {
+        None
+    }
+}
+
+impl<T: Scalar> Watched<T> for Direct<T, Vec<T>, Vec<GrowingRing<T>>, GrowingRing<T>> {}
+
+impl<T: Scalar> Watched<T> for BlockFft<T> {}
+
+impl<T: Scalar, const S: usize> Watched<T> for ChunkedExponentialSum<T, S> {}
+
+impl<T: Scalar> Watched<T> for Vectorised<ExponentialSum<T, Aligned<T>, Aligned<T>>> {}
+
+impl<T: Scalar> Watched<T> for RealTime<T> {
+    fn overruns(&self) -> Option<usize> {
+        Some(RealTime::overruns(self))
+    }
+}
+
+impl<T: Scalar> Watched<T> for StartingCorrection<T, HostMemory<T>> {
+    fn overruns(&self) -> Option<usize> {
+        self.memory().overruns()
+    }
+}
+
+impl<T> HostMemory<T> {
+    /// The engine that it is.
+    pub fn engine(&self) -> Engine {
+        self.engine
+    }
+
+    /// Blocks that the `real-time` engine had not done when they were due; `None` for the other engines.
+    pub fn overruns(&self) -> Option<usize> {
+        self.memory.overruns()
+    }
+}
+
+/// What a memory is wanted for.
+#[derive(Clone, Debug)]
+pub struct MemoryRequest<'a> {
+    /// How the fractional derivative is discretised.
+    pub convolution: &'a Convolution,
+    /// Exponent of the convolution quadrature: the damping order β.
+    pub exponent: f64,
+    /// h.
+    pub step_size: f64,
+    /// Number of coordinates N.
+    pub coordinates: usize,
+    /// Number of samples that will come: one for each step, and one before the first.
+    pub samples: usize,
+    /// The engine asked for, and its settings.
+    pub history: &'a History,
+}
+
+/// Why an engine cannot serve a request.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum EngineError {
+    /// The run is too long for the engine's tables and samples to fit into memory.
+    #[error("the engine \"{}\" finds no room for {samples} samples", .engine.name())]
+    NoRoom {
+        /// The engine.
+        engine: Engine,
+        /// Number of samples.
+        samples: usize,
+    },
+    /// A parameter of the kernel is outside its range.
+    #[error(transparent)]
+    Parameter(#[from] ParameterError),
+    /// No table of exponentials reaches the tolerance.
+    #[error(transparent)]
+    Table(ExponentialKernelError),
+}
+
+/// Number of samples up to which the plain sum serves by default.
+///
+/// So long a run spends tens of milliseconds in the sum, about as much as making a table of exponentials takes; step for step
+/// the fast engines are ahead much earlier (`fvi compare-engines`).
+const CROSSOVER: usize = 16_384;
+
+/// Relative error of a weight that does not show beside rounding.
+const EXACT: f64 = exponential_table::SMALLEST_TOLERANCE;
+
+impl From<ExponentialKernelError> for EngineError {
+    fn from(error: ExponentialKernelError) -> Self {
+        match error {
+            ExponentialKernelError::Parameter(error) => Self::Parameter(error),
+            error => Self::Table(error),
+        }
+    }
+}
+
+impl MemoryRequest<'_> {
+    /// The memory, empty: of the engine asked for, or of the fastest that is exact to rounding.
+    ///
+    /// # Errors
+    /// [`EngineError`] if the engine asked for cannot serve the kernel.
+    pub fn build<T: Scalar>(&self) -> Result<HostMemory<T>, EngineError> {
+        let exponents = &self.convolution.starting;
+        let memory = self.without_starting()?;
+        let ConvolutionFamily::Bdf { order } = self.convolution.family else { return Ok(memory) };
+        if exponents.is_empty() {
+            return Ok(memory);
+        }
+        let (engine, order) = (memory.engine(), BdfOrder::new(order)?);
+        let corrected = StartingCorrection::new(memory, order, self.exponent, self.step_size, exponents)?;
+        Ok(HostMemory { memory: Box::new(corrected), engine })
+    }
+
+    /// The kernel of the memory.
+    ///
+    /// # Errors
+    /// If the exponent or the step size is outside its range.
+    pub fn kernel(&self) -> Result<fvi_core::Kernel, ParameterError> {
+        let (exponent, step_size) = (self.exponent, self.step_size);
+        match self.convolution.family {
+            ConvolutionFamily::Bdf { order } => {
+                fvi_core::Kernel::bdf(BdfOrder::new(order)?, exponent, step_size)
+            }
+            ConvolutionFamily::RadauIia { stages } => match stages {
+                1 => fvi_core::Kernel::runge_kutta(&RungeKutta::<1>::radau_iia()?, exponent, step_size),
+                2 => fvi_core::Kernel::runge_kutta(&RungeKutta::<2>::radau_iia()?, exponent, step_size),
+                _ => fvi_core::Kernel::runge_kutta(&RungeKutta::<3>::radau_iia()?, exponent, step_size),
+            },
+            ConvolutionFamily::LobattoIiic { stages } => match stages {
+                2 => fvi_core::Kernel::runge_kutta(&RungeKutta::<2>::lobatto_iiic()?, exponent, step_size),
+                3 => fvi_core::Kernel::runge_kutta(&RungeKutta::<3>::lobatto_iiic()?, exponent, step_size),
+                _ => fvi_core::Kernel::runge_kutta(&RungeKutta::<4>::lobatto_iiic()?, exponent, step_size),
+            },
+        }
+    }
+
+    /// The memory without starting weights.
+    fn without_starting<T: Scalar>(&self) -> Result<HostMemory<T>, EngineError> {
+        if let Some(engine) = self.history.engine {
+            return self.memory(engine);
+        }
+        if self.samples <= CROSSOVER || self.history.capacity.is_some() {
+            return self.memory(Engine::Direct);
+        }
+        match self.memory(Engine::ExponentialSum) {
+            Err(EngineError::Table(_)) => self.memory(Engine::BlockFft),
+            other => other,
+        }
+    }
+
+    fn memory<T: Scalar>(&self, engine: Engine) -> Result<HostMemory<T>, EngineError> {
+        match self.convolution.family {
+            ConvolutionFamily::Bdf { order } => self.scalar(engine, BdfOrder::new(order)?),
+            ConvolutionFamily::RadauIia { stages } => match stages {
+                1 => self.staged(engine, &RungeKutta::<1>::radau_iia()?),
+                2 => self.staged(engine, &RungeKutta::<2>::radau_iia()?),
+                _ => self.staged(engine, &RungeKutta::<3>::radau_iia()?),
+            },
+            ConvolutionFamily::LobattoIiic { stages } => match stages {
+                2 => self.staged(engine, &RungeKutta::<2>::lobatto_iiic()?),
+                3 => self.staged(engine, &RungeKutta::<3>::lobatto_iiic()?),
+                _ => self.staged(engine, &RungeKutta::<4>::lobatto_iiic()?),
+            },
+        }
+    }
+
+    /// A memory for a kernel of plain numbers.
+    fn scalar<T: Scalar>(&self, engine: Engine, order: BdfOrder) -> Result<HostMemory<T>, EngineError> {
+        let weights = || ConvolutionWeights::bdf(order, self.exponent, self.step_size);
+        match engine {
+            Engine::Direct => {
+                let kept = self.kept();
+                // With the step size γ_p(0) the leading weight is 1: the same monic table and scale as in flash.
+                let mut monic =
+                    ConvolutionWeights::bdf(order, self.exponent, order.generating_function(0.0))?;
+                let mut table = self.room(engine, kept.saturating_add(1))?;
+                table.resize(kept + 1, T::zero());
+                monic.fill(&mut table);
+                let scale = T::of(fvi_core::leading_bdf_weight(order, self.exponent, self.step_size)?);
+                self.direct(table, 1, scale)
+            }
+            Engine::BlockFft | Engine::RealTime => self.transforms(engine, weights()?, 1),
+            Engine::ExponentialSum | Engine::ExponentialSumCore => {
+                let tolerance = self.history.tolerance.unwrap_or(EXACT);
+                let kernel =
+                    ExponentialKernel::bdf(order, self.exponent, self.step_size, self.horizon(), tolerance)?;
+                match engine {
+                    Engine::ExponentialSumCore => self.core_exponential_sum(kernel.table()),
+                    _ => self.exponential_sum::<T, 1>(&kernel.table().borrow()),
+                }
+            }
+        }
+    }
+
+    /// A memory for a kernel of R×R matrices.
+    fn staged<T: Scalar, const R: usize>(
+        &self,
+        engine: Engine,
+        method: &RungeKutta<R>,
+    ) -> Result<HostMemory<T>, EngineError> {
+        let count = match engine {
+            Engine::Direct => self.kept().saturating_add(1),
+            Engine::BlockFft | Engine::RealTime => self.samples.saturating_add(1),
+            Engine::ExponentialSum | Engine::ExponentialSumCore => self.horizon().saturating_add(1),
+        };
+        let weights = RungeKuttaWeights::new(method, self.exponent, self.step_size, count)?;
+        match engine {
+            Engine::ExponentialSum => return self.exponential_sum::<T, R>(&weights.table().borrow()),
+            Engine::ExponentialSumCore => return self.core_exponential_sum(weights.table()),
+            Engine::Direct | Engine::BlockFft | Engine::RealTime => {}
+        }
+        self.room::<f64>(engine, count.saturating_mul(R * R))?;
+        let planes: Vec<T> = weights.planes().into_iter().map(T::of).collect();
+        match engine {
+            Engine::Direct => self.direct(planes, R, T::one()),
+            _ => self.transforms(engine, Planes { numbers: planes, stages: R }, R),
+        }
+    }
+
+    fn direct<T: Scalar>(
+        &self,
+        weights: Vec<T>,
+        stages: usize,
+        scale: T,
+    ) -> Result<HostMemory<T>, EngineError> {
+        let channels = self.coordinates * stages;
+        let rings: Vec<GrowingRing<T>> = (0..channels).map(|_| GrowingRing::new(self.kept())).collect();
+        let overflow = match self.history.overflow {
+            Overflow::Stop => fvi_core::Overflow::Refuse,
+            Overflow::Forget => fvi_core::Overflow::Forget,
+        };
+        let memory = Box::new(Direct::new(weights, stages, scale, rings, overflow)?);
+        Ok(HostMemory { memory, engine: Engine::Direct })
+    }
+
+    fn transforms<T: Scalar>(
+        &self,
+        engine: Engine,
+        kernel: impl Kernel<T>,
+        stages: usize,
+    ) -> Result<HostMemory<T>, EngineError> {
+        let channels = self.coordinates * stages;
+        let samples = self.samples.max(1);
+        // Weights, their spectra and the samples: somewhat more than this many numbers.
+        self.room::<T>(engine, samples.saturating_mul(4 * stages * stages + channels))?;
+        let memory: Box<dyn Watched<T> + Send> = match engine {
+            Engine::RealTime => Box::new(RealTime::planned(kernel, channels, samples, Pacing::Paced)?),
+            _ => Box::new(BlockFft::planned(kernel, channels, samples)?),
+        };
+        Ok(HostMemory { memory, engine })
+    }
+
+    fn exponential_sum<T: Scalar, const S: usize>(
+        &self,
+        table: &ExponentialTable<&[f64]>,
+    ) -> Result<HostMemory<T>, EngineError> {
+        let memory = Box::new(ChunkedExponentialSum::<T, S>::new(table, self.coordinates * S)?);
+        Ok(HostMemory { memory, engine: Engine::ExponentialSum })
+    }
+
+    /// The core's own memory, a sample at a time, on a table rounded as one of firmware is.
+    fn core_exponential_sum<T: Scalar>(
+        &self,
+        table: ExponentialTable<Aligned<T>>,
+    ) -> Result<HostMemory<T>, EngineError> {
+        let channels = self.coordinates * table.stages;
+        let state = Aligned::zeros(table.borrow().state_len(channels));
+        let memory = Box::new(Vectorised::new(ExponentialSum::new(table, T::one(), channels, state)?));
+        Ok(HostMemory { memory, engine: Engine::ExponentialSumCore })
+    }
+
+    /// Largest lag of a table of exponentials.
+    fn horizon(&self) -> usize {
+        self.history.horizon.unwrap_or(1).max(self.samples)
+    }
+
+    /// Number of samples that the direct engine keeps.
+    fn kept(&self) -> usize {
+        let samples = self.samples.max(1);
+        self.history.capacity.map_or(samples, |capacity| capacity.min(samples))
+    }
+
+    /// Room for `count` numbers.
+    fn room<T>(&self, engine: Engine, count: usize) -> Result<Vec<T>, EngineError> {
+        let mut room = Vec::new();
+        match room.try_reserve_exact(count) {
+            Ok(()) => Ok(room),
+            Err(_) => Err(EngineError::NoRoom { engine, samples: self.samples }),
+        }
+    }
+}
+
+/// A kernel of matrices that lie plane by plane.
+struct Planes<T> {
+    numbers: Vec<T>,
+    stages: usize,
+}
+
+impl<T: Copy> Kernel<T> for Planes<T> {
+    fn stages(&self) -> usize {
+        self.stages
+    }
+
+    fn fill(&mut self, first: usize, weights: &mut [T]) {
+        let planes = self.stages * self.stages;
+        let length = self.numbers.len() / planes;
+        for (index, matrix) in weights.chunks_exact_mut(planes).enumerate() {
+            // The engines may ask for a few more weights than the run needs; those meet no sample.
+            let n = (first + index).min(length - 1);
+            for (plane, place) in matrix.iter_mut().enumerate() {
+                *place = self.numbers[plane * length + n];
+            }
+        }
+    }
+}
+
+impl<T> Memory<T> for HostMemory<T> {
+    fn channels(&self) -> usize {
+        self.memory.channels()
+    }
+
+    fn stages(&self) -> usize {
+        self.memory.stages()
+    }
+
+    fn leading(&self) -> &[T] {
+        self.memory.leading()
+    }
+
+    fn leading_is_constant(&self) -> bool {
+        self.memory.leading_is_constant()
+    }
+
+    fn len(&self) -> usize {
+        self.memory.len()
+    }
+
+    fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
+        self.memory.next_term(term)
+    }
+
+    fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
+        self.memory.push(sample)
+    }
+
+    fn clear(&mut self) {
+        self.memory.clear();
+    }
+
+    fn bytes(&self) -> usize {
+        self.memory.bytes()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn request<'a>(convolution: &'a Convolution, history: &'a History) -> MemoryRequest<'a> {
+        MemoryRequest { convolution, exponent: 0.5, step_size: 0.25, coordinates: 2, samples: 6, history }
+    }
+
+    #[test]
+    fn the_direct_engine_sums_the_weights_of_the_step_size() {
+        let (convolution, history) = (Convolution::default(), History::default());
+        let mut memory = request(&convolution, &history).build::<f64>().unwrap();
+        let weights: Vec<f64> =
+            ConvolutionWeights::bdf(BdfOrder::GRUNWALD_LETNIKOV, 0.5, 0.25).unwrap().take(6).collect();
+        assert_eq!(memory.leading(), [2.0]);
+        memory.push(&[1.0, 0.0]).unwrap();
+        for weight in &weights[1..] {
+            let mut term = [f64::NAN; 2];
+            memory.next_term(&mut term).unwrap();
+            assert!((term[0] - weight).abs() < 1e-15 && term[1] == 0.0, "{term:?} {weight}");
+            memory.push(&[0.0, 0.0]).unwrap();
+        }
+        assert_eq!(memory.next_term(&mut [0.0; 2]), Err(MemoryError::Full { capacity: 6 }));
+    }
+
+    #[test]
+    fn a_run_too_long_for_the_memory_of_the_machine_is_refused() {
+        for engine in [Engine::Direct, Engine::BlockFft, Engine::RealTime] {
+            let convolution = Convolution::default();
+            let history = History { engine: Some(engine), ..History::default() };
+            let mut request = request(&convolution, &history);
+            request.samples = usize::MAX;
+            let refused = EngineError::NoRoom { engine, samples: usize::MAX };
+            assert_eq!(request.build::<f64>().err(), Some(refused));
+        }
+    }
+
+    #[test]
+    fn short_memory_forgets_only_when_it_is_told_to() {
+        let convolution = Convolution::default();
+        let history = History { capacity: Some(2), overflow: Overflow::Forget, ..History::default() };
+        let mut memory = request(&convolution, &history).build::<f64>().unwrap();
+        for sample in [[1.0, 1.0], [0.0, 0.0], [0.0, 0.0]] {
+            memory.push(&sample).unwrap();
+        }
+        let mut term = [f64::NAN; 2];
+        memory.next_term(&mut term).unwrap();
+        assert_eq!(term, [0.0, 0.0]);
+        let history = History { overflow: Overflow::Stop, ..history };
+        let mut memory = request(&convolution, &history).build::<f64>().unwrap();
+        memory.push(&[1.0, 1.0]).unwrap();
+        memory.push(&[1.0, 1.0]).unwrap();
+        assert_eq!(memory.push(&[1.0, 1.0]), Err(MemoryError::Full { capacity: 2 }));
+    }
+
+    #[test]
+    fn the_cores_exponential_sum_has_the_bits_of_a_table_in_flash() {
+        let history = History {
+            engine: Some(Engine::ExponentialSumCore),
+            tolerance: Some(1e-7),
+            horizon: Some(100_000_000),
+            ..History::default()
+        };
+        let convolution = Convolution::default();
+        let request = MemoryRequest { samples: 600, ..request(&convolution, &history) };
+        let mut hosted = request.build::<f32>().unwrap();
+        let order = BdfOrder::GRUNWALD_LETNIKOV;
+        let kernel = ExponentialKernel::bdf(order, 0.5, 0.25, 100_000_000, 1e-7).unwrap();
+        let table = kernel.table::<f32>();
+        let state = vec![0.0; table.borrow().state_len(2)];
+        let mut flashed = ExponentialSum::new(table, 1.0, 2, state).unwrap();
+        let (mut found, mut expected) = ([f32::NAN; 2], [f32::NAN; 2]);
+        for k in 0..600u16 {
+            hosted.next_term(&mut found).unwrap();
+            flashed.next_term(&mut expected).unwrap();
+            assert_eq!(found.map(f32::to_bits), expected.map(f32::to_bits), "k = {k}");
+            let sample = [(f32::from(k) * 0.37).sin(), 1.0 - f32::from(k)];
+            hosted.push(&sample).unwrap();
+            flashed.push(&sample).unwrap();
+        }
+    }
+}

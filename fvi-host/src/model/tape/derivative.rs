@@ -1,0 +1,352 @@
+//! A tree written into a graph, with as many derivatives as are asked for.
+//!
+//! Differentiation is forward, with only those derivatives that are not zero for every point: a sum of terms
+//! in few variables each costs as much as its terms together.
+
+use super::graph::{Graph, Origin, Value};
+use super::operation::Operation;
+use crate::language::expression::{Function, Kind, Node, Operator};
+
+/// How many derivatives are wanted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Order {
+    Value,
+    Gradient,
+    Hessian,
+}
+
+/// Row and column of an entry of a Hessian's lower triangle.
+pub(super) type Entry = (u32, u32);
+
+/// A value with its derivatives, those that are always zero left out.
+#[derive(Clone, Debug)]
+pub(super) struct Derivatives {
+    pub(super) value: Value,
+    /// ∂/∂q_i, ascending in i.
+    pub(super) gradient: Vec<(u32, Value)>,
+    /// ∂²/∂q_i∂q_j with i ≥ j, ascending in (i, j).
+    pub(super) hessian: Vec<(Entry, Value)>,
+}
+
+impl Derivatives {
+    fn constant(value: Value) -> Self {
+        Self { value, gradient: Vec::new(), hessian: Vec::new() }
+    }
+}
+
+impl Graph {
+    /// Writes the tree into the graph.
+    pub(super) fn differentiate(&mut self, node: &Node, order: Order) -> Derivatives {
+        Differentiation { graph: self, order }.node(node)
+    }
+}
+
+struct Differentiation<'a> {
+    graph: &'a mut Graph,
+    order: Order,
+}
+
+impl Differentiation<'_> {
+    fn node(&mut self, node: &Node) -> Derivatives {
+        match node.kind() {
+            Kind::Number(number) => Derivatives::constant(self.graph.constant(*number)),
+            Kind::Time => Derivatives::constant(self.graph.insert(Origin::Time)),
+            Kind::SidedTime => Derivatives::constant(self.graph.insert(Origin::SidedTime)),
+            Kind::Variable(index) => {
+                let index = u32::try_from(*index).expect("a variable's index is below 2³²");
+                let value = self.graph.insert(Origin::Variable(index));
+                let slope = (self.order >= Order::Gradient).then(|| (index, self.graph.constant(1.0)));
+                Derivatives { gradient: slope.into_iter().collect(), ..Derivatives::constant(value) }
+            }
+            Kind::Negation(inner) => {
+                let inner = self.node(inner);
+                Derivatives {
+                    value: self.graph.negate(inner.value),
+                    gradient: self.each(inner.gradient, Graph::negate),
+                    hessian: self.each(inner.hessian, Graph::negate),
+                }
+            }
+            Kind::Chain(first, operands) => self.chain(first, operands),
+            Kind::Power(sides) => {
+                let [base, exponent] = sides.as_ref();
+                let power = self.node(base);
+                let raised = self.node(exponent);
+                if exponent.varies() {
+                    self.varying_power(power, raised)
+                } else {
+                    self.fixed_power(power, raised.value)
+                }
+            }
+            Kind::Call(function, argument) => {
+                let argument = self.node(argument);
+                self.function(*function, argument)
+            }
+            Kind::Choice(function, sides) => {
+                let [left, right] = sides.as_ref();
+                let (left, right) = (self.node(left), self.node(right));
+                self.choice(*function, left, right)
+            }
+        }
+    }
+
+    fn each<K>(
+        &mut self,
+        entries: Vec<(K, Value)>,
+        mut change: impl FnMut(&mut Graph, Value) -> Value,
+    ) -> Vec<(K, Value)> {
+        entries.into_iter().map(|(key, value)| (key, change(self.graph, value))).collect()
+    }
+
+    /// A sum or product from left to right.
+    fn chain(&mut self, first: &Node, operands: &[(Operator, Node)]) -> Derivatives {
+        let mut joined = self.node(first);
+        if !operands.iter().any(|(operator, _)| operator.is_additive()) {
+            for (operator, operand) in operands {
+                let operand = self.node(operand);
+                joined = match operator {
+                    Operator::Divide => self.quotient(joined, &operand),
+                    _ => self.product(joined, &operand),
+                };
+            }
+            return joined;
+        }
+        // The derivatives of all terms are gathered first: adding term by term would copy them every time.
+        let Derivatives { mut value, mut gradient, mut hessian } = joined;
+        for (operator, operand) in operands {
+            let mut term = self.node(operand);
+            if *operator == Operator::Subtract {
+                value = self.graph.subtract(value, term.value);
+                term.gradient = self.each(term.gradient, Graph::negate);
+                term.hessian = self.each(term.hessian, Graph::negate);
+            } else {
+                value = self.graph.add(value, term.value);
+            }
+            gradient.extend(term.gradient);
+            hessian.extend(term.hessian);
+        }
+        Derivatives { value, gradient: self.gathered(gradient), hessian: self.gathered(hessian) }
+    }
+
+    /// Entries of the same place added up in the order they come in, the places ascending, zeros left out.
+    fn gathered<K: Ord + Copy>(&mut self, mut entries: Vec<(K, Value)>) -> Vec<(K, Value)> {
+        entries.sort_by_key(|&(key, _)| key);
+        let mut sums: Vec<(K, Value)> = Vec::with_capacity(entries.len());
+        for (key, value) in entries {
+            match sums.last_mut() {
+                Some((last, sum)) if *last == key => *sum = self.graph.add(*sum, value),
+                _ => sums.push((key, value)),
+            }
+        }
+        sums.retain(|&(_, sum)| !self.is_zero(sum));
+        sums
+    }
+
+    /// x_i·y_j + x_j·y_i for i ≥ j.
+    fn cross(&mut self, x: &[(u32, Value)], y: &[(u32, Value)]) -> Vec<(Entry, Value)> {
+        if self.order < Order::Hessian {
+            return Vec::new();
+        }
+        let mut entries = Vec::with_capacity(x.len() * y.len());
+        for &(i, x) in x {
+            for &(j, y) in y {
+                let product = self.graph.multiply(x, y);
+                let entry = if i == j { self.graph.add(product, product) } else { product };
+                entries.push(((i.max(j), i.min(j)), entry));
+            }
+        }
+        self.gathered(entries)
+    }
+
+    fn product(&mut self, x: Derivatives, y: &Derivatives) -> Derivatives {
+        let value = self.graph.multiply(x.value, y.value);
+        let cross = self.cross(&x.gradient, &y.gradient);
+        let mut gradient = self.each(x.gradient, |graph, slope| graph.multiply(slope, y.value));
+        gradient.extend(self.each(y.gradient.clone(), |graph, slope| graph.multiply(slope, x.value)));
+        let mut hessian = self.each(x.hessian, |graph, entry| graph.multiply(entry, y.value));
+        hessian.extend(self.each(y.hessian.clone(), |graph, entry| graph.multiply(entry, x.value)));
+        hessian.extend(cross);
+        Derivatives { value, gradient: self.gathered(gradient), hessian: self.gathered(hessian) }
+    }
+
+    /// From f = rg: r′ = (f′ − rg′)/g and r″ = (f″ − rg″ − r′g′ᵀ − g′r′ᵀ)/g.
+    fn quotient(&mut self, x: Derivatives, y: &Derivatives) -> Derivatives {
+        let value = self.graph.divide(x.value, y.value);
+        let mut gradient = x.gradient;
+        gradient.extend(self.each(y.gradient.clone(), |graph, slope| {
+            let known = graph.multiply(slope, value);
+            graph.negate(known)
+        }));
+        let gradient = self.gathered(gradient);
+        let gradient = self.each(gradient, |graph, slope| graph.divide(slope, y.value));
+        let mut hessian = x.hessian;
+        hessian.extend(self.each(y.hessian.clone(), |graph, entry| {
+            let known = graph.multiply(entry, value);
+            graph.negate(known)
+        }));
+        let cross = self.cross(&gradient, &y.gradient);
+        hessian.extend(self.each(cross, Graph::negate));
+        let hessian = self.gathered(hessian);
+        let hessian = self.each(hessian, |graph, entry| graph.divide(entry, y.value));
+        Derivatives { value, gradient, hessian }
+    }
+
+    /// f(x), given the values of f, f′ and f″; `None` is a second derivative that is always zero.
+    fn outer(&mut self, x: Derivatives, value: Value, first: Value, second: Option<Value>) -> Derivatives {
+        let mut hessian = self.each(x.hessian, |graph, entry| graph.scale(first, entry));
+        if let Some(second) = second
+            && !self.is_zero(second)
+        {
+            hessian.extend(self.squares(&x.gradient, second));
+        }
+        let hessian = self.gathered(hessian);
+        let gradient = self.each(x.gradient, |graph, slope| graph.scale(first, slope));
+        Derivatives { value, gradient, hessian }
+    }
+
+    fn is_zero(&self, value: Value) -> bool {
+        self.graph.number(value) == Some(0.0)
+    }
+
+    /// factor·x_i·x_j for i ≥ j.
+    fn squares(&mut self, x: &[(u32, Value)], factor: Value) -> Vec<(Entry, Value)> {
+        if self.order < Order::Hessian {
+            return Vec::new();
+        }
+        let mut entries = Vec::with_capacity(x.len() * (x.len() + 1) / 2);
+        for (count, &(i, row)) in x.iter().enumerate() {
+            for &(j, column) in &x[..=count] {
+                let square = self.graph.multiply(row, column);
+                entries.push(((i, j), self.graph.scale(factor, square)));
+            }
+        }
+        entries
+    }
+
+    /// x^e with an exponent without variables: x^e, e·x^(e−1), e(e−1)·x^(e−2), a factor 0 winning over x = 0.
+    fn fixed_power(&mut self, x: Derivatives, exponent: Value) -> Derivatives {
+        let value = self.graph.power(x.value, exponent);
+        if x.gradient.is_empty() || self.is_zero(exponent) {
+            return Derivatives::constant(value);
+        }
+        let one = self.graph.constant(1.0);
+        let reduced = self.graph.subtract(exponent, one);
+        let power = self.graph.power(x.value, reduced);
+        let first = self.graph.scale(power, exponent);
+        let factor = self.graph.multiply(exponent, reduced);
+        let second = if self.is_zero(factor) {
+            None
+        } else {
+            let twice_reduced = self.graph.subtract(reduced, one);
+            let power = self.graph.power(x.value, twice_reduced);
+            Some(self.graph.scale(power, factor))
+        };
+        self.outer(x, value, first, second)
+    }
+
+    /// b^e with an exponent that varies: e^(e·ln b), and derivatives 0 where it is 0.
+    fn varying_power(&mut self, base: Derivatives, exponent: Derivatives) -> Derivatives {
+        let value = self.graph.power(base.value, exponent.value);
+        if base.gradient.is_empty() && exponent.gradient.is_empty() {
+            return Derivatives::constant(value);
+        }
+        let logarithm = self.function(Function::Log, base);
+        let mut inner = self.product(exponent, &logarithm);
+        // 0 or 1 in size: ln b is infinite where b^e is 0.
+        let sign = self.graph.call(Operation::Call(Function::Sign), value);
+        let present = self.graph.call(Operation::Call(Function::Abs), sign);
+        inner.gradient = self.each(inner.gradient, |graph, slope| graph.scale(slope, present));
+        inner.hessian = self.each(inner.hessian, |graph, entry| graph.scale(entry, present));
+        self.outer(inner, value, value, Some(value))
+    }
+
+    /// Derivatives at a kink or jump are those of neither side: `abs` has 0 at 0, `step` and `sign` 0 everywhere.
+    fn function(&mut self, function: Function, x: Derivatives) -> Derivatives {
+        let v = x.value;
+        let call = |graph: &mut Graph, function| graph.call(Operation::Call(function), v);
+        let value = call(self.graph, function);
+        if x.gradient.is_empty() || matches!(function, Function::Step | Function::Sign) {
+            return Derivatives::constant(value);
+        }
+        let (one, two) = (self.graph.constant(1.0), self.graph.constant(2.0));
+        let (first, second) = match function {
+            Function::Step | Function::Sign | Function::Min | Function::Max => {
+                return Derivatives::constant(value);
+            }
+            Function::Abs => (call(self.graph, Function::Sign), None),
+            Function::Sqrt => {
+                let twice = self.graph.multiply(two, value);
+                let slope = self.graph.divide(one, twice);
+                let twice = self.graph.multiply(two, v);
+                let change = self.graph.divide(slope, twice);
+                (slope, Some(self.graph.negate(change)))
+            }
+            Function::Exp => (value, Some(value)),
+            Function::Log => {
+                let square = self.graph.multiply(v, v);
+                let change = self.graph.divide(one, square);
+                (self.graph.divide(one, v), Some(self.graph.negate(change)))
+            }
+            Function::Sin => (call(self.graph, Function::Cos), Some(self.graph.negate(value))),
+            Function::Cos => {
+                let sine = call(self.graph, Function::Sin);
+                (self.graph.negate(sine), Some(self.graph.negate(value)))
+            }
+            Function::Tan => {
+                let square = self.graph.multiply(value, value);
+                let slope = self.graph.add(one, square);
+                let twice = self.graph.multiply(two, value);
+                (slope, Some(self.graph.multiply(twice, slope)))
+            }
+            Function::Sinh => (call(self.graph, Function::Cosh), Some(value)),
+            Function::Cosh => (call(self.graph, Function::Sinh), Some(value)),
+            Function::Tanh => {
+                // 1/cosh² keeps its digits where 1 − tanh² has lost them all.
+                let cosine = call(self.graph, Function::Cosh);
+                let square = self.graph.multiply(cosine, cosine);
+                let slope = self.graph.divide(one, square);
+                let twice = self.graph.multiply(two, value);
+                let change = self.graph.multiply(twice, slope);
+                (slope, Some(self.graph.negate(change)))
+            }
+            Function::Gamma => {
+                // Γ′ = Γψ, Γ″ = Γ(ψ² + ψ′).
+                let digamma = self.graph.call(Operation::Digamma, v);
+                let trigamma = self.graph.call(Operation::Trigamma, v);
+                let square = self.graph.multiply(digamma, digamma);
+                let sum = self.graph.add(square, trigamma);
+                (self.graph.multiply(value, digamma), Some(self.graph.multiply(value, sum)))
+            }
+        };
+        self.outer(x, value, first, second)
+    }
+
+    /// The one of two that is taken, with its derivatives.
+    fn choice(&mut self, function: Function, left: Derivatives, right: Derivatives) -> Derivatives {
+        let comparison = if function == Function::Min { Operation::LeftIsMin } else { Operation::LeftIsMax };
+        let choice = self.graph.compare(comparison, left.value, right.value);
+        Derivatives {
+            value: self.graph.pick(choice, left.value, right.value),
+            gradient: self.either(choice, &left.gradient, &right.gradient),
+            hessian: self.either(choice, &left.hessian, &right.hessian),
+        }
+    }
+
+    fn either<K: Ord + Copy>(
+        &mut self,
+        choice: Value,
+        left: &[(K, Value)],
+        right: &[(K, Value)],
+    ) -> Vec<(K, Value)> {
+        let zero = self.graph.constant(0.0);
+        let find = |entries: &[(K, Value)], key| match entries.binary_search_by_key(&key, |&(key, _)| key) {
+            Ok(place) => entries[place].1,
+            Err(_) => zero,
+        };
+        let mut keys: Vec<K> = left.iter().chain(right).map(|&(key, _)| key).collect();
+        keys.sort();
+        keys.dedup();
+        keys.into_iter()
+            .map(|key| (key, self.graph.pick(choice, find(left, key), find(right, key))))
+            .collect()
+    }
+}

@@ -1,0 +1,171 @@
+//! F(t, q) compiled.
+
+use super::derivative::{Entry, Order};
+use super::graph::Graph;
+use super::polynomial::split;
+use super::program::Program;
+use crate::language::expression::{Elementary, Expression, Moment, Node};
+
+/// A force as the sum of a constant, a matrix times q, a function of t alone and a rest.
+///
+/// A component whose dependence on q is linear with constant coefficients has no rest.
+#[derive(Clone, Debug)]
+pub struct CompiledForce<T> {
+    constant: Vec<(u32, T)>,
+    linear: Vec<(u32, u32, T)>,
+    timed: Option<Program<T>>,
+    rest: Option<Rest<T>>,
+}
+
+#[derive(Clone, Debug)]
+struct Rest<T> {
+    pattern: Vec<Entry>,
+    depends_on_time: bool,
+    value: Program<T>,
+    derivatives: Program<T>,
+}
+
+impl<T: Elementary> CompiledForce<T> {
+    /// Compiles F, one expression for each coordinate; none at all is no force.
+    pub fn compile(components: &[Expression]) -> Self {
+        let (mut constant, mut linear, mut timed, mut rest) =
+            (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        for (row, component) in (0..).zip(components) {
+            match parts(component.root()) {
+                Parts::Affine { offset, slopes, of_time } => {
+                    if offset != 0.0 {
+                        constant.push((row, T::of(offset)));
+                    }
+                    let slopes = slopes.into_iter().filter(|&(_, slope)| slope != 0.0);
+                    linear.extend(slopes.map(|(column, slope)| (row, column, T::of(slope))));
+                    timed.extend(of_time.map(|node| (row, node)));
+                }
+                Parts::Nonlinear => rest.push((row, component.root())),
+            }
+        }
+        let count = components.len();
+        Self { constant, linear, timed: Self::timed(&timed), rest: Rest::new(&rest, count) }
+    }
+
+    fn timed(components: &[(u32, Node)]) -> Option<Program<T>> {
+        let mut graph = Graph::default();
+        let values: Vec<_> = components
+            .iter()
+            .map(|(row, node)| (*row, graph.differentiate(node, Order::Value).value))
+            .collect();
+        (!values.is_empty()).then(|| Program::new(&graph, 0, &values, &[]))
+    }
+
+    /// Whether there is no force at all.
+    pub fn is_zero(&self) -> bool {
+        self.is_constant() && self.constant.is_empty()
+    }
+
+    /// Whether it depends neither on the time nor on the position.
+    pub fn is_constant(&self) -> bool {
+        !self.depends_on_time() && !self.depends_on_position()
+    }
+
+    /// Whether it depends on the time.
+    pub fn depends_on_time(&self) -> bool {
+        self.timed.is_some() || self.rest.as_ref().is_some_and(|rest| rest.depends_on_time)
+    }
+
+    /// Whether it depends on the position.
+    pub fn depends_on_position(&self) -> bool {
+        !self.linear.is_empty() || self.rest.is_some()
+    }
+
+    /// Whether its dependence on the position, if any, is a constant matrix: [`linear`](Self::linear).
+    pub fn is_affine(&self) -> bool {
+        self.rest.is_none()
+    }
+
+    /// (row, column, entry) of the constant part of ∂F/∂q, row by row.
+    pub fn linear(&self) -> &[(u32, u32, T)] {
+        &self.linear
+    }
+
+    /// (row, column) of the entries of ∂F/∂q besides the constant ones, row by row. The rows are not those of
+    /// [`linear`](Self::linear).
+    pub fn pattern(&self) -> &[(u32, u32)] {
+        self.rest.as_ref().map_or(&[], |rest| &rest.pattern)
+    }
+
+    /// Writes F(t, q), of all parts together.
+    pub fn value(&self, moment: Moment<T>, position: &[T], registers: &mut Vec<T>, force: &mut [T]) {
+        self.affine(moment, position, registers, force);
+        if let Some(rest) = &self.rest {
+            rest.value.evaluate(moment, position, registers, force, &mut []);
+        }
+    }
+
+    /// Writes F(t, q), of all parts together, and the entries of ∂F/∂q in the order of
+    /// [`pattern`](Self::pattern).
+    pub fn derivatives(
+        &self,
+        moment: Moment<T>,
+        position: &[T],
+        registers: &mut Vec<T>,
+        force: &mut [T],
+        jacobian: &mut [T],
+    ) {
+        self.affine(moment, position, registers, force);
+        if let Some(rest) = &self.rest {
+            rest.derivatives.evaluate(moment, position, registers, force, jacobian);
+        }
+    }
+
+    /// Writes what F is without its rest at q = 0: the constant and the function of t.
+    pub fn load(&self, moment: Moment<T>, registers: &mut Vec<T>, force: &mut [T]) {
+        force.fill(T::zero());
+        for &(row, number) in &self.constant {
+            force[row as usize] = number;
+        }
+        if let Some(timed) = &self.timed {
+            timed.evaluate(moment, &[], registers, force, &mut []);
+        }
+    }
+
+    fn affine(&self, moment: Moment<T>, position: &[T], registers: &mut Vec<T>, force: &mut [T]) {
+        self.load(moment, registers, force);
+        for &(row, column, slope) in &self.linear {
+            force[row as usize] += slope * position[column as usize];
+        }
+    }
+}
+
+impl<T: Elementary> Rest<T> {
+    fn new(components: &[(u32, &Node)], count: usize) -> Option<Self> {
+        if components.is_empty() {
+            return None;
+        }
+        let mut graph = Graph::default();
+        let mut values = Vec::new();
+        let mut slopes = Vec::new();
+        for &(row, node) in components {
+            let component = graph.differentiate(node, Order::Gradient);
+            values.push((row, component.value));
+            slopes.extend(component.gradient.into_iter().map(|(column, slope)| ((row, column), slope)));
+        }
+        let value = Program::new(&graph, count, &values, &[]);
+        let (pattern, slopes): (Vec<_>, Vec<_>) = slopes.into_iter().unzip();
+        let entries: Vec<_> = (0..).zip(slopes).collect();
+        let derivatives = Program::new(&graph, count, &values, &entries);
+        Some(Self { pattern, depends_on_time: graph.knows_time(), value, derivatives })
+    }
+}
+
+enum Parts {
+    Affine { offset: f64, slopes: Vec<(u32, f64)>, of_time: Option<Node> },
+    Nonlinear,
+}
+
+fn parts(component: &Node) -> Parts {
+    let (polynomial, rest) = split(component);
+    if polynomial.degree() == 2 || rest.as_ref().is_some_and(Node::varies) {
+        return Parts::Nonlinear;
+    }
+    let slopes = polynomial.linear.into_iter().collect();
+    Parts::Affine { offset: polynomial.constant, slopes, of_time: rest }
+}

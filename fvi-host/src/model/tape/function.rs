@@ -1,0 +1,84 @@
+//! A function of t and of any variables, compiled whole.
+
+use super::derivative::{Entry, Order};
+use super::graph::Graph;
+use super::program::Program;
+use crate::language::expression::{Elementary, Expression, Moment, Node};
+
+/// f(t, x) with programs for its value and its first two derivatives in x.
+///
+/// Every number has the bits that the expression's own evaluation gives it.
+#[derive(Clone, Debug)]
+pub struct CompiledFunction<T> {
+    value: Program<T>,
+    differentiated: Differentiated<T>,
+}
+
+impl<T: Elementary> CompiledFunction<T> {
+    /// Compiles an expression in `variables` variables.
+    pub fn compile(expression: &Expression, variables: usize) -> Self {
+        Self {
+            value: value(expression, variables),
+            differentiated: Differentiated::new(expression.root(), variables),
+        }
+    }
+
+    /// (row, column) of the entries of the Hessian that are not zero everywhere: lower triangle with the
+    /// diagonal, row by row.
+    pub fn pattern(&self) -> &[(u32, u32)] {
+        &self.differentiated.pattern
+    }
+
+    /// f(t, x).
+    pub fn value(&self, moment: Moment<T>, variables: &[T], registers: &mut Vec<T>) -> T {
+        let mut value = [T::zero()];
+        self.value.evaluate(moment, variables, registers, &mut value, &mut []);
+        value[0]
+    }
+
+    /// Writes ∂f/∂x.
+    pub fn gradient(&self, moment: Moment<T>, variables: &[T], registers: &mut Vec<T>, gradient: &mut [T]) {
+        gradient.fill(T::zero());
+        self.differentiated.gradient.evaluate(moment, variables, registers, gradient, &mut []);
+    }
+
+    /// Writes ∂f/∂x and the entries of ∂²f/∂x² in the order of [`pattern`](Self::pattern).
+    pub fn derivatives(
+        &self,
+        moment: Moment<T>,
+        variables: &[T],
+        registers: &mut Vec<T>,
+        gradient: &mut [T],
+        hessian: &mut [T],
+    ) {
+        gradient.fill(T::zero());
+        self.differentiated.derivatives.evaluate(moment, variables, registers, gradient, hessian);
+    }
+}
+
+/// The program of a value alone.
+pub(super) fn value<T: Elementary>(expression: &Expression, variables: usize) -> Program<T> {
+    let mut graph = Graph::default();
+    let value = graph.differentiate(expression.root(), Order::Value).value;
+    Program::new(&graph, variables, &[(0, value)], &[])
+}
+
+/// Programs that add a gradient, the second of them with the entries of the Hessian.
+#[derive(Clone, Debug)]
+pub(super) struct Differentiated<T> {
+    pub(super) pattern: Vec<Entry>,
+    pub(super) gradient: Program<T>,
+    pub(super) derivatives: Program<T>,
+}
+
+impl<T: Elementary> Differentiated<T> {
+    pub(super) fn new(node: &Node, variables: usize) -> Self {
+        let mut graph = Graph::default();
+        let function = graph.differentiate(node, Order::Hessian);
+        let gradient = Program::new(&graph, variables, &function.gradient, &[]);
+        let (pattern, values): (Vec<_>, Vec<_>) = function.hessian.into_iter().unzip();
+        let entries: Vec<_> = (0..).zip(values).collect();
+        let derivatives = Program::new(&graph, variables, &function.gradient, &entries);
+        Self { pattern, gradient, derivatives }
+    }
+}

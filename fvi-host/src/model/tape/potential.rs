@@ -1,0 +1,138 @@
+//! U(q) compiled.
+
+use super::function::{Differentiated, value};
+use super::polynomial::{Polynomial, split};
+use super::program::Program;
+use crate::language::expression::{Elementary, Expression, Moment, Node};
+
+/// ½ qᵀ K q + bᵀ q + c.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct QuadraticPart<T> {
+    /// (row, column, entry) of the lower triangle of the symmetric K, diagonal included, row by row.
+    pub stiffness: Vec<(u32, u32, T)>,
+    /// (coordinate, entry) of b, ascending.
+    pub linear: Vec<(u32, T)>,
+    /// c.
+    pub constant: T,
+}
+
+impl<T: Elementary> QuadraticPart<T> {
+    fn new(polynomial: &Polynomial) -> Self {
+        let stiffness = polynomial.quadratic.iter().map(|(&(row, column), &coefficient)| {
+            (row, column, if row == column { 2.0 * coefficient } else { coefficient })
+        });
+        Self {
+            stiffness: stiffness
+                .filter(|&(.., entry)| entry != 0.0)
+                .map(|(row, column, entry)| (row, column, T::of(entry)))
+                .collect(),
+            linear: polynomial
+                .linear
+                .iter()
+                .filter(|&(_, &entry)| entry != 0.0)
+                .map(|(&coordinate, &entry)| (coordinate, T::of(entry)))
+                .collect(),
+            constant: T::of(polynomial.constant),
+        }
+    }
+
+    /// Adds K q + b to `gradient`.
+    pub fn add_gradient(&self, position: &[T], gradient: &mut [T]) {
+        for &(row, column, entry) in &self.stiffness {
+            let (row, column) = (row as usize, column as usize);
+            gradient[row] += entry * position[column];
+            if row != column {
+                gradient[column] += entry * position[row];
+            }
+        }
+        for &(coordinate, entry) in &self.linear {
+            gradient[coordinate as usize] += entry;
+        }
+    }
+}
+
+/// A potential as the sum of a quadratic part and a rest, with programs for what the schemes ask for.
+///
+/// The split is exact but for the rounding of coefficients such as k·1·(−1). The value is computed from the
+/// expression as it was written, not from the parts: expanding (q1 − q0)² would cost it digits.
+#[derive(Clone, Debug)]
+pub struct CompiledPotential<T> {
+    quadratic: QuadraticPart<T>,
+    value: Program<T>,
+    rest: Option<Differentiated<T>>,
+}
+
+impl<T: Elementary> CompiledPotential<T> {
+    /// Compiles U for `coordinates` coordinates, the variables of the expression.
+    pub fn compile(potential: &Expression, coordinates: usize) -> Self {
+        let (polynomial, rest) = split(potential.root());
+        Self {
+            quadratic: QuadraticPart::new(&polynomial),
+            value: value(potential, coordinates),
+            rest: rest.filter(Node::varies).map(|rest| Differentiated::new(&rest, coordinates)),
+        }
+    }
+
+    /// The quadratic part.
+    pub fn quadratic(&self) -> &QuadraticPart<T> {
+        &self.quadratic
+    }
+
+    /// Whether the quadratic part is all there is.
+    pub fn is_quadratic(&self) -> bool {
+        self.rest.is_none()
+    }
+
+    /// (row, column) of the entries of the rest's Hessian that are not zero everywhere: lower triangle with
+    /// the diagonal, row by row.
+    pub fn pattern(&self) -> &[(u32, u32)] {
+        self.rest.as_ref().map_or(&[], |rest| &rest.pattern)
+    }
+
+    /// U(q).
+    pub fn value(&self, position: &[T], registers: &mut Vec<T>) -> T {
+        let mut value = [T::zero()];
+        self.value.evaluate(moment(), position, registers, &mut value, &mut []);
+        value[0]
+    }
+
+    /// Writes ∇U(q), of both parts together.
+    pub fn gradient(&self, position: &[T], registers: &mut Vec<T>, gradient: &mut [T]) {
+        gradient.fill(T::zero());
+        self.quadratic.add_gradient(position, gradient);
+        self.add_rest_gradient(position, registers, gradient);
+    }
+
+    /// Adds the gradient of the rest to `gradient`.
+    pub fn add_rest_gradient(&self, position: &[T], registers: &mut Vec<T>, gradient: &mut [T]) {
+        if let Some(rest) = &self.rest {
+            rest.gradient.evaluate(moment(), position, registers, gradient, &mut []);
+        }
+    }
+
+    /// Writes ∇U(q), of both parts together, and the entries of the rest's Hessian in the order of
+    /// [`pattern`](Self::pattern).
+    pub fn derivatives(&self, position: &[T], registers: &mut Vec<T>, gradient: &mut [T], hessian: &mut [T]) {
+        gradient.fill(T::zero());
+        self.quadratic.add_gradient(position, gradient);
+        self.add_rest_derivatives(position, registers, gradient, hessian);
+    }
+
+    /// Adds the gradient of the rest to `gradient` and writes the entries of its Hessian.
+    pub fn add_rest_derivatives(
+        &self,
+        position: &[T],
+        registers: &mut Vec<T>,
+        gradient: &mut [T],
+        hessian: &mut [T],
+    ) {
+        if let Some(rest) = &self.rest {
+            rest.derivatives.evaluate(moment(), position, registers, gradient, hessian);
+        }
+    }
+}
+
+/// A potential does not depend on the time.
+fn moment<T: Elementary>() -> Moment<T> {
+    Moment::inside(T::zero())
+}

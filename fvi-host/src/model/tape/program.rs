@@ -1,0 +1,422 @@
+//! A graph as a program: straight-line code in which equal operations stand together.
+//!
+//! The values that the outputs need are put in order, each after those it is made of and close to where it is
+//! used, and cut into windows. Within a window, operations that do not wait for each other are sorted by
+//! kind, so that the interpreter decides once for a whole run of equal operations what to do. A window's
+//! values lie in the registers that every window uses, close enough together to stay in the fastest cache;
+//! only what later windows need is copied to a register of its own.
+
+use super::graph::{Graph, Origin, Value};
+use super::operation::{Operation, scale};
+use crate::language::expression::{Elementary, Function, Moment};
+use core::ops::Range;
+
+/// Operations in a window: their values take 8 KB in double precision.
+const WINDOW: usize = 1024;
+
+/// A program with inputs t and q and two lists of outputs.
+#[derive(Clone, Debug)]
+pub(super) struct Program<T> {
+    /// The registers hold, in this order, the constants, t, t as seen from its side, q, what crosses from window
+    /// to window, and the values of the current window.
+    constants: Vec<T>,
+    coordinates: usize,
+    registers: usize,
+    windows: Vec<Window>,
+    runs: Vec<Run>,
+    /// The registers that the runs read, operation by operation.
+    operands: Vec<u32>,
+    /// (from, to) of what later windows need.
+    exports: Vec<(u32, u32)>,
+    /// (register, place in the output) of the outputs that are added.
+    sums: Vec<(u32, u32)>,
+    /// Likewise of those that are set.
+    entries: Vec<(u32, u32)>,
+}
+
+/// Equal operations whose values go to neighbouring registers.
+#[derive(Clone, Debug)]
+struct Run {
+    work: Work,
+    target: usize,
+    count: usize,
+    operands: usize,
+}
+
+/// What a run does with each of its operands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Work {
+    One(Operation),
+    /// Sines, and behind all of them the cosines of the same numbers: reducing the argument is half the work.
+    SineAndCosine,
+}
+
+#[derive(Clone, Debug)]
+struct Window {
+    runs: Range<usize>,
+    exports: Range<usize>,
+    sums: Range<usize>,
+    entries: Range<usize>,
+}
+
+impl<T: Elementary> Program<T> {
+    /// The program that computes `sums` and `entries` (see [`evaluate`](Self::evaluate)) for q of length
+    /// `coordinates`.
+    pub(super) fn new(
+        graph: &Graph,
+        coordinates: usize,
+        sums: &[(u32, Value)],
+        entries: &[(u32, Value)],
+    ) -> Self {
+        let schedule = Schedule::new(graph, sums.iter().chain(entries).map(|&(_, value)| value));
+        Assembly::new(graph, coordinates, &schedule).assemble(sums, entries)
+    }
+
+    /// Adds the first outputs to `sums` and writes the others to `entries`.
+    ///
+    /// `registers` is room to work in: it may hold anything, and grows if it is too small.
+    pub(super) fn evaluate(
+        &self,
+        moment: Moment<T>,
+        position: &[T],
+        registers: &mut Vec<T>,
+        sums: &mut [T],
+        entries: &mut [T],
+    ) {
+        if registers.len() < self.registers {
+            registers.resize(self.registers, T::zero());
+        }
+        let registers = &mut registers[..self.registers];
+        let (constants, others) = registers.split_at_mut(self.constants.len());
+        constants.copy_from_slice(&self.constants);
+        others[0] = moment.time;
+        others[1] = moment.sided;
+        others[2..2 + self.coordinates].copy_from_slice(position);
+        for window in &self.windows {
+            for run in &self.runs[window.runs.clone()] {
+                run.evaluate(registers, &self.operands[run.operands..]);
+            }
+            for &(from, to) in &self.exports[window.exports.clone()] {
+                registers[to as usize] = registers[from as usize];
+            }
+            for &(from, to) in &self.sums[window.sums.clone()] {
+                sums[to as usize] += registers[from as usize];
+            }
+            for &(from, to) in &self.entries[window.entries.clone()] {
+                entries[to as usize] = registers[from as usize];
+            }
+        }
+    }
+}
+
+impl Run {
+    #[inline]
+    fn evaluate<T: Elementary>(&self, registers: &mut [T], operands: &[u32]) {
+        // What a run reads was written before: it lies in front of what it writes.
+        let (known, new) = registers.split_at_mut(self.target);
+        let operation = match self.work {
+            Work::One(operation) => operation,
+            Work::SineAndCosine => {
+                let (sines, cosines) = new.split_at_mut(self.count);
+                for ((sine, cosine), &x) in sines.iter_mut().zip(cosines).zip(operands) {
+                    (*sine, *cosine) = known[x as usize].sine_cosine();
+                }
+                return;
+            }
+        };
+        let new = &mut new[..self.count];
+        match operation {
+            Operation::Negate => unary(known, new, operands, |x| -x),
+            Operation::Add => binary(known, new, operands, |x, y| x + y),
+            Operation::Subtract => binary(known, new, operands, |x, y| x - y),
+            Operation::Multiply => binary(known, new, operands, |x, y| x * y),
+            Operation::Divide => binary(known, new, operands, |x, y| x / y),
+            Operation::Scale => binary(known, new, operands, scale),
+            Operation::Call(Function::Sin) => unary(known, new, operands, T::sine),
+            Operation::Call(Function::Cos) => unary(known, new, operands, T::cosine),
+            Operation::Call(Function::Exp) => unary(known, new, operands, T::exponential),
+            other => match other.arity() {
+                1 => unary(known, new, operands, |x| other.of([x, x, x])),
+                2 => binary(known, new, operands, |x, y| other.of([x, y, y])),
+                _ => ternary(known, new, operands, |x, y, z| other.of([x, y, z])),
+            },
+        }
+    }
+}
+
+#[inline]
+fn unary<T: Copy>(known: &[T], new: &mut [T], operands: &[u32], of: impl Fn(T) -> T) {
+    for (new, &x) in new.iter_mut().zip(operands) {
+        *new = of(known[x as usize]);
+    }
+}
+
+#[inline]
+fn binary<T: Copy>(known: &[T], new: &mut [T], operands: &[u32], of: impl Fn(T, T) -> T) {
+    for (new, &[x, y]) in new.iter_mut().zip(operands.as_chunks().0) {
+        *new = of(known[x as usize], known[y as usize]);
+    }
+}
+
+#[inline]
+fn ternary<T: Copy>(known: &[T], new: &mut [T], operands: &[u32], of: impl Fn(T, T, T) -> T) {
+    for (new, &[x, y, z]) in new.iter_mut().zip(operands.as_chunks().0) {
+        *new = of(known[x as usize], known[y as usize], known[z as usize]);
+    }
+}
+
+/// Which operations are computed, in windows, each window in an order that makes long runs.
+struct Schedule {
+    windows: Vec<Vec<Value>>,
+    /// Of each value of the graph that is computed: its window.
+    window_of: Vec<Option<u32>>,
+}
+
+impl Schedule {
+    fn new(graph: &Graph, outputs: impl Iterator<Item = Value>) -> Self {
+        let order = needed(graph, outputs);
+        let mut window_of = vec![None; graph.len()];
+        let mut level_of = vec![0_u32; graph.len()];
+        let mut windows = Vec::new();
+        for (index, window) in order.chunks(WINDOW).enumerate() {
+            let index = Some(u32::try_from(index).expect("fewer windows than values"));
+            for &value in window {
+                // How long a value waits for others of its window.
+                let level = operands(graph, value)
+                    .filter(|operand| window_of[operand.0 as usize] == index)
+                    .map(|operand| level_of[operand.0 as usize] + 1)
+                    .max();
+                level_of[value.0 as usize] = level.unwrap_or(0);
+                window_of[value.0 as usize] = index;
+            }
+            let mut window = window.to_vec();
+            // Equal operations by their operands: sines and cosines of the same numbers then match.
+            window.sort_by_key(|&value| {
+                let first = operands(graph, value).next();
+                (level_of[value.0 as usize], operation(graph, value), first)
+            });
+            windows.push(window);
+        }
+        if windows.is_empty() {
+            windows.push(Vec::new());
+        }
+        Self { windows, window_of }
+    }
+}
+
+/// The operations that the outputs need, each after its operands and as late as its first use lets it.
+fn needed(graph: &Graph, outputs: impl Iterator<Item = Value>) -> Vec<Value> {
+    let mut order = Vec::new();
+    let mut visited = vec![false; graph.len()];
+    let mut pending: Vec<(Value, bool)> = Vec::new();
+    for output in outputs {
+        pending.push((output, false));
+        while let Some((value, complete)) = pending.pop() {
+            if complete {
+                order.push(value);
+            } else if !visited[value.0 as usize] && operation(graph, value).is_some() {
+                visited[value.0 as usize] = true;
+                pending.push((value, true));
+                let first = pending.len();
+                pending.extend(operands(graph, value).map(|operand| (operand, false)));
+                pending[first..].reverse();
+            }
+        }
+    }
+    order
+}
+
+fn operation(graph: &Graph, value: Value) -> Option<Operation> {
+    match graph.origin(value) {
+        Origin::Computed(operation, _) => Some(operation),
+        _ => None,
+    }
+}
+
+fn operands(graph: &Graph, value: Value) -> impl Iterator<Item = Value> {
+    let (operands, arity) = match graph.origin(value) {
+        Origin::Computed(operation, operands) => (operands, operation.arity()),
+        _ => ([Value(0); 3], 0),
+    };
+    operands.into_iter().take(arity)
+}
+
+/// Gives values their registers and writes the program.
+struct Assembly<'a, T> {
+    graph: &'a Graph,
+    schedule: &'a Schedule,
+    program: Program<T>,
+    /// Of each value of the graph: its register for as long as the program runs, if it has one.
+    lasting: Vec<Option<u32>>,
+    /// Of each value computed: its register while its window lasts.
+    passing: Vec<u32>,
+}
+
+impl<'a, T: Elementary> Assembly<'a, T> {
+    fn new(graph: &'a Graph, coordinates: usize, schedule: &'a Schedule) -> Self {
+        let program = Program {
+            constants: Vec::new(),
+            coordinates,
+            registers: 0,
+            windows: Vec::new(),
+            runs: Vec::new(),
+            operands: Vec::new(),
+            exports: Vec::new(),
+            sums: Vec::new(),
+            entries: Vec::new(),
+        };
+        Self { graph, schedule, program, lasting: vec![None; graph.len()], passing: vec![0; graph.len()] }
+    }
+
+    fn assemble(mut self, sums: &[(u32, Value)], entries: &[(u32, Value)]) -> Program<T> {
+        let schedule = self.schedule;
+        self.place_constants(sums, entries);
+        let first_lasting = self.inputs_end();
+        let mut lasting = first_lasting;
+        for value in schedule.windows.iter().flatten() {
+            for operand in operands(self.graph, *value) {
+                let home = schedule.window_of[operand.0 as usize];
+                let place = &mut self.lasting[operand.0 as usize];
+                if home.is_some() && home != schedule.window_of[value.0 as usize] && place.is_none() {
+                    *place = Some(lasting);
+                    lasting += 1;
+                }
+            }
+        }
+        let sums = self.by_window(sums);
+        let entries = self.by_window(entries);
+        for (index, window) in schedule.windows.iter().enumerate() {
+            let runs = self.program.runs.len();
+            let exports = self.program.exports.len();
+            self.write_runs(window, lasting);
+            for value in window {
+                if let Some(to) = self.lasting[value.0 as usize] {
+                    self.program.exports.push((self.passing[value.0 as usize], to));
+                }
+            }
+            let first = (self.program.sums.len(), self.program.entries.len());
+            for &(place, value) in &sums[index] {
+                let register = self.output(value);
+                self.program.sums.push((register, place));
+            }
+            for &(place, value) in &entries[index] {
+                let register = self.output(value);
+                self.program.entries.push((register, place));
+            }
+            self.program.windows.push(Window {
+                runs: runs..self.program.runs.len(),
+                exports: exports..self.program.exports.len(),
+                sums: first.0..self.program.sums.len(),
+                entries: first.1..self.program.entries.len(),
+            });
+        }
+        let longest = schedule.windows.iter().map(Vec::len).max().unwrap_or(0);
+        self.program.registers = lasting as usize + longest;
+        self.program
+    }
+
+    /// The register behind the constants, the time and the coordinates.
+    fn inputs_end(&self) -> u32 {
+        let count = self.program.constants.len() + 2 + self.program.coordinates;
+        u32::try_from(count).expect("fewer registers than 2³²")
+    }
+
+    /// Registers for the constants that occur, then for the time and the variables.
+    fn place_constants(&mut self, sums: &[(u32, Value)], entries: &[(u32, Value)]) {
+        let graph = self.graph;
+        let computed = self.schedule.windows.iter().flatten().flat_map(|&value| operands(graph, value));
+        let outputs = sums.iter().chain(entries).map(|&(_, value)| value);
+        let used: Vec<Value> = computed.chain(outputs).collect();
+        for &value in &used {
+            if let Some(number) = graph.number(value)
+                && self.lasting[value.0 as usize].is_none()
+            {
+                let place = u32::try_from(self.program.constants.len()).expect("fewer constants than values");
+                self.lasting[value.0 as usize] = Some(place);
+                self.program.constants.push(T::of(number));
+            }
+        }
+        let time = u32::try_from(self.program.constants.len()).expect("fewer constants than values");
+        for &value in &used {
+            let place = match graph.origin(value) {
+                Origin::Time => time,
+                Origin::SidedTime => time + 1,
+                Origin::Variable(index) => time + 2 + index,
+                Origin::Constant(_) | Origin::Computed(..) => continue,
+            };
+            self.lasting[value.0 as usize] = Some(place);
+        }
+    }
+
+    /// The outputs by the window in which they are computed; those that are inputs with the first.
+    fn by_window(&self, outputs: &[(u32, Value)]) -> Vec<Vec<(u32, Value)>> {
+        let mut sorted = vec![Vec::new(); self.schedule.windows.len()];
+        for &(place, value) in outputs {
+            sorted[self.schedule.window_of[value.0 as usize].unwrap_or(0) as usize].push((place, value));
+        }
+        sorted
+    }
+
+    /// Where an output lies at the end of its window.
+    fn output(&self, value: Value) -> u32 {
+        match self.schedule.window_of[value.0 as usize] {
+            Some(_) => self.passing[value.0 as usize],
+            None => self.lasting[value.0 as usize].unwrap_or(0),
+        }
+    }
+
+    fn write_runs(&mut self, window: &[Value], first: u32) {
+        let home = window.first().and_then(|value| self.schedule.window_of[value.0 as usize]);
+        let first_run = self.program.runs.len();
+        let mut target = first;
+        for &value in window {
+            let Origin::Computed(operation, all) = self.graph.origin(value) else { continue };
+            let start = self.program.operands.len();
+            let mut latest = 0;
+            for operand in &all[..operation.arity()] {
+                let index = operand.0 as usize;
+                let register = if home.is_some() && self.schedule.window_of[index] == home {
+                    self.passing[index]
+                } else {
+                    self.lasting[index].unwrap_or(0)
+                };
+                latest = latest.max(register);
+                self.program.operands.push(register);
+            }
+            // One more of the run, unless it reads what the run writes.
+            match self.program.runs[first_run..].last_mut() {
+                Some(run) if run.work == Work::One(operation) && (latest as usize) < run.target => {
+                    run.count += 1
+                }
+                _ => self.program.runs.push(Run {
+                    work: Work::One(operation),
+                    target: target as usize,
+                    count: 1,
+                    operands: start,
+                }),
+            }
+            self.passing[value.0 as usize] = target;
+            target += 1;
+        }
+        self.join_sines_and_cosines(first_run);
+    }
+
+    /// Makes one run of two where the cosines of the same numbers follow sines.
+    fn join_sines_and_cosines(&mut self, first_run: usize) {
+        let operands = &self.program.operands;
+        let read = |run: &Run| &operands[run.operands..run.operands + run.count];
+        let runs = self.program.runs.split_off(first_run);
+        for run in runs {
+            match self.program.runs[first_run..].last_mut() {
+                Some(last)
+                    if last.work == Work::One(Operation::Call(Function::Sin))
+                        && run.work == Work::One(Operation::Call(Function::Cos))
+                        && read(last) == read(&run) =>
+                {
+                    last.work = Work::SineAndCosine;
+                }
+                _ => self.program.runs.push(run),
+            }
+        }
+    }
+}

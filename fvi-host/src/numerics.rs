@@ -1,0 +1,10 @@
+//! Numerical mathematics that needs an allocator or is done once: tables for memories, weights, benchmarks.
+
+pub mod aligned;
+pub mod exponential_table;
+pub mod growing_ring;
+pub mod podlubny_matrix;
+pub mod runge_kutta_weights;
+pub mod starting;
+mod starting_defects;
+pub mod vectorised;

@@ -1,0 +1,329 @@
+//! Matrix weights of Runge–Kutta convolution quadrature, with relative accuracy at every index.
+
+use std::f64::consts::PI;
+use std::ops::Range;
+
+use crate::numerics::aligned::Aligned;
+use fvi_core::{ExponentialTable, ParameterError, Real, RungeKutta};
+use nalgebra::{Complex, SMatrix, SVector};
+
+/// A decaying exponential of the kernel: its part of the weight W_n is (1 − `decrement`)^{n−1} · `left` · `right`ᵀ.
+#[derive(Clone, Copy, Debug)]
+pub struct RankOneExponential<const R: usize> {
+    /// 1 − R(−x), R the stability function: in (0, 2), accurate relative to itself however small.
+    pub decrement: f64,
+    /// Coefficient times (I + xA)⁻¹ 1.
+    pub left: SVector<f64, R>,
+    /// bᵀ (I + xA)⁻¹.
+    pub right: SVector<f64, R>,
+}
+
+/// Points of the contour. The slowest of the methods needs about a thousand for rounding accuracy.
+const CONTOUR_POINTS: usize = 2048;
+
+/// Relative accuracy of the quadrature over the cut.
+const TOLERANCE: f64 = 1e-17;
+
+/// Exponentials in a block of the core's table.
+const EXPONENTIALS_IN_BLOCK: usize = 4;
+
+/// Running sums that forget more slowly than this are kept in two parts: they would gather the rounding errors of many steps.
+const SLOW_DECREMENT: f64 = 1.0 / 32.0;
+
+/// Powers between two exact evaluations of an exponential in [`RungeKuttaWeights::planes`].
+const RESTART: usize = 16;
+
+/// The matrix weights W_n of D^β for a Runge–Kutta method, n = 0 … count − 1.
+///
+/// ```text
+/// Δ(z) = A⁻¹ − z A⁻¹ 1 bᵀ A⁻¹ ,      Σ_n W_n zⁿ = (Δ(z)/h)^β
+/// ```
+///
+/// Cauchy's formula around the spectrum of A⁻¹, the resolvent of Δ(z) expanded in z (a rank-one change), gives
+///
+/// ```text
+/// W₀ = h^{−β}/(2πi) ∮ λ^β (λA − I)⁻¹A dλ ,      W_n = −h^{−β}/(2πi) ∮ λ^β R(λ)^{n−1} (λA−I)⁻¹1 · bᵀ(λA−I)⁻¹ dλ
+/// ```
+///
+/// with the stability function R. A circle serves n = 0 and 1; for the others the contour is collapsed onto the negative axis,
+///
+/// ```text
+/// W_n = −(sin πβ / π) h^{−β} ∫₀^∞ x^β R(−x)^{n−1} (I+xA)⁻¹1 · bᵀ(I+xA)⁻¹ dx ,
+/// ```
+///
+/// by the trapezoidal rule in ln x. No cancellation is left there, so each weight is accurate relative to itself, where a transform
+/// on a circle loses all digits of the tail. The powers come from ln(1 − decrement), not from R rounded to a number near one.
+///
+/// For 1 < β < 2 the first three follow from those of β − 1 by the semigroup: the integral needs n > β + 1 to end soon. Whole
+/// exponents have two coefficients at most: D¹ has A⁻¹/h and −A⁻¹1bᵀA⁻¹/h. Source: \[LO93\]; \[LS02\] for the contour.
+#[derive(Clone, Debug)]
+pub struct RungeKuttaWeights<const R: usize> {
+    count: usize,
+    /// W₀, W₁ and for β > 1 also W₂.
+    near: Vec<SMatrix<f64, R, R>>,
+    /// Empty for whole exponents.
+    exponentials: Vec<RankOneExponential<R>>,
+}
+
+impl<const R: usize> RungeKuttaWeights<R> {
+    /// Weights for the operator D^`exponent` and the step size `step_size`, `count` of them.
+    ///
+    /// # Errors
+    /// If the exponent is outside (−1, 2), the step size is not positive and finite, or `count` is zero.
+    pub fn new(
+        method: &RungeKutta<R>,
+        exponent: f64,
+        step_size: f64,
+        count: usize,
+    ) -> Result<Self, ParameterError> {
+        let refuse = |parameter, value, allowed| Err(ParameterError { parameter, value, allowed });
+        if !(exponent > -1.0 && exponent < 2.0) {
+            return refuse("exponent", exponent, "greater than −1 and less than 2");
+        }
+        if !(step_size > 0.0 && step_size.is_finite()) {
+            return refuse("step size", step_size, "positive and finite");
+        }
+        if count == 0 {
+            return refuse("number of weights", 0.0, "positive");
+        }
+        let matrix = SMatrix::<f64, R, R>::from_fn(|i, j| method.matrix()[i][j]);
+        let weights = SVector::<f64, R>::from(*method.quadrature().weights());
+        let scale = libm::pow(step_size, -exponent);
+        let mut near = near_weights(&matrix, &weights, exponent);
+        let exponentials = if exponent == 0.0 || exponent == 1.0 {
+            Vec::new()
+        } else {
+            cut_exponentials(&matrix, &weights, exponent, scale, near.len()..count.max(near.len() + 1))
+        };
+        near.iter_mut().for_each(|weight| *weight *= scale);
+        Ok(Self { count, near, exponentials })
+    }
+
+    /// Number of weights, the horizon of the table.
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Leading weight W₀.
+    pub fn leading(&self) -> &SMatrix<f64, R, R> {
+        &self.near[0]
+    }
+
+    /// The first weights, two or three of them, that the exponentials do not give.
+    pub fn near(&self) -> &[SMatrix<f64, R, R>] {
+        &self.near
+    }
+
+    /// The exponentials that the other weights are sums of; none where those vanish.
+    pub fn exponentials(&self) -> &[RankOneExponential<R>] {
+        &self.exponentials
+    }
+
+    /// (Δ(z)/h)^β = Σ_n W_n zⁿ for |z| ≤ 1, as the sum of geometric series. The exponentials describe the weights below
+    /// [`count`](Self::count), so z must keep away from 1 by much more than the inverse of that.
+    pub fn symbol(&self, z: Complex<f64>) -> SMatrix<Complex<f64>, R, R> {
+        let mut power = Complex::new(1.0, 0.0);
+        let mut symbol = SMatrix::zeros();
+        for weight in &self.near {
+            symbol += weight.map(|entry| power * entry);
+            power *= z;
+        }
+        for exponential in &self.exponentials {
+            let first = exponential.power(self.near.len() - 1);
+            let series = power * first / (Complex::new(1.0, 0.0) - z * (1.0 - exponential.decrement));
+            symbol += (exponential.left * exponential.right.transpose()).map(|entry| series * entry);
+        }
+        symbol
+    }
+
+    /// The table that the exponential-sum memory of the core reads, in its scalar.
+    pub fn table<T: Real>(&self) -> ExponentialTable<Aligned<T>> {
+        let first = self.near.len();
+        let entries = (0..R).flat_map(|i| (0..R).map(move |j| (i, j)));
+        let head = entries.flat_map(|place| self.near.iter().map(move |weight| T::of(weight[place])));
+        // Slow exponentials come first.
+        let slow_first: Vec<_> = self.exponentials.iter().rev().collect();
+        let mut numbers = Vec::new();
+        for block in slow_first.chunks(EXPONENTIALS_IN_BLOCK) {
+            let lane = |of: &dyn Fn(&RankOneExponential<R>) -> f64| {
+                let mut lanes = [T::zero(); EXPONENTIALS_IN_BLOCK];
+                for (lane, exponential) in lanes.iter_mut().zip(block) {
+                    *lane = T::of(of(exponential));
+                }
+                lanes
+            };
+            numbers.extend(lane(&|exponential| exponential.decrement));
+            for stage in 0..R {
+                // The table of a plain kernel has no inputs: they are part of the outputs.
+                let input =
+                    |exponential: &RankOneExponential<R>| if R == 1 { exponential.right[0] } else { 1.0 };
+                numbers.extend(lane(&|exponential| {
+                    exponential.left[stage] * input(exponential) * exponential.power(first - 1)
+                }));
+            }
+            if R > 1 {
+                for stage in 0..R {
+                    numbers.extend(lane(&|exponential| exponential.right[stage]));
+                }
+            }
+        }
+        let slow = slow_first.iter().take_while(|exponential| exponential.decrement < SLOW_DECREMENT).count();
+        ExponentialTable {
+            stages: R,
+            head: head.collect(),
+            exponentials: numbers.into_iter().collect(),
+            slow_blocks: slow.div_ceil(EXPONENTIALS_IN_BLOCK),
+            horizon: self.count,
+        }
+    }
+
+    /// All weights, plane by plane as the engines take them: entry (i, j) of W_n is at (i·R + j)·count + n.
+    pub fn planes(&self) -> Vec<f64> {
+        let mut planes = vec![0.0; R * R * self.count];
+        let mut put = |n: usize, weight: &SMatrix<f64, R, R>| {
+            for i in 0..R {
+                for j in 0..R {
+                    planes[(i * R + j) * self.count + n] = weight[(i, j)];
+                }
+            }
+        };
+        for (n, weight) in self.near.iter().enumerate().take(self.count) {
+            put(n, weight);
+        }
+        // Largest x first: what has died out at n is dropped for good.
+        let mut alive = self.exponentials.len();
+        let mut powers = vec![0.0; alive];
+        let first = self.near.len();
+        for n in first..self.count {
+            if (n - first).is_multiple_of(RESTART) {
+                for (power, exponential) in powers.iter_mut().zip(&self.exponentials).take(alive) {
+                    *power = exponential.power(n - 1);
+                }
+                while alive > 0 && powers[alive - 1].abs() < 1e-40 {
+                    alive -= 1;
+                }
+            }
+            let mut weight = SMatrix::<f64, R, R>::zeros();
+            for (power, exponential) in powers.iter_mut().zip(&self.exponentials).take(alive) {
+                weight += exponential.left * *power * exponential.right.transpose();
+                *power -= *power * exponential.decrement;
+            }
+            put(n, &weight);
+        }
+        planes
+    }
+}
+
+impl<const R: usize> RankOneExponential<R> {
+    /// (1 − decrement)^n.
+    fn power(&self, n: usize) -> f64 {
+        let base = 1.0 - self.decrement;
+        if base > 0.0 {
+            libm::exp(n as f64 * libm::log1p(-self.decrement))
+        } else {
+            let size = libm::pow(-base, n as f64);
+            if n.is_multiple_of(2) { size } else { -size }
+        }
+    }
+}
+
+/// The first weights for h = 1. The method is stiffly accurate: bᵀA⁻¹ is the last unit vector.
+fn near_weights<const R: usize>(
+    matrix: &SMatrix<f64, R, R>,
+    weights: &SVector<f64, R>,
+    exponent: f64,
+) -> Vec<SMatrix<f64, R, R>> {
+    let (inverse, zero) = (inverse(matrix), SMatrix::<f64, R, R>::zeros());
+    let lower = if exponent == 0.0 {
+        return vec![SMatrix::identity(), zero];
+    } else if exponent < 1.0 {
+        return contour_weights(matrix, weights, exponent);
+    } else if exponent == 1.0 {
+        vec![SMatrix::identity(), zero]
+    } else {
+        let mut lower = contour_weights(matrix, weights, exponent - 1.0);
+        let exponentials = cut_exponentials(matrix, weights, exponent - 1.0, 1.0, 2..3);
+        lower.push(exponentials.iter().fold(zero, |sum, exponential| {
+            sum + exponential.left * (1.0 - exponential.decrement) * exponential.right.transpose()
+        }));
+        lower
+    };
+    // D^β = D¹ D^{β−1}
+    let sums = inverse * SVector::<f64, R>::repeat(1.0);
+    let previous = std::iter::once(&zero).chain(&lower);
+    lower
+        .iter()
+        .zip(previous)
+        .map(|(weight, previous)| inverse * weight - sums * previous.row(R - 1))
+        .collect()
+}
+
+/// Inverse of A. The matrices of the methods at hand are far from singular.
+fn inverse<const R: usize>(matrix: &SMatrix<f64, R, R>) -> SMatrix<f64, R, R> {
+    matrix.try_inverse().unwrap_or_else(SMatrix::zeros)
+}
+
+/// W₀ and W₁ for h = 1 by the trapezoidal rule on a circle around the spectrum of A⁻¹, in the right half-plane.
+///
+/// The circle about m through the geometric mean of the distances of the farthest eigenvalue and of the branch point 0 from m; the
+/// rule converges like a power of their ratio. m = |λ|²/Re λ makes that ratio smallest for the eigenvalue λ.
+fn contour_weights<const R: usize>(
+    matrix: &SMatrix<f64, R, R>,
+    weights: &SVector<f64, R>,
+    exponent: f64,
+) -> Vec<SMatrix<f64, R, R>> {
+    let inverse = inverse(matrix);
+    let eigenvalues = nalgebra::DMatrix::from_fn(R, R, |i, j| inverse[(i, j)]).complex_eigenvalues();
+    let middle = eigenvalues.iter().map(|value| value.norm_sqr() / value.re).fold(0.0, f64::max);
+    let farthest = eigenvalues.iter().map(|value| (value - middle).norm()).fold(0.25 * middle, f64::max);
+    let radius = (middle * farthest).sqrt();
+    let complex = |number: f64| Complex::new(number, 0.0);
+    let (matrix, weights) = (matrix.map(complex), weights.map(complex));
+    let ones = SVector::<Complex<f64>, R>::repeat(complex(1.0));
+    let mut near = [SMatrix::<f64, R, R>::zeros(); 2];
+    for point in 0..CONTOUR_POINTS {
+        let angle = 2.0 * PI * (point as f64 + 0.5) / CONTOUR_POINTS as f64;
+        let offset = Complex::new(libm::cos(angle), libm::sin(angle)) * radius;
+        let lambda = offset + middle;
+        let phase = exponent * libm::atan2(lambda.im, lambda.re);
+        let size = libm::pow(lambda.norm(), exponent);
+        let power = Complex::new(size * libm::cos(phase), size * libm::sin(phase));
+        let resolvent = (matrix * lambda - SMatrix::identity()).try_inverse().unwrap_or_else(SMatrix::zeros);
+        // dλ/(2πi) of the rule
+        let factor = power * offset / CONTOUR_POINTS as f64;
+        let left = resolvent * ones;
+        let right = resolvent.tr_mul(&weights);
+        near[0] += (resolvent * matrix * factor).map(|entry| entry.re);
+        near[1] -= (left * right.transpose() * factor).map(|entry| entry.re);
+    }
+    near.into()
+}
+
+/// The trapezoidal rule in y = ln x for the integral over the cut, for n in `range`, which begins at 2 or later.
+fn cut_exponentials<const R: usize>(
+    matrix: &SMatrix<f64, R, R>,
+    weights: &SVector<f64, R>,
+    exponent: f64,
+    scale: f64,
+    range: Range<usize>,
+) -> Vec<RankOneExponential<R>> {
+    // The integrand is e^{(1+β)y − n x} where it matters and analytic for |Im y| < π/2: the error is e^{−π²/d} times a power of
+    // the size at the edge of the strip.
+    let digits = -libm::log(TOLERANCE);
+    let width = PI * PI / (digits + (exponent + 0.5).max(0.0) * 4.0);
+    // On the left the integrand falls like x^{1+β}, on the right like x^{β−n}.
+    let lowest = -digits / (1.0 + exponent) - libm::log(range.end as f64);
+    let highest = libm::log(200.0) + digits / (range.start as f64 - exponent);
+    let nodes = ((highest - lowest) / width).ceil() as usize;
+    let factor = -libm::sin(PI * exponent) / PI * scale * width;
+    let ones = SVector::<f64, R>::repeat(1.0);
+    (0..nodes)
+        .map(|node| {
+            let x = libm::exp(lowest + width * node as f64);
+            let resolvent = (SMatrix::identity() + matrix * x).try_inverse().unwrap_or_else(SMatrix::zeros);
+            let right = resolvent.tr_mul(weights);
+            let left = resolvent * ones * (factor * libm::pow(x, 1.0 + exponent));
+            RankOneExponential { decrement: x * right.sum(), left, right }
+        })
+        .collect()
+}

@@ -1,0 +1,319 @@
+//! Starting weights: fractional derivatives that are exact on chosen powers of time.
+
+use crate::numerics::starting_defects::PowerDefects;
+use fvi_core::{BdfOrder, Memory, MemoryError, ParameterError, Real, check_channels};
+use nalgebra::{DMatrix, DVector};
+
+/// Above this condition number of the starting system its weights have lost half of their digits.
+pub const TRUSTED_CONDITION: f64 = 1e8;
+
+/// A memory with starting weights: exact on the powers t^ν, ν from a list.
+///
+/// ```text
+/// (D̃^β x)_k = Σ_{n=0}^{k} w_n x_{k−n} + h^{−β} Σ_j ϖ_{k,j} x_j ,
+/// Σ_j ϖ_{k,j} j^ν = Γ(ν+1)/Γ(ν+1−β) k^{ν−β} − Σ_{n=0}^{k} ŵ_n (k−n)^ν       for every ν of the list
+/// ```
+///
+/// with as many samples x_j as exponents: from j = 0 on if ν = 0 is one of them, from j = 1 on otherwise (a column of zeros
+/// belongs to x₀ then). The sum of the corrections is Σ_ν a_ν (D^β t^ν − its quadrature), where Σ_ν a_ν t^ν interpolates the first
+/// samples: once these are known no weights are needed any more. What the quadrature misses of a power is known beforehand, with all
+/// digits at every step, where a sum of k^ν would leave its rounding.
+///
+/// The quadrature's error on t^ν grows like t^{ν−β−p}, with the order p: exponents above β + p bring in a force that grows without
+/// end, and are for the few who know that their solution is that power.
+///
+/// While there are fewer samples than exponents the smallest exponents are made exact, as many as there are samples, the one to
+/// come included: the corrections of a step never ask for a later sample, and the scheme stays explicit in the memory. The
+/// correction of x_k itself is part of [`leading`](Memory::leading), which for this memory changes over the first steps.
+///
+/// The corrections are as good as the first samples. Where the scheme takes the first step with an error that is a fixed part of
+/// x₁ itself, as under a force that starts like √t, that part of the quadrature's error stays at every step size.
+///
+/// Source: \[HJO\] eq. 26–27; \[Lubich86\] eq. 4.1 ff.; \[DFFW06\] for the condition.
+#[derive(Clone, Debug)]
+pub struct StartingCorrection<T, M> {
+    memory: M,
+    /// What its kernel with step size 1 misses of D^β t^ν.
+    defects: PowerDefects,
+    /// h^{−β}.
+    scale: f64,
+    /// ν, ascending.
+    exponents: Vec<f64>,
+    /// The first samples, one row of channels for each.
+    first: Vec<Vec<f64>>,
+    /// a_ν for each channel, once the first samples are known.
+    coefficients: Option<DMatrix<f64>>,
+    leading: [T; 1],
+}
+
+impl<T: Real, M: Memory<T>> StartingCorrection<T, M> {
+    /// Wraps `memory`, an empty memory for D^`exponent` by the backward differentiation formula of order `order` with the given
+    /// step size.
+    ///
+    /// # Errors
+    /// If the memory has more than one stage, the exponent is outside (−1, 2), or the starting exponents are not distinct, finite and
+    /// at least zero.
+    pub fn new(
+        memory: M,
+        order: BdfOrder,
+        exponent: f64,
+        step_size: f64,
+        exponents: &[f64],
+    ) -> Result<Self, ParameterError> {
+        let refuse = |parameter, value, allowed| Err(ParameterError { parameter, value, allowed });
+        if memory.stages() != 1 {
+            return refuse("stages", memory.stages() as f64, "1 for starting weights");
+        }
+        let mut sorted = exponents.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        for (index, &value) in sorted.iter().enumerate() {
+            if !(value >= 0.0 && value.is_finite()) || (index > 0 && sorted[index - 1] == value) {
+                return refuse("starting exponent", value, "distinct, finite and at least zero");
+            }
+        }
+        let mut this = Self {
+            leading: [T::zero()],
+            memory,
+            defects: PowerDefects::new(order, exponent, &sorted)?,
+            scale: libm::pow(step_size, -exponent),
+            exponents: sorted,
+            first: Vec::new(),
+            coefficients: None,
+        };
+        this.clear();
+        Ok(this)
+    }
+
+    /// The memory without its corrections.
+    pub fn memory(&self) -> &M {
+        &self.memory
+    }
+
+    /// The samples that the corrections use are x_j with j from here on.
+    fn first_index(&self) -> usize {
+        usize::from(self.exponents.first() != Some(&0.0))
+    }
+
+    /// D^β t^ν minus its quadrature at step k ≥ 1, for every ν: what the corrections have to make up.
+    fn defects(&self) -> Vec<f64> {
+        self.defects.at(self.memory.len()).map(|defect| self.scale * defect).collect()
+    }
+
+    /// The weights h^{−β} ϖ_{k,j} of the first `count` samples from the defects of the `count` smallest exponents.
+    fn starting_weights(&self, defects: &[f64], count: usize) -> DVector<f64> {
+        let defects = DVector::from_column_slice(defects.get(..count).unwrap_or(defects));
+        starting_matrix(&self.exponents[..count], self.first_index()).lu().solve(&defects).unwrap_or(defects)
+    }
+
+    /// The leading weight for the sample to come, and the corrections' part of its memory term.
+    fn correct(&mut self, term: &mut [T]) {
+        let k = self.memory.len();
+        self.leading = [self.memory.leading().first().copied().unwrap_or(T::zero())];
+        if k == 0 || self.exponents.is_empty() {
+            return;
+        }
+        let defects = self.defects();
+        if let Some(coefficients) = &self.coefficients {
+            for (term, column) in term.iter_mut().zip(coefficients.column_iter()) {
+                let sum: f64 = column.iter().zip(&defects).map(|(a, defect)| a * defect).sum();
+                *term += T::of(sum);
+            }
+            return;
+        }
+        // The sample to come is one of the first.
+        let weights = self.starting_weights(&defects, self.first.len() + 1);
+        for (weight, sample) in weights.iter().zip(&self.first) {
+            for (term, x) in term.iter_mut().zip(sample) {
+                *term += T::of(weight * x);
+            }
+        }
+        if let Some(&last) = weights.iter().next_back() {
+            self.leading[0] += T::of(last);
+        }
+    }
+}
+
+impl<T: Real, M: Memory<T>> Memory<T> for StartingCorrection<T, M> {
+    fn channels(&self) -> usize {
+        self.memory.channels()
+    }
+
+    fn leading(&self) -> &[T] {
+        &self.leading
+    }
+
+    fn leading_is_constant(&self) -> bool {
+        self.coefficients.is_some() || self.exponents.is_empty()
+    }
+
+    fn len(&self) -> usize {
+        self.memory.len()
+    }
+
+    fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
+        self.memory.next_term(term)?;
+        self.correct(term);
+        Ok(())
+    }
+
+    fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
+        check_channels(self.memory.channels(), sample.len())?;
+        let k = self.memory.len();
+        self.memory.push(sample)?;
+        let wanted = self.exponents.len();
+        if k >= self.first_index() && self.first.len() < wanted {
+            self.first.push(sample.iter().map(|x| x.to_f64()).collect());
+            if self.first.len() == wanted {
+                let samples = DMatrix::from_fn(wanted, sample.len(), |j, channel| self.first[j][channel]);
+                let system = starting_matrix(&self.exponents, self.first_index()).transpose();
+                self.coefficients = system.lu().solve(&samples);
+            }
+        }
+        Ok(())
+    }
+
+    fn clear(&mut self) {
+        self.memory.clear();
+        self.first.clear();
+        self.coefficients = None;
+        self.leading = [self.memory.leading().first().copied().unwrap_or(T::zero())];
+    }
+
+    fn bytes(&self) -> usize {
+        let numbers = self.first.iter().map(Vec::len).sum::<usize>() + 2 * self.exponents.len();
+        self.memory.bytes() + self.defects.bytes() + size_of::<Self>() + numbers * size_of::<f64>()
+    }
+}
+
+/// x^ν with 0⁰ = 1.
+fn power(x: f64, nu: f64) -> f64 {
+    if nu == 0.0 { 1.0 } else { libm::pow(x, nu) }
+}
+
+/// j^ν: row ν, column j from `first` on, as many as exponents.
+fn starting_matrix(exponents: &[f64], first: usize) -> DMatrix<f64> {
+    DMatrix::from_fn(exponents.len(), exponents.len(), |row, column| {
+        power((first + column) as f64, exponents[row])
+    })
+}
+
+/// Condition number of the system of the starting weights, its rows scaled to largest entry 1: how many times larger than
+/// rounding the errors of the weights can be. Infinite if the system is singular.
+pub fn starting_condition(exponents: &[f64]) -> f64 {
+    if exponents.is_empty() {
+        return 1.0;
+    }
+    let first = usize::from(!exponents.contains(&0.0));
+    let mut matrix = starting_matrix(exponents, first);
+    for mut row in matrix.row_iter_mut() {
+        let largest = row.amax();
+        row /= largest;
+    }
+    let norm = |matrix: &DMatrix<f64>| matrix.row_iter().map(|row| row.abs().sum()).fold(0.0, f64::max);
+    matrix.clone().try_inverse().map_or(f64::INFINITY, |inverse| norm(&matrix) * norm(&inverse))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::numerics::starting_defects::reciprocal_gamma;
+    use fvi_core::{ConvolutionWeights, FixedDirect};
+
+    /// Γ(ν+1)/Γ(ν+1−β), zero where the derivative of t^ν vanishes.
+    fn derivative_factor(nu: f64, beta: f64) -> f64 {
+        libm::tgamma(nu + 1.0) * reciprocal_gamma(nu + 1.0 - beta)
+    }
+
+    const STEPS: usize = 60;
+    const STEP_SIZE: f64 = 0.125;
+
+    fn weights(order: usize, beta: f64) -> Vec<f64> {
+        let order = BdfOrder::new(order).unwrap();
+        ConvolutionWeights::bdf(order, beta, STEP_SIZE).unwrap().take(STEPS).collect()
+    }
+
+    fn corrected<'w, const M: usize>(
+        weights: &'w [f64],
+        order: usize,
+        beta: f64,
+        exponents: [f64; M],
+    ) -> StartingCorrection<f64, FixedDirect<'w, f64, 1, STEPS>> {
+        StartingCorrection::new(
+            FixedDirect::full_memory(weights, 1.0).unwrap(),
+            BdfOrder::new(order).unwrap(),
+            beta,
+            STEP_SIZE,
+            &exponents,
+        )
+        .unwrap()
+    }
+
+    /// D̃^β of a signal at every step from the first on.
+    fn stream<M: Memory<f64>>(memory: &mut M, signal: impl Fn(usize) -> f64) -> Vec<f64> {
+        (0..STEPS)
+            .map(|k| {
+                let mut term = [0.0];
+                memory.next_term(&mut term).unwrap();
+                let value = memory.leading()[0] * signal(k) + term[0];
+                memory.push(&[signal(k)]).unwrap();
+                value
+            })
+            .collect()
+    }
+
+    #[test]
+    fn chosen_powers_have_their_exact_derivative() {
+        let exponents = [2.5, 1.0, 3.0];
+        for (order, beta) in [(1, 0.5), (3, 1.5), (2, 1.0)] {
+            let table = weights(order, beta);
+            let mut memory = corrected(&table, order, beta, exponents);
+            for nu in exponents {
+                memory.clear();
+                let values = stream(&mut memory, |k| power(k as f64 * STEP_SIZE, nu));
+                // From the step on at which as many samples are known as exponents are wanted; the smallest at once.
+                let from = if nu == 1.0 { 1 } else { 3 };
+                for (k, value) in values.iter().enumerate().skip(from) {
+                    let t = k as f64 * STEP_SIZE;
+                    let exact = derivative_factor(nu, beta) * power(t, nu - beta);
+                    let size = table[0] * power(t, nu);
+                    assert!((value - exact).abs() <= 1e-13 * size, "BDF {order}, {nu}, step {k}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_corrections_are_those_of_the_starting_weights() {
+        // [HJO] eq. 26 with the weights ϖ solved for at every step.
+        let (beta, exponents) = (0.6, [0.0, 0.6, 1.2]);
+        let table = weights(2, beta);
+        let signal = |k: usize| (0.3 * k as f64).cos() + 0.1 * k as f64;
+        let found = stream(&mut corrected(&table, 2, beta, exponents), signal);
+        for (k, found) in found.iter().enumerate().skip(3) {
+            let quadrature = |f: &dyn Fn(usize) -> f64| (0..=k).map(|n| table[n] * f(k - n)).sum::<f64>();
+            let defects = exponents.map(|nu| {
+                let exact = derivative_factor(nu, beta) * power(k as f64, nu - beta) * STEP_SIZE.powf(-beta);
+                exact - quadrature(&|j| power(j as f64, nu))
+            });
+            let system = DMatrix::from_fn(3, 3, |row, j| power(j as f64, exponents[row]));
+            let omega = system.lu().solve(&DVector::from_column_slice(&defects)).unwrap();
+            let expected = quadrature(&signal) + (0..3).map(|j| omega[j] * signal(j)).sum::<f64>();
+            assert!((found - expected).abs() < 1e-12, "step {k}: {found} and {expected}");
+        }
+    }
+
+    #[test]
+    fn bad_exponents_are_refused_and_close_ones_ill_conditioned() {
+        let table = weights(1, 0.5);
+        let single = || FixedDirect::<f64, 1, STEPS>::full_memory(&table, 1.0).unwrap();
+        for exponents in [[0.5, 0.5], [-0.5, 1.0], [f64::NAN, 1.0]] {
+            assert!(
+                StartingCorrection::new(single(), BdfOrder::GRUNWALD_LETNIKOV, 0.5, 0.1, &exponents).is_err()
+            );
+        }
+        assert_eq!(starting_condition(&[2.5]), 1.0);
+        assert!(starting_condition(&[0.0, 0.5, 1.0]) < 100.0);
+        let many: Vec<f64> = (0..12).map(|i| 0.1 * f64::from(i)).collect();
+        assert!(starting_condition(&many) > TRUSTED_CONDITION);
+    }
+}

@@ -1,0 +1,9 @@
+//! What comes out: trajectories, measures of them, pictures, and the files that all of it goes to.
+
+pub mod files;
+pub mod measure;
+pub mod output_directory;
+pub mod picture;
+pub mod room;
+pub(crate) mod run_pictures;
+pub mod trajectory;

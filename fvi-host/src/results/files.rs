@@ -1,0 +1,265 @@
+//! Files of results: each appears whole or not at all, and an error names the one it is about.
+
+use crate::results::picture::Chart;
+use serde::Serialize;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
+
+/// Why a file of results, or a directory for them, is not there.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {source}", .path.display())]
+pub struct FileError {
+    /// The file or directory.
+    pub path: PathBuf,
+    /// What the system, the plotting library or the serialiser says.
+    pub source: io::Error,
+}
+
+impl FileError {
+    /// For one path, what makes an error of it.
+    pub(crate) fn at(path: &Path) -> impl Fn(io::Error) -> Self + '_ {
+        |source| Self { path: path.to_owned(), source: explained(path, source) }
+    }
+}
+
+/// The error about a file whose directory has gone says so: that it was there when the file was begun is known.
+fn explained(path: &Path, error: io::Error) -> io::Error {
+    match path.parent() {
+        Some(directory) if error.kind() == io::ErrorKind::NotFound && !exists(directory) => io::Error::new(
+            io::ErrorKind::NotFound,
+            format!("the directory {} is not there, or no longer ({error})", directory.display()),
+        ),
+        _ => error,
+    }
+}
+
+fn exists(directory: &Path) -> bool {
+    directory.as_os_str().is_empty() || directory.exists()
+}
+
+/// A file that is being written beside its destination.
+pub(crate) type NewFile = BufWriter<PartFile>;
+
+/// The file beside the destination. It is locked as long as the process that writes it lives, and removed unless it is
+/// committed.
+pub(crate) struct PartFile {
+    file: File,
+    part: PathBuf,
+    destination: PathBuf,
+    committed: bool,
+}
+
+/// Ending of the names of files that are being written.
+const PART_ENDING: &str = ".fvi-part";
+
+impl PartFile {
+    fn beside(destination: &Path) -> io::Result<Self> {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
+        // A link stays a link; the file that it names is replaced.
+        let destination = fs::canonicalize(destination).unwrap_or_else(|_| destination.to_owned());
+        let replaced = fs::metadata(&destination).ok();
+        if replaced.as_ref().is_some_and(|replaced| !replaced.is_file()) {
+            return Err(io::Error::other("not a regular file, and not replaced by one"));
+        }
+        loop {
+            let count = COUNT.fetch_add(1, Ordering::Relaxed);
+            let name = format!(".{}-{count}{PART_ENDING}", std::process::id());
+            let part = destination.with_file_name(name);
+            let file = match OpenOptions::new().write(true).create_new(true).open(&part) {
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => continue,
+                file => file?,
+            };
+            // Without locks, on some network file systems, it stays where it is if the process is killed.
+            let _ = file.lock();
+            if !part.exists() {
+                // Another process took it for a dead one's between the last two lines.
+                continue;
+            }
+            if let Some(replaced) = &replaced {
+                file.set_permissions(replaced.permissions())?;
+            }
+            return Ok(Self { file, part, destination, committed: false });
+        }
+    }
+
+    /// Puts the file into its place.
+    fn commit(mut self) -> io::Result<()> {
+        self.file.sync_all()?;
+        fs::rename(&self.part, &self.destination)?;
+        self.committed = true;
+        Ok(())
+    }
+}
+
+impl Write for PartFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.file.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
+impl Drop for PartFile {
+    fn drop(&mut self) {
+        if !self.committed {
+            let _ = fs::remove_file(&self.part);
+        }
+    }
+}
+
+/// Removes what killed processes have left behind in a directory: files that were being written and that nobody holds.
+pub(crate) fn remove_abandoned_parts(directory: &Path) {
+    let directory = if directory.as_os_str().is_empty() { Path::new(".") } else { directory };
+    let Ok(entries) = fs::read_dir(directory) else { return };
+    for entry in entries.flatten() {
+        let name = entry.file_name();
+        let ours = name.to_str().is_some_and(|name| name.starts_with('.') && name.ends_with(PART_ENDING));
+        if ours
+            && entry.file_type().is_ok_and(|kind| kind.is_file())
+            && OpenOptions::new().write(true).open(entry.path()).is_ok_and(|file| file.try_lock().is_ok())
+        {
+            let _ = fs::remove_file(entry.path());
+        }
+    }
+}
+
+/// Begins a file; it is not there before [`commit`].
+pub(crate) fn begin(path: &Path) -> io::Result<NewFile> {
+    Ok(BufWriter::with_capacity(1 << 16, PartFile::beside(path)?))
+}
+
+/// Puts a file that has been written into its place.
+pub(crate) fn commit(file: NewFile) -> io::Result<()> {
+    file.into_inner().map_err(io::IntoInnerError::into_error)?.commit()
+}
+
+/// Writes a file in one go.
+pub(crate) fn write(
+    path: &Path,
+    content: impl FnOnce(&mut NewFile) -> io::Result<()>,
+) -> Result<(), FileError> {
+    let write = || {
+        let mut file = begin(path)?;
+        content(&mut file)?;
+        commit(file)
+    };
+    write().map_err(FileError::at(path))
+}
+
+/// Writes to what the user has named: a file as a whole; a device, a pipe or a terminal directly, as a shell would.
+pub(crate) fn write_out(
+    path: &Path,
+    content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> Result<(), FileError> {
+    if fs::metadata(path).is_ok_and(|there| !there.is_file()) {
+        let write = || {
+            let mut file = BufWriter::new(OpenOptions::new().write(true).open(path)?);
+            content(&mut file)?;
+            file.flush()
+        };
+        return write().map_err(FileError::at(path));
+    }
+    remove_abandoned_parts(path.parent().unwrap_or(Path::new("")));
+    write(path, |file| content(file))
+}
+
+/// Removes a file of an earlier run that would contradict those of this one.
+pub(crate) fn remove(path: &Path) -> Result<(), FileError> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(FileError::at(path)(error)),
+        _ => Ok(()),
+    }
+}
+
+/// Writes a text.
+pub(crate) fn write_text(path: &Path, text: &str) -> Result<(), FileError> {
+    write(path, |file| file.write_all(text.as_bytes()))
+}
+
+/// Writes a record as JSON.
+pub(crate) fn write_json(path: &Path, record: &impl Serialize) -> Result<(), FileError> {
+    write(path, |file| {
+        serde_json::to_writer_pretty(&mut *file, record)?;
+        file.write_all(b"\n")
+    })
+}
+
+/// Draws and writes a picture.
+pub(crate) fn write_picture(path: &Path, chart: &Chart) -> Result<(), FileError> {
+    let svg = chart.to_svg().map_err(io::Error::other).map_err(FileError::at(path))?;
+    write_text(path, &svg)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(directory: &Path) -> Vec<String> {
+        let entries = fs::read_dir(directory).unwrap();
+        let mut names: Vec<_> =
+            entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn parts_of_dead_processes_are_removed_and_those_of_living_ones_are_not() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = |name: &str| directory.path().join(name);
+        let living = begin(&path("table.csv")).unwrap();
+        fs::write(path(".123-0.fvi-part"), "half a").unwrap();
+        fs::write(path(".123-0.other-part"), "another program's").unwrap();
+        remove_abandoned_parts(directory.path());
+        assert_eq!(names(directory.path()).len(), 2);
+        commit(living).unwrap();
+        assert_eq!(names(directory.path()), [".123-0.other-part", "table.csv"]);
+    }
+
+    #[test]
+    fn a_file_that_is_given_up_leaves_the_old_one_alone() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("table.csv");
+        write_text(&path, "old").unwrap();
+        let failed = write(&path, |file| {
+            file.write_all(b"new")?;
+            Err(io::Error::other("no more"))
+        });
+        assert!(failed.is_err());
+        assert_eq!(names(directory.path()), ["table.csv"]);
+        assert_eq!(fs::read_to_string(&path).unwrap(), "old");
+    }
+
+    #[test]
+    fn a_directory_that_is_gone_is_named() {
+        let directory = tempfile::tempdir().unwrap();
+        let inner = directory.path().join("inner");
+        fs::create_dir(&inner).unwrap();
+        let path = inner.join("table.csv");
+        let failed = write(&path, |_| fs::remove_dir_all(&inner)).unwrap_err();
+        assert!(failed.to_string().contains("is not there, or no longer"), "{failed}");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_stays_and_what_is_no_file_is_written_through_or_refused() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = |name: &str| directory.path().join(name);
+        write_text(&path("file"), "old").unwrap();
+        std::os::unix::fs::symlink(path("file"), path("link")).unwrap();
+        write_out(&path("link"), |out| out.write_all(b"new")).unwrap();
+        assert_eq!(fs::read_to_string(path("file")).unwrap(), "new");
+        assert!(fs::symlink_metadata(path("link")).unwrap().is_symlink());
+
+        std::os::unix::fs::symlink("/dev/null", path("device")).unwrap();
+        write_out(&path("device"), |out| out.write_all(b"new")).unwrap();
+        assert!(write_text(&path("device"), "new").is_err());
+        let _socket = std::os::unix::net::UnixListener::bind(path("socket")).unwrap();
+        assert!(write_out(&path("socket"), |out| out.write_all(b"new")).is_err());
+        assert!(write_text(&path("socket"), "new").is_err());
+        assert_eq!(names(directory.path()), ["device", "file", "link", "socket"]);
+    }
+}

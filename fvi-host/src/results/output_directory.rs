@@ -1,0 +1,101 @@
+//! The directory that the files of a run go to, held by one run at a time.
+
+use crate::results::files::{FileError, remove_abandoned_parts};
+use std::fs::{self, File, TryLockError};
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// A directory that this process alone writes to.
+///
+/// The lock lies on the directory itself, so that it leaves no file behind and ends with the process, however that ends.
+/// Where the system cannot lock a directory (Windows, some network file systems) runs are not kept apart.
+#[derive(Debug)]
+pub struct OutputDirectory {
+    path: PathBuf,
+    /// The directories that were made for it, outermost first.
+    made: Vec<PathBuf>,
+    _lock: Option<File>,
+}
+
+impl OutputDirectory {
+    /// Makes the directory, and those above it, if they are not there; locks it; removes what killed runs have left in it.
+    ///
+    /// Directories that were made are removed again when the value is dropped and nothing is in them.
+    ///
+    /// # Errors
+    /// If it cannot be made, or another process writes to it ([`in_use`](Self::in_use)).
+    pub fn claim(path: &Path) -> Result<Self, FileError> {
+        let missing = |path: &&Path| !path.as_os_str().is_empty() && !path.exists();
+        let mut made: Vec<PathBuf> = path.ancestors().take_while(missing).map(Path::to_owned).collect();
+        made.reverse();
+        fs::create_dir_all(path).map_err(FileError::at(path))?;
+        let mut claimed = Self { path: path.to_owned(), made, _lock: None };
+        let directory = if path.as_os_str().is_empty() { Path::new(".") } else { path };
+        if let Ok(file) = File::open(directory) {
+            match file.try_lock() {
+                Ok(()) => claimed._lock = Some(file),
+                Err(TryLockError::WouldBlock) => {
+                    let reason = "another run is writing to this directory; wait for it, or choose another with `--out`";
+                    return Err(FileError::at(path)(io::Error::new(io::ErrorKind::ResourceBusy, reason)));
+                }
+                Err(TryLockError::Error(_)) => {}
+            }
+        }
+        remove_abandoned_parts(&claimed.path);
+        Ok(claimed)
+    }
+
+    /// Whether an error is that another process writes to the directory.
+    pub fn in_use(error: &FileError) -> bool {
+        error.source.kind() == io::ErrorKind::ResourceBusy
+    }
+
+    /// Its path.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The path of a file in it.
+    pub fn join(&self, name: impl AsRef<Path>) -> PathBuf {
+        self.path.join(name)
+    }
+}
+
+impl Drop for OutputDirectory {
+    fn drop(&mut self) {
+        // One that is not empty stays.
+        self.made.iter().rev().take_while(|path| fs::remove_dir(path).is_ok()).for_each(drop);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[cfg(unix)]
+    #[test]
+    fn a_directory_has_one_holder_at_a_time() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("a/b");
+        let first = OutputDirectory::claim(&path).unwrap();
+        let error = OutputDirectory::claim(&path).unwrap_err();
+        assert!(OutputDirectory::in_use(&error) && error.to_string().contains("another run"), "{error}");
+        drop(first);
+        assert!(OutputDirectory::claim(&path).is_ok());
+    }
+
+    #[test]
+    fn directories_that_were_made_and_stay_empty_are_removed_again() {
+        let place = tempfile::tempdir().unwrap();
+        let (outer, inner) = (place.path().join("a"), place.path().join("a/b"));
+        drop(OutputDirectory::claim(&inner).unwrap());
+        assert!(!outer.exists());
+        let claimed = OutputDirectory::claim(&inner).unwrap();
+        fs::write(claimed.join("table.csv"), "1").unwrap();
+        drop(claimed);
+        assert!(inner.join("table.csv").exists());
+        fs::create_dir(place.path().join("empty")).unwrap();
+        drop(OutputDirectory::claim(&place.path().join("empty")).unwrap());
+        assert!(place.path().join("empty").exists());
+    }
+}

@@ -1,0 +1,146 @@
+//! The pictures of a run: coordinates over time, phase portrait, energy.
+
+use crate::results::files::{FileError, remove, write_picture};
+use crate::results::picture::{Axis, Chart, Envelope, PathTrace, Series, Style};
+use crate::scenario::{ReferenceRow, ReferenceSource, Scenario};
+use crate::simulation::GridState;
+use std::path::Path;
+
+/// Curves gathered along a run, of bounded size.
+pub(crate) struct RunPictures {
+    coordinates: Vec<Envelope>,
+    energy: Envelope,
+    /// (q₀, p₀), for a single coordinate.
+    phase: Option<PathTrace>,
+}
+
+/// Intervals of the polygon by which a reference is drawn.
+const REFERENCE_INTERVALS: usize = 600;
+
+impl RunPictures {
+    pub(crate) fn new(coordinates: usize) -> Self {
+        Self {
+            coordinates: vec![Envelope::new(); coordinates],
+            energy: Envelope::new(),
+            phase: (coordinates == 1).then(PathTrace::new),
+        }
+    }
+
+    pub(crate) fn take(&mut self, state: &GridState) {
+        for (envelope, &position) in self.coordinates.iter_mut().zip(&state.position) {
+            envelope.push(state.time, position);
+        }
+        self.energy.push(state.time, state.energy);
+        if let (Some(phase), [position], [momentum]) =
+            (&mut self.phase, state.position.as_slice(), state.momentum.as_slice())
+        {
+            phase.push(*position, *momentum);
+        }
+    }
+
+    /// Draws what was gathered over `steps` steps; adds the names of the files.
+    pub(crate) fn write(
+        &self,
+        scenario: &Scenario,
+        steps: usize,
+        directory: &Path,
+        files: &mut Vec<&'static str>,
+    ) -> Result<(), FileError> {
+        let reference = reference_rows(scenario, steps);
+        let mut charts = vec![
+            ("coordinates.svg", self.coordinates(scenario, &reference)),
+            ("energy.svg", self.energy(scenario, &reference)),
+        ];
+        match self.phase_portrait(scenario, &reference) {
+            Some(chart) => charts.push(("phase.svg", chart)),
+            // A portrait from an earlier run of another system would pass for this one's.
+            None => remove(&directory.join("phase.svg"))?,
+        }
+        for (name, chart) in &charts {
+            write_picture(&directory.join(name), chart)?;
+            files.push(name);
+        }
+        Ok(())
+    }
+
+    fn coordinates(&self, scenario: &Scenario, reference: &[ReferenceRow]) -> Chart {
+        let mut chart = chart(scenario, Axis::linear("time t"), Axis::linear(self.position_label()));
+        for (index, envelope) in self.coordinates.iter().enumerate() {
+            chart = chart.with(Series::new(format!("q{index}"), Style::Line, envelope.points()));
+        }
+        for index in 0..self.coordinates.len() {
+            let known = |row: &ReferenceRow| Some((row.time, row.position[index]?));
+            let points: Vec<_> = reference.iter().filter_map(known).collect();
+            // One entry in the legend stands for the references of all coordinates.
+            let label = if index == 0 { "reference" } else { "" };
+            chart = with_reference(chart, scenario, label, points);
+        }
+        chart
+    }
+
+    fn position_label(&self) -> &'static str {
+        if self.coordinates.len() == 1 { "position q0" } else { "position" }
+    }
+
+    fn energy(&self, scenario: &Scenario, reference: &[ReferenceRow]) -> Chart {
+        let points = reference.iter().filter_map(|row| Some((row.time, row.energy?))).collect();
+        let chart = chart(scenario, Axis::linear("time t"), Axis::linear("energy ½ pᵀM⁻¹p + U(q)"))
+            .with(Series::new("energy", Style::Line, self.energy.points()));
+        with_reference(chart, scenario, "reference", points)
+    }
+
+    fn phase_portrait(&self, scenario: &Scenario, reference: &[ReferenceRow]) -> Option<Chart> {
+        let known =
+            |row: &ReferenceRow| Some((*row.position.first()?.as_ref()?, *row.momentum.first()?.as_ref()?));
+        let points = reference.iter().filter_map(known).collect();
+        let path = self.phase.as_ref()?;
+        let mut subtitle = subtitle(scenario);
+        if path.interrupted() {
+            subtitle += "; beginning and end of the run";
+        }
+        let chart = Chart::new(scenario.heading(), Axis::linear("position q0"), Axis::linear("momentum p0"))
+            .with_subtitle(subtitle)
+            .with(Series::new("trajectory", Style::Line, path.points()));
+        Some(with_reference(chart, scenario, "reference", points))
+    }
+}
+
+fn chart(scenario: &Scenario, x: Axis, y: Axis) -> Chart {
+    Chart::new(scenario.heading(), x, y).with_subtitle(subtitle(scenario))
+}
+
+fn subtitle(scenario: &Scenario) -> String {
+    let mut words = scenario.scheme.describe();
+    if !scenario.system.damping.is_empty() {
+        words += &format!("; {}", scenario.convolution.describe());
+    }
+    format!("{words}; step {}", scenario.time.step)
+}
+
+fn with_reference(chart: Chart, scenario: &Scenario, label: &str, points: Vec<(f64, f64)>) -> Chart {
+    if points.is_empty() {
+        return chart;
+    }
+    let style = match scenario.reference.as_ref().map(|reference| &reference.source) {
+        Some(ReferenceSource::Table { .. }) => Style::ReferencePoints,
+        _ => Style::Reference,
+    };
+    chart.with(Series::new(label, style, points))
+}
+
+/// The reference over the time that was computed: all rows of a table, or a fine polygon.
+fn reference_rows(scenario: &Scenario, steps: usize) -> Vec<ReferenceRow> {
+    let Some(reference) = &scenario.reference else { return Vec::new() };
+    match &reference.source {
+        ReferenceSource::Table { rows, .. } => {
+            let end = scenario.time.time(steps) * (1.0 + 1e-9);
+            rows.iter().filter(|row| row.time <= end).cloned().collect()
+        }
+        ReferenceSource::Expressions { .. } => {
+            let end = scenario.time.time(steps);
+            let at = |index: usize| end * index as f64 / REFERENCE_INTERVALS as f64;
+            let row = |index| reference.at_time(at(index), scenario.coordinates());
+            (0..=REFERENCE_INTERVALS).filter_map(row).collect()
+        }
+    }
+}

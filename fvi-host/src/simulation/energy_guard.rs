@@ -1,0 +1,216 @@
+//! Watches a run for energy that nothing has put in.
+
+use crate::language::expression::Moment;
+use crate::scenario::{Derivative, OnEnergyGrowth, Scenario, SymmetricMatrix};
+use crate::simulation::GridState;
+use crate::simulation::stability::discretisation;
+
+/// How far the energy may rise, as a multiple of all that was there or put in.
+const FACTOR: f64 = 1000.0;
+
+/// Compares the energy of a run with what there was at the start and what forces have put in since.
+///
+/// The check of the step before the run is that of the motion linearised at the start. Where the potential is not quadratic a step can
+/// be too long elsewhere, and the energy then grows by itself. Damping only takes energy, so
+///
+/// ```text
+/// E_k − E₀ ≤ W_k ,    W_k = Σ h |F·v| + Σ h |u·v| + what the start does to the memory
+/// ```
+///
+/// up to the error of the scheme. The guard trips where E_k − E₀ passes a thousand times T₀ + max(|U₀|, U₀ − min U) + W_k, with the kinetic
+/// energy T and the potential U: a rise that no constant in U, fall into a well or resonance explains. Forces are taken at the nodes
+/// of the scheme, and the larger of Δq and h v at both ends of the step for the way that they act along. The memory of a
+/// Riemann–Liouville derivative pushes with up to |ρ q₀| t^{−β}, that of Caputo's for β > 1 with up to |ρ v₀| t^{1−β}; for β = 0 it is a
+/// spring and holds ½ q₀ᵀρ q₀.
+pub struct EnergyGuard<'a> {
+    scenario: &'a Scenario,
+    reaction: OnEnergyGrowth,
+    inverse_mass: SymmetricMatrix,
+    /// What the start does to the memory: forces |f| t^{−e} of each coordinate.
+    pushes: Vec<(Vec<f64>, f64)>,
+    first_energy: f64,
+    first_potential: f64,
+    lowest_potential: f64,
+    /// T₀ and the springs of order 0.
+    stored: f64,
+    work: f64,
+    time: f64,
+    position: Vec<f64>,
+    velocity: Vec<f64>,
+    /// Where in a step the scheme looks at forces.
+    nodes: Vec<f64>,
+    warning: Option<String>,
+}
+
+impl<'a> EnergyGuard<'a> {
+    /// A guard for a run of the scenario from this state.
+    pub fn new(scenario: &'a Scenario, start: &GridState) -> Self {
+        let inverse_mass = match &scenario.system.mass {
+            SymmetricMatrix::Diagonal(masses) => {
+                SymmetricMatrix::Diagonal(masses.iter().map(|mass| 1.0 / mass).collect())
+            }
+            SymmetricMatrix::Dense(mass) => {
+                let zero = || nalgebra::DMatrix::zeros(mass.nrows(), mass.nrows());
+                SymmetricMatrix::Dense(mass.clone().try_inverse().unwrap_or_else(zero))
+            }
+        };
+        let velocity = inverse_mass.times(&start.momentum);
+        let kinetic = 0.5 * dot(&start.momentum, &velocity);
+        let (mut pushes, mut springs) = (Vec::new(), 0.0);
+        for term in &scenario.system.damping {
+            let pulled = term.coefficient.times(&start.position);
+            match term.derivative {
+                Derivative::Caputo if term.order == 0.0 => springs += 0.5 * dot(&pulled, &start.position),
+                Derivative::Caputo if term.order > 1.0 => {
+                    pushes.push((term.coefficient.times(&velocity), term.order - 1.0));
+                }
+                Derivative::Caputo => {}
+                Derivative::RiemannLiouville => pushes.push((pulled, term.order)),
+            }
+        }
+        let potential = start.energy - kinetic;
+        Self {
+            scenario,
+            reaction: scenario.time.on_energy_growth(),
+            inverse_mass,
+            pushes,
+            first_energy: start.energy,
+            first_potential: potential,
+            lowest_potential: potential,
+            stored: kinetic + springs,
+            work: 0.0,
+            time: start.time,
+            position: start.position.clone(),
+            velocity,
+            nodes: discretisation(scenario).map_or_else(|| vec![0.0, 1.0], |scheme| scheme.nodes),
+            warning: None,
+        }
+    }
+
+    /// Takes in the state after a step with this input; returns why the run must stop, if it must.
+    pub fn take(&mut self, input: &[f64], state: &GridState) -> Option<String> {
+        if self.reaction == OnEnergyGrowth::Ignore || self.warning.is_some() {
+            return None;
+        }
+        let velocity = self.inverse_mass.times(&state.momentum);
+        let kinetic = 0.5 * dot(&state.momentum, &velocity);
+        self.work += self.work_of_step(input, state, &velocity);
+        self.time = state.time;
+        self.position.copy_from_slice(&state.position);
+        self.velocity = velocity;
+        self.lowest_potential = self.lowest_potential.min(state.energy - kinetic);
+        let fall = self.first_potential - self.lowest_potential;
+        let explained = self.stored + self.first_potential.abs().max(fall) + self.work;
+        if state.energy - self.first_energy <= FACTOR * explained || state.energy.is_nan() {
+            return None;
+        }
+        let reason = format!(
+            "the energy has risen from {:.3e} to {:.3e} at t = {}; start and forces explain no more than {explained:.3e}: \
+             the step seems too long there (`time.energy_guard`)",
+            self.first_energy, state.energy, state.time
+        );
+        match self.reaction {
+            OnEnergyGrowth::Stop => Some(reason),
+            OnEnergyGrowth::Warn | OnEnergyGrowth::Ignore => {
+                self.warning = Some(reason);
+                None
+            }
+        }
+    }
+
+    /// What there is to warn of.
+    pub fn warning(self) -> Option<String> {
+        self.warning
+    }
+
+    /// A bound on the work over the step to `state`.
+    fn work_of_step(&self, input: &[f64], state: &GridState, velocity: &[f64]) -> f64 {
+        let (from, to, step) = (&self.position, &state.position, state.time - self.time);
+        let way = |index: usize| {
+            let fastest = self.velocity[index].abs().max(velocity[index].abs());
+            (to[index] - from[index]).abs().max(step * fastest)
+        };
+        let mut work: f64 = input.iter().enumerate().map(|(index, push)| push.abs() * way(index)).sum();
+        for (push, exponent) in &self.pushes {
+            let fading = libm::pow(state.time, -exponent);
+            work +=
+                fading * push.iter().enumerate().map(|(index, push)| push.abs() * way(index)).sum::<f64>();
+        }
+        let Some(force) = &self.scenario.system.force else { return work };
+        let mut largest = vec![0.0_f64; force.len()];
+        for &node in &self.nodes {
+            let moment = match node {
+                0.0 => Moment::from_right(self.time),
+                1.0 => Moment::from_left(state.time),
+                _ => Moment::inside(self.time + node * step),
+            };
+            let place: Vec<f64> = from.iter().zip(to).map(|(from, to)| from + node * (to - from)).collect();
+            for (largest, component) in largest.iter_mut().zip(force) {
+                *largest = largest.max(component.value(moment, &place).abs());
+            }
+        }
+        work + largest.iter().enumerate().map(|(index, force)| force * way(index)).sum::<f64>()
+    }
+}
+
+fn dot(left: &[f64], right: &[f64]) -> f64 {
+    left.iter().zip(right).map(|(left, right)| left * right).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::language::Document;
+    use crate::simulation::{Precision, Simulation};
+    use std::path::Path;
+
+    /// Runs a scenario of one coordinate; the step at which the guard trips.
+    fn trips(system: &str, start: [f64; 2], scheme: &str, time: &str) -> Option<usize> {
+        let [q, p] = start;
+        let text = format!(
+            "[system]\nmass = [1.0]\n{system}\n[initial]\nposition = [{q:?}]\nmomentum = [{p:?}]\n\
+             [scheme]\nkind = \"low-order\"\n{scheme}\n[time]\n{time}\n"
+        );
+        let scenario = Scenario::from_document(Document::new("test.toml", Path::new(""), &text)).unwrap();
+        let mut simulation = Simulation::new(&scenario, Precision::F64).unwrap();
+        let mut state = GridState { position: vec![0.0], momentum: vec![0.0], ..GridState::default() };
+        simulation.read(&mut state);
+        let mut guard = EnergyGuard::new(&scenario, &state);
+        (0..scenario.time.steps).find(|_| {
+            simulation.step(&[]).unwrap();
+            simulation.read(&mut state);
+            guard.take(&[], &state).is_some()
+        })
+    }
+
+    #[test]
+    fn a_step_that_is_too_long_away_from_the_start_is_caught() {
+        // At q = 3 the spring pushes outwards, at the bottom h ω = 3.2.
+        let pendulum = "potential = \"1000*(1-cos(q0))\"";
+        assert!(trips(pendulum, [3.0, 0.0], "kappa = 0.0", "step = 0.1\nsteps = 3000").is_some());
+        assert_eq!(trips(pendulum, [3.0, 0.0], "kappa = 0.0", "step = 0.01\nsteps = 3000"), None);
+    }
+
+    #[test]
+    fn energy_that_is_explained_is_let_pass() {
+        // Resonance, a fall from an unstable equilibrium where U = 0, a constant in U, a kick on a system at rest.
+        let half = "kappa = 0.5";
+        let time = "step = 0.05\nsteps = 4000";
+        let driven = "potential = \"0.5*q0^2\"\nforce = [\"sin(t)\"]";
+        assert_eq!(trips(driven, [0.0, 0.0], half, time), None);
+        assert_eq!(trips("potential = \"-0.5*q0^2\"", [1e-6, 0.0], half, "step = 0.05\nsteps = 600"), None);
+        assert_eq!(
+            trips("potential = \"q0^4 - 50*q0^2\"", [1e-9, 0.0], half, "step = 0.01\nsteps = 3000"),
+            None
+        );
+        assert_eq!(trips("potential = \"10 - 10*cos(q0) + 1e6\"", [1.0, 0.0], half, time), None);
+        let kicked = "potential = \"0.5*q0^2\"\nforce = [\"1e6*exp(-(100*(t-1.025))^2)\"]";
+        assert_eq!(trips(kicked, [0.0, 0.0], half, time), None);
+        // A stiff spring, every step a turn by nearly π.
+        assert_eq!(trips("potential = \"1e10*q0^2\"", [1.0, 0.0], half, time), None);
+        // The memory of a Riemann–Liouville derivative pushes a system without a spring.
+        let pushed =
+            "[[system.damping]]\norder = 1.5\ncoefficient = [0.5]\nderivative = \"riemann-liouville\"";
+        assert_eq!(trips(pushed, [1.0, 0.0], half, "step = 0.01\nsteps = 2000"), None);
+    }
+}

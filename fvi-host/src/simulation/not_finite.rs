@@ -1,0 +1,84 @@
+//! The start of a simulation, and the end of one whose state or energy is no number any more.
+
+use crate::language::{InputError, Problem};
+use crate::scenario::Scenario;
+use crate::simulation::{GridState, Precision, Simulation};
+
+/// A simulation and its state at t = 0.
+///
+/// # Errors
+/// If the simulation cannot be made, or its state or energy is not finite in its precision.
+pub(crate) fn start(
+    scenario: &Scenario,
+    precision: Precision,
+) -> Result<(Simulation, GridState), InputError> {
+    if precision == Precision::F32 {
+        check_range(scenario)?;
+    }
+    let mut simulation = Simulation::new(scenario, precision)?;
+    let none = vec![0.0; scenario.coordinates()];
+    let mut state = GridState { position: none.clone(), momentum: none, ..GridState::default() };
+    simulation.read(&mut state);
+    match what_is_not_finite(&state) {
+        None => Ok((simulation, state)),
+        Some(what) => {
+            let place =
+                format!("t = 0, q = {:?}, p = {:?}", scenario.initial.position, scenario.initial.momentum);
+            let problem = Problem::NotFinite { what, place };
+            // The potential has been looked at: what is left overflows in the momentum or the kinetic energy.
+            let key = if what == "the position" { "initial.position" } else { momentum_key(scenario) };
+            Err(scenario.error_at(key, problem))
+        }
+    }
+}
+
+/// The key by which the file gives the momentum.
+fn momentum_key(scenario: &Scenario) -> &'static str {
+    let problem = Problem::NotFinite { what: "the momentum", place: String::new() };
+    let given = scenario.error_at("initial.velocity", problem).line().is_some();
+    if given { "initial.velocity" } else { "initial.momentum" }
+}
+
+/// Refuses what single precision cannot hold, by its own name.
+fn check_range(scenario: &Scenario) -> Result<(), InputError> {
+    let held = |&number: &f64| (number as f32).is_finite();
+    let refused = |key, allowed: &str| {
+        let reason = format!("single precision holds numbers up to 3.4e38; {allowed}");
+        Err(scenario.error_at(key, Problem::Precision { reason }))
+    };
+    if !scenario.initial.position.iter().all(held) {
+        return refused("initial.position", "take another unit of length, or `--precision f64`");
+    }
+    if !scenario.initial.momentum.iter().all(held) {
+        return refused(
+            momentum_key(scenario),
+            "the momentum M v is beyond them; take other units, or `--precision f64`",
+        );
+    }
+    if !held(&scenario.time.step) || scenario.time.step as f32 == 0.0 {
+        return refused(
+            "time.step",
+            "and steps down to 1.4e-45; take another unit of time, or `--precision f64`",
+        );
+    }
+    Ok(())
+}
+
+/// What of a state is infinite or not a number.
+pub(crate) fn what_is_not_finite(state: &GridState) -> Option<&'static str> {
+    let finite = |numbers: &[f64]| numbers.iter().all(|number| number.is_finite());
+    if !finite(&state.position) {
+        Some("the position")
+    } else if !finite(&state.momentum) {
+        Some("the momentum")
+    } else if !state.energy.is_finite() {
+        Some("the energy")
+    } else {
+        None
+    }
+}
+
+/// Why a step counts as failed that was made but led to no number.
+pub(crate) fn reason(what: &str) -> String {
+    format!("{what} is not finite at its end")
+}

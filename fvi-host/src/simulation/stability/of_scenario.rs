@@ -1,0 +1,126 @@
+//! The check of a scenario's step.
+
+use super::{DampingForm, Discretisation, LinearDamping, LinearSystem, Verdict, check_stability};
+use crate::language::{InputError, Problem};
+use crate::scenario::{ConvolutionFamily, Quadrature, Scenario, Scheme, SymmetricMatrix};
+use fvi_core::{BdfOrder, RungeKutta};
+use nalgebra::{DMatrix, DVector};
+
+/// Refuses a step at which motions near the start grow, unless the scenario allows it; the Euler methods, baselines that grow by
+/// themselves, are not checked.
+///
+/// `stiffness` is ∂²U/∂q² − ∂F/∂q where the run begins.
+pub(crate) fn check_step(scenario: &Scenario, stiffness: &DMatrix<f64>) -> Result<(), InputError> {
+    let Some(discretisation) = discretisation(scenario) else { return Ok(()) };
+    if scenario.time.allow_unstable {
+        return Ok(());
+    }
+    let damping = scenario
+        .system
+        .damping
+        .iter()
+        .map(|term| LinearDamping { coefficients: dense(&term.coefficient), damping_order: term.order });
+    let system =
+        LinearSystem::new(&dense(&scenario.system.mass), stiffness, damping.collect()).map_err(|error| {
+            scenario.error_at("system.mass", Problem::Precision { reason: error.to_string() })
+        })?;
+    match check_stability(&discretisation, &system, scenario.time.step, scenario.time.steps) {
+        Verdict::Stable => Ok(()),
+        Verdict::Unstable { largest_stable_step } => {
+            let largest_step = largest_stable_step.map(three_digits_below);
+            let advice = advice(&discretisation, largest_step.is_some());
+            Err(scenario.error_at("time.step", Problem::Unstable { largest_step, advice }))
+        }
+    }
+}
+
+/// What to change about a scheme whose step is too long.
+fn advice(discretisation: &Discretisation, shorter: bool) -> String {
+    let mut ways = Vec::new();
+    if shorter {
+        ways.push("a shorter `time.step`");
+    }
+    match &discretisation.form {
+        DampingForm::MainNodes { order } | DampingForm::Nodes { order } if order.get() > 2 => {
+            ways.push("a lower `convolution.order`");
+        }
+        DampingForm::Stages { matrix } if discretisation.degree == matrix.nrows() => {
+            ways.push("a lower `scheme.degree`");
+        }
+        _ => {}
+    }
+    let runs = "set `time.allow_unstable = true` to run anyway";
+    if ways.is_empty() { runs.to_owned() } else { format!("take {}, or {runs}", ways.join(" or ")) }
+}
+
+/// A positive number cut to three digits.
+fn three_digits_below(number: f64) -> f64 {
+    let unit = libm::exp10(libm::log10(number).floor() - 2.0);
+    (number / unit).floor() * unit
+}
+
+fn dense(matrix: &SymmetricMatrix) -> DMatrix<f64> {
+    match matrix {
+        SymmetricMatrix::Diagonal(entries) => DMatrix::from_diagonal(&DVector::from_column_slice(entries)),
+        SymmetricMatrix::Dense(entries) => entries.clone(),
+    }
+}
+
+/// The scheme of a scenario; `None` for the Euler methods and for shapes that do not exist.
+pub(crate) fn discretisation(scenario: &Scenario) -> Option<Discretisation> {
+    let (degree, kappa) = match scenario.scheme {
+        Scheme::LowOrder { kappa } => (1, Some(kappa)),
+        Scheme::Galerkin { degree, .. } => (degree, None),
+        Scheme::ExplicitEuler | Scheme::ImplicitEuler => return None,
+    };
+    let (form, rule) = match scenario.convolution.family {
+        ConvolutionFamily::Bdf { order } => {
+            let rule = match kappa {
+                Some(kappa) => (vec![1.0 - kappa], vec![1.0]),
+                None => rule(scenario.scheme.quadrature()?)?,
+            };
+            (DampingForm::MainNodes { order: BdfOrder::new(order).ok()? }, rule)
+        }
+        ConvolutionFamily::RadauIia { stages } => match stages {
+            1 => stages_of(&RungeKutta::<1>::radau_iia().ok()?),
+            2 => stages_of(&RungeKutta::<2>::radau_iia().ok()?),
+            3 => stages_of(&RungeKutta::<3>::radau_iia().ok()?),
+            _ => return None,
+        },
+        ConvolutionFamily::LobattoIiic { stages } => match stages {
+            2 => stages_of(&RungeKutta::<2>::lobatto_iiic().ok()?),
+            3 => stages_of(&RungeKutta::<3>::lobatto_iiic().ok()?),
+            4 => stages_of(&RungeKutta::<4>::lobatto_iiic().ok()?),
+            _ => return None,
+        },
+    };
+    let (nodes, weights) = rule;
+    Some(Discretisation { degree, nodes, weights, form })
+}
+
+/// Nodes and weights.
+type Rule = (Vec<f64>, Vec<f64>);
+
+fn stages_of<const R: usize>(method: &RungeKutta<R>) -> (DampingForm, Rule) {
+    let matrix = DMatrix::from_fn(R, R, |i, j| method.matrix()[i][j]);
+    (DampingForm::Stages { matrix }, nodes_and_weights(method.quadrature()))
+}
+
+fn nodes_and_weights<const Q: usize>(rule: &fvi_core::Quadrature<Q>) -> Rule {
+    (rule.nodes().to_vec(), rule.weights().to_vec())
+}
+
+fn rule(quadrature: Quadrature) -> Option<Rule> {
+    macro_rules! of_points {
+        ($rule:ident, $points:expr, $($q:literal)*) => {
+            match $points {
+                $($q => fvi_core::Quadrature::<$q>::$rule().ok().map(|rule| nodes_and_weights(&rule)),)*
+                _ => None,
+            }
+        };
+    }
+    match quadrature {
+        Quadrature::Gauss(points) => of_points!(gauss, points, 1 2 3 4 5 6),
+        Quadrature::Lobatto(points) => of_points!(lobatto, points, 2 3 4 5 6 7),
+    }
+}
