@@ -1,0 +1,136 @@
+//! The house has one way up: imports run from higher layers to lower ones, and no two files need each other.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Layers of fvi-host, lowest first; those in one row do not know each other.
+const LAYERS: [&[&str]; 8] = [
+    &["language", "numerics"],
+    &["scenario"],
+    &["memory", "model"],
+    &["simulation"],
+    &["results"],
+    &["lab"],
+    &["command"],
+    &["main", "lib"],
+];
+
+fn workspace() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+/// Every source file below a folder, by its path without the ending, with its text up to its unit tests.
+fn sources(folder: &Path) -> BTreeMap<PathBuf, String> {
+    let mut found = BTreeMap::new();
+    let mut folders = vec![folder.to_owned()];
+    while let Some(next) = folders.pop() {
+        for entry in fs::read_dir(&next).unwrap() {
+            let path = entry.unwrap().path();
+            let name = path.file_stem().unwrap().to_string_lossy().into_owned();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|ending| ending == "rs") && !name.ends_with("tests") {
+                let text = fs::read_to_string(&path).unwrap();
+                let code = text.split("#[cfg(test)]\nmod").next().unwrap().to_owned();
+                let code = code.lines().filter(|line| !line.trim_start().starts_with("//"));
+                let key = path.strip_prefix(folder).unwrap().with_extension("");
+                found.insert(key, code.collect::<Vec<_>>().join("\n"));
+            }
+        }
+    }
+    assert!(!found.is_empty(), "{}", folder.display());
+    found
+}
+
+/// The names that follow each occurrence of `prefix`, such as `a` in `crate::a::b`.
+fn names_after(text: &str, prefix: &str) -> BTreeSet<String> {
+    let name = |rest: &str| -> String {
+        rest.chars().take_while(|letter| letter.is_alphanumeric() || *letter == '_').collect()
+    };
+    text.split(prefix).skip(1).map(name).collect()
+}
+
+fn layer(name: &str) -> usize {
+    let found = LAYERS.iter().position(|layer| layer.contains(&name));
+    found.unwrap_or_else(|| panic!("the module `{name}` of fvi-host has no layer in this test"))
+}
+
+#[test]
+fn layers_of_the_host_use_lower_layers_only() {
+    let mut arrows = 0;
+    for (path, text) in sources(&workspace().join("fvi-host/src")) {
+        let own = path.iter().next().unwrap().to_string_lossy().into_owned();
+        for other in names_after(&text, "crate::").into_iter().filter(|other| *other != own) {
+            assert!(
+                layer(&other) < layer(&own),
+                "{} uses `{other}`, which is not below `{own}`",
+                path.display()
+            );
+            arrows += 1;
+        }
+    }
+    assert!(arrows > 100, "only {arrows} imports seen: does this test still read them?");
+}
+
+/// The files that each file names by `crate::` or `super::`. A file that only gathers the modules below it may be named by them.
+fn arrows(files: &BTreeMap<PathBuf, String>) -> BTreeMap<&Path, Vec<&Path>> {
+    let named = |path: &Path, text: &str| {
+        let siblings = names_after(text, "super::").into_iter().map(|name| path.with_file_name(name));
+        let of_crate = names_after(text, "crate::").into_iter().map(PathBuf::from);
+        siblings.chain(of_crate).filter(|other| other != path).collect::<BTreeSet<_>>()
+    };
+    let known = |others: BTreeSet<PathBuf>| {
+        others.iter().filter_map(|other| files.get_key_value(other)).map(|(key, _)| key.as_path()).collect()
+    };
+    files.iter().map(|(path, text)| (path.as_path(), known(named(path, text)))).collect()
+}
+
+/// A file that leads back to itself, if there is one.
+fn circle<'a>(arrows: &BTreeMap<&'a Path, Vec<&'a Path>>) -> Option<&'a Path> {
+    arrows.keys().copied().find(|&start| {
+        let (mut seen, mut next) = (BTreeSet::new(), arrows[start].clone());
+        while let Some(path) = next.pop() {
+            if path == start {
+                return true;
+            }
+            if seen.insert(path) {
+                next.extend(&arrows[path]);
+            }
+        }
+        false
+    })
+}
+
+#[test]
+fn no_two_files_need_each_other() {
+    for folder in ["fvi-core/src", "fvi-fft/src", "fvi-host/src"] {
+        let files = sources(&workspace().join(folder));
+        let arrows = arrows(&files);
+        assert_eq!(circle(&arrows), None, "in {folder}");
+    }
+}
+
+#[test]
+fn a_circle_would_be_seen() {
+    let files = [("a", "use crate::b::B;"), ("b", "use super::c::C;"), ("c", "use crate::a::A;")];
+    let mut files: BTreeMap<_, _> = files.map(|(path, text)| (PathBuf::from(path), text.to_owned())).into();
+    assert_eq!(circle(&arrows(&files)), Some(Path::new("a")));
+    files.insert("c".into(), "use crate::d::A;".to_owned());
+    assert_eq!(circle(&arrows(&files)), None);
+}
+
+#[test]
+fn the_core_names_neither_std_nor_the_rooms_above_it() {
+    let mut core = sources(&workspace().join("fvi-core/src"));
+    // The signals of its unit tests.
+    core.remove(Path::new("noise"));
+    for (path, text) in core {
+        for word in ["std::", "alloc::", "fvi_fft", "fvi_host"] {
+            assert!(!text.contains(word), "{} names {word}", path.display());
+        }
+    }
+    for (path, text) in sources(&workspace().join("fvi-fft/src")) {
+        assert!(!text.contains("fvi_host"), "{} names fvi_host", path.display());
+    }
+}
