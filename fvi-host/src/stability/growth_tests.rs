@@ -71,7 +71,8 @@ const KINDS: usize = 31;
 
 fn case(kind: usize, p: usize, kappa: f64) -> Case {
     let order = BdfOrder::new(p).unwrap();
-    let form = if kind.is_multiple_of(2) { DampingForm::MainNodes { order } } else { DampingForm::Nodes { order } };
+    let form =
+        if kind.is_multiple_of(2) { DampingForm::MainNodes { order } } else { DampingForm::Nodes { order } };
     let low = |kappa: f64| {
         let (nodes, weights) = (vec![1.0 - kappa], vec![1.0]);
         let discretisation = Discretisation { degree: 1, nodes, weights, form: form.clone() };
