@@ -6,5 +6,5 @@ mod space;
 pub mod tape;
 
 pub use mechanics::{Model, matrix, vector};
-pub use scheme::{AnyScheme, DampedAt, Room};
+pub use scheme::{AnyScheme, Room};
 pub use space::{Dense, DenseEquations, Matrix, Pattern, Sparse};

@@ -16,7 +16,7 @@ pub use initial::InitialState;
 pub use matrix::SymmetricMatrix;
 pub use reference::{Reference, ReferenceRow, ReferenceSource};
 pub use sampled_input::SampledInput;
-pub use scheme::{Convolution, ConvolutionFamily, Quadrature, Scheme};
+pub use scheme::{Convolution, ConvolutionFamily, DampedAt, Quadrature, Scheme};
 pub use system::{Damping, Derivative, System};
 pub use time::{Engine, History, MOST_STEPS, OnEnergyGrowth, OutputOptions, Overflow, TimeGrid};
 

@@ -89,7 +89,7 @@ pub fn host_memory<T: Scalar>(
         TestKernel::Arbitrary { .. } => return None,
     };
     let request = MemoryRequest {
-        convolution: &Convolution { family, starting: Vec::new() },
+        convolution: &Convolution { family, ..Convolution::default() },
         exponent,
         step_size: 1.0,
         coordinates: channels / kernel.stages(),

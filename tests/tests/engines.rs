@@ -121,7 +121,11 @@ impl Case {
 
     fn memory<T: Scalar>(&self, engine: Engine) -> impl Memory<T> + use<T> {
         let request = MemoryRequest {
-            convolution: &Convolution { family: self.family, starting: self.starting.clone() },
+            convolution: &Convolution {
+                family: self.family,
+                starting: self.starting.clone(),
+                ..Convolution::default()
+            },
             exponent: self.exponent,
             step_size: self.step_size,
             coordinates: self.coordinates,

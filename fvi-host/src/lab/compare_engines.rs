@@ -136,7 +136,7 @@ impl<'a> Contender<'a> {
             let request = MemoryRequest {
                 convolution: &Convolution {
                     family: ConvolutionFamily::Bdf { order: task.order.get() },
-                    starting: Vec::new(),
+                    ..Convolution::default()
                 },
                 exponent: task.exponent,
                 step_size: 1.0,

@@ -1,7 +1,7 @@
 //! The schemes of scenarios: any degree, any quadrature, known at run time.
 
 use super::space::{Dense, DenseEquations, Matrix};
-use crate::scenario::{ConvolutionFamily, Quadrature, Scenario, Scheme as ScenarioScheme};
+use crate::scenario::{ConvolutionFamily, DampedAt, Quadrature, Scenario, Scheme as ScenarioScheme};
 use fvi_core::{
     Damping, DiscreteLagrangian, ExplicitEuler, Galerkin, ImplicitEuler, Kept, Mechanics, ParameterError,
     Real, RungeKutta, Sampling, Scheme, Step, StepError, Tables, Workspace, gauss_rule, lobatto_rule,
@@ -16,17 +16,17 @@ pub struct AnyScheme<T> {
     shapes: Vec<T>,
     tests: Vec<T>,
     kinetic: Vec<T>,
-    damped_at: DampedAt,
+    form: Form,
 }
 
-/// Where the fractional force acts.
+/// Where the fractional force acts, and what the memory stores.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum DampedAt {
-    /// At q_{k+1}, in the new momentum only.
+enum Form {
+    /// At q_{k+1}, in the new momentum only; the main nodes.
     MainNodes,
-    /// At the end of the step, in all equations; the memory stores the main nodes.
+    /// At the end of the step, in all equations; the main nodes.
     EndOfStep,
-    /// At the quadrature nodes, which the memory stores.
+    /// At the quadrature nodes; these.
     Nodes,
 }
 
@@ -36,30 +36,33 @@ impl<T: Real> AnyScheme<T> {
     /// # Errors
     /// If degree, points and stages do not go together.
     pub fn new(scenario: &Scenario) -> Result<Self, ParameterError> {
+        let form = match scenario.convolution.at {
+            DampedAt::MainNodes => Form::MainNodes,
+            DampedAt::Nodes => Form::Nodes,
+        };
         let degree = match scenario.scheme {
             ScenarioScheme::LowOrder { kappa } => {
-                return Ok(Self::of(&Galerkin::low_order(T::of(kappa))?, DampedAt::MainNodes));
+                return Ok(Self::of(&Galerkin::low_order(T::of(kappa))?, form));
             }
             ScenarioScheme::ExplicitEuler => {
-                return Ok(Self::of(&ExplicitEuler::coefficients(), DampedAt::MainNodes));
+                return Ok(Self::of(&ExplicitEuler::coefficients(), Form::MainNodes));
             }
             ScenarioScheme::ImplicitEuler => {
-                return Ok(Self::of(&ImplicitEuler::coefficients(), DampedAt::EndOfStep));
+                return Ok(Self::of(&ImplicitEuler::coefficients(), Form::EndOfStep));
             }
             ScenarioScheme::Galerkin { degree, .. } => degree,
         };
-        let (damped_at, rule) = match scenario.convolution.family {
+        let rule = match scenario.convolution.family {
             ConvolutionFamily::Bdf { .. } => {
-                let quadrature = scenario.scheme.quadrature().unwrap_or(Quadrature::Gauss(degree));
-                (DampedAt::MainNodes, Rule::of(quadrature)?)
+                Rule::of(scenario.scheme.quadrature().unwrap_or(Quadrature::Gauss(degree)))?
             }
-            ConvolutionFamily::RadauIia { stages } => (DampedAt::Nodes, Rule::radau_iia(stages)?),
-            ConvolutionFamily::LobattoIiic { stages } => (DampedAt::Nodes, Rule::lobatto_iiic(stages)?),
+            ConvolutionFamily::RadauIia { stages } => Rule::radau_iia(stages)?,
+            ConvolutionFamily::LobattoIiic { stages } => Rule::lobatto_iiic(stages)?,
         };
-        Self::galerkin(degree, &rule, damped_at)
+        Self::galerkin(degree, &rule, form)
     }
 
-    fn galerkin(degree: usize, rule: &Rule, damped_at: DampedAt) -> Result<Self, ParameterError> {
+    fn galerkin(degree: usize, rule: &Rule, form: Form) -> Result<Self, ParameterError> {
         let points = rule.nodes.len();
         let numbers = |count: usize| vec![T::zero(); count];
         let mut scheme = Self {
@@ -69,7 +72,7 @@ impl<T: Real> AnyScheme<T> {
             shapes: numbers(points * degree),
             tests: numbers(points * degree),
             kinetic: numbers(degree * degree),
-            damped_at,
+            form,
         };
         let tables = Tables {
             control_points: &mut scheme.control_points,
@@ -81,7 +84,7 @@ impl<T: Real> AnyScheme<T> {
         Ok(scheme)
     }
 
-    fn of(galerkin: &Galerkin<T, 1, 1>, damped_at: DampedAt) -> Self {
+    fn of(galerkin: &Galerkin<T, 1, 1>, form: Form) -> Self {
         let view = galerkin.view();
         Self {
             weights: view.weights.to_vec(),
@@ -90,7 +93,7 @@ impl<T: Real> AnyScheme<T> {
             shapes: view.shapes.to_vec(),
             tests: view.tests.to_vec(),
             kinetic: view.kinetic.to_vec(),
-            damped_at,
+            form,
         }
     }
 
@@ -104,11 +107,6 @@ impl<T: Real> AnyScheme<T> {
             tests: &self.tests,
             kinetic: &self.kinetic,
         }
-    }
-
-    /// Where the fractional force acts.
-    pub fn damped_at(&self) -> DampedAt {
-        self.damped_at
     }
 }
 
@@ -190,9 +188,9 @@ impl<T: Real> Scheme<T, Dense> for AnyScheme<T> {
     }
 
     fn sampling(&self) -> Sampling<'_, T> {
-        match self.damped_at {
-            DampedAt::MainNodes | DampedAt::EndOfStep => Sampling::MainNodes,
-            DampedAt::Nodes => Sampling::Nodes(&self.nodes),
+        match self.form {
+            Form::MainNodes | Form::EndOfStep => Sampling::MainNodes,
+            Form::Nodes => Sampling::Nodes(&self.nodes),
         }
     }
 
@@ -219,11 +217,11 @@ impl<T: Real> Scheme<T, Dense> for AnyScheme<T> {
             kept: &mut room.kept,
         };
         let state = (position, momentum);
-        match self.damped_at {
-            DampedAt::MainNodes => {
+        match self.form {
+            Form::MainNodes => {
                 self.view().step_damped_at_main_nodes(&mut work, mechanics, damping, step, state)
             }
-            DampedAt::EndOfStep | DampedAt::Nodes => {
+            Form::EndOfStep | Form::Nodes => {
                 self.view().step_damped_at_nodes(&mut work, mechanics, damping, step, state)
             }
         }

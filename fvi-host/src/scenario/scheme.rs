@@ -53,8 +53,21 @@ pub struct Convolution {
     /// The underlying method.
     #[serde(flatten)]
     pub family: ConvolutionFamily,
+    /// Where the fractional force acts.
+    pub at: DampedAt,
     /// Exponents made exact by starting weights; empty: none.
     pub starting: Vec<f64>,
+}
+
+/// Where the fractional force acts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DampedAt {
+    /// At the ends of the steps, the papers' form: explicit, of order 2 for positions and 1 for momenta at most.
+    #[default]
+    MainNodes,
+    /// At the nodes of the action's quadrature: implicit, of order min(2 s, p) for both. Runge–Kutta families know no other place.
+    Nodes,
 }
 
 /// The method a convolution quadrature is built on.
@@ -101,7 +114,7 @@ impl Default for Scheme {
 
 impl Default for Convolution {
     fn default() -> Self {
-        Self { family: ConvolutionFamily::Bdf { order: 1 }, starting: Vec::new() }
+        Self { family: ConvolutionFamily::Bdf { order: 1 }, at: DampedAt::MainNodes, starting: Vec::new() }
     }
 }
 
@@ -186,6 +199,23 @@ fn read_quadrature(table: &Table<'_>, degree: usize) -> Result<Option<Quadrature
     Ok(Some(if lobatto { Quadrature::Lobatto(points) } else { Quadrature::Gauss(points) }))
 }
 
+impl DampedAt {
+    fn read(table: &Table<'_>, scheme: &Scheme) -> Result<Self, InputError> {
+        let Some(value) = table.optional("at") else { return Ok(Self::default()) };
+        let at = value.choice(&[("nodes", Self::Nodes), ("main-nodes", Self::MainNodes)])?;
+        match (at, scheme) {
+            (Self::Nodes, Scheme::ExplicitEuler | Scheme::ImplicitEuler) => {
+                Err(value.error(Problem::Incompatible {
+                    with: "this `scheme.kind`".to_owned(),
+                    allowed: "\"main-nodes\" here, or `scheme.kind` = \"low-order\" or \"galerkin\""
+                        .to_owned(),
+                }))
+            }
+            _ => Ok(at),
+        }
+    }
+}
+
 impl Convolution {
     pub(super) fn read(table: &Table<'_>, scheme: &Scheme) -> Result<Self, InputError> {
         let family_value = table.optional("family");
@@ -211,19 +241,19 @@ impl Convolution {
                 _ => Ok(stages),
             }
         };
-        let family = match name {
+        let (family, at) = match name {
             FamilyName::Bdf => {
-                table.allow(&["family", "order", "starting"])?;
+                table.allow(&["family", "order", "at", "starting"])?;
                 let order = table.optional("order").map_or(Ok(1), |value| value.whole(1..=6))?;
-                ConvolutionFamily::Bdf { order }
+                (ConvolutionFamily::Bdf { order }, DampedAt::read(table, scheme)?)
             }
             FamilyName::RadauIia => {
                 table.allow(&["family", "stages"])?;
-                ConvolutionFamily::RadauIia { stages: stages(1, 3)? }
+                (ConvolutionFamily::RadauIia { stages: stages(1, 3)? }, DampedAt::Nodes)
             }
             FamilyName::LobattoIiic => {
                 table.allow(&["family", "stages"])?;
-                ConvolutionFamily::LobattoIiic { stages: stages(2, 4)? }
+                (ConvolutionFamily::LobattoIiic { stages: stages(2, 4)? }, DampedAt::Nodes)
             }
         };
         if let (Some(value), FamilyName::RadauIia | FamilyName::LobattoIiic) = (&family_value, name) {
@@ -244,6 +274,12 @@ impl Convolution {
             }
         }
         let starting = match table.optional("starting") {
+            Some(value) if at == DampedAt::Nodes => {
+                return Err(value.error(Problem::Incompatible {
+                    with: "`convolution.at` = \"nodes\"".to_owned(),
+                    allowed: "starting weights with \"main-nodes\", whose samples lie on the grid".to_owned(),
+                }));
+            }
             Some(value) => {
                 let exponents = value.numbers()?;
                 let distinct =
@@ -255,7 +291,7 @@ impl Convolution {
             }
             None => Vec::new(),
         };
-        Ok(Self { family, starting })
+        Ok(Self { family, at, starting })
     }
 
     /// The highest exponent whose starting weights do not grow with time: p + β, with the lowest order β of a damping term.
@@ -284,6 +320,9 @@ impl Convolution {
     /// The quadrature's name with its parameters, for headings.
     pub fn describe(&self) -> String {
         let family = match self.family {
+            ConvolutionFamily::Bdf { order } if self.at == DampedAt::Nodes => {
+                format!("BDF {order} at the nodes")
+            }
             ConvolutionFamily::Bdf { order } => format!("BDF {order}"),
             ConvolutionFamily::RadauIia { stages } => format!("Radau IIA, {stages} stages"),
             ConvolutionFamily::LobattoIiic { stages } => format!("Lobatto IIIC, {stages} stages"),

@@ -1,7 +1,7 @@
 //! What a scenario may ask for although the result will not be what it seems.
 
 use super::Scenario;
-use super::scheme::ConvolutionFamily;
+use super::scheme::{ConvolutionFamily, DampedAt};
 use super::system::{Damping, Derivative};
 use crate::numerics::starting::{TRUSTED_CONDITION, starting_condition};
 
@@ -34,7 +34,7 @@ impl Scenario {
         })
     }
 
-    /// The Riemann–Liouville derivative of a position that does not start at zero.
+    /// The Riemann–Liouville derivative of a position that does not start at zero. Plain weights at the nodes take it as it is.
     ///
     /// It holds q₀ t^(−β)/Γ(1 − β). The sum at the main nodes begins with the first step, without the kick −h ρ w₀ q₀ of t = 0,
     /// which is of the order h^(1−β); a derivative of order 0 has no singularity, and with β = 1 and BDF 1 the sum is the
@@ -42,13 +42,14 @@ impl Scenario {
     /// a limit: with Radau IIA the error of q falls like h^(2−β).
     fn singular_force_warning(&self, index: usize, term: &Damping) -> Option<String> {
         let force = term.coefficient.times(&self.initial.position);
+        let at_stages = !matches!(self.convolution.family, ConvolutionFamily::Bdf { .. });
         if term.derivative == Derivative::Caputo
             || term.order == 0.0
+            || (self.convolution.at == DampedAt::Nodes && !at_stages)
             || force.iter().all(|&entry| entry == 0.0)
         {
             return None;
         }
-        let at_stages = !matches!(self.convolution.family, ConvolutionFamily::Bdf { .. });
         let linear_damper =
             term.order == 1.0 && self.convolution.family == (ConvolutionFamily::Bdf { order: 1 });
         if linear_damper || (at_stages && term.order < 1.0) {
@@ -72,7 +73,8 @@ impl Scenario {
         let beta = term.order;
         Some(format!(
             "system.damping[{index}].derivative: with an initial position that is not 0 the Riemann–Liouville derivative of \
-             order {beta} has a singular part q(0) t^-{beta} which {consequence}; derivative = \"caputo\" has none"
+             order {beta} has a singular part q(0) t^-{beta} which {consequence}; derivative = \"caputo\" has none, and \
+             `convolution.at` = \"nodes\" takes it in"
         ))
     }
 

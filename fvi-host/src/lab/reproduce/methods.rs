@@ -2,7 +2,7 @@
 
 use super::problems::{GALERKIN, MIDPOINT};
 use crate::results::picture::{Marker, Series, Style};
-use crate::scenario::{Convolution, ConvolutionFamily, Scenario, Scheme};
+use crate::scenario::{Convolution, ConvolutionFamily, DampedAt, Scenario, Scheme};
 
 /// A scheme with its convolution quadrature, and how it is drawn: a colour for the kind, a marker for the order or the
 /// number of stages.
@@ -69,7 +69,11 @@ impl Method {
     /// A scenario with this method in place of its own.
     pub(super) fn on(&self, mut scenario: Scenario) -> Scenario {
         scenario.scheme = self.scheme;
-        scenario.convolution = Convolution { family: self.family, starting: Vec::new() };
+        let at = match self.family {
+            ConvolutionFamily::Bdf { .. } => DampedAt::MainNodes,
+            _ => DampedAt::Nodes,
+        };
+        scenario.convolution = Convolution { family: self.family, at, starting: Vec::new() };
         scenario
     }
 

@@ -95,7 +95,7 @@ pub(super) fn with_scheme(mut scenario: Scenario, scheme: Scheme) -> Scenario {
 
 /// The same problem with convolution quadrature by the backward differentiation formula of an order.
 pub(super) fn with_bdf(mut scenario: Scenario, order: usize) -> Scenario {
-    scenario.convolution = Convolution { family: ConvolutionFamily::Bdf { order }, starting: Vec::new() };
+    scenario.convolution = Convolution { family: ConvolutionFamily::Bdf { order }, ..Convolution::default() };
     scenario
 }
 

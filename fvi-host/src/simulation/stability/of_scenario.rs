@@ -2,7 +2,7 @@
 
 use super::{DampingForm, Discretisation, LinearDamping, LinearSystem, Verdict, check_stability};
 use crate::language::{InputError, Problem};
-use crate::scenario::{ConvolutionFamily, Quadrature, Scenario, Scheme, SymmetricMatrix};
+use crate::scenario::{ConvolutionFamily, DampedAt, Quadrature, Scenario, Scheme, SymmetricMatrix};
 use fvi_core::{BdfOrder, RungeKutta};
 use nalgebra::{DMatrix, DVector};
 
@@ -79,7 +79,12 @@ pub(crate) fn discretisation(scenario: &Scenario) -> Option<Discretisation> {
                 Some(kappa) => (vec![1.0 - kappa], vec![1.0]),
                 None => rule(scenario.scheme.quadrature()?)?,
             };
-            (DampingForm::MainNodes { order: BdfOrder::new(order).ok()? }, rule)
+            let order = BdfOrder::new(order).ok()?;
+            let form = match scenario.convolution.at {
+                DampedAt::MainNodes => DampingForm::MainNodes { order },
+                DampedAt::Nodes => DampingForm::Nodes { order },
+            };
+            (form, rule)
         }
         ConvolutionFamily::RadauIia { stages } => match stages {
             1 => stages_of(&RungeKutta::<1>::radau_iia().ok()?),

@@ -9,7 +9,7 @@ use super::super::table::{Column, Format, Table};
 use super::super::{Findings, ReproduceError};
 use super::PLATE_GRIDS;
 use crate::lab::converge::Quantity;
-use crate::scenario::{Convolution, ConvolutionFamily, Scenario, Scheme};
+use crate::scenario::{Convolution, ConvolutionFamily, DampedAt, Scenario, Scheme};
 use std::sync::atomic::AtomicBool;
 
 /// The solution t^ν with BDF 3, starting weights for the given exponents.
@@ -22,8 +22,11 @@ fn bdf_3(power: f64, exponents: &[f64]) -> Result<Scenario, ReproduceError> {
 fn radau(power: f64) -> Result<Scenario, ReproduceError> {
     let mut scenario =
         with_scheme(power_plate(power, 1.0)?, Scheme::Galerkin { degree: 3, quadrature: None });
-    scenario.convolution =
-        Convolution { family: ConvolutionFamily::RadauIia { stages: 3 }, starting: Vec::new() };
+    scenario.convolution = Convolution {
+        family: ConvolutionFamily::RadauIia { stages: 3 },
+        at: DampedAt::Nodes,
+        starting: Vec::new(),
+    };
     Ok(scenario)
 }
 
