@@ -246,7 +246,7 @@ impl History {
 /// What is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct OutputOptions {
-    /// Every how manieth row of the trajectory is written; the last one always is.
+    /// Every how many steps a row of the trajectory is written; the last row always is.
     pub every: usize,
 }
 
