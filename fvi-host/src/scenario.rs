@@ -74,6 +74,29 @@ impl Scenario {
         Ok(scenario)
     }
 
+    /// A scenario made in code: any value that serialises to the keys of a scenario file, a [`Scenario`] among them.
+    ///
+    /// ```
+    /// # use fvi_host::scenario::Scenario;
+    /// let scenario = Scenario::from_value(&serde_json::json!({
+    ///     "system": {
+    ///         "mass": [1.0],
+    ///         "potential": "1 - cos(q0)",
+    ///         "damping": [{ "order": 0.5, "coefficient": [0.1] }],
+    ///     },
+    ///     "initial": { "position": [2.0], "momentum": [0.0] },
+    ///     "time": { "step": 0.01, "steps": 1000 },
+    /// }))?;
+    /// assert_eq!(scenario.coordinates(), 1);
+    /// # Ok::<(), fvi_host::language::InputError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// The first thing that cannot be used, with its place in the file that would say the same.
+    pub fn from_value(value: &impl Serialize) -> Result<Self, InputError> {
+        Self::from_document(Document::of_value("scenario", Path::new(""), value)?)
+    }
+
     fn from_root(root: &Table<'_>, document: &Document) -> Result<Self, InputError> {
         root.allow(&[
             "title",

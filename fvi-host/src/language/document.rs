@@ -4,6 +4,7 @@ use super::error::{InputError, Problem};
 use crate::language::excerpt::excerpt;
 use crate::language::expression::{Expression, Symbols, nearest};
 use core::ops::{Range, RangeInclusive};
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
@@ -50,6 +51,17 @@ impl Document {
     pub fn new(name: &str, directory: &Path, text: &str) -> Self {
         let (name, directory, text) = (name.to_owned(), directory.to_owned(), text.to_owned());
         Self { name, directory, text, attached: Vec::new() }
+    }
+
+    /// A value with the keys of a file, such as a map or a struct of one's own, as the document that says the same.
+    ///
+    /// # Errors
+    /// [`Problem::Unreadable`] if the value is no table, or holds what TOML cannot.
+    pub fn of_value(name: &str, directory: &Path, value: &impl Serialize) -> Result<Self, InputError> {
+        let text = toml::to_string(value).map_err(|error| {
+            InputError::unreadable(name, Problem::Unreadable { reason: error.to_string() })
+        })?;
+        Ok(Self::new(name, directory, &text))
     }
 
     /// The document with a file at hand: where the document names `name`, `text` is what is in it.

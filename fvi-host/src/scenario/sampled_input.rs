@@ -1,7 +1,7 @@
 //! `[input]`: a force given by samples, each held until the next (zero-order hold).
 
 use super::time::TimeGrid;
-use crate::language::document::{Document, Table};
+use crate::language::document::{Document, Table, Value};
 use crate::language::error::{InputError, Problem};
 use crate::language::number_table::NumberTable;
 use serde::Serialize;
@@ -28,10 +28,9 @@ impl SampledInput {
         grid: &TimeGrid,
         document: &Document,
     ) -> Result<Self, InputError> {
-        table.allow(&["samples", "period", "file"])?;
+        table.allow(&["samples", "period", "times", "file"])?;
         let (inline, value) = table.either("samples", "file")?;
         let (times, samples) = if inline {
-            let period = table.required("period")?.positive()?;
             let samples = value
                 .list("a list of samples: numbers, or one row of numbers for each sample")?
                 .iter()
@@ -50,16 +49,16 @@ impl SampledInput {
             if samples.is_empty() {
                 return Err(value.out_of_range("at least one sample"));
             }
-            let times: Vec<f64> = (0..samples.len()).map(|index| period * index as f64).collect();
-            if times.last().is_some_and(|last| !last.is_finite()) {
-                let allowed =
-                    format!("a period with which the last of {} samples has a finite time", samples.len());
-                return Err(table.required("period")?.out_of_range(allowed));
-            }
+            let times = match table.optional("times") {
+                Some(times) => read_times(table, &times, samples.len())?,
+                None => periodic(table, samples.len())?,
+            };
             (times, samples)
         } else {
-            if let Some(period) = table.optional("period") {
-                return Err(period.key_error(Problem::Conflict { other: "input.file".to_owned() }));
+            for key in ["period", "times"] {
+                if let Some(value) = table.optional(key) {
+                    return Err(value.key_error(Problem::Conflict { other: "input.file".to_owned() }));
+                }
             }
             let columns: Vec<String> = (0..count).map(|index| format!("u{index}")).collect();
             let read = NumberTable::read(&value, document, &columns)?;
@@ -91,4 +90,28 @@ impl SampledInput {
         let after = self.first_steps.partition_point(|&first| first <= step);
         after.checked_sub(1).map(|index| self.samples[index].as_slice())
     }
+}
+
+/// The times of samples that follow each other with a period.
+fn periodic(table: &Table<'_>, count: usize) -> Result<Vec<f64>, InputError> {
+    let value = table.required("period")?;
+    let period = value.positive()?;
+    let times: Vec<f64> = (0..count).map(|index| period * index as f64).collect();
+    if times.last().is_some_and(|last| !last.is_finite()) {
+        let allowed = format!("a period with which the last of {count} samples has a finite time");
+        return Err(value.out_of_range(allowed));
+    }
+    Ok(times)
+}
+
+/// One time for each sample, ascending.
+fn read_times(table: &Table<'_>, value: &Value<'_>, count: usize) -> Result<Vec<f64>, InputError> {
+    if let Some(period) = table.optional("period") {
+        return Err(period.key_error(Problem::Conflict { other: "input.times".to_owned() }));
+    }
+    let times = value.vector(count)?;
+    if !times.is_sorted_by(|earlier, later| earlier < later) {
+        return Err(value.out_of_range("ascending times"));
+    }
+    Ok(times)
 }

@@ -200,6 +200,14 @@ fn read_quadrature(table: &Table<'_>, degree: usize) -> Result<Option<Quadrature
 }
 
 impl DampedAt {
+    /// The stages of a Runge–Kutta method are nodes.
+    fn of_stages(table: &Table<'_>) -> Result<Self, InputError> {
+        match table.optional("at") {
+            Some(value) => value.choice(&[("nodes", Self::Nodes)]),
+            None => Ok(Self::Nodes),
+        }
+    }
+
     fn read(table: &Table<'_>, scheme: &Scheme) -> Result<Self, InputError> {
         let Some(value) = table.optional("at") else { return Ok(Self::default()) };
         let at = value.choice(&[("nodes", Self::Nodes), ("main-nodes", Self::MainNodes)])?;
@@ -248,12 +256,12 @@ impl Convolution {
                 (ConvolutionFamily::Bdf { order }, DampedAt::read(table, scheme)?)
             }
             FamilyName::RadauIia => {
-                table.allow(&["family", "stages"])?;
-                (ConvolutionFamily::RadauIia { stages: stages(1, 3)? }, DampedAt::Nodes)
+                table.allow(&["family", "stages", "at", "starting"])?;
+                (ConvolutionFamily::RadauIia { stages: stages(1, 3)? }, DampedAt::of_stages(table)?)
             }
             FamilyName::LobattoIiic => {
-                table.allow(&["family", "stages"])?;
-                (ConvolutionFamily::LobattoIiic { stages: stages(2, 4)? }, DampedAt::Nodes)
+                table.allow(&["family", "stages", "at", "starting"])?;
+                (ConvolutionFamily::LobattoIiic { stages: stages(2, 4)? }, DampedAt::of_stages(table)?)
             }
         };
         if let (Some(value), FamilyName::RadauIia | FamilyName::LobattoIiic) = (&family_value, name) {
@@ -274,7 +282,7 @@ impl Convolution {
             }
         }
         let starting = match table.optional("starting") {
-            Some(value) if at == DampedAt::Nodes => {
+            Some(value) if at == DampedAt::Nodes && !value.numbers()?.is_empty() => {
                 return Err(value.error(Problem::Incompatible {
                     with: "`convolution.at` = \"nodes\"".to_owned(),
                     allowed: "starting weights with \"main-nodes\", whose samples lie on the grid".to_owned(),

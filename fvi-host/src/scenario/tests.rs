@@ -453,3 +453,16 @@ fn long_and_binary_input_is_told_in_short() {
     assert_eq!(error.line(), Some(3));
     assert!(error.to_string().contains("not text in UTF-8: line 3, byte 18 of the file"), "{error}");
 }
+
+#[test]
+fn a_scenario_that_is_written_out_reads_as_it_was() {
+    for kind in ["kind = \"low-order\"\nkappa = 0.25", "kind = \"galerkin\"\ndegree = 2"] {
+        let start = GOOD.find("[scheme]").unwrap();
+        let end = start + GOOD[start..].find("\n[").unwrap();
+        let text = format!("{}[scheme]\n{kind}{}", &GOOD[..start], &GOOD[end..]);
+        let scenario = read(&text).unwrap();
+        let again = Scenario::from_value(&scenario).unwrap();
+        let json = |scenario: &Scenario| serde_json::to_string(scenario).unwrap();
+        assert_eq!(json(&again), json(&scenario));
+    }
+}
