@@ -7,6 +7,7 @@ use heapless::Deque;
 use crate::error::ParameterError;
 use crate::memory::{Memory, MemoryError, check_channels};
 use crate::real::Real;
+use crate::saving::{Shape, StateError, StateReader, StateWriter, fingerprint, header_bytes};
 use crate::weighted_sum::weighted_sum;
 
 /// Storage of one channel: the samples as two slices, backwards in time.
@@ -85,6 +86,9 @@ pub struct Direct<T, K, C, R> {
     len: usize,
     ring: PhantomData<R>,
 }
+
+/// Kind of the saved state.
+const TAG: [u8; 4] = *b"dire";
 
 /// Largest number of stages S of a matrix kernel.
 pub const MAX_STAGES: usize = 4;
@@ -175,6 +179,23 @@ where
         self.rings.as_ref().iter().map(Ring::capacity).min().unwrap_or(0)
     }
 
+    /// What its state begins with.
+    fn shape(&self) -> Shape<3> {
+        let kernel = fingerprint(self.leading());
+        [
+            ("channels", self.channels() as u64),
+            ("stages", self.stages as u64),
+            ("fingerprint of the kernel", kernel),
+        ]
+    }
+
+    /// Reads how many samples a state has seen.
+    fn count(&self, from: &mut StateReader<'_>) -> Result<usize, StateError> {
+        from.header::<T, 3>(TAG, &self.shape())?;
+        let refuses = self.overflow == Overflow::Refuse;
+        from.count_up_to("samples", if refuses { self.capacity() } else { usize::MAX })
+    }
+
     fn check_room(&self) -> Result<(), MemoryError> {
         let capacity = self.capacity();
         match self.overflow {
@@ -256,6 +277,55 @@ where
             + size_of_val(self.weights.as_ref())
             + self.rings.as_ref().iter().map(Ring::bytes).sum::<usize>()
     }
+
+    fn state_bytes(&self) -> usize {
+        let rings = self.rings.as_ref().iter().map(|ring| 8 + kept(ring) * T::BYTES);
+        header_bytes(4) + rings.sum::<usize>()
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        to.header::<T, 3>(TAG, &self.shape())?;
+        to.count(self.len as u64)?;
+        for ring in self.rings.as_ref() {
+            to.count(kept(ring) as u64)?;
+            // Oldest first: the order in which they are stored again.
+            let (newer, older) = ring.as_slices();
+            to.numbers(newer.iter().chain(older).rev())?;
+        }
+        Ok(())
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        let len = self.count(from)?;
+        for ring in self.rings.as_ref() {
+            let kept = from.count_up_to("kept samples", len)?;
+            let wanted = len.min(ring.capacity());
+            if kept < wanted {
+                let (expected, found) = (wanted as u64, kept as u64);
+                return Err(StateError::Mismatch { what: "kept samples", expected, found });
+            }
+            from.skip::<T>(kept)?;
+        }
+        Ok(())
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.check_state(&mut from.clone())?;
+        self.len = self.count(from)?;
+        for ring in self.rings.as_mut() {
+            ring.clear();
+            for _ in 0..from.count()? {
+                ring.store(from.number()?);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Number of samples in a ring.
+fn kept<T>(ring: &impl Ring<T>) -> usize {
+    let (newer, older) = ring.as_slices();
+    newer.len() + older.len()
 }
 
 #[cfg(test)]

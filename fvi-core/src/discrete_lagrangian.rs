@@ -128,7 +128,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         let h = step.size;
         work.times.fill(step.end);
         work.known.fill(T::zero());
-        damping.add_known(X::slice(position), work.times, work.known, work.scratch)?;
+        damping.add_known(X::slice(position), h, work.times, work.known, work.scratch)?;
         let iterations = self.solve::<X, E, G, ()>(work, mechanics, None, step, (position, momentum))?;
         let coordinates = work.known.len();
         let rise = work.increments.chunks_exact(coordinates.max(1)).last().unwrap_or(&[]);
@@ -177,7 +177,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
             *time = if node == T::one() { step.end } else { step.time + node * step.size };
         }
         work.known.fill(T::zero());
-        damping.add_known(X::slice(position), work.times, work.known, work.scratch)?;
+        damping.add_known(X::slice(position), step.size, work.times, work.known, work.scratch)?;
         let iterations = self.solve(work, mechanics, Some(damping), step, (position, momentum))?;
         let coordinates = X::slice(position).len();
         let rise = work.increments.chunks_exact(coordinates.max(1)).last().unwrap_or(&[]);
@@ -464,6 +464,7 @@ mod tests {
         fn add_known(
             &mut self,
             _: &[f64],
+            _: f64,
             _: &[f64],
             known: &mut [f64],
             _: &mut [f64],

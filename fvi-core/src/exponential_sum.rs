@@ -6,6 +6,10 @@ use crate::direct::MAX_STAGES;
 use crate::error::ParameterError;
 use crate::memory::{Memory, MemoryError, check_channels};
 use crate::real::Real;
+use crate::saving::{Shape, StateError, StateReader, StateWriter, fingerprint, header_bytes};
+
+/// Kind of the saved state.
+const TAG: [u8; 4] = *b"expo";
 
 /// Exponentials in a block: what the table and the state hold lies in blocks, and vectors never straddle two kinds of numbers.
 const LANES: usize = 4;
@@ -254,6 +258,24 @@ where
         &self.table
     }
 
+    /// What its state begins with.
+    fn shape(&self) -> Shape<4> {
+        let table = self.table.borrow();
+        let kernel = fingerprint(table.head.iter().chain(table.exponentials)) ^ self.scale.bits();
+        [
+            ("channels", self.layout.channels() as u64),
+            ("stages", table.stages as u64),
+            ("slow blocks", table.slow_blocks as u64),
+            ("fingerprint of the kernel", kernel),
+        ]
+    }
+
+    /// Reads how many samples a state has seen.
+    fn count(&self, from: &mut StateReader<'_>) -> Result<usize, StateError> {
+        from.header::<T, 4>(TAG, &self.shape())?;
+        from.count_up_to("samples", self.table.horizon)
+    }
+
     fn check_room(&self) -> Result<(), MemoryError> {
         let capacity = self.table.horizon;
         if self.len >= capacity { Err(MemoryError::Full { capacity }) } else { Ok(()) }
@@ -302,6 +324,11 @@ impl Layout {
     #[inline(always)]
     fn delayed(self) -> usize {
         self.channels() * self.head.saturating_sub(2)
+    }
+
+    /// Numbers of the state that samples change: all but the leading weight.
+    fn changing(self) -> usize {
+        self.term_start() + self.channels()
     }
 
     /// Where the term begins.
@@ -643,5 +670,30 @@ where
         let table = self.table.borrow();
         let numbers = table.head.len() + table.exponentials.len();
         size_of::<Self>() - size_of::<B>() + (numbers + self.state.as_ref().len()) * size_of::<T>()
+    }
+
+    fn state_bytes(&self) -> usize {
+        header_bytes(5) + self.layout.changing() * T::BYTES
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        to.header::<T, 4>(TAG, &self.shape())?;
+        to.count(self.len as u64)?;
+        to.numbers(self.state.as_ref().iter().take(self.layout.changing()))
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.count(from)?;
+        from.skip::<T>(self.layout.changing())
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.check_state(&mut from.clone())?;
+        self.len = self.count(from)?;
+        from.numbers(self.state.as_mut().iter_mut().take(self.layout.changing()))?;
+        // Both go round, a place further with every sample.
+        self.oldest = self.len % self.layout.head.saturating_sub(2).max(1);
+        self.settling = self.len % self.table.slow_blocks.max(1);
+        Ok(())
     }
 }

@@ -2,6 +2,8 @@
 
 use core::fmt;
 
+use crate::saving::{StateError, StateReader, StateWriter};
+
 /// A memory engine: convolution of a known kernel with an online signal.
 ///
 /// With the kernel W₀, W₁, … (S×S matrices; plain numbers for S = 1) and the samples x₀, x₁, … the engine
@@ -49,6 +51,20 @@ pub trait Memory<T> {
         self.len() == 0
     }
 
+    /// Says how long the step is that leads from the sample before to the sample to come, x_k, in units of time.
+    ///
+    /// An engine for steps of any length takes it into the weights of x_k, [`leading`](Memory::leading) included. To
+    /// an engine for equal steps it says nothing new: a damping term has compared the length with its kernel's step
+    /// before. It may be called again before a push, when a step is tried once more with another length; the last call
+    /// counts. There is no step before the first sample x₀ where main nodes are stored.
+    ///
+    /// # Errors
+    /// [`MemoryError::StepLength`] if the engine cannot serve a step of this length.
+    fn begin_step(&mut self, length: T) -> Result<(), MemoryError> {
+        let _ = length;
+        Ok(())
+    }
+
     /// Writes r_k = Σ_{n≥1} W_n x_{k−n} to `term`, one number per channel.
     ///
     /// # Errors
@@ -66,10 +82,45 @@ pub trait Memory<T> {
 
     /// Bytes of state, tables and buffers, wherever they lie.
     fn bytes(&self) -> usize;
+
+    /// Number of bytes that [`save`](Memory::save) writes at present: what the samples so far left behind, without
+    /// the kernel.
+    fn state_bytes(&self) -> usize {
+        0
+    }
+
+    /// Writes the state, so that a memory of the same kernel that [`restore`](Memory::restore)s it goes on with the
+    /// same bits.
+    ///
+    /// # Errors
+    /// [`StateError::NoRoom`], and [`StateError::Unsupported`] for engines that do not offer it.
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        let _ = to;
+        Err(StateError::Unsupported)
+    }
+
+    /// Reads past a state and checks on the way that [`restore`](Memory::restore) would take it.
+    ///
+    /// # Errors
+    /// [`StateError`]
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        let _ = from;
+        Err(StateError::Unsupported)
+    }
+
+    /// Takes over a saved state in place of its own.
+    ///
+    /// # Errors
+    /// [`StateError`] if the bytes are no state of a memory of this kind, shape, precision and kernel; the memory is
+    /// as before.
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        let _ = from;
+        Err(StateError::Unsupported)
+    }
 }
 
 /// Why a memory engine refused a call. The engine is as it was before.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum MemoryError {
     /// The engine keeps at most `capacity` samples (or its table reaches no further) and has them all.
@@ -84,6 +135,13 @@ pub enum MemoryError {
         /// Length of the slice.
         found: usize,
     },
+    /// The weights are for steps of another length.
+    StepLength {
+        /// The step size of the kernel.
+        expected: f64,
+        /// The length of the step to be made.
+        found: f64,
+    },
 }
 
 impl fmt::Display for MemoryError {
@@ -92,6 +150,9 @@ impl fmt::Display for MemoryError {
             Self::Full { capacity } => write!(f, "the memory is full: it takes {capacity} samples"),
             Self::ChannelMismatch { expected, found } => {
                 write!(f, "a sample has {found} numbers but the memory has {expected} channels")
+            }
+            Self::StepLength { expected, found } => {
+                write!(f, "the memory is for steps of {expected} and cannot serve one of {found}")
             }
         }
     }
@@ -120,6 +181,10 @@ impl<T, M: Memory<T> + ?Sized> Memory<T> for &mut M {
         (**self).len()
     }
 
+    fn begin_step(&mut self, length: T) -> Result<(), MemoryError> {
+        (**self).begin_step(length)
+    }
+
     fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
         (**self).next_term(term)
     }
@@ -134,6 +199,22 @@ impl<T, M: Memory<T> + ?Sized> Memory<T> for &mut M {
 
     fn bytes(&self) -> usize {
         (**self).bytes()
+    }
+
+    fn state_bytes(&self) -> usize {
+        (**self).state_bytes()
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        (**self).save(to)
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        (**self).check_state(from)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        (**self).restore(from)
     }
 }
 

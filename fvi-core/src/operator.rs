@@ -4,6 +4,7 @@ use core::fmt;
 
 use crate::memory::{Memory, MemoryError};
 use crate::real::Real;
+use crate::saving::{Shape, StateError, StateReader, StateWriter, header_bytes};
 
 /// Left (retarded) discrete operator: (D₋x)_k = Σ_{n=0}^{k} w_n x_{k−n}, for every k of the sequence.
 ///
@@ -68,6 +69,9 @@ pub struct FractionalOperator<T, M> {
     first: T,
 }
 
+/// Kind of the saved state.
+const TAG: [u8; 4] = *b"oper";
+
 /// Why the operator refused a sample. It is as it was before.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
@@ -87,7 +91,14 @@ impl fmt::Display for OperatorError {
     }
 }
 
-impl core::error::Error for OperatorError {}
+impl core::error::Error for OperatorError {
+    fn source(&self) -> Option<&(dyn core::error::Error + 'static)> {
+        match self {
+            Self::NotFinite => None,
+            Self::Memory(error) => Some(error),
+        }
+    }
+}
 
 impl From<MemoryError> for OperatorError {
     fn from(error: MemoryError) -> Self {
@@ -142,6 +153,45 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     pub fn clear(&mut self) {
         self.memory.clear();
         self.first = T::zero();
+    }
+
+    /// Number of bytes that [`save`](FractionalOperator::save) writes at present.
+    pub fn state_bytes(&self) -> usize {
+        header_bytes(2) + T::BYTES + self.memory.state_bytes()
+    }
+
+    /// Writes the state, so that an operator made alike that restores it goes on with the same bits.
+    ///
+    /// # Errors
+    /// [`StateError::NoRoom`], and what the memory says.
+    pub fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        to.header::<T, 2>(TAG, &self.shape())?;
+        to.numbers([&self.first])?;
+        self.memory.save(to)
+    }
+
+    /// Takes over a saved state in place of its own.
+    ///
+    /// # Errors
+    /// [`StateError`] if the bytes are not the state of such an operator; it is as before.
+    pub fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        let mut ahead = from.clone();
+        ahead.header::<T, 2>(TAG, &self.shape())?;
+        let first = ahead.number()?;
+        self.memory.restore(&mut ahead)?;
+        self.first = first;
+        *from = ahead;
+        Ok(())
+    }
+
+    /// What its state begins with.
+    fn shape(&self) -> Shape<2> {
+        let (kind, rise) = match self.start {
+            Start::RiemannLiouville => (0, T::zero()),
+            Start::Caputo => (1, T::zero()),
+            Start::CaputoWithRise { rise } => (2, rise),
+        };
+        [("kind of start", kind), ("bits of the rise", rise.bits())]
     }
 
     /// The memory behind the operator.

@@ -141,7 +141,14 @@ impl fmt::Display for StepError {
     }
 }
 
-impl core::error::Error for StepError {}
+impl core::error::Error for StepError {
+    fn source(&self) -> Option<&(dyn core::error::Error + 'static)> {
+        match self {
+            Self::Memory(error) => Some(error),
+            Self::NotConverged { .. } | Self::SingularJacobian | Self::NotFinite => None,
+        }
+    }
+}
 
 impl From<MemoryError> for StepError {
     fn from(error: MemoryError) -> Self {

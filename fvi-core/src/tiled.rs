@@ -4,6 +4,10 @@ use crate::direct::Overflow;
 use crate::error::ParameterError;
 use crate::memory::{Memory, MemoryError, check_channels};
 use crate::real::Real;
+use crate::saving::{Shape, StateError, StateReader, StateWriter, fingerprint, header_bytes};
+
+/// Kind of the saved state.
+const TAG: [u8; 4] = *b"tile";
 
 /// Samples of a block, and outputs that a block is summed for at a time.
 const TILE: usize = 8;
@@ -44,6 +48,16 @@ struct Channel<T, const B: usize> {
 impl<T: Real, const B: usize> Channel<T, B> {
     fn empty() -> Self {
         Self { blocks: [[T::zero(); TILE]; B], present: [T::zero(); TILE], next: [T::zero(); TILE] }
+    }
+
+    /// All numbers of the state.
+    fn numbers(&self) -> impl Iterator<Item = &T> {
+        self.blocks.as_flattened().iter().chain(&self.present).chain(&self.next)
+    }
+
+    /// All numbers of the state, to be written.
+    fn numbers_mut(&mut self) -> impl Iterator<Item = &mut T> {
+        self.blocks.as_flattened_mut().iter_mut().chain(&mut self.present).chain(&mut self.next)
     }
 
     /// Adds to the next tile's sums what `count` blocks contribute, the first of which has the index `first` and the distance
@@ -135,6 +149,24 @@ impl<'w, T: Real, const C: usize, const B: usize> Tiled<'w, T, C, B> {
         Ok(Self { weights, scale, leading, channels, overflow, len: 0 })
     }
 
+    /// What its state begins with.
+    fn shape(&self) -> Shape<4> {
+        let refuses = u64::from(self.overflow == Overflow::Refuse);
+        let kernel = fingerprint(self.weights) ^ self.scale.bits();
+        [
+            ("channels", C as u64),
+            ("blocks", B as u64),
+            ("refusal of an overflow", refuses),
+            ("fingerprint of the kernel", kernel),
+        ]
+    }
+
+    /// Reads how many samples a state has seen.
+    fn count(&self, from: &mut StateReader<'_>) -> Result<usize, StateError> {
+        from.header::<T, 4>(TAG, &self.shape())?;
+        from.count_up_to("samples", if self.overflow == Overflow::Refuse { TILE * B } else { usize::MAX })
+    }
+
     fn check_room(&self) -> Result<(), MemoryError> {
         let capacity = TILE * B;
         match self.overflow {
@@ -209,6 +241,27 @@ impl<T: Real, const C: usize, const B: usize> Memory<T> for Tiled<'_, T, C, B> {
 
     fn bytes(&self) -> usize {
         size_of::<Self>() + size_of_val(self.weights)
+    }
+
+    fn state_bytes(&self) -> usize {
+        header_bytes(5) + C * (B + 2) * TILE * T::BYTES
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        to.header::<T, 4>(TAG, &self.shape())?;
+        to.count(self.len as u64)?;
+        self.channels.iter().try_for_each(|channel| to.numbers(channel.numbers()))
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.count(from)?;
+        from.skip::<T>(C * (B + 2) * TILE)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.check_state(&mut from.clone())?;
+        self.len = self.count(from)?;
+        self.channels.iter_mut().try_for_each(|channel| from.numbers(channel.numbers_mut()))
     }
 }
 

@@ -1,6 +1,9 @@
 //! The exponential-sum memory of the host: samples and terms in chunks, so that far samples cost products with small matrices.
 
-use fvi_core::{ExponentialTable, ExponentialTerm, Memory, MemoryError, ParameterError, check_channels};
+use fvi_core::{
+    ExponentialTable, ExponentialTerm, Memory, MemoryError, ParameterError, Shape, StateError, StateReader,
+    StateWriter, check_channels, fingerprint, header_bytes,
+};
 use pulp::{Arch, NullaryFnOnce, Simd, WithSimd};
 
 use crate::row::{CHUNK, Row, add_product};
@@ -26,6 +29,8 @@ use crate::scalar::Scalar;
 /// Source: collapsed contour of \[HJO\] eq. 19; recursion as in \[SchädleLFLubich06\].
 pub struct ChunkedExponentialSum<T: Scalar, const S: usize> {
     horizon: usize,
+    /// Tells the table from others.
+    fingerprint: u64,
     len: usize,
     /// W₀, row by row.
     leading: Vec<T>,
@@ -43,6 +48,9 @@ pub struct ChunkedExponentialSum<T: Scalar, const S: usize> {
 
 /// What each sample of a chunk adds to the terms of a chunk: at `[m][b][a]`, of stage b of sample m to stage a.
 type Columns<T, const S: usize> = [[[Row<T>; S]; S]; CHUNK];
+
+/// Kind of the saved state.
+const TAG: [u8; 4] = *b"chnk";
 
 /// Exponentials of a block: as many as a chunk has samples.
 const LANES: usize = CHUNK;
@@ -136,6 +144,7 @@ impl<T: Scalar, const S: usize> ChunkedExponentialSum<T, S> {
         let coordinates = (0..channels / S).map(|_| Coordinate::new(distance, blocks.len())).collect();
         Ok(Self {
             horizon: table.horizon,
+            fingerprint: fingerprint(table.head.iter().chain(table.exponentials)),
             len: 0,
             leading: (0..S * S).map(|entry| weights[0][entry % S][entry / S]).collect(),
             within,
@@ -146,6 +155,23 @@ impl<T: Scalar, const S: usize> ChunkedExponentialSum<T, S> {
             done: 0,
             unit: Arch::new(),
         })
+    }
+
+    /// What its state begins with.
+    fn shape(&self) -> Shape<3> {
+        let channels = (self.coordinates.len() * S) as u64;
+        [("channels", channels), ("stages", S as u64), ("fingerprint of the kernel", self.fingerprint)]
+    }
+
+    /// Reads how many samples a state has seen.
+    fn count(&self, from: &mut StateReader<'_>) -> Result<usize, StateError> {
+        from.header::<T, 3>(TAG, &self.shape())?;
+        from.count_up_to("samples", self.horizon)
+    }
+
+    /// Numbers of the state.
+    fn numbers(&self) -> usize {
+        self.coordinates.iter().map(|coordinate| coordinate.rows().count() * CHUNK).sum()
     }
 
     #[inline]
@@ -389,6 +415,18 @@ impl<T: Scalar, const S: usize> Coordinate<T, S> {
         }
     }
 
+    /// All rows of the state.
+    fn rows(&self) -> impl Iterator<Item = &Row<T>> {
+        let chunks = [&self.terms, &self.next, &self.samples].into_iter().chain(&self.past);
+        chunks.flatten().chain(self.sums.iter().flat_map(|sum| [&sum.whole, &sum.rest]))
+    }
+
+    /// All rows of the state, to be written.
+    fn rows_mut(&mut self) -> impl Iterator<Item = &mut Row<T>> {
+        let chunks = [&mut self.terms, &mut self.next, &mut self.samples].into_iter().chain(&mut self.past);
+        chunks.flatten().chain(self.sums.iter_mut().flat_map(|sum| [&mut sum.whole, &mut sum.rest]))
+    }
+
     /// One piece of the far work of a chunk: first each chunk but the oldest, directly; then the blocks. A block emits one piece
     /// after it has absorbed: what neighbouring blocks do together does not wait for each other.
     #[inline(always)]
@@ -500,6 +538,30 @@ impl<T: Scalar, const S: usize> Memory<T> for ChunkedExponentialSum<T, S> {
             + size_of_val(self.blocks.as_slice())
             + size_of_val(self.coordinates.as_slice())
             + self.coordinates.iter().map(coordinate).sum::<usize>()
+    }
+
+    fn state_bytes(&self) -> usize {
+        header_bytes(4) + self.numbers() * T::BYTES
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        to.header::<T, 3>(TAG, &self.shape())?;
+        to.count(self.len as u64)?;
+        self.coordinates.iter().flat_map(Coordinate::rows).try_for_each(|row| to.numbers(&row.0))
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.count(from)?;
+        from.skip::<T>(self.numbers())
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.check_state(&mut from.clone())?;
+        self.len = self.count(from)?;
+        let place = self.len % CHUNK;
+        self.done = if place == 0 { 0 } else { self.due[place - 1] };
+        let mut rows = self.coordinates.iter_mut().flat_map(Coordinate::rows_mut);
+        rows.try_for_each(|row| from.numbers(&mut row.0))
     }
 }
 

@@ -2,16 +2,17 @@
 
 use core::ops::Range;
 
-use fvi_core::{Memory, MemoryError, ParameterError, check_channels};
+use fvi_core::{Memory, MemoryError, ParameterError, StateError, StateReader, StateWriter, check_channels};
 use pulp::Arch;
 use rustfft::num_complex::Complex;
 
 use crate::cover::Cover;
-use crate::kernel::{Kernel, check_shape, take_planes};
 use crate::level::{Level, LevelShape, owed};
 use crate::near::Near;
+use crate::replay;
 use crate::row::CHUNK;
 use crate::scalar::Scalar;
+use crate::weights::{Weights, check_shape, take_planes};
 
 /// When the tasks of a block are run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -69,6 +70,9 @@ struct Job {
     tasks: usize,
 }
 
+/// Kind of the saved state.
+const TAG: [u8; 4] = *b"real";
+
 /// Samples of a block of the finest level.
 const FIRST_BLOCK: usize = 64;
 
@@ -90,7 +94,7 @@ impl<T: Scalar> RealTime<T> {
     /// # Errors
     /// If `channels` is zero or no multiple of the kernel's stages.
     pub fn planned(
-        mut kernel: impl Kernel<T>,
+        mut kernel: impl Weights<T>,
         channels: usize,
         capacity: usize,
         pacing: Pacing,
@@ -245,6 +249,23 @@ impl<T: Scalar> Memory<T> for RealTime<T> {
             + self.levels.iter().map(Level::bytes).sum::<usize>()
             + self.signal.iter().map(|row| row.capacity() * size_of::<T>()).sum::<usize>()
             + size_of_val(self.scratch.as_slice())
+    }
+
+    fn state_bytes(&self) -> usize {
+        replay::state_bytes(self)
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        replay::save(self, TAG, &self.signal, to)
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        replay::check(self, TAG, self.capacity, from)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        let capacity = self.capacity;
+        replay::restore(self, TAG, capacity, from)
     }
 }
 

@@ -41,7 +41,7 @@ struct Stream<T> {
     weights: Vec<T>,
 }
 
-impl<T: Scalar> fvi_fft::Kernel<T> for Stream<T> {
+impl<T: Scalar> fvi_fft::Weights<T> for Stream<T> {
     fn stages(&self) -> usize {
         self.stages
     }

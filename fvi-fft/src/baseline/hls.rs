@@ -4,8 +4,8 @@ use fvi_core::{Memory, MemoryError, ParameterError, check_channels};
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 
-use crate::kernel::{Kernel, check_shape, take_planes};
 use crate::scalar::Scalar;
+use crate::weights::{Weights, check_shape, take_planes};
 
 /// Binary splitting with three complex transforms a block and nothing kept between blocks: O(log² k) a step.
 ///
@@ -40,7 +40,7 @@ impl<T: Scalar> Hls<T> {
     /// # Errors
     /// If `channels` is zero or no multiple of the kernel's stages.
     pub fn planned(
-        mut kernel: impl Kernel<T>,
+        mut kernel: impl Weights<T>,
         channels: usize,
         capacity: usize,
     ) -> Result<Self, ParameterError> {
