@@ -148,14 +148,13 @@ pub fn weights(order: BdfOrder, exponent: f64, step_size: f64) -> Option<f64> {
 fn rules_of<const Q: usize>() -> Option<f64> {
     let sum = |rule: &Quadrature<Q>| rule.nodes().iter().chain(rule.weights()).sum::<f64>();
     let gauss = Quadrature::<Q>::gauss().ok()?;
-    let padded = gauss.padded::<6>().ok()?.nodes().iter().sum::<f64>();
     let lobatto = Quadrature::<Q>::lobatto().map_or(0.0, |rule| sum(&rule));
     let methods = [RungeKutta::<Q>::radau_iia(), RungeKutta::<Q>::lobatto_iiic()];
     let methods = methods
         .iter()
         .flatten()
         .map(|method| sum(method.quadrature()) + method.matrix().iter().flatten().sum::<f64>());
-    Some(sum(&gauss) + padded + lobatto + methods.sum::<f64>())
+    Some(sum(&gauss) + lobatto + methods.sum::<f64>())
 }
 
 /// The rules of any number of points.
