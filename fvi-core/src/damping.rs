@@ -13,8 +13,8 @@ use crate::system::{Coefficients, MatrixError};
 
 /// On what the fractional derivative acts.
 ///
-/// The two types agree where the terms left out vanish (\[JO\] eq. 4). With q₀ ≠ 0 and 0 < β < 1 the Riemann–Liouville
-/// type has the force ρ q₀ t^{−β}/Γ(1−β), singular at t = 0.
+/// The two types agree where the terms left out vanish (\[JO\] eq. 4). With q₀ ≠ 0 and 0 < β < 1 the
+/// Riemann–Liouville type has the force ρ q₀ t^{−β}/Γ(1−β), singular at t = 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Derivative {
     /// On q itself.
@@ -25,15 +25,16 @@ pub enum Derivative {
 
 /// Damping with memory: anything between no damping and many terms.
 ///
-/// A sample holds R nodes: one where the memory stores the main nodes q_k, and as many as there are quadrature nodes where it stores those. With
-/// the nodes of the sample to come at q_k + e_1, …, q_k + e_R the damping exerts
+/// A sample holds R nodes: one where the memory stores the main nodes q_k, and as many as there are
+/// quadrature nodes where it stores those. With the nodes of the sample to come at q_k + e_1, …, q_k + e_R
+/// the damping exerts
 ///
 /// ```text
 /// Σ_m ρ_m (D^{β_m} q)_i = known_i + Σ_m ρ_m Σ_j W_ij e_j ,     i = 1…R
 /// ```
 ///
-/// and the force on the system is minus this. Vectors of R·N numbers have one node after another. `()` is no damping, [`DampingTerm`]
-/// one term, and tuples, arrays and mutable slices of dampings act together.
+/// and the force on the system is minus this. Vectors of R·N numbers have one node after another. `()` is no
+/// damping, [`DampingTerm`] one term, and tuples, arrays and mutable slices of dampings act together.
 pub trait Damping<T: Real, X: Space<T>> {
     /// Checks that the memories fit N coordinates and R nodes, and the kernels the step size.
     ///
@@ -44,12 +45,12 @@ pub trait Damping<T: Real, X: Space<T>> {
     /// Forgets everything and notes how the motion starts.
     fn begin(&mut self, position: &[T], velocity: &[T]);
 
-    /// Adds known_i to `known`, R·N numbers, for nodes at the given times of a step of size `step_size`; `from` is the
-    /// position q_k. `scratch` has R·N numbers, and N more where R > 1.
+    /// Adds known_i to `known`, R·N numbers, for nodes at the given times of a step of size `step_size`;
+    /// `from` is the position q_k. `scratch` has R·N numbers, and N more where R > 1.
     ///
     /// # Errors
-    /// [`MemoryError::Full`] if the sample to come could not be stored, [`MemoryError::StepLength`] if the kernel is for
-    /// another step size.
+    /// [`MemoryError::Full`] if the sample to come could not be stored, [`MemoryError::StepLength`] if the
+    /// kernel is for another step size.
     fn add_known(
         &mut self,
         from: &[T],
@@ -79,7 +80,8 @@ pub trait Damping<T: Real, X: Space<T>> {
         0
     }
 
-    /// Writes the state, so that a damping made alike that [`restore`](Damping::restore)s it goes on with the same bits.
+    /// Writes the state, so that a damping made alike that [`restore`](Damping::restore)s it goes on with the
+    /// same bits.
     ///
     /// # Errors
     /// [`StateError::NoRoom`], and [`StateError::Unsupported`] for dampings that do not offer it.
@@ -181,11 +183,12 @@ impl core::error::Error for DampingError {
 
 /// One damping term ρ D₋^β q with its memory.
 ///
-/// ρ is symmetric positive semidefinite; β = 2α is the damping order, 0 ≤ β < 2 (α is the order in the Lagrangian). The
-/// [`Kernel`] of the memory says what β and the step size are.
+/// ρ is symmetric positive semidefinite; β = 2α is the damping order, 0 ≤ β < 2 (α is the order in the
+/// Lagrangian). The [`Kernel`] of the memory says what β and the step size are.
 ///
-/// The memory has one channel for each coordinate and node. A kernel of plain numbers acts on the sequence of every node by itself; one of R×R
-/// matrices couples the R nodes. Source: \[JO\] eq. 1, 34a; \[HJO\] eq. 34a, 35.
+/// The memory has one channel for each coordinate and node. A kernel of plain numbers acts on the sequence of
+/// every node by itself; one of R×R matrices couples the R nodes. Source: \[JO\] eq. 1, 34a; \[HJO\] eq. 34a,
+/// 35.
 #[derive(Clone, Copy, Debug)]
 pub struct DampingTerm<T: Real, X: Space<T>, M> {
     coefficients: X::Block,
@@ -209,7 +212,8 @@ impl<T: Real, const N: usize, M: Memory<T>> DampingTerm<T, Fixed<N>, M> {
     /// The term ρ D^β q on a memory of the given kernel, that of s^β.
     ///
     /// # Errors
-    /// If β is outside [0, 2), ρ is not finite, symmetric and positive semidefinite, or the memory is not one of the kernel.
+    /// If β is outside [0, 2), ρ is not finite, symmetric and positive semidefinite, or the memory is not one
+    /// of the kernel.
     pub fn new(
         kernel: Kernel,
         coefficients: Coefficients<T, N>,
@@ -260,7 +264,8 @@ impl<T: Real, X: Space<T>, M> DampingTerm<T, X, M> {
         &self.memory
     }
 
-    /// What the operator acts on in one coordinate when its position is `position` at `time`, for each coordinate in turn.
+    /// What the operator acts on in one coordinate when its position is `position` at `time`, for each
+    /// coordinate in turn.
     #[inline]
     fn acted_on(&self, position: impl Iterator<Item = T>, time: T) -> impl Iterator<Item = T> {
         let start = self.start;

@@ -12,8 +12,8 @@ use crate::weighted_sum::weighted_sum;
 
 /// Storage of one channel: the samples as two slices, backwards in time.
 ///
-/// `heapless::Deque<T, H>` is one, of fixed capacity and without allocation. Newest first, a sample lies in the
-/// same order as the weight that it meets.
+/// `heapless::Deque<T, H>` is one, of fixed capacity and without allocation. Newest first, a sample lies in
+/// the same order as the weight that it meets.
 pub trait Ring<T> {
     /// The samples, newest first, as two slices one after the other.
     fn as_slices(&self) -> (&[T], &[T]);
@@ -71,8 +71,9 @@ pub enum Overflow {
 /// Cost of a term: k multiply–adds per channel (S of them for S×S kernels). State: one ring per channel. The
 /// weights `K` are borrowed or owned, so that a table can lie in flash and serve many memories.
 ///
-/// For S×S kernels the weights lie plane by plane: entry (i, j) of W_n is `weights[(i·S + j)·L + n]` with
-/// L = `weights.len() / S²`. All of them are multiplied by `scale`, the h^{−β} (or w₀) that a dimensionless table leaves out.
+/// For S×S kernels the weights lie plane by plane: entry (i, j) of W_n is `weights[(i·S + j)·L + n]` with L =
+/// `weights.len() / S²`. All of them are multiplied by `scale`, the h^{−β} (or w₀) that a dimensionless table
+/// leaves out.
 ///
 /// Source of the kernels: \[HJO\] eq. 21, 35; \[JO\] eq. 45.
 #[derive(Clone, Debug)]
@@ -93,7 +94,8 @@ const TAG: [u8; 4] = *b"dire";
 /// Largest number of stages S of a matrix kernel.
 pub const MAX_STAGES: usize = 4;
 
-/// [`Direct`] with `C` channels in rings of fixed capacity `H` and a borrowed table of weights: no allocation.
+/// [`Direct`] with `C` channels in rings of fixed capacity `H` and a borrowed table of weights: no
+/// allocation.
 pub type FixedDirect<'w, T, const C: usize, const H: usize> =
     Direct<T, &'w [T], [Deque<T, H>; C], Deque<T, H>>;
 
@@ -108,8 +110,9 @@ impl<'w, T: Real, const C: usize, const H: usize> FixedDirect<'w, T, C, H> {
 
     /// Short memory of the last `H` samples for a kernel of plain numbers scale·w_n: forgets older ones.
     ///
-    /// The term then lacks Σ_{n>H} w_n x_{k−n}, which is at most max|x| · Σ_{n>H} |w_n|; for Grünwald–Letnikov weights and
-    /// 0 < β < 1 the last sum is |Σ_{n≤H} w_n| ≈ (H h)^{−β} / Γ(1 − β), a slow decay.
+    /// The term then lacks Σ_{n>H} w_n x_{k−n}, which is at most max|x| · Σ_{n>H} |w_n|; for
+    /// Grünwald–Letnikov weights and 0 < β < 1 the last sum is |Σ_{n≤H} w_n| ≈ (H h)^{−β} / Γ(1 − β), a slow
+    /// decay.
     ///
     /// # Errors
     /// See [`Direct::new`].
@@ -132,8 +135,8 @@ where
     /// A memory for the kernel scale·W_n of S×S matrices, S = `stages`, on one ring per channel.
     ///
     /// # Errors
-    /// If S is not one of 1…4, the number of channels is not a multiple of S, the weights are not S² planes of at
-    /// least one number, or a weight or the scale is not finite.
+    /// If S is not one of 1…4, the number of channels is not a multiple of S, the weights are not S² planes
+    /// of at least one number, or a weight or the scale is not finite.
     pub fn new(
         weights: K,
         stages: usize,

@@ -24,8 +24,8 @@ pub struct State<V> {
 
 /// Integrates d/dt ∂L/∂v − ∂L/∂q = F + u − Σ_m ρ_m D₋^{β_m} q step by step.
 ///
-/// One step asks the memories for their terms, solves the scheme's equations, stores the new sample and only then moves on:
-/// an error leaves state and memories as they were, and the caller may try again.
+/// One step asks the memories for their terms, solves the scheme's equations, stores the new sample and only
+/// then moves on: an error leaves state and memories as they were, and the caller may try again.
 ///
 /// ```
 /// # use fvi_core::*;
@@ -225,7 +225,8 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
 }
 
 impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>> Integrator<T, X, G, S, D> {
-    /// Makes one step with the input u held over it (zero where there is none); returns the iterations of Newton's method.
+    /// Makes one step with the input u held over it (zero where there is none); returns the iterations of
+    /// Newton's method.
     ///
     /// # Errors
     /// [`StepError`]; state and memories are as before the call.
@@ -275,8 +276,8 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         header_bytes(3) + 2 * self.space.coordinates() * T::BYTES + self.damping.state_bytes()
     }
 
-    /// Writes the state: step, position, momentum, and what the damping remembers. An integrator built alike that
-    /// [`restore`](Integrator::restore)s it goes on with the same bits, on this machine or another.
+    /// Writes the state: step, position, momentum, and what the damping remembers. An integrator built alike
+    /// that [`restore`](Integrator::restore)s it goes on with the same bits, on this machine or another.
     ///
     /// # Errors
     /// [`StateError::NoRoom`], and what the damping says.
@@ -291,8 +292,8 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
     /// Takes over a saved state in place of its own.
     ///
     /// # Errors
-    /// [`StateError`] if the bytes are not the state of an integrator with as many coordinates, the same step size and
-    /// such a damping; the integrator is as before. System and scheme are not compared.
+    /// [`StateError`] if the bytes are not the state of an integrator with as many coordinates, the same step
+    /// size and such a damping; the integrator is as before. System and scheme are not compared.
     pub fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         let mut ahead = from.clone();
         ahead.header::<T, 2>(TAG, &self.shape())?;

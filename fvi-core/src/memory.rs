@@ -1,4 +1,5 @@
-//! What every memory engine is: the convolution of a known kernel with a signal that arrives one sample a step.
+//! What every memory engine is: the convolution of a known kernel with a signal that arrives one sample a
+//! step.
 
 use core::fmt;
 
@@ -16,14 +17,14 @@ use crate::saving::{StateError, StateReader, StateWriter};
 /// where k = [`len`](Memory::len) is the index of the sample to come. r_k is known before x_k is: schemes
 /// that are implicit in x_k need only r_k and the leading weight W₀.
 ///
-/// **Layout.** A sample is one number for each *channel*. A kernel of plain numbers acts on every channel alike.
-/// A kernel of S×S matrices acts on groups of S neighbouring channels: stage s of coordinate i is channel
-/// i·S + s, which is `SMatrix<T, S, N>::as_slice` of the stage values in columns.
+/// **Layout.** A sample is one number for each *channel*. A kernel of plain numbers acts on every channel
+/// alike. A kernel of S×S matrices acts on groups of S neighbouring channels: stage s of coordinate i is
+/// channel i·S + s, which is `SMatrix<T, S, N>::as_slice` of the stage values in columns.
 ///
-/// **Contract.** [`next_term`](Memory::next_term) may be called any number of times before a push and returns the same numbers.
-/// It fails with [`MemoryError::Full`] when the sample x_k that it prepares for could not be stored; after a
-/// successful `next_term` the following push of a sample of the right length succeeds. A call that fails
-/// changes nothing. Engines differ in cost and in rounding only.
+/// **Contract.** [`next_term`](Memory::next_term) may be called any number of times before a push and returns
+/// the same numbers. It fails with [`MemoryError::Full`] when the sample x_k that it prepares for could not
+/// be stored; after a successful `next_term` the following push of a sample of the right length succeeds. A
+/// call that fails changes nothing. Engines differ in cost and in rounding only.
 ///
 /// Source: \[HLS\]; the kernels are those of \[Lubich86\].
 pub trait Memory<T> {
@@ -38,7 +39,8 @@ pub trait Memory<T> {
     /// Leading weight W₀, S×S numbers, row by row.
     fn leading(&self) -> &[T];
 
-    /// Whether W₀ of all later samples is that of the sample to come: not where starting weights correct the first few.
+    /// Whether W₀ of all later samples is that of the sample to come: not where starting weights correct the
+    /// first few.
     fn leading_is_constant(&self) -> bool {
         true
     }
@@ -51,12 +53,14 @@ pub trait Memory<T> {
         self.len() == 0
     }
 
-    /// Says how long the step is that leads from the sample before to the sample to come, x_k, in units of time.
+    /// Says how long the step is that leads from the sample before to the sample to come, x_k, in units of
+    /// time.
     ///
-    /// An engine for steps of any length takes it into the weights of x_k, [`leading`](Memory::leading) included. To
-    /// an engine for equal steps it says nothing new: a damping term has compared the length with its kernel's step
-    /// before. It may be called again before a push, when a step is tried once more with another length; the last call
-    /// counts. There is no step before the first sample x₀ where main nodes are stored.
+    /// An engine for steps of any length takes it into the weights of x_k, [`leading`](Memory::leading)
+    /// included. To an engine for equal steps it says nothing new: a damping term has compared the length
+    /// with its kernel's step before. It may be called again before a push, when a step is tried once more
+    /// with another length; the last call counts. There is no step before the first sample x₀ where main
+    /// nodes are stored.
     ///
     /// # Errors
     /// [`MemoryError::StepLength`] if the engine cannot serve a step of this length.
@@ -68,7 +72,8 @@ pub trait Memory<T> {
     /// Writes r_k = Σ_{n≥1} W_n x_{k−n} to `term`, one number per channel.
     ///
     /// # Errors
-    /// [`MemoryError::Full`] if x_k would not fit, [`MemoryError::ChannelMismatch`] if `term` has the wrong length.
+    /// [`MemoryError::Full`] if x_k would not fit, [`MemoryError::ChannelMismatch`] if `term` has the wrong
+    /// length.
     fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError>;
 
     /// Stores the sample x_k.
@@ -83,14 +88,14 @@ pub trait Memory<T> {
     /// Bytes of state, tables and buffers, wherever they lie.
     fn bytes(&self) -> usize;
 
-    /// Number of bytes that [`save`](Memory::save) writes at present: what the samples so far left behind, without
-    /// the kernel.
+    /// Number of bytes that [`save`](Memory::save) writes at present: what the samples so far left behind,
+    /// without the kernel.
     fn state_bytes(&self) -> usize {
         0
     }
 
-    /// Writes the state, so that a memory of the same kernel that [`restore`](Memory::restore)s it goes on with the
-    /// same bits.
+    /// Writes the state, so that a memory of the same kernel that [`restore`](Memory::restore)s it goes on
+    /// with the same bits.
     ///
     /// # Errors
     /// [`StateError::NoRoom`], and [`StateError::Unsupported`] for engines that do not offer it.
@@ -111,8 +116,8 @@ pub trait Memory<T> {
     /// Takes over a saved state in place of its own.
     ///
     /// # Errors
-    /// [`StateError`] if the bytes are no state of a memory of this kind, shape, precision and kernel; the memory is
-    /// as before.
+    /// [`StateError`] if the bytes are no state of a memory of this kind, shape, precision and kernel; the
+    /// memory is as before.
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         let _ = from;
         Err(StateError::Unsupported)

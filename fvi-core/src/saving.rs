@@ -6,9 +6,9 @@ use crate::real::Real;
 
 /// Writes states one after another to bytes of the caller.
 ///
-/// Integers take eight bytes, numbers four (`f32`) or eight (`f64`), all with the least significant byte first: what a
-/// microcontroller saves, a host restores, and the other way round. Nothing guards against bits that change while the
-/// bytes are stored; where that can happen the caller keeps a checksum beside them.
+/// Integers take eight bytes, numbers four (`f32`) or eight (`f64`), all with the least significant byte
+/// first: what a microcontroller saves, a host restores, and the other way round. Nothing guards against bits
+/// that change while the bytes are stored; where that can happen the caller keeps a checksum beside them.
 ///
 /// ```
 /// # use fvi_core::{FixedDirect, Memory, StateReader, StateWriter};
@@ -279,7 +279,8 @@ impl<'a> StateReader<'a> {
     /// Reads a header and compares it with that of the object.
     ///
     /// # Errors
-    /// [`StateError::Truncated`], [`StateError::Kind`], or [`StateError::Mismatch`] with the first entry that differs.
+    /// [`StateError::Truncated`], [`StateError::Kind`], or [`StateError::Mismatch`] with the first entry that
+    /// differs.
     pub fn header<T: Real, const E: usize>(
         &mut self,
         tag: [u8; 4],
@@ -300,13 +301,15 @@ fn same(what: &'static str, expected: u64, found: u64) -> Result<(), StateError>
     if expected == found { Ok(()) } else { Err(StateError::Mismatch { what, expected, found }) }
 }
 
-/// A number that tells kernels apart: other weights, another fingerprint (FNV-1a over the bits of the numbers).
+/// A number that tells kernels apart: other weights, another fingerprint (FNV-1a over the bits of the
+/// numbers).
 pub fn fingerprint<'n, T: Real>(numbers: impl IntoIterator<Item = &'n T>) -> u64 {
     const BASIS: u64 = 0xcbf2_9ce4_8422_2325;
     const PRIME: u64 = 0x0100_0000_01b3;
     let mix = |hash: u64, number: &T| {
         let mixed = (hash ^ number.bits()).wrapping_mul(PRIME);
-        // The low bits of most weights are those that differ, the high bits of a product those that are mixed.
+        // The low bits of most weights are those that differ, the high bits of a product those that are
+        // mixed.
         mixed ^ (mixed >> 32)
     };
     numbers.into_iter().fold(BASIS, mix)

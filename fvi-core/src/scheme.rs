@@ -42,8 +42,9 @@ impl<T> Sampling<'_, T> {
 
 /// A one-step scheme.
 ///
-/// A scheme has no state of its own. Its [`Storage`](Scheme::Storage) keeps what is worth keeping between steps: the factors of
-/// a linear system's equations, and scratch space where the stack is not the place for it.
+/// A scheme has no state of its own. Its [`Storage`](Scheme::Storage) keeps what is worth keeping between
+/// steps: the factors of a linear system's equations, and scratch space where the stack is not the place for
+/// it.
 pub trait Scheme<T: Real, X: Space<T>> {
     /// What is kept between steps.
     type Storage;
@@ -54,13 +55,13 @@ pub trait Scheme<T: Real, X: Space<T>> {
     /// What the memory stores of each step.
     fn sampling(&self) -> Sampling<'_, T>;
 
-    /// One step: asks the damping for what it knows, solves for the new state, stores the new sample with the damping and then
-    /// moves `position` and `momentum` on ([`conclude`] does the last two). Returns the iterations of Newton's method, 0 for
-    /// explicit formulas.
+    /// One step: asks the damping for what it knows, solves for the new state, stores the new sample with the
+    /// damping and then moves `position` and `momentum` on ([`conclude`] does the last two). Returns the
+    /// iterations of Newton's method, 0 for explicit formulas.
     ///
     /// # Errors
-    /// If the nonlinear equations have no solution that Newton's method finds, the result is not finite, or the memory
-    /// refuses; position, momentum and damping are then as before.
+    /// If the nonlinear equations have no solution that Newton's method finds, the result is not finite, or
+    /// the memory refuses; position, momentum and damping are then as before.
     fn step<G: Mechanics<T, X>, D: Damping<T, X>>(
         &self,
         storage: &mut Self::Storage,
@@ -81,8 +82,8 @@ pub struct Sample<'a, T> {
     pub increments: &'a [T],
 }
 
-/// The last part of every step: checks that `rise` = q_{k+1} − q_k and the new momentum are finite, stores the sample and only then moves on.
-/// `scratch` has room for the sample and one vector more.
+/// The last part of every step: checks that `rise` = q_{k+1} − q_k and the new momentum are finite, stores
+/// the sample and only then moves on. `scratch` has room for the sample and one vector more.
 ///
 /// # Errors
 /// [`StepError::NotFinite`] or [`StepError::Memory`]; nothing has changed.

@@ -14,18 +14,20 @@ const TILE: usize = 8;
 
 /// A direct memory r_k = Σ_{n=1}^{k} w_n x_{k−n} that sums its far history for eight outputs at a time.
 ///
-/// Samples lie in blocks of eight. The sums of a tile of eight outputs over all blocks but the latest two are made while the
-/// eight outputs before it are served, an eighth of them with every push: each product then needs a quarter of a load
-/// instead of two, and no step costs more than another by more than one block. What is left for a term are the 8 to 15
-/// latest samples. The number of products is that of [`Direct`](crate::Direct).
+/// Samples lie in blocks of eight. The sums of a tile of eight outputs over all blocks but the latest two are
+/// made while the eight outputs before it are served, an eighth of them with every push: each product then
+/// needs a quarter of a load instead of two, and no step costs more than another by more than one block. What
+/// is left for a term are the 8 to 15 latest samples. The number of products is that of
+/// [`Direct`](crate::Direct).
 ///
-/// `C` channels, `B` blocks: at most 8·B samples in full memory, lags up to 8·(B−1) in short memory. The weights are borrowed
-/// and may lie in flash; those beyond the end of the table count as zero. All are multiplied by `scale`. Kernels of
-/// plain numbers only.
+/// `C` channels, `B` blocks: at most 8·B samples in full memory, lags up to 8·(B−1) in short memory. The
+/// weights are borrowed and may lie in flash; those beyond the end of the table count as zero. All are
+/// multiplied by `scale`. Kernels of plain numbers only.
 ///
-/// **Order of the sum.** Eight partial sums over the far blocks, each from the oldest sample to the newest, one after
-/// another; added up in this order; plus the sum over the latest full block, oldest first, plus the sum over the block being
-/// filled, oldest first. It depends on the samples alone: the same bits on every machine.
+/// **Order of the sum.** Eight partial sums over the far blocks, each from the oldest sample to the newest,
+/// one after another; added up in this order; plus the sum over the latest full block, oldest first, plus the
+/// sum over the block being filled, oldest first. It depends on the samples alone: the same bits on every
+/// machine.
 #[derive(Clone, Debug)]
 pub struct Tiled<'w, T, const C: usize, const B: usize> {
     weights: &'w [T],
@@ -60,8 +62,8 @@ impl<T: Real, const B: usize> Channel<T, B> {
         self.blocks.as_flattened_mut().iter_mut().chain(&mut self.present).chain(&mut self.next)
     }
 
-    /// Adds to the next tile's sums what `count` blocks contribute, the first of which has the index `first` and the distance
-    /// `distance` from that tile.
+    /// Adds to the next tile's sums what `count` blocks contribute, the first of which has the index `first`
+    /// and the distance `distance` from that tile.
     #[inline]
     fn add_far(&mut self, weights: &[T], first: usize, distance: usize, count: usize) {
         let (behind_cut, before_cut) = self.blocks.split_at((first % B.max(1)).min(B));
@@ -79,7 +81,8 @@ impl<T: Real, const B: usize> Channel<T, B> {
     }
 }
 
-/// Adds blocks, the first of which has the given distance from the tile and each further one a distance less by one.
+/// Adds blocks, the first of which has the given distance from the tile and each further one a distance less
+/// by one.
 #[inline]
 fn add_blocks<T: Real>(sums: &mut [T; TILE], weights: &[T], blocks: &[[T; TILE]], distance: usize) {
     let (table, rest) = weights.as_chunks::<TILE>();
@@ -127,8 +130,8 @@ fn near_sum<T: Real>(weights: &[T], samples: &[T]) -> T {
 }
 
 impl<'w, T: Real, const C: usize, const B: usize> Tiled<'w, T, C, B> {
-    /// A memory that [`Refuse`](Overflow::Refuse)s to take more than 8·B samples, or [`Forget`](Overflow::Forget)s what lies
-    /// more than 8·(B−1) samples back.
+    /// A memory that [`Refuse`](Overflow::Refuse)s to take more than 8·B samples, or
+    /// [`Forget`](Overflow::Forget)s what lies more than 8·(B−1) samples back.
     ///
     /// # Errors
     /// If C is 0, B is less than 3, the table is empty, or a weight or the scale is not finite.
@@ -271,7 +274,8 @@ mod tests {
     use crate::direct::FixedDirect;
     use crate::noise::noise;
 
-    /// Runs both memories side by side; the terms agree to rounding of at most a few hundred products of size ¼.
+    /// Runs both memories side by side; the terms agree to rounding of at most a few hundred products of size
+    /// ¼.
     fn agree(mut tiled: impl Memory<f64>, mut direct: impl Memory<f64>, steps: usize) {
         for (k, pair) in noise(2 * steps).chunks(2).enumerate() {
             let (mut fast, mut plain) = ([f64::NAN; 2], [f64::NAN; 2]);
@@ -287,7 +291,8 @@ mod tests {
 
     #[test]
     fn full_memory_is_the_direct_sum_until_it_refuses() {
-        // A table as long as the memory, shorter, and longer: the end of the table falls everywhere in a window.
+        // A table as long as the memory, shorter, and longer: the end of the table falls everywhere in a
+        // window.
         for reach in [1, 2, 7, 8, 9, 30, 31, 32, 33, 63, 64, 200] {
             let weights = noise(reach);
             let tiled = || Tiled::<f64, 2, 8>::new(&weights, 0.5, Overflow::Refuse).unwrap();

@@ -44,8 +44,8 @@ fn go_on<T: Real>(memory: &mut impl Memory<T>, steps: usize) -> Vec<u64> {
     terms
 }
 
-/// Saves after every number of samples and restores to a fresh memory and to a used one; every truncation is refused and leaves the
-/// memory as it was.
+/// Saves after every number of samples and restores to a fresh memory and to a used one; every truncation is
+/// refused and leaves the memory as it was.
 fn goes_on<T: Real, M: Memory<T>>(build: impl Fn() -> M) {
     let mut memory = build();
     for k in (0..STEPS).step_by(7) {

@@ -15,12 +15,13 @@ use crate::weights::{Weights, check_shape, extend_planes, take_planes};
 
 /// The `block-fft` memory: fast convolution of a known kernel with an online signal, O(k log² k) for k steps.
 ///
-/// Lags below two blocks of 64 samples are summed directly; beyond, blocks of growing size are convolved through cached spectra of the
-/// kernel, block pairs always at distance ≥ 2 (see \[HLS\] for the idea). It is exact to rounding for any kernel, leading
-/// weight zero included: the error is a few u·Σ|w||x|, on decaying and growing signals too.
+/// Lags below two blocks of 64 samples are summed directly; beyond, blocks of growing size are convolved
+/// through cached spectra of the kernel, block pairs always at distance ≥ 2 (see \[HLS\] for the idea). It is
+/// exact to rounding for any kernel, leading weight zero included: the error is a few u·Σ|w||x|, on decaying
+/// and growing signals too.
 ///
-/// All coordinates share plans and kernel spectra. The cost of a step is uneven: a step that begins a large block
-/// does all the work of that block. [`RealTime`](crate::RealTime) spreads it.
+/// All coordinates share plans and kernel spectra. The cost of a step is uneven: a step that begins a large
+/// block does all the work of that block. [`RealTime`](crate::RealTime) spreads it.
 pub struct BlockFft<T: Scalar> {
     channels: usize,
     len: usize,

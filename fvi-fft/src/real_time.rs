@@ -23,21 +23,24 @@ pub enum Pacing {
     Paced,
 }
 
-/// The `real-time` memory: fast convolution of a known kernel with an online signal at a bounded cost per step.
+/// The `real-time` memory: fast convolution of a known kernel with an online signal at a bounded cost per
+/// step.
 ///
-/// The result is exact to rounding for any kernel, as that of [`BlockFft`](crate::BlockFft). After construction there is no
-/// allocation, no lock and no thread.
+/// The result is exact to rounding for any kernel, as that of [`BlockFft`](crate::BlockFft). After
+/// construction there is no allocation, no lock and no thread.
 ///
-/// **Schedule.** The job that makes output block m of a level needs the input blocks up to m − 2, so it is released when
-/// block m − 2 is complete, at sample (m − 1)B, and due when its output begins, at mB: a window of exactly B steps, one
-/// job at a time in each level. A job is a list of tasks of bounded cost (64 to 128 points). Each step spends
-/// the *work budget* Σ_ℓ C_ℓ/B_ℓ + 5 %, C_ℓ the largest cost of a job of level ℓ, on the finest level that has work; deadlines nest,
-/// so this is the earliest one first. The work of a step is at most the near part, the budget and one task.
+/// **Schedule.** The job that makes output block m of a level needs the input blocks up to m − 2, so it is
+/// released when block m − 2 is complete, at sample (m − 1)B, and due when its output begins, at mB: a window
+/// of exactly B steps, one job at a time in each level. A job is a list of tasks of bounded cost (64 to 128
+/// points). Each step spends the *work budget* Σ_ℓ C_ℓ/B_ℓ + 5 %, C_ℓ the largest cost of a job of level ℓ,
+/// on the finest level that has work; deadlines nest, so this is the earliest one first. The work of a step
+/// is at most the near part, the budget and one task.
 ///
 /// A job that is not done when it is due would be an *overrun*: it is then finished at once, so that the
 /// result stays exact, and counted by [`overruns`](RealTime::overruns).
 ///
-/// Outputs lie in buffers of their own level until they are read, so [`Pacing`] does not change a bit of the result.
+/// Outputs lie in buffers of their own level until they are read, so [`Pacing`] does not change a bit of the
+/// result.
 ///
 /// Source: \[Gardner95\], \[Garcia02\], \[Battenberg11\].
 pub struct RealTime<T: Scalar> {
@@ -129,7 +132,8 @@ impl<T: Scalar> RealTime<T> {
         })
     }
 
-    /// Number of blocks since the beginning or the last [`clear`](Memory::clear) that were not done when they were due.
+    /// Number of blocks since the beginning or the last [`clear`](Memory::clear) that were not done when they
+    /// were due.
     pub fn overruns(&self) -> usize {
         self.overruns
     }

@@ -4,8 +4,9 @@ use fvi_core::{ConvolutionWeights, ParameterError, Real};
 
 /// Source of the convolution weights, asked for one stretch after the other.
 ///
-/// An engine asks for every weight exactly once and in order: the first call has `first` = 0, each later one starts where
-/// the one before ended. So a recursion can serve as a kernel, and a run needs no length in advance.
+/// An engine asks for every weight exactly once and in order: the first call has `first` = 0, each later one
+/// starts where the one before ended. So a recursion can serve as a kernel, and a run needs no length in
+/// advance.
 ///
 /// Every closure `FnMut(usize, &mut [T])` is a kernel of plain numbers.
 pub trait Weights<T> {
@@ -14,7 +15,8 @@ pub trait Weights<T> {
         1
     }
 
-    /// Writes W_first, W_{first+1}, …, each S×S numbers row by row; `weights` holds a whole number of matrices.
+    /// Writes W_first, W_{first+1}, …, each S×S numbers row by row; `weights` holds a whole number of
+    /// matrices.
     fn fill(&mut self, first: usize, weights: &mut [T]);
 }
 

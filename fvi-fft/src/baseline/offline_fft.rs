@@ -11,8 +11,8 @@ use crate::weights::{Weights, check_shape, take_planes};
 
 /// One forward real transform of the known signal, product with the cached kernel spectrum, one inverse.
 ///
-/// Not a memory: every sample must be known at the start. Near and far lags share the transform, so it is not exact to
-/// rounding either; it is here for its time.
+/// Not a memory: every sample must be known at the start. Near and far lags share the transform, so it is not
+/// exact to rounding either; it is here for its time.
 pub struct OfflineFft<T: Scalar> {
     length: usize,
     forward: Arc<dyn RealToComplex<T>>,
