@@ -8,12 +8,13 @@ use crate::kernel::Kernel;
 use crate::linear::add_multiple;
 use crate::memory::{Memory, MemoryError};
 use crate::real::Real;
+use crate::saving::{Shape, StateError, StateReader, StateWriter, header_bytes};
 use crate::space::{Block, Space};
 
 /// On what the fractional derivative acts.
 ///
-/// The two types agree where the terms left out vanish (\[JO\] eq. 4). With q₀ ≠ 0 and 0 < β < 1 the Riemann–Liouville
-/// type has the force ρ q₀ t^{−β}/Γ(1−β), singular at t = 0.
+/// The two types agree where the terms left out vanish (\[JO\] eq. 4). With q₀ ≠ 0 and 0 < β < 1 the
+/// Riemann–Liouville type has the force ρ q₀ t^{−β}/Γ(1−β), singular at t = 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Derivative {
     /// On q itself.
@@ -33,15 +34,16 @@ pub struct Sample<'a, T> {
 
 /// Damping with memory: anything between no damping and many terms.
 ///
-/// A sample holds R nodes: one where the memory stores the main nodes q_k, and as many as there are quadrature nodes where it stores those. With
-/// the nodes of the sample to come at q_k + e_1, …, q_k + e_R the damping exerts
+/// A sample holds R nodes: one where the memory stores the main nodes q_k, and as many as there are
+/// quadrature nodes where it stores those. With the nodes of the sample to come at q_k + e_1, …, q_k + e_R
+/// the damping exerts
 ///
 /// ```text
 /// Σ_m ρ_m (D^{β_m} q)_i = known_i + Σ_m ρ_m Σ_j W_ij e_j ,     i = 1…R
 /// ```
 ///
-/// and the force on the system is minus this. Vectors of R·N numbers have one node after another. `()` is no damping, [`DampingTerm`]
-/// one term, and tuples, arrays and mutable slices of dampings act together.
+/// and the force on the system is minus this. Vectors of R·N numbers have one node after another. `()` is no
+/// damping, [`DampingTerm`] one term, and tuples, arrays and mutable slices of dampings act together.
 pub trait Damping<T: Real, X: Space<T>> {
     /// Checks that the memories fit N coordinates and R nodes, and the kernels the step size.
     ///
@@ -52,14 +54,16 @@ pub trait Damping<T: Real, X: Space<T>> {
     /// Forgets everything and notes how the motion starts.
     fn begin(&mut self, position: &[T], velocity: &[T]);
 
-    /// Adds known_i for nodes at the given times to `known`, R·N numbers; `from` is the position q_k. `scratch` has
-    /// R·N numbers, and N more where R > 1.
+    /// Adds known_i to `known`, R·N numbers, for nodes at the given times of a step of size `step_size`;
+    /// `from` is the position q_k. `scratch` has R·N numbers, and N more where R > 1.
     ///
     /// # Errors
-    /// [`MemoryError::Full`] if the sample to come could not be stored.
+    /// [`MemoryError::Full`] if the sample to come could not be stored, [`MemoryError::StepLength`] if the
+    /// kernel is for another step size.
     fn add_known(
         &mut self,
         from: &[T],
+        step_size: T,
         times: &[T],
         known: &mut [T],
         scratch: &mut [T],
@@ -79,6 +83,39 @@ pub trait Damping<T: Real, X: Space<T>> {
     /// # Errors
     /// [`MemoryError::Full`]; not after a successful [`add_known`](Damping::add_known).
     fn push(&mut self, from: &[T], sample: &Sample<'_, T>, scratch: &mut [T]) -> Result<(), MemoryError>;
+
+    /// Number of bytes that [`save`](Damping::save) writes at present.
+    fn state_bytes(&self) -> usize {
+        0
+    }
+
+    /// Writes the state, so that a damping made alike that [`restore`](Damping::restore)s it goes on with the
+    /// same bits.
+    ///
+    /// # Errors
+    /// [`StateError::NoRoom`], and [`StateError::Unsupported`] for dampings that do not offer it.
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        let _ = to;
+        Err(StateError::Unsupported)
+    }
+
+    /// Reads past a state and checks on the way that [`restore`](Damping::restore) would take it.
+    ///
+    /// # Errors
+    /// [`StateError`]
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        let _ = from;
+        Err(StateError::Unsupported)
+    }
+
+    /// Takes over a saved state in place of its own.
+    ///
+    /// # Errors
+    /// [`StateError`] if the bytes are not the state of such a damping; it is as before.
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        let _ = from;
+        Err(StateError::Unsupported)
+    }
 }
 
 /// Why a damping does not go with an integrator.
@@ -155,11 +192,12 @@ impl core::error::Error for DampingError {
 
 /// One damping term ρ D₋^β q with its memory.
 ///
-/// ρ is symmetric positive semidefinite; β = 2α is the damping order, 0 ≤ β < 2 (α is the order in the Lagrangian). The
-/// [`Kernel`] of the memory says what β and the step size are.
+/// ρ is symmetric positive semidefinite; β = 2α is the damping order, 0 ≤ β < 2 (α is the order in the
+/// Lagrangian). The [`Kernel`] of the memory says what β and the step size are.
 ///
-/// The memory has one channel for each coordinate and node. A kernel of plain numbers acts on the sequence of every node by itself; one of R×R
-/// matrices couples the R nodes. Source: \[JO\] eq. 1, 34a; \[HJO\] eq. 34a, 35.
+/// The memory has one channel for each coordinate and node. A kernel of plain numbers acts on the sequence of
+/// every node by itself; one of R×R matrices couples the R nodes. Source: \[JO\] eq. 1, 34a; \[HJO\] eq. 34a,
+/// 35.
 #[derive(Clone, Copy, Debug)]
 pub struct DampingTerm<T: Real, X: Space<T>, M> {
     coefficients: X::Block,
@@ -183,7 +221,8 @@ impl<T: Real, const N: usize, M: Memory<T>> DampingTerm<T, Fixed<N>, M> {
     /// The term ρ D^β q on a memory of the given kernel, that of s^β.
     ///
     /// # Errors
-    /// If β is outside [0, 2), ρ is not finite, symmetric and positive semidefinite, or the memory is not one of the kernel.
+    /// If β is outside [0, 2), ρ is not finite, symmetric and positive semidefinite, or the memory is not one
+    /// of the kernel.
     pub fn new(
         kernel: Kernel,
         coefficients: Coefficients<T, N>,
@@ -234,7 +273,8 @@ impl<T: Real, X: Space<T>, M> DampingTerm<T, X, M> {
         &self.memory
     }
 
-    /// What the operator acts on in one coordinate when its position is `position` at `time`, for each coordinate in turn.
+    /// What the operator acts on in one coordinate when its position is `position` at `time`, for each
+    /// coordinate in turn.
     #[inline]
     fn acted_on(&self, position: impl Iterator<Item = T>, time: T) -> impl Iterator<Item = T> {
         let start = self.start;
@@ -248,6 +288,17 @@ impl<T: Real, X: Space<T>, M> DampingTerm<T, X, M> {
 }
 
 impl<T: Real, X: Space<T>, M: Memory<T>> DampingTerm<T, X, M> {
+    /// What its state begins with.
+    fn shape(&self) -> Shape<2> {
+        let left_out = match self.start {
+            Subtraction::Nothing => 0,
+            Subtraction::Position => 1,
+            Subtraction::PositionAndVelocity => 2,
+        };
+        let coordinates = X::slice(&self.initial_position).len() as u64;
+        [("coordinates", coordinates), ("kind of derivative", left_out)]
+    }
+
     /// W_ij, i and j from 0, of a sample with `nodes` nodes.
     #[inline]
     fn leading(&self, nodes: usize, i: usize, j: usize) -> T {
@@ -287,10 +338,16 @@ impl<T: Real, X: Space<T>, M: Memory<T>> Damping<T, X> for DampingTerm<T, X, M> 
     fn add_known(
         &mut self,
         from: &[T],
+        step_size: T,
         times: &[T],
         known: &mut [T],
         scratch: &mut [T],
     ) -> Result<(), MemoryError> {
+        if self.step_size != T::zero() && self.step_size != step_size {
+            let (expected, found) = (self.step_size.to_f64(), step_size.to_f64());
+            return Err(MemoryError::StepLength { expected, found });
+        }
+        self.memory.begin_step(step_size)?;
         let (coordinates, nodes) = (from.len(), times.len());
         let (term, rest) = scratch.split_at_mut_checked(coordinates * nodes).unwrap_or_default();
         self.memory.next_term(term)?;
@@ -366,7 +423,36 @@ impl<T: Real, X: Space<T>, M: Memory<T>> Damping<T, X> for DampingTerm<T, X, M> 
         }
         self.memory.push(stored)
     }
+
+    fn state_bytes(&self) -> usize {
+        let coordinates = X::slice(&self.initial_position).len();
+        header_bytes(2) + 2 * coordinates * T::BYTES + self.memory.state_bytes()
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        to.header::<T, 2>(TAG, &self.shape())?;
+        to.numbers(X::slice(&self.initial_position))?;
+        to.numbers(X::slice(&self.initial_velocity))?;
+        self.memory.save(to)
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        from.header::<T, 2>(TAG, &self.shape())?;
+        from.skip::<T>(2 * X::slice(&self.initial_position).len())?;
+        self.memory.check_state(from)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.check_state(&mut from.clone())?;
+        from.header::<T, 2>(TAG, &self.shape())?;
+        from.numbers(X::slice_mut(&mut self.initial_position))?;
+        from.numbers(X::slice_mut(&mut self.initial_velocity))?;
+        self.memory.restore(from)
+    }
 }
+
+/// Kind of the saved state.
+const TAG: [u8; 4] = *b"damp";
 
 #[inline]
 fn copy<T: Copy>(target: &mut [T], source: &[T]) {
@@ -380,7 +466,7 @@ impl<T: Real, X: Space<T>> Damping<T, X> for () {
 
     fn begin(&mut self, _: &[T], _: &[T]) {}
 
-    fn add_known(&mut self, _: &[T], _: &[T], _: &mut [T], _: &mut [T]) -> Result<(), MemoryError> {
+    fn add_known(&mut self, _: &[T], _: T, _: &[T], _: &mut [T], _: &mut [T]) -> Result<(), MemoryError> {
         Ok(())
     }
 
@@ -393,6 +479,18 @@ impl<T: Real, X: Space<T>> Damping<T, X> for () {
     }
 
     fn push(&mut self, _: &[T], _: &Sample<'_, T>, _: &mut [T]) -> Result<(), MemoryError> {
+        Ok(())
+    }
+
+    fn save(&self, _: &mut StateWriter<'_>) -> Result<(), StateError> {
+        Ok(())
+    }
+
+    fn check_state(&self, _: &mut StateReader<'_>) -> Result<(), StateError> {
+        Ok(())
+    }
+
+    fn restore(&mut self, _: &mut StateReader<'_>) -> Result<(), StateError> {
         Ok(())
     }
 }
@@ -412,12 +510,13 @@ impl<T: Real, X: Space<T>, A: Damping<T, X>, B: Damping<T, X>> Damping<T, X> for
     fn add_known(
         &mut self,
         from: &[T],
+        step_size: T,
         times: &[T],
         known: &mut [T],
         scratch: &mut [T],
     ) -> Result<(), MemoryError> {
-        self.0.add_known(from, times, known, scratch)?;
-        self.1.add_known(from, times, known, scratch)
+        self.0.add_known(from, step_size, times, known, scratch)?;
+        self.1.add_known(from, step_size, times, known, scratch)
     }
 
     #[inline]
@@ -442,6 +541,26 @@ impl<T: Real, X: Space<T>, A: Damping<T, X>, B: Damping<T, X>> Damping<T, X> for
         self.0.push(from, sample, scratch)?;
         self.1.push(from, sample, scratch)
     }
+
+    fn state_bytes(&self) -> usize {
+        self.0.state_bytes() + self.1.state_bytes()
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        self.0.save(to)?;
+        self.1.save(to)
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.0.check_state(from)?;
+        self.1.check_state(from)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.check_state(&mut from.clone())?;
+        self.0.restore(from)?;
+        self.1.restore(from)
+    }
 }
 
 impl<T: Real, X: Space<T>, D: Damping<T, X>> Damping<T, X> for [D] {
@@ -457,11 +576,12 @@ impl<T: Real, X: Space<T>, D: Damping<T, X>> Damping<T, X> for [D] {
     fn add_known(
         &mut self,
         from: &[T],
+        step_size: T,
         times: &[T],
         known: &mut [T],
         scratch: &mut [T],
     ) -> Result<(), MemoryError> {
-        self.iter_mut().try_for_each(|damping| damping.add_known(from, times, known, scratch))
+        self.iter_mut().try_for_each(|damping| damping.add_known(from, step_size, times, known, scratch))
     }
 
     #[inline]
@@ -483,6 +603,23 @@ impl<T: Real, X: Space<T>, D: Damping<T, X>> Damping<T, X> for [D] {
     fn push(&mut self, from: &[T], sample: &Sample<'_, T>, scratch: &mut [T]) -> Result<(), MemoryError> {
         self.iter_mut().try_for_each(|damping| damping.push(from, sample, scratch))
     }
+
+    fn state_bytes(&self) -> usize {
+        self.iter().map(|damping| damping.state_bytes()).sum()
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        self.iter().try_for_each(|damping| damping.save(to))
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.iter().try_for_each(|damping| damping.check_state(from))
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.check_state(&mut from.clone())?;
+        self.iter_mut().try_for_each(|damping| damping.restore(from))
+    }
 }
 
 /// A damping that hands every call on to the one it holds.
@@ -501,11 +638,12 @@ macro_rules! handing_on {
             fn add_known(
                 &mut $self,
                 from: &[T],
+                step_size: T,
                 times: &[T],
                 known: &mut [T],
                 scratch: &mut [T],
             ) -> Result<(), MemoryError> {
-                <$inner as Damping<T, X>>::add_known($unique, from, times, known, scratch)
+                <$inner as Damping<T, X>>::add_known($unique, from, step_size, times, known, scratch)
             }
 
             #[inline]
@@ -531,6 +669,22 @@ macro_rules! handing_on {
                 scratch: &mut [T],
             ) -> Result<(), MemoryError> {
                 <$inner as Damping<T, X>>::push($unique, from, sample, scratch)
+            }
+
+            fn state_bytes(&$self) -> usize {
+                <$inner as Damping<T, X>>::state_bytes($shared)
+            }
+
+            fn save(&$self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+                <$inner as Damping<T, X>>::save($shared, to)
+            }
+
+            fn check_state(&$self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+                <$inner as Damping<T, X>>::check_state($shared, from)
+            }
+
+            fn restore(&mut $self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+                <$inner as Damping<T, X>>::restore($unique, from)
             }
         }
     };

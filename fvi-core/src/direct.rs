@@ -7,12 +7,13 @@ use heapless::Deque;
 use crate::error::ParameterError;
 use crate::memory::{Memory, MemoryError, check_channels};
 use crate::real::Real;
+use crate::saving::{Shape, StateError, StateReader, StateWriter, fingerprint, header_bytes};
 use crate::weighted_sum::weighted_sum;
 
 /// Storage of one channel: the samples as two slices, backwards in time.
 ///
-/// `heapless::Deque<T, H>` is one, of fixed capacity and without allocation. Newest first, a sample lies in the
-/// same order as the weight that it meets.
+/// `heapless::Deque<T, H>` is one, of fixed capacity and without allocation. Newest first, a sample lies in
+/// the same order as the weight that it meets.
 pub trait Ring<T> {
     /// The samples, newest first, as two slices one after the other.
     fn as_slices(&self) -> (&[T], &[T]);
@@ -70,8 +71,9 @@ pub enum Overflow {
 /// Cost of a term: k multiply–adds per channel (S of them for S×S kernels). State: one ring per channel. The
 /// weights `K` are borrowed or owned, so that a table can lie in flash and serve many memories.
 ///
-/// For S×S kernels the weights lie plane by plane: entry (i, j) of W_n is `weights[(i·S + j)·L + n]` with
-/// L = `weights.len() / S²`. All of them are multiplied by `scale`, the h^{−β} (or w₀) that a dimensionless table leaves out.
+/// For S×S kernels the weights lie plane by plane: entry (i, j) of W_n is `weights[(i·S + j)·L + n]` with L =
+/// `weights.len() / S²`. All of them are multiplied by `scale`, the h^{−β} (or w₀) that a dimensionless table
+/// leaves out.
 ///
 /// Source of the kernels: \[HJO\] eq. 21, 35; \[JO\] eq. 45.
 #[derive(Clone, Debug)]
@@ -86,10 +88,14 @@ pub struct Direct<T, K, C, R> {
     ring: PhantomData<R>,
 }
 
+/// Kind of the saved state.
+const TAG: [u8; 4] = *b"dire";
+
 /// Largest number of stages S of a matrix kernel.
 pub const MAX_STAGES: usize = 4;
 
-/// [`Direct`] with `C` channels in rings of fixed capacity `H` and a borrowed table of weights: no allocation.
+/// [`Direct`] with `C` channels in rings of fixed capacity `H` and a borrowed table of weights: no
+/// allocation.
 pub type FixedDirect<'w, T, const C: usize, const H: usize> =
     Direct<T, &'w [T], [Deque<T, H>; C], Deque<T, H>>;
 
@@ -104,8 +110,9 @@ impl<'w, T: Real, const C: usize, const H: usize> FixedDirect<'w, T, C, H> {
 
     /// Short memory of the last `H` samples for a kernel of plain numbers scale·w_n: forgets older ones.
     ///
-    /// The term then lacks Σ_{n>H} w_n x_{k−n}, which is at most max|x| · Σ_{n>H} |w_n|; for Grünwald–Letnikov weights and
-    /// 0 < β < 1 the last sum is |Σ_{n≤H} w_n| ≈ (H h)^{−β} / Γ(1 − β), a slow decay.
+    /// The term then lacks Σ_{n>H} w_n x_{k−n}, which is at most max|x| · Σ_{n>H} |w_n|; for
+    /// Grünwald–Letnikov weights and 0 < β < 1 the last sum is |Σ_{n≤H} w_n| ≈ (H h)^{−β} / Γ(1 − β), a slow
+    /// decay.
     ///
     /// # Errors
     /// See [`Direct::new`].
@@ -128,8 +135,8 @@ where
     /// A memory for the kernel scale·W_n of S×S matrices, S = `stages`, on one ring per channel.
     ///
     /// # Errors
-    /// If S is not one of 1…4, the number of channels is not a multiple of S, the weights are not S² planes of at
-    /// least one number, or a weight or the scale is not finite.
+    /// If S is not one of 1…4, the number of channels is not a multiple of S, the weights are not S² planes
+    /// of at least one number, or a weight or the scale is not finite.
     pub fn new(
         weights: K,
         stages: usize,
@@ -173,6 +180,23 @@ where
     /// Number of samples that the rings hold.
     pub fn capacity(&self) -> usize {
         self.rings.as_ref().iter().map(Ring::capacity).min().unwrap_or(0)
+    }
+
+    /// What its state begins with.
+    fn shape(&self) -> Shape<3> {
+        let kernel = fingerprint(self.leading());
+        [
+            ("channels", self.channels() as u64),
+            ("stages", self.stages as u64),
+            ("fingerprint of the kernel", kernel),
+        ]
+    }
+
+    /// Reads how many samples a state has seen.
+    fn count(&self, from: &mut StateReader<'_>) -> Result<usize, StateError> {
+        from.header::<T, 3>(TAG, &self.shape())?;
+        let refuses = self.overflow == Overflow::Refuse;
+        from.count_up_to("samples", if refuses { self.capacity() } else { usize::MAX })
     }
 
     fn check_room(&self) -> Result<(), MemoryError> {
@@ -256,6 +280,55 @@ where
             + size_of_val(self.weights.as_ref())
             + self.rings.as_ref().iter().map(Ring::bytes).sum::<usize>()
     }
+
+    fn state_bytes(&self) -> usize {
+        let rings = self.rings.as_ref().iter().map(|ring| 8 + kept(ring) * T::BYTES);
+        header_bytes(4) + rings.sum::<usize>()
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        to.header::<T, 3>(TAG, &self.shape())?;
+        to.count(self.len as u64)?;
+        for ring in self.rings.as_ref() {
+            to.count(kept(ring) as u64)?;
+            // Oldest first: the order in which they are stored again.
+            let (newer, older) = ring.as_slices();
+            to.numbers(newer.iter().chain(older).rev())?;
+        }
+        Ok(())
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        let len = self.count(from)?;
+        for ring in self.rings.as_ref() {
+            let kept = from.count_up_to("kept samples", len)?;
+            let wanted = len.min(ring.capacity());
+            if kept < wanted {
+                let (expected, found) = (wanted as u64, kept as u64);
+                return Err(StateError::Mismatch { what: "kept samples", expected, found });
+            }
+            from.skip::<T>(kept)?;
+        }
+        Ok(())
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.check_state(&mut from.clone())?;
+        self.len = self.count(from)?;
+        for ring in self.rings.as_mut() {
+            ring.clear();
+            for _ in 0..from.count()? {
+                ring.store(from.number()?);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Number of samples in a ring.
+fn kept<T>(ring: &impl Ring<T>) -> usize {
+    let (newer, older) = ring.as_slices();
+    newer.len() + older.len()
 }
 
 #[cfg(test)]

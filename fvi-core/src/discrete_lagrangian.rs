@@ -14,8 +14,8 @@ use crate::system::{Instant, Mechanics};
 /// L_d = h Σ_i b_i L(q_d(c_i h), q̇_d(c_i h)) ,     q_d(τh) = q_k + Σ_{ν=1}^{S} ℓ_ν(τ) e^ν ,     e^ν = q^ν − q_k
 /// ```
 ///
-/// The lengths of the slices say what S and Q are. Where they are known at compile time ([`Galerkin`](crate::Galerkin) lends such a
-/// view) they cost nothing. Source: \[HJO\] eq. 6–7, 42.
+/// The lengths of the slices say what S and Q are. Where they are known at compile time
+/// ([`Galerkin`](crate::Galerkin) lends such a view) they cost nothing. Source: \[HJO\] eq. 6–7, 42.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DiscreteLagrangian<'a, T> {
     /// Quadrature weights b_i, Q numbers.
@@ -82,7 +82,8 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         self.control_points.len()
     }
 
-    /// Whether no force enters the equation for q_{k+1}, so that the position drifts: a straight line with ℓ₀ = 0 at every node.
+    /// Whether no force enters the equation for q_{k+1}, so that the position drifts: a straight line with ℓ₀
+    /// = 0 at every node.
     #[inline]
     fn drifts(&self) -> bool {
         self.degree() == 1 && self.tests.iter().all(|test| *test == T::zero())
@@ -106,8 +107,9 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
     /// p_k = −D₁L_d − f₀ ,    0 = D_νL_d + f_ν (inner nodes) ,    p_{k+1} = D_{S+1}L_d + f_S − h Σ_m ρ_m (D^{β_m} q)_{k+1}
     /// ```
     ///
-    /// with the virtual work f_ν = h Σ_i b_i ℓ_ν(c_i) F of the external force. The fractional force involves q_{k+1} only after the first two
-    /// lines have found it. Source: \[JO\] eq. 63–66, Algorithm 3; \[HJO\] eq. 38a, 44a–b, Algorithm 1.
+    /// with the virtual work f_ν = h Σ_i b_i ℓ_ν(c_i) F of the external force. The fractional force involves
+    /// q_{k+1} only after the first two lines have found it. Source: \[JO\] eq. 63–66, Algorithm 3; \[HJO\]
+    /// eq. 38a, 44a–b, Algorithm 1.
     ///
     /// # Errors
     /// [`StepError`]; position, momentum and damping are as before.
@@ -129,7 +131,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         let h = step.size;
         work.times.fill(step.end);
         work.known.fill(T::zero());
-        damping.add_known(X::slice(position), work.times, work.known, work.scratch)?;
+        damping.add_known(X::slice(position), h, work.times, work.known, work.scratch)?;
         let iterations = self.solve::<X, E, G, ()>(work, mechanics, None, step, (position, momentum))?;
         let coordinates = work.known.len();
         let rise = work.increments.chunks_exact(coordinates.max(1)).last().unwrap_or(&[]);
@@ -146,7 +148,8 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         Ok(iterations)
     }
 
-    /// The step whose fractional force acts at the quadrature nodes X_{k,i} = q_d(c_i h), which the memory stores:
+    /// The step whose fractional force acts at the quadrature nodes X_{k,i} = q_d(c_i h), which the memory
+    /// stores:
     ///
     /// ```text
     /// p_k     = −D₁L_d − f₀ + h Σ_i b_i ℓ₀(c_i) Σ_m ρ_m (D^{β_m} X)_{k,i}
@@ -154,8 +157,9 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
     /// p_{k+1} = D_{S+1}L_d + f_S − h Σ_i b_i ℓ_S(c_i) Σ_m ρ_m (D^{β_m} X)_{k,i}
     /// ```
     ///
-    /// implicit in the nodes of step k through the leading weight. It follows from the restricted principle of \[HJO\] eq. 42 with
-    /// the inner product Σ_k h Σ_i b_i in place of Σ_k h, in which the advanced operator is the adjoint of the retarded one.
+    /// implicit in the nodes of step k through the leading weight. It follows from the restricted principle
+    /// of \[HJO\] eq. 42 with the inner product Σ_k h Σ_i b_i in place of Σ_k h, in which the advanced
+    /// operator is the adjoint of the retarded one.
     ///
     /// # Errors
     /// [`StepError`]; position, momentum and damping are as before.
@@ -178,7 +182,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
             *time = if node == T::one() { step.end } else { step.time + node * step.size };
         }
         work.known.fill(T::zero());
-        damping.add_known(X::slice(position), work.times, work.known, work.scratch)?;
+        damping.add_known(X::slice(position), step.size, work.times, work.known, work.scratch)?;
         let iterations = self.solve(work, mechanics, Some(damping), step, (position, momentum))?;
         let coordinates = X::slice(position).len();
         let rise = work.increments.chunks_exact(coordinates.max(1)).last().unwrap_or(&[]);
@@ -192,16 +196,18 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         Ok(iterations)
     }
 
-    /// Solves the first S equations for the nodes and leaves, in the first N numbers of `work.residual`, the impulse h Σ_i b_i G_i: what
-    /// the momentum loses by the forces at the quadrature nodes.
+    /// Solves the first S equations for the nodes and leaves, in the first N numbers of `work.residual`, the
+    /// impulse h Σ_i b_i G_i: what the momentum loses by the forces at the quadrature nodes.
     ///
-    /// With G_i = ∇U(X_i) − F(t_k + c_i h, X_i) − u, plus the fractional force where it acts at the nodes, equation ν = 0…S−1 is
+    /// With G_i = ∇U(X_i) − F(t_k + c_i h, X_i) − u, plus the fractional force where it acts at the nodes,
+    /// equation ν = 0…S−1 is
     ///
     /// ```text
     /// 0 = δ_{ν0} p_k + (1/h) Σ_μ K_{νμ} M e^μ − h Σ_i b_i ℓ_ν(c_i) G_i ,      K_{νμ} = Σ_i b_i ℓ̇_ν(c_i) ℓ̇_μ(c_i)
     /// ```
     ///
-    /// The shapes add to one and their derivatives to zero, so the last equation is p_{k+1} = p_k − h Σ_i b_i G_i.
+    /// The shapes add to one and their derivatives to zero, so the last equation is p_{k+1} = p_k − h Σ_i b_i
+    /// G_i.
     #[inline]
     fn solve<X, E, G, D>(
         &self,
@@ -296,7 +302,8 @@ struct StepEquations<'a, T: Real, X: Space<T>, G, D> {
 }
 
 impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> StepEquations<'_, T, X, G, D> {
-    /// Places the stages and writes G_i to `forces`; adds −h Σ_i b_i ℓ_ν(c_i) ∂G_i/∂e^μ to the matrix if there is one.
+    /// Places the stages and writes G_i to `forces`; adds −h Σ_i b_i ℓ_ν(c_i) ∂G_i/∂e^μ to the matrix if
+    /// there is one.
     #[inline]
     fn forces<E: Equations<T, X::Block>>(&mut self, increments: &[T], mut matrix: Option<&mut E>) {
         let (lagrangian, h) = (self.lagrangian, self.step.size);
@@ -466,6 +473,7 @@ mod tests {
         fn add_known(
             &mut self,
             _: &[f64],
+            _: f64,
             _: &[f64],
             known: &mut [f64],
             _: &mut [f64],
@@ -552,8 +560,8 @@ mod tests {
         table[0]
     }
 
-    /// The solved step must satisfy p_k = −D₁L_d − f₀, 0 = D_νL_d + f_ν, p_{k+1} = D_{S+1}L_d + f_S, with L_d and the virtual
-    /// work of the forces computed from their definitions and D by differences.
+    /// The solved step must satisfy p_k = −D₁L_d − f₀, 0 = D_νL_d + f_ν, p_{k+1} = D_{S+1}L_d + f_S, with L_d
+    /// and the virtual work of the forces computed from their definitions and D by differences.
     fn assert_stationary<const S: usize, const Q: usize>(
         quadrature: &Quadrature<Q>,
         control_points: &[f64],

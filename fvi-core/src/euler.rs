@@ -17,8 +17,9 @@ use crate::system::Mechanics;
 /// q_{k+1} = q_k + h M⁻¹ p_k ,     p_{k+1} = p_k − h ∇U(q_k) + h F(t_k, q_k) − h Σ_m ρ_m (D^{β_m} q)_{k+1}
 /// ```
 ///
-/// q_{k+1} is known before the memory is asked for it; for β = 1 and Grünwald–Letnikov weights the last term is ρ (q_{k+1} − q_k) =
-/// h ρ M⁻¹ p_k, the explicit Euler method of the linearly damped system. Source: \[JO\] §5, eq. 44.
+/// q_{k+1} is known before the memory is asked for it; for β = 1 and Grünwald–Letnikov weights the last term
+/// is ρ (q_{k+1} − q_k) = h ρ M⁻¹ p_k, the explicit Euler method of the linearly damped system. Source:
+/// \[JO\] §5, eq. 44.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ExplicitEuler;
 
@@ -33,8 +34,9 @@ pub struct ExplicitEuler;
 pub struct ImplicitEuler;
 
 impl ExplicitEuler {
-    /// The coefficients that turn [`step_damped_at_main_nodes`](crate::DiscreteLagrangian::step_damped_at_main_nodes) into this method: U and F
-    /// count at the beginning of the step and in the new momentum only.
+    /// The coefficients that turn
+    /// [`step_damped_at_main_nodes`](crate::DiscreteLagrangian::step_damped_at_main_nodes) into this method:
+    /// U and F count at the beginning of the step and in the new momentum only.
     #[inline]
     pub fn coefficients<T: Real>() -> Galerkin<T, 1, 1> {
         Galerkin::of_degree_one(T::zero(), T::zero(), T::zero())
@@ -42,8 +44,8 @@ impl ExplicitEuler {
 }
 
 impl ImplicitEuler {
-    /// The coefficients that turn [`step_damped_at_nodes`](crate::DiscreteLagrangian::step_damped_at_nodes) into this method: all forces
-    /// count at the end of the step and in both of its equations.
+    /// The coefficients that turn [`step_damped_at_nodes`](crate::DiscreteLagrangian::step_damped_at_nodes)
+    /// into this method: all forces count at the end of the step and in both of its equations.
     #[inline]
     pub fn coefficients<T: Real>() -> Galerkin<T, 1, 1> {
         Galerkin::of_degree_one(T::one(), T::one(), T::one())

@@ -1,4 +1,5 @@
-//! The exponential-sum memory: a short head of weights and a tail of decaying exponentials, the same cost at every step.
+//! The exponential-sum memory: a short head of weights and a tail of decaying exponentials, the same cost at
+//! every step.
 
 use core::marker::PhantomData;
 
@@ -6,8 +7,13 @@ use crate::direct::MAX_STAGES;
 use crate::error::ParameterError;
 use crate::memory::{Memory, MemoryError, check_channels};
 use crate::real::Real;
+use crate::saving::{Shape, StateError, StateReader, StateWriter, fingerprint, header_bytes};
 
-/// Exponentials in a block: what the table and the state hold lies in blocks, and vectors never straddle two kinds of numbers.
+/// Kind of the saved state.
+const TAG: [u8; 4] = *b"expo";
+
+/// Exponentials in a block: what the table and the state hold lies in blocks, and vectors never straddle two
+/// kinds of numbers.
 const LANES: usize = 4;
 
 /// One number for each exponential of a block.
@@ -20,26 +26,27 @@ type Lanes<T> = [T; LANES];
 /// W_n = Σ_{j<J} (1 − μ_j)^{n−n₀} u_j v_jᵀ          for n₀ ≤ n ≤ horizon
 /// ```
 ///
-/// For plain numbers (S = 1) u_j is the value of an exponential at n = n₀ and v_j = 1; kernels of S×S matrices have
-/// rank-one terms. The table holds μ_j = 1 − R_j and not the factor R_j, which near 1 would lose the digits that decide
-/// what is left after many steps.
+/// For plain numbers (S = 1) u_j is the value of an exponential at n = n₀ and v_j = 1; kernels of S×S
+/// matrices have rank-one terms. The table holds μ_j = 1 − R_j and not the factor R_j, which near 1 would
+/// lose the digits that decide what is left after many steps.
 ///
-/// This is plain data, so that it can lie in flash; [`check`](ExponentialTable::check) checks it. `C` is anything that holds
-/// numbers: `&'static [f32]`, `[f32; 8]`, `Vec<f64>`.
+/// This is plain data, so that it can lie in flash; [`check`](ExponentialTable::check) checks it. `C` is
+/// anything that holds numbers: `&'static [f32]`, `[f32; 8]`, `Vec<f64>`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ExponentialTable<C> {
     /// Number of stages S of the kernel: 1 for plain numbers.
     pub stages: usize,
-    /// Weights W₀ … W_{n₀−1}, at least two before exponentials and one without, plane by plane: entry (a, b) of W_n is
-    /// `head[(a·S + b)·n₀ + n]`.
+    /// Weights W₀ … W_{n₀−1}, at least two before exponentials and one without, plane by plane: entry (a, b)
+    /// of W_n is `head[(a·S + b)·n₀ + n]`.
     pub head: C,
-    /// The exponentials in blocks of four: four μ_j in [0, 2], then for each stage four entries of the u_j, and for S > 1 for each
-    /// stage four entries of the v_j. The last block is filled up with zeros. Empty for a kernel that ends with its head.
+    /// The exponentials in blocks of four: four μ_j in [0, 2], then for each stage four entries of the u_j,
+    /// and for S > 1 for each stage four entries of the v_j. The last block is filled up with zeros. Empty
+    /// for a kernel that ends with its head.
     pub exponentials: C,
     /// How many blocks, from the first, hold slow exponentials, whose running sums are kept in two parts.
     ///
-    /// A sum that forgets slowly (μ_j ≪ 1) would otherwise gather the rounding errors of 1/μ_j steps, and in single
-    /// precision stand still once a sample is less than half a unit in its last place.
+    /// A sum that forgets slowly (μ_j ≪ 1) would otherwise gather the rounding errors of 1/μ_j steps, and in
+    /// single precision stand still once a sample is less than half a unit in its last place.
     pub slow_blocks: usize,
     /// Largest lag at which the weights hold: the memory takes this many samples.
     pub horizon: usize,
@@ -85,7 +92,8 @@ impl<T: Real> ExponentialTable<&[T]> {
     /// Checks that the table can be read: what a memory refuses, whatever its channels.
     ///
     /// # Errors
-    /// If the shapes do not fit together, S is not one of 1…4, a number is not finite, or a μ_j is outside [0, 2].
+    /// If the shapes do not fit together, S is not one of 1…4, a number is not finite, or a μ_j is outside
+    /// [0, 2].
     pub fn check(&self) -> Result<(), ParameterError> {
         let count = |parameter, value: usize, accepted, allowed| {
             ParameterError::check(accepted, parameter, value as f64, allowed)
@@ -123,7 +131,8 @@ impl<T: Real> ExponentialTable<&[T]> {
         }
     }
 
-    /// The exponentials one by one, without those that fill up the last block; none if S is not the number of stages.
+    /// The exponentials one by one, without those that fill up the last block; none if S is not the number of
+    /// stages.
     pub fn terms<const S: usize>(&self) -> impl Iterator<Item = ExponentialTerm<T, S>> {
         let exponentials = if S == self.stages { self.exponentials } else { &[] };
         let blocks = exponentials.chunks_exact(block_len(S).max(1));
@@ -144,8 +153,8 @@ impl<T: Real> ExponentialTable<&[T]> {
 impl<T> ExponentialTable<&[T]> {
     /// How many numbers of state [`ExponentialSum`] needs for this table and `channels` channels.
     ///
-    /// 2J C/S + (2n₀ − 1) C + S² with J in whole blocks of four: running sums in two parts, pending terms and delayed
-    /// samples, the term, the leading weight. A `const fn`, to be the length of an array.
+    /// 2J C/S + (2n₀ − 1) C + S² with J in whole blocks of four: running sums in two parts, pending terms and
+    /// delayed samples, the term, the leading weight. A `const fn`, to be the length of an array.
     pub const fn state_len(&self, channels: usize) -> usize {
         let planes = self.stages.saturating_mul(self.stages);
         if planes == 0 || self.stages == 0 {
@@ -166,13 +175,14 @@ impl<T> ExponentialTable<&[T]> {
 /// r_k = Σ_{n=1}^{n₀−1} W_n x_{k−n} + Σ_j u_j z_j ,      z_j ← z_j + (v_jᵀ x_{k+1−n₀} − μ_j z_j)
 /// ```
 ///
-/// Cost and worst step: n₀ + 2J multiply–adds per channel (S = 1), whatever the length of the run. A new sample goes into every pending
-/// sum of the head and, n₀ steps later, into every z_j, with accumulators in fixed places: the result has the same bits
-/// whatever the width of the vectors that the compiler uses. The table may be shared; the state `B` is the
-/// caller's: an array, a mutable slice, or a `Vec`, of [`ExponentialTable::state_len`] numbers.
+/// Cost and worst step: n₀ + 2J multiply–adds per channel (S = 1), whatever the length of the run. A new
+/// sample goes into every pending sum of the head and, n₀ steps later, into every z_j, with accumulators in
+/// fixed places: the result has the same bits whatever the width of the vectors that the compiler uses. The
+/// table may be shared; the state `B` is the caller's: an array, a mutable slice, or a `Vec`, of
+/// [`ExponentialTable::state_len`] numbers.
 ///
-/// The kernel is `scale` times that of the table, so that one dimensionless table, made for h = 1, serves every
-/// step size with `scale` = h^{−β}.
+/// The kernel is `scale` times that of the table, so that one dimensionless table, made for h = 1, serves
+/// every step size with `scale` = h^{−β}.
 ///
 /// Source: collapsed contour of \[HJO\] eq. 19; recursion as in \[SchädleLFLubich06\].
 ///
@@ -218,8 +228,8 @@ where
     /// A memory for the kernel scale·W_n on `channels` channels, without samples.
     ///
     /// # Errors
-    /// If [`ExponentialTable::check`] refuses the table, the scale is not finite, the number of channels is not a positive multiple
-    /// of S, or the state has another length than [`ExponentialTable::state_len`].
+    /// If [`ExponentialTable::check`] refuses the table, the scale is not finite, the number of channels is
+    /// not a positive multiple of S, or the state has another length than [`ExponentialTable::state_len`].
     pub fn new(
         table: ExponentialTable<C>,
         scale: T,
@@ -254,13 +264,32 @@ where
         &self.table
     }
 
+    /// What its state begins with.
+    fn shape(&self) -> Shape<4> {
+        let table = self.table.borrow();
+        let kernel = fingerprint(table.head.iter().chain(table.exponentials)) ^ self.scale.bits();
+        [
+            ("channels", self.layout.channels() as u64),
+            ("stages", table.stages as u64),
+            ("slow blocks", table.slow_blocks as u64),
+            ("fingerprint of the kernel", kernel),
+        ]
+    }
+
+    /// Reads how many samples a state has seen.
+    fn count(&self, from: &mut StateReader<'_>) -> Result<usize, StateError> {
+        from.header::<T, 4>(TAG, &self.shape())?;
+        from.count_up_to("samples", self.table.horizon)
+    }
+
     fn check_room(&self) -> Result<(), MemoryError> {
         let capacity = self.table.horizon;
         if self.len >= capacity { Err(MemoryError::Full { capacity }) } else { Ok(()) }
     }
 }
 
-/// Where the parts of the state lie, one behind the other. The running sums come first: where the state is aligned, so are they.
+/// Where the parts of the state lie, one behind the other. The running sums come first: where the state is
+/// aligned, so are they.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Layout {
     stages: usize,
@@ -302,6 +331,11 @@ impl Layout {
     #[inline(always)]
     fn delayed(self) -> usize {
         self.channels() * self.head.saturating_sub(2)
+    }
+
+    /// Numbers of the state that samples change: all but the leading weight.
+    fn changing(self) -> usize {
+        self.term_start() + self.channels()
     }
 
     /// Where the term begins.
@@ -358,9 +392,11 @@ fn total<T: Real>([a, b, c, d]: Lanes<T>) -> T {
     (a + c) + (b + d)
 }
 
-/// pending[i] ← pending[i+1] + weights[i] x: the next term moves to the front, and the sample joins those to come.
+/// pending[i] ← pending[i+1] + weights[i] x: the next term moves to the front, and the sample joins those to
+/// come.
 ///
-/// Four at a time are read before they are written: then the compiler needs no proof that the slices are apart to use vectors.
+/// Four at a time are read before they are written: then the compiler needs no proof that the slices are
+/// apart to use vectors.
 #[inline(always)]
 fn shift_and_add<T: Real>(mut pending: &mut [T], weights: &[T], x: T) {
     let (blocks, rest) = weights.as_chunks::<LANES>();
@@ -370,8 +406,8 @@ fn shift_and_add<T: Real>(mut pending: &mut [T], weights: &[T], x: T) {
         let Some((here, behind)) = pending.split_first_chunk_mut::<LANES>() else { return };
         *here = moved;
         pending = behind;
-        // The compiler would make a loop over several blocks of this one, and check at every step, at a greater cost than
-        // that of the step, that no slices overlap.
+        // The compiler would make a loop over several blocks of this one, and check at every step, at a
+        // greater cost than that of the step, that no slices overlap.
         core::hint::black_box(());
     }
     // At most three, each on its own: a loop would be made into one of vectors, at a greater cost.
@@ -386,8 +422,8 @@ fn shift_and_add<T: Real>(mut pending: &mut [T], weights: &[T], x: T) {
 
 /// z ← z + (x − μ z) for a block of exponentials, z = recent + settled; returns the z before.
 ///
-/// Small changes meet the small recent part. That of a slow exponential is emptied into the settled part now and
-/// then by [`settle`]; a fast one has no settled part.
+/// Small changes meet the small recent part. That of a slow exponential is emptied into the settled part now
+/// and then by [`settle`]; a fast one has no settled part.
 #[inline(always)]
 fn absorb<T: Real>(sums: &mut [T; STATE_BLOCK], decay: &Lanes<T>, x: Lanes<T>) -> Lanes<T> {
     let [recent, settled] = halves(*sums);
@@ -497,7 +533,8 @@ where
         Some(())
     }
 
-    /// The step for plain numbers. It returns early only if the state has another shape than the constructor found.
+    /// The step for plain numbers. It returns early only if the state has another shape than the constructor
+    /// found.
     #[inline(always)]
     fn push_numbers(&mut self, sample: &[T]) -> Option<()> {
         let layout = Layout { stages: 1, ..self.layout };
@@ -643,5 +680,30 @@ where
         let table = self.table.borrow();
         let numbers = table.head.len() + table.exponentials.len();
         size_of::<Self>() - size_of::<B>() + (numbers + self.state.as_ref().len()) * size_of::<T>()
+    }
+
+    fn state_bytes(&self) -> usize {
+        header_bytes(5) + self.layout.changing() * T::BYTES
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        to.header::<T, 4>(TAG, &self.shape())?;
+        to.count(self.len as u64)?;
+        to.numbers(self.state.as_ref().iter().take(self.layout.changing()))
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.count(from)?;
+        from.skip::<T>(self.layout.changing())
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.check_state(&mut from.clone())?;
+        self.len = self.count(from)?;
+        from.numbers(self.state.as_mut().iter_mut().take(self.layout.changing()))?;
+        // Both go round, a place further with every sample.
+        self.oldest = self.len % self.layout.head.saturating_sub(2).max(1);
+        self.settling = self.len % self.table.slow_blocks.max(1);
+        Ok(())
     }
 }

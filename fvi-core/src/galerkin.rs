@@ -18,17 +18,19 @@ use crate::system::Mechanics;
 /// L_d = h Σ_i b_i L(q_d(c_i h), q̇_d(c_i h)) ,     q_d(τh) = q_k + Σ_{ν=1}^{S} ℓ_ν(τ) e^ν ,     e^ν = q^ν − q_k
 /// ```
 ///
-/// through the control points 0 = d₀ < d₁ < … < d_S = 1. Degree 1 with one point at 1 − κ is the low-order discrete Lagrangian
-/// (1/2h) Δqᵀ M Δq − h U(κ q_k + (1−κ) q_{k+1}), see [`low_order`](Galerkin::low_order).
+/// through the control points 0 = d₀ < d₁ < … < d_S = 1. Degree 1 with one point at 1 − κ is the low-order
+/// discrete Lagrangian (1/2h) Δqᵀ M Δq − h U(κ q_k + (1−κ) q_{k+1}), see [`low_order`](Galerkin::low_order).
 ///
-/// As a [`Scheme`] it is the fractional variational integrator in (q, p) form, whose memory stores the main nodes:
+/// As a [`Scheme`] it is the fractional variational integrator in (q, p) form, whose memory stores the main
+/// nodes:
 ///
 /// ```text
 /// p_k = −D₁L_d − f₀ ,    0 = D_νL_d + f_ν (inner nodes) ,    p_{k+1} = D_{S+1}L_d + f_S − h Σ_m ρ_m (D^{β_m} q)_{k+1}
 /// ```
 ///
-/// with the virtual work f_ν = h Σ_i b_i ℓ_ν(c_i) F of the external force. Eliminating p gives \[JO\] Algorithm 3 and \[HJO\] eq. 38a,
-/// 44a–b (Algorithm 1). The fractional force involves q_{k+1} only after the first two lines have found it.
+/// with the virtual work f_ν = h Σ_i b_i ℓ_ν(c_i) F of the external force. Eliminating p gives \[JO\]
+/// Algorithm 3 and \[HJO\] eq. 38a, 44a–b (Algorithm 1). The fractional force involves q_{k+1} only after the
+/// first two lines have found it.
 ///
 /// Source: \[JO\] eq. 45a, 57, 63–66; \[HJO\] eq. 6–7, 42.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -73,7 +75,8 @@ pub struct Tables<'a, T> {
 }
 
 impl<T: Real> Tables<'_, T> {
-    /// Fills the tables for polynomials through the Lobatto points of S + 1 nodes and a quadrature; see [`Galerkin::new`].
+    /// Fills the tables for polynomials through the Lobatto points of S + 1 nodes and a quadrature; see
+    /// [`Galerkin::new`].
     ///
     /// # Errors
     /// If S is not one of 1…6, or there are fewer nodes than S.
@@ -124,8 +127,9 @@ impl<T: Real> Tables<'_, T> {
 impl<T: Real, const S: usize, const Q: usize> Galerkin<T, S, Q> {
     /// Polynomials of degree S through the Lobatto points of S + 1 nodes, with the given quadrature.
     ///
-    /// The conservative part has the order min(2S, u), u the order of the quadrature (\[HJO\] §2.3 with its references): 2Q
-    /// for Gauss, 2Q − 2 for Lobatto. S = Q with Gauss points is the Gauss collocation method.
+    /// The conservative part has the order min(2S, u), u the order of the quadrature (\[HJO\] §2.3 with its
+    /// references): 2Q for Gauss, 2Q − 2 for Lobatto. S = Q with Gauss points is the Gauss collocation
+    /// method.
     ///
     /// ```
     /// # use fvi_core::{Galerkin, Quadrature};
@@ -160,10 +164,11 @@ impl<T: Real, const S: usize, const Q: usize> Galerkin<T, S, Q> {
         Ok(galerkin)
     }
 
-    /// Twice L_d on the nodes v, x_1, …, x_{S−1}, −v of a motion that turns round every step, as (kinetic, potential)
-    /// coefficients of (1/h) M and h K for the unknowns (v, x_1, …, x_{S−1}).
+    /// Twice L_d on the nodes v, x_1, …, x_{S−1}, −v of a motion that turns round every step, as (kinetic,
+    /// potential) coefficients of (1/h) M and h K for the unknowns (v, x_1, …, x_{S−1}).
     ///
-    /// Row sums of the kinetic matrix vanish, which gives the products with ℓ₀ − ℓ_S from those that are kept.
+    /// Row sums of the kinetic matrix vanish, which gives the products with ℓ₀ − ℓ_S from those that are
+    /// kept.
     pub(crate) fn alternating_form(&self) -> [[(T, T); S]; S] {
         let last = S.saturating_sub(1);
         let kept = |nu: usize, mu: usize| {
@@ -221,7 +226,8 @@ const MAX_DEGREE: usize = 6;
 impl<T: Real> Galerkin<T, 1, 1> {
     /// The low-order discrete Lagrangian of \[JO\] eq. 57, potential at κ q_k + (1−κ) q_{k+1}.
     ///
-    /// κ = ½ is the midpoint rule (order 2 for the conservative part); κ = 0 and 1 are the two symplectic Euler methods.
+    /// κ = ½ is the midpoint rule (order 2 for the conservative part); κ = 0 and 1 are the two symplectic
+    /// Euler methods.
     ///
     /// # Errors
     /// If κ is outside [0, 1].
@@ -265,7 +271,8 @@ impl<T, const S: usize, const Q: usize> Galerkin<T, S, Q> {
     }
 }
 
-/// The room of one step on the stack: calls `$step` with a workspace for R memory nodes and scratch space of as many vectors as given.
+/// The room of one step on the stack: calls `$step` with a workspace for R memory nodes and scratch space of
+/// as many vectors as given.
 macro_rules! in_place {
     ($storage:expr, $mechanics:expr, $nodes:expr, $known:expr, $scratch:expr, $step:expr) => {{
         let zero = T::zero();

@@ -7,6 +7,7 @@ use crate::damping::{Damping, Mismatch, Sample};
 use crate::error::{ParameterError, check_step_size};
 use crate::memory::MemoryError;
 use crate::real::{Real, all_finite};
+use crate::saving::{Shape, StateError, StateReader, StateWriter, header_bytes};
 use crate::scheme::{Sampling, Scheme, Step, StepError};
 use crate::space::{Block, Space};
 use crate::system::{Force, Mechanics, Potential, System};
@@ -24,8 +25,8 @@ pub struct State<V> {
 
 /// Integrates d/dt ∂L/∂v − ∂L/∂q = F + u − Σ_m ρ_m D₋^{β_m} q step by step.
 ///
-/// One step asks the memories for their terms, solves the scheme's equations, stores the new sample and only then moves on:
-/// an error leaves state and memories as they were, and the caller may try again.
+/// One step asks the memories for their terms, solves the scheme's equations, stores the new sample and only
+/// then moves on: an error leaves state and memories as they were, and the caller may try again.
 ///
 /// ```
 /// # use fvi_core::*;
@@ -59,6 +60,7 @@ pub struct State<V> {
 #[derive(Clone, Debug)]
 #[must_use]
 pub struct Integrator<T: Real, X: Space<T>, G, S: Scheme<T, X>, D> {
+    space: X,
     mechanics: G,
     scheme: S,
     storage: S::Storage,
@@ -66,6 +68,9 @@ pub struct Integrator<T: Real, X: Space<T>, G, S: Scheme<T, X>, D> {
     step_size: T,
     state: State<X::Vector>,
 }
+
+/// Kind of the saved state.
+const TAG: [u8; 4] = *b"intg";
 
 /// An integrator in the making. Without more said, the motion begins at rest at the origin, undamped.
 #[derive(Clone, Debug)]
@@ -216,12 +221,13 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         }
         let storage = scheme.storage(&space, &mechanics);
         let state = State { step: 0, position, momentum };
-        Ok(Integrator { mechanics, scheme, storage, damping, step_size, state })
+        Ok(Integrator { space, mechanics, scheme, storage, damping, step_size, state })
     }
 }
 
 impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>> Integrator<T, X, G, S, D> {
-    /// Makes one step with the input u held over it (zero where there is none); returns the iterations of Newton's method.
+    /// Makes one step with the input u held over it (zero where there is none); returns the iterations of
+    /// Newton's method.
     ///
     /// # Errors
     /// [`StepError`]; state and memories are as before the call.
@@ -264,6 +270,50 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
     /// Energy ½ pᵀ M⁻¹ p + U(q) of the present state (\[JO\] §5).
     pub fn energy(&mut self) -> T {
         self.mechanics.energy(&self.state.position, &self.state.momentum)
+    }
+
+    /// Number of bytes that [`save`](Integrator::save) writes at present.
+    pub fn state_bytes(&self) -> usize {
+        header_bytes(3) + 2 * self.space.coordinates() * T::BYTES + self.damping.state_bytes()
+    }
+
+    /// Writes the state: step, position, momentum, and what the damping remembers. An integrator built alike
+    /// that [`restore`](Integrator::restore)s it goes on with the same bits, on this machine or another.
+    ///
+    /// # Errors
+    /// [`StateError::NoRoom`], and what the damping says.
+    pub fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        to.header::<T, 2>(TAG, &self.shape())?;
+        to.count(self.state.step)?;
+        to.numbers(X::slice(&self.state.position))?;
+        to.numbers(X::slice(&self.state.momentum))?;
+        self.damping.save(to)
+    }
+
+    /// Takes over a saved state in place of its own.
+    ///
+    /// # Errors
+    /// [`StateError`] if the bytes are not the state of an integrator with as many coordinates, the same step
+    /// size and such a damping; the integrator is as before. System and scheme are not compared.
+    pub fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        let mut ahead = from.clone();
+        ahead.header::<T, 2>(TAG, &self.shape())?;
+        let step = ahead.count()?;
+        let (mut position, mut momentum) = (self.space.zeros(), self.space.zeros());
+        ahead.numbers(X::slice_mut(&mut position))?;
+        ahead.numbers(X::slice_mut(&mut momentum))?;
+        self.damping.restore(&mut ahead)?;
+        self.state = State { step, position, momentum };
+        // What the scheme keeps is for the leading weights of the damping as it was.
+        self.storage = self.scheme.storage(&self.space, &self.mechanics);
+        *from = ahead;
+        Ok(())
+    }
+
+    /// What its state begins with.
+    fn shape(&self) -> Shape<2> {
+        let coordinates = self.space.coordinates() as u64;
+        [("coordinates", coordinates), ("bits of the step size", self.step_size.bits())]
     }
 
     /// The system.

@@ -15,8 +15,9 @@ use crate::weights::{BdfOrder, ConvolutionWeights, leading_bdf_weight};
 /// Σ_n W_n zⁿ = K(δ(z)/h) ,      K(s) = s^β ,      δ = γ_p (backward differentiation) or Δ (Runge–Kutta)
 /// ```
 ///
-/// A kernel makes memories, and every [`DampingTerm`](crate::DampingTerm) takes the kernel of its memory: the term refuses a memory with another leading weight, and
-/// the integrator a kernel with another step. So order, step and weights cannot disagree. Source: \[Lubich86\]; \[HJO\] eq. 18–22; \[LO93\].
+/// A kernel makes memories, and every [`DampingTerm`](crate::DampingTerm) takes the kernel of its memory: the
+/// term refuses a memory with another leading weight, and the integrator a kernel with another step. So
+/// order, step and weights cannot disagree. Source: \[Lubich86\]; \[HJO\] eq. 18–22; \[LO93\].
 ///
 /// ```
 /// # use fvi_core::{BdfOrder, Kernel, Memory, monic_bdf_table};
@@ -121,8 +122,8 @@ impl Kernel {
         self.step_size
     }
 
-    /// The direct memory for C coordinates that keeps up to H samples and refuses more, with the weights w_n/w₀ in flash
-    /// ([`monic_bdf_table`](crate::monic_bdf_table)).
+    /// The direct memory for C coordinates that keeps up to H samples and refuses more, with the weights
+    /// w_n/w₀ in flash ([`monic_bdf_table`](crate::monic_bdf_table)).
     ///
     /// # Errors
     /// If the weights are not those of this kernel.
@@ -133,7 +134,8 @@ impl Kernel {
         FixedDirect::full_memory(weights, self.scale(weights)?)
     }
 
-    /// The direct memory for C coordinates that keeps the latest H samples and forgets the others; see [`full_memory`](Kernel::full_memory).
+    /// The direct memory for C coordinates that keeps the latest H samples and forgets the others; see
+    /// [`full_memory`](Kernel::full_memory).
     ///
     /// # Errors
     /// If the weights are not those of this kernel.

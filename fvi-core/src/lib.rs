@@ -29,6 +29,7 @@ mod operator;
 mod quadrature;
 mod real;
 mod runge_kutta;
+mod saving;
 mod scheme;
 mod space;
 mod stability;
@@ -59,6 +60,7 @@ pub use operator::{FractionalOperator, OperatorError, Start, left_operator, righ
 pub use quadrature::{Quadrature, gauss_rule, lobatto_rule};
 pub use real::Real;
 pub use runge_kutta::RungeKutta;
+pub use saving::{Shape, StateError, StateReader, StateWriter, fingerprint, header_bytes};
 pub use scheme::{Sampling, Scheme, Step, StepError, conclude};
 pub use space::{Block, Space};
 pub use stability::{ExplicitDamping, Stability, check_stability};

@@ -38,10 +38,12 @@ fn two_rows<T>(matrix: &mut [T], n: usize, upper: usize, lower: usize) -> Option
     Some((above.get_mut(upper * n..)?.get_mut(..n)?, below.get_mut(..n)?))
 }
 
-/// Factors P A = L U in place, by elimination with row pivoting; `pivots` takes the row that each column's pivot came from.
+/// Factors P A = L U in place, by elimination with row pivoting; `pivots` takes the row that each column's
+/// pivot came from.
 ///
 /// # Errors
-/// [`Singular`] if no pivot of a column is larger than rounding of that column's largest entry, or one is not a number.
+/// [`Singular`] if no pivot of a column is larger than rounding of that column's largest entry, or one is not
+/// a number.
 #[inline]
 pub fn factor<T: Real>(matrix: &mut [T], pivots: &mut [usize]) -> Result<(), Singular> {
     let n = pivots.len();
@@ -143,8 +145,8 @@ pub fn multiply_columns<T: Real>(columns: &[T], x: &[T], out: &mut [T]) {
     }
 }
 
-/// Whether the symmetric matrix of n×n numbers is positive definite to working precision: all pivots of its elimination
-/// stay above rounding. The elimination is left in its place.
+/// Whether the symmetric matrix of n×n numbers is positive definite to working precision: all pivots of its
+/// elimination stay above rounding. The elimination is left in its place.
 pub fn is_positive_definite_in_place<T: Real>(matrix: &mut [T], n: usize) -> bool {
     for column in 0..n {
         let pivot = at(matrix, column * n + column);

@@ -1,6 +1,9 @@
-//! What every memory engine is: the convolution of a known kernel with a signal that arrives one sample a step.
+//! What every memory engine is: the convolution of a known kernel with a signal that arrives one sample a
+//! step.
 
 use core::fmt;
+
+use crate::saving::{StateError, StateReader, StateWriter};
 
 /// A memory engine: convolution of a known kernel with an online signal.
 ///
@@ -14,14 +17,14 @@ use core::fmt;
 /// where k = [`len`](Memory::len) is the index of the sample to come. r_k is known before x_k is: schemes
 /// that are implicit in x_k need only r_k and the leading weight W₀.
 ///
-/// **Layout.** A sample is one number for each *channel*. A kernel of plain numbers acts on every channel alike.
-/// A kernel of S×S matrices acts on groups of S neighbouring channels: stage s of coordinate i is channel
-/// i·S + s, which is `SMatrix<T, S, N>::as_slice` of the stage values in columns.
+/// **Layout.** A sample is one number for each *channel*. A kernel of plain numbers acts on every channel
+/// alike. A kernel of S×S matrices acts on groups of S neighbouring channels: stage s of coordinate i is
+/// channel i·S + s, which is `SMatrix<T, S, N>::as_slice` of the stage values in columns.
 ///
-/// **Contract.** [`next_term`](Memory::next_term) may be called any number of times before a push and returns the same numbers.
-/// It fails with [`MemoryError::Full`] when the sample x_k that it prepares for could not be stored; after a
-/// successful `next_term` the following push of a sample of the right length succeeds. A call that fails
-/// changes nothing. Engines differ in cost and in rounding only.
+/// **Contract.** [`next_term`](Memory::next_term) may be called any number of times before a push and returns
+/// the same numbers. It fails with [`MemoryError::Full`] when the sample x_k that it prepares for could not
+/// be stored; after a successful `next_term` the following push of a sample of the right length succeeds. A
+/// call that fails changes nothing. Engines differ in cost and in rounding only.
 ///
 /// Source: \[HLS\]; the kernels are those of \[Lubich86\].
 pub trait Memory<T> {
@@ -36,7 +39,8 @@ pub trait Memory<T> {
     /// Leading weight W₀, S×S numbers, row by row.
     fn leading(&self) -> &[T];
 
-    /// Whether W₀ of all later samples is that of the sample to come: not where starting weights correct the first few.
+    /// Whether W₀ of all later samples is that of the sample to come: not where starting weights correct the
+    /// first few.
     fn leading_is_constant(&self) -> bool {
         true
     }
@@ -49,10 +53,27 @@ pub trait Memory<T> {
         self.len() == 0
     }
 
+    /// Says how long the step is that leads from the sample before to the sample to come, x_k, in units of
+    /// time.
+    ///
+    /// An engine for steps of any length takes it into the weights of x_k, [`leading`](Memory::leading)
+    /// included. To an engine for equal steps it says nothing new: a damping term has compared the length
+    /// with its kernel's step before. It may be called again before a push, when a step is tried once more
+    /// with another length; the last call counts. There is no step before the first sample x₀ where main
+    /// nodes are stored.
+    ///
+    /// # Errors
+    /// [`MemoryError::StepLength`] if the engine cannot serve a step of this length.
+    fn begin_step(&mut self, length: T) -> Result<(), MemoryError> {
+        let _ = length;
+        Ok(())
+    }
+
     /// Writes r_k = Σ_{n≥1} W_n x_{k−n} to `term`, one number per channel.
     ///
     /// # Errors
-    /// [`MemoryError::Full`] if x_k would not fit, [`MemoryError::ChannelMismatch`] if `term` has the wrong length.
+    /// [`MemoryError::Full`] if x_k would not fit, [`MemoryError::ChannelMismatch`] if `term` has the wrong
+    /// length.
     fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError>;
 
     /// Stores the sample x_k.
@@ -66,10 +87,45 @@ pub trait Memory<T> {
 
     /// Bytes of state, tables and buffers, wherever they lie.
     fn bytes(&self) -> usize;
+
+    /// Number of bytes that [`save`](Memory::save) writes at present: what the samples so far left behind,
+    /// without the kernel.
+    fn state_bytes(&self) -> usize {
+        0
+    }
+
+    /// Writes the state, so that a memory of the same kernel that [`restore`](Memory::restore)s it goes on
+    /// with the same bits.
+    ///
+    /// # Errors
+    /// [`StateError::NoRoom`], and [`StateError::Unsupported`] for engines that do not offer it.
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        let _ = to;
+        Err(StateError::Unsupported)
+    }
+
+    /// Reads past a state and checks on the way that [`restore`](Memory::restore) would take it.
+    ///
+    /// # Errors
+    /// [`StateError`]
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        let _ = from;
+        Err(StateError::Unsupported)
+    }
+
+    /// Takes over a saved state in place of its own.
+    ///
+    /// # Errors
+    /// [`StateError`] if the bytes are no state of a memory of this kind, shape, precision and kernel; the
+    /// memory is as before.
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        let _ = from;
+        Err(StateError::Unsupported)
+    }
 }
 
 /// Why a memory engine refused a call. The engine is as it was before.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum MemoryError {
     /// The engine keeps at most `capacity` samples (or its table reaches no further) and has them all.
@@ -84,6 +140,13 @@ pub enum MemoryError {
         /// Length of the slice.
         found: usize,
     },
+    /// The weights are for steps of another length.
+    StepLength {
+        /// The step size of the kernel.
+        expected: f64,
+        /// The length of the step to be made.
+        found: f64,
+    },
 }
 
 impl fmt::Display for MemoryError {
@@ -92,6 +155,9 @@ impl fmt::Display for MemoryError {
             Self::Full { capacity } => write!(f, "the memory is full: it takes {capacity} samples"),
             Self::ChannelMismatch { expected, found } => {
                 write!(f, "a sample has {found} numbers but the memory has {expected} channels")
+            }
+            Self::StepLength { expected, found } => {
+                write!(f, "the memory is for steps of {expected} and cannot serve one of {found}")
             }
         }
     }
@@ -120,6 +186,10 @@ impl<T, M: Memory<T> + ?Sized> Memory<T> for &mut M {
         (**self).len()
     }
 
+    fn begin_step(&mut self, length: T) -> Result<(), MemoryError> {
+        (**self).begin_step(length)
+    }
+
     fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
         (**self).next_term(term)
     }
@@ -134,6 +204,22 @@ impl<T, M: Memory<T> + ?Sized> Memory<T> for &mut M {
 
     fn bytes(&self) -> usize {
         (**self).bytes()
+    }
+
+    fn state_bytes(&self) -> usize {
+        (**self).state_bytes()
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        (**self).save(to)
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        (**self).check_state(from)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        (**self).restore(from)
     }
 }
 

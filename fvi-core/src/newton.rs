@@ -49,7 +49,8 @@ type Square<T, const N: usize, const S: usize> = [[[[T; N]; S]; N]; S];
 
 /// The inverse of a [`StepMatrix`], column by column.
 ///
-/// One correction from a good guess is all that a linear step takes, so what an inverse loses to elimination does not show.
+/// One correction from a good guess is all that a linear step takes, so what an inverse loses to elimination
+/// does not show.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Inverse<T, const N: usize, const S: usize>(Square<T, N, S>);
 
@@ -121,10 +122,11 @@ pub(crate) fn size<T: Real>(numbers: &[T]) -> T {
 
 /// Solves residual(x) = 0 from the guess `unknowns`; returns the number of corrections.
 ///
-/// `linearise` writes the residual at x and its Jacobian. The iteration ends when a correction is no larger than the rounding of
-/// numbers of size `offset` + |x| (the unknowns are increments on something of size `offset`), or, once corrections are below the
-/// square root of that, when they stop shrinking: then rounding in the residual makes them. Near the smallest normal
-/// number rounding no longer shrinks with the numbers, so neither does the bound.
+/// `linearise` writes the residual at x and its Jacobian. The iteration ends when a correction is no larger
+/// than the rounding of numbers of size `offset` + |x| (the unknowns are increments on something of size
+/// `offset`), or, once corrections are below the square root of that, when they stop shrinking: then rounding
+/// in the residual makes them. Near the smallest normal number rounding no longer shrinks with the numbers,
+/// so neither does the bound.
 ///
 /// # Errors
 /// [`StepError::NotFinite`], [`StepError::SingularJacobian`] or [`StepError::NotConverged`].
@@ -192,7 +194,8 @@ mod tests {
 
     #[test]
     fn rounding_has_a_floor_among_the_smallest_numbers() {
-        // Three of the smallest number there is on either side of the root: corrections cannot shrink further.
+        // Three of the smallest number there is on either side of the root: corrections cannot shrink
+        // further.
         let rough = |x: f64| (if x > 1e-317 { 1.5e-323 } else { -1.5e-323 }, 1.0);
         let (root, iterations) = scalar(1.0001e-317, rough).unwrap();
         assert!((root - 1e-317).abs() < 1e-320 && iterations < 3, "{root:e} after {iterations}");

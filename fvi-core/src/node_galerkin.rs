@@ -13,7 +13,8 @@ use crate::runge_kutta::RungeKutta;
 use crate::scheme::{Sampling, Scheme, Step, StepError};
 use crate::system::Mechanics;
 
-/// Galerkin scheme of degree S whose fractional force acts at its Q quadrature nodes, which the memory stores.
+/// Galerkin scheme of degree S whose fractional force acts at its Q quadrature nodes, which the memory
+/// stores.
 ///
 /// The kernel of the memory decides how the fractional derivative is taken there:
 ///
@@ -21,8 +22,9 @@ use crate::system::Mechanics;
 /// * plain weights of a backward differentiation formula ([`new`](NodeGalerkin::new)), which act on the sequence of every node by itself,
 ///   spaced by h like the main nodes: (D^β X)_{k,i} = Σ_{n=0}^{k} w_n X_{k−n,i}. With BDF p the order is min(2S, p) in position and momentum.
 ///
-/// Both are implicit in the nodes of the step at hand; [`DiscreteLagrangian::step_damped_at_nodes`](crate::DiscreteLagrangian::step_damped_at_nodes) has
-/// the equations.
+/// Both are implicit in the nodes of the step at hand;
+/// [`DiscreteLagrangian::step_damped_at_nodes`](crate::DiscreteLagrangian::step_damped_at_nodes) has the
+/// equations.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NodeGalerkin<T, const S: usize, const Q: usize> {
     galerkin: Galerkin<T, S, Q>,
@@ -34,7 +36,8 @@ impl<T: Real, const S: usize, const Q: usize> NodeGalerkin<T, S, Q> {
         Self { galerkin }
     }
 
-    /// Polynomials of degree S with the nodes and weights of `method`, for memories with the matrix weights of the same method.
+    /// Polynomials of degree S with the nodes and weights of `method`, for memories with the matrix weights
+    /// of the same method.
     ///
     /// # Errors
     /// If S is not one of 1…Q: the kinetic part would be singular.

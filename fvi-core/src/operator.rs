@@ -4,10 +4,12 @@ use core::fmt;
 
 use crate::memory::{Memory, MemoryError};
 use crate::real::Real;
+use crate::saving::{Shape, StateError, StateReader, StateWriter, header_bytes};
 
 /// Left (retarded) discrete operator: (D₋x)_k = Σ_{n=0}^{k} w_n x_{k−n}, for every k of the sequence.
 ///
-/// `output` has as many numbers as `samples`, of which those are written for which both exist. Source: \[JO\] eq. 45b; \[HJO\] eq. 21.
+/// `output` has as many numbers as `samples`, of which those are written for which both exist. Source: \[JO\]
+/// eq. 45b; \[HJO\] eq. 21.
 pub fn left_operator<T: Real>(weights: &[T], samples: &[T], output: &mut [T]) {
     for (k, output) in output.iter_mut().enumerate().take(samples.len()) {
         let past = samples.get(..=k).unwrap_or(&[]).iter().rev();
@@ -15,9 +17,11 @@ pub fn left_operator<T: Real>(weights: &[T], samples: &[T], output: &mut [T]) {
     }
 }
 
-/// Right (advanced) discrete operator: (D₊x)_k = Σ_{n=0}^{N−k} w_n x_{k+n}, for every k of the sequence x₀ … x_N.
+/// Right (advanced) discrete operator: (D₊x)_k = Σ_{n=0}^{N−k} w_n x_{k+n}, for every k of the sequence x₀ …
+/// x_N.
 ///
-/// It is the adjoint of the left one: Σ_k g_k (D₋f)_k = Σ_k (D₊g)_k f_k. Source: \[JO\] eq. 45c; \[HJO\] eq. 22–23.
+/// It is the adjoint of the left one: Σ_k g_k (D₋f)_k = Σ_k (D₊g)_k f_k. Source: \[JO\] eq. 45c; \[HJO\] eq.
+/// 22–23.
 pub fn right_operator<T: Real>(weights: &[T], samples: &[T], output: &mut [T]) {
     for (k, output) in output.iter_mut().enumerate() {
         let future = samples.get(k..).unwrap_or(&[]);
@@ -28,7 +32,8 @@ pub fn right_operator<T: Real>(weights: &[T], samples: &[T], output: &mut [T]) {
 /// What a fractional derivative of Caputo type leaves out: how the signal starts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Start<T> {
-    /// Nothing: the operator of Riemann–Liouville type acts on x itself. Fractional integrals are of this type.
+    /// Nothing: the operator of Riemann–Liouville type acts on x itself. Fractional integrals are of this
+    /// type.
     RiemannLiouville,
     /// The first sample: x_k − x₀, the Caputo derivative of an order up to 1.
     Caputo,
@@ -42,8 +47,8 @@ pub enum Start<T> {
 
 /// Fractional operator on a stream: takes a sample x_k, gives back (D^β x)_k = Σ_{n=0}^{k} w_n x_{k−n}.
 ///
-/// What a controller or a filter needs: fractional derivatives (0 < β < 2) and integrals (−1 < β < 0), on any [`Memory`]
-/// with one channel whose kernel holds the weights of D^β.
+/// What a controller or a filter needs: fractional derivatives (0 < β < 2) and integrals (−1 < β < 0), on any
+/// [`Memory`] with one channel whose kernel holds the weights of D^β.
 ///
 /// ```
 /// # use fvi_core::{BdfOrder, FixedDirect, FractionalOperator, Start, leading_bdf_weight, monic_bdf_table};
@@ -68,6 +73,9 @@ pub struct FractionalOperator<T, M> {
     first: T,
 }
 
+/// Kind of the saved state.
+const TAG: [u8; 4] = *b"oper";
+
 /// Why the operator refused a sample. It is as it was before.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
@@ -87,7 +95,14 @@ impl fmt::Display for OperatorError {
     }
 }
 
-impl core::error::Error for OperatorError {}
+impl core::error::Error for OperatorError {
+    fn source(&self) -> Option<&(dyn core::error::Error + 'static)> {
+        match self {
+            Self::NotFinite => None,
+            Self::Memory(error) => Some(error),
+        }
+    }
+}
 
 impl From<MemoryError> for OperatorError {
     fn from(error: MemoryError) -> Self {
@@ -99,8 +114,8 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     /// An operator on an empty memory.
     ///
     /// # Errors
-    /// [`MemoryError::ChannelMismatch`] if the memory has more than one channel, [`OperatorError::NotFinite`] if the rise is
-    /// not finite.
+    /// [`MemoryError::ChannelMismatch`] if the memory has more than one channel, [`OperatorError::NotFinite`]
+    /// if the rise is not finite.
     pub fn new(mut memory: M, start: Start<T>) -> Result<Self, OperatorError> {
         crate::memory::check_channels(1, memory.channels())?;
         if let Start::CaputoWithRise { rise } = start
@@ -115,8 +130,8 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     /// Takes the next sample x_k and returns (D^β x)_k.
     ///
     /// # Errors
-    /// [`OperatorError::NotFinite`] if x_k or the result is not finite, [`OperatorError::Memory`] if the memory is full; the
-    /// operator then is as before.
+    /// [`OperatorError::NotFinite`] if x_k or the result is not finite, [`OperatorError::Memory`] if the
+    /// memory is full; the operator then is as before.
     #[inline]
     pub fn push(&mut self, sample: T) -> Result<T, OperatorError> {
         let count = self.memory.len();
@@ -142,6 +157,45 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     pub fn clear(&mut self) {
         self.memory.clear();
         self.first = T::zero();
+    }
+
+    /// Number of bytes that [`save`](FractionalOperator::save) writes at present.
+    pub fn state_bytes(&self) -> usize {
+        header_bytes(2) + T::BYTES + self.memory.state_bytes()
+    }
+
+    /// Writes the state, so that an operator made alike that restores it goes on with the same bits.
+    ///
+    /// # Errors
+    /// [`StateError::NoRoom`], and what the memory says.
+    pub fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        to.header::<T, 2>(TAG, &self.shape())?;
+        to.numbers([&self.first])?;
+        self.memory.save(to)
+    }
+
+    /// Takes over a saved state in place of its own.
+    ///
+    /// # Errors
+    /// [`StateError`] if the bytes are not the state of such an operator; it is as before.
+    pub fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        let mut ahead = from.clone();
+        ahead.header::<T, 2>(TAG, &self.shape())?;
+        let first = ahead.number()?;
+        self.memory.restore(&mut ahead)?;
+        self.first = first;
+        *from = ahead;
+        Ok(())
+    }
+
+    /// What its state begins with.
+    fn shape(&self) -> Shape<2> {
+        let (kind, rise) = match self.start {
+            Start::RiemannLiouville => (0, T::zero()),
+            Start::Caputo => (1, T::zero()),
+            Start::CaputoWithRise { rise } => (2, rise),
+        };
+        [("kind of start", kind), ("bits of the rise", rise.bits())]
     }
 
     /// The memory behind the operator.

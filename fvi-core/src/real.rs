@@ -14,6 +14,9 @@ pub trait Real: RealField + Copy + Default {
     /// Smallest positive number with all its digits.
     const SMALLEST_NORMAL: Self;
 
+    /// Bytes of a number.
+    const BYTES: usize;
+
     /// Nearest number to `value`.
     fn of(value: f64) -> Self;
 
@@ -23,15 +26,22 @@ pub trait Real: RealField + Copy + Default {
     /// Nearest number to the integer `count`.
     fn from_count(count: u64) -> Self;
 
+    /// The bits of the number, in the lowest [`BYTES`](Real::BYTES) bytes.
+    fn bits(self) -> u64;
+
+    /// The number with these bits; those above the lowest [`BYTES`](Real::BYTES) bytes are ignored.
+    fn of_bits(bits: u64) -> Self;
+
     /// `self` raised to `exponent`, from `libm`.
     fn power(self, exponent: Self) -> Self;
 }
 
 macro_rules! real {
-    ($scalar:ident, $power:path) => {
+    ($scalar:ident, $word:ident, $power:path) => {
         impl Real for $scalar {
             const EPSILON: Self = $scalar::EPSILON;
             const SMALLEST_NORMAL: Self = $scalar::MIN_POSITIVE;
+            const BYTES: usize = size_of::<$scalar>();
 
             #[inline]
             fn of(value: f64) -> Self {
@@ -49,6 +59,16 @@ macro_rules! real {
             }
 
             #[inline]
+            fn bits(self) -> u64 {
+                u64::from($scalar::to_bits(self))
+            }
+
+            #[inline]
+            fn of_bits(bits: u64) -> Self {
+                $scalar::from_bits(bits as $word)
+            }
+
+            #[inline]
             fn power(self, exponent: Self) -> Self {
                 $power(self, exponent)
             }
@@ -56,8 +76,8 @@ macro_rules! real {
     };
 }
 
-real!(f32, libm::powf);
-real!(f64, libm::pow);
+real!(f32, u32, libm::powf);
+real!(f64, u64, libm::pow);
 
 /// Whether every number of the slice is finite.
 #[inline]

@@ -3,7 +3,8 @@
 use crate::error::ParameterError;
 use crate::quadrature::Quadrature;
 
-/// Implicit Runge–Kutta method of R stages: nodes c, weights b, matrix A, with b the last row of A (stiffly accurate).
+/// Implicit Runge–Kutta method of R stages: nodes c, weights b, matrix A, with b the last row of A (stiffly
+/// accurate).
 ///
 /// Such a method makes a convolution quadrature of D^β whose weights are R×R matrices,
 ///
@@ -11,7 +12,8 @@ use crate::quadrature::Quadrature;
 /// Δ(z) = A⁻¹ − z A⁻¹ 1 bᵀ A⁻¹ ,      Σ_n W_n zⁿ = (Δ(z)/h)^β ,      (D^β X)_k = Σ_{n=0}^{k} W_n X_{k−n} ,
 /// ```
 ///
-/// where X_k holds the values at the times t_k + c_i h of step k. Source: \[LO93\]; the methods are those of \[HW\].
+/// where X_k holds the values at the times t_k + c_i h of step k. Source: \[LO93\]; the methods are those of
+/// \[HW\].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RungeKutta<const R: usize> {
     quadrature: Quadrature<R>,

@@ -43,8 +43,9 @@ impl<T> Sampling<'_, T> {
 
 /// A one-step scheme.
 ///
-/// A scheme has no state of its own. Its [`Storage`](Scheme::Storage) keeps what is worth keeping between steps: the factors of
-/// a linear system's equations, and scratch space where the stack is not the place for it.
+/// A scheme has no state of its own. Its [`Storage`](Scheme::Storage) keeps what is worth keeping between
+/// steps: the factors of a linear system's equations, and scratch space where the stack is not the place for
+/// it.
 pub trait Scheme<T: Real, X: Space<T>> {
     /// What is kept between steps.
     type Storage;
@@ -55,13 +56,13 @@ pub trait Scheme<T: Real, X: Space<T>> {
     /// What the memory stores of each step.
     fn sampling(&self) -> Sampling<'_, T>;
 
-    /// One step: asks the damping for what it knows, solves for the new state, stores the new sample with the damping and then
-    /// moves `position` and `momentum` on ([`conclude`] does the last two). Returns the iterations of Newton's method, 0 for
-    /// explicit formulas.
+    /// One step: asks the damping for what it knows, solves for the new state, stores the new sample with the
+    /// damping and then moves `position` and `momentum` on ([`conclude`] does the last two). Returns the
+    /// iterations of Newton's method, 0 for explicit formulas.
     ///
     /// # Errors
-    /// If the nonlinear equations have no solution that Newton's method finds, the result is not finite, or the memory
-    /// refuses; position, momentum and damping are then as before.
+    /// If the nonlinear equations have no solution that Newton's method finds, the result is not finite, or
+    /// the memory refuses; position, momentum and damping are then as before.
     fn step<G: Mechanics<T, X>, D: Damping<T, X>>(
         &self,
         storage: &mut Self::Storage,
@@ -133,7 +134,14 @@ impl fmt::Display for StepError {
     }
 }
 
-impl core::error::Error for StepError {}
+impl core::error::Error for StepError {
+    fn source(&self) -> Option<&(dyn core::error::Error + 'static)> {
+        match self {
+            Self::Memory(error) => Some(error),
+            Self::NotConverged { .. } | Self::SingularJacobian | Self::NotFinite => None,
+        }
+    }
+}
 
 impl From<MemoryError> for StepError {
     fn from(error: MemoryError) -> Self {

@@ -5,8 +5,9 @@ use crate::real::Real;
 
 /// Storage for N coordinates.
 ///
-/// Schemes, damping and the integrator are written once, over slices of N numbers; a space says what holds them. [`Fixed`](crate::Fixed) keeps
-/// everything in place and needs no allocator. A host brings a space whose N is known at run time only.
+/// Schemes, damping and the integrator are written once, over slices of N numbers; a space says what holds
+/// them. [`Fixed`](crate::Fixed) keeps everything in place and needs no allocator. A host brings a space whose N is known
+/// at run time only.
 pub trait Space<T: Real>: Clone {
     /// N numbers.
     type Vector: Clone;
@@ -31,8 +32,8 @@ pub trait Block<T: Real> {
     /// out += factor · (B x).
     fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]);
 
-    /// Adds factor · B to the N×N part of a dense matrix that begins at the given row and column. The matrix lies row by row, `width`
-    /// numbers each.
+    /// Adds factor · B to the N×N part of a dense matrix that begins at the given row and column. The matrix
+    /// lies row by row, `width` numbers each.
     fn add_to(&self, factor: T, target: &mut [T], width: usize, row: usize, column: usize);
 
     /// Checks that the matrix is finite, symmetric and positive semidefinite to rounding.

@@ -36,27 +36,28 @@ pub enum Stability {
 
 /// Checks the step size of a scheme with explicit damping against the fastest motion that the grid can carry.
 ///
-/// The fractional force is explicit. For a potential with the constant Hessian K the motion q_k = (−1)^k v is where growth
-/// sets in first. Its discrete action per step, with the inner nodes at rest against it, is L_d on the nodes
-/// v, x_1, …, x_{S−1}, −v, and the motion does not grow as long as the quadratic form
+/// The fractional force is explicit. For a potential with the constant Hessian K the motion q_k = (−1)^k v is
+/// where growth sets in first. Its discrete action per step, with the inner nodes at rest against it, is L_d
+/// on the nodes v, x_1, …, x_{S−1}, −v, and the motion does not grow as long as the quadratic form
 ///
 /// ```text
 /// 2 L_d(v, x_1, …, x_{S−1}, −v) − h Σ_m (γ_p(−1)/h)^{β_m} vᵀ ρ_m v    is positive definite in (v, x_1, …, x_{S−1}).
 /// ```
 ///
-/// For degree 1 this is (4/h²) M − (1−2κ)² K − Σ_m ρ_m (γ_p(−1)/h)^{β_m}. For higher degrees it also asks that no free
-/// oscillation turns by half a revolution or more in a step: beyond that the grid takes it for its mirror image, whose damping
-/// has the wrong sign.
+/// For degree 1 this is (4/h²) M − (1−2κ)² K − Σ_m ρ_m (γ_p(−1)/h)^{β_m}. For higher degrees it also asks
+/// that no free oscillation turns by half a revolution or more in a step: beyond that the grid takes it for
+/// its mirror image, whose damping has the wrong sign.
 ///
-/// For a symmetric positive semidefinite K that is enough. A motion e^{−ikθ} v, 0 < θ < π, between growth and decay would make the
-/// conservative part, which is real along v, equal to h Σ_m (γ_p(e^{iθ})/h)^{β_m} vᵀ ρ_m v. As long as β |arg γ_p(e^{iθ})| < π at every θ
-/// the imaginary parts of these terms have one sign, and the motion is undamped. As ρ rises from zero, growth
-/// can therefore set in at z = −1 only. The formulas of order 1 and 2 have |arg γ_p| ≤ π/2; the others allow β up to 1.915, 1.687,
-/// 1.404 and 1.109 for p = 3, 4, 5, 6. Above, slower motions can grow and this function refuses to judge; the host's check
+/// For a symmetric positive semidefinite K that is enough. A motion e^{−ikθ} v, 0 < θ < π, between growth and
+/// decay would make the conservative part, which is real along v, equal to h Σ_m (γ_p(e^{iθ})/h)^{β_m} vᵀ ρ_m
+/// v. As long as β |arg γ_p(e^{iθ})| < π at every θ the imaginary parts of these terms have one sign, and the
+/// motion is undamped. As ρ rises from zero, growth can therefore set in at z = −1 only. The formulas of
+/// order 1 and 2 have |arg γ_p| ≤ π/2; the others allow β up to 1.915, 1.687, 1.404 and 1.109 for p = 3, 4,
+/// 5, 6. Above, slower motions can grow and this function refuses to judge; the host's check
 /// (`fvi_host::stability`) counts them.
 ///
-/// `stiffness` is ∂²U/∂q² − ∂F/∂q at the initial point, of which the symmetric part is taken; for nonlinear problems the
-/// check is local. The midpoint rule takes no account of K: it is stable for every spring.
+/// `stiffness` is ∂²U/∂q² − ∂F/∂q at the initial point, of which the symmetric part is taken; for nonlinear
+/// problems the check is local. The midpoint rule takes no account of K: it is stable for every spring.
 ///
 /// # Errors
 /// If the step size is not positive and finite, or a damping order is above those limits.
@@ -198,8 +199,8 @@ mod tests {
 
     #[test]
     fn higher_degrees_stop_at_half_a_revolution() {
-        // Gauss collocation turns by twice the argument of 1 + iy/2 − y²/12 (degree 2) or 1 + iy/2 − y²/10 − iy³/120 (degree 3),
-        // y = h √k: half a revolution where the real part vanishes.
+        // Gauss collocation turns by twice the argument of 1 + iy/2 − y²/12 (degree 2) or 1 + iy/2 − y²/10 −
+        // iy³/120 (degree 3), y = h √k: half a revolution where the real part vanishes.
         let two = Galerkin::<f64, 2, 2>::new(&Quadrature::gauss().unwrap()).unwrap();
         assert_limit(limit(&two, 9.0, 0.0, 0.5, 1), 12f64.sqrt() / 3.0);
         let three = Galerkin::<f64, 3, 3>::new(&Quadrature::gauss().unwrap()).unwrap();

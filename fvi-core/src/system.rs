@@ -21,7 +21,8 @@ impl<T: Real, const N: usize> Mass<T, N> {
     /// Checks the matrix and prepares its inverse.
     ///
     /// # Errors
-    /// If an entry is not finite, or the matrix is not symmetric or not positive definite to working precision.
+    /// If an entry is not finite, or the matrix is not symmetric or not positive definite to working
+    /// precision.
     pub fn new(matrix: Coefficients<T, N>) -> Result<Self, MatrixError> {
         matrix.check_symmetric()?;
         if !is_positive_definite(&matrix.to_matrix()) {
@@ -72,8 +73,8 @@ impl<T: Real, const N: usize> Mass<T, N> {
 
 /// Potential energy U(q) with its first two derivatives.
 ///
-/// The scheme needs them consistent: `hessian` must be the derivative of `gradient` for Newton's method to converge
-/// quadratically.
+/// The scheme needs them consistent: `hessian` must be the derivative of `gradient` for Newton's method to
+/// converge quadratically.
 pub trait Potential<T, const N: usize> {
     /// U(q).
     fn value(&self, position: &SVector<T, N>) -> T;
@@ -81,8 +82,8 @@ pub trait Potential<T, const N: usize> {
     fn gradient(&self, position: &SVector<T, N>) -> SVector<T, N>;
     /// ∂²U/∂q².
     fn hessian(&self, position: &SVector<T, N>) -> SMatrix<T, N, N>;
-    /// Whether U is a quadratic polynomial, so that the Hessian is the same everywhere. With a force that does not depend on
-    /// the position every step then solves a linear system with one matrix, factored once.
+    /// Whether U is a quadratic polynomial, so that the Hessian is the same everywhere. With a force that
+    /// does not depend on the position every step then solves a linear system with one matrix, factored once.
     fn is_quadratic(&self) -> bool {
         false
     }
@@ -177,7 +178,8 @@ pub trait Force<T: Real, const N: usize> {
     /// F(t, q).
     fn value(&self, instant: Instant<T>, position: &SVector<T, N>) -> SVector<T, N>;
 
-    /// ∂F/∂q, entry (i, j) = ∂F_i/∂q_j. Zero unless given; a force that does depend on q without it slows Newton's method.
+    /// ∂F/∂q, entry (i, j) = ∂F_i/∂q_j. Zero unless given; a force that does depend on q without it slows
+    /// Newton's method.
     fn jacobian(&self, _instant: Instant<T>, _position: &SVector<T, N>) -> SMatrix<T, N, N> {
         SMatrix::zeros()
     }
@@ -226,7 +228,8 @@ impl<T: Real, const N: usize, F: Fn(Instant<T>) -> SVector<T, N>> Force<T, N> fo
 /// d/dt ∂L/∂v − ∂L/∂q = F(t, q) − Σ_m ρ_m D₋^{β_m} q
 /// ```
 ///
-/// The damping on the right is not part of it: it has a memory, see [`DampingTerm`](crate::DampingTerm). Source: \[JO\] eq. 1, 31–34.
+/// The damping on the right is not part of it: it has a memory, see [`DampingTerm`](crate::DampingTerm).
+/// Source: \[JO\] eq. 1, 31–34.
 #[derive(Clone, Copy, Debug)]
 pub struct System<T, const N: usize, P, F = NoForce> {
     /// Mass matrix M.
@@ -239,7 +242,8 @@ pub struct System<T, const N: usize, P, F = NoForce> {
 
 /// What schemes ask of a system in the space X.
 ///
-/// [`System`] answers for the fixed space. Methods take `&mut self` so that a host can keep scratch space with its models.
+/// [`System`] answers for the fixed space. Methods take `&mut self` so that a host can keep scratch space
+/// with its models.
 pub trait Mechanics<T: Real, X: Space<T>> {
     /// Mass matrix M.
     fn mass(&self) -> &X::Block;

@@ -4,24 +4,30 @@ use crate::direct::Overflow;
 use crate::error::ParameterError;
 use crate::memory::{Memory, MemoryError, check_channels};
 use crate::real::Real;
+use crate::saving::{Shape, StateError, StateReader, StateWriter, fingerprint, header_bytes};
+
+/// Kind of the saved state.
+const TAG: [u8; 4] = *b"tile";
 
 /// Samples of a block, and outputs that a block is summed for at a time.
 const TILE: usize = 8;
 
 /// A direct memory r_k = Σ_{n=1}^{k} w_n x_{k−n} that sums its far history for eight outputs at a time.
 ///
-/// Samples lie in blocks of eight. The sums of a tile of eight outputs over all blocks but the latest two are made while the
-/// eight outputs before it are served, an eighth of them with every push: each product then needs a quarter of a load
-/// instead of two, and no step costs more than another by more than one block. What is left for a term are the 8 to 15
-/// latest samples. The number of products is that of [`Direct`](crate::Direct).
+/// Samples lie in blocks of eight. The sums of a tile of eight outputs over all blocks but the latest two are
+/// made while the eight outputs before it are served, an eighth of them with every push: each product then
+/// needs a quarter of a load instead of two, and no step costs more than another by more than one block. What
+/// is left for a term are the 8 to 15 latest samples. The number of products is that of
+/// [`Direct`](crate::Direct).
 ///
-/// `C` channels, `B` blocks: at most 8·B samples in full memory, lags up to 8·(B−1) in short memory. The weights are borrowed
-/// and may lie in flash; those beyond the end of the table count as zero. All are multiplied by `scale`. Kernels of
-/// plain numbers only.
+/// `C` channels, `B` blocks: at most 8·B samples in full memory, lags up to 8·(B−1) in short memory. The
+/// weights are borrowed and may lie in flash; those beyond the end of the table count as zero. All are
+/// multiplied by `scale`. Kernels of plain numbers only.
 ///
-/// **Order of the sum.** Eight partial sums over the far blocks, each from the oldest sample to the newest, one after
-/// another; added up in this order; plus the sum over the latest full block, oldest first, plus the sum over the block being
-/// filled, oldest first. It depends on the samples alone: the same bits on every machine.
+/// **Order of the sum.** Eight partial sums over the far blocks, each from the oldest sample to the newest,
+/// one after another; added up in this order; plus the sum over the latest full block, oldest first, plus the
+/// sum over the block being filled, oldest first. It depends on the samples alone: the same bits on every
+/// machine.
 #[derive(Clone, Debug)]
 pub struct Tiled<'w, T, const C: usize, const B: usize> {
     weights: &'w [T],
@@ -46,8 +52,18 @@ impl<T: Real, const B: usize> Channel<T, B> {
         Self { blocks: [[T::zero(); TILE]; B], present: [T::zero(); TILE], next: [T::zero(); TILE] }
     }
 
-    /// Adds to the next tile's sums what `count` blocks contribute, the first of which has the index `first` and the distance
-    /// `distance` from that tile.
+    /// All numbers of the state.
+    fn numbers(&self) -> impl Iterator<Item = &T> {
+        self.blocks.as_flattened().iter().chain(&self.present).chain(&self.next)
+    }
+
+    /// All numbers of the state, to be written.
+    fn numbers_mut(&mut self) -> impl Iterator<Item = &mut T> {
+        self.blocks.as_flattened_mut().iter_mut().chain(&mut self.present).chain(&mut self.next)
+    }
+
+    /// Adds to the next tile's sums what `count` blocks contribute, the first of which has the index `first`
+    /// and the distance `distance` from that tile.
     #[inline]
     fn add_far(&mut self, weights: &[T], first: usize, distance: usize, count: usize) {
         let (behind_cut, before_cut) = self.blocks.split_at((first % B.max(1)).min(B));
@@ -65,7 +81,8 @@ impl<T: Real, const B: usize> Channel<T, B> {
     }
 }
 
-/// Adds blocks, the first of which has the given distance from the tile and each further one a distance less by one.
+/// Adds blocks, the first of which has the given distance from the tile and each further one a distance less
+/// by one.
 #[inline]
 fn add_blocks<T: Real>(sums: &mut [T; TILE], weights: &[T], blocks: &[[T; TILE]], distance: usize) {
     let (table, rest) = weights.as_chunks::<TILE>();
@@ -113,8 +130,8 @@ fn near_sum<T: Real>(weights: &[T], samples: &[T]) -> T {
 }
 
 impl<'w, T: Real, const C: usize, const B: usize> Tiled<'w, T, C, B> {
-    /// A memory that [`Refuse`](Overflow::Refuse)s to take more than 8·B samples, or [`Forget`](Overflow::Forget)s what lies
-    /// more than 8·(B−1) samples back.
+    /// A memory that [`Refuse`](Overflow::Refuse)s to take more than 8·B samples, or
+    /// [`Forget`](Overflow::Forget)s what lies more than 8·(B−1) samples back.
     ///
     /// # Errors
     /// If C is 0, B is less than 3, the table is empty, or a weight or the scale is not finite.
@@ -133,6 +150,24 @@ impl<'w, T: Real, const C: usize, const B: usize> Tiled<'w, T, C, B> {
         let leading = [weights.first().map_or(T::zero(), |&weight| weight * scale)];
         let channels = [Channel::empty(); C];
         Ok(Self { weights, scale, leading, channels, overflow, len: 0 })
+    }
+
+    /// What its state begins with.
+    fn shape(&self) -> Shape<4> {
+        let refuses = u64::from(self.overflow == Overflow::Refuse);
+        let kernel = fingerprint(self.weights) ^ self.scale.bits();
+        [
+            ("channels", C as u64),
+            ("blocks", B as u64),
+            ("refusal of an overflow", refuses),
+            ("fingerprint of the kernel", kernel),
+        ]
+    }
+
+    /// Reads how many samples a state has seen.
+    fn count(&self, from: &mut StateReader<'_>) -> Result<usize, StateError> {
+        from.header::<T, 4>(TAG, &self.shape())?;
+        from.count_up_to("samples", if self.overflow == Overflow::Refuse { TILE * B } else { usize::MAX })
     }
 
     fn check_room(&self) -> Result<(), MemoryError> {
@@ -210,6 +245,27 @@ impl<T: Real, const C: usize, const B: usize> Memory<T> for Tiled<'_, T, C, B> {
     fn bytes(&self) -> usize {
         size_of::<Self>() + size_of_val(self.weights)
     }
+
+    fn state_bytes(&self) -> usize {
+        header_bytes(5) + C * (B + 2) * TILE * T::BYTES
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        to.header::<T, 4>(TAG, &self.shape())?;
+        to.count(self.len as u64)?;
+        self.channels.iter().try_for_each(|channel| to.numbers(channel.numbers()))
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.count(from)?;
+        from.skip::<T>(C * (B + 2) * TILE)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.check_state(&mut from.clone())?;
+        self.len = self.count(from)?;
+        self.channels.iter_mut().try_for_each(|channel| from.numbers(channel.numbers_mut()))
+    }
 }
 
 #[cfg(test)]
@@ -218,7 +274,8 @@ mod tests {
     use crate::direct::FixedDirect;
     use crate::noise::noise;
 
-    /// Runs both memories side by side; the terms agree to rounding of at most a few hundred products of size ¼.
+    /// Runs both memories side by side; the terms agree to rounding of at most a few hundred products of size
+    /// ¼.
     fn agree(mut tiled: impl Memory<f64>, mut direct: impl Memory<f64>, steps: usize) {
         for (k, pair) in noise(2 * steps).chunks(2).enumerate() {
             let (mut fast, mut plain) = ([f64::NAN; 2], [f64::NAN; 2]);
@@ -234,7 +291,8 @@ mod tests {
 
     #[test]
     fn full_memory_is_the_direct_sum_until_it_refuses() {
-        // A table as long as the memory, shorter, and longer: the end of the table falls everywhere in a window.
+        // A table as long as the memory, shorter, and longer: the end of the table falls everywhere in a
+        // window.
         for reach in [1, 2, 7, 8, 9, 30, 31, 32, 33, 63, 64, 200] {
             let weights = noise(reach);
             let tiled = || Tiled::<f64, 2, 8>::new(&weights, 0.5, Overflow::Refuse).unwrap();

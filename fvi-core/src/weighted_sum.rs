@@ -1,4 +1,5 @@
-//! The sum Σ w_n x_{k−n} over a history that lies in two pieces, written so that it vectorises and stays accurate.
+//! The sum Σ w_n x_{k−n} over a history that lies in two pieces, written so that it vectorises and stays
+//! accurate.
 
 use crate::real::Real;
 
@@ -11,9 +12,9 @@ const BLOCK: usize = 256 * LANES;
 /// Σ_{n=1}^{k} w_n x_{k−n} with the k samples, newest first, in `newer` followed by `older`.
 ///
 /// `weights[n]` is w_n; lags beyond the table count as zero. The oldest samples are added first, in blocks of
-/// fixed lags with fixed accumulators: the weights fall with the lag, so small terms meet small sums, and the result
-/// depends on the samples alone, neither on the place where the history is cut nor on the width of the processor's
-/// vectors.
+/// fixed lags with fixed accumulators: the weights fall with the lag, so small terms meet small sums, and the
+/// result depends on the samples alone, neither on the place where the history is cut nor on the width of the
+/// processor's vectors.
 #[inline]
 pub(crate) fn weighted_sum<T: Real>(weights: &[T], newer: &[T], older: &[T]) -> T {
     // Weight and sample at the same place belong together: place i is lag i + 1.

@@ -6,8 +6,8 @@ use crate::real::Real;
 
 /// Order p = 1…6 of a backward differentiation formula.
 ///
-/// Its generating function is γ_p(z) = Σ_{i=1}^{p} (1−z)^i / i (\[HJO\] eq. 30); p = 1 gives the Grünwald–Letnikov
-/// weights of \[JO\] eq. 46.
+/// Its generating function is γ_p(z) = Σ_{i=1}^{p} (1−z)^i / i (\[HJO\] eq. 30); p = 1 gives the
+/// Grünwald–Letnikov weights of \[JO\] eq. 46.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct BdfOrder(u8);
 
@@ -94,8 +94,8 @@ const fn check_exponent(exponent: f64) -> Result<(), ParameterError> {
 
 /// Coefficients of (γ_p(z)/a₀)^β one after another, each correct to about 30 digits before it is rounded.
 ///
-/// ŵ₀ = 1 and n 60a₀ ŵ_n = Σ_{j=1}^{min(p,n)} (βj − n + j) 60a_j ŵ_{n−j}, the recursion for a power of a polynomial, in
-/// double-double arithmetic with the factor formed exactly.
+/// ŵ₀ = 1 and n 60a₀ ŵ_n = Σ_{j=1}^{min(p,n)} (βj − n + j) 60a_j ŵ_{n−j}, the recursion for a power of a
+/// polynomial, in double-double arithmetic with the factor formed exactly.
 #[derive(Clone, Debug)]
 struct MonicWeights {
     order: BdfOrder,
@@ -157,8 +157,8 @@ impl MonicWeights {
 /// Σ_n w_n zⁿ = (γ_p(z)/h)^β ,      (D^β x)_k = Σ_{n=0}^{k} w_n x_{k−n}
 /// ```
 ///
-/// The exponent β may be any number in (−1, 2): positive for derivatives (the damping order 2α of the equation
-/// of motion), negative for fractional integrals. Units of a weight: time^(−β).
+/// The exponent β may be any number in (−1, 2): positive for derivatives (the damping order 2α of the
+/// equation of motion), negative for fractional integrals. Units of a weight: time^(−β).
 ///
 /// Source: \[HJO\] eq. 18–22, 30, 35; \[JO\] eq. 45–46 for p = 1; \[Lubich86\].
 ///
@@ -177,8 +177,8 @@ pub struct ConvolutionWeights {
 }
 
 impl ConvolutionWeights {
-    /// Weights based on the backward differentiation formula of order `order`, for the operator D^`exponent` and
-    /// the step size `step_size`.
+    /// Weights based on the backward differentiation formula of order `order`, for the operator D^`exponent`
+    /// and the step size `step_size`.
     ///
     /// # Errors
     /// If the exponent is outside (−1, 2) or the step size is not positive and finite.
@@ -195,7 +195,8 @@ impl ConvolutionWeights {
         }
     }
 
-    /// The weight to come divided by the leading one, w_n/w₀, to about 30 digits: independent of the step size.
+    /// The weight to come divided by the leading one, w_n/w₀, to about 30 digits: independent of the step
+    /// size.
     pub fn next_monic(&mut self) -> DoubleDouble {
         self.monic.advance()
     }

@@ -1,5 +1,5 @@
-//! What engines are compared with: a reference of twice the precision on telling signals, what people write first, what
-//! the textbook says, and the bound of data known beforehand.
+//! What engines are compared with: a reference of twice the precision on telling signals, what people write
+//! first, what the textbook says, and the bound of data known beforehand.
 
 mod compensated_sum;
 mod hls;

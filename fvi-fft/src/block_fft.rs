@@ -1,25 +1,27 @@
 //! The engine for throughput: blocks transformed as soon as their outputs are due.
 
-use fvi_core::{Memory, MemoryError, ParameterError, check_channels};
+use fvi_core::{Memory, MemoryError, ParameterError, StateError, StateReader, StateWriter, check_channels};
 use pulp::Arch;
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 
 use crate::cover::Cover;
-use crate::kernel::{Kernel, check_shape, extend_planes, take_planes};
 use crate::level::{Level, LevelShape, owed};
 use crate::near::Near;
+use crate::replay;
 use crate::row::CHUNK;
 use crate::scalar::Scalar;
+use crate::weights::{Weights, check_shape, extend_planes, take_planes};
 
 /// The `block-fft` memory: fast convolution of a known kernel with an online signal, O(k log² k) for k steps.
 ///
-/// Lags below two blocks of 64 samples are summed directly; beyond, blocks of growing size are convolved through cached spectra of the
-/// kernel, block pairs always at distance ≥ 2 (see \[HLS\] for the idea). It is exact to rounding for any kernel, leading
-/// weight zero included: the error is a few u·Σ|w||x|, on decaying and growing signals too.
+/// Lags below two blocks of 64 samples are summed directly; beyond, blocks of growing size are convolved
+/// through cached spectra of the kernel, block pairs always at distance ≥ 2 (see \[HLS\] for the idea). It is
+/// exact to rounding for any kernel, leading weight zero included: the error is a few u·Σ|w||x|, on decaying
+/// and growing signals too.
 ///
-/// All coordinates share plans and kernel spectra. The cost of a step is uneven: a step that begins a large block
-/// does all the work of that block. [`RealTime`](crate::RealTime) spreads it.
+/// All coordinates share plans and kernel spectra. The cost of a step is uneven: a step that begins a large
+/// block does all the work of that block. [`RealTime`](crate::RealTime) spreads it.
 pub struct BlockFft<T: Scalar> {
     channels: usize,
     len: usize,
@@ -37,11 +39,14 @@ pub struct BlockFft<T: Scalar> {
 
 /// What a run of unknown length needs to go on.
 struct Growth<T: Scalar> {
-    source: Box<dyn Kernel<T> + Send>,
+    source: Box<dyn Weights<T> + Send>,
     /// For each entry of the matrices, row by row, all weights asked for so far.
     planes: Vec<Vec<T>>,
     planner: FftPlanner<T>,
 }
+
+/// Kind of the saved state.
+const TAG: [u8; 4] = *b"blck";
 
 /// Samples of a block of the finest level.
 const FIRST_BLOCK: usize = 64;
@@ -61,7 +66,7 @@ impl<T: Scalar> BlockFft<T> {
     /// # Errors
     /// If `channels` is zero or no multiple of the kernel's stages.
     pub fn planned(
-        mut kernel: impl Kernel<T>,
+        mut kernel: impl Weights<T>,
         channels: usize,
         capacity: usize,
     ) -> Result<Self, ParameterError> {
@@ -91,7 +96,7 @@ impl<T: Scalar> BlockFft<T> {
     /// # Errors
     /// If `channels` is zero or no multiple of the kernel's stages.
     pub fn growing(
-        mut kernel: impl Kernel<T> + Send + 'static,
+        mut kernel: impl Weights<T> + Send + 'static,
         channels: usize,
     ) -> Result<Self, ParameterError> {
         let stages = check_shape(&kernel, channels)?;
@@ -229,5 +234,22 @@ impl<T: Scalar> Memory<T> for BlockFft<T> {
             + rows(&self.signal)
             + self.growth.as_ref().map_or(0, |growth| rows(&growth.planes))
             + size_of_val(self.scratch.as_slice())
+    }
+
+    fn state_bytes(&self) -> usize {
+        replay::state_bytes(self)
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        replay::save(self, TAG, &self.signal, to)
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        replay::check(self, TAG, self.capacity.unwrap_or(usize::MAX), from)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        let capacity = self.capacity.unwrap_or(usize::MAX);
+        replay::restore(self, TAG, capacity, from)
     }
 }

@@ -1,31 +1,41 @@
-//! The exponential-sum memory of the host: samples and terms in chunks, so that far samples cost products with small matrices.
+//! The exponential-sum memory of the host: samples and terms in chunks, so that far samples cost products
+//! with small matrices.
 
-use fvi_core::{ExponentialTable, ExponentialTerm, Memory, MemoryError, ParameterError, check_channels};
+use fvi_core::{
+    ExponentialTable, ExponentialTerm, Memory, MemoryError, ParameterError, Shape, StateError, StateReader,
+    StateWriter, check_channels, fingerprint, header_bytes,
+};
 use pulp::{Arch, NullaryFnOnce, Simd, WithSimd};
 
 use crate::row::{CHUNK, Row, add_product};
 use crate::scalar::Scalar;
 
-/// The exponential-sum memory in vector code: r_k = Σ_{n=1}^{k} W_n x_{k−n} for the kernel of an [`ExponentialTable`].
+/// The exponential-sum memory in vector code: r_k = Σ_{n=1}^{k} W_n x_{k−n} for the kernel of an
+/// [`ExponentialTable`].
 ///
-/// Samples and terms come in chunks of M = 16. Terms take the samples of their own chunk and of the d before it directly, d
-/// chunks being enough to hold the head of the table, and everything older through sums Z_j that take up a chunk at a
-/// time. While chunk c is under way, what chunk c + 1 owes to chunks up to c − d is made ready:
+/// Samples and terms come in chunks of M = 16. Terms take the samples of their own chunk and of the d before
+/// it directly, d chunks being enough to hold the head of the table, and everything older through sums Z_j
+/// that take up a chunk at a time. While chunk c is under way, what chunk c + 1 owes to chunks up to c − d is
+/// made ready:
 ///
 /// ```text
 /// Z_j ← (1 − μ_j)^M Z_j + Σ_{m<M} (1 − μ_j)^{M−1−m} v_jᵀ x_{(c−d)M+m}
 /// r_{(c+1)M+i} = Σ_{n=1}^{dM+i} W_n x_{(c+1)M+i−n} + Σ_j u_j (1 − μ_j)^{dM+1−n₀+i} Z_j ,      0 ≤ i < M
 /// ```
 ///
-/// Weights are those of the table, and terms agree with [`ExponentialSum`](fvi_core::ExponentialSum) to rounding, in some three fifths of its time on a host;
-/// not to the last bit, because the order of the sums differs, and because a multiply–add is rounded once on machines where
-/// that is one instruction. The work of a chunk is spread over its steps. Memory is constant: 17 kB for 2²⁰ steps of order 1 in `f64`.
+/// Weights are those of the table, and terms agree with [`ExponentialSum`](fvi_core::ExponentialSum) to
+/// rounding, in some three fifths of its time on a host; not to the last bit, because the order of the sums
+/// differs, and because a multiply–add is rounded once on machines where that is one instruction. The work of
+/// a chunk is spread over its steps. Memory is constant: 17 kB for 2²⁰ steps of order 1 in `f64`.
 ///
-/// S is the number of stages of the kernel, 1 for plain numbers. Powers are formed in double precision, whatever `T`.
+/// S is the number of stages of the kernel, 1 for plain numbers. Powers are formed in double precision,
+/// whatever `T`.
 ///
 /// Source: collapsed contour of \[HJO\] eq. 19; recursion as in \[SchädleLFLubich06\].
 pub struct ChunkedExponentialSum<T: Scalar, const S: usize> {
     horizon: usize,
+    /// Tells the table from others.
+    fingerprint: u64,
     len: usize,
     /// W₀, row by row.
     leading: Vec<T>,
@@ -41,8 +51,12 @@ pub struct ChunkedExponentialSum<T: Scalar, const S: usize> {
     unit: Arch,
 }
 
-/// What each sample of a chunk adds to the terms of a chunk: at `[m][b][a]`, of stage b of sample m to stage a.
+/// What each sample of a chunk adds to the terms of a chunk: at `[m][b][a]`, of stage b of sample m to stage
+/// a.
 type Columns<T, const S: usize> = [[[Row<T>; S]; S]; CHUNK];
+
+/// Kind of the saved state.
+const TAG: [u8; 4] = *b"chnk";
 
 /// Exponentials of a block: as many as a chunk has samples.
 const LANES: usize = CHUNK;
@@ -87,16 +101,16 @@ struct Sum<T> {
 /// An exponential is left out where it is below this part of the weight.
 const NEGLIGIBLE: f64 = 1e-18;
 
-/// What is left of an exponential from which on it may be left out: one that has faded so much at a lag decays faster there than
-/// weights do, which are like a power of the lag above the minus third.
+/// What is left of an exponential from which on it may be left out: one that has faded so much at a lag
+/// decays faster there than weights do, which are like a power of the lag above the minus third.
 const FADED: f64 = 1e-3;
 
 impl<T: Scalar, const S: usize> ChunkedExponentialSum<T, S> {
     /// A memory for the kernel of a table on `channels` channels, without samples.
     ///
     /// # Errors
-    /// If [`ExponentialTable::check`] refuses the table, it has another number of stages than S, or `channels` is no positive multiple
-    /// of S.
+    /// If [`ExponentialTable::check`] refuses the table, it has another number of stages than S, or
+    /// `channels` is no positive multiple of S.
     pub fn new(table: &ExponentialTable<&[f64]>, channels: usize) -> Result<Self, ParameterError> {
         let stages = table.stages;
         if stages != S {
@@ -136,6 +150,7 @@ impl<T: Scalar, const S: usize> ChunkedExponentialSum<T, S> {
         let coordinates = (0..channels / S).map(|_| Coordinate::new(distance, blocks.len())).collect();
         Ok(Self {
             horizon: table.horizon,
+            fingerprint: fingerprint(table.head.iter().chain(table.exponentials)),
             len: 0,
             leading: (0..S * S).map(|entry| weights[0][entry % S][entry / S]).collect(),
             within,
@@ -146,6 +161,23 @@ impl<T: Scalar, const S: usize> ChunkedExponentialSum<T, S> {
             done: 0,
             unit: Arch::new(),
         })
+    }
+
+    /// What its state begins with.
+    fn shape(&self) -> Shape<3> {
+        let channels = (self.coordinates.len() * S) as u64;
+        [("channels", channels), ("stages", S as u64), ("fingerprint of the kernel", self.fingerprint)]
+    }
+
+    /// Reads how many samples a state has seen.
+    fn count(&self, from: &mut StateReader<'_>) -> Result<usize, StateError> {
+        from.header::<T, 3>(TAG, &self.shape())?;
+        from.count_up_to("samples", self.horizon)
+    }
+
+    /// Numbers of the state.
+    fn numbers(&self) -> usize {
+        self.coordinates.iter().map(|coordinate| coordinate.rows().count() * CHUNK).sum()
     }
 
     #[inline]
@@ -176,7 +208,8 @@ impl<T: Scalar, const S: usize> ChunkedExponentialSum<T, S> {
         }
     }
 
-    /// What is to be done behind the sample at `place`: the next pieces of the far work, and the beginning of a chunk.
+    /// What is to be done behind the sample at `place`: the next pieces of the far work, and the beginning of
+    /// a chunk.
     #[inline(always)]
     fn work<V: Simd>(&mut self, unit: V, place: usize) {
         let (pieces, begins) = (self.done..self.due[place], place + 1 == CHUNK);
@@ -191,7 +224,8 @@ impl<T: Scalar, const S: usize> ChunkedExponentialSum<T, S> {
         }
     }
 
-    /// The step for processors without a vector unit that is known. Out of line: it would burden the registers of the call of the others.
+    /// The step for processors without a vector unit that is known. Out of line: it would burden the
+    /// registers of the call of the others.
     #[inline(never)]
     fn portable_step(&mut self, sample: &[T]) {
         self.step(pulp::Scalar, sample);
@@ -269,8 +303,9 @@ fn factor<const S: usize>(term: &ExponentialTerm<f64, S>) -> (f64, f64) {
     (base, (1.0 - base) - term.decay)
 }
 
-/// By how much, relative to itself, [`Block::absorb`] with factors of the scalar T makes the sum over a chunk of a constant too small:
-/// the same at every chunk, where errors of the additions change. Sums of changing sign make nothing pile up.
+/// By how much, relative to itself, [`Block::absorb`] with factors of the scalar T makes the sum over a chunk
+/// of a constant too small: the same at every chunk, where errors of the additions change. Sums of changing
+/// sign make nothing pile up.
 fn shortfall<T: Scalar, const S: usize>(term: &ExponentialTerm<f64, S>) -> f64 {
     let (base, rest) = factor(term);
     if base <= 0.0 {
@@ -298,7 +333,8 @@ fn power<const S: usize>(term: &ExponentialTerm<f64, S>, n: usize) -> f64 {
 }
 
 impl<T: Scalar, const S: usize> Block<T, S> {
-    /// The block of up to sixteen exponentials; `left` is how far the nearest lag is behind the first of the table.
+    /// The block of up to sixteen exponentials; `left` is how far the nearest lag is behind the first of the
+    /// table.
     fn new(terms: &[ExponentialTerm<f64, S>], left: usize) -> Self {
         let lanes = |of: &dyn Fn(&ExponentialTerm<f64, S>) -> f64| {
             Row(core::array::from_fn(|lane| terms.get(lane).map_or(T::zero(), |term| T::of(of(term)))))
@@ -332,7 +368,8 @@ impl<T: Scalar, const S: usize> Block<T, S> {
         let zero = T::in_lanes(unit, T::zero());
         let mut inputs = [zero; LANES];
         for (samples, scale) in samples.iter().zip(&self.inputs) {
-            // Horner's rule, for samples at even and at odd places apart: two chains that do not wait for each other.
+            // Horner's rule, for samples at even and at odd places apart: two chains that do not wait for
+            // each other.
             let [[first, second], later @ ..] = samples.0.as_chunks::<2>().0 else { return };
             let (mut even, mut odd) =
                 ([T::in_lanes(unit, *first); LANES], [T::in_lanes(unit, *second); LANES]);
@@ -342,7 +379,8 @@ impl<T: Scalar, const S: usize> Block<T, S> {
                     *even = T::plus_product(unit, squared, *even, first);
                     *odd = T::plus_product(unit, squared, *odd, second);
                 }
-                // A compiler that unrolls this loop takes one chain after the other, and finds too few registers for the samples.
+                // A compiler that unrolls this loop takes one chain after the other, and finds too few
+                // registers for the samples.
                 core::hint::black_box(());
             }
             let parts = self.factor.parts::<V>().iter().zip(scale.parts::<V>());
@@ -389,8 +427,21 @@ impl<T: Scalar, const S: usize> Coordinate<T, S> {
         }
     }
 
-    /// One piece of the far work of a chunk: first each chunk but the oldest, directly; then the blocks. A block emits one piece
-    /// after it has absorbed: what neighbouring blocks do together does not wait for each other.
+    /// All rows of the state.
+    fn rows(&self) -> impl Iterator<Item = &Row<T>> {
+        let chunks = [&self.terms, &self.next, &self.samples].into_iter().chain(&self.past);
+        chunks.flatten().chain(self.sums.iter().flat_map(|sum| [&sum.whole, &sum.rest]))
+    }
+
+    /// All rows of the state, to be written.
+    fn rows_mut(&mut self) -> impl Iterator<Item = &mut Row<T>> {
+        let chunks = [&mut self.terms, &mut self.next, &mut self.samples].into_iter().chain(&mut self.past);
+        chunks.flatten().chain(self.sums.iter_mut().flat_map(|sum| [&mut sum.whole, &mut sum.rest]))
+    }
+
+    /// One piece of the far work of a chunk: first each chunk but the oldest, directly; then the blocks. A
+    /// block emits one piece after it has absorbed: what neighbouring blocks do together does not wait for
+    /// each other.
     #[inline(always)]
     fn work<V: Simd>(&mut self, unit: V, piece: usize, blocks: &[Block<T, S>], between: &[Columns<T, S>]) {
         let direct = between.len() - 1;
@@ -500,6 +551,30 @@ impl<T: Scalar, const S: usize> Memory<T> for ChunkedExponentialSum<T, S> {
             + size_of_val(self.blocks.as_slice())
             + size_of_val(self.coordinates.as_slice())
             + self.coordinates.iter().map(coordinate).sum::<usize>()
+    }
+
+    fn state_bytes(&self) -> usize {
+        header_bytes(4) + self.numbers() * T::BYTES
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        to.header::<T, 3>(TAG, &self.shape())?;
+        to.count(self.len as u64)?;
+        self.coordinates.iter().flat_map(Coordinate::rows).try_for_each(|row| to.numbers(&row.0))
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.count(from)?;
+        from.skip::<T>(self.numbers())
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.check_state(&mut from.clone())?;
+        self.len = self.count(from)?;
+        let place = self.len % CHUNK;
+        self.done = if place == 0 { 0 } else { self.due[place - 1] };
+        let mut rows = self.coordinates.iter_mut().flat_map(Coordinate::rows_mut);
+        rows.try_for_each(|row| from.numbers(&mut row.0))
     }
 }
 

@@ -6,15 +6,16 @@
 /// - to the *near* part if the B₀-blocks of k and j are at distance ≤ 1,
 /// - otherwise to the coarsest level ℓ at which their blocks m, m′ are at distance ≥ 2.
 ///
-/// Distance ≥ 2 at one level implies it at all finer ones, so level ℓ serves exactly the block pairs (m, m′) with
+/// Distance ≥ 2 at one level implies it at all finer ones, so level ℓ serves exactly the block pairs (m, m′)
+/// with
 ///
 /// ```text
 /// m − m′ ≥ 2   and   ⌊m/r⌋ − ⌊m′/r⌋ ≤ 1 ,      r = B_{ℓ+1}/B_ℓ ,
 /// ```
 ///
-/// the last condition dropped at the top. A block pair at distance d has the lags ((d−1)B, (d+1)B): large weights of
-/// short lags never share a transform with small ones of long lags, which would leave the latter with the rounding
-/// errors of the former.
+/// the last condition dropped at the top. A block pair at distance d has the lags ((d−1)B, (d+1)B): large
+/// weights of short lags never share a transform with small ones of long lags, which would leave the latter
+/// with the rounding errors of the former.
 ///
 /// Source: \[HLS\], \[Gardner95\], \[Garcia02\], arranged for accuracy.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -34,7 +35,8 @@ impl Cover {
         Self { blocks, beyond: None }
     }
 
-    /// Levels for a run of at most `capacity` samples: blocks grow by `ratio` until at most `top_blocks` hold the run.
+    /// Levels for a run of at most `capacity` samples: blocks grow by `ratio` until at most `top_blocks` hold
+    /// the run.
     pub(crate) fn for_run(first: usize, ratio: usize, top_blocks: usize, capacity: usize) -> Self {
         let mut ratios = Vec::new();
         let mut block = first;

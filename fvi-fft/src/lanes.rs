@@ -58,7 +58,8 @@ pub trait Lanes: Pod {
     /// i·a
     fn times_i<S: Simd>(unit: S, a: Self::Complexes<S>) -> Self::Complexes<S>;
 
-    /// Real and imaginary parts of interleaved numbers, in an order that [`interleave`](Lanes::interleave) undoes.
+    /// Real and imaginary parts of interleaved numbers, in an order that [`interleave`](Lanes::interleave)
+    /// undoes.
     fn separate<S: Simd>(unit: S, numbers: [Self::Reals<S>; 2]) -> [Self::Reals<S>; 2];
     /// The inverse of [`separate`](Lanes::separate).
     fn interleave<S: Simd>(unit: S, parts: [Self::Reals<S>; 2]) -> [Self::Reals<S>; 2];

@@ -1,4 +1,5 @@
-//! One level of blocks: cached spectra of the kernel, spectra of the signal, and the job that makes one output block.
+//! One level of blocks: cached spectra of the kernel, spectra of the signal, and the job that makes one
+//! output block.
 
 use core::ops::Range;
 
@@ -76,7 +77,8 @@ impl<T: Scalar> Level<T> {
         }
     }
 
-    /// The levels of a run of at most `capacity` samples, with all their spectra; `scratch` grows to what they need.
+    /// The levels of a run of at most `capacity` samples, with all their spectra; `scratch` grows to what
+    /// they need.
     ///
     /// `shape` tells what all levels share; its block and reach are those of no level.
     pub(crate) fn for_run(
@@ -121,8 +123,8 @@ impl<T: Scalar> Level<T> {
         2 + self.kernel.len() / (self.stages * self.stages * self.transform.packets())
     }
 
-    /// Makes the spectra of the first missing distance d from the weights of lags ((d−1)B, (d+1)B); weights beyond the
-    /// end of a plane count as zero.
+    /// Makes the spectra of the first missing distance d from the weights of lags ((d−1)B, (d+1)B); weights
+    /// beyond the end of a plane count as zero.
     pub(crate) fn add_distance(&mut self, planes: &[Vec<T>], scratch: &mut [Complex<T>]) {
         let (block, packets) = (self.block, self.transform.packets());
         let first = (self.missing_distance() - 1) * block;
@@ -188,8 +190,8 @@ impl<T: Scalar> Level<T> {
         }
     }
 
-    /// Runs one task of the job that makes output block `inputs.end + 1`, whose newest input block is `inputs.end − 1`.
-    /// The tasks of a job are to be run in order.
+    /// Runs one task of the job that makes output block `inputs.end + 1`, whose newest input block is
+    /// `inputs.end − 1`. The tasks of a job are to be run in order.
     pub(crate) fn run(
         &mut self,
         inputs: &Range<usize>,
@@ -225,7 +227,8 @@ impl<T: Scalar> Level<T> {
         }
     }
 
-    /// Adds M of the products X_{m′,s′}·W_{m−m′,s,s′} that an output needs; they are counted with s′ running fastest.
+    /// Adds M of the products X_{m′,s′}·W_{m−m′,s,s′} that an output needs; they are counted with s′ running
+    /// fastest.
     fn add_products<const M: usize>(
         &mut self,
         inputs: &Range<usize>,
@@ -283,7 +286,7 @@ impl<T: Scalar> Level<T> {
     }
 }
 
-/// What the levels owe to the chunk of outputs at sample `k`, the smallest parts first.
+/// Sum of what the levels contribute to the chunk of outputs at sample `k`, the smallest parts first.
 pub(crate) fn owed<T: Scalar>(levels: &[Level<T>], channel: usize, k: usize) -> Row<T> {
     let mut row = Row::zeros();
     levels.iter().rev().for_each(|level| level.add_output(channel, k, &mut row));

@@ -7,16 +7,17 @@ use crate::scalar::Scalar;
 
 /// Direct sums over the lags below a limit.
 ///
-/// Outputs are prepared sixteen at a time, a *chunk*: when chunk [k, k + 16) begins, all samples before k are added, as a
-/// Toeplitz matrix times a vector; samples within the chunk are added when they come.
+/// Outputs are prepared sixteen at a time, a *chunk*: when chunk [k, k + 16) begins, all samples before k are
+/// added, as a Toeplitz matrix times a vector; samples within the chunk are added when they come.
 pub(crate) struct Near<T> {
     stages: usize,
     /// W₀, row by row.
     leading: Vec<T>,
-    /// For each entry of the matrices, row by row, and each lag n below the limit the weights of lags n … n + 15, so that they lie
-    /// on whole cache lines wherever they begin.
+    /// For each entry of the matrices, row by row, and each lag n below the limit the weights of lags n … n +
+    /// 15, so that they lie on whole cache lines wherever they begin.
     planes: Vec<Vec<Row<T>>>,
-    /// For each entry and each place in a chunk, what a sample there adds to the terms of its chunk: nothing up to its place.
+    /// For each entry and each place in a chunk, what a sample there adds to the terms of its chunk: nothing
+    /// up to its place.
     within: Vec<[Row<T>; CHUNK]>,
     /// Memory terms of the current chunk, one row per channel.
     terms: Vec<Row<T>>,
@@ -74,8 +75,9 @@ impl<T: Scalar> Near<T> {
         }
     }
 
-    /// Begins the chunk behind all of `signal`: to what `far` owes each channel the last `count` samples are added, an even number
-    /// that leaves lags for a chunk.
+    /// Begins the chunk that follows all of `signal`. Each channel's terms start with `far(channel)`, the part of
+    /// the older samples; the latest `count` samples are added to it directly. `count` is even, and small enough
+    /// that the lags of a whole chunk remain below the limit.
     pub(crate) fn begin(&mut self, count: usize, signal: &[Vec<T>], mut far: impl FnMut(usize) -> Row<T>) {
         let stages = self.stages;
         for (channel, row) in self.terms.iter_mut().enumerate() {

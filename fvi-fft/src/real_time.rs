@@ -2,16 +2,17 @@
 
 use core::ops::Range;
 
-use fvi_core::{Memory, MemoryError, ParameterError, check_channels};
+use fvi_core::{Memory, MemoryError, ParameterError, StateError, StateReader, StateWriter, check_channels};
 use pulp::Arch;
 use rustfft::num_complex::Complex;
 
 use crate::cover::Cover;
-use crate::kernel::{Kernel, check_shape, take_planes};
 use crate::level::{Level, LevelShape, owed};
 use crate::near::Near;
+use crate::replay;
 use crate::row::CHUNK;
 use crate::scalar::Scalar;
+use crate::weights::{Weights, check_shape, take_planes};
 
 /// When the tasks of a block are run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,21 +23,24 @@ pub enum Pacing {
     Paced,
 }
 
-/// The `real-time` memory: fast convolution of a known kernel with an online signal at a bounded cost per step.
+/// The `real-time` memory: fast convolution of a known kernel with an online signal at a bounded cost per
+/// step.
 ///
-/// The result is exact to rounding for any kernel, as that of [`BlockFft`](crate::BlockFft). After construction there is no
-/// allocation, no lock and no thread.
+/// The result is exact to rounding for any kernel, as that of [`BlockFft`](crate::BlockFft). After
+/// construction there is no allocation, no lock and no thread.
 ///
-/// **Schedule.** The job that makes output block m of a level needs the input blocks up to m − 2, so it is released when
-/// block m − 2 is complete, at sample (m − 1)B, and due when its output begins, at mB: a window of exactly B steps, one
-/// job at a time in each level. A job is a list of tasks of bounded cost (64 to 128 points). Each step spends
-/// the *work budget* Σ_ℓ C_ℓ/B_ℓ + 5 %, C_ℓ the largest cost of a job of level ℓ, on the finest level that has work; deadlines nest,
-/// so this is the earliest one first. The work of a step is at most the near part, the budget and one task.
+/// **Schedule.** The job that makes output block m of a level needs the input blocks up to m − 2, so it is
+/// released when block m − 2 is complete, at sample (m − 1)B, and due when its output begins, at mB: a window
+/// of exactly B steps, one job at a time in each level. A job is a list of tasks of bounded cost (64 to 128
+/// points). Each step spends the *work budget* Σ_ℓ C_ℓ/B_ℓ + 5 %, C_ℓ the largest cost of a job of level ℓ,
+/// on the finest level that has work; deadlines nest, so this is the earliest one first. The work of a step
+/// is at most the near part, the budget and one task.
 ///
 /// A job that is not done when it is due would be an *overrun*: it is then finished at once, so that the
 /// result stays exact, and counted by [`overruns`](RealTime::overruns).
 ///
-/// Outputs lie in buffers of their own level until they are read, so [`Pacing`] does not change a bit of the result.
+/// Outputs lie in buffers of their own level until they are read, so [`Pacing`] does not change a bit of the
+/// result.
 ///
 /// Source: \[Gardner95\], \[Garcia02\], \[Battenberg11\].
 pub struct RealTime<T: Scalar> {
@@ -69,6 +73,9 @@ struct Job {
     tasks: usize,
 }
 
+/// Kind of the saved state.
+const TAG: [u8; 4] = *b"real";
+
 /// Samples of a block of the finest level.
 const FIRST_BLOCK: usize = 64;
 
@@ -90,7 +97,7 @@ impl<T: Scalar> RealTime<T> {
     /// # Errors
     /// If `channels` is zero or no multiple of the kernel's stages.
     pub fn planned(
-        mut kernel: impl Kernel<T>,
+        mut kernel: impl Weights<T>,
         channels: usize,
         capacity: usize,
         pacing: Pacing,
@@ -125,7 +132,8 @@ impl<T: Scalar> RealTime<T> {
         })
     }
 
-    /// Number of blocks since the beginning or the last [`clear`](Memory::clear) that were not done when they were due.
+    /// Number of blocks since the beginning or the last [`clear`](Memory::clear) that were not done when they
+    /// were due.
     pub fn overruns(&self) -> usize {
         self.overruns
     }
@@ -245,6 +253,23 @@ impl<T: Scalar> Memory<T> for RealTime<T> {
             + self.levels.iter().map(Level::bytes).sum::<usize>()
             + self.signal.iter().map(|row| row.capacity() * size_of::<T>()).sum::<usize>()
             + size_of_val(self.scratch.as_slice())
+    }
+
+    fn state_bytes(&self) -> usize {
+        replay::state_bytes(self)
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        replay::save(self, TAG, &self.signal, to)
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        replay::check(self, TAG, self.capacity, from)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        let capacity = self.capacity;
+        replay::restore(self, TAG, capacity, from)
     }
 }
 

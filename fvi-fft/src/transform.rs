@@ -31,15 +31,17 @@ impl<T: Scalar> Packet<T> {
 /// Right-angle transform of blocks of B samples, B = 16·2ⁱ.
 ///
 /// 2B real numbers modulo X^{2B} + 1 are the B complex numbers z_j = x_j + i x_{j+B} modulo X^B − i, since
-/// X^{2B} + 1 = (X^B − i)(X^B + i). The transform evaluates z at the B roots of X^B = i, and products of values are
-/// products of polynomials; one complex transform of length B does what a real one of length 2B does, without its
-/// closing pass.
+/// X^{2B} + 1 = (X^B − i)(X^B + i). The transform evaluates z at the B roots of X^B = i, and products of
+/// values are products of polynomials; one complex transform of length B does what a real one of length 2B
+/// does, without its closing pass.
 ///
-/// Evaluation goes down the tree X^M − c → X^{M/4} − g iᵏ, k = 0…3, g = c^{1/4}, with one set of constants for
-/// a whole node, so that each pass runs along contiguous memory. Nodes of the size of a *leaf* are twisted to X^L − 1 and
-/// given to a fast Fourier transform. Values come in the order of the leaves: products do not mind.
+/// Evaluation goes down the tree X^M − c → X^{M/4} − g iᵏ, k = 0…3, g = c^{1/4}, with one set of constants
+/// for a whole node, so that each pass runs along contiguous memory. Nodes of the size of a *leaf* are
+/// twisted to X^L − 1 and given to a fast Fourier transform. Values come in the order of the leaves: products
+/// do not mind.
 ///
-/// Every pass and leaf is divided into [`pieces`](Self::pieces), each touching at most 4·[`PIECE`] numbers or one leaf.
+/// Every pass and leaf is divided into [`pieces`](Self::pieces), each touching at most 4·[`PIECE`] numbers or
+/// one leaf.
 pub(crate) struct Transform<T: Scalar> {
     block: usize,
     leaf: usize,
@@ -54,11 +56,13 @@ pub(crate) struct Transform<T: Scalar> {
 const PIECE: usize = 64;
 
 impl<T: Scalar> Transform<T> {
-    /// Transform for blocks of `block` samples with leaves of at most `leaf` ≥ `PIECE`; both powers of two, at least 16.
+    /// Transform for blocks of `block` samples with leaves of at most `leaf` ≥ `PIECE`; both powers of two,
+    /// at least 16.
     pub(crate) fn new(block: usize, leaf: usize, planner: &mut FftPlanner<T>, unit: Arch) -> Self {
         let mut size = block;
         let mut passes = Vec::new();
-        // The constants of a node are powers of e^{2πi a/(4B)}: a node of size M has c = e^{2πi·aM/(4B)}, the root a = 1.
+        // The constants of a node are powers of e^{2πi a/(4B)}: a node of size M has c = e^{2πi·aM/(4B)}, the
+        // root a = 1.
         let mut nodes = vec![1usize];
         while size > leaf {
             let quarter = size / 4;

@@ -9,9 +9,9 @@ use crate::numerics::vectorised::Vectorised;
 use crate::scenario::{Convolution, ConvolutionFamily, Engine, History, Overflow};
 use fvi_core::{
     BdfOrder, ConvolutionWeights, Direct, ExponentialSum, ExponentialTable, Memory, MemoryError,
-    ParameterError, RungeKutta,
+    ParameterError, RungeKutta, StateError, StateReader, StateWriter,
 };
-use fvi_fft::{BlockFft, ChunkedExponentialSum, Kernel, Pacing, RealTime, Scalar};
+use fvi_fft::{BlockFft, ChunkedExponentialSum, Pacing, RealTime, Scalar, Weights};
 
 /// A memory engine chosen at run time.
 pub struct HostMemory<T> {
@@ -256,7 +256,7 @@ impl MemoryRequest<'_> {
     fn transforms<T: Scalar>(
         &self,
         engine: Engine,
-        kernel: impl Kernel<T>,
+        kernel: impl Weights<T>,
         stages: usize,
     ) -> Result<HostMemory<T>, EngineError> {
         let channels = self.coordinates * stages;
@@ -316,7 +316,7 @@ struct Planes<T> {
     stages: usize,
 }
 
-impl<T: Copy> Kernel<T> for Planes<T> {
+impl<T: Copy> Weights<T> for Planes<T> {
     fn stages(&self) -> usize {
         self.stages
     }
@@ -355,6 +355,10 @@ impl<T> Memory<T> for HostMemory<T> {
         self.memory.len()
     }
 
+    fn begin_step(&mut self, length: T) -> Result<(), MemoryError> {
+        self.memory.begin_step(length)
+    }
+
     fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
         self.memory.next_term(term)
     }
@@ -369,6 +373,22 @@ impl<T> Memory<T> for HostMemory<T> {
 
     fn bytes(&self) -> usize {
         self.memory.bytes()
+    }
+
+    fn state_bytes(&self) -> usize {
+        self.memory.state_bytes()
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        self.memory.save(to)
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.memory.check_state(from)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.memory.restore(from)
     }
 }
 

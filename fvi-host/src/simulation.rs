@@ -12,7 +12,7 @@ use crate::model::{self, AnyScheme, Dense, Matrix, Model};
 use crate::scenario::{self, ConvolutionFamily, Engine, Scenario};
 use fvi_core::{
     Damping, DampingTerm, Derivative, Instant, Integrator, IntegratorBuilder, IntegratorError, Mechanics,
-    Memory, MemoryError, Mismatch, Sample, StepError,
+    Memory, MemoryError, Mismatch, Sample, StateError, StateReader, StateWriter, StepError,
 };
 use fvi_fft::Scalar;
 use nalgebra::DMatrix;
@@ -230,11 +230,12 @@ impl<T: Elementary> Damping<T, Dense> for DampingTerms<T> {
     fn add_known(
         &mut self,
         from: &[T],
+        step_size: T,
         times: &[T],
         known: &mut [T],
         scratch: &mut [T],
     ) -> Result<(), MemoryError> {
-        self.0[..].add_known(from, times, known, scratch)
+        self.0[..].add_known(from, step_size, times, known, scratch)
     }
 
     fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
@@ -251,6 +252,22 @@ impl<T: Elementary> Damping<T, Dense> for DampingTerms<T> {
 
     fn push(&mut self, from: &[T], sample: &Sample<'_, T>, scratch: &mut [T]) -> Result<(), MemoryError> {
         self.0[..].push(from, sample, scratch)
+    }
+
+    fn state_bytes(&self) -> usize {
+        self.0[..].state_bytes()
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        self.0[..].save(to)
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.0[..].check_state(from)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.0[..].restore(from)
     }
 }
 

@@ -1,6 +1,8 @@
 //! What holds for every memory engine, checked through its constructor.
 
-use fvi_core::{BdfOrder, ConvolutionWeights, Memory, MemoryError, Real, RungeKutta};
+use fvi_core::{
+    BdfOrder, ConvolutionWeights, Memory, MemoryError, Real, RungeKutta, StateReader, StateWriter,
+};
 use fvi_fft::Scalar;
 use fvi_fft::baseline::{Signal, memory_term};
 use fvi_host::memory::MemoryRequest;
@@ -103,6 +105,56 @@ pub fn host_memory<T: Scalar>(
 pub trait Constructor<T>: Fn(TestKernel, usize, usize) -> Box<dyn Memory<T>> {}
 
 impl<T, F: Fn(TestKernel, usize, usize) -> Box<dyn Memory<T>>> Constructor<T> for F {}
+
+/// Checks that a memory saved after any number of samples is restored to a memory that goes on with the same bits, and that
+/// what is cut off is refused without a trace.
+///
+/// # Panics
+/// If not.
+pub fn goes_on_where_it_was_saved<T: Real>(build: impl Constructor<T>, kernel: TestKernel, length: usize) {
+    let channels = 2 * kernel.stages();
+    let signal = Signal::Stationary.samples::<T>(channels, length);
+    let sample = |k: usize| &signal[k * channels..(k + 1) * channels];
+    let save = |memory: &dyn Memory<T>| {
+        let mut bytes = vec![0; memory.state_bytes()];
+        let mut writer = StateWriter::new(&mut bytes);
+        memory.save(&mut writer).expect("room for the state");
+        assert_eq!(writer.written(), memory.state_bytes());
+        bytes
+    };
+    // Before a block and behind it, in the middle of a chunk, at both ends.
+    let places = [0, 1, 5, 16, 63, 64, 127, 128, 150, 193, 511, 512, length - 1];
+    let mut saved = Vec::new();
+    let mut terms = Vec::new();
+    let mut term = vec![T::zero(); channels];
+    let mut undisturbed = build(kernel, channels, length);
+    for k in 0..length {
+        if places.contains(&k) {
+            saved.push((k, save(&*undisturbed)));
+        }
+        undisturbed.next_term(&mut term).expect("room");
+        terms.push(term.iter().map(|number| number.bits()).collect::<Vec<_>>());
+        undisturbed.push(sample(k)).expect("room");
+    }
+    let mut memory = build(kernel, channels, length);
+    for (k, bytes) in saved {
+        let before = save(&*memory);
+        for cut in (0..bytes.len()).step_by(1 + bytes.len() / 100) {
+            assert!(memory.restore(&mut StateReader::new(&bytes[..cut])).is_err(), "{cut} bytes");
+        }
+        assert!(save(&*memory) == before, "a refusal changed the memory");
+        let mut reader = StateReader::new(&bytes);
+        memory.restore(&mut reader).expect("its own state");
+        reader.finish().expect("nothing left over");
+        assert!(save(&*memory) == bytes, "saved again at k = {k}");
+        for k in k..length.min(k + 200) {
+            memory.next_term(&mut term).expect("room");
+            let found: Vec<_> = term.iter().map(|number| number.bits()).collect();
+            assert_eq!(found, terms[k], "k = {k}");
+            memory.push(sample(k)).expect("room");
+        }
+    }
+}
 
 /// Largest |r_k − reference| / Σ|w||x| on a signal, in units of u, over all k < `length` or `samples` of them, and the
 /// k where it is.

@@ -6,7 +6,8 @@ use fvi_fft::{BlockFft, Pacing, RealTime, Scalar, WeightTable};
 use fvi_host::numerics::growing_ring::GrowingRing;
 use fvi_host::scenario::Engine;
 use fvi_tests::conformance::{
-    Bound, Constructor, TestKernel, agrees_with_the_plain_sum, host_memory, keeps_the_contract, largest_error,
+    Bound, Constructor, TestKernel, agrees_with_the_plain_sum, goes_on_where_it_was_saved, host_memory,
+    keeps_the_contract, largest_error,
 };
 
 const FINEST_BLOCK: usize = 64;
@@ -41,7 +42,7 @@ struct Stream<T> {
     weights: Vec<T>,
 }
 
-impl<T: Scalar> fvi_fft::Kernel<T> for Stream<T> {
+impl<T: Scalar> fvi_fft::Weights<T> for Stream<T> {
     fn stages(&self) -> usize {
         self.stages
     }
@@ -181,6 +182,14 @@ macro_rules! engine {
                         keeps_the_contract::<f64>($build, kernel, length);
                         keeps_the_contract::<f32>($build, kernel, length);
                     }
+                }
+            }
+
+            #[test]
+            fn a_saved_state_goes_on_with_the_same_bits() {
+                for kernel in $contract {
+                    goes_on_where_it_was_saved::<f64>($build, kernel, 700);
+                    goes_on_where_it_was_saved::<f32>($build, kernel, 700);
                 }
             }
 

@@ -2,7 +2,9 @@
 
 use core::mem::take;
 
-use fvi_core::{Direct, ExponentialSum, ExponentialTable, Memory, MemoryError, Overflow};
+use fvi_core::{
+    Direct, ExponentialSum, ExponentialTable, Memory, MemoryError, Overflow, StateError, StateReader, StateWriter,
+};
 
 use crate::pointer::{slice, slice_mut};
 use crate::ring::BufferRing;
@@ -126,5 +128,21 @@ impl<const C: usize> Memory<f32> for AnyMemory<C> {
 
     fn bytes(&self) -> usize {
         each!(self, memory => memory.bytes())
+    }
+
+    fn state_bytes(&self) -> usize {
+        each!(self, memory => memory.state_bytes())
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        each!(self, memory => memory.save(to))
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        each!(self, memory => memory.check_state(from))
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        each!(self, memory => memory.restore(from))
     }
 }

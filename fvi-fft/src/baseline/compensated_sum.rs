@@ -2,7 +2,8 @@
 
 use fvi_core::Real;
 
-/// A sum in f64 with the rounding errors of its additions and products gathered apart \[Knuth2\], as if computed in twice the precision.
+/// A sum in f64 with the rounding errors of its additions and products gathered apart \[Knuth2\], as if
+/// computed in twice the precision.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct CompensatedSum {
     sum: f64,

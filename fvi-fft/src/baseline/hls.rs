@@ -4,13 +4,14 @@ use fvi_core::{Memory, MemoryError, ParameterError, check_channels};
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 
-use crate::kernel::{Kernel, check_shape, take_planes};
 use crate::scalar::Scalar;
+use crate::weights::{Weights, check_shape, take_planes};
 
 /// Binary splitting with three complex transforms a block and nothing kept between blocks: O(log² k) a step.
 ///
-/// When t samples are known and 2ⁱ is the largest power of two that divides t, the last 2ⁱ samples are convolved with the lags
-/// 1 … 2ⁱ⁺¹ − 1 and added to the next 2ⁱ terms. Blocks of at most 32 samples are summed directly.
+/// When t samples are known and 2ⁱ is the largest power of two that divides t, the last 2ⁱ samples are
+/// convolved with the lags 1 … 2ⁱ⁺¹ − 1 and added to the next 2ⁱ terms. Blocks of at most 32 samples are
+/// summed directly.
 ///
 /// Near and far lags share a transform, so that small terms get the rounding errors of large ones: on
 /// decaying signals the result is not exact to rounding.
@@ -40,7 +41,7 @@ impl<T: Scalar> Hls<T> {
     /// # Errors
     /// If `channels` is zero or no multiple of the kernel's stages.
     pub fn planned(
-        mut kernel: impl Kernel<T>,
+        mut kernel: impl Weights<T>,
         channels: usize,
         capacity: usize,
     ) -> Result<Self, ParameterError> {
@@ -63,7 +64,8 @@ impl<T: Scalar> Hls<T> {
         if self.len() < self.capacity { Ok(()) } else { Err(MemoryError::Full { capacity: self.capacity }) }
     }
 
-    /// Adds the block of samples that ends at `known` of one channel to the terms of another through one plane.
+    /// Adds the block of samples that ends at `known` of one channel to the terms of another through one
+    /// plane.
     fn add_block(&mut self, plane: usize, source: usize, target: usize, known: usize, block: usize) {
         let samples = &self.signal[source][known - block..known];
         let weights = &self.planes[plane];

@@ -2,8 +2,8 @@
 
 use fvi_core::{Memory, MemoryError, ParameterError, check_channels};
 
-use crate::kernel::{Kernel, check_shape, take_planes};
 use crate::scalar::Scalar;
+use crate::weights::{Weights, check_shape, take_planes};
 
 /// r_k = Σ_{n=1}^{k} W_n x_{k−n}, summed in this order with one accumulator a channel: O(k) a step.
 #[derive(Clone, Debug)]
@@ -23,7 +23,7 @@ impl<T: Scalar> Naive<T> {
     /// # Errors
     /// If `channels` is zero or no multiple of the kernel's stages.
     pub fn planned(
-        mut kernel: impl Kernel<T>,
+        mut kernel: impl Weights<T>,
         channels: usize,
         capacity: usize,
     ) -> Result<Self, ParameterError> {

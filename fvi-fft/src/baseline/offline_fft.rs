@@ -6,13 +6,13 @@ use fvi_core::ParameterError;
 use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 use rustfft::num_complex::Complex;
 
-use crate::kernel::{Kernel, check_shape, take_planes};
 use crate::scalar::Scalar;
+use crate::weights::{Weights, check_shape, take_planes};
 
 /// One forward real transform of the known signal, product with the cached kernel spectrum, one inverse.
 ///
-/// Not a memory: every sample must be known at the start. Near and far lags share the transform, so it is not exact to
-/// rounding either; it is here for its time.
+/// Not a memory: every sample must be known at the start. Near and far lags share the transform, so it is not
+/// exact to rounding either; it is here for its time.
 pub struct OfflineFft<T: Scalar> {
     length: usize,
     forward: Arc<dyn RealToComplex<T>>,
@@ -28,7 +28,7 @@ impl<T: Scalar> OfflineFft<T> {
     ///
     /// # Errors
     /// If the kernel has several stages or the length is zero.
-    pub fn new(mut kernel: impl Kernel<T>, length: usize) -> Result<Self, ParameterError> {
+    pub fn new(mut kernel: impl Weights<T>, length: usize) -> Result<Self, ParameterError> {
         check_shape(&kernel, 1)?;
         if length == 0 {
             return Err(ParameterError { parameter: "length", value: 0.0, allowed: "at least 1" });

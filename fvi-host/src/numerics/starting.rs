@@ -1,7 +1,10 @@
 //! Starting weights: fractional derivatives that are exact on chosen powers of time.
 
 use crate::numerics::starting_defects::PowerDefects;
-use fvi_core::{BdfOrder, Memory, MemoryError, ParameterError, Real, check_channels};
+use fvi_core::{
+    BdfOrder, Memory, MemoryError, ParameterError, Real, Shape, StateError, StateReader, StateWriter,
+    check_channels, fingerprint, header_bytes,
+};
 use nalgebra::{DMatrix, DVector};
 
 /// Above this condition number of the starting system its weights have lost half of their digits.
@@ -89,6 +92,12 @@ impl<T: Real, M: Memory<T>> StartingCorrection<T, M> {
         &self.memory
     }
 
+    /// What its state begins with.
+    fn shape(&self) -> Shape<2> {
+        let exponents = fingerprint(&self.exponents);
+        [("channels", self.memory.channels() as u64), ("fingerprint of the starting exponents", exponents)]
+    }
+
     /// The samples that the corrections use are x_j with j from here on.
     fn first_index(&self) -> usize {
         usize::from(self.exponents.first() != Some(&0.0))
@@ -103,6 +112,17 @@ impl<T: Real, M: Memory<T>> StartingCorrection<T, M> {
     fn starting_weights(&self, defects: &[f64], count: usize) -> DVector<f64> {
         let defects = DVector::from_column_slice(defects.get(..count).unwrap_or(defects));
         starting_matrix(&self.exponents[..count], self.first_index()).lu().solve(&defects).unwrap_or(defects)
+    }
+
+    /// Finds the a_ν once all samples that they need are known.
+    fn interpolate(&mut self) {
+        let wanted = self.exponents.len();
+        if wanted > 0 && self.first.len() == wanted {
+            let channels = self.memory.channels();
+            let samples = DMatrix::from_fn(wanted, channels, |j, channel| self.first[j][channel]);
+            let system = starting_matrix(&self.exponents, self.first_index()).transpose();
+            self.coefficients = system.lu().solve(&samples);
+        }
     }
 
     /// The leading weight for the sample to come, and the corrections' part of its memory term.
@@ -150,6 +170,10 @@ impl<T: Real, M: Memory<T>> Memory<T> for StartingCorrection<T, M> {
         self.memory.len()
     }
 
+    fn begin_step(&mut self, length: T) -> Result<(), MemoryError> {
+        self.memory.begin_step(length)
+    }
+
     fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
         self.memory.next_term(term)?;
         self.correct(term);
@@ -163,11 +187,7 @@ impl<T: Real, M: Memory<T>> Memory<T> for StartingCorrection<T, M> {
         let wanted = self.exponents.len();
         if k >= self.first_index() && self.first.len() < wanted {
             self.first.push(sample.iter().map(|x| x.to_f64()).collect());
-            if self.first.len() == wanted {
-                let samples = DMatrix::from_fn(wanted, sample.len(), |j, channel| self.first[j][channel]);
-                let system = starting_matrix(&self.exponents, self.first_index()).transpose();
-                self.coefficients = system.lu().solve(&samples);
-            }
+            self.interpolate();
         }
         Ok(())
     }
@@ -183,7 +203,43 @@ impl<T: Real, M: Memory<T>> Memory<T> for StartingCorrection<T, M> {
         let numbers = self.first.iter().map(Vec::len).sum::<usize>() + 2 * self.exponents.len();
         self.memory.bytes() + self.defects.bytes() + size_of::<Self>() + numbers * size_of::<f64>()
     }
+
+    fn state_bytes(&self) -> usize {
+        let first = self.first.iter().map(Vec::len).sum::<usize>();
+        header_bytes(3) + T::BYTES + first * f64::BYTES + self.memory.state_bytes()
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        to.header::<T, 2>(TAG, &self.shape())?;
+        to.numbers(&self.leading)?;
+        to.count(self.first.len() as u64)?;
+        self.first.iter().try_for_each(|sample| to.numbers(sample))?;
+        self.memory.save(to)
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        from.header::<T, 2>(TAG, &self.shape())?;
+        from.skip::<T>(1)?;
+        let first = from.count_up_to("first samples", self.exponents.len())?;
+        from.skip::<f64>(first.saturating_mul(self.memory.channels()))?;
+        self.memory.check_state(from)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.check_state(&mut from.clone())?;
+        from.header::<T, 2>(TAG, &self.shape())?;
+        from.numbers(&mut self.leading)?;
+        let first = from.count_up_to("first samples", self.exponents.len())?;
+        self.first = vec![vec![0.0; self.memory.channels()]; first];
+        self.first.iter_mut().try_for_each(|sample| from.numbers(sample))?;
+        self.coefficients = None;
+        self.interpolate();
+        self.memory.restore(from)
+    }
 }
+
+/// Kind of the saved state.
+const TAG: [u8; 4] = *b"strt";
 
 /// x^ν with 0⁰ = 1.
 fn power(x: f64, nu: f64) -> f64 {

@@ -1,6 +1,6 @@
 //! A memory whose steps run with the widest vectors of the processor at hand.
 
-use fvi_core::{Memory, MemoryError};
+use fvi_core::{Memory, MemoryError, StateError, StateReader, StateWriter};
 use pulp::{Arch, NullaryFnOnce};
 
 /// A memory of the core compiled for every vector unit of the target, with the one to use chosen at run time.
@@ -36,6 +36,10 @@ impl<T, M: Memory<T>> Memory<T> for Vectorised<M> {
         self.memory.len()
     }
 
+    fn begin_step(&mut self, length: T) -> Result<(), MemoryError> {
+        self.memory.begin_step(length)
+    }
+
     // Few copies: not worth a dispatch.
     fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
         self.memory.next_term(term)
@@ -51,6 +55,22 @@ impl<T, M: Memory<T>> Memory<T> for Vectorised<M> {
 
     fn bytes(&self) -> usize {
         self.memory.bytes() + size_of::<Arch>()
+    }
+
+    fn state_bytes(&self) -> usize {
+        self.memory.state_bytes()
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        self.memory.save(to)
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.memory.check_state(from)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.memory.restore(from)
     }
 }
 

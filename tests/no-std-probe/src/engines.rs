@@ -2,8 +2,8 @@
 
 use fvi_core::{
     BdfOrder, ConvolutionWeights, Direct, ExponentialSum, ExponentialTable, FixedDirect, FractionalOperator,
-    Memory, Overflow, Quadrature, Real, Ring, RungeKutta, Start, Tiled, check_channels, leading_bdf_weight,
-    left_operator, monic_bdf_table, monic_bdf_table_f32, right_operator,
+    Memory, Overflow, Quadrature, Real, Ring, RungeKutta, Start, StateReader, StateWriter, Tiled,
+    check_channels, leading_bdf_weight, left_operator, monic_bdf_table, monic_bdf_table_f32, right_operator,
 };
 use heapless::Deque;
 
@@ -31,8 +31,18 @@ fn ask<T: Real>(mut memory: impl Memory<T>, samples: &[T]) -> Option<T> {
     }
     let mut by_reference = &mut memory;
     Memory::<T>::next_term(&mut by_reference, term).ok()?;
+    let mut bytes = [0; 4096];
+    let mut writer = StateWriter::new(bytes.get_mut(..memory.state_bytes())?);
+    let (saved, written) = (memory.save(&mut writer).is_ok(), writer.written());
+    let mut reader = StateReader::new(bytes.get(channels..written)?);
+    let restored = memory.restore(&mut reader).is_ok() || reader.finish().is_ok() || saved;
+    memory.begin_step(term.first().copied()?).ok()?;
     let leading = memory.leading().iter().fold(T::zero(), |sum, &weight| sum + weight);
-    let counts = memory.bytes() + memory.len() + usize::from(memory.is_empty()) + usize::from(grouped);
+    let counts = memory.bytes()
+        + memory.len()
+        + usize::from(memory.is_empty())
+        + usize::from(grouped)
+        + usize::from(restored);
     memory.clear();
     Some(term.iter().fold(leading + T::from_count(counts as u64), |sum, &term| sum + term))
 }
@@ -108,6 +118,11 @@ fn operators<T: Real>(unknown: &Unknown<'_, T>) -> Option<T> {
             sum += operator.push(sample).ok()?;
         }
         sum += T::from_count(operator.memory().len() as u64);
+        let mut bytes = [0; 1024];
+        let mut writer = StateWriter::new(bytes.get_mut(..operator.state_bytes())?);
+        sum += T::from_count(operator.save(&mut writer).is_ok().into());
+        let mut reader = StateReader::new(bytes.get(channels..)?);
+        sum += T::from_count(operator.restore(&mut reader).is_ok().into());
         operator.clear();
     }
     Some(sum)

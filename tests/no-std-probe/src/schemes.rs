@@ -3,7 +3,8 @@
 use fvi_core::{
     BdfOrder, Coefficients, Damping, DampingTerm, Derivative, Direct, ExplicitDamping, ExplicitEuler, Fixed,
     Galerkin, ImplicitEuler, Integrator, Kernel, Mass, NoForce, NodeGalerkin, Overflow, Potential, Quadratic,
-    Quadrature, Real, RungeKutta, Scheme, Stability, System, TimeForce, check_stability,
+    Quadrature, Real, RungeKutta, Scheme, Stability, StateReader, StateWriter, System, TimeForce,
+    check_stability,
 };
 use heapless::Deque;
 use nalgebra::{SMatrix, SVector};
@@ -50,10 +51,17 @@ fn step<T: Real>(
     let mut velocity = SVector::zeros();
     integrator.velocity(&mut velocity);
     let told = integrator.time() + integrator.step_size() + velocity.sum();
+    let mut bytes = [0; 8192];
+    let mut writer = StateWriter::new(bytes.get_mut(..integrator.state_bytes())?);
+    integrator.save(&mut writer).ok()?;
+    let (written, skipped) = (writer.written(), numbers.len() + iterations as usize);
+    let mut reader = StateReader::new(bytes.get(skipped..written)?);
+    let restored = T::from_count(integrator.restore(&mut reader).is_ok().into());
     let masses = integrator.system().mass.matrix().to_matrix().sum();
-    let shaped = T::from_count(integrator.damping().check_shape(2, 1).is_ok().into());
+    let shaped = T::from_count(integrator.damping().check(2, 1, h).is_ok().into());
     Some(
         shaped
+            + restored
             + integrator.energy()
             + integrator.state().momentum.sum()
             + told

@@ -4,21 +4,23 @@ use fvi_core::{ConvolutionWeights, ParameterError, Real};
 
 /// Source of the convolution weights, asked for one stretch after the other.
 ///
-/// An engine asks for every weight exactly once and in order: the first call has `first` = 0, each later one starts where
-/// the one before ended. So a recursion can serve as a kernel, and a run needs no length in advance.
+/// An engine asks for every weight exactly once and in order: the first call has `first` = 0, each later one
+/// starts where the one before ended. So a recursion can serve as a kernel, and a run needs no length in
+/// advance.
 ///
 /// Every closure `FnMut(usize, &mut [T])` is a kernel of plain numbers.
-pub trait Kernel<T> {
+pub trait Weights<T> {
     /// Number of stages S: the weights are S×S matrices; 1 for plain numbers.
     fn stages(&self) -> usize {
         1
     }
 
-    /// Writes W_first, W_{first+1}, …, each S×S numbers row by row; `weights` holds a whole number of matrices.
+    /// Writes W_first, W_{first+1}, …, each S×S numbers row by row; `weights` holds a whole number of
+    /// matrices.
     fn fill(&mut self, first: usize, weights: &mut [T]);
 }
 
-impl<T, F: FnMut(usize, &mut [T])> Kernel<T> for F {
+impl<T, F: FnMut(usize, &mut [T])> Weights<T> for F {
     fn fill(&mut self, first: usize, weights: &mut [T]) {
         self(first, weights);
     }
@@ -45,7 +47,7 @@ impl<'a, T> WeightTable<'a, T> {
     }
 }
 
-impl<T: Copy + Default> Kernel<T> for WeightTable<'_, T> {
+impl<T: Copy + Default> Weights<T> for WeightTable<'_, T> {
     fn stages(&self) -> usize {
         self.stages
     }
@@ -59,14 +61,14 @@ impl<T: Copy + Default> Kernel<T> for WeightTable<'_, T> {
 }
 
 /// The weights of a convolution quadrature, from their recursion.
-impl<T: Real> Kernel<T> for ConvolutionWeights {
+impl<T: Real> Weights<T> for ConvolutionWeights {
     fn fill(&mut self, _first: usize, weights: &mut [T]) {
         ConvolutionWeights::fill(self, weights);
     }
 }
 
 /// Checks that the channels are whole groups of the kernel's stages and returns S.
-pub(crate) fn check_shape<T>(kernel: &impl Kernel<T>, channels: usize) -> Result<usize, ParameterError> {
+pub(crate) fn check_shape<T>(kernel: &impl Weights<T>, channels: usize) -> Result<usize, ParameterError> {
     let stages = kernel.stages();
     let refused =
         |parameter, value: usize, allowed| ParameterError { parameter, value: value as f64, allowed };
@@ -80,7 +82,7 @@ pub(crate) fn check_shape<T>(kernel: &impl Kernel<T>, channels: usize) -> Result
 }
 
 /// The first `count` weights, one plane for each entry of the matrices, row by row.
-pub(crate) fn take_planes<T: Real>(kernel: &mut impl Kernel<T>, count: usize) -> Vec<Vec<T>> {
+pub(crate) fn take_planes<T: Real>(kernel: &mut impl Weights<T>, count: usize) -> Vec<Vec<T>> {
     let stages = kernel.stages();
     let mut planes = vec![Vec::new(); stages * stages];
     extend_planes(kernel, &mut planes, count);
@@ -89,7 +91,7 @@ pub(crate) fn take_planes<T: Real>(kernel: &mut impl Kernel<T>, count: usize) ->
 
 /// Asks for the weights that the planes lack up to lag `count` − 1.
 pub(crate) fn extend_planes<T: Real>(
-    kernel: &mut (impl Kernel<T> + ?Sized),
+    kernel: &mut (impl Weights<T> + ?Sized),
     planes: &mut [Vec<T>],
     count: usize,
 ) {

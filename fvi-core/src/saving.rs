@@ -1,0 +1,366 @@
+//! State as bytes: how memories, dampings and integrators survive a restart, without allocation.
+
+use core::fmt;
+
+use crate::real::Real;
+
+/// Writes states one after another to bytes of the caller.
+///
+/// Integers take eight bytes, numbers four (`f32`) or eight (`f64`), all with the least significant byte
+/// first: what a microcontroller saves, a host restores, and the other way round. Nothing guards against bits
+/// that change while the bytes are stored; where that can happen the caller keeps a checksum beside them.
+///
+/// ```
+/// # use fvi_core::{FixedDirect, Memory, StateReader, StateWriter};
+/// let weights = [1.0, -0.5, -0.125];
+/// let mut memory = FixedDirect::<f64, 1, 8>::full_memory(&weights, 1.0)?;
+/// memory.push(&[2.0])?;
+/// let mut bytes = [0; 128];
+/// let mut writer = StateWriter::new(&mut bytes);
+/// memory.save(&mut writer)?;
+/// let length = writer.written();
+/// assert_eq!(length, memory.state_bytes());
+///
+/// let mut after_the_restart = FixedDirect::<f64, 1, 8>::full_memory(&weights, 1.0)?;
+/// let mut reader = StateReader::new(&bytes[..length]);
+/// after_the_restart.restore(&mut reader)?;
+/// reader.finish()?;
+/// assert_eq!(after_the_restart.len(), 1);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug)]
+#[must_use]
+pub struct StateWriter<'a> {
+    rest: &'a mut [u8],
+    room: usize,
+}
+
+/// Reads what a [`StateWriter`] wrote. A clone reads ahead.
+#[derive(Clone, Debug)]
+#[must_use]
+pub struct StateReader<'a> {
+    rest: &'a [u8],
+}
+
+/// What a state must have in common with the object that it is restored to: names and values.
+pub type Shape<const E: usize> = [(&'static str, u64); E];
+
+/// Bytes of a header with E entries in its shape: a tag, the size of a number, the entries.
+pub const fn header_bytes(entries: usize) -> usize {
+    5 + 8 * entries
+}
+
+/// Why a state was not saved or not restored. An object that refuses to be restored is as it was before.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum StateError {
+    /// The bytes to write to are too few.
+    NoRoom {
+        /// Bytes that were given.
+        room: usize,
+    },
+    /// The bytes end too early: the state was cut off.
+    Truncated {
+        /// Bytes that the next part needs at least.
+        needed: usize,
+        /// Bytes that were left.
+        left: usize,
+    },
+    /// Bytes are left over behind the state.
+    Surplus {
+        /// How many.
+        bytes: usize,
+    },
+    /// The state belongs to an object of another kind, or these bytes are no state.
+    Kind {
+        /// Tag of the object.
+        expected: [u8; 4],
+        /// Tag of the state.
+        found: [u8; 4],
+    },
+    /// The state belongs to an object of another shape, kernel or precision.
+    Mismatch {
+        /// What differs.
+        what: &'static str,
+        /// As the object has it.
+        expected: u64,
+        /// As the state has it.
+        found: u64,
+    },
+    /// A count is larger than the object has room for.
+    TooLarge {
+        /// What is counted.
+        what: &'static str,
+        /// The largest count that is possible.
+        limit: u64,
+        /// The count in the state.
+        found: u64,
+    },
+    /// The object does not offer to save its state.
+    Unsupported,
+}
+
+impl fmt::Display for StateError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::NoRoom { room } => write!(f, "the state does not fit into {room} bytes"),
+            Self::Truncated { needed, left } => {
+                write!(f, "the saved state ends too early: {left} bytes are left where {needed} are needed")
+            }
+            Self::Surplus { bytes } => write!(f, "{bytes} bytes are left over behind the saved state"),
+            Self::Kind { expected, found } => write!(
+                f,
+                "the saved state is of the kind \"{}\", not \"{}\"",
+                found.escape_ascii(),
+                expected.escape_ascii()
+            ),
+            Self::Mismatch { what, expected, found } => {
+                write!(f, "the saved state does not belong here: {what} is {found}, not {expected}")
+            }
+            Self::TooLarge { what, limit, found } => {
+                write!(f, "the saved state has {what} = {found} where at most {limit} are possible")
+            }
+            Self::Unsupported => write!(f, "this object cannot save its state"),
+        }
+    }
+}
+
+impl core::error::Error for StateError {}
+
+impl<'a> StateWriter<'a> {
+    /// Writes to `bytes`, from the first on.
+    pub fn new(bytes: &'a mut [u8]) -> Self {
+        let room = bytes.len();
+        Self { rest: bytes, room }
+    }
+
+    /// Number of bytes written so far.
+    pub fn written(&self) -> usize {
+        self.room.saturating_sub(self.rest.len())
+    }
+
+    /// Writes bytes as they are.
+    ///
+    /// # Errors
+    /// [`StateError::NoRoom`]; then none of them is written.
+    pub fn bytes(&mut self, bytes: &[u8]) -> Result<(), StateError> {
+        if self.rest.len() < bytes.len() {
+            return Err(StateError::NoRoom { room: self.room });
+        }
+        let rest = core::mem::take(&mut self.rest);
+        let (here, rest) = rest.split_at_mut_checked(bytes.len()).unwrap_or_default();
+        here.iter_mut().zip(bytes).for_each(|(place, &byte)| *place = byte);
+        self.rest = rest;
+        Ok(())
+    }
+
+    /// Writes an integer.
+    ///
+    /// # Errors
+    /// [`StateError::NoRoom`].
+    pub fn count(&mut self, count: u64) -> Result<(), StateError> {
+        self.bytes(&count.to_le_bytes())
+    }
+
+    /// Writes numbers.
+    ///
+    /// # Errors
+    /// [`StateError::NoRoom`].
+    pub fn numbers<'n, T: Real>(
+        &mut self,
+        numbers: impl IntoIterator<Item = &'n T>,
+    ) -> Result<(), StateError> {
+        numbers.into_iter().try_for_each(|number| {
+            let bytes = number.bits().to_le_bytes();
+            self.bytes(bytes.get(..T::BYTES).unwrap_or(&bytes))
+        })
+    }
+
+    /// Writes what a state begins with: the tag of its kind, the size of a number `T`, and its shape.
+    ///
+    /// # Errors
+    /// [`StateError::NoRoom`].
+    pub fn header<T: Real, const E: usize>(
+        &mut self,
+        tag: [u8; 4],
+        shape: &Shape<E>,
+    ) -> Result<(), StateError> {
+        self.bytes(&tag)?;
+        self.bytes(&[T::BYTES as u8])?;
+        shape.iter().try_for_each(|&(_, value)| self.count(value))
+    }
+}
+
+impl<'a> StateReader<'a> {
+    /// Reads `bytes` from the first on.
+    pub fn new(bytes: &'a [u8]) -> Self {
+        Self { rest: bytes }
+    }
+
+    /// Number of bytes that have not been read.
+    pub fn left(&self) -> usize {
+        self.rest.len()
+    }
+
+    /// Ends reading.
+    ///
+    /// # Errors
+    /// [`StateError::Surplus`] if bytes are left.
+    pub fn finish(self) -> Result<(), StateError> {
+        match self.rest.len() {
+            0 => Ok(()),
+            bytes => Err(StateError::Surplus { bytes }),
+        }
+    }
+
+    /// The next `count` bytes.
+    ///
+    /// # Errors
+    /// [`StateError::Truncated`] if there are fewer.
+    pub fn bytes(&mut self, count: usize) -> Result<&'a [u8], StateError> {
+        let truncated = StateError::Truncated { needed: count, left: self.rest.len() };
+        let (here, rest) = self.rest.split_at_checked(count).ok_or(truncated)?;
+        self.rest = rest;
+        Ok(here)
+    }
+
+    /// The next integer.
+    ///
+    /// # Errors
+    /// [`StateError::Truncated`].
+    pub fn count(&mut self) -> Result<u64, StateError> {
+        let mut word = [0; 8];
+        word.iter_mut().zip(self.bytes(8)?).for_each(|(place, &byte)| *place = byte);
+        Ok(u64::from_le_bytes(word))
+    }
+
+    /// The next integer, which counts something of which there can be `limit` at most.
+    ///
+    /// # Errors
+    /// [`StateError::Truncated`], or [`StateError::TooLarge`] with the name of what is counted.
+    pub fn count_up_to(&mut self, what: &'static str, limit: usize) -> Result<usize, StateError> {
+        let found = self.count()?;
+        let too_large = StateError::TooLarge { what, limit: limit as u64, found };
+        usize::try_from(found).ok().filter(|&count| count <= limit).ok_or(too_large)
+    }
+
+    /// The next number.
+    ///
+    /// # Errors
+    /// [`StateError::Truncated`].
+    pub fn number<T: Real>(&mut self) -> Result<T, StateError> {
+        let mut word = [0; 8];
+        word.iter_mut().zip(self.bytes(T::BYTES)?).for_each(|(place, &byte)| *place = byte);
+        Ok(T::of_bits(u64::from_le_bytes(word)))
+    }
+
+    /// The next numbers, to the given places.
+    ///
+    /// # Errors
+    /// [`StateError::Truncated`].
+    pub fn numbers<'n, T: Real>(
+        &mut self,
+        places: impl IntoIterator<Item = &'n mut T>,
+    ) -> Result<(), StateError> {
+        places.into_iter().try_for_each(|place| {
+            *place = self.number()?;
+            Ok(())
+        })
+    }
+
+    /// Skips numbers, after a look that there are as many.
+    ///
+    /// # Errors
+    /// [`StateError::Truncated`].
+    pub fn skip<T: Real>(&mut self, numbers: usize) -> Result<(), StateError> {
+        self.bytes(numbers.saturating_mul(T::BYTES)).map(|_| ())
+    }
+
+    /// Reads a header and compares it with that of the object.
+    ///
+    /// # Errors
+    /// [`StateError::Truncated`], [`StateError::Kind`], or [`StateError::Mismatch`] with the first entry that
+    /// differs.
+    pub fn header<T: Real, const E: usize>(
+        &mut self,
+        tag: [u8; 4],
+        shape: &Shape<E>,
+    ) -> Result<(), StateError> {
+        let mut found = [0; 4];
+        found.iter_mut().zip(self.bytes(4)?).for_each(|(place, &byte)| *place = byte);
+        if found != tag {
+            return Err(StateError::Kind { expected: tag, found });
+        }
+        let size = self.bytes(1)?.first().copied().unwrap_or(0);
+        same("bytes of a number", T::BYTES as u64, size.into())?;
+        shape.iter().try_for_each(|&(what, expected)| same(what, expected, self.count()?))
+    }
+}
+
+fn same(what: &'static str, expected: u64, found: u64) -> Result<(), StateError> {
+    if expected == found { Ok(()) } else { Err(StateError::Mismatch { what, expected, found }) }
+}
+
+/// A number that tells kernels apart: other weights, another fingerprint (FNV-1a over the bits of the
+/// numbers).
+pub fn fingerprint<'n, T: Real>(numbers: impl IntoIterator<Item = &'n T>) -> u64 {
+    const BASIS: u64 = 0xcbf2_9ce4_8422_2325;
+    const PRIME: u64 = 0x0100_0000_01b3;
+    let mix = |hash: u64, number: &T| {
+        let mixed = (hash ^ number.bits()).wrapping_mul(PRIME);
+        // The low bits of most weights are those that differ, the high bits of a product those that are
+        // mixed.
+        mixed ^ (mixed >> 32)
+    };
+    numbers.into_iter().fold(BASIS, mix)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_keep_every_bit_with_the_least_significant_byte_first() {
+        let mut bytes = [0; 24];
+        let mut writer = StateWriter::new(&mut bytes);
+        writer.numbers(&[-0.0f32, f32::from_bits(0x7fc0_1234)]).unwrap();
+        writer.numbers(&[f64::MIN_POSITIVE]).unwrap();
+        writer.count(258).unwrap();
+        assert_eq!(writer.bytes(&[1]), Err(StateError::NoRoom { room: 24 }));
+        assert_eq!(writer.written(), 24);
+        assert_eq!(bytes[4..8], [0x34, 0x12, 0xc0, 0x7f]);
+        assert_eq!(bytes[16..18], [2, 1]);
+        let mut reader = StateReader::new(&bytes);
+        assert_eq!(reader.number::<f32>().unwrap().to_bits(), (-0.0f32).to_bits());
+        assert_eq!(reader.number::<f32>().unwrap().to_bits(), 0x7fc0_1234);
+        assert_eq!(reader.clone().number(), Ok(f64::MIN_POSITIVE));
+        assert_eq!(reader.clone().finish(), Err(StateError::Surplus { bytes: 16 }));
+        reader.skip::<f64>(1).unwrap();
+        let too_large = StateError::TooLarge { what: "steps", limit: 257, found: 258 };
+        assert_eq!(reader.clone().count_up_to("steps", 257), Err(too_large));
+        assert_eq!(reader.count_up_to("steps", 258), Ok(258));
+        assert_eq!(reader.count(), Err(StateError::Truncated { needed: 8, left: 0 }));
+    }
+
+    #[test]
+    fn a_header_of_another_kind_precision_or_shape_is_refused() {
+        let mut bytes = [0; header_bytes(2)];
+        StateWriter::new(&mut bytes).header::<f32, 2>(*b"test", &[("ears", 2), ("legs", 4)]).unwrap();
+        let read = |tag: &[u8; 4], legs| {
+            StateReader::new(&bytes).header::<f32, 2>(*tag, &[("ears", 2), ("legs", legs)])
+        };
+        assert_eq!(read(b"test", 4), Ok(()));
+        assert_eq!(read(b"best", 4), Err(StateError::Kind { expected: *b"best", found: *b"test" }));
+        assert_eq!(read(b"test", 6), Err(StateError::Mismatch { what: "legs", expected: 6, found: 4 }));
+        let double = StateReader::new(&bytes).header::<f64, 0>(*b"test", &[]);
+        let expected = StateError::Mismatch { what: "bytes of a number", expected: 8, found: 4 };
+        assert_eq!(double, Err(expected));
+    }
+
+    #[test]
+    fn fingerprints_tell_close_kernels_apart() {
+        let of = |weight: f64| fingerprint(&[1.0, weight]);
+        assert_ne!(of(0.5), of(0.5 + f64::EPSILON));
+        assert_ne!(fingerprint(&[1.0, 2.0]), fingerprint(&[2.0, 1.0]));
+    }
+}
