@@ -19,3 +19,8 @@ pub use chunked_exponential_sum::ChunkedExponentialSum;
 pub use kernel::{Kernel, WeightTable};
 pub use real_time::{Pacing, RealTime};
 pub use scalar::Scalar;
+
+/// The examples of the page that introduces the crate.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

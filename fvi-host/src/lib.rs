@@ -33,3 +33,8 @@ pub mod trajectory;
 pub mod two_point;
 pub mod vectorised;
 mod visible;
+
+/// The examples of the page that introduces the crate.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
