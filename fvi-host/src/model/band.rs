@@ -35,9 +35,11 @@ pub(super) fn solve<T: Real>(matrix: &mut [T], band: usize, vector: &mut [T]) ->
         let (above, below) = matrix.split_at_mut((column + 1) * n);
         let upper = &above[column * n + column + 1..column * n + end];
         let known = vector[column];
-        for (row, place) in below.chunks_exact_mut(n).zip(&mut vector[column + 1..=last]) {
-            let factor = row[column] / pivot;
-            for (entry, &above) in row[column + 1..end].iter_mut().zip(upper) {
+        for (index, place) in vector[column + 1..=last].iter_mut().enumerate() {
+            let row = &mut below[index * n + column..index * n + end];
+            let Some((first, entries)) = row.split_first_mut() else { continue };
+            let factor = *first / pivot;
+            for (entry, &above) in entries.iter_mut().zip(upper) {
                 *entry -= factor * above;
             }
             *place -= factor * known;

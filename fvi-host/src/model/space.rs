@@ -106,6 +106,14 @@ impl<T: Real> Sparse<T> {
         let values = vec![T::zero(); pattern.len()];
         Self { pattern, values }
     }
+
+    fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]) {
+        for (out, slots) in out.iter_mut().zip(self.pattern.rows()) {
+            let entries = self.pattern.columns[slots.clone()].iter().zip(&self.values[slots]);
+            let sum = entries.fold(T::zero(), |sum, (&column, &entry)| sum + entry * x[column]);
+            *out += sum * factor;
+        }
+    }
 }
 
 impl<T: Real> Matrix<T> {
@@ -170,6 +178,13 @@ impl<T: Real> Matrix<T> {
     }
 }
 
+// Apart from the diagonal, which is worth its place in every caller.
+fn multiply_add_dense<T: Real>(columns: &[T], factor: T, x: &[T], out: &mut [T]) {
+    for (column, &x) in columns.chunks_exact(out.len().max(1)).zip(x) {
+        add_multiple(out, x * factor, column);
+    }
+}
+
 impl<T: Real> Block<T> for Matrix<T> {
     #[inline]
     fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]) {
@@ -179,18 +194,8 @@ impl<T: Real> Block<T> for Matrix<T> {
                     *out += entry * x * factor;
                 }
             }
-            Self::Dense(columns) => {
-                for (column, &x) in columns.chunks_exact(out.len().max(1)).zip(x) {
-                    add_multiple(out, x * factor, column);
-                }
-            }
-            Self::Sparse(sparse) => {
-                for (out, slots) in out.iter_mut().zip(sparse.pattern.rows()) {
-                    let entries = sparse.pattern.columns[slots.clone()].iter().zip(&sparse.values[slots]);
-                    let sum = entries.fold(T::zero(), |sum, (&column, &entry)| sum + entry * x[column]);
-                    *out += sum * factor;
-                }
-            }
+            Self::Dense(columns) => multiply_add_dense(columns, factor, x, out),
+            Self::Sparse(sparse) => sparse.multiply_add(factor, x, out),
         }
     }
 
@@ -276,7 +281,7 @@ impl<T: Real> DenseEquations<T> {
 impl<T> DenseEquations<T> {
     /// Whether elimination within the band is the shorter one.
     fn is_banded(&self) -> bool {
-        3 * self.band < self.pivots.len()
+        self.pivots.len() > 3 && 3 * self.band < self.pivots.len()
     }
 }
 
@@ -290,8 +295,11 @@ impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
             return self.entries.fill(T::zero());
         }
         // Elimination fills as much again to the right.
-        for (row, entries) in self.entries.chunks_exact_mut(n.max(1)).enumerate() {
-            entries[row.saturating_sub(band)..(row + 2 * band + 1).min(n)].fill(T::zero());
+        for row in 0..n {
+            let (first, end) = (row.saturating_sub(band), (row + 2 * band + 1).min(n));
+            for entry in &mut self.entries[row * n + first..row * n + end] {
+                *entry = T::zero();
+            }
         }
     }
 
