@@ -9,7 +9,7 @@ use crate::linear::add_multiple;
 use crate::memory::{Memory, MemoryError};
 use crate::real::Real;
 use crate::saving::{Shape, StateError, StateReader, StateWriter, header_bytes};
-use crate::space::{Block, Space};
+use crate::space::{Block, Space, vectors, vectors_mut};
 
 /// On what the fractional derivative acts.
 ///
@@ -360,9 +360,9 @@ impl<T: Real, X: Space<T>, M: Memory<T>> Damping<T, X> for DampingTerm<T, X, M> 
             return Ok(());
         }
         let sum = rest.get_mut(..coordinates).unwrap_or(&mut []);
-        for (i, known) in known.chunks_exact_mut(coordinates.max(1)).enumerate() {
+        for (i, known) in vectors_mut(known, coordinates).enumerate() {
             // Node i of every coordinate.
-            for (sum, stages) in sum.iter_mut().zip(term.chunks_exact(nodes.max(1))) {
+            for (sum, stages) in sum.iter_mut().zip(vectors(term, nodes)) {
                 *sum = stages.get(i).copied().unwrap_or(T::zero());
             }
             for (j, &time) in times.iter().enumerate() {
@@ -379,11 +379,11 @@ impl<T: Real, X: Space<T>, M: Memory<T>> Damping<T, X> for DampingTerm<T, X, M> 
     #[inline]
     fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
         let coordinates = X::slice(&self.initial_position).len();
-        let nodes = increments.len() / coordinates.max(1);
+        let nodes = vectors(increments, coordinates).count();
         let sum = scratch.get_mut(..coordinates).unwrap_or(&mut []);
-        for (i, force) in force.chunks_exact_mut(coordinates.max(1)).enumerate() {
+        for (i, force) in vectors_mut(force, coordinates).enumerate() {
             sum.fill(T::zero());
-            for (j, increment) in increments.chunks_exact(coordinates.max(1)).enumerate() {
+            for (j, increment) in vectors(increments, coordinates).enumerate() {
                 add_multiple(sum, self.leading(nodes, i, j), increment);
             }
             self.coefficients.multiply_add(T::one(), sum, force);
@@ -411,10 +411,10 @@ impl<T: Real, X: Space<T>, M: Memory<T>> Damping<T, X> for DampingTerm<T, X, M> 
     fn push(&mut self, from: &[T], sample: &Sample<'_, T>, scratch: &mut [T]) -> Result<(), MemoryError> {
         let (coordinates, nodes) = (from.len(), sample.times.len());
         let stored = scratch.get_mut(..coordinates * nodes).unwrap_or(&mut []);
-        let increments = sample.increments.chunks_exact(coordinates.max(1));
+        let increments = vectors(sample.increments, coordinates);
         for (stage, (increment, &time)) in increments.zip(sample.times).enumerate() {
             let position = from.iter().zip(increment).map(|(&q, &e)| q + e);
-            let places = stored.chunks_exact_mut(nodes.max(1));
+            let places = vectors_mut(stored, nodes);
             for (stages, number) in places.zip(self.acted_on(position, time)) {
                 if let Some(place) = stages.get_mut(stage) {
                     *place = number;

@@ -5,7 +5,7 @@ use crate::linear::add_multiple;
 use crate::newton::{Equations, newton, size};
 use crate::real::{Real, all_finite};
 use crate::scheme::{Step, StepError, conclude};
-use crate::space::{Block, Space};
+use crate::space::{Block, Space, vectors, vectors_mut};
 use crate::system::{Instant, Mechanics};
 
 /// Discrete Lagrangian on polynomials of degree S with a quadrature of Q points, as a view of its numbers.
@@ -92,10 +92,14 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
     /// X_i − q_k = Σ_ν ℓ_ν(c_i) e^ν for every node.
     #[inline]
     fn place_stages(&self, increments: &[T], stages: &mut [T], coordinates: usize) {
-        let shapes = self.shapes.chunks_exact(self.degree().max(1));
-        for (stage, shapes) in stages.chunks_exact_mut(coordinates.max(1)).zip(shapes) {
-            stage.fill(T::zero());
-            for (&shape, increment) in shapes.iter().zip(increments.chunks_exact(coordinates.max(1))) {
+        let shapes = vectors(self.shapes, self.degree());
+        for (stage, shapes) in vectors_mut(stages, coordinates).zip(shapes) {
+            let mut terms = shapes.iter().zip(vectors(increments, coordinates));
+            let Some((&shape, increment)) = terms.next() else { continue };
+            for (place, &e) in stage.iter_mut().zip(increment) {
+                *place = e * shape;
+            }
+            for (&shape, increment) in terms {
                 add_multiple(stage, shape, increment);
             }
         }
@@ -134,7 +138,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         damping.add_known(X::slice(position), h, work.times, work.known, work.scratch)?;
         let iterations = self.solve::<X, E, G, ()>(work, mechanics, None, step, (position, momentum))?;
         let coordinates = work.known.len();
-        let rise = work.increments.chunks_exact(coordinates.max(1)).last().unwrap_or(&[]);
+        let rise = vectors(work.increments, coordinates).last().unwrap_or(&[]);
         damping.add_leading(rise, work.known, work.scratch);
         // The impulse lies in the first numbers of the residual, which end as p_{k+1}.
         let new_momentum = work.residual.get_mut(..coordinates).unwrap_or(&mut []);
@@ -185,7 +189,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         damping.add_known(X::slice(position), step.size, work.times, work.known, work.scratch)?;
         let iterations = self.solve(work, mechanics, Some(damping), step, (position, momentum))?;
         let coordinates = X::slice(position).len();
-        let rise = work.increments.chunks_exact(coordinates.max(1)).last().unwrap_or(&[]);
+        let rise = vectors(work.increments, coordinates).last().unwrap_or(&[]);
         let new_momentum = work.residual.get_mut(..coordinates).unwrap_or(&mut []);
         for (number, &p) in new_momentum.iter_mut().zip(X::slice(momentum)) {
             *number = p - *number;
@@ -228,9 +232,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         // From here on `scratch` holds one vector for products, and whatever the damping needs.
         let drift = work.scratch.get_mut(..coordinates).unwrap_or(&mut []);
         mechanics.velocity(momentum, drift);
-        for (increment, &point) in
-            work.increments.chunks_exact_mut(coordinates.max(1)).zip(self.control_points)
-        {
+        for (increment, &point) in vectors_mut(work.increments, coordinates).zip(self.control_points) {
             for (place, &velocity) in increment.iter_mut().zip(&*drift) {
                 *place = velocity * step.size * point;
             }
@@ -277,7 +279,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         equations.forces::<E>(work.increments, None);
         let impulse = work.residual.get_mut(..coordinates).unwrap_or(&mut []);
         impulse.fill(T::zero());
-        for (&weight, force) in self.weights.iter().zip(equations.forces.chunks_exact(coordinates.max(1))) {
+        for (&weight, force) in self.weights.iter().zip(vectors(equations.forces, coordinates)) {
             add_multiple(impulse, step.size * weight, force);
         }
         Ok(iterations)
@@ -310,10 +312,10 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> StepEquations<'
         let (coordinates, degree) = (self.position.len(), lagrangian.degree());
         lagrangian.place_stages(increments, self.stages, coordinates);
         let of_node = lagrangian.weights.iter().zip(lagrangian.nodes);
-        let shapes = lagrangian.shapes.chunks_exact(degree.max(1));
-        let tests = lagrangian.tests.chunks_exact(degree.max(1));
-        let stages = self.stages.chunks_exact(coordinates.max(1));
-        let forces = self.forces.chunks_exact_mut(coordinates.max(1));
+        let shapes = vectors(lagrangian.shapes, degree);
+        let tests = vectors(lagrangian.tests, degree);
+        let stages = vectors(self.stages, coordinates);
+        let forces = vectors_mut(self.forces, coordinates);
         for ((((&weight, &node), (shapes, tests)), stage), force) in
             of_node.zip(shapes.zip(tests)).zip(stages).zip(forces)
         {
@@ -343,8 +345,8 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> StepEquations<'
         let Some(matrix) = matrix else { return };
         damping.visit_leading(lagrangian.nodes.len(), |i, j, leading, rho| {
             let weight = lagrangian.weights.get(i).copied().unwrap_or(T::zero());
-            let tests = lagrangian.tests.chunks_exact(degree.max(1)).nth(i).unwrap_or(&[]);
-            let shapes = lagrangian.shapes.chunks_exact(degree.max(1)).nth(j).unwrap_or(&[]);
+            let tests = vectors(lagrangian.tests, degree).nth(i).unwrap_or(&[]);
+            let shapes = vectors(lagrangian.shapes, degree).nth(j).unwrap_or(&[]);
             for (row, &test) in tests.iter().enumerate() {
                 for (column, &shape) in shapes.iter().enumerate() {
                     matrix.add(row, column, -(h * weight * test * shape * leading), rho);
@@ -365,32 +367,32 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> StepEquations<'
         let (coordinates, degree) = (self.position.len(), lagrangian.degree());
         if let Some(matrix) = matrix.as_deref_mut() {
             matrix.clear();
-            for (row, numbers) in lagrangian.kinetic.chunks_exact(degree.max(1)).enumerate() {
+            for (row, numbers) in vectors(lagrangian.kinetic, degree).enumerate() {
                 for (column, &kinetic) in numbers.iter().enumerate() {
                     matrix.add(row, column, kinetic / h, self.mechanics.mass());
                 }
             }
         }
         self.forces(increments, matrix);
-        for (row, residual) in residual.chunks_exact_mut(coordinates.max(1)).enumerate() {
+        for (row, residual) in vectors_mut(residual, coordinates).enumerate() {
             residual.fill(T::zero());
             if row == 0 {
                 add_multiple(residual, T::one(), self.momentum);
             }
         }
         let product = self.scratch.get_mut(..coordinates).unwrap_or(&mut []);
-        for (column, increment) in increments.chunks_exact(coordinates.max(1)).enumerate() {
+        for (column, increment) in vectors(increments, coordinates).enumerate() {
             product.fill(T::zero());
             self.mechanics.mass().multiply_add(T::one(), increment, product);
             let kinetic = lagrangian.kinetic.iter().skip(column).step_by(degree.max(1));
-            for (residual, &kinetic) in residual.chunks_exact_mut(coordinates.max(1)).zip(kinetic) {
+            for (residual, &kinetic) in vectors_mut(residual, coordinates).zip(kinetic) {
                 add_multiple(residual, kinetic / h, product);
             }
         }
-        let tests = lagrangian.tests.chunks_exact(degree.max(1));
-        let forces = self.forces.chunks_exact(coordinates.max(1));
+        let tests = vectors(lagrangian.tests, degree);
+        let forces = vectors(self.forces, coordinates);
         for ((&weight, tests), force) in lagrangian.weights.iter().zip(tests).zip(forces) {
-            for (residual, &test) in residual.chunks_exact_mut(coordinates.max(1)).zip(tests) {
+            for (residual, &test) in vectors_mut(residual, coordinates).zip(tests) {
                 add_multiple(residual, -(h * weight * test), force);
             }
         }

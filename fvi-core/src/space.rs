@@ -42,3 +42,25 @@ pub trait Block<T: Real> {
     /// [`MatrixError`].
     fn check_positive_semidefinite(&self) -> Result<(), MatrixError>;
 }
+
+/// The vectors of `width` numbers in a slice, one after another; what is left over is left out.
+///
+/// `chunks_exact` divides lengths. Where the width is not known before run time, divisions cost a small step more than its arithmetic.
+#[inline]
+pub(crate) fn vectors<T>(mut rest: &[T], width: usize) -> impl Iterator<Item = &[T]> {
+    core::iter::from_fn(move || {
+        let (vector, later) = rest.split_at_checked(width.max(1))?;
+        rest = later;
+        Some(vector)
+    })
+}
+
+/// As [`vectors`], to change them.
+#[inline]
+pub(crate) fn vectors_mut<T>(mut rest: &mut [T], width: usize) -> impl Iterator<Item = &mut [T]> {
+    core::iter::from_fn(move || {
+        let (vector, later) = core::mem::take(&mut rest).split_at_mut_checked(width.max(1))?;
+        rest = later;
+        Some(vector)
+    })
+}

@@ -20,3 +20,8 @@ pub use chunked_exponential_sum::ChunkedExponentialSum;
 pub use real_time::{Pacing, RealTime};
 pub use scalar::Scalar;
 pub use weights::{WeightTable, Weights};
+
+/// The examples of the page that introduces the crate.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -24,3 +24,8 @@ pub mod numerics;
 pub mod results;
 pub mod scenario;
 pub mod simulation;
+
+/// The examples of the page that introduces the crate.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -1,5 +1,6 @@
 //! A scenario's system and scheme as the core wants them: any number of coordinates, expressions compiled.
 
+mod band;
 mod mechanics;
 mod scheme;
 mod space;

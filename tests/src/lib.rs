@@ -7,3 +7,8 @@ pub mod manufactured;
 pub mod motion;
 pub mod reference;
 pub mod stages;
+
+/// The examples of the front page.
+#[cfg(doctest)]
+#[doc = include_str!("../../README.md")]
+struct Readme;

@@ -177,7 +177,7 @@ pub fn run(
     }
     // A summary stands for the files beside it: the old one goes before they do, the new one comes last.
     remove(&directory.join(SUMMARY))?;
-    writer.finish().map_err(&writing)?;
+    writer.finish(&state).map_err(&writing)?;
     let seconds = begin.elapsed().as_secs_f64();
 
     let mut files = vec![TRAJECTORY];

@@ -1,5 +1,6 @@
 //! Vectors and matrices of as many coordinates as a scenario has.
 
+use super::band;
 use fvi_core::{Block, Equations, MatrixError, Real, Singular, Space};
 use fvi_core::{add_multiple, factor, invert_factored, is_positive_definite_in_place, multiply_columns};
 use std::sync::Arc;
@@ -57,6 +58,8 @@ pub struct Pattern {
     /// Where each row begins, and where the last one ends.
     starts: Vec<usize>,
     columns: Vec<usize>,
+    /// Largest distance of a place from the diagonal.
+    band: usize,
 }
 
 impl Pattern {
@@ -71,7 +74,8 @@ impl Pattern {
         for row in 0..rows {
             starts[row + 1] += starts[row];
         }
-        Self { starts, columns: places.into_iter().map(|(_, column)| column).collect() }
+        let band = places.iter().map(|&(row, column)| row.abs_diff(column)).max().unwrap_or(0);
+        Self { starts, columns: places.into_iter().map(|(_, column)| column).collect(), band }
     }
 
     /// Where in the values the entry of a place lies; the place must be one of the pattern's.
@@ -101,6 +105,14 @@ impl<T: Real> Sparse<T> {
     pub fn zero(pattern: Arc<Pattern>) -> Self {
         let values = vec![T::zero(); pattern.len()];
         Self { pattern, values }
+    }
+
+    fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]) {
+        for (out, slots) in out.iter_mut().zip(self.pattern.rows()) {
+            let entries = self.pattern.columns[slots.clone()].iter().zip(&self.values[slots]);
+            let sum = entries.fold(T::zero(), |sum, (&column, &entry)| sum + entry * x[column]);
+            *out += sum * factor;
+        }
     }
 }
 
@@ -137,6 +149,15 @@ impl<T: Real> Matrix<T> {
         Self::Sparse(sparse)
     }
 
+    /// Largest distance from the diagonal at which an entry need not be zero.
+    fn band(&self) -> usize {
+        match self {
+            Self::Diagonal(_) => 0,
+            Self::Dense(columns) => columns.len().isqrt().saturating_sub(1),
+            Self::Sparse(sparse) => sparse.pattern.band,
+        }
+    }
+
     /// Each entry that need not be zero, as (row, column, entry).
     pub fn entries(&self) -> Vec<(usize, usize, T)> {
         match self {
@@ -157,6 +178,13 @@ impl<T: Real> Matrix<T> {
     }
 }
 
+// Apart from the diagonal, which is worth its place in every caller.
+fn multiply_add_dense<T: Real>(columns: &[T], factor: T, x: &[T], out: &mut [T]) {
+    for (column, &x) in columns.chunks_exact(out.len().max(1)).zip(x) {
+        add_multiple(out, x * factor, column);
+    }
+}
+
 impl<T: Real> Block<T> for Matrix<T> {
     #[inline]
     fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]) {
@@ -166,18 +194,8 @@ impl<T: Real> Block<T> for Matrix<T> {
                     *out += entry * x * factor;
                 }
             }
-            Self::Dense(columns) => {
-                for (column, &x) in columns.chunks_exact(out.len().max(1)).zip(x) {
-                    add_multiple(out, x * factor, column);
-                }
-            }
-            Self::Sparse(sparse) => {
-                for (out, slots) in out.iter_mut().zip(sparse.pattern.rows()) {
-                    let entries = sparse.pattern.columns[slots.clone()].iter().zip(&sparse.values[slots]);
-                    let sum = entries.fold(T::zero(), |sum, (&column, &entry)| sum + entry * x[column]);
-                    *out += sum * factor;
-                }
-            }
+            Self::Dense(columns) => multiply_add_dense(columns, factor, x, out),
+            Self::Sparse(sparse) => sparse.multiply_add(factor, x, out),
         }
     }
 
@@ -239,11 +257,13 @@ impl<T: Real> Block<T> for Matrix<T> {
     }
 }
 
-/// The equations of a step as a dense matrix.
+/// The equations of a step as a dense matrix, of which only a band may be in use.
 #[derive(Clone, Debug)]
 pub struct DenseEquations<T> {
     /// Row by row.
     entries: Vec<T>,
+    /// Largest distance from the diagonal at which something was added.
+    band: usize,
     coordinates: usize,
     pivots: Vec<usize>,
     solution: Vec<T>,
@@ -254,7 +274,14 @@ impl<T: Real> DenseEquations<T> {
     pub fn new(coordinates: usize, nodes: usize) -> Self {
         let size = coordinates * nodes;
         let (entries, solution) = (vec![T::zero(); size * size], vec![T::zero(); size]);
-        Self { entries, coordinates, pivots: vec![0; size], solution }
+        Self { entries, band: 0, coordinates, pivots: vec![0; size], solution }
+    }
+}
+
+impl<T> DenseEquations<T> {
+    /// Whether elimination within the band is the shorter one.
+    fn is_banded(&self) -> bool {
+        self.pivots.len() > 3 && 3 * self.band < self.pivots.len()
     }
 }
 
@@ -263,19 +290,35 @@ impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
     type Kept = Vec<T>;
 
     fn clear(&mut self) {
-        self.entries.fill(T::zero());
+        let (n, band) = (self.pivots.len(), self.band);
+        if !self.is_banded() {
+            return self.entries.fill(T::zero());
+        }
+        // Elimination fills as much again to the right.
+        for row in 0..n {
+            let (first, end) = (row.saturating_sub(band), (row + 2 * band + 1).min(n));
+            for entry in &mut self.entries[row * n + first..row * n + end] {
+                *entry = T::zero();
+            }
+        }
     }
 
     fn add(&mut self, row: usize, column: usize, factor: T, block: &Matrix<T>) {
+        self.band = self.band.max(row.abs_diff(column) * self.coordinates + block.band());
         let (row, column) = (row * self.coordinates, column * self.coordinates);
         block.add_to(factor, &mut self.entries, self.pivots.len(), row, column);
     }
 
     fn solve(&mut self, vector: &mut [T]) -> Result<(), Singular> {
+        if self.is_banded() {
+            return band::solve(&mut self.entries, self.band, vector);
+        }
         fvi_core::solve(&mut self.entries, &mut self.pivots, vector)
     }
 
     fn keep(&mut self, kept: &mut Vec<T>) -> Result<(), Singular> {
+        // The factors may fill the matrix.
+        self.band = self.pivots.len();
         factor(&mut self.entries, &mut self.pivots)?;
         kept.resize(self.entries.len(), T::zero());
         invert_factored(&self.entries, &self.pivots, kept);

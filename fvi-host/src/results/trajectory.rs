@@ -12,9 +12,10 @@ use std::path::Path;
 pub struct TrajectoryWriter {
     file: NewFile,
     every: usize,
-    rows: usize,
-    /// The newest row, while it is not due.
-    pending: Option<GridState>,
+    /// Rows to come before one is written.
+    skipped: usize,
+    /// Whether the newest row is in the file.
+    written: bool,
 }
 
 impl TrajectoryWriter {
@@ -27,7 +28,7 @@ impl TrajectoryWriter {
         let columns = |letter: char| (0..coordinates).map(move |index| format!(",{letter}{index}"));
         let names: String = columns('q').chain(columns('p')).collect();
         writeln!(file, "t{names},energy")?;
-        Ok(Self { file, every: every.max(1), rows: 0, pending: None })
+        Ok(Self { file, every: every.max(1), skipped: 0, written: true })
     }
 
     /// Takes the next row.
@@ -35,26 +36,22 @@ impl TrajectoryWriter {
     /// # Errors
     /// If it cannot be written.
     pub fn push(&mut self, state: &GridState) -> io::Result<()> {
-        if self.rows.is_multiple_of(self.every) {
+        self.written = self.skipped == 0;
+        if self.written {
+            self.skipped = self.every;
             write_row(&mut self.file, state)?;
-            self.pending = None;
-        } else {
-            match &mut self.pending {
-                Some(pending) => pending.clone_from(state),
-                None => self.pending = Some(state.clone()),
-            }
         }
-        self.rows += 1;
+        self.skipped -= 1;
         Ok(())
     }
 
-    /// Writes the last row if it is not there yet, and puts the file in its place.
+    /// Writes the last row, once more in `last`, if it is not there yet, and puts the file in its place.
     ///
     /// # Errors
     /// If that fails; the file that was there before then still is.
-    pub fn finish(mut self) -> io::Result<()> {
-        if let Some(pending) = self.pending.take() {
-            write_row(&mut self.file, &pending)?;
+    pub fn finish(mut self, last: &GridState) -> io::Result<()> {
+        if !self.written {
+            write_row(&mut self.file, last)?;
         }
         commit(self.file)
     }
@@ -76,13 +73,14 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("trajectory.csv");
         let mut writer = TrajectoryWriter::create(&path, 1, every).unwrap();
+        let mut state = GridState { position: vec![1.0 / 3.0], energy: 1e-300, ..GridState::default() };
         for index in 0..count {
-            let time = index as f64 * 0.1;
-            let state = GridState { time, position: vec![1.0 / 3.0], momentum: vec![-time], energy: 1e-300 };
+            state.time = index as f64 * 0.1;
+            state.momentum = vec![-state.time];
             writer.push(&state).unwrap();
         }
         assert!(!path.exists());
-        writer.finish().unwrap();
+        writer.finish(&state).unwrap();
         std::fs::read_to_string(path).unwrap().lines().map(str::to_owned).collect()
     }
 

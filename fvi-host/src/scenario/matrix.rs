@@ -25,12 +25,24 @@ impl SymmetricMatrix {
 
     /// The product with a vector of the same size.
     pub fn times(&self, vector: &[f64]) -> Vec<f64> {
+        let mut product = vec![0.0; self.size()];
+        self.write_times(vector, &mut product);
+        product
+    }
+
+    /// Writes the product with a vector of the same size to `product`.
+    pub fn write_times(&self, vector: &[f64], product: &mut [f64]) {
         match self {
-            Self::Diagonal(entries) => entries.iter().zip(vector).map(|(entry, x)| entry * x).collect(),
-            Self::Dense(matrix) => matrix
-                .row_iter()
-                .map(|row| row.iter().zip(vector).map(|(entry, x)| entry * x).sum())
-                .collect(),
+            Self::Diagonal(entries) => {
+                for ((place, entry), x) in product.iter_mut().zip(entries).zip(vector) {
+                    *place = entry * x;
+                }
+            }
+            Self::Dense(matrix) => {
+                for (place, row) in product.iter_mut().zip(matrix.row_iter()) {
+                    *place = row.iter().zip(vector).map(|(entry, x)| entry * x).sum();
+                }
+            }
         }
     }
 

@@ -1,6 +1,7 @@
 //! Watches a run for energy that nothing has put in.
 
-use crate::language::expression::Moment;
+use crate::language::expression::{Expression, Moment};
+use crate::model::tape::CompiledForce;
 use crate::scenario::{Derivative, OnEnergyGrowth, Scenario, SymmetricMatrix};
 use crate::simulation::GridState;
 use crate::simulation::stability::discretisation;
@@ -22,8 +23,7 @@ const FACTOR: f64 = 1000.0;
 /// of the scheme, and the larger of Δq and h v at both ends of the step for the way that they act along. The memory of a
 /// Riemann–Liouville derivative pushes with up to |ρ q₀| t^{−β}, that of Caputo's for β > 1 with up to |ρ v₀| t^{1−β}; for β = 0 it is a
 /// spring and holds ½ q₀ᵀρ q₀.
-pub struct EnergyGuard<'a> {
-    scenario: &'a Scenario,
+pub struct EnergyGuard {
     reaction: OnEnergyGrowth,
     inverse_mass: SymmetricMatrix,
     /// What the start does to the memory: forces |f| t^{−e} of each coordinate.
@@ -37,14 +37,17 @@ pub struct EnergyGuard<'a> {
     time: f64,
     position: Vec<f64>,
     velocity: Vec<f64>,
+    /// The velocity at the end of the step.
+    new_velocity: Vec<f64>,
+    force: Option<Forces>,
     /// Where in a step the scheme looks at forces.
     nodes: Vec<f64>,
     warning: Option<String>,
 }
 
-impl<'a> EnergyGuard<'a> {
+impl EnergyGuard {
     /// A guard for a run of the scenario from this state.
-    pub fn new(scenario: &'a Scenario, start: &GridState) -> Self {
+    pub fn new(scenario: &Scenario, start: &GridState) -> Self {
         let inverse_mass = match &scenario.system.mass {
             SymmetricMatrix::Diagonal(masses) => {
                 SymmetricMatrix::Diagonal(masses.iter().map(|mass| 1.0 / mass).collect())
@@ -68,9 +71,10 @@ impl<'a> EnergyGuard<'a> {
                 Derivative::RiemannLiouville => pushes.push((pulled, term.order)),
             }
         }
+        // What pushes nothing need not be followed.
+        pushes.retain(|(push, _)| push.iter().any(|&push| push != 0.0));
         let potential = start.energy - kinetic;
         Self {
-            scenario,
             reaction: scenario.time.on_energy_growth(),
             inverse_mass,
             pushes,
@@ -81,7 +85,9 @@ impl<'a> EnergyGuard<'a> {
             work: 0.0,
             time: start.time,
             position: start.position.clone(),
+            new_velocity: velocity.clone(),
             velocity,
+            force: scenario.system.force.as_deref().map(Forces::new),
             nodes: discretisation(scenario).map_or_else(|| vec![0.0, 1.0], |scheme| scheme.nodes),
             warning: None,
         }
@@ -92,12 +98,12 @@ impl<'a> EnergyGuard<'a> {
         if self.reaction == OnEnergyGrowth::Ignore || self.warning.is_some() {
             return None;
         }
-        let velocity = self.inverse_mass.times(&state.momentum);
-        let kinetic = 0.5 * dot(&state.momentum, &velocity);
-        self.work += self.work_of_step(input, state, &velocity);
+        self.inverse_mass.write_times(&state.momentum, &mut self.new_velocity);
+        let kinetic = 0.5 * dot(&state.momentum, &self.new_velocity);
+        self.work += self.work_of_step(input, state);
         self.time = state.time;
         self.position.copy_from_slice(&state.position);
-        self.velocity = velocity;
+        std::mem::swap(&mut self.velocity, &mut self.new_velocity);
         self.lowest_potential = self.lowest_potential.min(state.energy - kinetic);
         let fall = self.first_potential - self.lowest_potential;
         let explained = self.stored + self.first_potential.abs().max(fall) + self.work;
@@ -124,10 +130,10 @@ impl<'a> EnergyGuard<'a> {
     }
 
     /// A bound on the work over the step to `state`.
-    fn work_of_step(&self, input: &[f64], state: &GridState, velocity: &[f64]) -> f64 {
+    fn work_of_step(&mut self, input: &[f64], state: &GridState) -> f64 {
         let (from, to, step) = (&self.position, &state.position, state.time - self.time);
         let way = |index: usize| {
-            let fastest = self.velocity[index].abs().max(velocity[index].abs());
+            let fastest = self.velocity[index].abs().max(self.new_velocity[index].abs());
             (to[index] - from[index]).abs().max(step * fastest)
         };
         let mut work: f64 = input.iter().enumerate().map(|(index, push)| push.abs() * way(index)).sum();
@@ -136,20 +142,40 @@ impl<'a> EnergyGuard<'a> {
             work +=
                 fading * push.iter().enumerate().map(|(index, push)| push.abs() * way(index)).sum::<f64>();
         }
-        let Some(force) = &self.scenario.system.force else { return work };
-        let mut largest = vec![0.0_f64; force.len()];
+        let Some(Forces { force, registers, place, value, largest }) = &mut self.force else { return work };
+        largest.fill(0.0);
         for &node in &self.nodes {
             let moment = match node {
                 0.0 => Moment::from_right(self.time),
                 1.0 => Moment::from_left(state.time),
                 _ => Moment::inside(self.time + node * step),
             };
-            let place: Vec<f64> = from.iter().zip(to).map(|(from, to)| from + node * (to - from)).collect();
-            for (largest, component) in largest.iter_mut().zip(force) {
-                *largest = largest.max(component.value(moment, &place).abs());
+            for ((place, from), to) in place.iter_mut().zip(from).zip(to) {
+                *place = from + node * (to - from);
+            }
+            force.value(moment, place, registers, value);
+            for (largest, value) in largest.iter_mut().zip(&*value) {
+                *largest = largest.max(value.abs());
             }
         }
         work + largest.iter().enumerate().map(|(index, force)| force * way(index)).sum::<f64>()
+    }
+}
+
+/// The external forces, and room for looking at them.
+struct Forces {
+    force: CompiledForce<f64>,
+    registers: Vec<f64>,
+    place: Vec<f64>,
+    value: Vec<f64>,
+    largest: Vec<f64>,
+}
+
+impl Forces {
+    fn new(components: &[Expression]) -> Self {
+        let zeros = || vec![0.0; components.len()];
+        let force = CompiledForce::compile(components);
+        Self { force, registers: Vec::new(), place: zeros(), value: zeros(), largest: zeros() }
     }
 }
 

@@ -33,6 +33,23 @@ fn largest_error(run: &Run, of: &str) -> f64 {
 }
 
 #[test]
+fn what_the_package_carries_is_what_the_repository_has() {
+    let carried = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios");
+    let mut seen = 0;
+    for entry in std::fs::read_dir(&carried).unwrap() {
+        let name = entry.unwrap().file_name();
+        let text = |folder: &Path| std::fs::read(folder.join(&name)).unwrap();
+        assert!(
+            text(&carried) == text(&folder()),
+            "fvi-host/scenarios/{0} is not scenarios/{0}: copy it",
+            name.display()
+        );
+        seen += 1;
+    }
+    assert!(seen >= 8, "{seen}");
+}
+
+#[test]
 fn every_scenario_is_accepted_and_makes_its_first_steps() {
     let mut seen = 0;
     for entry in std::fs::read_dir(folder()).unwrap() {

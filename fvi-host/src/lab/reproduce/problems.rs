@@ -4,14 +4,18 @@ use crate::language::{Document, InputError};
 use crate::scenario::{Convolution, ConvolutionFamily, Quadrature, Scenario, Scheme};
 use std::path::Path;
 
-/// The document of a scenario file of the repository, held in the program.
+/// The text of a file of the repository's `scenarios`. The package carries its own copy, as a package cannot reach beyond its
+/// folder; a test holds the copies equal to their originals.
+macro_rules! carried {
+    ($name:literal) => {
+        include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/", $name))
+    };
+}
+
+/// The document of a scenario of the repository.
 macro_rules! repository {
     ($name:literal) => {
-        Document::new(
-            concat!("scenarios/", $name),
-            Path::new(""),
-            include_str!(concat!("../../../../scenarios/", $name)),
-        )
+        Document::new(concat!("scenarios/", $name), Path::new(""), carried!($name))
     };
 }
 
@@ -36,8 +40,7 @@ pub(super) fn accurate_pulse_plate() -> Result<Scenario, InputError> {
 }
 
 fn with_pulse_reference(document: Document) -> Document {
-    const TABLE: &str = include_str!("../../../../scenarios/bagley-torvik-pulse-reference.csv");
-    document.with_attached("bagley-torvik-pulse-reference.csv", TABLE)
+    document.with_attached("bagley-torvik-pulse-reference.csv", carried!("bagley-torvik-pulse-reference.csv"))
 }
 
 /// A pendulum on a viscoelastic hinge, released from 2 rad, on [0, 20].

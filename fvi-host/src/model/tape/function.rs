@@ -3,7 +3,7 @@
 use super::derivative::{Entry, Order};
 use super::graph::Graph;
 use super::program::Program;
-use crate::language::expression::{Elementary, Expression, Moment, Node};
+use crate::language::expression::{Elementary, Expression, Kind, Moment, Node, Operator};
 
 /// f(t, x) with programs for its value and its first two derivatives in x.
 ///
@@ -58,6 +58,21 @@ impl<T: Elementary> CompiledFunction<T> {
 
 /// The program of a value alone.
 pub(super) fn value<T: Elementary>(expression: &Expression, variables: usize) -> Program<T> {
+    // The terms of a sum do not wait for each other when the program itself adds them, in the same order.
+    if let Kind::Chain(first, operands) = expression.root().kind()
+        && operands.iter().all(|(operator, _)| operator.is_additive())
+    {
+        let mut graph = Graph::default();
+        let mut terms = vec![(0, graph.differentiate(first, Order::Value).value)];
+        for (operator, operand) in operands {
+            let value = graph.differentiate(operand, Order::Value).value;
+            terms.push((0, if *operator == Operator::Subtract { graph.negate(value) } else { value }));
+        }
+        let program = Program::new(&graph, variables, &terms, &[]);
+        if program.keeps_the_order_of_sums() {
+            return program;
+        }
+    }
     let mut graph = Graph::default();
     let value = graph.differentiate(expression.root(), Order::Value).value;
     Program::new(&graph, variables, &[(0, value)], &[])

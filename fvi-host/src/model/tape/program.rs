@@ -72,6 +72,11 @@ impl<T: Elementary> Program<T> {
         Assembly::new(graph, coordinates, &schedule).assemble(sums, entries)
     }
 
+    /// Whether outputs for the same place of `sums` are added in the order in which they were given.
+    pub(super) fn keeps_the_order_of_sums(&self) -> bool {
+        self.windows.len() == 1
+    }
+
     /// Adds the first outputs to `sums` and writes the others to `entries`.
     ///
     /// `registers` is room to work in: it may hold anything, and grows if it is too small.

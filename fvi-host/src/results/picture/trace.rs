@@ -25,6 +25,16 @@ impl Bucket {
         Self { first: point, lowest: point, highest: point, last: point }
     }
 
+    fn take(&mut self, point: (f64, f64)) {
+        if point.1 < self.lowest.1 {
+            self.lowest = point;
+        }
+        if point.1 > self.highest.1 {
+            self.highest = point;
+        }
+        self.last = point;
+    }
+
     fn joined(self, later: Self) -> Self {
         let lowest = if later.lowest.1 < self.lowest.1 { later.lowest } else { self.lowest };
         let highest = if later.highest.1 > self.highest.1 { later.highest } else { self.highest };
@@ -42,17 +52,16 @@ impl Envelope {
 
     /// Takes the next point; times ascend.
     pub fn push(&mut self, time: f64, value: f64) {
-        let point = Bucket::of((time, value));
         match self.buckets.last_mut() {
             Some(bucket) if self.filled < self.width => {
-                *bucket = bucket.joined(point);
+                bucket.take((time, value));
                 self.filled += 1;
             }
             _ => {
                 if self.buckets.len() == Self::MOST_BUCKETS {
                     self.halve();
                 }
-                self.buckets.push(point);
+                self.buckets.push(Bucket::of((time, value)));
                 self.filled = 1;
             }
         }
