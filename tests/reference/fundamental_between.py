@@ -8,7 +8,7 @@ import mpmath as mp
 mp.mp.dps = 50
 MASS, COEFFICIENT, STIFFNESS = 1, mp.mpf(0.5), 1
 ORDERS = [0.3, 0.7, 0.9]
-TIMES = [1, 1.5, 2, 3, 4]
+TIMES = [1, 1.5, 2, 3, 4, 6, 8]
 
 
 def series(beta, t, shift):

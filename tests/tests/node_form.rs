@@ -231,7 +231,8 @@ fn node_by_node_the_operators_are_adjoint_and_form_a_semigroup() {
             let (half, whole) = (weights(order, alpha, h, steps), weights(order, 2.0 * alpha, h, steps));
             let left = |weights: &[f64], x: &[Vec<f64>]| on_nodes(left_operator::<f64>, weights, x);
             let right = |weights: &[f64], x: &[Vec<f64>]| on_nodes(right_operator::<f64>, weights, x);
-            let (retarded, advanced) = (product(h, &b, &left(&half, &f), &g), product(h, &b, &f, &right(&half, &g)));
+            let (retarded, advanced) =
+                (product(h, &b, &left(&half, &f), &g), product(h, &b, &f, &right(&half, &g)));
             let size = whole.iter().map(|w| w.abs()).sum::<f64>() * steps as f64 * h;
             assert!((retarded - advanced).abs() < 1e-14 * size, "BDF {order}: {retarded} and {advanced}");
             // ⟨D₋^α f, D₊^α g⟩ = ⟨D₋^{2α} f, g⟩.
@@ -275,7 +276,8 @@ fn the_motion_and_its_mirror_image_make_the_restricted_action_stationary() {
             path[varied] += by;
             path
         };
-        let slope = 0.5 * (action(&moved(&x, 1.0), &moved(&y, 1.0)) - action(&moved(&x, -1.0), &moved(&y, -1.0)));
+        let slope =
+            0.5 * (action(&moved(&x, 1.0), &moved(&y, 1.0)) - action(&moved(&x, -1.0), &moved(&y, -1.0)));
         assert!(slope.abs() < 1e-10, "node {varied}: {slope:e}");
         // It is not stationary because it were flat: one path alone does not make it so.
         let alone = 0.5 * (action(&moved(&x, 1.0), &y) - action(&moved(&x, -1.0), &y));
@@ -373,8 +375,9 @@ impl Numbers {
 
     /// Σ_r b_r b_rᵀ of vectors of small whole numbers, times a power of two near `size`: symmetric and semidefinite without rounding.
     fn matrix(&mut self, coordinates: usize, rank: usize, size: f64) -> Vec<Vec<f64>> {
-        let vectors: Vec<Vec<f64>> =
-            (0..rank).map(|_| (0..coordinates).map(|_| (5.0 * self.next()).floor() - 2.0).collect()).collect();
+        let vectors: Vec<Vec<f64>> = (0..rank)
+            .map(|_| (0..coordinates).map(|_| (5.0 * self.next()).floor() - 2.0).collect())
+            .collect();
         let scale = size.log2().round().exp2();
         let entry = |i: usize, j: usize| scale * vectors.iter().map(|b| b[i] * b[j]).sum::<f64>();
         (0..coordinates).map(|i| (0..coordinates).map(|j| entry(i, j)).collect()).collect()
@@ -391,12 +394,12 @@ fn energies(numbers: &mut Numbers, coordinates: usize, steps: usize) -> (String,
     let beta = 2.0 * numbers.next();
     let terms: Vec<String> = (0..coordinates)
         .flat_map(|i| (i..coordinates).map(move |j| (i, j)))
-        .map(|(i, j)| {
-            format!("{:?}*q{i}*q{j}", if i == j { 0.5 * stiffness[i][i] } else { stiffness[i][j] })
-        })
+        .map(|(i, j)| format!("{:?}*q{i}*q{j}", if i == j { 0.5 * stiffness[i][i] } else { stiffness[i][j] }))
         .collect();
     let position: Vec<f64> = (0..coordinates).map(|_| 2.0 * numbers.next() - 1.0).collect();
-    let what = format!("N = {coordinates}, BDF {order}, β = {beta}, K ~ 1e{stiff:.1}, ρ ~ 1e{damped:.1} of rank {rank}");
+    let what = format!(
+        "N = {coordinates}, BDF {order}, β = {beta}, K ~ 1e{stiff:.1}, ρ ~ 1e{damped:.1} of rank {rank}"
+    );
     let text = format!(
         "[system]\nmass = {:?}\npotential = \"{}\"\n[[system.damping]]\norder = {beta:?}\ncoefficient = {damping:?}\n\
          [initial]\nposition = {position:?}\nmomentum = {:?}\n[convolution]\norder = {order}\nat = \"nodes\"\n\
@@ -410,7 +413,11 @@ fn energies(numbers: &mut Numbers, coordinates: usize, steps: usize) -> (String,
 
 fn assert_never_above_the_first((what, energies): (String, Vec<f64>)) {
     for (k, energy) in energies.iter().enumerate() {
-        assert!(*energy <= energies[0] * (1.0 + 1e-9), "{what}, step {k}: {energy:e} after {:e}", energies[0]);
+        assert!(
+            *energy <= energies[0] * (1.0 + 1e-9),
+            "{what}, step {k}: {energy:e} after {:e}",
+            energies[0]
+        );
     }
 }
 
