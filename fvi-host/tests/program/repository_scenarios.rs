@@ -121,6 +121,14 @@ fn the_oscillator_with_a_quadrature_of_second_order_is_accurate() {
 }
 
 #[test]
+fn damping_at_the_nodes_gives_nine_digits_with_32_steps_a_unit() {
+    let run = run("damped-oscillator-nodes");
+    assert_eq!(run.summary["errors"]["position"]["compared"], 7);
+    assert!(largest_error(&run, "position") < 1e-9);
+    assert!(largest_error(&run, "momentum") < 1e-9);
+}
+
+#[test]
 fn the_pendulum_comes_to_rest_slowly_below_its_first_height() {
     let run = run("pendulum");
     let angle = run.column("q0");
