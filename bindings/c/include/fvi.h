@@ -80,7 +80,8 @@
 #define FVI_STEPPER_WORDS_6 140
 
 /*
- What a call returns. Anything but FVI_STATUS_OK means that the call has changed nothing.
+ What a call returns. Anything but FVI_STATUS_OK means that the call has changed nothing; only a call that sets up an object
+ with an exponential sum may have emptied its buffer.
  */
 typedef enum FviStatus {
   /*

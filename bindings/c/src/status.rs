@@ -6,7 +6,8 @@ use fvi_core::{
     DampingError, IntegratorError, Mismatch, MatrixError, MemoryError, OperatorError, ParameterError, StepError,
 };
 
-/// What a call returns. Anything but FVI_STATUS_OK means that the call has changed nothing.
+/// What a call returns. Anything but FVI_STATUS_OK means that the call has changed nothing; only a call that sets up an object
+/// with an exponential sum may have emptied its buffer.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FviStatus {

@@ -295,10 +295,12 @@ unsafe fn state<const N: usize>(
     if !steps.is_null() {
         check(steps)?;
     }
-    for (target, source) in [(position, &state.position), (momentum, &state.momentum)] {
+    for target in [position, momentum] {
         if !target.is_null() {
             check(target)?;
         }
+    }
+    for (target, source) in [(position, &state.position), (momentum, &state.momentum)] {
         let count = if target.is_null() { 0 } else { N };
         // SAFETY: writable for N numbers unless NULL.
         for (target, &source) in unsafe { slice_mut(target, count) }?.iter_mut().zip(source.iter()) {

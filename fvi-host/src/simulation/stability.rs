@@ -14,6 +14,7 @@ use fvi_core::{BdfOrder, ParameterError};
 use nalgebra::{Cholesky, DMatrix};
 pub(crate) use of_scenario::{check_step, discretisation};
 use parts::{Part, parts};
+use winding::Count;
 
 /// Where the fractional force acts, and the convolution quadrature behind it.
 #[derive(Clone, Debug, PartialEq)]
@@ -68,7 +69,7 @@ impl LinearSystem {
     /// The system of a mass matrix M, a stiffness K = ∂²U/∂q² − ∂F/∂q, symmetric or not, and damping terms.
     ///
     /// # Errors
-    /// If M is not positive definite.
+    /// If M is not positive definite, or so small that K or ρ divided by it is not finite.
     pub fn new(
         mass: &DMatrix<f64>,
         stiffness: &DMatrix<f64>,
@@ -77,7 +78,7 @@ impl LinearSystem {
         let refused = ParameterError {
             parameter: "smallest diagonal entry of the mass matrix",
             value: mass.diagonal().min(),
-            allowed: "that of a positive definite matrix",
+            allowed: "that of a positive definite matrix by which stiffness and damping can be divided",
         };
         let factor = Cholesky::new(mass.clone()).ok_or(refused)?.l();
         let inverse = factor.try_inverse().ok_or(refused)?;
@@ -85,7 +86,12 @@ impl LinearSystem {
         for term in &mut damping {
             term.coefficients = in_new_coordinates(&term.coefficients);
         }
-        Ok(Self { stiffness: in_new_coordinates(stiffness), damping })
+        let stiffness = in_new_coordinates(stiffness);
+        let finite = |matrix: &DMatrix<f64>| matrix.iter().all(|entry| entry.is_finite());
+        if !finite(&stiffness) || !damping.iter().all(|term| finite(&term.coefficients)) {
+            return Err(refused);
+        }
+        Ok(Self { stiffness, damping })
     }
 }
 
@@ -94,7 +100,7 @@ impl LinearSystem {
 pub enum Verdict {
     /// No motion grows.
     Stable,
-    /// Some motion grows.
+    /// Some motion grows, or whether one does is lost in rounding.
     Unstable {
         /// The largest shorter step at which none does, to four digits; `None` if there is none above 10⁻¹² of the step.
         largest_stable_step: Option<f64>,
@@ -170,17 +176,27 @@ struct Check {
 
 impl Check {
     fn is_stable(&self, step: f64) -> bool {
+        self.finds_none(step) == Some(true)
+    }
+
+    /// Whether no motion grows; `None` where that takes more work than any step is worth.
+    fn finds_none(&self, step: f64) -> Option<bool> {
         let margin = (libm::log(GROWTH) * step / self.end).clamp(MARGINS.0, MARGINS.1);
-        self.parts.iter().all(|part| {
+        for part in &self.parts {
             let radius = libm::exp(-margin.max(2.0 * part.growth_rate() * step));
-            winding::zeros_inside(radius, |z| self.characteristic.logarithm(part, step, z)) == Some(0)
-        })
+            match winding::zeros_inside(radius, |z| self.characteristic.logarithm(part, step, z)) {
+                Count::Zeros(0) => {}
+                Count::Zeros(_) | Count::Unknown => return Some(false),
+                Count::Endless => return None,
+            }
+        }
+        Some(true)
     }
 
     /// The first stable step below, by steps of a tenth and later by halves; then the limit above it to four digits.
     fn largest_stable_step(&self, step: f64) -> Option<f64> {
         let (mut low, mut high) = (step, step);
-        while !self.is_stable(low) {
+        while !self.finds_none(low)? {
             high = low;
             low *= if low > 0.1 * step { 0.9 } else { 0.5 };
             if low < 1e-12 * step {

@@ -74,6 +74,9 @@ impl Characteristic {
         let (size, rows) = (part.size(), part.size() * self.degree);
         let mut matrix = vec![Complex::ZERO; rows * rows];
         let mut add = |factor: Complex<f64>, of: &DMatrix<f64>, nu: usize, mu: usize| {
+            if factor == Complex::ZERO {
+                return;
+            }
             for i in 0..size {
                 for j in 0..size {
                     matrix[(nu * size + i) * rows + mu * size + j] += factor * of[(i, j)];
@@ -81,12 +84,13 @@ impl Characteristic {
             }
         };
         let identity = DMatrix::identity(size, size);
+        let powers: Vec<f64> = self.orders.iter().map(|order| libm::pow(step, 2.0 - order)).collect();
         for nu in 0..self.degree {
             for mu in 0..self.degree {
                 add(factors.kinetic[(nu, mu)], &identity, nu, mu);
                 add(-factors.elastic[(nu, mu)] * (step * step), &part.stiffness, nu, mu);
-                for ((rho, damped), order) in part.damping.iter().zip(&factors.damped).zip(&self.orders) {
-                    add(-damped[(nu, mu)] * libm::pow(step, 2.0 - order), rho, nu, mu);
+                for ((rho, damped), power) in part.damping.iter().zip(&factors.damped).zip(&powers) {
+                    add(-damped[(nu, mu)] * *power, rho, nu, mu);
                 }
             }
         }

@@ -1,6 +1,7 @@
 //! Zeros of an analytic function inside a circle, by the argument principle.
 
 use nalgebra::Complex;
+use std::cell::Cell;
 use std::f64::consts::PI;
 
 /// Increment of the logarithm between neighbouring points that is taken for followed.
@@ -10,19 +11,42 @@ const FOLLOWED: f64 = 0.5;
 const PARTS: usize = 16;
 const HALVINGS: u32 = 41;
 
+/// Most values of the function that a count may take: a zero near the circle takes some fifty, noise any number.
+const MOST_VALUES: usize = 20_000;
+
+/// What a count finds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Count {
+    /// So many zeros.
+    Zeros(usize),
+    /// A zero lies on the circle, or the function is not finite.
+    Unknown,
+    /// The function turns too often to be followed, as rounding does where its terms cancel.
+    Endless,
+}
+
 /// Number of zeros in |z| < radius of a function with real coefficients, given by any branch of its logarithm.
 ///
 /// The phase is followed over the upper half of the circle, from the real axis to the real axis; the conjugate half turns as much.
 /// Intervals are halved until the logarithm, size and phase, changes little over both halves of each. Unlike the phase alone that
 /// cannot miss several zeros that lie together near the circle: they would turn the phase by a multiple of 2π, but on the way the
 /// function is small.
-///
-/// `None` where a zero lies on the circle, or the function is not finite.
-pub(super) fn zeros_inside(
+pub(super) fn zeros_inside(radius: f64, logarithm: impl Fn(Complex<f64>) -> Option<Complex<f64>>) -> Count {
+    let left = Cell::new(MOST_VALUES);
+    match turns(radius, &left, logarithm) {
+        Some(zeros) => Count::Zeros(zeros),
+        None if left.get() == 0 => Count::Endless,
+        None => Count::Unknown,
+    }
+}
+
+fn turns(
     radius: f64,
+    left: &Cell<usize>,
     logarithm: impl Fn(Complex<f64>) -> Option<Complex<f64>>,
 ) -> Option<usize> {
     let at = |angle: f64| {
+        left.set(left.get().checked_sub(1)?);
         let value = logarithm(Complex::new(radius * libm::cos(angle), radius * libm::sin(angle)))?;
         (value.re.is_finite() && value.im.is_finite()).then_some((angle, value))
     };
@@ -61,7 +85,7 @@ mod tests {
     use super::*;
 
     fn count(radius: f64, zeros: &[(f64, f64)]) -> Option<usize> {
-        zeros_inside(radius, |z| {
+        let found = zeros_inside(radius, |z| {
             let product: Complex<f64> = zeros
                 .iter()
                 .map(|&(size, angle)| {
@@ -70,7 +94,22 @@ mod tests {
                 })
                 .product();
             Some(Complex::new(product.norm().ln(), product.arg()))
-        })
+        });
+        match found {
+            Count::Zeros(zeros) => Some(zeros),
+            _ => None,
+        }
+    }
+
+    #[test]
+    fn what_turns_too_often_is_given_up() {
+        let values = Cell::new(0);
+        let found = zeros_inside(1.0, |z| {
+            values.set(values.get() + 1);
+            Some(Complex::new(0.0, 10.0 * libm::sin(1e6 * z.re)))
+        });
+        assert_eq!(found, Count::Endless);
+        assert_eq!(values.get(), MOST_VALUES);
     }
 
     #[test]

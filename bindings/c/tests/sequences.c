@@ -1,0 +1,330 @@
+/* Random sequences of calls: CALLS of them (default 20000) from SEED (default 1), with whatever the header allows to be wrong.
+ *
+ * Pointers are NULL or misaligned now and then, numbers anything, sizes zero or impossible, callbacks lie, objects are used before they
+ * are set up and set up again while in use. Two things must hold: a call that returns anything but FVI_STATUS_OK has changed nothing,
+ * object, buffer, and results alike (but for what the header excepts); and what a call that returns FVI_STATUS_OK has written is finite. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "fvi.h"
+#include "half_derivative.h"
+
+enum { OPERATORS = 3, STEPPERS = 3, CAPACITY = 12, MOST = 6, STATUSES = 12, CALLS = 6 };
+enum { NUMBERS = FVI_EXPONENTIAL_NUMBERS(FVI_HEAD, FVI_EXPONENTIALS, MOST) };
+
+/* Everything a call may write to, so that one comparison sees every change. */
+static struct {
+    FviOperator operators[OPERATORS];
+    float operator_buffers[OPERATORS][FVI_EXPONENTIAL_NUMBERS(FVI_HEAD, FVI_EXPONENTIALS, 1)];
+    union {
+        FviStepper1 one;
+        FviStepper2 two;
+        FviStepper3 three;
+        FviStepper4 four;
+        FviStepper5 five;
+        FviStepper6 six;
+    } steppers[STEPPERS];
+    float stepper_buffers[STEPPERS][NUMBERS];
+    FviStepper *address;
+    float weights[CAPACITY + 1], result, position[MOST], momentum[MOST];
+    uint64_t steps;
+} world, before;
+
+static const char *const names[CALLS] = {"weights", "operator init", "operator push", "operator clear", "stepper init", "stepper step and state"};
+static unsigned long reached[CALLS][STATUSES], made;
+static uint64_t seed;
+
+/* --- Chance ------------------------------------------------------------------------------------------------------------- */
+
+static uint64_t state;
+
+static uint32_t below(uint32_t bound) {
+    state = state * 6364136223846793005u + 1442695040888963407u;
+    uint32_t high = (uint32_t)(state >> 32);
+    return (uint32_t)(((uint64_t)high * bound) >> 32);
+}
+
+static int rarely(void) {
+    return below(40) == 0;
+}
+
+/* A number in [-1, 1], or now and then one that nobody expects. */
+static float number(void) {
+    static const float strange[] = {0.0f, -0.0f, 1e-45f, 1e-30f, 3e38f, -3e38f, 1e19f, -1.0f, 2.0f, INFINITY, -INFINITY, NAN};
+    if (rarely()) {
+        return strange[below(sizeof strange / sizeof *strange)];
+    }
+    return (float)below(1u << 24) / 8388608.0f - 1.0f;
+}
+
+/* A positive one. */
+static float positive(void) {
+    float drawn = number();
+    return rarely() ? drawn : drawn < 0.0f ? -drawn : drawn;
+}
+
+/* The pointer, NULL, or one byte further; what lies there is never touched by a call that keeps its word. */
+static void *pointer(void *good) {
+    switch (below(60)) {
+    case 0: return NULL;
+    case 1: return (char *)good + 1;
+    default: return good;
+    }
+}
+
+static size_t size(size_t good) {
+    static const size_t strange[] = {0, SIZE_MAX, SIZE_MAX / 4, SIZE_MAX / 2 + 1};
+    return rarely() ? strange[below(4)] : rarely() ? below((uint32_t)good + 1) : good;
+}
+
+/* --- Verdict ------------------------------------------------------------------------------------------------------------ */
+
+static void stop(int call, const char *why) {
+    fprintf(stderr, "FAILED: call %lu of seed %llu, %s: %s\n", made, (unsigned long long)seed, names[call], why);
+    exit(1);
+}
+
+static void expect_finite(int call, const float *numbers, size_t count) {
+    for (size_t i = 0; i < count; ++i) {
+        if (!isfinite(numbers[i])) {
+            stop(call, "gives a number that is not finite");
+        }
+    }
+}
+
+/* The buffer of an exponential sum, which a refused call that sets up an object may empty. */
+static float *emptied;
+static size_t emptied_size;
+
+static void may_empty(const FviMemory *memory, float *buffer, size_t size) {
+    emptied = memory->kind == FVI_EXPONENTIAL_SUM ? buffer : NULL;
+    emptied_size = size;
+}
+
+static void remember(void) {
+    memcpy(&before, &world, sizeof world);
+}
+
+/* Counts the status of a call; one that is refused must have left the world as it was. */
+static int is_done(int call, int status) {
+    made += 1;
+    if (status != FVI_STATUS_OK && emptied != NULL) {
+        memcpy(emptied, (char *)&before + ((char *)emptied - (char *)&world), emptied_size);
+    }
+    emptied = NULL;
+    if (status < 0 || status >= STATUSES || fvi_status_text(status) == NULL) {
+        stop(call, "returns no status");
+    }
+    reached[call][status] += 1;
+    if (status != FVI_STATUS_OK && memcmp(&before, &world, sizeof world) != 0) {
+        stop(call, fvi_status_text(status));
+    }
+    return status == FVI_STATUS_OK;
+}
+
+/* --- Calls -------------------------------------------------------------------------------------------------------------- */
+
+static float kernel[CAPACITY + 1];
+
+static FviMemory memory(int channels, float *buffer, size_t room) {
+    FviMemory drawn = {0};
+    drawn.kind = rarely() ? below(9) : below(3);
+    drawn.scale = rarely() ? number() : 1.0f;
+    drawn.buffer = pointer(buffer);
+    if (drawn.kind == FVI_EXPONENTIAL_SUM) {
+        drawn.weights = pointer((void *)(uintptr_t)fvi_head);
+        drawn.weight_count = size(FVI_HEAD);
+        drawn.exponentials = pointer((void *)(uintptr_t)fvi_exponentials);
+        drawn.exponential_count = size(FVI_EXPONENTIALS);
+        drawn.slow_blocks = rarely() ? size(99) : FVI_SLOW_BLOCKS;
+        drawn.horizon = rarely() ? size(30) : FVI_HORIZON;
+        drawn.buffer_count = size((size_t)FVI_EXPONENTIAL_NUMBERS(FVI_HEAD, FVI_EXPONENTIALS, channels));
+    } else {
+        drawn.weights = pointer(kernel);
+        drawn.weight_count = size(CAPACITY);
+        drawn.buffer_count = size((size_t)channels * (1 + below(CAPACITY)));
+    }
+    /* No count that a buffer of this size could be taken for and that it does not have. */
+    if (drawn.buffer_count > room && drawn.buffer_count < SIZE_MAX / 4) {
+        drawn.buffer_count = room;
+    }
+    return drawn;
+}
+
+static void make_weights(void) {
+    size_t count = below(CAPACITY + 1);
+    double step_size = rarely() ? (double)number() : 0.25, exponent = rarely() ? 3.0 * (double)number() : (double)number();
+    remember();
+    int status = fvi_weights_bdf(rarely() ? below(UINT32_MAX) : 1 + below(6), exponent, step_size, pointer(world.weights),
+        rarely() ? SIZE_MAX : count);
+    if (is_done(0, status) && fabs(step_size) > 1e-9) {
+        expect_finite(0, world.weights, count);
+    }
+}
+
+static void init_operator(void) {
+    uint32_t index = below(OPERATORS);
+    FviMemory drawn = memory(1, world.operator_buffers[index], sizeof world.operator_buffers[index] / sizeof(float));
+    remember();
+    may_empty(&drawn, world.operator_buffers[index], sizeof world.operator_buffers[index]);
+    is_done(1, fvi_operator_init(pointer(&world.operators[index]), pointer(&drawn), rarely() ? below(9) : below(3), number()));
+}
+
+static void push(void) {
+    FviOperator *operation = &world.operators[below(OPERATORS)];
+    remember();
+    if (is_done(2, fvi_operator_push(pointer(operation), number(), pointer(&world.result)))) {
+        expect_finite(2, &world.result, 1);
+    }
+}
+
+static void clear(void) {
+    remember();
+    is_done(3, fvi_operator_clear(pointer(&world.operators[below(OPERATORS)])));
+}
+
+/* What the callbacks of a stepper are told: springs that harden, whether they lie now and then, and a factor of the Hessian. */
+typedef struct {
+    int coordinates;
+    float stiffness, hardening;
+    int lies;
+    float factor;
+} Springs;
+
+/* Of each stepper, those in use and those of the next attempt to set it up. */
+static Springs springs[STEPPERS][2];
+static int in_use[STEPPERS];
+
+static void gradient(void *context, const float *position, float *result) {
+    const Springs *of = context;
+    for (int i = 0; i < of->coordinates; ++i) {
+        result[i] = of->lies && rarely() ? number() : of->stiffness * position[i] + of->hardening * position[i] * position[i] * position[i];
+    }
+}
+
+static void hessian(void *context, const float *position, float *result) {
+    const Springs *of = context;
+    int n = of->coordinates;
+    for (int i = 0; i < n * n; ++i) {
+        float q = position[i / n];
+        result[i] = of->lies && rarely() ? number() : i / n == i % n ? of->factor * (of->stiffness + 3.0f * of->hardening * q * q) : 0.0f;
+    }
+}
+
+static void force(void *context, float time, const float *position, float *result) {
+    const Springs *of = context;
+    for (int i = 0; i < of->coordinates; ++i) {
+        result[i] = of->lies && rarely() ? number() : time < 1.0f ? 1.0f : position[i] * 0.01f;
+    }
+}
+
+static void init_stepper(void) {
+    uint32_t index = below(STEPPERS);
+    int n = 1 + (int)below(MOST);
+    float mass[MOST * MOST] = {0}, damping[MOST * MOST] = {0}, position[MOST], momentum[MOST];
+    for (int i = 0; i < n; ++i) {
+        position[i] = number();
+        momentum[i] = number();
+        mass[i * n + i] = 0.5f + positive();
+        damping[i * n + i] = positive();
+    }
+    if (n > 1 && below(4) == 0) {
+        damping[1] = damping[n] = 0.1f * number();
+        mass[1] = mass[n] = rarely() ? number() : 0.1f;
+        mass[n] = rarely() ? number() : mass[n];
+    }
+    Springs *drawn_springs = &springs[index][!in_use[index]];
+    *drawn_springs = (Springs){n, 9.0f * positive(), positive(), below(3) == 0, below(8) == 0 ? 5.0f * number() : 1.0f};
+    FviMemory drawn = memory(n, world.stepper_buffers[index], NUMBERS);
+    FviSystem system = {
+        .mass = pointer(mass),
+        .damping = pointer(damping),
+        .damping_order = rarely() ? 3.0f * number() : 0.5f,
+        .derivative = rarely() ? below(9) : below(2),
+        .memory = pointer(&drawn),
+        .step_size = rarely() ? number() : 0.25f,
+        .kappa = rarely() ? number() : (float)below(5) / 4.0f,
+        .position = pointer(position),
+        .momentum = pointer(momentum),
+        .gradient = rarely() ? NULL : gradient,
+        .hessian = rarely() ? NULL : hessian,
+        .force = below(2) ? NULL : force,
+        .context = drawn_springs,
+    };
+    void *storage = pointer(&world.steppers[index]);
+    const FviSystem *passed = pointer(&system);
+    FviStepper **address = pointer(&world.address);
+    remember();
+    may_empty(&drawn, world.stepper_buffers[index], sizeof world.stepper_buffers[index]);
+    int status;
+    switch (n) {
+    case 1: status = fvi_stepper_init_1(storage, passed, address); break;
+    case 2: status = fvi_stepper_init_2(storage, passed, address); break;
+    case 3: status = fvi_stepper_init_3(storage, passed, address); break;
+    case 4: status = fvi_stepper_init_4(storage, passed, address); break;
+    case 5: status = fvi_stepper_init_5(storage, passed, address); break;
+    default: status = fvi_stepper_init_6(storage, passed, address); break;
+    }
+    if (is_done(4, status)) {
+        in_use[index] = !in_use[index];
+        if ((void *)world.address != storage) {
+            stop(4, "gives another address");
+        }
+    }
+}
+
+static void step(void) {
+    uint32_t index = below(STEPPERS);
+    float input[MOST];
+    for (int i = 0; i < MOST; ++i) {
+        input[i] = number();
+    }
+    remember();
+    is_done(5, fvi_stepper_step(pointer(&world.steppers[index]), below(2) ? NULL : pointer(input)));
+    remember();
+    if (is_done(5, fvi_stepper_state(pointer(&world.steppers[index]), pointer(world.position), pointer(world.momentum),
+            below(2) ? NULL : pointer(&world.steps)))) {
+        expect_finite(5, world.position, MOST);
+        expect_finite(5, world.momentum, MOST);
+    }
+}
+
+int main(int count, char **arguments) {
+    unsigned long calls = count > 1 ? strtoul(arguments[1], NULL, 10) : 20000;
+    seed = count > 2 ? strtoull(arguments[2], NULL, 10) : 1;
+    state = seed;
+    for (int i = 0; i <= CAPACITY; ++i) {
+        kernel[i] = i == 0 ? 2.0f : -1.0f / (float)(i * i);
+    }
+    while (made < calls) {
+        switch (below(16)) {
+        case 0: make_weights(); break;
+        case 1: init_operator(); break;
+        case 2: clear(); break;
+        case 3: init_stepper(); break;
+        case 4: case 5: case 6: case 7: case 8: push(); break;
+        default: step(); break;
+        }
+    }
+    printf("C calls: %lu from seed %llu\n", made, (unsigned long long)seed);
+    for (int call = 0; call < CALLS; ++call) {
+        unsigned long all = 0;
+        for (int status = 0; status < STATUSES; ++status) {
+            all += reached[call][status];
+        }
+        printf("  %s: %lu, %lu of them done\n", names[call], all, reached[call][FVI_STATUS_OK]);
+    }
+    for (int status = 0; status < STATUSES; ++status) {
+        unsigned long all = 0;
+        for (int call = 0; call < CALLS; ++call) {
+            all += reached[call][status];
+        }
+        if (all == 0 && made >= 20000) {
+            printf("FAILED: the status \"%s\" was never reached\n", fvi_status_text(status));
+            return 1;
+        }
+    }
+    return 0;
+}
