@@ -1,6 +1,5 @@
-//! Damping at the quadrature nodes with weights of backward differentiation formulas: principle, orders, limits, stability.
+//! Damping at the quadrature nodes with weights of backward differentiation formulas: principle, momentum, limits, engines.
 
-use std::collections::HashMap;
 use std::path::Path;
 
 use fvi_core::{
@@ -12,10 +11,7 @@ use fvi_core::{
 use fvi_host::language::Document;
 use fvi_host::scenario::{Engine, Scenario};
 use fvi_host::simulation::{GridState, Precision, Simulation};
-use fvi_tests::convergence::observed_order;
-use fvi_tests::manufactured::manufactured_errors;
 use fvi_tests::motion::{Pendulum, diagonal, integrate, weights};
-use fvi_tests::reference;
 use fvi_tests::stages::StageMemory;
 use nalgebra::{SMatrix, SVector, matrix, vector};
 
@@ -54,153 +50,6 @@ fn states(text: &str, engine: Option<Engine>) -> Vec<GridState> {
         states.push(state.clone());
     }
     states
-}
-
-/// m q̈ + ρ D^β q + c q = 0 from q₀ = 1 with the momentum `start`, values against exact ones at t ≥ 1.
-struct Oscillator<'a> {
-    rows: &'a [HashMap<String, f64>],
-    derivative: Derivative,
-    start: f64,
-}
-
-impl Oscillator<'_> {
-    /// Position, momentum and energy, from the response G to an impulse and its integral S.
-    fn exact(&self, row: &HashMap<String, f64>) -> [f64; 3] {
-        let (m, c) = (row["m"], row["c"]);
-        let (q, v) = match self.derivative {
-            // Only those terms of the start that the derivative acts on drive the motion.
-            Caputo => (1.0 - c * row["S"], -c * row["G"]),
-            RiemannLiouville => (m * row["dG"], m * row["ddG"]),
-        };
-        let (q, p) = (q + self.start * row["G"], m * (v + self.start * row["dG"]));
-        [q, p, 0.5 * (p * p / m + c * q * q)]
-    }
-
-    /// Largest errors of position, momentum and energy at the times of the table, with n steps a unit.
-    fn errors(&self, degree: usize, order: usize, n: usize) -> [f64; 3] {
-        let row = &self.rows[0];
-        let (m, rho, c, beta) = (row["m"], row["rho"], row["c"], row["beta"]);
-        let derivative = if self.derivative == Caputo { "caputo" } else { "riemann-liouville" };
-        let motion = states(
-            &format!(
-                "[system]\nmass = [{m:?}]\npotential = \"0.5*c*q0^2\"\nparameters = {{ c = {c:?} }}\n\
-                 [[system.damping]]\norder = {beta:?}\ncoefficient = [{rho:?}]\nderivative = \"{derivative}\"\n\
-                 [initial]\nposition = [1.0]\nmomentum = [{:?}]\n[scheme]\nkind = \"galerkin\"\ndegree = {degree}\n\
-                 [convolution]\norder = {order}\nat = \"nodes\"\n[time]\nstep = {:?}\nend = 4.0\n",
-                self.start,
-                1.0 / n as f64
-            ),
-            None,
-        );
-        let mut errors = [0.0; 3];
-        for row in self.rows.iter().filter(|row| (1.0..=4.0).contains(&row["t"])) {
-            let state = &motion[(row["t"] * n as f64) as usize];
-            let found = [state.position[0], state.momentum[0], state.energy];
-            for ((error, found), exact) in errors.iter_mut().zip(found).zip(self.exact(row)) {
-                *error = f64::max(*error, (found - exact).abs());
-            }
-        }
-        errors
-    }
-
-    /// Observed orders of position, momentum and energy on the given grids.
-    fn orders(&self, degree: usize, order: usize, steps: &[usize]) -> [f64; 3] {
-        let sizes: Vec<f64> = steps.iter().map(|&n| 1.0 / n as f64).collect();
-        let errors: Vec<[f64; 3]> = steps.iter().map(|&n| self.errors(degree, order, n)).collect();
-        [0, 1, 2].map(|quantity| {
-            let errors: Vec<f64> = errors.iter().map(|error| error[quantity]).collect();
-            observed_order(&sizes, &errors)
-        })
-    }
-}
-
-/// The tables of exact values, a group of rows for each oscillator.
-fn oscillators() -> Vec<Vec<HashMap<String, f64>>> {
-    let rows = [reference::read("fundamental.csv"), reference::read("fundamental_between.csv")].concat();
-    let same = |a: &HashMap<String, f64>, b: &HashMap<String, f64>| {
-        ["beta", "m", "rho", "c"].iter().all(|key| a[*key] == b[*key])
-    };
-    rows.chunk_by(same).map(<[_]>::to_vec).collect()
-}
-
-/// Degree and BDF order, steps a unit, and the band of the observed order.
-type Case = (usize, usize, &'static [usize], (f64, f64));
-
-const CASES: [Case; 5] = [
-    (1, 2, &[64, 128, 256], (1.9, 2.1)),
-    (2, 3, &[32, 64, 128], (2.9, 3.1)),
-    (2, 4, &[32, 64, 128], (3.8, 4.2)),
-    (3, 5, &[16, 32, 64], (4.8, 5.2)),
-    (3, 6, &[16, 32], (5.6, 6.9)),
-];
-
-fn assert_orders(oscillator: &Oscillator, (degree, order, steps, (least, most)): Case) {
-    let row = &oscillator.rows[0];
-    for (name, found) in ["q", "p", "E"].into_iter().zip(oscillator.orders(degree, order, steps)) {
-        assert!(
-            (least..=most).contains(&found),
-            "Gauss {degree}, BDF {order}, β = {}, ρ = {}, {:?}, p₀ = {}: order {found:.2} of {name}",
-            row["beta"],
-            row["rho"],
-            oscillator.derivative,
-            oscillator.start
-        );
-    }
-}
-
-#[test]
-fn the_order_is_the_formulas_for_position_momentum_and_energy() {
-    let mut seen = 0;
-    for rows in oscillators() {
-        // With β > 1 Caputo's derivative takes the initial velocity off.
-        let (start, cases) = if rows[0]["beta"] <= 1.0 { (0.5, 5) } else { (0.0, 3) };
-        for case in CASES.into_iter().take(cases) {
-            assert_orders(&Oscillator { rows: &rows, derivative: Caputo, start }, case);
-            seen += 1;
-        }
-    }
-    assert_eq!(seen, 7 * 5 + 2 * 3);
-}
-
-#[test]
-fn riemann_liouville_damping_converges_from_a_start_that_is_not_zero() {
-    // A force singular like t^{−β} for β < 1, an impulse for β = 1, and no function at all beyond: the sums of all formulas have one limit, the
-    // motion whose transform is (m q₀ s + p₀)/P(s).
-    for rows in oscillators() {
-        let oscillator = Oscillator { rows: &rows, derivative: RiemannLiouville, start: 0.5 };
-        assert_orders(&oscillator, (1, 1, &[128, 256, 512], (0.9, 1.1)));
-        let cases = if rows[0]["beta"] <= 1.0 { 3 } else { 2 };
-        for case in CASES.into_iter().take(cases) {
-            assert_orders(&oscillator, case);
-        }
-    }
-}
-
-#[test]
-fn a_smooth_nonlinear_motion_has_the_order_of_the_formula() {
-    fn orders<const S: usize>(order: usize, damping_order: f64, steps: [usize; 2]) -> [f64; 2] {
-        let sizes = steps.map(|n| 1.0 / n as f64);
-        let errors = steps.map(|n| {
-            let table = weights(order, damping_order, 1.0 / n as f64, n + 1);
-            let damping = node_term::<1, S>(diagonal(0.5), damping_order, Caputo, &table);
-            manufactured_errors(gauss::<S>(), damping, (0.5, damping_order), n)
-        });
-        [0, 1].map(|quantity| observed_order(&sizes, &errors.map(|error| error[quantity])))
-    }
-    for damping_order in [0.3, 0.7, 1.0, 1.5] {
-        let check = |name: &str, found: [f64; 2], expected: f64| {
-            for (quantity, found) in ["q", "p"].into_iter().zip(found) {
-                let what = format!("{name}, {quantity}, β = {damping_order}: {found:.2}");
-                assert!((found - expected).abs() < 0.1 * expected.sqrt(), "{what}");
-            }
-        };
-        check("Gauss 1, BDF 2", orders::<1>(2, damping_order, [128, 256]), 2.0);
-        check("Gauss 2, BDF 3", orders::<2>(3, damping_order, [128, 256]), 3.0);
-        check("Gauss 2, BDF 4", orders::<2>(4, damping_order, [64, 128]), 4.0);
-        if damping_order <= 1.0 {
-            check("Gauss 3, BDF 5", orders::<3>(5, damping_order, [64, 128]), 5.0);
-        }
-    }
 }
 
 /// Paths of R nodes over a number of steps.
@@ -361,74 +210,6 @@ fn half_order_damping_is_linear_damping_by_backward_differences_of_the_midpoints
         (p, before, q) = (p - kick(e), q + 0.5 * e, q + e);
         let error = (motion.positions[k][0] - q).abs().max((motion.momenta[k][0] - p).abs());
         assert!(error < 1e-11, "step {k}: {error:e}");
-    }
-}
-
-/// Numbers in [0, 1) from a congruential generator: the same on every run.
-struct Numbers(u64);
-
-impl Numbers {
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    /// Σ_r b_r b_rᵀ of vectors of small whole numbers, times a power of two near `size`: symmetric and semidefinite without rounding.
-    fn matrix(&mut self, coordinates: usize, rank: usize, size: f64) -> Vec<Vec<f64>> {
-        let vectors: Vec<Vec<f64>> = (0..rank)
-            .map(|_| (0..coordinates).map(|_| (5.0 * self.next()).floor() - 2.0).collect())
-            .collect();
-        let scale = size.log2().round().exp2();
-        let entry = |i: usize, j: usize| scale * vectors.iter().map(|b| b[i] * b[j]).sum::<f64>();
-        (0..coordinates).map(|i| (0..coordinates).map(|j| entry(i, j)).collect()).collect()
-    }
-}
-
-/// Energies of the midpoint rule from rest on a random system, with ωh up to about 10⁶ and a damping force as large.
-fn energies(numbers: &mut Numbers, coordinates: usize, steps: usize) -> (String, Vec<f64>) {
-    let rank = 1 + (coordinates as f64 * numbers.next()) as usize;
-    let (stiff, damped) = (16.0 * numbers.next() - 4.0, 16.0 * numbers.next() - 4.0);
-    let stiffness = numbers.matrix(coordinates, coordinates + 1, 10f64.powf(stiff));
-    let damping = numbers.matrix(coordinates, rank, 10f64.powf(damped));
-    let order = 1 + (2.0 * numbers.next()) as usize;
-    let beta = 2.0 * numbers.next();
-    let terms: Vec<String> = (0..coordinates)
-        .flat_map(|i| (i..coordinates).map(move |j| (i, j)))
-        .map(|(i, j)| format!("{:?}*q{i}*q{j}", if i == j { 0.5 * stiffness[i][i] } else { stiffness[i][j] }))
-        .collect();
-    let position: Vec<f64> = (0..coordinates).map(|_| 2.0 * numbers.next() - 1.0).collect();
-    let what = format!(
-        "N = {coordinates}, BDF {order}, β = {beta}, K ~ 1e{stiff:.1}, ρ ~ 1e{damped:.1} of rank {rank}"
-    );
-    let text = format!(
-        "[system]\nmass = {:?}\npotential = \"{}\"\n[[system.damping]]\norder = {beta:?}\ncoefficient = {damping:?}\n\
-         [initial]\nposition = {position:?}\nmomentum = {:?}\n[convolution]\norder = {order}\nat = \"nodes\"\n\
-         [time]\nstep = 1.0\nsteps = {steps}\n",
-        vec![1.0; coordinates],
-        terms.join(" + ").replace("+ -", "- "),
-        vec![0.0; coordinates],
-    );
-    (what, states(&text, None).iter().map(|state| state.energy).collect())
-}
-
-fn assert_never_above_the_first((what, energies): (String, Vec<f64>)) {
-    for (k, energy) in energies.iter().enumerate() {
-        assert!(
-            *energy <= energies[0] * (1.0 + 1e-9),
-            "{what}, step {k}: {energy:e} after {:e}",
-            energies[0]
-        );
-    }
-}
-
-#[test]
-fn the_midpoint_from_rest_never_has_more_energy_than_at_first_whatever_the_stiffness() {
-    let mut numbers = Numbers(13);
-    for coordinates in (1..=20).chain(1..=6) {
-        assert_never_above_the_first(energies(&mut numbers, coordinates, 200));
-    }
-    for _ in 0..2 {
-        assert_never_above_the_first(energies(&mut numbers, 2, 20_000));
     }
 }
 
