@@ -379,8 +379,8 @@ fn accepted_steps_never_grow_and_refused_ones_do() {
     let config =
         Config { cases, failure_persistence: None, rng_seed: RngSeed::Fixed(seed), ..Config::default() };
     let result = TestRunner::new(config).run(&random(), |random| verdict_holds(&random));
-    println!("stability: {cases} cases from seed {seed}");
     assert!(result.is_ok(), "STABILITY_SEED={seed} STABILITY_CASES={cases}: {}", result.unwrap_err());
+    println!("stability: {cases} cases from seed {seed}");
 }
 
 #[test]
