@@ -10,7 +10,7 @@ pub trait Bits: Real {
     const NAME: &'static str;
 
     /// The bits, the sign first.
-    fn bits(self) -> Hexadecimal;
+    fn hexadecimal(self) -> Hexadecimal;
 }
 
 /// Bits of a number; displayed as hexadecimal digits.
@@ -29,7 +29,7 @@ impl fmt::Display for Hexadecimal {
 impl Bits for f32 {
     const NAME: &'static str = "f32";
 
-    fn bits(self) -> Hexadecimal {
+    fn hexadecimal(self) -> Hexadecimal {
         Hexadecimal { bits: u64::from(self.to_bits()), digits: 8 }
     }
 }
@@ -37,7 +37,7 @@ impl Bits for f32 {
 impl Bits for f64 {
     const NAME: &'static str = "f64";
 
-    fn bits(self) -> Hexadecimal {
+    fn hexadecimal(self) -> Hexadecimal {
         Hexadecimal { bits: self.to_bits(), digits: 16 }
     }
 }

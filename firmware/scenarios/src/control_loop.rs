@@ -75,9 +75,9 @@ impl fmt::Display for Tick {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { error, integral, derivative, input, position, momentum } = *self;
         for number in [error, integral, derivative, input, position] {
-            write!(f, "{} ", number.bits())?;
+            write!(f, "{} ", number.hexadecimal())?;
         }
-        write!(f, "{}", momentum.bits())
+        write!(f, "{}", momentum.hexadecimal())
     }
 }
 

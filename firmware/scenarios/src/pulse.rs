@@ -74,7 +74,7 @@ pub fn run<T: Tabulated>(out: &mut impl fmt::Write) -> Result<(), Refusal> {
         .build()?;
     for step in 0..=STEPS {
         let state = integrator.state();
-        writeln!(out, "{step} {} {}", state.position[0].bits(), state.momentum[0].bits())?;
+        writeln!(out, "{step} {} {}", state.position[0].hexadecimal(), state.momentum[0].hexadecimal())?;
         if step < STEPS {
             integrator.step(&rest)?;
         }

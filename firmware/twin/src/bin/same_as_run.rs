@@ -12,7 +12,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let bits = |number: &str| -> Result<String, Box<dyn Error>> {
         let number: f64 = number.parse()?;
-        Ok(if scalar == f32::NAME { (number as f32).bits() } else { number.bits() }.to_string())
+        Ok(if scalar == f32::NAME { (number as f32).hexadecimal() } else { number.hexadecimal() }.to_string())
     };
     let image = fs::read_to_string(image)?;
     let printed =
