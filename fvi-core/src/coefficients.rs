@@ -15,22 +15,22 @@ impl<T: Real, const N: usize> Space<T> for Fixed<N> {
     type Vector = SVector<T, N>;
     type Block = Coefficients<T, N>;
 
-    #[inline]
+    #[inline(always)]
     fn coordinates(&self) -> usize {
         N
     }
 
-    #[inline]
+    #[inline(always)]
     fn zeros(&self) -> SVector<T, N> {
         SVector::zeros()
     }
 
-    #[inline]
+    #[inline(always)]
     fn slice(vector: &SVector<T, N>) -> &[T] {
         vector.as_slice()
     }
 
-    #[inline]
+    #[inline(always)]
     fn slice_mut(vector: &mut SVector<T, N>) -> &mut [T] {
         vector.as_mut_slice()
     }
@@ -47,7 +47,7 @@ pub enum Coefficients<T, const N: usize> {
 
 impl<T: Real, const N: usize> Coefficients<T, N> {
     /// Product with a vector.
-    #[inline]
+    #[inline(always)]
     pub fn multiply(&self, vector: &SVector<T, N>) -> SVector<T, N> {
         match self {
             Self::Diagonal(diagonal) => diagonal.component_mul(vector),
@@ -56,7 +56,7 @@ impl<T: Real, const N: usize> Coefficients<T, N> {
     }
 
     /// The matrix with all its entries.
-    #[inline]
+    #[inline(always)]
     pub fn to_matrix(&self) -> SMatrix<T, N, N> {
         match self {
             Self::Diagonal(diagonal) => SMatrix::from_diagonal(diagonal),
@@ -83,7 +83,7 @@ impl<T: Real, const N: usize> Coefficients<T, N> {
 }
 
 impl<T: Real, const N: usize> Block<T> for Coefficients<T, N> {
-    #[inline]
+    #[inline(always)]
     fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]) {
         match self {
             Self::Diagonal(diagonal) => {
@@ -101,7 +101,7 @@ impl<T: Real, const N: usize> Block<T> for Coefficients<T, N> {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn add_to(&self, factor: T, target: &mut [T], width: usize, row: usize, column: usize) {
         let rows = target.chunks_exact_mut(width.max(1)).skip(row);
         match self {

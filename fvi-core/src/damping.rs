@@ -275,7 +275,7 @@ impl<T: Real, X: Space<T>, M> DampingTerm<T, X, M> {
 
     /// What the operator acts on in one coordinate when its position is `position` at `time`, for each
     /// coordinate in turn.
-    #[inline]
+    #[inline(always)]
     fn acted_on(&self, position: impl Iterator<Item = T>, time: T) -> impl Iterator<Item = T> {
         let start = self.start;
         let initial = X::slice(&self.initial_position).iter().zip(X::slice(&self.initial_velocity));
@@ -300,7 +300,7 @@ impl<T: Real, X: Space<T>, M: Memory<T>> DampingTerm<T, X, M> {
     }
 
     /// W_ij, i and j from 0, of a sample with `nodes` nodes.
-    #[inline]
+    #[inline(always)]
     fn leading(&self, nodes: usize, i: usize, j: usize) -> T {
         let stages = self.memory.stages();
         let index = if stages == nodes {
@@ -334,7 +334,7 @@ impl<T: Real, X: Space<T>, M: Memory<T>> Damping<T, X> for DampingTerm<T, X, M> 
         copy(X::slice_mut(&mut self.initial_velocity), velocity);
     }
 
-    #[inline]
+    #[inline(always)]
     fn add_known(
         &mut self,
         from: &[T],
@@ -344,8 +344,7 @@ impl<T: Real, X: Space<T>, M: Memory<T>> Damping<T, X> for DampingTerm<T, X, M> 
         scratch: &mut [T],
     ) -> Result<(), MemoryError> {
         if self.step_size != T::zero() && self.step_size != step_size {
-            let (expected, found) = (self.step_size.to_f64(), step_size.to_f64());
-            return Err(MemoryError::StepLength { expected, found });
+            return Err(MemoryError::StepLength);
         }
         self.memory.begin_step(step_size)?;
         let (coordinates, nodes) = (from.len(), times.len());
@@ -376,7 +375,7 @@ impl<T: Real, X: Space<T>, M: Memory<T>> Damping<T, X> for DampingTerm<T, X, M> 
         Ok(())
     }
 
-    #[inline]
+    #[inline(always)]
     fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
         let coordinates = X::slice(&self.initial_position).len();
         let nodes = vectors(increments, coordinates).count();
@@ -390,7 +389,7 @@ impl<T: Real, X: Space<T>, M: Memory<T>> Damping<T, X> for DampingTerm<T, X, M> 
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn visit_leading(&self, nodes: usize, mut visit: impl FnMut(usize, usize, T, &X::Block)) {
         for i in 0..nodes {
             for j in 0..nodes {
@@ -402,12 +401,12 @@ impl<T: Real, X: Space<T>, M: Memory<T>> Damping<T, X> for DampingTerm<T, X, M> 
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn leading_is_constant(&self) -> bool {
         self.memory.leading_is_constant()
     }
 
-    #[inline]
+    #[inline(always)]
     fn push(&mut self, from: &[T], sample: &Sample<'_, T>, scratch: &mut [T]) -> Result<(), MemoryError> {
         let (coordinates, nodes) = (from.len(), sample.times.len());
         let stored = scratch.get_mut(..coordinates * nodes).unwrap_or(&mut []);
@@ -506,7 +505,7 @@ impl<T: Real, X: Space<T>, A: Damping<T, X>, B: Damping<T, X>> Damping<T, X> for
         self.1.begin(position, velocity);
     }
 
-    #[inline]
+    #[inline(always)]
     fn add_known(
         &mut self,
         from: &[T],
@@ -519,24 +518,24 @@ impl<T: Real, X: Space<T>, A: Damping<T, X>, B: Damping<T, X>> Damping<T, X> for
         self.1.add_known(from, step_size, times, known, scratch)
     }
 
-    #[inline]
+    #[inline(always)]
     fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
         self.0.add_leading(increments, force, scratch);
         self.1.add_leading(increments, force, scratch);
     }
 
-    #[inline]
+    #[inline(always)]
     fn visit_leading(&self, nodes: usize, mut visit: impl FnMut(usize, usize, T, &X::Block)) {
         self.0.visit_leading(nodes, &mut visit);
         self.1.visit_leading(nodes, visit);
     }
 
-    #[inline]
+    #[inline(always)]
     fn leading_is_constant(&self) -> bool {
         self.0.leading_is_constant() && self.1.leading_is_constant()
     }
 
-    #[inline]
+    #[inline(always)]
     fn push(&mut self, from: &[T], sample: &Sample<'_, T>, scratch: &mut [T]) -> Result<(), MemoryError> {
         self.0.push(from, sample, scratch)?;
         self.1.push(from, sample, scratch)
@@ -572,7 +571,7 @@ impl<T: Real, X: Space<T>, D: Damping<T, X>> Damping<T, X> for [D] {
         self.iter_mut().for_each(|damping| damping.begin(position, velocity));
     }
 
-    #[inline]
+    #[inline(always)]
     fn add_known(
         &mut self,
         from: &[T],
@@ -584,22 +583,22 @@ impl<T: Real, X: Space<T>, D: Damping<T, X>> Damping<T, X> for [D] {
         self.iter_mut().try_for_each(|damping| damping.add_known(from, step_size, times, known, scratch))
     }
 
-    #[inline]
+    #[inline(always)]
     fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
         self.iter().for_each(|damping| damping.add_leading(increments, force, scratch));
     }
 
-    #[inline]
+    #[inline(always)]
     fn visit_leading(&self, nodes: usize, mut visit: impl FnMut(usize, usize, T, &X::Block)) {
         self.iter().for_each(|damping| damping.visit_leading(nodes, &mut visit));
     }
 
-    #[inline]
+    #[inline(always)]
     fn leading_is_constant(&self) -> bool {
         self.iter().all(|damping| damping.leading_is_constant())
     }
 
-    #[inline]
+    #[inline(always)]
     fn push(&mut self, from: &[T], sample: &Sample<'_, T>, scratch: &mut [T]) -> Result<(), MemoryError> {
         self.iter_mut().try_for_each(|damping| damping.push(from, sample, scratch))
     }
@@ -634,7 +633,7 @@ macro_rules! handing_on {
                 <$inner as Damping<T, X>>::begin($unique, position, velocity);
             }
 
-            #[inline]
+            #[inline(always)]
             fn add_known(
                 &mut $self,
                 from: &[T],
@@ -646,22 +645,22 @@ macro_rules! handing_on {
                 <$inner as Damping<T, X>>::add_known($unique, from, step_size, times, known, scratch)
             }
 
-            #[inline]
+            #[inline(always)]
             fn add_leading(&$self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
                 <$inner as Damping<T, X>>::add_leading($shared, increments, force, scratch);
             }
 
-            #[inline]
+            #[inline(always)]
             fn visit_leading(&$self, nodes: usize, visit: impl FnMut(usize, usize, T, &X::Block)) {
                 <$inner as Damping<T, X>>::visit_leading($shared, nodes, visit);
             }
 
-            #[inline]
+            #[inline(always)]
             fn leading_is_constant(&$self) -> bool {
                 <$inner as Damping<T, X>>::leading_is_constant($shared)
             }
 
-            #[inline]
+            #[inline(always)]
             fn push(
                 &mut $self,
                 from: &[T],

@@ -77,20 +77,20 @@ impl<K> Kept<K> {
 
 impl<T: Real> DiscreteLagrangian<'_, T> {
     /// Number of unknown nodes S.
-    #[inline]
+    #[inline(always)]
     fn degree(&self) -> usize {
         self.control_points.len()
     }
 
     /// Whether no force enters the equation for q_{k+1}, so that the position drifts: a straight line with ℓ₀
     /// = 0 at every node.
-    #[inline]
+    #[inline(always)]
     fn drifts(&self) -> bool {
         self.degree() == 1 && self.tests.iter().all(|test| *test == T::zero())
     }
 
     /// X_i − q_k = Σ_ν ℓ_ν(c_i) e^ν for every node.
-    #[inline]
+    #[inline(always)]
     fn place_stages(&self, increments: &[T], stages: &mut [T], coordinates: usize) {
         let shapes = vectors(self.shapes, self.degree());
         for (stage, shapes) in vectors_mut(stages, coordinates).zip(shapes) {
@@ -117,7 +117,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
     ///
     /// # Errors
     /// [`StepError`]; position, momentum and damping are as before.
-    #[inline]
+    #[inline(always)]
     pub fn step_damped_at_main_nodes<X, E, G, D>(
         &self,
         work: &mut Workspace<'_, T, X, E>,
@@ -167,7 +167,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
     ///
     /// # Errors
     /// [`StepError`]; position, momentum and damping are as before.
-    #[inline]
+    #[inline(always)]
     pub fn step_damped_at_nodes<X, E, G, D>(
         &self,
         work: &mut Workspace<'_, T, X, E>,
@@ -212,7 +212,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
     ///
     /// The shapes add to one and their derivatives to zero, so the last equation is p_{k+1} = p_k − h Σ_i b_i
     /// G_i.
-    #[inline]
+    #[inline(always)]
     fn solve<X, E, G, D>(
         &self,
         work: &mut Workspace<'_, T, X, E>,
@@ -306,7 +306,7 @@ struct StepEquations<'a, T: Real, X: Space<T>, G, D> {
 impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> StepEquations<'_, T, X, G, D> {
     /// Places the stages and writes G_i to `forces`; adds −h Σ_i b_i ℓ_ν(c_i) ∂G_i/∂e^μ to the matrix if
     /// there is one.
-    #[inline]
+    #[inline(always)]
     fn forces<E: Equations<T, X::Block>>(&mut self, increments: &[T], mut matrix: Option<&mut E>) {
         let (lagrangian, h) = (self.lagrangian, self.step.size);
         let (coordinates, degree) = (self.position.len(), lagrangian.degree());
@@ -356,7 +356,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> StepEquations<'
     }
 
     /// Writes the residuals of the S equations, and their derivatives to the matrix if there is one.
-    #[inline]
+    #[inline(always)]
     fn residual<E: Equations<T, X::Block>>(
         &mut self,
         increments: &[T],

@@ -37,7 +37,7 @@ impl ExplicitEuler {
     /// The coefficients that turn
     /// [`step_damped_at_main_nodes`](crate::DiscreteLagrangian::step_damped_at_main_nodes) into this method:
     /// U and F count at the beginning of the step and in the new momentum only.
-    #[inline]
+    #[inline(always)]
     pub fn coefficients<T: Real>() -> Galerkin<T, 1, 1> {
         Galerkin::of_degree_one(T::zero(), T::zero(), T::zero())
     }
@@ -46,7 +46,7 @@ impl ExplicitEuler {
 impl ImplicitEuler {
     /// The coefficients that turn [`step_damped_at_nodes`](crate::DiscreteLagrangian::step_damped_at_nodes)
     /// into this method: all forces count at the end of the step and in both of its equations.
-    #[inline]
+    #[inline(always)]
     pub fn coefficients<T: Real>() -> Galerkin<T, 1, 1> {
         Galerkin::of_degree_one(T::one(), T::one(), T::one())
     }

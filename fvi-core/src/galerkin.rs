@@ -243,7 +243,7 @@ impl<T: Real> Galerkin<T, 1, 1> {
     }
 
     /// Straight lines with one node, and the given numbers for ℓ₁ and ℓ₀ there.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn of_degree_one(node: T, shape: T, test: T) -> Self {
         Self {
             weights: [T::one()],
@@ -258,7 +258,7 @@ impl<T: Real> Galerkin<T, 1, 1> {
 
 impl<T, const S: usize, const Q: usize> Galerkin<T, S, Q> {
     /// The discrete Lagrangian without its shape in the type.
-    #[inline]
+    #[inline(always)]
     pub fn view(&self) -> DiscreteLagrangian<'_, T> {
         DiscreteLagrangian {
             weights: &self.weights,
@@ -312,7 +312,7 @@ impl<T: Real, const N: usize, const S: usize, const Q: usize> Scheme<T, Fixed<N>
         Sampling::MainNodes
     }
 
-    #[inline]
+    #[inline(always)]
     fn step<G: Mechanics<T, Fixed<N>>, D: Damping<T, Fixed<N>>>(
         &self,
         storage: &mut Self::Storage,

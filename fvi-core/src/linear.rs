@@ -7,7 +7,7 @@ use nalgebra::SMatrix;
 use crate::real::Real;
 
 /// target += factor · x, number by number.
-#[inline]
+#[inline(always)]
 pub fn add_multiple<T: Real>(target: &mut [T], factor: T, x: &[T]) {
     for (target, &x) in target.iter_mut().zip(x) {
         *target += x * factor;
@@ -26,13 +26,13 @@ impl core::fmt::Display for Singular {
 
 impl core::error::Error for Singular {}
 
-#[inline]
+#[inline(always)]
 fn at<T: Real>(numbers: &[T], index: usize) -> T {
     numbers.get(index).copied().unwrap_or(T::zero())
 }
 
 /// Row `upper` and the later row `lower` of a matrix of width n, to read and to change.
-#[inline]
+#[inline(always)]
 fn two_rows<T>(matrix: &mut [T], n: usize, upper: usize, lower: usize) -> Option<(&mut [T], &mut [T])> {
     let (above, below) = matrix.split_at_mut_checked(lower * n)?;
     Some((above.get_mut(upper * n..)?.get_mut(..n)?, below.get_mut(..n)?))
@@ -44,7 +44,7 @@ fn two_rows<T>(matrix: &mut [T], n: usize, upper: usize, lower: usize) -> Option
 /// # Errors
 /// [`Singular`] if no pivot of a column is larger than rounding of that column's largest entry, or one is not
 /// a number.
-#[inline]
+#[inline(always)]
 pub fn factor<T: Real>(matrix: &mut [T], pivots: &mut [usize]) -> Result<(), Singular> {
     let n = pivots.len();
     for (column, place) in pivots.iter_mut().enumerate() {
@@ -83,7 +83,7 @@ pub fn factor<T: Real>(matrix: &mut [T], pivots: &mut [usize]) -> Result<(), Sin
 }
 
 /// Solves A x = `vector` with the factors of A; x replaces `vector`.
-#[inline]
+#[inline(always)]
 pub fn substitute<T: Real>(factors: &[T], pivots: &[usize], vector: &mut [T]) {
     let n = pivots.len();
     for (row, &pivot) in pivots.iter().enumerate() {
@@ -112,14 +112,14 @@ pub fn substitute<T: Real>(factors: &[T], pivots: &[usize], vector: &mut [T]) {
 ///
 /// # Errors
 /// [`Singular`], as [`factor`].
-#[inline]
+#[inline(always)]
 pub fn solve<T: Real>(matrix: &mut [T], pivots: &mut [usize], vector: &mut [T]) -> Result<(), Singular> {
     factor(matrix, pivots)?;
     substitute(matrix, pivots, vector);
     Ok(())
 }
 
-#[inline]
+#[inline(always)]
 fn put<T>(numbers: &mut [T], index: usize, value: T) {
     if let Some(place) = numbers.get_mut(index) {
         *place = value;
@@ -127,7 +127,7 @@ fn put<T>(numbers: &mut [T], index: usize, value: T) {
 }
 
 /// Writes the inverse of a factored matrix, column by column.
-#[inline]
+#[inline(always)]
 pub fn invert_factored<T: Real>(factors: &[T], pivots: &[usize], columns: &mut [T]) {
     columns.fill(T::zero());
     for (index, column) in columns.chunks_exact_mut(pivots.len().max(1)).enumerate() {
@@ -137,7 +137,7 @@ pub fn invert_factored<T: Real>(factors: &[T], pivots: &[usize], columns: &mut [
 }
 
 /// out = A x for a matrix given column by column, each as long as `out`.
-#[inline]
+#[inline(always)]
 pub fn multiply_columns<T: Real>(columns: &[T], x: &[T], out: &mut [T]) {
     out.fill(T::zero());
     for (column, &x) in columns.chunks_exact(out.len().max(1)).zip(x) {

@@ -125,7 +125,7 @@ pub trait Memory<T> {
 }
 
 /// Why a memory engine refused a call. The engine is as it was before.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum MemoryError {
     /// The engine keeps at most `capacity` samples (or its table reaches no further) and has them all.
@@ -141,12 +141,7 @@ pub enum MemoryError {
         found: usize,
     },
     /// The weights are for steps of another length.
-    StepLength {
-        /// The step size of the kernel.
-        expected: f64,
-        /// The length of the step to be made.
-        found: f64,
-    },
+    StepLength,
 }
 
 impl fmt::Display for MemoryError {
@@ -156,9 +151,7 @@ impl fmt::Display for MemoryError {
             Self::ChannelMismatch { expected, found } => {
                 write!(f, "a sample has {found} numbers but the memory has {expected} channels")
             }
-            Self::StepLength { expected, found } => {
-                write!(f, "the memory is for steps of {expected} and cannot serve one of {found}")
-            }
+            Self::StepLength => write!(f, "the weights of the memory are for steps of another length"),
         }
     }
 }

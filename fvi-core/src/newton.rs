@@ -56,7 +56,7 @@ pub struct Inverse<T, const N: usize, const S: usize>(Square<T, N, S>);
 
 impl<T: Real, const N: usize, const S: usize> Inverse<T, N, S> {
     /// No inverse yet.
-    #[inline]
+    #[inline(always)]
     pub fn zero() -> Self {
         Self([[[[T::zero(); N]; S]; N]; S])
     }
@@ -64,12 +64,12 @@ impl<T: Real, const N: usize, const S: usize> Inverse<T, N, S> {
 
 impl<T: Real, const N: usize, const S: usize> StepMatrix<T, N, S> {
     /// The zero matrix.
-    #[inline]
+    #[inline(always)]
     pub fn zero() -> Self {
         Self { entries: [[[[T::zero(); N]; S]; N]; S], pivots: [[0; N]; S] }
     }
 
-    #[inline]
+    #[inline(always)]
     fn entries(&mut self) -> &mut [T] {
         self.entries.as_flattened_mut().as_flattened_mut().as_flattened_mut()
     }
@@ -78,23 +78,23 @@ impl<T: Real, const N: usize, const S: usize> StepMatrix<T, N, S> {
 impl<T: Real, const N: usize, const S: usize, B: Block<T>> Equations<T, B> for StepMatrix<T, N, S> {
     type Kept = Inverse<T, N, S>;
 
-    #[inline]
+    #[inline(always)]
     fn clear(&mut self) {
         self.entries().fill(T::zero());
     }
 
-    #[inline]
+    #[inline(always)]
     fn add(&mut self, row: usize, column: usize, factor: T, block: &B) {
         block.add_to(factor, self.entries(), N * S, row * N, column * N);
     }
 
-    #[inline]
+    #[inline(always)]
     fn solve(&mut self, vector: &mut [T]) -> Result<(), Singular> {
         let entries = self.entries.as_flattened_mut().as_flattened_mut().as_flattened_mut();
         solve(entries, self.pivots.as_flattened_mut(), vector)
     }
 
-    #[inline]
+    #[inline(always)]
     fn keep(&mut self, kept: &mut Inverse<T, N, S>) -> Result<(), Singular> {
         let entries = self.entries.as_flattened_mut().as_flattened_mut().as_flattened_mut();
         factor(entries, self.pivots.as_flattened_mut())?;
@@ -103,7 +103,7 @@ impl<T: Real, const N: usize, const S: usize, B: Block<T>> Equations<T, B> for S
         Ok(())
     }
 
-    #[inline]
+    #[inline(always)]
     fn solve_kept(&mut self, kept: &Inverse<T, N, S>, vector: &mut [T]) {
         let mut solution = [[T::zero(); N]; S];
         let inverse = kept.0.as_flattened().as_flattened().as_flattened();
@@ -115,7 +115,7 @@ impl<T: Real, const N: usize, const S: usize, B: Block<T>> Equations<T, B> for S
 }
 
 /// Largest absolute value.
-#[inline]
+#[inline(always)]
 pub(crate) fn size<T: Real>(numbers: &[T]) -> T {
     numbers.iter().fold(T::zero(), |largest, number| largest.max(number.abs()))
 }
@@ -130,7 +130,7 @@ pub(crate) fn size<T: Real>(numbers: &[T]) -> T {
 ///
 /// # Errors
 /// [`StepError::NotFinite`], [`StepError::SingularJacobian`] or [`StepError::NotConverged`].
-#[inline]
+#[inline(always)]
 pub(crate) fn newton<T: Real, B: Block<T>, E: Equations<T, B>>(
     unknowns: &mut [T],
     correction: &mut [T],

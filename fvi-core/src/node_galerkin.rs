@@ -57,7 +57,7 @@ impl<T: Real, const N: usize, const S: usize, const Q: usize> Scheme<T, Fixed<N>
         Sampling::Nodes(self.galerkin.nodes())
     }
 
-    #[inline]
+    #[inline(always)]
     fn step<G: Mechanics<T, Fixed<N>>, D: Damping<T, Fixed<N>>>(
         &self,
         storage: &mut Self::Storage,

@@ -79,7 +79,7 @@ pub trait Scheme<T: Real, X: Space<T>> {
 ///
 /// # Errors
 /// [`StepError::NotFinite`] or [`StepError::Memory`]; nothing has changed.
-#[inline]
+#[inline(always)]
 pub fn conclude<T: Real, X: Space<T>, D: Damping<T, X>>(
     damping: &mut D,
     sample: Sample<'_, T>,

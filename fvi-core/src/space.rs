@@ -46,7 +46,7 @@ pub trait Block<T: Real> {
 /// The vectors of `width` numbers in a slice, one after another; what is left over is left out.
 ///
 /// `chunks_exact` divides lengths. Where the width is not known before run time, divisions cost a small step more than its arithmetic.
-#[inline]
+#[inline(always)]
 pub(crate) fn vectors<T>(mut rest: &[T], width: usize) -> impl Iterator<Item = &[T]> {
     core::iter::from_fn(move || {
         let (vector, later) = rest.split_at_checked(width.max(1))?;
@@ -56,7 +56,7 @@ pub(crate) fn vectors<T>(mut rest: &[T], width: usize) -> impl Iterator<Item = &
 }
 
 /// As [`vectors`], to change them.
-#[inline]
+#[inline(always)]
 pub(crate) fn vectors_mut<T>(mut rest: &mut [T], width: usize) -> impl Iterator<Item = &mut [T]> {
     core::iter::from_fn(move || {
         let (vector, later) = core::mem::take(&mut rest).split_at_mut_checked(width.max(1))?;

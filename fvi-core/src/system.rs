@@ -59,13 +59,13 @@ impl<T: Real, const N: usize> Mass<T, N> {
     }
 
     /// Momentum p = M v.
-    #[inline]
+    #[inline(always)]
     pub fn momentum(&self, velocity: &SVector<T, N>) -> SVector<T, N> {
         self.matrix.multiply(velocity)
     }
 
     /// Velocity v = M⁻¹ p.
-    #[inline]
+    #[inline(always)]
     pub fn velocity(&self, momentum: &SVector<T, N>) -> SVector<T, N> {
         self.inverse.multiply(momentum)
     }
@@ -115,22 +115,22 @@ impl<T: Real, const N: usize> Quadratic<T, N> {
 }
 
 impl<T: Real, const N: usize> Potential<T, N> for Quadratic<T, N> {
-    #[inline]
+    #[inline(always)]
     fn value(&self, position: &SVector<T, N>) -> T {
         T::of(0.5) * position.dot(&self.stiffness.multiply(position))
     }
 
-    #[inline]
+    #[inline(always)]
     fn gradient(&self, position: &SVector<T, N>) -> SVector<T, N> {
         self.stiffness.multiply(position)
     }
 
-    #[inline]
+    #[inline(always)]
     fn hessian(&self, _: &SVector<T, N>) -> SMatrix<T, N, N> {
         self.stiffness.to_matrix()
     }
 
-    #[inline]
+    #[inline(always)]
     fn is_quadratic(&self) -> bool {
         true
     }
@@ -160,7 +160,7 @@ pub struct Instant<T> {
 
 impl<T: Real> Instant<T> {
     /// The instant `start` + `fraction`·`step_size`, `fraction` in [0, 1].
-    #[inline]
+    #[inline(always)]
     pub fn in_step(start: T, fraction: T, step_size: T) -> Self {
         let approach = if fraction == T::zero() {
             Approach::FromRight
@@ -195,12 +195,12 @@ pub trait Force<T: Real, const N: usize> {
 pub struct NoForce;
 
 impl<T: Real, const N: usize> Force<T, N> for NoForce {
-    #[inline]
+    #[inline(always)]
     fn value(&self, _: Instant<T>, _: &SVector<T, N>) -> SVector<T, N> {
         SVector::zeros()
     }
 
-    #[inline]
+    #[inline(always)]
     fn depends_on_position(&self) -> bool {
         false
     }
@@ -211,12 +211,12 @@ impl<T: Real, const N: usize> Force<T, N> for NoForce {
 pub struct TimeForce<F>(pub F);
 
 impl<T: Real, const N: usize, F: Fn(Instant<T>) -> SVector<T, N>> Force<T, N> for TimeForce<F> {
-    #[inline]
+    #[inline(always)]
     fn value(&self, instant: Instant<T>, _: &SVector<T, N>) -> SVector<T, N> {
         (self.0)(instant)
     }
 
-    #[inline]
+    #[inline(always)]
     fn depends_on_position(&self) -> bool {
         false
     }
@@ -283,18 +283,18 @@ impl<T: Real, const N: usize, P: Potential<T, N>, F: Force<T, N>> System<T, N, P
 impl<T: Real, const N: usize, P: Potential<T, N>, F: Force<T, N>> Mechanics<T, Fixed<N>>
     for System<T, N, P, F>
 {
-    #[inline]
+    #[inline(always)]
     fn mass(&self) -> &Coefficients<T, N> {
         self.mass.matrix()
     }
 
-    #[inline]
+    #[inline(always)]
     fn velocity(&self, momentum: &[T], velocity: &mut [T]) {
         velocity.fill(T::zero());
         self.mass.inverse.multiply_add(T::one(), momentum, velocity);
     }
 
-    #[inline]
+    #[inline(always)]
     fn pull(&mut self, instant: Instant<T>, position: &SVector<T, N>, pull: &mut [T]) {
         let found = self.potential.gradient(position) - self.force.value(instant, position);
         for (place, &number) in pull.iter_mut().zip(found.iter()) {
@@ -302,7 +302,7 @@ impl<T: Real, const N: usize, P: Potential<T, N>, F: Force<T, N>> Mechanics<T, F
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn linearise(
         &mut self,
         instant: Instant<T>,
@@ -315,17 +315,17 @@ impl<T: Real, const N: usize, P: Potential<T, N>, F: Force<T, N>> Mechanics<T, F
             Coefficients::Dense(self.potential.hessian(position) - self.force.jacobian(instant, position));
     }
 
-    #[inline]
+    #[inline(always)]
     fn stiffness(&self) -> Coefficients<T, N> {
         Coefficients::Dense(SMatrix::zeros())
     }
 
-    #[inline]
+    #[inline(always)]
     fn is_linear(&self) -> bool {
         self.potential.is_quadratic() && !self.force.depends_on_position()
     }
 
-    #[inline]
+    #[inline(always)]
     fn energy(&mut self, position: &SVector<T, N>, momentum: &SVector<T, N>) -> T {
         System::energy(self, position, momentum)
     }

@@ -337,5 +337,5 @@ fn equal_step_kernels_refuse_steps_of_another_size() {
         Damping::<f64, Fixed<1>>::add_known(&mut term, &[0.0], size, &[size], &mut known, &mut scratch)
     };
     assert_eq!(add(0.25), Ok(()));
-    assert_eq!(add(0.5), Err(MemoryError::StepLength { expected: 0.25, found: 0.5 }));
+    assert_eq!(add(0.5), Err(MemoryError::StepLength));
 }

@@ -86,7 +86,7 @@ impl From<MemoryError> for FviStatus {
     fn from(error: MemoryError) -> Self {
         match error {
             MemoryError::Full { .. } => Self::MemoryFull,
-            MemoryError::StepLength { .. } => Self::OutOfRange,
+            MemoryError::StepLength => Self::OutOfRange,
             _ => Self::WrongSize,
         }
     }
