@@ -223,6 +223,7 @@ impl<T: Real, const N: usize, M: Memory<T>> DampingTerm<T, Fixed<N>, M> {
     /// # Errors
     /// If β is outside [0, 2), ρ is not finite, symmetric and positive semidefinite, or the memory is not one
     /// of the kernel.
+    #[inline(always)]
     pub fn new(
         kernel: Kernel,
         coefficients: Coefficients<T, N>,
@@ -238,6 +239,7 @@ impl<T: Real, X: Space<T>, M: Memory<T>> DampingTerm<T, X, M> {
     ///
     /// # Errors
     /// As [`new`](DampingTerm::new).
+    #[inline(always)]
     pub fn in_space(
         space: &X,
         kernel: Kernel,

@@ -96,6 +96,7 @@ impl Kernel {
     ///
     /// # Errors
     /// If β is outside (−1, 2).
+    #[inline(always)]
     pub fn given(exponent: f64) -> Result<Self, ParameterError> {
         check_exponent(exponent)?;
         Ok(Self { rule: Rule::Given, symbol: Symbol::Power { exponent }, step_size: None })
@@ -112,12 +113,14 @@ impl Kernel {
     }
 
     /// β of the symbol s^β.
+    #[inline(always)]
     pub fn exponent(&self) -> f64 {
         let Symbol::Power { exponent } = self.symbol;
         exponent
     }
 
     /// h; `None` where the weights are given.
+    #[inline(always)]
     pub fn step_size(&self) -> Option<f64> {
         self.step_size
     }
@@ -184,7 +187,13 @@ impl Kernel {
     ///
     /// # Errors
     /// If it is not.
+    #[inline(always)]
     pub(crate) fn check<T: Real>(&self, memory: &impl Memory<T>) -> Result<(), ParameterError> {
+        // Inlined, so that a program with given weights links nothing of what follows.
+        if matches!(self.rule, Rule::Given) { Ok(()) } else { self.check_rule(memory) }
+    }
+
+    fn check_rule<T: Real>(&self, memory: &impl Memory<T>) -> Result<(), ParameterError> {
         let Some(step_size) = self.step_size else { return Ok(()) };
         let found = memory.leading();
         let (found, right) = match self.rule {
