@@ -191,7 +191,7 @@ where
     }
     let mut bytes = vec![0; first.state_bytes()];
     first.save(&mut StateWriter::new(&mut bytes)).unwrap();
-    let before = second.state().clone();
+    let before = *second.state();
     for length in 0..bytes.len() {
         assert!(second.restore(&mut StateReader::new(&bytes[..length])).is_err(), "{length} bytes");
     }
