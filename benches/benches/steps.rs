@@ -402,7 +402,7 @@ fn in_a_run(scenario: &Scenario, directory: &Path) -> f64 {
     let stretch = (scenario.time.steps / 50).max(1);
     let (mut fastest, mut begin) = (f64::INFINITY, None::<Instant>);
     let progress = |steps: usize| {
-        if steps % stretch == 0 {
+        if steps.is_multiple_of(stretch) {
             let now = Instant::now();
             fastest = begin.map_or(fastest, |begin| fastest.min((now - begin).as_secs_f64()));
             begin = Some(now);
