@@ -2,10 +2,12 @@
 
 mod band;
 mod mechanics;
+mod scenario_space;
 mod scheme;
 mod space;
 pub mod tape;
 
 pub use mechanics::{Model, matrix, vector};
+pub use scenario_space::ScenarioSpace;
 pub use scheme::{AnyScheme, Room};
 pub use space::{Dense, DenseEquations, Matrix, Pattern, Sparse};

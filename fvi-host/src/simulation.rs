@@ -8,11 +8,12 @@ use crate::language::error::Cause;
 use crate::language::expression::Elementary;
 use crate::language::{InputError, Problem};
 use crate::memory::{EngineError, HostMemory, MemoryRequest};
-use crate::model::{self, AnyScheme, Dense, Matrix, Model};
+use crate::model::{Dense, Matrix, Model, ScenarioSpace};
 use crate::scenario::{self, ConvolutionFamily, Engine, Scenario};
 use fvi_core::{
-    Damping, DampingTerm, Derivative, Instant, Integrator, IntegratorBuilder, IntegratorError, Mechanics,
-    Memory, MemoryError, Mismatch, Sample, StateError, StateReader, StateWriter, StepError,
+    Damping, DampingTerm, Derivative, Instant, Integrator, IntegratorBuilder, IntegratorError, MatrixError,
+    Mechanics, Memory, MemoryError, Mismatch, Sample, Scheme, Space, StateError, StateReader, StateWriter,
+    StepError,
 };
 use fvi_fft::Scalar;
 use nalgebra::DMatrix;
@@ -67,9 +68,10 @@ impl Simulation {
     /// If settings of the scenario do not go together, or the step is too long to be stable.
     pub fn new(scenario: &Scenario, precision: Precision) -> Result<Self, InputError> {
         stability::check_step(scenario, &stiffness(scenario)?)?;
+        let space = Dense { coordinates: scenario.coordinates() };
         let stepper: Box<dyn Stepper> = match precision {
-            Precision::F64 => Box::new(Machine::<f64>::new(scenario)?),
-            Precision::F32 => Box::new(Machine::<f32>::new(scenario)?),
+            Precision::F64 => Box::new(Machine::<f64, _>::new(space, scenario)?),
+            Precision::F32 => Box::new(Machine::<f32, _>::new(space, scenario)?),
         };
         let engines = stepper.engines();
         Ok(Self { stepper, engines, precision })
@@ -113,11 +115,18 @@ impl Simulation {
 
 /// ∂²U/∂q² − ∂F/∂q at the initial position in the middle of the first step.
 fn stiffness(scenario: &Scenario) -> Result<DMatrix<f64>, InputError> {
-    let mut model = compiled::<f64>(scenario)?;
+    let mut model = Model::<f64>::new(scenario).map_err(|error| bad_mass(scenario, &error))?;
     let size = scenario.coordinates();
     let instant = Instant::in_step(0.0, 0.5, scenario.time.step);
-    let (mut pull, mut stiffness) = (vec![0.0; size], model.stiffness());
-    model.linearise(instant, &scenario.initial.position, &mut pull, &mut stiffness);
+    let mut pull = vec![0.0; size];
+    let mut stiffness = Mechanics::<f64, Dense>::stiffness(&model);
+    Mechanics::<f64, Dense>::linearise(
+        &mut model,
+        instant,
+        &scenario.initial.position,
+        &mut pull,
+        &mut stiffness,
+    );
     let mut dense = DMatrix::zeros(size, size);
     for (row, column, entry) in Matrix::entries(&stiffness) {
         dense[(row, column)] = entry;
@@ -125,37 +134,38 @@ fn stiffness(scenario: &Scenario) -> Result<DMatrix<f64>, InputError> {
     Ok(dense)
 }
 
-fn compiled<T: Elementary>(scenario: &Scenario) -> Result<Model<T>, InputError> {
-    Model::new(scenario)
-        .map_err(|error| scenario.error_at("system.mass", Problem::Precision { reason: error.to_string() }))
+fn bad_mass(scenario: &Scenario, error: &MatrixError) -> InputError {
+    scenario.error_at("system.mass", Problem::Precision { reason: error.to_string() })
 }
 
-/// The integrator of a scenario in one precision.
-struct Machine<T: Elementary + Scalar> {
-    integrator: Integrator<T, Dense, Model<T>, AnyScheme<T>, DampingTerms<T>>,
-    input: Vec<T>,
+/// The integrator of a scenario in one precision and space.
+struct Machine<T: Elementary + Scalar, X: ScenarioSpace<T>> {
+    integrator: Integrator<T, X, X::System, X::Scheme, DampingTerms<T, X>>,
+    input: X::Vector,
 }
 
-impl<T: Elementary + Scalar> Machine<T> {
+impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Machine<T, X> {
     /// Puts system, scheme and memories together.
-    fn new(scenario: &Scenario) -> Result<Self, InputError> {
-        let space = Dense { coordinates: scenario.coordinates() };
-        let scheme = AnyScheme::<T>::new(scenario).map_err(|error| {
+    fn new(space: X, scenario: &Scenario) -> Result<Self, InputError> {
+        let scheme = space.scheme(scenario).map_err(|error| {
             let allowed = format!("{} ({} given)", error.allowed, error.parameter);
             scenario.error_at("scheme", Problem::OutOfRange { allowed })
         })?;
-        let nodes = fvi_core::Scheme::<T, Dense>::sampling(&scheme).nodes();
+        let nodes = scheme.sampling().nodes();
         let terms = scenario.system.damping.iter().enumerate();
-        let terms = terms.map(|(index, term)| damping_term(scenario, space, nodes, index, term));
+        let terms = terms.map(|(index, term)| damping_term(scenario, &space, nodes, index, term));
         let terms = terms.collect::<Result<Vec<_>, _>>()?;
-        let integrator =
-            IntegratorBuilder::in_space(space, compiled(scenario)?, scheme, T::of(scenario.time.step))
-                .damping(DampingTerms(terms))
-                .position(model::vector(&scenario.initial.position))
-                .momentum(model::vector(&scenario.initial.momentum))
-                .build()
-                .map_err(|error| refused(scenario, &error))?;
-        Ok(Self { integrator, input: vec![T::zero(); space.coordinates] })
+        let system = space.system(scenario).map_err(|error| bad_mass(scenario, &error))?;
+        let position = space.vector(&scenario.initial.position);
+        let momentum = space.vector(&scenario.initial.momentum);
+        let input = space.zeros();
+        let integrator = IntegratorBuilder::in_space(space, system, scheme, T::of(scenario.time.step))
+            .damping(DampingTerms(terms))
+            .position(position)
+            .momentum(momentum)
+            .build()
+            .map_err(|error| refused(scenario, &error))?;
+        Ok(Self { integrator, input })
     }
 }
 
@@ -183,13 +193,13 @@ fn memory_request<'a>(scenario: &'a Scenario, nodes: usize, term: &scenario::Dam
     }
 }
 
-fn damping_term<T: Elementary + Scalar>(
+fn damping_term<T: Elementary + Scalar, X: ScenarioSpace<T>>(
     scenario: &Scenario,
-    space: Dense,
+    space: &X,
     nodes: usize,
     index: usize,
     term: &scenario::Damping,
-) -> Result<DampingTerm<T, Dense, HostMemory<T>>, InputError> {
+) -> Result<DampingTerm<T, X, HostMemory<T>>, InputError> {
     let request = memory_request(scenario, nodes, term);
     let refused = |error: EngineError| match error {
         EngineError::Table(_) => scenario
@@ -208,17 +218,17 @@ fn damping_term<T: Elementary + Scalar>(
         scenario::Derivative::RiemannLiouville => Derivative::RiemannLiouville,
         scenario::Derivative::Caputo => Derivative::Caputo,
     };
-    let rho = model::matrix(&term.coefficient);
-    DampingTerm::in_space(&space, kernel, rho, derivative, memory).map_err(|error| {
+    let rho = space.block(&term.coefficient);
+    DampingTerm::in_space(space, kernel, rho, derivative, memory).map_err(|error| {
         let path = format!("system.damping[{index}]");
         scenario.error_at(&path, Problem::Precision { reason: error.to_string() })
     })
 }
 
 /// Any number of damping terms, each with a memory of its own.
-struct DampingTerms<T: Elementary>(Vec<DampingTerm<T, Dense, HostMemory<T>>>);
+struct DampingTerms<T: Elementary, X: Space<T>>(Vec<DampingTerm<T, X, HostMemory<T>>>);
 
-impl<T: Elementary> Damping<T, Dense> for DampingTerms<T> {
+impl<T: Elementary, X: Space<T>> Damping<T, X> for DampingTerms<T, X> {
     fn check(&self, coordinates: usize, nodes: usize, step_size: T) -> Result<(), Mismatch> {
         self.0[..].check(coordinates, nodes, step_size)
     }
@@ -242,7 +252,7 @@ impl<T: Elementary> Damping<T, Dense> for DampingTerms<T> {
         self.0[..].add_leading(increments, force, scratch);
     }
 
-    fn visit_leading(&self, nodes: usize, visit: impl FnMut(usize, usize, T, &Matrix<T>)) {
+    fn visit_leading(&self, nodes: usize, visit: impl FnMut(usize, usize, T, &X::Block)) {
         self.0[..].visit_leading(nodes, visit);
     }
 
@@ -271,9 +281,9 @@ impl<T: Elementary> Damping<T, Dense> for DampingTerms<T> {
     }
 }
 
-impl<T: Elementary + Scalar> Stepper for Machine<T> {
+impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
     fn step(&mut self, input: &[f64]) -> Result<u32, StepError> {
-        for (index, place) in self.input.iter_mut().enumerate() {
+        for (index, place) in X::slice_mut(&mut self.input).iter_mut().enumerate() {
             *place = input.get(index).map_or(T::zero(), |&number| T::of(number));
         }
         self.integrator.step(&self.input)
@@ -285,8 +295,9 @@ impl<T: Elementary + Scalar> Stepper for Machine<T> {
 
     fn read(&self, position: &mut [f64], momentum: &mut [f64]) {
         let state = self.integrator.state();
-        position.iter_mut().zip(&state.position).for_each(|(place, number)| *place = number.to_f64());
-        momentum.iter_mut().zip(&state.momentum).for_each(|(place, number)| *place = number.to_f64());
+        for (numbers, vector) in [(position, &state.position), (momentum, &state.momentum)] {
+            numbers.iter_mut().zip(X::slice(vector)).for_each(|(place, number)| *place = number.to_f64());
+        }
     }
 
     fn energy(&mut self) -> f64 {
