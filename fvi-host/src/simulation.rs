@@ -1,6 +1,7 @@
 //! A scenario in motion: the integrator behind a face without type parameters.
 
 pub mod energy_guard;
+pub mod motion;
 pub(crate) mod not_finite;
 pub mod stability;
 
@@ -20,7 +21,7 @@ use nalgebra::DMatrix;
 use serde::Serialize;
 
 /// The scalar a simulation computes in.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Precision {
     /// Double precision.

@@ -2,11 +2,11 @@
 
 use crate::language::{InputError, Problem};
 use crate::results::measure::{ErrorMeasure, ReferenceErrors};
+#[cfg(feature = "pictures")]
 use crate::results::picture::{Axis, Chart, Series, Style};
 use crate::results::room::{NoRoom, require};
 use crate::scenario::{MOST_STEPS, ReferenceRow, ReferenceSource, Scenario};
-use crate::simulation::energy_guard::EnergyGuard;
-use crate::simulation::not_finite::{reason, start, what_is_not_finite};
+use crate::simulation::motion::{Failure, Motion};
 use crate::simulation::{GridState, Precision};
 use serde::Serialize;
 use std::ops::RangeInclusive;
@@ -273,28 +273,21 @@ pub(crate) fn run_on(
     stop: &AtomicBool,
     mut take: impl FnMut(usize, &GridState),
 ) -> Result<Outcome, ConvergeError> {
-    let (mut simulation, mut state) = start(scenario, Precision::F64)?;
-    take(0, &state);
-    let mut guard = EnergyGuard::new(scenario, &state);
+    let mut motion = Motion::start(scenario, Precision::F64)?;
+    take(0, motion.state());
     let mut seconds = 0.0;
-    for index in 0..scenario.time.steps {
+    while motion.steps() < scenario.time.steps {
         if stop.load(Ordering::Relaxed) {
             return Err(ConvergeError::Stopped);
         }
-        let input = scenario.input.as_ref().and_then(|input| input.at_step(index)).unwrap_or(&[]);
-        let begin = Instant::now();
-        let result = simulation.step(input);
+        let (made, begin) = (motion.steps(), Instant::now());
+        let result = motion.advance();
         seconds += begin.elapsed().as_secs_f64();
-        if let Err(error) = result {
-            return Ok(Outcome::Failed { reason: format!("step {index}: {error}") });
+        if motion.steps() > made {
+            take(motion.steps(), motion.state());
         }
-        simulation.read(&mut state);
-        if let Some(what) = what_is_not_finite(&state) {
-            return Ok(Outcome::Failed { reason: format!("step {index}: {}", reason(what)) });
-        }
-        take(index + 1, &state);
-        if let Some(reason) = guard.take(input, &state) {
-            return Ok(Outcome::Failed { reason: format!("step {index}: {reason}") });
+        if let Err(Failure { step, reason, .. }) = result {
+            return Ok(Outcome::Failed { reason: format!("step {step}: {reason}") });
         }
     }
     Ok(Outcome::Done { seconds })
@@ -392,6 +385,7 @@ impl Convergence {
     }
 
     /// Errors over step sizes on logarithmic axes, with slopes to compare with.
+    #[cfg(feature = "pictures")]
     pub fn chart(&self, scenario: &Scenario) -> Chart {
         let subtitle = format!("{}; {}", scenario.scheme.describe(), scenario.convolution.describe());
         let mut chart = Chart::new(
@@ -441,6 +435,7 @@ pub fn slope(points: &[(f64, f64)]) -> Option<f64> {
 }
 
 /// A whole number as a superscript.
+#[cfg(feature = "pictures")]
 pub(crate) fn superscript(number: i64) -> String {
     const DIGITS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
     number.to_string().bytes().filter_map(|digit| DIGITS.get(usize::from(digit.checked_sub(b'0')?))).collect()

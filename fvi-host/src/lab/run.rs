@@ -5,11 +5,11 @@ use crate::numerics::starting::starting_condition;
 use crate::results::files::{FileError, remove, write_json};
 use crate::results::measure::{Largest, ReferenceErrors};
 use crate::results::output_directory::OutputDirectory;
+#[cfg(feature = "pictures")]
 use crate::results::run_pictures::RunPictures;
 use crate::results::trajectory::TrajectoryWriter;
 use crate::scenario::{Engine, Scenario};
-use crate::simulation::energy_guard::EnergyGuard;
-use crate::simulation::not_finite::{reason, start, what_is_not_finite};
+use crate::simulation::motion::{Failure, Motion};
 use crate::simulation::{GridState, Precision};
 use serde::Serialize;
 use std::path::PathBuf;
@@ -124,9 +124,7 @@ pub fn run(
     stop: &AtomicBool,
     mut progress: impl FnMut(usize),
 ) -> Result<RunSummary, RunError> {
-    let preparation = Instant::now();
-    let (mut simulation, mut state) = start(scenario, options.precision)?;
-    let preparation_seconds = preparation.elapsed().as_secs_f64();
+    let run = Run::start(scenario, options.precision)?;
 
     let directory = OutputDirectory::claim(&options.directory)?;
     let trajectory_path = directory.join(TRAJECTORY);
@@ -134,117 +132,137 @@ pub fn run(
     let coordinates = scenario.coordinates();
     let mut writer =
         TrajectoryWriter::create(&trajectory_path, coordinates, scenario.output.every).map_err(&writing)?;
-    let mut observed = Observed::new(scenario);
-    writer.push(&state).map_err(&writing)?;
-    observed.take(scenario, 0, &state);
-    let mut guard = EnergyGuard::new(scenario, &state);
-
-    let begin = Instant::now();
-    let mut next = state.clone();
-    let mut end = RunEnd::Completed;
-    let mut steps = 0;
-    let (mut newton_iterations, mut newton_iterations_most) = (0_u64, 0_u32);
-    while steps < scenario.time.steps {
-        if stop.load(Ordering::Relaxed) {
-            end = RunEnd::Stopped;
-            break;
+    #[cfg(feature = "pictures")]
+    let mut pictures = RunPictures::new(coordinates);
+    let mut summary = run.to_the_end(stop, |steps, state| {
+        writer.push(state).map_err(&writing)?;
+        #[cfg(feature = "pictures")]
+        pictures.take(state);
+        if steps > 0 {
+            progress(steps);
         }
-        let input = scenario.input.as_ref().and_then(|input| input.at_step(steps)).unwrap_or(&[]);
-        match simulation.step(input) {
-            Ok(iterations) => {
-                newton_iterations += u64::from(iterations);
-                newton_iterations_most = newton_iterations_most.max(iterations);
-            }
-            Err(error) => {
-                end = failure(steps, &state, error.to_string());
-                break;
-            }
-        }
-        simulation.read(&mut next);
-        if let Some(what) = what_is_not_finite(&next) {
-            end = failure(steps, &state, reason(what));
-            break;
-        }
-        steps += 1;
-        std::mem::swap(&mut state, &mut next);
-        writer.push(&state).map_err(&writing)?;
-        observed.take(scenario, steps, &state);
-        progress(steps);
-        if let Some(reason) = guard.take(input, &state) {
-            end = RunEnd::Failed { step: steps - 1, time: scenario.time.time(steps - 1), reason };
-            break;
-        }
-    }
+        Ok::<_, RunError>(())
+    })?;
     // A summary stands for the files beside it: the old one goes before they do, the new one comes last.
     remove(&directory.join(SUMMARY))?;
-    writer.finish(&state).map_err(&writing)?;
-    let seconds = begin.elapsed().as_secs_f64();
+    let begin = Instant::now();
+    writer.finish(&summary.last).map_err(&writing)?;
+    summary.seconds += begin.elapsed().as_secs_f64();
 
-    let mut files = vec![TRAJECTORY];
+    summary.files.push(TRAJECTORY);
     // The record is written even if a picture cannot be.
-    let drawn = observed.pictures.write(scenario, steps, directory.path(), &mut files);
-    let summary = RunSummary {
-        end,
-        version: env!("CARGO_PKG_VERSION"),
-        platform: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
-        precision: simulation.precision(),
-        engine: simulation.engines().to_vec(),
-        overruns: simulation.overruns(),
-        memory_bytes: simulation.memory_bytes(),
-        preparation_seconds,
-        seconds,
-        steps,
-        steps_wanted: scenario.time.steps,
-        newton_iterations,
-        newton_iterations_most,
-        last: state,
-        largest: observed.largest,
-        starting_condition: Some(&scenario.convolution.starting)
-            .filter(|exponents| !exponents.is_empty())
-            .map(|exponents| starting_condition(exponents))
-            .filter(|condition| condition.is_finite()),
-        warnings: scenario
-            .warnings()
-            .into_iter()
-            .chain(observed.errors.warning())
-            .chain(guard.warning())
-            .collect(),
-        errors: Some(observed.errors).filter(ReferenceErrors::any),
-        files,
-        scenario: scenario.clone(),
-    };
+    #[cfg(feature = "pictures")]
+    let drawn = pictures.write(scenario, summary.steps, directory.path(), &mut summary.files);
     write_json(&directory.join(SUMMARY), &summary)?;
+    #[cfg(feature = "pictures")]
     drawn?;
     Ok(summary)
 }
 
-fn failure(step: usize, before: &GridState, reason: String) -> RunEnd {
-    RunEnd::Failed { step, time: before.time, reason }
-}
-
-/// What is gathered along the way.
-struct Observed {
+/// A run that writes nothing by itself: whoever makes it sees its states, and has its record at the end.
+pub struct Run<'s> {
+    scenario: &'s Scenario,
+    motion: Motion<'s>,
+    preparation_seconds: f64,
     largest: Largest,
     errors: ReferenceErrors,
-    pictures: RunPictures,
 }
 
-impl Observed {
-    fn new(scenario: &Scenario) -> Self {
-        Self {
+impl<'s> Run<'s> {
+    /// The run at t = 0.
+    ///
+    /// # Errors
+    /// If the scenario cannot be run.
+    pub fn start(scenario: &'s Scenario, precision: Precision) -> Result<Self, InputError> {
+        let preparation = Instant::now();
+        let motion = Motion::start(scenario, precision)?;
+        Ok(Self {
+            scenario,
+            motion,
+            preparation_seconds: preparation.elapsed().as_secs_f64(),
             largest: Largest::default(),
             errors: ReferenceErrors::default(),
-            pictures: RunPictures::new(scenario.coordinates()),
-        }
+        })
     }
 
-    fn take(&mut self, scenario: &Scenario, index: usize, state: &GridState) {
+    /// Makes all steps, or those until one fails or `stop` is set; `take` sees the number of steps made and the state after
+    /// them, from the beginning on.
+    ///
+    /// # Errors
+    /// Those of `take`. A step that fails is no error but an end, see [`RunEnd`].
+    pub fn to_the_end<E>(
+        mut self,
+        stop: &AtomicBool,
+        mut take: impl FnMut(usize, &GridState) -> Result<(), E>,
+    ) -> Result<RunSummary, E> {
+        let begin = Instant::now();
+        let mut end = RunEnd::Completed;
+        let (mut newton_iterations, mut newton_iterations_most) = (0_u64, 0_u32);
+        self.observe(&mut take)?;
+        while self.motion.steps() < self.scenario.time.steps {
+            if stop.load(Ordering::Relaxed) {
+                end = RunEnd::Stopped;
+                break;
+            }
+            let made = self.motion.steps();
+            let result = self.motion.advance();
+            if self.motion.steps() > made {
+                self.observe(&mut take)?;
+            }
+            match result {
+                Ok(iterations) => {
+                    newton_iterations += u64::from(iterations);
+                    newton_iterations_most = newton_iterations_most.max(iterations);
+                }
+                Err(Failure { step, time, reason }) => {
+                    end = RunEnd::Failed { step, time, reason };
+                    break;
+                }
+            }
+        }
+        let (scenario, motion) = (self.scenario, self.motion);
+        let simulation = motion.simulation();
+        Ok(RunSummary {
+            end,
+            version: env!("CARGO_PKG_VERSION"),
+            platform: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
+            precision: simulation.precision(),
+            engine: simulation.engines().to_vec(),
+            overruns: simulation.overruns(),
+            memory_bytes: simulation.memory_bytes(),
+            preparation_seconds: self.preparation_seconds,
+            seconds: begin.elapsed().as_secs_f64(),
+            steps: motion.steps(),
+            steps_wanted: scenario.time.steps,
+            newton_iterations,
+            newton_iterations_most,
+            last: motion.state().clone(),
+            largest: self.largest,
+            starting_condition: Some(&scenario.convolution.starting)
+                .filter(|exponents| !exponents.is_empty())
+                .map(|exponents| starting_condition(exponents))
+                .filter(|condition| condition.is_finite()),
+            warnings: scenario
+                .warnings()
+                .into_iter()
+                .chain(self.errors.warning())
+                .chain(motion.warning().map(str::to_owned))
+                .collect(),
+            errors: Some(self.errors).filter(ReferenceErrors::any),
+            files: Vec::new(),
+            scenario: scenario.clone(),
+        })
+    }
+
+    /// Takes in the present state and shows it.
+    fn observe<E>(&mut self, take: &mut impl FnMut(usize, &GridState) -> Result<(), E>) -> Result<(), E> {
+        let (scenario, steps, state) = (self.scenario, self.motion.steps(), self.motion.state());
         self.largest.take(state);
-        self.pictures.take(state);
         if let Some(reference) = &scenario.reference
-            && let Some(known) = reference.at_step(index, scenario.time.step, scenario.coordinates())
+            && let Some(known) = reference.at_step(steps, scenario.time.step, scenario.coordinates())
         {
             self.errors.compare(state, &known);
         }
+        take(steps, state)
     }
 }

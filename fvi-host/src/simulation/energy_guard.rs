@@ -125,8 +125,8 @@ impl EnergyGuard {
     }
 
     /// What there is to warn of.
-    pub fn warning(self) -> Option<String> {
-        self.warning
+    pub fn warning(&self) -> Option<&str> {
+        self.warning.as_deref()
     }
 
     /// A bound on the work over the step to `state`.

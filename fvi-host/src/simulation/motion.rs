@@ -1,0 +1,85 @@
+//! A run under way: the simulation with the scenario's input, its state, and what watches it.
+
+use crate::language::InputError;
+use crate::scenario::Scenario;
+use crate::simulation::energy_guard::EnergyGuard;
+use crate::simulation::not_finite::{reason, start, what_is_not_finite};
+use crate::simulation::{GridState, Precision, Simulation};
+
+/// A scenario on its way from grid point to grid point.
+///
+/// The one loop body of all that runs scenarios: the sampled input of the step, the step, a look at whether the state is finite,
+/// and one at the energy.
+pub struct Motion<'s> {
+    scenario: &'s Scenario,
+    simulation: Simulation,
+    guard: EnergyGuard,
+    steps: usize,
+    state: GridState,
+    next: GridState,
+}
+
+/// Why a motion ends before its time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Failure {
+    /// The step that failed, from 0: from t_step to t_{step+1}.
+    pub step: usize,
+    /// The time at its beginning.
+    pub time: f64,
+    /// Why.
+    pub reason: String,
+}
+
+impl<'s> Motion<'s> {
+    /// The scenario at t = 0.
+    ///
+    /// # Errors
+    /// If the simulation cannot be made, or its state or energy is not finite in its precision.
+    pub fn start(scenario: &'s Scenario, precision: Precision) -> Result<Self, InputError> {
+        let (simulation, state) = start(scenario, precision)?;
+        let guard = EnergyGuard::new(scenario, &state);
+        Ok(Self { scenario, simulation, guard, steps: 0, next: state.clone(), state })
+    }
+
+    /// Makes the next step; returns the iterations of Newton's method.
+    ///
+    /// # Errors
+    /// [`Failure`]. A step that could not be made leaves the motion as it was. One at whose end the energy has grown without a
+    /// cause has been made, and [`steps`](Self::steps) counts it.
+    pub fn advance(&mut self) -> Result<u32, Failure> {
+        let (step, time) = (self.steps, self.state.time);
+        let failure = |reason| Failure { step, time, reason };
+        let input = self.scenario.input.as_ref().and_then(|input| input.at_step(step)).unwrap_or(&[]);
+        let iterations = self.simulation.step(input).map_err(|error| failure(error.to_string()))?;
+        self.simulation.read(&mut self.next);
+        if let Some(what) = what_is_not_finite(&self.next) {
+            return Err(failure(reason(what)));
+        }
+        self.steps += 1;
+        std::mem::swap(&mut self.state, &mut self.next);
+        match self.guard.take(input, &self.state) {
+            None => Ok(iterations),
+            Some(reason) => Err(failure(reason)),
+        }
+    }
+
+    /// Steps made.
+    pub fn steps(&self) -> usize {
+        self.steps
+    }
+
+    /// The state after them.
+    pub fn state(&self) -> &GridState {
+        &self.state
+    }
+
+    /// What moves.
+    pub fn simulation(&self) -> &Simulation {
+        &self.simulation
+    }
+
+    /// What the guard of the energy has to warn of.
+    pub fn warning(&self) -> Option<&str> {
+        self.guard.warning()
+    }
+}
