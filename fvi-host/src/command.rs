@@ -1,5 +1,6 @@
 //! The commands of the program, one module each, and what they share: how they end.
 
+mod choices;
 pub mod compare_engines;
 pub mod converge;
 pub mod exponentials;

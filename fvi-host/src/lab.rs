@@ -2,6 +2,7 @@
 
 pub mod compare_engines;
 pub mod converge;
+#[cfg(feature = "pictures")]
 pub mod reproduce;
 pub mod run;
 pub mod two_point;

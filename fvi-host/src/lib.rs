@@ -12,9 +12,13 @@
 //! | [`simulation`] | a scenario in motion; its stability and its energy |
 //! | [`results`] | trajectories, summaries, pictures, the files they go to |
 //! | [`lab`] | runs, orders of convergence, comparisons, reproductions, two-point problems |
-//! | [`command`] | the program `fvi` |
+//! | `command` | the program `fvi` |
+//!
+//! The feature `program` brings the last, with what it needs of a terminal; `pictures` brings those of runs and studies and the
+//! reproduction of the papers. Both are on by default.
 #![forbid(unsafe_code)]
 
+#[cfg(feature = "program")]
 pub mod command;
 pub mod lab;
 pub mod language;

@@ -3,7 +3,9 @@
 pub mod files;
 pub mod measure;
 pub mod output_directory;
+#[cfg(feature = "pictures")]
 pub mod picture;
 pub mod room;
+#[cfg(feature = "pictures")]
 pub(crate) mod run_pictures;
 pub mod trajectory;

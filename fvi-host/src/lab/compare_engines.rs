@@ -1,7 +1,10 @@
 //! Memory engines side by side: agreement first, then time per step and memory.
 
 use crate::memory::MemoryRequest;
-use crate::results::files::{FileError, write, write_picture};
+#[cfg(feature = "pictures")]
+use crate::results::files::write_picture;
+use crate::results::files::{FileError, write};
+#[cfg(feature = "pictures")]
 use crate::results::picture::{Axis, Chart, Series, Style};
 use crate::results::room::{NoRoom, require};
 use crate::scenario::{Convolution, ConvolutionFamily, Engine, History};
@@ -454,6 +457,7 @@ fn same_task(a: &EngineMeasurement, b: &EngineMeasurement) -> bool {
 ///
 /// # Errors
 /// If a picture cannot be drawn or written.
+#[cfg(feature = "pictures")]
 pub fn write_pictures(
     measurements: &[EngineMeasurement],
     directory: &Path,
@@ -481,6 +485,7 @@ pub fn write_pictures(
     Ok(files)
 }
 
+#[cfg(feature = "pictures")]
 fn time_against_length(rows: &[&EngineMeasurement]) -> Chart {
     let mut chart = Chart::new(
         "Time per step against the number of steps",
@@ -502,6 +507,7 @@ fn time_against_length(rows: &[&EngineMeasurement]) -> Chart {
     chart
 }
 
+#[cfg(feature = "pictures")]
 fn distribution(rows: &[&EngineMeasurement]) -> Chart {
     let longest = rows.iter().map(|row| row.length).max().unwrap_or(0);
     let mut chart = Chart::new(

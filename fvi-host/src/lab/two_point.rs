@@ -24,7 +24,7 @@
 //! | `minres` | the preconditioned Krylov method |
 //! | `extremal` | the problem, its solution, and what is reported of it |
 //! | `problem_file` | the input of `fvi extremal` |
-//! | `output` | its files |
+//! | `output`, `pictures` | its files |
 //!
 //! Values on the grid are stored point by point: coordinate i at t_k is entry k·d + i.
 
@@ -39,6 +39,8 @@ mod minres;
 mod newton;
 mod operator;
 mod output;
+#[cfg(feature = "pictures")]
+mod pictures;
 mod positions;
 mod problem_file;
 mod toeplitz;
@@ -46,12 +48,12 @@ mod velocities;
 
 pub use embedding::{asymmetric_embedding, fractional_embedding, symmetric_embedding};
 pub use equation::{EmbeddedProblem, Embedding, OperatorEquation, Term};
-pub use extremal::{ExtremalProblem, Method, NotConverged, ProblemError, Solution};
+pub use extremal::{ExtremalProblem, Method, NotConverged, ProblemError, Solution, Status};
 pub use functional::Functional;
 pub use grid::{Grid, Sigma};
 pub use lagrangian::{Closures, ExpressionLagrangian, Lagrangian, MAX_COORDINATES};
 pub use newton::NewtonOptions;
 pub use operator::DiscreteOperator;
-pub use output::{ExtremalSummary, GridError, OutputError, Status, solve_and_write};
+pub use output::{ExtremalSummary, GridError, OutputError, solve_and_write};
 pub use problem_file::{KnownPositions, ProblemFile, Statement};
 pub use toeplitz::{LowerToeplitz, Product};

@@ -18,6 +18,7 @@ pub(crate) fn visible(text: &str) -> Cow<'_, str> {
 }
 
 /// The same in one line.
+#[cfg(feature = "program")]
 pub(crate) fn visible_line(text: &str) -> String {
     visible(text).replace('\n', " ")
 }

@@ -1,5 +1,6 @@
 //! Files of results: each appears whole or not at all, and an error names the one it is about.
 
+#[cfg(feature = "pictures")]
 use crate::results::picture::Chart;
 use serde::Serialize;
 use std::fs::{self, File, OpenOptions};
@@ -151,6 +152,7 @@ pub(crate) fn write(
 }
 
 /// Writes to what the user has named: a file as a whole; a device, a pipe or a terminal directly, as a shell would.
+#[cfg(feature = "program")]
 pub(crate) fn write_out(
     path: &Path,
     content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
@@ -176,6 +178,7 @@ pub(crate) fn remove(path: &Path) -> Result<(), FileError> {
 }
 
 /// Writes a text.
+#[cfg(feature = "program")]
 pub(crate) fn write_text(path: &Path, text: &str) -> Result<(), FileError> {
     write(path, |file| file.write_all(text.as_bytes()))
 }
@@ -189,6 +192,7 @@ pub(crate) fn write_json(path: &Path, record: &impl Serialize) -> Result<(), Fil
 }
 
 /// Draws and writes a picture.
+#[cfg(feature = "pictures")]
 pub(crate) fn write_picture(path: &Path, chart: &Chart) -> Result<(), FileError> {
     let svg = chart.to_svg().map_err(io::Error::other).map_err(FileError::at(path))?;
     write_text(path, &svg)

@@ -109,7 +109,7 @@ pub(super) fn same_time(time: f64, step: f64) -> f64 {
 }
 
 /// A memory engine.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Engine {
     /// The plain sum over a ring of samples.

@@ -126,6 +126,16 @@ impl Solution {
     }
 }
 
+/// How a problem ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Status {
+    /// An extremal was found.
+    Converged,
+    /// The positions are the best iterate of an iteration that did not converge.
+    NotConverged,
+}
+
 /// Newton's method found no extremal, or one with numbers that are not finite.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error(

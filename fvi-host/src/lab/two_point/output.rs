@@ -1,11 +1,14 @@
 //! The files of `fvi extremal`: data, pictures and the record.
 
-use super::extremal::{Method, NotConverged, ProblemError, Solution};
-use super::grid::{Grid, Sigma};
-use super::problem_file::{KnownPositions, ProblemFile, Statement};
-use crate::results::files::{FileError, remove, write, write_json, write_picture};
+use super::extremal::{Method, NotConverged, ProblemError, Solution, Status};
+use super::grid::Grid;
+#[cfg(feature = "pictures")]
+use super::pictures::charts;
+use super::problem_file::ProblemFile;
+#[cfg(feature = "pictures")]
+use crate::results::files::write_picture;
+use crate::results::files::{FileError, remove, write, write_json};
 use crate::results::output_directory::OutputDirectory;
-use crate::results::picture::{Axis, Chart, Envelope, Series, Style};
 use crate::results::room::{NoRoom, require};
 use serde::Serialize;
 use std::io::Write;
@@ -45,16 +48,6 @@ pub struct ExtremalSummary {
     pub files: Vec<&'static str>,
     /// The inputs as used, defaults filled in.
     pub problem: ProblemFile,
-}
-
-/// How a problem ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Status {
-    /// An extremal was found.
-    Converged,
-    /// The positions are the best iterate of an iteration that did not converge.
-    NotConverged,
 }
 
 /// Error against the reference on one grid.
@@ -131,7 +124,9 @@ pub fn solve_and_write(
     // A summary stands for the files beside it: the old one goes before they do, the new one comes last.
     remove(&directory.join(SUMMARY))?;
     write_table(file, &extremal, &directory.join("extremal.csv"))?;
+    #[cfg_attr(not(feature = "pictures"), expect(unused_mut))]
     let mut files = vec!["extremal.csv"];
+    #[cfg(feature = "pictures")]
     for (name, chart) in charts(file, status, &extremal) {
         write_picture(&directory.join(name), &chart)?;
         files.push(name);
@@ -244,61 +239,4 @@ fn grid_error(file: &ProblemFile, grid: &Grid, positions: &[f64]) -> Option<Grid
         }
     }
     (error.compared > 0).then_some(error)
-}
-
-fn charts(file: &ProblemFile, status: Status, extremal: &Solution) -> Vec<(&'static str, Chart)> {
-    let d = file.coordinates();
-    let sigma = match file.sigma {
-        Sigma::Minus => "−",
-        Sigma::Plus => "+",
-    };
-    let (statement, solution, velocity) = match &file.statement {
-        Statement::Lagrangian { lagrangian, alpha } => {
-            (format!("L = {}, α = {alpha}", lagrangian.text()), "discrete extremal", "fractional velocity v")
-        }
-        Statement::Equation { .. } => ("direct embedding".to_owned(), "solution", "velocity v"),
-    };
-    let label = match status {
-        Status::Converged => solution,
-        Status::NotConverged => "best iterate, not converged",
-    };
-    let subtitle = format!("{label}; {statement}, σ = {sigma}, {} steps", file.grid.steps());
-    let points = |values: &[f64], i: usize, skip: Option<usize>| {
-        let mut envelope = Envelope::new();
-        for (k, value) in values[i..].iter().step_by(d).enumerate() {
-            if Some(k) != skip {
-                envelope.push(file.grid.time(k), *value);
-            }
-        }
-        envelope.points()
-    };
-    let chart = |axis: &str| {
-        Chart::new(file.heading(), Axis::linear("time t"), Axis::linear(axis)).with_subtitle(subtitle.clone())
-    };
-    let mut positions = chart("position x");
-    let mut velocities = chart(velocity);
-    for i in 0..d {
-        let curve = points(&extremal.positions, i, None);
-        positions = positions.with(Series::new(format!("x{i}"), Style::Line, curve));
-        let curve = points(&extremal.velocities, i, Some(file.sigma.excluded(file.grid.steps())));
-        velocities = velocities.with(Series::new(format!("v{i}"), Style::Line, curve));
-    }
-    if let Some(reference) = &file.reference {
-        let style = match reference {
-            KnownPositions::Expressions { .. } => Style::Reference,
-            KnownPositions::Table { .. } => Style::ReferencePoints,
-        };
-        for i in 0..d {
-            let mut envelope = Envelope::new();
-            for k in 0..=file.grid.steps() {
-                let time = file.grid.time(k);
-                if let Some(known) = reference.at(time, file.grid.step()).filter(|x| x[i].is_finite()) {
-                    envelope.push(time, known[i]);
-                }
-            }
-            let label = if i == 0 { "reference" } else { "" };
-            positions = positions.with(Series::new(label, style, envelope.points()));
-        }
-    }
-    vec![("positions.svg", positions), ("velocities.svg", velocities)]
 }
