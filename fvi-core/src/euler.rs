@@ -62,6 +62,10 @@ macro_rules! scheme {
                 Kept::nothing(Inverse::zero())
             }
 
+            fn forget_step(storage: &mut Self::Storage) {
+                storage.valid = false;
+            }
+
             fn sampling(&self) -> Sampling<'_, T> {
                 Sampling::MainNodes
             }
@@ -79,7 +83,7 @@ macro_rules! scheme {
                 const Q: usize = 1;
                 let coefficients = Self::coefficients::<T>();
                 let zeros = [[T::zero(); N]; 1];
-                in_place!(storage, mechanics, [T::zero(); 1], zeros, [[T::zero(); N]; 1], |workspace| {
+                in_place!(S, Q; storage, mechanics, [T::zero(); 1], zeros, [[T::zero(); N]; 1], |workspace| {
                     coefficients.view().$step(workspace, mechanics, damping, step, (position, momentum))
                 })
             }

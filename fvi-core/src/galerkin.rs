@@ -274,16 +274,16 @@ impl<T, const S: usize, const Q: usize> Galerkin<T, S, Q> {
 /// The room of one step on the stack: calls `$step` with a workspace for R memory nodes and scratch space of
 /// as many vectors as given.
 macro_rules! in_place {
-    ($storage:expr, $mechanics:expr, $nodes:expr, $known:expr, $scratch:expr, $step:expr) => {{
+    ($degree:ident, $points:ident; $storage:expr, $mechanics:expr, $nodes:expr, $known:expr, $scratch:expr, $step:expr) => {{
         let zero = T::zero();
-        let (mut increments, mut residual) = ([[zero; N]; S], [[zero; N]; S]);
-        let (mut stages, mut forces) = ([[zero; N]; Q], [[zero; N]; Q]);
+        let (mut increments, mut residual) = ([[zero; N]; $degree], [[zero; N]; $degree]);
+        let (mut stages, mut forces) = ([[zero; N]; $points], [[zero; N]; $points]);
         let (mut known, mut times) = ($known, $nodes);
         let scratch = &mut $scratch;
         let mut point = SVector::zeros();
         let mut stiffness = $mechanics.stiffness();
-        let mut matrix = StepMatrix::<T, N, S>::zero();
-        let mut workspace = Workspace::<T, Fixed<N>, StepMatrix<T, N, S>> {
+        let mut matrix = StepMatrix::<T, N, $degree>::zero();
+        let mut workspace = Workspace::<T, Fixed<N>, StepMatrix<T, N, $degree>> {
             increments: increments.as_flattened_mut(),
             residual: residual.as_flattened_mut(),
             stages: stages.as_flattened_mut(),
@@ -308,6 +308,10 @@ impl<T: Real, const N: usize, const S: usize, const Q: usize> Scheme<T, Fixed<N>
         Kept::nothing(Inverse::zero())
     }
 
+    fn forget_step(storage: &mut Self::Storage) {
+        storage.valid = false;
+    }
+
     fn sampling(&self) -> Sampling<'_, T> {
         Sampling::MainNodes
     }
@@ -323,7 +327,7 @@ impl<T: Real, const N: usize, const S: usize, const Q: usize> Scheme<T, Fixed<N>
         momentum: &mut SVector<T, N>,
     ) -> Result<u32, StepError> {
         let zeros = [[T::zero(); N]; 1];
-        in_place!(storage, mechanics, [T::zero(); 1], zeros, [[T::zero(); N]; 1], |workspace| {
+        in_place!(S, Q; storage, mechanics, [T::zero(); 1], zeros, [[T::zero(); N]; 1], |workspace| {
             self.view().step_damped_at_main_nodes(workspace, mechanics, damping, step, (position, momentum))
         })
     }

@@ -67,6 +67,10 @@ pub struct Integrator<T: Real, X: Space<T>, G, S: Scheme<T, X>, D> {
     damping: D,
     step_size: T,
     state: State<X::Vector>,
+    /// A step and its time, from where on steps are counted with the step size: those before were of any length.
+    anchor: (u64, T),
+    /// Length of the last step, for which the scheme's storage is.
+    last_length: T,
 }
 
 /// Kind of the saved state.
@@ -221,7 +225,8 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         }
         let storage = scheme.storage(&space, &mechanics);
         let state = State { step: 0, position, momentum };
-        Ok(Integrator { space, mechanics, scheme, storage, damping, step_size, state })
+        let (anchor, last_length) = ((0, T::zero()), step_size);
+        Ok(Integrator { space, mechanics, scheme, storage, damping, step_size, state, anchor, last_length })
     }
 }
 
@@ -233,23 +238,62 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
     /// [`StepError`]; state and memories are as before the call.
     #[inline]
     pub fn step(&mut self, input: &X::Vector) -> Result<u32, StepError> {
-        let step = Step {
-            time: self.time(),
-            end: T::from_count(self.state.step + 1) * self.step_size,
-            size: self.step_size,
-            input: X::slice(input),
-        };
-        let Self { mechanics, scheme, storage, damping, state, .. } = self;
-        let iterations =
-            scheme.step(storage, mechanics, damping, &step, &mut state.position, &mut state.momentum)?;
-        state.step += 1;
+        let (index, time) = self.anchor;
+        let end = time + T::from_count((self.state.step - index).saturating_add(1)) * self.step_size;
+        let iterations = self.make(self.step_size, end, input)?;
+        self.state.step += 1;
         Ok(iterations)
     }
 
-    /// Time t_k = k h of the present state.
+    /// Makes one step of any length h > 0, with the input u held over it: for ticks that come early or late.
+    /// Steps that follow are counted from its end.
+    ///
+    /// The damping must have memories for steps of any length
+    /// ([`VariableStepMemory`](crate::VariableStepMemory)) with the nodes of the scheme, or this length.
+    ///
+    /// # Errors
+    /// [`StepError`], [`MemoryError::StepLength`] in it where the memories do not take this length; state and
+    /// memories are as before the call.
+    #[inline]
+    pub fn step_by(&mut self, length: T, input: &X::Vector) -> Result<u32, StepError> {
+        self.step_over(length, self.time() + length, input)
+    }
+
+    /// Makes one step to the time `end`, as [`step_by`](Integrator::step_by): on grids whose times are given.
+    ///
+    /// # Errors
+    /// As [`step_by`](Integrator::step_by); the time must be later than the present one.
+    #[inline]
+    pub fn step_to(&mut self, end: T, input: &X::Vector) -> Result<u32, StepError> {
+        self.step_over(end - self.time(), end, input)
+    }
+
+    fn step_over(&mut self, length: T, end: T, input: &X::Vector) -> Result<u32, StepError> {
+        if !(length > T::zero() && end.is_finite()) {
+            return Err(MemoryError::StepLength.into());
+        }
+        let iterations = self.make(length, end, input)?;
+        self.state.step += 1;
+        self.anchor = (self.state.step, end);
+        Ok(iterations)
+    }
+
+    #[inline(always)]
+    fn make(&mut self, length: T, end: T, input: &X::Vector) -> Result<u32, StepError> {
+        let step = Step { time: self.time(), end, size: length, input: X::slice(input) };
+        let Self { mechanics, scheme, storage, damping, state, last_length, .. } = self;
+        if length != *last_length {
+            S::forget_step(storage);
+            *last_length = length;
+        }
+        scheme.step(storage, mechanics, damping, &step, &mut state.position, &mut state.momentum)
+    }
+
+    /// Time t_k of the present state: k h where all steps had the step size h.
     #[inline]
     pub fn time(&self) -> T {
-        T::from_count(self.state.step) * self.step_size
+        let (index, time) = self.anchor;
+        time + T::from_count(self.state.step - index) * self.step_size
     }
 
     /// Step size h.
@@ -274,7 +318,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
 
     /// Number of bytes that [`save`](Integrator::save) writes at present.
     pub fn state_bytes(&self) -> usize {
-        header_bytes(3) + 2 * self.space.coordinates() * T::BYTES + self.damping.state_bytes()
+        header_bytes(4) + T::BYTES + 2 * self.space.coordinates() * T::BYTES + self.damping.state_bytes()
     }
 
     /// Writes the state: step, position, momentum, and what the damping remembers. An integrator built alike
@@ -285,6 +329,8 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
     pub fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
         to.header::<T, 2>(TAG, &self.shape())?;
         to.count(self.state.step)?;
+        to.count(self.anchor.0)?;
+        to.numbers([&self.anchor.1])?;
         to.numbers(X::slice(&self.state.position))?;
         to.numbers(X::slice(&self.state.momentum))?;
         self.damping.save(to)
@@ -299,11 +345,16 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         let mut ahead = from.clone();
         ahead.header::<T, 2>(TAG, &self.shape())?;
         let step = ahead.count()?;
+        let anchor = (
+            ahead.count_up_to("steps", usize::try_from(step).unwrap_or(usize::MAX))? as u64,
+            ahead.number()?,
+        );
         let (mut position, mut momentum) = (self.space.zeros(), self.space.zeros());
         ahead.numbers(X::slice_mut(&mut position))?;
         ahead.numbers(X::slice_mut(&mut momentum))?;
         self.damping.restore(&mut ahead)?;
         self.state = State { step, position, momentum };
+        self.anchor = anchor;
         // What the scheme keeps is for the leading weights of the damping as it was.
         self.storage = self.scheme.storage(&self.space, &self.mechanics);
         *from = ahead;
@@ -314,6 +365,16 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
     fn shape(&self) -> Shape<2> {
         let coordinates = self.space.coordinates() as u64;
         [("coordinates", coordinates), ("bits of the step size", self.step_size.bits())]
+    }
+
+    /// What the scheme keeps between steps.
+    pub fn storage(&self) -> &S::Storage {
+        &self.storage
+    }
+
+    /// The scheme.
+    pub fn scheme(&self) -> &S {
+        &self.scheme
     }
 
     /// The system.

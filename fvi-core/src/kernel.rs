@@ -92,6 +92,17 @@ impl Kernel {
         Ok(Self { rule, symbol: Symbol::Power { exponent }, step_size: Some(step_size) })
     }
 
+    /// s^β by a Runge–Kutta method on steps of any length, for a
+    /// [`VariableStepMemory`](crate::VariableStepMemory) of this exponent.
+    ///
+    /// # Errors
+    /// If β is outside (−1, 2).
+    pub fn any_step<const R: usize>(method: &RungeKutta<R>, exponent: f64) -> Result<Self, ParameterError> {
+        check_exponent(exponent)?;
+        let rule = Rule::RungeKutta { stages: R, determinant: determinant(*method.matrix()) };
+        Ok(Self { rule, symbol: Symbol::Power { exponent }, step_size: None })
+    }
+
     /// s^β by weights that the caller vouches for; neither they nor the step are checked.
     ///
     /// # Errors
@@ -119,7 +130,7 @@ impl Kernel {
         exponent
     }
 
-    /// h; `None` where the weights are given.
+    /// h; `None` where the weights are given, or for steps of any length.
     #[inline(always)]
     pub fn step_size(&self) -> Option<f64> {
         self.step_size

@@ -9,6 +9,7 @@ pub use {heapless, nalgebra};
 extern crate std;
 
 mod coefficients;
+mod collocation;
 mod damping;
 mod direct;
 mod discrete_lagrangian;
@@ -35,10 +36,12 @@ mod space;
 mod stability;
 mod system;
 mod tiled;
+mod variable_steps;
 mod weighted_sum;
 mod weights;
 
 pub use coefficients::{Coefficients, Fixed};
+pub use collocation::{Collocation, CollocationTables};
 pub use damping::{Damping, DampingError, DampingTerm, Derivative, Mismatch, Sample};
 pub use direct::{Direct, FixedDirect, MAX_STAGES, Overflow, Ring};
 pub use discrete_lagrangian::{DiscreteLagrangian, Kept, Workspace};
@@ -68,6 +71,7 @@ pub use system::{
     Approach, Force, Instant, Mass, Mechanics, NoForce, Potential, Quadratic, System, TimeForce,
 };
 pub use tiled::Tiled;
+pub use variable_steps::{RateTable, VariableStepMemory};
 pub use weights::{BdfOrder, ConvolutionWeights, leading_bdf_weight, monic_bdf_table, monic_bdf_table_f32};
 
 /// The examples of the page that introduces the crate.

@@ -194,6 +194,16 @@ pub(crate) fn invert<T: Real, const N: usize>(
     Ok(inverse)
 }
 
+/// Inverse of R×R numbers, row by row.
+///
+/// # Errors
+/// [`Singular`], as [`factor`].
+pub(crate) fn invert_rows<const R: usize>(matrix: &[[f64; R]; R]) -> Result<[[f64; R]; R], Singular> {
+    let columns = SMatrix::<f64, R, R>::from(*matrix);
+    // Columns for rows on either side: the inverse of the transpose is the transpose of the inverse.
+    Ok(invert(&columns)?.data.0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -39,8 +39,8 @@ pub trait Memory<T> {
     /// Leading weight W₀, S×S numbers, row by row.
     fn leading(&self) -> &[T];
 
-    /// Whether W₀ of all later samples is that of the sample to come: not where starting weights correct the
-    /// first few.
+    /// Whether W₀ of all later samples is that of the sample to come as long as their steps are: not where
+    /// starting weights correct the first few.
     fn leading_is_constant(&self) -> bool {
         true
     }

@@ -53,6 +53,10 @@ impl<T: Real, const N: usize, const S: usize, const Q: usize> Scheme<T, Fixed<N>
         Kept::nothing(Inverse::zero())
     }
 
+    fn forget_step(storage: &mut Self::Storage) {
+        storage.valid = false;
+    }
+
     fn sampling(&self) -> Sampling<'_, T> {
         Sampling::Nodes(self.galerkin.nodes())
     }
@@ -68,7 +72,7 @@ impl<T: Real, const N: usize, const S: usize, const Q: usize> Scheme<T, Fixed<N>
         momentum: &mut SVector<T, N>,
     ) -> Result<u32, StepError> {
         let (known, mut room) = ([[T::zero(); N]; Q], [[[T::zero(); N]; Q]; 2]);
-        in_place!(storage, mechanics, [T::zero(); Q], known, room.as_flattened_mut(), |workspace| {
+        in_place!(S, Q; storage, mechanics, [T::zero(); Q], known, room.as_flattened_mut(), |workspace| {
             self.galerkin.view().step_damped_at_nodes(
                 workspace,
                 mechanics,

@@ -110,6 +110,17 @@ impl<const R: usize> RungeKutta<R> {
         &self.quadrature
     }
 
+    /// The square A² of the matrix, row by row.
+    pub fn square(&self) -> [[f64; R]; R] {
+        self.matrix.map(|row| {
+            let mut sum = [0.0; R];
+            for (&factor, other) in row.iter().zip(&self.matrix) {
+                sum.iter_mut().zip(other).for_each(|(sum, &number)| *sum += factor * number);
+            }
+            sum
+        })
+    }
+
     /// The matrix A, row by row.
     pub fn matrix(&self) -> &[[f64; R]; R] {
         &self.matrix

@@ -4,6 +4,7 @@ pub mod aligned;
 pub mod exponential_table;
 pub mod growing_ring;
 pub mod podlubny_matrix;
+pub mod rate_table;
 pub mod runge_kutta_weights;
 pub mod starting;
 mod starting_defects;

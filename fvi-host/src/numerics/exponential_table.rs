@@ -125,7 +125,7 @@ const DENSE_LAGS: usize = 64;
 const MEASURED_HEADS: usize = 4;
 
 /// Nodes of the longest Gauss rule that is tried.
-const LONGEST_RULE: usize = 24;
+pub(super) const LONGEST_RULE: usize = 24;
 
 /// Exponentials in a block of the core's table.
 const BLOCK: usize = 4;
@@ -419,7 +419,7 @@ fn fast_gauss_rules(group: &[Exponential], head: usize) -> impl Fn(usize) -> Nod
 }
 
 /// The Jacobi matrix of a discrete positive measure; its leading parts are those of the Gauss rules \[GolubWelsch69\].
-struct JacobiMatrix {
+pub(super) struct JacobiMatrix {
     mass: f64,
     diagonal: Vec<f64>,
     beside: Vec<f64>,
@@ -428,7 +428,7 @@ struct JacobiMatrix {
 impl JacobiMatrix {
     /// For a measure of (place, mass), as far as rules of [`LONGEST_RULE`] nodes need it: Lanczos' algorithm on the
     /// diagonal matrix of places, started from the square roots of the masses and reorthogonalised.
-    fn of(measure: &[(f64, f64)]) -> Self {
+    pub(super) fn of(measure: &[(f64, f64)]) -> Self {
         let mass = measure.iter().map(|(_, mass)| *mass).collect::<CompensatedSum>().total();
         let mut jacobi = Self { mass, diagonal: Vec::new(), beside: Vec::new() };
         let dot = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
@@ -453,7 +453,7 @@ impl JacobiMatrix {
     }
 
     /// The Gauss rule of `size` nodes, (place, mass) in ascending order.
-    fn gauss_rule(&self, size: usize) -> Vec<(f64, f64)> {
+    pub(super) fn gauss_rule(&self, size: usize) -> Vec<(f64, f64)> {
         let size = size.min(self.diagonal.len());
         let mut leading = DMatrix::zeros(size, size);
         for k in 0..size {

@@ -1,0 +1,366 @@
+//! Collocation: position and velocity by the Runge–Kutta method of the memory itself.
+
+use nalgebra::SVector;
+
+use crate::coefficients::Fixed;
+use crate::damping::{Damping, Sample};
+use crate::discrete_lagrangian::{Kept, Workspace};
+use crate::galerkin::in_place;
+use crate::linear::add_multiple;
+use crate::newton::{Equations, Inverse, StepMatrix, newton, size};
+use crate::real::{Real, all_finite};
+use crate::runge_kutta::RungeKutta;
+use crate::scheme::{Sampling, Scheme, Step, StepError, conclude};
+use crate::space::{Block, Space, vectors, vectors_mut};
+use crate::system::{Instant, Mechanics};
+
+/// Corrections of a linear system's step. The second takes back what the first lost to rounding where the
+/// step is long beside the periods of the system.
+const LINEAR_CORRECTIONS: u32 = 2;
+
+/// Collocation by a Runge–Kutta method, as a view of its numbers.
+///
+/// ```text
+/// M a_i + ∇U(X_i) − F(t_k + c_i h, X_i) − u + Σ_m ρ_m (D^{β_m} X)_{k,i} = 0 ,      i = 1…R
+/// X_i − q_k = h c_i v_k + h² Σ_j (A²)_ij a_j ,      v_{k+1} = v_k + h Σ_j b_j a_j ,      q_{k+1} = X_R
+/// ```
+///
+/// with v = M⁻¹p. Radau IIA makes it L-stable: neither stiff springs nor strong damping limit the step. It is no
+/// variational integrator: an undamped oscillator loses energy, by R(iωh) a step with the stability function
+/// R, |R(iy)|² = 1 − O(y^{2R}). Source: \[HW\]; the fractional force as in \[LO93\] and \[LFS16\].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CollocationTables<'a, T> {
+    /// A², R·R numbers row by row.
+    pub square: &'a [T],
+    /// b, the last row of A.
+    pub weights: &'a [T],
+    /// c
+    pub nodes: &'a [T],
+}
+
+/// Collocation with a stiffly accurate Runge–Kutta method of R stages, Radau IIA above all, whose nodes the
+/// memory stores; see [`CollocationTables`] for its equations.
+///
+/// The memory has matrix weights of the same method, on equal steps ([`Kernel::runge_kutta`](crate::Kernel::runge_kutta)) or on steps of any
+/// length ([`VariableStepMemory`](crate::VariableStepMemory)).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Collocation<T, const R: usize> {
+    square: [[T; R]; R],
+    weights: [T; R],
+    nodes: [T; R],
+}
+
+impl<T: Real, const R: usize> Collocation<T, R> {
+    /// Collocation by `method`.
+    pub fn new(method: &RungeKutta<R>) -> Self {
+        let (square, quadrature) = (method.square(), method.quadrature());
+        Self {
+            square: square.map(|row| row.map(T::of)),
+            weights: quadrature.weights().map(T::of),
+            nodes: quadrature.nodes().map(T::of),
+        }
+    }
+
+    /// Its numbers.
+    pub fn tables(&self) -> CollocationTables<'_, T> {
+        CollocationTables { square: self.square.as_flattened(), weights: &self.weights, nodes: &self.nodes }
+    }
+}
+
+impl<T: Real, const N: usize, const R: usize> Scheme<T, Fixed<N>> for Collocation<T, R> {
+    type Storage = Kept<Inverse<T, N, R>>;
+
+    fn storage<G: Mechanics<T, Fixed<N>>>(&self, _: &Fixed<N>, _: &G) -> Self::Storage {
+        Kept::nothing(Inverse::zero())
+    }
+
+    fn forget_step(storage: &mut Self::Storage) {
+        storage.valid = false;
+    }
+
+    fn sampling(&self) -> Sampling<'_, T> {
+        Sampling::Nodes(&self.nodes)
+    }
+
+    #[inline(always)]
+    fn step<G: Mechanics<T, Fixed<N>>, D: Damping<T, Fixed<N>>>(
+        &self,
+        storage: &mut Self::Storage,
+        mechanics: &mut G,
+        damping: &mut D,
+        step: &Step<'_, T>,
+        position: &mut SVector<T, N>,
+        momentum: &mut SVector<T, N>,
+    ) -> Result<u32, StepError> {
+        let (known, mut room) = ([[T::zero(); N]; R], [[[T::zero(); N]; R]; 2]);
+        in_place!(R, R; storage, mechanics, [T::zero(); R], known, room.as_flattened_mut(), |workspace| {
+            self.tables().step(workspace, mechanics, damping, step, (position, momentum))
+        })
+    }
+}
+
+impl<T: Real> CollocationTables<'_, T> {
+    /// One step. The accelerations a_i are left in `work.increments`, X_i − q_k in `work.stages`.
+    ///
+    /// # Errors
+    /// [`StepError`]; position, momentum and damping are as before.
+    #[inline(always)]
+    pub fn step<X, E, G, D>(
+        &self,
+        work: &mut Workspace<'_, T, X, E>,
+        mechanics: &mut G,
+        damping: &mut D,
+        step: &Step<'_, T>,
+        (position, momentum): (&mut X::Vector, &mut X::Vector),
+    ) -> Result<u32, StepError>
+    where
+        X: Space<T>,
+        E: Equations<T, X::Block>,
+        G: Mechanics<T, X>,
+        D: Damping<T, X>,
+    {
+        for (time, &node) in work.times.iter_mut().zip(self.nodes) {
+            *time = if node == T::one() { step.end } else { step.time + node * step.size };
+        }
+        work.known.fill(T::zero());
+        damping.add_known(X::slice(position), step.size, work.times, work.known, work.scratch)?;
+        let coordinates = X::slice(position).len();
+        // The velocity keeps the scratch vector's place through the solution.
+        let mut velocity = position.clone();
+        mechanics.velocity(X::slice(momentum), X::slice_mut(&mut velocity));
+        work.increments.fill(T::zero());
+        let linear = mechanics.is_linear();
+        let mut equations = CollocationEquations {
+            tables: self,
+            mechanics,
+            damping: &*damping,
+            step,
+            position: X::slice(position),
+            velocity: X::slice(&velocity),
+            stages: &mut *work.stages,
+            forces: &mut *work.forces,
+            known: &*work.known,
+            scratch: &mut *work.scratch,
+            point: &mut *work.point,
+            stiffness: &mut *work.stiffness,
+        };
+        let iterations = if linear {
+            let stays = equations.damping.leading_is_constant();
+            if !work.kept.valid {
+                equations.residual(work.increments, work.residual, Some(&mut *work.matrix));
+                work.matrix.keep(&mut work.kept.solver).map_err(|_| StepError::SingularJacobian)?;
+                work.kept.valid = stays;
+            }
+            for _ in 0..LINEAR_CORRECTIONS {
+                equations.residual::<E>(work.increments, work.residual, None);
+                work.matrix.solve_kept(&work.kept.solver, work.residual);
+                if !all_finite(work.residual) {
+                    return Err(StepError::NotFinite);
+                }
+                add_multiple(work.increments, -T::one(), work.residual);
+            }
+            LINEAR_CORRECTIONS
+        } else {
+            let linearise = |accelerations: &[T], residual: &mut [T], matrix: &mut E| {
+                equations.residual(accelerations, residual, Some(matrix));
+            };
+            // What is below the rounding of positions does not show in an acceleration.
+            let offset = size(X::slice(position)) / (step.size * step.size);
+            newton(work.increments, work.residual, offset, work.matrix, linearise)?
+        };
+        self.place_stages(work.increments, X::slice(&velocity), step.size, work.stages);
+        let rise = vectors(work.stages, coordinates).last().unwrap_or(&[]);
+        // p_{k+1} = p_k + h M Σ_j b_j a_j
+        let mean = X::slice_mut(&mut velocity);
+        mean.fill(T::zero());
+        for (&weight, acceleration) in self.weights.iter().zip(vectors(work.increments, coordinates)) {
+            add_multiple(mean, weight, acceleration);
+        }
+        let new_momentum = work.residual.get_mut(..coordinates).unwrap_or(&mut []);
+        for (number, &p) in new_momentum.iter_mut().zip(X::slice(momentum)) {
+            *number = p;
+        }
+        mechanics.mass().multiply_add(step.size, mean, new_momentum);
+        let sample = Sample { times: work.times, increments: work.stages };
+        let state = (X::slice_mut(position), X::slice_mut(momentum));
+        conclude(damping, sample, (rise, new_momentum), state, work.scratch)?;
+        Ok(iterations)
+    }
+
+    /// X_i − q_k
+    #[inline(always)]
+    fn place_stages(&self, accelerations: &[T], velocity: &[T], h: T, stages: &mut [T]) {
+        let coordinates = velocity.len();
+        let rows = vectors(self.square, self.nodes.len());
+        for ((stage, &node), row) in vectors_mut(stages, coordinates).zip(self.nodes).zip(rows) {
+            for (place, &v) in stage.iter_mut().zip(velocity) {
+                *place = h * node * v;
+            }
+            for (&factor, acceleration) in row.iter().zip(vectors(accelerations, coordinates)) {
+                add_multiple(stage, h * h * factor, acceleration);
+            }
+        }
+    }
+}
+
+/// The equations of one step at a guess of the accelerations.
+struct CollocationEquations<'a, T: Real, X: Space<T>, G, D> {
+    tables: &'a CollocationTables<'a, T>,
+    mechanics: &'a mut G,
+    damping: &'a D,
+    step: &'a Step<'a, T>,
+    position: &'a [T],
+    velocity: &'a [T],
+    stages: &'a mut [T],
+    forces: &'a mut [T],
+    known: &'a [T],
+    scratch: &'a mut [T],
+    point: &'a mut X::Vector,
+    stiffness: &'a mut X::Block,
+}
+
+impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> CollocationEquations<'_, T, X, G, D> {
+    /// Writes the residuals of the R equations, and their derivatives to the matrix if there is one.
+    #[inline(always)]
+    fn residual<E: Equations<T, X::Block>>(
+        &mut self,
+        accelerations: &[T],
+        residual: &mut [T],
+        mut matrix: Option<&mut E>,
+    ) {
+        let (tables, h) = (self.tables, self.step.size);
+        let (coordinates, stages) = (self.position.len(), tables.nodes.len());
+        tables.place_stages(accelerations, self.velocity, h, self.stages);
+        if let Some(matrix) = matrix.as_deref_mut() {
+            matrix.clear();
+            for i in 0..stages {
+                matrix.add(i, i, T::one(), self.mechanics.mass());
+            }
+        }
+        let rows = vectors(tables.square, stages);
+        let nodes = tables.nodes.iter().zip(rows).enumerate();
+        let vectors_of_nodes = vectors(self.stages, coordinates).zip(vectors_mut(self.forces, coordinates));
+        for ((i, (&node, row)), (stage, force)) in nodes.zip(vectors_of_nodes) {
+            let point = X::slice_mut(self.point);
+            for ((place, &q), &e) in point.iter_mut().zip(self.position).zip(stage) {
+                *place = q + e;
+            }
+            let instant = Instant::in_step(self.step.time, node, h);
+            if let Some(matrix) = matrix.as_deref_mut() {
+                self.mechanics.linearise(instant, self.point, force, self.stiffness);
+                for (j, &factor) in row.iter().enumerate() {
+                    matrix.add(i, j, h * h * factor, self.stiffness);
+                }
+            } else {
+                self.mechanics.pull(instant, self.point, force);
+            }
+            for (force, &input) in force.iter_mut().zip(self.step.input) {
+                *force -= input;
+            }
+        }
+        add_multiple(self.forces, T::one(), self.known);
+        self.damping.add_leading(self.stages, self.forces, self.scratch);
+        if let Some(matrix) = matrix {
+            self.damping.visit_leading(stages, |i, l, leading, rho| {
+                let row = vectors(tables.square, stages).nth(l).unwrap_or(&[]);
+                for (j, &factor) in row.iter().enumerate() {
+                    matrix.add(i, j, h * h * factor * leading, rho);
+                }
+            });
+        }
+        let of_stages = vectors(accelerations, coordinates).zip(vectors(self.forces, coordinates));
+        for (residual, (acceleration, force)) in vectors_mut(residual, coordinates).zip(of_stages) {
+            for (place, &force) in residual.iter_mut().zip(force) {
+                *place = force;
+            }
+            self.mechanics.mass().multiply_add(T::one(), acceleration, residual);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::integrator::Integrator;
+    use crate::system::{Mass, NoForce, Potential, Quadratic, System};
+
+    fn oscillator(stiffness: f64) -> System<f64, 1, Quadratic<f64, 1>, NoForce> {
+        System {
+            mass: Mass::diagonal([2.0]).unwrap(),
+            potential: Quadratic::diagonal([2.0 * stiffness]).unwrap(),
+            force: NoForce,
+        }
+    }
+
+    /// (q, v) after one step of q̈ = −q is R(hJ), R the stability function.
+    fn assert_one_step<const R: usize>(order: i32) {
+        let method = RungeKutta::<R>::radau_iia().unwrap();
+        let error = |h: f64| {
+            let scheme = Collocation::new(&method);
+            let mut integrator =
+                Integrator::builder(oscillator(1.0), scheme, h).position([1.0]).build().unwrap();
+            integrator.step(&[0.0].into()).unwrap();
+            let state = integrator.state();
+            (state.position[0] - h.cos()).abs().max((0.5 * state.momentum[0] + h.sin()).abs())
+        };
+        let found = (error(0.2) / error(0.1)).log2();
+        assert!((found - f64::from(order + 1)).abs() < 0.25, "{R} stages: local order {found}");
+    }
+
+    #[test]
+    fn a_step_has_the_order_of_the_method() {
+        assert_one_step::<1>(1);
+        assert_one_step::<2>(3);
+        assert_one_step::<3>(5);
+    }
+
+    #[test]
+    fn stiff_steps_end_at_rest() {
+        // ωh from 1 to 10⁶: L-stable.
+        for frequency in [1.0, 1e2, 1e4, 1e6] {
+            let scheme = Collocation::new(&RungeKutta::<3>::radau_iia().unwrap());
+            let system = oscillator(frequency * frequency);
+            let mut integrator = Integrator::builder(system, scheme, 1.0).position([1.0]).build().unwrap();
+            let mut energy = integrator.energy();
+            for _ in 0..50 {
+                integrator.step(&[0.0].into()).unwrap();
+                let next = integrator.energy();
+                assert!(next <= energy, "ωh = {frequency}: {energy:e} → {next:e}");
+                energy = next;
+            }
+            assert!(frequency == 1.0 || energy < 1e-20 * frequency * frequency, "{frequency}: {energy:e}");
+        }
+    }
+
+    struct Pendulum;
+
+    impl Potential<f64, 1> for Pendulum {
+        fn value(&self, q: &SVector<f64, 1>) -> f64 {
+            1.0 - q[0].cos()
+        }
+
+        fn gradient(&self, q: &SVector<f64, 1>) -> SVector<f64, 1> {
+            SVector::from([q[0].sin()])
+        }
+
+        fn hessian(&self, q: &SVector<f64, 1>) -> nalgebra::SMatrix<f64, 1, 1> {
+            [[q[0].cos()]].into()
+        }
+    }
+
+    #[test]
+    fn nonlinear_steps_converge_whatever_their_length() {
+        for h in [1e-9, 1e-4, 0.3, 2.0] {
+            let system = System { mass: Mass::diagonal([1.0]).unwrap(), potential: Pendulum, force: NoForce };
+            let scheme = Collocation::new(&RungeKutta::<3>::radau_iia().unwrap());
+            let mut integrator = Integrator::builder(system, scheme, h).position([2.0]).build().unwrap();
+            let iterations = integrator.step(&[0.0].into()).unwrap();
+            assert!(iterations <= 8, "{iterations} at {h}");
+            // p = −∫ sin q, and q has hardly moved where h is small.
+            if h < 1e-3 {
+                let expected = -2.0_f64.sin() * h;
+                assert!((integrator.state().momentum[0] / expected - 1.0).abs() < 1e-8);
+            }
+        }
+    }
+}

@@ -1,0 +1,725 @@
+//! The memory for steps of any length: generalised convolution quadrature by exponentials in continuous time.
+
+use crate::error::ParameterError;
+use crate::linear::invert_rows;
+use crate::memory::{Memory, MemoryError, check_channels};
+use crate::real::Real;
+use crate::runge_kutta::RungeKutta;
+use crate::saving::{Shape, StateError, StateReader, StateWriter, fingerprint, header_bytes};
+
+/// Kind of the saved state.
+const TAG: [u8; 4] = *b"rate";
+
+/// Rates in a block.
+const LANES: usize = 4;
+
+/// One number for each rate of a block.
+type Lanes<T> = [T; LANES];
+
+/// What a step may differ from the lengths of a table by, relative to them: rounding of grids.
+const SLACK: f64 = 1e-6;
+
+/// The power s^{−μ}, 0 < μ < 1, as a sum of relaxations that no step size enters.
+///
+/// ```text
+/// s^{−μ} = (sin πμ / π) ∫₀^∞ λ^{−μ} (s + λ)^{−1} dλ  ≈  Σ_j c_j (s + λ_j)^{−1} ,      μ = ⌈β⌉ − β
+/// ```
+///
+/// It serves D^β on every grid whose steps are no shorter than `shortest` and which reaches no further than
+/// `horizon`, both in units of time. For whole β there are no rates. This is plain data, so that it can lie in
+/// flash; `C` is anything that holds numbers. Source: \[LFS16\].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RateTable<C> {
+    /// β, the order of the derivative: above −1 and below 2; integrals have negative orders.
+    pub exponent: f64,
+    /// (A^{−β})_{ab}, R×R numbers row by row, for the matrix A of the method.
+    pub leading: C,
+    /// λ_j ≥ 0, a multiple of four of them. The last may be filled up with zeros.
+    pub rates: C,
+    /// c_j, as many; zero where the rates are filled up.
+    pub coefficients: C,
+    /// The shortest step.
+    pub shortest: f64,
+    /// The longest time.
+    pub horizon: f64,
+}
+
+impl<C> RateTable<C> {
+    /// The same table, borrowed.
+    pub fn borrow<T>(&self) -> RateTable<&[T]>
+    where
+        C: AsRef<[T]>,
+    {
+        RateTable {
+            exponent: self.exponent,
+            leading: self.leading.as_ref(),
+            rates: self.rates.as_ref(),
+            coefficients: self.coefficients.as_ref(),
+            shortest: self.shortest,
+            horizon: self.horizon,
+        }
+    }
+}
+
+impl<T> RateTable<&[T]> {
+    /// How many numbers [`VariableStepMemory`] needs for N coordinates and R stages: (2R + 1) J for the step
+    /// at hand and R² for its leading weight, which all coordinates share, and 2J + 2 for each coordinate.
+    pub const fn state_len(&self, coordinates: usize, stages: usize) -> usize {
+        let shared = stages.saturating_mul(2).saturating_add(1).saturating_mul(self.rates.len());
+        let each = self.rates.len().saturating_mul(2).saturating_add(2);
+        shared.saturating_add(stages.saturating_mul(stages)).saturating_add(each.saturating_mul(coordinates))
+    }
+}
+
+impl<T: Real> RateTable<&[T]> {
+    /// Checks the table for a method of R stages.
+    fn check(&self, stages: usize) -> Result<(), ParameterError> {
+        let count = |parameter, value: usize, accepted, allowed| {
+            ParameterError::check(accepted, parameter, value as f64, allowed)
+        };
+        let planes = stages * stages;
+        ParameterError::check(
+            self.exponent > -1.0 && self.exponent < 2.0,
+            "exponent",
+            self.exponent,
+            "greater than -1 and less than 2",
+        )?;
+        count("leading numbers", self.leading.len(), self.leading.len() == planes, "the stages squared")?;
+        let rates = self.rates.len();
+        count("rates", rates, rates.is_multiple_of(LANES), "a multiple of four")?;
+        let coefficients = self.coefficients.len();
+        count("coefficients", coefficients, coefficients == rates, "as many as rates")?;
+        for (parameter, numbers) in
+            [("leading number", self.leading), ("rate", self.rates), ("coefficient", self.coefficients)]
+        {
+            if let Some(number) = numbers.iter().copied().find(|number| !number.is_finite()) {
+                return Err(ParameterError { parameter, value: number.to_f64(), allowed: "finite" });
+            }
+        }
+        if let Some(rate) = self.rates.iter().copied().find(|&rate| rate < T::zero()) {
+            return Err(ParameterError { parameter: "rate", value: rate.to_f64(), allowed: "at least 0" });
+        }
+        let positive = |value: f64| value > 0.0 && value.is_finite();
+        let (shortest, horizon) = (self.shortest, self.horizon);
+        ParameterError::check(positive(shortest), "shortest step", shortest, "positive and finite")?;
+        ParameterError::check(positive(horizon), "horizon", horizon, "positive and finite")
+    }
+}
+
+/// The memory of D^β on steps of any length, for a stiffly accurate Runge–Kutta method of R stages.
+///
+/// With the stage values X_k of step k, of length h_k, for one coordinate, their last x_k, x_{−1} = 0 and μ = ⌈β⌉ − β
+///
+/// ```text
+/// (∂X)_k    = A⁻¹ (X_k − 1 x_{k−1}) / h_k ,      Y = ∂^{⌈β⌉} X
+/// (D^β X)_k = (h_k A)^μ Y_k + Σ_j c_j (I + h_k λ_j A)⁻¹ 1 z_j
+/// z_j      ← e_Rᵀ (I + h_k λ_j A)⁻¹ (1 z_j + h_k A Y_k)
+/// ```
+///
+/// with the rates of a [`RateTable`]. In the step at hand it is exact; on equal steps it is Runge–Kutta
+/// convolution quadrature; on every grid the operators compose, D^a D^b = D^{a+b}. All z_j decay whatever the
+/// sequence of steps, since the methods are A-stable.
+///
+/// The leading weight (A⁻¹/h_k)^β follows [`begin_step`](Memory::begin_step), which must come before every
+/// [`next_term`](Memory::next_term). A step as long as the one before costs (2R + 1) J multiply–adds for each
+/// coordinate; one of another length forms the (I + h λ_j A)⁻¹ anew, once for all coordinates. The state is
+/// the caller's: [`RateTable::state_len`] numbers. The z_j are summed in two parts, as Kahan does, so that
+/// the rounding errors of many steps do not gather, not even in single precision.
+///
+/// Source: \[LFS13\], \[LFS16\].
+#[derive(Clone, Debug)]
+pub struct VariableStepMemory<T, const R: usize, C, B> {
+    table: RateTable<C>,
+    resolvent: Resolvent<T, R>,
+    /// A and A⁻¹, row by row.
+    matrix: [[T; R]; R],
+    inverse: [[T; R]; R],
+    derivatives: Derivatives,
+    coordinates: usize,
+    state: B,
+    /// Length of the step to come; zero before it is known.
+    length: T,
+    /// Time of the samples so far.
+    elapsed: T,
+    len: usize,
+}
+
+/// ⌈β⌉, how many derivatives are taken before the fractional integral.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Derivatives {
+    None,
+    One,
+    Two,
+}
+
+/// (I + xA)⁻¹ 1 and e_Rᵀ (I + xA)⁻¹ as rational functions of x.
+///
+/// With p(x) = det(I + xA) = Σ_k p_k x^k the adjugate is Σ_k B_k x^k, by Faddeev and LeVerrier: B₀ = I, p_k =
+/// tr(A B_{k−1})/k, B_k = p_k I − A B_{k−1}.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Resolvent<T, const R: usize> {
+    /// B_k 1 for k = 0…R−1.
+    columns: [[T; R]; R],
+    /// e_Rᵀ B_k for k = 0…R−1.
+    rows: [[T; R]; R],
+    /// p_1 … p_R; p_0 = 1.
+    determinant: [T; R],
+    /// b
+    weights: [T; R],
+    /// c
+    nodes: [T; R],
+}
+
+/// (I + xA)⁻¹ 1, e_Rᵀ (I + xA)⁻¹ and 1 − R(−x) at one x, R the stability function.
+struct At<T, const R: usize> {
+    column: [T; R],
+    row: [T; R],
+    decrement: T,
+}
+
+impl<T: Real, const R: usize> Resolvent<T, R> {
+    fn new(method: &RungeKutta<R>) -> Self {
+        let matrix = method.matrix();
+        let mut adjugate = [[0.0; R]; R];
+        for (index, row) in adjugate.iter_mut().enumerate() {
+            row.iter_mut().skip(index).take(1).for_each(|one| *one = 1.0);
+        }
+        let mut columns = [[T::zero(); R]; R];
+        let mut rows = [[T::zero(); R]; R];
+        let mut determinant = [T::zero(); R];
+        let places = columns.iter_mut().zip(&mut rows).zip(&mut determinant);
+        for (k, ((column, row), coefficient)) in places.enumerate() {
+            for (place, numbers) in column.iter_mut().zip(&adjugate) {
+                *place = T::of(numbers.iter().sum());
+            }
+            for (place, &number) in row.iter_mut().zip(adjugate.last().unwrap_or(&[0.0; R])) {
+                *place = T::of(number);
+            }
+            let product = product(matrix, &adjugate);
+            let trace: f64 = product.iter().enumerate().filter_map(|(i, row)| row.get(i)).sum();
+            let p = trace / (k + 1) as f64;
+            *coefficient = T::of(p);
+            adjugate = product.map(|row| row.map(|number| -number));
+            for (index, row) in adjugate.iter_mut().enumerate() {
+                row.iter_mut().skip(index).take(1).for_each(|diagonal| *diagonal += p);
+            }
+        }
+        let quadrature = method.quadrature();
+        let (weights, nodes) = (quadrature.weights().map(T::of), quadrature.nodes().map(T::of));
+        Self { columns, rows, determinant, weights, nodes }
+    }
+
+    /// In powers of x up to 1 and of 1/x beyond, so that nothing overflows.
+    #[inline(always)]
+    fn at(&self, x: T) -> At<T, R> {
+        let one = T::one();
+        let small = x <= one;
+        // Polynomials as forms of two variables.
+        let (high, low) = if small { (x, one) } else { (one, one / x) };
+        let mut column = [T::zero(); R];
+        let mut row = [T::zero(); R];
+        let mut power = one;
+        let mut determinant = one;
+        // From the highest power of `low` downwards: sums ← sums · low + coefficient · high^k.
+        let coefficients = self.columns.iter().zip(&self.rows).zip(&self.determinant);
+        for ((columns, rows), &p) in coefficients {
+            for (place, &number) in column.iter_mut().zip(columns) {
+                *place = *place * low + number * power;
+            }
+            for (place, &number) in row.iter_mut().zip(rows) {
+                *place = *place * low + number * power;
+            }
+            power *= high;
+            determinant = determinant * low + p * power;
+        }
+        let factor = low / determinant;
+        let column = column.map(|number| number * factor);
+        let row = row.map(|number| number * factor);
+        let decrement = if small {
+            let sum = self.weights.iter().zip(&column).fold(T::zero(), |sum, (&b, &g)| sum + b * g);
+            x * sum
+        } else {
+            one - column.last().copied().unwrap_or(T::zero())
+        };
+        At { column, row, decrement }
+    }
+}
+
+fn product<const R: usize>(a: &[[f64; R]; R], b: &[[f64; R]; R]) -> [[f64; R]; R] {
+    a.map(|row| {
+        let mut sum = [0.0; R];
+        for (&factor, numbers) in row.iter().zip(b) {
+            sum.iter_mut().zip(numbers).for_each(|(sum, &number)| *sum += factor * number);
+        }
+        sum
+    })
+}
+
+impl<T, const R: usize, C, B> VariableStepMemory<T, R, C, B>
+where
+    T: Real,
+    C: AsRef<[T]>,
+    B: AsRef<[T]> + AsMut<[T]>,
+{
+    /// A memory on `coordinates` coordinates without samples.
+    ///
+    /// # Errors
+    /// If the table is not one for R stages, its numbers are not finite or out of range, there are no coordinates, or
+    /// the state has another length than [`RateTable::state_len`].
+    pub fn new(
+        method: &RungeKutta<R>,
+        table: RateTable<C>,
+        coordinates: usize,
+        state: B,
+    ) -> Result<Self, ParameterError> {
+        let view = table.borrow();
+        view.check(R)?;
+        ParameterError::check(coordinates > 0, "coordinates", coordinates as f64, "at least 1")?;
+        let length = state.as_ref().len();
+        ParameterError::check(
+            length == view.state_len(coordinates, R),
+            "state length",
+            length as f64,
+            "the table's state_len",
+        )?;
+        let derivatives = match table.exponent {
+            exponent if exponent <= 0.0 => Derivatives::None,
+            exponent if exponent <= 1.0 => Derivatives::One,
+            _ => Derivatives::Two,
+        };
+        let inverse = invert_rows(method.matrix()).map_err(|_| ParameterError {
+            parameter: "determinant of the method",
+            value: 0.0,
+            allowed: "not zero",
+        })?;
+        let inverse = inverse.map(|row| row.map(T::of));
+        let matrix = method.matrix().map(|row| row.map(T::of));
+        let resolvent = Resolvent::new(method);
+        let (length, elapsed, len) = (T::zero(), T::zero(), 0);
+        let mut memory =
+            Self { table, resolvent, matrix, inverse, derivatives, coordinates, state, length, elapsed, len };
+        memory.clear();
+        Ok(memory)
+    }
+
+    /// The table.
+    pub fn table(&self) -> &RateTable<C> {
+        &self.table
+    }
+
+    /// Time of the samples so far.
+    pub fn elapsed(&self) -> T {
+        self.elapsed
+    }
+
+    fn parts(&mut self) -> Option<Parts<'_, T>> {
+        let table = self.table.borrow();
+        let rates = table.rates.len();
+        let (operators, rest) = self.state.as_mut().split_at_mut_checked((2 * R + 1) * rates)?;
+        let (leading, coordinates) = rest.split_at_mut_checked(R * R)?;
+        Some(Parts { operators: operators.as_chunks_mut().0, leading, coordinates })
+    }
+
+    /// Numbers of a coordinate.
+    fn stride(&self) -> usize {
+        2 * self.table.rates.as_ref().len() + 2
+    }
+
+    /// Where the coordinates begin.
+    fn first_coordinate(&self) -> usize {
+        (2 * R + 1) * self.table.rates.as_ref().len() + R * R
+    }
+
+    /// What its state begins with.
+    fn shape(&self) -> Shape<3> {
+        let table = self.table.borrow();
+        let numbers = table.leading.iter().chain(table.rates).chain(table.coefficients);
+        [
+            ("coordinates", self.coordinates as u64),
+            ("stages", R as u64),
+            ("fingerprint of the rates", fingerprint(numbers)),
+        ]
+    }
+
+    fn read(&self, from: &mut StateReader<'_>) -> Result<(usize, T), StateError> {
+        from.header::<T, 3>(TAG, &self.shape())?;
+        let len = from.count_up_to("samples", usize::MAX)?;
+        Ok((len, from.number()?))
+    }
+
+    fn step_length(&self) -> Result<T, MemoryError> {
+        if self.length > T::zero() { Ok(self.length) } else { Err(MemoryError::StepLength) }
+    }
+}
+
+/// The parts of the state.
+struct Parts<'a, T> {
+    /// For each block of rates c_j ((I + hλ_jA)⁻¹1)_a for every stage a, then (e_Rᵀ(I + hλ_jA)⁻¹)_a, then 1 −
+    /// R(−hλ_j).
+    operators: &'a mut [Lanes<T>],
+    /// (A⁻¹/h)^β
+    leading: &'a mut [T],
+    /// For each coordinate blocks of z_j and of what rounding took from them, x_{k−1} and, for two derivatives,
+    /// the last stage of (∂X)_{k−1}.
+    coordinates: &'a mut [T],
+}
+
+/// The numbers of one coordinate: the blocks of z_j, and (x, v).
+#[inline(always)]
+fn coordinate<T>(numbers: &mut [T]) -> Option<(&mut [[Lanes<T>; 2]], &mut [T; 2])> {
+    let (sums, last) = numbers.split_last_chunk_mut::<2>()?;
+    Some((sums.as_chunks_mut().0.as_chunks_mut().0, last))
+}
+
+impl<T, const R: usize, C, B> Memory<T> for VariableStepMemory<T, R, C, B>
+where
+    T: Real,
+    C: AsRef<[T]>,
+    B: AsRef<[T]> + AsMut<[T]>,
+{
+    fn channels(&self) -> usize {
+        self.coordinates * R
+    }
+
+    fn stages(&self) -> usize {
+        R
+    }
+
+    fn leading(&self) -> &[T] {
+        let end = self.first_coordinate();
+        self.state.as_ref().get(end - R * R..end).unwrap_or(&[])
+    }
+
+    fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Takes steps from the table's shortest on, as long as they end by its horizon.
+    fn begin_step(&mut self, length: T) -> Result<(), MemoryError> {
+        let (shortest, horizon) = (self.table.shortest * (1.0 - SLACK), self.table.horizon * (1.0 + SLACK));
+        let in_range = length.to_f64() >= shortest && (self.elapsed + length).to_f64() <= horizon;
+        let scale = length.power(T::of(-self.table.exponent));
+        // Whatever is not a number is not in range.
+        if !in_range || !scale.is_finite() {
+            return Err(MemoryError::StepLength);
+        }
+        if length == self.length {
+            return Ok(());
+        }
+        let resolvent = self.resolvent;
+        let table = self.table.borrow();
+        let rates = table.rates.len();
+        let (operators, rest) =
+            self.state.as_mut().split_at_mut_checked((2 * R + 1) * rates).unwrap_or_default();
+        let blocks = operators.as_chunks_mut::<LANES>().0.chunks_exact_mut(2 * R + 1);
+        let rates = table.rates.as_chunks::<LANES>().0;
+        let coefficients = table.coefficients.as_chunks::<LANES>().0;
+        for ((block, rates), coefficients) in blocks.zip(rates).zip(coefficients) {
+            for (lane, (&rate, &coefficient)) in rates.iter().zip(coefficients).enumerate() {
+                let At { column, row, decrement } = resolvent.at(length * rate);
+                let numbers = column.iter().map(|&number| number * coefficient).chain(row).chain([decrement]);
+                for (place, number) in block.iter_mut().filter_map(|lanes| lanes.get_mut(lane)).zip(numbers) {
+                    *place = number;
+                }
+            }
+        }
+        for (place, &number) in rest.iter_mut().zip(table.leading) {
+            *place = number * scale;
+        }
+        self.length = length;
+        Ok(())
+    }
+
+    #[inline]
+    fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
+        check_channels(self.channels(), term.len())?;
+        let length = self.step_length()?;
+        let (derivatives, nodes, stride) = (self.derivatives, self.resolvent.nodes, self.stride());
+        let Some(parts) = self.parts() else { return Ok(()) };
+        let coordinates = parts.coordinates.chunks_exact_mut(stride);
+        for (term, numbers) in term.chunks_exact_mut(R.max(1)).zip(coordinates) {
+            let Some((sums, &mut [x, v])) = coordinate(numbers) else { return Ok(()) };
+            // What a sample that stays on its way brings: W₀ (1 x + h c v).
+            let stay = nodes.map(|node| match derivatives {
+                Derivatives::None => T::zero(),
+                Derivatives::One => x,
+                Derivatives::Two => x + length * node * v,
+            });
+            let mut totals = [[T::zero(); LANES]; R];
+            for (block, [z, _]) in parts.operators.chunks_exact(2 * R + 1).zip(sums) {
+                for (total, output) in totals.iter_mut().zip(block) {
+                    for ((total, &output), &z) in total.iter_mut().zip(output).zip(&*z) {
+                        *total += output * z;
+                    }
+                }
+            }
+            let rows = parts.leading.chunks_exact(R.max(1));
+            for ((place, [a, b, c, d]), row) in term.iter_mut().zip(totals).zip(rows) {
+                let stay = row.iter().zip(&stay).fold(T::zero(), |sum, (&w, &x)| sum + w * x);
+                *place = ((a + c) + (b + d)) - stay;
+            }
+        }
+        Ok(())
+    }
+
+    #[inline]
+    fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
+        check_channels(self.channels(), sample.len())?;
+        let length = self.step_length()?;
+        let (derivatives, stride) = (self.derivatives, self.stride());
+        let (inverse, matrix) = (self.inverse, self.matrix);
+        let Some(parts) = self.parts() else { return Ok(()) };
+        let coordinates = parts.coordinates.chunks_exact_mut(stride);
+        for (sample, numbers) in sample.chunks_exact(R.max(1)).zip(coordinates) {
+            let Some((sums, [x, v])) = coordinate(numbers) else { return Ok(()) };
+            let mut values = [T::zero(); R];
+            for (value, &number) in values.iter_mut().zip(sample) {
+                *value = number;
+            }
+            let rise = values.map(|value| value - *x);
+            *x = values.last().copied().unwrap_or(T::zero());
+            // h A Y
+            let integrated = match derivatives {
+                Derivatives::None => multiply(&matrix, &values).map(|number| number * length),
+                Derivatives::One => rise,
+                Derivatives::Two => {
+                    let slopes = multiply(&inverse, &rise).map(|number| number / length);
+                    let before = core::mem::replace(v, slopes.last().copied().unwrap_or(T::zero()));
+                    slopes.map(|slope| slope - before)
+                }
+            };
+            for (block, sums) in parts.operators.chunks_exact(2 * R + 1).zip(sums) {
+                let Some((decrement, operators)) = block.split_last() else { return Ok(()) };
+                let mut change = [T::zero(); LANES];
+                for (row, &number) in operators.iter().skip(R).zip(&integrated) {
+                    for (change, &factor) in change.iter_mut().zip(row) {
+                        *change += factor * number;
+                    }
+                }
+                relax(sums, decrement, &change);
+            }
+        }
+        self.elapsed += length;
+        self.len += 1;
+        Ok(())
+    }
+
+    fn clear(&mut self) {
+        self.state.as_mut().fill(T::zero());
+        (self.length, self.elapsed, self.len) = (T::zero(), T::zero(), 0);
+    }
+
+    fn bytes(&self) -> usize {
+        let table = self.table.borrow();
+        let numbers = table.leading.len() + table.rates.len() + table.coefficients.len();
+        size_of::<Self>() - size_of::<B>() + (numbers + self.state.as_ref().len()) * size_of::<T>()
+    }
+
+    fn state_bytes(&self) -> usize {
+        header_bytes(4) + T::BYTES * (1 + self.stride() * self.coordinates)
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        to.header::<T, 3>(TAG, &self.shape())?;
+        to.count(self.len as u64)?;
+        to.numbers([&self.elapsed])?;
+        to.numbers(self.state.as_ref().iter().skip(self.first_coordinate()))
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.read(from)?;
+        from.skip::<T>(self.stride() * self.coordinates)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.check_state(&mut from.clone())?;
+        (self.len, self.elapsed) = self.read(from)?;
+        let first = self.first_coordinate();
+        from.numbers(self.state.as_mut().iter_mut().skip(first))
+    }
+}
+
+/// z ← R(−hλ) z + change for a block of rates, with what rounding takes from the sum carried along.
+#[inline(always)]
+fn relax<T: Real>([z, lost]: &mut [Lanes<T>; 2], decrement: &Lanes<T>, change: &Lanes<T>) {
+    let before = *z;
+    for ((lost, (z, &change)), (&before, &decrement)) in
+        lost.iter_mut().zip(z.iter_mut().zip(change)).zip(before.iter().zip(decrement))
+    {
+        let whole = (change - decrement * before) + *lost;
+        *z = before + whole;
+        *lost = whole - (*z - before);
+    }
+}
+
+#[inline(always)]
+fn multiply<T: Real, const R: usize>(matrix: &[[T; R]; R], vector: &[T; R]) -> [T; R] {
+    matrix.map(|row| row.iter().zip(vector).fold(T::zero(), |sum, (&a, &x)| sum + a * x))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::real::all_finite;
+    use std::vec;
+    use std::vec::Vec;
+
+    fn table(
+        exponent: f64,
+        leading: Vec<f64>,
+        rates: Vec<f64>,
+        coefficients: Vec<f64>,
+    ) -> RateTable<Vec<f64>> {
+        RateTable { exponent, leading, rates, coefficients, shortest: 1e-9, horizon: 1e9 }
+    }
+
+    fn memory<const R: usize>(
+        method: &RungeKutta<R>,
+        table: RateTable<Vec<f64>>,
+        coordinates: usize,
+    ) -> VariableStepMemory<f64, R, Vec<f64>, Vec<f64>> {
+        let state = vec![0.0; table.borrow::<f64>().state_len(coordinates, R)];
+        VariableStepMemory::new(method, table, coordinates, state).unwrap()
+    }
+
+    /// W₀ X + term.
+    fn derivative<const R: usize>(
+        memory: &mut VariableStepMemory<f64, R, Vec<f64>, Vec<f64>>,
+        length: f64,
+        sample: [f64; R],
+    ) -> [f64; R] {
+        memory.begin_step(length).unwrap();
+        let mut value = [0.0; R];
+        memory.next_term(&mut value).unwrap();
+        for (value, row) in value.iter_mut().zip(memory.leading().chunks(R)) {
+            *value += row.iter().zip(&sample).map(|(w, x)| w * x).sum::<f64>();
+        }
+        memory.push(&sample).unwrap();
+        value
+    }
+
+    fn assert_resolvent<const R: usize>(method: &RungeKutta<R>) {
+        let resolvent = Resolvent::<f64, R>::new(method);
+        for x in [0.0, 1e-9, 0.3, 1.0, 1.1, 40.0, 1e12] {
+            let At { column, row, decrement } = resolvent.at(x);
+            // (I + xA) g = 1 and (I + xA)ᵀ u = e_R.
+            for i in 0..R {
+                let mut of_column = column[i] - 1.0;
+                let mut of_row = row[i] - f64::from(u8::from(i == R - 1));
+                for j in 0..R {
+                    of_column += x * method.matrix()[i][j] * column[j];
+                    of_row += x * method.matrix()[j][i] * row[j];
+                }
+                assert!(of_column.abs() < 1e-14 && of_row.abs() < 1e-14, "{R} stages, x = {x}");
+            }
+            assert!((decrement - (1.0 - column[R - 1])).abs() < 1e-15);
+            if x == 1e-9 {
+                assert!((decrement / x - 1.0).abs() < 2.0 * x, "{decrement:e}");
+            }
+        }
+        let at = resolvent.at(f64::INFINITY);
+        assert!(all_finite(&at.column) && at.decrement == 1.0);
+    }
+
+    #[test]
+    fn resolvents_solve_their_equations() {
+        assert_resolvent(&RungeKutta::<1>::radau_iia().unwrap());
+        assert_resolvent(&RungeKutta::<2>::radau_iia().unwrap());
+        assert_resolvent(&RungeKutta::<3>::radau_iia().unwrap());
+        assert_resolvent(&RungeKutta::<2>::lobatto_iiic().unwrap());
+        assert_resolvent(&RungeKutta::<3>::lobatto_iiic().unwrap());
+        assert_resolvent(&RungeKutta::<4>::lobatto_iiic().unwrap());
+    }
+
+    #[test]
+    fn the_first_derivative_of_a_line_is_its_slope_on_any_grid() {
+        let method = RungeKutta::<2>::radau_iia().unwrap();
+        // A⁻¹
+        let mut memory = memory(&method, table(1.0, vec![1.5, 0.5, -4.5, 2.5], vec![], vec![]), 1);
+        let mut time = 0.0;
+        for length in [1.0, 0.01, 30.0, 1e-6] {
+            let at = |node: f64| 3.0 * (time + node * length);
+            let found = derivative(&mut memory, length, [at(1.0 / 3.0), at(1.0)]);
+            for slope in found {
+                assert!((slope - 3.0).abs() < 1e-15 * 3.0 * (1.0 + time) / length + 1e-14, "{slope}");
+            }
+            time += length;
+        }
+        assert_eq!(memory.elapsed(), time);
+    }
+
+    #[test]
+    fn a_relaxation_decays_by_the_stability_function_of_every_step() {
+        // One rate λ = 2, no leading weight, β = ½: z₀ = h u·X, then z falls by 1/(1 + hλ).
+        let method = RungeKutta::<1>::radau_iia().unwrap();
+        let rates = vec![2.0, 0.0, 0.0, 0.0];
+        let mut memory = memory(&method, table(0.5, vec![0.0], rates, vec![5.0, 0.0, 0.0, 0.0]), 1);
+        assert_eq!(derivative(&mut memory, 0.5, [4.0]), [0.0]);
+        // z = 4/(1 + 1) = 2; at the next step c z/(1 + hλ).
+        assert!((derivative(&mut memory, 1.5, [4.0])[0] - 5.0 * 2.0 / 4.0).abs() < 1e-15);
+        // Nothing moved: z = 2/4.
+        assert!((derivative(&mut memory, 0.5, [4.0])[0] - 5.0 * 0.5 / 2.0).abs() < 1e-15);
+    }
+
+    #[test]
+    fn lengths_outside_the_table_are_refused_and_change_nothing() {
+        let method = RungeKutta::<1>::radau_iia().unwrap();
+        let mut memory = memory(&method, table(1.0, vec![1.0], vec![], vec![]), 1);
+        assert_eq!(memory.next_term(&mut [0.0]), Err(MemoryError::StepLength));
+        assert_eq!(memory.push(&[0.0]), Err(MemoryError::StepLength));
+        memory.begin_step(0.25).unwrap();
+        for length in [0.0, -1.0, 1e-10, 2e9, f64::NAN, f64::INFINITY] {
+            assert_eq!(memory.begin_step(length), Err(MemoryError::StepLength), "{length}");
+        }
+        assert_eq!(memory.leading(), [4.0]);
+    }
+
+    #[test]
+    fn tables_that_cannot_be_read_are_refused() {
+        let method = RungeKutta::<1>::radau_iia().unwrap();
+        let good = || table(0.5, vec![1.0], vec![1.0; 4], vec![1.0; 4]);
+        let refused = |table: RateTable<Vec<f64>>| {
+            let state = vec![0.0; table.borrow::<f64>().state_len(1, 1)];
+            VariableStepMemory::new(&method, table, 1, state).is_err()
+        };
+        assert!(!refused(good()));
+        assert!(refused(RateTable { exponent: 2.0, ..good() }));
+        assert!(refused(RateTable { leading: vec![1.0; 4], ..good() }));
+        assert!(refused(RateTable { rates: vec![1.0; 8], ..good() }));
+        assert!(refused(RateTable { rates: vec![1.0, 2.0, -3.0, 4.0], ..good() }));
+        assert!(refused(RateTable { coefficients: vec![1.0, f64::NAN, 0.0, 0.0], ..good() }));
+        assert!(refused(RateTable { shortest: 0.0, ..good() }));
+        assert!(refused(RateTable { horizon: f64::INFINITY, ..good() }));
+        assert!(VariableStepMemory::new(&method, good(), 1, vec![0.0; 3]).is_err());
+        assert!(VariableStepMemory::new(&method, good(), 0, vec![0.0; 13]).is_err());
+    }
+
+    #[test]
+    fn a_saved_state_goes_on_with_the_same_bits() {
+        let method = RungeKutta::<2>::radau_iia().unwrap();
+        let make = || {
+            let rates = vec![0.1, 1.0, 10.0, 100.0];
+            memory(&method, table(1.5, vec![1.0, 0.2, -3.0, 2.0], rates, vec![1.0; 4]), 2)
+        };
+        let mut first = make();
+        for k in 1..20 {
+            first.begin_step(0.01 * f64::from(k)).unwrap();
+            first.push(&[0.1, f64::from(k), -1.0, 0.5]).unwrap();
+        }
+        let mut bytes = vec![0; first.state_bytes()];
+        first.save(&mut StateWriter::new(&mut bytes)).unwrap();
+        let mut second = make();
+        second.restore(&mut StateReader::new(&bytes)).unwrap();
+        assert_eq!(second.len(), 19);
+        for length in [0.3, 0.3, 0.001] {
+            let mut terms = [[0.0; 4]; 2];
+            for (memory, term) in [&mut first, &mut second].into_iter().zip(&mut terms) {
+                memory.begin_step(length).unwrap();
+                memory.next_term(term).unwrap();
+                memory.push(&[length, 0.0, 1.0, -length]).unwrap();
+            }
+            assert_eq!(terms[0].map(f64::to_bits), terms[1].map(f64::to_bits));
+        }
+        assert!(make().restore(&mut StateReader::new(&bytes[1..])).is_err());
+    }
+}
