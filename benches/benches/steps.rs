@@ -398,7 +398,7 @@ fn by_hand<S: ByHand>(scenario: &Scenario, system: S) -> f64 {
 
 /// All of the loop of `fvi run`, rows and what is gathered for the record included.
 fn in_a_run(scenario: &Scenario, directory: &Path) -> f64 {
-    let options = RunOptions { directory: directory.to_owned(), precision: Precision::F64 };
+    let options = RunOptions::new(directory);
     let stretch = (scenario.time.steps / 50).max(1);
     let (mut fastest, mut begin) = (f64::INFINITY, None::<Instant>);
     let progress = |steps: usize| {

@@ -21,6 +21,19 @@ pub use real_time::{Pacing, RealTime};
 pub use scalar::Scalar;
 pub use weights::{WeightTable, Weights};
 
+/// What the last bits of these memories depend on besides their numbers: the processor's family, and whether its vector units round
+/// multiply–adds once.
+pub fn vector_units() -> &'static str {
+    match (cfg!(target_arch = "x86_64"), cfg!(target_arch = "aarch64"), pulp::Arch::new()) {
+        (true, _, pulp::Arch::Scalar) => "x86-64 without fused multiply–add",
+        (true, _, _) => "x86-64 with fused multiply–add",
+        (_, true, pulp::Arch::Scalar) => "ARM64 without fused multiply–add",
+        (_, true, _) => "ARM64 with fused multiply–add",
+        (_, _, pulp::Arch::Scalar) => "no vector units",
+        _ => "other vector units",
+    }
+}
+
 /// The examples of the page that introduces the crate.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

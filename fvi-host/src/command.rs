@@ -13,6 +13,7 @@ mod stop;
 mod terminal;
 pub mod weights;
 
+use crate::lab::checkpoint::CheckpointError;
 use crate::language::InputError;
 use crate::language::visible::visible;
 use crate::results::files::FileError;
@@ -65,6 +66,9 @@ pub enum CommandError {
     /// The computation failed: exit code 1.
     #[error("{0}")]
     Failed(String),
+    /// There is nothing to go on from: exit code 2.
+    #[error(transparent)]
+    Checkpoint(#[from] CheckpointError),
     /// A file of results cannot be written: exit code 1; another run is writing to the directory: exit code 2.
     #[error(transparent)]
     File(#[from] FileError),
@@ -113,7 +117,7 @@ impl CommandError {
     fn code(&self) -> ExitCode {
         match self {
             Self::File(error) if OutputDirectory::in_use(error) => ExitCode::from(2),
-            Self::Input(_) | Self::Argument(_) | Self::NoRoom(_) => ExitCode::from(2),
+            Self::Input(_) | Self::Argument(_) | Self::NoRoom(_) | Self::Checkpoint(_) => ExitCode::from(2),
             Self::Failed(_) | Self::File(_) => ExitCode::from(1),
             Self::Stopped(_) => ExitCode::from(stop::STOPPED),
         }

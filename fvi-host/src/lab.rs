@@ -1,5 +1,6 @@
 //! What is done with simulations: single runs, studies of convergence, comparisons, the papers' exhibits, two-point problems.
 
+pub mod checkpoint;
 pub mod compare_engines;
 pub mod converge;
 #[cfg(feature = "pictures")]

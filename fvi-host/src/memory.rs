@@ -94,6 +94,17 @@ pub enum EngineError {
     /// No table of exponentials reaches the tolerance.
     #[error(transparent)]
     Table(ExponentialKernelError),
+    /// The run that is carried further began with a table of exponentials that ends too early.
+    #[error(
+        "the run began with a table of exponentials for {reach} samples, and its memory cannot be carried to {samples}: \
+         begin anew, or with a longer `history.horizon` the next time"
+    )]
+    TableEnds {
+        /// Samples that the table reaches over.
+        reach: usize,
+        /// Number of samples.
+        samples: usize,
+    },
 }
 
 /// Number of samples up to which the plain sum serves by default.
@@ -159,7 +170,7 @@ impl MemoryRequest<'_> {
         if let Some(engine) = self.history.engine {
             return self.memory(engine);
         }
-        if self.samples <= CROSSOVER || self.history.capacity.is_some() {
+        if self.planned() <= CROSSOVER || self.history.capacity.is_some() {
             return self.memory(Engine::Direct);
         }
         match self.memory(Engine::ExponentialSum) {
@@ -203,7 +214,7 @@ impl MemoryRequest<'_> {
             Engine::ExponentialSum | Engine::ExponentialSumCore => {
                 let tolerance = self.history.tolerance.unwrap_or(EXACT);
                 let kernel =
-                    ExponentialKernel::bdf(order, self.exponent, self.step_size, self.horizon(), tolerance)?;
+                    ExponentialKernel::bdf(order, self.exponent, self.step_size, self.horizon()?, tolerance)?;
                 match engine {
                     Engine::ExponentialSumCore => self.core_exponential_sum(kernel.table()),
                     _ => self.exponential_sum::<T, 1>(&kernel.table().borrow()),
@@ -221,7 +232,7 @@ impl MemoryRequest<'_> {
         let count = match engine {
             Engine::Direct => self.kept().saturating_add(1),
             Engine::BlockFft | Engine::RealTime => self.samples.saturating_add(1),
-            Engine::ExponentialSum | Engine::ExponentialSumCore => self.horizon().saturating_add(1),
+            Engine::ExponentialSum | Engine::ExponentialSumCore => self.horizon()?.saturating_add(1),
         };
         let weights = RungeKuttaWeights::new(method, self.exponent, self.step_size, count)?;
         match engine {
@@ -289,9 +300,22 @@ impl MemoryRequest<'_> {
         Ok(HostMemory { memory, engine: Engine::ExponentialSumCore })
     }
 
+    /// Number of samples that engine and table are chosen for.
+    fn planned(&self) -> usize {
+        self.history.planned.unwrap_or(self.samples)
+    }
+
     /// Largest lag of a table of exponentials.
-    fn horizon(&self) -> usize {
-        self.history.horizon.unwrap_or(1).max(self.samples)
+    fn horizon(&self) -> Result<usize, EngineError> {
+        let reach = self
+            .history
+            .horizon
+            .map_or_else(|| reach_over(self.planned()), |horizon| horizon.max(self.planned()));
+        if reach < self.samples {
+            Err(EngineError::TableEnds { reach, samples: self.samples })
+        } else {
+            Ok(reach)
+        }
     }
 
     /// Number of samples that the direct engine keeps.
@@ -308,6 +332,16 @@ impl MemoryRequest<'_> {
             Err(_) => Err(EngineError::NoRoom { engine, samples: self.samples }),
         }
     }
+}
+
+/// Lags of the table for a run of so many samples: twice as many at least, and the same for runs that are not much longer, so that a
+/// run can be carried further, with the bits of one that was as long from the start. Each factor of four costs a few exponentials.
+fn reach_over(samples: usize) -> usize {
+    let mut reach: usize = 1 << 20;
+    while reach / 2 < samples && reach < usize::MAX / 4 {
+        reach *= 4;
+    }
+    reach.max(samples)
 }
 
 /// A kernel of matrices that lie plane by plane.

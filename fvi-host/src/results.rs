@@ -1,11 +1,16 @@
 //! What comes out: trajectories, measures of them, pictures, and the files that all of it goes to.
 
 pub mod files;
+pub(crate) mod growing_file;
 pub mod measure;
+pub(crate) mod numpy;
 pub mod output_directory;
 #[cfg(feature = "pictures")]
 pub mod picture;
 pub mod room;
 #[cfg(feature = "pictures")]
 pub(crate) mod run_pictures;
+pub(crate) mod run_traces;
+pub(crate) mod sections;
+pub mod trace;
 pub mod trajectory;

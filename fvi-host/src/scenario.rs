@@ -171,6 +171,42 @@ impl Scenario {
         scenario
     }
 
+    /// The same scenario, which ends after another number of steps.
+    ///
+    /// # Errors
+    /// [`Problem::OutOfRange`] about `history.horizon`, if that is given and ends earlier; about `time`, if there are too many steps.
+    pub fn ending_after(&self, steps: usize) -> Result<Self, InputError> {
+        let refused = |key, allowed: String| Err(self.error_at(key, Problem::OutOfRange { allowed }));
+        if steps > MOST_STEPS || !self.time.time(steps).is_finite() {
+            return refused("time", format!("at most {MOST_STEPS} steps, and an end that is a finite time"));
+        }
+        if self.history.horizon.is_some_and(|horizon| horizon <= steps) {
+            return refused(
+                "history.horizon",
+                format!("at least {}, for {steps} steps", steps.saturating_add(1)),
+            );
+        }
+        let mut scenario = self.clone();
+        scenario.time.steps = steps;
+        Ok(scenario)
+    }
+
+    /// The same scenario, which ends at another time.
+    ///
+    /// # Errors
+    /// If the time is no grid time, and those of [`ending_after`](Self::ending_after).
+    pub fn ending_at(&self, end: f64) -> Result<Self, InputError> {
+        let steps =
+            if end >= 0.0 { time::steps_to(end, self.time.step) } else { Err("an end ≥ 0".to_owned()) };
+        let refused = |allowed| {
+            self.error_at(
+                "time.step",
+                Problem::Incompatible { with: format!("an end at t = {end}"), allowed },
+            )
+        };
+        self.ending_after(steps.map_err(refused)?)
+    }
+
     /// Whether there is no reference or it can be compared with at one grid point at least.
     pub fn meets_reference(&self) -> bool {
         self.reference.as_ref().is_none_or(|reference| reference.meets(&self.time))

@@ -47,6 +47,9 @@ trait Stepper {
     fn engines(&self) -> Vec<Engine>;
     fn overruns(&self) -> Option<usize>;
     fn memory_bytes(&self) -> usize;
+    fn state_bytes(&self) -> usize;
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError>;
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError>;
 }
 
 /// The state at a grid point, in double precision whatever it was computed in.
@@ -111,6 +114,29 @@ impl Simulation {
     /// Bytes of all memories.
     pub fn memory_bytes(&self) -> usize {
         self.stepper.memory_bytes()
+    }
+
+    /// The state: step, position, momentum, and what the memories remember.
+    ///
+    /// # Errors
+    /// [`StateError`] if a memory cannot be saved.
+    pub fn save(&self) -> Result<Vec<u8>, StateError> {
+        let mut bytes = vec![0; self.stepper.state_bytes()];
+        let mut writer = StateWriter::new(&mut bytes);
+        self.stepper.save(&mut writer)?;
+        let length = writer.written();
+        bytes.truncate(length);
+        Ok(bytes)
+    }
+
+    /// Takes over a state that a simulation of the same scenario saved; the steps that follow have the bits of that one's.
+    ///
+    /// # Errors
+    /// [`StateError`] if the bytes are no such state; the simulation is of no use then.
+    pub fn restore(&mut self, bytes: &[u8]) -> Result<(), StateError> {
+        let mut reader = StateReader::new(bytes);
+        self.stepper.restore(&mut reader)?;
+        reader.finish()
     }
 }
 
@@ -205,6 +231,8 @@ fn damping_term<T: Elementary + Scalar, X: ScenarioSpace<T>>(
     let refused = |error: EngineError| match error {
         EngineError::Table(_) => scenario
             .error_at_first(&["history.tolerance", "history.engine"], Problem::Engine(Cause::new(error))),
+        EngineError::TableEnds { .. } => scenario
+            .error_at_first(&["history.horizon", "history.engine"], Problem::Engine(Cause::new(error))),
         EngineError::NoRoom { .. } => scenario.error_at_first(
             &["history.engine", "time.steps", "time.end"],
             Problem::Engine(Cause::new(error)),
@@ -316,5 +344,17 @@ impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
 
     fn memory_bytes(&self) -> usize {
         self.integrator.damping().0.iter().map(|term| term.memory().bytes()).sum()
+    }
+
+    fn state_bytes(&self) -> usize {
+        self.integrator.state_bytes()
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        self.integrator.save(to)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.integrator.restore(from)
     }
 }

@@ -1,5 +1,6 @@
 //! Words of the library that options of the command line take.
 
+use crate::results::trajectory::Format;
 use crate::scenario::Engine;
 use crate::simulation::Precision;
 use clap::ValueEnum;
@@ -33,6 +34,20 @@ impl ValueEnum for Precision {
         let (name, help) = match self {
             Self::F64 => ("f64", "Double precision"),
             Self::F32 => ("f32", "Single precision, the twin of a microcontroller"),
+        };
+        Some(PossibleValue::new(name).help(help))
+    }
+}
+
+impl ValueEnum for Format {
+    fn value_variants<'a>() -> &'a [Self] {
+        &[Self::Csv, Self::Npz]
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        let (name, help) = match self {
+            Self::Csv => ("csv", "trajectory.csv: a row of text for each time"),
+            Self::Npz => ("npz", "trajectory.npz: NumPy arrays t, q, p and energy"),
         };
         Some(PossibleValue::new(name).help(help))
     }

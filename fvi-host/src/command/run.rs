@@ -2,8 +2,10 @@
 
 use super::progress::Progress;
 use super::{CommandError, default_directory, stop, terminal, warn};
+use crate::lab::checkpoint::CheckpointEvery;
 use crate::lab::run::{RunEnd, RunError, RunOptions, RunSummary, run};
-use crate::language::visible::visible_line;
+use crate::language::visible::{visible, visible_line};
+use crate::results::trajectory::Format;
 use crate::scenario::{Engine, Scenario};
 use crate::simulation::Precision;
 use std::path::{Path, PathBuf};
@@ -22,6 +24,24 @@ pub struct RunArguments {
     /// What to compute in
     #[arg(long, value_enum, default_value_t)]
     precision: Precision,
+    /// The format of the trajectory: a table of text, or NumPy arrays (default: csv)
+    #[arg(long, value_enum)]
+    format: Option<Format>,
+    /// The last time, in place of the scenario's
+    #[arg(long, value_name = "TIME", conflicts_with = "steps", allow_negative_numbers = true)]
+    until: Option<f64>,
+    /// The number of steps, in place of the scenario's
+    #[arg(long)]
+    steps: Option<usize>,
+    /// Go on from the checkpoint in the run's directory, or begin if there is none
+    #[arg(long)]
+    resume: bool,
+    /// How often a checkpoint is written: a number of steps, a duration such as 30s or 10min, or never (default: 60s)
+    #[arg(long, value_name = "STEPS|DURATION")]
+    checkpoint_every: Option<CheckpointEvery>,
+    /// Go on from a checkpoint of another machine or version, although the last bits may differ
+    #[arg(long, requires = "resume")]
+    accept_other_machine: bool,
     /// Neither progress nor result on the terminal
     #[arg(long)]
     quiet: bool,
@@ -33,19 +53,36 @@ impl RunArguments {
         if let Some(engine) = self.engine {
             scenario.history.choose(engine);
         }
+        if let Some(end) = self.until {
+            scenario = scenario.ending_at(end)?;
+        } else if let Some(steps) = self.steps {
+            scenario = scenario.ending_after(steps)?;
+        }
         let warnings = scenario.warnings();
         let before = warnings.len();
         warn(warnings);
         let directory = self.out.unwrap_or_else(|| default_directory(&self.scenario, "run"));
         let stop = stop::flag();
         let mut progress = Progress::new(scenario.time.steps, "steps", self.quiet);
-        let options = RunOptions { directory: directory.clone(), precision: self.precision };
+        let options = RunOptions {
+            precision: self.precision,
+            format: self.format,
+            checkpoints: self.checkpoint_every.unwrap_or_default(),
+            resume: self.resume,
+            accept_other_machine: self.accept_other_machine,
+            ..RunOptions::new(&directory)
+        };
         let summary =
             run(&scenario, &options, &stop, |steps| progress.update(steps)).map_err(|error| match error {
                 RunError::Input(error) => CommandError::Input(error),
                 RunError::File(error) => CommandError::File(error),
+                RunError::Checkpoint(error) => CommandError::Checkpoint(error),
+                error @ RunError::Unsaved(_) => CommandError::Failed(error.to_string()),
             })?;
         progress.finish();
+        for note in &summary.notes {
+            terminal::mention(&format!("note: {}\n", visible(note)));
+        }
         warn(summary.warnings.iter().skip(before).cloned());
         let line = result_line(&scenario, &summary, &directory);
         match &summary.end {

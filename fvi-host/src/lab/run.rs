@@ -1,16 +1,19 @@
 //! One run: from a checked scenario to the files of its output directory.
 
+use crate::lab::checkpoint::{
+    self, CHECKPOINT, Checkpoint, CheckpointError, CheckpointEvery, Identity, Progress, Timer,
+};
 use crate::language::InputError;
 use crate::numerics::starting::starting_condition;
 use crate::results::files::{FileError, remove, write_json};
 use crate::results::measure::{Largest, ReferenceErrors};
 use crate::results::output_directory::OutputDirectory;
-#[cfg(feature = "pictures")]
-use crate::results::run_pictures::RunPictures;
-use crate::results::trajectory::TrajectoryWriter;
+use crate::results::run_traces::RunTraces;
+use crate::results::trajectory::{Format, TrajectoryMark, TrajectoryWriter};
 use crate::scenario::{Engine, Scenario};
 use crate::simulation::motion::{Failure, Motion};
 use crate::simulation::{GridState, Precision};
+use fvi_core::StateError;
 use serde::Serialize;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -23,6 +26,28 @@ pub struct RunOptions {
     pub directory: PathBuf,
     /// What it computes in.
     pub precision: Precision,
+    /// The format of the trajectory; absent: CSV, or that of the checkpoint.
+    pub format: Option<Format>,
+    /// How often checkpoints are written.
+    pub checkpoints: CheckpointEvery,
+    /// Whether it goes on from the directory's checkpoint, where there is one.
+    pub resume: bool,
+    /// Whether it does so even if bits differ between this machine or program and that of the checkpoint.
+    pub accept_other_machine: bool,
+}
+
+impl RunOptions {
+    /// A run from the start in double precision, with a trajectory in CSV and a checkpoint every minute.
+    pub fn new(directory: impl Into<PathBuf>) -> Self {
+        Self {
+            directory: directory.into(),
+            precision: Precision::default(),
+            format: None,
+            checkpoints: CheckpointEvery::default(),
+            resume: false,
+            accept_other_machine: false,
+        }
+    }
 }
 
 /// How a run ended.
@@ -92,6 +117,9 @@ pub struct RunSummary {
     pub files: Vec<&'static str>,
     /// The inputs as used, defaults filled in.
     pub scenario: Scenario,
+    /// What is to be said about how it began.
+    #[serde(skip)]
+    pub notes: Vec<String>,
 }
 
 /// Why a run could not be made or recorded.
@@ -104,17 +132,23 @@ pub enum RunError {
     /// A file cannot be written.
     #[error(transparent)]
     File(#[from] FileError),
+    /// It cannot go on from what is in its directory.
+    #[error(transparent)]
+    Checkpoint(#[from] CheckpointError),
+    /// A memory cannot be saved.
+    #[error("no checkpoint can be written: {0}")]
+    Unsaved(#[from] StateError),
 }
 
-/// Names of the files that a run writes.
-const TRAJECTORY: &str = "trajectory.csv";
+/// The record of a run.
 const SUMMARY: &str = "summary.json";
 
 /// Runs a scenario and writes its files.
 ///
 /// `stop` ends the run after the step under way; `progress` hears the number of steps made, after each.
 /// Nothing is written when the scenario cannot be run. When a step fails or the run is stopped, what was
-/// computed until then is written, and the summary says so.
+/// computed until then is written, and the summary says so. A run with `resume` goes on from the directory's [checkpoint](super::checkpoint)
+/// and leaves the same files as one that was never interrupted.
 ///
 /// # Errors
 /// [`RunError`]; a step that fails is no error here but an end, see [`RunEnd`].
@@ -124,35 +158,97 @@ pub fn run(
     stop: &AtomicBool,
     mut progress: impl FnMut(usize),
 ) -> Result<RunSummary, RunError> {
-    let run = Run::start(scenario, options.precision)?;
-
-    let directory = OutputDirectory::claim(&options.directory)?;
-    let trajectory_path = directory.join(TRAJECTORY);
-    let writing = FileError::at(&trajectory_path);
-    let coordinates = scenario.coordinates();
-    let mut writer =
-        TrajectoryWriter::create(&trajectory_path, coordinates, scenario.output.every).map_err(&writing)?;
-    #[cfg(feature = "pictures")]
-    let mut pictures = RunPictures::new(coordinates);
-    let mut summary = run.to_the_end(stop, |steps, state| {
+    let mut scenario = scenario.clone();
+    let mut found = None;
+    let mut claimed = None;
+    let mut notes = Vec::new();
+    if options.resume {
+        if options.directory.is_dir() {
+            found = Checkpoint::find(claimed.insert(OutputDirectory::claim(&options.directory)?))?;
+        }
+        match &found {
+            Some(checkpoint) => scenario.history.planned = Some(checkpoint.identity.planned),
+            None => notes.push(format!(
+                "there is no checkpoint in {}: the run begins at its start",
+                options.directory.display()
+            )),
+        }
+    }
+    let mut run = Run::start(&scenario, options.precision)?;
+    let identity = Identity::new(&scenario, options.precision, run.motion.simulation().engines());
+    if let Some(checkpoint) = &mut found {
+        let format = options.format.unwrap_or(checkpoint.progress.trajectory.format);
+        checkpoint.check(&identity, format, scenario.time.steps, options.accept_other_machine)?;
+        run.go_on(checkpoint).map_err(|error| checkpoint.misfit(error))?;
+    }
+    let directory = match claimed {
+        Some(directory) => directory,
+        None => OutputDirectory::claim(&options.directory)?,
+    };
+    let (coordinates, every) = (scenario.coordinates(), scenario.output.every);
+    let (mut writer, mut traces, mut generations);
+    match found {
+        Some(checkpoint) => {
+            notes.extend(checkpoint.notes);
+            let mark = checkpoint.progress.trajectory;
+            let path = directory.join(mark.format.file());
+            writer = TrajectoryWriter::resume(directory.path(), &mark, coordinates, every, run.steps() + 1)
+                .map_err(FileError::at(&path))?;
+            (traces, generations) = (checkpoint.traces, checkpoint.generations);
+        }
+        None => {
+            let format = options.format.unwrap_or_default();
+            let path = directory.join(format.file());
+            writer = TrajectoryWriter::create(directory.path(), format, coordinates, every)
+                .map_err(FileError::at(&path))?;
+            // What an earlier run could be gone on with does not go with the rows of this one.
+            checkpoint::remove(&directory)?;
+            (traces, generations) = (RunTraces::new(coordinates), checkpoint::Generations::default());
+        }
+    }
+    let path = directory.join(writer.format().file());
+    let writing = FileError::at(&path);
+    let mut timer = Timer::new(options.checkpoints);
+    let mut write_checkpoint = |run: &Run<'_>, writer: &mut TrajectoryWriter, traces: &RunTraces| {
+        let trajectory = writer.mark().map_err(&writing)?;
+        let state = run.motion.simulation().save()?;
+        generations.write(&directory, &identity, &run.progress(trajectory), &state, traces)?;
+        writer.keep();
+        Ok::<_, RunError>(())
+    };
+    let end = run.go(stop, |run| {
+        let (steps, state) = (run.steps(), run.state());
         writer.push(state).map_err(&writing)?;
-        #[cfg(feature = "pictures")]
-        pictures.take(state);
+        traces.take(state);
         if steps > 0 {
             progress(steps);
         }
+        if timer.is_due(steps) {
+            let begin = Instant::now();
+            write_checkpoint(run, &mut writer, &traces)?;
+            timer.written(begin);
+        }
         Ok::<_, RunError>(())
     })?;
+    // A step that failed would fail again.
+    let goes_on = options.checkpoints != CheckpointEvery::Never && !matches!(end, RunEnd::Failed { .. });
+    if goes_on {
+        write_checkpoint(&run, &mut writer, &traces)?;
+    }
     // A summary stands for the files beside it: the old one goes before they do, the new one comes last.
     remove(&directory.join(SUMMARY))?;
-    let begin = Instant::now();
-    writer.finish(&summary.last).map_err(&writing)?;
-    summary.seconds += begin.elapsed().as_secs_f64();
-
-    summary.files.push(TRAJECTORY);
+    let format = writer.format();
+    writer.finish(run.state()).map_err(&writing)?;
+    remove(&directory.join(format.other().file()))?;
+    let mut summary = run.summary(end);
+    summary.notes = notes;
+    summary.files.push(format.file());
     // The record is written even if a picture cannot be.
     #[cfg(feature = "pictures")]
-    let drawn = pictures.write(scenario, summary.steps, directory.path(), &mut summary.files);
+    let drawn = traces.draw(&scenario, summary.steps, directory.path(), &mut summary.files);
+    if goes_on {
+        summary.files.push(CHECKPOINT);
+    }
     write_json(&directory.join(SUMMARY), &summary)?;
     #[cfg(feature = "pictures")]
     drawn?;
@@ -163,9 +259,20 @@ pub fn run(
 pub struct Run<'s> {
     scenario: &'s Scenario,
     motion: Motion<'s>,
+    /// Whether whoever makes it has seen the present state.
+    seen: bool,
+    begin: Instant,
     preparation_seconds: f64,
+    /// Seconds before the last interruption.
+    seconds: f64,
+    /// Overruns before the last interruption.
+    overruns: Option<usize>,
+    newton_iterations: u64,
+    newton_iterations_most: u32,
     largest: Largest,
     errors: ReferenceErrors,
+    /// Where it has been before, if bits differ there.
+    elsewhere: Vec<String>,
 }
 
 impl<'s> Run<'s> {
@@ -179,9 +286,16 @@ impl<'s> Run<'s> {
         Ok(Self {
             scenario,
             motion,
+            seen: false,
+            begin: Instant::now(),
             preparation_seconds: preparation.elapsed().as_secs_f64(),
+            seconds: 0.0,
+            overruns: None,
+            newton_iterations: 0,
+            newton_iterations_most: 0,
             largest: Largest::default(),
             errors: ReferenceErrors::default(),
+            elsewhere: Vec::new(),
         })
     }
 
@@ -195,47 +309,131 @@ impl<'s> Run<'s> {
         stop: &AtomicBool,
         mut take: impl FnMut(usize, &GridState) -> Result<(), E>,
     ) -> Result<RunSummary, E> {
-        let begin = Instant::now();
-        let mut end = RunEnd::Completed;
-        let (mut newton_iterations, mut newton_iterations_most) = (0_u64, 0_u32);
-        self.observe(&mut take)?;
+        let end = self.go(stop, |run| take(run.steps(), run.state()))?;
+        Ok(self.summary(end))
+    }
+
+    /// Steps made.
+    pub fn steps(&self) -> usize {
+        self.motion.steps()
+    }
+
+    /// The state after them.
+    pub fn state(&self) -> &GridState {
+        self.motion.state()
+    }
+
+    fn go<E>(
+        &mut self,
+        stop: &AtomicBool,
+        mut take: impl FnMut(&Self) -> Result<(), E>,
+    ) -> Result<RunEnd, E> {
+        self.begin = Instant::now();
+        if !std::mem::replace(&mut self.seen, true) {
+            self.observe();
+            take(self)?;
+        }
         while self.motion.steps() < self.scenario.time.steps {
             if stop.load(Ordering::Relaxed) {
-                end = RunEnd::Stopped;
-                break;
+                return Ok(RunEnd::Stopped);
             }
             let made = self.motion.steps();
             let result = self.motion.advance();
-            if self.motion.steps() > made {
-                self.observe(&mut take)?;
+            let moved = self.motion.steps() > made;
+            if moved {
+                self.observe();
             }
-            match result {
+            let failed = match result {
                 Ok(iterations) => {
-                    newton_iterations += u64::from(iterations);
-                    newton_iterations_most = newton_iterations_most.max(iterations);
+                    self.newton_iterations += u64::from(iterations);
+                    self.newton_iterations_most = self.newton_iterations_most.max(iterations);
+                    None
                 }
-                Err(Failure { step, time, reason }) => {
-                    end = RunEnd::Failed { step, time, reason };
-                    break;
-                }
+                Err(Failure { step, time, reason }) => Some(RunEnd::Failed { step, time, reason }),
+            };
+            if moved {
+                take(self)?;
+            }
+            if let Some(end) = failed {
+                return Ok(end);
             }
         }
+        Ok(RunEnd::Completed)
+    }
+
+    /// Takes in the present state.
+    fn observe(&mut self) {
+        let (scenario, steps, state) = (self.scenario, self.motion.steps(), self.motion.state());
+        self.largest.take(state);
+        if let Some(reference) = &scenario.reference
+            && let Some(known) = reference.at_step(steps, scenario.time.step, scenario.coordinates())
+        {
+            self.errors.compare(state, &known);
+        }
+    }
+
+    /// How far it has got.
+    fn progress(&self, trajectory: TrajectoryMark) -> Progress {
+        Progress {
+            steps: self.steps(),
+            trajectory,
+            newton_iterations: self.newton_iterations,
+            newton_iterations_most: self.newton_iterations_most,
+            overruns: self.overruns(),
+            preparation_seconds: self.preparation_seconds,
+            seconds: self.seconds(),
+            largest: self.largest.clone(),
+            errors: self.errors.parts(),
+            guard: self.motion.gathered(),
+            elsewhere: self.elsewhere.clone(),
+        }
+    }
+
+    /// Goes on from a checkpoint.
+    fn go_on(&mut self, checkpoint: &Checkpoint) -> Result<(), StateError> {
+        let progress = checkpoint.progress.clone();
+        self.motion.go_on(progress.steps, &checkpoint.state, progress.guard)?;
+        self.seen = true;
+        self.preparation_seconds += progress.preparation_seconds;
+        self.seconds = progress.seconds;
+        self.overruns = progress.overruns;
+        self.newton_iterations = progress.newton_iterations;
+        self.newton_iterations_most = progress.newton_iterations_most;
+        self.largest = progress.largest;
+        self.errors = ReferenceErrors::of_parts(progress.errors);
+        self.elsewhere = progress.elsewhere;
+        Ok(())
+    }
+
+    fn overruns(&self) -> Option<usize> {
+        match (self.motion.simulation().overruns(), self.overruns) {
+            (Some(now), Some(before)) => Some(now + before),
+            (now, before) => now.or(before),
+        }
+    }
+
+    fn seconds(&self) -> f64 {
+        self.seconds + self.begin.elapsed().as_secs_f64()
+    }
+
+    fn summary(self, end: RunEnd) -> RunSummary {
+        let (seconds, overruns) = (self.seconds(), self.overruns());
         let (scenario, motion) = (self.scenario, self.motion);
         let simulation = motion.simulation();
-        Ok(RunSummary {
+        RunSummary {
             end,
             version: env!("CARGO_PKG_VERSION"),
             platform: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
             precision: simulation.precision(),
             engine: simulation.engines().to_vec(),
-            overruns: simulation.overruns(),
+            overruns,
             memory_bytes: simulation.memory_bytes(),
             preparation_seconds: self.preparation_seconds,
-            seconds: begin.elapsed().as_secs_f64(),
+            seconds,
             steps: motion.steps(),
             steps_wanted: scenario.time.steps,
-            newton_iterations,
-            newton_iterations_most,
+            newton_iterations: self.newton_iterations,
+            newton_iterations_most: self.newton_iterations_most,
             last: motion.state().clone(),
             largest: self.largest,
             starting_condition: Some(&scenario.convolution.starting)
@@ -247,22 +445,12 @@ impl<'s> Run<'s> {
                 .into_iter()
                 .chain(self.errors.warning())
                 .chain(motion.warning().map(str::to_owned))
+                .chain(self.elsewhere)
                 .collect(),
             errors: Some(self.errors).filter(ReferenceErrors::any),
             files: Vec::new(),
             scenario: scenario.clone(),
-        })
-    }
-
-    /// Takes in the present state and shows it.
-    fn observe<E>(&mut self, take: &mut impl FnMut(usize, &GridState) -> Result<(), E>) -> Result<(), E> {
-        let (scenario, steps, state) = (self.scenario, self.motion.steps(), self.motion.state());
-        self.largest.take(state);
-        if let Some(reference) = &scenario.reference
-            && let Some(known) = reference.at_step(steps, scenario.time.step, scenario.coordinates())
-        {
-            self.errors.compare(state, &known);
+            notes: Vec::new(),
         }
-        take(steps, state)
     }
 }

@@ -4,7 +4,7 @@
 use crate::results::picture::Chart;
 use serde::Serialize;
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -55,15 +55,20 @@ pub(crate) struct PartFile {
 /// Ending of the names of files that are being written.
 const PART_ENDING: &str = ".fvi-part";
 
+/// The file that a name stands for, and what is there already. A link stays a link; the file that it names is replaced.
+pub(crate) fn destination_of(path: &Path) -> io::Result<(PathBuf, Option<fs::Metadata>)> {
+    let destination = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+    let replaced = fs::metadata(&destination).ok();
+    if replaced.as_ref().is_some_and(|replaced| !replaced.is_file()) {
+        return Err(io::Error::other("not a regular file, and not replaced by one"));
+    }
+    Ok((destination, replaced))
+}
+
 impl PartFile {
     fn beside(destination: &Path) -> io::Result<Self> {
         static COUNT: AtomicU32 = AtomicU32::new(0);
-        // A link stays a link; the file that it names is replaced.
-        let destination = fs::canonicalize(destination).unwrap_or_else(|_| destination.to_owned());
-        let replaced = fs::metadata(&destination).ok();
-        if replaced.as_ref().is_some_and(|replaced| !replaced.is_file()) {
-            return Err(io::Error::other("not a regular file, and not replaced by one"));
-        }
+        let (destination, replaced) = destination_of(destination)?;
         loop {
             let count = COUNT.fetch_add(1, Ordering::Relaxed);
             let name = format!(".{}-{count}{PART_ENDING}", std::process::id());
@@ -85,6 +90,11 @@ impl PartFile {
         }
     }
 
+    /// Has what was written on the disk.
+    pub(crate) fn sync(&self) -> io::Result<()> {
+        self.file.sync_all()
+    }
+
     /// Puts the file into its place.
     fn commit(mut self) -> io::Result<()> {
         self.file.sync_all()?;
@@ -101,6 +111,12 @@ impl Write for PartFile {
 
     fn flush(&mut self) -> io::Result<()> {
         self.file.flush()
+    }
+}
+
+impl Seek for PartFile {
+    fn seek(&mut self, place: SeekFrom) -> io::Result<u64> {
+        self.file.seek(place)
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::scenario::ReferenceRow;
 use crate::simulation::GridState;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// The larger of two; not-a-number, once met, stays.
 fn larger(largest: f64, number: f64) -> f64 {
@@ -10,7 +10,7 @@ fn larger(largest: f64, number: f64) -> f64 {
 }
 
 /// The largest error so far and the last one.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ErrorMeasure {
     /// Number of values compared.
     pub compared: usize,
@@ -74,6 +74,16 @@ impl ReferenceErrors {
         self.undefined += known.undefined;
     }
 
+    /// Its parts, in a form that can be stored and taken [back](Self::of_parts).
+    pub(crate) fn parts(&self) -> ([ErrorMeasure; 3], usize) {
+        ([self.position, self.momentum, self.energy], self.undefined)
+    }
+
+    /// The errors of which these are the parts.
+    pub(crate) fn of_parts(([position, momentum, energy], undefined): ([ErrorMeasure; 3], usize)) -> Self {
+        Self { position, momentum, energy, undefined }
+    }
+
     /// What is to be said when values of the reference could not be compared with.
     pub fn warning(&self) -> Option<String> {
         (self.undefined > 0).then(|| {
@@ -88,7 +98,7 @@ impl ReferenceErrors {
 }
 
 /// Largest absolute values over all grid points.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Largest {
     /// Of each coordinate.
     pub position: Vec<f64>,

@@ -2,8 +2,7 @@
 
 mod axis;
 mod chart;
-mod trace;
 
+pub use crate::results::trace::{Envelope, PathTrace};
 pub use axis::{Axis, Scale};
 pub use chart::{Chart, Marker, PictureError, Series, Style};
-pub use trace::{Envelope, PathTrace};

@@ -1,45 +1,17 @@
 //! The pictures of a run: coordinates over time, phase portrait, energy.
 
 use crate::results::files::{FileError, remove, write_picture};
-use crate::results::picture::{Axis, Chart, Envelope, PathTrace, Series, Style};
+use crate::results::picture::{Axis, Chart, Series, Style};
+use crate::results::run_traces::RunTraces;
 use crate::scenario::{ReferenceRow, ReferenceSource, Scenario};
-use crate::simulation::GridState;
 use std::path::Path;
-
-/// Curves gathered along a run, of bounded size.
-pub(crate) struct RunPictures {
-    coordinates: Vec<Envelope>,
-    energy: Envelope,
-    /// (q₀, p₀), for a single coordinate.
-    phase: Option<PathTrace>,
-}
 
 /// Intervals of the polygon by which a reference is drawn.
 const REFERENCE_INTERVALS: usize = 600;
 
-impl RunPictures {
-    pub(crate) fn new(coordinates: usize) -> Self {
-        Self {
-            coordinates: vec![Envelope::new(); coordinates],
-            energy: Envelope::new(),
-            phase: (coordinates == 1).then(PathTrace::new),
-        }
-    }
-
-    pub(crate) fn take(&mut self, state: &GridState) {
-        for (envelope, &position) in self.coordinates.iter_mut().zip(&state.position) {
-            envelope.push(state.time, position);
-        }
-        self.energy.push(state.time, state.energy);
-        if let (Some(phase), [position], [momentum]) =
-            (&mut self.phase, state.position.as_slice(), state.momentum.as_slice())
-        {
-            phase.push(*position, *momentum);
-        }
-    }
-
+impl RunTraces {
     /// Draws what was gathered over `steps` steps; adds the names of the files.
-    pub(crate) fn write(
+    pub(crate) fn draw(
         &self,
         scenario: &Scenario,
         steps: usize,

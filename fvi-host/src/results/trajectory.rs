@@ -1,34 +1,126 @@
-//! `trajectory.csv`: one row for each grid point, streamed.
+//! `trajectory.csv` or `trajectory.npz`: one row for each grid point, streamed.
 
-use crate::results::files::{NewFile, begin, commit};
+mod npz;
+
+use crate::results::growing_file::{GrowingFile, Mark};
 use crate::simulation::GridState;
-use std::io::{self, Write};
-use std::path::Path;
+use npz::NpzRows;
+use serde::{Deserialize, Serialize};
+use std::fs::File;
+use std::io::{self, Read, Write};
+use std::path::{Path, PathBuf};
 
-/// Writes `t,q0,…,p0,…,energy` row by row with 17 significant digits, so that a reader gets the same f64 back.
+/// The format of a trajectory.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Format {
+    /// `trajectory.csv`: `t,q0,…,p0,…,energy` with 17 significant digits.
+    #[default]
+    Csv,
+    /// `trajectory.npz`: the NumPy arrays `t` (rows), `q` and `p` (rows × coordinates) and `energy` (rows).
+    Npz,
+}
+
+impl Format {
+    /// The name of the file.
+    pub fn file(self) -> &'static str {
+        match self {
+            Self::Csv => "trajectory.csv",
+            Self::Npz => "trajectory.npz",
+        }
+    }
+
+    /// The other format.
+    pub(crate) fn other(self) -> Self {
+        match self {
+            Self::Csv => Self::Npz,
+            Self::Npz => Self::Csv,
+        }
+    }
+}
+
+/// Writes grid points row by row, so that a reader gets the same f64 back.
 ///
-/// The rows go to a temporary file in the same directory; [`finish`](Self::finish) puts it in its place at once,
-/// and without it nothing is left behind.
+/// The rows live in files beside the destination, under names with `.part`, until [`finish`](Self::finish) puts the whole in its place at
+/// once. A run that is to be gone on with takes a [mark](Self::mark) and has the parts [kept](Self::keep).
 pub struct TrajectoryWriter {
-    file: NewFile,
+    rows: Rows,
     every: usize,
-    /// Rows to come before one is written.
-    skipped: usize,
+    /// Index of the grid point to come.
+    index: usize,
     /// Whether the newest row is in the file.
     written: bool,
 }
 
+enum Rows {
+    Csv(GrowingFile),
+    Npz(Box<NpzRows>),
+}
+
+/// How far a trajectory has got: what of its files belongs to so many grid points.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct TrajectoryMark {
+    pub(crate) format: Format,
+    written: bool,
+    files: Vec<Mark>,
+}
+
 impl TrajectoryWriter {
-    /// A writer of every `every`-th row; the first and the last are always written.
+    /// A writer into a directory of every `every`-th row; the first and the last are always written.
     ///
     /// # Errors
-    /// If the file cannot be created.
-    pub fn create(path: &Path, coordinates: usize, every: usize) -> io::Result<Self> {
-        let mut file = begin(path)?;
-        let columns = |letter: char| (0..coordinates).map(move |index| format!(",{letter}{index}"));
-        let names: String = columns('q').chain(columns('p')).collect();
-        writeln!(file, "t{names},energy")?;
-        Ok(Self { file, every: every.max(1), skipped: 0, written: true })
+    /// If a file cannot be created.
+    pub fn create(directory: &Path, format: Format, coordinates: usize, every: usize) -> io::Result<Self> {
+        let path = directory.join(format.file());
+        let rows = match format {
+            Format::Csv => {
+                let mut file = GrowingFile::begin(&path, 0)?;
+                let columns = |letter: char| (0..coordinates).map(move |index| format!(",{letter}{index}"));
+                let names: String = columns('q').chain(columns('p')).collect();
+                writeln!(file, "t{names},energy")?;
+                Rows::Csv(file)
+            }
+            Format::Npz => Rows::Npz(Box::new(NpzRows::create(&path, coordinates)?)),
+        };
+        Ok(Self { rows, every: every.max(1), index: 0, written: true })
+    }
+
+    /// A writer that goes on behind a mark with grid point `index`.
+    ///
+    /// # Errors
+    /// If what was marked is no longer there.
+    pub(crate) fn resume(
+        directory: &Path,
+        mark: &TrajectoryMark,
+        coordinates: usize,
+        every: usize,
+        index: usize,
+    ) -> io::Result<Self> {
+        let path = directory.join(mark.format.file());
+        let rows = match (mark.format, mark.files.as_slice()) {
+            (Format::Csv, [csv]) => Rows::Csv(GrowingFile::resume(&path, 0, csv, || whole(&path))?),
+            (Format::Npz, marks) => Rows::Npz(Box::new(NpzRows::resume(&path, coordinates, marks)?)),
+            _ => return Err(io::ErrorKind::InvalidData.into()),
+        };
+        Ok(Self { rows, every: every.max(1), index, written: mark.written })
+    }
+
+    /// Whether what was marked is still there. Nothing is changed.
+    pub(crate) fn can_resume(directory: &Path, mark: &TrajectoryMark) -> bool {
+        let path = directory.join(mark.format.file());
+        match (mark.format, mark.files.as_slice()) {
+            (Format::Csv, [csv]) => GrowingFile::can_resume(&path, 0, csv, || whole(&path)),
+            (Format::Npz, marks) => npz::can_resume(&path, marks),
+            _ => false,
+        }
+    }
+
+    /// The format.
+    pub fn format(&self) -> Format {
+        match self.rows {
+            Rows::Csv(_) => Format::Csv,
+            Rows::Npz(_) => Format::Npz,
+        }
     }
 
     /// Takes the next row.
@@ -36,13 +128,36 @@ impl TrajectoryWriter {
     /// # Errors
     /// If it cannot be written.
     pub fn push(&mut self, state: &GridState) -> io::Result<()> {
-        self.written = self.skipped == 0;
-        if self.written {
-            self.skipped = self.every;
-            write_row(&mut self.file, state)?;
+        self.written = self.index.is_multiple_of(self.every);
+        self.index += 1;
+        if self.written { self.write(state) } else { Ok(()) }
+    }
+
+    fn write(&mut self, state: &GridState) -> io::Result<()> {
+        match &mut self.rows {
+            Rows::Csv(file) => write_row(file, state),
+            Rows::Npz(rows) => rows.push(state),
         }
-        self.skipped -= 1;
-        Ok(())
+    }
+
+    /// Has everything on the disk; returns how far the trajectory has got.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub(crate) fn mark(&mut self) -> io::Result<TrajectoryMark> {
+        let (format, files) = match &mut self.rows {
+            Rows::Csv(file) => (Format::Csv, vec![file.mark()?]),
+            Rows::Npz(rows) => (Format::Npz, rows.mark()?),
+        };
+        Ok(TrajectoryMark { format, written: self.written, files })
+    }
+
+    /// From now on the parts stay when the writer is dropped.
+    pub(crate) fn keep(&mut self) {
+        match &mut self.rows {
+            Rows::Csv(file) => file.keep(),
+            Rows::Npz(rows) => rows.keep(),
+        }
     }
 
     /// Writes the last row, once more in `last`, if it is not there yet, and puts the file in its place.
@@ -51,10 +166,17 @@ impl TrajectoryWriter {
     /// If that fails; the file that was there before then still is.
     pub fn finish(mut self, last: &GridState) -> io::Result<()> {
         if !self.written {
-            write_row(&mut self.file, last)?;
+            self.write(last)?;
         }
-        commit(self.file)
+        match self.rows {
+            Rows::Csv(file) => file.commit(),
+            Rows::Npz(rows) => rows.finish(),
+        }
     }
+}
+
+fn whole(path: &PathBuf) -> io::Result<Box<dyn Read>> {
+    Ok(Box::new(File::open(path)?))
 }
 
 fn write_row(file: &mut impl Write, state: &GridState) -> io::Result<()> {
@@ -69,18 +191,18 @@ fn write_row(file: &mut impl Write, state: &GridState) -> io::Result<()> {
 mod tests {
     use super::*;
 
+    fn state(index: usize) -> GridState {
+        let time = index as f64 * 0.1;
+        GridState { time, position: vec![1.0 / 3.0], momentum: vec![-time], energy: 1e-300 }
+    }
+
     fn rows(every: usize, count: usize) -> Vec<String> {
         let directory = tempfile::tempdir().unwrap();
+        let mut writer = TrajectoryWriter::create(directory.path(), Format::Csv, 1, every).unwrap();
+        (0..count).for_each(|index| writer.push(&state(index)).unwrap());
         let path = directory.path().join("trajectory.csv");
-        let mut writer = TrajectoryWriter::create(&path, 1, every).unwrap();
-        let mut state = GridState { position: vec![1.0 / 3.0], energy: 1e-300, ..GridState::default() };
-        for index in 0..count {
-            state.time = index as f64 * 0.1;
-            state.momentum = vec![-state.time];
-            writer.push(&state).unwrap();
-        }
         assert!(!path.exists());
-        writer.finish(&state).unwrap();
+        writer.finish(&state(count - 1)).unwrap();
         std::fs::read_to_string(path).unwrap().lines().map(str::to_owned).collect()
     }
 
@@ -104,5 +226,37 @@ mod tests {
         assert_eq!(times(3, 7), [0.0, 0.1 * 3.0, 0.1 * 6.0]);
         assert_eq!(times(3, 8), [0.0, 0.1 * 3.0, 0.1 * 6.0, 0.1 * 7.0]);
         assert_eq!(times(100, 1), [0.0]);
+    }
+
+    #[test]
+    fn a_trajectory_that_is_gone_on_with_has_the_bytes_of_one_that_was_not_interrupted() {
+        for format in [Format::Csv, Format::Npz] {
+            for every in [1, 3] {
+                let written = |interrupted: bool, finished: bool| {
+                    let directory = tempfile::tempdir().unwrap();
+                    let mut writer = TrajectoryWriter::create(directory.path(), format, 1, every).unwrap();
+                    (0..11).for_each(|index| writer.push(&state(index)).unwrap());
+                    if interrupted {
+                        let mark = writer.mark().unwrap();
+                        writer.keep();
+                        (11..15).for_each(|index| writer.push(&state(index)).unwrap());
+                        if finished {
+                            writer.finish(&state(14)).unwrap();
+                        } else {
+                            drop(writer);
+                        }
+                        assert!(TrajectoryWriter::can_resume(directory.path(), &mark));
+                        writer = TrajectoryWriter::resume(directory.path(), &mark, 1, every, 11).unwrap();
+                    }
+                    (11..20).for_each(|index| writer.push(&state(index)).unwrap());
+                    writer.finish(&state(19)).unwrap();
+                    assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 1);
+                    std::fs::read(directory.path().join(format.file())).unwrap()
+                };
+                let undisturbed = written(false, false);
+                assert!(written(true, false) == undisturbed, "{format:?}, killed");
+                assert!(written(true, true) == undisturbed, "{format:?}, carried further");
+            }
+        }
     }
 }

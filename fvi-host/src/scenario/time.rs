@@ -48,21 +48,7 @@ impl TimeGrid {
             if end < 0.0 {
                 return Err(value.out_of_range("an end ≥ 0"));
             }
-            let exact = end / step;
-            let whole = exact.round();
-            if whole > MOST_STEPS as f64 {
-                return Err(value.out_of_range(format!("at most {MOST_STEPS} steps of {step}")));
-            }
-            let off_grid = (exact - whole).abs() > 1e-9 * whole.max(1.0);
-            if off_grid || (whole == 0.0 && end > 0.0) {
-                let (before, after) = (exact.floor() * step, (exact.floor() + 1.0) * step);
-                // Far out, neighbouring grid times are one number.
-                let examples =
-                    if before < after { format!(", such as {before} or {after}") } else { String::new() };
-                let allowed = format!("a whole number of steps of {step}{examples}; or give `steps` instead");
-                return Err(value.out_of_range(allowed));
-            }
-            whole as usize
+            steps_to(end, step).map_err(|allowed| value.out_of_range(allowed))?
         };
         if !(step * steps as f64).is_finite() {
             return Err(value.out_of_range("an end that is a finite time"));
@@ -101,6 +87,23 @@ impl TimeGrid {
     pub fn end(&self) -> f64 {
         self.time(self.steps)
     }
+}
+
+/// The number of steps to a time ≥ 0, which is a grid time but for rounding; or what is allowed.
+pub(super) fn steps_to(end: f64, step: f64) -> Result<usize, String> {
+    let exact = end / step;
+    let whole = exact.round();
+    if whole > MOST_STEPS as f64 {
+        return Err(format!("at most {MOST_STEPS} steps of {step}"));
+    }
+    let off_grid = (exact - whole).abs() > 1e-9 * whole.max(1.0);
+    if off_grid || (whole == 0.0 && end > 0.0) {
+        let (before, after) = (exact.floor() * step, (exact.floor() + 1.0) * step);
+        // Far out, neighbouring grid times are one number.
+        let examples = if before < after { format!(", such as {before} or {after}") } else { String::new() };
+        return Err(format!("a whole number of steps of {step}{examples}; or give `steps` instead"));
+    }
+    Ok(whole as usize)
 }
 
 /// How far a time may be from the grid time `time` to be the same but for rounding.
@@ -177,6 +180,9 @@ pub struct History {
     pub capacity: Option<usize>,
     /// What happens when they are more.
     pub overflow: Overflow,
+    /// Samples that engine and table are chosen for, where a run is carried further than it was begun for; absent: those of the run.
+    #[serde(skip)]
+    pub planned: Option<usize>,
 }
 
 impl History {
@@ -239,7 +245,7 @@ impl History {
             }
             None => Overflow::Stop,
         };
-        Ok(Self { engine, tolerance, horizon, capacity, overflow })
+        Ok(Self { engine, tolerance, horizon, capacity, overflow, planned: None })
     }
 }
 

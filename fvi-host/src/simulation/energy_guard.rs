@@ -5,6 +5,7 @@ use crate::model::tape::CompiledForce;
 use crate::scenario::{Derivative, OnEnergyGrowth, Scenario, SymmetricMatrix};
 use crate::simulation::GridState;
 use crate::simulation::stability::discretisation;
+use serde::{Deserialize, Serialize};
 
 /// How far the energy may rise, as a multiple of all that was there or put in.
 const FACTOR: f64 = 1000.0;
@@ -42,6 +43,14 @@ pub struct EnergyGuard {
     force: Option<Forces>,
     /// Where in a step the scheme looks at forces.
     nodes: Vec<f64>,
+    warning: Option<String>,
+}
+
+/// What a guard has gathered since the start.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Gathered {
+    lowest_potential: f64,
+    work: f64,
     warning: Option<String>,
 }
 
@@ -91,6 +100,21 @@ impl EnergyGuard {
             nodes: discretisation(scenario).map_or_else(|| vec![0.0, 1.0], |scheme| scheme.nodes),
             warning: None,
         }
+    }
+
+    /// What it has gathered.
+    pub(crate) fn gathered(&self) -> Gathered {
+        let Self { lowest_potential, work, warning, .. } = self;
+        Gathered { lowest_potential: *lowest_potential, work: *work, warning: warning.clone() }
+    }
+
+    /// Goes on from a later state with what another guard of the same run had gathered until then.
+    pub(crate) fn go_on(&mut self, gathered: Gathered, state: &GridState) {
+        Gathered { lowest_potential: self.lowest_potential, work: self.work, warning: self.warning } =
+            gathered;
+        self.time = state.time;
+        self.position.copy_from_slice(&state.position);
+        self.inverse_mass.write_times(&state.momentum, &mut self.velocity);
     }
 
     /// Takes in the state after a step with this input; returns why the run must stop, if it must.

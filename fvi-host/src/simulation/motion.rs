@@ -2,9 +2,10 @@
 
 use crate::language::InputError;
 use crate::scenario::Scenario;
-use crate::simulation::energy_guard::EnergyGuard;
+use crate::simulation::energy_guard::{EnergyGuard, Gathered};
 use crate::simulation::not_finite::{reason, start, what_is_not_finite};
 use crate::simulation::{GridState, Precision, Simulation};
+use fvi_core::StateError;
 
 /// A scenario on its way from grid point to grid point.
 ///
@@ -39,6 +40,23 @@ impl<'s> Motion<'s> {
         let (simulation, state) = start(scenario, precision)?;
         let guard = EnergyGuard::new(scenario, &state);
         Ok(Self { scenario, simulation, guard, steps: 0, next: state.clone(), state })
+    }
+
+    /// What watches it has gathered.
+    pub(crate) fn gathered(&self) -> Gathered {
+        self.guard.gathered()
+    }
+
+    /// Goes on after so many steps with the state and what was gathered that another motion of the scenario had then.
+    ///
+    /// # Errors
+    /// [`StateError`] if the bytes are no such state; the motion is of no use then.
+    pub(crate) fn go_on(&mut self, steps: usize, state: &[u8], gathered: Gathered) -> Result<(), StateError> {
+        self.simulation.restore(state)?;
+        self.simulation.read(&mut self.state);
+        self.steps = steps;
+        self.guard.go_on(gathered, &self.state);
+        Ok(())
     }
 
     /// Makes the next step; returns the iterations of Newton's method.

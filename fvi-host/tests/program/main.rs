@@ -1,5 +1,6 @@
 //! What a user of the program `fvi` relies on.
 
+mod checkpoints;
 mod convergence;
 mod engine_comparison;
 mod extremals;

@@ -1,9 +1,10 @@
 //! Traces of a run that stay small however long it is.
 
+use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
 /// A curve over time, kept as the extremes of a bounded number of intervals: nothing that sticks out is lost.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Envelope {
     buckets: Vec<Bucket>,
     /// Samples a bucket holds.
@@ -12,7 +13,7 @@ pub struct Envelope {
     filled: usize,
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Bucket {
     first: (f64, f64),
     lowest: (f64, f64),
@@ -48,6 +49,11 @@ impl Envelope {
     /// An empty trace.
     pub fn new() -> Self {
         Self { buckets: Vec::new(), width: 1, filled: 0 }
+    }
+
+    /// Whether a trace that was read could have been gathered.
+    pub(crate) fn is_sound(&self) -> bool {
+        self.buckets.len() <= Self::MOST_BUCKETS && (1..=self.width).contains(&self.filled.max(1))
     }
 
     /// Takes the next point; times ascend.
@@ -95,7 +101,7 @@ impl Default for Envelope {
 
 /// A path in the plane, kept as points a small share of its extent apart; of a path that is too long even so,
 /// the beginning and the end.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PathTrace {
     beginning: Vec<(f64, f64)>,
     end: VecDeque<(f64, f64)>,
@@ -115,6 +121,11 @@ impl PathTrace {
     /// An empty path.
     pub fn new() -> Self {
         Self::default()
+    }
+
+    /// Whether a path that was read could have been gathered.
+    pub(crate) fn is_sound(&self) -> bool {
+        self.beginning.len() <= Self::MOST_POINTS && self.end.len() <= Self::MOST_POINTS
     }
 
     /// Takes the next point of the path.

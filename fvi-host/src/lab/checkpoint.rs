@@ -1,0 +1,359 @@
+//! Checkpoints: a run that was killed or stopped, or has ended, goes on as if there had been no interruption.
+//!
+//! A generation is two files in the run's directory, `checkpoint.fvi` with the state and `checkpoint.pictures.fvi` with the traces that
+//! the pictures are drawn from; the generation before is kept as `checkpoint.previous.fvi` and `checkpoint.previous.pictures.fvi`. They are
+//! files of checksummed sections. Both are written beside their places and flushed to the disk before they are renamed, so
+//! that whatever happens one whole generation is there.
+
+mod identity;
+mod interval;
+
+pub(crate) use interval::Timer;
+pub use interval::{CheckpointEvery, IntervalError};
+
+use crate::results::files::{self, FileError};
+use crate::results::measure::{ErrorMeasure, Largest};
+use crate::results::output_directory::OutputDirectory;
+use crate::results::run_traces::RunTraces;
+use crate::results::sections::{self, Damage};
+use crate::results::trajectory::{Format, TrajectoryMark, TrajectoryWriter};
+use crate::simulation::energy_guard::Gathered;
+use fvi_core::StateError;
+pub(crate) use identity::Identity;
+use serde::{Deserialize, Serialize};
+use std::fs::{self, File};
+use std::io::{self, Write};
+use std::path::Path;
+
+/// The newest checkpoint.
+pub const CHECKPOINT: &str = "checkpoint.fvi";
+/// The one before.
+pub const PREVIOUS: &str = "checkpoint.previous.fvi";
+const PICTURES: &str = "checkpoint.pictures.fvi";
+const PREVIOUS_PICTURES: &str = "checkpoint.previous.pictures.fvi";
+
+/// The line end tells files that were taken for text on the way.
+const MAGIC: [u8; 8] = *b"fvi\r\n\x1a\nC";
+const PICTURES_MAGIC: [u8; 8] = *b"fvi\r\n\x1a\nP";
+const FORMAT: u32 = 1;
+
+/// Why a run cannot go on from what is in its directory. Nothing has been changed.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum CheckpointError {
+    /// No checkpoint is whole.
+    #[error(
+        "{newest}; {previous}: no checkpoint is left to go on from; without `--resume` the run begins anew"
+    )]
+    Damaged {
+        /// What is wrong with the newest.
+        newest: String,
+        /// What is wrong with the one before.
+        previous: String,
+    },
+    /// The checkpoint is of another run.
+    #[error("{file} belongs to another run: {}; `--out` names another directory, and without `--resume` the run begins anew", .differences.join("; "))]
+    OtherRun {
+        /// The checkpoint.
+        file: String,
+        /// What differs.
+        differences: Vec<String>,
+    },
+    /// The checkpoint is of another machine or version, whose bits differ.
+    #[error(
+        "{file} was written elsewhere, and the run would go on with other bits: {}; `--accept-other-machine` goes on all the same",
+        .differences.join("; ")
+    )]
+    OtherMachine {
+        /// The checkpoint.
+        file: String,
+        /// What differs.
+        differences: Vec<String>,
+    },
+    /// The run has got further than it is to go now.
+    #[error(
+        "{file} is of step {steps}, beyond the end at step {end}: `--steps` or `--until` name a later end"
+    )]
+    BeyondEnd {
+        /// The checkpoint.
+        file: String,
+        /// Its step.
+        steps: usize,
+        /// The last step asked for.
+        end: usize,
+    },
+    /// The state does not fit the simulation.
+    #[error("{file}: {source}")]
+    State {
+        /// The checkpoint.
+        file: String,
+        /// What the memory or integrator says.
+        source: StateError,
+    },
+}
+
+/// How far a run has got, apart from its state and its pictures.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Progress {
+    pub(crate) steps: usize,
+    pub(crate) trajectory: TrajectoryMark,
+    pub(crate) newton_iterations: u64,
+    pub(crate) newton_iterations_most: u32,
+    pub(crate) overruns: Option<usize>,
+    pub(crate) preparation_seconds: f64,
+    pub(crate) seconds: f64,
+    pub(crate) largest: Largest,
+    /// Of position, momentum and energy, and how many values of the reference are undefined.
+    pub(crate) errors: ([ErrorMeasure; 3], usize),
+    pub(crate) guard: Gathered,
+    /// Machines and versions that it was on before, where their bits differ.
+    pub(crate) elsewhere: Vec<String>,
+}
+
+/// A checkpoint that was found whole.
+pub(crate) struct Checkpoint {
+    pub(crate) identity: Identity,
+    pub(crate) progress: Progress,
+    pub(crate) state: Vec<u8>,
+    pub(crate) traces: RunTraces,
+    /// What is to be said about where it comes from.
+    pub(crate) notes: Vec<String>,
+    pub(crate) generations: Generations,
+    file: String,
+}
+
+/// Which files in a directory hold what must not be lost.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Generations {
+    /// The newest generation is the file without `previous` in its name.
+    state: bool,
+    pictures: bool,
+}
+
+impl Checkpoint {
+    /// The newest checkpoint of a directory that is whole, with a trajectory that holds its rows; `None` if there never was one.
+    ///
+    /// # Errors
+    /// [`CheckpointError::Damaged`].
+    pub(crate) fn find(directory: &OutputDirectory) -> Result<Option<Self>, CheckpointError> {
+        let newest = match Self::read(directory, CHECKPOINT) {
+            Ok(checkpoint) => return Ok(Some(checkpoint)),
+            Err(reason) => reason,
+        };
+        let previous = match Self::read(directory, PREVIOUS) {
+            Ok(mut checkpoint) => {
+                checkpoint.generations.state = false;
+                let gone = newest
+                    .unwrap_or_else(|| format!("{} is not there", directory.join(CHECKPOINT).display()));
+                checkpoint
+                    .notes
+                    .push(format!("{gone}: the run goes on from the checkpoint before, {}", checkpoint.file));
+                return Ok(Some(checkpoint));
+            }
+            Err(reason) => reason,
+        };
+        match (newest, previous) {
+            (None, None) => Ok(None),
+            (newest, previous) => {
+                let none = |name: &str| format!("{} is not there", directory.join(name).display());
+                let newest = newest.unwrap_or_else(|| none(CHECKPOINT));
+                Err(CheckpointError::Damaged { newest, previous: previous.unwrap_or_else(|| none(PREVIOUS)) })
+            }
+        }
+    }
+
+    /// Reads one; the error says what is damaged, or nothing if there is no such file.
+    fn read(directory: &OutputDirectory, name: &str) -> Result<Self, Option<String>> {
+        let path = directory.join(name);
+        let damaged =
+            |reason: &dyn std::fmt::Display| Some(format!("{} is damaged: {reason}", path.display()));
+        let bytes = match fs::read(&path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Err(None),
+            bytes => bytes.map_err(|error| damaged(&error))?,
+        };
+        let (identity, progress, state) = parse(&bytes).map_err(|error| damaged(&error))?;
+        let coordinates = progress.largest.position.len();
+        let found = [(PICTURES, true), (PREVIOUS_PICTURES, false)].into_iter().find_map(|(name, newest)| {
+            let bytes = fs::read(directory.join(name)).ok()?;
+            let pictures = parse_pictures(&bytes, progress.steps, coordinates).ok()?;
+            Some((pictures, newest))
+        });
+        let Some((pictures, newest)) = found else {
+            let reason = format!(
+                "{} does not hold what belongs to step {}",
+                directory.join(PICTURES).display(),
+                progress.steps
+            );
+            return Err(damaged(&reason));
+        };
+        if !TrajectoryWriter::can_resume(directory.path(), &progress.trajectory) {
+            let file = directory.join(progress.trajectory.format.file());
+            let reason = format!("neither {0}.part nor {0} holds its rows", file.display());
+            return Err(damaged(&reason));
+        }
+        let generations = Generations { state: true, pictures: newest };
+        let file = path.display().to_string();
+        Ok(Self { identity, progress, state, traces: pictures, notes: Vec::new(), generations, file })
+    }
+
+    /// Refuses to go on with another run or, unless that is accepted, on another machine.
+    pub(crate) fn check(
+        &mut self,
+        wanted: &Identity,
+        format: Format,
+        end: usize,
+        accept: bool,
+    ) -> Result<(), CheckpointError> {
+        let file = self.file.clone();
+        let mut differences = self.identity.differences(wanted);
+        if format != self.progress.trajectory.format {
+            let (here, there) = (format.file(), self.progress.trajectory.format.file());
+            differences.push(format!("it writes {here} here and wrote {there} there"));
+        }
+        if !differences.is_empty() {
+            return Err(CheckpointError::OtherRun { file, differences });
+        }
+        if self.progress.steps > end {
+            return Err(CheckpointError::BeyondEnd { file, steps: self.progress.steps, end });
+        }
+        let differences = self.identity.other_machine(wanted);
+        if differences.is_empty() {
+            return Ok(());
+        }
+        if !accept {
+            return Err(CheckpointError::OtherMachine { file, differences });
+        }
+        let steps = self.progress.steps;
+        self.progress.elsewhere.push(format!(
+            "until step {steps} the run was made elsewhere, and its last bits may differ from a run made here: {}",
+            differences.join("; ")
+        ));
+        Ok(())
+    }
+
+    /// The error about a state that does not fit.
+    pub(crate) fn misfit(&self, source: StateError) -> CheckpointError {
+        CheckpointError::State { file: self.file.clone(), source }
+    }
+}
+
+/// Why a file that is there is no checkpoint.
+#[derive(Debug, thiserror::Error)]
+enum Unreadable {
+    #[error(transparent)]
+    Damage(#[from] Damage),
+    #[error("its sections are others")]
+    Sections,
+    #[error("a section cannot be read")]
+    Content,
+}
+
+fn parse(bytes: &[u8]) -> Result<(Identity, Progress, Vec<u8>), Unreadable> {
+    let sections = sections::read(bytes, MAGIC, FORMAT)?;
+    let [
+        ([b'w', b'h', b'a', b't'], identity),
+        ([b'f', b'a', b'r', b' '], progress),
+        ([b's', b't', b'a', b't'], state),
+    ] = sections.as_slice()
+    else {
+        return Err(Unreadable::Sections);
+    };
+    let identity = serde_json::from_slice(identity).map_err(|_| Unreadable::Content)?;
+    let progress = postcard::from_bytes(progress).map_err(|_| Unreadable::Content)?;
+    Ok((identity, progress, state.to_vec()))
+}
+
+fn parse_pictures(bytes: &[u8], steps: usize, coordinates: usize) -> Result<RunTraces, Unreadable> {
+    let sections = sections::read(bytes, PICTURES_MAGIC, FORMAT)?;
+    let [([b's', b't', b'e', b'p'], step), ([b'p', b'i', b'c', b't'], pictures)] = sections.as_slice() else {
+        return Err(Unreadable::Sections);
+    };
+    if *step != (steps as u64).to_le_bytes() {
+        return Err(Unreadable::Content);
+    }
+    let pictures: RunTraces = postcard::from_bytes(pictures).map_err(|_| Unreadable::Content)?;
+    if pictures.is_sound(coordinates) { Ok(pictures) } else { Err(Unreadable::Content) }
+}
+
+/// What a fuzzer may throw at the two files: whether they are read. Nothing panics, and nothing takes more memory than they do by far.
+pub fn is_readable(checkpoint: &[u8], pictures: &[u8]) -> bool {
+    parse(checkpoint).is_ok_and(|(_, progress, _)| {
+        parse_pictures(pictures, progress.steps, progress.largest.position.len()).is_ok()
+    })
+}
+
+impl Generations {
+    /// Writes a checkpoint; what was the newest becomes the one before.
+    pub(crate) fn write(
+        &mut self,
+        directory: &OutputDirectory,
+        identity: &Identity,
+        progress: &Progress,
+        state: &[u8],
+        pictures: &RunTraces,
+    ) -> Result<(), FileError> {
+        let path = directory.join(CHECKPOINT);
+        self.try_write(directory, identity, progress, state, pictures).map_err(FileError::at(&path))
+    }
+
+    fn try_write(
+        &mut self,
+        directory: &OutputDirectory,
+        identity: &Identity,
+        progress: &Progress,
+        state: &[u8],
+        pictures: &RunTraces,
+    ) -> io::Result<()> {
+        let place = |name: &str| directory.join(name);
+        let traces = postcard::to_allocvec(pictures).map_err(io::Error::other)?;
+        let step = (progress.steps as u64).to_le_bytes();
+        let mut new_pictures = files::begin(&place(PICTURES))?;
+        sections::write(
+            &mut new_pictures,
+            PICTURES_MAGIC,
+            FORMAT,
+            &[(*b"step", &step), (*b"pict", &traces)],
+        )?;
+        let (identity, progress) = (serde_json::to_vec(identity)?, postcard::to_allocvec(progress));
+        let progress = progress.map_err(io::Error::other)?;
+        let mut new_state = files::begin(&place(CHECKPOINT))?;
+        let content: [sections::Section<'_>; 3] =
+            [(*b"what", &identity), (*b"far ", &progress), (*b"stat", state)];
+        sections::write(&mut new_state, MAGIC, FORMAT, &content)?;
+        // Nothing that a whole generation needs is renamed before the new one is on the disk.
+        new_pictures.flush()?;
+        new_state.flush()?;
+        new_pictures.get_ref().sync()?;
+        new_state.get_ref().sync()?;
+        if std::mem::replace(&mut self.pictures, true) {
+            rename(&place(PICTURES), &place(PREVIOUS_PICTURES))?;
+        }
+        files::commit(new_pictures)?;
+        if std::mem::replace(&mut self.state, true) {
+            rename(&place(CHECKPOINT), &place(PREVIOUS))?;
+        }
+        files::commit(new_state)?;
+        // Renames reach the disk with the directory, where the system lets it be flushed.
+        let _ = File::open(directory_of(directory)).and_then(|directory| directory.sync_all());
+        Ok(())
+    }
+}
+
+fn directory_of(directory: &OutputDirectory) -> &Path {
+    if directory.path().as_os_str().is_empty() { Path::new(".") } else { directory.path() }
+}
+
+/// Renames a file that need not be there.
+fn rename(from: &Path, to: &Path) -> io::Result<()> {
+    match fs::rename(from, to) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        renamed => renamed,
+    }
+}
+
+/// Removes the checkpoints of an earlier run.
+pub(crate) fn remove(directory: &OutputDirectory) -> Result<(), FileError> {
+    [CHECKPOINT, PREVIOUS, PICTURES, PREVIOUS_PICTURES]
+        .into_iter()
+        .try_for_each(|name| files::remove(&directory.join(name)))
+}

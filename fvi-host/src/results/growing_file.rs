@@ -1,0 +1,258 @@
+//! Files that grow over a whole run, and that another process may go on with.
+
+use crate::results::files::destination_of;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+/// How far a file had grown at a moment: so many bytes behind its head, with this checksum.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub(crate) struct Mark {
+    /// Bytes behind the head.
+    pub(crate) length: u64,
+    /// CRC-32 of them.
+    checksum: u32,
+}
+
+/// A file that grows beside its destination, under the destination's name with `.part`.
+///
+/// It has a head of fixed length, empty for most, that may be written anew at any time. It is removed when dropped unless it is to be
+/// kept or has been put in its place.
+pub(crate) struct GrowingFile {
+    file: File,
+    part: PathBuf,
+    destination: PathBuf,
+    buffer: Vec<u8>,
+    written: u64,
+    hasher: crc32fast::Hasher,
+    kept: bool,
+}
+
+/// Bytes that are gathered before they are written.
+const BUFFER: usize = 1 << 16;
+
+impl GrowingFile {
+    /// An empty file with a head of `head` bytes, which are still zero.
+    pub(crate) fn begin(destination: &Path, head: u64) -> io::Result<Self> {
+        let (destination, replaced) = destination_of(destination)?;
+        let part = part_of(&destination);
+        let file = OpenOptions::new().write(true).create(true).truncate(true).open(&part)?;
+        let kept = false;
+        let hasher = crc32fast::Hasher::new();
+        let mut this =
+            Self { file, part, destination, buffer: Vec::with_capacity(BUFFER), written: 0, hasher, kept };
+        if let Some(replaced) = replaced {
+            this.file.set_permissions(replaced.permissions())?;
+        }
+        this.write_head(&vec![0; head as usize])?;
+        Ok(this)
+    }
+
+    /// Goes on behind a mark: with the part, where it holds what was marked, or with a copy of what `whole` opens.
+    ///
+    /// # Errors
+    /// If neither holds it.
+    pub(crate) fn resume(
+        destination: &Path,
+        head: u64,
+        mark: &Mark,
+        whole: impl FnOnce() -> io::Result<Box<dyn Read>>,
+    ) -> io::Result<Self> {
+        let (destination, _) = destination_of(destination)?;
+        let part = part_of(&destination);
+        let mut opened = OpenOptions::new().read(true).write(true).open(&part);
+        let held = match &mut opened {
+            Ok(file) => holds(file, head, mark)?,
+            Err(_) => false,
+        };
+        let file = match opened {
+            Ok(file) if held => {
+                file.set_len(head + mark.length)?;
+                file
+            }
+            _ => {
+                let mut whole = whole()?;
+                let mut file = OpenOptions::new().write(true).create(true).truncate(true).open(&part)?;
+                io::copy(&mut (&mut whole).take(head + mark.length), &mut file)?;
+                file
+            }
+        };
+        let mut this = Self {
+            file,
+            part,
+            destination,
+            buffer: Vec::with_capacity(BUFFER),
+            written: mark.length,
+            hasher: crc32fast::Hasher::new_with_initial_len(mark.checksum, mark.length),
+            kept: true,
+        };
+        this.file.seek(SeekFrom::End(0))?;
+        Ok(this)
+    }
+
+    /// Whether the part, or what `whole` opens, holds what was marked. Nothing is changed.
+    pub(crate) fn can_resume(
+        destination: &Path,
+        head: u64,
+        mark: &Mark,
+        whole: impl FnOnce() -> io::Result<Box<dyn Read>>,
+    ) -> bool {
+        let part = || File::open(part_of(&destination_of(destination).ok()?.0)).ok();
+        part().is_some_and(|mut file| holds(&mut file, head, mark).unwrap_or(false))
+            || whole().is_ok_and(|mut file| holds(&mut file, head, mark).unwrap_or(false))
+    }
+
+    /// Flushes to the disk; returns how far the file has grown.
+    pub(crate) fn mark(&mut self) -> io::Result<Mark> {
+        self.flush()?;
+        self.file.sync_data()?;
+        Ok(Mark { length: self.written, checksum: self.hasher.clone().finalize() })
+    }
+
+    /// Writes the head.
+    pub(crate) fn write_head(&mut self, head: &[u8]) -> io::Result<()> {
+        self.file.rewind()?;
+        self.file.write_all(head)?;
+        self.file.seek(SeekFrom::End(0))?;
+        Ok(())
+    }
+
+    /// Bytes behind the head that are not only gathered but written.
+    pub(crate) fn written(&self) -> u64 {
+        self.written
+    }
+
+    /// From now on the part stays when it is dropped.
+    pub(crate) fn keep(&mut self) {
+        self.kept = true;
+    }
+
+    /// Puts the file into its place.
+    pub(crate) fn commit(mut self) -> io::Result<()> {
+        self.flush()?;
+        self.file.sync_all()?;
+        fs::rename(&self.part, &self.destination)?;
+        self.kept = true;
+        Ok(())
+    }
+
+    /// The part, written and on the disk, to be read; it is removed with the value that is returned beside it.
+    pub(crate) fn reread(mut self) -> io::Result<(File, Self)> {
+        self.flush()?;
+        let file = File::open(&self.part)?;
+        Ok((file, self))
+    }
+
+    /// Removes the part when dropped, kept or not.
+    pub(crate) fn discard(&mut self) {
+        self.kept = false;
+    }
+}
+
+/// Bytes are gathered until there are [`BUFFER`] of them.
+impl Write for GrowingFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if self.buffer.len() + bytes.len() > BUFFER {
+            self.flush()?;
+        }
+        self.buffer.extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.write_all(&self.buffer)?;
+        self.hasher.update(&self.buffer);
+        self.written += self.buffer.len() as u64;
+        self.buffer.clear();
+        Ok(())
+    }
+}
+
+impl Drop for GrowingFile {
+    fn drop(&mut self) {
+        if !self.kept {
+            let _ = fs::remove_file(&self.part);
+        }
+    }
+}
+
+/// Where a file grows.
+fn part_of(destination: &Path) -> PathBuf {
+    let mut name = destination.as_os_str().to_owned();
+    name.push(".part");
+    PathBuf::from(name)
+}
+
+/// Whether a file holds what was marked.
+fn holds(file: &mut impl Read, head: u64, mark: &Mark) -> io::Result<bool> {
+    let skipped = io::copy(&mut file.by_ref().take(head), &mut io::sink())?;
+    let mut rest = file.take(mark.length);
+    let (mut hasher, mut length) = (crc32fast::Hasher::new(), 0);
+    let mut buffer = vec![0; BUFFER];
+    loop {
+        match rest.read(&mut buffer) {
+            Ok(0) => break,
+            Ok(count) => {
+                hasher.update(&buffer[..count]);
+                length += count as u64;
+            }
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(skipped == head && length == mark.length && hasher.finalize() == mark.checksum)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn nothing() -> io::Result<Box<dyn Read>> {
+        Err(io::ErrorKind::NotFound.into())
+    }
+
+    #[test]
+    fn a_file_goes_on_behind_its_mark() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("table");
+        let mut file = GrowingFile::begin(&path, 2).unwrap();
+        file.write_all(b"one").unwrap();
+        let mark = file.mark().unwrap();
+        file.write_all(b"lost").unwrap();
+        file.flush().unwrap();
+        file.keep();
+        drop(file);
+        assert!(!path.exists());
+        assert!(GrowingFile::can_resume(&path, 2, &mark, nothing));
+        let mut file = GrowingFile::resume(&path, 2, &mark, nothing).unwrap();
+        file.write_head(b"<>").unwrap();
+        file.write_all(b"two").unwrap();
+        let later = file.mark().unwrap();
+        file.commit().unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"<>onetwo");
+
+        // A whole file is gone on with as well, and stays as it is until then.
+        let whole = || Ok(Box::new(File::open(&path)?) as Box<dyn Read>);
+        assert!(GrowingFile::can_resume(&path, 2, &later, whole));
+        let mut file = GrowingFile::resume(&path, 2, &mark, whole).unwrap();
+        file.write_all(b"three").unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"<>onetwo");
+        file.commit().unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"<>onethree");
+
+        // What was marked is no longer there.
+        fs::write(&path, b"<>one").unwrap();
+        assert!(!GrowingFile::can_resume(&path, 2, &later, whole));
+        fs::write(&path, b"<>onetWo").unwrap();
+        assert!(!GrowingFile::can_resume(&path, 2, &later, whole));
+    }
+
+    #[test]
+    fn a_file_that_is_given_up_leaves_nothing_behind() {
+        let directory = tempfile::tempdir().unwrap();
+        let mut file = GrowingFile::begin(&directory.path().join("table"), 0).unwrap();
+        file.write_all(b"one").unwrap();
+        drop(file);
+        assert_eq!(fs::read_dir(directory.path()).unwrap().count(), 0);
+    }
+}

@@ -1,0 +1,58 @@
+//! NumPy's files: `.npy` arrays and `.npz` archives of them.
+
+use std::io::{self, Seek, Write};
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, ZipWriter};
+
+/// Bytes of the head of an array, which has a fixed length so that it can be written anew when rows have come.
+pub(crate) const HEAD: u64 = 128;
+
+/// What the numbers of an array are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kind {
+    /// f64.
+    Number,
+    /// i64.
+    Whole,
+    /// Texts of at most so many characters, as UTF-32 padded with zeros.
+    Text(usize),
+}
+
+/// The head of an array of version 1.0 of the format.
+///
+/// A vector has no second size.
+pub(crate) fn head(kind: Kind, rows: u64, columns: Option<usize>) -> Vec<u8> {
+    let kind = match kind {
+        Kind::Number => "<f8".to_owned(),
+        Kind::Whole => "<i8".to_owned(),
+        Kind::Text(length) => format!("<U{}", length.max(1)),
+    };
+    let shape = columns.map_or(format!("({rows},)"), |columns| format!("({rows}, {columns})"));
+    let mut head = Vec::from(b"\x93NUMPY\x01\x00");
+    head.extend((HEAD as u16 - 10).to_le_bytes());
+    head.extend(format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}").as_bytes());
+    head.resize(HEAD as usize - 1, b' ');
+    head.push(b'\n');
+    head
+}
+
+/// Begins an array in an archive, without compression and without a date.
+pub(crate) fn begin_array<W: Write + Seek>(archive: &mut ZipWriter<W>, name: &str) -> io::Result<()> {
+    let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored).large_file(true);
+    archive.start_file(format!("{name}.npy"), options).map_err(io::Error::other)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_head_is_what_numpy_writes() {
+        let head = head(Kind::Number, 12, Some(3));
+        assert_eq!(head.len(), 128);
+        assert_eq!(head[..10], *b"\x93NUMPY\x01\x00\x76\x00");
+        let text = std::str::from_utf8(&head[10..]).unwrap();
+        assert!(text.starts_with("{'descr': '<f8', 'fortran_order': False, 'shape': (12, 3), }"), "{text}");
+        assert!(text.ends_with('\n'));
+    }
+}
