@@ -102,6 +102,9 @@ fn scenario(coordinates: usize, steps: usize, potential: &str) -> Scenario {
         [scheme]
         kind = "low-order"
         kappa = 0.5
+        [convolution]
+        order = 1
+        at = "main-nodes"
         [time]
         step = {STEP:?}
         steps = {steps}

@@ -430,13 +430,17 @@ impl<T> Memory<T> for HostMemory<T> {
 mod tests {
     use super::*;
 
+    fn first_order() -> Convolution {
+        Convolution { family: ConvolutionFamily::Bdf { order: 1 }, ..Convolution::default() }
+    }
+
     fn request<'a>(convolution: &'a Convolution, history: &'a History) -> MemoryRequest<'a> {
         MemoryRequest { convolution, exponent: 0.5, step_size: 0.25, coordinates: 2, samples: 6, history }
     }
 
     #[test]
     fn the_direct_engine_sums_the_weights_of_the_step_size() {
-        let (convolution, history) = (Convolution::default(), History::default());
+        let (convolution, history) = (first_order(), History::default());
         let mut memory = request(&convolution, &history).build::<f64>().unwrap();
         let weights: Vec<f64> =
             ConvolutionWeights::bdf(BdfOrder::GRUNWALD_LETNIKOV, 0.5, 0.25).unwrap().take(6).collect();
@@ -454,7 +458,7 @@ mod tests {
     #[test]
     fn a_run_too_long_for_the_memory_of_the_machine_is_refused() {
         for engine in [Engine::Direct, Engine::BlockFft, Engine::RealTime] {
-            let convolution = Convolution::default();
+            let convolution = first_order();
             let history = History { engine: Some(engine), ..History::default() };
             let mut request = request(&convolution, &history);
             request.samples = usize::MAX;
@@ -465,7 +469,7 @@ mod tests {
 
     #[test]
     fn short_memory_forgets_only_when_it_is_told_to() {
-        let convolution = Convolution::default();
+        let convolution = first_order();
         let history = History { capacity: Some(2), overflow: Overflow::Forget, ..History::default() };
         let mut memory = request(&convolution, &history).build::<f64>().unwrap();
         for sample in [[1.0, 1.0], [0.0, 0.0], [0.0, 0.0]] {
@@ -489,7 +493,7 @@ mod tests {
             horizon: Some(100_000_000),
             ..History::default()
         };
-        let convolution = Convolution::default();
+        let convolution = first_order();
         let request = MemoryRequest { samples: 600, ..request(&convolution, &history) };
         let mut hosted = request.build::<f32>().unwrap();
         let order = BdfOrder::GRUNWALD_LETNIKOV;

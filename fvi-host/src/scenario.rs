@@ -121,7 +121,7 @@ impl Scenario {
         };
         let convolution = match root.optional("convolution") {
             Some(value) => Convolution::read(&value.table()?, &scheme)?,
-            None => Convolution::default(),
+            None => Convolution::default_for(&scheme),
         };
         let scheme = scheme.with_quadrature_for(convolution.family);
         let time = TimeGrid::read(&root.required("time")?.table()?)?;

@@ -263,10 +263,13 @@ fn scenarios() -> impl Strategy<Value = String> {
         Just("2*q0^2 + q1^2"),
     ];
     let damping = (damping_orders(), 0.01..0.5f64, derivatives);
-    (schemes, families(), proptest::collection::vec(damping, 1..=2), potentials, 0.002..0.02f64, 1..=250usize)
-        .prop_map(|(scheme, family, damping, potential, step, steps)| {
+    // Without a word: at the nodes, where the scheme has some.
+    let forms = prop_oneof![Just(""), Just("\nat = \"main-nodes\"")];
+    let convolution = (families(), forms);
+    (schemes, convolution, proptest::collection::vec(damping, 1..=2), potentials, 0.002..0.02f64, 1..=250usize)
+        .prop_map(|(scheme, (family, at), damping, potential, step, steps)| {
             let family = match family {
-                ConvolutionFamily::Bdf { order } => format!("family = \"bdf\"\norder = {order}"),
+                ConvolutionFamily::Bdf { order } => format!("family = \"bdf\"\norder = {order}{at}"),
                 ConvolutionFamily::RadauIia { stages } => format!("family = \"radau-iia\"\nstages = {stages}"),
                 ConvolutionFamily::LobattoIiic { stages } => {
                     format!("family = \"lobatto-iiic\"\nstages = {stages}")

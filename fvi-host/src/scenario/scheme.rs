@@ -60,13 +60,13 @@ pub struct Convolution {
 }
 
 /// Where the fractional force acts.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DampedAt {
     /// At the ends of the steps, the papers' form: explicit, of order 2 for positions and 1 for momenta at most.
-    #[default]
     MainNodes,
-    /// At the nodes of the action's quadrature: implicit, of order min(2 s, p) for both. Runge–Kutta families know no other place.
+    /// At the nodes of the action's quadrature: implicit, of order min(2 s, p) for both. Runge–Kutta families know no other place,
+    /// Euler's methods do not know this one.
     Nodes,
 }
 
@@ -114,7 +114,7 @@ impl Default for Scheme {
 
 impl Default for Convolution {
     fn default() -> Self {
-        Self { family: ConvolutionFamily::Bdf { order: 1 }, at: DampedAt::MainNodes, starting: Vec::new() }
+        Self::default_for(&Scheme::default())
     }
 }
 
@@ -208,8 +208,11 @@ impl DampedAt {
         }
     }
 
-    fn read(table: &Table<'_>, scheme: &Scheme) -> Result<Self, InputError> {
-        let Some(value) = table.optional("at") else { return Ok(Self::default()) };
+    /// Starting weights correct samples on the grid: where there are any, the main nodes are meant unless said otherwise.
+    fn read(table: &Table<'_>, scheme: &Scheme, starting: bool) -> Result<Self, InputError> {
+        let Some(value) = table.optional("at") else {
+            return Ok(if starting { Self::MainNodes } else { Convolution::default_for(scheme).at });
+        };
         let at = value.choice(&[("nodes", Self::Nodes), ("main-nodes", Self::MainNodes)])?;
         match (at, scheme) {
             (Self::Nodes, Scheme::ExplicitEuler | Scheme::ImplicitEuler) => {
@@ -225,6 +228,17 @@ impl DampedAt {
 }
 
 impl Convolution {
+    /// What a scenario has that does not say: BDF 2 at the nodes, with which the midpoint rule is of order 2 and stable at every
+    /// step. Euler's methods, baselines of order 1, keep BDF 1 at the main nodes: the explicit one has no node inside of the step,
+    /// and the implicit one solves for its end already.
+    pub fn default_for(scheme: &Scheme) -> Self {
+        let (order, at) = match scheme {
+            Scheme::LowOrder { .. } | Scheme::Galerkin { .. } => (2, DampedAt::Nodes),
+            Scheme::ExplicitEuler | Scheme::ImplicitEuler => (1, DampedAt::MainNodes),
+        };
+        Self { family: ConvolutionFamily::Bdf { order }, at, starting: Vec::new() }
+    }
+
     pub(super) fn read(table: &Table<'_>, scheme: &Scheme) -> Result<Self, InputError> {
         let family_value = table.optional("family");
         let name = match &family_value {
@@ -252,8 +266,15 @@ impl Convolution {
         let (family, at) = match name {
             FamilyName::Bdf => {
                 table.allow(&["family", "order", "at", "starting"])?;
-                let order = table.optional("order").map_or(Ok(1), |value| value.whole(1..=6))?;
-                (ConvolutionFamily::Bdf { order }, DampedAt::read(table, scheme)?)
+                let family = match table.optional("order") {
+                    Some(value) => ConvolutionFamily::Bdf { order: value.whole(1..=6)? },
+                    None => Self::default_for(scheme).family,
+                };
+                let starting = match table.optional("starting") {
+                    Some(value) => !value.numbers()?.is_empty(),
+                    None => false,
+                };
+                (family, DampedAt::read(table, scheme, starting)?)
             }
             FamilyName::RadauIia => {
                 table.allow(&["family", "stages", "at", "starting"])?;
@@ -331,7 +352,7 @@ impl Convolution {
             ConvolutionFamily::Bdf { order } if self.at == DampedAt::Nodes => {
                 format!("BDF {order} at the nodes")
             }
-            ConvolutionFamily::Bdf { order } => format!("BDF {order}"),
+            ConvolutionFamily::Bdf { order } => format!("BDF {order} at the main nodes"),
             ConvolutionFamily::RadauIia { stages } => format!("Radau IIA, {stages} stages"),
             ConvolutionFamily::LobattoIiic { stages } => format!("Lobatto IIIC, {stages} stages"),
         };

@@ -25,6 +25,7 @@ fn root_scenario(convolution: &str) -> String {
         [convolution]
         family = "bdf"
         order = 1
+        at = "main-nodes"
         {convolution}
         [time]
         step = 0.125

@@ -41,6 +41,7 @@ fn a_pendulum_with_caputo_memory() {
         [convolution]
         family = "bdf"
         order = 2
+        at = "main-nodes"
         [time]
         step = 0.05
         steps = 200
@@ -74,6 +75,7 @@ fn two_coupled_coordinates_with_dense_matrices_two_terms_and_a_force_in_time_and
         [convolution]
         family = "bdf"
         order = 3
+        at = "main-nodes"
         [time]
         step = 0.03125
         steps = 160
@@ -102,6 +104,7 @@ fn a_high_order_of_quadrature_and_a_potential_at_the_beginning_of_the_step() {
         [convolution]
         family = "bdf"
         order = 6
+        at = "main-nodes"
         [time]
         step = 0.015625
         end = 2
@@ -137,6 +140,7 @@ fn three_terms_of_order_zero_one_and_between_and_a_potential_at_the_end_of_the_s
         [convolution]
         family = "bdf"
         order = 5
+        at = "main-nodes"
         [time]
         step = 0.015625
         end = 2
@@ -182,7 +186,7 @@ fn galerkin(system: &str, scheme: &str, convolution: &str, step: f64, steps: usi
 
 #[test]
 fn galerkin_schemes_with_gauss_and_lobatto_quadrature() {
-    let bdf = |order: usize| format!("family = \"bdf\"\norder = {order}");
+    let bdf = |order: usize| format!("family = \"bdf\"\norder = {order}\nat = \"main-nodes\"");
     agrees("galerkin_pendulum", &galerkin(PENDULUM, "degree = 2", &bdf(2), 0.0625, 120));
     let lobatto = "degree = 3\nquadrature = \"lobatto\"\npoints = 4";
     agrees("galerkin_coupled", &galerkin(COUPLED, lobatto, &bdf(3), 0.0625, 60));

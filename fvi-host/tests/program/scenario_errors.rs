@@ -19,6 +19,9 @@ kappa = 0.5
 [time]
 step = 0.1
 steps = 30
+[convolution]
+order = 1
+at = "main-nodes"
 "#;
 
 /// Line, passage to replace, replacement, and what the message must say besides the place.
@@ -108,7 +111,7 @@ fn a_table_file_with_a_mistake_is_named_with_its_line() {
         let output = place.fvi(&["run", "bad.toml"]);
         let message = text(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{message}");
-        assert!(message.contains("bad.toml:19:8: input.file = \"drive.csv\""), "{message}");
+        assert!(message.contains("bad.toml:22:8: input.file = \"drive.csv\""), "{message}");
         assert!(message.contains(told), "{message}");
     }
 }

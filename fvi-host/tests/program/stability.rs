@@ -17,7 +17,7 @@ fn growth_below_the_alternating_motion_is_refused() {
     let damping = |order: f64, rho: &str| {
         format!("[[system.damping]]\norder = {order}\ncoefficient = [{rho}]\nderivative = \"caputo\"")
     };
-    let fifth = "kappa = 0.5\n[convolution]\norder = 5";
+    let fifth = "kappa = 0.5\n[convolution]\norder = 5\nat = \"main-nodes\"";
     let two = "0.5*q0^2+0.5*q1^2+5000*(q1-q0)^2";
     for (name, text_of) in [
         (
@@ -43,9 +43,10 @@ fn growth_below_the_alternating_motion_is_refused() {
 fn without_a_stable_step_none_is_named() {
     let place = Workplace::new();
     let damping = "[[system.damping]]\norder = 1.99\ncoefficient = [3.0]";
+    let papers = "kappa = 0.5\n[convolution]\norder = 1\nat = \"main-nodes\"";
     place.write(
         "scenario.toml",
-        &scenario("0.5*q0^2", damping, "1.0", "kappa = 0.5", "step = 0.1\nsteps = 10"),
+        &scenario("0.5*q0^2", damping, "1.0", papers, "step = 0.1\nsteps = 10"),
     );
     let output = place.fvi(&["run", "scenario.toml", "--out", "out"]);
     let message = text(&output.stderr);
