@@ -316,6 +316,11 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         self.mechanics.energy(&self.state.position, &self.state.momentum)
     }
 
+    /// Energy ½ pᵀ M⁻¹ p + U(q) of the present position with another momentum.
+    pub fn energy_with(&mut self, momentum: &X::Vector) -> T {
+        self.mechanics.energy(&self.state.position, momentum)
+    }
+
     /// Number of bytes that [`save`](Integrator::save) writes at present.
     pub fn state_bytes(&self) -> usize {
         header_bytes(4) + T::BYTES + 2 * self.space.coordinates() * T::BYTES + self.damping.state_bytes()

@@ -18,7 +18,9 @@ pub use reference::{Reference, ReferenceRow, ReferenceSource};
 pub use sampled_input::SampledInput;
 pub use scheme::{Convolution, ConvolutionFamily, DampedAt, Quadrature, Scheme};
 pub use system::{Damping, Derivative, System};
-pub use time::{Engine, History, MOST_STEPS, OnEnergyGrowth, OutputOptions, Overflow, TimeGrid};
+pub use time::{
+    Engine, History, MOST_STEPS, OnEnergyGrowth, OutputOptions, Overflow, ReportedMomentum, TimeGrid,
+};
 
 use crate::language::document::{Document, Table};
 use crate::language::expression::Moment;
@@ -133,8 +135,8 @@ impl Scenario {
             None => History::default(),
         };
         let output = match root.optional("output") {
-            Some(value) => OutputOptions::read(&value.table()?)?,
-            None => OutputOptions::default(),
+            Some(value) => OutputOptions::read(&value.table()?, &scheme)?,
+            None => OutputOptions::default_for(&scheme),
         };
         let input = match root.optional("input") {
             Some(value) => Some(SampledInput::read(&value.table()?, count, &time, document)?),

@@ -10,7 +10,7 @@ use crate::language::expression::Elementary;
 use crate::language::{InputError, Problem};
 use crate::memory::{EngineError, HostMemory, MemoryRequest};
 use crate::model::{Dense, Matrix, Model, ScenarioSpace};
-use crate::scenario::{self, ConvolutionFamily, Engine, Scenario};
+use crate::scenario::{self, ConvolutionFamily, DampedAt, Engine, ReportedMomentum, Scenario};
 use fvi_core::{
     Damping, DampingTerm, Derivative, Instant, Integrator, IntegratorBuilder, IntegratorError, MatrixError,
     Mechanics, Memory, MemoryError, Mismatch, Sample, Scheme, Space, StateError, StateReader, StateWriter,
@@ -42,8 +42,7 @@ pub struct Simulation {
 trait Stepper {
     fn step(&mut self, input: &[f64]) -> Result<u32, StepError>;
     fn time(&self) -> f64;
-    fn read(&self, position: &mut [f64], momentum: &mut [f64]);
-    fn energy(&mut self) -> f64;
+    fn read(&mut self, state: &mut GridState);
     fn engines(&self) -> Vec<Engine>;
     fn overruns(&self) -> Option<usize>;
     fn memory_bytes(&self) -> usize;
@@ -59,9 +58,10 @@ pub struct GridState {
     pub time: f64,
     /// q_k.
     pub position: Vec<f64>,
-    /// p_k.
+    /// p_k: where the fractional force acts at the main nodes, the mean of the momenta before and after its kick, or the one
+    /// after, as `output.momentum` says.
     pub momentum: Vec<f64>,
-    /// ½ p_kᵀM⁻¹p_k + U(q_k).
+    /// ½ p_kᵀM⁻¹p_k + U(q_k) with this p_k.
     pub energy: f64,
 }
 
@@ -92,8 +92,7 @@ impl Simulation {
     /// Writes the present state into `state`, whose vectors have one place for each coordinate.
     pub fn read(&mut self, state: &mut GridState) {
         state.time = self.stepper.time();
-        self.stepper.read(&mut state.position, &mut state.momentum);
-        state.energy = self.stepper.energy();
+        self.stepper.read(state);
     }
 
     /// The engine of each damping term.
@@ -169,6 +168,8 @@ fn bad_mass(scenario: &Scenario, error: &MatrixError) -> InputError {
 struct Machine<T: Elementary + Scalar, X: ScenarioSpace<T>> {
     integrator: Integrator<T, X, X::System, X::Scheme, DampingTerms<T, X>>,
     input: X::Vector,
+    /// The mean of the momenta before and after the last kick, where that is what is reported.
+    mean: Option<X::Vector>,
 }
 
 impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Machine<T, X> {
@@ -186,13 +187,16 @@ impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Machine<T, X> {
         let position = space.vector(&scenario.initial.position);
         let momentum = space.vector(&scenario.initial.momentum);
         let input = space.zeros();
+        let kicked = scenario.convolution.at == DampedAt::MainNodes;
+        let mean = (kicked && scenario.output.momentum == ReportedMomentum::Mean).then(|| space.zeros());
+        let kick = mean.is_some().then(|| Kick::none(scenario.coordinates()));
         let integrator = IntegratorBuilder::in_space(space, system, scheme, T::of(scenario.time.step))
-            .damping(DampingTerms(terms))
+            .damping(DampingTerms { terms, kick })
             .position(position)
             .momentum(momentum)
             .build()
             .map_err(|error| refused(scenario, &error))?;
-        Ok(Self { integrator, input })
+        Ok(Self { integrator, input, mean })
     }
 }
 
@@ -255,15 +259,32 @@ fn damping_term<T: Elementary + Scalar, X: ScenarioSpace<T>>(
 }
 
 /// Any number of damping terms, each with a memory of its own.
-struct DampingTerms<T: Elementary, X: Space<T>>(Vec<DampingTerm<T, X, HostMemory<T>>>);
+struct DampingTerms<T: Elementary, X: Space<T>> {
+    terms: Vec<DampingTerm<T, X, HostMemory<T>>>,
+    kick: Option<Kick<T>>,
+}
+
+/// The fractional force Σ_m ρ_m (D^{β_m} q)_k at the main nodes: the momentum p_k of such a scheme is the one after its kick.
+struct Kick<T> {
+    /// What is known of the next one.
+    next: Vec<T>,
+    /// The last one; zero at t = 0, where there is none.
+    last: Vec<T>,
+}
+
+impl<T: Elementary> Kick<T> {
+    fn none(coordinates: usize) -> Self {
+        Self { next: vec![T::zero(); coordinates], last: vec![T::zero(); coordinates] }
+    }
+}
 
 impl<T: Elementary, X: Space<T>> Damping<T, X> for DampingTerms<T, X> {
     fn check(&self, coordinates: usize, nodes: usize, step_size: T) -> Result<(), Mismatch> {
-        self.0[..].check(coordinates, nodes, step_size)
+        self.terms[..].check(coordinates, nodes, step_size)
     }
 
     fn begin(&mut self, position: &[T], velocity: &[T]) {
-        self.0[..].begin(position, velocity);
+        self.terms[..].begin(position, velocity);
     }
 
     fn add_known(
@@ -274,39 +295,63 @@ impl<T: Elementary, X: Space<T>> Damping<T, X> for DampingTerms<T, X> {
         known: &mut [T],
         scratch: &mut [T],
     ) -> Result<(), MemoryError> {
-        self.0[..].add_known(from, step_size, times, known, scratch)
+        self.terms[..].add_known(from, step_size, times, known, scratch)?;
+        if let Some(kick) = &mut self.kick {
+            kick.next.copy_from_slice(known);
+        }
+        Ok(())
     }
 
     fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
-        self.0[..].add_leading(increments, force, scratch);
+        self.terms[..].add_leading(increments, force, scratch);
     }
 
     fn visit_leading(&self, nodes: usize, visit: impl FnMut(usize, usize, T, &X::Block)) {
-        self.0[..].visit_leading(nodes, visit);
+        self.terms[..].visit_leading(nodes, visit);
     }
 
     fn leading_is_constant(&self) -> bool {
-        self.0[..].leading_is_constant()
+        self.terms[..].leading_is_constant()
     }
 
     fn push(&mut self, from: &[T], sample: &Sample<'_, T>, scratch: &mut [T]) -> Result<(), MemoryError> {
-        self.0[..].push(from, sample, scratch)
+        // The leading weight of starting weights is another one after the push.
+        if let Some(kick) = &mut self.kick {
+            self.terms[..].add_leading(sample.increments, &mut kick.next, scratch);
+        }
+        self.terms[..].push(from, sample, scratch)?;
+        if let Some(Kick { next, last }) = &mut self.kick {
+            std::mem::swap(next, last);
+            next.fill(T::zero());
+        }
+        Ok(())
     }
 
     fn state_bytes(&self) -> usize {
-        self.0[..].state_bytes()
+        let kick = self.kick.as_ref().map_or(0, |kick| kick.last.len() * T::BYTES);
+        kick + self.terms[..].state_bytes()
     }
 
     fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
-        self.0[..].save(to)
+        if let Some(kick) = &self.kick {
+            to.numbers(&kick.last)?;
+        }
+        self.terms[..].save(to)
     }
 
     fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.0[..].check_state(from)
+        if let Some(kick) = &self.kick {
+            from.skip::<T>(kick.last.len())?;
+        }
+        self.terms[..].check_state(from)
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.0[..].restore(from)
+        self.check_state(&mut from.clone())?;
+        if let Some(kick) = &mut self.kick {
+            from.numbers(&mut kick.last)?;
+        }
+        self.terms[..].restore(from)
     }
 }
 
@@ -322,28 +367,35 @@ impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
         self.integrator.time().to_f64()
     }
 
-    fn read(&self, position: &mut [f64], momentum: &mut [f64]) {
+    fn read(&mut self, grid: &mut GridState) {
         let state = self.integrator.state();
-        for (numbers, vector) in [(position, &state.position), (momentum, &state.momentum)] {
-            numbers.iter_mut().zip(X::slice(vector)).for_each(|(place, number)| *place = number.to_f64());
-        }
-    }
-
-    fn energy(&mut self) -> f64 {
-        self.integrator.energy().to_f64()
+        let write = |places: &mut [f64], numbers: &[T]| {
+            places.iter_mut().zip(numbers).for_each(|(place, number)| *place = number.to_f64());
+        };
+        write(&mut grid.position, X::slice(&state.position));
+        let (Some(mean), Some(kick)) = (&mut self.mean, &self.integrator.damping().kick) else {
+            write(&mut grid.momentum, X::slice(&state.momentum));
+            grid.energy = self.integrator.energy().to_f64();
+            return;
+        };
+        let half = self.integrator.step_size() / T::of(2.0);
+        let momenta = X::slice_mut(mean).iter_mut().zip(X::slice(&state.momentum)).zip(&kick.last);
+        momenta.for_each(|((mean, &after), &force)| *mean = after + half * force);
+        write(&mut grid.momentum, X::slice(mean));
+        grid.energy = self.integrator.energy_with(mean).to_f64();
     }
 
     fn engines(&self) -> Vec<Engine> {
-        self.integrator.damping().0.iter().map(|term| term.memory().engine()).collect()
+        self.integrator.damping().terms.iter().map(|term| term.memory().engine()).collect()
     }
 
     fn overruns(&self) -> Option<usize> {
-        let terms = self.integrator.damping().0.iter();
+        let terms = self.integrator.damping().terms.iter();
         terms.filter_map(|term| term.memory().overruns()).reduce(|sum, more| sum + more)
     }
 
     fn memory_bytes(&self) -> usize {
-        self.integrator.damping().0.iter().map(|term| term.memory().bytes()).sum()
+        self.integrator.damping().terms.iter().map(|term| term.memory().bytes()).sum()
     }
 
     fn state_bytes(&self) -> usize {

@@ -231,3 +231,49 @@ fn every_engine_gives_the_same_motion() {
         }
     }
 }
+
+/// A pendulum in Caputo's sense over 4 units of time.
+fn pendulum(steps: usize, more: &str) -> String {
+    format!(
+        "[system]\nmass = [1.5]\npotential = \"-3*cos(q0)\"\n[[system.damping]]\norder = 0.6\ncoefficient = [0.4]\n\
+         [initial]\nposition = [1.0]\nvelocity = [0.0]\n[time]\nstep = {:?}\nsteps = {steps}\n{more}\n",
+        4.0 / steps as f64
+    )
+}
+
+#[test]
+fn the_momentum_shown_at_the_main_nodes_is_of_order_two() {
+    let main = "[convolution]\nat = \"main-nodes\"\n[output]\nmomentum = ";
+    let accurate = "[scheme]\nkind = \"galerkin\"\ndegree = 3\n[convolution]\norder = 5\n";
+    let exact = states(&pendulum(256, accurate), None)[256].clone();
+    let error = |steps: usize, which: &str| {
+        let last = states(&pendulum(steps, &format!("{main}{which}")), None)[steps].clone();
+        let of = |a: f64, b: f64| (a - b).abs();
+        (of(last.momentum[0], exact.momentum[0]), of(last.energy, exact.energy))
+    };
+    let order = |which: &str| {
+        let ((p, e), (finer_p, finer_e)) = (error(256, which), error(512, which));
+        ((p / finer_p).log2(), (e / finer_e).log2())
+    };
+    let (mean, one_sided) = (order("\"mean\""), order("\"one-sided\""));
+    assert!((mean.0 - 2.0).abs() < 0.1 && (mean.1 - 2.0).abs() < 0.1, "{mean:?}");
+    assert!((one_sided.0 - 1.0).abs() < 0.1 && (one_sided.1 - 1.0).abs() < 0.1, "{one_sided:?}");
+}
+
+#[test]
+fn the_mean_momentum_is_half_a_kick_before_the_one_sided_one() {
+    let (h, steps) = (0.02, 200);
+    let main = "[convolution]\nat = \"main-nodes\"\n[output]\nmomentum = ";
+    let mean = states(&pendulum(steps, &format!("{main}\"mean\"")), None);
+    let one_sided = states(&pendulum(steps, &format!("{main}\"one-sided\"")), None);
+    let path: Vec<f64> = one_sided.iter().map(|state| state.position[0] - 1.0).collect();
+    let mut force = vec![0.0; path.len()];
+    left_operator(&weights(2, 0.6, h, path.len()), &path, &mut force);
+    for (k, (mean, after)) in mean.iter().zip(&one_sided).enumerate() {
+        assert_eq!(mean.position, after.position);
+        let expected = after.momentum[0] + 0.5 * h * 0.4 * force[k];
+        assert!((mean.momentum[0] - expected).abs() < 1e-13, "step {k}");
+        let energy = mean.momentum[0].powi(2) / 3.0 - 3.0 * mean.position[0].cos();
+        assert!((mean.energy - energy).abs() < 1e-13, "step {k}");
+    }
+}

@@ -85,10 +85,46 @@ fn the_record_of_the_inputs_holds_values_and_defaults() {
     assert_eq!(record["scheme"]["kind"], "low-order");
     assert_eq!(record["scheme"]["kappa"], 0.5);
     assert_eq!(record["convolution"]["family"], "bdf");
+    assert_eq!(record["convolution"]["at"], "nodes");
+    assert_eq!(record["output"]["momentum"], "mean");
     assert_eq!(record["system"]["potential"], "0.5*k*q0^2 + cos(q1)");
     assert_eq!(record["system"]["mass"][0][1], 0.5);
     assert_eq!(record["system"]["damping"][1]["derivative"], "riemann-liouville");
     assert_eq!(record["time"]["steps"], 300);
+}
+
+#[test]
+fn a_scenario_that_does_not_say_is_damped_at_the_nodes_with_order_two() {
+    let start = GOOD.find("[scheme]").unwrap();
+    let end = GOOD.find("[time]").unwrap();
+    let with = |passage: &str| read(&format!("{}{passage}\n{}", &GOOD[..start], &GOOD[end..]));
+    let form = |passage: &str| {
+        let scenario = with(passage).unwrap_or_else(|error| panic!("{passage}: {error}"));
+        let ConvolutionFamily::Bdf { order } = scenario.convolution.family else { panic!("{passage}") };
+        (order, scenario.convolution.at, scenario.output.momentum)
+    };
+    let (nodes, main) = (DampedAt::Nodes, DampedAt::MainNodes);
+    let (mean, one_sided) = (ReportedMomentum::Mean, ReportedMomentum::OneSided);
+    assert_eq!(with("").unwrap().scheme, Scheme::LowOrder { kappa: 0.5 });
+    assert_eq!(form(""), (2, nodes, mean));
+    assert_eq!(form("[scheme]\nkind = \"galerkin\"\ndegree = 3"), (2, nodes, mean));
+    assert_eq!(form("[convolution]\norder = 4"), (4, nodes, mean));
+    assert_eq!(form("[convolution]\nat = \"main-nodes\""), (2, main, mean));
+    assert_eq!(form("[convolution]\nstarting = [2.0]"), (2, main, mean));
+    assert_eq!(form("[convolution]\nstarting = []"), (2, nodes, mean));
+    for euler in ["explicit-euler", "implicit-euler"] {
+        assert_eq!(form(&format!("[scheme]\nkind = \"{euler}\"")), (1, main, one_sided));
+        for (key, wrong) in [("convolution.at", "nodes"), ("output.momentum", "mean")] {
+            let (table, name) = key.split_once('.').unwrap();
+            // GOOD has an `[output]` of its own.
+            let text = format!("[scheme]\nkind = \"{euler}\"\n[{table}]\n{name} = \"{wrong}\"");
+            let text = format!("{}{text}\n{}", &GOOD[..start], &GOOD[end..].replace("[output]\nevery = 10\n", ""));
+            let error = read(&text).unwrap_err();
+            assert!(error.key() == key && error.to_string().contains("go together"), "{error}");
+        }
+    }
+    let error = with("[convolution]\nat = \"nodes\"\nstarting = [2.0]").unwrap_err();
+    assert_eq!(error.key(), "convolution.starting");
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! `[time]`, `[history]` and `[output]`: the grid, the memory engine and what is written.
 
-use super::scheme::ConvolutionFamily;
+use super::scheme::{ConvolutionFamily, Scheme};
 use crate::language::document::Table;
 use crate::language::error::{InputError, Problem};
 use crate::numerics::exponential_table::SMALLEST_TOLERANCE;
@@ -249,22 +249,54 @@ impl History {
     }
 }
 
+/// Which momentum is reported where the fractional force acts at the main nodes, as a kick at the end of every step.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ReportedMomentum {
+    /// The mean of the momenta before and after the kick of t_k, p_k + (h/2) Σ_m ρ_m (D^{β_m} q)_k: of order 2.
+    #[default]
+    Mean,
+    /// The one after it, the papers': of order 1.
+    OneSided,
+}
+
 /// What is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct OutputOptions {
     /// Every how many steps a row of the trajectory is written; the last row always is.
     pub every: usize,
-}
-
-impl Default for OutputOptions {
-    fn default() -> Self {
-        Self { every: 1 }
-    }
+    /// The momentum that trajectories, summaries, pictures and errors show. Where nothing acts at the main nodes there is one momentum only.
+    pub momentum: ReportedMomentum,
 }
 
 impl OutputOptions {
-    pub(super) fn read(table: &Table<'_>) -> Result<Self, InputError> {
-        table.allow(&["every"])?;
-        Ok(Self { every: table.optional("every").map_or(Ok(1), |value| value.whole(1..=usize::MAX))? })
+    /// What a scenario has that does not say. Euler's methods, baselines of order 1, have the momentum that they compute.
+    pub fn default_for(scheme: &Scheme) -> Self {
+        let momentum = match scheme {
+            Scheme::ExplicitEuler | Scheme::ImplicitEuler => ReportedMomentum::OneSided,
+            Scheme::LowOrder { .. } | Scheme::Galerkin { .. } => ReportedMomentum::Mean,
+        };
+        Self { every: 1, momentum }
+    }
+
+    pub(super) fn read(table: &Table<'_>, scheme: &Scheme) -> Result<Self, InputError> {
+        table.allow(&["every", "momentum"])?;
+        let default = Self::default_for(scheme);
+        let every = table.optional("every").map_or(Ok(default.every), |value| value.whole(1..=usize::MAX))?;
+        let momentum = match table.optional("momentum") {
+            Some(value) => {
+                let kinds = [("mean", ReportedMomentum::Mean), ("one-sided", ReportedMomentum::OneSided)];
+                let momentum = value.choice(&kinds)?;
+                if momentum == ReportedMomentum::Mean && default.momentum == ReportedMomentum::OneSided {
+                    return Err(value.error(Problem::Incompatible {
+                        with: "this `scheme.kind`".to_owned(),
+                        allowed: "\"one-sided\" with Euler's methods".to_owned(),
+                    }));
+                }
+                momentum
+            }
+            None => default.momentum,
+        };
+        Ok(Self { every, momentum })
     }
 }

@@ -6,7 +6,8 @@ use crate::workplace::Workplace;
 fn agrees(name: &str, scenario: &str) {
     let path = format!("{}/../tests/reference/trajectory_{name}.csv", env!("CARGO_MANIFEST_DIR"));
     let table = std::fs::read_to_string(path).unwrap();
-    let run = Workplace::new().run(scenario, &[]);
+    let scenario = format!("{scenario}\n[output]\nmomentum = \"one-sided\"\n");
+    let run = Workplace::new().run(&scenario, &[]);
     let mut lines = table.lines();
     let columns: Vec<&str> = lines.next().unwrap().split(',').collect();
     let rows: Vec<Vec<f64>> =

@@ -2,7 +2,7 @@
 
 use super::problems::{GALERKIN, MIDPOINT};
 use crate::results::picture::{Marker, Series, Style};
-use crate::scenario::{Convolution, ConvolutionFamily, DampedAt, Scenario, Scheme};
+use crate::scenario::{Convolution, ConvolutionFamily, DampedAt, ReportedMomentum, Scenario, Scheme};
 
 /// A scheme with its convolution quadrature, and how it is drawn: a colour for the kind, a marker for the order or the
 /// number of stages.
@@ -74,6 +74,7 @@ impl Method {
             _ => DampedAt::Nodes,
         };
         scenario.convolution = Convolution { family: self.family, at, starting: Vec::new() };
+        scenario.output.momentum = ReportedMomentum::OneSided;
         scenario
     }
 

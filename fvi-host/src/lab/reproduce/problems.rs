@@ -1,7 +1,9 @@
 //! The papers' problems, from the scenario files of the repository, and how exhibits vary them.
 
 use crate::language::{Document, InputError};
-use crate::scenario::{Convolution, ConvolutionFamily, DampedAt, Quadrature, Scenario, Scheme};
+use crate::scenario::{
+    Convolution, ConvolutionFamily, DampedAt, Quadrature, ReportedMomentum, Scenario, Scheme,
+};
 use std::path::Path;
 
 /// The text of a file of the repository's `scenarios`. The package carries its own copy, as a package cannot reach beyond its
@@ -96,13 +98,15 @@ pub(super) fn with_scheme(mut scenario: Scenario, scheme: Scheme) -> Scenario {
     scenario
 }
 
-/// The same problem with convolution quadrature by the backward differentiation formula of an order at the main nodes, the papers' form.
+/// The same problem with convolution quadrature by the backward differentiation formula of an order at the main nodes, and the momentum
+/// after the kick: the papers' form.
 pub(super) fn with_bdf(mut scenario: Scenario, order: usize) -> Scenario {
     scenario.convolution = Convolution {
         family: ConvolutionFamily::Bdf { order },
         at: DampedAt::MainNodes,
         starting: Vec::new(),
     };
+    scenario.output.momentum = ReportedMomentum::OneSided;
     scenario
 }
 
