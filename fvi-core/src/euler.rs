@@ -6,7 +6,7 @@ use crate::coefficients::Fixed;
 use crate::damping::Damping;
 use crate::discrete_lagrangian::{Kept, Workspace};
 use crate::galerkin::{Galerkin, in_place};
-use crate::newton::{Inverse, StepMatrix};
+use crate::newton::{Factors, StepMatrix};
 use crate::real::Real;
 use crate::scheme::{Sampling, Scheme, Step, StepError};
 use crate::system::Mechanics;
@@ -56,10 +56,10 @@ impl ImplicitEuler {
 macro_rules! scheme {
     ($method:ty, $step:ident) => {
         impl<T: Real, const N: usize> Scheme<T, Fixed<N>> for $method {
-            type Storage = Kept<Inverse<T, N, 1>>;
+            type Storage = Kept<Factors<T, N, 1>>;
 
             fn storage<G: Mechanics<T, Fixed<N>>>(&self, _: &Fixed<N>, _: &G) -> Self::Storage {
-                Kept::nothing(Inverse::zero())
+                Kept::nothing(Factors::zero())
             }
 
             fn forget_step(storage: &mut Self::Storage) {

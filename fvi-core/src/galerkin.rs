@@ -6,7 +6,7 @@ use crate::coefficients::Fixed;
 use crate::damping::Damping;
 use crate::discrete_lagrangian::{DiscreteLagrangian, Kept, Workspace};
 use crate::error::ParameterError;
-use crate::newton::{Inverse, StepMatrix};
+use crate::newton::{Factors, StepMatrix};
 use crate::quadrature::{Quadrature, lobatto_half};
 use crate::real::Real;
 use crate::scheme::{Sampling, Scheme, Step, StepError};
@@ -302,10 +302,10 @@ macro_rules! in_place {
 pub(crate) use in_place;
 
 impl<T: Real, const N: usize, const S: usize, const Q: usize> Scheme<T, Fixed<N>> for Galerkin<T, S, Q> {
-    type Storage = Kept<Inverse<T, N, S>>;
+    type Storage = Kept<Factors<T, N, S>>;
 
     fn storage<G: Mechanics<T, Fixed<N>>>(&self, _: &Fixed<N>, _: &G) -> Self::Storage {
-        Kept::nothing(Inverse::zero())
+        Kept::nothing(Factors::zero())
     }
 
     fn forget_step(storage: &mut Self::Storage) {

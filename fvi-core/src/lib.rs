@@ -53,11 +53,11 @@ pub use galerkin::{Galerkin, Tables};
 pub use integrator::{Integrator, IntegratorBuilder, IntegratorError, State};
 pub use kernel::{Kernel, Rule, Symbol};
 pub use linear::{
-    Singular, add_multiple, factor, invert_factored, is_positive_definite_in_place, multiply_columns, solve,
-    substitute,
+    Singular, add_multiple, factor, invert_factored, is_positive_definite_in_place, keep_factors, solve,
+    substitute, substitute_kept,
 };
 pub use memory::{Memory, MemoryError, check_channels};
-pub use newton::{Equations, Inverse, StepMatrix};
+pub use newton::{Equations, Factors, StepMatrix};
 pub use node_galerkin::NodeGalerkin;
 pub use operator::{FractionalOperator, OperatorError, Start, left_operator, right_operator};
 pub use quadrature::{Quadrature, gauss_rule, lobatto_rule};

@@ -86,13 +86,7 @@ pub fn factor<T: Real>(matrix: &mut [T], pivots: &mut [usize]) -> Result<(), Sin
 #[inline(always)]
 pub fn substitute<T: Real>(factors: &[T], pivots: &[usize], vector: &mut [T]) {
     let n = pivots.len();
-    for (row, &pivot) in pivots.iter().enumerate() {
-        if row != pivot {
-            let (a, b) = (at(vector, row), at(vector, pivot));
-            put(vector, row, b);
-            put(vector, pivot, a);
-        }
-    }
+    exchange(pivots, vector);
     for column in 0..n {
         let known = at(vector, column);
         for row in column + 1..n {
@@ -119,6 +113,60 @@ pub fn solve<T: Real>(matrix: &mut [T], pivots: &mut [usize], vector: &mut [T]) 
     Ok(())
 }
 
+/// Factors A as [`factor`] does and writes the factors to `kept` for [`substitute_kept`]: column by column, the pivots as
+/// reciprocals.
+///
+/// # Errors
+/// [`Singular`], as [`factor`].
+#[inline(always)]
+pub fn keep_factors<T: Real>(matrix: &mut [T], pivots: &mut [usize], kept: &mut [T]) -> Result<(), Singular> {
+    factor(matrix, pivots)?;
+    let n = pivots.len();
+    for (column, numbers) in kept.chunks_exact_mut(n.max(1)).enumerate() {
+        for (row, place) in numbers.iter_mut().enumerate() {
+            let number = at(matrix, row * n + column);
+            *place = if row == column { T::one() / number } else { number };
+        }
+    }
+    Ok(())
+}
+
+/// Solves A x = `vector` with what [`keep_factors`] wrote; x replaces `vector`.
+///
+/// As many products as with the inverse of A, but what is left of A x − `vector` is rounding of A x, however stiff the equations
+/// are: the error of a product with a rounded inverse grows with the condition of A, and from 10⁸ on a stiff motion is lost in it.
+#[inline(always)]
+pub fn substitute_kept<T: Real>(kept: &[T], pivots: &[usize], vector: &mut [T]) {
+    let n = pivots.len();
+    if n > 1 {
+        exchange(pivots, vector);
+    }
+    let columns = || kept.chunks_exact(n.max(1)).enumerate();
+    for (column, numbers) in columns() {
+        let Some((known, later)) = vector.split_at_mut_checked(column + 1) else { continue };
+        let (Some(&known), Some(numbers)) = (known.last(), numbers.get(column + 1..)) else { continue };
+        add_multiple(later, -known, numbers);
+    }
+    for (column, numbers) in columns().rev() {
+        let Some((earlier, known)) = vector.split_at_mut_checked(column) else { continue };
+        let Some(known) = known.first_mut() else { continue };
+        *known *= at(numbers, column);
+        add_multiple(earlier, -*known, numbers);
+    }
+}
+
+/// Exchanges the numbers of a vector as elimination exchanged rows.
+#[inline(always)]
+fn exchange<T: Real>(pivots: &[usize], vector: &mut [T]) {
+    for (row, &pivot) in pivots.iter().enumerate() {
+        if row != pivot {
+            let (a, b) = (at(vector, row), at(vector, pivot));
+            put(vector, row, b);
+            put(vector, pivot, a);
+        }
+    }
+}
+
 #[inline(always)]
 fn put<T>(numbers: &mut [T], index: usize, value: T) {
     if let Some(place) = numbers.get_mut(index) {
@@ -133,15 +181,6 @@ pub fn invert_factored<T: Real>(factors: &[T], pivots: &[usize], columns: &mut [
     for (index, column) in columns.chunks_exact_mut(pivots.len().max(1)).enumerate() {
         put(column, index, T::one());
         substitute(factors, pivots, column);
-    }
-}
-
-/// out = A x for a matrix given column by column, each as long as `out`.
-#[inline(always)]
-pub fn multiply_columns<T: Real>(columns: &[T], x: &[T], out: &mut [T]) {
-    out.fill(T::zero());
-    for (column, &x) in columns.chunks_exact(out.len().max(1)).zip(x) {
-        add_multiple(out, x, column);
     }
 }
 
@@ -226,6 +265,36 @@ mod tests {
         for (found, expected) in vector.into_iter().zip([1.0, 2.0, 1.0, 2.0]) {
             assert!((found - expected).abs() < 1e-14, "{vector:?}");
         }
+    }
+
+    #[test]
+    fn kept_factors_leave_rounding_of_the_equations_where_an_inverse_leaves_its_condition() {
+        // K = 10¹⁴ on one direction, 1 on all others: no product with a rounded inverse solves the stiff one.
+        let n = 6;
+        let stiff: std::vec::Vec<f64> = (0..n).map(|i| (1.0 + i as f64 * 0.7).sin()).collect();
+        let mut matrix = std::vec![0.0; n * n];
+        for row in 0..n {
+            for column in 0..n {
+                matrix[row * n + column] =
+                    1e14 * stiff[row] * stiff[column] + f64::from(u8::from(row == column));
+            }
+        }
+        let right: std::vec::Vec<f64> = (0..n).map(|i| 1e14 * stiff[i] + i as f64).collect();
+        let residual = |x: &[f64]| -> f64 {
+            let row = |i: usize| -> f64 { (0..n).map(|j| matrix[i * n + j] * x[j]).sum::<f64>() - right[i] };
+            (0..n).map(row).fold(0.0, |largest, r| f64::max(largest, r.abs()))
+        };
+        let (mut rows, mut pivots, mut kept) = (matrix.clone(), std::vec![0; n], std::vec![0.0; n * n]);
+        keep_factors(&mut rows, &mut pivots, &mut kept).unwrap();
+        let (mut found, mut eliminated) = (right.clone(), right.clone());
+        substitute_kept(&kept, &pivots, &mut found);
+        substitute(&rows, &pivots, &mut eliminated);
+        assert!(residual(&eliminated) < 1.0 && residual(&found) < 1.0, "{:e}", residual(&found));
+        let mut columns = std::vec![0.0; n * n];
+        invert_factored(&rows, &pivots, &mut columns);
+        let product: std::vec::Vec<f64> =
+            (0..n).map(|i| (0..n).map(|j| columns[j * n + i] * right[j]).sum()).collect();
+        assert!(residual(&product) > 1e3, "{:e}", residual(&product));
     }
 
     #[test]

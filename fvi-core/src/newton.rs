@@ -1,6 +1,6 @@
 //! The equations of one step: their matrix, and Newton's method converged to rounding.
 
-use crate::linear::{Singular, factor, invert_factored, multiply_columns, solve};
+use crate::linear::{Singular, keep_factors, solve, substitute_kept};
 use crate::real::{Real, all_finite};
 use crate::scheme::StepError;
 use crate::space::Block;
@@ -47,18 +47,19 @@ pub struct StepMatrix<T, const N: usize, const S: usize> {
 /// (S N)×(S N) numbers, row by row.
 type Square<T, const N: usize, const S: usize> = [[[[T; N]; S]; N]; S];
 
-/// The inverse of a [`StepMatrix`], column by column.
-///
-/// One correction from a good guess is all that a linear step takes, so what an inverse loses to elimination
-/// does not show.
+/// The factors of a [`StepMatrix`].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Inverse<T, const N: usize, const S: usize>(Square<T, N, S>);
+pub struct Factors<T, const N: usize, const S: usize> {
+    /// Column by column.
+    entries: Square<T, N, S>,
+    pivots: [[usize; N]; S],
+}
 
-impl<T: Real, const N: usize, const S: usize> Inverse<T, N, S> {
-    /// No inverse yet.
+impl<T: Real, const N: usize, const S: usize> Factors<T, N, S> {
+    /// No factors yet.
     #[inline(always)]
     pub fn zero() -> Self {
-        Self([[[[T::zero(); N]; S]; N]; S])
+        Self { entries: [[[[T::zero(); N]; S]; N]; S], pivots: [[0; N]; S] }
     }
 }
 
@@ -76,7 +77,7 @@ impl<T: Real, const N: usize, const S: usize> StepMatrix<T, N, S> {
 }
 
 impl<T: Real, const N: usize, const S: usize, B: Block<T>> Equations<T, B> for StepMatrix<T, N, S> {
-    type Kept = Inverse<T, N, S>;
+    type Kept = Factors<T, N, S>;
 
     #[inline(always)]
     fn clear(&mut self) {
@@ -95,22 +96,16 @@ impl<T: Real, const N: usize, const S: usize, B: Block<T>> Equations<T, B> for S
     }
 
     #[inline(always)]
-    fn keep(&mut self, kept: &mut Inverse<T, N, S>) -> Result<(), Singular> {
+    fn keep(&mut self, kept: &mut Factors<T, N, S>) -> Result<(), Singular> {
         let entries = self.entries.as_flattened_mut().as_flattened_mut().as_flattened_mut();
-        factor(entries, self.pivots.as_flattened_mut())?;
-        let inverse = kept.0.as_flattened_mut().as_flattened_mut().as_flattened_mut();
-        invert_factored(entries, self.pivots.as_flattened(), inverse);
-        Ok(())
+        let factors = kept.entries.as_flattened_mut().as_flattened_mut().as_flattened_mut();
+        keep_factors(entries, kept.pivots.as_flattened_mut(), factors)
     }
 
     #[inline(always)]
-    fn solve_kept(&mut self, kept: &Inverse<T, N, S>, vector: &mut [T]) {
-        let mut solution = [[T::zero(); N]; S];
-        let inverse = kept.0.as_flattened().as_flattened().as_flattened();
-        multiply_columns(inverse, vector, solution.as_flattened_mut());
-        for (place, &number) in vector.iter_mut().zip(solution.as_flattened()) {
-            *place = number;
-        }
+    fn solve_kept(&mut self, kept: &Factors<T, N, S>, vector: &mut [T]) {
+        let factors = kept.entries.as_flattened().as_flattened().as_flattened();
+        substitute_kept(factors, kept.pivots.as_flattened(), vector);
     }
 }
 
@@ -211,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn a_kept_inverse_solves_what_elimination_solves() {
+    fn kept_factors_solve_what_elimination_solves() {
         let block = Coefficients::Dense(nalgebra::matrix![0.0, 2.0; 2.0, 1.0]);
         let other = Coefficients::Diagonal([3.0, -1.0].into());
         let mut matrix = StepMatrix::<f64, 2, 2>::zero();
@@ -221,10 +216,10 @@ mod tests {
             matrix.add(row, column, factor, block);
         }
         let (mut eliminated, mut kept) = ([1.0, -2.0, 0.5, 4.0], [1.0, -2.0, 0.5, 4.0]);
-        let mut inverse = Inverse::zero();
+        let mut factors = Factors::zero();
         let mut copy = matrix;
-        Equations::<f64, Coefficients<f64, 2>>::keep(&mut copy, &mut inverse).unwrap();
-        Equations::<f64, Coefficients<f64, 2>>::solve_kept(&mut copy, &inverse, &mut kept);
+        Equations::<f64, Coefficients<f64, 2>>::keep(&mut copy, &mut factors).unwrap();
+        Equations::<f64, Coefficients<f64, 2>>::solve_kept(&mut copy, &factors, &mut kept);
         Equations::<f64, Coefficients<f64, 2>>::solve(&mut matrix, &mut eliminated).unwrap();
         for (a, b) in eliminated.into_iter().zip(kept) {
             assert!((a - b).abs() < 1e-14, "{eliminated:?} {kept:?}");

@@ -7,7 +7,7 @@ use crate::damping::Damping;
 use crate::discrete_lagrangian::{Kept, Workspace};
 use crate::error::ParameterError;
 use crate::galerkin::{Galerkin, in_place};
-use crate::newton::{Inverse, StepMatrix};
+use crate::newton::{Factors, StepMatrix};
 use crate::real::Real;
 use crate::runge_kutta::RungeKutta;
 use crate::scheme::{Sampling, Scheme, Step, StepError};
@@ -47,10 +47,10 @@ impl<T: Real, const S: usize, const Q: usize> NodeGalerkin<T, S, Q> {
 }
 
 impl<T: Real, const N: usize, const S: usize, const Q: usize> Scheme<T, Fixed<N>> for NodeGalerkin<T, S, Q> {
-    type Storage = Kept<Inverse<T, N, S>>;
+    type Storage = Kept<Factors<T, N, S>>;
 
     fn storage<G: Mechanics<T, Fixed<N>>>(&self, _: &Fixed<N>, _: &G) -> Self::Storage {
-        Kept::nothing(Inverse::zero())
+        Kept::nothing(Factors::zero())
     }
 
     fn forget_step(storage: &mut Self::Storage) {

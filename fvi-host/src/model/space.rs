@@ -2,7 +2,7 @@
 
 use super::band;
 use fvi_core::{Block, Equations, MatrixError, Real, Singular, Space};
-use fvi_core::{add_multiple, factor, invert_factored, is_positive_definite_in_place, multiply_columns};
+use fvi_core::{add_multiple, is_positive_definite_in_place, keep_factors, substitute_kept};
 use std::sync::Arc;
 
 /// The space of N coordinates, N known at run time.
@@ -266,15 +266,13 @@ pub struct DenseEquations<T> {
     band: usize,
     coordinates: usize,
     pivots: Vec<usize>,
-    solution: Vec<T>,
 }
 
 impl<T: Real> DenseEquations<T> {
     /// For N coordinates and S nodes.
     pub fn new(coordinates: usize, nodes: usize) -> Self {
         let size = coordinates * nodes;
-        let (entries, solution) = (vec![T::zero(); size * size], vec![T::zero(); size]);
-        Self { entries, band: 0, coordinates, pivots: vec![0; size], solution }
+        Self { entries: vec![T::zero(); size * size], band: 0, coordinates, pivots: vec![0; size] }
     }
 }
 
@@ -286,7 +284,7 @@ impl<T> DenseEquations<T> {
 }
 
 impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
-    /// The inverse, column by column.
+    /// The factors, column by column; their pivots stay here, where nothing else is solved meanwhile.
     type Kept = Vec<T>;
 
     fn clear(&mut self) {
@@ -319,14 +317,11 @@ impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
     fn keep(&mut self, kept: &mut Vec<T>) -> Result<(), Singular> {
         // The factors may fill the matrix.
         self.band = self.pivots.len();
-        factor(&mut self.entries, &mut self.pivots)?;
         kept.resize(self.entries.len(), T::zero());
-        invert_factored(&self.entries, &self.pivots, kept);
-        Ok(())
+        keep_factors(&mut self.entries, &mut self.pivots, kept)
     }
 
     fn solve_kept(&mut self, kept: &Vec<T>, vector: &mut [T]) {
-        multiply_columns(kept, vector, &mut self.solution);
-        vector.copy_from_slice(&self.solution);
+        substitute_kept(kept, &self.pivots, vector);
     }
 }

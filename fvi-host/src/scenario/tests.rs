@@ -118,7 +118,8 @@ fn a_scenario_that_does_not_say_is_damped_at_the_nodes_with_order_two() {
             let (table, name) = key.split_once('.').unwrap();
             // GOOD has an `[output]` of its own.
             let text = format!("[scheme]\nkind = \"{euler}\"\n[{table}]\n{name} = \"{wrong}\"");
-            let text = format!("{}{text}\n{}", &GOOD[..start], &GOOD[end..].replace("[output]\nevery = 10\n", ""));
+            let text =
+                format!("{}{text}\n{}", &GOOD[..start], &GOOD[end..].replace("[output]\nevery = 10\n", ""));
             let error = read(&text).unwrap_err();
             assert!(error.key() == key && error.to_string().contains("go together"), "{error}");
         }
@@ -427,7 +428,7 @@ fn a_singular_force_of_the_initial_position_is_warned_of() {
     let warned = |order: &str, family: &str, position: &str| {
         let text = GOOD
             .replacen("order = 1.5", &format!("order = {order}"), 1)
-            .replacen("order = 3", family, 1)
+            .replacen("order = 3", &format!("{family}\nat = \"main-nodes\""), 1)
             .replacen("position = [1.0, 2]", &format!("position = {position}"), 1);
         read(&text).unwrap().warnings().concat()
     };

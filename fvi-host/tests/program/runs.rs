@@ -132,16 +132,16 @@ fn a_full_memory_stops_the_run_and_keeps_what_was_computed() {
     let output = place.fvi(&["run", "scenario.toml", "--out", "stopped"]);
     assert_eq!(output.status.code(), Some(1));
     let message = text(&output.stderr);
-    assert!(message.contains("step 9 (from t = 0.9 to t = 1) failed"), "{message}");
+    assert!(message.contains("step 10 (from t = 1 to t = 1.1) failed"), "{message}");
     assert!(message.contains("10 samples"), "{message}");
     let run = Run::read(&place.path("stopped"));
-    assert_eq!(run.rows, whole.rows[..10]);
-    assert_eq!((&run.summary["status"], &run.summary["step"]), (&"failed".into(), &9.into()));
+    assert_eq!(run.rows, whole.rows[..11]);
+    assert_eq!((&run.summary["status"], &run.summary["step"]), (&"failed".into(), &10.into()));
 
     // Told to forget, it goes on, and differs from the full memory from the first forgotten sample on.
     let short = place.run(&text_of("forget"), &[]);
     assert_eq!(short.rows.len(), 26);
-    assert_eq!(short.rows[..10], whole.rows[..10]);
+    assert_eq!(short.rows[..11], whole.rows[..11]);
     assert_ne!(short.rows[25], whole.rows[25]);
 }
 
@@ -205,8 +205,10 @@ fn a_sampled_input_acts_as_the_same_force_in_time() {
 #[test]
 fn an_unstable_step_is_refused_unless_it_is_allowed() {
     let place = Workplace::new();
-    let steep =
-        OSCILLATOR.replace("order = 0.5", "order = 1.9").replace("[0.25]\n[initial]", "[2.0]\n[initial]");
+    let steep = OSCILLATOR
+        .replace("order = 0.5", "order = 1.9")
+        .replace("[0.25]\n[initial]", "[2.0]\n[initial]")
+        .replace("order = 2\n", "order = 2\nat = \"main-nodes\"\n");
     place.write("scenario.toml", &steep);
     let output = place.fvi(&["run", "scenario.toml", "--out", "out"]);
     assert_eq!(output.status.code(), Some(2));

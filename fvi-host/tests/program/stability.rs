@@ -44,10 +44,7 @@ fn without_a_stable_step_none_is_named() {
     let place = Workplace::new();
     let damping = "[[system.damping]]\norder = 1.99\ncoefficient = [3.0]";
     let papers = "kappa = 0.5\n[convolution]\norder = 1\nat = \"main-nodes\"";
-    place.write(
-        "scenario.toml",
-        &scenario("0.5*q0^2", damping, "1.0", papers, "step = 0.1\nsteps = 10"),
-    );
+    place.write("scenario.toml", &scenario("0.5*q0^2", damping, "1.0", papers, "step = 0.1\nsteps = 10"));
     let output = place.fvi(&["run", "scenario.toml", "--out", "out"]);
     let message = text(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{message}");
