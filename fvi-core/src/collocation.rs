@@ -7,7 +7,7 @@ use crate::damping::{Damping, Sample};
 use crate::discrete_lagrangian::{Kept, Workspace};
 use crate::galerkin::in_place;
 use crate::linear::add_multiple;
-use crate::newton::{Equations, Inverse, StepMatrix, newton, size};
+use crate::newton::{Equations, Factors, StepMatrix, newton, size};
 use crate::real::{Real, all_finite};
 use crate::runge_kutta::RungeKutta;
 use crate::scheme::{Sampling, Scheme, Step, StepError, conclude};
@@ -68,10 +68,10 @@ impl<T: Real, const R: usize> Collocation<T, R> {
 }
 
 impl<T: Real, const N: usize, const R: usize> Scheme<T, Fixed<N>> for Collocation<T, R> {
-    type Storage = Kept<Inverse<T, N, R>>;
+    type Storage = Kept<Factors<T, N, R>>;
 
     fn storage<G: Mechanics<T, Fixed<N>>>(&self, _: &Fixed<N>, _: &G) -> Self::Storage {
-        Kept::nothing(Inverse::zero())
+        Kept::nothing(Factors::zero())
     }
 
     fn forget_step(storage: &mut Self::Storage) {
