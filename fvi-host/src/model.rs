@@ -2,6 +2,7 @@
 
 mod band;
 mod mechanics;
+mod own;
 mod scenario_space;
 mod scheme;
 mod space;

@@ -5,6 +5,7 @@
 
 mod initial;
 mod matrix;
+mod own_terms;
 mod reference;
 mod sampled_input;
 mod scheme;
@@ -14,6 +15,7 @@ mod warnings;
 
 pub use initial::InitialState;
 pub use matrix::SymmetricMatrix;
+pub use own_terms::{OwnTerms, SharedTerms};
 pub use reference::{Reference, ReferenceRow, ReferenceSource};
 pub use sampled_input::SampledInput;
 pub use scheme::{Convolution, ConvolutionFamily, DampedAt, Quadrature, Scheme};
@@ -97,6 +99,12 @@ impl Scenario {
     /// The first thing that cannot be used, with its place in the file that would say the same.
     pub fn from_value(value: &impl Serialize) -> Result<Self, InputError> {
         Self::from_document(Document::of_value("scenario", Path::new(""), value)?)
+    }
+
+    /// The scenario with a potential and forces in code beside those that it writes.
+    pub fn with_own_terms(mut self, terms: SharedTerms) -> Self {
+        self.system.own_terms = Some(terms);
+        self
     }
 
     fn from_root(root: &Table<'_>, document: &Document) -> Result<Self, InputError> {

@@ -305,6 +305,13 @@ impl Convergence {
             .collect()
     }
 
+    /// Largest error of a quantity on a level, where it was run and something is known.
+    pub fn error(&self, index: usize, quantity: Quantity) -> Option<f64> {
+        let level = self.levels.get(index).filter(|level| level.failure.is_none())?;
+        let measured = quantity.of(&level.errors);
+        (measured.compared > 0).then_some(measured.largest)
+    }
+
     /// Order between a level and the one before it.
     pub fn order(&self, index: usize, quantity: Quantity) -> Option<f64> {
         let usable = |level: &&Level| level.failure.is_none() && quantity.of(&level.errors).compared > 0;

@@ -54,6 +54,6 @@ pub use grid::{Grid, Sigma};
 pub use lagrangian::{Closures, ExpressionLagrangian, Lagrangian, MAX_COORDINATES};
 pub use newton::NewtonOptions;
 pub use operator::DiscreteOperator;
-pub use output::{ExtremalSummary, GridError, OutputError, solve_and_write};
+pub use output::{ExtremalSummary, GridError, OutputError, require_room, solve_and_write};
 pub use problem_file::{KnownPositions, ProblemFile, Statement};
 pub use toeplitz::{LowerToeplitz, Product};

@@ -79,6 +79,11 @@ impl InputError {
         &self.0.key
     }
 
+    /// The value to blame, as written; empty where there is none.
+    pub fn value(&self) -> &str {
+        &self.0.value
+    }
+
     /// Line in the file, counted from 1; `None` about what is not written there.
     pub fn line(&self) -> Option<usize> {
         self.0.place.as_ref().map(|place| place.line)

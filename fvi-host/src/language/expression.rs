@@ -184,6 +184,16 @@ impl<T: Real> Moment<T> {
         Self { time, sided: time + time.abs() * Self::nudge() }
     }
 
+    /// The same in double precision.
+    pub fn in_double(&self) -> Moment<f64> {
+        Moment { time: self.time.to_f64(), sided: self.sided.to_f64() }
+    }
+
+    /// The time at which a force that jumps is to be looked at: within rounding of the time, on the side that is meant.
+    pub fn sided(&self) -> T {
+        self.sided
+    }
+
     fn nudge() -> T {
         T::EPSILON * T::of(8.0)
     }

@@ -1,5 +1,6 @@
 //! The mechanics of a scenario: mass, compiled potential and force.
 
+use super::own::Own;
 use super::space::{Dense, Matrix, Pattern, Sparse};
 use crate::language::expression::{Elementary, Moment};
 use crate::model::tape::{CompiledForce, CompiledPotential};
@@ -19,6 +20,8 @@ pub struct Model<T> {
     force: CompiledForce<T>,
     /// Whether there is a force at all.
     forced: bool,
+    /// What code supplies.
+    own: Option<Own>,
     /// Values of the stiffness that never change, by slot.
     constant: Sparse<T>,
     /// Slots of the entries of the potential's Hessian, and of their mirror images.
@@ -64,7 +67,11 @@ impl<T: Elementary> Model<T> {
         let of_potential =
             springs.iter().map(|&(row, column, _)| (row, column)).chain(curved.iter().copied());
         let of_force = pushed.iter().map(|&(row, column, _)| (row, column)).chain(turned.iter().copied());
-        let pattern = Arc::new(Pattern::new(size, of_potential.flat_map(both).chain(of_force).collect()));
+        let own = system.own_terms.clone().map(|terms| Own::new(terms, size));
+        let of_own =
+            own.iter().flat_map(|_| (0..size).flat_map(|row| (0..size).map(move |column| (row, column))));
+        let places = of_potential.flat_map(both).chain(of_force).chain(of_own);
+        let pattern = Arc::new(Pattern::new(size, places.collect()));
         let slots = |&(row, column): &(usize, usize)| (pattern.slot(row, column), pattern.slot(column, row));
         let hessian_slots: Vec<_> = curved.iter().map(slots).collect();
         let jacobian_slots: Vec<_> = turned.iter().map(|&(row, column)| pattern.slot(row, column)).collect();
@@ -87,6 +94,7 @@ impl<T: Elementary> Model<T> {
             linear,
             potential,
             forced: !force.is_zero(),
+            own,
             force,
             constant,
             hessian_slots,
@@ -126,6 +134,9 @@ impl<T: Elementary> Mechanics<T, Dense> for Model<T> {
             self.force.value(moment(instant), position, &mut self.registers, &mut self.pushed);
             pull.iter_mut().zip(&self.pushed).for_each(|(pull, &force)| *pull -= force);
         }
+        if let Some(own) = &mut self.own {
+            own.add_pull(moment(instant), position, pull);
+        }
     }
 
     fn linearise(
@@ -148,6 +159,9 @@ impl<T: Elementary> Mechanics<T, Dense> for Model<T> {
                 }
             }
         }
+        if let Some(own) = &mut self.own {
+            own.add_linearisation(moment(instant), position, pull, &mut stiffness.values);
+        }
         if !self.forced {
             return;
         }
@@ -165,7 +179,9 @@ impl<T: Elementary> Mechanics<T, Dense> for Model<T> {
     }
 
     fn is_linear(&self) -> bool {
-        self.potential.as_ref().is_none_or(CompiledPotential::is_quadratic) && self.force.is_affine()
+        self.own.is_none()
+            && self.potential.as_ref().is_none_or(CompiledPotential::is_quadratic)
+            && self.force.is_affine()
     }
 
     fn energy(&mut self, position: &Vec<T>, momentum: &Vec<T>) -> T {
@@ -173,7 +189,11 @@ impl<T: Elementary> Mechanics<T, Dense> for Model<T> {
         self.inverse_mass.multiply_add(T::one(), momentum, &mut self.pushed);
         let product = momentum.iter().zip(&self.pushed).fold(T::zero(), |sum, (&p, &v)| sum + p * v);
         let potential = self.potential.as_ref().map(|u| u.value(position, &mut self.registers));
-        T::of(0.5) * product + potential.unwrap_or(T::zero())
+        let energy = T::of(0.5) * product + potential.unwrap_or(T::zero());
+        match &mut self.own {
+            None => energy,
+            Some(own) => energy + own.potential(position),
+        }
     }
 }
 

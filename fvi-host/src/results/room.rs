@@ -14,7 +14,7 @@ pub struct NoRoom {
 ///
 /// # Errors
 /// [`NoRoom`].
-pub(crate) fn require(bytes: usize) -> Result<(), NoRoom> {
+pub fn require(bytes: usize) -> Result<(), NoRoom> {
     Vec::<u8>::new().try_reserve_exact(bytes).map_err(|_| NoRoom { bytes })
 }
 

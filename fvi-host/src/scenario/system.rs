@@ -1,6 +1,7 @@
 //! `[system]`: mass, potential, force, parameters and damping.
 
 use super::matrix::SymmetricMatrix;
+use super::own_terms::SharedTerms;
 use crate::language::document::{Table, Value};
 use crate::language::error::{InputError, Problem};
 use crate::language::expression::{Expression, Symbols};
@@ -20,6 +21,9 @@ pub struct System {
     pub parameters: BTreeMap<String, f64>,
     /// The damping terms, summed.
     pub damping: Vec<Damping>,
+    /// Potential and forces in code, beside those above.
+    #[serde(skip)]
+    pub own_terms: Option<SharedTerms>,
 }
 
 /// One damping term ρ D^β q.
@@ -74,7 +78,7 @@ impl System {
                 .collect::<Result<_, _>>()?,
             None => Vec::new(),
         };
-        Ok(Self { mass, potential, force, parameters, damping })
+        Ok(Self { mass, potential, force, parameters, damping, own_terms: None })
     }
 
     /// Number of coordinates N.

@@ -2,7 +2,7 @@
 
 use crate::language::expression::{Expression, Moment};
 use crate::model::tape::CompiledForce;
-use crate::scenario::{Derivative, OnEnergyGrowth, Scenario, SymmetricMatrix};
+use crate::scenario::{Derivative, OnEnergyGrowth, Scenario, SharedTerms, SymmetricMatrix};
 use crate::simulation::GridState;
 use crate::simulation::stability::discretisation;
 use serde::{Deserialize, Serialize};
@@ -41,6 +41,8 @@ pub struct EnergyGuard {
     /// The velocity at the end of the step.
     new_velocity: Vec<f64>,
     force: Option<Forces>,
+    /// Forces in code, and the largest of a step.
+    own: Option<(SharedTerms, Vec<f64>)>,
     /// Where in a step the scheme looks at forces.
     nodes: Vec<f64>,
     warning: Option<String>,
@@ -97,6 +99,7 @@ impl EnergyGuard {
             new_velocity: velocity.clone(),
             velocity,
             force: scenario.system.force.as_deref().map(Forces::new),
+            own: scenario.system.own_terms.clone().map(|terms| (terms, vec![0.0; scenario.coordinates()])),
             nodes: discretisation(scenario).map_or_else(|| vec![0.0, 1.0], |scheme| scheme.nodes),
             warning: None,
         }
@@ -165,6 +168,11 @@ impl EnergyGuard {
             let fading = libm::pow(state.time, -exponent);
             work +=
                 fading * push.iter().enumerate().map(|(index, push)| push.abs() * way(index)).sum::<f64>();
+        }
+        if let Some((terms, largest)) = &mut self.own {
+            // Those of the step's own looks at them, so that it costs no further ones.
+            terms.with(|terms| terms.take_largest_force(largest));
+            work += largest.iter().enumerate().map(|(index, force)| force * way(index)).sum::<f64>();
         }
         let Some(Forces { force, registers, place, value, largest }) = &mut self.force else { return work };
         largest.fill(0.0);

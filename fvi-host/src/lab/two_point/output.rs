@@ -152,7 +152,10 @@ pub fn solve_and_write(
 }
 
 /// Refuses a grid whose solution would not fit into memory.
-fn require_room(file: &ProblemFile) -> Result<(), OutputError> {
+///
+/// # Errors
+/// [`OutputError::NoRoom`].
+pub fn require_room(file: &ProblemFile) -> Result<(), OutputError> {
     let (steps, d) = (file.grid.steps(), file.coordinates());
     // Measured: 700 bytes a step with one coordinate, 1000 with two; with room to spare.
     let linear = steps.saturating_mul(640 + 320 * d + 48 * d * d);

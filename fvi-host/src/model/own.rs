@@ -1,0 +1,132 @@
+//! Terms in code, in the precision of a run.
+
+use crate::language::expression::{Elementary, Moment};
+use crate::scenario::SharedTerms;
+
+/// Potential and forces that code supplies, with room for what they are asked and what they answer.
+#[derive(Clone, Debug)]
+pub(super) struct Own {
+    terms: SharedTerms,
+    position: Vec<f64>,
+    pull: Vec<f64>,
+    /// Row by row.
+    stiffness: Vec<f64>,
+}
+
+impl Own {
+    pub(super) fn new(terms: SharedTerms, size: usize) -> Self {
+        Self { terms, position: vec![0.0; size], pull: vec![0.0; size], stiffness: vec![0.0; size * size] }
+    }
+
+    fn at<T: Elementary>(&mut self, position: &[T]) {
+        for (place, number) in self.position.iter_mut().zip(position) {
+            *place = number.to_f64();
+        }
+    }
+
+    pub(super) fn potential<T: Elementary>(&mut self, position: &[T]) -> T {
+        self.at(position);
+        T::of(self.terms.with(|terms| terms.potential(&self.position)))
+    }
+
+    pub(super) fn add_pull<T: Elementary>(&mut self, moment: Moment<T>, position: &[T], pull: &mut [T]) {
+        self.at(position);
+        self.pull.fill(0.0);
+        self.terms.with(|terms| terms.add_pull(moment.in_double(), &self.position, &mut self.pull));
+        add(&self.pull, pull);
+    }
+
+    /// `stiffness` has every place, row by row.
+    pub(super) fn add_linearisation<T: Elementary>(
+        &mut self,
+        moment: Moment<T>,
+        position: &[T],
+        pull: &mut [T],
+        stiffness: &mut [T],
+    ) {
+        self.at(position);
+        self.pull.fill(0.0);
+        self.stiffness.fill(0.0);
+        let (own_pull, own_stiffness) = (&mut self.pull, &mut self.stiffness);
+        self.terms.with(|terms| {
+            terms.add_linearisation(moment.in_double(), &self.position, own_pull, own_stiffness);
+        });
+        add(&self.pull, pull);
+        add(&self.stiffness, stiffness);
+    }
+}
+
+fn add<T: Elementary>(own: &[f64], sum: &mut [T]) {
+    sum.iter_mut().zip(own).for_each(|(sum, &number)| *sum += T::of(number));
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::language::expression::Moment;
+    use crate::scenario::{OwnTerms, Scenario, SharedTerms};
+    use crate::simulation::Precision;
+    use crate::simulation::motion::Motion;
+
+    /// A pendulum with a drive, U = −9 cos q, F = sin 3t.
+    struct Pendulum;
+
+    impl OwnTerms for Pendulum {
+        fn potential(&mut self, position: &[f64]) -> f64 {
+            -9.0 * libm::cos(position[0])
+        }
+
+        fn add_pull(&mut self, moment: Moment<f64>, position: &[f64], pull: &mut [f64]) {
+            pull[0] += 9.0 * libm::sin(position[0]) - libm::sin(3.0 * moment.sided());
+        }
+
+        fn add_linearisation(
+            &mut self,
+            moment: Moment<f64>,
+            position: &[f64],
+            pull: &mut [f64],
+            stiffness: &mut [f64],
+        ) {
+            self.add_pull(moment, position, pull);
+            stiffness[0] += 9.0 * libm::cos(position[0]);
+        }
+
+        fn take_largest_force(&mut self, largest: &mut [f64]) {
+            largest[0] = 1.0;
+        }
+    }
+
+    #[test]
+    fn terms_in_code_move_as_those_in_words() {
+        let scenario = |potential: serde_json::Value, force: serde_json::Value| {
+            let mut system = serde_json::json!({
+                "mass": [1.0, 2.0],
+                "damping": [{ "order": 0.5, "coefficient": [0.1, 0.3] }],
+            });
+            system["potential"] = potential;
+            system["force"] = force;
+            Scenario::from_value(&serde_json::json!({
+                "system": system,
+                "initial": { "position": [2.0, 1.0], "momentum": [0.0, 0.0] },
+                "time": { "step": 0.02, "steps": 200 },
+            }))
+            .unwrap()
+        };
+        let spring = "2*(q1 - q0)^2";
+        let words = scenario(format!("{spring} - 9*cos(q0)").into(), ["sin(3*t)", "0"].as_slice().into());
+        let code =
+            scenario(spring.into(), ["0", "0"].as_slice().into()).with_own_terms(SharedTerms::new(Pendulum));
+        for (precision, tolerance) in [(Precision::F64, 1e-13), (Precision::F32, 1e-4)] {
+            let (mut words, mut code) =
+                (Motion::start(&words, precision).unwrap(), Motion::start(&code, precision).unwrap());
+            for _ in 0..200 {
+                words.advance().unwrap();
+                code.advance().unwrap();
+            }
+            let (words, code) = (words.state(), code.state());
+            for (a, b) in words.position.iter().zip(&code.position) {
+                assert!((a - b).abs() < tolerance, "{words:?} {code:?}");
+            }
+            assert!((words.energy - code.energy).abs() < 10.0 * tolerance, "{words:?} {code:?}");
+        }
+    }
+}
