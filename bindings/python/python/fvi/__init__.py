@@ -1,0 +1,51 @@
+"""Fractional variational integrators with a fast memory.
+
+Mechanical systems with fractional damping,
+
+    d/dt (M q̇) + ∇U(q) = F(t, q) − Σ ρ D^β q ,      0 ≤ β < 2 ,
+
+integrated by variational schemes whose memory of the whole past is exact to rounding and fast.
+
+======================  ==============================================================
+`run`                   a scenario from a file or a dictionary
+`integrate`             a system given by arrays, expressions and functions
+`derivative`            fractional derivatives and integrals of samples
+`weights`               weights of convolution quadrature
+`Memory`, `Operator`    the engines and the operator D^β, sample by sample
+`converge`              errors and orders of a scenario over step sizes
+`compare_engines`       the memory engines side by side
+`extremal`              two-point fractional Euler–Lagrange problems
+======================  ==============================================================
+
+The compiled half releases the interpreter while it computes; results are the bits of the program `fvi`.
+"""
+
+from fvi._errors import InputError, StepError
+from fvi._fvi import __version__
+from fvi._integrate import Damping, Force, Potential, integrate
+from fvi._memory import Memory, Operator
+from fvi._result import Extremal, Result, Table
+from fvi._run import run
+from fvi._sequences import derivative, weights
+from fvi._studies import compare_engines, converge, extremal
+
+__all__ = [
+    "Damping",
+    "Extremal",
+    "Force",
+    "InputError",
+    "Memory",
+    "Operator",
+    "Potential",
+    "Result",
+    "StepError",
+    "Table",
+    "__version__",
+    "compare_engines",
+    "converge",
+    "derivative",
+    "extremal",
+    "integrate",
+    "run",
+    "weights",
+]

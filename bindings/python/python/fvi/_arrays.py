@@ -1,0 +1,96 @@
+"""Arguments that are arrays: what is accepted, and what is said about what is not."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi._errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+
+def numbers(name: str, given: Any) -> FloatArray:
+    """An argument as an array of finite numbers in double precision, converted where it is something else."""
+    array = np.asarray(given)
+    if array.dtype.kind not in "fiub":
+        described = "objects" if array.dtype.kind == "O" else f"values of type {array.dtype}"
+        raise InputError(f"{name}: an array of {described}; real numbers are needed", name, str(array.dtype))
+    array = np.ascontiguousarray(array, dtype=np.float64).reshape(array.shape)
+    if not np.isfinite(array).all():
+        place = tuple(int(index) for index in np.argwhere(~np.isfinite(array))[0])
+        value = str(array[place])
+        subject = f"{name}[{', '.join(map(str, place))}]" if place else name
+        raise InputError(f"{subject} = {value}: not allowed; allowed: a finite number", name, value)
+    return array
+
+
+def vector(name: str, given: Any, size: int) -> FloatArray:
+    """One number for each coordinate; a single number stands for all of them."""
+    array = numbers(name, given)
+    if array.ndim == 0:
+        array = np.full(size, float(array))
+    if array.shape != (size,):
+        raise InputError(
+            f"{name}: shape {array.shape} instead of ({size},), one number for each coordinate", name, str(array.shape)
+        )
+    return array
+
+
+def matrix(name: str, given: Any, size: int | None = None) -> FloatArray:
+    """A diagonal (one dimension) or a square matrix (two), from an array or from a sparse matrix of SciPy.
+
+    Without a `size` this argument says how many coordinates there are.
+    """
+    if hasattr(given, "tocoo") and hasattr(given, "toarray"):
+        given = _from_sparse(given)
+    array = numbers(name, given)
+    if array.ndim == 0:
+        array = np.full(size or 1, float(array))
+    square = array.ndim == 1 or (array.ndim == 2 and array.shape[0] == array.shape[1])
+    if not square or array.size == 0:
+        raise InputError(
+            f"{name}: shape {array.shape}; a vector (the diagonal) or a square matrix is needed", name, str(array.shape)
+        )
+    if size is not None and array.shape[0] != size:
+        raise InputError(
+            f"{name}: shape {array.shape}, but the system has {size} coordinates (as many as mass has)",
+            name,
+            str(array.shape),
+        )
+    return array
+
+
+def _from_sparse(given: Any) -> Any:
+    """The diagonal of a sparse matrix that has nothing else, or all of it."""
+    entries = given.tocoo()
+    if given.shape[0] == given.shape[1] and bool((entries.row == entries.col).all()):
+        return given.diagonal()
+    return given.toarray()
+
+
+def whole(name: str, given: Any, least: int = 0) -> int:
+    """A whole number."""
+    if isinstance(given, (bool, np.bool_)) or not isinstance(given, (int, np.integer)):
+        raise InputError(f"{name} = {given!r}: not allowed; allowed: a whole number", name, repr(given))
+    if given < least:
+        raise InputError(f"{name} = {given!r}: not allowed; allowed: a whole number ≥ {least}", name, repr(given))
+    return int(given)
+
+
+def real(name: str, given: Any) -> float:
+    """A finite number."""
+    array = numbers(name, given)
+    if array.ndim != 0:
+        raise InputError(f"{name}: shape {array.shape} instead of a single number", name, str(array.shape))
+    return float(array)
+
+
+def positive(name: str, given: Any) -> float:
+    """A finite number > 0."""
+    number = real(name, given)
+    if number <= 0.0:
+        raise InputError(f"{name} = {number}: not allowed; allowed: a number > 0", name, str(number))
+    return number

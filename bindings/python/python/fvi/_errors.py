@@ -1,0 +1,59 @@
+"""The errors that calls of the package end with."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from fvi._result import Result
+
+
+class InputError(ValueError):
+    """An argument, or a key of a scenario, that cannot be used.
+
+    Attributes
+    ----------
+    key : str
+        The argument, or the key as a path such as ``system.damping[0].order``; empty for a file as a whole.
+    value : str
+        What was given, as text.
+
+    Examples
+    --------
+    >>> import fvi
+    >>> try:
+    ...     fvi.weights(exponent=2.5, step=0.01, count=3)
+    ... except fvi.InputError as error:
+    ...     print(error.key, error.value)
+    exponent 2.5
+    """
+
+    key: str
+    value: str
+
+    def __init__(self, message: str, key: str = "", value: str = "") -> None:
+        super().__init__(message)
+        self.key = key
+        self.value = value
+
+    def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str]]:
+        return type(self), (str(self), self.key, self.value)
+
+
+class StepError(RuntimeError):
+    """A step that failed, or a run that ended before its time for another reason.
+
+    Attributes
+    ----------
+    result : Result or None
+        What was computed until then.
+    """
+
+    result: Result | None
+
+    def __init__(self, message: str, result: Result | None = None) -> None:
+        super().__init__(message)
+        self.result = result
+
+    def __reduce__(self) -> tuple[type[StepError], tuple[str, Result | None]]:
+        return type(self), (str(self), self.result)

@@ -1,0 +1,94 @@
+"""The compiled half of the package. Arguments have been checked when they arrive here."""
+
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from typing_extensions import disjoint_base
+
+_Array = NDArray[np.float64]
+
+__all__ = [
+    "Memory",
+    "Operator",
+    "__version__",
+    "compare_engines",
+    "converge",
+    "derivative",
+    "extremal",
+    "run",
+    "weights",
+]
+
+__version__: str
+
+def run(
+    source: Any,
+    *,
+    engine: str | None = None,
+    precision: str = "f64",
+    progress: Any = None,
+    terms: Any = None,
+) -> tuple[_Array, _Array, _Array, _Array, str, BaseException | None]: ...
+def derivative(
+    samples: _Array, exponent: float, step: float, order: int, starting: list[float], engine: str | None
+) -> _Array: ...
+def weights(
+    family: str, order: int, stages: int | None, exponent: float, step: float, count: int
+) -> _Array: ...
+def extremal(source: Any) -> tuple[_Array, _Array, _Array, dict[str, Any]]: ...
+def converge(
+    source: Any, first: int, last: int, intervals: int, engine: str | None, progress: Any
+) -> tuple[list[dict[str, Any]], str | None]: ...
+def compare_engines(
+    lengths: list[int], orders: list[int], exponents: list[float], repetitions: int | None
+) -> list[dict[str, Any]]: ...
+
+@disjoint_base
+class Memory:
+    def __new__(
+        cls,
+        *,
+        exponent: float,
+        step: float,
+        family: str,
+        order: int,
+        stages: int | None,
+        channels: int,
+        length: int,
+        engine: str | None,
+    ) -> Self: ...
+    @property
+    def engine(self) -> str: ...
+    @property
+    def channels(self) -> int: ...
+    @property
+    def stages(self) -> int: ...
+    @property
+    def nbytes(self) -> int: ...
+    @property
+    def leading(self) -> _Array: ...
+    def __len__(self) -> int: ...
+    def next_term(self) -> _Array: ...
+    def push(self, sample: _Array) -> None: ...
+    def clear(self) -> None: ...
+    def save(self) -> bytes: ...
+    def restore(self, state: bytes) -> None: ...
+
+@disjoint_base
+class Operator:
+    def __new__(
+        cls,
+        *,
+        exponent: float,
+        step: float,
+        order: int,
+        start: str,
+        rise: float | None,
+        length: int,
+        engine: str | None,
+    ) -> Self: ...
+    def push(self, sample: float) -> float: ...
+    def push_many(self, samples: _Array) -> _Array: ...
+    def save(self) -> bytes: ...
+    def restore(self, state: bytes) -> None: ...

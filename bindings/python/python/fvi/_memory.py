@@ -1,0 +1,218 @@
+"""Memories and operators, sample by sample."""
+
+from __future__ import annotations
+
+from typing import Self
+
+from numpy.typing import ArrayLike
+
+from fvi import _arrays, _fvi
+from fvi._arrays import FloatArray
+from fvi._errors import InputError
+
+
+class Memory(_fvi.Memory):
+    """A memory: the convolution of a kernel with samples that arrive one by one.
+
+    For the weights W₀, W₁, … of s^exponent and the samples x₀, x₁, …
+
+        (W ∗ x)_k = W₀ x_k + r_k ,      r_k = Σ_{n=1}^{k} W_n x_{k−n} ,
+
+    `next_term` gives r_k, which is known before x_k is, and `push` takes x_k.
+
+    Parameters
+    ----------
+    exponent : float
+        In (−1, 2).
+    step : float
+        h > 0.
+    order : int
+        Order of the backward differentiation formula.
+    family, stages
+        As in `weights`; a sample of a Runge–Kutta method is one row of stages for each channel.
+    channels : int
+        Sequences side by side.
+    length : int
+        Most samples that it takes; the engines except "direct" plan for it.
+    engine : {"direct", "block-fft", "real-time", "exponential-sum", "exponential-sum-core"}, optional
+        Without it, the fastest that is exact to rounding.
+
+    Attributes
+    ----------
+    leading : ndarray, shape () or (stages, stages)
+        W₀.
+    engine : str
+    channels, stages, nbytes : int
+
+    Examples
+    --------
+    >>> import fvi
+    >>> m = fvi.Memory(exponent=0.5, step=1.0, channels=2)
+    >>> m.push([1.0, 2.0])
+    >>> m.next_term()
+    array([-0.5, -1. ])
+    >>> len(m), float(m.leading)
+    (1, 1.0)
+    """
+
+    def __new__(
+        cls,
+        *,
+        exponent: float,
+        step: float,
+        order: int = 1,
+        family: str = "bdf",
+        stages: int | None = None,
+        channels: int = 1,
+        length: int = 65536,
+        engine: str | None = None,
+    ) -> Self:
+        return super().__new__(
+            cls,
+            exponent=_arrays.real("exponent", exponent),
+            step=_arrays.positive("step", step),
+            family=family,
+            order=_arrays.whole("order", order, 1),
+            stages=None if stages is None else _arrays.whole("stages", stages, 1),
+            channels=_arrays.whole("channels", channels, 1),
+            length=_arrays.whole("length", length, 1),
+            engine=engine,
+        )
+
+    def next_term(self) -> FloatArray:
+        """r_k, one number for each channel, or a row of stages for each channel.
+
+        It may be asked for any number of times before a sample is pushed.
+
+        Raises
+        ------
+        RuntimeError
+            If the memory is full.
+        """
+        return super().next_term()
+
+    def push(self, sample: ArrayLike) -> None:
+        """Takes the sample x_k, in the shape of `next_term`.
+
+        Raises
+        ------
+        InputError
+            If it has another shape or is not finite.
+        RuntimeError
+            If the memory is full; it is as before.
+        """
+        array = _arrays.numbers("sample", sample)
+        shape = (self.channels,) if self.stages == 1 else (self.channels, self.stages)
+        if array.shape != shape and not (array.ndim == 0 and shape == (1,)):
+            raise InputError(f"sample: shape {array.shape} instead of {shape}", "sample", str(array.shape))
+        super().push(array)
+
+    def clear(self) -> None:
+        """Forgets all samples."""
+        super().clear()
+
+    def save(self) -> bytes:
+        """The state, for `restore` of a memory made alike: it goes on with the same bits."""
+        return super().save()
+
+    def restore(self, state: bytes) -> None:
+        """Takes over a saved state.
+
+        Raises
+        ------
+        InputError
+            If it is not that of such a memory, which then is as before.
+        """
+        super().restore(state)
+
+    def __repr__(self) -> str:
+        return f"<fvi.Memory: {self.engine}, {self.channels} channel(s), {len(self)} samples, {self.nbytes} bytes>"
+
+
+class Operator(_fvi.Operator):
+    """The fractional operator D^exponent on a stream: takes a sample, gives back (D x)_k.
+
+    Parameters
+    ----------
+    exponent : float
+        In (−1, 2): positive for derivatives, negative for integrals.
+    step : float
+        h > 0.
+    order : int
+        Order of the backward differentiation formula, 1 to 6.
+    start : {"riemann-liouville", "caputo"}
+        What it acts on; as in `derivative`.
+    slope : float, optional
+        x'(0), needed for "caputo" and an exponent above 1.
+    length : int
+        Most samples that it takes.
+    engine : str, optional
+        As in `Memory`.
+
+    Examples
+    --------
+    >>> import fvi
+    >>> half = fvi.Operator(exponent=-0.5, step=0.01)
+    >>> y = [half.push(1.0) for _ in range(101)]
+    >>> abs(y[-1] - 1.1284) < 5e-3  # 2/√π
+    True
+    """
+
+    def __new__(
+        cls,
+        *,
+        exponent: float,
+        step: float,
+        order: int = 1,
+        start: str = "riemann-liouville",
+        slope: float | None = None,
+        length: int = 65536,
+        engine: str | None = None,
+    ) -> Self:
+        exponent, step = _arrays.real("exponent", exponent), _arrays.positive("step", step)
+        if start not in ("caputo", "riemann-liouville"):
+            message = f'start = {start!r}: not allowed; allowed: "caputo", "riemann-liouville"'
+            raise InputError(message, "start", repr(start))
+        rising = start == "caputo" and exponent > 1.0
+        if rising != (slope is not None):
+            message = "slope: needed" if rising else 'slope: only'
+            raise InputError(f'{message} with start = "caputo" and an exponent above 1', "slope", repr(slope))
+        if exponent <= 0.0:
+            start = "riemann-liouville"
+        return super().__new__(
+            cls,
+            exponent=exponent,
+            step=step,
+            order=_arrays.whole("order", order, 1),
+            start=start,
+            rise=None if slope is None else _arrays.real("slope", slope) * step,
+            length=_arrays.whole("length", length, 1),
+            engine=engine,
+        )
+
+    def push(self, sample: float) -> float:
+        """Takes x_k, gives back (D x)_k.
+
+        Raises
+        ------
+        InputError
+            If the sample or the result is not finite; the operator is as before.
+        RuntimeError
+            If it has taken `length` samples.
+        """
+        return super().push(sample)
+
+    def push_many(self, samples: ArrayLike) -> FloatArray:
+        """Takes several samples, gives back as many values."""
+        array = _arrays.numbers("samples", samples)
+        if array.ndim != 1:
+            raise InputError(f"samples: shape {array.shape} instead of one dimension", "samples", str(array.shape))
+        return super().push_many(array)
+
+    def save(self) -> bytes:
+        """The state, for `restore` of an operator made alike: it goes on with the same bits."""
+        return super().save()
+
+    def restore(self, state: bytes) -> None:
+        """Takes over a saved state; raises `InputError` if it is not that of such an operator."""
+        super().restore(state)

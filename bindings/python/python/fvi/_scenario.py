@@ -1,0 +1,147 @@
+"""Scenarios as dictionaries, and changes to them by the short names of their keys."""
+
+from __future__ import annotations
+
+import os
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fvi._errors import InputError
+
+Scenario = str | os.PathLike[str] | Mapping[str, Any]
+"""A scenario file, or a dictionary with the same keys."""
+
+SHORT_NAMES = {
+    "title": "title",
+    "position": "initial.position",
+    "momentum": "initial.momentum",
+    "velocity": "initial.velocity",
+    "scheme": "scheme.kind",
+    "kappa": "scheme.kappa",
+    "degree": "scheme.degree",
+    "quadrature": "scheme.quadrature",
+    "points": "scheme.points",
+    "convolution": "convolution.family",
+    "order": "convolution.order",
+    "stages": "convolution.stages",
+    "at": "convolution.at",
+    "starting": "convolution.starting",
+    "step": "time.step",
+    "steps": "time.steps",
+    "end": "time.end",
+    "allow_unstable": "time.allow_unstable",
+    "energy_guard": "time.energy_guard",
+    "engine": "history.engine",
+    "tolerance": "history.tolerance",
+    "horizon": "history.horizon",
+    "capacity": "history.capacity",
+    "overflow": "history.overflow",
+    "every": "output.every",
+    "parameters": "system.parameters",
+}
+"""Names of arguments, with the keys of a scenario that they stand for."""
+
+RIVALS = {
+    "time.steps": "end",
+    "time.end": "steps",
+    "initial.momentum": "velocity",
+    "initial.velocity": "momentum",
+}
+"""Keys that say the same in another way: the one given takes the place of the other."""
+
+
+def plain(value: Any, path: str = "") -> Any:
+    """A value with arrays, NumPy's numbers and paths turned into what a file can hold; entries that are None are left out."""
+    if isinstance(value, Mapping):
+        entries = {str(key): entry for key, entry in value.items() if entry is not None}
+        return {key: plain(entry, f"{path}.{key}" if path else key) for key, entry in entries.items()}
+    if isinstance(value, (bool, int, float, str)):
+        return value
+    if isinstance(value, (np.bool_, np.integer, np.floating)):
+        return value.item()
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if hasattr(value, "tocoo") and hasattr(value, "toarray"):
+        value = value.toarray()
+    if isinstance(value, np.ndarray):
+        if value.dtype.kind not in "fiubUO":
+            raise InputError(f"{path}: an array of {value.dtype}", path, str(value.dtype))
+        value = value.tolist()
+    if isinstance(value, (list, tuple)):
+        return [plain(entry, f"{path}[{index}]") for index, entry in enumerate(value)]
+    kind = type(value).__name__
+    raise InputError(f"{path} = {value!r}: a scenario cannot hold a value of type {kind}", path, repr(value))
+
+
+def put(scenario: dict[str, Any], path: str, value: Any) -> None:
+    """Sets the value at a path such as ``system.damping[0].order``."""
+    steps: list[str | int] = []
+    for part in path.split("."):
+        match = re.fullmatch(r"([^\[\]]+)((?:\[\d+\])*)", part)
+        if not match:
+            raise InputError(f"{path}: not the path of a key, such as system.damping[0].order", path)
+        steps.append(match[1])
+        steps.extend(int(index) for index in re.findall(r"\d+", match[2]))
+    place: Any = scenario
+    for step, following in zip(steps, steps[1:]):
+        if isinstance(step, str) and isinstance(place, dict) and isinstance(following, str):
+            place = place.setdefault(step, {})
+            continue
+        try:
+            place = place[step]
+        except (KeyError, IndexError, TypeError):
+            raise InputError(f"{path}: the scenario has no such place", path) from None
+    try:
+        if isinstance(steps[-1], str):
+            if not isinstance(place, dict):
+                raise TypeError
+            place.pop(RIVALS.get(path, ""), None)
+        place[steps[-1]] = value
+    except (IndexError, TypeError):
+        raise InputError(f"{path}: the scenario has no such place", path) from None
+
+
+def source(scenario: Scenario, changes: Mapping[str, Any]) -> Any:
+    """What the compiled half takes: a path, or name, directory and keys."""
+    changes = {path: value for path, value in changes.items() if value is not None}
+    if isinstance(scenario, Mapping):
+        keys, name, directory = plain(scenario), "scenario", Path()
+    else:
+        try:
+            path = Path(scenario)
+        except TypeError:
+            kind = type(scenario).__name__
+            message = f"scenario: a path or a dictionary is needed, not a value of type {kind}"
+            raise InputError(message, "scenario", repr(scenario)) from None
+        if not changes:
+            return path
+        try:
+            keys = tomllib.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            # What is wrong with the file is better said by the reader that shows places.
+            return path
+        name, directory = str(path), path.parent
+    for path_of_key, value in changes.items():
+        put(keys, path_of_key, plain(value, path_of_key))
+    return name, directory, keys
+
+
+def by_path(overrides: Mapping[str, Any] | None, short: Mapping[str, Any]) -> dict[str, Any]:
+    """Changes by the paths of their keys."""
+    changes = {}
+    for name, value in short.items():
+        if name not in SHORT_NAMES:
+            import difflib
+
+            near = difflib.get_close_matches(name, SHORT_NAMES, 1)
+            advice = f"did you mean {near[0]}? " if near else ""
+            message = f"{name}: no such key; {advice}Names here: {', '.join(SHORT_NAMES)}; others go into overrides by path"
+            raise InputError(message, name, repr(value))
+        changes[SHORT_NAMES[name]] = value
+    changes.update(overrides or {})
+    return changes

@@ -1,0 +1,60 @@
+//! Fractional derivatives and integrals of whole sequences.
+
+use crate::errors::{Failure, Outcome, guarded};
+use crate::memory::{memory, refused};
+use crate::run::engine;
+use crate::watch::Watch;
+use crate::weights::convolution;
+use fvi_core::Memory;
+use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2};
+use pyo3::prelude::*;
+
+/// Σ_{n=0}^{k} w_n x_{k−n} down every column of an array of finite numbers, by the memory that fits its length.
+#[pyfunction]
+pub(crate) fn derivative<'py>(
+    py: Python<'py>,
+    samples: PyReadonlyArray2<'py, f64>,
+    exponent: f64,
+    step: f64,
+    order: usize,
+    starting: Vec<f64>,
+    engine: Option<&str>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let engine = engine.map(self::engine).transpose()?;
+    let array = samples.as_array();
+    let (rows, columns) = array.dim();
+    let numbers = samples.as_slice().map_err(|error| Failure::Failed(error.to_string()))?;
+    let result = py.detach(|| {
+        guarded(|| {
+            if rows == 0 || columns == 0 {
+                return Ok(Vec::new());
+            }
+            let mut convolution = convolution("bdf", order, None)?;
+            convolution.starting = starting;
+            let mut memory = memory(&convolution, exponent, step, columns, rows, engine)?;
+            let mut watch = Watch::new(None);
+            let mut result = vec![0.0; numbers.len()];
+            for (index, (sample, place)) in
+                numbers.chunks_exact(columns).zip(result.chunks_exact_mut(columns)).enumerate()
+            {
+                one(&mut memory, sample, place)?;
+                if !watch.tick(index, rows) {
+                    break;
+                }
+            }
+            match watch.into_raised() {
+                Some(error) => Err(Failure::Raised(error)),
+                None => Ok(result),
+            }
+        })
+    })?;
+    result.into_pyarray(py).reshape([rows, columns])
+}
+
+/// Takes a sample of every column and writes what the operator makes of it.
+fn one(memory: &mut impl Memory<f64>, sample: &[f64], place: &mut [f64]) -> Outcome<()> {
+    memory.next_term(place).map_err(refused)?;
+    let leading = memory.leading().first().copied().unwrap_or(0.0);
+    place.iter_mut().zip(sample).for_each(|(place, sample)| *place += leading * sample);
+    memory.push(sample).map_err(refused)
+}

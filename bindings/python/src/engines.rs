@@ -1,0 +1,210 @@
+//! Memories and streaming operators as objects.
+
+use crate::errors::{Failure, Outcome, guarded};
+use crate::memory::{memory, refused};
+use crate::run::engine;
+use crate::weights::convolution;
+use fvi_core::{FractionalOperator, Memory as _, OperatorError, Start, StateReader, StateWriter};
+use fvi_host::memory::HostMemory;
+use numpy::{IntoPyArray, PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArray1, PyReadonlyArrayDyn};
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn saved(
+    bytes: usize,
+    save: impl FnOnce(&mut StateWriter<'_>) -> Result<(), fvi_core::StateError>,
+) -> Outcome<Vec<u8>> {
+    let mut room = vec![0; bytes];
+    let mut writer = StateWriter::new(&mut room);
+    save(&mut writer).map_err(|error| Failure::Failed(error.to_string()))?;
+    let written = writer.written();
+    room.truncate(written);
+    Ok(room)
+}
+
+fn bad_state(error: fvi_core::StateError) -> Failure {
+    Failure::Input { key: "state".to_owned(), value: String::new(), message: format!("state: {error}") }
+}
+
+/// A memory engine.
+#[pyclass(frozen, subclass, module = "fvi._fvi", name = "Memory")]
+pub(crate) struct Memory {
+    memory: Mutex<HostMemory<f64>>,
+    channels: usize,
+    stages: usize,
+}
+
+#[pymethods]
+impl Memory {
+    #[new]
+    #[pyo3(signature = (*, exponent, step, family, order, stages, channels, length, engine))]
+    #[expect(clippy::too_many_arguments, reason = "the keywords of the class")]
+    fn new(
+        exponent: f64,
+        step: f64,
+        family: &str,
+        order: usize,
+        stages: Option<usize>,
+        channels: usize,
+        length: usize,
+        engine: Option<&str>,
+    ) -> PyResult<Self> {
+        let engine = engine.map(self::engine).transpose()?;
+        guarded(|| {
+            let convolution = convolution(family, order, stages)?;
+            let memory = memory(&convolution, exponent, step, channels, length, engine)?;
+            let stages = memory.stages();
+            Ok(Self { memory: Mutex::new(memory), channels, stages })
+        })
+    }
+
+    #[getter]
+    fn engine(&self) -> &'static str {
+        locked(&self.memory).engine().name()
+    }
+
+    #[getter]
+    fn channels(&self) -> usize {
+        self.channels
+    }
+
+    #[getter]
+    fn stages(&self) -> usize {
+        self.stages
+    }
+
+    #[getter]
+    fn nbytes(&self) -> usize {
+        locked(&self.memory).bytes()
+    }
+
+    #[getter]
+    fn leading<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let leading = locked(&self.memory).leading().to_vec();
+        let shape = if self.stages == 1 { vec![] } else { vec![self.stages, self.stages] };
+        leading.into_pyarray(py).reshape(shape)
+    }
+
+    fn __len__(&self) -> usize {
+        locked(&self.memory).len()
+    }
+
+    fn next_term<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let term = guarded(|| {
+            let mut term = vec![0.0; self.channels * self.stages];
+            locked(&self.memory).next_term(&mut term).map_err(refused)?;
+            Ok(term)
+        })?;
+        let shape = if self.stages == 1 { vec![self.channels] } else { vec![self.channels, self.stages] };
+        term.into_pyarray(py).reshape(shape)
+    }
+
+    fn push(&self, sample: PyReadonlyArrayDyn<'_, f64>) -> PyResult<()> {
+        let sample: Vec<f64> = sample.as_array().iter().copied().collect();
+        guarded(|| locked(&self.memory).push(&sample).map_err(refused))
+    }
+
+    fn clear(&self) {
+        locked(&self.memory).clear();
+    }
+
+    fn save<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        let memory = locked(&self.memory);
+        let state = guarded(|| saved(memory.state_bytes(), |writer| memory.save(writer)))?;
+        Ok(PyBytes::new(py, &state))
+    }
+
+    fn restore(&self, state: &[u8]) -> PyResult<()> {
+        guarded(|| {
+            let mut memory = locked(&self.memory);
+            let mut check = StateReader::new(state);
+            memory.check_state(&mut check).map_err(bad_state)?;
+            check.finish().map_err(bad_state)?;
+            memory.restore(&mut StateReader::new(state)).map_err(bad_state)
+        })
+    }
+}
+
+/// A fractional operator on a stream.
+#[pyclass(frozen, subclass, module = "fvi._fvi", name = "Operator")]
+pub(crate) struct Operator {
+    operator: Mutex<FractionalOperator<f64, HostMemory<f64>>>,
+}
+
+fn not_taken(error: OperatorError) -> Failure {
+    match error {
+        OperatorError::Memory(error) => refused(error),
+        _ => Failure::Input {
+            key: "sample".to_owned(),
+            value: String::new(),
+            message: "sample: not finite, or so large that the result is not".to_owned(),
+        },
+    }
+}
+
+#[pymethods]
+impl Operator {
+    #[new]
+    #[pyo3(signature = (*, exponent, step, order, start, rise, length, engine))]
+    fn new(
+        exponent: f64,
+        step: f64,
+        order: usize,
+        start: &str,
+        rise: Option<f64>,
+        length: usize,
+        engine: Option<&str>,
+    ) -> PyResult<Self> {
+        let engine = engine.map(self::engine).transpose()?;
+        guarded(|| {
+            let start = match (start, rise) {
+                ("caputo", None) => Start::Caputo,
+                ("caputo", Some(rise)) => Start::CaputoWithRise { rise },
+                _ => Start::RiemannLiouville,
+            };
+            let memory = memory(&convolution("bdf", order, None)?, exponent, step, 1, length, engine)?;
+            let operator = FractionalOperator::new(memory, start).map_err(not_taken)?;
+            Ok(Self { operator: Mutex::new(operator) })
+        })
+    }
+
+    fn push(&self, sample: f64) -> PyResult<f64> {
+        guarded(|| locked(&self.operator).push(sample).map_err(not_taken))
+    }
+
+    fn push_many<'py>(
+        &self,
+        py: Python<'py>,
+        samples: PyReadonlyArray1<'py, f64>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let samples = samples.as_array().to_vec();
+        let results = py.detach(|| {
+            guarded(|| {
+                let mut operator = locked(&self.operator);
+                samples
+                    .iter()
+                    .map(|&sample| operator.push(sample).map_err(not_taken))
+                    .collect::<Outcome<Vec<_>>>()
+            })
+        })?;
+        Ok(results.into_pyarray(py))
+    }
+
+    fn save<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        let operator = locked(&self.operator);
+        let state = guarded(|| saved(operator.state_bytes(), |writer| operator.save(writer)))?;
+        Ok(PyBytes::new(py, &state))
+    }
+
+    fn restore(&self, state: &[u8]) -> PyResult<()> {
+        guarded(|| {
+            let mut operator = locked(&self.operator);
+            operator.restore(&mut StateReader::new(state)).map_err(bad_state)
+        })
+    }
+}

@@ -1,0 +1,93 @@
+//! Errors on their way to Python.
+
+use fvi_core::ParameterError;
+use pyo3::exceptions::{PyMemoryError, PyRuntimeError};
+use pyo3::prelude::*;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+pyo3::import_exception!(fvi._errors, InputError);
+
+/// What a call of the library may end with.
+pub(crate) type Outcome<T> = Result<T, Failure>;
+
+/// Why a call ends without a result.
+pub(crate) enum Failure {
+    /// The input cannot be used: key or argument, value, and what is said about it.
+    Input { key: String, value: String, message: String },
+    /// There is no room in memory.
+    NoRoom(String),
+    /// The computation failed.
+    Failed(String),
+    /// Code of the caller raised an exception, or a signal did.
+    Raised(PyErr),
+}
+
+impl Failure {
+    /// Of a scenario or problem. Places are told where there is a file in which to look for them.
+    pub(crate) fn of_document(error: &fvi_host::language::InputError, in_file: bool) -> Self {
+        let (key, value) = (error.key().to_owned(), error.value().to_owned());
+        let mut message = if in_file {
+            error.to_string()
+        } else {
+            let subject = match (key.as_str(), value.as_str()) {
+                ("", _) => String::new(),
+                (key, "") => format!("{key}: "),
+                (key, value) => format!("{key} = {value}: "),
+            };
+            format!("{subject}{}", error.problem())
+        };
+        if let Some(allowed) = error.problem().allowed() {
+            message += &format!("; {allowed}");
+        }
+        Self::Input { key, value, message }
+    }
+
+    /// Of an argument.
+    pub(crate) fn argument(key: &str, value: impl ToString, allowed: &str) -> Self {
+        let value = value.to_string();
+        let message = format!("{key} = {value}: not allowed; allowed: {allowed}");
+        Self::Input { key: key.to_owned(), value, message }
+    }
+}
+
+impl From<ParameterError> for Failure {
+    fn from(error: ParameterError) -> Self {
+        Self::argument(error.parameter, error.value, error.allowed)
+    }
+}
+
+impl From<PyErr> for Failure {
+    fn from(error: PyErr) -> Self {
+        Self::Raised(error)
+    }
+}
+
+impl From<Failure> for PyErr {
+    fn from(failure: Failure) -> Self {
+        match failure {
+            Failure::Input { key, value, message } => self::InputError::new_err((message, key, value)),
+            Failure::NoRoom(message) => PyMemoryError::new_err(message),
+            Failure::Failed(message) => PyRuntimeError::new_err(message),
+            Failure::Raised(error) => error,
+        }
+    }
+}
+
+/// Calls the library; a panic in it, which is a mistake of the library, becomes a `RuntimeError`.
+pub(crate) fn guarded<T>(call: impl FnOnce() -> Outcome<T>) -> PyResult<T> {
+    match catch_unwind(AssertUnwindSafe(call)) {
+        Ok(outcome) => outcome.map_err(PyErr::from),
+        Err(panic) => {
+            let words = panic.downcast_ref::<String>().map(String::as_str);
+            let words = words.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("no message");
+            Err(PyRuntimeError::new_err(format!("a mistake in fvi, please report it: {words}")))
+        }
+    }
+}
+
+/// Panics, so that a test sees what becomes of it; not there in a release.
+#[cfg(debug_assertions)]
+#[pyfunction]
+pub(crate) fn _panic() -> PyResult<()> {
+    guarded(|| panic!("asked for"))
+}

@@ -1,0 +1,39 @@
+//! The compiled half of the Python package `fvi`: what crosses from Rust to Python and back.
+//!
+//! Python code in `python/fvi` checks arguments and shapes results; this module hands them to fvi-host. No panic leaves it.
+
+mod derivative;
+mod documents;
+mod engines;
+mod errors;
+mod memory;
+mod run;
+mod studies;
+mod terms;
+mod watch;
+mod weights;
+
+use pyo3::prelude::*;
+
+#[pymodule(gil_used = false)]
+mod _fvi {
+    #[pymodule_export]
+    use super::derivative::derivative;
+    #[pymodule_export]
+    use super::engines::{Memory, Operator};
+    #[pymodule_export]
+    use super::run::run;
+    #[pymodule_export]
+    use super::studies::{compare_engines, converge, extremal};
+    #[pymodule_export]
+    use super::weights::weights;
+    use pyo3::prelude::*;
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+        #[cfg(debug_assertions)]
+        module.setattr("_panic", wrap_pyfunction!(super::errors::_panic, module)?)?;
+        Ok(())
+    }
+}

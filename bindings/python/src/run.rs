@@ -1,0 +1,155 @@
+//! Runs of scenarios.
+
+use crate::documents::Source;
+use crate::errors::{Failure, Outcome, guarded};
+use crate::terms::{Callables, ErrorSlot, PythonTerms};
+use crate::watch::Watch;
+use fvi_host::lab::run::{Run, RunSummary};
+use fvi_host::results::room::require;
+use fvi_host::scenario::{Engine, Scenario, SharedTerms};
+use fvi_host::simulation::{GridState, Precision};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
+use pyo3::prelude::*;
+use std::convert::Infallible;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// What a run hands to Python: t, q, p, energy, the summary as JSON, and the exception that stopped it, if one did.
+type Arrays<'py> = (
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray1<f64>>,
+    String,
+    Option<PyErr>,
+);
+
+/// Runs a scenario and keeps the rows that `fvi run` would write.
+#[pyfunction]
+#[pyo3(signature = (source, *, engine = None, precision = "f64", progress = None, terms = None))]
+pub(crate) fn run<'py>(
+    py: Python<'py>,
+    source: Source,
+    engine: Option<&str>,
+    precision: &str,
+    progress: Option<Py<PyAny>>,
+    terms: Option<Callables>,
+) -> PyResult<Arrays<'py>> {
+    let engine = engine.map(self::engine).transpose()?;
+    let precision = match precision {
+        "f64" => Precision::F64,
+        "f32" => Precision::F32,
+        other => return Err(Failure::argument("precision", other, "\"f64\", \"f32\"").into()),
+    };
+    let (rows, summary, raised) = match terms {
+        // Code of the caller's is called several times a step: the interpreter hands over between its instructions anyway.
+        Some(callables) => {
+            let slot = ErrorSlot::default();
+            guarded(|| {
+                let scenario = read(&source, engine)?;
+                let mut terms = PythonTerms::new(callables, scenario.coordinates(), slot.clone());
+                terms.look_at_the_start(&scenario.initial.position)?;
+                let scenario = scenario.with_own_terms(SharedTerms::new(terms));
+                compute(&source, &scenario, precision, progress, &slot)
+            })?
+        }
+        None => py.detach(|| {
+            guarded(|| compute(&source, &read(&source, engine)?, precision, progress, &ErrorSlot::default()))
+        })?,
+    };
+    let summary = serde_json::to_string(&summary).map_err(|error| Failure::Failed(error.to_string()))?;
+    let Rows { coordinates, time, position, momentum, energy } = rows;
+    let table = |numbers: Vec<f64>| numbers.into_pyarray(py).reshape([time.len(), coordinates]);
+    let (position, momentum) = (table(position)?, table(momentum)?);
+    Ok((time.into_pyarray(py), position, momentum, energy.into_pyarray(py), summary, raised))
+}
+
+/// The engine of a name.
+pub(crate) fn engine(name: &str) -> Result<Engine, Failure> {
+    Engine::NAMES.iter().find(|(known, _)| *known == name).map(|&(_, engine)| engine).ok_or_else(|| {
+        let names: Vec<_> = Engine::NAMES.iter().map(|(name, _)| format!("\"{name}\"")).collect();
+        Failure::argument("engine", format!("{name:?}"), &names.join(", "))
+    })
+}
+
+/// The scenario of a source.
+pub(crate) fn read(source: &Source, engine: Option<Engine>) -> Outcome<Scenario> {
+    let scenario = source.document().and_then(Scenario::from_document);
+    let mut scenario = scenario.map_err(|error| source.failure(&error))?;
+    if let Some(engine) = engine {
+        scenario.history.choose(engine);
+    }
+    Ok(scenario)
+}
+
+fn compute(
+    source: &Source,
+    scenario: &Scenario,
+    precision: Precision,
+    progress: Option<Py<PyAny>>,
+    slot: &ErrorSlot,
+) -> Outcome<(Rows, RunSummary, Option<PyErr>)> {
+    let run = Run::start(scenario, precision)
+        .map_err(|error| slot.take().map_or_else(|| source.failure(&error), Failure::Raised))?;
+    let mut rows = Rows::new(scenario)?;
+    let mut watch = Watch::new(progress);
+    let stop = AtomicBool::new(false);
+    let (every, all) = (scenario.output.every, scenario.time.steps);
+    let result = run.to_the_end(&stop, |steps, state| {
+        if steps.is_multiple_of(every) {
+            rows.push(state);
+        }
+        if steps > 0 && !watch.tick(steps, all) {
+            stop.store(true, Ordering::Relaxed);
+        }
+        Ok::<_, Infallible>(())
+    });
+    let Ok(summary) = result;
+    if !summary.steps.is_multiple_of(every) {
+        rows.push(&summary.last);
+    }
+    Ok((rows, summary, slot.take().or(watch.into_raised())))
+}
+
+/// The rows of a trajectory, column by column.
+struct Rows {
+    coordinates: usize,
+    time: Vec<f64>,
+    /// Row by row, N numbers each.
+    position: Vec<f64>,
+    momentum: Vec<f64>,
+    energy: Vec<f64>,
+}
+
+impl Rows {
+    /// Room for those of a scenario.
+    fn new(scenario: &Scenario) -> Outcome<Self> {
+        let coordinates = scenario.coordinates();
+        let rows = (scenario.time.steps / scenario.output.every).saturating_add(2);
+        let numbers = coordinates.saturating_mul(2).saturating_add(2);
+        let no_room = |what: String| {
+            Failure::NoRoom(format!(
+                "{rows} rows of {numbers} numbers: {what}; write fewer of them with `every`"
+            ))
+        };
+        require(rows.saturating_mul(numbers).saturating_mul(size_of::<f64>()))
+            .map_err(|error| no_room(error.to_string()))?;
+        let room = |count: usize| {
+            let mut room: Vec<f64> = Vec::new();
+            room.try_reserve_exact(count).map(|()| room).map_err(|error| no_room(error.to_string()))
+        };
+        Ok(Self {
+            coordinates,
+            time: room(rows)?,
+            position: room(rows * coordinates)?,
+            momentum: room(rows * coordinates)?,
+            energy: room(rows)?,
+        })
+    }
+
+    fn push(&mut self, state: &GridState) {
+        self.time.push(state.time);
+        self.position.extend_from_slice(&state.position);
+        self.momentum.extend_from_slice(&state.momentum);
+        self.energy.push(state.energy);
+    }
+}

@@ -1,0 +1,260 @@
+//! Potentials and forces that are Python functions.
+
+use crate::errors::{Failure, Outcome};
+use fvi_host::language::expression::Moment;
+use fvi_host::scenario::OwnTerms;
+use numpy::{PyArray1, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
+use pyo3::intern;
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::PyTuple;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// The functions, as the Python half of the package names them.
+#[derive(FromPyObject)]
+pub(crate) struct Callables {
+    /// U(q), ∇U(q) and ∂²U/∂q².
+    value: Option<Py<PyAny>>,
+    gradient: Option<Py<PyAny>>,
+    hessian: Option<Py<PyAny>>,
+    /// F(t, q) and ∂F/∂q; a force that takes no position is F(t).
+    force: Option<Py<PyAny>>,
+    jacobian: Option<Py<PyAny>>,
+    takes_position: bool,
+}
+
+/// Where the first exception of a function waits until the step it spoils has ended.
+#[derive(Clone, Default)]
+pub(crate) struct ErrorSlot(Arc<Mutex<Option<PyErr>>>);
+
+impl ErrorSlot {
+    pub(crate) fn take(&self) -> Option<PyErr> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+
+    fn keep(&self, error: PyErr) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+    }
+
+    fn is_full(&self) -> bool {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).is_some()
+    }
+}
+
+/// [`Callables`] as the library wants them.
+pub(crate) struct PythonTerms {
+    callables: Callables,
+    size: usize,
+    slot: ErrorSlot,
+    /// Largest |F_i| since the energy guard last looked.
+    largest: Vec<f64>,
+    answer: Vec<f64>,
+    nearby: Vec<f64>,
+    difference: Vec<f64>,
+}
+
+impl PythonTerms {
+    pub(crate) fn new(callables: Callables, size: usize, slot: ErrorSlot) -> Self {
+        let zeros = || vec![0.0; size];
+        let (largest, nearby, difference) = (zeros(), zeros(), zeros());
+        Self { callables, size, slot, largest, answer: Vec::new(), nearby, difference }
+    }
+
+    /// Refuses functions that fail, or are not finite, where the run begins.
+    pub(crate) fn look_at_the_start(&mut self, position: &[f64]) -> Outcome<()> {
+        let value = self.potential(position);
+        let mut pull = vec![0.0; self.size];
+        self.add_pull(Moment::inside(0.0), position, &mut pull);
+        if let Some(error) = self.slot.take() {
+            return Err(Failure::Raised(error));
+        }
+        let bad = if !value.is_finite() {
+            Some(("potential", "the value"))
+        } else if pull.iter().any(|number| !number.is_finite()) {
+            Some(("potential", "the gradient, or the force,"))
+        } else {
+            None
+        };
+        match bad {
+            None => Ok(()),
+            Some((key, what)) => {
+                let message = format!("{key}: {what} is not finite at t = 0, q = {position:?}");
+                Err(Failure::Input { key: key.to_owned(), value: String::new(), message })
+            }
+        }
+    }
+
+    /// Calls a function and keeps its numbers in `answer`, `count` of them; NaN if it fails.
+    fn call(&mut self, which: Which, time: Option<f64>, position: Option<&[f64]>, count: usize) {
+        self.answer.clear();
+        if self.slot.is_full() {
+            self.answer.resize(count, f64::NAN);
+            return;
+        }
+        let (name, function) = match which {
+            Which::Value => ("potential.value", &self.callables.value),
+            Which::Gradient => ("potential.gradient", &self.callables.gradient),
+            Which::Hessian => ("potential.hessian", &self.callables.hessian),
+            Which::Force => ("force", &self.callables.force),
+            Which::Jacobian => ("force.jacobian", &self.callables.jacobian),
+        };
+        let Some(function) = function else {
+            self.answer.resize(count, 0.0);
+            return;
+        };
+        let answer = &mut self.answer;
+        let result = Python::attach(|py| {
+            let function = function.bind(py);
+            let array = |position: &[f64]| PyArray1::from_slice(py, position);
+            let returned = match (time, position) {
+                (Some(time), Some(position)) => function.call1((time, array(position))),
+                (Some(time), None) => function.call1((time,)),
+                (None, Some(position)) => function.call1((array(position),)),
+                (None, None) => function.call1(PyTuple::empty(py)),
+            }?;
+            numbers(name, &returned, count, answer)
+        });
+        if let Err(error) = result {
+            self.slot.keep(error);
+            self.answer.clear();
+            self.answer.resize(count, f64::NAN);
+        }
+    }
+
+    /// The force at a time and a position, in `answer`.
+    fn force(&mut self, time: f64, position: &[f64]) {
+        let position = self.callables.takes_position.then_some(position);
+        self.call(Which::Force, Some(time), position, self.size);
+    }
+
+    /// Differences of what `look` leaves in `answer`, one coordinate at a time, added to `stiffness` with a sign.
+    fn add_differences(
+        &mut self,
+        position: &[f64],
+        sign: f64,
+        stiffness: &mut [f64],
+        mut look: impl FnMut(&mut Self, &[f64]),
+    ) {
+        let mut base = std::mem::take(&mut self.difference);
+        base.clone_from(&self.answer);
+        let mut nearby = std::mem::take(&mut self.nearby);
+        nearby.copy_from_slice(position);
+        for column in 0..self.size {
+            let step = f64::EPSILON.sqrt() * position[column].abs().max(1.0);
+            nearby[column] = position[column] + step;
+            // What was really added.
+            let step = nearby[column] - position[column];
+            look(self, &nearby);
+            for row in 0..self.size {
+                stiffness[row * self.size + column] += sign * (self.answer[row] - base[row]) / step;
+            }
+            nearby[column] = position[column];
+        }
+        (self.difference, self.nearby) = (base, nearby);
+    }
+
+    fn add_force(&mut self, pull: &mut [f64]) {
+        for ((pull, largest), force) in pull.iter_mut().zip(&mut self.largest).zip(&self.answer) {
+            *pull -= force;
+            *largest = largest.max(force.abs());
+        }
+    }
+}
+
+#[derive(Clone, Copy)]
+enum Which {
+    Value,
+    Gradient,
+    Hessian,
+    Force,
+    Jacobian,
+}
+
+impl OwnTerms for PythonTerms {
+    fn potential(&mut self, position: &[f64]) -> f64 {
+        self.call(Which::Value, None, Some(position), 1);
+        self.answer[0]
+    }
+
+    fn add_pull(&mut self, moment: Moment<f64>, position: &[f64], pull: &mut [f64]) {
+        if self.callables.gradient.is_some() {
+            self.call(Which::Gradient, None, Some(position), self.size);
+            pull.iter_mut().zip(&self.answer).for_each(|(pull, number)| *pull += number);
+        }
+        if self.callables.force.is_some() {
+            self.force(moment.sided(), position);
+            self.add_force(pull);
+        }
+    }
+
+    fn add_linearisation(
+        &mut self,
+        moment: Moment<f64>,
+        position: &[f64],
+        pull: &mut [f64],
+        stiffness: &mut [f64],
+    ) {
+        let square = self.size * self.size;
+        if self.callables.gradient.is_some() {
+            self.call(Which::Gradient, None, Some(position), self.size);
+            pull.iter_mut().zip(&self.answer).for_each(|(pull, number)| *pull += number);
+            if self.callables.hessian.is_some() {
+                self.call(Which::Hessian, None, Some(position), square);
+                stiffness.iter_mut().zip(&self.answer).for_each(|(entry, number)| *entry += number);
+            } else {
+                self.add_differences(position, 1.0, stiffness, |terms, nearby| {
+                    terms.call(Which::Gradient, None, Some(nearby), terms.size);
+                });
+            }
+        }
+        if self.callables.force.is_some() {
+            let time = moment.sided();
+            self.force(time, position);
+            self.add_force(pull);
+            if self.callables.jacobian.is_some() {
+                self.call(Which::Jacobian, Some(time), Some(position), square);
+                stiffness.iter_mut().zip(&self.answer).for_each(|(entry, number)| *entry -= number);
+            } else if self.callables.takes_position {
+                self.add_differences(position, -1.0, stiffness, |terms, nearby| terms.force(time, nearby));
+            }
+        }
+    }
+
+    fn take_largest_force(&mut self, largest: &mut [f64]) {
+        largest.copy_from_slice(&self.largest);
+        self.largest.fill(0.0);
+    }
+}
+
+/// The `count` numbers that a function has returned.
+fn numbers(name: &str, returned: &Bound<'_, PyAny>, count: usize, to: &mut Vec<f64>) -> PyResult<()> {
+    if count == 1
+        && let Ok(number) = returned.extract::<f64>()
+    {
+        to.push(number);
+        return Ok(());
+    }
+    let py = returned.py();
+    let array = match returned.cast::<PyArrayDyn<f64>>() {
+        Ok(array) => array.clone(),
+        Err(_) => {
+            static ASARRAY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+            let asarray = ASARRAY.import(py, "numpy", "asarray")?;
+            asarray.call1((returned, intern!(py, "float64")))?.cast_into::<PyArrayDyn<f64>>()?
+        }
+    };
+    if array.len() != count || (count > 1 && array.ndim() == 0) {
+        let message = format!(
+            "{name} has returned {} numbers in shape {:?}; {count} are needed",
+            array.len(),
+            array.shape()
+        );
+        return Err(Failure::Input { key: name.to_owned(), value: String::new(), message }.into());
+    }
+    let array = array.readonly();
+    match array.as_slice() {
+        Ok(numbers) => to.extend_from_slice(numbers),
+        Err(_) => to.extend(array.as_array().iter()),
+    }
+    Ok(())
+}

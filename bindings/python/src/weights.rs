@@ -1,0 +1,105 @@
+//! Weights of convolution quadrature.
+
+use crate::errors::{Failure, Outcome, guarded};
+use fvi_core::{BdfOrder, ConvolutionWeights, ParameterError, RungeKutta};
+use fvi_host::numerics::runge_kutta_weights::RungeKuttaWeights;
+use fvi_host::results::room::require;
+use fvi_host::scenario::{Convolution, ConvolutionFamily, DampedAt};
+use numpy::{IntoPyArray, PyArrayDyn, PyArrayMethods};
+use pyo3::prelude::*;
+
+/// The weights w₀, …, w_{count−1}: numbers for BDF, matrices for Runge–Kutta methods.
+#[pyfunction]
+pub(crate) fn weights<'py>(
+    py: Python<'py>,
+    family: &str,
+    order: usize,
+    stages: Option<usize>,
+    exponent: f64,
+    step: f64,
+    count: usize,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let (numbers, stages) = py.detach(|| {
+        guarded(|| {
+            let convolution = convolution(family, order, stages)?;
+            let (numbers, stages) = match convolution.family {
+                ConvolutionFamily::Bdf { order } => {
+                    room(count)?;
+                    let weights = ConvolutionWeights::bdf(BdfOrder::new(order)?, exponent, step)?;
+                    (weights.take(count).collect(), None)
+                }
+                ConvolutionFamily::RadauIia { stages } => match stages {
+                    1 => (matrices(RungeKutta::<1>::radau_iia(), exponent, step, count)?, Some(1)),
+                    2 => (matrices(RungeKutta::<2>::radau_iia(), exponent, step, count)?, Some(2)),
+                    _ => (matrices(RungeKutta::<3>::radau_iia(), exponent, step, count)?, Some(3)),
+                },
+                ConvolutionFamily::LobattoIiic { stages } => match stages {
+                    2 => (matrices(RungeKutta::<2>::lobatto_iiic(), exponent, step, count)?, Some(2)),
+                    3 => (matrices(RungeKutta::<3>::lobatto_iiic(), exponent, step, count)?, Some(3)),
+                    _ => (matrices(RungeKutta::<4>::lobatto_iiic(), exponent, step, count)?, Some(4)),
+                },
+            };
+            if numbers.iter().all(|weight| *weight == 0.0 || weight.is_normal()) {
+                Ok((numbers, stages))
+            } else {
+                let allowed = "a step whose weights, h^(-exponent) in size, double precision holds";
+                Err(Failure::argument("step", step, allowed))
+            }
+        })
+    })?;
+    let shape = match stages {
+        None => vec![count],
+        Some(stages) => vec![count, stages, stages],
+    };
+    numbers.into_pyarray(py).reshape(shape)
+}
+
+fn room(count: usize) -> Outcome<()> {
+    require(count.saturating_mul(size_of::<f64>()))
+        .map_err(|error| Failure::NoRoom(format!("count = {count}: {error}")))
+}
+
+/// Matrices one after the other, row by row.
+fn matrices<const R: usize>(
+    method: Result<RungeKutta<R>, ParameterError>,
+    exponent: f64,
+    step: f64,
+    count: usize,
+) -> Outcome<Vec<f64>> {
+    room(count.saturating_mul(2 * R * R))?;
+    let planes = RungeKuttaWeights::new(&method?, exponent, step, count)?.planes();
+    let mut numbers = Vec::with_capacity(planes.len());
+    for n in 0..count {
+        numbers.extend(planes.iter().skip(n).step_by(count.max(1)));
+    }
+    Ok(numbers)
+}
+
+/// A quadrature from its words, as in `[convolution]`.
+pub(crate) fn convolution(family: &str, order: usize, stages: Option<usize>) -> Outcome<Convolution> {
+    let staged = |range: std::ops::RangeInclusive<usize>, allowed: &str| match stages {
+        Some(stages) if range.contains(&stages) => Ok(stages),
+        Some(stages) => Err(Failure::argument("stages", stages, allowed)),
+        None => Err(Failure::argument("stages", "None", allowed)),
+    };
+    let family = match family {
+        "bdf" => {
+            if let Some(stages) = stages {
+                return Err(Failure::argument("stages", stages, "none with the family \"bdf\""));
+            }
+            if !(1..=6).contains(&order) {
+                return Err(Failure::argument("order", order, "a whole number from 1 to 6"));
+            }
+            ConvolutionFamily::Bdf { order }
+        }
+        "radau-iia" => ConvolutionFamily::RadauIia { stages: staged(1..=3, "1, 2 or 3 with \"radau-iia\"")? },
+        "lobatto-iiic" => {
+            ConvolutionFamily::LobattoIiic { stages: staged(2..=4, "2, 3 or 4 with \"lobatto-iiic\"")? }
+        }
+        other => {
+            let allowed = "\"bdf\", \"radau-iia\", \"lobatto-iiic\"";
+            return Err(Failure::argument("family", format!("{other:?}"), allowed));
+        }
+    };
+    Ok(Convolution { family, at: DampedAt::Nodes, starting: Vec::new() })
+}

@@ -1,0 +1,180 @@
+"""Systems from arrays, expressions and functions."""
+
+import traceback
+
+import numpy as np
+import pytest
+
+import fvi
+
+COMMON = dict(
+    mass=[1.0, 2.0],
+    position=[1.0, -0.5],
+    step=0.02,
+    steps=300,
+    damping=[fvi.Damping(order=0.5, coefficient=[0.1, 0.3])],
+)
+STIFFNESS = np.array([[3.0, -1.0], [-1.0, 2.0]])
+
+
+def u(q):
+    return 0.5 * q @ STIFFNESS @ q + 0.25 * (q[0] - q[1]) ** 4
+
+
+def du(q):
+    cube = (q[0] - q[1]) ** 3
+    return STIFFNESS @ q + np.array([cube, -cube])
+
+
+def ddu(q):
+    square = 3 * (q[0] - q[1]) ** 2
+    return STIFFNESS + square * np.array([[1.0, -1.0], [-1.0, 1.0]])
+
+
+SCHEMES = [
+    dict(scheme="low-order", kappa=0.5, order=2, at="nodes"),
+    dict(scheme="low-order", kappa=0.0, at="main-nodes"),
+    dict(scheme="galerkin", degree=3, points=3, order=3, at="nodes"),
+    dict(scheme="galerkin", degree=2, convolution="radau-iia", stages=2),
+    dict(scheme="galerkin", degree=3, convolution="lobatto-iiic", stages=4),
+    dict(scheme="implicit-euler"),
+]
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda keys: "-".join(map(str, keys.values())))
+def test_functions_move_as_expressions_do(scheme):
+    words = fvi.integrate(
+        potential="0.25*(q0 - q1)^4", stiffness=STIFFNESS, force=["sin(3*t)", "-0.2*q1*t"], **COMMON, **scheme
+    )
+    force = fvi.Force(lambda t, q: [np.sin(3 * t), -0.2 * q[1] * t], lambda t, q: [[0, 0], [0, -0.2 * t]])
+    functions = fvi.integrate(potential=fvi.Potential(u, du, ddu), force=force, **COMMON, **scheme)
+    by_differences = fvi.integrate(potential=fvi.Potential(u, du), force=force.value, **COMMON, **scheme)
+    for other in (functions, by_differences):
+        assert np.abs(other.q - words.q).max() < 1e-11
+        assert np.abs(other.p - words.p).max() < 1e-11
+        assert np.abs(other.energy - words.energy).max() < 1e-11
+
+
+def test_stiffness_and_expressions_and_functions_add():
+    all_words = fvi.integrate(potential="q0^2 + 0.5*q1^2 + 0.1*q0^4", **COMMON)
+    mixed = fvi.integrate(potential="0.1*q0^4", stiffness=[2.0, 1.0], **COMMON)
+    assert np.abs(mixed.q - all_words.q).max() < 1e-12
+
+
+def test_sparse_matrices_are_matrices():
+    sparse = pytest.importorskip("scipy.sparse")
+    stiffness = sparse.diags([[-1.0] * 9, [2.0] * 10, [-1.0] * 9], [-1, 0, 1])
+    mass = sparse.identity(10, format="csr")
+    common = dict(position=np.linspace(0, 1, 10), step=0.05, steps=100)
+    one = fvi.integrate(
+        mass=mass, stiffness=stiffness, damping=fvi.Damping(0.4, 0.1 * stiffness.tocsr()), **common
+    )
+    dense = stiffness.toarray()
+    other = fvi.integrate(mass=np.eye(10), stiffness=dense, damping=fvi.Damping(0.4, 0.1 * dense), **common)
+    assert np.allclose(one.q, other.q, rtol=0, atol=1e-12)
+    with pytest.raises(fvi.InputError, match="mass has") as caught:
+        fvi.integrate(mass=mass, stiffness=sparse.identity(3), **common)
+    assert caught.value.key == "stiffness"
+
+
+def test_single_numbers_float32_and_strided_arrays_are_converted():
+    exact = fvi.integrate(mass=[1.0, 2.0], position=[0.5, 0.25], stiffness=STIFFNESS, step=0.1, steps=20)
+    single = fvi.integrate(
+        mass=np.float32([1.0, 2.0]),
+        position=np.array([0.5, 9.0, 0.25, 9.0], dtype=np.float32)[::2],
+        stiffness=np.asfortranarray(STIFFNESS),
+        step=0.1,
+        steps=np.int64(20),
+    )
+    assert np.array_equal(exact.q, single.q)
+    assert fvi.integrate(mass=2.0, position=[1.0, 2.0], stiffness=1.0, step=0.1, steps=3).q.shape == (4, 2)
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        (dict(mass=[1.0, np.nan]), "mass"),
+        (dict(mass=[1.0, -2.0]), "mass"),
+        (dict(mass=[[1.0, 0.5], [0.4, 2.0]]), "mass"),
+        (dict(mass=np.ones((2, 3))), "mass"),
+        (dict(mass=np.array([1, None])), "mass"),
+        (dict(position=[1.0]), "position"),
+        (dict(position=[1.0, np.inf]), "position"),
+        (dict(position=["a", "b"]), "position"),
+        (dict(momentum=[[1.0, 2.0]]), "momentum"),
+        (dict(momentum=[1.0, 2.0], velocity=[1.0, 2.0]), "velocity"),
+        (dict(stiffness=np.ones((3, 3))), "stiffness"),
+        (dict(stiffness=[[1.0, 2.0], [0.0, 1.0]]), "stiffness"),
+        (dict(damping=[fvi.Damping(2.5, [1.0, 1.0])]), "damping[0].order"),
+        (dict(damping=[fvi.Damping(0.5, [1.0])]), "damping[0].coefficient"),
+        (dict(damping=[fvi.Damping(0.5, [1.0, 1.0], "weyl")]), "damping[0].derivative"),
+        (dict(damping=[{"order": 0.5}]), "damping[0]"),
+        (dict(damping=[3]), "damping[0]"),
+        (dict(potential="q0^2 + q7"), "potential"),
+        (dict(potential=u), "potential"),
+        (dict(potential=fvi.Potential(u, "du")), "potential.gradient"),
+        (dict(potential=fvi.Potential(u, lambda q: [1.0])), "potential.gradient"),
+        (dict(potential=fvi.Potential(lambda q: np.nan, du)), "potential"),
+        (dict(force=[1.0, 2.0]), "force[0]"),
+        (dict(force=["t"]), "force"),
+        (dict(step=0.0), "step"),
+        (dict(step="fast"), "step"),
+        (dict(steps=1.5), "steps"),
+        (dict(steps=None), "steps"),
+        (dict(scheme="rk4"), "scheme"),
+        (dict(convolution="radau-iia", stages=9, scheme="galerkin", degree=2), "stages"),
+        (dict(engine="none"), "engine"),
+        (dict(kapa=0.5), "kapa"),
+    ],
+)
+def test_what_cannot_be_used_is_named(change, key):
+    with pytest.raises(fvi.InputError) as caught:
+        fvi.integrate(**(COMMON | change))
+    assert caught.value.key == key, caught.value
+
+
+def test_an_exception_in_a_function_arrives_with_its_traceback_and_the_rows_so_far():
+    def breaks(t):
+        if t > 1.0:
+            raise ZeroDivisionError("the drive has gone")
+        return [0.0, 0.0]
+
+    with pytest.raises(ZeroDivisionError, match="the drive has gone") as caught:
+        fvi.integrate(stiffness=STIFFNESS, force=breaks, **COMMON)
+    assert any(frame.name == "breaks" for frame in traceback.extract_tb(caught.value.__traceback__))
+    result = caught.value.result
+    assert result.status == -1 and result.t[-1] == pytest.approx(1.0)
+    undisturbed = fvi.integrate(stiffness=STIFFNESS, force=lambda t: [0.0, 0.0], **COMMON)
+    assert np.array_equal(result.q, undisturbed.q[: len(result.t)])
+
+
+def test_an_exception_at_the_start_arrives_before_anything_is_computed():
+    def breaks(q):
+        raise LookupError("no table")
+
+    with pytest.raises(LookupError, match="no table"):
+        fvi.integrate(potential=fvi.Potential(u, breaks), **COMMON)
+
+
+def test_numbers_that_are_none_fail_the_step():
+    with pytest.raises(fvi.StepError) as caught:
+        fvi.integrate(stiffness=STIFFNESS, force=lambda t: [np.nan if t > 2.0 else 0.0, 0.0], **COMMON)
+    assert caught.value.result.t[-1] == pytest.approx(2.0)
+
+
+def test_a_force_in_code_that_drives_is_no_growth_from_nothing():
+    r = fvi.integrate(mass=[1.0], position=[0.0], stiffness=[1.0], force=lambda t: [50.0 * np.sin(t)], step=0.02, end=40.0)
+    assert r.success and r.energy[-1] > 1e4
+
+
+def test_jumps_at_grid_points_are_seen_from_inside_the_step():
+    common = dict(mass=[1.0], position=[0.0], stiffness=[1.0], step=0.1, steps=20, scheme="low-order", kappa=0.0)
+    words = fvi.integrate(force=["8*step(1 - t)"], **common)
+    code = fvi.integrate(force=lambda t: [8.0 * (1 - t >= 0)], **common)
+    assert np.abs(words.q - code.q).max() < 1e-13
+
+
+def test_single_precision_takes_functions():
+    double = fvi.integrate(potential=fvi.Potential(u, du, ddu), **COMMON)
+    single = fvi.integrate(potential=fvi.Potential(u, du, ddu), precision="f32", **COMMON)
+    assert 0 < np.abs(double.q - single.q).max() < 1e-3

@@ -1,0 +1,270 @@
+"""Runs of scenarios: the bits of the program, what is refused, what happens on the way."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fvi
+
+ROOT = Path(__file__).resolve().parents[3]
+# All but one that takes minutes without optimisation.
+SCENARIOS = sorted(set((ROOT / "scenarios").glob("*.toml")) - {ROOT / "scenarios/pendulum-ten-million.toml"})
+PROGRAM = os.environ.get("FVI_PROGRAM")
+
+PENDULUM = {
+    "system": {
+        "mass": [0.25],
+        "potential": "m*g*l*(1 - cos(q0))",
+        "parameters": {"m": 1.0, "g": 9.81, "l": 0.5},
+        "damping": [{"order": 0.6, "coefficient": [0.12]}],
+    },
+    "initial": {"position": [2.0], "velocity": [0.0]},
+    "convolution": {"order": 2},
+    "time": {"step": 0.005, "steps": 400},
+}
+
+
+def bits(array):
+    return np.ascontiguousarray(array).view(np.uint64)
+
+
+@pytest.mark.skipif(PROGRAM is None, reason="FVI_PROGRAM does not name the program")
+@pytest.mark.parametrize("precision", ["f64", "f32"])
+@pytest.mark.parametrize("scenario", SCENARIOS, ids=lambda path: path.stem)
+def test_the_numbers_are_those_of_the_program(scenario, precision, tmp_path):
+    arguments = [PROGRAM, "run", scenario, "--out", tmp_path, "--precision", precision, "--quiet"]
+    if subprocess.run(arguments, capture_output=True).returncode != 0:
+        pytest.skip("the program does not run this scenario in this precision")
+    rows = np.loadtxt(tmp_path / "trajectory.csv", delimiter=",", skiprows=1)
+    with pytest.warns() if "warnings" in json.loads((tmp_path / "summary.json").read_text()) else open(os.devnull):
+        result = fvi.run(scenario, precision=precision)
+    mine = np.column_stack([result.t, result.q, result.p, result.energy])
+    assert np.array_equal(bits(mine), bits(rows))
+    record = json.loads((tmp_path / "summary.json").read_text())
+    for key in ("steps", "last", "largest", "engine", "scenario", "newton_iterations"):
+        assert result.summary[key] == record[key], key
+
+
+def test_a_dictionary_is_a_scenario_and_changes_are_changes():
+    result = fvi.run(PENDULUM)
+    assert result.success and result.status == 0
+    assert result.t.shape == result.energy.shape == (401,)
+    assert result.q.shape == result.p.shape == (401, 1)
+    # The same through arrays, another engine, and by path.
+    with_arrays = json.loads(json.dumps(PENDULUM)) | {"initial": {"position": np.array([2.0]), "velocity": np.zeros(1)}}
+    assert np.array_equal(fvi.run(with_arrays).q, result.q)
+    direct = fvi.run(PENDULUM, engine="block-fft")
+    assert direct.summary["engine"] == ["block-fft"]
+    assert np.allclose(direct.q, result.q, atol=1e-11)
+    other = fvi.run(PENDULUM, overrides={"system.damping[0].order": 1.2}, every=100, steps=250)
+    assert other.summary["scenario"]["system"]["damping"][0]["order"] == 1.2
+    assert np.array_equal(other.t, 0.005 * np.array([0, 100, 200, 250]))
+    assert fvi.run(PENDULUM, end=1.0).summary["steps"] == 200
+    assert fvi.run(PENDULUM, momentum=[0.5]).p[0, 0] == 0.5
+
+
+def test_a_file_with_changes_finds_the_files_it_names():
+    changed = fvi.run(ROOT / "scenarios/pendulum.toml", step=0.01)
+    assert changed.summary["steps"] == 2000
+    assert changed.title == "Pendulum on a viscoelastic hinge"
+
+
+@pytest.mark.parametrize(
+    ("keys", "key"),
+    [
+        ({"step": -1.0}, "time.step"),
+        ({"step": float("nan")}, "time.step"),
+        ({"engine": "fastest"}, "engine"),
+        ({"order": 7}, "convolution.order"),
+        ({"position": [1.0, 2.0]}, "initial.position"),
+        ({"position": np.array([1.0 + 1j])}, "initial.position"),
+        ({"stepp": 0.1}, "stepp"),
+        ({"overrides": {"system.damping[3].order": 0.5}}, "system.damping[3].order"),
+        ({"overrides": {"system.damping[0].ordr": 0.5}}, "system.damping[0].ordr"),
+        ({"overrides": {"time.step": object()}}, "time.step"),
+        ({"precision": "f16"}, "precision"),
+    ],
+)
+def test_what_cannot_be_used_is_named(keys, key):
+    with pytest.raises(fvi.InputError) as caught:
+        fvi.run(PENDULUM, **keys)
+    assert caught.value.key == key, caught.value
+    assert key in str(caught.value)
+
+
+def test_a_mistake_in_a_file_is_told_with_its_place(tmp_path):
+    file = tmp_path / "wrong.toml"
+    file.write_text((ROOT / "scenarios/pendulum.toml").read_text().replace("order = 0.6", "order = 2.6"))
+    with pytest.raises(fvi.InputError, match=r"wrong\.toml:11:9: system\.damping\[0\]\.order = 2\.6: .*0 ≤ β < 2"):
+        fvi.run(file)
+    with pytest.raises(fvi.InputError, match="cannot be read"):
+        fvi.run(tmp_path / "absent.toml")
+    with pytest.raises(fvi.InputError, match="a path or a dictionary"):
+        fvi.run(7)
+
+
+GROWING = {
+    "system": {"mass": [1.0], "potential": "-q0^4"},
+    "initial": {"position": [1.0], "momentum": [0.0]},
+    "time": {"step": 0.01, "steps": 1000},
+}
+
+
+def test_a_step_that_fails_keeps_what_was_computed():
+    with pytest.raises(fvi.StepError) as caught:
+        fvi.run(GROWING)
+    result = caught.value.result
+    assert not result.success and result.status == -1 and result.message in str(caught.value)
+    assert 10 < len(result.t) < 1000 and np.isfinite(result.q).all()
+    unchecked = fvi.run(GROWING, check=False)
+    assert np.array_equal(unchecked.q, result.q) and unchecked.message == result.message
+
+
+def test_warnings_of_a_scenario_are_warnings():
+    singular = PENDULUM | {"system": PENDULUM["system"] | {"damping": [
+        {"order": 0.6, "coefficient": [0.12], "derivative": "riemann-liouville"}]}}
+    with pytest.warns(UserWarning, match="Riemann–Liouville"):
+        fvi.run(singular, at="main-nodes")
+
+
+def test_progress_is_told_and_may_stop_the_run():
+    heard = []
+    fvi.run(PENDULUM, progress=lambda done, all: heard.append((done, all)))
+    assert heard[-1] == (400, 400)
+
+    def enough(done, all):
+        raise LookupError("enough")
+
+    with pytest.raises(LookupError, match="enough") as caught:
+        fvi.run(PENDULUM, progress=enough, steps=10**7, every=10**5)
+    assert caught.value.result.status == 1
+    with pytest.raises(fvi.InputError, match="progress"):
+        fvi.run(PENDULUM, progress=3)
+
+
+def test_rows_that_do_not_fit_are_refused():
+    undamped = PENDULUM | {"system": PENDULUM["system"] | {"damping": []}}
+    with pytest.raises(MemoryError, match="every"):
+        fvi.run(undamped, steps=10**11)
+
+
+def test_an_interrupt_ends_a_long_run_at_once():
+    # 10⁹ steps; a second thread interrupts after the run has begun.
+    script = f"""
+        import _thread, threading, time, fvi
+        began = threading.Event()
+        def interrupt():
+            began.wait()
+            global at
+            at = time.monotonic()
+            _thread.interrupt_main()
+        threading.Thread(target=interrupt, daemon=True).start()
+        try:
+            fvi.run({PENDULUM!r}, steps=10**9, every=10**6, engine="exponential-sum", tolerance=1e-10,
+                    progress=lambda done, all: began.set())
+        except KeyboardInterrupt as error:
+            print(time.monotonic() - at, error.result.status)
+    """
+    run = subprocess.run([sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True, timeout=300)
+    seconds, status = run.stdout.split()
+    assert status == "1", run.stderr
+    assert float(seconds) < 1.0  # 0.02 s on an idle machine
+
+
+def test_the_interpreter_is_free_during_a_run():
+    # A thread that only counts gets on while another one computes.
+    counted = 0
+    done = threading.Event()
+
+    def count():
+        nonlocal counted
+        while not done.is_set():
+            counted += 1
+            time.sleep(0.001)
+
+    thread = threading.Thread(target=count)
+    thread.start()
+    fvi.run(PENDULUM, steps=200_000, every=1000, engine="exponential-sum")
+    done.set()
+    thread.join()
+    assert counted > 20
+
+
+def test_threads_do_not_mix_their_runs():
+    expected = {order: fvi.run(PENDULUM, overrides={"system.damping[0].order": order}).q for order in (0.3, 0.9, 1.5)}
+    found = {}
+
+    def one(order):
+        found[order] = fvi.run(PENDULUM, overrides={"system.damping[0].order": order}).q
+
+    threads = [threading.Thread(target=one, args=(order,)) for order in expected]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert all(np.array_equal(expected[order], found[order]) for order in expected)
+
+
+def test_arrays_belong_to_python():
+    result = fvi.run(PENDULUM)
+    for array in (result.t, result.q, result.p, result.energy):
+        assert array.dtype == np.float64 and array.flags.c_contiguous and array.flags.writeable
+        # No copy was made: the memory is Rust's, held by a base object.
+        assert array.base is not None
+    q = result.q
+    del result
+    assert q[0, 0] == 2.0
+
+
+def test_memory_does_not_grow():
+    resource = pytest.importorskip("resource")
+    short = json.loads(json.dumps(PENDULUM))
+    short["time"]["steps"] = 100
+
+    def calls(count):
+        for _ in range(count):
+            fvi.run(short)
+            with pytest.raises(fvi.InputError):
+                fvi.run(short, step=-1.0)
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+    calls(500)
+    before = calls(200)
+    assert calls(1500) - before < 2000  # kilobytes
+
+
+def test_a_panic_is_an_exception():
+    panic = getattr(fvi._fvi, "_panic", None)
+    if panic is None:
+        pytest.skip("a release has no panic to ask for")
+    with pytest.raises(RuntimeError, match="a mistake in fvi, please report it: asked for"):
+        panic()
+
+
+def test_results_become_tables_and_pictures():
+    result = fvi.run(PENDULUM)
+    pandas = pytest.importorskip("pandas")
+    frame = result.to_pandas()
+    assert list(frame.columns) == ["q0", "p0", "energy"] and frame.index.name == "t"
+    assert isinstance(frame, pandas.DataFrame) and frame["q0"].to_numpy()[-1] == result.q[-1, 0]
+
+
+def test_xarray_and_matplotlib():
+    result = fvi.run(PENDULUM)
+    pytest.importorskip("xarray")
+    data = result.to_xarray()
+    assert data["q"].dims == ("t", "coordinate") and data.attrs["steps"] == 400
+    matplotlib = pytest.importorskip("matplotlib")
+    matplotlib.use("agg")
+    above, below = result.plot()
+    assert above.get_ylabel() == "position" and below.get_xlabel() == "time t"
+    assert np.array_equal(above.lines[0].get_ydata(), result.q[:, 0])
