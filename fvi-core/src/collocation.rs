@@ -3,14 +3,15 @@
 use nalgebra::SVector;
 
 use crate::coefficients::Fixed;
-use crate::damping::{Damping, Sample};
-use crate::discrete_lagrangian::{Kept, Workspace};
+use crate::damping::Damping;
+use crate::discrete_lagrangian::Workspace;
 use crate::galerkin::in_place;
 use crate::linear::add_multiple;
-use crate::newton::{Equations, Factors, StepMatrix, newton, size};
+use crate::newton::{Equations, StepMatrix, newton, size};
+use crate::node_galerkin::NodeStorage;
 use crate::real::{Real, all_finite};
 use crate::runge_kutta::RungeKutta;
-use crate::scheme::{Sampling, Scheme, Step, StepError, conclude};
+use crate::scheme::{Outcome, Sampling, Scheme, State, Step, StepError, conclude};
 use crate::space::{Block, Space, vectors, vectors_mut};
 use crate::system::{Instant, Mechanics};
 
@@ -68,14 +69,22 @@ impl<T: Real, const R: usize> Collocation<T, R> {
 }
 
 impl<T: Real, const N: usize, const R: usize> Scheme<T, Fixed<N>> for Collocation<T, R> {
-    type Storage = Kept<Factors<T, N, R>>;
+    type Storage = NodeStorage<T, N, R, R>;
 
     fn storage<G: Mechanics<T, Fixed<N>>>(&self, _: &Fixed<N>, _: &G) -> Self::Storage {
-        Kept::nothing(Factors::zero())
+        NodeStorage::empty()
     }
 
     fn forget_step(storage: &mut Self::Storage) {
-        storage.valid = false;
+        storage.kept.valid = false;
+    }
+
+    fn behind(storage: &Self::Storage) -> &[T] {
+        storage.behind.as_flattened()
+    }
+
+    fn behind_mut(storage: &mut Self::Storage) -> &mut [T] {
+        storage.behind.as_flattened_mut()
     }
 
     fn sampling(&self) -> Sampling<'_, T> {
@@ -89,12 +98,12 @@ impl<T: Real, const N: usize, const R: usize> Scheme<T, Fixed<N>> for Collocatio
         mechanics: &mut G,
         damping: &mut D,
         step: &Step<'_, T>,
-        position: &mut SVector<T, N>,
-        momentum: &mut SVector<T, N>,
+        state: &mut State<SVector<T, N>>,
     ) -> Result<u32, StepError> {
         let (known, mut room) = ([[T::zero(); N]; R], [[[T::zero(); N]; R]; 2]);
-        in_place!(R, R; storage, mechanics, [T::zero(); R], known, room.as_flattened_mut(), |workspace| {
-            self.tables().step(workspace, mechanics, damping, step, (position, momentum))
+        let NodeStorage { kept, behind } = storage;
+        in_place!(R, R; kept, behind.as_flattened_mut(), mechanics, known, room.as_flattened_mut(), |workspace| {
+            self.tables().step(workspace, mechanics, damping, step, state)
         })
     }
 }
@@ -111,7 +120,7 @@ impl<T: Real> CollocationTables<'_, T> {
         mechanics: &mut G,
         damping: &mut D,
         step: &Step<'_, T>,
-        (position, momentum): (&mut X::Vector, &mut X::Vector),
+        state: &mut State<X::Vector>,
     ) -> Result<u32, StepError>
     where
         X: Space<T>,
@@ -119,11 +128,8 @@ impl<T: Real> CollocationTables<'_, T> {
         G: Mechanics<T, X>,
         D: Damping<T, X>,
     {
-        for (time, &node) in work.times.iter_mut().zip(self.nodes) {
-            *time = if node == T::one() { step.end } else { step.time + node * step.size };
-        }
-        work.known.fill(T::zero());
-        damping.add_known(X::slice(position), step.size, work.times, work.known, work.scratch)?;
+        work.begin(damping, step, self.nodes, state)?;
+        let (position, momentum) = (&state.position, &state.momentum);
         let coordinates = X::slice(position).len();
         // The velocity keeps the scratch vector's place through the solution.
         let mut velocity = position.clone();
@@ -176,14 +182,11 @@ impl<T: Real> CollocationTables<'_, T> {
         for (&weight, acceleration) in self.weights.iter().zip(vectors(work.increments, coordinates)) {
             add_multiple(mean, weight, acceleration);
         }
-        let new_momentum = work.residual.get_mut(..coordinates).unwrap_or(&mut []);
-        for (number, &p) in new_momentum.iter_mut().zip(X::slice(momentum)) {
-            *number = p;
-        }
-        mechanics.mass().multiply_add(step.size, mean, new_momentum);
-        let sample = Sample { times: work.times, increments: work.stages };
-        let state = (X::slice_mut(position), X::slice_mut(momentum));
-        conclude(damping, sample, (rise, new_momentum), state, work.scratch)?;
+        let kick = work.residual.get_mut(..coordinates).unwrap_or(&mut []);
+        kick.fill(T::zero());
+        mechanics.mass().multiply_add(step.size, mean, kick);
+        let found = Outcome { increments: work.stages, rise, kick };
+        conclude(damping, step, self.nodes, &found, state, work.behind, work.scratch)?;
         Ok(iterations)
     }
 

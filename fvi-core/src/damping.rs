@@ -6,7 +6,7 @@ use crate::coefficients::{Coefficients, Fixed};
 use crate::error::{MatrixError, ParameterError};
 use crate::kernel::Kernel;
 use crate::linear::add_multiple;
-use crate::memory::{Memory, MemoryError};
+use crate::memory::{ActsOn, Memory, MemoryError};
 use crate::real::Real;
 use crate::saving::{Shape, StateError, StateReader, StateWriter, header_bytes};
 use crate::space::{Block, Space, vectors, vectors_mut};
@@ -23,13 +23,23 @@ pub enum Derivative {
     Caputo,
 }
 
-/// The sample that a damping stores: R nodes at q_k + e_1, …, q_k + e_R.
+/// The sample to come, as far as it is known before the step is solved: R nodes of step k, at q_k + e_1, …,
+/// q_k + e_R and the times t_k + c_1 h, …, t_k + c_R h.
+///
+/// Vectors of R·N numbers have one node after another.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample<'a, T> {
-    /// Times of the nodes.
-    pub times: &'a [T],
-    /// e_1, …, e_R, one node after another.
-    pub increments: &'a [T],
+    /// Main node q_k at the beginning of the step.
+    pub from: &'a [T],
+    /// q_k − X_{k−1,i}: how far the nodes of the sample before lie behind q_k, R·N numbers. Empty where they
+    /// end at q_k, as main nodes do.
+    pub behind: &'a [T],
+    /// t_k.
+    pub time: T,
+    /// h; zero for the first main node, to which no step leads.
+    pub length: T,
+    /// c_1, …, c_R.
+    pub fractions: &'a [T],
 }
 
 /// Damping with memory: anything between no damping and many terms.
@@ -54,17 +64,14 @@ pub trait Damping<T: Real, X: Space<T>> {
     /// Forgets everything and notes how the motion starts.
     fn begin(&mut self, position: &[T], velocity: &[T]);
 
-    /// Adds known_i to `known`, R·N numbers, for nodes at the given times of a step of size `step_size`;
-    /// `from` is the position q_k. `scratch` has R·N numbers, and N more where R > 1.
+    /// Adds known_i to `known`, R·N numbers. `scratch` has R·N numbers, and N more where R > 1.
     ///
     /// # Errors
     /// [`MemoryError::Full`] if the sample to come could not be stored, [`MemoryError::StepLength`] if the
     /// kernel is for another step size.
     fn add_known(
         &mut self,
-        from: &[T],
-        step_size: T,
-        times: &[T],
+        sample: &Sample<'_, T>,
         known: &mut [T],
         scratch: &mut [T],
     ) -> Result<(), MemoryError>;
@@ -78,11 +85,17 @@ pub trait Damping<T: Real, X: Space<T>> {
     /// Whether the leading weights of all later steps are those of the step to come.
     fn leading_is_constant(&self) -> bool;
 
-    /// Stores the sample with nodes at `from` + e_i. `scratch` has R·N numbers at least.
+    /// Stores the sample, whose `increments` e_1, …, e_R are known now. `scratch` has R·N numbers, and N more
+    /// where R > 1.
     ///
     /// # Errors
     /// [`MemoryError::Full`]; not after a successful [`add_known`](Damping::add_known).
-    fn push(&mut self, from: &[T], sample: &Sample<'_, T>, scratch: &mut [T]) -> Result<(), MemoryError>;
+    fn push(
+        &mut self,
+        sample: &Sample<'_, T>,
+        increments: &[T],
+        scratch: &mut [T],
+    ) -> Result<(), MemoryError>;
 
     /// Number of bytes that [`save`](Damping::save) writes at present.
     fn state_bytes(&self) -> usize {
@@ -196,8 +209,9 @@ impl core::error::Error for DampingError {
 /// Lagrangian). The [`Kernel`] of the memory says what β and the step size are.
 ///
 /// The memory has one channel for each coordinate and node. A kernel of plain numbers acts on the sequence of
-/// every node by itself; one of R×R matrices couples the R nodes. Source: \[JO\] eq. 1, 34a; \[HJO\] eq. 34a,
-/// 35.
+/// every node by itself; one of R×R matrices couples the R nodes. The memory says which differences of the
+/// motion it wants ([`ActsOn`]); they come from the solved increments e_i, and those of Caputo's type begin
+/// with zero where those of Riemann–Liouville's begin with q₀. Source: \[JO\] eq. 1, 34a; \[HJO\] eq. 34a, 35.
 #[derive(Clone, Copy, Debug)]
 pub struct DampingTerm<T: Real, X: Space<T>, M> {
     coefficients: X::Block,
@@ -245,7 +259,7 @@ impl<T: Real, X: Space<T>, M: Memory<T>> DampingTerm<T, X, M> {
         kernel: Kernel,
         coefficients: X::Block,
         derivative: Derivative,
-        memory: M,
+        mut memory: M,
     ) -> Result<Self, DampingError> {
         let damping_order = kernel.exponent();
         ParameterError::check(
@@ -256,7 +270,7 @@ impl<T: Real, X: Space<T>, M: Memory<T>> DampingTerm<T, X, M> {
         )
         .map_err(DampingError::Order)?;
         coefficients.check_positive_semidefinite().map_err(DampingError::Coefficients)?;
-        kernel.check(&memory).map_err(DampingError::Kernel)?;
+        kernel.check(&mut memory).map_err(DampingError::Kernel)?;
         let start = match derivative {
             Derivative::RiemannLiouville => Subtraction::Nothing,
             Derivative::Caputo if damping_order == 0.0 => Subtraction::Nothing,
@@ -274,31 +288,57 @@ impl<T: Real, X: Space<T>, M> DampingTerm<T, X, M> {
     pub fn memory(&self) -> &M {
         &self.memory
     }
-
-    /// What the operator acts on in one coordinate when its position is `position` at `time`, for each
-    /// coordinate in turn.
-    #[inline(always)]
-    fn acted_on(&self, position: impl Iterator<Item = T>, time: T) -> impl Iterator<Item = T> {
-        let start = self.start;
-        let initial = X::slice(&self.initial_position).iter().zip(X::slice(&self.initial_velocity));
-        position.zip(initial).map(move |(position, (&initial, &velocity))| match start {
-            Subtraction::Nothing => position,
-            Subtraction::Position => position - initial,
-            Subtraction::PositionAndVelocity => position - initial - velocity * time,
-        })
-    }
 }
 
 impl<T: Real, X: Space<T>, M: Memory<T>> DampingTerm<T, X, M> {
     /// What its state begins with.
-    fn shape(&self) -> Shape<2> {
+    fn shape(&self) -> Shape<3> {
         let left_out = match self.start {
             Subtraction::Nothing => 0,
             Subtraction::Position => 1,
             Subtraction::PositionAndVelocity => 2,
         };
         let coordinates = X::slice(&self.initial_position).len() as u64;
-        [("coordinates", coordinates), ("kind of derivative", left_out)]
+        let acts_on = self.memory.acts_on() as u64;
+        [("coordinates", coordinates), ("kind of derivative", left_out), ("kind of samples", acts_on)]
+    }
+
+    /// Adds `factor` times what node j of the sample would give to the memory's signal if it lay at q_k.
+    ///
+    /// With the increment e_j added that is what the memory stores. Of increments and rises nothing is
+    /// subtracted that the solver does not know by itself.
+    #[inline(always)]
+    fn add_offset(&self, sample: &Sample<'_, T>, j: usize, factor: T, out: &mut [T]) {
+        let velocity = X::slice(&self.initial_velocity);
+        let into = sample.fractions.get(j).map_or(T::zero(), |&fraction| fraction * sample.length);
+        let first = self.memory.is_empty();
+        let (position, lapse) = match self.memory.acts_on() {
+            ActsOn::Values => {
+                let time = sample.time + into;
+                let numbers = sample.from.iter().zip(X::slice(&self.initial_position).iter().zip(velocity));
+                for (out, (&position, (&initial, &velocity))) in out.iter_mut().zip(numbers) {
+                    *out += factor
+                        * match self.start {
+                            Subtraction::Nothing => position,
+                            Subtraction::Position => position - initial,
+                            Subtraction::PositionAndVelocity => position - initial - velocity * time,
+                        };
+                }
+                return;
+            }
+            ActsOn::Increments | ActsOn::Rises if first => {
+                let from_rest = !matches!(self.start, Subtraction::Nothing);
+                (if from_rest { &[] } else { sample.from }, sample.time + into)
+            }
+            ActsOn::Increments => {
+                (vectors(sample.behind, sample.from.len()).nth(j).unwrap_or(&[]), sample.length)
+            }
+            ActsOn::Rises => (&[][..], into),
+        };
+        add_multiple(out, factor, position);
+        if let Subtraction::PositionAndVelocity = self.start {
+            add_multiple(out, -(factor * lapse), velocity);
+        }
     }
 
     /// W_ij, i and j from 0, of a sample with `nodes` nodes.
@@ -339,24 +379,19 @@ impl<T: Real, X: Space<T>, M: Memory<T>> Damping<T, X> for DampingTerm<T, X, M> 
     #[inline(always)]
     fn add_known(
         &mut self,
-        from: &[T],
-        step_size: T,
-        times: &[T],
+        sample: &Sample<'_, T>,
         known: &mut [T],
         scratch: &mut [T],
     ) -> Result<(), MemoryError> {
-        if self.step_size != T::zero() && self.step_size != step_size {
+        if self.step_size != T::zero() && self.step_size != sample.length {
             return Err(MemoryError::StepLength);
         }
-        self.memory.begin_step(step_size)?;
-        let (coordinates, nodes) = (from.len(), times.len());
+        self.memory.begin_step(sample.length)?;
+        let (coordinates, nodes) = (sample.from.len(), sample.fractions.len());
         let (term, rest) = scratch.split_at_mut_checked(coordinates * nodes).unwrap_or_default();
         self.memory.next_term(term)?;
-        if let [time] = *times {
-            let weight = self.leading(1, 0, 0);
-            for (number, acted_on) in term.iter_mut().zip(self.acted_on(from.iter().copied(), time)) {
-                *number += acted_on * weight;
-            }
+        if nodes == 1 {
+            self.add_offset(sample, 0, self.leading(1, 0, 0), term);
             self.coefficients.multiply_add(T::one(), term, known);
             return Ok(());
         }
@@ -366,10 +401,10 @@ impl<T: Real, X: Space<T>, M: Memory<T>> Damping<T, X> for DampingTerm<T, X, M> 
             for (sum, stages) in sum.iter_mut().zip(vectors(term, nodes)) {
                 *sum = stages.get(i).copied().unwrap_or(T::zero());
             }
-            for (j, &time) in times.iter().enumerate() {
+            for j in 0..nodes {
                 let weight = self.leading(nodes, i, j);
-                for (sum, acted_on) in sum.iter_mut().zip(self.acted_on(from.iter().copied(), time)) {
-                    *sum += acted_on * weight;
+                if weight != T::zero() {
+                    self.add_offset(sample, j, weight, sum);
                 }
             }
             self.coefficients.multiply_add(T::one(), sum, known);
@@ -409,14 +444,24 @@ impl<T: Real, X: Space<T>, M: Memory<T>> Damping<T, X> for DampingTerm<T, X, M> 
     }
 
     #[inline(always)]
-    fn push(&mut self, from: &[T], sample: &Sample<'_, T>, scratch: &mut [T]) -> Result<(), MemoryError> {
-        let (coordinates, nodes) = (from.len(), sample.times.len());
-        let stored = scratch.get_mut(..coordinates * nodes).unwrap_or(&mut []);
-        let increments = vectors(sample.increments, coordinates);
-        for (stage, (increment, &time)) in increments.zip(sample.times).enumerate() {
-            let position = from.iter().zip(increment).map(|(&q, &e)| q + e);
-            let places = vectors_mut(stored, nodes);
-            for (stages, number) in places.zip(self.acted_on(position, time)) {
+    fn push(
+        &mut self,
+        sample: &Sample<'_, T>,
+        increments: &[T],
+        scratch: &mut [T],
+    ) -> Result<(), MemoryError> {
+        let (coordinates, nodes) = (sample.from.len(), sample.fractions.len());
+        let (stored, rest) = scratch.split_at_mut_checked(coordinates * nodes).unwrap_or_default();
+        if nodes == 1 {
+            copy(stored, increments);
+            self.add_offset(sample, 0, T::one(), stored);
+            return self.memory.push(stored);
+        }
+        let node = rest.get_mut(..coordinates).unwrap_or(&mut []);
+        for (stage, increment) in vectors(increments, coordinates).enumerate() {
+            copy(node, increment);
+            self.add_offset(sample, stage, T::one(), node);
+            for (stages, &number) in vectors_mut(stored, nodes).zip(&*node) {
                 if let Some(place) = stages.get_mut(stage) {
                     *place = number;
                 }
@@ -427,25 +472,25 @@ impl<T: Real, X: Space<T>, M: Memory<T>> Damping<T, X> for DampingTerm<T, X, M> 
 
     fn state_bytes(&self) -> usize {
         let coordinates = X::slice(&self.initial_position).len();
-        header_bytes(2) + 2 * coordinates * T::BYTES + self.memory.state_bytes()
+        header_bytes(3) + 2 * coordinates * T::BYTES + self.memory.state_bytes()
     }
 
     fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
-        to.header::<T, 2>(TAG, &self.shape())?;
+        to.header::<T, 3>(TAG, &self.shape())?;
         to.numbers(X::slice(&self.initial_position))?;
         to.numbers(X::slice(&self.initial_velocity))?;
         self.memory.save(to)
     }
 
     fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        from.header::<T, 2>(TAG, &self.shape())?;
+        from.header::<T, 3>(TAG, &self.shape())?;
         from.skip::<T>(2 * X::slice(&self.initial_position).len())?;
         self.memory.check_state(from)
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         self.check_state(&mut from.clone())?;
-        from.header::<T, 2>(TAG, &self.shape())?;
+        from.header::<T, 3>(TAG, &self.shape())?;
         from.numbers(X::slice_mut(&mut self.initial_position))?;
         from.numbers(X::slice_mut(&mut self.initial_velocity))?;
         self.memory.restore(from)
@@ -467,7 +512,7 @@ impl<T: Real, X: Space<T>> Damping<T, X> for () {
 
     fn begin(&mut self, _: &[T], _: &[T]) {}
 
-    fn add_known(&mut self, _: &[T], _: T, _: &[T], _: &mut [T], _: &mut [T]) -> Result<(), MemoryError> {
+    fn add_known(&mut self, _: &Sample<'_, T>, _: &mut [T], _: &mut [T]) -> Result<(), MemoryError> {
         Ok(())
     }
 
@@ -479,7 +524,7 @@ impl<T: Real, X: Space<T>> Damping<T, X> for () {
         true
     }
 
-    fn push(&mut self, _: &[T], _: &Sample<'_, T>, _: &mut [T]) -> Result<(), MemoryError> {
+    fn push(&mut self, _: &Sample<'_, T>, _: &[T], _: &mut [T]) -> Result<(), MemoryError> {
         Ok(())
     }
 
@@ -510,14 +555,12 @@ impl<T: Real, X: Space<T>, A: Damping<T, X>, B: Damping<T, X>> Damping<T, X> for
     #[inline(always)]
     fn add_known(
         &mut self,
-        from: &[T],
-        step_size: T,
-        times: &[T],
+        sample: &Sample<'_, T>,
         known: &mut [T],
         scratch: &mut [T],
     ) -> Result<(), MemoryError> {
-        self.0.add_known(from, step_size, times, known, scratch)?;
-        self.1.add_known(from, step_size, times, known, scratch)
+        self.0.add_known(sample, known, scratch)?;
+        self.1.add_known(sample, known, scratch)
     }
 
     #[inline(always)]
@@ -538,9 +581,14 @@ impl<T: Real, X: Space<T>, A: Damping<T, X>, B: Damping<T, X>> Damping<T, X> for
     }
 
     #[inline(always)]
-    fn push(&mut self, from: &[T], sample: &Sample<'_, T>, scratch: &mut [T]) -> Result<(), MemoryError> {
-        self.0.push(from, sample, scratch)?;
-        self.1.push(from, sample, scratch)
+    fn push(
+        &mut self,
+        sample: &Sample<'_, T>,
+        increments: &[T],
+        scratch: &mut [T],
+    ) -> Result<(), MemoryError> {
+        self.0.push(sample, increments, scratch)?;
+        self.1.push(sample, increments, scratch)
     }
 
     fn state_bytes(&self) -> usize {
@@ -576,13 +624,11 @@ impl<T: Real, X: Space<T>, D: Damping<T, X>> Damping<T, X> for [D] {
     #[inline(always)]
     fn add_known(
         &mut self,
-        from: &[T],
-        step_size: T,
-        times: &[T],
+        sample: &Sample<'_, T>,
         known: &mut [T],
         scratch: &mut [T],
     ) -> Result<(), MemoryError> {
-        self.iter_mut().try_for_each(|damping| damping.add_known(from, step_size, times, known, scratch))
+        self.iter_mut().try_for_each(|damping| damping.add_known(sample, known, scratch))
     }
 
     #[inline(always)]
@@ -601,8 +647,13 @@ impl<T: Real, X: Space<T>, D: Damping<T, X>> Damping<T, X> for [D] {
     }
 
     #[inline(always)]
-    fn push(&mut self, from: &[T], sample: &Sample<'_, T>, scratch: &mut [T]) -> Result<(), MemoryError> {
-        self.iter_mut().try_for_each(|damping| damping.push(from, sample, scratch))
+    fn push(
+        &mut self,
+        sample: &Sample<'_, T>,
+        increments: &[T],
+        scratch: &mut [T],
+    ) -> Result<(), MemoryError> {
+        self.iter_mut().try_for_each(|damping| damping.push(sample, increments, scratch))
     }
 
     fn state_bytes(&self) -> usize {
@@ -638,13 +689,11 @@ macro_rules! handing_on {
             #[inline(always)]
             fn add_known(
                 &mut $self,
-                from: &[T],
-                step_size: T,
-                times: &[T],
+                sample: &Sample<'_, T>,
                 known: &mut [T],
                 scratch: &mut [T],
             ) -> Result<(), MemoryError> {
-                <$inner as Damping<T, X>>::add_known($unique, from, step_size, times, known, scratch)
+                <$inner as Damping<T, X>>::add_known($unique, sample, known, scratch)
             }
 
             #[inline(always)]
@@ -665,11 +714,11 @@ macro_rules! handing_on {
             #[inline(always)]
             fn push(
                 &mut $self,
-                from: &[T],
                 sample: &Sample<'_, T>,
+                increments: &[T],
                 scratch: &mut [T],
             ) -> Result<(), MemoryError> {
-                <$inner as Damping<T, X>>::push($unique, from, sample, scratch)
+                <$inner as Damping<T, X>>::push($unique, sample, increments, scratch)
             }
 
             fn state_bytes(&$self) -> usize {

@@ -5,7 +5,7 @@ use core::marker::PhantomData;
 use heapless::Deque;
 
 use crate::error::ParameterError;
-use crate::memory::{Memory, MemoryError, check_channels};
+use crate::memory::{ActsOn, Memory, MemoryError, check_channels};
 use crate::real::Real;
 use crate::saving::{Shape, StateError, StateReader, StateWriter, fingerprint, header_bytes};
 use crate::weighted_sum::weighted_sum;
@@ -84,6 +84,7 @@ pub struct Direct<T, K, C, R> {
     leading: [T; MAX_STAGES * MAX_STAGES],
     rings: C,
     overflow: Overflow,
+    acts_on: ActsOn,
     len: usize,
     ring: PhantomData<R>,
 }
@@ -174,7 +175,13 @@ where
             *leading = plane.first().map_or(T::zero(), |&weight| weight * scale);
         }
         rings.as_mut().iter_mut().for_each(Ring::clear);
-        Ok(Self { weights, stages, scale, leading, rings, overflow, len: 0, ring: PhantomData })
+        let (acts_on, len, ring) = (ActsOn::Values, 0, PhantomData);
+        Ok(Self { weights, stages, scale, leading, rings, overflow, acts_on, len, ring })
+    }
+
+    /// The same memory, its weights being for such samples.
+    pub fn acting_on(self, acts_on: ActsOn) -> Self {
+        Self { acts_on, ..self }
     }
 
     /// Number of samples that the rings hold.
@@ -221,6 +228,10 @@ where
 
     fn stages(&self) -> usize {
         self.stages
+    }
+
+    fn acts_on(&self) -> ActsOn {
+        self.acts_on
     }
 
     fn leading(&self) -> &[T] {

@@ -4,7 +4,7 @@ use crate::damping::{Damping, Sample};
 use crate::linear::add_multiple;
 use crate::newton::{Equations, newton, size};
 use crate::real::{Real, all_finite};
-use crate::scheme::{Step, StepError, conclude};
+use crate::scheme::{Outcome, State, Step, StepError, conclude};
 use crate::space::{Block, Space, vectors, vectors_mut};
 use crate::system::{Instant, Mechanics};
 
@@ -47,8 +47,9 @@ pub struct Workspace<'a, T: Real, X: Space<T>, E: Equations<T, X::Block>> {
     pub known: &'a mut [T],
     /// R·N numbers, and N more where R > 1.
     pub scratch: &'a mut [T],
-    /// R numbers.
-    pub times: &'a mut [T],
+    /// q_k − X_{k−1,i}, R·N numbers, kept from step to step ([`Scheme::behind`](crate::Scheme::behind)); empty where the memory
+    /// stores the main nodes.
+    pub behind: &'a mut [T],
     /// A position.
     pub point: &'a mut X::Vector,
     /// From [`Mechanics::stiffness`].
@@ -57,6 +58,23 @@ pub struct Workspace<'a, T: Real, X: Space<T>, E: Equations<T, X::Block>> {
     pub matrix: &'a mut E,
     /// What solves them while they stay the same.
     pub kept: &'a mut Kept<E::Kept>,
+}
+
+impl<T: Real, X: Space<T>, E: Equations<T, X::Block>> Workspace<'_, T, X, E> {
+    /// Asks the damping for what it knows of the step, with nodes at these fractions of it.
+    #[inline(always)]
+    pub(crate) fn begin<D: Damping<T, X>>(
+        &mut self,
+        damping: &mut D,
+        step: &Step<'_, T>,
+        fractions: &[T],
+        state: &State<X::Vector>,
+    ) -> Result<(), StepError> {
+        self.known.fill(T::zero());
+        let (from, behind) = (X::slice(&state.position), &*self.behind);
+        let sample = Sample { from, behind, time: step.time, length: step.size, fractions };
+        Ok(damping.add_known(&sample, self.known, self.scratch)?)
+    }
 }
 
 /// What solves the equations of a linear system, once it is prepared.
@@ -124,7 +142,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         mechanics: &mut G,
         damping: &mut D,
         step: &Step<'_, T>,
-        (position, momentum): (&mut X::Vector, &mut X::Vector),
+        state: &mut State<X::Vector>,
     ) -> Result<u32, StepError>
     where
         X: Space<T>,
@@ -132,23 +150,19 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         G: Mechanics<T, X>,
         D: Damping<T, X>,
     {
-        let h = step.size;
-        work.times.fill(step.end);
-        work.known.fill(T::zero());
-        damping.add_known(X::slice(position), h, work.times, work.known, work.scratch)?;
-        let iterations = self.solve::<X, E, G, ()>(work, mechanics, None, step, (position, momentum))?;
+        let at_end = [T::one()];
+        work.begin(damping, step, &at_end, state)?;
+        let iterations = self.solve::<X, E, G, ()>(work, mechanics, None, step, state)?;
         let coordinates = work.known.len();
         let rise = vectors(work.increments, coordinates).last().unwrap_or(&[]);
         damping.add_leading(rise, work.known, work.scratch);
-        // The impulse lies in the first numbers of the residual, which end as p_{k+1}.
-        let new_momentum = work.residual.get_mut(..coordinates).unwrap_or(&mut []);
-        let fractional = work.known.iter();
-        for ((number, &p), &force) in new_momentum.iter_mut().zip(X::slice(momentum)).zip(fractional) {
-            *number = p - *number - force * h;
+        // The impulse lies in the first numbers of the residual, which end as p_{k+1} − p_k.
+        let kick = work.residual.get_mut(..coordinates).unwrap_or(&mut []);
+        for (number, &force) in kick.iter_mut().zip(&*work.known) {
+            *number = -*number - force * step.size;
         }
-        let sample = Sample { times: work.times, increments: rise };
-        let state = (X::slice_mut(position), X::slice_mut(momentum));
-        conclude(damping, sample, (rise, new_momentum), state, work.scratch)?;
+        let found = Outcome { increments: rise, rise, kick };
+        conclude(damping, step, &at_end, &found, state, work.behind, work.scratch)?;
         Ok(iterations)
     }
 
@@ -174,7 +188,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         mechanics: &mut G,
         damping: &mut D,
         step: &Step<'_, T>,
-        (position, momentum): (&mut X::Vector, &mut X::Vector),
+        state: &mut State<X::Vector>,
     ) -> Result<u32, StepError>
     where
         X: Space<T>,
@@ -182,21 +196,14 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         G: Mechanics<T, X>,
         D: Damping<T, X>,
     {
-        for (time, &node) in work.times.iter_mut().zip(self.nodes) {
-            *time = if node == T::one() { step.end } else { step.time + node * step.size };
-        }
-        work.known.fill(T::zero());
-        damping.add_known(X::slice(position), step.size, work.times, work.known, work.scratch)?;
-        let iterations = self.solve(work, mechanics, Some(damping), step, (position, momentum))?;
-        let coordinates = X::slice(position).len();
+        work.begin(damping, step, self.nodes, state)?;
+        let iterations = self.solve(work, mechanics, Some(damping), step, state)?;
+        let coordinates = X::slice(&state.position).len();
         let rise = vectors(work.increments, coordinates).last().unwrap_or(&[]);
-        let new_momentum = work.residual.get_mut(..coordinates).unwrap_or(&mut []);
-        for (number, &p) in new_momentum.iter_mut().zip(X::slice(momentum)) {
-            *number = p - *number;
-        }
-        let sample = Sample { times: work.times, increments: work.stages };
-        let state = (X::slice_mut(position), X::slice_mut(momentum));
-        conclude(damping, sample, (rise, new_momentum), state, work.scratch)?;
+        let kick = work.residual.get_mut(..coordinates).unwrap_or(&mut []);
+        kick.iter_mut().for_each(|number| *number = -*number);
+        let found = Outcome { increments: work.stages, rise, kick };
+        conclude(damping, step, self.nodes, &found, state, work.behind, work.scratch)?;
         Ok(iterations)
     }
 
@@ -219,7 +226,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         mechanics: &mut G,
         damping: Option<&D>,
         step: &Step<'_, T>,
-        (position, momentum): (&X::Vector, &X::Vector),
+        state: &State<X::Vector>,
     ) -> Result<u32, StepError>
     where
         X: Space<T>,
@@ -227,7 +234,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         G: Mechanics<T, X>,
         D: Damping<T, X>,
     {
-        let (position, momentum) = (X::slice(position), X::slice(momentum));
+        let (position, momentum) = (X::slice(&state.position), X::slice(&state.momentum));
         let coordinates = position.len();
         // From here on `scratch` holds one vector for products, and whatever the damping needs.
         if mechanics.is_linear() && damping.is_some() && !self.drifts() {
@@ -267,13 +274,13 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
                 work.matrix.keep(&mut work.kept.solver).map_err(|_| StepError::SingularJacobian)?;
                 work.kept.valid = stays;
             }
-            work.matrix.solve_kept(&work.kept.solver, work.residual);
-            if !all_finite(work.residual) {
-                return Err(StepError::NotFinite);
-            }
-            for (unknown, &correction) in work.increments.iter_mut().zip(&*work.residual) {
-                *unknown -= correction;
-            }
+            equations.correct(work.increments, work.residual, work.matrix, &work.kept.solver)?;
+            equations.forces::<E>(work.increments, None);
+            // The rounding of the solver is the same at every step, so that it would add up to growth or decay. A second
+            // correction, with the forces that are wanted anyway, leaves nothing of it.
+            equations.balance(work.increments, work.residual);
+            equations.correct(work.increments, work.residual, work.matrix, &work.kept.solver)?;
+            self.place_stages(work.increments, equations.stages, coordinates);
             1
         } else {
             let linearise = |increments: &[T], residual: &mut [T], matrix: &mut E| {
@@ -281,7 +288,9 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
             };
             newton(work.increments, work.residual, size(position), work.matrix, linearise)?
         };
-        equations.forces::<E>(work.increments, None);
+        if !equations.mechanics.is_linear() || self.drifts() {
+            equations.forces::<E>(work.increments, None);
+        }
         let impulse = work.residual.get_mut(..coordinates).unwrap_or(&mut []);
         impulse.fill(T::zero());
         for (&weight, force) in self.weights.iter().zip(vectors(equations.forces, coordinates)) {
@@ -369,7 +378,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> StepEquations<'
         mut matrix: Option<&mut E>,
     ) {
         let (lagrangian, h) = (self.lagrangian, self.step.size);
-        let (coordinates, degree) = (self.position.len(), lagrangian.degree());
+        let degree = lagrangian.degree();
         if let Some(matrix) = matrix.as_deref_mut() {
             matrix.clear();
             for (row, numbers) in vectors(lagrangian.kinetic, degree).enumerate() {
@@ -379,6 +388,33 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> StepEquations<'
             }
         }
         self.forces(increments, matrix);
+        self.balance(increments, residual);
+    }
+
+    /// Takes the solution for the residual off the increments.
+    #[inline(always)]
+    fn correct<E: Equations<T, X::Block>>(
+        &self,
+        increments: &mut [T],
+        residual: &mut [T],
+        matrix: &mut E,
+        solver: &E::Kept,
+    ) -> Result<(), StepError> {
+        matrix.solve_kept(solver, residual);
+        if !all_finite(residual) {
+            return Err(StepError::NotFinite);
+        }
+        for (unknown, &correction) in increments.iter_mut().zip(&*residual) {
+            *unknown -= correction;
+        }
+        Ok(())
+    }
+
+    /// Writes the residuals of the S equations with the forces as they were last found.
+    #[inline(always)]
+    fn balance(&mut self, increments: &[T], residual: &mut [T]) {
+        let (lagrangian, h) = (self.lagrangian, self.step.size);
+        let (coordinates, degree) = (self.position.len(), lagrangian.degree());
         for (row, residual) in vectors_mut(residual, coordinates).enumerate() {
             residual.fill(T::zero());
             if row == 0 {
@@ -415,6 +451,7 @@ mod tests {
     use crate::newton::{Factors, StepMatrix};
     use crate::quadrature::Quadrature;
     use crate::runge_kutta::RungeKutta;
+    use crate::scheme::Rounding;
     use crate::system::{Force, Mass, Potential, System};
     use nalgebra::{SMatrix, SVector, matrix, vector};
 
@@ -479,9 +516,7 @@ mod tests {
 
         fn add_known(
             &mut self,
-            _: &[f64],
-            _: f64,
-            _: &[f64],
+            _: &Sample<'_, f64>,
             known: &mut [f64],
             _: &mut [f64],
         ) -> Result<(), MemoryError> {
@@ -514,7 +549,7 @@ mod tests {
             true
         }
 
-        fn push(&mut self, _: &[f64], _: &Sample<'_, f64>, _: &mut [f64]) -> Result<(), MemoryError> {
+        fn push(&mut self, _: &Sample<'_, f64>, _: &[f64], _: &mut [f64]) -> Result<(), MemoryError> {
             Ok(())
         }
     }
@@ -534,17 +569,20 @@ mod tests {
             forces: forces.as_flattened_mut(),
             known: known.as_flattened_mut(),
             scratch: &mut [0.0; 32],
-            times: &mut [0.0; Q],
+            behind: &mut [0.0; 32],
             point: &mut SVector::zeros(),
             stiffness: &mut system.stiffness(),
             matrix: &mut StepMatrix::zero(),
             kept: &mut Kept::nothing(Factors::zero()),
         };
         let mut damping = Affine { known: damping.known, leading: damping.leading };
-        let (mut position, mut momentum) = (POSITION, MOMENTUM);
-        let state = (&mut position, &mut momentum);
-        galerkin.view().step_damped_at_nodes(&mut work, &mut system, &mut damping, &STEP, state).unwrap();
-        (increments.map(SVector::from), momentum)
+        let rounding = Rounding { position: SVector::zeros(), momentum: SVector::zeros() };
+        let mut state = State { step: 0, position: POSITION, momentum: MOMENTUM, rounding };
+        galerkin
+            .view()
+            .step_damped_at_nodes(&mut work, &mut system, &mut damping, &STEP, &mut state)
+            .unwrap();
+        (increments.map(SVector::from), state.momentum)
     }
 
     /// Value and derivative of the polynomial through (points, values), by Neville's scheme.

@@ -8,7 +8,7 @@ use crate::discrete_lagrangian::{Kept, Workspace};
 use crate::galerkin::{Galerkin, in_place};
 use crate::newton::{Factors, StepMatrix};
 use crate::real::Real;
-use crate::scheme::{Sampling, Scheme, Step, StepError};
+use crate::scheme::{Sampling, Scheme, State, Step, StepError};
 use crate::system::Mechanics;
 
 /// Explicit Euler method.
@@ -76,15 +76,14 @@ macro_rules! scheme {
                 mechanics: &mut G,
                 damping: &mut D,
                 step: &Step<'_, T>,
-                position: &mut SVector<T, N>,
-                momentum: &mut SVector<T, N>,
+                state: &mut State<SVector<T, N>>,
             ) -> Result<u32, StepError> {
                 const S: usize = 1;
                 const Q: usize = 1;
                 let coefficients = Self::coefficients::<T>();
                 let zeros = [[T::zero(); N]; 1];
-                in_place!(S, Q; storage, mechanics, [T::zero(); 1], zeros, [[T::zero(); N]; 1], |workspace| {
-                    coefficients.view().$step(workspace, mechanics, damping, step, (position, momentum))
+                in_place!(S, Q; storage, &mut [], mechanics, zeros, [[T::zero(); N]; 1], |workspace| {
+                    coefficients.view().$step(workspace, mechanics, damping, step, state)
                 })
             }
         }

@@ -5,7 +5,7 @@ use core::marker::PhantomData;
 
 use crate::direct::MAX_STAGES;
 use crate::error::ParameterError;
-use crate::memory::{Memory, MemoryError, check_channels};
+use crate::memory::{ActsOn, Memory, MemoryError, check_channels};
 use crate::real::Real;
 use crate::saving::{Shape, StateError, StateReader, StateWriter, fingerprint, header_bytes};
 
@@ -215,6 +215,7 @@ pub struct ExponentialSum<T, C, B> {
     oldest: usize,
     /// Which slow block settles at the next step.
     settling: usize,
+    acts_on: ActsOn,
     len: usize,
     number: PhantomData<T>,
 }
@@ -253,10 +254,16 @@ where
         )?;
         ParameterError::check(scale.is_finite(), "scale", scale.to_f64(), "finite")?;
         let layout = Layout::of(&view, channels);
-        let (oldest, settling, len) = (0, 0, 0);
-        let mut memory = Self { table, scale, layout, state, oldest, settling, len, number: PhantomData };
+        let (oldest, settling, acts_on, len) = (0, 0, ActsOn::Values, 0);
+        let mut memory =
+            Self { table, scale, layout, state, oldest, settling, acts_on, len, number: PhantomData };
         memory.clear();
         Ok(memory)
+    }
+
+    /// The same memory, its weights being for such samples.
+    pub fn acting_on(self, acts_on: ActsOn) -> Self {
+        Self { acts_on, ..self }
     }
 
     /// The table.
@@ -623,6 +630,10 @@ where
 
     fn stages(&self) -> usize {
         self.table.stages
+    }
+
+    fn acts_on(&self) -> ActsOn {
+        self.acts_on
     }
 
     fn leading(&self) -> &[T] {

@@ -9,7 +9,7 @@ use crate::error::ParameterError;
 use crate::newton::{Factors, StepMatrix};
 use crate::quadrature::{Quadrature, lobatto_half};
 use crate::real::Real;
-use crate::scheme::{Sampling, Scheme, Step, StepError};
+use crate::scheme::{Sampling, Scheme, State, Step, StepError};
 use crate::system::Mechanics;
 
 /// Discrete Lagrangian on polynomials of degree S with a quadrature of Q points.
@@ -274,11 +274,11 @@ impl<T, const S: usize, const Q: usize> Galerkin<T, S, Q> {
 /// The room of one step on the stack: calls `$step` with a workspace for R memory nodes and scratch space of
 /// as many vectors as given.
 macro_rules! in_place {
-    ($degree:ident, $points:ident; $storage:expr, $mechanics:expr, $nodes:expr, $known:expr, $scratch:expr, $step:expr) => {{
+    ($degree:ident, $points:ident; $kept:expr, $behind:expr, $mechanics:expr, $known:expr, $scratch:expr, $step:expr) => {{
         let zero = T::zero();
         let (mut increments, mut residual) = ([[zero; N]; $degree], [[zero; N]; $degree]);
         let (mut stages, mut forces) = ([[zero; N]; $points], [[zero; N]; $points]);
-        let (mut known, mut times) = ($known, $nodes);
+        let mut known = $known;
         let scratch = &mut $scratch;
         let mut point = SVector::zeros();
         let mut stiffness = $mechanics.stiffness();
@@ -290,11 +290,11 @@ macro_rules! in_place {
             forces: forces.as_flattened_mut(),
             known: known.as_flattened_mut(),
             scratch: scratch.as_flattened_mut(),
-            times: &mut times,
+            behind: $behind,
             point: &mut point,
             stiffness: &mut stiffness,
             matrix: &mut matrix,
-            kept: $storage,
+            kept: $kept,
         };
         $step(&mut workspace)
     }};
@@ -323,12 +323,11 @@ impl<T: Real, const N: usize, const S: usize, const Q: usize> Scheme<T, Fixed<N>
         mechanics: &mut G,
         damping: &mut D,
         step: &Step<'_, T>,
-        position: &mut SVector<T, N>,
-        momentum: &mut SVector<T, N>,
+        state: &mut State<SVector<T, N>>,
     ) -> Result<u32, StepError> {
         let zeros = [[T::zero(); N]; 1];
-        in_place!(S, Q; storage, mechanics, [T::zero(); 1], zeros, [[T::zero(); N]; 1], |workspace| {
-            self.view().step_damped_at_main_nodes(workspace, mechanics, damping, step, (position, momentum))
+        in_place!(S, Q; storage, &mut [], mechanics, zeros, [[T::zero(); N]; 1], |workspace| {
+            self.view().step_damped_at_main_nodes(workspace, mechanics, damping, step, state)
         })
     }
 }

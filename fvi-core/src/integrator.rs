@@ -8,20 +8,9 @@ use crate::error::{ParameterError, check_step_size};
 use crate::memory::MemoryError;
 use crate::real::{Real, all_finite};
 use crate::saving::{Shape, StateError, StateReader, StateWriter, header_bytes};
-use crate::scheme::{Sampling, Scheme, Step, StepError};
+use crate::scheme::{Rounding, Sampling, Scheme, State, Step, StepError};
 use crate::space::{Block, Space};
 use crate::system::{Force, Mechanics, Potential, System};
-
-/// State of the motion after a number of steps; `V` is a vector of the space.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct State<V> {
-    /// Number of steps made, k; the time is t_k = k h.
-    pub step: u64,
-    /// Position q_k.
-    pub position: V,
-    /// Momentum p_k.
-    pub momentum: V,
-}
 
 /// Integrates d/dt ∂L/∂v − ∂L/∂q = F + u − Σ_m ρ_m D₋^{β_m} q step by step.
 ///
@@ -31,7 +20,7 @@ pub struct State<V> {
 /// ```
 /// # use fvi_core::*;
 /// // m q̈ + k q = −ρ D^{1/2} q with q(0) = 1, q̇(0) = 0, in Caputo's sense.
-/// static WEIGHTS: [f64; 128] = monic_bdf_table(BdfOrder::GRUNWALD_LETNIKOV, 0.5);
+/// static WEIGHTS: [f64; 128] = monic_increment_table(BdfOrder::GRUNWALD_LETNIKOV, 0.5);
 /// let step_size = 0.05;
 /// let kernel = Kernel::bdf(BdfOrder::GRUNWALD_LETNIKOV, 0.5, step_size)?;
 /// let memory = kernel.full_memory::<f64, 1, 128>(&WEIGHTS)?;
@@ -218,13 +207,15 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         damping.begin(X::slice(&position), X::slice(&velocity));
         if matches!(scheme.sampling(), Sampling::MainNodes) {
             let (rest, mut scratch) = (space.zeros(), space.zeros());
-            let sample = Sample { times: &[T::zero()], increments: X::slice(&rest) };
+            let (from, fractions) = (X::slice(&position), &[T::zero()]);
+            let sample = Sample { from, behind: &[], time: T::zero(), length: T::zero(), fractions };
             damping
-                .push(X::slice(&position), &sample, X::slice_mut(&mut scratch))
+                .push(&sample, X::slice(&rest), X::slice_mut(&mut scratch))
                 .map_err(IntegratorError::Memory)?;
         }
         let storage = scheme.storage(&space, &mechanics);
-        let state = State { step: 0, position, momentum };
+        let rounding = Rounding { position: space.zeros(), momentum: space.zeros() };
+        let state = State { step: 0, position, momentum, rounding };
         let (anchor, last_length) = ((0, T::zero()), step_size);
         Ok(Integrator { space, mechanics, scheme, storage, damping, step_size, state, anchor, last_length })
     }
@@ -286,7 +277,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
             S::forget_step(storage);
             *last_length = length;
         }
-        scheme.step(storage, mechanics, damping, &step, &mut state.position, &mut state.momentum)
+        scheme.step(storage, mechanics, damping, &step, state)
     }
 
     /// Time t_k of the present state: k h where all steps had the step size h.
@@ -323,7 +314,8 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
 
     /// Number of bytes that [`save`](Integrator::save) writes at present.
     pub fn state_bytes(&self) -> usize {
-        header_bytes(4) + T::BYTES + 2 * self.space.coordinates() * T::BYTES + self.damping.state_bytes()
+        let numbers = 1 + 4 * self.space.coordinates() + S::behind(&self.storage).len();
+        header_bytes(4) + numbers * T::BYTES + self.damping.state_bytes()
     }
 
     /// Writes the state: step, position, momentum, and what the damping remembers. An integrator built alike
@@ -336,8 +328,11 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         to.count(self.state.step)?;
         to.count(self.anchor.0)?;
         to.numbers([&self.anchor.1])?;
-        to.numbers(X::slice(&self.state.position))?;
-        to.numbers(X::slice(&self.state.momentum))?;
+        let State { position, momentum, rounding, .. } = &self.state;
+        for vector in [position, momentum, &rounding.position, &rounding.momentum] {
+            to.numbers(X::slice(vector))?;
+        }
+        to.numbers(S::behind(&self.storage))?;
         self.damping.save(to)
     }
 
@@ -354,14 +349,18 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
             ahead.count_up_to("steps", usize::try_from(step).unwrap_or(usize::MAX))? as u64,
             ahead.number()?,
         );
-        let (mut position, mut momentum) = (self.space.zeros(), self.space.zeros());
-        ahead.numbers(X::slice_mut(&mut position))?;
-        ahead.numbers(X::slice_mut(&mut momentum))?;
+        let zeros = || self.space.zeros();
+        let rounding = Rounding { position: zeros(), momentum: zeros() };
+        let mut state = State { step, position: zeros(), momentum: zeros(), rounding };
+        let State { position, momentum, rounding, .. } = &mut state;
+        for vector in [position, momentum, &mut rounding.position, &mut rounding.momentum] {
+            ahead.numbers(X::slice_mut(vector))?;
+        }
+        // What the scheme keeps otherwise is for the leading weights of the damping as it was.
+        let mut storage = self.scheme.storage(&self.space, &self.mechanics);
+        ahead.numbers(S::behind_mut(&mut storage))?;
         self.damping.restore(&mut ahead)?;
-        self.state = State { step, position, momentum };
-        self.anchor = anchor;
-        // What the scheme keeps is for the leading weights of the damping as it was.
-        self.storage = self.scheme.storage(&self.space, &self.mechanics);
+        (self.state, self.storage, self.anchor) = (state, storage, anchor);
         *from = ahead;
         Ok(())
     }

@@ -3,7 +3,7 @@
 use crate::direct::{FixedDirect, Overflow};
 use crate::error::{ParameterError, check_step_size};
 use crate::linear::factor;
-use crate::memory::Memory;
+use crate::memory::{ActsOn, Memory};
 use crate::real::Real;
 use crate::runge_kutta::RungeKutta;
 use crate::tiled::Tiled;
@@ -20,8 +20,8 @@ use crate::weights::{BdfOrder, ConvolutionWeights, leading_bdf_weight};
 /// order, step and weights cannot disagree. Source: \[Lubich86\]; \[HJO\] eq. 18–22; \[LO93\].
 ///
 /// ```
-/// # use fvi_core::{BdfOrder, Kernel, Memory, monic_bdf_table};
-/// static WEIGHTS: [f64; 64] = monic_bdf_table(BdfOrder::GRUNWALD_LETNIKOV, 0.5);
+/// # use fvi_core::{BdfOrder, Kernel, Memory, monic_increment_table};
+/// static WEIGHTS: [f64; 64] = monic_increment_table(BdfOrder::GRUNWALD_LETNIKOV, 0.5);
 /// let kernel = Kernel::bdf(BdfOrder::GRUNWALD_LETNIKOV, 0.5, 0.01)?;
 /// let memory = kernel.full_memory::<f64, 1, 64>(&WEIGHTS)?;
 /// assert_eq!(memory.leading(), [10.0]); // (1/h)^β
@@ -136,8 +136,9 @@ impl Kernel {
         self.step_size
     }
 
-    /// The direct memory for C coordinates that keeps up to H samples and refuses more, with the weights
-    /// w_n/w₀ in flash ([`monic_bdf_table`](crate::monic_bdf_table)).
+    /// The direct memory for C coordinates that keeps up to H samples and refuses more, with its weights in
+    /// flash: those on increments ([`monic_increment_table`](crate::monic_increment_table)), which lose less to rounding,
+    /// or those on values ([`monic_bdf_table`](crate::monic_bdf_table)). The table tells which it is.
     ///
     /// # Errors
     /// If the weights are not those of this kernel.
@@ -145,7 +146,8 @@ impl Kernel {
         &self,
         weights: &'w [T],
     ) -> Result<FixedDirect<'w, T, C, H>, ParameterError> {
-        FixedDirect::full_memory(weights, self.scale(weights)?)
+        let (scale, acts_on) = self.table(weights)?;
+        Ok(FixedDirect::full_memory(weights, scale)?.acting_on(acts_on))
     }
 
     /// The direct memory for C coordinates that keeps the latest H samples and forgets the others; see
@@ -157,7 +159,8 @@ impl Kernel {
         &self,
         weights: &'w [T],
     ) -> Result<FixedDirect<'w, T, C, H>, ParameterError> {
-        FixedDirect::short_memory(weights, self.scale(weights)?)
+        let (scale, acts_on) = self.table(weights)?;
+        Ok(FixedDirect::short_memory(weights, scale)?.acting_on(acts_on))
     }
 
     /// The tiled memory for C coordinates in B blocks; see [`full_memory`](Kernel::full_memory).
@@ -169,11 +172,13 @@ impl Kernel {
         weights: &'w [T],
         overflow: Overflow,
     ) -> Result<Tiled<'w, T, C, B>, ParameterError> {
-        Tiled::new(weights, self.scale(weights)?, overflow)
+        let (scale, acts_on) = self.table(weights)?;
+        Ok(Tiled::new(weights, scale, overflow)?.acting_on(acts_on))
     }
 
-    /// w₀, after a look at the first weights and the last: they must be w_n/w₀ of this kernel.
-    fn scale<T: Real>(&self, weights: &[T]) -> Result<T, ParameterError> {
+    /// w₀ and what the table acts on, after a look at its first weights: they must be w_n/w₀ of this kernel, or
+    /// the sums of these.
+    fn table<T: Real>(&self, weights: &[T]) -> Result<(T, ActsOn), ParameterError> {
         let (Rule::Bdf(order), Some(step_size)) = (self.rule, self.step_size) else {
             return Err(ParameterError {
                 parameter: "kernel",
@@ -182,29 +187,34 @@ impl Kernel {
             });
         };
         let leading = leading_bdf_weight(order, self.exponent(), step_size)?;
-        let right = ConvolutionWeights::bdf(order, self.exponent(), order.generating_function(0.0))?;
-        for (&weight, right) in weights.iter().zip(right.take(8)) {
-            ParameterError::check(
-                close(weight.to_f64(), right, 64.0 * T::EPSILON.to_f64()),
-                "weight of the table",
-                weight.to_f64(),
-                "the kernel's: a table of the same order and exponent",
-            )?;
+        let on_values = ConvolutionWeights::bdf(order, self.exponent(), order.generating_function(0.0))?;
+        let on_increments = on_values.clone().on_increments();
+        let wrong = |right: ConvolutionWeights| {
+            let unequal = |pair: &(T, f64)| !close(pair.0.to_f64(), pair.1, 64.0 * T::EPSILON.to_f64());
+            weights.iter().copied().zip(right.take(8)).find(unequal)
+        };
+        let Some((weight, _)) = wrong(on_values) else { return Ok((T::of(leading), ActsOn::Values)) };
+        if wrong(on_increments).is_none() {
+            return Ok((T::of(leading), ActsOn::Increments));
         }
-        Ok(T::of(leading))
+        Err(ParameterError {
+            parameter: "weight of the table",
+            value: weight.to_f64(),
+            allowed: "the kernel's: a table of the same order and exponent",
+        })
     }
 
-    /// Checks that the leading weight of a memory is that of this kernel.
+    /// Checks that the first weights of a memory are those of this kernel, and clears it.
     ///
     /// # Errors
-    /// If it is not.
+    /// If they are not.
     #[inline(always)]
-    pub(crate) fn check<T: Real>(&self, memory: &impl Memory<T>) -> Result<(), ParameterError> {
+    pub(crate) fn check<T: Real>(&self, memory: &mut impl Memory<T>) -> Result<(), ParameterError> {
         // Inlined, so that a program with given weights links nothing of what follows.
         if matches!(self.rule, Rule::Given) { Ok(()) } else { self.check_rule(memory) }
     }
 
-    fn check_rule<T: Real>(&self, memory: &impl Memory<T>) -> Result<(), ParameterError> {
+    fn check_rule<T: Real>(&self, memory: &mut impl Memory<T>) -> Result<(), ParameterError> {
         let Some(step_size) = self.step_size else { return Ok(()) };
         let found = memory.leading();
         let (found, right) = match self.rule {
@@ -227,8 +237,44 @@ impl Kernel {
             "leading weight of the memory",
             found,
             "that of the damping term's kernel: same rule, same order β, same step",
+        )?;
+        let Rule::Bdf(order) = self.rule else { return Ok(()) };
+        // Weights on values and on increments have the same first one.
+        let Some(found) = second_weight(memory) else { return Ok(()) };
+        let weights = ConvolutionWeights::bdf(order, self.exponent(), step_size)?;
+        let right = match memory.acts_on() {
+            ActsOn::Values => weights,
+            ActsOn::Increments | ActsOn::Rises => weights.on_increments(),
+        };
+        let (found, right) = (found.to_f64(), right.take(2).last().unwrap_or(f64::NAN));
+        // Of the size of the leading weight, which it may be the difference of.
+        let error = (found - right).abs() / memory.leading().first().map_or(1.0, |weight| weight.to_f64());
+        ParameterError::check(
+            error <= tolerance * T::EPSILON.to_f64() || found == right,
+            "second weight of the memory",
+            found,
+            "that of the damping term's kernel on the samples that the memory says it takes",
         )
     }
+}
+
+/// Channels up to which a memory is tried out.
+const TRIED: usize = 16;
+
+/// The weight w₁ of a memory of plain numbers, by trying it out: how it answers to a one. `None` where
+/// nothing can be said: weights that vary, too many channels, no room.
+fn second_weight<T: Real>(memory: &mut impl Memory<T>) -> Option<T> {
+    let channels = memory.channels();
+    if memory.stages() != 1 || channels > TRIED || !memory.leading_is_constant() {
+        return None;
+    }
+    let mut numbers = [T::one(); TRIED];
+    let numbers = numbers.get_mut(..channels)?;
+    memory.clear();
+    let answer = memory.push(numbers).and_then(|()| memory.next_term(numbers));
+    memory.clear();
+    answer.ok()?;
+    numbers.first().copied()
 }
 
 fn check_exponent(exponent: f64) -> Result<(), ParameterError> {
@@ -272,7 +318,7 @@ fn determinant_of<T: Real>(numbers: &[T], stages: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::weights::{monic_bdf_table, monic_bdf_table_f32};
+    use crate::weights::{monic_bdf_table, monic_bdf_table_f32, monic_increment_table};
 
     static WEIGHTS: [f64; 16] = monic_bdf_table(BdfOrder::GRUNWALD_LETNIKOV, 0.5);
     static SINGLE: [f32; 16] = monic_bdf_table_f32(BdfOrder::GRUNWALD_LETNIKOV, 0.5);
@@ -282,14 +328,28 @@ mod tests {
         let kernel = |p, exponent, h| Kernel::bdf(BdfOrder::new(p).unwrap(), exponent, h).unwrap();
         let right = kernel(1, 0.5, 0.01);
         assert!(right.full_memory::<f32, 1, 16>(&SINGLE).is_ok());
-        let memory = right.full_memory::<f64, 1, 16>(&WEIGHTS).unwrap();
-        assert_eq!(right.check(&memory), Ok(()));
+        let mut memory = right.full_memory::<f64, 1, 16>(&WEIGHTS).unwrap();
+        assert_eq!(right.check(&mut memory), Ok(()));
         for wrong in [kernel(2, 0.5, 0.01), kernel(1, 0.51, 0.01)] {
             assert!(wrong.full_memory::<f64, 1, 16>(&WEIGHTS).is_err(), "{wrong:?}");
-            assert!(wrong.check(&memory).is_err(), "{wrong:?}");
+            assert!(wrong.check(&mut memory).is_err(), "{wrong:?}");
         }
-        assert!(kernel(1, 0.5, 0.02).check(&memory).is_err());
-        assert_eq!(Kernel::given(1.5).unwrap().check(&memory), Ok(()));
+        assert!(kernel(1, 0.5, 0.02).check(&mut memory).is_err());
+        assert_eq!(Kernel::given(1.5).unwrap().check(&mut memory), Ok(()));
+    }
+
+    #[test]
+    fn weights_on_values_and_on_increments_are_told_apart() {
+        static SUMS: [f64; 16] = monic_increment_table(BdfOrder::GRUNWALD_LETNIKOV, 0.5);
+        let kernel = Kernel::bdf(BdfOrder::GRUNWALD_LETNIKOV, 0.5, 0.01).unwrap();
+        let values = kernel.full_memory::<f64, 1, 16>(&WEIGHTS).unwrap();
+        let increments = kernel.full_memory::<f64, 1, 16>(&SUMS).unwrap();
+        assert_eq!((values.acts_on(), increments.acts_on()), (ActsOn::Values, ActsOn::Increments));
+        for (memory, taken_for) in [(values, ActsOn::Increments), (increments, ActsOn::Values)] {
+            assert_eq!(kernel.check(&mut memory.clone()), Ok(()));
+            let error = kernel.check(&mut memory.acting_on(taken_for)).unwrap_err();
+            assert_eq!(error.parameter, "second weight of the memory");
+        }
     }
 
     #[test]
@@ -302,8 +362,8 @@ mod tests {
             FixedStages::new(&leading, 2, scale, [FixedRing::new(), FixedRing::new()], Overflow::Refuse)
                 .unwrap()
         };
-        assert_eq!(kernel.check(&memory(1.0)), Ok(()));
-        assert!(kernel.check(&memory(2.0)).is_err());
+        assert_eq!(kernel.check(&mut memory(1.0)), Ok(()));
+        assert!(kernel.check(&mut memory(2.0)).is_err());
     }
 
     type FixedRing = heapless::Deque<f64, 4>;

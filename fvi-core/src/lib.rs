@@ -50,21 +50,21 @@ pub use error::{MatrixError, ParameterError};
 pub use euler::{ExplicitEuler, ImplicitEuler};
 pub use exponential_sum::{ExponentialSum, ExponentialTable, ExponentialTerm};
 pub use galerkin::{Galerkin, Tables};
-pub use integrator::{Integrator, IntegratorBuilder, IntegratorError, State};
+pub use integrator::{Integrator, IntegratorBuilder, IntegratorError};
 pub use kernel::{Kernel, Rule, Symbol};
 pub use linear::{
     Singular, add_multiple, factor, invert_factored, is_positive_definite_in_place, keep_factors, solve,
     substitute, substitute_kept,
 };
-pub use memory::{Memory, MemoryError, check_channels};
+pub use memory::{ActsOn, Memory, MemoryError, check_channels};
 pub use newton::{Equations, Factors, StepMatrix};
-pub use node_galerkin::NodeGalerkin;
+pub use node_galerkin::{NodeGalerkin, NodeStorage};
 pub use operator::{FractionalOperator, OperatorError, Start, left_operator, right_operator};
 pub use quadrature::{Quadrature, gauss_rule, lobatto_rule};
 pub use real::Real;
 pub use runge_kutta::RungeKutta;
 pub use saving::{Shape, StateError, StateReader, StateWriter, fingerprint, header_bytes};
-pub use scheme::{Sampling, Scheme, Step, StepError, conclude};
+pub use scheme::{Outcome, Rounding, Sampling, Scheme, State, Step, StepError, conclude};
 pub use space::{Block, Space};
 pub use stability::{ExplicitDamping, Stability, check_stability};
 pub use system::{
@@ -72,7 +72,10 @@ pub use system::{
 };
 pub use tiled::Tiled;
 pub use variable_steps::{RateTable, VariableStepMemory};
-pub use weights::{BdfOrder, ConvolutionWeights, leading_bdf_weight, monic_bdf_table, monic_bdf_table_f32};
+pub use weights::{
+    BdfOrder, ConvolutionWeights, leading_bdf_weight, monic_bdf_table, monic_bdf_table_f32,
+    monic_increment_table, monic_increment_table_f32,
+};
 
 /// The examples of the page that introduces the crate.
 #[cfg(doctest)]

@@ -5,6 +5,25 @@ use core::fmt;
 
 use crate::saving::{StateError, StateReader, StateWriter};
 
+/// What the samples of a memory are, for the motion X that the operator acts on (q itself, or q − q₀ …).
+///
+/// The same derivative D^β X = Σ_n W_n X_{k−n} may be served from any of them, by kernels that differ by a
+/// factor: with Y_k = X_k − X_{k−1} the kernel has the sums W_0 + … + W_n, of generating function
+/// K(z)/(1 − z). The schemes know differences to full relative accuracy, from their equations and not by
+/// subtraction, and their sum is as small as the derivative itself: where values lose u h^{−β}|X| to
+/// rounding, increments lose u h^{1−β}|Ẋ|. All of these kernels have the same leading weight.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ActsOn {
+    /// The values X_{k,i} of the nodes.
+    #[default]
+    Values,
+    /// The increments X_{k,i} − X_{k−1,i} of every node, X_{−1,i} = 0.
+    Increments,
+    /// What every node is beyond the main node before it, X_{k,i} − x_k with x_0 = 0, x_k the main node at
+    /// the beginning of the step.
+    Rises,
+}
+
 /// A memory engine: convolution of a known kernel with an online signal.
 ///
 /// With the kernel W₀, W₁, … (S×S matrices; plain numbers for S = 1) and the samples x₀, x₁, … the engine
@@ -34,6 +53,13 @@ pub trait Memory<T> {
     /// Number of stages S of the kernel: 1 for plain numbers.
     fn stages(&self) -> usize {
         1
+    }
+
+    /// What the samples are: which differences of the motion the kernel is for.
+    ///
+    /// A damping term asks, and pushes what it is told; for the memory itself a sample is a sample.
+    fn acts_on(&self) -> ActsOn {
+        ActsOn::Values
     }
 
     /// Leading weight W₀, S×S numbers, row by row.
@@ -165,6 +191,10 @@ impl<T, M: Memory<T> + ?Sized> Memory<T> for &mut M {
 
     fn stages(&self) -> usize {
         (**self).stages()
+    }
+
+    fn acts_on(&self) -> ActsOn {
+        (**self).acts_on()
     }
 
     fn leading(&self) -> &[T] {

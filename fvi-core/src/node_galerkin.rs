@@ -10,7 +10,7 @@ use crate::galerkin::{Galerkin, in_place};
 use crate::newton::{Factors, StepMatrix};
 use crate::real::Real;
 use crate::runge_kutta::RungeKutta;
-use crate::scheme::{Sampling, Scheme, Step, StepError};
+use crate::scheme::{Sampling, Scheme, State, Step, StepError};
 use crate::system::Mechanics;
 
 /// Galerkin scheme of degree S whose fractional force acts at its Q quadrature nodes, which the memory
@@ -30,6 +30,21 @@ pub struct NodeGalerkin<T, const S: usize, const Q: usize> {
     galerkin: Galerkin<T, S, Q>,
 }
 
+/// What a scheme with Q nodes in its memory keeps between steps.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NodeStorage<T, const N: usize, const S: usize, const Q: usize> {
+    pub(crate) kept: Kept<Factors<T, N, S>>,
+    /// q_k − X_{k−1,i}.
+    pub(crate) behind: [[T; N]; Q],
+}
+
+impl<T: Real, const N: usize, const S: usize, const Q: usize> NodeStorage<T, N, S, Q> {
+    /// Nothing kept yet, no node behind.
+    pub(crate) fn empty() -> Self {
+        Self { kept: Kept::nothing(Factors::zero()), behind: [[T::zero(); N]; Q] }
+    }
+}
+
 impl<T: Real, const S: usize, const Q: usize> NodeGalerkin<T, S, Q> {
     /// The scheme on the discrete Lagrangian of `galerkin`, for memories with plain weights.
     pub fn new(galerkin: Galerkin<T, S, Q>) -> Self {
@@ -47,14 +62,22 @@ impl<T: Real, const S: usize, const Q: usize> NodeGalerkin<T, S, Q> {
 }
 
 impl<T: Real, const N: usize, const S: usize, const Q: usize> Scheme<T, Fixed<N>> for NodeGalerkin<T, S, Q> {
-    type Storage = Kept<Factors<T, N, S>>;
+    type Storage = NodeStorage<T, N, S, Q>;
 
     fn storage<G: Mechanics<T, Fixed<N>>>(&self, _: &Fixed<N>, _: &G) -> Self::Storage {
-        Kept::nothing(Factors::zero())
+        NodeStorage::empty()
     }
 
     fn forget_step(storage: &mut Self::Storage) {
-        storage.valid = false;
+        storage.kept.valid = false;
+    }
+
+    fn behind(storage: &Self::Storage) -> &[T] {
+        storage.behind.as_flattened()
+    }
+
+    fn behind_mut(storage: &mut Self::Storage) -> &mut [T] {
+        storage.behind.as_flattened_mut()
     }
 
     fn sampling(&self) -> Sampling<'_, T> {
@@ -68,18 +91,12 @@ impl<T: Real, const N: usize, const S: usize, const Q: usize> Scheme<T, Fixed<N>
         mechanics: &mut G,
         damping: &mut D,
         step: &Step<'_, T>,
-        position: &mut SVector<T, N>,
-        momentum: &mut SVector<T, N>,
+        state: &mut State<SVector<T, N>>,
     ) -> Result<u32, StepError> {
         let (known, mut room) = ([[T::zero(); N]; Q], [[[T::zero(); N]; Q]; 2]);
-        in_place!(S, Q; storage, mechanics, [T::zero(); Q], known, room.as_flattened_mut(), |workspace| {
-            self.galerkin.view().step_damped_at_nodes(
-                workspace,
-                mechanics,
-                damping,
-                step,
-                (position, momentum),
-            )
+        let NodeStorage { kept, behind } = storage;
+        in_place!(S, Q; kept, behind.as_flattened_mut(), mechanics, known, room.as_flattened_mut(), |workspace| {
+            self.galerkin.view().step_damped_at_nodes(workspace, mechanics, damping, step, state)
         })
     }
 }

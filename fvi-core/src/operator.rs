@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use crate::memory::{Memory, MemoryError};
+use crate::memory::{ActsOn, Memory, MemoryError};
 use crate::real::Real;
 use crate::saving::{Shape, StateError, StateReader, StateWriter, header_bytes};
 
@@ -48,7 +48,9 @@ pub enum Start<T> {
 /// Fractional operator on a stream: takes a sample x_k, gives back (D^β x)_k = Σ_{n=0}^{k} w_n x_{k−n}.
 ///
 /// What a controller or a filter needs: fractional derivatives (0 < β < 2) and integrals (−1 < β < 0), on any
-/// [`Memory`] with one channel whose kernel holds the weights of D^β.
+/// [`Memory`] with one channel whose kernel holds the weights of D^β. Here the differences of samples are
+/// formed by subtraction, which loses nothing that the samples had; a memory that acts on them is worth its
+/// while for derivatives all the same, because its sums do not cancel.
 ///
 /// ```
 /// # use fvi_core::{BdfOrder, FixedDirect, FractionalOperator, Start, leading_bdf_weight, monic_bdf_table};
@@ -70,7 +72,8 @@ pub enum Start<T> {
 pub struct FractionalOperator<T, M> {
     memory: M,
     start: Start<T>,
-    first: T,
+    /// The first sample, or of a memory on increments the last one.
+    reference: T,
 }
 
 /// Kind of the saved state.
@@ -124,7 +127,7 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
             return Err(OperatorError::NotFinite);
         }
         memory.clear();
-        Ok(Self { memory, start, first: T::zero() })
+        Ok(Self { memory, start, reference: T::zero() })
     }
 
     /// Takes the next sample x_k and returns (D^β x)_k.
@@ -135,11 +138,15 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     #[inline]
     pub fn push(&mut self, sample: T) -> Result<T, OperatorError> {
         let count = self.memory.len();
-        let first = if count == 0 { sample } else { self.first };
+        let on_values = self.memory.acts_on() == ActsOn::Values;
+        let reference = if count == 0 { sample } else { self.reference };
         let acted_on = match self.start {
-            Start::RiemannLiouville => sample,
-            Start::Caputo => sample - first,
-            Start::CaputoWithRise { rise } => sample - first - rise * T::from_count(count as u64),
+            Start::RiemannLiouville if on_values || count == 0 => sample,
+            Start::RiemannLiouville | Start::Caputo => sample - reference,
+            Start::CaputoWithRise { rise } => {
+                let rises = if on_values { T::from_count(count as u64) } else { T::of(count.min(1) as f64) };
+                sample - reference - rise * rises
+            }
         };
         let mut term = [T::zero()];
         self.memory.next_term(&mut term)?;
@@ -149,19 +156,19 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
             return Err(OperatorError::NotFinite);
         }
         self.memory.push(&[acted_on])?;
-        self.first = first;
+        self.reference = if on_values { reference } else { sample };
         Ok(result)
     }
 
     /// Forgets all samples.
     pub fn clear(&mut self) {
         self.memory.clear();
-        self.first = T::zero();
+        self.reference = T::zero();
     }
 
     /// Number of bytes that [`save`](FractionalOperator::save) writes at present.
     pub fn state_bytes(&self) -> usize {
-        header_bytes(2) + T::BYTES + self.memory.state_bytes()
+        header_bytes(3) + T::BYTES + self.memory.state_bytes()
     }
 
     /// Writes the state, so that an operator made alike that restores it goes on with the same bits.
@@ -169,8 +176,8 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     /// # Errors
     /// [`StateError::NoRoom`], and what the memory says.
     pub fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
-        to.header::<T, 2>(TAG, &self.shape())?;
-        to.numbers([&self.first])?;
+        to.header::<T, 3>(TAG, &self.shape())?;
+        to.numbers([&self.reference])?;
         self.memory.save(to)
     }
 
@@ -180,22 +187,23 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     /// [`StateError`] if the bytes are not the state of such an operator; it is as before.
     pub fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         let mut ahead = from.clone();
-        ahead.header::<T, 2>(TAG, &self.shape())?;
-        let first = ahead.number()?;
+        ahead.header::<T, 3>(TAG, &self.shape())?;
+        let reference = ahead.number()?;
         self.memory.restore(&mut ahead)?;
-        self.first = first;
+        self.reference = reference;
         *from = ahead;
         Ok(())
     }
 
     /// What its state begins with.
-    fn shape(&self) -> Shape<2> {
+    fn shape(&self) -> Shape<3> {
         let (kind, rise) = match self.start {
             Start::RiemannLiouville => (0, T::zero()),
             Start::Caputo => (1, T::zero()),
             Start::CaputoWithRise { rise } => (2, rise),
         };
-        [("kind of start", kind), ("bits of the rise", rise.bits())]
+        let acts_on = self.memory.acts_on() as u64;
+        [("kind of start", kind), ("bits of the rise", rise.bits()), ("kind of samples", acts_on)]
     }
 
     /// The memory behind the operator.
@@ -232,6 +240,24 @@ mod tests {
         for k in 0..8 {
             assert_eq!(constant.push(3.0), Ok(0.0));
             assert_eq!(line.push(3.0 + 0.5 * f64::from(k)), Ok(0.0));
+        }
+    }
+
+    #[test]
+    fn a_memory_on_increments_gives_the_same_derivative() {
+        const SUMS: [f64; 3] = [2.0, 0.5, 0.75];
+        // The kernel on values that belongs to it goes on with −3/4 and then zeros.
+        const VALUES: [f64; 4] = [2.0, -1.5, 0.25, -0.75];
+        let samples = [1.0, -2.0, 0.5, 3.0, 2.5];
+        for start in [Start::RiemannLiouville, Start::Caputo, Start::CaputoWithRise { rise: 0.25 }] {
+            let sums =
+                FixedDirect::<f64, 1, 8>::full_memory(&SUMS, 1.0).unwrap().acting_on(ActsOn::Increments);
+            let values = FixedDirect::<f64, 1, 8>::full_memory(&VALUES, 1.0).unwrap();
+            let mut on_increments = FractionalOperator::new(sums, start).unwrap();
+            let mut on_values = FractionalOperator::new(values, start).unwrap();
+            for sample in samples {
+                assert_eq!(on_increments.push(sample), on_values.push(sample), "{start:?}");
+            }
         }
     }
 

@@ -3,10 +3,9 @@
 use core::fmt;
 
 use crate::damping::{Damping, Sample};
-use crate::linear::add_multiple;
 use crate::memory::MemoryError;
-use crate::real::{Real, all_finite};
-use crate::space::Space;
+use crate::real::Real;
+use crate::space::{Space, vectors, vectors_mut};
 use crate::system::Mechanics;
 
 /// The step that is to be made.
@@ -20,6 +19,31 @@ pub struct Step<'a, T> {
     pub size: T,
     /// Input u_k: a force held over the step, added to F(t, q). Missing numbers are zero.
     pub input: &'a [T],
+}
+
+/// State of the motion after a number of steps; `V` is a vector of the space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct State<V> {
+    /// Number of steps made, k; the time is t_k = k h.
+    pub step: u64,
+    /// Position q_k.
+    pub position: V,
+    /// Momentum p_k.
+    pub momentum: V,
+    /// What is too small to show in them.
+    pub rounding: Rounding<V>,
+}
+
+/// The rounding errors of a state's updates: the motion is at q + `position` with the momentum p + `momentum`.
+///
+/// Each step adds them to its changes of q and p, so that in many small steps no digit of a change is lost
+/// (compensated summation, \[Kahan65\]). They stay below half a unit in the last place of what they belong to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rounding<V> {
+    /// Part of the position.
+    pub position: V,
+    /// Part of the momentum.
+    pub momentum: V,
 }
 
 /// What the memory stores of each step.
@@ -61,47 +85,90 @@ pub trait Scheme<T: Real, X: Space<T>> {
     /// What the memory stores of each step.
     fn sampling(&self) -> Sampling<'_, T>;
 
+    /// q_k − X_{k−1,i}, how far the nodes of the last sample lie behind the position, one node after another:
+    /// the part of the storage that belongs to the state. Empty where the memory stores the main nodes.
+    fn behind(storage: &Self::Storage) -> &[T] {
+        let _ = storage;
+        &[]
+    }
+
+    /// [`behind`](Scheme::behind), to be written.
+    fn behind_mut(storage: &mut Self::Storage) -> &mut [T] {
+        let _ = storage;
+        &mut []
+    }
+
     /// One step: asks the damping for what it knows, solves for the new state, stores the new sample with the
-    /// damping and then moves `position` and `momentum` on ([`conclude`] does the last two). Returns the
+    /// damping and then moves position and momentum on ([`conclude`] does the last two). Returns the
     /// iterations of Newton's method, 0 for explicit formulas.
     ///
     /// # Errors
     /// If the nonlinear equations have no solution that Newton's method finds, the result is not finite, or
-    /// the memory refuses; position, momentum and damping are then as before.
+    /// the memory refuses; state and damping are then as before.
     fn step<G: Mechanics<T, X>, D: Damping<T, X>>(
         &self,
         storage: &mut Self::Storage,
         mechanics: &mut G,
         damping: &mut D,
         step: &Step<'_, T>,
-        position: &mut X::Vector,
-        momentum: &mut X::Vector,
+        state: &mut State<X::Vector>,
     ) -> Result<u32, StepError>;
 }
 
-/// The last part of every step: checks that `rise` = q_{k+1} − q_k and the new momentum are finite, stores the sample and only then moves on.
-/// `scratch` has room for the sample and one vector more.
+/// What a step has found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Outcome<'a, T> {
+    /// e_1, …, e_R of the sample, one node after another.
+    pub increments: &'a [T],
+    /// q_{k+1} − q_k.
+    pub rise: &'a [T],
+    /// p_{k+1} − p_k.
+    pub kick: &'a [T],
+}
+
+/// The last part of every step: checks that the new position and momentum are finite, stores the sample and
+/// only then moves on, with `behind` ([`Scheme::behind`]). `scratch` has room for the sample and one vector
+/// more.
 ///
 /// # Errors
 /// [`StepError::NotFinite`] or [`StepError::Memory`]; nothing has changed.
 #[inline(always)]
 pub fn conclude<T: Real, X: Space<T>, D: Damping<T, X>>(
     damping: &mut D,
-    sample: Sample<'_, T>,
-    (rise, new_momentum): (&[T], &[T]),
-    (position, momentum): (&mut [T], &mut [T]),
+    step: &Step<'_, T>,
+    fractions: &[T],
+    found: &Outcome<'_, T>,
+    state: &mut State<X::Vector>,
+    behind: &mut [T],
     scratch: &mut [T],
 ) -> Result<(), StepError> {
-    let finite = position.iter().zip(rise).all(|(&q, &rise)| (q + rise).is_finite());
-    if !finite || !all_finite(new_momentum) {
+    let (position, momentum) = (X::slice_mut(&mut state.position), X::slice_mut(&mut state.momentum));
+    let moved = |from: &[T], by: &[T]| from.iter().zip(by).all(|(&from, &by)| (from + by).is_finite());
+    if !moved(position, found.rise) || !moved(momentum, found.kick) {
         return Err(StepError::NotFinite);
     }
-    damping.push(position, &sample, scratch)?;
-    add_multiple(position, T::one(), rise);
-    for (place, &number) in momentum.iter_mut().zip(new_momentum) {
-        *place = number;
+    let sample = Sample { from: position, behind, time: step.time, length: step.size, fractions };
+    damping.push(&sample, found.increments, scratch)?;
+    let increments = vectors(found.increments, position.len());
+    for (behind, increment) in vectors_mut(behind, position.len()).zip(increments) {
+        for (place, (&rise, &e)) in behind.iter_mut().zip(found.rise.iter().zip(increment)) {
+            *place = rise - e;
+        }
     }
+    add_compensated(position, X::slice_mut(&mut state.rounding.position), found.rise);
+    add_compensated(momentum, X::slice_mut(&mut state.rounding.momentum), found.kick);
     Ok(())
+}
+
+/// Adds `change` to `number` + `rest`, and leaves in `rest` what does not fit.
+#[inline(always)]
+fn add_compensated<T: Real>(numbers: &mut [T], rests: &mut [T], changes: &[T]) {
+    for ((number, rest), &change) in numbers.iter_mut().zip(rests).zip(changes) {
+        let change = change + *rest;
+        let sum = *number + change;
+        *rest = change - (sum - *number);
+        *number = sum;
+    }
 }
 
 /// Why a step failed. State and memory are as before the step.

@@ -2,7 +2,7 @@
 
 use crate::direct::Overflow;
 use crate::error::ParameterError;
-use crate::memory::{Memory, MemoryError, check_channels};
+use crate::memory::{ActsOn, Memory, MemoryError, check_channels};
 use crate::real::Real;
 use crate::saving::{Shape, StateError, StateReader, StateWriter, fingerprint, header_bytes};
 
@@ -35,6 +35,7 @@ pub struct Tiled<'w, T, const C: usize, const B: usize> {
     leading: [T; 1],
     channels: [Channel<T, B>; C],
     overflow: Overflow,
+    acts_on: ActsOn,
     len: usize,
 }
 
@@ -149,7 +150,12 @@ impl<'w, T: Real, const C: usize, const B: usize> Tiled<'w, T, C, B> {
         };
         let leading = [weights.first().map_or(T::zero(), |&weight| weight * scale)];
         let channels = [Channel::empty(); C];
-        Ok(Self { weights, scale, leading, channels, overflow, len: 0 })
+        Ok(Self { weights, scale, leading, channels, overflow, acts_on: ActsOn::Values, len: 0 })
+    }
+
+    /// The same memory, its weights being for such samples.
+    pub fn acting_on(self, acts_on: ActsOn) -> Self {
+        Self { acts_on, ..self }
     }
 
     /// What its state begins with.
@@ -182,6 +188,10 @@ impl<'w, T: Real, const C: usize, const B: usize> Tiled<'w, T, C, B> {
 impl<T: Real, const C: usize, const B: usize> Memory<T> for Tiled<'_, T, C, B> {
     fn channels(&self) -> usize {
         C
+    }
+
+    fn acts_on(&self) -> ActsOn {
+        self.acts_on
     }
 
     fn leading(&self) -> &[T] {

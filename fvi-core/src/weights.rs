@@ -92,15 +92,22 @@ const fn check_exponent(exponent: f64) -> Result<(), ParameterError> {
     )
 }
 
-/// Coefficients of (γ_p(z)/a₀)^β one after another, each correct to about 30 digits before it is rounded.
+/// Coefficients of f = (γ_p(z)/a₀)^β or of f/(1 − z), their sums, one after another, each correct to about 30
+/// digits before it is rounded.
 ///
 /// ŵ₀ = 1 and n 60a₀ ŵ_n = Σ_{j=1}^{min(p,n)} (βj − n + j) 60a_j ŵ_{n−j}, the recursion for a power of a
-/// polynomial, in double-double arithmetic with the factor formed exactly.
+/// polynomial, in double-double arithmetic with the factor formed exactly. With g(z) = γ_p(z)/(1 − z) the
+/// function f/(1 − z) solves γ_p f' = (β γ_p' + g) f, so that 60g_{j−1} joins the factor: no sum is formed that
+/// would cancel, and the relative accuracy is that of the weights at every index.
 #[derive(Clone, Debug)]
 struct MonicWeights {
     order: BdfOrder,
     exponent: f64,
     coefficients: [f64; 7],
+    /// 60g₀, 60g₁, … for the sums, zeros for the weights themselves.
+    quotient: [f64; 7],
+    /// Last index with a weight that is not zero, for whole powers of a polynomial.
+    last: u64,
     /// ŵ_{n−1}, ŵ_{n−2}, …
     recent: [DoubleDouble; 6],
     /// Index n of the weight to come.
@@ -109,13 +116,37 @@ struct MonicWeights {
 
 impl MonicWeights {
     const fn new(order: BdfOrder, exponent: f64) -> Self {
+        // The recursion would leave rounding errors behind the end of a polynomial.
+        let last = if exponent == 0.0 {
+            0
+        } else if exponent == 1.0 {
+            order.get() as u64
+        } else {
+            u64::MAX
+        };
         Self {
             order,
             exponent,
             coefficients: order.scaled_coefficients(),
+            quotient: [0.0; 7],
+            last,
             recent: [DoubleDouble::ZERO; 6],
             next: 0,
         }
+    }
+
+    /// The sums of the weights, from the first on.
+    const fn sums(order: BdfOrder, exponent: f64) -> Self {
+        let mut sums = Self::new(order, exponent);
+        let mut sum = 0.0;
+        let mut j = 0;
+        while j < order.get() {
+            sum += sums.coefficients[j];
+            sums.quotient[j] = sum;
+            j += 1;
+        }
+        sums.last = if exponent == 1.0 { order.get() as u64 - 1 } else { u64::MAX };
+        sums
     }
 
     const fn advance(&mut self) -> DoubleDouble {
@@ -135,8 +166,7 @@ impl MonicWeights {
             return DoubleDouble::ONE;
         }
         let n = self.next as f64;
-        // A whole power of a polynomial ends; the recursion would leave rounding errors there.
-        if (self.exponent == 0.0 || self.exponent == 1.0) && n > self.exponent * self.order.get() as f64 {
+        if self.next > self.last {
             return DoubleDouble::ZERO;
         }
         let mut sum = DoubleDouble::ZERO;
@@ -144,7 +174,8 @@ impl MonicWeights {
         while j <= self.order.get() && j as u64 <= self.next && j <= self.recent.len() {
             let whole = DoubleDouble::exact(j as f64 - n);
             let factor = DoubleDouble::product(self.exponent, j as f64).add(whole);
-            sum = sum.add(factor.scale(self.coefficients[j]).multiply(self.recent[j - 1]));
+            let factor = factor.scale(self.coefficients[j]).add(DoubleDouble::exact(self.quotient[j - 1]));
+            sum = sum.add(factor.multiply(self.recent[j - 1]));
             j += 1;
         }
         sum.divide(n * self.coefficients[0])
@@ -186,6 +217,12 @@ impl ConvolutionWeights {
         check_exponent(exponent)?;
         let leading = leading_bdf_weight(order, exponent, step_size)?;
         Ok(Self { monic: MonicWeights::new(order, exponent), leading })
+    }
+
+    /// The weights of the same operator on increments, from the first on: (D^β x)_k = Σ_n w'_n (x_{k−n} − x_{k−n−1}) with
+    /// x_{−1} = 0. They are the sums w'_n = w₀ + … + w_n, of generating function (γ_p(z)/h)^β/(1 − z), and fall off like n^{−β}.
+    pub fn on_increments(self) -> Self {
+        Self { monic: MonicWeights::sums(self.monic.order, self.monic.exponent), ..self }
     }
 
     /// Fills the slice with the weights to come.
@@ -235,11 +272,36 @@ pub fn leading_bdf_weight(order: BdfOrder, exponent: f64, step_size: f64) -> Res
 /// assert_eq!(WEIGHTS, [1.0, -0.5, -0.125, -0.0625]);
 /// ```
 pub const fn monic_bdf_table<const H: usize>(order: BdfOrder, exponent: f64) -> [f64; H] {
+    table(exponent, MonicWeights::new(order, exponent))
+}
+
+/// [`monic_bdf_table`] rounded to single precision.
+pub const fn monic_bdf_table_f32<const H: usize>(order: BdfOrder, exponent: f64) -> [f32; H] {
+    rounded(monic_bdf_table(order, exponent))
+}
+
+/// Table of w'_n / w₀, n = 0…H−1, for memories that act on increments: w'_n = w₀ + … + w_n
+/// ([`ConvolutionWeights::on_increments`]). Otherwise as [`monic_bdf_table`].
+///
+/// ```
+/// # use fvi_core::{BdfOrder, monic_increment_table};
+/// static WEIGHTS: [f64; 4] = monic_increment_table(BdfOrder::GRUNWALD_LETNIKOV, 0.5);
+/// assert_eq!(WEIGHTS, [1.0, 0.5, 0.375, 0.3125]);
+/// ```
+pub const fn monic_increment_table<const H: usize>(order: BdfOrder, exponent: f64) -> [f64; H] {
+    table(exponent, MonicWeights::sums(order, exponent))
+}
+
+/// [`monic_increment_table`] rounded to single precision.
+pub const fn monic_increment_table_f32<const H: usize>(order: BdfOrder, exponent: f64) -> [f32; H] {
+    rounded(monic_increment_table(order, exponent))
+}
+
+const fn table<const H: usize>(exponent: f64, mut weights: MonicWeights) -> [f64; H] {
     let mut table = [f64::NAN; H];
     if check_exponent(exponent).is_err() {
         return table;
     }
-    let mut weights = MonicWeights::new(order, exponent);
     let mut n = 0;
     while n < H {
         table[n] = weights.advance().to_f64();
@@ -248,9 +310,7 @@ pub const fn monic_bdf_table<const H: usize>(order: BdfOrder, exponent: f64) -> 
     table
 }
 
-/// [`monic_bdf_table`] rounded to single precision.
-pub const fn monic_bdf_table_f32<const H: usize>(order: BdfOrder, exponent: f64) -> [f32; H] {
-    let double: [f64; H] = monic_bdf_table(order, exponent);
+const fn rounded<const H: usize>(double: [f64; H]) -> [f32; H] {
     let mut table = [0.0; H];
     let mut n = 0;
     while n < H {
@@ -289,6 +349,27 @@ mod tests {
             for (n, &weight) in first.iter().enumerate() {
                 let expected = if n < 7 { order.coefficients()[n] } else { 0.0 };
                 assert!((weight - expected).abs() <= 4.0 * f64::EPSILON * expected.abs(), "p = {p}, n = {n}");
+            }
+        }
+    }
+
+    #[test]
+    fn weights_on_increments_are_the_sums_of_the_weights() {
+        for p in 1..=6 {
+            let order = BdfOrder::new(p).unwrap();
+            for exponent in [-0.6, 0.0, 0.3, 1.0, 1.5, 1.95] {
+                let mut weights = ConvolutionWeights::bdf(order, exponent, 0.1).unwrap();
+                let mut sums = weights.clone().on_increments();
+                let mut sum = DoubleDouble::ZERO;
+                for n in 0..3000 {
+                    sum = sum.add(weights.next_monic());
+                    let (found, expected) = (sums.next_monic().to_f64(), sum.to_f64());
+                    let error = (found - expected).abs();
+                    assert!(
+                        error <= 2e-16 * expected.abs() + 1e-26,
+                        "p = {p}, β = {exponent}, n = {n}: {error:e}"
+                    );
+                }
             }
         }
     }

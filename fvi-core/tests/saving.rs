@@ -4,8 +4,8 @@ use fvi_core::nalgebra::{SMatrix, SVector};
 use fvi_core::{
     BdfOrder, Coefficients, ConvolutionWeights, Damping, DampingTerm, Derivative, Direct, ExponentialSum,
     ExponentialTable, Fixed, FixedDirect, FractionalOperator, Galerkin, Integrator, Kernel, Mass, Memory,
-    MemoryError, NoForce, NodeGalerkin, Overflow, Potential, Quadratic, Real, RungeKutta, Scheme, Start,
-    StateError, StateReader, StateWriter, System, Tiled,
+    MemoryError, NoForce, NodeGalerkin, Overflow, Potential, Quadratic, Real, RungeKutta, Sample, Scheme,
+    Start, StateError, StateReader, StateWriter, System, Tiled,
 };
 
 const STEPS: usize = 60;
@@ -313,8 +313,8 @@ fn a_memory_hears_the_length_of_every_step() {
     let mut term = DampingTerm::new(kernel, rho, Derivative::RiemannLiouville, memory).unwrap();
     let mut damping = |step_size: f64, rise: f64| {
         let (mut known, mut scratch) = ([0.0], [0.0; 2]);
-        Damping::<f64, Fixed<1>>::add_known(&mut term, &[2.0], step_size, &[1.0], &mut known, &mut scratch)
-            .unwrap();
+        let sample = Sample { from: &[2.0], behind: &[], time: 1.0, length: step_size, fractions: &[1.0] };
+        Damping::<f64, Fixed<1>>::add_known(&mut term, &sample, &mut known, &mut scratch).unwrap();
         Damping::<f64, Fixed<1>>::add_leading(&term, &[rise], &mut known, &mut scratch);
         known[0]
     };
@@ -333,8 +333,9 @@ fn equal_step_kernels_refuse_steps_of_another_size() {
     let rho = Coefficients::Diagonal([1.0].into());
     let mut term = DampingTerm::new(kernel, rho, Derivative::Caputo, memory).unwrap();
     let (mut known, mut scratch) = ([0.0], [0.0; 2]);
-    let mut add = |size| {
-        Damping::<f64, Fixed<1>>::add_known(&mut term, &[0.0], size, &[size], &mut known, &mut scratch)
+    let mut add = |length| {
+        let sample = Sample { from: &[0.0], behind: &[], time: 0.0, length, fractions: &[1.0] };
+        Damping::<f64, Fixed<1>>::add_known(&mut term, &sample, &mut known, &mut scratch)
     };
     assert_eq!(add(0.25), Ok(()));
     assert_eq!(add(0.5), Err(MemoryError::StepLength));

@@ -1,6 +1,8 @@
 //! The engine for throughput: blocks transformed as soon as their outputs are due.
 
-use fvi_core::{Memory, MemoryError, ParameterError, StateError, StateReader, StateWriter, check_channels};
+use fvi_core::{
+    ActsOn, Memory, MemoryError, ParameterError, StateError, StateReader, StateWriter, check_channels,
+};
 use pulp::Arch;
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
@@ -23,6 +25,7 @@ use crate::weights::{Weights, check_shape, extend_planes, take_planes};
 /// All coordinates share plans and kernel spectra. The cost of a step is uneven: a step that begins a large
 /// block does all the work of that block. [`RealTime`](crate::RealTime) spreads it.
 pub struct BlockFft<T: Scalar> {
+    acts_on: ActsOn,
     channels: usize,
     len: usize,
     /// `None` for a run of unknown length.
@@ -78,6 +81,7 @@ impl<T: Scalar> BlockFft<T> {
         let shape = LevelShape { block: 0, leaf: LEAF, stages, channels, reach: 0, outputs: 1 };
         let levels = Level::for_run(&cover, capacity, &shape, &planes, &mut scratch, unit);
         Ok(Self {
+            acts_on: ActsOn::Values,
             channels,
             len: 0,
             capacity: Some(capacity),
@@ -103,6 +107,7 @@ impl<T: Scalar> BlockFft<T> {
         let unit = Arch::new();
         let planes = take_planes(&mut kernel, 2 * FIRST_BLOCK);
         Ok(Self {
+            acts_on: ActsOn::Values,
             channels,
             len: 0,
             capacity: None,
@@ -114,6 +119,12 @@ impl<T: Scalar> BlockFft<T> {
             scratch: Vec::new(),
             unit,
         })
+    }
+
+    /// The same memory, its weights being for such samples.
+    #[must_use]
+    pub fn acting_on(self, acts_on: ActsOn) -> Self {
+        Self { acts_on, ..self }
     }
 
     /// Makes the levels and spectra that the outputs from sample k on need and that are not there yet.
@@ -188,6 +199,10 @@ impl<T: Scalar> Memory<T> for BlockFft<T> {
 
     fn stages(&self) -> usize {
         self.near.stages()
+    }
+
+    fn acts_on(&self) -> ActsOn {
+        self.acts_on
     }
 
     fn leading(&self) -> &[T] {

@@ -2,8 +2,8 @@
 //! with small matrices.
 
 use fvi_core::{
-    ExponentialTable, ExponentialTerm, Memory, MemoryError, ParameterError, Shape, StateError, StateReader,
-    StateWriter, check_channels, fingerprint, header_bytes,
+    ActsOn, ExponentialTable, ExponentialTerm, Memory, MemoryError, ParameterError, Shape, StateError,
+    StateReader, StateWriter, check_channels, fingerprint, header_bytes,
 };
 use pulp::{Arch, NullaryFnOnce, Simd, WithSimd};
 
@@ -33,6 +33,7 @@ use crate::scalar::Scalar;
 ///
 /// Source: collapsed contour of \[HJO\] eq. 19; recursion as in \[SchädleLFLubich06\].
 pub struct ChunkedExponentialSum<T: Scalar, const S: usize> {
+    acts_on: ActsOn,
     horizon: usize,
     /// Tells the table from others.
     fingerprint: u64,
@@ -149,6 +150,7 @@ impl<T: Scalar, const S: usize> ChunkedExponentialSum<T, S> {
         let pieces = distance - 1 + blocks.len() + usize::from(!blocks.is_empty());
         let coordinates = (0..channels / S).map(|_| Coordinate::new(distance, blocks.len())).collect();
         Ok(Self {
+            acts_on: ActsOn::Values,
             horizon: table.horizon,
             fingerprint: fingerprint(table.head.iter().chain(table.exponentials)),
             len: 0,
@@ -161,6 +163,12 @@ impl<T: Scalar, const S: usize> ChunkedExponentialSum<T, S> {
             done: 0,
             unit: Arch::new(),
         })
+    }
+
+    /// The same memory, its weights being for such samples.
+    #[must_use]
+    pub fn acting_on(self, acts_on: ActsOn) -> Self {
+        Self { acts_on, ..self }
     }
 
     /// What its state begins with.
@@ -500,6 +508,10 @@ impl<T: Scalar, const S: usize> Memory<T> for ChunkedExponentialSum<T, S> {
 
     fn stages(&self) -> usize {
         S
+    }
+
+    fn acts_on(&self) -> ActsOn {
+        self.acts_on
     }
 
     fn leading(&self) -> &[T] {

@@ -2,7 +2,9 @@
 
 use core::ops::Range;
 
-use fvi_core::{Memory, MemoryError, ParameterError, StateError, StateReader, StateWriter, check_channels};
+use fvi_core::{
+    ActsOn, Memory, MemoryError, ParameterError, StateError, StateReader, StateWriter, check_channels,
+};
 use pulp::Arch;
 use rustfft::num_complex::Complex;
 
@@ -44,6 +46,7 @@ pub enum Pacing {
 ///
 /// Source: \[Gardner95\], \[Garcia02\], \[Battenberg11\].
 pub struct RealTime<T: Scalar> {
+    acts_on: ActsOn,
     channels: usize,
     len: usize,
     capacity: usize,
@@ -116,6 +119,7 @@ impl<T: Scalar> RealTime<T> {
         });
         let budget = budget.sum();
         Ok(Self {
+            acts_on: ActsOn::Values,
             channels,
             len: 0,
             capacity,
@@ -130,6 +134,12 @@ impl<T: Scalar> RealTime<T> {
             credit: 0,
             overruns: 0,
         })
+    }
+
+    /// The same memory, its weights being for such samples.
+    #[must_use]
+    pub fn acting_on(self, acts_on: ActsOn) -> Self {
+        Self { acts_on, ..self }
     }
 
     /// Number of blocks since the beginning or the last [`clear`](Memory::clear) that were not done when they
@@ -198,6 +208,10 @@ impl<T: Scalar> Memory<T> for RealTime<T> {
 
     fn stages(&self) -> usize {
         self.near.stages()
+    }
+
+    fn acts_on(&self) -> ActsOn {
+        self.acts_on
     }
 
     fn leading(&self) -> &[T] {

@@ -8,7 +8,7 @@ use crate::numerics::starting::StartingCorrection;
 use crate::numerics::vectorised::Vectorised;
 use crate::scenario::{Convolution, ConvolutionFamily, Engine, History, Overflow};
 use fvi_core::{
-    BdfOrder, ConvolutionWeights, Direct, ExponentialSum, ExponentialTable, Memory, MemoryError,
+    ActsOn, BdfOrder, ConvolutionWeights, Direct, ExponentialSum, ExponentialTable, Memory, MemoryError,
     ParameterError, RungeKutta, StateError, StateReader, StateWriter,
 };
 use fvi_fft::{BlockFft, ChunkedExponentialSum, Pacing, RealTime, Scalar, Weights};
@@ -17,6 +17,7 @@ use fvi_fft::{BlockFft, ChunkedExponentialSum, Pacing, RealTime, Scalar, Weights
 pub struct HostMemory<T> {
     memory: Box<dyn Watched<T> + Send>,
     engine: Engine,
+    acts_on: ActsOn,
 }
 
 /// A memory that can say whether it kept its schedule.
@@ -137,9 +138,19 @@ impl MemoryRequest<'_> {
         if exponents.is_empty() {
             return Ok(memory);
         }
-        let (engine, order) = (memory.engine(), BdfOrder::new(order)?);
+        let (engine, acts_on, order) = (memory.engine(), memory.acts_on, BdfOrder::new(order)?);
         let corrected = StartingCorrection::new(memory, order, self.exponent, self.step_size, exponents)?;
-        Ok(HostMemory { memory: Box::new(corrected), engine })
+        Ok(HostMemory { memory: Box::new(corrected), engine, acts_on })
+    }
+
+    /// What the memory acts on: differences, as far as there is something to gain. The identity, β = 0, and integrals
+    /// act on values.
+    pub fn acts_on(&self) -> ActsOn {
+        match self.convolution.family {
+            _ if self.exponent <= 0.0 => ActsOn::Values,
+            ConvolutionFamily::Bdf { .. } => ActsOn::Increments,
+            ConvolutionFamily::RadauIia { .. } | ConvolutionFamily::LobattoIiic { .. } => ActsOn::Rises,
+        }
     }
 
     /// The kernel of the memory.
@@ -197,24 +208,29 @@ impl MemoryRequest<'_> {
 
     /// A memory for a kernel of plain numbers.
     fn scalar<T: Scalar>(&self, engine: Engine, order: BdfOrder) -> Result<HostMemory<T>, EngineError> {
-        let weights = || ConvolutionWeights::bdf(order, self.exponent, self.step_size);
+        let weights = |step_size: f64| -> Result<ConvolutionWeights, ParameterError> {
+            let weights = ConvolutionWeights::bdf(order, self.exponent, step_size)?;
+            Ok(if self.acts_on() == ActsOn::Values { weights } else { weights.on_increments() })
+        };
         match engine {
             Engine::Direct => {
                 let kept = self.kept();
                 // With the step size γ_p(0) the leading weight is 1: the same monic table and scale as in flash.
-                let mut monic =
-                    ConvolutionWeights::bdf(order, self.exponent, order.generating_function(0.0))?;
+                let mut monic = weights(order.generating_function(0.0))?;
                 let mut table = self.room(engine, kept.saturating_add(1))?;
                 table.resize(kept + 1, T::zero());
                 monic.fill(&mut table);
                 let scale = T::of(fvi_core::leading_bdf_weight(order, self.exponent, self.step_size)?);
                 self.direct(table, 1, scale)
             }
-            Engine::BlockFft | Engine::RealTime => self.transforms(engine, weights()?, 1),
+            Engine::BlockFft | Engine::RealTime => self.transforms(engine, weights(self.step_size)?, 1),
             Engine::ExponentialSum | Engine::ExponentialSumCore => {
                 let tolerance = self.history.tolerance.unwrap_or(EXACT);
-                let kernel =
-                    ExponentialKernel::bdf(order, self.exponent, self.step_size, self.horizon()?, tolerance)?;
+                let make = match self.acts_on() {
+                    ActsOn::Values => ExponentialKernel::bdf,
+                    _ => ExponentialKernel::bdf_on_increments,
+                };
+                let kernel = make(order, self.exponent, self.step_size, self.horizon()?, tolerance)?;
                 match engine {
                     Engine::ExponentialSumCore => self.core_exponential_sum(kernel.table()),
                     _ => self.exponential_sum::<T, 1>(&kernel.table().borrow()),
@@ -234,7 +250,11 @@ impl MemoryRequest<'_> {
             Engine::BlockFft | Engine::RealTime => self.samples.saturating_add(1),
             Engine::ExponentialSum | Engine::ExponentialSumCore => self.horizon()?.saturating_add(1),
         };
-        let weights = RungeKuttaWeights::new(method, self.exponent, self.step_size, count)?;
+        let make = match self.acts_on() {
+            ActsOn::Values => RungeKuttaWeights::new,
+            _ => RungeKuttaWeights::on_rises,
+        };
+        let weights = make(method, self.exponent, self.step_size, count)?;
         match engine {
             Engine::ExponentialSum => return self.exponential_sum::<T, R>(&weights.table().borrow()),
             Engine::ExponentialSumCore => return self.core_exponential_sum(weights.table()),
@@ -261,7 +281,7 @@ impl MemoryRequest<'_> {
             Overflow::Forget => fvi_core::Overflow::Forget,
         };
         let memory = Box::new(Direct::new(weights, stages, scale, rings, overflow)?);
-        Ok(HostMemory { memory, engine: Engine::Direct })
+        Ok(self.host(memory, Engine::Direct))
     }
 
     fn transforms<T: Scalar>(
@@ -278,7 +298,7 @@ impl MemoryRequest<'_> {
             Engine::RealTime => Box::new(RealTime::planned(kernel, channels, samples, Pacing::Paced)?),
             _ => Box::new(BlockFft::planned(kernel, channels, samples)?),
         };
-        Ok(HostMemory { memory, engine })
+        Ok(self.host(memory, engine))
     }
 
     fn exponential_sum<T: Scalar, const S: usize>(
@@ -286,7 +306,7 @@ impl MemoryRequest<'_> {
         table: &ExponentialTable<&[f64]>,
     ) -> Result<HostMemory<T>, EngineError> {
         let memory = Box::new(ChunkedExponentialSum::<T, S>::new(table, self.coordinates * S)?);
-        Ok(HostMemory { memory, engine: Engine::ExponentialSum })
+        Ok(self.host(memory, Engine::ExponentialSum))
     }
 
     /// The core's own memory, a sample at a time, on a table rounded as one of firmware is.
@@ -297,7 +317,11 @@ impl MemoryRequest<'_> {
         let channels = self.coordinates * table.stages;
         let state = Aligned::zeros(table.borrow().state_len(channels));
         let memory = Box::new(Vectorised::new(ExponentialSum::new(table, T::one(), channels, state)?));
-        Ok(HostMemory { memory, engine: Engine::ExponentialSumCore })
+        Ok(self.host(memory, Engine::ExponentialSumCore))
+    }
+
+    fn host<T>(&self, memory: Box<dyn Watched<T> + Send>, engine: Engine) -> HostMemory<T> {
+        HostMemory { memory, engine, acts_on: self.acts_on() }
     }
 
     /// Number of samples that engine and table are chosen for.
@@ -375,6 +399,10 @@ impl<T> Memory<T> for HostMemory<T> {
 
     fn stages(&self) -> usize {
         self.memory.stages()
+    }
+
+    fn acts_on(&self) -> ActsOn {
+        self.acts_on
     }
 
     fn leading(&self) -> &[T] {

@@ -289,13 +289,11 @@ impl<T: Elementary, X: Space<T>> Damping<T, X> for DampingTerms<T, X> {
 
     fn add_known(
         &mut self,
-        from: &[T],
-        step_size: T,
-        times: &[T],
+        sample: &Sample<'_, T>,
         known: &mut [T],
         scratch: &mut [T],
     ) -> Result<(), MemoryError> {
-        self.terms[..].add_known(from, step_size, times, known, scratch)?;
+        self.terms[..].add_known(sample, known, scratch)?;
         if let Some(kick) = &mut self.kick {
             kick.next.copy_from_slice(known);
         }
@@ -314,12 +312,17 @@ impl<T: Elementary, X: Space<T>> Damping<T, X> for DampingTerms<T, X> {
         self.terms[..].leading_is_constant()
     }
 
-    fn push(&mut self, from: &[T], sample: &Sample<'_, T>, scratch: &mut [T]) -> Result<(), MemoryError> {
+    fn push(
+        &mut self,
+        sample: &Sample<'_, T>,
+        increments: &[T],
+        scratch: &mut [T],
+    ) -> Result<(), MemoryError> {
         // The leading weight of starting weights is another one after the push.
         if let Some(kick) = &mut self.kick {
-            self.terms[..].add_leading(sample.increments, &mut kick.next, scratch);
+            self.terms[..].add_leading(increments, &mut kick.next, scratch);
         }
-        self.terms[..].push(from, sample, scratch)?;
+        self.terms[..].push(sample, increments, scratch)?;
         if let Some(Kick { next, last }) = &mut self.kick {
             std::mem::swap(next, last);
             next.fill(T::zero());

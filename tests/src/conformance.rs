@@ -12,14 +12,16 @@ use fvi_host::scenario::{Convolution, ConvolutionFamily, Engine, History};
 /// A kernel to convolve with.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum TestKernel {
-    /// Weights of the convolution quadrature of a BDF order for D^`exponent` at step size 1.
+    /// Weights of the convolution quadrature of a BDF order for D^`exponent` at step size 1, as runs of the program have them:
+    /// on increments where the exponent is positive.
     Quadrature {
         /// Order p of the formula.
         order: usize,
         /// Exponent of the quadrature.
         exponent: f64,
     },
-    /// Matrix weights of the convolution quadrature of the Radau IIA method of three stages for D^`exponent` at step size 1.
+    /// Matrix weights of the convolution quadrature of the Radau IIA method of three stages for D^`exponent` at step size 1,
+    /// as runs of the program have them: on rises where the exponent is positive.
     RadauIia {
         /// Exponent of the quadrature.
         exponent: f64,
@@ -46,7 +48,8 @@ impl TestKernel {
         match self {
             Self::Quadrature { order, exponent } => {
                 let order = BdfOrder::new(order).expect("an order");
-                let mut source = ConvolutionWeights::bdf(order, exponent, 1.0).expect("an exponent");
+                let on_values = ConvolutionWeights::bdf(order, exponent, 1.0).expect("an exponent");
+                let mut source = if exponent > 0.0 { on_values.on_increments() } else { on_values };
                 let mut weights = vec![T::zero(); count];
                 source.fill(&mut weights);
                 weights
@@ -72,7 +75,8 @@ pub const RADAU_IIA_WEIGHTS: usize = 4096;
 /// The kernel of [`TestKernel::RadauIia`].
 pub fn radau_iia_weights(exponent: f64) -> RungeKuttaWeights<3> {
     let method = RungeKutta::<3>::radau_iia().expect("three stages");
-    RungeKuttaWeights::new(&method, exponent, 1.0, RADAU_IIA_WEIGHTS).expect("an exponent")
+    let make = if exponent > 0.0 { RungeKuttaWeights::on_rises } else { RungeKuttaWeights::new };
+    make(&method, exponent, 1.0, RADAU_IIA_WEIGHTS).expect("an exponent")
 }
 
 /// An engine as a run of the program has it, or `None` for kernels that no run has.

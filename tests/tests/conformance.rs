@@ -304,7 +304,7 @@ fn an_offline_transform_agrees_with_the_plain_sum_in_norm() {
 
 #[test]
 fn the_textbook_loses_small_terms_where_block_fft_keeps_them() {
-    let kernel = TestKernel::Quadrature { order: 1, exponent: 0.5 };
+    let kernel = TestKernel::Quadrature { order: 1, exponent: 1.5 };
     let weights = kernel.weights::<f64>(20_000);
     let table = WeightTable::scalars(&weights);
     let mut textbook = Hls::planned(table, 1, 20_000).unwrap();

@@ -85,19 +85,21 @@ impl Case {
         }
     }
 
-    /// The weights of the definition, matrix by matrix, row by row.
+    /// The weights of the definition, matrix by matrix, row by row: on the differences that the program's memories act on.
     fn weights(&self) -> Vec<f64> {
         // As many as the engines make: the last digits of matrix weights depend on their number.
         fn matrices<const R: usize>(method: &RungeKutta<R>, case: &Case) -> Vec<f64> {
             let count = case.length + 1;
-            let weights = RungeKuttaWeights::new(method, case.exponent, case.step_size, count).unwrap();
+            let make = if case.exponent > 0.0 { RungeKuttaWeights::on_rises } else { RungeKuttaWeights::new };
+            let weights = make(method, case.exponent, case.step_size, count).unwrap();
             let planes = weights.planes();
             (0..count * R * R).map(|index| planes[index % (R * R) * count + index / (R * R)]).collect()
         }
         match self.family {
             ConvolutionFamily::Bdf { order } => {
                 let order = BdfOrder::new(order).unwrap();
-                let weights = ConvolutionWeights::bdf(order, self.exponent, self.step_size).unwrap();
+                let on_values = ConvolutionWeights::bdf(order, self.exponent, self.step_size).unwrap();
+                let weights = if self.exponent > 0.0 { on_values.on_increments() } else { on_values };
                 weights.take(self.length + 1).collect()
             }
             ConvolutionFamily::RadauIia { stages: 1 } => {
@@ -196,7 +198,9 @@ fn agree_with_the_definition_of_starting_weights(case: &Case) -> Result<(), Test
     let (channels, count) = (case.coordinates, case.starting.len());
     let first = usize::from(!case.starting.contains(&0.0));
     let samples: Vec<f64> = case.signal.samples(channels, case.length);
-    let weights = case.weights();
+    let ConvolutionFamily::Bdf { order } = case.family else { unreachable!("plain weights") };
+    let weights = ConvolutionWeights::bdf(BdfOrder::new(order).unwrap(), case.exponent, case.step_size);
+    let weights: Vec<f64> = weights.unwrap().take(case.length + 1).collect();
     let time = |k: usize| k as f64 * case.step_size;
     let powers = DMatrix::from_fn(count, count, |row, column| time(first + column).powf(case.starting[row]));
     let solver = powers.transpose().lu();
@@ -221,10 +225,15 @@ fn agree_with_the_definition_of_starting_weights(case: &Case) -> Result<(), Test
             expected.push((k, channel, sum, allowed));
         }
     }
+    let on_increments = case.exponent > 0.0;
+    let before =
+        |index: usize| if on_increments && index >= channels { samples[index - channels] } else { 0.0 };
+    let increments: Vec<f64> = samples.iter().enumerate().map(|(index, x)| x - before(index)).collect();
     for engine in ENGINES {
-        let terms = case.terms(engine, &samples);
+        let terms = case.terms(engine, &increments);
         for &(k, channel, sum, allowed) in &expected {
-            let term = terms[k * channels + channel];
+            let index = k * channels + channel;
+            let term = terms[index] - weights[0] * before(index);
             prop_assert!(
                 (term - sum).abs() <= allowed,
                 "{engine:?} at k = {k}: {term:e} instead of {sum:e} ± {allowed:e}"

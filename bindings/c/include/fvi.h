@@ -30,6 +30,12 @@
 #define FVI_EXPONENTIAL_SUM 2
 
 /*
+ Added to the kind of a memory: its weights are for increments, sums w_0 + … + w_n of those for values
+ (fvi_increment_weights_bdf), and lose less to rounding. Steppers know the increments without subtraction.
+ */
+#define FVI_ON_INCREMENTS 256
+
+/*
  Start: nothing is subtracted; the operator of Riemann–Liouville type. Fractional integrals are of this type.
  */
 #define FVI_RIEMANN_LIOUVILLE 0
@@ -52,32 +58,32 @@
 /*
  Words of a stepper for one coordinate.
  */
-#define FVI_STEPPER_WORDS_1 42
+#define FVI_STEPPER_WORDS_1 44
 
 /*
  Words of a stepper for two coordinates.
  */
-#define FVI_STEPPER_WORDS_2 52
+#define FVI_STEPPER_WORDS_2 56
 
 /*
  Words of a stepper for three coordinates.
  */
-#define FVI_STEPPER_WORDS_3 68
+#define FVI_STEPPER_WORDS_3 72
 
 /*
  Words of a stepper for four coordinates.
  */
-#define FVI_STEPPER_WORDS_4 88
+#define FVI_STEPPER_WORDS_4 94
 
 /*
  Words of a stepper for five coordinates.
  */
-#define FVI_STEPPER_WORDS_5 112
+#define FVI_STEPPER_WORDS_5 120
 
 /*
  Words of a stepper for six coordinates.
  */
-#define FVI_STEPPER_WORDS_6 140
+#define FVI_STEPPER_WORDS_6 148
 
 /*
  What a call returns. Anything but FVI_STATUS_OK means that the call has changed nothing; only a call that sets up an object
@@ -154,7 +160,7 @@ typedef struct FviOperator {
  */
 typedef struct FviMemory {
   /*
-   FVI_FULL_MEMORY, FVI_SHORT_MEMORY or FVI_EXPONENTIAL_SUM.
+   FVI_FULL_MEMORY, FVI_SHORT_MEMORY or FVI_EXPONENTIAL_SUM; with FVI_ON_INCREMENTS for weights on increments.
    */
   uint32_t kind;
   /*
@@ -398,6 +404,20 @@ enum FviStatus fvi_weights_bdf(uint32_t order,
                                double step_size,
                                float *weights,
                                size_t count);
+
+/*
+ Writes the weights of the same operator for memories on increments (FVI_ON_INCREMENTS): w_0, w_0 + w_1, …
+
+ Otherwise as fvi_weights_bdf.
+
+ # Safety
+ `weights` must be writable for `count` numbers.
+ */
+enum FviStatus fvi_increment_weights_bdf(uint32_t order,
+                                         double exponent,
+                                         double step_size,
+                                         float *weights,
+                                         size_t count);
 
 /*
  Sets up a stepper for one coordinate at t = 0 in `storage` and writes its address to `stepper`.

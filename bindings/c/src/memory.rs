@@ -3,7 +3,7 @@
 use core::mem::take;
 
 use fvi_core::{
-    Direct, ExponentialSum, ExponentialTable, Memory, MemoryError, Overflow, StateError, StateReader, StateWriter,
+    Direct, ExponentialSum, ExponentialTable, Memory, MemoryError, Overflow, ActsOn, StateError, StateReader, StateWriter,
 };
 
 use crate::pointer::{slice, slice_mut};
@@ -17,6 +17,10 @@ pub const FVI_SHORT_MEMORY: u32 = 1;
 /// Kind of memory: a head of weights and a sum of decaying exponentials. No ring, the same cost at every step.
 pub const FVI_EXPONENTIAL_SUM: u32 = 2;
 
+/// Added to the kind of a memory: its weights are for increments, sums w_0 + … + w_n of those for values
+/// (fvi_increment_weights_bdf), and lose less to rounding. Steppers know the increments without subtraction.
+pub const FVI_ON_INCREMENTS: u32 = 0x100;
+
 /// A memory: which, for which kernel, and on which buffer.
 ///
 /// Tables and buffer stay in use until the last call on the object that was set up with them; the buffer must belong
@@ -24,7 +28,7 @@ pub const FVI_EXPONENTIAL_SUM: u32 = 2;
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct FviMemory {
-    /// FVI_FULL_MEMORY, FVI_SHORT_MEMORY or FVI_EXPONENTIAL_SUM.
+    /// FVI_FULL_MEMORY, FVI_SHORT_MEMORY or FVI_EXPONENTIAL_SUM; with FVI_ON_INCREMENTS for weights on increments.
     pub kind: u32,
     /// Factor of all weights: 1 for weights that hold the step size, h^(-exponent) for a table made for h = 1.
     pub scale: f32,
@@ -61,7 +65,9 @@ impl<const C: usize> AnyMemory<C> {
         let weights = unsafe { slice(memory.weights, memory.weight_count) }?;
         // SAFETY: passed on.
         let mut buffer = unsafe { slice_mut(memory.buffer, memory.buffer_count) }?;
-        let overflow = match memory.kind {
+        let on_increments = memory.kind & FVI_ON_INCREMENTS != 0;
+        let acts_on = if on_increments { ActsOn::Increments } else { ActsOn::Values };
+        let overflow = match memory.kind & !FVI_ON_INCREMENTS {
             FVI_FULL_MEMORY => Overflow::Refuse,
             FVI_SHORT_MEMORY => Overflow::Forget,
             FVI_EXPONENTIAL_SUM => {
@@ -72,7 +78,8 @@ impl<const C: usize> AnyMemory<C> {
                 if table.state_len(C) != buffer.len() {
                     return Err(FviStatus::WrongSize);
                 }
-                return Ok(Self::Exponential(ExponentialSum::new(table, memory.scale, C, buffer)?));
+                let sum = ExponentialSum::new(table, memory.scale, C, buffer)?;
+                return Ok(Self::Exponential(sum.acting_on(acts_on)));
             }
             _ => return Err(FviStatus::OutOfRange),
         };
@@ -85,7 +92,7 @@ impl<const C: usize> AnyMemory<C> {
             buffer = rest;
             BufferRing::new(ring)
         });
-        Ok(Self::Ring(Direct::new(weights, 1, memory.scale, rings, overflow)?))
+        Ok(Self::Ring(Direct::new(weights, 1, memory.scale, rings, overflow)?.acting_on(acts_on)))
     }
 }
 
@@ -102,6 +109,10 @@ macro_rules! each {
 impl<const C: usize> Memory<f32> for AnyMemory<C> {
     fn channels(&self) -> usize {
         C
+    }
+
+    fn acts_on(&self) -> ActsOn {
+        each!(self, memory => memory.acts_on())
     }
 
     fn leading(&self) -> &[f32] {

@@ -15,17 +15,17 @@ use crate::status::{FviStatus, status};
 use crate::stored::{Kept, keep, kept, words};
 
 /// Words of a stepper for one coordinate.
-pub const FVI_STEPPER_WORDS_1: usize = 42;
+pub const FVI_STEPPER_WORDS_1: usize = 44;
 /// Words of a stepper for two coordinates.
-pub const FVI_STEPPER_WORDS_2: usize = 52;
+pub const FVI_STEPPER_WORDS_2: usize = 56;
 /// Words of a stepper for three coordinates.
-pub const FVI_STEPPER_WORDS_3: usize = 68;
+pub const FVI_STEPPER_WORDS_3: usize = 72;
 /// Words of a stepper for four coordinates.
-pub const FVI_STEPPER_WORDS_4: usize = 88;
+pub const FVI_STEPPER_WORDS_4: usize = 94;
 /// Words of a stepper for five coordinates.
-pub const FVI_STEPPER_WORDS_5: usize = 112;
+pub const FVI_STEPPER_WORDS_5: usize = 120;
 /// Words of a stepper for six coordinates.
-pub const FVI_STEPPER_WORDS_6: usize = 140;
+pub const FVI_STEPPER_WORDS_6: usize = 148;
 
 /// Writes ∇U(q), n numbers, to `gradient`.
 pub type FviGradient =

@@ -22,10 +22,44 @@ pub unsafe extern "C" fn fvi_weights_bdf(
     count: usize,
 ) -> FviStatus {
     status((|| {
-        let order = BdfOrder::new(usize::try_from(order).unwrap_or(0))?;
-        let mut generator = ConvolutionWeights::bdf(order, exponent, step_size)?;
-        // SAFETY: writable as promised; numbers may hold anything, they are written only.
-        generator.fill(unsafe { slice_mut(weights, count) }?);
-        Ok(())
+        // SAFETY: passed on.
+        unsafe { fill(generator(order, exponent, step_size)?, weights, count) }
     })())
+}
+
+/// Writes the weights of the same operator for memories on increments (FVI_ON_INCREMENTS): w_0, w_0 + w_1, …
+///
+/// Otherwise as fvi_weights_bdf.
+///
+/// # Safety
+/// `weights` must be writable for `count` numbers.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_increment_weights_bdf(
+    order: u32,
+    exponent: f64,
+    step_size: f64,
+    weights: *mut f32,
+    count: usize,
+) -> FviStatus {
+    status((|| {
+        // SAFETY: passed on.
+        unsafe { fill(generator(order, exponent, step_size)?.on_increments(), weights, count) }
+    })())
+}
+
+fn generator(order: u32, exponent: f64, step_size: f64) -> Result<ConvolutionWeights, FviStatus> {
+    let order = BdfOrder::new(usize::try_from(order).unwrap_or(0))?;
+    Ok(ConvolutionWeights::bdf(order, exponent, step_size)?)
+}
+
+/// # Safety
+/// `weights` must be writable for `count` numbers.
+unsafe fn fill(
+    mut generator: ConvolutionWeights,
+    weights: *mut f32,
+    count: usize,
+) -> Result<(), FviStatus> {
+    // SAFETY: writable as promised; numbers may hold anything, they are written only.
+    generator.fill(unsafe { slice_mut(weights, count) }?);
+    Ok(())
 }

@@ -255,6 +255,27 @@ static void check_table(void) {
     }
 }
 
+/* The same half derivative from weights on increments. */
+static void check_increments(void) {
+    static float sums[CAPACITY], values[CAPACITY], increments[CAPACITY];
+    static FviOperator on_values, on_increments;
+    expect("sums", fvi_increment_weights_bdf(1, 0.5, 0.25, sums, CAPACITY), FVI_STATUS_OK);
+    expect("sums to NULL", fvi_increment_weights_bdf(1, 0.5, 0.25, NULL, CAPACITY), FVI_STATUS_NULL);
+    expect("sums of order 0", fvi_increment_weights_bdf(0, 0.5, 0.25, sums, CAPACITY), FVI_STATUS_OUT_OF_RANGE);
+    FviMemory memory = ring(FVI_FULL_MEMORY, values, CAPACITY);
+    expect("init", fvi_operator_init(&on_values, &memory, FVI_CAPUTO, 0.0f), FVI_STATUS_OK);
+    memory = ring(FVI_FULL_MEMORY | FVI_ON_INCREMENTS, increments, CAPACITY);
+    memory.weights = sums;
+    expect("init", fvi_operator_init(&on_increments, &memory, FVI_CAPUTO, 0.0f), FVI_STATUS_OK);
+    for (int k = 0; k < CAPACITY; ++k) {
+        float sample = (float)(k % 5) - 1.0f, plain = 0.0f, summed = 0.0f;
+        expect("push", fvi_operator_push(&on_values, sample, &plain), FVI_STATUS_OK);
+        expect("push", fvi_operator_push(&on_increments, sample, &summed), FVI_STATUS_OK);
+        expect_that("increments and values agree", -2e-5f < plain - summed && plain - summed < 2e-5f);
+        note(summed);
+    }
+}
+
 /* --- Steppers ----------------------------------------------------------------------------------------------------------- */
 
 /* Uncoupled springs, hardening a little; the Hessian is multiplied by `lie`. */
@@ -464,6 +485,7 @@ int check_interface(void (*say)(const char *text)) {
     check_ring();
     check_exponential_sum();
     check_table();
+    check_increments();
     check_trajectories();
     check_bad_steppers();
     check_failed_steps();

@@ -4,7 +4,7 @@ use super::space::{Dense, DenseEquations, Matrix};
 use crate::scenario::{ConvolutionFamily, DampedAt, Quadrature, Scenario, Scheme as ScenarioScheme};
 use fvi_core::{
     Damping, DiscreteLagrangian, ExplicitEuler, Galerkin, ImplicitEuler, Kept, Mechanics, ParameterError,
-    Real, RungeKutta, Sampling, Scheme, Step, StepError, Tables, Workspace, gauss_rule, lobatto_rule,
+    Real, RungeKutta, Sampling, Scheme, State, Step, StepError, Tables, Workspace, gauss_rule, lobatto_rule,
 };
 
 /// Any of the core's schemes, its tables on the heap.
@@ -158,7 +158,7 @@ pub struct Room<T> {
     forces: Vec<T>,
     known: Vec<T>,
     scratch: Vec<T>,
-    times: Vec<T>,
+    behind: Vec<T>,
     point: Vec<T>,
     stiffness: Matrix<T>,
     matrix: DenseEquations<T>,
@@ -179,12 +179,20 @@ impl<T: Real> Scheme<T, Dense> for AnyScheme<T> {
             forces: numbers(points),
             known: numbers(samples),
             scratch: numbers(samples + 1),
-            times: vec![T::zero(); samples],
+            behind: numbers(if self.form == Form::Nodes { points } else { 0 }),
             point: numbers(1),
             stiffness: mechanics.stiffness(),
             matrix: DenseEquations::new(size, degree),
             kept: Kept::nothing(Vec::new()),
         }
+    }
+
+    fn behind(room: &Room<T>) -> &[T] {
+        &room.behind
+    }
+
+    fn behind_mut(room: &mut Room<T>) -> &mut [T] {
+        &mut room.behind
     }
 
     fn sampling(&self) -> Sampling<'_, T> {
@@ -200,8 +208,7 @@ impl<T: Real> Scheme<T, Dense> for AnyScheme<T> {
         mechanics: &mut G,
         damping: &mut D,
         step: &Step<'_, T>,
-        position: &mut Vec<T>,
-        momentum: &mut Vec<T>,
+        state: &mut State<Vec<T>>,
     ) -> Result<u32, StepError> {
         let mut work = Workspace::<T, Dense, _> {
             increments: &mut room.increments,
@@ -210,13 +217,12 @@ impl<T: Real> Scheme<T, Dense> for AnyScheme<T> {
             forces: &mut room.forces,
             known: &mut room.known,
             scratch: &mut room.scratch,
-            times: &mut room.times,
+            behind: &mut room.behind,
             point: &mut room.point,
             stiffness: &mut room.stiffness,
             matrix: &mut room.matrix,
             kept: &mut room.kept,
         };
-        let state = (position, momentum);
         match self.form {
             Form::MainNodes => {
                 self.view().step_damped_at_main_nodes(&mut work, mechanics, damping, step, state)

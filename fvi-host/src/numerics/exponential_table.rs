@@ -14,6 +14,8 @@
 //! How much each group can be compressed, and how short the head may be, is found by measuring the error of the
 //! weights and not by a bound.
 //!
+//! For a memory on increments the kernel is divided by 1 − z = −m: the same rates, other coefficients.
+//!
 //! Sources: \[HJO\] eq. 18–22, 30; the Gauss rule of a discrete measure by Lanczos' algorithm, \[GolubWelsch69\],
 //! \[Gautschi04\]; quadrature for sums of exponentials, \[BeylkinMonzon10\], \[McLean18\].
 
@@ -146,7 +148,34 @@ impl ExponentialKernel {
         horizon: usize,
         tolerance: f64,
     ) -> Result<Self, ExponentialKernelError> {
-        let weights = || ConvolutionWeights::bdf(order, exponent, step_size);
+        Self::of(Cut { order, exponent, on_increments: false }, step_size, horizon, tolerance)
+    }
+
+    /// The same for a memory on increments: the sums of the weights
+    /// ([`ConvolutionWeights::on_increments`]).
+    ///
+    /// # Errors
+    /// As [`bdf`](ExponentialKernel::bdf); and if the exponent is not positive: sums of such weights do not decay.
+    pub fn bdf_on_increments(
+        order: BdfOrder,
+        exponent: f64,
+        step_size: f64,
+        horizon: usize,
+        tolerance: f64,
+    ) -> Result<Self, ExponentialKernelError> {
+        if exponent <= 0.0 {
+            let allowed = "greater than 0 and less than 2 for weights on increments";
+            return Err(ParameterError { parameter: "exponent", value: exponent, allowed }.into());
+        }
+        Self::of(Cut { order, exponent, on_increments: true }, step_size, horizon, tolerance)
+    }
+
+    fn of(cut: Cut, step_size: f64, horizon: usize, tolerance: f64) -> Result<Self, ExponentialKernelError> {
+        let Cut { order, exponent, on_increments } = cut;
+        let exact_weights = |step_size: f64| -> Result<ConvolutionWeights, ParameterError> {
+            let weights = ConvolutionWeights::bdf(order, exponent, step_size)?;
+            Ok(if on_increments { weights.on_increments() } else { weights })
+        };
         let range = |accepted, parameter, value, allowed| match accepted {
             true => Ok(()),
             false => Err(ParameterError { parameter, value, allowed }),
@@ -159,16 +188,15 @@ impl ExponentialKernel {
             "at least 4e-15 and at most 0.1",
         )?;
         let all_head = |length: usize| -> Result<Self, ExponentialKernelError> {
-            let head = weights()?.take(length).collect();
+            let head = exact_weights(step_size)?.take(length).collect();
             Ok(Self { head, exponentials: Vec::new(), horizon, tolerance })
         };
         if exponent == 0.0 || exponent == 1.0 {
-            return Ok(Self { horizon: usize::MAX, ..all_head(exponent as usize * order.get() + 1)? });
+            let length = exponent as usize * order.get() + usize::from(!on_increments);
+            return Ok(Self { horizon: usize::MAX, ..all_head(length)? });
         }
-        let exact: Vec<f64> = ConvolutionWeights::bdf(order, exponent, 1.0)?
-            .take(MEASURED_HEADS * LONGEST_HEAD.min(horizon) + 2)
-            .collect();
-        let cut = Cut { order, exponent };
+        let exact: Vec<f64> =
+            exact_weights(1.0)?.take(MEASURED_HEADS * LONGEST_HEAD.min(horizon) + 2).collect();
         let part = if tolerance < ROUNDING_COUNTS { PART_OF_THE_QUADRATURE } else { 1.0 };
         let quadrature_tolerance = part * tolerance;
         let spacing = cut.spacing(quadrature_tolerance);
@@ -279,21 +307,27 @@ fn lags(first: usize, last: usize) -> impl Iterator<Item = usize> {
     std::iter::successors(Some(first), next).filter(move |&n| n <= last)
 }
 
-/// The branch cut [1, ∞) of γ_p(z)^β.
+/// The branch cut [1, ∞) of γ_p(z)^β, or of γ_p(z)^β/(1 − z) for weights on increments.
 #[derive(Clone, Copy)]
 struct Cut {
     order: BdfOrder,
     exponent: f64,
+    on_increments: bool,
 }
 
 /// A discrete positive measure: exponentials up to the common sign.
 type Nodes = Vec<Exponential>;
 
 impl Cut {
-    /// −sin(πβ)/π, exact to rounding also near a whole β.
+    /// The power of m that the function is like at the branch point: β or β − 1.
+    fn power(self) -> f64 {
+        self.exponent - if self.on_increments { 1.0 } else { 0.0 }
+    }
+
+    /// −sin(πβ)/π, exact to rounding also near a whole β; with the other sign for weights on increments.
     fn jump(self) -> f64 {
         let nearest = self.exponent.round();
-        let sign = if nearest.abs() == 1.0 { 1.0 } else { -1.0 };
+        let sign = if (nearest.abs() == 1.0) != self.on_increments { 1.0 } else { -1.0 };
         sign * libm::sin(PI * (self.exponent - nearest)) / PI
     }
 
@@ -304,11 +338,12 @@ impl Cut {
     }
 
     /// Spacing d of the trapezoidal rule in ln m at which its relative error is half the tolerance:
-    /// 2 |Γ(1+β + 2πi/d)| / Γ(1+β), by Stirling's formula 2 √(2π) (2π/d)^{β+½} e^{−π²/d} / Γ(1+β).
+    /// 2 |Γ(1+β + 2πi/d)| / Γ(1+β), by Stirling's formula 2 √(2π) (2π/d)^{β+½} e^{−π²/d} / Γ(1+β), β the
+    /// [`power`](Self::power).
     fn spacing(self, tolerance: f64) -> f64 {
         let error = |d: f64| {
-            let power = (2.0 * PI / d).power(self.exponent + 0.5);
-            2.0 * (2.0 * PI).sqrt() * power * libm::exp(-PI * PI / d) / libm::tgamma(1.0 + self.exponent)
+            let power = (2.0 * PI / d).power(self.power() + 0.5);
+            2.0 * (2.0 * PI).sqrt() * power * libm::exp(-PI * PI / d) / libm::tgamma(1.0 + self.power())
         };
         let (mut fine, mut coarse) = (0.05, 4.0);
         for _ in 0..60 {
@@ -322,7 +357,7 @@ impl Cut {
     ///
     /// Nodes so slow that they stand still up to the horizon, a geometric series, are one node of rate 0.
     fn trapezoidal_rule(self, spacing: f64, head: usize, horizon: usize, tolerance: f64) -> Nodes {
-        let exponent = self.exponent;
+        let exponent = self.power();
         let fastest = ((2.0 / tolerance).ln() + 2.0 + 1.5 * exponent) / head as f64;
         let standing = 0.01 * tolerance / horizon as f64;
         let first = libm::log(libm::expm1(fastest));
@@ -333,7 +368,8 @@ impl Cut {
         let rest = spacing * slowest.power(ratio) / libm::expm1(spacing * ratio);
         let node = |k: usize| {
             let m = libm::exp(first - k as f64 * spacing);
-            let coefficient = spacing * self.modulus(m).power(exponent) * m / (1.0 + m);
+            let divisor = if self.on_increments { m } else { 1.0 };
+            let coefficient = spacing * self.modulus(m).power(self.exponent) * (m / divisor) / (1.0 + m);
             Exponential { rate: libm::log1p(m), coefficient }
         };
         std::iter::once(Exponential { rate: 0.0, coefficient: rest })

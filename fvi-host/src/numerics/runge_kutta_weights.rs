@@ -99,6 +99,32 @@ impl<const R: usize> RungeKuttaWeights<R> {
         Ok(Self { count, near, exponentials })
     }
 
+    /// Weights for the same operator on rises X_k − 1 x_k, stages beyond the main node before them, which is the last
+    /// stage of the interval before: V_n with D^β X = Σ_n V_n (X_{k−n} − 1 x_{k−n}).
+    ///
+    /// The discrete derivative of the method is a multiple of the rises, Δ(z)X = A⁻¹(X_k − 1 x_k), so that V_n are the weights
+    /// of D^{β−1} times A⁻¹/h.
+    ///
+    /// # Errors
+    /// As [`new`](RungeKuttaWeights::new), and if the exponent is not positive.
+    pub fn on_rises(
+        method: &RungeKutta<R>,
+        exponent: f64,
+        step_size: f64,
+        count: usize,
+    ) -> Result<Self, ParameterError> {
+        if !(exponent > 0.0 && exponent < 2.0) {
+            let allowed = "greater than 0 and less than 2 for weights on rises";
+            return Err(ParameterError { parameter: "exponent", value: exponent, allowed });
+        }
+        let mut weights = Self::new(method, exponent - 1.0, step_size, count)?;
+        let matrix = SMatrix::<f64, R, R>::from_fn(|i, j| method.matrix()[i][j]);
+        let derivative = inverse(&matrix) / step_size;
+        weights.near.iter_mut().for_each(|weight| *weight *= derivative);
+        weights.exponentials.iter_mut().for_each(|e| e.right = derivative.tr_mul(&e.right));
+        Ok(weights)
+    }
+
     /// Number of weights, the horizon of the table.
     pub fn count(&self) -> usize {
         self.count
@@ -311,19 +337,27 @@ fn cut_exponentials<const R: usize>(
     // the size at the edge of the strip.
     let digits = -libm::log(TOLERANCE);
     let width = PI * PI / (digits + (exponent + 0.5).max(0.0) * 4.0);
-    // On the left the integrand falls like x^{1+β}, on the right like x^{β−n}.
-    let lowest = -digits / (1.0 + exponent) - libm::log(range.end as f64);
+    // On the left the integrand falls like x^{1+β}, on the right like x^{β−n}. For β < 0, where the former is slow, the nodes
+    // that stand still up to the last weight, a geometric series, are one at x = 0: what they would move is like (nx)^{2+β}.
+    let stand = exponent < 0.0;
+    let fall = if stand { 2.0 + exponent } else { 1.0 + exponent };
+    let lowest = -digits / fall - libm::log(range.end as f64);
     let highest = libm::log(200.0) + digits / (range.start as f64 - exponent);
     let nodes = ((highest - lowest) / width).ceil() as usize;
     let factor = -libm::sin(PI * exponent) / PI * scale * width;
     let ones = SVector::<f64, R>::repeat(1.0);
-    (0..nodes)
-        .map(|node| {
+    let ratio = 1.0 + exponent;
+    let standing = factor * libm::exp((lowest - width) * ratio) / -libm::expm1(-width * ratio);
+    let standing = RankOneExponential { decrement: 0.0, left: ones * standing, right: *weights };
+    stand
+        .then_some(standing)
+        .into_iter()
+        .chain((0..nodes).map(|node| {
             let x = libm::exp(lowest + width * node as f64);
             let resolvent = (SMatrix::identity() + matrix * x).try_inverse().unwrap_or_else(SMatrix::zeros);
             let right = resolvent.tr_mul(weights);
             let left = resolvent * ones * (factor * libm::pow(x, 1.0 + exponent));
             RankOneExponential { decrement: x * right.sum(), left, right }
-        })
+        }))
         .collect()
 }

@@ -2,7 +2,7 @@
 
 use crate::numerics::starting_defects::PowerDefects;
 use fvi_core::{
-    BdfOrder, Memory, MemoryError, ParameterError, Real, Shape, StateError, StateReader, StateWriter,
+    ActsOn, BdfOrder, Memory, MemoryError, ParameterError, Real, Shape, StateError, StateReader, StateWriter,
     check_channels, fingerprint, header_bytes,
 };
 use nalgebra::{DMatrix, DVector};
@@ -42,8 +42,10 @@ pub struct StartingCorrection<T, M> {
     scale: f64,
     /// ν, ascending.
     exponents: Vec<f64>,
-    /// The first samples, one row of channels for each.
+    /// The first values, one row of channels for each.
     first: Vec<Vec<f64>>,
+    /// x_{k−1} of each channel as long as the first values are not complete: on increments, their sum.
+    last: Vec<f64>,
     /// a_ν for each channel, once the first samples are known.
     coefficients: Option<DMatrix<f64>>,
     leading: [T; 1],
@@ -81,6 +83,7 @@ impl<T: Real, M: Memory<T>> StartingCorrection<T, M> {
             scale: libm::pow(step_size, -exponent),
             exponents: sorted,
             first: Vec::new(),
+            last: Vec::new(),
             coefficients: None,
         };
         this.clear();
@@ -147,8 +150,12 @@ impl<T: Real, M: Memory<T>> StartingCorrection<T, M> {
                 *term += T::of(weight * x);
             }
         }
-        if let Some(&last) = weights.iter().next_back() {
-            self.leading[0] += T::of(last);
+        if let Some(&weight) = weights.iter().next_back() {
+            self.leading[0] += T::of(weight);
+            // x_k is what the sample to come adds to this.
+            for (term, x) in term.iter_mut().zip(&self.last) {
+                *term += T::of(weight * x);
+            }
         }
     }
 }
@@ -156,6 +163,10 @@ impl<T: Real, M: Memory<T>> StartingCorrection<T, M> {
 impl<T: Real, M: Memory<T>> Memory<T> for StartingCorrection<T, M> {
     fn channels(&self) -> usize {
         self.memory.channels()
+    }
+
+    fn acts_on(&self) -> ActsOn {
+        self.memory.acts_on()
     }
 
     fn leading(&self) -> &[T] {
@@ -185,9 +196,16 @@ impl<T: Real, M: Memory<T>> Memory<T> for StartingCorrection<T, M> {
         let k = self.memory.len();
         self.memory.push(sample)?;
         let wanted = self.exponents.len();
-        if k >= self.first_index() && self.first.len() < wanted {
-            self.first.push(sample.iter().map(|x| x.to_f64()).collect());
-            self.interpolate();
+        if self.first.len() < wanted {
+            let before = std::mem::replace(&mut self.last, vec![0.0; sample.len()]);
+            let value = sample.iter().zip(before).map(|(x, before)| x.to_f64() + before).collect();
+            if self.memory.acts_on() != ActsOn::Values {
+                self.last.clone_from(&value);
+            }
+            if k >= self.first_index() {
+                self.first.push(value);
+                self.interpolate();
+            }
         }
         Ok(())
     }
@@ -195,6 +213,7 @@ impl<T: Real, M: Memory<T>> Memory<T> for StartingCorrection<T, M> {
     fn clear(&mut self) {
         self.memory.clear();
         self.first.clear();
+        self.last = vec![0.0; self.memory.channels()];
         self.coefficients = None;
         self.leading = [self.memory.leading().first().copied().unwrap_or(T::zero())];
     }
@@ -205,7 +224,7 @@ impl<T: Real, M: Memory<T>> Memory<T> for StartingCorrection<T, M> {
     }
 
     fn state_bytes(&self) -> usize {
-        let first = self.first.iter().map(Vec::len).sum::<usize>();
+        let first = self.first.iter().chain([&self.last]).map(Vec::len).sum::<usize>();
         header_bytes(3) + T::BYTES + first * f64::BYTES + self.memory.state_bytes()
     }
 
@@ -213,7 +232,7 @@ impl<T: Real, M: Memory<T>> Memory<T> for StartingCorrection<T, M> {
         to.header::<T, 2>(TAG, &self.shape())?;
         to.numbers(&self.leading)?;
         to.count(self.first.len() as u64)?;
-        self.first.iter().try_for_each(|sample| to.numbers(sample))?;
+        self.first.iter().chain([&self.last]).try_for_each(|sample| to.numbers(sample))?;
         self.memory.save(to)
     }
 
@@ -221,7 +240,7 @@ impl<T: Real, M: Memory<T>> Memory<T> for StartingCorrection<T, M> {
         from.header::<T, 2>(TAG, &self.shape())?;
         from.skip::<T>(1)?;
         let first = from.count_up_to("first samples", self.exponents.len())?;
-        from.skip::<f64>(first.saturating_mul(self.memory.channels()))?;
+        from.skip::<f64>((first + 1).saturating_mul(self.memory.channels()))?;
         self.memory.check_state(from)
     }
 
@@ -231,7 +250,7 @@ impl<T: Real, M: Memory<T>> Memory<T> for StartingCorrection<T, M> {
         from.numbers(&mut self.leading)?;
         let first = from.count_up_to("first samples", self.exponents.len())?;
         self.first = vec![vec![0.0; self.memory.channels()]; first];
-        self.first.iter_mut().try_for_each(|sample| from.numbers(sample))?;
+        self.first.iter_mut().chain([&mut self.last]).try_for_each(|sample| from.numbers(sample))?;
         self.coefficients = None;
         self.interpolate();
         self.memory.restore(from)

@@ -1,6 +1,6 @@
 //! A memory whose steps run with the widest vectors of the processor at hand.
 
-use fvi_core::{Memory, MemoryError, StateError, StateReader, StateWriter};
+use fvi_core::{ActsOn, Memory, MemoryError, StateError, StateReader, StateWriter};
 use pulp::{Arch, NullaryFnOnce};
 
 /// A memory of the core compiled for every vector unit of the target, with the one to use chosen at run time.
@@ -26,6 +26,10 @@ impl<T, M: Memory<T>> Memory<T> for Vectorised<M> {
 
     fn stages(&self) -> usize {
         self.memory.stages()
+    }
+
+    fn acts_on(&self) -> ActsOn {
+        self.memory.acts_on()
     }
 
     fn leading(&self) -> &[T] {

@@ -1,0 +1,143 @@
+//! What rounding leaves of the schemes' digits.
+
+use fvi_core::{
+    BdfOrder, DampingTerm, Derivative::Caputo, Galerkin, Integrator, Kernel, Mass, NoForce, Quadratic,
+    System, monic_increment_table_f32,
+};
+use fvi_host::language::Document;
+use fvi_host::scenario::{Engine, Scenario};
+use fvi_host::simulation::{GridState, Precision, Simulation};
+use fvi_tests::reference;
+use nalgebra::vector;
+use std::path::Path;
+
+/// Largest distance from the values with 70 digits, position or momentum, every 256th step.
+fn rounding_error(at: &str, engine: Engine) -> f64 {
+    let text = format!(
+        r#"
+        [system]
+        mass = [1.0]
+        potential = "0.5*q0^2"
+        [[system.damping]]
+        order = 1.9
+        coefficient = [0.5]
+        [initial]
+        position = [1.0]
+        momentum = [0.0]
+        [scheme]
+        kind = "low-order"
+        [convolution]
+        family = "bdf"
+        order = 2
+        at = "{at}"
+        [time]
+        step = {}
+        steps = 8192
+        "#,
+        4.0 / 8192.0
+    );
+    let mut scenario = Scenario::from_document(Document::new("floor.toml", Path::new("."), &text)).unwrap();
+    scenario.history.choose(engine);
+    let mut simulation = Simulation::new(&scenario, Precision::F64).unwrap();
+    let mut state = GridState { position: vec![0.0], momentum: vec![0.0], ..GridState::default() };
+    let prefix = at.split_once("nodes").map_or("", |(main, _)| if main.is_empty() { "node" } else { "main" });
+    let mut worst = 0.0;
+    let mut step = 0;
+    for row in reference::read("rounding_floor.csv") {
+        while step < row["step"] as usize {
+            simulation.step(&[]).unwrap();
+            step += 1;
+        }
+        simulation.read(&mut state);
+        let errors = [
+            state.position[0] - row[&format!("{prefix}_q")],
+            state.momentum[0] - row[&format!("{prefix}_p")],
+        ];
+        worst = errors.into_iter().map(f64::abs).fold(worst, f64::max);
+    }
+    worst
+}
+
+#[test]
+fn strong_memory_keeps_all_but_the_last_digits_on_every_engine() {
+    // On values, with weights of size h^−1.9 = 2·10⁶, this was 5·10⁻¹⁰.
+    for at in ["main-nodes", "nodes"] {
+        for engine in [
+            Engine::Direct,
+            Engine::BlockFft,
+            Engine::RealTime,
+            Engine::ExponentialSum,
+            Engine::ExponentialSumCore,
+        ] {
+            let error = rounding_error(at, engine);
+            println!("{at}, {engine:?}: {error:e}");
+            assert!(error < 5e-13, "{at}, {engine:?}: {error:e}");
+        }
+    }
+}
+
+/// Energy of the oscillator m = k = 1 in single precision, relative to the one it starts with.
+fn energy_left<D: fvi_core::Damping<f32, fvi_core::Fixed<1>>>(
+    step_size: f32,
+    damping: D,
+    steps: usize,
+) -> f64 {
+    let system = System {
+        mass: Mass::diagonal([1.0]).unwrap(),
+        potential: Quadratic::diagonal([1.0]).unwrap(),
+        force: NoForce,
+    };
+    let mut integrator = Integrator::builder(system, Galerkin::low_order(0.5).unwrap(), step_size)
+        .damping(damping)
+        .position([1.0])
+        .build()
+        .unwrap();
+    for _ in 0..steps {
+        integrator.step(&vector![0.0]).unwrap();
+    }
+    let state = integrator.state();
+    let (q, p) = (f64::from(state.position[0]), f64::from(state.momentum[0]));
+    q * q + p * p
+}
+
+#[test]
+fn a_million_steps_in_single_precision_lose_no_energy_of_their_own() {
+    for step_size in [0.001, 0.01, 0.05, 0.1, 0.25] {
+        let error = energy_left(step_size, (), 1_000_000) - 1.0;
+        println!("h = {step_size}: {error:e}");
+        assert!(error.abs() < 1e-6, "h = {step_size}: {error:e}");
+    }
+}
+
+#[test]
+fn a_million_steps_in_single_precision_lose_what_the_damping_takes() {
+    static WEIGHTS: [f32; 4] = monic_increment_table_f32(BdfOrder::GRUNWALD_LETNIKOV, 1.0);
+    for step_size in [0.005f32, 0.01, 0.02] {
+        let kernel = Kernel::bdf(BdfOrder::GRUNWALD_LETNIKOV, 1.0, f64::from(step_size)).unwrap();
+        let memory = kernel.short_memory::<f32, 1, 4>(&WEIGHTS).unwrap();
+        let rho = 1e-5;
+        let term = DampingTerm::new(kernel, diagonal_f32(rho as f32), Caputo, memory).unwrap();
+        let found = energy_left(step_size, term, 1_000_000);
+        let expected = exact_energy(f64::from(step_size), f64::from(rho as f32), 1_000_000);
+        println!("h = {step_size}: {found} and {expected}: {:e}", found - expected);
+        assert!(
+            (found - expected).abs() < 1e-5 * (1.0 - expected),
+            "h = {step_size}: {found} and {expected}"
+        );
+    }
+}
+
+fn diagonal_f32(entry: f32) -> fvi_core::Coefficients<f32, 1> {
+    fvi_core::Coefficients::Diagonal(vector![entry])
+}
+
+/// The same scheme in double precision, without memory: D q of order one is the last step's velocity.
+fn exact_energy(h: f64, rho: f64, steps: usize) -> f64 {
+    let (mut q, mut p) = (1.0f64, 0.0f64);
+    for _ in 0..steps {
+        let e = (p - 0.5 * h * q) / (1.0 / h + 0.25 * h);
+        p -= h * (q + 0.5 * e) + rho * e;
+        q += e;
+    }
+    q * q + p * p
+}
