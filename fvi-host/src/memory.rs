@@ -470,9 +470,9 @@ mod tests {
     fn the_direct_engine_sums_the_weights_of_the_step_size() {
         let (convolution, history) = (first_order(), History::default());
         let mut memory = request(&convolution, &history).build::<f64>().unwrap();
-        let weights: Vec<f64> =
-            ConvolutionWeights::bdf(BdfOrder::GRUNWALD_LETNIKOV, 0.5, 0.25).unwrap().take(6).collect();
-        assert_eq!(memory.leading(), [2.0]);
+        let weights = ConvolutionWeights::bdf(BdfOrder::GRUNWALD_LETNIKOV, 0.5, 0.25).unwrap();
+        let weights: Vec<f64> = weights.on_increments().take(6).collect();
+        assert_eq!((memory.acts_on(), memory.leading()), (ActsOn::Increments, &[2.0][..]));
         memory.push(&[1.0, 0.0]).unwrap();
         for weight in &weights[1..] {
             let mut term = [f64::NAN; 2];
@@ -525,7 +525,7 @@ mod tests {
         let request = MemoryRequest { samples: 600, ..request(&convolution, &history) };
         let mut hosted = request.build::<f32>().unwrap();
         let order = BdfOrder::GRUNWALD_LETNIKOV;
-        let kernel = ExponentialKernel::bdf(order, 0.5, 0.25, 100_000_000, 1e-7).unwrap();
+        let kernel = ExponentialKernel::bdf_on_increments(order, 0.5, 0.25, 100_000_000, 1e-7).unwrap();
         let table = kernel.table::<f32>();
         let state = vec![0.0; table.borrow().state_len(2)];
         let mut flashed = ExponentialSum::new(table, 1.0, 2, state).unwrap();

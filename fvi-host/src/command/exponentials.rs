@@ -20,6 +20,9 @@ pub struct ExponentialsArguments {
     /// Step size h
     #[arg(long, default_value_t = 1.0)]
     step: f64,
+    /// Weights for memories on increments, which lose less to rounding; the exponent is positive then
+    #[arg(long)]
+    increments: bool,
     /// Largest lag, in steps, at which the weights hold
     #[arg(long, default_value_t = 1e8)]
     horizon: f64,
@@ -49,13 +52,16 @@ impl ExponentialsArguments {
             }));
         }
         let order = BdfOrder::new(self.order).map_err(parameter_error)?;
-        let kernel =
-            ExponentialKernel::bdf(order, self.exponent, self.step, self.horizon as usize, self.tolerance)
-                .map_err(|error| match error {
-                    ExponentialKernelError::Parameter(error) => parameter_error(error),
-                    missed => CommandError::Failed(missed.to_string()),
-                })?;
-        let origin = format!("BDF {}, exponent {}, step {}", self.order, self.exponent, self.step);
+        let make =
+            if self.increments { ExponentialKernel::bdf_on_increments } else { ExponentialKernel::bdf };
+        let kernel = make(order, self.exponent, self.step, self.horizon as usize, self.tolerance).map_err(
+            |error| match error {
+                ExponentialKernelError::Parameter(error) => parameter_error(error),
+                missed => CommandError::Failed(missed.to_string()),
+            },
+        )?;
+        let on = if self.increments { " on increments" } else { "" };
+        let origin = format!("BDF {}, exponent {}{on}, step {}", self.order, self.exponent, self.step);
         // A table has the digits of double precision, whatever its constants would have.
         let precision = match self.format {
             ListingFormat::Csv => ListingPrecision::F64,

@@ -25,6 +25,9 @@ pub struct WeightsArguments {
     /// Step size h
     #[arg(long, default_value_t = 1.0)]
     step: f64,
+    /// Weights for memories on differences, on increments (bdf) or rises (others), which lose less to rounding
+    #[arg(long)]
+    increments: bool,
     /// How many weights
     #[arg(long, default_value_t = 64)]
     count: usize,
@@ -75,14 +78,20 @@ impl WeightsArguments {
 
     fn bdf(&self) -> Result<(), CommandError> {
         let order = BdfOrder::new(self.order).map_err(parameter_error)?;
-        let weights = || ConvolutionWeights::bdf(order, self.exponent, self.step).map_err(parameter_error);
+        let weights = || -> Result<ConvolutionWeights, CommandError> {
+            let weights =
+                ConvolutionWeights::bdf(order, self.exponent, self.step).map_err(parameter_error)?;
+            Ok(if self.increments { weights.on_increments() } else { weights })
+        };
         let first: Vec<f64> = weights()?.take(self.count.min(CHECKED)).collect();
-        // Behind them the weights fall off like n^(−1−exponent).
-        let factor = libm::pow((self.count as f64 / CHECKED as f64).max(1.0), -1.0 - self.exponent);
+        // Behind them the weights fall off like n^(−1−exponent), those on increments like n^(−exponent).
+        let power = self.exponent + if self.increments { 0.0 } else { 1.0 };
+        let factor = libm::pow((self.count as f64 / CHECKED as f64).max(1.0), -power);
         let last = first.last().map(|weight| weight * factor);
         self.check(first.iter().copied().chain(last))?;
         let weights = weights()?;
-        let origin = format!("BDF {}, exponent {}, step {}", self.order, self.exponent, self.step);
+        let on = if self.increments { " on increments" } else { "" };
+        let origin = format!("BDF {}, exponent {}{on}, step {}", self.order, self.exponent, self.step);
         emit(|out| write_weights(out, weights, self.count, &origin, self.format), self.out.as_deref())
     }
 
@@ -91,7 +100,10 @@ impl WeightsArguments {
         method: Result<RungeKutta<R>, ParameterError>,
     ) -> Result<(), CommandError> {
         let weights = method
-            .and_then(|method| RungeKuttaWeights::new(&method, self.exponent, self.step, self.count))
+            .and_then(|method| {
+                let make = if self.increments { RungeKuttaWeights::on_rises } else { RungeKuttaWeights::new };
+                make(&method, self.exponent, self.step, self.count)
+            })
             .map_err(parameter_error)?;
         require(self.count.saturating_mul(R * R * size_of::<f64>()))
             .map_err(|error| CommandError::NoRoom(format!("--count: {error}")))?;
@@ -101,7 +113,8 @@ impl WeightsArguments {
             Family::LobattoIiic => "Lobatto IIIC",
             _ => "Radau IIA",
         };
-        let origin = format!("{name}, {R} stages, exponent {}, step {}", self.exponent, self.step);
+        let on = if self.increments { " on rises" } else { "" };
+        let origin = format!("{name}, {R} stages, exponent {}{on}, step {}", self.exponent, self.step);
         emit(|out| write_matrix_weights(out, &planes, R, &origin, self.format), self.out.as_deref())
     }
 

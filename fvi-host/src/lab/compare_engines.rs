@@ -195,7 +195,10 @@ impl Comparison {
             for &length in &self.lengths {
                 progress(&format!("order {}, exponent {exponent}, {length} steps", order.get()));
                 let mut weights = vec![0.0; length];
-                ConvolutionWeights::bdf(order, exponent, 1.0)?.fill(&mut weights);
+                let on_values = ConvolutionWeights::bdf(order, exponent, 1.0)?;
+                // The kernels that runs have.
+                let mut source = if exponent > 0.0 { on_values.on_increments() } else { on_values };
+                source.fill(&mut weights);
                 let task = Task { order, exponent, weights: &weights };
                 let repetitions =
                     self.repetitions.unwrap_or_else(|| ((1 << 23) / length.max(1)).clamp(5, 50));
