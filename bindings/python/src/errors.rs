@@ -1,7 +1,7 @@
 //! Errors on their way to Python.
 
 use fvi_core::ParameterError;
-use pyo3::exceptions::{PyMemoryError, PyRuntimeError};
+use pyo3::exceptions::{PyMemoryError, PyOSError, PyRuntimeError};
 use pyo3::prelude::*;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -18,6 +18,8 @@ pub(crate) enum Failure {
     NoRoom(String),
     /// The computation failed.
     Failed(String),
+    /// A file cannot be written.
+    File(String),
     /// Code of the caller raised an exception, or a signal did.
     Raised(PyErr),
 }
@@ -68,6 +70,7 @@ impl From<Failure> for PyErr {
             Failure::Input { key, value, message } => self::InputError::new_err((message, key, value)),
             Failure::NoRoom(message) => PyMemoryError::new_err(message),
             Failure::Failed(message) => PyRuntimeError::new_err(message),
+            Failure::File(message) => PyOSError::new_err(message),
             Failure::Raised(error) => error,
         }
     }

@@ -22,7 +22,7 @@ mod _fvi {
     #[pymodule_export]
     use super::engines::{Memory, Operator};
     #[pymodule_export]
-    use super::run::run;
+    use super::run::{run, run_in};
     #[pymodule_export]
     use super::studies::{compare_engines, converge, extremal};
     #[pymodule_export]

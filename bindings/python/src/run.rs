@@ -4,13 +4,16 @@ use crate::documents::Source;
 use crate::errors::{Failure, Outcome, guarded};
 use crate::terms::{Callables, ErrorSlot, PythonTerms};
 use crate::watch::Watch;
-use fvi_host::lab::run::{Run, RunSummary};
+use fvi_host::lab::checkpoint::IntervalError;
+use fvi_host::lab::run::{Run, RunError, RunOptions, RunSummary, run as run_into_files};
 use fvi_host::results::room::require;
+use fvi_host::results::trajectory::Format;
 use fvi_host::scenario::{Engine, Scenario, SharedTerms};
 use fvi_host::simulation::{GridState, Precision};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use std::convert::Infallible;
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// What a run hands to Python: t, q, p, energy, the summary as JSON, and the exception that stopped it, if one did.
@@ -35,11 +38,7 @@ pub(crate) fn run<'py>(
     terms: Option<Callables>,
 ) -> PyResult<Arrays<'py>> {
     let engine = engine.map(self::engine).transpose()?;
-    let precision = match precision {
-        "f64" => Precision::F64,
-        "f32" => Precision::F32,
-        other => return Err(Failure::argument("precision", other, "\"f64\", \"f32\"").into()),
-    };
+    let precision = self::precision(precision)?;
     let (rows, summary, raised) = match terms {
         // Code of the caller's is called several times a step: the interpreter hands over between its instructions anyway.
         Some(callables) => {
@@ -61,6 +60,71 @@ pub(crate) fn run<'py>(
     let table = |numbers: Vec<f64>| numbers.into_pyarray(py).reshape([time.len(), coordinates]);
     let (position, momentum) = (table(position)?, table(momentum)?);
     Ok((time.into_pyarray(py), position, momentum, energy.into_pyarray(py), summary, raised))
+}
+
+/// Runs a scenario as `fvi run` does, into a directory, with NumPy arrays and checkpoints; returns the summary as JSON, and the
+/// exception that stopped it, if one did.
+#[pyfunction]
+#[pyo3(signature = (source, directory, *, engine = None, precision = "f64", progress = None, checkpoint_every = None,
+                    resume = false, accept_other_machine = false))]
+#[expect(clippy::too_many_arguments, reason = "the keywords of the function")]
+pub(crate) fn run_in(
+    py: Python<'_>,
+    source: Source,
+    directory: PathBuf,
+    engine: Option<&str>,
+    precision: &str,
+    progress: Option<Py<PyAny>>,
+    checkpoint_every: Option<&str>,
+    resume: bool,
+    accept_other_machine: bool,
+) -> PyResult<(String, Option<PyErr>)> {
+    let engine = engine.map(self::engine).transpose()?;
+    let precision = self::precision(precision)?;
+    let checkpoints = checkpoint_every.map(str::parse).transpose().map_err(|error: IntervalError| {
+        let (key, value) = ("checkpoint_every".to_owned(), checkpoint_every.unwrap_or_default().to_owned());
+        Failure::Input { message: format!("{key}: {error}"), key, value }
+    })?;
+    let (summary, raised) = py.detach(|| {
+        guarded(|| {
+            let scenario = read(&source, engine)?;
+            let options = RunOptions {
+                precision,
+                format: Some(Format::Npz),
+                checkpoints: checkpoints.unwrap_or_default(),
+                resume,
+                accept_other_machine,
+                ..RunOptions::new(directory)
+            };
+            let stop = AtomicBool::new(false);
+            let mut watch = Watch::new(progress);
+            let result = run_into_files(&scenario, &options, &stop, |steps| {
+                if !watch.tick(steps, scenario.time.steps) {
+                    stop.store(true, Ordering::Relaxed);
+                }
+            });
+            let summary = result.map_err(|error| match error {
+                RunError::Input(error) => source.failure(&error),
+                RunError::File(error) => Failure::File(error.to_string()),
+                RunError::Checkpoint(error) => {
+                    Failure::Input { key: "out".to_owned(), value: String::new(), message: error.to_string() }
+                }
+                other => Failure::Failed(other.to_string()),
+            })?;
+            let summary =
+                serde_json::to_string(&summary).map_err(|error| Failure::Failed(error.to_string()))?;
+            Ok((summary, watch.into_raised()))
+        })
+    })?;
+    Ok((summary, raised))
+}
+
+fn precision(name: &str) -> Result<Precision, Failure> {
+    match name {
+        "f64" => Ok(Precision::F64),
+        "f32" => Ok(Precision::F32),
+        other => Err(Failure::argument("precision", format!("{other:?}"), "\"f64\", \"f32\"")),
+    }
 }
 
 /// The engine of a name.

@@ -17,6 +17,7 @@ __all__ = [
     "derivative",
     "extremal",
     "run",
+    "run_in",
     "weights",
 ]
 
@@ -30,6 +31,17 @@ def run(
     progress: Any = None,
     terms: Any = None,
 ) -> tuple[_Array, _Array, _Array, _Array, str, BaseException | None]: ...
+def run_in(
+    source: Any,
+    directory: Any,
+    *,
+    engine: str | None = None,
+    precision: str = "f64",
+    progress: Any = None,
+    checkpoint_every: str | None = None,
+    resume: bool = False,
+    accept_other_machine: bool = False,
+) -> tuple[str, BaseException | None]: ...
 def derivative(
     samples: _Array, exponent: float, step: float, order: int, starting: list[float], engine: str | None
 ) -> _Array: ...

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import json
+import os
 import warnings
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fvi import _fvi
+from fvi._arrays import FloatArray
 from fvi._errors import InputError, StepError
 from fvi._result import Result
 from fvi._scenario import Scenario, by_path, source
@@ -23,6 +28,10 @@ def run(
     check: bool = True,
     progress: Progress | None = None,
     overrides: Mapping[str, Any] | None = None,
+    out: str | os.PathLike[str] | None = None,
+    checkpoint_every: int | str | None = None,
+    resume: bool = False,
+    accept_other_machine: bool = False,
     **keys: Any,
 ) -> Result:
     """Runs a scenario, as the program `fvi run` does, and keeps the trajectory in memory.
@@ -40,6 +49,16 @@ def run(
         the run and reaches the caller.
     overrides : mapping, optional
         Values in place of the scenario's, by paths such as ``"system.damping[0].order"``.
+    out : path, optional
+        A directory for the files of `fvi run`, the trajectory as NumPy arrays, with checkpoints on the way: a long run that
+        was killed or interrupted can be gone on with.
+    checkpoint_every : int or str, optional
+        How often a checkpoint is written: a number of steps, a duration such as "30s", or "never". Without it, every minute.
+    resume : bool
+        Whether to go on from the checkpoint in `out`, where there is one. The result is that of an uninterrupted run; with
+        another `end` or number of `steps` the run is carried further.
+    accept_other_machine : bool
+        Whether to go on from a checkpoint of another machine or version, although the last bits may differ.
     **keys
         The same for the keys that one name tells: step, steps, end, engine, kappa, degree, order (of the backward
         differentiation formula), stages, at, starting, position, momentum, velocity, parameters, every, … `None` leaves the
@@ -87,7 +106,26 @@ def run(
     """
     changes = by_path(overrides, keys)
     engine = changes.pop("history.engine", None) if not _history_settings(changes) else None
-    return compute(source(scenario, changes), engine=engine, precision=precision, check=check, progress=progress)
+    given = source(scenario, changes)
+    if out is None:
+        if resume or accept_other_machine or checkpoint_every is not None:
+            name = "resume" if resume else "accept_other_machine" if accept_other_machine else "checkpoint_every"
+            raise InputError(f"{name}: only together with out, the directory of the run", name)
+        return compute(given, engine=engine, precision=precision, check=check, progress=progress)
+    _check_progress(progress)
+    record, raised = _fvi.run_in(
+        given,
+        out,
+        engine=engine,
+        precision=precision,
+        progress=progress,
+        checkpoint_every=None if checkpoint_every is None else str(checkpoint_every),
+        resume=resume,
+        accept_other_machine=accept_other_machine,
+    )
+    with np.load(Path(out) / "trajectory.npz") as arrays:
+        t, q, p, energy = (arrays[name] for name in ("t", "q", "p", "energy"))
+    return _finish(t, q, p, energy, record, raised, check)
 
 
 def _history_settings(changes: Mapping[str, Any]) -> bool:
@@ -105,11 +143,28 @@ def compute(
     terms: Any = None,
 ) -> Result:
     """Runs what `fvi._scenario.source` has made."""
-    if progress is not None and not callable(progress):
-        raise InputError(f"progress = {progress!r}: a function is needed", "progress", repr(progress))
+    _check_progress(progress)
     t, q, p, energy, record, raised = _fvi.run(
         scenario, engine=engine, precision=precision, progress=progress, terms=terms
     )
+    return _finish(t, q, p, energy, record, raised, check)
+
+
+def _check_progress(progress: Any) -> None:
+    if progress is not None and not callable(progress):
+        raise InputError(f"progress = {progress!r}: a function is needed", "progress", repr(progress))
+
+
+def _finish(
+    t: FloatArray,
+    q: FloatArray,
+    p: FloatArray,
+    energy: FloatArray,
+    record: str,
+    raised: BaseException | None,
+    check: bool,
+) -> Result:
+    """The result, or the error that the run ends with."""
     summary = json.loads(record)
     end = summary["status"]
     if end == "completed":
@@ -127,7 +182,7 @@ def compute(
             raised.add_note(f"fvi: {message}")
         raise raised
     for warning in summary.get("warnings", []):
-        warnings.warn(warning, stacklevel=3)
+        warnings.warn(warning, stacklevel=4)
     if check and status != 0:
         raise StepError(message, result)
     return result
