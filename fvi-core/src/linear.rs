@@ -136,7 +136,7 @@ pub fn keep_factors<T: Real>(matrix: &mut [T], pivots: &mut [usize], kept: &mut 
 /// As many products as with the inverse of A, but what is left of A x − `vector` is rounding of A x, however stiff the equations
 /// are: the error of a product with a rounded inverse grows with the condition of A, and from 10⁸ on a stiff motion is lost in it.
 #[inline(always)]
-pub fn substitute_kept<T: Real>(kept: &[T], pivots: &[usize], vector: &mut [T]) {
+pub fn substitute_kept<T: Real, P: Copy + Into<usize>>(kept: &[T], pivots: &[P], vector: &mut [T]) {
     let n = pivots.len();
     if n > 1 {
         exchange(pivots, vector);
@@ -157,8 +157,9 @@ pub fn substitute_kept<T: Real>(kept: &[T], pivots: &[usize], vector: &mut [T]) 
 
 /// Exchanges the numbers of a vector as elimination exchanged rows.
 #[inline(always)]
-fn exchange<T: Real>(pivots: &[usize], vector: &mut [T]) {
+fn exchange<T: Real, P: Copy + Into<usize>>(pivots: &[P], vector: &mut [T]) {
     for (row, &pivot) in pivots.iter().enumerate() {
+        let pivot = pivot.into();
         if row != pivot {
             let (a, b) = (at(vector, row), at(vector, pivot));
             put(vector, row, b);

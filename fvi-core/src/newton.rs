@@ -52,7 +52,8 @@ type Square<T, const N: usize, const S: usize> = [[[[T; N]; S]; N]; S];
 pub struct Factors<T, const N: usize, const S: usize> {
     /// Column by column.
     entries: Square<T, N, S>,
-    pivots: [[usize; N]; S],
+    /// In little room: a microcontroller keeps them.
+    pivots: [[u16; N]; S],
 }
 
 impl<T: Real, const N: usize, const S: usize> Factors<T, N, S> {
@@ -99,7 +100,12 @@ impl<T: Real, const N: usize, const S: usize, B: Block<T>> Equations<T, B> for S
     fn keep(&mut self, kept: &mut Factors<T, N, S>) -> Result<(), Singular> {
         let entries = self.entries.as_flattened_mut().as_flattened_mut().as_flattened_mut();
         let factors = kept.entries.as_flattened_mut().as_flattened_mut().as_flattened_mut();
-        keep_factors(entries, kept.pivots.as_flattened_mut(), factors)
+        let pivots = self.pivots.as_flattened_mut();
+        keep_factors(entries, pivots, factors)?;
+        for (kept, &pivot) in kept.pivots.as_flattened_mut().iter_mut().zip(&*pivots) {
+            *kept = u16::try_from(pivot).map_err(|_| Singular)?;
+        }
+        Ok(())
     }
 
     #[inline(always)]

@@ -7,5 +7,5 @@ pub mod podlubny_matrix;
 pub mod rate_table;
 pub mod runge_kutta_weights;
 pub mod starting;
-mod starting_defects;
+pub(crate) mod starting_defects;
 pub mod vectorised;

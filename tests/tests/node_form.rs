@@ -14,6 +14,7 @@ use fvi_host::simulation::{GridState, Precision, Simulation};
 use fvi_tests::motion::{Pendulum, diagonal, integrate, weights};
 use fvi_tests::stages::StageMemory;
 use nalgebra::{SMatrix, SVector, matrix, vector};
+use proptest::{collection, prelude::*};
 
 /// A damping term whose memory holds R nodes of N coordinates, each with the plain weights of D^β.
 fn node_term<const N: usize, const R: usize>(
@@ -275,5 +276,71 @@ fn the_mean_momentum_is_half_a_kick_before_the_one_sided_one() {
         assert!((mean.momentum[0] - expected).abs() < 1e-13, "step {k}");
         let energy = mean.momentum[0].powi(2) / 3.0 - 3.0 * mean.position[0].cos();
         assert!((mean.energy - energy).abs() < 1e-13, "step {k}");
+    }
+}
+
+/// A number from the environment.
+fn from_environment(variable: &str, otherwise: usize) -> usize {
+    std::env::var(variable).ok().and_then(|text| text.parse().ok()).unwrap_or(otherwise)
+}
+
+/// Σ_r v_r v_rᵀ · 2^power, exact: whole numbers between −3 and 3 make v_r, so that what is semidefinite stays so.
+fn gram(vectors: &[Vec<i32>], power: i32) -> Vec<Vec<f64>> {
+    let size = vectors.first().map_or(0, Vec::len);
+    let entry =
+        |i: usize, j: usize| f64::from(vectors.iter().map(|v| v[i] * v[j]).sum::<i32>()) * 2f64.powi(power);
+    (0..size).map(|i| (0..size).map(|j| entry(i, j)).collect()).collect()
+}
+
+/// Stiffness and damping of any rank: (vectors of K, vectors of ρ, q₀) of 1 to 20 coordinates.
+type Stiff = (Vec<Vec<i32>>, Vec<Vec<i32>>, Vec<f64>);
+
+fn stiff_systems() -> impl Strategy<Value = Stiff> {
+    (1..=20usize).prop_flat_map(|size| {
+        let vectors = || collection::vec(collection::vec(-3..=3i32, size), 1..=size);
+        (vectors(), vectors(), collection::vec(-1.0..1.0f64, size))
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig {
+        cases: from_environment("PROPTEST_CASES", 24) as u32, failure_persistence: None, ..ProptestConfig::default()
+    })]
+
+    /// ½ pᵀM⁻¹p + ½ qᵀKq never rises above its first value, ωh to 10⁶, ρ to 10¹⁰. `STIFF_STEPS` says over how many steps.
+    #[test]
+    fn the_midpoint_rule_from_rest_gains_no_energy_however_stiff(
+        (stiffness, damping, position) in stiff_systems(),
+        (order, damping_order) in (1..=2usize, prop_oneof![0.01..1.994f64, Just(0.5), Just(1.0), Just(1.5), Just(1.994)]),
+        (step, speed, strength) in (-10..=10i32, -7..=18i32, -10..=33i32),
+    ) {
+        let (h, steps) = (2f64.powi(step), from_environment("STIFF_STEPS", 300));
+        let (k, rho) = (gram(&stiffness, 2 * (speed - step)), gram(&damping, strength));
+        let size = position.len();
+        let terms = (0..size).flat_map(|i| (0..size).map(move |j| (i, j)));
+        let potential: String = terms.map(|(i, j)| format!(" + ({:?})*q{i}*q{j}", 0.5 * k[i][j])).collect();
+        let potential = potential.trim_start_matches(" + ");
+        let (ones, zeros) = (vec![1.0; size], vec![0.0; size]);
+        let text = format!(
+            "[system]\nmass = {ones:?}\npotential = \"{potential}\"\n[[system.damping]]\norder = {damping_order:?}\ncoefficient = {rho:?}\n\
+             [initial]\nposition = {position:?}\nmomentum = {zeros:?}\n[convolution]\norder = {order}\n\
+             [time]\nstep = {h:?}\nsteps = {steps}\nenergy_guard = \"off\"\n"
+        );
+        let document = Document::new("stiff.toml", Path::new("."), &text);
+        let scenario = Scenario::from_document(document).map_err(|error| TestCaseError::fail(error.to_string()))?;
+        let mut simulation =
+            Simulation::new(&scenario, Precision::F64).map_err(|error| TestCaseError::fail(error.to_string()))?;
+        let mut state = GridState { position: position.clone(), momentum: position, ..GridState::default() };
+        simulation.read(&mut state);
+        let first = state.energy;
+        // Rounding of q − q₀ acts with the damping's strength, like a spring w₀ρ.
+        let strongest = rho.iter().flatten().fold(0.0, |largest: f64, entry| largest.max(entry.abs()));
+        let spring = strongest * (1.5 / h).powf(damping_order) * size as f64;
+        let allowed = first * (1.0 + 1e-4) + 16.0 * f64::EPSILON * spring;
+        for step in 0..steps {
+            simulation.step(&[]).map_err(|error| TestCaseError::fail(format!("step {step}: {error}")))?;
+            simulation.read(&mut state);
+            prop_assert!(state.energy <= allowed, "step {step}: {:e} after {first:e}", state.energy);
+        }
     }
 }

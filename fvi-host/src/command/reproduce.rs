@@ -10,7 +10,7 @@ use std::path::PathBuf;
 /// Arguments of `fvi reproduce`.
 #[derive(Debug, clap::Args)]
 pub struct ReproduceArguments {
-    /// Exhibits, or `all` of them; without any, their names are listed
+    /// Exhibits, or `all` but `accuracy`, which has a page of its own; without any, their names are listed
     #[arg(value_name = "NAME", value_parser = names(), hide_possible_values = true)]
     names: Vec<String>,
     /// Where the files go
@@ -21,7 +21,7 @@ pub struct ReproduceArguments {
     quiet: bool,
 }
 
-/// The word for all exhibits.
+/// The word for all exhibits of the page; others have one of their own.
 const ALL: &str = "all";
 
 fn names() -> PossibleValuesParser {
@@ -30,7 +30,11 @@ fn names() -> PossibleValuesParser {
 
 impl ReproduceArguments {
     pub(super) fn execute(self) -> Result<(), CommandError> {
-        let wanted = |exhibit: &Exhibit| self.names.iter().any(|name| name == ALL || name == exhibit.name);
+        let named = |exhibit: &Exhibit, name: &str| match name {
+            ALL => exhibit.page == PAGE,
+            name => name == exhibit.name,
+        };
+        let wanted = |exhibit: &Exhibit| self.names.iter().any(|name| named(exhibit, name));
         let chosen: Vec<Exhibit> = exhibits().into_iter().filter(wanted).collect();
         if chosen.is_empty() {
             return terminal::say(&list());
@@ -52,8 +56,11 @@ impl ReproduceArguments {
         if !self.quiet {
             let comparisons: String =
                 found.iter().map(|(exhibit, findings)| comparisons(exhibit, findings)).collect();
-            let page = self.out.join(PAGE);
-            terminal::say(&format!("{comparisons}{} exhibits; page: {}\n", found.len(), page.display()))?;
+            let mut pages: Vec<&str> = found.iter().map(|(exhibit, _)| exhibit.page).collect();
+            pages.dedup();
+            let pages: Vec<String> =
+                pages.into_iter().map(|page| self.out.join(page).display().to_string()).collect();
+            terminal::say(&format!("{comparisons}{} exhibits; page: {}\n", found.len(), pages.join(", ")))?;
         }
         Ok(())
     }

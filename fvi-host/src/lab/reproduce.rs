@@ -3,12 +3,15 @@
 //! An [`Exhibit`] is one figure or table: a name, where it is printed, and the function that computes its [`Findings`].
 //! [`exhibits`] lists them all. [`write()`] turns findings into pictures, CSV files and one page that compares.
 
+mod accuracy;
 mod error_curve;
+mod exact_oscillator;
 mod findings;
 mod hjo;
 mod jo;
 mod methods;
 mod motion;
+mod node_form;
 mod page;
 mod problems;
 mod runge_kutta_orders;
@@ -50,6 +53,8 @@ pub struct Exhibit {
     pub title: &'static str,
     /// Computes it; the flag ends the computation early with [`ReproduceError::Stopped`].
     pub compute: Compute,
+    /// Name of the page that it is on.
+    pub page: &'static str,
 }
 
 /// How findings are made.
@@ -63,11 +68,17 @@ impl Exhibit {
         title: &'static str,
         compute: Compute,
     ) -> Self {
-        Self { name, origin: Origin::Printed { paper, number }, title, compute }
+        Self { name, origin: Origin::Printed { paper, number }, title, compute, page: PAGE }
     }
 
     const fn beyond(name: &'static str, title: &'static str, compute: Compute) -> Self {
-        Self { name, origin: Origin::Beyond, title, compute }
+        Self { name, origin: Origin::Beyond, title, compute, page: PAGE }
+    }
+
+    /// The exhibit on a page of another name.
+    const fn on_page(mut self, page: &'static str) -> Self {
+        self.page = page;
+        self
     }
 
     /// Where it is printed and what it shows, in one line.
@@ -118,8 +129,10 @@ pub fn exhibits() -> Vec<Exhibit> {
     [
         jo::EXHIBITS.as_slice(),
         hjo::EXHIBITS.as_slice(),
+        node_form::EXHIBITS.as_slice(),
         runge_kutta_orders::EXHIBITS.as_slice(),
         work_precision::EXHIBITS.as_slice(),
+        accuracy::EXHIBITS.as_slice(),
     ]
     .concat()
 }

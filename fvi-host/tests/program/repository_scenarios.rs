@@ -85,6 +85,14 @@ fn the_pulse_driven_plate_agrees_with_the_exact_solution() {
 }
 
 #[test]
+fn the_plate_damped_at_the_nodes_gives_nine_digits_of_the_position() {
+    let run = run("bagley-torvik-pulse-nodes");
+    assert_eq!(run.rows.len(), 6001);
+    assert!(largest_error(&run, "position") < 4e-9);
+    assert!(largest_error(&run, "momentum") < 2e-8);
+}
+
+#[test]
 fn six_hundred_steps_with_radau_quadrature_give_eight_digits_of_the_position() {
     let run = run("bagley-torvik-pulse-radau");
     assert_eq!(run.rows.len(), 601);

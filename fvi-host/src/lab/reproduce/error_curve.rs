@@ -16,6 +16,9 @@ pub struct ErrorCurve {
     pub points: Vec<(f64, f64)>,
 }
 
+/// Errors above this are not rounding.
+const ROUNDING: f64 = 1e-8;
+
 impl ErrorCurve {
     /// A curve.
     pub fn new(label: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
@@ -45,6 +48,22 @@ impl ErrorCurve {
     /// The same of the `count` points with the shortest steps.
     pub fn slope_of_finest(&self, count: usize) -> f64 {
         slope(&self.points[self.points.len().saturating_sub(count)..]).unwrap_or(f64::NAN)
+    }
+
+    /// [`slope_of_finest`](Self::slope_of_finest) where there are so many points.
+    pub(super) fn order_of_finest(&self, count: usize) -> Option<f64> {
+        Some(self.slope_of_finest(count)).filter(|order| order.is_finite())
+    }
+
+    /// The curve up to the grid where rounding ends its fall.
+    pub(super) fn above_rounding(mut self) -> Self {
+        while let [.., coarse, fine] = self.points[..]
+            && fine.1 > 0.75 * coarse.1
+            && fine.1 < ROUNDING
+        {
+            self.points.pop();
+        }
+        self
     }
 
     /// Orders between neighbouring step sizes, the longest first.

@@ -2,7 +2,9 @@
 
 use super::problems::{GALERKIN, MIDPOINT};
 use crate::results::picture::{Marker, Series, Style};
-use crate::scenario::{Convolution, ConvolutionFamily, DampedAt, ReportedMomentum, Scenario, Scheme};
+use crate::scenario::{
+    Convolution, ConvolutionFamily, DampedAt, Quadrature, ReportedMomentum, Scenario, Scheme,
+};
 
 /// A scheme with its convolution quadrature, and how it is drawn: a colour for the kind, a marker for the order or the
 /// number of stages.
@@ -11,6 +13,7 @@ pub(super) struct Method {
     pub(super) label: &'static str,
     scheme: Scheme,
     family: ConvolutionFamily,
+    at: DampedAt,
     colour: usize,
     marker: Marker,
 }
@@ -21,7 +24,26 @@ const fn at_stages(degree: usize) -> Scheme {
 }
 
 const fn bdf(label: &'static str, scheme: Scheme, order: usize, (colour, marker): (usize, Marker)) -> Method {
-    Method { label, scheme, family: ConvolutionFamily::Bdf { order }, colour, marker }
+    Method {
+        label,
+        scheme,
+        family: ConvolutionFamily::Bdf { order },
+        at: DampedAt::MainNodes,
+        colour,
+        marker,
+    }
+}
+
+/// Gauss's quadrature with as many points as the degree, damped at them.
+const fn gauss(
+    label: &'static str,
+    degree: usize,
+    order: usize,
+    (colour, marker): (usize, Marker),
+) -> Method {
+    let quadrature = Some(Quadrature::Gauss(degree));
+    let (scheme, family) = (Scheme::Galerkin { degree, quadrature }, ConvolutionFamily::Bdf { order });
+    Method { label, scheme, family, at: DampedAt::Nodes, colour, marker }
 }
 
 const fn radau(label: &'static str, stages: usize, marker: Marker) -> Method {
@@ -29,6 +51,7 @@ const fn radau(label: &'static str, stages: usize, marker: Marker) -> Method {
         label,
         scheme: at_stages(stages),
         family: ConvolutionFamily::RadauIia { stages },
+        at: DampedAt::Nodes,
         colour: 1,
         marker,
     }
@@ -36,7 +59,7 @@ const fn radau(label: &'static str, stages: usize, marker: Marker) -> Method {
 
 const fn lobatto(label: &'static str, stages: usize, marker: Marker) -> Method {
     let family = ConvolutionFamily::LobattoIiic { stages };
-    Method { label, scheme: at_stages(stages - 1), family, colour: 3, marker }
+    Method { label, scheme: at_stages(stages - 1), family, at: DampedAt::Nodes, colour: 3, marker }
 }
 
 /// Runge–Kutta convolution quadrature, with the polynomials that do not limit its order.
@@ -60,20 +83,37 @@ pub(super) const MAIN_NODES: [Method; 7] = [
     bdf("Galerkin 2, BDF 3", GALERKIN, 3, (2, Marker::Triangle)),
 ];
 
+/// The backward differentiation formulas at the quadrature nodes, each with as many nodes as it needs.
+pub(super) const NODES: [Method; 5] = [
+    gauss("Gauss 1, BDF 2, nodes", 1, 2, (7, Marker::Disc)),
+    gauss("Gauss 2, BDF 3, nodes", 2, 3, (5, Marker::Square)),
+    gauss("Gauss 2, BDF 4, nodes", 2, 4, (5, Marker::Triangle)),
+    gauss("Gauss 3, BDF 5, nodes", 3, 5, (4, Marker::Square)),
+    gauss("Gauss 3, BDF 6, nodes", 3, 6, (4, Marker::Triangle)),
+];
+
 impl Method {
     /// Whether the damping acts at the stages of a Runge–Kutta method.
     pub(super) fn is_at_stages(&self) -> bool {
         !matches!(self.family, ConvolutionFamily::Bdf { .. })
     }
 
-    /// A scenario with this method in place of its own.
+    /// Number of nodes that damping acts at with plain weights; `None` where it acts otherwise.
+    pub(super) fn gauss_points(&self) -> Option<usize> {
+        match self.scheme {
+            Scheme::Galerkin { quadrature: Some(Quadrature::Gauss(points)), .. }
+                if self.at == DampedAt::Nodes =>
+            {
+                Some(points)
+            }
+            _ => None,
+        }
+    }
+
+    /// A scenario with this method in place of its own, and the momentum after the kick where there is one.
     pub(super) fn on(&self, mut scenario: Scenario) -> Scenario {
         scenario.scheme = self.scheme;
-        let at = match self.family {
-            ConvolutionFamily::Bdf { .. } => DampedAt::MainNodes,
-            _ => DampedAt::Nodes,
-        };
-        scenario.convolution = Convolution { family: self.family, at, starting: Vec::new() };
+        scenario.convolution = Convolution { family: self.family, at: self.at, starting: Vec::new() };
         scenario.output.momentum = ReportedMomentum::OneSided;
         scenario
     }

@@ -40,8 +40,13 @@ impl Motion {
 
     /// Largest errors against the reference of the scenario that was run.
     pub(super) fn errors(&self, scenario: &Scenario) -> ReferenceErrors {
+        self.errors_from(0.0, scenario)
+    }
+
+    /// The same from a time on.
+    pub(super) fn errors_from(&self, from: f64, scenario: &Scenario) -> ReferenceErrors {
         let mut errors = ReferenceErrors::default();
-        for (index, state) in self.states.iter().enumerate() {
+        for (index, state) in self.states.iter().enumerate().filter(|(_, state)| state.time >= from) {
             if let Some(row) = known(scenario, index) {
                 errors.compare(state, &row);
             }

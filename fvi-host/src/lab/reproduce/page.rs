@@ -1,14 +1,14 @@
 //! The files of a reproduction: pictures, CSV files and the page that compares.
 
 use super::table::markdown_table;
-use super::{Comparison, Exhibit, Findings};
+use super::{Comparison, Exhibit, Findings, accuracy};
 use crate::results::files::{FileError, write_picture, write_text};
 use crate::results::output_directory::OutputDirectory;
 
-/// Name of the page in the output directory.
+/// Name of the page in the output directory that holds all exhibits but those with a page of their own.
 pub const PAGE: &str = "reproduction.md";
 
-/// Writes pictures and tables of the exhibits, then the page about them; each file appears whole or not at all.
+/// Writes pictures and tables of the exhibits, then the pages about them; each file appears whole or not at all.
 ///
 /// # Errors
 /// [`FileError`].
@@ -21,7 +21,14 @@ pub fn write(found: &[(Exhibit, Findings)], directory: &OutputDirectory) -> Resu
             write_text(&directory.join(file_name(exhibit, table.name, "csv")), &table.csv())?;
         }
     }
-    write_text(&directory.join(PAGE), &page(found))
+    for (name, head) in [(PAGE, HEAD), (accuracy::PAGE, accuracy::HEAD)] {
+        let on_page: Vec<_> = found.iter().filter(|(exhibit, _)| exhibit.page == name).collect();
+        if !on_page.is_empty() {
+            let sections = on_page.iter().map(|(exhibit, findings)| section(exhibit, findings));
+            write_text(&directory.join(name), &(head.to_owned() + &sections.collect::<String>()))?;
+        }
+    }
+    Ok(())
 }
 
 /// `hjo-fig-4-errors.svg`: the exhibit's name, what tells the file from its other files, the ending.
@@ -30,21 +37,13 @@ fn file_name(exhibit: &Exhibit, part: &str, ending: &str) -> String {
     if part.is_empty() { format!("{name}.{ending}") } else { format!("{name}-{part}.{ending}") }
 }
 
-/// The page.
-fn page(found: &[(Exhibit, Findings)]) -> String {
-    let mut text = String::from(
-        "# Figures and tables of the papers, computed again\n\n\
-         `fvi reproduce all` writes this page, its pictures and the CSV files behind them; `fvi reproduce NAME` \
-         makes one exhibit. Keys are those of `REFERENCES.md`. Errors are the largest over the grid points of a \
-         run unless a heading says otherwise; *order* is that between a step size and the next longer \
-         one, *slope* that of the line of least squares through the logarithms. [BCGI] prints no numbers: \
-         `fvi extremal` solves its equations. Figures that are drawings only are left out.\n",
-    );
-    for (exhibit, findings) in found {
-        text += &section(exhibit, findings);
-    }
-    text
-}
+/// What the page begins with.
+const HEAD: &str = "# Figures and tables of the papers, computed again\n\n\
+    `fvi reproduce all` writes this page, its pictures and the CSV files behind them; `fvi reproduce NAME` \
+    makes one exhibit. Keys are those of `REFERENCES.md`. Errors are the largest over the grid points of a \
+    run unless a heading says otherwise; *order* is that between a step size and the next longer \
+    one, *slope* that of the line of least squares through the logarithms. [BCGI] prints no numbers: \
+    `fvi extremal` solves its equations. Figures that are drawings only are left out.\n";
 
 fn section(exhibit: &Exhibit, findings: &Findings) -> String {
     let mut text = format!("\n## {}\n\n`fvi reproduce {}`\n", exhibit.heading(), exhibit.name);

@@ -1,7 +1,7 @@
-//! Error against work: the papers' schemes, their baselines and Runge–Kutta convolution quadrature side by side.
+//! Error against work: the papers' schemes, their baselines, Runge–Kutta convolution quadrature and damping at the nodes side by side.
 
 use super::error_curve::ErrorCurve;
-use super::methods::{MAIN_NODES, Method, RUNGE_KUTTA};
+use super::methods::{MAIN_NODES, Method, NODES, RUNGE_KUTTA};
 use super::motion::Motion;
 use super::problems::{cube_plate, on_grid, pendulum, pulse_plate};
 use super::table::{Cell, Column, Format, Table};
@@ -59,7 +59,7 @@ struct Comparison {
 
 impl Comparison {
     fn measure(&self, stop: &AtomicBool) -> Result<Vec<Measured>, ReproduceError> {
-        let methods = MAIN_NODES.into_iter().chain(RUNGE_KUTTA);
+        let methods = MAIN_NODES.into_iter().chain(RUNGE_KUTTA).chain(NODES);
         methods.map(|method| self.measure_method(method, stop)).collect()
     }
 
@@ -170,13 +170,7 @@ fn summary(measured: &[Measured]) -> Table {
 
 /// The curve up to the grid where rounding ends its fall.
 fn above_rounding(runs: &[Run]) -> ErrorCurve {
-    let mut points: Vec<(f64, f64)> = runs.iter().map(|run| (run.step, run.error)).collect();
-    while let [.., coarse, fine] = points[..]
-        && fine.1 > 0.75 * coarse.1
-    {
-        points.pop();
-    }
-    ErrorCurve::new("", points)
+    ErrorCurve::new("", runs.iter().map(|run| (run.step, run.error)).collect()).above_rounding()
 }
 
 fn all_runs(measured: &[Measured]) -> Table {
@@ -290,7 +284,7 @@ mod tests {
         };
         let expected = [1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0];
         let orders = orders(&comparison);
-        assert_eq!(orders.len(), 13);
+        assert_eq!(orders.len(), 18);
         for ((label, order), expected) in orders.into_iter().zip(expected) {
             assert!((order - expected).abs() < 0.15, "{label}: {order} for {expected}");
         }
