@@ -10,6 +10,7 @@ mod progress;
 pub mod reproduce;
 pub mod run;
 mod stop;
+pub mod sweep;
 mod terminal;
 pub mod weights;
 
@@ -36,6 +37,8 @@ pub struct Program {
 enum Command {
     /// Integrate a scenario: data, pictures and a line of result
     Run(run::RunArguments),
+    /// Run one scenario with many values of some of its keys: a table, and pictures over the axes
+    Sweep(sweep::SweepArguments),
     /// Error and order of a scenario over step sizes, against its reference or a finer run
     Converge(converge::ConvergeArguments),
     /// The figures and tables of the papers, computed again and set beside the printed values
@@ -69,6 +72,9 @@ pub enum CommandError {
     /// There is nothing to go on from: exit code 2.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
+    /// The runs of a sweep cannot be made in this directory, or not be joined: exit code 2.
+    #[error("{0}")]
+    Sweep(String),
     /// A file of results cannot be written: exit code 1; another run is writing to the directory: exit code 2.
     #[error(transparent)]
     File(#[from] FileError),
@@ -96,6 +102,7 @@ impl Program {
     fn execute(self) -> ExitCode {
         let result = match self.command {
             Command::Run(arguments) => arguments.execute(),
+            Command::Sweep(arguments) => arguments.execute(),
             Command::CompareEngines(arguments) => arguments.execute(),
             Command::Converge(arguments) => arguments.execute(),
             Command::Reproduce(arguments) => arguments.execute(),
@@ -117,7 +124,9 @@ impl CommandError {
     fn code(&self) -> ExitCode {
         match self {
             Self::File(error) if OutputDirectory::in_use(error) => ExitCode::from(2),
-            Self::Input(_) | Self::Argument(_) | Self::NoRoom(_) | Self::Checkpoint(_) => ExitCode::from(2),
+            Self::Input(_) | Self::Argument(_) | Self::NoRoom(_) | Self::Checkpoint(_) | Self::Sweep(_) => {
+                ExitCode::from(2)
+            }
             Self::Failed(_) | Self::File(_) => ExitCode::from(1),
             Self::Stopped(_) => ExitCode::from(stop::STOPPED),
         }

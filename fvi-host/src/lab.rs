@@ -6,4 +6,5 @@ pub mod converge;
 #[cfg(feature = "pictures")]
 pub mod reproduce;
 pub mod run;
+pub mod sweep;
 pub mod two_point;

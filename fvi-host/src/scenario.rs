@@ -222,6 +222,11 @@ impl Scenario {
         self.reference.as_ref().is_none_or(|reference| reference.meets(&self.time))
     }
 
+    /// The file it was read from.
+    pub(crate) fn document(&self) -> &Document {
+        &self.document
+    }
+
     /// Number of coordinates N.
     pub fn coordinates(&self) -> usize {
         self.system.coordinates()

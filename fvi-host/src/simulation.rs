@@ -81,6 +81,20 @@ impl Simulation {
         Ok(Self { stepper, engines, precision })
     }
 
+    /// Whether no motion near the start grows at the step of the scenario, as far as the check of the step tells.
+    ///
+    /// # Errors
+    /// If the check cannot be made.
+    pub fn is_predicted_stable(scenario: &Scenario) -> Result<bool, InputError> {
+        let mut scenario = scenario.clone();
+        scenario.time.allow_unstable = false;
+        match stability::check_step(&scenario, &stiffness(&scenario)?) {
+            Ok(()) => Ok(true),
+            Err(error) if matches!(error.problem(), Problem::Unstable { .. }) => Ok(false),
+            Err(error) => Err(error),
+        }
+    }
+
     /// One step with an input held over it (empty: none); returns the iterations of Newton's method.
     ///
     /// # Errors

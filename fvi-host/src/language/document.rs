@@ -80,6 +80,23 @@ impl Document {
         self.directory.join(path)
     }
 
+    /// Its values, without their places.
+    ///
+    /// # Errors
+    /// [`Problem::Syntax`].
+    pub(crate) fn values(&self) -> Result<toml::Table, InputError> {
+        self.with_root(|_| Ok(()))?;
+        toml::from_str(&self.text).map_err(|error| {
+            let reason = error.message().lines().collect::<Vec<_>>().join("; ");
+            self.error("", String::new(), error.span().unwrap_or(0..0), Problem::Syntax { reason })
+        })
+    }
+
+    /// A document with other values in its place: of the same name, naming the same files.
+    pub(crate) fn with_values(&self, values: &toml::Table) -> Self {
+        Self { text: values.to_string(), ..self.clone() }
+    }
+
     /// The content of a file that the document names: attached to it, or in its directory.
     pub(crate) fn read_named(&self, path: &str) -> std::io::Result<String> {
         match self.attached.iter().find(|(name, _)| name == path) {

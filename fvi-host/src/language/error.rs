@@ -279,6 +279,14 @@ pub enum Problem {
         /// What does go.
         allowed: String,
     },
+    /// Another file cannot take what is said here.
+    #[error("{file} cannot take it: {reason}")]
+    Refused {
+        /// The other file.
+        file: String,
+        /// What is wrong, and what is allowed.
+        reason: String,
+    },
     /// A line of a table file that cannot be used.
     #[error("{file}, line {line}: {reason}")]
     Table {

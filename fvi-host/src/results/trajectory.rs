@@ -85,6 +85,15 @@ impl TrajectoryWriter {
         Ok(Self { rows, every: every.max(1), index: 0, written: true })
     }
 
+    /// A writer to a file of NumPy arrays of any name.
+    ///
+    /// # Errors
+    /// If a file cannot be created.
+    pub(crate) fn npz(path: &Path, coordinates: usize, every: usize) -> io::Result<Self> {
+        let rows = Rows::Npz(Box::new(NpzRows::create(path, coordinates)?));
+        Ok(Self { rows, every: every.max(1), index: 0, written: true })
+    }
+
     /// A writer that goes on behind a mark with grid point `index`.
     ///
     /// # Errors

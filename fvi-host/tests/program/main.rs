@@ -12,4 +12,5 @@ mod reproduction;
 mod runs;
 mod scenario_errors;
 mod stability;
+mod sweeps;
 mod workplace;

@@ -63,6 +63,22 @@ impl Axis {
         }
     }
 
+    /// The ticks of an axis that ends with its data; about `count` of them.
+    pub(super) fn ticks_over(&self, places: impl Iterator<Item = f64>, count: usize) -> Ticks {
+        let ends = |range: Option<(f64, f64)>, place: f64| match range {
+            Some((low, high)) => Some((low.min(place), high.max(place))),
+            None => Some((place, place)),
+        };
+        let own = self.range.and_then(|(from, to)| Some((self.place(from)?, self.place(to)?)));
+        match own.or_else(|| places.fold(None, ends)) {
+            Some((low, high)) if low < high => match self.scale {
+                Scale::Linear => Ticks::linear(low, high, count, true),
+                Scale::Logarithmic => Ticks::logarithmic(low, high, count, true),
+            },
+            other => self.ticks(other.into_iter().flat_map(|(low, high)| [low, high]), count),
+        }
+    }
+
     /// The ticks for data at the given places; about `count` of them.
     pub(super) fn ticks(&self, places: impl Iterator<Item = f64>, count: usize) -> Ticks {
         let data = places.fold(None, |range: Option<(f64, f64)>, place| match range {
@@ -150,6 +166,11 @@ impl Ticks {
     /// The widest label, in characters.
     pub(super) fn label_width(&self) -> usize {
         self.bold.iter().map(|(_, label)| label.chars().count()).max().unwrap_or(0)
+    }
+
+    /// Places with labels.
+    pub(super) fn labels(&self) -> &[(f64, String)] {
+        &self.bold
     }
 
     pub(super) fn ends(&self) -> (f64, f64) {

@@ -1,6 +1,7 @@
 //! A chart: series over two axes, drawn as SVG.
 
-use super::axis::{Axis, LARGEST_PLACE};
+use super::axis::{Axis, LARGEST_PLACE, Ticks};
+use super::colour_map::ColourMap;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
@@ -120,6 +121,7 @@ pub struct Chart {
     x: Axis,
     y: Axis,
     series: Vec<Series>,
+    map: Option<ColourMap>,
 }
 
 /// The plotting library failed, and why.
@@ -140,7 +142,7 @@ type DrawingResult<E> = Result<(), DrawingAreaErrorKind<E>>;
 impl Chart {
     /// An empty chart.
     pub fn new(title: impl Into<String>, x: Axis, y: Axis) -> Self {
-        Self { title: title.into(), subtitle: String::new(), x, y, series: Vec::new() }
+        Self { title: title.into(), subtitle: String::new(), x, y, series: Vec::new(), map: None }
     }
 
     /// A smaller line under the title.
@@ -152,6 +154,12 @@ impl Chart {
     /// Adds a series; later ones are drawn over earlier ones.
     pub fn with(mut self, series: Series) -> Self {
         self.series.push(series);
+        self
+    }
+
+    /// Lays a map of colours under the series.
+    pub fn with_map(mut self, map: ColourMap) -> Self {
+        self.map = Some(map);
         self
     }
 
@@ -180,12 +188,27 @@ impl Chart {
         area.fill(&WHITE)?;
         let pieces: Vec<Vec<Piece>> = self.series.iter().map(|series| self.pieces(series)).collect();
         let all = || pieces.iter().flatten().flatten();
-        let x = self.x.ticks(all().map(|point| point.0), 10);
-        let y = self.y.ticks(all().map(|point| point.1), 8);
+        let rectangles = self.map.as_ref().map_or_else(Vec::new, |map| map.rectangles(&self.x, &self.y));
+        let corners = || rectangles.iter().flatten().filter(|corner| corner.0.is_finite());
+        let (x, y) = match &self.map {
+            // A map fills its frame.
+            Some(map) if map.cells => (
+                self.x.ticks_over(corners().map(|at| at.0), 10),
+                self.y.ticks_over(corners().map(|at| at.1), 8),
+            ),
+            _ => (
+                self.x.ticks(all().chain(corners()).map(|point| point.0), 10),
+                self.y.ticks(all().chain(corners()).map(|point| point.1), 8),
+            ),
+        };
+        let scale = self.map.as_ref().map(|map| {
+            map.quantity.ticks_over(map.values.iter().filter_map(|(_, value)| map.quantity.place(*value)), 8)
+        });
+        let bar = scale.as_ref().map_or(0, |scale| 66 + 8 * scale.label_width() as i32);
         let top = self.draw_head(area)?;
         let mut chart = ChartBuilder::on(area)
             .margin_top(top)
-            .margin_right(24 * FINE)
+            .margin_right((24 + bar) * FINE)
             .margin_bottom(10 * FINE)
             .margin_left(10 * FINE)
             .x_label_area_size(50 * FINE)
@@ -202,6 +225,10 @@ impl Chart {
             .x_desc(self.x.label())
             .y_desc(self.y.label())
             .draw()?;
+        if let (Some(map), Some(scale)) = (&self.map, &scale) {
+            draw_map(&mut chart, map, scale, &rectangles)?;
+            draw_bar(area, chart.plotting_area().get_pixel_range(), map, scale)?;
+        }
         for (index, pieces) in pieces.iter().enumerate() {
             let series = &self.series[index];
             let stroke = self.stroke(index);
@@ -388,6 +415,88 @@ impl Chart {
         let pieces = places.split(Option::is_none).map(|piece| piece.iter().flatten().copied().collect());
         pieces.filter(|piece: &Piece| !piece.is_empty()).collect()
     }
+}
+
+/// The colour of a value without a place on the scale.
+const UNKNOWN: RGBColor = RGBColor(214, 214, 214);
+
+/// Colours from low to high, of even steps for every eye (Matplotlib's viridis, in the public domain).
+const VIRIDIS: [(u8, u8, u8); 9] = [
+    (68, 1, 84),
+    (71, 44, 122),
+    (59, 81, 139),
+    (44, 113, 142),
+    (33, 144, 141),
+    (39, 173, 129),
+    (92, 200, 99),
+    (170, 220, 50),
+    (253, 231, 37),
+];
+
+/// The colour at a place of a scale.
+fn colour_at(place: Option<f64>, scale: &Ticks) -> RGBColor {
+    let (low, high) = scale.ends();
+    let Some(place) = place else { return UNKNOWN };
+    let along = ((place - low) / (high - low)).clamp(0.0, 1.0) * (VIRIDIS.len() - 1) as f64;
+    let index = (along as usize).min(VIRIDIS.len() - 2);
+    let (from, to, share) = (VIRIDIS[index], VIRIDIS[index + 1], along - index as f64);
+    let mixed =
+        |from: u8, to: u8| (f64::from(from) + share * (f64::from(to) - f64::from(from))).round() as u8;
+    RGBColor(mixed(from.0, to.0), mixed(from.1, to.1), mixed(from.2, to.2))
+}
+
+fn draw_map<B: DrawingBackend, C: CoordTranslate<From = (f64, f64)>>(
+    chart: &mut ChartContext<'_, B, C>,
+    map: &ColourMap,
+    scale: &Ticks,
+    rectangles: &[[(f64, f64); 2]],
+) -> DrawingResult<B::ErrorType> {
+    let cells = map.values.iter().zip(rectangles).filter(|(_, [corner, _])| corner.0.is_finite());
+    for (&(_, value), &[low, high]) in cells {
+        let fill = colour_at(map.quantity.place(value), scale).filled();
+        if map.cells {
+            chart.draw_series([Rectangle::new([low, high], fill)])?;
+        } else {
+            let middle = (0.5 * (low.0 + high.0), 0.5 * (low.1 + high.1));
+            chart.draw_series([Circle::new(middle, MARKER_RADIUS, fill)])?;
+        }
+    }
+    Ok(())
+}
+
+/// Draws the bar of colours beside the frame.
+fn draw_bar<B: DrawingBackend>(
+    area: &DrawingArea<B, plotters::coord::Shift>,
+    (columns, rows): (std::ops::Range<i32>, std::ops::Range<i32>),
+    map: &ColourMap,
+    scale: &Ticks,
+) -> DrawingResult<B::ErrorType> {
+    const PARTS: i32 = 128;
+    let (left, right) = (columns.end + 18 * FINE, columns.end + 36 * FINE);
+    let (low, high) = scale.ends();
+    let height = rows.end - rows.start;
+    for part in 0..PARTS {
+        let edge = |part: i32| rows.end - height * part / PARTS;
+        let place = low + (high - low) * (f64::from(part) + 0.5) / f64::from(PARTS);
+        let fill = colour_at(Some(place), scale).filled();
+        area.draw(&Rectangle::new([(left, edge(part + 1)), (right, edge(part))], fill))?;
+    }
+    area.draw(&Rectangle::new([(left, rows.start), (right, rows.end)], INK.stroke_width(FINE as u32)))?;
+    for (place, label) in scale.labels().iter().filter(|(place, _)| (low..=high).contains(place)) {
+        let at = rows.end - ((place - low) / (high - low) * f64::from(height)).round() as i32;
+        area.draw(&PathElement::new(
+            vec![(right, at), (right + 4 * FINE, at)],
+            INK.stroke_width(FINE as u32),
+        ))?;
+        let style = (FONT, 14 * FINE).into_font().color(&INK).pos(Pos::new(HPos::Left, VPos::Center));
+        area.draw(&Text::new(label.clone(), (right + 8 * FINE, at), style))?;
+    }
+    let style = (FONT, 15 * FINE).into_font().color(&INK).pos(Pos::new(HPos::Right, VPos::Bottom));
+    area.draw(&Text::new(
+        map.quantity.label().to_owned(),
+        (SIZE.0 * FINE - 12 * FINE, rows.start - 6 * FINE),
+        style,
+    ))
 }
 
 #[cfg(test)]

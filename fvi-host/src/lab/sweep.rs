@@ -1,0 +1,283 @@
+//! Sweeps: one scenario with many values of some of its keys, run on all cores, on several machines, and gone on with at any time.
+//!
+//! Every run has a place of fixed size in a file of records, `sweep.fvi`, or `sweep.shard-1-of-8.fvi` where a part of the runs is made by
+//! another process. Whoever ends a sweep reads the records in the order of the runs, so that the table has the same bytes
+//! however many threads and processes filled them, and however often these were interrupted.
+
+mod axis;
+mod keep;
+mod measured;
+#[cfg(feature = "pictures")]
+mod pictures;
+mod plan;
+mod points;
+mod records;
+mod table;
+
+pub use plan::Sweep;
+pub use records::{Shard, ShardError};
+
+use crate::lab::run::{Run, RunEnd};
+use crate::language::InputError;
+use crate::results::files::FileError;
+use crate::results::output_directory::OutputDirectory;
+use crate::results::trajectory::TrajectoryWriter;
+use crate::simulation::Precision;
+use measured::Measured;
+use records::{Record, Records, Status};
+use serde::Serialize;
+use std::num::NonZero;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, mpsc};
+
+/// How a sweep is made.
+#[derive(Clone, Debug)]
+pub struct SweepOptions {
+    /// Where its files go.
+    pub directory: PathBuf,
+    /// What it computes in.
+    pub precision: Precision,
+    /// Threads; absent: one for each core.
+    pub jobs: Option<NonZero<usize>>,
+    /// The runs that this process makes.
+    pub shard: Shard,
+}
+
+impl SweepOptions {
+    /// All runs in double precision, on all cores.
+    pub fn new(directory: impl Into<PathBuf>) -> Self {
+        let precision = Precision::default();
+        Self { directory: directory.into(), precision, jobs: None, shard: Shard::WHOLE }
+    }
+}
+
+/// What became of a sweep.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct SweepSummary {
+    /// Runs of the sweep.
+    pub runs: usize,
+    /// Those of this process's share.
+    pub share: usize,
+    /// Those of them that are done, in this process or before.
+    pub done: usize,
+    /// Those of them that failed.
+    pub failed: usize,
+    /// The files of the table and its pictures, if the sweep is complete.
+    pub files: Vec<String>,
+}
+
+/// Why a sweep could not be made.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SweepError {
+    /// The sweep file, or its scenario, cannot be used.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// A file cannot be written or read.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// The records in the directory are of another sweep.
+    #[error(
+        "{} holds records of another sweep, or of this one with another scenario, precision or version of fvi: take another \
+         directory with `--out`, or remove the file to begin anew", .file.display()
+    )]
+    OtherSweep {
+        /// The file of records.
+        file: PathBuf,
+    },
+    /// Another process makes these runs.
+    #[error("{}: another process is at work on these runs", .file.display())]
+    InUse {
+        /// The file of records.
+        file: PathBuf,
+    },
+    /// Shards overlap, or some are missing.
+    #[error("{}: {}", .directory.display(), .reasons.join("; "))]
+    Incomplete {
+        /// The directory.
+        directory: PathBuf,
+        /// What is missing or twice there.
+        reasons: Vec<String>,
+    },
+}
+
+/// Makes the runs of a sweep that have not been made yet, and the table once all are there.
+///
+/// `stop` ends it; what runs then have not ended is made the next time. `progress` hears the number of runs that are done.
+///
+/// # Errors
+/// [`SweepError`]; a run that fails is no error but a row.
+pub fn sweep(
+    sweep: &Sweep,
+    options: &SweepOptions,
+    stop: &AtomicBool,
+    mut progress: impl FnMut(usize),
+) -> Result<SweepSummary, SweepError> {
+    std::fs::create_dir_all(&options.directory).map_err(FileError::at(&options.directory))?;
+    let identity = sweep.identity(options.precision);
+    let records = Records::open(&options.directory, &identity, sweep.layout(), options.shard)?;
+    let (share, mut done) = (records.share(), records.done()?);
+    progress(done);
+    let jobs = options.jobs.or_else(|| std::thread::available_parallelism().ok()).map_or(1, NonZero::get);
+    let next = Mutex::new(0..share);
+    let (sender, results) = mpsc::sync_channel::<Result<(usize, Record), SweepError>>(2 * jobs);
+    let failure = std::thread::scope(|scope| {
+        for _ in 0..jobs.min(share.max(1)) {
+            let (sender, next, records) = (sender.clone(), &next, &records);
+            scope.spawn(move || {
+                while !stop.load(Ordering::Relaxed) {
+                    let place = next.lock().ok().and_then(|mut places| places.next());
+                    let Some(place) = place else { return };
+                    let made = match records.read(place) {
+                        Ok(Some(_)) => continue,
+                        Ok(None) => match sweep.make(records.run(place), options, stop) {
+                            Ok(Some(record)) => Ok((place, record)),
+                            Ok(None) => return,
+                            Err(error) => Err(error),
+                        },
+                        Err(error) => Err(error.into()),
+                    };
+                    if sender.send(made).is_err() {
+                        return;
+                    }
+                }
+            });
+        }
+        drop(sender);
+        let mut failure = None;
+        for made in results {
+            match made.and_then(|(place, record)| Ok(records.write(place, &record)?)) {
+                Ok(()) => {
+                    done += 1;
+                    progress(done);
+                }
+                Err(error) => {
+                    // No place is given out any more; runs under way end by themselves.
+                    if let Ok(mut places) = next.lock() {
+                        *places = 0..0;
+                    }
+                    failure.get_or_insert(error);
+                }
+            }
+        }
+        failure
+    });
+    records.flush()?;
+    if let Some(error) = failure {
+        return Err(error);
+    }
+    let complete = done == share && options.shard == Shard::WHOLE;
+    let files = if complete { conclude(sweep, options, &[records])? } else { Vec::new() };
+    let failed = failures(&options.directory, &identity, sweep, options.shard)?;
+    Ok(SweepSummary { runs: sweep.runs(), share, done, failed, files })
+}
+
+fn failures(
+    directory: &std::path::Path,
+    identity: &[u8],
+    sweep: &Sweep,
+    shard: Shard,
+) -> Result<usize, SweepError> {
+    let records = Records::look(directory, identity, sweep.layout(), shard)?;
+    let mut failed = 0;
+    for place in 0..records.share() {
+        failed += usize::from(records.read(place)?.is_some_and(|record| record.status != Status::Completed));
+    }
+    Ok(failed)
+}
+
+/// Joins the shards in a directory to the table.
+///
+/// # Errors
+/// [`SweepError::Incomplete`] with the shards that are missing, not at their ends, or overlap; and the others.
+pub fn gather(sweep: &Sweep, options: &SweepOptions) -> Result<SweepSummary, SweepError> {
+    let identity = sweep.identity(options.precision);
+    let shards = Records::all(&options.directory, &identity, sweep.layout())?;
+    let files = conclude(sweep, options, &shards)?;
+    let mut failed = 0;
+    for records in &shards {
+        for place in 0..records.share() {
+            failed +=
+                usize::from(records.read(place)?.is_some_and(|record| record.status != Status::Completed));
+        }
+    }
+    let runs = sweep.runs();
+    Ok(SweepSummary { runs, share: runs, done: runs, failed, files })
+}
+
+/// Writes the table and its pictures.
+fn conclude(sweep: &Sweep, options: &SweepOptions, shards: &[Records]) -> Result<Vec<String>, SweepError> {
+    let directory = OutputDirectory::claim(&options.directory)?;
+    let mut files = table::write(sweep, shards, &directory)?;
+    #[cfg(feature = "pictures")]
+    files.extend(pictures::write(sweep, shards, &directory)?);
+    if sweep.keeps_trajectories() {
+        files.push("runs".to_owned());
+    }
+    Ok(files)
+}
+
+impl Sweep {
+    /// Makes one run; nothing if it was stopped.
+    fn make(
+        &self,
+        run: usize,
+        options: &SweepOptions,
+        stop: &AtomicBool,
+    ) -> Result<Option<Record>, SweepError> {
+        let columns = self.layout().columns;
+        let refused = |error: InputError| {
+            let key = if error.key().is_empty() { String::new() } else { format!("{}: ", error.key()) };
+            let advice = error.problem().allowed().map_or_else(String::new, |allowed| format!("; {allowed}"));
+            let message = format!("{key}{}{advice}", error.problem());
+            Record { status: Status::Refused, steps: 0, values: vec![f64::NAN; columns], message }
+        };
+        let scenario = match self.scenario_of(run) {
+            Ok(scenario) => scenario,
+            Err(error) => return Ok(Some(refused(error))),
+        };
+        if scenario.coordinates() != self.base().coordinates() {
+            let message = format!(
+                "{} coordinates where the scenario itself has {}",
+                scenario.coordinates(),
+                self.base().coordinates()
+            );
+            let values = vec![f64::NAN; columns];
+            return Ok(Some(Record { status: Status::Refused, steps: 0, values, message }));
+        }
+        let under_way = match Run::start(&scenario, options.precision) {
+            Ok(under_way) => under_way,
+            Err(error) => return Ok(Some(refused(error))),
+        };
+        let mut writer = match self.trajectory_of(run, &options.directory) {
+            Some(path) => {
+                let writing = FileError::at(&path);
+                let parent = path.parent().unwrap_or(&options.directory);
+                std::fs::create_dir_all(parent).map_err(&writing)?;
+                let every = scenario.output.every;
+                Some(TrajectoryWriter::npz(&path, scenario.coordinates(), every).map_err(&writing)?)
+            }
+            None => None,
+        };
+        let mut measured = Measured::new(&scenario, self.settled());
+        let summary = under_way.to_the_end(stop, |steps, state| {
+            measured.take(steps, state);
+            writer.as_mut().map_or(Ok(()), |writer| writer.push(state))
+        });
+        let path = || self.trajectory_of(run, &options.directory).unwrap_or_default();
+        let summary = summary.map_err(|error| FileError::at(&path())(error))?;
+        let (status, message) = match &summary.end {
+            RunEnd::Stopped => return Ok(None),
+            RunEnd::Completed => (Status::Completed, String::new()),
+            RunEnd::Failed { step, time, reason } => {
+                (Status::Failed, format!("step {step}, from t = {time}: {reason}"))
+            }
+        };
+        if let Some(writer) = writer {
+            writer.finish(&summary.last).map_err(|error| FileError::at(&path())(error))?;
+        }
+        let values = self.quantities().values(&scenario, &summary, &measured);
+        Ok(Some(Record { status, steps: summary.steps as u64, values, message }))
+    }
+}

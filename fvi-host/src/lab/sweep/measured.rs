@@ -1,0 +1,45 @@
+//! What a sweep measures of a run beyond its summary.
+
+use crate::scenario::Scenario;
+use crate::simulation::GridState;
+
+/// Gathers along one run.
+#[derive(Clone, Debug)]
+pub(super) struct Measured {
+    /// The first step of the part over which amplitudes are taken.
+    settled: usize,
+    energy_at_start: f64,
+    /// Lowest and highest value of each coordinate over that part.
+    ranges: Vec<(f64, f64)>,
+}
+
+impl Measured {
+    /// `settled` is the last share of the run over which amplitudes are taken.
+    pub(super) fn new(scenario: &Scenario, settled: f64) -> Self {
+        let steps = scenario.time.steps;
+        let before = ((1.0 - settled) * steps as f64) as usize;
+        Self { settled: before.min(steps), energy_at_start: f64::NAN, ranges: Vec::new() }
+    }
+
+    pub(super) fn take(&mut self, steps: usize, state: &GridState) {
+        if steps == 0 {
+            self.energy_at_start = state.energy;
+            self.ranges = vec![(f64::INFINITY, f64::NEG_INFINITY); state.position.len()];
+        }
+        if steps >= self.settled {
+            for (range, &q) in self.ranges.iter_mut().zip(&state.position) {
+                *range = (range.0.min(q), range.1.max(q));
+            }
+        }
+    }
+
+    pub(super) fn energy_at_start(&self) -> f64 {
+        self.energy_at_start
+    }
+
+    /// Half the range of each coordinate; not a number for a run that did not get so far.
+    pub(super) fn amplitudes(&self) -> Vec<f64> {
+        let half = |&(low, high): &(f64, f64)| if low <= high { 0.5 * (high - low) } else { f64::NAN };
+        self.ranges.iter().map(half).collect()
+    }
+}

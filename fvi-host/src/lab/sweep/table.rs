@@ -1,0 +1,119 @@
+//! The table of a sweep, a row for each run: `results.csv` and `results.npz`.
+
+use super::axis::{cell, number};
+use super::plan::Sweep;
+use super::records::{Record, Records, record_of};
+use crate::results::files::{self, FileError};
+use crate::results::numpy::{self, Kind};
+use crate::results::output_directory::OutputDirectory;
+use std::io::{self, Write};
+
+const CSV: &str = "results.csv";
+const NPZ: &str = "results.npz";
+
+/// Writes the table in both forms; returns the names of the files.
+pub(super) fn write(
+    sweep: &Sweep,
+    shards: &[Records],
+    directory: &OutputDirectory,
+) -> Result<Vec<String>, FileError> {
+    let path = directory.join(CSV);
+    files::write(&path, |file| write_csv(sweep, shards, file))?;
+    let path = directory.join(NPZ);
+    let mut archive = zip::ZipWriter::new(files::begin(&path).map_err(FileError::at(&path))?);
+    write_npz(sweep, shards, &mut archive).map_err(FileError::at(&path))?;
+    let file = archive.finish().map_err(io::Error::other).map_err(FileError::at(&path))?;
+    files::commit(file).map_err(FileError::at(&path))?;
+    Ok(vec![CSV.to_owned(), NPZ.to_owned()])
+}
+
+fn write_csv(sweep: &Sweep, shards: &[Records], file: &mut impl Write) -> io::Result<()> {
+    let mut table = csv::Writer::from_writer(file);
+    let paths = sweep.axes().iter().map(|axis| axis.path.clone());
+    let columns = sweep.quantities().columns();
+    let fixed = |name: &str| std::iter::once(name.to_owned());
+    let head = fixed("run").chain(paths).chain(fixed("status")).chain(fixed("steps"));
+    table.write_record(head.chain(columns).chain(fixed("message")))?;
+    for run in 0..sweep.runs() {
+        let record = record(shards, run)?;
+        let values = sweep.values_of(run);
+        // What is not known, or no number, is an empty cell.
+        let number = |value: &f64| if value.is_nan() { String::new() } else { format!("{value:?}") };
+        let row = fixed(&run.to_string())
+            .chain(values.iter().map(cell))
+            .chain(fixed(record.status.name()))
+            .chain(fixed(&record.steps.to_string()))
+            .chain(record.values.iter().map(number))
+            .chain(fixed(&record.message));
+        table.write_record(row)?;
+    }
+    table.flush()
+}
+
+fn record(shards: &[Records], run: usize) -> io::Result<Record> {
+    record_of(shards, run).map_err(|error| error.source)
+}
+
+/// Writes the columns as arrays, one after another: the records are read once for each, and none is held.
+fn write_npz<W: Write + io::Seek>(
+    sweep: &Sweep,
+    shards: &[Records],
+    archive: &mut zip::ZipWriter<W>,
+) -> io::Result<()> {
+    let runs = 0..sweep.runs();
+    begin(archive, "run", Kind::Whole, sweep)?;
+    runs.clone().try_for_each(|run| archive.write_all(&(run as i64).to_le_bytes()))?;
+    for (index, axis) in sweep.axes().iter().enumerate() {
+        let value = |run: usize| sweep.values_of(run).swap_remove(index);
+        if axis.is_numeric() {
+            begin(archive, &axis.path, Kind::Number, sweep)?;
+            for run in runs.clone() {
+                archive.write_all(&number(&value(run)).unwrap_or(f64::NAN).to_le_bytes())?;
+            }
+        } else {
+            texts(archive, &axis.path, sweep, |run| Ok(cell(&value(run))))?;
+        }
+    }
+    texts(archive, "status", sweep, |run| Ok(record(shards, run)?.status.name().to_owned()))?;
+    begin(archive, "steps", Kind::Whole, sweep)?;
+    for run in runs.clone() {
+        archive.write_all(&(record(shards, run)?.steps as i64).to_le_bytes())?;
+    }
+    for (index, column) in sweep.quantities().columns().iter().enumerate() {
+        begin(archive, column, Kind::Number, sweep)?;
+        for run in runs.clone() {
+            let value = record(shards, run)?.values.get(index).copied().unwrap_or(f64::NAN);
+            archive.write_all(&value.to_le_bytes())?;
+        }
+    }
+    texts(archive, "message", sweep, |run| Ok(record(shards, run)?.message))
+}
+
+fn begin<W: Write + io::Seek>(
+    archive: &mut zip::ZipWriter<W>,
+    name: &str,
+    kind: Kind,
+    sweep: &Sweep,
+) -> io::Result<()> {
+    numpy::begin_array(archive, name)?;
+    archive.write_all(&numpy::head(kind, sweep.runs() as u64, None))
+}
+
+fn texts<W: Write + io::Seek>(
+    archive: &mut zip::ZipWriter<W>,
+    name: &str,
+    sweep: &Sweep,
+    text: impl Fn(usize) -> io::Result<String>,
+) -> io::Result<()> {
+    let mut longest = 1;
+    for run in 0..sweep.runs() {
+        longest = longest.max(text(run)?.chars().count());
+    }
+    begin(archive, name, Kind::Text(longest), sweep)?;
+    for run in 0..sweep.runs() {
+        let text = text(run)?;
+        let letters = text.chars().map(u32::from).chain(std::iter::repeat(0)).take(longest);
+        letters.into_iter().try_for_each(|letter| archive.write_all(&letter.to_le_bytes()))?;
+    }
+    Ok(())
+}
