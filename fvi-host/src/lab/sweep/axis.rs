@@ -103,6 +103,12 @@ impl Axis {
                 let way = (i128::from(*to) - i128::from(*from)) / steps * index as i128;
                 toml::Value::Integer((i128::from(*from) + way) as i64)
             }
+            // Weighted means of the ends meet round numbers where steps added to one end miss them.
+            Values::Range { from, to, count, spacing: Spacing::Linear } if *count > 1 => {
+                let (before, behind) = (index as f64, (count - 1 - index.min(count - 1)) as f64);
+                let mean = (from * behind + to * before) / (count - 1) as f64;
+                if mean.is_finite() { toml::Value::Float(mean) } else { self.at(before / (count - 1) as f64) }
+            }
             Values::Range { count, .. } => {
                 let last = count.saturating_sub(1);
                 self.at(if last == 0 { 0.0 } else { index as f64 / last as f64 })
