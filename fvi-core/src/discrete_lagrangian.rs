@@ -6,7 +6,7 @@ use crate::newton::{Equations, newton, size};
 use crate::real::{Real, all_finite};
 use crate::scheme::{Outcome, State, Step, StepError, conclude};
 use crate::space::{Block, Space, vectors, vectors_mut};
-use crate::system::{Instant, Mechanics};
+use crate::system::{Instant, Mechanics, NodalRule};
 
 /// Discrete Lagrangian on polynomials of degree S with a quadrature of Q points, as a view of its numbers.
 ///
@@ -50,6 +50,8 @@ pub struct Workspace<'a, T: Real, X: Space<T>, E: Equations<T, X::Block>> {
     /// q_k − X_{k−1,i}, R·N numbers, kept from step to step ([`Scheme::behind`](crate::Scheme::behind)); empty where the memory
     /// stores the main nodes.
     pub behind: &'a mut [T],
+    /// What exact moments of the force exceed the nodes by ([`Mechanics::excess`]): (S + 1)·N numbers at least.
+    pub excess: &'a mut [T],
     /// A position.
     pub point: &'a mut X::Vector,
     /// From [`Mechanics::stiffness`].
@@ -249,6 +251,18 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
                 }
             }
         }
+        let rule = NodalRule {
+            start: step.time,
+            length: step.size,
+            weights: self.weights,
+            nodes: self.nodes,
+            points: self.control_points,
+            shapes: self.shapes,
+            tests: self.tests,
+        };
+        let rough = !self.drifts() && mechanics.excess(&rule, work.excess);
+        let count = if rough { (self.degree() + 1) * coordinates } else { 0 };
+        let excess = work.excess.get(..count).unwrap_or(&[]);
         let mut equations = StepEquations {
             lagrangian: self,
             mechanics,
@@ -259,6 +273,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
             stages: &mut *work.stages,
             forces: &mut *work.forces,
             known: &*work.known,
+            excess,
             scratch: &mut *work.scratch,
             point: &mut *work.point,
             stiffness: &mut *work.stiffness,
@@ -296,6 +311,9 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         for (&weight, force) in self.weights.iter().zip(vectors(equations.forces, coordinates)) {
             add_multiple(impulse, step.size * weight, force);
         }
+        for moment in vectors(excess, coordinates) {
+            add_multiple(impulse, -step.size, moment);
+        }
         Ok(iterations)
     }
 }
@@ -312,6 +330,8 @@ struct StepEquations<'a, T: Real, X: Space<T>, G, D> {
     stages: &'a mut [T],
     forces: &'a mut [T],
     known: &'a [T],
+    /// By how much the moments of the force exceed those of the nodes; empty where they do not.
+    excess: &'a [T],
     scratch: &'a mut [T],
     point: &'a mut X::Vector,
     stiffness: &'a mut X::Block,
@@ -436,6 +456,10 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> StepEquations<'
             for (residual, &test) in vectors_mut(residual, coordinates).zip(tests) {
                 add_multiple(residual, -(h * weight * test), force);
             }
+        }
+        let excess = vectors(self.excess, coordinates);
+        for (residual, moment) in vectors_mut(residual, coordinates).zip(excess) {
+            add_multiple(residual, h, moment);
         }
     }
 }
@@ -570,6 +594,7 @@ mod tests {
             known: known.as_flattened_mut(),
             scratch: &mut [0.0; 32],
             behind: &mut [0.0; 32],
+            excess: &mut [0.0; 32],
             point: &mut SVector::zeros(),
             stiffness: &mut system.stiffness(),
             matrix: &mut StepMatrix::zero(),

@@ -279,6 +279,7 @@ macro_rules! in_place {
         let (mut increments, mut residual) = ([[zero; N]; $degree], [[zero; N]; $degree]);
         let (mut stages, mut forces) = ([[zero; N]; $points], [[zero; N]; $points]);
         let mut known = $known;
+        let mut excess = [[zero; N]; crate::system::MAX_MOMENTS];
         let scratch = &mut $scratch;
         let mut point = SVector::zeros();
         let mut stiffness = $mechanics.stiffness();
@@ -291,6 +292,7 @@ macro_rules! in_place {
             known: known.as_flattened_mut(),
             scratch: scratch.as_flattened_mut(),
             behind: $behind,
+            excess: excess.as_flattened_mut(),
             point: &mut point,
             stiffness: &mut stiffness,
             matrix: &mut matrix,

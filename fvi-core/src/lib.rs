@@ -68,7 +68,7 @@ pub use scheme::{Outcome, Rounding, Sampling, Scheme, State, Step, StepError, co
 pub use space::{Block, Space};
 pub use stability::{ExplicitDamping, Stability, check_stability};
 pub use system::{
-    Approach, Force, Instant, Mass, Mechanics, NoForce, Potential, Quadratic, System, TimeForce,
+    Approach, Force, Instant, Mass, Mechanics, NoForce, NodalRule, Potential, Quadratic, System, TimeForce,
 };
 pub use tiled::Tiled;
 pub use variable_steps::{RateTable, VariableStepMemory};

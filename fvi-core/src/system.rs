@@ -6,7 +6,7 @@ use crate::coefficients::{Coefficients, Fixed};
 use crate::error::MatrixError;
 use crate::linear::{invert, is_positive_definite};
 use crate::real::Real;
-use crate::space::{Block, Space};
+use crate::space::{Block, Space, vectors, vectors_mut};
 
 /// Mass matrix M of the kinetic energy ½ vᵀ M v: symmetric and positive definite, diagonal or dense.
 ///
@@ -188,6 +188,17 @@ pub trait Force<T: Real, const N: usize> {
     fn depends_on_position(&self) -> bool {
         true
     }
+
+    /// Writes the moments ∫₀¹ ℓ_ν(τ) F(`start` + τ·`length`) dτ, ν = 0…S, of a force that depends on time alone, and returns
+    /// whether it did: otherwise the scheme takes F at its nodes.
+    ///
+    /// ℓ_0, …, ℓ_S are the polynomials of degree S that are one at their own of the points 0, d_1, …, d_S and zero at
+    /// the others; `points` holds d_1, …, d_S = 1. Where F is rough, at jumps or near a root like √t, exact moments keep
+    /// the order that nodes lose.
+    fn moments(&self, start: T, length: T, points: &[T], moments: &mut [SVector<T, N>]) -> bool {
+        let _ = (start, length, points, moments);
+        false
+    }
 }
 
 /// No external force.
@@ -240,6 +251,28 @@ pub struct System<T, const N: usize, P, F = NoForce> {
     pub force: F,
 }
 
+/// How a step takes the work of forces: by a quadrature, against the polynomials ℓ_0 … ℓ_S on the points 0, d_1, …, d_S.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NodalRule<'a, T> {
+    /// t_k.
+    pub start: T,
+    /// h.
+    pub length: T,
+    /// b_1 … b_Q.
+    pub weights: &'a [T],
+    /// c_1 … c_Q.
+    pub nodes: &'a [T],
+    /// d_1 … d_S.
+    pub points: &'a [T],
+    /// ℓ_ν(c_i), S numbers ν = 1…S for each i.
+    pub shapes: &'a [T],
+    /// ℓ_ν(c_i), S numbers ν = 0…S−1 for each i.
+    pub tests: &'a [T],
+}
+
+/// Moments of the highest degree there is, 6.
+pub(crate) const MAX_MOMENTS: usize = 7;
+
 /// What schemes ask of a system in the space X.
 ///
 /// [`System`] answers for the fixed space. Methods take `&mut self` so that a host can keep scratch space
@@ -262,6 +295,19 @@ pub trait Mechanics<T: Real, X: Space<T>> {
         pull: &mut [T],
         stiffness: &mut X::Block,
     );
+
+    /// Writes by how much the exact moments of the part of F that depends on time alone exceed those that the quadrature
+    /// takes,
+    ///
+    /// ```text
+    /// ∫₀¹ ℓ_ν(τ) F(t_k + τh) dτ − Σ_i b_i ℓ_ν(c_i) F(t_k + c_i h) ,     ν = 0…S ,
+    /// ```
+    ///
+    /// (S + 1)·N numbers, and returns whether it did: for a force that its nodes describe well there is nothing to do.
+    fn excess(&mut self, rule: &NodalRule<'_, T>, excess: &mut [T]) -> bool {
+        let _ = (rule, excess);
+        false
+    }
 
     /// A matrix for [`linearise`](Mechanics::linearise) to write to.
     fn stiffness(&self) -> X::Block;
@@ -313,6 +359,28 @@ impl<T: Real, const N: usize, P: Potential<T, N>, F: Force<T, N>> Mechanics<T, F
         self.pull(instant, position, pull);
         *stiffness =
             Coefficients::Dense(self.potential.hessian(position) - self.force.jacobian(instant, position));
+    }
+
+    #[inline(always)]
+    fn excess(&mut self, rule: &NodalRule<'_, T>, excess: &mut [T]) -> bool {
+        let mut moments = [SVector::zeros(); MAX_MOMENTS];
+        let degree = rule.points.len();
+        let Some(moments) = moments.get_mut(..=degree) else { return false };
+        if !self.force.moments(rule.start, rule.length, rule.points, moments) {
+            return false;
+        }
+        let rows = vectors(rule.tests, degree).zip(vectors(rule.shapes, degree));
+        for ((&weight, &node), (tests, shapes)) in rule.weights.iter().zip(rule.nodes).zip(rows) {
+            let instant = Instant::in_step(rule.start, node, rule.length);
+            let force = self.force.value(instant, &SVector::zeros());
+            for (moment, &shape) in moments.iter_mut().zip(tests.iter().chain(shapes.last())) {
+                *moment -= force * (weight * shape);
+            }
+        }
+        for (place, moment) in vectors_mut(excess, N).zip(moments) {
+            place.iter_mut().zip(moment.iter()).for_each(|(place, &number)| *place = number);
+        }
+        true
     }
 
     #[inline(always)]

@@ -1,6 +1,7 @@
 //! A scenario's system and scheme as the core wants them: any number of coordinates, expressions compiled.
 
 mod band;
+mod force_moments;
 mod mechanics;
 mod own;
 mod scenario_space;
@@ -8,6 +9,7 @@ mod scheme;
 mod space;
 pub mod tape;
 
+pub use force_moments::ForceMoments;
 pub use mechanics::{Model, matrix, vector};
 pub use scenario_space::ScenarioSpace;
 pub use scheme::{AnyScheme, Room};

@@ -19,7 +19,7 @@ pub use own_terms::{OwnTerms, SharedTerms};
 pub use reference::{Reference, ReferenceRow, ReferenceSource};
 pub use sampled_input::SampledInput;
 pub use scheme::{Convolution, ConvolutionFamily, DampedAt, Quadrature, Scheme};
-pub use system::{Damping, Derivative, System};
+pub use system::{Damping, Derivative, ForceQuadrature, System};
 pub use time::{
     Engine, History, MOST_STEPS, OnEnergyGrowth, OutputOptions, Overflow, ReportedMomentum, TimeGrid,
 };

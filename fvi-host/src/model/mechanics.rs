@@ -1,11 +1,12 @@
 //! The mechanics of a scenario: mass, compiled potential and force.
 
+use super::force_moments::ForceMoments;
 use super::own::Own;
 use super::space::{Dense, Matrix, Pattern, Sparse};
 use crate::language::expression::{Elementary, Moment};
 use crate::model::tape::{CompiledForce, CompiledPotential};
-use crate::scenario::{Scenario, SymmetricMatrix};
-use fvi_core::{Approach, Block, Instant, MatrixError, Mechanics, Real, factor, invert_factored};
+use crate::scenario::{ForceQuadrature, Scenario, Scheme, SymmetricMatrix};
+use fvi_core::{Approach, Block, Instant, MatrixError, Mechanics, NodalRule, Real, factor, invert_factored};
 use std::sync::Arc;
 
 /// M, U and F of a scenario, compiled once.
@@ -20,6 +21,8 @@ pub struct Model<T> {
     force: CompiledForce<T>,
     /// Whether there is a force at all.
     forced: bool,
+    /// Where the force is rough in time and its moments are taken exactly.
+    moments: Option<ForceMoments>,
     /// What code supplies.
     own: Option<Own>,
     /// Values of the stiffness that never change, by slot.
@@ -94,6 +97,7 @@ impl<T: Elementary> Model<T> {
             linear,
             potential,
             forced: !force.is_zero(),
+            moments: exact_moments(scenario),
             own,
             force,
             constant,
@@ -178,6 +182,10 @@ impl<T: Elementary> Mechanics<T, Dense> for Model<T> {
         Matrix::Sparse(self.constant.clone())
     }
 
+    fn excess(&mut self, rule: &NodalRule<'_, T>, excess: &mut [T]) -> bool {
+        self.moments.as_mut().is_some_and(|moments| moments.excess(rule, excess))
+    }
+
     fn is_linear(&self) -> bool {
         self.own.is_none()
             && self.potential.as_ref().is_none_or(CompiledPotential::is_quadratic)
@@ -195,6 +203,13 @@ impl<T: Elementary> Mechanics<T, Dense> for Model<T> {
             Some(own) => energy + own.potential(position),
         }
     }
+}
+
+/// The moments of a rough force, for the schemes that take the work of forces by a quadrature.
+fn exact_moments(scenario: &Scenario) -> Option<ForceMoments> {
+    let by_moments = scenario.system.force_quadrature == ForceQuadrature::Moments
+        && matches!(scenario.scheme, Scheme::LowOrder { .. } | Scheme::Galerkin { .. });
+    by_moments.then(|| ForceMoments::new(scenario.system.force.as_deref()?)).flatten()
 }
 
 /// A symmetric matrix of a scenario in the precision of `T`.

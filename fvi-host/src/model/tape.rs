@@ -16,10 +16,12 @@ mod operation;
 mod polynomial;
 mod potential;
 mod program;
+mod rough;
 
 pub use force::CompiledForce;
 pub use function::CompiledFunction;
 pub use potential::{CompiledPotential, QuadraticPart};
+pub use rough::{RoughArgument, RoughArguments};
 
 #[cfg(test)]
 mod tests;

@@ -17,6 +17,8 @@ pub struct System {
     pub potential: Option<Expression>,
     /// F(t, q), one expression for each coordinate; absent: none.
     pub force: Option<Vec<Expression>>,
+    /// How schemes take the work of the part of the force that depends on time alone.
+    pub force_quadrature: ForceQuadrature,
     /// Named constants of the expressions.
     pub parameters: BTreeMap<String, f64>,
     /// The damping terms, summed.
@@ -37,6 +39,17 @@ pub struct Damping {
     pub derivative: Derivative,
 }
 
+/// How schemes take the work of the part of a force that depends on time alone.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ForceQuadrature {
+    /// By its exact moments in every step where it jumps, has a kink, or is close to a root; at the nodes elsewhere.
+    #[default]
+    Moments,
+    /// At the nodes of the action's quadrature in every step: the papers' form.
+    Nodes,
+}
+
 /// What a fractional derivative acts on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -49,7 +62,7 @@ pub enum Derivative {
 
 impl System {
     pub(super) fn read(table: &Table<'_>) -> Result<Self, InputError> {
-        table.allow(&["mass", "potential", "force", "parameters", "damping"])?;
+        table.allow(&["mass", "potential", "force", "force_quadrature", "parameters", "damping"])?;
         let mass_value = table.required("mass")?;
         let mass = SymmetricMatrix::read(&mass_value)?;
         let count = mass.size();
@@ -70,6 +83,12 @@ impl System {
             table.optional("potential").map(|value| value.expression(&coordinates)).transpose()?;
         let timed = symbols.with_time().with_coordinates(count);
         let force = table.optional("force").map(|value| value.expressions(&timed, count)).transpose()?;
+        let force_quadrature = match table.optional("force_quadrature") {
+            Some(value) => {
+                value.choice(&[("moments", ForceQuadrature::Moments), ("nodes", ForceQuadrature::Nodes)])?
+            }
+            None => ForceQuadrature::default(),
+        };
         let damping = match table.optional("damping") {
             Some(value) => value
                 .list("a list of tables, each headed [[system.damping]]")?
@@ -78,7 +97,7 @@ impl System {
                 .collect::<Result<_, _>>()?,
             None => Vec::new(),
         };
-        Ok(Self { mass, potential, force, parameters, damping, own_terms: None })
+        Ok(Self { mass, potential, force, force_quadrature, parameters, damping, own_terms: None })
     }
 
     /// Number of coordinates N.

@@ -12,6 +12,7 @@ fn root_scenario(convolution: &str) -> String {
         mass = [1.0]
         potential = "0.5*q0^2"
         force = ["15/4*sqrt(t) + 15/8*sqrt(pi)*t + t^2.5"]
+        force_quadrature = "nodes"
         [[system.damping]]
         order = 1.5
         coefficient = [1.0]
@@ -159,4 +160,50 @@ fn known_values_that_no_level_meets_are_bad_input() {
         "{}",
         text(&output.stderr)
     );
+}
+
+#[test]
+fn exact_moments_keep_the_order_that_a_root_costs_the_nodes() {
+    // The largest error over all times of q'' + D^{3/2} q + q = f with the solution t^(5/2) and others, Radau IIA of order five.
+    let error = |place: &Workplace, nu: f64, quadrature: &str| {
+        let text = format!(
+            r#"
+            [system]
+            mass = [1.0]
+            potential = "0.5*q0^2"
+            force = ["nu*(nu - 1)*t^(nu - 2) + 0.7*gamma(nu + 1)/gamma(nu - 1/2)*t^(nu - 3/2) + t^nu"]
+            force_quadrature = "{quadrature}"
+            parameters = {{ nu = {nu:?} }}
+            [[system.damping]]
+            order = 1.5
+            coefficient = [0.7]
+            derivative = "riemann-liouville"
+            [initial]
+            position = [0.0]
+            momentum = [0.0]
+            [scheme]
+            kind = "galerkin"
+            degree = 3
+            [convolution]
+            family = "radau-iia"
+            stages = 3
+            [time]
+            step = 0.00390625
+            end = 1.0
+            "#
+        );
+        place.write("root.toml", &text);
+        let output = place.fvi(&["run", "root.toml", "--out", "out", "--quiet"]);
+        assert!(output.status.success(), "{}", self::text(&output.stderr));
+        let rows = fs::read_to_string(place.path("out").join("trajectory.csv")).unwrap();
+        let mut worst = 0.0_f64;
+        for row in rows.lines().skip(1) {
+            let numbers: Vec<f64> = row.split(',').map(|cell| cell.parse().unwrap()).collect();
+            worst = worst.max((numbers[1] - numbers[0].powf(nu)).abs());
+        }
+        worst
+    };
+    let place = Workplace::new();
+    let (exact, nodal) = (error(&place, 2.5, "moments"), error(&place, 2.5, "nodes"));
+    assert!(exact < 3e-11 && nodal > 1e-7, "{exact:e} and {nodal:e}");
 }

@@ -69,6 +69,7 @@ pub(super) fn power_plate(power: f64, coefficient: f64) -> Result<Scenario, Inpu
         potential = "0.5*q0^2"
         force = ["nu*(nu - 1)*t^(nu - 2) + rho*gamma(nu + 1)/gamma(nu - 1/2)*t^(nu - 3/2) + t^nu"]
         parameters = {{ nu = {power:?}, rho = {coefficient:?} }}
+        force_quadrature = "nodes"
         [[system.damping]]
         order = 1.5
         coefficient = [{coefficient:?}]

@@ -65,6 +65,7 @@ impl Problem {
             mass = [1.0]
             potential = "{potential}"
             force = ["14*t^6 + {pull} + gamma(9)/gamma(9 - b)*t^(8 - b)/8"]
+        force_quadrature = "nodes"
             parameters = {{ b = {damping_order:?} }}
             [[system.damping]]
             order = {damping_order:?}

@@ -156,12 +156,14 @@ impl<T: Elementary> Rest<T> {
     }
 }
 
-enum Parts {
+/// A component of a force by what it depends on.
+pub(super) enum Parts {
     Affine { offset: f64, slopes: Vec<(u32, f64)>, of_time: Option<Node> },
     Nonlinear,
 }
 
-fn parts(component: &Node) -> Parts {
+/// Takes a component apart.
+pub(super) fn parts(component: &Node) -> Parts {
     let (polynomial, rest) = split(component);
     if polynomial.degree() == 2 || rest.as_ref().is_some_and(Node::varies) {
         return Parts::Nonlinear;

@@ -1,0 +1,125 @@
+//! Where the part of a force that depends on time alone is rough: jumps, kinks and roots, from its expressions.
+
+use super::derivative::Order;
+use super::force::{Parts, parts};
+use super::graph::Graph;
+use super::program::Program;
+use crate::language::expression::{Expression, Function, Kind, Moment, Node, Operator};
+
+/// The arguments at whose zeros a force of time is rough.
+#[derive(Clone, Debug)]
+pub struct RoughArguments {
+    arguments: Vec<RoughArgument>,
+    values: Program<f64>,
+}
+
+/// An argument that makes a force rough where it vanishes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RoughArgument {
+    /// Where it vanishes, if it is linear in t.
+    pub zero: Option<f64>,
+    /// Whether it is under a root, a logarithm or a power that is not whole, which are rough near zero too and not
+    /// only across it.
+    pub root: bool,
+}
+
+impl RoughArguments {
+    /// The arguments of a force with one expression for each coordinate; `None` if it is smooth.
+    pub fn of(components: &[Expression]) -> Option<Self> {
+        let mut found = Vec::new();
+        for component in components {
+            if let Parts::Affine { of_time: Some(node), .. } = parts(component.root()) {
+                collect(&node, &mut found);
+            }
+        }
+        // An argument that does not depend on time vanishes always or never.
+        found.retain(|(node, _)| linear(node).is_none_or(|[_, slope]| slope != 0.0));
+        if found.is_empty() {
+            return None;
+        }
+        let mut graph = Graph::default();
+        let values: Vec<_> = (0..)
+            .zip(&found)
+            .map(|(place, (node, _))| (place, graph.differentiate(node, Order::Value).value))
+            .collect();
+        let argument = |(node, root): &(Node, bool)| {
+            let zero = linear(node).map(|[offset, slope]| -offset / slope);
+            RoughArgument { zero, root: *root }
+        };
+        Some(Self {
+            arguments: found.iter().map(argument).collect(),
+            values: Program::new(&graph, 0, &values, &[]),
+        })
+    }
+
+    /// The arguments, in the order of their values.
+    pub fn arguments(&self) -> &[RoughArgument] {
+        &self.arguments
+    }
+
+    /// Writes the values of the arguments at a time.
+    pub fn values(&self, time: f64, registers: &mut Vec<f64>, values: &mut [f64]) {
+        values.fill(0.0);
+        self.values.evaluate(Moment::inside(time), &[], registers, values, &mut []);
+    }
+}
+
+/// Adds the arguments under a node, with whether they are under a root.
+fn collect(node: &Node, found: &mut Vec<(Node, bool)>) {
+    match node.kind() {
+        Kind::Number(_) | Kind::Time | Kind::SidedTime | Kind::Variable(_) => {}
+        Kind::Negation(inner) => collect(inner, found),
+        Kind::Chain(first, operands) => {
+            collect(first, found);
+            operands.iter().for_each(|(_, operand)| collect(operand, found));
+        }
+        Kind::Power(sides) => {
+            let [base, exponent] = sides.as_ref();
+            collect(base, found);
+            collect(exponent, found);
+            // Whole powers are smooth, and what grows like 1/t has no integral.
+            let rough =
+                exponent.as_number().is_none_or(|exponent| exponent > -1.0 && exponent.fract() != 0.0);
+            if rough {
+                found.push((base.clone(), true));
+            }
+        }
+        Kind::Call(function, argument) => {
+            collect(argument, found);
+            match function {
+                Function::Step | Function::Sign | Function::Abs => found.push(((**argument).clone(), false)),
+                Function::Sqrt | Function::Log => found.push(((**argument).clone(), true)),
+                _ => {}
+            }
+        }
+        Kind::Choice(_, sides) => {
+            let [left, right] = sides.as_ref();
+            collect(left, found);
+            collect(right, found);
+            found.push((Node::join(Operator::Subtract, left.clone(), right.clone()), false));
+        }
+    }
+}
+
+/// (a, b) of a node that is a + b t.
+fn linear(node: &Node) -> Option<[f64; 2]> {
+    match node.kind() {
+        Kind::Number(value) => Some([*value, 0.0]),
+        Kind::Time | Kind::SidedTime => Some([0.0, 1.0]),
+        Kind::Negation(inner) => linear(inner).map(|[a, b]| [-a, -b]),
+        Kind::Chain(first, operands) => {
+            operands.iter().try_fold(linear(first)?, |[a, b], (operator, operand)| {
+                let [c, d] = linear(operand)?;
+                match operator {
+                    Operator::Add => Some([a + c, b + d]),
+                    Operator::Subtract => Some([a - c, b - d]),
+                    Operator::Multiply if d == 0.0 => Some([a * c, b * c]),
+                    Operator::Multiply if b == 0.0 => Some([a * c, a * d]),
+                    Operator::Divide if d == 0.0 => Some([a / c, b / c]),
+                    Operator::Multiply | Operator::Divide => None,
+                }
+            })
+        }
+        _ => None,
+    }
+}
