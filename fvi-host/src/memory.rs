@@ -114,6 +114,11 @@ pub enum EngineError {
 /// the fast engines are ahead much earlier (`fvi compare-engines`).
 const CROSSOVER: usize = 16_384;
 
+/// Channels up to which that holds, and numbers of a history that are few at any number of channels: with many channels a table of
+/// exponentials is soon made, and histories of all of them fill the memory.
+const FEW: usize = 64;
+const SMALL: usize = 1 << 16;
+
 /// Relative error of a weight that does not show beside rounding.
 const EXACT: f64 = exponential_table::SMALLEST_TOLERANCE;
 
@@ -181,7 +186,8 @@ impl MemoryRequest<'_> {
         if let Some(engine) = self.history.engine {
             return self.memory(engine);
         }
-        if self.planned() <= CROSSOVER || self.history.capacity.is_some() {
+        let few = self.coordinates <= FEW || self.planned().saturating_mul(self.coordinates) <= SMALL;
+        if (self.planned() <= CROSSOVER && few) || self.history.capacity.is_some() {
             return self.memory(Engine::Direct);
         }
         match self.memory(Engine::ExponentialSum) {

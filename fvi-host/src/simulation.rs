@@ -1,5 +1,7 @@
 //! A scenario in motion: the integrator behind a face without type parameters.
 
+mod available_memory;
+mod choice;
 pub mod energy_guard;
 pub mod motion;
 pub(crate) mod not_finite;
@@ -9,12 +11,13 @@ use crate::language::error::Cause;
 use crate::language::expression::Elementary;
 use crate::language::{InputError, Problem};
 use crate::memory::{EngineError, HostMemory, MemoryRequest};
-use crate::model::{Dense, Matrix, Model, ScenarioSpace};
+use crate::model::{Dense, Matrix, Model, Remembers, ScenarioSpace};
 use crate::scenario::{self, ConvolutionFamily, DampedAt, Engine, ReportedMomentum, Scenario};
+use choice::sparse_space;
+pub use choice::{Solver, SolverChoice};
 use fvi_core::{
-    Damping, DampingTerm, Derivative, Instant, Integrator, IntegratorBuilder, IntegratorError, MatrixError,
-    Mechanics, Memory, MemoryError, Mismatch, Sample, Scheme, Space, StateError, StateReader, StateWriter,
-    StepError,
+    Damping, Instant, Integrator, IntegratorBuilder, IntegratorError, MatrixError, Mechanics, Memory,
+    MemoryError, Mismatch, Sample, Scheme, StateError, StateReader, StateWriter, StepError,
 };
 use fvi_fft::Scalar;
 use nalgebra::DMatrix;
@@ -36,13 +39,18 @@ pub struct Simulation {
     stepper: Box<dyn Stepper>,
     engines: Vec<Engine>,
     precision: Precision,
+    solver: Solver,
+    energy_is_dear: bool,
 }
 
 /// What the integrator of any scalar can do.
 trait Stepper {
     fn step(&mut self, input: &[f64]) -> Result<u32, StepError>;
     fn time(&self) -> f64;
+    /// Position and momentum.
     fn read(&mut self, state: &mut GridState);
+    /// The energy of what was read last.
+    fn energy(&mut self) -> f64;
     fn engines(&self) -> Vec<Engine>;
     fn overruns(&self) -> Option<usize>;
     fn memory_bytes(&self) -> usize;
@@ -71,14 +79,39 @@ impl Simulation {
     /// # Errors
     /// If settings of the scenario do not go together, or the step is too long to be stable.
     pub fn new(scenario: &Scenario, precision: Precision) -> Result<Self, InputError> {
-        stability::check_step(scenario, &stiffness(scenario)?)?;
-        let space = Dense { coordinates: scenario.coordinates() };
-        let stepper: Box<dyn Stepper> = match precision {
-            Precision::F64 => Box::new(Machine::<f64, _>::new(space, scenario)?),
-            Precision::F32 => Box::new(Machine::<f32, _>::new(space, scenario)?),
-        };
+        Self::with_solver(scenario, precision, SolverChoice::default())
+    }
+
+    /// As [`new`](Self::new), with the solver of the step's equations chosen by the caller.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new), and if the scheme does not go with the solver.
+    pub fn with_solver(
+        scenario: &Scenario,
+        precision: Precision,
+        choice: SolverChoice,
+    ) -> Result<Self, InputError> {
+        let stepper: Box<dyn Stepper>;
+        let mut solver = Solver::Dense;
+        if let Some(space) = sparse_space(scenario, choice)? {
+            stability::check_large_step(scenario)?;
+            let plan = space.plan();
+            solver = Solver::Sparse { places: plan.places(), factor_bytes: plan.factor_bytes() };
+            stepper = match precision {
+                Precision::F64 => Box::new(Machine::<f64, _>::new(space, scenario)?),
+                Precision::F32 => Box::new(Machine::<f32, _>::new(space, scenario)?),
+            };
+        } else {
+            stability::check_step(scenario, &stiffness(scenario)?)?;
+            let space = Dense { coordinates: scenario.coordinates() };
+            stepper = match precision {
+                Precision::F64 => Box::new(Machine::<f64, _>::new(space, scenario)?),
+                Precision::F32 => Box::new(Machine::<f32, _>::new(space, scenario)?),
+            };
+        }
         let engines = stepper.engines();
-        Ok(Self { stepper, engines, precision })
+        let energy_is_dear = matches!(solver, Solver::Sparse { .. });
+        Ok(Self { stepper, engines, precision, solver, energy_is_dear })
     }
 
     /// Whether no motion near the start grows at the step of the scenario, as far as the check of the step tells.
@@ -105,8 +138,24 @@ impl Simulation {
 
     /// Writes the present state into `state`, whose vectors have one place for each coordinate.
     pub fn read(&mut self, state: &mut GridState) {
+        self.read_without_energy(state);
+        state.energy = self.stepper.energy();
+    }
+
+    /// Writes the present state into `state` but for the energy, which stays.
+    pub fn read_without_energy(&mut self, state: &mut GridState) {
         state.time = self.stepper.time();
         self.stepper.read(state);
+    }
+
+    /// Whether the energy costs about as much as a step.
+    pub fn energy_is_dear(&self) -> bool {
+        self.energy_is_dear
+    }
+
+    /// How the equations of a step are solved.
+    pub fn solver(&self) -> Solver {
+        self.solver
     }
 
     /// The engine of each damping term.
@@ -223,15 +272,19 @@ fn refused(scenario: &Scenario, error: &IntegratorError) -> InputError {
 }
 
 /// What the memory of a damping term is wanted for.
-fn memory_request<'a>(scenario: &'a Scenario, nodes: usize, term: &scenario::Damping) -> MemoryRequest<'a> {
+fn memory_request<'a>(
+    scenario: &'a Scenario,
+    (channels, nodes): (usize, usize),
+    term: &scenario::Damping,
+) -> MemoryRequest<'a> {
     MemoryRequest {
         convolution: &scenario.convolution,
         exponent: term.order,
         step_size: scenario.time.step,
         // Plain weights act on the sequence of every node by itself, matrix weights on all nodes together.
         coordinates: match scenario.convolution.family {
-            ConvolutionFamily::Bdf { .. } => scenario.coordinates() * nodes,
-            _ => scenario.coordinates(),
+            ConvolutionFamily::Bdf { .. } => channels * nodes,
+            _ => channels,
         },
         samples: scenario.time.steps.saturating_add(1),
         history: &scenario.history,
@@ -244,8 +297,8 @@ fn damping_term<T: Elementary + Scalar, X: ScenarioSpace<T>>(
     nodes: usize,
     index: usize,
     term: &scenario::Damping,
-) -> Result<DampingTerm<T, X, HostMemory<T>>, InputError> {
-    let request = memory_request(scenario, nodes, term);
+) -> Result<X::Term<HostMemory<T>>, InputError> {
+    let request = memory_request(scenario, (space.channels(term), nodes), term);
     let refused = |error: EngineError| match error {
         EngineError::Table(_) => scenario
             .error_at_first(&["history.tolerance", "history.engine"], Problem::Engine(Cause::new(error))),
@@ -261,20 +314,15 @@ fn damping_term<T: Elementary + Scalar, X: ScenarioSpace<T>>(
     };
     let kernel = request.kernel().map_err(|error| refused(error.into()))?;
     let memory = request.build().map_err(refused)?;
-    let derivative = match term.derivative {
-        scenario::Derivative::RiemannLiouville => Derivative::RiemannLiouville,
-        scenario::Derivative::Caputo => Derivative::Caputo,
-    };
-    let rho = space.block(&term.coefficient);
-    DampingTerm::in_space(space, kernel, rho, derivative, memory).map_err(|error| {
+    space.term(term, kernel, memory).map_err(|error| {
         let path = format!("system.damping[{index}]");
         scenario.error_at(&path, Problem::Precision { reason: error.to_string() })
     })
 }
 
 /// Any number of damping terms, each with a memory of its own.
-struct DampingTerms<T: Elementary, X: Space<T>> {
-    terms: Vec<DampingTerm<T, X, HostMemory<T>>>,
+struct DampingTerms<T: Elementary + Scalar, X: ScenarioSpace<T>> {
+    terms: Vec<X::Term<HostMemory<T>>>,
     kick: Option<Kick<T>>,
 }
 
@@ -292,7 +340,7 @@ impl<T: Elementary> Kick<T> {
     }
 }
 
-impl<T: Elementary, X: Space<T>> Damping<T, X> for DampingTerms<T, X> {
+impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Damping<T, X> for DampingTerms<T, X> {
     fn check(&self, coordinates: usize, nodes: usize, step_size: T) -> Result<(), Mismatch> {
         self.terms[..].check(coordinates, nodes, step_size)
     }
@@ -392,14 +440,19 @@ impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
         write(&mut grid.position, X::slice(&state.position));
         let (Some(mean), Some(kick)) = (&mut self.mean, &self.integrator.damping().kick) else {
             write(&mut grid.momentum, X::slice(&state.momentum));
-            grid.energy = self.integrator.energy().to_f64();
             return;
         };
         let half = self.integrator.step_size() / T::of(2.0);
         let momenta = X::slice_mut(mean).iter_mut().zip(X::slice(&state.momentum)).zip(&kick.last);
         momenta.for_each(|((mean, &after), &force)| *mean = after + half * force);
         write(&mut grid.momentum, X::slice(mean));
-        grid.energy = self.integrator.energy_with(mean).to_f64();
+    }
+
+    fn energy(&mut self) -> f64 {
+        match (&self.mean, &self.integrator.damping().kick) {
+            (Some(mean), Some(_)) => self.integrator.energy_with(mean).to_f64(),
+            _ => self.integrator.energy().to_f64(),
+        }
     }
 
     fn engines(&self) -> Vec<Engine> {

@@ -1,6 +1,6 @@
 //! The schemes of scenarios: any degree, any quadrature, known at run time.
 
-use super::space::{Dense, DenseEquations, Matrix};
+use super::space::{Matrix, MatrixSpace};
 use crate::scenario::{ConvolutionFamily, DampedAt, Quadrature, Scenario, Scheme as ScenarioScheme};
 use fvi_core::{
     Damping, DiscreteLagrangian, ExplicitEuler, Galerkin, ImplicitEuler, Kept, Mechanics, ParameterError,
@@ -150,8 +150,7 @@ impl Rule {
 }
 
 /// The room of a step, and what a linear system keeps between steps.
-#[derive(Clone, Debug)]
-pub struct Room<T> {
+pub struct Room<T: Real, X: MatrixSpace<T>> {
     increments: Vec<T>,
     residual: Vec<T>,
     stages: Vec<T>,
@@ -162,16 +161,16 @@ pub struct Room<T> {
     excess: Vec<T>,
     point: Vec<T>,
     stiffness: Matrix<T>,
-    matrix: DenseEquations<T>,
-    kept: Kept<Vec<T>>,
+    matrix: X::Equations,
+    kept: Kept<X::Kept>,
 }
 
-impl<T: Real> Scheme<T, Dense> for AnyScheme<T> {
-    type Storage = Room<T>;
+impl<T: Real, X: MatrixSpace<T>> Scheme<T, X> for AnyScheme<T> {
+    type Storage = Room<T, X>;
 
-    fn storage<G: Mechanics<T, Dense>>(&self, space: &Dense, mechanics: &G) -> Room<T> {
-        let (size, degree, points) = (space.coordinates, self.control_points.len(), self.nodes.len());
-        let samples = self.sampling().nodes();
+    fn storage<G: Mechanics<T, X>>(&self, space: &X, mechanics: &G) -> Room<T, X> {
+        let (size, degree, points) = (space.coordinates(), self.control_points.len(), self.nodes.len());
+        let samples = Scheme::<T, X>::sampling(self).nodes();
         let numbers = |count: usize| vec![T::zero(); count * size];
         Room {
             increments: numbers(degree),
@@ -184,16 +183,16 @@ impl<T: Real> Scheme<T, Dense> for AnyScheme<T> {
             behind: numbers(if self.form == Form::Nodes { points } else { 0 }),
             point: numbers(1),
             stiffness: mechanics.stiffness(),
-            matrix: DenseEquations::new(size, degree),
-            kept: Kept::nothing(Vec::new()),
+            matrix: space.equations(degree),
+            kept: Kept::nothing(X::Kept::default()),
         }
     }
 
-    fn behind(room: &Room<T>) -> &[T] {
+    fn behind(room: &Room<T, X>) -> &[T] {
         &room.behind
     }
 
-    fn behind_mut(room: &mut Room<T>) -> &mut [T] {
+    fn behind_mut(room: &mut Room<T, X>) -> &mut [T] {
         &mut room.behind
     }
 
@@ -204,15 +203,15 @@ impl<T: Real> Scheme<T, Dense> for AnyScheme<T> {
         }
     }
 
-    fn step<G: Mechanics<T, Dense>, D: Damping<T, Dense>>(
+    fn step<G: Mechanics<T, X>, D: Damping<T, X>>(
         &self,
-        room: &mut Room<T>,
+        room: &mut Room<T, X>,
         mechanics: &mut G,
         damping: &mut D,
         step: &Step<'_, T>,
         state: &mut State<Vec<T>>,
     ) -> Result<u32, StepError> {
-        let mut work = Workspace::<T, Dense, _> {
+        let mut work = Workspace::<T, X, _> {
             increments: &mut room.increments,
             residual: &mut room.residual,
             stages: &mut room.stages,

@@ -36,22 +36,23 @@ impl RunTraces {
     }
 
     fn coordinates(&self, scenario: &Scenario, reference: &[ReferenceRow]) -> Chart {
-        let mut chart = chart(scenario, Axis::linear("time t"), Axis::linear(self.position_label()));
-        for (index, envelope) in self.coordinates.iter().enumerate() {
+        let chosen = scenario.written_coordinates();
+        let label = match chosen.as_slice() {
+            [only] => format!("position q{only}"),
+            _ => "position".to_owned(),
+        };
+        let mut chart = chart(scenario, Axis::linear("time t"), Axis::linear(label));
+        for (index, envelope) in chosen.iter().zip(&self.coordinates) {
             chart = chart.with(Series::new(format!("q{index}"), Style::Line, envelope.points()));
         }
-        for index in 0..self.coordinates.len() {
-            let known = |row: &ReferenceRow| Some((row.time, row.position[index]?));
+        for (index, &coordinate) in chosen.iter().enumerate() {
+            let known = |row: &ReferenceRow| Some((row.time, (*row.position.get(coordinate)?)?));
             let points: Vec<_> = reference.iter().filter_map(known).collect();
             // One entry in the legend stands for the references of all coordinates.
             let label = if index == 0 { "reference" } else { "" };
             chart = with_reference(chart, scenario, label, points);
         }
         chart
-    }
-
-    fn position_label(&self) -> &'static str {
-        if self.coordinates.len() == 1 { "position q0" } else { "position" }
     }
 
     fn energy(&self, scenario: &Scenario, reference: &[ReferenceRow]) -> Chart {
@@ -62,15 +63,18 @@ impl RunTraces {
     }
 
     fn phase_portrait(&self, scenario: &Scenario, reference: &[ReferenceRow]) -> Option<Chart> {
-        let known =
-            |row: &ReferenceRow| Some((*row.position.first()?.as_ref()?, *row.momentum.first()?.as_ref()?));
+        let coordinate = scenario.written_coordinates().first().copied()?;
+        let known = |row: &ReferenceRow| {
+            Some((*row.position.get(coordinate)?.as_ref()?, *row.momentum.get(coordinate)?.as_ref()?))
+        };
         let points = reference.iter().filter_map(known).collect();
         let path = self.phase.as_ref()?;
         let mut subtitle = subtitle(scenario);
         if path.interrupted() {
             subtitle += "; beginning and end of the run";
         }
-        let chart = Chart::new(scenario.heading(), Axis::linear("position q0"), Axis::linear("momentum p0"))
+        let (x, y) = (format!("position q{coordinate}"), format!("momentum p{coordinate}"));
+        let chart = Chart::new(scenario.heading(), Axis::linear(x), Axis::linear(y))
             .with_subtitle(subtitle)
             .with(Series::new("trajectory", Style::Line, path.points()));
         Some(with_reference(chart, scenario, "reference", points))

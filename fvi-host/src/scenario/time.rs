@@ -261,12 +261,18 @@ pub enum ReportedMomentum {
 }
 
 /// What is written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct OutputOptions {
     /// Every how many steps a row of the trajectory is written; the last row always is.
     pub every: usize,
     /// The momentum that trajectories, summaries, pictures and errors show. Where nothing acts at the main nodes there is one momentum only.
     pub momentum: ReportedMomentum,
+    /// The coordinates that are columns of the trajectory and curves of the pictures; absent: all.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub coordinates: Option<Vec<usize>>,
+    /// Every how many steps the whole state is kept for `snapshots.npz`; absent: never.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub snapshots: Option<usize>,
 }
 
 impl OutputOptions {
@@ -276,11 +282,11 @@ impl OutputOptions {
             Scheme::ExplicitEuler | Scheme::ImplicitEuler => ReportedMomentum::OneSided,
             Scheme::LowOrder { .. } | Scheme::Galerkin { .. } => ReportedMomentum::Mean,
         };
-        Self { every: 1, momentum }
+        Self { every: 1, momentum, coordinates: None, snapshots: None }
     }
 
-    pub(super) fn read(table: &Table<'_>, scheme: &Scheme) -> Result<Self, InputError> {
-        table.allow(&["every", "momentum"])?;
+    pub(super) fn read(table: &Table<'_>, scheme: &Scheme, count: usize) -> Result<Self, InputError> {
+        table.allow(&["every", "momentum", "coordinates", "snapshots"])?;
         let default = Self::default_for(scheme);
         let every = table.optional("every").map_or(Ok(default.every), |value| value.whole(1..=usize::MAX))?;
         let momentum = match table.optional("momentum") {
@@ -297,6 +303,24 @@ impl OutputOptions {
             }
             None => default.momentum,
         };
-        Ok(Self { every, momentum })
+        let coordinates = match table.optional("coordinates") {
+            Some(value) => {
+                let mut chosen: Vec<usize> = Vec::new();
+                for entry in value.list("a list of coordinates")? {
+                    let coordinate = entry.whole(0..=count - 1)?;
+                    if chosen.contains(&coordinate) {
+                        return Err(entry.out_of_range("each coordinate once"));
+                    }
+                    chosen.push(coordinate);
+                }
+                if chosen.is_empty() {
+                    return Err(value.out_of_range("one coordinate at least"));
+                }
+                Some(chosen)
+            }
+            None => None,
+        };
+        let snapshots = table.optional("snapshots").map(|value| value.whole(1..=usize::MAX)).transpose()?;
+        Ok(Self { every, momentum, coordinates, snapshots })
     }
 }

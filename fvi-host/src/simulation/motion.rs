@@ -69,7 +69,17 @@ impl<'s> Motion<'s> {
         let failure = |reason| Failure { step, time, reason };
         let input = self.scenario.input.as_ref().and_then(|input| input.at_step(step)).unwrap_or(&[]);
         let iterations = self.simulation.step(input).map_err(|error| failure(error.to_string()))?;
-        self.simulation.read(&mut self.next);
+        let last = self.steps + 1 == self.scenario.time.steps;
+        if last
+            || !self.simulation.energy_is_dear()
+            || (self.steps + 1).is_multiple_of(self.scenario.output.every)
+        {
+            self.simulation.read(&mut self.next);
+        } else {
+            // The energy of the newest row that is written stands for those between.
+            self.simulation.read_without_energy(&mut self.next);
+            self.next.energy = self.state.energy;
+        }
         if let Some(what) = what_is_not_finite(&self.next) {
             return Err(failure(reason(what)));
         }
@@ -79,6 +89,11 @@ impl<'s> Motion<'s> {
             None => Ok(iterations),
             Some(reason) => Err(failure(reason)),
         }
+    }
+
+    /// Brings the energy up to date with the state, where it was left out.
+    pub fn complete(&mut self) {
+        self.simulation.read(&mut self.state);
     }
 
     /// Steps made.

@@ -6,6 +6,7 @@ mod engine_comparison;
 mod extremals;
 mod faults;
 mod independent_trajectories;
+mod large_systems;
 mod listings;
 mod repository_scenarios;
 mod reproduction;

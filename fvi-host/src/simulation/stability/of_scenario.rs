@@ -1,7 +1,9 @@
 //! The check of a scenario's step.
 
+use super::large::{check_large, is_unconditional};
 use super::{DampingForm, Discretisation, LinearDamping, LinearSystem, Verdict, check_stability};
 use crate::language::{InputError, Problem};
+use crate::model::Model;
 use crate::scenario::{ConvolutionFamily, DampedAt, Quadrature, Scenario, Scheme, SymmetricMatrix};
 use fvi_core::{BdfOrder, RungeKutta};
 use nalgebra::{DMatrix, DVector};
@@ -29,6 +31,30 @@ pub(crate) fn check_step(scenario: &Scenario, stiffness: &DMatrix<f64>) -> Resul
         Verdict::Unstable { largest_stable_step } => {
             let largest_step = largest_stable_step.map(three_digits_below);
             let advice = advice(&discretisation, largest_step.is_some());
+            Err(scenario.error_at("time.step", Problem::Unstable { largest_step, advice }))
+        }
+    }
+}
+
+/// As [`check_step`] for a system in the sparse space, by its fastest motions.
+pub(crate) fn check_large_step(scenario: &Scenario) -> Result<(), InputError> {
+    let Some(discretisation) = discretisation(scenario) else { return Ok(()) };
+    let damped = !scenario.system.damping.is_empty();
+    if scenario.time.allow_unstable || is_unconditional(&discretisation, damped) {
+        return Ok(());
+    }
+    let mut model = Model::<f64>::new(scenario).map_err(|error| {
+        scenario.error_at("system.mass", Problem::Precision { reason: error.to_string() })
+    })?;
+    match check_large(&discretisation, scenario, &mut model) {
+        Verdict::Stable => Ok(()),
+        Verdict::Unstable { largest_stable_step } => {
+            let largest_step = largest_stable_step.map(three_digits_below);
+            let advice = format!(
+                "{}; `[scheme] kind` = \"low-order\", `kappa` = 0.5 with `[convolution] at` = \"nodes\", `order` = 2 is stable at \
+                 every step",
+                advice(&discretisation, largest_step.is_some())
+            );
             Err(scenario.error_at("time.step", Problem::Unstable { largest_step, advice }))
         }
     }
@@ -63,6 +89,15 @@ fn dense(matrix: &SymmetricMatrix) -> DMatrix<f64> {
     match matrix {
         SymmetricMatrix::Diagonal(entries) => DMatrix::from_diagonal(&DVector::from_column_slice(entries)),
         SymmetricMatrix::Dense(entries) => entries.clone(),
+        SymmetricMatrix::Sparse(entries) => {
+            let mut dense = DMatrix::zeros(entries.size(), entries.size());
+            for (row, slots) in entries.pattern.rows().enumerate() {
+                for slot in slots {
+                    dense[(row, entries.pattern.columns()[slot])] = entries.values[slot];
+                }
+            }
+            dense
+        }
     }
 }
 
