@@ -12,5 +12,5 @@ pub mod tape;
 pub use force_moments::ForceMoments;
 pub use mechanics::{Model, matrix, vector};
 pub use scenario_space::ScenarioSpace;
-pub use scheme::{AnyScheme, Room};
+pub use scheme::{AnyScheme, DenseOutput, Room};
 pub use space::{Dense, DenseEquations, Matrix, Pattern, Sparse};

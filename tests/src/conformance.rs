@@ -95,6 +95,7 @@ pub fn host_memory<T: Scalar>(
         TestKernel::Arbitrary { .. } => return None,
     };
     let request = MemoryRequest {
+        end: None,
         convolution: &Convolution { family, ..Convolution::default() },
         exponent,
         step_size: 1.0,

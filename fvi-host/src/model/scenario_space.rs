@@ -1,11 +1,11 @@
 //! What a space needs for scenarios to run in it.
 
 use super::mechanics::{Model, matrix, vector};
-use super::scheme::AnyScheme;
+use super::scheme::{AnyScheme, DenseOutput};
 use super::space::{Dense, Matrix};
 use crate::language::expression::Elementary;
 use crate::scenario::{Scenario, SymmetricMatrix};
-use fvi_core::{MatrixError, Mechanics, ParameterError, Scheme, Space};
+use fvi_core::{MatrixError, Mechanics, ParameterError, Space};
 
 /// A space in which scenarios run: how what they say becomes its vectors, matrices, system and scheme.
 ///
@@ -14,7 +14,7 @@ pub trait ScenarioSpace<T: Elementary>: Space<T> {
     /// M, U and F.
     type System: Mechanics<T, Self>;
     /// The scheme.
-    type Scheme: Scheme<T, Self>;
+    type Scheme: DenseOutput<T, Self>;
 
     /// The system of a scenario.
     ///
