@@ -163,7 +163,7 @@ impl MemoryRequest<'_> {
     /// act on values.
     pub fn acts_on(&self) -> ActsOn {
         match self.convolution.family {
-            _ if self.exponent <= 0.0 => ActsOn::Values,
+            _ if self.exponent <= 0.0 || self.any_step() => ActsOn::Values,
             ConvolutionFamily::Bdf { .. } => ActsOn::Increments,
             ConvolutionFamily::RadauIia { .. } | ConvolutionFamily::LobattoIiic { .. } => ActsOn::Rises,
         }
@@ -323,8 +323,7 @@ impl MemoryRequest<'_> {
         let table = rate_table::<T, R>(method, self.exponent, self.step_size, horizon, tolerance)?;
         let state = Aligned::zeros(table.borrow().state_len(self.coordinates, R));
         let memory = VariableStepMemory::new(method, table, self.coordinates, state)?;
-        let memory = Box::new(Vectorised::new(memory));
-        Ok(HostMemory { memory, engine: Engine::AnyStep, acts_on: ActsOn::Values })
+        Ok(self.host(Box::new(Vectorised::new(memory)), Engine::AnyStep))
     }
 
     fn direct<T: Scalar>(
