@@ -45,7 +45,7 @@ fn two_and_three_stages_have_orders_three_and_five_on_smooth_motions() {
             let order = (errors[1] / errors[2]).log2();
             assert!(
                 (order - expected).abs() < 0.3,
-                "β = {beta}, {stages} stages: {errors:e?}, order {order}"
+                "β = {beta}, {stages} stages: {errors:?}, order {order}"
             );
         }
     }
