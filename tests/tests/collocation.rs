@@ -43,10 +43,7 @@ fn two_and_three_stages_have_orders_three_and_five_on_smooth_motions() {
         for (stages, expected, steps) in [(2, 3.0, 40), (3, 5.0, 20)] {
             let errors = [1, 2, 4].map(|factor| largest_error(&smooth(beta, stages, factor * steps)));
             let order = (errors[1] / errors[2]).log2();
-            assert!(
-                (order - expected).abs() < 0.3,
-                "β = {beta}, {stages} stages: {errors:?}, order {order}"
-            );
+            assert!((order - expected).abs() < 0.3, "β = {beta}, {stages} stages: {errors:?}, order {order}");
         }
     }
 }
