@@ -19,6 +19,6 @@ pub use force_moments::ForceMoments;
 pub use loads::Loads;
 pub use mechanics::{Model, matrix, moment, vector};
 pub use scenario_space::{Remembers, ScenarioSpace};
-pub use scheme::{AnyScheme, Room};
+pub use scheme::{AnyScheme, DenseOutput, Room};
 pub use space::{Dense, DenseEquations, Matrix, MatrixSpace, Sparse};
 pub use sparse::{Elimination, SparseEquations, SparseSpace};

@@ -4,6 +4,7 @@
 //! knows nothing of how it is run. Its serialised form is the record of the inputs as used.
 
 mod element;
+mod grid;
 mod initial;
 mod load;
 mod matrix;
@@ -17,6 +18,7 @@ mod time;
 mod warnings;
 
 pub use element::Element;
+pub use grid::{Grid, GridRule};
 pub use initial::InitialState;
 pub use load::{Amplitude, Load, Pattern, Record};
 pub use matrix::SymmetricMatrix;
@@ -146,7 +148,10 @@ impl Scenario {
             None => Convolution::default_for(&scheme),
         };
         let scheme = scheme.with_quadrature_for(convolution.family);
-        let time = TimeGrid::read(&root.required("time")?.table()?)?;
+        let time = TimeGrid::read(&root.required("time")?.table()?, document)?;
+        if time.grid.is_some() && matches!(convolution.family, ConvolutionFamily::Bdf { .. }) {
+            return Err(grid::check_family(&root.required("time")?.table()?));
+        }
         if let (Some(value), false) = (root.optional("convolution"), time.allow_unstable) {
             convolution.check_exponents(&value.table()?, &system)?;
         }
@@ -155,7 +160,7 @@ impl Scenario {
             None => History::default(),
         };
         let output = match root.optional("output") {
-            Some(value) => OutputOptions::read(&value.table()?, &scheme, count)?,
+            Some(value) => OutputOptions::read(&value.table()?, &scheme, count, &time)?,
             None => OutputOptions::default_for(&scheme),
         };
         if system.is_large() && count > MOST_COLUMNS && output.coordinates.is_none() {
@@ -169,7 +174,7 @@ impl Scenario {
             None => None,
         };
         let reference = match root.optional("reference") {
-            Some(value) => Some(Reference::read(&value.table()?, &system, &time, document)?),
+            Some(value) => Some(Reference::read(&value.table()?, &system, (&time, &output), document)?),
             None => None,
         };
         let document = document.clone();
@@ -191,8 +196,7 @@ impl Scenario {
     /// The same scenario over the same time in another number of steps.
     pub fn in_steps(&self, steps: usize) -> Self {
         let mut scenario = self.clone();
-        scenario.time.step = self.time.end() / steps.max(1) as f64;
-        scenario.time.steps = steps;
+        scenario.time = self.time.in_steps(steps);
         if let Some(input) = &mut scenario.input {
             input.place_on(&scenario.time);
         }
@@ -213,6 +217,11 @@ impl Scenario {
                 "history.horizon",
                 format!("at least {}, for {steps} steps", steps.saturating_add(1)),
             );
+        }
+        if self.time.grid.is_some() {
+            let allowed = "\"uniform\" here: the other grids end where they say".to_owned();
+            let with = "another end".to_owned();
+            return Err(self.error_at("time.grid", Problem::Incompatible { with, allowed }));
         }
         let mut scenario = self.clone();
         scenario.time.steps = steps;
@@ -237,7 +246,7 @@ impl Scenario {
 
     /// Whether there is no reference or it can be compared with at one grid point at least.
     pub fn meets_reference(&self) -> bool {
-        self.reference.as_ref().is_none_or(|reference| reference.meets(&self.time))
+        self.reference.as_ref().is_none_or(|reference| reference.meets(&self.time, &self.output))
     }
 
     /// The file it was read from.

@@ -11,7 +11,7 @@ use crate::language::error::Cause;
 use crate::language::expression::Elementary;
 use crate::language::{InputError, Problem};
 use crate::memory::{EngineError, HostMemory, MemoryRequest};
-use crate::model::{Dense, Matrix, Model, Remembers, ScenarioSpace};
+use crate::model::{Dense, DenseOutput, Matrix, Model, Remembers, ScenarioSpace};
 use crate::scenario::{self, ConvolutionFamily, DampedAt, Engine, ReportedMomentum, Scenario};
 use choice::sparse_space;
 pub use choice::{Solver, SolverChoice};
@@ -46,6 +46,8 @@ pub struct Simulation {
 /// What the integrator of any scalar can do.
 trait Stepper {
     fn step(&mut self, input: &[f64]) -> Result<u32, StepError>;
+    fn step_over(&mut self, length: f64, end: f64, input: &[f64]) -> Result<u32, StepError>;
+    fn look_into(&mut self, time: f64, state: &mut GridState);
     fn time(&self) -> f64;
     /// Position and momentum.
     fn read(&mut self, state: &mut GridState);
@@ -134,6 +136,20 @@ impl Simulation {
     /// [`StepError`]; the simulation is as it was.
     pub fn step(&mut self, input: &[f64]) -> Result<u32, StepError> {
         self.stepper.step(input)
+    }
+
+    /// One step of any length to the time `end`, on a grid whose steps differ.
+    ///
+    /// # Errors
+    /// [`StepError`]; the simulation is as it was.
+    pub fn step_over(&mut self, length: f64, end: f64, input: &[f64]) -> Result<u32, StepError> {
+        self.stepper.step_over(length, end, input)
+    }
+
+    /// Writes the state at a time within the last step into `state`, by the scheme's own polynomial; before the first step
+    /// and after the last the present state.
+    pub fn look_into(&mut self, time: f64, state: &mut GridState) {
+        self.stepper.look_into(time, state);
     }
 
     /// Writes the present state into `state`, whose vectors have one place for each coordinate.
@@ -233,6 +249,8 @@ struct Machine<T: Elementary + Scalar, X: ScenarioSpace<T>> {
     input: X::Vector,
     /// The mean of the momenta before and after the last kick, where that is what is reported.
     mean: Option<X::Vector>,
+    /// Time, position and momentum before the last step, where it is to be looked into.
+    before: Option<(f64, X::Vector, X::Vector)>,
 }
 
 impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Machine<T, X> {
@@ -259,13 +277,32 @@ impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Machine<T, X> {
             .momentum(momentum)
             .build()
             .map_err(|error| refused(scenario, &error))?;
-        Ok(Self { integrator, input, mean })
+        let state = integrator.state();
+        let before = (!scenario.output.times.is_empty())
+            .then(|| (0.0, state.position.clone(), state.momentum.clone()));
+        Ok(Self { integrator, input, mean, before })
+    }
+}
+
+impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Machine<T, X> {
+    /// Takes in the input, and notes where the step begins.
+    fn prepare(&mut self, input: &[f64]) {
+        for (index, place) in X::slice_mut(&mut self.input).iter_mut().enumerate() {
+            *place = input.get(index).map_or(T::zero(), |&number| T::of(number));
+        }
+        if let Some((time, position, momentum)) = &mut self.before {
+            let state = self.integrator.state();
+            *time = self.integrator.time().to_f64();
+            X::slice_mut(position).clone_from_slice(X::slice(&state.position));
+            X::slice_mut(momentum).clone_from_slice(X::slice(&state.momentum));
+        }
     }
 }
 
 fn refused(scenario: &Scenario, error: &IntegratorError) -> InputError {
     let path = match error {
         IntegratorError::InitialState => "initial",
+        _ if scenario.time.grid.is_some() => "time.grid",
         _ => "time.step",
     };
     scenario.error_at(path, Problem::Precision { reason: error.to_string() })
@@ -281,6 +318,7 @@ fn memory_request<'a>(
         convolution: &scenario.convolution,
         exponent: term.order,
         step_size: scenario.time.step,
+        end: scenario.time.grid.as_ref().map(|grid| grid.end()),
         // Plain weights act on the sequence of every node by itself, matrix weights on all nodes together.
         coordinates: match scenario.convolution.family {
             ConvolutionFamily::Bdf { .. } => channels * nodes,
@@ -308,6 +346,9 @@ fn damping_term<T: Elementary + Scalar, X: ScenarioSpace<T>>(
             &["history.engine", "time.steps", "time.end"],
             Problem::Engine(Cause::new(error)),
         ),
+        EngineError::Unsuited { .. } => {
+            scenario.error_at_first(&["history.engine", "time.grid"], Problem::Engine(Cause::new(error)))
+        }
         EngineError::Parameter(_) => {
             scenario.error_at(&format!("system.damping[{index}].order"), Problem::Engine(Cause::new(error)))
         }
@@ -422,10 +463,38 @@ impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Damping<T, X> for DampingTerms
 
 impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
     fn step(&mut self, input: &[f64]) -> Result<u32, StepError> {
-        for (index, place) in X::slice_mut(&mut self.input).iter_mut().enumerate() {
-            *place = input.get(index).map_or(T::zero(), |&number| T::of(number));
-        }
+        self.prepare(input);
         self.integrator.step(&self.input)
+    }
+
+    fn step_over(&mut self, length: f64, end: f64, input: &[f64]) -> Result<u32, StepError> {
+        self.prepare(input);
+        self.integrator.step_over(T::of(length), T::of(end), &self.input)
+    }
+
+    fn look_into(&mut self, time: f64, state: &mut GridState) {
+        let now = self.integrator.time().to_f64();
+        let Some((from, position, momentum)) = &self.before else { return };
+        let length = now - from;
+        // Times to rounding at the end of the step are its end.
+        if length <= 0.0 || now - time <= 1e-9 * length {
+            self.read(state);
+        } else {
+            let (mut position, mut momentum) = (position.clone(), momentum.clone());
+            let fraction = T::of(((time - from) / length).max(0.0));
+            self.integrator.scheme().look_into(
+                self.integrator.storage(),
+                self.integrator.system(),
+                (T::of(length), fraction),
+                X::slice_mut(&mut position),
+                X::slice_mut(&mut momentum),
+            );
+            for (numbers, vector) in [(&mut state.position, &position), (&mut state.momentum, &momentum)] {
+                numbers.iter_mut().zip(X::slice(vector)).for_each(|(place, number)| *place = number.to_f64());
+            }
+            state.energy = self.integrator.energy_of(&position, &momentum).to_f64();
+        }
+        state.time = time;
     }
 
     fn time(&self) -> f64 {

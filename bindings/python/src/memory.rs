@@ -22,6 +22,7 @@ pub(crate) fn memory(
         convolution,
         exponent,
         step_size: step,
+        end: None,
         coordinates: channels,
         samples,
         history: &history,

@@ -107,6 +107,9 @@ pub struct RunSummary {
     pub steps: usize,
     /// Steps asked for.
     pub steps_wanted: usize,
+    /// Lengths of the steps, where they differ.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub step_lengths: Option<StepLengths>,
     /// Iterations of Newton's method, all steps together.
     pub newton_iterations: u64,
     /// Most iterations in one step.
@@ -131,6 +134,15 @@ pub struct RunSummary {
     /// What is to be said about how it began.
     #[serde(skip)]
     pub notes: Vec<String>,
+}
+
+/// Between what the lengths of steps lie.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct StepLengths {
+    /// The shortest step.
+    pub smallest: f64,
+    /// The longest step.
+    pub largest: f64,
 }
 
 /// Why a run could not be made or recorded.
@@ -237,7 +249,12 @@ pub fn run(
     let end = run.go(stop, |run| {
         let (steps, state) = (run.steps(), run.state());
         let shown = shown(&scenario, state);
-        writer.push(&shown).map_err(&writing)?;
+        if scenario.output.times.is_empty() {
+            writer.push(&shown).map_err(&writing)?;
+        }
+        for row in run.rows_between() {
+            writer.push(&self::shown(&scenario, row)).map_err(&writing)?;
+        }
         traces.take(&shown);
         if let Some(snapshots) = &mut snapshots {
             snapshots.take(steps, state);
@@ -342,6 +359,10 @@ pub struct Run<'s> {
     errors: ReferenceErrors,
     /// Where it has been before, if bits differ there.
     elsewhere: Vec<String>,
+    /// The states at those of `output.times` that the last step passed.
+    between: Vec<GridState>,
+    /// How many of those times have been passed.
+    passed: usize,
 }
 
 impl<'s> Run<'s> {
@@ -353,6 +374,8 @@ impl<'s> Run<'s> {
         let preparation = Instant::now();
         let motion = Motion::start(scenario, precision)?;
         Ok(Self {
+            between: Vec::new(),
+            passed: 0,
             scenario,
             motion,
             seen: false,
@@ -430,12 +453,32 @@ impl<'s> Run<'s> {
         Ok(RunEnd::Completed)
     }
 
-    /// Takes in the present state.
+    /// The states at those of `output.times` that the last step passed.
+    pub fn rows_between(&self) -> &[GridState] {
+        &self.between
+    }
+
+    /// Takes in the present state, and what lies before it.
     fn observe(&mut self) {
-        let (scenario, steps, state) = (self.scenario, self.motion.steps(), self.motion.state());
+        let (scenario, coordinates) = (self.scenario, self.scenario.coordinates());
+        let reference = scenario.reference.as_ref();
+        self.between.clear();
+        let now = self.motion.state().time;
+        while let Some(&time) = scenario.output.times.get(self.passed)
+            && time <= now
+        {
+            let mut state = self.motion.state().clone();
+            self.motion.look_into(time, &mut state);
+            if let Some(known) = reference.and_then(|reference| reference.at_output(time, coordinates)) {
+                self.errors.compare(&state, &known);
+            }
+            self.between.push(state);
+            self.passed += 1;
+        }
+        let (steps, state) = (self.motion.steps(), self.motion.state());
         self.largest.take(state);
-        if let Some(reference) = &scenario.reference
-            && let Some(known) = reference.at_step(steps, scenario.time.step, scenario.coordinates())
+        if let Some(known) =
+            reference.and_then(|reference| reference.at_grid_point(steps, &scenario.time, coordinates))
         {
             self.errors.compare(state, &known);
         }
@@ -471,6 +514,8 @@ impl<'s> Run<'s> {
         self.largest = progress.largest;
         self.errors = ReferenceErrors::of_parts(progress.errors);
         self.elsewhere = progress.elsewhere;
+        let now = self.motion.state().time;
+        self.passed = self.scenario.output.times.partition_point(|&time| time <= now);
         Ok(())
     }
 
@@ -502,6 +547,11 @@ impl<'s> Run<'s> {
             seconds,
             steps: motion.steps(),
             steps_wanted: scenario.time.steps,
+            step_lengths: scenario
+                .time
+                .grid
+                .as_ref()
+                .map(|_| StepLengths { smallest: scenario.time.step, largest: scenario.time.longest_step() }),
             newton_iterations: self.newton_iterations,
             newton_iterations_most: self.newton_iterations_most,
             last: motion.state().clone(),

@@ -2,14 +2,14 @@
 
 use super::channel_damping::{ChannelDamping, Directions, HostTerm};
 use super::mechanics::{Model, matrix, vector};
-use super::scheme::AnyScheme;
+use super::scheme::{AnyScheme, DenseOutput};
 use super::space::{Dense, Matrix, MatrixSpace};
 use super::sparse::SparseSpace;
 use crate::language::expression::Elementary;
 use crate::scenario::{self, Scenario, SymmetricMatrix};
 use fvi_core::{
     Damping, DampingError, DampingTerm, Derivative, Kernel, MatrixError, Mechanics, Memory, ParameterError,
-    Scheme, Space,
+    Space,
 };
 
 /// A space in which scenarios run: how what they say becomes its vectors, matrices, system and scheme.
@@ -19,7 +19,7 @@ pub trait ScenarioSpace<T: Elementary>: Space<T> {
     /// M, U and F.
     type System: Mechanics<T, Self>;
     /// The scheme.
-    type Scheme: Scheme<T, Self>;
+    type Scheme: DenseOutput<T, Self>;
     /// A damping term on a memory.
     type Term<M: Memory<T>>: Damping<T, Self> + Remembers<M>;
 

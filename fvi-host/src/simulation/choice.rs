@@ -2,7 +2,7 @@
 
 use crate::language::{InputError, Problem};
 use crate::model::{Elimination, Matrix, Model, SparseSpace, matrix};
-use crate::scenario::{Scenario, Scheme};
+use crate::scenario::{ConvolutionFamily, Scenario, Scheme};
 use crate::simulation::available_memory::available_memory;
 use fvi_core::Mechanics;
 use serde::Serialize;
@@ -42,7 +42,8 @@ const MOST_DENSE: usize = 6_000;
 
 /// The sparse space for a scenario, or `None` if it runs in the dense one.
 ///
-/// Sparse factors serve symmetric matrices of one unknown node: schemes of degree 1 without a force that depends on the position.
+/// Sparse factors serve symmetric matrices of one unknown node: variational schemes of degree 1 without a force that depends on the
+/// position.
 ///
 /// # Errors
 /// If the system is too large for the solver that its scheme needs, or its factor for the memory.
@@ -52,7 +53,8 @@ pub(super) fn sparse_space(
 ) -> Result<Option<SparseSpace>, InputError> {
     let (degree, many) = (degree(scenario), scenario.coordinates() > MANY);
     let pushed = scenario.system.force.iter().flatten().any(|force| force.has_variables());
-    let suits = degree == 1 && !pushed && scenario.system.own_terms.is_none();
+    let collocation = matches!(scenario.scheme, Scheme::Collocation);
+    let suits = degree == 1 && !collocation && !pushed && scenario.system.own_terms.is_none();
     let wanted = match choice {
         SolverChoice::Automatic => scenario.system.is_large() && many,
         SolverChoice::Dense => false,
@@ -87,8 +89,13 @@ pub(super) fn sparse_space(
     Ok(Some(SparseSpace::new(plan)))
 }
 
+/// How many vectors of coordinates a step solves for.
 fn degree(scenario: &Scenario) -> usize {
     match scenario.scheme {
+        Scheme::Collocation => match scenario.convolution.family {
+            ConvolutionFamily::RadauIia { stages } | ConvolutionFamily::LobattoIiic { stages } => stages,
+            ConvolutionFamily::Bdf { .. } => 1,
+        },
         Scheme::Galerkin { degree, .. } => degree,
         Scheme::LowOrder { .. } | Scheme::ExplicitEuler | Scheme::ImplicitEuler => 1,
     }

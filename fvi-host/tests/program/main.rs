@@ -5,6 +5,7 @@ mod convergence;
 mod engine_comparison;
 mod extremals;
 mod faults;
+mod grids;
 mod independent_trajectories;
 mod large_systems;
 mod listings;

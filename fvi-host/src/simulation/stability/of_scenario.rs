@@ -26,12 +26,13 @@ pub(crate) fn check_step(scenario: &Scenario, stiffness: &DMatrix<f64>) -> Resul
         LinearSystem::new(&dense(&scenario.system.mass), stiffness, damping.collect()).map_err(|error| {
             scenario.error_at("system.mass", Problem::Precision { reason: error.to_string() })
         })?;
-    match check_stability(&discretisation, &system, scenario.time.step, scenario.time.steps) {
+    match check_stability(&discretisation, &system, scenario.time.longest_step(), scenario.time.steps) {
         Verdict::Stable => Ok(()),
         Verdict::Unstable { largest_stable_step } => {
             let largest_step = largest_stable_step.map(three_digits_below);
             let advice = advice(&discretisation, largest_step.is_some());
-            Err(scenario.error_at("time.step", Problem::Unstable { largest_step, advice }))
+            let key = if scenario.time.grid.is_some() { "time.grid" } else { "time.step" };
+            Err(scenario.error_at(key, Problem::Unstable { largest_step, advice }))
         }
     }
 }
@@ -101,12 +102,12 @@ fn dense(matrix: &SymmetricMatrix) -> DMatrix<f64> {
     }
 }
 
-/// The scheme of a scenario; `None` for the Euler methods and for shapes that do not exist.
+/// The scheme of a scenario; `None` for the Euler methods, for collocation, which is L-stable, and for shapes that do not exist.
 pub(crate) fn discretisation(scenario: &Scenario) -> Option<Discretisation> {
     let (degree, kappa) = match scenario.scheme {
         Scheme::LowOrder { kappa } => (1, Some(kappa)),
         Scheme::Galerkin { degree, .. } => (degree, None),
-        Scheme::ExplicitEuler | Scheme::ImplicitEuler => return None,
+        Scheme::Collocation | Scheme::ExplicitEuler | Scheme::ImplicitEuler => return None,
     };
     let (form, rule) = match scenario.convolution.family {
         ConvolutionFamily::Bdf { order } => {
