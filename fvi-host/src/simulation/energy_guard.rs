@@ -35,6 +35,8 @@ pub struct EnergyGuard {
     lowest_potential: f64,
     /// T₀ and the springs of order 0.
     stored: f64,
+    /// Whether anything from outside or from the start can do work at all; without it positions and velocities need not be kept.
+    is_driven: bool,
     work: f64,
     time: f64,
     position: Vec<f64>,
@@ -87,6 +89,7 @@ impl EnergyGuard {
         }
         // What pushes nothing need not be followed.
         pushes.retain(|(push, _)| push.iter().any(|&push| push != 0.0));
+        let is_driven = scenario.system.force.is_some() || scenario.input.is_some() || !pushes.is_empty();
         let potential = start.energy - kinetic;
         Self {
             reaction: scenario.time.on_energy_growth(),
@@ -96,6 +99,7 @@ impl EnergyGuard {
             first_potential: potential,
             lowest_potential: potential,
             stored: kinetic + springs,
+            is_driven,
             work: 0.0,
             time: start.time,
             position: start.position.clone(),
@@ -156,10 +160,12 @@ impl EnergyGuard {
         }
         self.inverse_mass.write_times(&state.momentum, &mut self.new_velocity);
         let kinetic = 0.5 * dot(&state.momentum, &self.new_velocity);
-        self.work += self.work_of_step(input, state);
-        self.time = state.time;
-        self.position.copy_from_slice(&state.position);
-        std::mem::swap(&mut self.velocity, &mut self.new_velocity);
+        if self.is_driven {
+            self.work += self.work_of_step(input, state);
+            self.time = state.time;
+            self.position.copy_from_slice(&state.position);
+            std::mem::swap(&mut self.velocity, &mut self.new_velocity);
+        }
         self.lowest_potential = self.lowest_potential.min(state.energy - kinetic);
         let fall = self.first_potential - self.lowest_potential;
         let explained = self.stored + self.first_potential.abs().max(fall) + self.work;
