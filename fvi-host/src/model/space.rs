@@ -184,15 +184,14 @@ impl<T: Real> Block<T> for Matrix<T> {
     }
 
     fn add_to(&self, factor: T, target: &mut [T], width: usize, row: usize, column: usize) {
-        let rows = target.chunks_exact_mut(width.max(1)).skip(row);
         match self {
             Self::Diagonal(diagonal) => {
-                for (index, (numbers, &entry)) in rows.zip(diagonal).enumerate() {
-                    numbers[column + index] += entry * factor;
-                }
+                let places = target[row * width + column..].iter_mut().step_by(width + 1);
+                places.zip(diagonal).for_each(|(place, &entry)| *place += entry * factor);
             }
             Self::Dense(columns) => {
                 let size = columns.len().isqrt();
+                let rows = target.chunks_exact_mut(width.max(1)).skip(row);
                 for (index, numbers) in rows.take(size).enumerate() {
                     let entries = columns.iter().skip(index).step_by(size);
                     for (place, &entry) in numbers[column..].iter_mut().zip(entries) {
@@ -201,9 +200,10 @@ impl<T: Real> Block<T> for Matrix<T> {
                 }
             }
             Self::Sparse(sparse) => {
-                for (numbers, slots) in rows.zip(sparse.pattern.rows()) {
+                for (index, slots) in sparse.pattern.rows().enumerate() {
+                    let numbers = &mut target[(row + index) * width + column..];
                     for slot in slots {
-                        numbers[column + sparse.pattern.columns()[slot]] += sparse.values[slot] * factor;
+                        numbers[sparse.pattern.columns()[slot]] += sparse.values[slot] * factor;
                     }
                 }
             }
