@@ -373,9 +373,12 @@ struct Parts<'a, T> {
     coordinates: &'a mut [T],
 }
 
+/// Blocks of z_j, each with what rounding took from it.
+type Sums<T> = [[Lanes<T>; 2]];
+
 /// The numbers of one coordinate: the blocks of z_j, and (x, v).
 #[inline(always)]
-fn coordinate<T>(numbers: &mut [T]) -> Option<(&mut [[Lanes<T>; 2]], &mut [T; 2])> {
+fn coordinate<T>(numbers: &mut [T]) -> Option<(&mut Sums<T>, &mut [T; 2])> {
     let (sums, last) = numbers.split_last_chunk_mut::<2>()?;
     Some((sums.as_chunks_mut().0.as_chunks_mut().0, last))
 }

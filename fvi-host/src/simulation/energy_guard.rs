@@ -89,7 +89,9 @@ impl EnergyGuard {
         }
         // What pushes nothing need not be followed.
         pushes.retain(|(push, _)| push.iter().any(|&push| push != 0.0));
-        let is_driven = scenario.system.force.is_some() || scenario.input.is_some() || !pushes.is_empty();
+        let force = Forces::of(scenario);
+        let own = scenario.system.own_terms.clone().map(|terms| (terms, vec![0.0; scenario.coordinates()]));
+        let is_driven = force.is_some() || own.is_some() || scenario.input.is_some() || !pushes.is_empty();
         let potential = start.energy - kinetic;
         Self {
             reaction: scenario.time.on_energy_growth(),
@@ -105,8 +107,8 @@ impl EnergyGuard {
             position: start.position.clone(),
             new_velocity: velocity.clone(),
             velocity,
-            force: Forces::of(scenario),
-            own: scenario.system.own_terms.clone().map(|terms| (terms, vec![0.0; scenario.coordinates()])),
+            force,
+            own,
             nodes: discretisation(scenario).map_or_else(|| vec![0.0, 1.0], |scheme| scheme.nodes),
             warning: None,
         }
@@ -141,6 +143,7 @@ impl EnergyGuard {
             first_potential: 0.0,
             lowest_potential: 0.0,
             stored: 0.0,
+            is_driven: false,
             work: 0.0,
             time: 0.0,
             position: Vec::new(),
