@@ -321,6 +321,7 @@ impl<S: ByHand> Motion<S> {
     fn new(scenario: &Scenario, system: S) -> Self {
         let coordinates = scenario.coordinates();
         let memory = MemoryRequest {
+            end: None,
             convolution: &scenario.convolution,
             exponent: ORDER,
             step_size: STEP,

@@ -244,7 +244,12 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
             work.increments.fill(T::zero());
         } else {
             let drift = work.scratch.get_mut(..coordinates).unwrap_or(&mut []);
-            mechanics.velocity(momentum, drift);
+            // Where nothing is solved for, the guess is the result.
+            if self.drifts() {
+                mechanics.velocity(momentum, drift);
+            } else {
+                mechanics.drift(momentum, drift);
+            }
             for (increment, &point) in vectors_mut(work.increments, coordinates).zip(self.control_points) {
                 for (place, &velocity) in increment.iter_mut().zip(&*drift) {
                     *place = velocity * step.size * point;

@@ -167,51 +167,48 @@ impl<T: Real, const S: usize, const Q: usize> Galerkin<T, S, Q> {
     /// Twice L_d on the nodes v, x_1, …, x_{S−1}, −v of a motion that turns round every step, as (kinetic,
     /// potential) coefficients of (1/h) M and h K for the unknowns (v, x_1, …, x_{S−1}).
     ///
-    /// Row sums of the kinetic matrix vanish, which gives the products with ℓ₀ − ℓ_S from those that are
-    /// kept.
+    /// The shape that belongs to v is ℓ₀ − ℓ_S, those of the other unknowns are their own.
     pub(crate) fn alternating_form(&self) -> [[(T, T); S]; S] {
-        let last = S.saturating_sub(1);
-        let kept = |nu: usize, mu: usize| {
-            self.kinetic.get(nu).and_then(|row| row.get(mu.wrapping_sub(1))).copied().unwrap_or(T::zero())
-        };
-        // K_νμ for ν, μ = 0…S−1 of the full symmetric matrix.
-        let kinetic = |nu: usize, mu: usize| {
-            if mu > 0 {
-                kept(nu, mu)
-            } else if nu > 0 {
-                kept(mu, nu)
-            } else {
-                (1..=S).fold(T::zero(), |sum, mu| sum - kept(0, mu))
-            }
-        };
-        let to_end = |nu: usize| kept(nu, S);
-        let end = (0..S).fold(T::zero(), |sum, nu| sum - to_end(nu));
         let mut form = [[(T::zero(), T::zero()); S]; S];
         for (nu, row) in form.iter_mut().enumerate() {
-            for (mu, (kinetic_entry, potential_entry)) in row.iter_mut().enumerate() {
-                let mut entry = kinetic(nu, mu);
+            for (mu, (kinetic, potential)) in row.iter_mut().enumerate() {
+                *kinetic = self.slopes(nu, mu);
                 if nu == 0 {
-                    entry -= to_end(mu);
+                    *kinetic -= self.slopes(S, mu);
                 }
                 if mu == 0 {
-                    entry -= to_end(nu);
+                    *kinetic -= self.slopes(nu, S);
                 }
                 if nu == 0 && mu == 0 {
-                    entry += end;
+                    *kinetic += self.slopes(S, S);
                 }
-                *kinetic_entry = entry;
-                let quadrature = self.weights.iter().zip(&self.tests).zip(&self.shapes);
-                for ((&weight, tests), shapes) in quadrature {
+                for ((&weight, tests), shapes) in self.weights.iter().zip(&self.tests).zip(&self.shapes) {
                     let value = |nu: usize| {
                         let own = tests.get(nu).copied().unwrap_or(T::zero());
-                        let end = shapes.get(last).copied().unwrap_or(T::zero());
-                        if nu == 0 { own - end } else { own }
+                        let of_end = shapes.last().copied().unwrap_or(T::zero());
+                        if nu == 0 { own - of_end } else { own }
                     };
-                    *potential_entry += weight * value(nu) * value(mu);
+                    *potential += weight * value(nu) * value(mu);
                 }
             }
         }
         form
+    }
+
+    /// Σ_i b_i ℓ̇_ν(c_i) ℓ̇_μ(c_i) for ν and μ from 0 to S.
+    ///
+    /// The table has all of the symmetric matrix but its first and its last entry; those follow from the
+    /// others, since the slopes of all shapes add to zero.
+    fn slopes(&self, nu: usize, mu: usize) -> T {
+        let kept = |nu: usize, mu: usize| {
+            let row = self.kinetic.get(nu);
+            row.and_then(|row| row.get(mu.wrapping_sub(1))).copied().unwrap_or(T::zero())
+        };
+        match (nu.min(mu), nu.max(mu)) {
+            (0, 0) => (1..=S).fold(T::zero(), |sum, mu| sum - kept(0, mu)),
+            (low, _) if low == S => (0..S).fold(T::zero(), |sum, nu| sum - kept(nu, S)),
+            (low, high) => kept(low, high),
+        }
     }
 
     /// Quadrature nodes c_i.

@@ -259,7 +259,12 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         self.step_over(end - self.time(), end, input)
     }
 
-    fn step_over(&mut self, length: T, end: T, input: &X::Vector) -> Result<u32, StepError> {
+    /// Makes one step of the given length to the time `end`, as [`step_by`](Integrator::step_by): where the
+    /// length is known to more digits than the difference of two times has.
+    ///
+    /// # Errors
+    /// As [`step_by`](Integrator::step_by).
+    pub fn step_over(&mut self, length: T, end: T, input: &X::Vector) -> Result<u32, StepError> {
         if !(length > T::zero() && end.is_finite()) {
             return Err(MemoryError::StepLength.into());
         }
@@ -310,6 +315,11 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
     /// Energy ½ pᵀ M⁻¹ p + U(q) of the present position with another momentum.
     pub fn energy_with(&mut self, momentum: &X::Vector) -> T {
         self.mechanics.energy(&self.state.position, momentum)
+    }
+
+    /// Energy ½ pᵀ M⁻¹ p + U(q) of any state.
+    pub fn energy_of(&mut self, position: &X::Vector, momentum: &X::Vector) -> T {
+        self.mechanics.energy(position, momentum)
     }
 
     /// Number of bytes that [`save`](Integrator::save) writes at present.

@@ -43,6 +43,11 @@ pub enum Start<T> {
         /// Initial slope times step size.
         rise: T,
     },
+    /// The same for samples at any times, by the slope itself: x_k − x₀ − (t_k − t₀)·`slope`.
+    CaputoWithSlope {
+        /// Initial slope.
+        slope: T,
+    },
 }
 
 /// Fractional operator on a stream: takes a sample x_k, gives back (D^β x)_k = Σ_{n=0}^{k} w_n x_{k−n}.
@@ -74,6 +79,8 @@ pub struct FractionalOperator<T, M> {
     start: Start<T>,
     /// The first sample, or of a memory on increments the last one.
     reference: T,
+    /// Time of the last sample, where they come at any times.
+    time: T,
 }
 
 /// Kind of the saved state.
@@ -121,13 +128,13 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     /// if the rise is not finite.
     pub fn new(mut memory: M, start: Start<T>) -> Result<Self, OperatorError> {
         crate::memory::check_channels(1, memory.channels())?;
-        if let Start::CaputoWithRise { rise } = start
-            && !rise.is_finite()
+        if let Start::CaputoWithRise { rise: slope } | Start::CaputoWithSlope { slope } = start
+            && !slope.is_finite()
         {
             return Err(OperatorError::NotFinite);
         }
         memory.clear();
-        Ok(Self { memory, start, reference: T::zero() })
+        Ok(Self { memory, start, reference: T::zero(), time: T::zero() })
     }
 
     /// Takes the next sample x_k and returns (D^β x)_k.
@@ -147,7 +154,45 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
                 let rises = if on_values { T::from_count(count as u64) } else { T::of(count.min(1) as f64) };
                 sample - reference - rise * rises
             }
+            // A slope wants times.
+            Start::CaputoWithSlope { .. } => return Err(MemoryError::StepLength.into()),
         };
+        self.take(acted_on, if on_values { reference } else { sample })
+    }
+
+    /// Takes a sample that comes `interval` units of time after the one before and returns (D^β x)_k: for ticks
+    /// that come early or late.
+    ///
+    /// The memory is one for steps of any length ([`VariableStepMemory`](crate::VariableStepMemory) of one
+    /// stage, of order 1). The interval of the first sample is that of a step which ends with it; what lies
+    /// before counts as zero for Riemann–Liouville's type, and as the first sample for Caputo's.
+    ///
+    /// # Errors
+    /// [`OperatorError::NotFinite`] if x_k or the result is not finite; [`OperatorError::Memory`] if the memory
+    /// does not take this interval, or the start is given by a rise, which has a step size in it. The operator
+    /// then is as before.
+    pub fn push_after(&mut self, interval: T, sample: T) -> Result<T, OperatorError> {
+        let empty = self.memory.is_empty();
+        if self.memory.acts_on() != ActsOn::Values {
+            return Err(MemoryError::StepLength.into());
+        }
+        let first = if empty { sample } else { self.reference };
+        let time = if empty { T::zero() } else { self.time + interval };
+        let acted_on = match self.start {
+            Start::RiemannLiouville => sample,
+            Start::Caputo => sample - first,
+            Start::CaputoWithSlope { slope } => sample - first - slope * time,
+            Start::CaputoWithRise { .. } => return Err(MemoryError::StepLength.into()),
+        };
+        self.memory.begin_step(interval)?;
+        let result = self.take(acted_on, first)?;
+        self.time = time;
+        Ok(result)
+    }
+
+    /// Takes what the memory acts on, and keeps what the next sample is compared with.
+    #[inline]
+    fn take(&mut self, acted_on: T, reference: T) -> Result<T, OperatorError> {
         let mut term = [T::zero()];
         self.memory.next_term(&mut term)?;
         let leading = self.memory.leading().first().copied().unwrap_or(T::zero());
@@ -156,19 +201,19 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
             return Err(OperatorError::NotFinite);
         }
         self.memory.push(&[acted_on])?;
-        self.reference = if on_values { reference } else { sample };
+        self.reference = reference;
         Ok(result)
     }
 
     /// Forgets all samples.
     pub fn clear(&mut self) {
         self.memory.clear();
-        self.reference = T::zero();
+        (self.reference, self.time) = (T::zero(), T::zero());
     }
 
     /// Number of bytes that [`save`](FractionalOperator::save) writes at present.
     pub fn state_bytes(&self) -> usize {
-        header_bytes(3) + T::BYTES + self.memory.state_bytes()
+        header_bytes(3) + 2 * T::BYTES + self.memory.state_bytes()
     }
 
     /// Writes the state, so that an operator made alike that restores it goes on with the same bits.
@@ -177,7 +222,7 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     /// [`StateError::NoRoom`], and what the memory says.
     pub fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
         to.header::<T, 3>(TAG, &self.shape())?;
-        to.numbers([&self.reference])?;
+        to.numbers([&self.reference, &self.time])?;
         self.memory.save(to)
     }
 
@@ -188,9 +233,9 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     pub fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         let mut ahead = from.clone();
         ahead.header::<T, 3>(TAG, &self.shape())?;
-        let reference = ahead.number()?;
+        let (reference, time) = (ahead.number()?, ahead.number()?);
         self.memory.restore(&mut ahead)?;
-        self.reference = reference;
+        (self.reference, self.time) = (reference, time);
         *from = ahead;
         Ok(())
     }
@@ -201,6 +246,7 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
             Start::RiemannLiouville => (0, T::zero()),
             Start::Caputo => (1, T::zero()),
             Start::CaputoWithRise { rise } => (2, rise),
+            Start::CaputoWithSlope { slope } => (3, slope),
         };
         let acts_on = self.memory.acts_on() as u64;
         [("kind of start", kind), ("bits of the rise", rise.bits()), ("kind of samples", acts_on)]

@@ -284,6 +284,11 @@ pub trait Mechanics<T: Real, X: Space<T>> {
     /// v = M⁻¹ p.
     fn velocity(&self, momentum: &[T], velocity: &mut [T]);
 
+    /// A guess of the velocity from which a step begins: M⁻¹ p where that is cheap, as it is unless said otherwise.
+    fn drift(&self, momentum: &[T], velocity: &mut [T]) {
+        self.velocity(momentum, velocity);
+    }
+
     /// ∇U(q) − F(t, q): what the momentum loses per time, damping and input apart.
     fn pull(&mut self, instant: Instant<T>, position: &X::Vector, pull: &mut [T]);
 

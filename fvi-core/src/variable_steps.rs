@@ -139,8 +139,9 @@ pub struct VariableStepMemory<T, const R: usize, C, B> {
     state: B,
     /// Length of the step to come; zero before it is known.
     length: T,
-    /// Time of the samples so far.
-    elapsed: T,
+    /// Time of the samples so far, and what rounding took from the sum: in single precision the roundings of many
+    /// steps would pass the horizon.
+    elapsed: [T; 2],
     len: usize,
 }
 
@@ -295,7 +296,7 @@ where
         let inverse = inverse.map(|row| row.map(T::of));
         let matrix = method.matrix().map(|row| row.map(T::of));
         let resolvent = Resolvent::new(method);
-        let (length, elapsed, len) = (T::zero(), T::zero(), 0);
+        let (length, elapsed, len) = (T::zero(), [T::zero(); 2], 0);
         let mut memory =
             Self { table, resolvent, matrix, inverse, derivatives, coordinates, state, length, elapsed, len };
         memory.clear();
@@ -309,7 +310,15 @@ where
 
     /// Time of the samples so far.
     pub fn elapsed(&self) -> T {
-        self.elapsed
+        self.elapsed[0]
+    }
+
+    /// The time after a step of the given length, in two parts.
+    fn elapsed_after(&self, length: T) -> [T; 2] {
+        let [before, lost] = self.elapsed;
+        let whole = length + lost;
+        let after = before + whole;
+        [after, whole - (after - before)]
     }
 
     fn parts(&mut self) -> Option<Parts<'_, T>> {
@@ -341,10 +350,10 @@ where
         ]
     }
 
-    fn read(&self, from: &mut StateReader<'_>) -> Result<(usize, T), StateError> {
+    fn read(&self, from: &mut StateReader<'_>) -> Result<(usize, [T; 2]), StateError> {
         from.header::<T, 3>(TAG, &self.shape())?;
         let len = from.count_up_to("samples", usize::MAX)?;
-        Ok((len, from.number()?))
+        Ok((len, [from.number()?, from.number()?]))
     }
 
     fn step_length(&self) -> Result<T, MemoryError> {
@@ -364,9 +373,12 @@ struct Parts<'a, T> {
     coordinates: &'a mut [T],
 }
 
+/// Blocks of z_j, each with what rounding took from it.
+type Sums<T> = [[Lanes<T>; 2]];
+
 /// The numbers of one coordinate: the blocks of z_j, and (x, v).
 #[inline(always)]
-fn coordinate<T>(numbers: &mut [T]) -> Option<(&mut [[Lanes<T>; 2]], &mut [T; 2])> {
+fn coordinate<T>(numbers: &mut [T]) -> Option<(&mut Sums<T>, &mut [T; 2])> {
     let (sums, last) = numbers.split_last_chunk_mut::<2>()?;
     Some((sums.as_chunks_mut().0.as_chunks_mut().0, last))
 }
@@ -397,7 +409,7 @@ where
     /// Takes steps from the table's shortest on, as long as they end by its horizon.
     fn begin_step(&mut self, length: T) -> Result<(), MemoryError> {
         let (shortest, horizon) = (self.table.shortest * (1.0 - SLACK), self.table.horizon * (1.0 + SLACK));
-        let in_range = length.to_f64() >= shortest && (self.elapsed + length).to_f64() <= horizon;
+        let in_range = length.to_f64() >= shortest && self.elapsed_after(length)[0].to_f64() <= horizon;
         let scale = length.power(T::of(-self.table.exponent));
         // Whatever is not a number is not in range.
         if !in_range || !scale.is_finite() {
@@ -499,14 +511,14 @@ where
                 relax(sums, decrement, &change);
             }
         }
-        self.elapsed += length;
+        self.elapsed = self.elapsed_after(length);
         self.len += 1;
         Ok(())
     }
 
     fn clear(&mut self) {
         self.state.as_mut().fill(T::zero());
-        (self.length, self.elapsed, self.len) = (T::zero(), T::zero(), 0);
+        (self.length, self.elapsed, self.len) = (T::zero(), [T::zero(); 2], 0);
     }
 
     fn bytes(&self) -> usize {
@@ -516,13 +528,13 @@ where
     }
 
     fn state_bytes(&self) -> usize {
-        header_bytes(4) + T::BYTES * (1 + self.stride() * self.coordinates)
+        header_bytes(4) + T::BYTES * (2 + self.stride() * self.coordinates)
     }
 
     fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
         to.header::<T, 3>(TAG, &self.shape())?;
         to.count(self.len as u64)?;
-        to.numbers([&self.elapsed])?;
+        to.numbers(&self.elapsed)?;
         to.numbers(self.state.as_ref().iter().skip(self.first_coordinate()))
     }
 

@@ -227,8 +227,8 @@ impl<T: Scalar> Level<T> {
         }
     }
 
-    /// Adds M of the products X_{m′,s′}·W_{m−m′,s,s′} that an output needs; they are counted with s′ running
-    /// fastest.
+    /// Adds M of the products X_{m′,s′}·W_{m−m′,s,s′} that an output needs, from the given one on; they are
+    /// counted with s′ running fastest.
     fn add_products<const M: usize>(
         &mut self,
         inputs: &Range<usize>,
@@ -236,23 +236,23 @@ impl<T: Scalar> Level<T> {
         tile: usize,
         first: usize,
     ) {
-        let packets = self.transform.packets();
+        let (packets, stages) = (self.transform.packets(), self.stages);
         let tile = tile * TILE..packets.min((tile + 1) * TILE);
-        let stages = self.stages;
+        let in_tile = |spectrum: usize| spectrum * packets + tile.start..spectrum * packets + tile.end;
         let (stage, group) = (channel % stages, channel - channel % stages);
-        let (mut input, mut other) = (inputs.start + first / stages, first % stages);
-        let mut slot = input % self.slots;
+        // Input blocks with the slots of the ring that hold their spectra.
+        let oldest = inputs.start + first / stages;
+        let slots = (oldest % self.slots..self.slots).chain(0..self.slots);
+        let products = (oldest..inputs.end)
+            .zip(slots)
+            .flat_map(|(input, slot)| (0..stages).map(move |other| (input, slot, other)))
+            .skip(first % stages);
         let mut signal: [&[Packet<T>]; M] = [&[]; M];
         let mut kernel: [&[Packet<T>]; M] = [&[]; M];
-        for (signal, kernel) in signal.iter_mut().zip(&mut kernel) {
-            let spectrum = (slot * self.channels + group + other) * packets;
-            *signal = &self.signal[spectrum + tile.start..spectrum + tile.end];
-            let spectrum = (((inputs.end - 1 - input) * stages + stage) * stages + other) * packets;
-            *kernel = &self.kernel[spectrum + tile.start..spectrum + tile.end];
-            other += 1;
-            if other == stages {
-                (other, input, slot) = (0, input + 1, if slot + 1 == self.slots { 0 } else { slot + 1 });
-            }
+        for ((signal, kernel), (input, slot, other)) in signal.iter_mut().zip(&mut kernel).zip(products) {
+            let distance = inputs.end - 1 - input;
+            *signal = &self.signal[in_tile(slot * self.channels + group + other)];
+            *kernel = &self.kernel[in_tile((distance * stages + stage) * stages + other)];
         }
         let sum = &mut self.sum[tile];
         if first == 0 {

@@ -4,6 +4,8 @@ pub(crate) mod document;
 pub(crate) mod error;
 pub(crate) mod excerpt;
 pub mod expression;
+pub(crate) mod matrix_file;
+pub(crate) mod npy;
 pub(crate) mod number_table;
 pub(crate) mod visible;
 

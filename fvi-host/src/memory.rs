@@ -3,13 +3,14 @@
 use crate::numerics::aligned::Aligned;
 use crate::numerics::exponential_table::{self, ExponentialKernel, ExponentialKernelError};
 use crate::numerics::growing_ring::GrowingRing;
+use crate::numerics::rate_table::rate_table;
 use crate::numerics::runge_kutta_weights::RungeKuttaWeights;
 use crate::numerics::starting::StartingCorrection;
 use crate::numerics::vectorised::Vectorised;
 use crate::scenario::{Convolution, ConvolutionFamily, Engine, History, Overflow};
 use fvi_core::{
     ActsOn, BdfOrder, ConvolutionWeights, Direct, ExponentialSum, ExponentialTable, Memory, MemoryError,
-    ParameterError, RungeKutta, StateError, StateReader, StateWriter,
+    ParameterError, RungeKutta, StateError, StateReader, StateWriter, VariableStepMemory,
 };
 use fvi_fft::{BlockFft, ChunkedExponentialSum, Pacing, RealTime, Scalar, Weights};
 
@@ -35,6 +36,8 @@ impl<T: Scalar> Watched<T> for BlockFft<T> {}
 impl<T: Scalar, const S: usize> Watched<T> for ChunkedExponentialSum<T, S> {}
 
 impl<T: Scalar> Watched<T> for Vectorised<ExponentialSum<T, Aligned<T>, Aligned<T>>> {}
+
+impl<T: Scalar, const R: usize> Watched<T> for Vectorised<VariableStepMemory<T, R, Aligned<T>, Aligned<T>>> {}
 
 impl<T: Scalar> Watched<T> for RealTime<T> {
     fn overruns(&self) -> Option<usize> {
@@ -67,8 +70,10 @@ pub struct MemoryRequest<'a> {
     pub convolution: &'a Convolution,
     /// Exponent of the convolution quadrature: the damping order β.
     pub exponent: f64,
-    /// h.
+    /// h; the shortest step where they differ.
     pub step_size: f64,
+    /// The last time of a grid whose steps differ; `None` for equal steps.
+    pub end: Option<f64>,
     /// Number of coordinates N.
     pub coordinates: usize,
     /// Number of samples that will come: one for each step, and one before the first.
@@ -92,6 +97,14 @@ pub enum EngineError {
     /// A parameter of the kernel is outside its range.
     #[error(transparent)]
     Parameter(#[from] ParameterError),
+    /// The engine has weights for equal steps only, or the quadrature none for others.
+    #[error("the engine \"{}\" cannot serve this: {reason}", .engine.name())]
+    Unsuited {
+        /// The engine.
+        engine: Engine,
+        /// Why, and what can.
+        reason: &'static str,
+    },
     /// No table of exponentials reaches the tolerance.
     #[error(transparent)]
     Table(ExponentialKernelError),
@@ -113,6 +126,13 @@ pub enum EngineError {
 /// So long a run spends tens of milliseconds in the sum, about as much as making a table of exponentials takes; step for step
 /// the fast engines are ahead much earlier (`fvi compare-engines`).
 const CROSSOVER: usize = 16_384;
+
+/// Channels up to which that holds, and numbers of a history that are few at any number of channels: with many channels a table of
+/// exponentials is soon made, and histories of all of them fill the memory.
+const FEW: usize = 64;
+const SMALL: usize = 1 << 16;
+/// Relative error of the past in a table for steps of any length: a few times rounding.
+const RATE_TOLERANCE: f64 = 1e-13;
 
 /// Relative error of a weight that does not show beside rounding.
 const EXACT: f64 = exponential_table::SMALLEST_TOLERANCE;
@@ -147,7 +167,7 @@ impl MemoryRequest<'_> {
     /// act on values.
     pub fn acts_on(&self) -> ActsOn {
         match self.convolution.family {
-            _ if self.exponent <= 0.0 => ActsOn::Values,
+            _ if self.exponent <= 0.0 || self.any_step() => ActsOn::Values,
             ConvolutionFamily::Bdf { .. } => ActsOn::Increments,
             ConvolutionFamily::RadauIia { .. } | ConvolutionFamily::LobattoIiic { .. } => ActsOn::Rises,
         }
@@ -159,6 +179,10 @@ impl MemoryRequest<'_> {
     /// If the exponent or the step size is outside its range.
     pub fn kernel(&self) -> Result<fvi_core::Kernel, ParameterError> {
         let (exponent, step_size) = (self.exponent, self.step_size);
+        if self.any_step() {
+            // The memory is made from the same family and exponent; there is no one step to compare.
+            return fvi_core::Kernel::given(exponent);
+        }
         match self.convolution.family {
             ConvolutionFamily::Bdf { order } => {
                 fvi_core::Kernel::bdf(BdfOrder::new(order)?, exponent, step_size)
@@ -176,12 +200,21 @@ impl MemoryRequest<'_> {
         }
     }
 
+    /// Whether the memory takes steps of any length.
+    fn any_step(&self) -> bool {
+        self.end.is_some() || self.history.engine == Some(Engine::AnyStep)
+    }
+
     /// The memory without starting weights.
     fn without_starting<T: Scalar>(&self) -> Result<HostMemory<T>, EngineError> {
         if let Some(engine) = self.history.engine {
             return self.memory(engine);
         }
-        if self.planned() <= CROSSOVER || self.history.capacity.is_some() {
+        if self.end.is_some() {
+            return self.memory(Engine::AnyStep);
+        }
+        let few = self.coordinates <= FEW || self.planned().saturating_mul(self.coordinates) <= SMALL;
+        if (self.planned() <= CROSSOVER && few) || self.history.capacity.is_some() {
             return self.memory(Engine::Direct);
         }
         match self.memory(Engine::ExponentialSum) {
@@ -191,6 +224,10 @@ impl MemoryRequest<'_> {
     }
 
     fn memory<T: Scalar>(&self, engine: Engine) -> Result<HostMemory<T>, EngineError> {
+        if self.end.is_some() && engine != Engine::AnyStep {
+            let reason = "its weights are for equal steps; \"any-step\" takes those of this grid";
+            return Err(EngineError::Unsuited { engine, reason });
+        }
         match self.convolution.family {
             ConvolutionFamily::Bdf { order } => self.scalar(engine, BdfOrder::new(order)?),
             ConvolutionFamily::RadauIia { stages } => match stages {
@@ -213,6 +250,10 @@ impl MemoryRequest<'_> {
             Ok(if self.acts_on() == ActsOn::Values { weights } else { weights.on_increments() })
         };
         match engine {
+            Engine::AnyStep => {
+                let reason = "it needs a Runge–Kutta family of convolution quadrature";
+                Err(EngineError::Unsuited { engine, reason })
+            }
             Engine::Direct => {
                 let kept = self.kept();
                 // With the step size γ_p(0) the leading weight is 1: the same monic table and scale as in flash.
@@ -245,10 +286,15 @@ impl MemoryRequest<'_> {
         engine: Engine,
         method: &RungeKutta<R>,
     ) -> Result<HostMemory<T>, EngineError> {
+        if engine == Engine::AnyStep {
+            return self.variable_steps(method);
+        }
         let count = match engine {
             Engine::Direct => self.kept().saturating_add(1),
             Engine::BlockFft | Engine::RealTime => self.samples.saturating_add(1),
-            Engine::ExponentialSum | Engine::ExponentialSumCore => self.horizon()?.saturating_add(1),
+            Engine::ExponentialSum | Engine::ExponentialSumCore | Engine::AnyStep => {
+                self.horizon()?.saturating_add(1)
+            }
         };
         let make = match self.acts_on() {
             ActsOn::Values => RungeKuttaWeights::new,
@@ -258,7 +304,7 @@ impl MemoryRequest<'_> {
         match engine {
             Engine::ExponentialSum => return self.exponential_sum::<T, R>(&weights.table().borrow()),
             Engine::ExponentialSumCore => return self.core_exponential_sum(weights.table()),
-            Engine::Direct | Engine::BlockFft | Engine::RealTime => {}
+            Engine::Direct | Engine::BlockFft | Engine::RealTime | Engine::AnyStep => {}
         }
         self.room::<f64>(engine, count.saturating_mul(R * R))?;
         let planes: Vec<T> = weights.planes().into_iter().map(T::of).collect();
@@ -266,6 +312,23 @@ impl MemoryRequest<'_> {
             Engine::Direct => self.direct(planes, R, T::one()),
             _ => self.transforms(engine, Planes { numbers: planes, stages: R }, R),
         }
+    }
+
+    /// The memory for steps of any length.
+    fn variable_steps<T: Scalar, const R: usize>(
+        &self,
+        method: &RungeKutta<R>,
+    ) -> Result<HostMemory<T>, EngineError> {
+        let horizon = match self.end {
+            Some(end) => end,
+            None => self.step_size * self.horizon()? as f64,
+        };
+        // Single precision rounds more than that.
+        let tolerance = RATE_TOLERANCE.max(0.01 * T::EPSILON.to_f64());
+        let table = rate_table::<T, R>(method, self.exponent, self.step_size, horizon, tolerance)?;
+        let state = Aligned::zeros(table.borrow().state_len(self.coordinates, R));
+        let memory = VariableStepMemory::new(method, table, self.coordinates, state)?;
+        Ok(self.host(Box::new(Vectorised::new(memory)), Engine::AnyStep))
     }
 
     fn direct<T: Scalar>(
@@ -463,7 +526,15 @@ mod tests {
     }
 
     fn request<'a>(convolution: &'a Convolution, history: &'a History) -> MemoryRequest<'a> {
-        MemoryRequest { convolution, exponent: 0.5, step_size: 0.25, coordinates: 2, samples: 6, history }
+        MemoryRequest {
+            convolution,
+            exponent: 0.5,
+            step_size: 0.25,
+            end: None,
+            coordinates: 2,
+            samples: 6,
+            history,
+        }
     }
 
     #[test]

@@ -1,16 +1,24 @@
 //! A scenario's system and scheme as the core wants them: any number of coordinates, expressions compiled.
 
 mod band;
+mod channel_damping;
+mod elements;
 mod force_moments;
+mod loads;
 mod mechanics;
 mod own;
 mod scenario_space;
 mod scheme;
 mod space;
+mod sparse;
 pub mod tape;
 
+pub use channel_damping::{ChannelDamping, Directions, HostTerm};
+pub use elements::Elements;
 pub use force_moments::ForceMoments;
-pub use mechanics::{Model, matrix, vector};
-pub use scenario_space::ScenarioSpace;
-pub use scheme::{AnyScheme, Room};
-pub use space::{Dense, DenseEquations, Matrix, Pattern, Sparse};
+pub use loads::Loads;
+pub use mechanics::{Model, matrix, moment, vector};
+pub use scenario_space::{Remembers, ScenarioSpace};
+pub use scheme::{AnyScheme, DenseOutput, Room};
+pub use space::{Dense, DenseEquations, Matrix, MatrixSpace, Sparse};
+pub use sparse::{Elimination, SparseEquations, SparseSpace};

@@ -6,6 +6,7 @@ pub mod growing_ring;
 pub mod podlubny_matrix;
 pub mod rate_table;
 pub mod runge_kutta_weights;
+pub mod semidefinite;
 pub mod starting;
 pub(crate) mod starting_defects;
 pub mod vectorised;

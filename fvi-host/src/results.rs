@@ -12,5 +12,6 @@ pub mod room;
 pub(crate) mod run_pictures;
 pub(crate) mod run_traces;
 pub(crate) mod sections;
+pub mod snapshots;
 pub mod trace;
 pub mod trajectory;

@@ -3,23 +3,31 @@
 //! A [`Scenario`] is what the TOML file says after defaults are filled in and every value is checked; it
 //! knows nothing of how it is run. Its serialised form is the record of the inputs as used.
 
+mod element;
+mod grid;
 mod initial;
+mod load;
 mod matrix;
 mod own_terms;
 mod reference;
 mod sampled_input;
 mod scheme;
+mod sparse_matrix;
 mod system;
 mod time;
 mod warnings;
 
+pub use element::Element;
+pub use grid::{Grid, GridRule};
 pub use initial::InitialState;
+pub use load::{Amplitude, Load, Pattern, Record};
 pub use matrix::SymmetricMatrix;
 pub use own_terms::{OwnTerms, SharedTerms};
 pub use reference::{Reference, ReferenceRow, ReferenceSource};
 pub use sampled_input::SampledInput;
 pub use scheme::{Convolution, ConvolutionFamily, DampedAt, Quadrature, Scheme};
-pub use system::{Damping, Derivative, ForceQuadrature, System};
+pub use sparse_matrix::SparseMatrix;
+pub use system::{Attached, Damping, Derivative, ForceQuadrature, System};
 pub use time::{
     Engine, History, MOST_STEPS, OnEnergyGrowth, OutputOptions, Overflow, ReportedMomentum, TimeGrid,
 };
@@ -29,6 +37,9 @@ use crate::language::expression::Moment;
 use crate::language::{InputError, Problem};
 use serde::Serialize;
 use std::path::Path;
+
+/// Coordinates of a large system up to which all are columns of the trajectory by default.
+const MOST_COLUMNS: usize = 64;
 
 /// A scenario with all its values checked.
 #[derive(Clone, Debug, Serialize)]
@@ -124,7 +135,10 @@ impl Scenario {
         let system_table = root.required("system")?.table()?;
         let system = System::read(&system_table)?;
         let count = system.coordinates();
-        let initial = InitialState::read(&root.required("initial")?.table()?, &system)?;
+        let initial = match root.optional("initial") {
+            Some(value) => InitialState::read(&value.table()?, &system)?,
+            None => InitialState::at_rest(count),
+        };
         let scheme = match root.optional("scheme") {
             Some(value) => Scheme::read(&value.table()?)?,
             None => Scheme::default(),
@@ -134,7 +148,10 @@ impl Scenario {
             None => Convolution::default_for(&scheme),
         };
         let scheme = scheme.with_quadrature_for(convolution.family);
-        let time = TimeGrid::read(&root.required("time")?.table()?)?;
+        let time = TimeGrid::read(&root.required("time")?.table()?, document)?;
+        if time.grid.is_some() && matches!(convolution.family, ConvolutionFamily::Bdf { .. }) {
+            return Err(grid::check_family(&root.required("time")?.table()?));
+        }
         if let (Some(value), false) = (root.optional("convolution"), time.allow_unstable) {
             convolution.check_exponents(&value.table()?, &system)?;
         }
@@ -143,15 +160,21 @@ impl Scenario {
             None => History::default(),
         };
         let output = match root.optional("output") {
-            Some(value) => OutputOptions::read(&value.table()?, &scheme)?,
+            Some(value) => OutputOptions::read(&value.table()?, &scheme, count, &time)?,
             None => OutputOptions::default_for(&scheme),
         };
+        if system.is_large() && count > MOST_COLUMNS && output.coordinates.is_none() {
+            let reason = format!(
+                "`output.coordinates` must say which of the {count} coordinates are written: more than {MOST_COLUMNS} are not by default"
+            );
+            return Err(document.error_at("output.coordinates", Problem::Unusable { reason }));
+        }
         let input = match root.optional("input") {
             Some(value) => Some(SampledInput::read(&value.table()?, count, &time, document)?),
             None => None,
         };
         let reference = match root.optional("reference") {
-            Some(value) => Some(Reference::read(&value.table()?, &system, &time, document)?),
+            Some(value) => Some(Reference::read(&value.table()?, &system, (&time, &output), document)?),
             None => None,
         };
         let document = document.clone();
@@ -173,8 +196,7 @@ impl Scenario {
     /// The same scenario over the same time in another number of steps.
     pub fn in_steps(&self, steps: usize) -> Self {
         let mut scenario = self.clone();
-        scenario.time.step = self.time.end() / steps.max(1) as f64;
-        scenario.time.steps = steps;
+        scenario.time = self.time.in_steps(steps);
         if let Some(input) = &mut scenario.input {
             input.place_on(&scenario.time);
         }
@@ -195,6 +217,11 @@ impl Scenario {
                 "history.horizon",
                 format!("at least {}, for {steps} steps", steps.saturating_add(1)),
             );
+        }
+        if self.time.grid.is_some() {
+            let allowed = "\"uniform\" here: the other grids end where they say".to_owned();
+            let with = "another end".to_owned();
+            return Err(self.error_at("time.grid", Problem::Incompatible { with, allowed }));
         }
         let mut scenario = self.clone();
         scenario.time.steps = steps;
@@ -219,7 +246,7 @@ impl Scenario {
 
     /// Whether there is no reference or it can be compared with at one grid point at least.
     pub fn meets_reference(&self) -> bool {
-        self.reference.as_ref().is_none_or(|reference| reference.meets(&self.time))
+        self.reference.as_ref().is_none_or(|reference| reference.meets(&self.time, &self.output))
     }
 
     /// The file it was read from.
@@ -230,6 +257,11 @@ impl Scenario {
     /// Number of coordinates N.
     pub fn coordinates(&self) -> usize {
         self.system.coordinates()
+    }
+
+    /// The coordinates that are written and drawn.
+    pub fn written_coordinates(&self) -> Vec<usize> {
+        self.output.coordinates.clone().unwrap_or_else(|| (0..self.coordinates()).collect())
     }
 
     /// The title, or the file's name without its ending.
@@ -252,13 +284,25 @@ impl Scenario {
 
     /// Refuses a potential or force that is not finite where the run begins.
     fn check_start(&self) -> Result<(), InputError> {
-        let place = format!("t = 0, q = {:?}", self.initial.position);
+        let place = match self.initial.position.as_slice() {
+            few if few.len() <= 64 => format!("t = 0, q = {few:?}"),
+            _ => "t = 0".to_owned(),
+        };
         if let Some(potential) = &self.system.potential
             && !potential.value(Moment::inside(0.0), &self.initial.position).is_finite()
         {
             return Err(
                 self.error_at("system.potential", Problem::NotFinite { what: "the potential", place })
             );
+        }
+        for (index, load) in self.system.loads.iter().enumerate() {
+            if let Amplitude::Expression(amplitude) = &load.amplitude
+                && !amplitude.value::<f64>(Moment::inside(0.0), &[]).is_finite()
+                && !amplitude.value::<f64>(Moment::inside(0.5 * self.time.step), &[]).is_finite()
+            {
+                let problem = Problem::NotFinite { what: "the amplitude", place: "t = 0".to_owned() };
+                return Err(self.error_at(&format!("system.load[{index}].amplitude"), problem));
+            }
         }
         for (index, force) in self.system.force.iter().flatten().enumerate() {
             // A force may be singular at t = 0 alone, where schemes with interior nodes never look; only a force

@@ -1,5 +1,7 @@
 //! A scenario in motion: the integrator behind a face without type parameters.
 
+mod available_memory;
+mod choice;
 pub mod energy_guard;
 pub mod motion;
 pub(crate) mod not_finite;
@@ -9,12 +11,13 @@ use crate::language::error::Cause;
 use crate::language::expression::Elementary;
 use crate::language::{InputError, Problem};
 use crate::memory::{EngineError, HostMemory, MemoryRequest};
-use crate::model::{Dense, Matrix, Model, ScenarioSpace};
+use crate::model::{Dense, DenseOutput, Matrix, Model, Remembers, ScenarioSpace};
 use crate::scenario::{self, ConvolutionFamily, DampedAt, Engine, ReportedMomentum, Scenario};
+use choice::sparse_space;
+pub use choice::{Solver, SolverChoice};
 use fvi_core::{
-    Damping, DampingTerm, Derivative, Instant, Integrator, IntegratorBuilder, IntegratorError, MatrixError,
-    Mechanics, Memory, MemoryError, Mismatch, Sample, Scheme, Space, StateError, StateReader, StateWriter,
-    StepError,
+    Damping, Instant, Integrator, IntegratorBuilder, IntegratorError, MatrixError, Mechanics, Memory,
+    MemoryError, Mismatch, Sample, Scheme, StateError, StateReader, StateWriter, StepError,
 };
 use fvi_fft::Scalar;
 use nalgebra::DMatrix;
@@ -36,13 +39,20 @@ pub struct Simulation {
     stepper: Box<dyn Stepper>,
     engines: Vec<Engine>,
     precision: Precision,
+    solver: Solver,
+    energy_is_dear: bool,
 }
 
 /// What the integrator of any scalar can do.
 trait Stepper {
     fn step(&mut self, input: &[f64]) -> Result<u32, StepError>;
+    fn step_over(&mut self, length: f64, end: f64, input: &[f64]) -> Result<u32, StepError>;
+    fn look_into(&mut self, time: f64, state: &mut GridState);
     fn time(&self) -> f64;
+    /// Position and momentum.
     fn read(&mut self, state: &mut GridState);
+    /// The energy of what was read last.
+    fn energy(&mut self) -> f64;
     fn engines(&self) -> Vec<Engine>;
     fn overruns(&self) -> Option<usize>;
     fn memory_bytes(&self) -> usize;
@@ -71,14 +81,39 @@ impl Simulation {
     /// # Errors
     /// If settings of the scenario do not go together, or the step is too long to be stable.
     pub fn new(scenario: &Scenario, precision: Precision) -> Result<Self, InputError> {
-        stability::check_step(scenario, &stiffness(scenario)?)?;
-        let space = Dense { coordinates: scenario.coordinates() };
-        let stepper: Box<dyn Stepper> = match precision {
-            Precision::F64 => Box::new(Machine::<f64, _>::new(space, scenario)?),
-            Precision::F32 => Box::new(Machine::<f32, _>::new(space, scenario)?),
-        };
+        Self::with_solver(scenario, precision, SolverChoice::default())
+    }
+
+    /// As [`new`](Self::new), with the solver of the step's equations chosen by the caller.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new), and if the scheme does not go with the solver.
+    pub fn with_solver(
+        scenario: &Scenario,
+        precision: Precision,
+        choice: SolverChoice,
+    ) -> Result<Self, InputError> {
+        let stepper: Box<dyn Stepper>;
+        let mut solver = Solver::Dense;
+        if let Some(space) = sparse_space(scenario, choice)? {
+            stability::check_large_step(scenario)?;
+            let plan = space.plan();
+            solver = Solver::Sparse { places: plan.places(), factor_bytes: plan.factor_bytes() };
+            stepper = match precision {
+                Precision::F64 => Box::new(Machine::<f64, _>::new(space, scenario)?),
+                Precision::F32 => Box::new(Machine::<f32, _>::new(space, scenario)?),
+            };
+        } else {
+            stability::check_step(scenario, &stiffness(scenario)?)?;
+            let space = Dense { coordinates: scenario.coordinates() };
+            stepper = match precision {
+                Precision::F64 => Box::new(Machine::<f64, _>::new(space, scenario)?),
+                Precision::F32 => Box::new(Machine::<f32, _>::new(space, scenario)?),
+            };
+        }
         let engines = stepper.engines();
-        Ok(Self { stepper, engines, precision })
+        let energy_is_dear = matches!(solver, Solver::Sparse { .. });
+        Ok(Self { stepper, engines, precision, solver, energy_is_dear })
     }
 
     /// Whether no motion near the start grows at the step of the scenario, as far as the check of the step tells.
@@ -103,10 +138,40 @@ impl Simulation {
         self.stepper.step(input)
     }
 
+    /// One step of any length to the time `end`, on a grid whose steps differ.
+    ///
+    /// # Errors
+    /// [`StepError`]; the simulation is as it was.
+    pub fn step_over(&mut self, length: f64, end: f64, input: &[f64]) -> Result<u32, StepError> {
+        self.stepper.step_over(length, end, input)
+    }
+
+    /// Writes the state at a time within the last step into `state`, by the scheme's own polynomial; before the first step
+    /// and after the last the present state.
+    pub fn look_into(&mut self, time: f64, state: &mut GridState) {
+        self.stepper.look_into(time, state);
+    }
+
     /// Writes the present state into `state`, whose vectors have one place for each coordinate.
     pub fn read(&mut self, state: &mut GridState) {
+        self.read_without_energy(state);
+        state.energy = self.stepper.energy();
+    }
+
+    /// Writes the present state into `state` but for the energy, which stays.
+    pub fn read_without_energy(&mut self, state: &mut GridState) {
         state.time = self.stepper.time();
         self.stepper.read(state);
+    }
+
+    /// Whether the energy costs about as much as a step.
+    pub fn energy_is_dear(&self) -> bool {
+        self.energy_is_dear
+    }
+
+    /// How the equations of a step are solved.
+    pub fn solver(&self) -> Solver {
+        self.solver
     }
 
     /// The engine of each damping term.
@@ -184,6 +249,8 @@ struct Machine<T: Elementary + Scalar, X: ScenarioSpace<T>> {
     input: X::Vector,
     /// The mean of the momenta before and after the last kick, where that is what is reported.
     mean: Option<X::Vector>,
+    /// Time, position and momentum before the last step, where it is to be looked into.
+    before: Option<(f64, X::Vector, X::Vector)>,
 }
 
 impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Machine<T, X> {
@@ -210,28 +277,52 @@ impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Machine<T, X> {
             .momentum(momentum)
             .build()
             .map_err(|error| refused(scenario, &error))?;
-        Ok(Self { integrator, input, mean })
+        let state = integrator.state();
+        let before = (!scenario.output.times.is_empty())
+            .then(|| (0.0, state.position.clone(), state.momentum.clone()));
+        Ok(Self { integrator, input, mean, before })
+    }
+}
+
+impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Machine<T, X> {
+    /// Takes in the input, and notes where the step begins.
+    fn prepare(&mut self, input: &[f64]) {
+        for (index, place) in X::slice_mut(&mut self.input).iter_mut().enumerate() {
+            *place = input.get(index).map_or(T::zero(), |&number| T::of(number));
+        }
+        if let Some((time, position, momentum)) = &mut self.before {
+            let state = self.integrator.state();
+            *time = self.integrator.time().to_f64();
+            X::slice_mut(position).clone_from_slice(X::slice(&state.position));
+            X::slice_mut(momentum).clone_from_slice(X::slice(&state.momentum));
+        }
     }
 }
 
 fn refused(scenario: &Scenario, error: &IntegratorError) -> InputError {
     let path = match error {
         IntegratorError::InitialState => "initial",
+        _ if scenario.time.grid.is_some() => "time.grid",
         _ => "time.step",
     };
     scenario.error_at(path, Problem::Precision { reason: error.to_string() })
 }
 
 /// What the memory of a damping term is wanted for.
-fn memory_request<'a>(scenario: &'a Scenario, nodes: usize, term: &scenario::Damping) -> MemoryRequest<'a> {
+fn memory_request<'a>(
+    scenario: &'a Scenario,
+    (channels, nodes): (usize, usize),
+    term: &scenario::Damping,
+) -> MemoryRequest<'a> {
     MemoryRequest {
         convolution: &scenario.convolution,
         exponent: term.order,
         step_size: scenario.time.step,
+        end: scenario.time.grid.as_ref().map(|grid| grid.end()),
         // Plain weights act on the sequence of every node by itself, matrix weights on all nodes together.
         coordinates: match scenario.convolution.family {
-            ConvolutionFamily::Bdf { .. } => scenario.coordinates() * nodes,
-            _ => scenario.coordinates(),
+            ConvolutionFamily::Bdf { .. } => channels * nodes,
+            _ => channels,
         },
         samples: scenario.time.steps.saturating_add(1),
         history: &scenario.history,
@@ -244,8 +335,8 @@ fn damping_term<T: Elementary + Scalar, X: ScenarioSpace<T>>(
     nodes: usize,
     index: usize,
     term: &scenario::Damping,
-) -> Result<DampingTerm<T, X, HostMemory<T>>, InputError> {
-    let request = memory_request(scenario, nodes, term);
+) -> Result<X::Term<HostMemory<T>>, InputError> {
+    let request = memory_request(scenario, (space.channels(term), nodes), term);
     let refused = |error: EngineError| match error {
         EngineError::Table(_) => scenario
             .error_at_first(&["history.tolerance", "history.engine"], Problem::Engine(Cause::new(error))),
@@ -255,26 +346,24 @@ fn damping_term<T: Elementary + Scalar, X: ScenarioSpace<T>>(
             &["history.engine", "time.steps", "time.end"],
             Problem::Engine(Cause::new(error)),
         ),
+        EngineError::Unsuited { .. } => {
+            scenario.error_at_first(&["history.engine", "time.grid"], Problem::Engine(Cause::new(error)))
+        }
         EngineError::Parameter(_) => {
             scenario.error_at(&format!("system.damping[{index}].order"), Problem::Engine(Cause::new(error)))
         }
     };
     let kernel = request.kernel().map_err(|error| refused(error.into()))?;
     let memory = request.build().map_err(refused)?;
-    let derivative = match term.derivative {
-        scenario::Derivative::RiemannLiouville => Derivative::RiemannLiouville,
-        scenario::Derivative::Caputo => Derivative::Caputo,
-    };
-    let rho = space.block(&term.coefficient);
-    DampingTerm::in_space(space, kernel, rho, derivative, memory).map_err(|error| {
+    space.term(term, kernel, memory).map_err(|error| {
         let path = format!("system.damping[{index}]");
         scenario.error_at(&path, Problem::Precision { reason: error.to_string() })
     })
 }
 
 /// Any number of damping terms, each with a memory of its own.
-struct DampingTerms<T: Elementary, X: Space<T>> {
-    terms: Vec<DampingTerm<T, X, HostMemory<T>>>,
+struct DampingTerms<T: Elementary + Scalar, X: ScenarioSpace<T>> {
+    terms: Vec<X::Term<HostMemory<T>>>,
     kick: Option<Kick<T>>,
 }
 
@@ -292,7 +381,7 @@ impl<T: Elementary> Kick<T> {
     }
 }
 
-impl<T: Elementary, X: Space<T>> Damping<T, X> for DampingTerms<T, X> {
+impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Damping<T, X> for DampingTerms<T, X> {
     fn check(&self, coordinates: usize, nodes: usize, step_size: T) -> Result<(), Mismatch> {
         self.terms[..].check(coordinates, nodes, step_size)
     }
@@ -374,10 +463,38 @@ impl<T: Elementary, X: Space<T>> Damping<T, X> for DampingTerms<T, X> {
 
 impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
     fn step(&mut self, input: &[f64]) -> Result<u32, StepError> {
-        for (index, place) in X::slice_mut(&mut self.input).iter_mut().enumerate() {
-            *place = input.get(index).map_or(T::zero(), |&number| T::of(number));
-        }
+        self.prepare(input);
         self.integrator.step(&self.input)
+    }
+
+    fn step_over(&mut self, length: f64, end: f64, input: &[f64]) -> Result<u32, StepError> {
+        self.prepare(input);
+        self.integrator.step_over(T::of(length), T::of(end), &self.input)
+    }
+
+    fn look_into(&mut self, time: f64, state: &mut GridState) {
+        let now = self.integrator.time().to_f64();
+        let Some((from, position, momentum)) = &self.before else { return };
+        let length = now - from;
+        // Times to rounding at the end of the step are its end.
+        if length <= 0.0 || now - time <= 1e-9 * length {
+            self.read(state);
+        } else {
+            let (mut position, mut momentum) = (position.clone(), momentum.clone());
+            let fraction = T::of(((time - from) / length).max(0.0));
+            self.integrator.scheme().look_into(
+                self.integrator.storage(),
+                self.integrator.system(),
+                (T::of(length), fraction),
+                X::slice_mut(&mut position),
+                X::slice_mut(&mut momentum),
+            );
+            for (numbers, vector) in [(&mut state.position, &position), (&mut state.momentum, &momentum)] {
+                numbers.iter_mut().zip(X::slice(vector)).for_each(|(place, number)| *place = number.to_f64());
+            }
+            state.energy = self.integrator.energy_of(&position, &momentum).to_f64();
+        }
+        state.time = time;
     }
 
     fn time(&self) -> f64 {
@@ -392,14 +509,19 @@ impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
         write(&mut grid.position, X::slice(&state.position));
         let (Some(mean), Some(kick)) = (&mut self.mean, &self.integrator.damping().kick) else {
             write(&mut grid.momentum, X::slice(&state.momentum));
-            grid.energy = self.integrator.energy().to_f64();
             return;
         };
         let half = self.integrator.step_size() / T::of(2.0);
         let momenta = X::slice_mut(mean).iter_mut().zip(X::slice(&state.momentum)).zip(&kick.last);
         momenta.for_each(|((mean, &after), &force)| *mean = after + half * force);
         write(&mut grid.momentum, X::slice(mean));
-        grid.energy = self.integrator.energy_with(mean).to_f64();
+    }
+
+    fn energy(&mut self) -> f64 {
+        match (&self.mean, &self.integrator.damping().kick) {
+            (Some(mean), Some(_)) => self.integrator.energy_with(mean).to_f64(),
+            _ => self.integrator.energy().to_f64(),
+        }
     }
 
     fn engines(&self) -> Vec<Engine> {

@@ -123,6 +123,7 @@ impl Case {
 
     fn memory<T: Scalar>(&self, engine: Engine) -> impl Memory<T> + use<T> {
         let request = MemoryRequest {
+            end: None,
             convolution: &Convolution {
                 family: self.family,
                 starting: self.starting.clone(),

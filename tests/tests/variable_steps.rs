@@ -119,3 +119,194 @@ fn operators_compose_on_any_grid() {
     assert_composition(&RungeKutta::<3>::radau_iia().unwrap());
     assert_composition(&RungeKutta::<3>::lobatto_iiic().unwrap());
 }
+
+/// The same operator by the plain trapezoidal rule in ln λ, three times as fine and far beyond both ends, with resolvents by
+/// elimination: nothing in common with the table and the rational functions of the memory.
+fn dense<const R: usize>(
+    method: &RungeKutta<R>,
+    exponent: f64,
+    steps: &[f64],
+    samples: &[[f64; R]],
+) -> Vec<[f64; R]> {
+    const SPACING: f64 = 0.1;
+    let matrix = nalgebra::SMatrix::<f64, R, R>::from_fn(|i, j| method.matrix()[i][j]);
+    let inverse = matrix.try_inverse().unwrap();
+    let mu = exponent.ceil() - exponent;
+    let leading = *RungeKuttaWeights::new(method, -mu, 1.0, 1).unwrap().leading();
+    let ones = nalgebra::SVector::<f64, R>::repeat(1.0);
+    // Y_k
+    let mut derivatives: Vec<nalgebra::SVector<f64, R>> =
+        samples.iter().map(|sample| (*sample).into()).collect();
+    for _ in 0..exponent.ceil() as usize {
+        let mut before = 0.0;
+        for (&length, derivative) in steps.iter().zip(&mut derivatives) {
+            let last = derivative[R - 1];
+            *derivative = inverse * (*derivative - ones * before) / length;
+            before = last;
+        }
+    }
+    let shortest = steps.iter().copied().fold(f64::INFINITY, f64::min);
+    let (low, high) = (-(40.0 / (1.0 - mu)) - steps.iter().sum::<f64>().ln(), 40.0 - shortest.ln());
+    let jump = (std::f64::consts::PI * mu).sin() / std::f64::consts::PI;
+    let mut values: Vec<nalgebra::SVector<f64, R>> = steps
+        .iter()
+        .zip(&derivatives)
+        .map(|(&length, derivative)| leading * derivative * length.powf(mu))
+        .collect();
+    for node in 0..((high - low) / SPACING) as usize {
+        let y = low + SPACING * node as f64;
+        let (rate, coefficient) = (y.exp(), jump * SPACING * ((1.0 - mu) * y).exp());
+        let mut z = 0.0;
+        for ((&length, derivative), value) in steps.iter().zip(&derivatives).zip(&mut values) {
+            let resolvent = (nalgebra::SMatrix::identity() + matrix * (length * rate)).try_inverse().unwrap();
+            *value += resolvent * ones * (coefficient * z);
+            z = (resolvent * (ones * z + matrix * derivative * length))[R - 1];
+        }
+    }
+    values.iter().map(|value| (*value).into()).collect()
+}
+
+#[test]
+fn random_steps_agree_with_a_dense_quadrature() {
+    let method = RungeKutta::<3>::radau_iia().unwrap();
+    for (seed, exponent) in [(11, 0.5), (12, 0.3), (13, 1.5), (14, 0.7)] {
+        let steps = random_steps(150, seed);
+        let samples = random_samples::<3>(150, seed);
+        let found = operator(&method, exponent, &steps, &samples);
+        let expected = dense(&method, exponent, &steps, &samples);
+        let scale = largest(&expected);
+        for (k, (found, expected)) in found.iter().zip(&expected).enumerate() {
+            for (found, expected) in found.iter().zip(expected) {
+                let error = (found - expected).abs() / scale;
+                assert!(error < TOLERANCE, "β = {exponent}, step {k}: {error:e}");
+            }
+        }
+    }
+}
+
+#[test]
+fn many_random_steps_stay_bounded_and_single_precision_keeps_its_digits() {
+    let method = RungeKutta::<3>::radau_iia().unwrap();
+    let steps = random_steps(20_000, 5);
+    let horizon: f64 = steps.iter().sum();
+    let double = rate_table::<f64, 3>(&method, 0.5, 1e-3, horizon, TOLERANCE).unwrap();
+    let single = rate_table::<f32, 3>(&method, 0.5, 1e-3, horizon, 1e-8).unwrap();
+    // A rate has two numbers in the state.
+    assert!(single.rates.as_ref().len() < double.rates.as_ref().len());
+    let state = Aligned::zeros(double.borrow::<f64>().state_len(1, 3));
+    let mut double = VariableStepMemory::new(&method, double, 1, state).unwrap();
+    let state = Aligned::zeros(single.borrow::<f32>().state_len(1, 3));
+    let mut single = VariableStepMemory::new(&method, single, 1, state).unwrap();
+    let mut time = 0.0;
+    let (mut largest_term, mut largest_error) = (0.0_f64, 0.0_f64);
+    for &length in &steps {
+        // What a step of this length sees of a slow motion.
+        let sample = method.quadrature().nodes().map(|c| (0.01 * (time + c * length)).sin());
+        let (mut term, mut rough) = ([0.0; 3], [0.0_f32; 3]);
+        double.begin_step(length).unwrap();
+        single.begin_step(length as f32).unwrap();
+        double.next_term(&mut term).unwrap();
+        single.next_term(&mut rough).unwrap();
+        // The derivative itself, in the precision of each.
+        for a in 0..3 {
+            let of = |weights: &[f64], term: f64| {
+                term + (0..3).map(|b| weights[3 * a + b] * sample[b]).sum::<f64>()
+            };
+            let exact = of(double.leading(), term[a]);
+            let weights: Vec<f64> = single.leading().iter().map(|&w| f64::from(w)).collect();
+            let found = of(&weights, f64::from(rough[a]));
+            largest_term = largest_term.max(exact.abs());
+            // Rounding of values of size one, which short steps divide by h^β.
+            largest_error = largest_error.max((found - exact).abs() * length.sqrt());
+        }
+        double.push(&sample).unwrap();
+        single.push(&sample.map(|number| number as f32)).unwrap();
+        time += length;
+    }
+    assert!(largest_term < 1.0, "{largest_term}");
+    assert!(largest_error < 1e-5, "{largest_error:e}");
+}
+
+#[test]
+fn the_state_of_seventeen_decades_fits_into_three_kilobytes() {
+    let method = RungeKutta::<3>::radau_iia().unwrap();
+    for exponent in [0.1, 0.5, 0.9, 1.1, 1.5, 1.9] {
+        let table = rate_table::<f64, 3>(&method, exponent, 1e-9, 1e8, TOLERANCE).unwrap();
+        let numbers = 2 * table.rates.as_ref().len() + 2;
+        assert!(numbers * 8 <= 3000, "β = {exponent}: {} bytes", numbers * 8);
+    }
+}
+
+/// Intervals about 0.01 that come up to a fifth early or late.
+fn jittery(count: usize) -> Vec<f64> {
+    let mut numbers = noise(21);
+    (0..count).map(|_| 0.01 * (0.8 + 0.4 * numbers())).collect()
+}
+
+#[test]
+fn an_operator_on_a_stream_takes_samples_that_come_early_or_late() {
+    use fvi_core::{FractionalOperator, Start};
+    let method = RungeKutta::<1>::radau_iia().unwrap();
+    let intervals = jittery(1000);
+    let memory = || memory(&method, 0.5, &intervals);
+    let mut integral = FractionalOperator::new(memory(), Start::RiemannLiouville).unwrap();
+    let mut ramp = FractionalOperator::new(memory(), Start::Caputo).unwrap();
+    let mut levelled = FractionalOperator::new(memory(), Start::CaputoWithSlope { slope: 2.0 }).unwrap();
+    let mut time = 0.0;
+    for (k, &interval) in intervals.iter().enumerate() {
+        if k > 0 {
+            time += interval;
+        }
+        let of_one = integral.push_after(interval, 1.0).unwrap();
+        let of_line = ramp.push_after(interval, 3.0 + time).unwrap();
+        assert!(levelled.push_after(interval, 1.0 + 2.0 * time).unwrap().abs() < 1e-11);
+        if k > 100 {
+            // D^½ 1 = 1/√(πt), D^½ t = 2 √(t/π); of first order, the first interval counts for the former.
+            let exact = 1.0 / (std::f64::consts::PI * time).sqrt();
+            assert!((of_one / exact - 1.0).abs() < 0.01 / time, "{of_one} {exact}");
+            let exact = 2.0 * (time / std::f64::consts::PI).sqrt();
+            assert!((of_line / exact - 1.0).abs() < 0.01 / time, "{of_line} {exact}");
+        }
+    }
+    assert!(integral.push_after(1e-9, 1.0).is_err());
+    assert!(levelled.push(1.0).is_err());
+}
+
+#[test]
+fn an_integrator_takes_ticks_that_come_early_or_late() {
+    use fvi_core::{
+        Coefficients, Collocation, DampingTerm, Derivative, Integrator, Kernel, Mass, NoForce, Quadratic,
+        System,
+    };
+    let method = RungeKutta::<3>::radau_iia().unwrap();
+    let run = |steps: &[f64]| {
+        let memory = memory(&method, 0.5, steps);
+        let kernel = Kernel::any_step(&method, 0.5).unwrap();
+        let rho = Coefficients::Diagonal([0.5].into());
+        let damping = DampingTerm::new(kernel, rho, Derivative::Caputo, memory).unwrap();
+        let system = System {
+            mass: Mass::diagonal([1.0]).unwrap(),
+            potential: Quadratic::diagonal([1.0]).unwrap(),
+            force: NoForce,
+        };
+        let mut plant = Integrator::builder(system, Collocation::new(&method), 0.01)
+            .damping(damping)
+            .position([1.0])
+            .build()
+            .unwrap();
+        for &length in steps {
+            plant.step_by(length, &[0.0].into()).unwrap();
+        }
+        (plant.time(), plant.state().position[0], plant)
+    };
+    let ticks = jittery(500);
+    let (time, position, mut plant) = run(&ticks);
+    assert!((time - ticks.iter().sum::<f64>()).abs() < 1e-12);
+    let (_, regular, _) = run(&vec![time / 500.0; 500]);
+    assert!((position - regular).abs() < 1e-5, "{position} {regular}");
+    // A step that no memory takes changes nothing.
+    let before = *plant.state();
+    assert!(plant.step_by(-0.01, &[0.0].into()).is_err() && plant.step_by(1e9, &[0.0].into()).is_err());
+    assert_eq!(*plant.state(), before);
+    assert_eq!(plant.time(), time);
+}

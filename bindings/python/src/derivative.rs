@@ -1,11 +1,10 @@
 //! Fractional derivatives and integrals of whole sequences.
 
-use crate::errors::{Failure, Outcome, guarded};
-use crate::memory::{memory, refused};
+use crate::errors::{Failure, guarded};
+use crate::memory::{refused, value_memory};
 use crate::run::engine;
 use crate::watch::Watch;
 use crate::weights::convolution;
-use fvi_core::Memory;
 use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 
@@ -31,30 +30,23 @@ pub(crate) fn derivative<'py>(
             }
             let mut convolution = convolution("bdf", order, None)?;
             convolution.starting = starting;
-            let mut memory = memory(&convolution, exponent, step, columns, rows, engine)?;
+            let mut memory = value_memory(&convolution, exponent, step, columns, rows, engine)?;
             let mut watch = Watch::new(None);
             let mut result = vec![0.0; numbers.len()];
             for (index, (sample, place)) in
                 numbers.chunks_exact(columns).zip(result.chunks_exact_mut(columns)).enumerate()
             {
-                one(&mut memory, sample, place)?;
+                memory.operate(sample, place).map_err(refused)?;
                 if !watch.tick(index, rows) {
                     break;
                 }
             }
             match watch.into_raised() {
                 Some(error) => Err(Failure::Raised(error)),
-                None => Ok(result),
+                None if result.iter().all(|number| number.is_finite()) => Ok(result),
+                None => Err(Failure::argument("x", "…", "samples so small that the result is finite")),
             }
         })
     })?;
     result.into_pyarray(py).reshape([rows, columns])
-}
-
-/// Takes a sample of every column and writes what the operator makes of it.
-fn one(memory: &mut impl Memory<f64>, sample: &[f64], place: &mut [f64]) -> Outcome<()> {
-    memory.next_term(place).map_err(refused)?;
-    let leading = memory.leading().first().copied().unwrap_or(0.0);
-    place.iter_mut().zip(sample).for_each(|(place, sample)| *place += leading * sample);
-    memory.push(sample).map_err(refused)
 }

@@ -142,6 +142,18 @@ def test_memories_give_the_plain_sum_and_go_on_from_their_state(engine):
     assert len(m) == 0 and not m.next_term().any()
 
 
+@pytest.mark.parametrize("exponent", [-0.5, 0.5, 1.5])
+@pytest.mark.parametrize(("family", "stages"), [("radau-iia", 3), ("lobatto-iiic", 2)])
+def test_memories_of_stages_give_the_plain_sum_of_values(family, stages, exponent):
+    m = fvi.Memory(exponent=exponent, step=0.1, family=family, stages=stages, channels=2, length=40)
+    w = fvi.weights(exponent=exponent, step=0.1, count=41, family=family, stages=stages)
+    x = np.random.default_rng(8).standard_normal((40, 2, stages))
+    for k in range(40):
+        expected = sum((x[k - n] @ w[n].T for n in range(1, k + 1)), np.zeros((2, stages)))
+        assert np.allclose(m.next_term(), expected, rtol=0, atol=1e-11 * np.abs(w).sum())
+        m.push(x[k])
+
+
 def test_memories_refuse_what_does_not_fit():
     m = fvi.Memory(exponent=0.5, step=0.1, length=2, engine="direct")
     for sample in (np.nan, [1.0, 2.0], "a", None):

@@ -8,7 +8,14 @@ use clap::builder::PossibleValue;
 
 impl ValueEnum for Engine {
     fn value_variants<'a>() -> &'a [Self] {
-        &[Self::Direct, Self::BlockFft, Self::RealTime, Self::ExponentialSum, Self::ExponentialSumCore]
+        &[
+            Self::Direct,
+            Self::BlockFft,
+            Self::RealTime,
+            Self::ExponentialSum,
+            Self::ExponentialSumCore,
+            Self::AnyStep,
+        ]
     }
 
     fn to_possible_value(&self) -> Option<PossibleValue> {
@@ -20,6 +27,7 @@ impl ValueEnum for Engine {
             Self::ExponentialSumCore => {
                 "The same by the core's own memory, a sample at a time: what firmware runs, with its bits"
             }
+            Self::AnyStep => "Exponentials in continuous time: Runge–Kutta quadrature on steps of any length",
         };
         Some(PossibleValue::new(self.name()).help(help))
     }

@@ -137,6 +137,7 @@ impl<'a> Contender<'a> {
                 return Ok(None);
             }
             let request = MemoryRequest {
+                end: None,
                 convolution: &Convolution {
                     family: ConvolutionFamily::Bdf { order: task.order.get() },
                     ..Convolution::default()

@@ -5,7 +5,7 @@ use crate::results::measure::{ErrorMeasure, ReferenceErrors};
 #[cfg(feature = "pictures")]
 use crate::results::picture::{Axis, Chart, Series, Style};
 use crate::results::room::{NoRoom, require};
-use crate::scenario::{MOST_STEPS, ReferenceRow, ReferenceSource, Scenario};
+use crate::scenario::{GridRule, MOST_STEPS, ReferenceRow, ReferenceSource, Scenario};
 use crate::simulation::motion::{Failure, Motion};
 use crate::simulation::{GridState, Precision};
 use serde::Serialize;
@@ -158,6 +158,15 @@ pub fn converge(
     for level in grids.levels.clone() {
         all = all.saturating_add(steps_of(level)?);
     }
+    if let Some(grid) = &scenario.time.grid
+        && !(matches!(grid.rule(), GridRule::Graded { .. }) && grid.must_hit().is_empty())
+    {
+        let allowed =
+            "\"uniform\", or \"graded\" without `time.must_hit`, which have a finer grid of the same shape"
+                .to_owned();
+        let problem = Problem::Incompatible { with: "`fvi converge`".to_owned(), allowed };
+        return Err(ConvergeError::Input(scenario.error_at("time.grid", problem)));
+    }
     let meets = |level| steps_of(level).is_ok_and(|steps| scenario.in_steps(steps).meets_reference());
     if !grids.levels.clone().any(meets) {
         let allowed =
@@ -210,7 +219,7 @@ pub fn converge(
             },
             Err(error) => return Err(error),
         };
-        levels.push(Level { level, steps, step: on_grid.time.step, errors, seconds, failure });
+        levels.push(Level { level, steps, step: on_grid.time.mean_step(), errors, seconds, failure });
     }
     let against = known.map(|known| match finer {
         Some(steps) if !known => Against::FinerRun(steps),
@@ -249,7 +258,7 @@ fn known_at(scenario: &Scenario, index: usize, fine: Option<&GridState>, known: 
     };
     let reference = scenario.reference.as_ref();
     let mut row = reference
-        .and_then(|reference| reference.at_step(index, scenario.time.step, coordinates))
+        .and_then(|reference| reference.at_grid_point(index, &scenario.time, coordinates))
         .unwrap_or_else(nothing);
     if let Some(fine) = fine {
         let list = |numbers: &[f64]| numbers.iter().map(|&number| Some(number)).collect();

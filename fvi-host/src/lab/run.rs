@@ -3,18 +3,27 @@
 use crate::lab::checkpoint::{
     self, CHECKPOINT, Checkpoint, CheckpointError, CheckpointEvery, Identity, Progress, Timer,
 };
-use crate::language::InputError;
+use crate::language::{InputError, Problem};
 use crate::numerics::starting::starting_condition;
+#[cfg(feature = "pictures")]
+use crate::results::files::write_text;
 use crate::results::files::{FileError, remove, write_json};
 use crate::results::measure::{Largest, ReferenceErrors};
 use crate::results::output_directory::OutputDirectory;
+#[cfg(feature = "pictures")]
+use crate::results::picture::Map;
+use crate::results::room::require;
 use crate::results::run_traces::RunTraces;
+use crate::results::snapshots::Snapshots;
 use crate::results::trajectory::{Format, TrajectoryMark, TrajectoryWriter};
 use crate::scenario::{Engine, Scenario};
 use crate::simulation::motion::{Failure, Motion};
-use crate::simulation::{GridState, Precision};
+use crate::simulation::{GridState, Precision, Solver};
 use fvi_core::StateError;
 use serde::Serialize;
+use std::borrow::Cow;
+#[cfg(feature = "pictures")]
+use std::path::Path;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -81,6 +90,8 @@ pub struct RunSummary {
     pub platform: String,
     /// What it computed in.
     pub precision: Precision,
+    /// How the equations of a step were solved.
+    pub solver: Solver,
     /// The engine of each damping term.
     pub engine: Vec<Engine>,
     /// Blocks that the `real-time` engine had not done when they were due.
@@ -96,6 +107,9 @@ pub struct RunSummary {
     pub steps: usize,
     /// Steps asked for.
     pub steps_wanted: usize,
+    /// Lengths of the steps, where they differ.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub step_lengths: Option<StepLengths>,
     /// Iterations of Newton's method, all steps together.
     pub newton_iterations: u64,
     /// Most iterations in one step.
@@ -122,6 +136,15 @@ pub struct RunSummary {
     pub notes: Vec<String>,
 }
 
+/// Between what the lengths of steps lie.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct StepLengths {
+    /// The shortest step.
+    pub smallest: f64,
+    /// The longest step.
+    pub largest: f64,
+}
+
 /// Why a run could not be made or recorded.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -142,6 +165,10 @@ pub enum RunError {
 
 /// The record of a run.
 const SUMMARY: &str = "summary.json";
+/// Whole states, and the picture of them.
+const SNAPSHOTS: &str = "snapshots.npz";
+#[cfg(feature = "pictures")]
+const MAP: &str = "map.svg";
 
 /// Runs a scenario and writes its files.
 ///
@@ -158,6 +185,7 @@ pub fn run(
     stop: &AtomicBool,
     mut progress: impl FnMut(usize),
 ) -> Result<RunSummary, RunError> {
+    check_snapshots(scenario, options)?;
     let mut scenario = scenario.clone();
     let mut found = None;
     let mut claimed = None;
@@ -185,7 +213,8 @@ pub fn run(
         Some(directory) => directory,
         None => OutputDirectory::claim(&options.directory)?,
     };
-    let (coordinates, every) = (scenario.coordinates(), scenario.output.every);
+    let (chosen, every) = (scenario.written_coordinates(), scenario.output.every);
+    let coordinates = chosen.len();
     let (mut writer, mut traces, mut generations);
     match found {
         Some(checkpoint) => {
@@ -199,7 +228,7 @@ pub fn run(
         None => {
             let format = options.format.unwrap_or_default();
             let path = directory.join(format.file());
-            writer = TrajectoryWriter::create(directory.path(), format, coordinates, every)
+            writer = TrajectoryWriter::create(directory.path(), format, &chosen, every)
                 .map_err(FileError::at(&path))?;
             // What an earlier run could be gone on with does not go with the rows of this one.
             checkpoint::remove(&directory)?;
@@ -216,10 +245,20 @@ pub fn run(
         writer.keep();
         Ok::<_, RunError>(())
     };
+    let mut snapshots = scenario.output.snapshots.map(|every| Snapshots::new(every, scenario.coordinates()));
     let end = run.go(stop, |run| {
         let (steps, state) = (run.steps(), run.state());
-        writer.push(state).map_err(&writing)?;
-        traces.take(state);
+        let shown = shown(&scenario, state);
+        if scenario.output.times.is_empty() {
+            writer.push(&shown).map_err(&writing)?;
+        }
+        for row in run.rows_between() {
+            writer.push(&self::shown(&scenario, row)).map_err(&writing)?;
+        }
+        traces.take(&shown);
+        if let Some(snapshots) = &mut snapshots {
+            snapshots.take(steps, state);
+        }
         if steps > 0 {
             progress(steps);
         }
@@ -238,21 +277,68 @@ pub fn run(
     // A summary stands for the files beside it: the old one goes before they do, the new one comes last.
     remove(&directory.join(SUMMARY))?;
     let format = writer.format();
-    writer.finish(run.state()).map_err(&writing)?;
+    run.motion.complete();
+    writer.finish(&shown(&scenario, run.state())).map_err(&writing)?;
     remove(&directory.join(format.other().file()))?;
     let mut summary = run.summary(end);
     summary.notes = notes;
     summary.files.push(format.file());
+    match &snapshots {
+        Some(snapshots) => {
+            snapshots.write(&directory.join(SNAPSHOTS))?;
+            summary.files.push(SNAPSHOTS);
+        }
+        None => remove(&directory.join(SNAPSHOTS))?,
+    }
     // The record is written even if a picture cannot be.
     #[cfg(feature = "pictures")]
     let drawn = traces.draw(&scenario, summary.steps, directory.path(), &mut summary.files);
+    #[cfg(feature = "pictures")]
+    let mapped = write_map(&scenario, snapshots.as_ref(), &directory.join(MAP), &mut summary.files);
     if goes_on {
         summary.files.push(CHECKPOINT);
     }
     write_json(&directory.join(SUMMARY), &summary)?;
     #[cfg(feature = "pictures")]
-    drawn?;
+    drawn.and(mapped)?;
     Ok(summary)
+}
+
+/// The state as far as it is written and drawn.
+fn shown<'a>(scenario: &Scenario, state: &'a GridState) -> Cow<'a, GridState> {
+    let Some(chosen) = &scenario.output.coordinates else { return Cow::Borrowed(state) };
+    let of = |numbers: &[f64]| chosen.iter().filter_map(|&index| numbers.get(index).copied()).collect();
+    let (position, momentum) = (of(&state.position), of(&state.momentum));
+    Cow::Owned(GridState { time: state.time, position, momentum, energy: state.energy })
+}
+
+/// Refuses more snapshots than fit into memory, and those of which a run that goes on would have the later ones only.
+fn check_snapshots(scenario: &Scenario, options: &RunOptions) -> Result<(), InputError> {
+    let Some(every) = scenario.output.snapshots else { return Ok(()) };
+    let refused = |reason: String| scenario.error_at("output.snapshots", Problem::Unusable { reason });
+    if options.resume {
+        return Err(refused(
+            "a run with snapshots cannot be gone on with: they are kept in memory until its end".to_owned(),
+        ));
+    }
+    require(Snapshots::bytes(every, scenario.coordinates(), scenario.time.steps))
+        .map_err(|no_room| refused(no_room.to_string()))
+}
+
+/// Draws the snapshots, or removes the map of an earlier run.
+#[cfg(feature = "pictures")]
+fn write_map(
+    scenario: &Scenario,
+    snapshots: Option<&Snapshots>,
+    path: &Path,
+    files: &mut Vec<&'static str>,
+) -> Result<(), FileError> {
+    let Some(snapshots) = snapshots else { return remove(path) };
+    let (times, positions) = snapshots.positions();
+    let map = Map::new(scenario.heading(), times, positions, scenario.coordinates());
+    write_text(path, &map.to_svg())?;
+    files.push(MAP);
+    Ok(())
 }
 
 /// A run that writes nothing by itself: whoever makes it sees its states, and has its record at the end.
@@ -273,6 +359,10 @@ pub struct Run<'s> {
     errors: ReferenceErrors,
     /// Where it has been before, if bits differ there.
     elsewhere: Vec<String>,
+    /// The states at those of `output.times` that the last step passed.
+    between: Vec<GridState>,
+    /// How many of those times have been passed.
+    passed: usize,
 }
 
 impl<'s> Run<'s> {
@@ -284,6 +374,8 @@ impl<'s> Run<'s> {
         let preparation = Instant::now();
         let motion = Motion::start(scenario, precision)?;
         Ok(Self {
+            between: Vec::new(),
+            passed: 0,
             scenario,
             motion,
             seen: false,
@@ -361,12 +453,32 @@ impl<'s> Run<'s> {
         Ok(RunEnd::Completed)
     }
 
-    /// Takes in the present state.
+    /// The states at those of `output.times` that the last step passed.
+    pub fn rows_between(&self) -> &[GridState] {
+        &self.between
+    }
+
+    /// Takes in the present state, and what lies before it.
     fn observe(&mut self) {
-        let (scenario, steps, state) = (self.scenario, self.motion.steps(), self.motion.state());
+        let (scenario, coordinates) = (self.scenario, self.scenario.coordinates());
+        let reference = scenario.reference.as_ref();
+        self.between.clear();
+        let now = self.motion.state().time;
+        while let Some(&time) = scenario.output.times.get(self.passed)
+            && time <= now
+        {
+            let mut state = self.motion.state().clone();
+            self.motion.look_into(time, &mut state);
+            if let Some(known) = reference.and_then(|reference| reference.at_output(time, coordinates)) {
+                self.errors.compare(&state, &known);
+            }
+            self.between.push(state);
+            self.passed += 1;
+        }
+        let (steps, state) = (self.motion.steps(), self.motion.state());
         self.largest.take(state);
-        if let Some(reference) = &scenario.reference
-            && let Some(known) = reference.at_step(steps, scenario.time.step, scenario.coordinates())
+        if let Some(known) =
+            reference.and_then(|reference| reference.at_grid_point(steps, &scenario.time, coordinates))
         {
             self.errors.compare(state, &known);
         }
@@ -402,6 +514,8 @@ impl<'s> Run<'s> {
         self.largest = progress.largest;
         self.errors = ReferenceErrors::of_parts(progress.errors);
         self.elsewhere = progress.elsewhere;
+        let now = self.motion.state().time;
+        self.passed = self.scenario.output.times.partition_point(|&time| time <= now);
         Ok(())
     }
 
@@ -425,6 +539,7 @@ impl<'s> Run<'s> {
             version: env!("CARGO_PKG_VERSION"),
             platform: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
             precision: simulation.precision(),
+            solver: simulation.solver(),
             engine: simulation.engines().to_vec(),
             overruns,
             memory_bytes: simulation.memory_bytes(),
@@ -432,6 +547,11 @@ impl<'s> Run<'s> {
             seconds,
             steps: motion.steps(),
             steps_wanted: scenario.time.steps,
+            step_lengths: scenario
+                .time
+                .grid
+                .as_ref()
+                .map(|_| StepLengths { smallest: scenario.time.step, largest: scenario.time.longest_step() }),
             newton_iterations: self.newton_iterations,
             newton_iterations_most: self.newton_iterations_most,
             last: motion.state().clone(),

@@ -3,6 +3,7 @@
 use super::error::{InputError, Problem};
 use crate::language::excerpt::excerpt;
 use crate::language::expression::{Expression, Symbols, nearest};
+use crate::language::matrix_file::{self, FileMatrix};
 use core::ops::{Range, RangeInclusive};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -95,6 +96,14 @@ impl Document {
     /// A document with other values in its place: of the same name, naming the same files.
     pub(crate) fn with_values(&self, values: &toml::Table) -> Self {
         Self { text: values.to_string(), ..self.clone() }
+    }
+
+    /// The bytes of a file that the document names: attached to it, or in its directory.
+    pub(crate) fn read_bytes_named(&self, path: &str) -> std::io::Result<Vec<u8>> {
+        match self.attached.iter().find(|(name, _)| name == path) {
+            Some((_, text)) => Ok(text.clone().into_bytes()),
+            None => std::fs::read(self.resolve(path)),
+        }
     }
 
     /// The content of a file that the document names: attached to it, or in its directory.
@@ -304,6 +313,44 @@ impl<'a> Value<'a> {
         self.value.get_ref().is_array()
     }
 
+    /// Whether it is a text.
+    pub(crate) fn is_text(&self) -> bool {
+        self.value.get_ref().is_str()
+    }
+
+    /// Whether it is a table.
+    pub(crate) fn is_table(&self) -> bool {
+        self.value.get_ref().is_table()
+    }
+
+    /// The document that it stands in.
+    pub(crate) fn document(&self) -> &'a Document {
+        self.document
+    }
+
+    /// An error about the file that this value names.
+    pub(crate) fn file_error(&self, reason: impl Into<String>) -> InputError {
+        let file = excerpt(self.text().unwrap_or_default());
+        self.error(Problem::File { file, reason: reason.into() })
+    }
+
+    /// The matrix in the file that this value names.
+    pub(crate) fn matrix_file(&self) -> Result<FileMatrix, InputError> {
+        self.of_file(matrix_file::read)
+    }
+
+    /// The vector in the file that this value names.
+    pub(crate) fn vector_file(&self) -> Result<Vec<f64>, InputError> {
+        self.of_file(matrix_file::read_vector)
+    }
+
+    fn of_file<R>(&self, read: fn(&str, &[u8]) -> Result<R, String>) -> Result<R, InputError> {
+        let name = self.text()?;
+        let bytes =
+            self.document.read_bytes_named(name).map_err(|error| self.file_error(error.to_string()))?;
+        read(name, &bytes).map_err(|reason| self.file_error(reason))
+    }
+
     /// A finite number.
     pub(crate) fn number(&self) -> Result<f64, InputError> {
         let digits = match self.value.get_ref() {
@@ -367,9 +414,9 @@ impl<'a> Value<'a> {
         self.list("a list of numbers")?.iter().map(Value::number).collect()
     }
 
-    /// A list of `count` numbers, one for each coordinate.
+    /// A list of `count` numbers, one for each coordinate, or a file that holds one.
     pub(crate) fn vector(&self, count: usize) -> Result<Vec<f64>, InputError> {
-        let numbers = self.numbers()?;
+        let numbers = if self.is_text() { self.vector_file()? } else { self.numbers()? };
         if numbers.len() == count { Ok(numbers) } else { Err(self.per_coordinate(count, numbers.len())) }
     }
 

@@ -287,6 +287,20 @@ pub enum Problem {
         /// What is wrong, and what is allowed.
         reason: String,
     },
+    /// A value that cannot be used for a reason that takes a sentence.
+    #[error("{reason}")]
+    Unusable {
+        /// The reason.
+        reason: String,
+    },
+    /// A file of numbers that cannot be used.
+    #[error("{file}: {reason}")]
+    File {
+        /// The file.
+        file: String,
+        /// What is wrong, with the place in the file.
+        reason: String,
+    },
     /// A line of a table file that cannot be used.
     #[error("{file}, line {line}: {reason}")]
     Table {

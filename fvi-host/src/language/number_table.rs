@@ -47,7 +47,7 @@ impl NumberTable {
                 ));
             }
         }
-        if names.len() < 2 {
+        if names.len() < 2 && !allowed.is_empty() {
             let list = allowed.join(", ");
             return Err(fault(1, format!("there is no column beside t; columns after t: {list}")));
         }

@@ -2,14 +2,95 @@
 
 use fvi_core::{Real, Singular};
 
-/// Solves A x = `vector` for a matrix, row by row, whose entries farther than `band` from the diagonal are zero.
+/// Solves A x = `vector` for a matrix, row by row, whose entries farther than `band` from the diagonal are
+/// zero.
 ///
-/// x replaces `vector`; of the matrix, only entries up to 2 `band` to the right of the diagonal and `band` to its left are looked at or
-/// changed. Pivots and arithmetic are those of [`fvi_core::solve`], without the operations on zeros: the same bits in n·`band`² operations.
+/// x replaces `vector`; of the matrix, only entries up to 2 `band` to the right of the diagonal and `band` to
+/// its left are looked at or changed. Pivots and arithmetic are those of [`fvi_core::solve`], without the
+/// operations on zeros: the same bits in n·`band`² operations.
 ///
 /// # Errors
 /// [`Singular`], as [`fvi_core::solve`].
 pub(super) fn solve<T: Real>(matrix: &mut [T], band: usize, vector: &mut [T]) -> Result<(), Singular> {
+    match band {
+        1 => solve_narrow::<T, 2, 3>(matrix, vector),
+        2 => solve_narrow::<T, 3, 5>(matrix, vector),
+        3 => solve_narrow::<T, 4, 7>(matrix, vector),
+        band => solve_wide(matrix, band, vector),
+    }
+}
+
+/// [`solve`] for a band that the compiler knows: the `ROWS` = band + 1 rows that the elimination of a column changes are
+/// held in a window of `WIDTH` = 2 band + 1 numbers each, which moves down the diagonal.
+fn solve_narrow<T: Real, const ROWS: usize, const WIDTH: usize>(
+    matrix: &mut [T],
+    vector: &mut [T],
+) -> Result<(), Singular> {
+    let n = vector.len();
+    let mut window: [([T; WIDTH], T); ROWS] =
+        core::array::from_fn(|row| (row_from(matrix, n, row, 0), at(vector, row)));
+    for column in 0..n {
+        let mut largest = T::zero();
+        for row in column.saturating_sub(WIDTH - 1)..column {
+            largest = largest.max(matrix[row * n + column].abs());
+        }
+        let (mut pivot_row, mut pivot) = (0, T::zero());
+        for (row, (entries, _)) in window.iter().enumerate() {
+            largest = largest.max(entries[0].abs());
+            if entries[0].abs() > pivot.abs() {
+                (pivot_row, pivot) = (row, entries[0]);
+            }
+        }
+        if !pivot.is_finite() || pivot.abs() <= largest * T::EPSILON {
+            return Err(Singular);
+        }
+        window.swap(0, pivot_row);
+        let (upper, known) = window[0];
+        matrix[column * n + column..(column + 1) * n]
+            .iter_mut()
+            .zip(upper)
+            .for_each(|(place, entry)| *place = entry);
+        vector[column] = known;
+        // The rows below, without their first entry, move up.
+        for row in 1..ROWS {
+            let (entries, number) = window[row];
+            let factor = entries[0] / pivot;
+            let mut moved = [T::zero(); WIDTH];
+            for index in 1..WIDTH {
+                moved[index - 1] = entries[index] - factor * upper[index];
+            }
+            window[row - 1] = (moved, number - factor * known);
+        }
+        window[ROWS - 1] = (row_from(matrix, n, column + ROWS, column + 1), at(vector, column + ROWS));
+    }
+    for row in (0..n).rev() {
+        let end = (row + WIDTH).min(n);
+        let (known, solved) = vector.split_at_mut(row + 1);
+        let entries = &matrix[row * n + row..row * n + end];
+        let mut number = known[row];
+        for (&entry, &x) in entries[1..].iter().zip(&*solved).rev() {
+            number -= entry * x;
+        }
+        known[row] = number / entries[0];
+    }
+    Ok(())
+}
+
+/// The numbers of a row from a column on, zeros beyond the matrix.
+fn row_from<T: Real, const WIDTH: usize>(matrix: &[T], n: usize, row: usize, column: usize) -> [T; WIDTH] {
+    let mut numbers = [T::zero(); WIDTH];
+    if row < n {
+        let entries = &matrix[row * n + column..(row + 1) * n];
+        numbers.iter_mut().zip(entries).for_each(|(number, &entry)| *number = entry);
+    }
+    numbers
+}
+
+fn at<T: Real>(vector: &[T], row: usize) -> T {
+    vector.get(row).copied().unwrap_or(T::zero())
+}
+
+fn solve_wide<T: Real>(matrix: &mut [T], band: usize, vector: &mut [T]) -> Result<(), Singular> {
     let n = vector.len();
     for column in 0..n {
         let (last, end) = ((column + band).min(n - 1), (column + 2 * band + 1).min(n));
@@ -71,13 +152,30 @@ mod tests {
 
     #[test]
     fn a_band_is_solved_to_the_bits_of_the_whole_matrix() {
-        for (n, band) in [(1, 0), (5, 0), (9, 1), (12, 3), (4, 3), (6, 9)] {
+        for (n, band) in [(1, 0), (5, 0), (9, 1), (1, 1), (11, 2), (12, 3), (4, 3), (2, 3), (14, 4), (6, 9)] {
             let right: Vec<f64> = (0..n).map(|index| 1.0 - 0.3 * index as f64).collect();
             let (mut whole, mut near) = (banded(n, band), banded(n, band));
             let (mut expected, mut found) = (right.clone(), right);
             fvi_core::solve(&mut whole, &mut vec![0; n], &mut expected).unwrap();
             solve(&mut near, band, &mut found).unwrap();
             assert_eq!(found, expected, "{n} rows, band {band}");
+        }
+    }
+
+    #[test]
+    fn nothing_away_from_the_diagonal_is_looked_at() {
+        for (n, band) in [(40, 1), (40, 2), (40, 3), (40, 5)] {
+            let (mut whole, mut near) = (banded(n, band), banded(n, band));
+            for (index, entry) in near.iter_mut().enumerate() {
+                let (row, column) = (index / n, index % n);
+                if column + band < row || row + 2 * band < column {
+                    *entry = f64::NAN;
+                }
+            }
+            let (mut expected, mut found) = (vec![1.0; n], vec![1.0; n]);
+            solve(&mut whole, band, &mut expected).unwrap();
+            solve(&mut near, band, &mut found).unwrap();
+            assert_eq!(found, expected, "band {band}");
         }
     }
 

@@ -1,19 +1,26 @@
 //! The mechanics of a scenario: mass, compiled potential and force.
 
+use super::elements::Elements;
 use super::force_moments::ForceMoments;
+use super::loads::Loads;
 use super::own::Own;
-use super::space::{Dense, Matrix, Pattern, Sparse};
+use super::space::{Matrix, MatrixSpace, Sparse};
 use crate::language::expression::{Elementary, Moment};
 use crate::model::tape::{CompiledForce, CompiledPotential};
 use crate::scenario::{ForceQuadrature, Scenario, Scheme, SymmetricMatrix};
 use fvi_core::{Approach, Block, Instant, MatrixError, Mechanics, NodalRule, Real, factor, invert_factored};
+use fvi_sparse::{Analysis, Factor, Pattern};
 use std::sync::Arc;
 
 /// M, U and F of a scenario, compiled once.
 #[derive(Clone, Debug)]
 pub struct Model<T> {
     mass: Matrix<T>,
-    inverse_mass: Matrix<T>,
+    inverse_mass: InverseMass<T>,
+    /// K of the scenario.
+    base: Option<Matrix<T>>,
+    elements: Vec<Elements<T>>,
+    loads: Loads<T>,
     potential: Option<CompiledPotential<T>>,
     /// K of the quadratic part ½ qᵀKq + bᵀq of the potential.
     quadratic: Matrix<T>,
@@ -38,6 +45,14 @@ pub struct Model<T> {
     entries: Vec<T>,
 }
 
+/// What makes velocities of momenta.
+#[derive(Clone, Debug)]
+enum InverseMass<T> {
+    Matrix(Matrix<T>),
+    /// The factor of a sparse mass, and masses of the coordinates by themselves for a first guess.
+    Factor(Arc<Factor>, Vec<T>),
+}
+
 impl<T: Elementary> Model<T> {
     /// Compiles the system of a scenario.
     ///
@@ -52,14 +67,18 @@ impl<T: Elementary> Model<T> {
         let force = CompiledForce::<T>::compile(system.force.as_deref().unwrap_or_default());
         let index = |&(row, column): &(u32, u32)| (row as usize, column as usize);
         let entry = |&(row, column, entry): &(u32, u32, T)| (row as usize, column as usize, entry);
+        let mut elements: Vec<_> = system.elements.iter().map(Elements::<T>::new).collect();
+        let base: Option<Matrix<T>> = system.stiffness.as_ref().map(matrix);
         let springs: Vec<_> = potential
             .iter()
             .flat_map(|potential| potential.quadratic().stiffness.iter().map(entry))
+            .chain(elements.iter().flat_map(Elements::springs))
             .collect();
         let linear = potential
             .iter()
             .flat_map(|potential| potential.quadratic().linear.iter())
             .map(|&(coordinate, entry)| (coordinate as usize, entry))
+            .chain(elements.iter().flat_map(Elements::constant_pull))
             .collect();
         let curved: Vec<_> =
             potential.iter().flat_map(|potential| potential.pattern().iter().map(index)).collect();
@@ -67,18 +86,23 @@ impl<T: Elementary> Model<T> {
         let turned: Vec<_> = force.pattern().iter().map(index).collect();
 
         let both = |(row, column): (usize, usize)| [(row, column), (column, row)];
-        let of_potential =
-            springs.iter().map(|&(row, column, _)| (row, column)).chain(curved.iter().copied());
+        let of_potential = springs
+            .iter()
+            .map(|&(row, column, _)| (row, column))
+            .chain(curved.iter().copied())
+            .chain(elements.iter().flat_map(Elements::places));
         let of_force = pushed.iter().map(|&(row, column, _)| (row, column)).chain(turned.iter().copied());
         let own = system.own_terms.clone().map(|terms| Own::new(terms, size));
         let of_own =
             own.iter().flat_map(|_| (0..size).flat_map(|row| (0..size).map(move |column| (row, column))));
-        let places = of_potential.flat_map(both).chain(of_force).chain(of_own);
-        let pattern = Arc::new(Pattern::new(size, places.collect()));
+        let places: Vec<_> = of_potential.flat_map(both).chain(of_force).chain(of_own).collect();
+        let pattern = with_base(size, base.as_ref(), places);
         let slots = |&(row, column): &(usize, usize)| (pattern.slot(row, column), pattern.slot(column, row));
         let hessian_slots: Vec<_> = curved.iter().map(slots).collect();
         let jacobian_slots: Vec<_> = turned.iter().map(|&(row, column)| pattern.slot(row, column)).collect();
+        elements.iter_mut().for_each(|elements| elements.settle(&pattern));
         let mut constant = Sparse::zero(Arc::clone(&pattern));
+        add_base(base.as_ref(), &mut constant);
         for &(row, column, entry) in &springs {
             let (slot, mirrored) = slots(&(row, column));
             constant.values[slot] += entry;
@@ -93,6 +117,9 @@ impl<T: Elementary> Model<T> {
         Ok(Self {
             mass,
             inverse_mass,
+            base,
+            elements,
+            loads: Loads::new(&system.loads),
             quadratic: Matrix::symmetric(size, springs.iter().copied()),
             linear,
             potential,
@@ -112,6 +139,9 @@ impl<T: Elementary> Model<T> {
     /// K q + b.
     fn quadratic_pull(&self, position: &[T], pull: &mut [T]) {
         pull.fill(T::zero());
+        if let Some(base) = &self.base {
+            base.multiply_add(T::one(), position, pull);
+        }
         self.quadratic.multiply_add(T::one(), position, pull);
         for &(coordinate, entry) in &self.linear {
             pull[coordinate] += entry;
@@ -119,14 +149,24 @@ impl<T: Elementary> Model<T> {
     }
 }
 
-impl<T: Elementary> Mechanics<T, Dense> for Model<T> {
+impl<T: Elementary, X: MatrixSpace<T>> Mechanics<T, X> for Model<T> {
     fn mass(&self) -> &Matrix<T> {
         &self.mass
     }
 
     fn velocity(&self, momentum: &[T], velocity: &mut [T]) {
-        velocity.fill(T::zero());
-        self.inverse_mass.multiply_add(T::one(), momentum, velocity);
+        self.write_velocity(momentum, velocity);
+    }
+
+    fn drift(&self, momentum: &[T], velocity: &mut [T]) {
+        match &self.inverse_mass {
+            InverseMass::Matrix(_) => self.write_velocity(momentum, velocity),
+            InverseMass::Factor(_, masses) => {
+                for ((place, &p), &mass) in velocity.iter_mut().zip(momentum).zip(masses) {
+                    *place = p / mass;
+                }
+            }
+        }
     }
 
     fn pull(&mut self, instant: Instant<T>, position: &Vec<T>, pull: &mut [T]) {
@@ -134,6 +174,8 @@ impl<T: Elementary> Mechanics<T, Dense> for Model<T> {
         if let Some(potential) = &self.potential {
             potential.add_rest_gradient(position, &mut self.registers, pull);
         }
+        self.elements.iter_mut().for_each(|elements| elements.add_rest_gradient(position, pull));
+        self.loads.add(moment(instant), instant.time, -T::one(), pull);
         if self.forced {
             self.force.value(moment(instant), position, &mut self.registers, &mut self.pushed);
             pull.iter_mut().zip(&self.pushed).for_each(|(pull, &force)| *pull -= force);
@@ -150,7 +192,9 @@ impl<T: Elementary> Mechanics<T, Dense> for Model<T> {
         pull: &mut [T],
         stiffness: &mut Matrix<T>,
     ) {
-        let Matrix::Sparse(stiffness) = stiffness else { return self.pull(instant, position, pull) };
+        let Matrix::Sparse(stiffness) = stiffness else {
+            return Mechanics::<T, X>::pull(self, instant, position, pull);
+        };
         stiffness.values.copy_from_slice(&self.constant.values);
         self.quadratic_pull(position, pull);
         if let Some(potential) = &self.potential {
@@ -166,6 +210,10 @@ impl<T: Elementary> Mechanics<T, Dense> for Model<T> {
         if let Some(own) = &mut self.own {
             own.add_linearisation(moment(instant), position, pull, &mut stiffness.values);
         }
+        for elements in &mut self.elements {
+            elements.add_rest_derivatives(position, pull, &mut stiffness.values);
+        }
+        self.loads.add(moment(instant), instant.time, -T::one(), pull);
         if !self.forced {
             return;
         }
@@ -189,19 +237,93 @@ impl<T: Elementary> Mechanics<T, Dense> for Model<T> {
     fn is_linear(&self) -> bool {
         self.own.is_none()
             && self.potential.as_ref().is_none_or(CompiledPotential::is_quadratic)
+            && self.elements.iter().all(Elements::is_quadratic)
             && self.force.is_affine()
     }
 
     fn energy(&mut self, position: &Vec<T>, momentum: &Vec<T>) -> T {
-        self.pushed.fill(T::zero());
-        self.inverse_mass.multiply_add(T::one(), momentum, &mut self.pushed);
-        let product = momentum.iter().zip(&self.pushed).fold(T::zero(), |sum, (&p, &v)| sum + p * v);
+        let mut velocity = std::mem::take(&mut self.pushed);
+        self.write_velocity(momentum, &mut velocity);
+        let product = |a: &[T], b: &[T]| a.iter().zip(b).fold(T::zero(), |sum, (&a, &b)| sum + a * b);
+        let kinetic = T::of(0.5) * product(momentum, &velocity);
         let potential = self.potential.as_ref().map(|u| u.value(position, &mut self.registers));
-        let energy = T::of(0.5) * product + potential.unwrap_or(T::zero());
-        match &mut self.own {
-            None => energy,
-            Some(own) => energy + own.potential(position),
+        let mut energy = kinetic + potential.unwrap_or(T::zero());
+        if let Some(base) = &self.base {
+            velocity.fill(T::zero());
+            base.multiply_add(T::one(), position, &mut velocity);
+            energy += T::of(0.5) * product(position, &velocity);
         }
+        self.pushed = velocity;
+        for elements in &mut self.elements {
+            energy += elements.value(position);
+        }
+        if let Some(own) = &mut self.own {
+            energy += own.potential(position);
+        }
+        energy
+    }
+}
+
+impl<T: Elementary> Model<T> {
+    /// M⁻¹ p.
+    fn write_velocity(&self, momentum: &[T], velocity: &mut [T]) {
+        match &self.inverse_mass {
+            InverseMass::Matrix(inverse) => {
+                velocity.fill(T::zero());
+                inverse.multiply_add(T::one(), momentum, velocity);
+            }
+            InverseMass::Factor(factor, _) => {
+                let mut numbers: Vec<f64> = momentum.iter().map(|number| number.to_f64()).collect();
+                factor.solve(&mut numbers);
+                velocity.iter_mut().zip(numbers).for_each(|(place, number)| *place = T::of(number));
+            }
+        }
+    }
+
+    /// Whether the velocity, and with it the energy, costs a solution of equations.
+    pub fn energy_is_dear(&self) -> bool {
+        matches!(self.inverse_mass, InverseMass::Factor(..))
+    }
+}
+
+/// The pattern of the scenario's stiffness and these places.
+fn with_base<T: Real>(
+    size: usize,
+    base: Option<&Matrix<T>>,
+    mut places: Vec<(usize, usize)>,
+) -> Arc<Pattern> {
+    match base {
+        Some(Matrix::Sparse(base)) if places.is_empty() => Arc::clone(&base.pattern),
+        Some(Matrix::Sparse(base)) => {
+            let more = Pattern::new(size, places);
+            Arc::new(Pattern::from_rows(base.pattern.rows().zip(more.rows()).map(|(own, other)| {
+                let own = &base.pattern.columns()[own];
+                let mut columns = [own, &more.columns()[other]].concat();
+                columns.sort_unstable();
+                columns.dedup();
+                columns
+            })))
+        }
+        Some(base) => {
+            places.extend(base.entries().into_iter().map(|(row, column, _)| (row, column)));
+            Arc::new(Pattern::new(size, places))
+        }
+        None => Arc::new(Pattern::new(size, places)),
+    }
+}
+
+fn add_base<T: Real>(base: Option<&Matrix<T>>, constant: &mut Sparse<T>) {
+    match base {
+        Some(Matrix::Sparse(base)) if base.pattern == constant.pattern => {
+            constant.values.copy_from_slice(&base.values);
+        }
+        Some(base) => {
+            for (row, column, entry) in base.entries() {
+                let slot = constant.pattern.slot(row, column);
+                constant.values[slot] += entry;
+            }
+        }
+        None => {}
     }
 }
 
@@ -217,6 +339,9 @@ pub fn matrix<T: Real>(matrix: &SymmetricMatrix) -> Matrix<T> {
     match matrix {
         SymmetricMatrix::Diagonal(entries) => Matrix::Diagonal(vector(entries)),
         SymmetricMatrix::Dense(entries) => Matrix::Dense(vector(entries.as_slice())),
+        SymmetricMatrix::Sparse(entries) => {
+            Matrix::Sparse(Sparse { pattern: Arc::clone(&entries.pattern), values: vector(&entries.values) })
+        }
     }
 }
 
@@ -225,7 +350,34 @@ pub fn vector<T: Real>(numbers: &[f64]) -> Vec<T> {
     numbers.iter().map(|&number| T::of(number)).collect()
 }
 
-fn inverse<T: Real>(mass: &Matrix<T>, size: usize) -> Result<Matrix<T>, MatrixError> {
+fn inverse<T: Real>(mass: &Matrix<T>, size: usize) -> Result<InverseMass<T>, MatrixError> {
+    if let Matrix::Sparse(entries) = mass {
+        return sparse_inverse(&entries.pattern, &entries.values);
+    }
+    dense_inverse(mass, size).map(InverseMass::Matrix)
+}
+
+/// The factor of a sparse mass; where that is diagonal, its inverse.
+fn sparse_inverse<T: Real>(pattern: &Pattern, entries: &[T]) -> Result<InverseMass<T>, MatrixError> {
+    let values: Vec<f64> = entries.iter().map(|entry| entry.to_f64()).collect();
+    if pattern.band() == 0 {
+        let full = pattern.len() == pattern.size() && values.iter().all(|&value| value > 0.0);
+        let inverses = values.iter().map(|value| T::of(value.recip())).collect();
+        let inverse = InverseMass::Matrix(Matrix::Diagonal(inverses));
+        return if full { Ok(inverse) } else { Err(MatrixError::NotPositiveDefinite) };
+    }
+    let factor =
+        Analysis::new(pattern).factor(pattern, &values).map_err(|_| MatrixError::NotPositiveDefinite)?;
+    // The sum of a row is the mass that moves with it; where couplings make that too small, its own entry.
+    let masses = pattern.rows().enumerate().map(|(row, slots)| {
+        let own = values[pattern.slot(row, row)];
+        let sum: f64 = values[slots].iter().sum();
+        T::of(sum.max(0.5 * own))
+    });
+    Ok(InverseMass::Factor(Arc::new(factor), masses.collect()))
+}
+
+fn dense_inverse<T: Real>(mass: &Matrix<T>, size: usize) -> Result<Matrix<T>, MatrixError> {
     if let Matrix::Diagonal(entries) = mass {
         let inverses: Vec<T> = entries.iter().map(|&entry| T::one() / entry).collect();
         let good =
@@ -241,7 +393,8 @@ fn inverse<T: Real>(mass: &Matrix<T>, size: usize) -> Result<Matrix<T>, MatrixEr
     Ok(Matrix::Dense(columns))
 }
 
-fn moment<T: Elementary>(instant: Instant<T>) -> Moment<T> {
+/// The moment of an instant, as expressions see it.
+pub fn moment<T: Elementary>(instant: Instant<T>) -> Moment<T> {
     match instant.approach {
         Approach::Inside => Moment::inside(instant.time),
         Approach::FromLeft => Moment::from_left(instant.time),

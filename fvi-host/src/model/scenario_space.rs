@@ -1,11 +1,16 @@
 //! What a space needs for scenarios to run in it.
 
+use super::channel_damping::{ChannelDamping, Directions, HostTerm};
 use super::mechanics::{Model, matrix, vector};
-use super::scheme::AnyScheme;
-use super::space::{Dense, Matrix};
+use super::scheme::{AnyScheme, DenseOutput};
+use super::space::{Dense, Matrix, MatrixSpace};
+use super::sparse::SparseSpace;
 use crate::language::expression::Elementary;
-use crate::scenario::{Scenario, SymmetricMatrix};
-use fvi_core::{MatrixError, Mechanics, ParameterError, Scheme, Space};
+use crate::scenario::{self, Scenario, SymmetricMatrix};
+use fvi_core::{
+    Damping, DampingError, DampingTerm, Derivative, Kernel, MatrixError, Mechanics, Memory, ParameterError,
+    Space,
+};
 
 /// A space in which scenarios run: how what they say becomes its vectors, matrices, system and scheme.
 ///
@@ -14,7 +19,9 @@ pub trait ScenarioSpace<T: Elementary>: Space<T> {
     /// M, U and F.
     type System: Mechanics<T, Self>;
     /// The scheme.
-    type Scheme: Scheme<T, Self>;
+    type Scheme: DenseOutput<T, Self>;
+    /// A damping term on a memory.
+    type Term<M: Memory<T>>: Damping<T, Self> + Remembers<M>;
 
     /// The system of a scenario.
     ///
@@ -31,27 +38,96 @@ pub trait ScenarioSpace<T: Elementary>: Space<T> {
     /// The vector of these numbers, one for each coordinate.
     fn vector(&self, numbers: &[f64]) -> Self::Vector;
 
-    /// A symmetric matrix of the scenario.
-    fn block(&self, matrix: &SymmetricMatrix) -> Self::Block;
+    /// Number of channels that the memory of a term has for each node.
+    fn channels(&self, term: &scenario::Damping) -> usize;
+
+    /// A damping term on a memory of the kernel.
+    ///
+    /// # Errors
+    /// If the coefficients are not positive semidefinite in the precision of `T`, or the memory is not one of the kernel.
+    fn term<M: Memory<T>>(
+        &self,
+        term: &scenario::Damping,
+        kernel: Kernel,
+        memory: M,
+    ) -> Result<Self::Term<M>, DampingError>;
 }
 
-impl<T: Elementary> ScenarioSpace<T> for Dense {
-    type System = Model<T>;
-    type Scheme = AnyScheme<T>;
+/// What has a memory.
+pub trait Remembers<M> {
+    /// The memory.
+    fn memory(&self) -> &M;
+}
 
-    fn system(&self, scenario: &Scenario) -> Result<Model<T>, MatrixError> {
-        Model::new(scenario)
-    }
-
-    fn scheme(&self, scenario: &Scenario) -> Result<AnyScheme<T>, ParameterError> {
-        AnyScheme::new(scenario)
-    }
-
-    fn vector(&self, numbers: &[f64]) -> Vec<T> {
-        vector(numbers)
-    }
-
-    fn block(&self, entries: &SymmetricMatrix) -> Matrix<T> {
-        matrix(entries)
+impl<T: Elementary, X: MatrixSpace<T>, M: Memory<T>> Remembers<M> for HostTerm<T, X, M> {
+    fn memory(&self) -> &M {
+        HostTerm::memory(self)
     }
 }
+
+/// On what the derivative of a term acts.
+fn derivative(term: &scenario::Damping) -> Derivative {
+    match term.derivative {
+        scenario::Derivative::RiemannLiouville => Derivative::RiemannLiouville,
+        scenario::Derivative::Caputo => Derivative::Caputo,
+    }
+}
+
+/// What the memory of a term follows; `None`: every coordinate.
+fn directions<T: Elementary>(term: &scenario::Damping) -> Option<Directions<T>> {
+    match (&term.attached, &term.coefficient) {
+        (Some(attached), _) => Some(Directions::of_dampers(attached)),
+        (None, SymmetricMatrix::Sparse(_)) => Some(Directions::of_matrix(&matrix::<T>(&term.coefficient))),
+        (None, _) => None,
+    }
+}
+
+macro_rules! scenarios_in {
+    ($space:ty) => {
+        impl<T: Elementary> ScenarioSpace<T> for $space {
+            type System = Model<T>;
+            type Scheme = AnyScheme<T>;
+            type Term<M: Memory<T>> = HostTerm<T, Self, M>;
+
+            fn system(&self, scenario: &Scenario) -> Result<Model<T>, MatrixError> {
+                Model::new(scenario)
+            }
+
+            fn scheme(&self, scenario: &Scenario) -> Result<AnyScheme<T>, ParameterError> {
+                AnyScheme::new(scenario)
+            }
+
+            fn vector(&self, numbers: &[f64]) -> Vec<T> {
+                vector(numbers)
+            }
+
+            fn channels(&self, term: &scenario::Damping) -> usize {
+                match (&term.attached, &term.coefficient) {
+                    (Some(attached), _) => attached.columns.len(),
+                    (None, SymmetricMatrix::Sparse(entries)) => {
+                        entries.pattern.rows().filter(|slots| !slots.is_empty()).count().max(1)
+                    }
+                    (None, other) => other.size(),
+                }
+            }
+
+            fn term<M: Memory<T>>(
+                &self,
+                term: &scenario::Damping,
+                kernel: Kernel,
+                memory: M,
+            ) -> Result<Self::Term<M>, DampingError> {
+                let rho: Matrix<T> = matrix(&term.coefficient);
+                let Some(directions) = directions(term) else {
+                    return DampingTerm::in_space(self, kernel, rho, derivative(term), memory)
+                        .map(HostTerm::Everywhere);
+                };
+                ChannelDamping::new(kernel, (rho, directions), derivative(term), memory)
+                    .map(HostTerm::Channels)
+            }
+        }
+    };
+}
+
+scenarios_in!(Dense);
+scenarios_in!(SparseSpace);

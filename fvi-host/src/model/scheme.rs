@@ -1,10 +1,11 @@
 //! The schemes of scenarios: any degree, any quadrature, known at run time.
 
-use super::space::{Dense, DenseEquations, Matrix};
+use super::space::{Matrix, MatrixSpace};
 use crate::scenario::{ConvolutionFamily, DampedAt, Quadrature, Scenario, Scheme as ScenarioScheme};
 use fvi_core::{
-    Damping, DiscreteLagrangian, ExplicitEuler, Galerkin, ImplicitEuler, Kept, Mechanics, ParameterError,
-    Real, RungeKutta, Sampling, Scheme, State, Step, StepError, Tables, Workspace, gauss_rule, lobatto_rule,
+    Block, CollocationTables, Damping, DiscreteLagrangian, ExplicitEuler, Galerkin, ImplicitEuler, Kept,
+    Mechanics, ParameterError, Real, RungeKutta, Sampling, Scheme, Space, State, Step, StepError, Tables,
+    Workspace, add_multiple, gauss_rule, lobatto_rule,
 };
 
 /// Any of the core's schemes, its tables on the heap.
@@ -16,6 +17,8 @@ pub struct AnyScheme<T> {
     shapes: Vec<T>,
     tests: Vec<T>,
     kinetic: Vec<T>,
+    /// A² of collocation.
+    square: Vec<T>,
     form: Form,
 }
 
@@ -28,6 +31,8 @@ enum Form {
     EndOfStep,
     /// At the quadrature nodes; these.
     Nodes,
+    /// At the nodes, where the equations of motion hold.
+    Collocation,
 }
 
 impl<T: Real> AnyScheme<T> {
@@ -51,6 +56,17 @@ impl<T: Real> AnyScheme<T> {
                 return Ok(Self::of(&ImplicitEuler::coefficients(), Form::EndOfStep));
             }
             ScenarioScheme::Galerkin { degree, .. } => degree,
+            ScenarioScheme::Collocation => {
+                return match scenario.convolution.family {
+                    ConvolutionFamily::RadauIia { stages: 1 } => {
+                        Ok(Self::collocation(&RungeKutta::<1>::radau_iia()?))
+                    }
+                    ConvolutionFamily::RadauIia { stages: 2 } => {
+                        Ok(Self::collocation(&RungeKutta::<2>::radau_iia()?))
+                    }
+                    _ => Ok(Self::collocation(&RungeKutta::<3>::radau_iia()?)),
+                };
+            }
         };
         let rule = match scenario.convolution.family {
             ConvolutionFamily::Bdf { .. } => {
@@ -72,6 +88,7 @@ impl<T: Real> AnyScheme<T> {
             shapes: numbers(points * degree),
             tests: numbers(points * degree),
             kinetic: numbers(degree * degree),
+            square: Vec::new(),
             form,
         };
         let tables = Tables {
@@ -93,7 +110,23 @@ impl<T: Real> AnyScheme<T> {
             shapes: view.shapes.to_vec(),
             tests: view.tests.to_vec(),
             kinetic: view.kinetic.to_vec(),
+            square: Vec::new(),
             form,
+        }
+    }
+
+    fn collocation<const R: usize>(method: &RungeKutta<R>) -> Self {
+        let nodes: Vec<T> = super::vector(method.quadrature().nodes());
+        Self {
+            weights: super::vector(method.quadrature().weights()),
+            // The unknowns are accelerations at the nodes.
+            control_points: nodes.clone(),
+            nodes,
+            shapes: Vec::new(),
+            tests: Vec::new(),
+            kinetic: Vec::new(),
+            square: super::vector(method.square().as_flattened()),
+            form: Form::Collocation,
         }
     }
 
@@ -150,8 +183,7 @@ impl Rule {
 }
 
 /// The room of a step, and what a linear system keeps between steps.
-#[derive(Clone, Debug)]
-pub struct Room<T> {
+pub struct Room<T: Real, X: MatrixSpace<T>> {
     increments: Vec<T>,
     residual: Vec<T>,
     stages: Vec<T>,
@@ -162,16 +194,16 @@ pub struct Room<T> {
     excess: Vec<T>,
     point: Vec<T>,
     stiffness: Matrix<T>,
-    matrix: DenseEquations<T>,
-    kept: Kept<Vec<T>>,
+    matrix: X::Equations,
+    kept: Kept<X::Kept>,
 }
 
-impl<T: Real> Scheme<T, Dense> for AnyScheme<T> {
-    type Storage = Room<T>;
+impl<T: Real, X: MatrixSpace<T>> Scheme<T, X> for AnyScheme<T> {
+    type Storage = Room<T, X>;
 
-    fn storage<G: Mechanics<T, Dense>>(&self, space: &Dense, mechanics: &G) -> Room<T> {
-        let (size, degree, points) = (space.coordinates, self.control_points.len(), self.nodes.len());
-        let samples = self.sampling().nodes();
+    fn storage<G: Mechanics<T, X>>(&self, space: &X, mechanics: &G) -> Room<T, X> {
+        let (size, degree, points) = (space.coordinates(), self.control_points.len(), self.nodes.len());
+        let samples = Scheme::<T, X>::sampling(self).nodes();
         let numbers = |count: usize| vec![T::zero(); count * size];
         Room {
             increments: numbers(degree),
@@ -184,35 +216,39 @@ impl<T: Real> Scheme<T, Dense> for AnyScheme<T> {
             behind: numbers(if self.form == Form::Nodes { points } else { 0 }),
             point: numbers(1),
             stiffness: mechanics.stiffness(),
-            matrix: DenseEquations::new(size, degree),
-            kept: Kept::nothing(Vec::new()),
+            matrix: space.equations(degree),
+            kept: Kept::nothing(X::Kept::default()),
         }
     }
 
-    fn behind(room: &Room<T>) -> &[T] {
+    fn behind(room: &Room<T, X>) -> &[T] {
         &room.behind
     }
 
-    fn behind_mut(room: &mut Room<T>) -> &mut [T] {
+    fn behind_mut(room: &mut Room<T, X>) -> &mut [T] {
         &mut room.behind
+    }
+
+    fn forget_step(room: &mut Room<T, X>) {
+        room.kept.valid = false;
     }
 
     fn sampling(&self) -> Sampling<'_, T> {
         match self.form {
             Form::MainNodes | Form::EndOfStep => Sampling::MainNodes,
-            Form::Nodes => Sampling::Nodes(&self.nodes),
+            Form::Nodes | Form::Collocation => Sampling::Nodes(&self.nodes),
         }
     }
 
-    fn step<G: Mechanics<T, Dense>, D: Damping<T, Dense>>(
+    fn step<G: Mechanics<T, X>, D: Damping<T, X>>(
         &self,
-        room: &mut Room<T>,
+        room: &mut Room<T, X>,
         mechanics: &mut G,
         damping: &mut D,
         step: &Step<'_, T>,
         state: &mut State<Vec<T>>,
     ) -> Result<u32, StepError> {
-        let mut work = Workspace::<T, Dense, _> {
+        let mut work = Workspace::<T, X, _> {
             increments: &mut room.increments,
             residual: &mut room.residual,
             stages: &mut room.stages,
@@ -233,6 +269,104 @@ impl<T: Real> Scheme<T, Dense> for AnyScheme<T> {
             Form::EndOfStep | Form::Nodes => {
                 self.view().step_damped_at_nodes(&mut work, mechanics, damping, step, state)
             }
+            Form::Collocation => {
+                let Self { square, weights, nodes, .. } = self;
+                CollocationTables { square, weights, nodes }.step(&mut work, mechanics, damping, step, state)
+            }
+        }
+    }
+}
+
+/// A scheme whose last step can be looked into.
+pub trait DenseOutput<T: Real, X: Space<T>>: Scheme<T, X> {
+    /// Moves position and momentum from the beginning of the last step, of the given length, to the given fraction of
+    /// it, by the polynomial that the scheme itself works with.
+    fn look_into(
+        &self,
+        storage: &Self::Storage,
+        mechanics: &impl Mechanics<T, X>,
+        length_and_fraction: (T, T),
+        position: &mut [T],
+        momentum: &mut [T],
+    );
+}
+
+impl<T: Real, X: MatrixSpace<T>> DenseOutput<T, X> for AnyScheme<T> {
+    fn look_into(
+        &self,
+        room: &Room<T, X>,
+        mechanics: &impl Mechanics<T, X>,
+        (length, fraction): (T, T),
+        position: &mut [T],
+        momentum: &mut [T],
+    ) {
+        let size = position.len().max(1);
+        let unknowns = || room.increments.chunks_exact(size);
+        // Δq, and Δv or v.
+        let (mut way, mut velocity) = (vec![T::zero(); size], vec![T::zero(); size]);
+        if self.form == Form::Collocation {
+            mechanics.velocity(momentum, &mut velocity);
+            add_multiple(&mut way, length * fraction, &velocity);
+            velocity.fill(T::zero());
+            for (j, acceleration) in unknowns().enumerate() {
+                let [once, twice] = integrals_of_shape(&self.nodes, j, fraction);
+                add_multiple(&mut velocity, length * once, acceleration);
+                add_multiple(&mut way, length * length * twice, acceleration);
+            }
+        } else {
+            momentum.fill(T::zero());
+            let points: Vec<T> =
+                std::iter::once(T::zero()).chain(self.control_points.iter().copied()).collect();
+            for (nu, increment) in unknowns().enumerate() {
+                let (shape, slope) = shape(&points, nu + 1, fraction);
+                add_multiple(&mut way, shape, increment);
+                add_multiple(&mut velocity, slope / length, increment);
+            }
+        }
+        add_multiple(position, T::one(), &way);
+        mechanics.mass().multiply_add(T::one(), &velocity, momentum);
+    }
+}
+
+/// Value and derivative at τ of the polynomial that is 1 at one of the points and 0 at the others.
+fn shape<T: Real>(points: &[T], own: usize, tau: T) -> (T, T) {
+    let (mut value, mut derivative) = (T::one(), T::zero());
+    for (_, &other) in points.iter().enumerate().filter(|&(index, _)| index != own) {
+        let slope = T::one() / (points[own] - other);
+        let factor = (tau - other) * slope;
+        derivative = derivative * factor + value * slope;
+        value *= factor;
+    }
+    (value, derivative)
+}
+
+/// ∫₀^θ ℓ_j and ∫₀^θ (θ − s) ℓ_j(s) ds, by three Gauss points, which are exact up to degree 5.
+fn integrals_of_shape<T: Real>(nodes: &[T], j: usize, theta: T) -> [T; 2] {
+    let (mut points, mut weights) = ([0.0; 3], [0.0; 3]);
+    let rule = gauss_rule(&mut points, &mut weights);
+    debug_assert!(rule.is_ok(), "there is a rule of three points");
+    let mut integrals = [T::zero(); 2];
+    for (&point, &weight) in points.iter().zip(&weights) {
+        let (s, weight) = (theta * T::of(point), theta * T::of(weight));
+        let value = shape(nodes, j, s).0 * weight;
+        integrals[0] += value;
+        integrals[1] += value * (theta - s);
+    }
+    integrals
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shapes_are_integrated_exactly() {
+        // ℓ_1 of the nodes 1/3 and 1 is (3s − 1)/2; its integrals (3θ² − 2θ)/4 and (θ³ − θ²)/4.
+        let nodes = [1.0_f64 / 3.0, 1.0];
+        for theta in [0.0_f64, 0.3, 1.0] {
+            let [once, twice] = integrals_of_shape(&nodes, 1, theta);
+            assert!((once - (3.0 * theta * theta - 2.0 * theta) / 4.0).abs() < 1e-15);
+            assert!((twice - (theta * theta * theta - theta * theta) / 4.0).abs() < 1e-15);
         }
     }
 }

@@ -1,8 +1,10 @@
 //! Vectors and matrices of as many coordinates as a scenario has.
 
 use super::band;
+use crate::numerics::semidefinite::check_positive_semidefinite;
 use fvi_core::{Block, Equations, MatrixError, Real, Singular, Space};
 use fvi_core::{add_multiple, is_positive_definite_in_place, keep_factors, substitute_kept};
+use fvi_sparse::Pattern;
 use std::sync::Arc;
 
 /// The space of N coordinates, N known at run time.
@@ -33,6 +35,26 @@ impl<T: Real> Space<T> for Dense {
     }
 }
 
+/// A space of vectors on the heap and of [`Matrix`] blocks: what tells one from another is how equations are solved.
+pub trait MatrixSpace<T: Real>: Space<T, Vector = Vec<T>, Block = Matrix<T>> {
+    /// What solves the equations while they stay the same.
+    type Kept: Default;
+    /// The equations of a step.
+    type Equations: Equations<T, Matrix<T>, Kept = Self::Kept>;
+
+    /// Room for the equations of a step of this many nodes.
+    fn equations(&self, nodes: usize) -> Self::Equations;
+}
+
+impl<T: Real> MatrixSpace<T> for Dense {
+    type Kept = Vec<T>;
+    type Equations = DenseEquations<T>;
+
+    fn equations(&self, nodes: usize) -> DenseEquations<T> {
+        DenseEquations::new(self.coordinates, nodes)
+    }
+}
+
 /// An N×N matrix, stored as it deserves.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Matrix<T> {
@@ -47,57 +69,10 @@ pub enum Matrix<T> {
 /// The entries of a matrix that need not be zero, row by row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sparse<T> {
-    pattern: Arc<Pattern>,
+    /// Where they are.
+    pub pattern: Arc<Pattern>,
     /// One number for each place of the pattern.
     pub values: Vec<T>,
-}
-
-/// The places of a sparse matrix.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Pattern {
-    /// Where each row begins, and where the last one ends.
-    starts: Vec<usize>,
-    columns: Vec<usize>,
-    /// Largest distance of a place from the diagonal.
-    band: usize,
-}
-
-impl Pattern {
-    /// The pattern of the given places, in any order, repetitions allowed.
-    pub fn new(rows: usize, mut places: Vec<(usize, usize)>) -> Self {
-        places.sort_unstable();
-        places.dedup();
-        let mut starts = vec![0; rows + 1];
-        for &(row, _) in &places {
-            starts[row + 1] += 1;
-        }
-        for row in 0..rows {
-            starts[row + 1] += starts[row];
-        }
-        let band = places.iter().map(|&(row, column)| row.abs_diff(column)).max().unwrap_or(0);
-        Self { starts, columns: places.into_iter().map(|(_, column)| column).collect(), band }
-    }
-
-    /// Where in the values the entry of a place lies; the place must be one of the pattern's.
-    pub fn slot(&self, row: usize, column: usize) -> usize {
-        let start = self.starts[row];
-        start + self.columns[start..self.starts[row + 1]].partition_point(|&other| other < column)
-    }
-
-    /// Number of places.
-    pub fn len(&self) -> usize {
-        self.columns.len()
-    }
-
-    /// Whether there is no place at all.
-    pub fn is_empty(&self) -> bool {
-        self.columns.is_empty()
-    }
-
-    /// Each row as its range of slots.
-    fn rows(&self) -> impl Iterator<Item = std::ops::Range<usize>> {
-        self.starts.windows(2).map(|ends| ends[0]..ends[1])
-    }
 }
 
 impl<T: Real> Sparse<T> {
@@ -109,7 +84,7 @@ impl<T: Real> Sparse<T> {
 
     fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]) {
         for (out, slots) in out.iter_mut().zip(self.pattern.rows()) {
-            let entries = self.pattern.columns[slots.clone()].iter().zip(&self.values[slots]);
+            let entries = self.pattern.columns()[slots.clone()].iter().zip(&self.values[slots]);
             let sum = entries.fold(T::zero(), |sum, (&column, &entry)| sum + entry * x[column]);
             *out += sum * factor;
         }
@@ -149,12 +124,21 @@ impl<T: Real> Matrix<T> {
         Self::Sparse(sparse)
     }
 
+    /// Number of rows.
+    pub fn size(&self) -> usize {
+        match self {
+            Self::Diagonal(entries) => entries.len(),
+            Self::Dense(entries) => entries.len().isqrt(),
+            Self::Sparse(sparse) => sparse.pattern.size(),
+        }
+    }
+
     /// Largest distance from the diagonal at which an entry need not be zero.
     fn band(&self) -> usize {
         match self {
             Self::Diagonal(_) => 0,
             Self::Dense(columns) => columns.len().isqrt().saturating_sub(1),
-            Self::Sparse(sparse) => sparse.pattern.band,
+            Self::Sparse(sparse) => sparse.pattern.band(),
         }
     }
 
@@ -172,7 +156,7 @@ impl<T: Real> Matrix<T> {
             Self::Sparse(sparse) => {
                 let rows = sparse.pattern.rows().enumerate();
                 let places = rows.flat_map(|(row, slots)| slots.map(move |slot| (row, slot)));
-                places.map(|(row, slot)| (row, sparse.pattern.columns[slot], sparse.values[slot])).collect()
+                places.map(|(row, slot)| (row, sparse.pattern.columns()[slot], sparse.values[slot])).collect()
             }
         }
     }
@@ -200,15 +184,14 @@ impl<T: Real> Block<T> for Matrix<T> {
     }
 
     fn add_to(&self, factor: T, target: &mut [T], width: usize, row: usize, column: usize) {
-        let rows = target.chunks_exact_mut(width.max(1)).skip(row);
         match self {
             Self::Diagonal(diagonal) => {
-                for (index, (numbers, &entry)) in rows.zip(diagonal).enumerate() {
-                    numbers[column + index] += entry * factor;
-                }
+                let places = target[row * width + column..].iter_mut().step_by(width + 1);
+                places.zip(diagonal).for_each(|(place, &entry)| *place += entry * factor);
             }
             Self::Dense(columns) => {
                 let size = columns.len().isqrt();
+                let rows = target.chunks_exact_mut(width.max(1)).skip(row);
                 for (index, numbers) in rows.take(size).enumerate() {
                     let entries = columns.iter().skip(index).step_by(size);
                     for (place, &entry) in numbers[column..].iter_mut().zip(entries) {
@@ -217,9 +200,10 @@ impl<T: Real> Block<T> for Matrix<T> {
                 }
             }
             Self::Sparse(sparse) => {
-                for (numbers, slots) in rows.zip(sparse.pattern.rows()) {
+                for (index, slots) in sparse.pattern.rows().enumerate() {
+                    let numbers = &mut target[(row + index) * width + column..];
                     for slot in slots {
-                        numbers[column + sparse.pattern.columns[slot]] += sparse.values[slot] * factor;
+                        numbers[sparse.pattern.columns()[slot]] += sparse.values[slot] * factor;
                     }
                 }
             }
@@ -239,11 +223,13 @@ impl<T: Real> Block<T> for Matrix<T> {
             let negative = diagonal.iter().any(|&entry| entry < T::zero());
             return if negative { Err(MatrixError::NotPositiveSemidefinite) } else { Ok(()) };
         }
-        let size = match self {
-            Self::Sparse(sparse) => sparse.pattern.starts.len() - 1,
-            Self::Diagonal(entries) => entries.len(),
-            Self::Dense(entries) => entries.len().isqrt(),
-        };
+        if let Self::Sparse(sparse) = self {
+            let values: Vec<f64> = sparse.values.iter().map(|entry| entry.to_f64()).collect();
+            let rounding = T::EPSILON.to_f64();
+            return check_positive_semidefinite(&sparse.pattern, &values, rounding)
+                .map_err(|_| MatrixError::NotPositiveSemidefinite);
+        }
+        let size = self.size();
         let mut dense = vec![T::zero(); size * size];
         self.add_to(T::one(), &mut dense, size, 0, 0);
         // A lift by rounding makes a semidefinite matrix definite.

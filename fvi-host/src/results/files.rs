@@ -194,7 +194,7 @@ pub(crate) fn remove(path: &Path) -> Result<(), FileError> {
 }
 
 /// Writes a text.
-#[cfg(feature = "program")]
+#[cfg(feature = "pictures")]
 pub(crate) fn write_text(path: &Path, text: &str) -> Result<(), FileError> {
     write(path, |file| file.write_all(text.as_bytes()))
 }

@@ -112,7 +112,9 @@ impl Largest {
     /// Takes in one grid point.
     pub fn take(&mut self, state: &GridState) {
         let raise = |largest: &mut Vec<f64>, numbers: &[f64]| {
-            largest.resize(numbers.len(), 0.0);
+            if largest.len() != numbers.len() {
+                largest.resize(numbers.len(), 0.0);
+            }
             largest
                 .iter_mut()
                 .zip(numbers)

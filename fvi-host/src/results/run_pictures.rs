@@ -36,12 +36,17 @@ impl RunTraces {
     }
 
     fn coordinates(&self, scenario: &Scenario, reference: &[ReferenceRow]) -> Chart {
-        let mut chart = chart(scenario, Axis::linear("time t"), Axis::linear(self.position_label()));
-        for (index, envelope) in self.coordinates.iter().enumerate() {
+        let chosen = scenario.written_coordinates();
+        let label = match chosen.as_slice() {
+            [only] => format!("position q{only}"),
+            _ => "position".to_owned(),
+        };
+        let mut chart = chart(scenario, time_axis(scenario), Axis::linear(label));
+        for (index, envelope) in chosen.iter().zip(&self.coordinates) {
             chart = chart.with(Series::new(format!("q{index}"), Style::Line, envelope.points()));
         }
-        for index in 0..self.coordinates.len() {
-            let known = |row: &ReferenceRow| Some((row.time, row.position[index]?));
+        for (index, &coordinate) in chosen.iter().enumerate() {
+            let known = |row: &ReferenceRow| Some((row.time, (*row.position.get(coordinate)?)?));
             let points: Vec<_> = reference.iter().filter_map(known).collect();
             // One entry in the legend stands for the references of all coordinates.
             let label = if index == 0 { "reference" } else { "" };
@@ -50,27 +55,26 @@ impl RunTraces {
         chart
     }
 
-    fn position_label(&self) -> &'static str {
-        if self.coordinates.len() == 1 { "position q0" } else { "position" }
-    }
-
     fn energy(&self, scenario: &Scenario, reference: &[ReferenceRow]) -> Chart {
         let points = reference.iter().filter_map(|row| Some((row.time, row.energy?))).collect();
-        let chart = chart(scenario, Axis::linear("time t"), Axis::linear("energy ½ pᵀM⁻¹p + U(q)"))
+        let chart = chart(scenario, time_axis(scenario), Axis::linear("energy ½ pᵀM⁻¹p + U(q)"))
             .with(Series::new("energy", Style::Line, self.energy.points()));
         with_reference(chart, scenario, "reference", points)
     }
 
     fn phase_portrait(&self, scenario: &Scenario, reference: &[ReferenceRow]) -> Option<Chart> {
-        let known =
-            |row: &ReferenceRow| Some((*row.position.first()?.as_ref()?, *row.momentum.first()?.as_ref()?));
+        let coordinate = scenario.written_coordinates().first().copied()?;
+        let known = |row: &ReferenceRow| {
+            Some((*row.position.get(coordinate)?.as_ref()?, *row.momentum.get(coordinate)?.as_ref()?))
+        };
         let points = reference.iter().filter_map(known).collect();
         let path = self.phase.as_ref()?;
         let mut subtitle = subtitle(scenario);
         if path.interrupted() {
             subtitle += "; beginning and end of the run";
         }
-        let chart = Chart::new(scenario.heading(), Axis::linear("position q0"), Axis::linear("momentum p0"))
+        let (x, y) = (format!("position q{coordinate}"), format!("momentum p{coordinate}"));
+        let chart = Chart::new(scenario.heading(), Axis::linear(x), Axis::linear(y))
             .with_subtitle(subtitle)
             .with(Series::new("trajectory", Style::Line, path.points()));
         Some(with_reference(chart, scenario, "reference", points))
@@ -81,12 +85,24 @@ fn chart(scenario: &Scenario, x: Axis, y: Axis) -> Chart {
     Chart::new(scenario.heading(), x, y).with_subtitle(subtitle(scenario))
 }
 
+/// Times of more decades than this are drawn by their logarithm.
+const MOST_DECADES: f64 = 3.0;
+
+/// Whether the steps of a run go over so many decades that time is drawn by its logarithm.
+fn over_decades(scenario: &Scenario) -> bool {
+    scenario.time.grid.is_some() && (scenario.time.end() / scenario.time.time(1)).log10() > MOST_DECADES
+}
+
+fn time_axis(scenario: &Scenario) -> Axis {
+    if over_decades(scenario) { Axis::logarithmic("time t") } else { Axis::linear("time t") }
+}
+
 fn subtitle(scenario: &Scenario) -> String {
     let mut words = scenario.scheme.describe();
     if !scenario.system.damping.is_empty() {
         words += &format!("; {}", scenario.convolution.describe());
     }
-    format!("{words}; step {}", scenario.time.step)
+    format!("{words}; {}", scenario.time.describe())
 }
 
 fn with_reference(chart: Chart, scenario: &Scenario, label: &str, points: Vec<(f64, f64)>) -> Chart {
@@ -110,7 +126,11 @@ fn reference_rows(scenario: &Scenario, steps: usize) -> Vec<ReferenceRow> {
         }
         ReferenceSource::Expressions { .. } => {
             let end = scenario.time.time(steps);
-            let at = |index: usize| end * index as f64 / REFERENCE_INTERVALS as f64;
+            let first = scenario.time.time(1);
+            let at = |index: usize| {
+                let part = index as f64 / REFERENCE_INTERVALS as f64;
+                if over_decades(scenario) { first * (end / first).powf(part) } else { end * part }
+            };
             let row = |index| reference.at_time(at(index), scenario.coordinates());
             (0..=REFERENCE_INTERVALS).filter_map(row).collect()
         }

@@ -14,6 +14,7 @@ pub(crate) struct RunTraces {
 }
 
 impl RunTraces {
+    /// For as many coordinates as are drawn.
     pub(crate) fn new(coordinates: usize) -> Self {
         Self {
             coordinates: vec![Envelope::new(); coordinates],
@@ -24,9 +25,9 @@ impl RunTraces {
 
     /// Whether what was read could have been gathered along a run with so many coordinates.
     pub(crate) fn is_sound(&self, coordinates: usize) -> bool {
-        self.coordinates.len() == coordinates
+        (1..=coordinates).contains(&self.coordinates.len())
             && self.coordinates.iter().chain([&self.energy]).all(Envelope::is_sound)
-            && self.phase.is_some() == (coordinates == 1)
+            && self.phase.is_some() == (self.coordinates.len() == 1)
             && self.phase.iter().all(PathTrace::is_sound)
     }
 

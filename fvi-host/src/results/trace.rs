@@ -57,20 +57,25 @@ impl Envelope {
     }
 
     /// Takes the next point; times ascend.
+    #[inline]
     pub fn push(&mut self, time: f64, value: f64) {
         match self.buckets.last_mut() {
             Some(bucket) if self.filled < self.width => {
                 bucket.take((time, value));
                 self.filled += 1;
             }
-            _ => {
-                if self.buckets.len() == Self::MOST_BUCKETS {
-                    self.halve();
-                }
-                self.buckets.push(Bucket::of((time, value)));
-                self.filled = 1;
-            }
+            _ => self.open((time, value)),
         }
+    }
+
+    /// Begins a bucket.
+    #[cold]
+    fn open(&mut self, point: (f64, f64)) {
+        if self.buckets.len() == Self::MOST_BUCKETS {
+            self.halve();
+        }
+        self.buckets.push(Bucket::of(point));
+        self.filled = 1;
     }
 
     /// Joins neighbouring buckets; their number is even.
@@ -129,18 +134,23 @@ impl PathTrace {
     }
 
     /// Takes the next point of the path.
+    #[inline]
     pub fn push(&mut self, x: f64, y: f64) {
         if !x.is_finite() || !y.is_finite() {
             return;
         }
-        let point = (x, y);
-        let [low, high] = self.extent.unwrap_or([point, point]);
-        self.extent = Some([(low.0.min(x), low.1.min(y)), (high.0.max(x), high.1.max(y))]);
-        self.last = Some(point);
-        let newest = self.end.back().or(self.beginning.last());
-        if newest.is_some_and(|&kept| self.distance(kept, point) < self.spacing) {
-            return;
+        let inside = |[low, high]: [(f64, f64); 2]| low.0 <= x && x <= high.0 && low.1 <= y && y <= high.1;
+        if !self.extent.is_some_and(inside) {
+            self.widen((x, y));
         }
+        self.last = Some((x, y));
+        let newest = self.end.back().or(self.beginning.last());
+        if !newest.is_some_and(|&kept| self.are_close(kept, (x, y))) {
+            self.keep((x, y));
+        }
+    }
+
+    fn keep(&mut self, point: (f64, f64)) {
         if self.beginning.len() == Self::MOST_POINTS && self.spacing == 0.0 {
             self.thin();
         }
@@ -155,22 +165,31 @@ impl PathTrace {
         self.end.push_back(point);
     }
 
+    /// Takes a point into the extent.
+    #[cold]
+    fn widen(&mut self, (x, y): (f64, f64)) {
+        let [low, high] = self.extent.unwrap_or([(x, y); 2]);
+        self.extent = Some([(low.0.min(x), low.1.min(y)), (high.0.max(x), high.1.max(y))]);
+    }
+
     fn thin(&mut self) {
         self.spacing = Self::FINEST_SPACING;
         let mut kept: Vec<(f64, f64)> = Vec::with_capacity(Self::MOST_POINTS);
         for &point in &self.beginning {
-            if kept.last().is_none_or(|&last| self.distance(last, point) >= self.spacing) {
+            if kept.last().is_none_or(|&last| !self.are_close(last, point)) {
                 kept.push(point);
             }
         }
         self.beginning = kept;
     }
 
-    /// Distance as a share of the extent.
-    fn distance(&self, a: (f64, f64), b: (f64, f64)) -> f64 {
-        let Some([low, high]) = self.extent else { return 0.0 };
-        let share = |difference: f64, size: f64| if size > 0.0 { (difference / size).abs() } else { 0.0 };
-        share(a.0 - b.0, high.0 - low.0).max(share(a.1 - b.1, high.1 - low.1))
+    /// Whether two points are less than the spacing apart; where the path has no extent, all are.
+    fn are_close(&self, a: (f64, f64), b: (f64, f64)) -> bool {
+        let Some([low, high]) = self.extent else { return false };
+        let close = |difference: f64, size: f64| {
+            difference.abs() < self.spacing * size || (size == 0.0 && self.spacing > 0.0)
+        };
+        close(a.0 - b.0, high.0 - low.0) && close(a.1 - b.1, high.1 - low.1)
     }
 
     /// Whether the middle of the path is missing.

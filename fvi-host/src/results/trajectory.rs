@@ -66,21 +66,22 @@ pub(crate) struct TrajectoryMark {
 }
 
 impl TrajectoryWriter {
-    /// A writer into a directory of every `every`-th row; the first and the last are always written.
+    /// A writer into a directory of every `every`-th row; the first and the last are always written. The states that it takes hold
+    /// these coordinates, which name the columns.
     ///
     /// # Errors
     /// If a file cannot be created.
-    pub fn create(directory: &Path, format: Format, coordinates: usize, every: usize) -> io::Result<Self> {
+    pub fn create(directory: &Path, format: Format, coordinates: &[usize], every: usize) -> io::Result<Self> {
         let path = directory.join(format.file());
         let rows = match format {
             Format::Csv => {
                 let mut file = GrowingFile::begin(&path, 0)?;
-                let columns = |letter: char| (0..coordinates).map(move |index| format!(",{letter}{index}"));
+                let columns = |letter: char| coordinates.iter().map(move |index| format!(",{letter}{index}"));
                 let names: String = columns('q').chain(columns('p')).collect();
                 writeln!(file, "t{names},energy")?;
                 Rows::Csv(file)
             }
-            Format::Npz => Rows::Npz(Box::new(NpzRows::create(&path, coordinates)?)),
+            Format::Npz => Rows::Npz(Box::new(NpzRows::create(&path, coordinates.len())?)),
         };
         Ok(Self { rows, every: every.max(1), index: 0, written: true })
     }
@@ -207,7 +208,7 @@ mod tests {
 
     fn rows(every: usize, count: usize) -> Vec<String> {
         let directory = tempfile::tempdir().unwrap();
-        let mut writer = TrajectoryWriter::create(directory.path(), Format::Csv, 1, every).unwrap();
+        let mut writer = TrajectoryWriter::create(directory.path(), Format::Csv, &[0], every).unwrap();
         (0..count).for_each(|index| writer.push(&state(index)).unwrap());
         let path = directory.path().join("trajectory.csv");
         assert!(!path.exists());
@@ -243,7 +244,7 @@ mod tests {
             for every in [1, 3] {
                 let written = |interrupted: bool, finished: bool| {
                     let directory = tempfile::tempdir().unwrap();
-                    let mut writer = TrajectoryWriter::create(directory.path(), format, 1, every).unwrap();
+                    let mut writer = TrajectoryWriter::create(directory.path(), format, &[0], every).unwrap();
                     (0..11).for_each(|index| writer.push(&state(index)).unwrap());
                     if interrupted {
                         let mark = writer.mark().unwrap();

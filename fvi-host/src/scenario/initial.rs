@@ -15,6 +15,11 @@ pub struct InitialState {
 }
 
 impl InitialState {
+    /// Rest at the origin.
+    pub(super) fn at_rest(count: usize) -> Self {
+        Self { position: vec![0.0; count], momentum: vec![0.0; count] }
+    }
+
     pub(super) fn read(table: &Table<'_>, system: &System) -> Result<Self, InputError> {
         table.allow(&["position", "momentum", "velocity"])?;
         let count = system.coordinates();

@@ -1,5 +1,6 @@
 //! Symmetric matrices of a scenario: a list of diagonal entries, or rows.
 
+use super::sparse_matrix::SparseMatrix;
 use crate::language::document::Value;
 use crate::language::error::{InputError, Problem};
 use nalgebra::DMatrix;
@@ -12,6 +13,8 @@ pub enum SymmetricMatrix {
     Diagonal(Vec<f64>),
     /// All entries.
     Dense(DMatrix<f64>),
+    /// Those that need not be zero.
+    Sparse(SparseMatrix),
 }
 
 impl SymmetricMatrix {
@@ -20,6 +23,7 @@ impl SymmetricMatrix {
         match self {
             Self::Diagonal(entries) => entries.len(),
             Self::Dense(matrix) => matrix.nrows(),
+            Self::Sparse(matrix) => matrix.size(),
         }
     }
 
@@ -43,6 +47,7 @@ impl SymmetricMatrix {
                     *place = row.iter().zip(vector).map(|(entry, x)| entry * x).sum();
                 }
             }
+            Self::Sparse(matrix) => matrix.write_times(vector, product),
         }
     }
 
@@ -51,11 +56,26 @@ impl SymmetricMatrix {
         match self {
             Self::Diagonal(entries) => entries.iter().all(|&entry| entry == 0.0),
             Self::Dense(matrix) => matrix.iter().all(|&entry| entry == 0.0),
+            Self::Sparse(matrix) => matrix.values.iter().all(|&entry| entry == 0.0),
         }
     }
 
-    /// Reads numbers (a diagonal) or rows of numbers.
+    /// The same matrix times a number.
+    pub(super) fn scaled(self, scale: f64) -> Self {
+        match self {
+            Self::Diagonal(entries) => {
+                Self::Diagonal(entries.into_iter().map(|entry| entry * scale).collect())
+            }
+            Self::Dense(matrix) => Self::Dense(matrix * scale),
+            Self::Sparse(matrix) => Self::Sparse(matrix.scaled(scale)),
+        }
+    }
+
+    /// Reads numbers (a diagonal), rows of numbers, or the name of a file.
     pub(super) fn read(value: &Value<'_>) -> Result<Self, InputError> {
+        if value.is_text() {
+            return SparseMatrix::read(value).map(Self::Sparse);
+        }
         let entries = value.list("a list of numbers (the diagonal) or of rows")?;
         if !entries.iter().any(Value::is_list) {
             return Ok(Self::Diagonal(value.numbers()?));
@@ -86,6 +106,9 @@ impl SymmetricMatrix {
 
     /// Refuses a matrix with an eigenvalue ≤ 0 (to rounding), or so small that the inverse is not finite.
     pub(super) fn positive_definite(self, value: &Value<'_>) -> Result<Self, InputError> {
+        if let Self::Sparse(matrix) = self {
+            return matrix.positive_definite(value).map(Self::Sparse);
+        }
         let (smallest, threshold) = self.spectrum();
         if smallest > threshold && smallest.recip().is_finite() {
             Ok(self)
@@ -96,6 +119,9 @@ impl SymmetricMatrix {
 
     /// Refuses a matrix with an eigenvalue < 0 (beyond rounding).
     pub(super) fn positive_semidefinite(self, value: &Value<'_>) -> Result<Self, InputError> {
+        if let Self::Sparse(matrix) = self {
+            return matrix.positive_semidefinite(value).map(Self::Sparse);
+        }
         let (smallest, threshold) = self.spectrum();
         if smallest >= -threshold {
             Ok(self)
@@ -112,6 +138,8 @@ impl SymmetricMatrix {
                 let eigenvalues = matrix.clone().symmetric_eigenvalues();
                 (eigenvalues.min(), 8.0 * f64::EPSILON * matrix.nrows() as f64 * eigenvalues.amax())
             }
+            // Judged by its factor.
+            Self::Sparse(_) => (f64::NAN, f64::NAN),
         }
     }
 }
@@ -120,6 +148,7 @@ impl Serialize for SymmetricMatrix {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         match self {
             Self::Diagonal(entries) => entries.serialize(serializer),
+            Self::Sparse(matrix) => matrix.serialize(serializer),
             Self::Dense(matrix) => {
                 let rows: Vec<Vec<f64>> =
                     matrix.row_iter().map(|row| row.iter().copied().collect()).collect();

@@ -1,7 +1,7 @@
 //! `[reference]`: what the solution is known to be, as expressions in t or as a table.
 
 use super::system::System;
-use super::time::{TimeGrid, same_time};
+use super::time::{OutputOptions, TimeGrid, same_time};
 use crate::language::document::{Document, Table};
 use crate::language::error::{InputError, Problem};
 use crate::language::expression::{Expression, Moment};
@@ -61,7 +61,7 @@ impl Reference {
     pub(super) fn read(
         table: &Table<'_>,
         system: &System,
-        grid: &TimeGrid,
+        (grid, output): (&TimeGrid, &OutputOptions),
         document: &Document,
     ) -> Result<Self, InputError> {
         table.allow(&["position", "momentum", "energy", "file"])?;
@@ -74,9 +74,14 @@ impl Reference {
             }
             let rows = read_rows(&value, document, count)?;
             let reference = Self { source: ReferenceSource::Table { file: value.text()?.to_owned(), rows } };
-            if !reference.meets(grid) {
-                let reason =
-                    format!("none of its times is a grid point k·{}, k = 0…{}", grid.step, grid.steps);
+            if !reference.meets(grid, output) {
+                let reason = match &grid.grid {
+                    None => {
+                        format!("none of its times is a grid point k·{}, k = 0…{}", grid.step, grid.steps)
+                    }
+                    Some(_) => "none of its times is a grid point (`time.must_hit`) or one of `output.times`"
+                        .to_owned(),
+                };
                 let file = document.resolve(value.text()?).display().to_string();
                 return Err(value.error(Problem::Table { file, line: 2, reason }));
             }
@@ -116,6 +121,29 @@ impl Reference {
         }
     }
 
+    /// The known solution at grid point `index`; `None` where nothing is known.
+    pub fn at_grid_point(&self, index: usize, grid: &TimeGrid, coordinates: usize) -> Option<ReferenceRow> {
+        if grid.grid.is_none() {
+            return self.at_step(index, grid.step, coordinates);
+        }
+        self.near(grid.time(index), grid.tolerance(index), coordinates)
+    }
+
+    /// The known solution at a time of the output; `None` where nothing is known.
+    pub fn at_output(&self, time: f64, coordinates: usize) -> Option<ReferenceRow> {
+        self.near(time, same_time(time, 0.0), coordinates)
+    }
+
+    fn near(&self, time: f64, tolerance: f64, coordinates: usize) -> Option<ReferenceRow> {
+        match &self.source {
+            ReferenceSource::Expressions { .. } => self.at_time(time, coordinates),
+            ReferenceSource::Table { rows, .. } => {
+                let next = rows.partition_point(|row| row.time < time - tolerance);
+                rows.get(next).filter(|row| row.time <= time + tolerance).cloned()
+            }
+        }
+    }
+
     /// The known solution at any time; `None` where it is known at some times only.
     pub fn at_time(&self, time: f64, coordinates: usize) -> Option<ReferenceRow> {
         let ReferenceSource::Expressions { position, momentum, energy } = &self.source else { return None };
@@ -135,17 +163,18 @@ impl Reference {
         Some(ReferenceRow { time, position, momentum, energy, undefined })
     }
 
-    /// Whether something is known at a grid point; expressions may be known anywhere.
-    pub(super) fn meets(&self, grid: &TimeGrid) -> bool {
+    /// Whether something is known at a grid point or a time of the output; expressions may be known anywhere.
+    pub(super) fn meets(&self, grid: &TimeGrid, output: &OutputOptions) -> bool {
         let ReferenceSource::Table { rows, .. } = &self.source else { return true };
-        rows.iter().any(|row| grid.index_of(row.time).is_some())
+        rows.iter().any(|row| grid.index_of(row.time).is_some() || output.has(row.time))
     }
 
     /// Times of a table up to the end of the grid that are not grid points: nothing is compared there.
-    pub(super) fn off_grid(&self, grid: &TimeGrid) -> usize {
+    pub(super) fn off_grid(&self, grid: &TimeGrid, output: &OutputOptions) -> usize {
         let ReferenceSource::Table { rows, .. } = &self.source else { return 0 };
         let within = |row: &&ReferenceRow| (0.0..=grid.end()).contains(&row.time);
-        rows.iter().filter(within).filter(|row| grid.index_of(row.time).is_none()).count()
+        let missed = |row: &&ReferenceRow| grid.index_of(row.time).is_none() && !output.has(row.time);
+        rows.iter().filter(within).filter(missed).count()
     }
 }
 

@@ -74,15 +74,8 @@ impl SampledInput {
 
     /// Finds the first step under each sample on another grid.
     pub(super) fn place_on(&mut self, grid: &TimeGrid) {
-        let first_step = |time: &f64| {
-            // Grid times and sample times are rounded: a sample that little after t_k counts at t_k.
-            let place = time / grid.step;
-            if place.is_infinite() {
-                return usize::MAX;
-            }
-            (place - f64::max(1e-9, 4.0 * f64::EPSILON * place)).ceil().max(0.0) as usize
-        };
-        self.first_steps = self.times.iter().map(first_step).collect();
+        // Grid times and sample times are rounded: a sample that little after t_k counts at t_k.
+        self.first_steps = self.times.iter().map(|&time| grid.first_step_from(time)).collect();
     }
 
     /// The input held over step `step`; `None` before the first sample.

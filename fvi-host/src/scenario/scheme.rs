@@ -22,6 +22,8 @@ pub enum Scheme {
         #[serde(flatten)]
         quadrature: Option<Quadrature>,
     },
+    /// Collocation by the Radau IIA method of the convolution quadrature: L-stable, not variational.
+    Collocation,
     /// Explicit Euler with the same memory, a baseline.
     ExplicitEuler,
     /// Implicit Euler with the same memory, a baseline.
@@ -95,6 +97,7 @@ pub enum ConvolutionFamily {
 enum SchemeKind {
     LowOrder,
     Galerkin,
+    Collocation,
     ExplicitEuler,
     ImplicitEuler,
 }
@@ -123,6 +126,7 @@ impl Scheme {
         let kind = table.required("kind")?.choice(&[
             ("low-order", SchemeKind::LowOrder),
             ("galerkin", SchemeKind::Galerkin),
+            ("collocation", SchemeKind::Collocation),
             ("explicit-euler", SchemeKind::ExplicitEuler),
             ("implicit-euler", SchemeKind::ImplicitEuler),
         ])?;
@@ -141,6 +145,7 @@ impl Scheme {
                 let degree = table.required("degree")?.whole(1..=6)?;
                 Ok(Self::Galerkin { degree, quadrature: read_quadrature(table, degree)? })
             }
+            SchemeKind::Collocation => table.allow(&["kind"]).map(|()| Self::Collocation),
             SchemeKind::ExplicitEuler => table.allow(&["kind"]).map(|()| Self::ExplicitEuler),
             SchemeKind::ImplicitEuler => table.allow(&["kind"]).map(|()| Self::ImplicitEuler),
         }
@@ -176,6 +181,7 @@ impl Scheme {
                 format!("Galerkin, degree {degree}, Lobatto {points}")
             }
             Self::Galerkin { degree, quadrature: None } => format!("Galerkin, degree {degree}"),
+            Self::Collocation => "collocation".to_owned(),
             Self::ExplicitEuler => "explicit Euler".to_owned(),
             Self::ImplicitEuler => "implicit Euler".to_owned(),
         }
@@ -230,13 +236,18 @@ impl DampedAt {
 impl Convolution {
     /// What a scenario has that does not say: BDF 2 at the nodes, with which the midpoint rule is of order 2 and stable at every
     /// step. Euler's methods, baselines of order 1, keep BDF 1 at the main nodes: the explicit one has no node inside of the step,
-    /// and the implicit one solves for its end already.
+    /// and the implicit one solves for its end already. Collocation has Radau IIA, of order 5.
     pub fn default_for(scheme: &Scheme) -> Self {
-        let (order, at) = match scheme {
-            Scheme::LowOrder { .. } | Scheme::Galerkin { .. } => (2, DampedAt::Nodes),
-            Scheme::ExplicitEuler | Scheme::ImplicitEuler => (1, DampedAt::MainNodes),
+        let (family, at) = match scheme {
+            Scheme::LowOrder { .. } | Scheme::Galerkin { .. } => {
+                (ConvolutionFamily::Bdf { order: 2 }, DampedAt::Nodes)
+            }
+            Scheme::Collocation => (ConvolutionFamily::RadauIia { stages: 3 }, DampedAt::Nodes),
+            Scheme::ExplicitEuler | Scheme::ImplicitEuler => {
+                (ConvolutionFamily::Bdf { order: 1 }, DampedAt::MainNodes)
+            }
         };
-        Self { family: ConvolutionFamily::Bdf { order }, at, starting: Vec::new() }
+        Self { family, at, starting: Vec::new() }
     }
 
     pub(super) fn read(table: &Table<'_>, scheme: &Scheme) -> Result<Self, InputError> {
@@ -247,10 +258,22 @@ impl Convolution {
                 ("radau-iia", FamilyName::RadauIia),
                 ("lobatto-iiic", FamilyName::LobattoIiic),
             ])?,
+            None if *scheme == Scheme::Collocation => FamilyName::RadauIia,
             None => FamilyName::Bdf,
         };
+        if let (Some(value), Scheme::Collocation, FamilyName::Bdf | FamilyName::LobattoIiic) =
+            (&family_value, scheme, name)
+        {
+            return Err(value.error(Problem::Incompatible {
+                with: "`scheme.kind` = \"collocation\"".to_owned(),
+                allowed: "\"radau-iia\", whose nodes the scheme collocates at".to_owned(),
+            }));
+        }
         // The stages are the nodes of the action's quadrature too: as many as the degree at least.
         let stages = |fewest: usize, most: usize| {
+            if *scheme == Scheme::Collocation && table.optional("stages").is_none() {
+                return Ok(most);
+            }
             let value = table.required("stages")?;
             let stages = value.whole(fewest..=most)?;
             match scheme {
@@ -287,7 +310,7 @@ impl Convolution {
         };
         if let (Some(value), FamilyName::RadauIia | FamilyName::LobattoIiic) = (&family_value, name) {
             match scheme {
-                Scheme::Galerkin { quadrature: None, .. } => {}
+                Scheme::Galerkin { quadrature: None, .. } | Scheme::Collocation => {}
                 Scheme::Galerkin { .. } => {
                     return Err(value.error(Problem::Incompatible {
                         with: "`scheme.quadrature` and `scheme.points`".to_owned(),
@@ -297,7 +320,7 @@ impl Convolution {
                 _ => {
                     return Err(value.error(Problem::Incompatible {
                         with: "this `scheme.kind`".to_owned(),
-                        allowed: "\"bdf\" here, or `scheme.kind = \"galerkin\"`".to_owned(),
+                        allowed: "\"bdf\" here, or `scheme.kind = \"galerkin\"` or, with Radau IIA, \"collocation\"".to_owned(),
                     }));
                 }
             }

@@ -1,18 +1,25 @@
 //! `[system]`: mass, potential, force, parameters and damping.
 
+use super::element::Element;
+use super::load::Load;
 use super::matrix::SymmetricMatrix;
 use super::own_terms::SharedTerms;
+use super::sparse_matrix::SparseMatrix;
 use crate::language::document::{Table, Value};
 use crate::language::error::{InputError, Problem};
 use crate::language::expression::{Expression, Symbols};
-use serde::Serialize;
+use serde::ser::SerializeMap;
+use serde::{Serialize, Serializer};
 use std::collections::BTreeMap;
 
-/// d/dt (M q̇) + ∇U(q) = F(t, q) − Σ_m ρ_m D^{β_m} q.
+/// d/dt (M q̇) + K q + ∇U(q) + Σ_e ∇U_e(q) = F(t, q) + Σ_l f_l a_l(t) − Σ_m ρ_m D^{β_m} q.
 #[derive(Clone, Debug, Serialize)]
 pub struct System {
     /// M, symmetric positive definite.
     pub mass: SymmetricMatrix,
+    /// K, symmetric; absent: none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stiffness: Option<SymmetricMatrix>,
     /// U(q); absent: none.
     pub potential: Option<Expression>,
     /// F(t, q), one expression for each coordinate; absent: none.
@@ -23,13 +30,19 @@ pub struct System {
     pub parameters: BTreeMap<String, f64>,
     /// The damping terms, summed.
     pub damping: Vec<Damping>,
+    /// U_e: potentials of a few coordinates each.
+    #[serde(rename = "element", skip_serializing_if = "Vec::is_empty")]
+    pub elements: Vec<Element>,
+    /// f_l a_l(t).
+    #[serde(rename = "load", skip_serializing_if = "Vec::is_empty")]
+    pub loads: Vec<Load>,
     /// Potential and forces in code, beside those above.
     #[serde(skip)]
     pub own_terms: Option<SharedTerms>,
 }
 
 /// One damping term ρ D^β q.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug)]
 pub struct Damping {
     /// β = 2α, the damping order in the equation of motion, 0 ≤ β < 2.
     pub order: f64,
@@ -37,6 +50,22 @@ pub struct Damping {
     pub coefficient: SymmetricMatrix,
     /// What the derivative acts on.
     pub derivative: Derivative,
+    /// Where ρ = B diag(strength) Bᵀ comes from, if the scenario gives it so.
+    pub attached: Option<Attached>,
+    /// By which the matrix of a file was multiplied.
+    scale: Option<f64>,
+}
+
+/// Dampers: ρ = B diag(strength) Bᵀ, one column of B for each.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Attached {
+    /// The columns of B, each as (coordinate, number).
+    pub columns: Vec<Vec<(u32, f64)>>,
+    /// One number ≥ 0 for each column.
+    pub strength: Vec<f64>,
+    /// The file of B; none if it is given by its rows.
+    source: Option<String>,
+    rows: usize,
 }
 
 /// How schemes take the work of the part of a force that depends on time alone.
@@ -62,7 +91,17 @@ pub enum Derivative {
 
 impl System {
     pub(super) fn read(table: &Table<'_>) -> Result<Self, InputError> {
-        table.allow(&["mass", "potential", "force", "force_quadrature", "parameters", "damping"])?;
+        table.allow(&[
+            "mass",
+            "stiffness",
+            "potential",
+            "force",
+            "force_quadrature",
+            "parameters",
+            "damping",
+            "element",
+            "load",
+        ])?;
         let mass_value = table.required("mass")?;
         let mass = SymmetricMatrix::read(&mass_value)?;
         let count = mass.size();
@@ -72,12 +111,16 @@ impl System {
                 found: "none".to_owned(),
             }));
         }
-        let mass = mass.positive_definite(&mass_value)?;
+        let mut mass = mass.positive_definite(&mass_value)?;
+        let mut stiffness = match table.optional("stiffness") {
+            Some(value) => Some(of_size(SymmetricMatrix::read(&value)?, count, &value)?),
+            None => None,
+        };
         let parameters = match table.optional("parameters") {
             Some(value) => read_parameters(&value)?,
             None => BTreeMap::new(),
         };
-        let symbols = symbols(&parameters);
+        let symbols = symbols_of(&parameters);
         let coordinates = symbols.clone().with_coordinates(count);
         let potential =
             table.optional("potential").map(|value| value.expression(&coordinates)).transpose()?;
@@ -89,7 +132,23 @@ impl System {
             }
             None => ForceQuadrature::default(),
         };
-        let damping = match table.optional("damping") {
+        let elements = match table.optional("element") {
+            Some(value) => value
+                .list("a list of tables, each headed [[system.element]]")?
+                .iter()
+                .map(|element| Element::read(&element.table()?, &symbols_of(&parameters), count))
+                .collect::<Result<_, _>>()?,
+            None => Vec::new(),
+        };
+        let loads = match table.optional("load") {
+            Some(value) => value
+                .list("a list of tables, each headed [[system.load]]")?
+                .iter()
+                .map(|load| Load::read(&load.table()?, &symbols_of(&parameters), count))
+                .collect::<Result<_, _>>()?,
+            None => Vec::new(),
+        };
+        let mut damping: Vec<Damping> = match table.optional("damping") {
             Some(value) => value
                 .list("a list of tables, each headed [[system.damping]]")?
                 .iter()
@@ -97,7 +156,23 @@ impl System {
                 .collect::<Result<_, _>>()?,
             None => Vec::new(),
         };
-        Ok(Self { mass, potential, force, force_quadrature, parameters, damping, own_terms: None })
+        let matrices = [&mut mass]
+            .into_iter()
+            .chain(&mut stiffness)
+            .chain(damping.iter_mut().map(|term| &mut term.coefficient));
+        share_patterns(matrices);
+        Ok(Self {
+            mass,
+            stiffness,
+            potential,
+            force,
+            force_quadrature,
+            parameters,
+            damping,
+            elements,
+            loads,
+            own_terms: None,
+        })
     }
 
     /// Number of coordinates N.
@@ -105,29 +180,48 @@ impl System {
         self.mass.size()
     }
 
+    /// Whether the scenario uses any of the keys for large systems.
+    pub fn is_large(&self) -> bool {
+        self.stiffness.is_some()
+            || !self.elements.is_empty()
+            || !self.loads.is_empty()
+            || matches!(self.mass, SymmetricMatrix::Sparse(_))
+            || self.damping.iter().any(|term| matches!(term.coefficient, SymmetricMatrix::Sparse(_)))
+    }
+
     /// The parameters as names for further expressions.
     pub fn symbols(&self) -> Symbols {
-        symbols(&self.parameters)
+        symbols_of(&self.parameters)
     }
 }
 
 impl Damping {
     fn read(table: &Table<'_>, count: usize) -> Result<Self, InputError> {
-        table.allow(&["order", "coefficient", "derivative"])?;
+        table.allow(&["order", "coefficient", "scale", "attached", "strength", "derivative"])?;
         let order_value = table.required("order")?;
         let order = order_value.number()?;
         if !(0.0..2.0).contains(&order) {
             return Err(order_value.out_of_range("a damping order 0 ≤ β < 2"));
         }
-        let coefficient_value = table.required("coefficient")?;
-        let coefficient = SymmetricMatrix::read(&coefficient_value)?;
-        if coefficient.size() != count {
-            return Err(coefficient_value.error(Problem::WrongShape {
-                expected: format!("{count} (the number of coordinates, from `system.mass`)"),
-                found: format!("{} rows", coefficient.size()),
-            }));
-        }
-        let coefficient = coefficient.positive_semidefinite(&coefficient_value)?;
+        let scale = table.optional("scale");
+        let (given, value) = table.either("coefficient", "attached")?;
+        let (coefficient, attached, scale) = if given {
+            if let Some(strength) = table.optional("strength") {
+                return Err(belongs(&strength, "strength", "attached"));
+            }
+            let mut coefficient = of_size(SymmetricMatrix::read(&value)?, count, &value)?;
+            if let Some(scale) = &scale {
+                coefficient = coefficient.scaled(scale.number()?);
+            }
+            let scale = scale.map(|scale| scale.number()).transpose()?.filter(|_| value.is_text());
+            (coefficient.positive_semidefinite(&value)?, None, scale)
+        } else {
+            if let Some(scale) = scale {
+                return Err(belongs(&scale, "scale", "coefficient"));
+            }
+            let attached = Attached::read(&value, &table.required("strength")?, count)?;
+            (attached.coefficient(), Some(attached), None)
+        };
         let derivative = match table.optional("derivative") {
             Some(value) => value.choice(&[
                 ("caputo", Derivative::Caputo),
@@ -135,7 +229,132 @@ impl Damping {
             ])?,
             None => Derivative::Caputo,
         };
-        Ok(Self { order, coefficient, derivative })
+        Ok(Self { order, coefficient, derivative, attached, scale })
+    }
+}
+
+/// The keys that the scenario gave.
+impl Serialize for Damping {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(None)?;
+        map.serialize_entry("order", &self.order)?;
+        match &self.attached {
+            Some(attached) => {
+                match &attached.source {
+                    Some(file) => map.serialize_entry("attached", file)?,
+                    None => map.serialize_entry("attached", &attached.dense_rows())?,
+                }
+                map.serialize_entry("strength", &attached.strength)?;
+            }
+            None => map.serialize_entry("coefficient", &self.coefficient)?,
+        }
+        if let Some(scale) = self.scale {
+            map.serialize_entry("scale", &scale)?;
+        }
+        map.serialize_entry("derivative", &self.derivative)?;
+        map.end()
+    }
+}
+
+/// Most entries of B diag(strength) Bᵀ: a damper between all coordinates would fill the matrix.
+const MOST_ATTACHED: usize = 50_000_000;
+
+impl Attached {
+    fn read(value: &Value<'_>, strength_value: &Value<'_>, count: usize) -> Result<Self, InputError> {
+        let (rows, columns, entries, source) = if value.is_text() {
+            let file = value.matrix_file()?;
+            if file.half {
+                return Err(value.file_error("a symmetric matrix where the columns of dampers are wanted"));
+            }
+            let source = value.document().resolve(value.text()?).display().to_string();
+            (file.rows, file.columns, file.entries, Some(source))
+        } else {
+            let rows = value.list("a file, or a list of rows")?;
+            let rows: Vec<Vec<f64>> = rows.iter().map(Value::numbers).collect::<Result<_, _>>()?;
+            let columns = rows.first().map_or(0, Vec::len);
+            if rows.iter().any(|row| row.len() != columns) {
+                return Err(value.out_of_range("rows of the same length, one number for each damper"));
+            }
+            let entry = |(row, numbers): (usize, &Vec<f64>)| {
+                let numbers = numbers.iter().enumerate().filter(|(_, number)| **number != 0.0);
+                numbers.map(|(column, &number)| (row as u32, column as u32, number)).collect::<Vec<_>>()
+            };
+            (rows.len(), columns, rows.iter().enumerate().flat_map(entry).collect(), None)
+        };
+        if rows != count {
+            return Err(value.error(Problem::WrongShape {
+                expected: format!("{count} rows (the number of coordinates, from `system.mass`)"),
+                found: format!("{rows} rows"),
+            }));
+        }
+        if columns == 0 {
+            return Err(value.out_of_range("one column at least, one for each damper"));
+        }
+        let strength = strength_value.numbers()?;
+        if strength.len() != columns {
+            return Err(strength_value.error(Problem::WrongShape {
+                expected: format!("{columns} numbers, one for each column of `attached`"),
+                found: format!("{}", strength.len()),
+            }));
+        }
+        if strength.iter().any(|&strength| strength < 0.0) {
+            return Err(strength_value.out_of_range("numbers ≥ 0"));
+        }
+        let mut of_column = vec![Vec::new(); columns];
+        for (row, column, entry) in entries {
+            of_column[column as usize].push((row, entry));
+        }
+        let filled: usize =
+            of_column.iter().map(|column: &Vec<(u32, f64)>| column.len() * column.len()).sum();
+        if filled > MOST_ATTACHED {
+            return Err(value.out_of_range(format!(
+                "columns of a few coordinates each: B diag(strength) Bᵀ would have {filled} entries, at most {MOST_ATTACHED} are taken"
+            )));
+        }
+        Ok(Self { columns: of_column, strength, source, rows })
+    }
+
+    /// B diag(strength) Bᵀ.
+    fn coefficient(&self) -> SymmetricMatrix {
+        SymmetricMatrix::Sparse(SparseMatrix::of_columns(self.rows, &self.columns, &self.strength))
+    }
+
+    fn dense_rows(&self) -> Vec<Vec<f64>> {
+        let mut rows = vec![vec![0.0; self.columns.len()]; self.rows];
+        for (column, entries) in self.columns.iter().enumerate() {
+            for &(row, entry) in entries {
+                rows[row as usize][column] += entry;
+            }
+        }
+        rows
+    }
+}
+
+fn belongs(value: &Value<'_>, key: &str, other: &str) -> InputError {
+    value.key_error(Problem::Incompatible {
+        with: "the other keys of this term".to_owned(),
+        allowed: format!("`{key}` belongs to `{other}`"),
+    })
+}
+
+fn of_size(matrix: SymmetricMatrix, count: usize, value: &Value<'_>) -> Result<SymmetricMatrix, InputError> {
+    if matrix.size() == count {
+        return Ok(matrix);
+    }
+    Err(value.error(Problem::WrongShape {
+        expected: format!("{count} (the number of coordinates, from `system.mass`)"),
+        found: format!("{} rows", matrix.size()),
+    }))
+}
+
+/// Matrices with entries in the same places hold these once.
+fn share_patterns<'a>(matrices: impl Iterator<Item = &'a mut SymmetricMatrix>) {
+    let mut known: Vec<SparseMatrix> = Vec::new();
+    for matrix in matrices {
+        if let SymmetricMatrix::Sparse(sparse) = matrix {
+            known.iter().for_each(|other| sparse.share_pattern(other));
+            known.push(sparse.clone());
+        }
     }
 }
 
@@ -151,7 +370,7 @@ fn read_parameters(value: &Value<'_>) -> Result<BTreeMap<String, f64>, InputErro
 }
 
 /// The parameters as names; those that cannot be names were refused when they were read.
-fn symbols(parameters: &BTreeMap<String, f64>) -> Symbols {
+fn symbols_of(parameters: &BTreeMap<String, f64>) -> Symbols {
     parameters.iter().fold(Symbols::new(), |symbols, (name, &value)| {
         symbols.clone().with_parameter(name, value).unwrap_or(symbols)
     })

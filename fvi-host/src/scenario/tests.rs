@@ -58,7 +58,10 @@ fn every_key_is_read() {
     assert_eq!(scenario.initial.momentum, [1.5, -0.5]);
     assert_eq!(scenario.scheme, Scheme::LowOrder { kappa: 0.3 });
     assert_eq!(scenario.convolution.family, ConvolutionFamily::Bdf { order: 3 });
-    assert_eq!(scenario.time, TimeGrid { step: 0.1, steps: 300, allow_unstable: false, energy_guard: None });
+    assert_eq!(
+        scenario.time,
+        TimeGrid { step: 0.1, steps: 300, grid: None, allow_unstable: false, energy_guard: None }
+    );
     assert_eq!(scenario.history.engine, Some(Engine::Direct));
     assert_eq!(scenario.history.capacity, Some(64));
     assert_eq!(scenario.history.overflow, Overflow::Forget);

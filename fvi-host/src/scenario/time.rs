@@ -1,26 +1,92 @@
 //! `[time]`, `[history]` and `[output]`: the grid, the memory engine and what is written.
 
+use super::grid::{Grid, GridRule, read_must_hit};
 use super::scheme::{ConvolutionFamily, Scheme};
-use crate::language::document::Table;
+use crate::language::document::{Document, Table};
 use crate::language::error::{InputError, Problem};
 use crate::numerics::exponential_table::SMALLEST_TOLERANCE;
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 /// Most steps of a run: beyond 2⁵³ their numbers have no exact place among floating-point numbers.
 pub const MOST_STEPS: usize = 1 << 53;
 
-/// The times t_k = k h, k = 0…steps.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+/// The times t_0 = 0 … t_steps: t_k = k h, or those of a grid whose steps differ.
+#[derive(Clone, Debug, PartialEq)]
 pub struct TimeGrid {
-    /// h > 0.
+    /// h > 0; the shortest step where they differ.
     pub step: f64,
     /// Number of steps.
     pub steps: usize,
+    /// The grid whose steps differ; `None`: they are equal.
+    pub grid: Option<Grid>,
     /// Whether to run although the step is known to make motions grow.
     pub allow_unstable: bool,
     /// What happens when energy grows that nothing has put in; absent: the run stops, unless `allow_unstable`.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub energy_guard: Option<OnEnergyGrowth>,
+}
+
+/// `[time]` as it is written.
+#[derive(Default, Serialize)]
+struct Record<'a> {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    grid: Option<&'static str>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    step: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    steps: Option<usize>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    end: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    exponent: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    first: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    ratio: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    longest: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    points: Option<Points<'a>>,
+    #[serde(skip_serializing_if = "<[f64]>::is_empty")]
+    must_hit: &'a [f64],
+    allow_unstable: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    energy_guard: Option<OnEnergyGrowth>,
+}
+
+#[derive(Serialize)]
+#[serde(untagged)]
+enum Points<'a> {
+    File(&'a str),
+    Times(&'a [f64]),
+}
+
+impl Serialize for TimeGrid {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let Self { allow_unstable, energy_guard, .. } = *self;
+        let mut record = Record { allow_unstable, energy_guard, ..Record::default() };
+        match &self.grid {
+            None => (record.step, record.steps) = (Some(self.step), Some(self.steps)),
+            Some(grid) => {
+                record.must_hit = grid.must_hit();
+                match grid.rule() {
+                    &GridRule::Graded { end, steps, exponent } => {
+                        (record.grid, record.end) = (Some("graded"), Some(end));
+                        (record.steps, record.exponent) = (Some(steps), Some(exponent));
+                    }
+                    &GridRule::Geometric { end, first, ratio, longest } => {
+                        (record.grid, record.end, record.longest) = (Some("geometric"), Some(end), longest);
+                        (record.first, record.ratio) = (Some(first), Some(ratio));
+                    }
+                    GridRule::Points { file } => {
+                        record.grid = Some("points");
+                        record.points =
+                            Some(file.as_deref().map_or(Points::Times(grid.times()), Points::File));
+                    }
+                }
+            }
+        }
+        record.serialize(serializer)
+    }
 }
 
 /// What happens when energy grows that nothing has put in.
@@ -37,8 +103,39 @@ pub enum OnEnergyGrowth {
 }
 
 impl TimeGrid {
-    pub(super) fn read(table: &Table<'_>) -> Result<Self, InputError> {
-        table.allow(&["step", "steps", "end", "allow_unstable", "energy_guard"])?;
+    pub(super) fn read(table: &Table<'_>, document: &Document) -> Result<Self, InputError> {
+        const KINDS: [(&str, bool); 4] =
+            [("uniform", true), ("graded", false), ("geometric", false), ("points", false)];
+        let uniform = table.optional("grid").map_or(Ok(true), |value| value.choice(&KINDS))?;
+        let allow_unstable = table.optional("allow_unstable").map_or(Ok(false), |value| value.truth())?;
+        let reactions =
+            [("stop", OnEnergyGrowth::Stop), ("warn", OnEnergyGrowth::Warn), ("off", OnEnergyGrowth::Ignore)];
+        let energy_guard =
+            table.optional("energy_guard").map(|value| value.choice(&reactions)).transpose()?;
+        let (step, steps, grid) = if uniform {
+            let (step, steps) = Self::read_uniform(table)?;
+            (step, steps, None)
+        } else {
+            let grid = Grid::read(table, document)?;
+            let shortest = grid.lengths().fold(f64::INFINITY, f64::min);
+            (shortest, grid.times().len() - 1, Some(grid))
+        };
+        let grid = Self { step, steps, grid, allow_unstable, energy_guard };
+        if let (true, Some(value)) = (uniform, table.optional("must_hit")) {
+            let times = read_must_hit(&value, grid.end())?;
+            if let Some(time) = times.iter().find(|&&time| grid.index_of(time).is_none()) {
+                let allowed = format!(
+                    "multiples of `time.step`, {step}; {time} is none: take another step, or another grid"
+                );
+                return Err(value.out_of_range(allowed));
+            }
+        }
+        Ok(grid)
+    }
+
+    /// Step and number of steps of a uniform grid.
+    fn read_uniform(table: &Table<'_>) -> Result<(f64, usize), InputError> {
+        table.allow(&["grid", "step", "steps", "end", "must_hit", "allow_unstable", "energy_guard"])?;
         let step = table.required("step")?.positive()?;
         let (counted, value) = table.either("steps", "end")?;
         let steps = if counted {
@@ -53,12 +150,35 @@ impl TimeGrid {
         if !(step * steps as f64).is_finite() {
             return Err(value.out_of_range("an end that is a finite time"));
         }
-        let allow_unstable = table.optional("allow_unstable").map_or(Ok(false), |value| value.truth())?;
-        let reactions =
-            [("stop", OnEnergyGrowth::Stop), ("warn", OnEnergyGrowth::Warn), ("off", OnEnergyGrowth::Ignore)];
-        let energy_guard =
-            table.optional("energy_guard").map(|value| value.choice(&reactions)).transpose()?;
-        Ok(Self { step, steps, allow_unstable, energy_guard })
+        Ok((step, steps))
+    }
+
+    /// The same time in another number of steps, where the grid has a rule for any.
+    pub(super) fn in_steps(&self, steps: usize) -> Self {
+        match self.grid.as_ref().and_then(|grid| grid.in_steps(steps)) {
+            Some(grid) => Self {
+                step: grid.lengths().fold(f64::INFINITY, f64::min),
+                steps: grid.times().len() - 1,
+                grid: Some(grid),
+                ..self.clone()
+            },
+            None => Self { step: self.end() / steps.max(1) as f64, steps, grid: None, ..self.clone() },
+        }
+    }
+
+    /// The longest step.
+    pub fn longest_step(&self) -> f64 {
+        self.grid.as_ref().map_or(self.step, |grid| grid.lengths().fold(0.0, f64::max))
+    }
+
+    /// The mean step.
+    pub fn mean_step(&self) -> f64 {
+        self.grid.as_ref().map_or(self.step, |grid| grid.end() / self.steps as f64)
+    }
+
+    /// In words, for headings.
+    pub fn describe(&self) -> String {
+        self.grid.as_ref().map_or_else(|| format!("step {}", self.step), Grid::describe)
     }
 
     /// What happens when energy grows that nothing has put in.
@@ -69,11 +189,48 @@ impl TimeGrid {
 
     /// t_k.
     pub fn time(&self, index: usize) -> f64 {
-        self.step * index as f64
+        match &self.grid {
+            None => self.step * index as f64,
+            Some(grid) => grid.times().get(index).copied().unwrap_or_else(|| grid.end()),
+        }
+    }
+
+    /// How far a time may be from t_k to be the same but for rounding.
+    pub(super) fn tolerance(&self, index: usize) -> f64 {
+        let step = match &self.grid {
+            None => self.step,
+            Some(_) => self.time(index) - self.time(index.saturating_sub(1)),
+        };
+        same_time(self.time(index), step)
+    }
+
+    /// The first step that begins at a time or, to rounding, after it.
+    pub(super) fn first_step_from(&self, time: f64) -> usize {
+        match &self.grid {
+            None => {
+                let place = time / self.step;
+                if place.is_infinite() {
+                    return usize::MAX;
+                }
+                (place - f64::max(1e-9, 4.0 * f64::EPSILON * place)).ceil().max(0.0) as usize
+            }
+            Some(grid) => {
+                let after = grid.times().partition_point(|&other| other < time);
+                let before = after.saturating_sub(1);
+                if time - self.time(before) <= self.tolerance(before) { before } else { after }
+            }
+        }
     }
 
     /// The index of a time that differs from a grid time by rounding only.
     pub(super) fn index_of(&self, time: f64) -> Option<usize> {
+        if let Some(grid) = &self.grid {
+            let after = grid.times().partition_point(|&other| other < time);
+            let near = |&index: &usize| {
+                index <= self.steps && (time - self.time(index)).abs() <= self.tolerance(index)
+            };
+            return [after, after.saturating_sub(1)].into_iter().find(near);
+        }
         let index = (time / self.step).round();
         if !(index >= 0.0 && index <= self.steps as f64) {
             return None;
@@ -125,16 +282,19 @@ pub enum Engine {
     ExponentialSum,
     /// The same by the core's own memory, a sample at a time: what firmware runs, with its bits.
     ExponentialSumCore,
+    /// Exponentials in continuous time, for Runge–Kutta quadrature on steps of any length.
+    AnyStep,
 }
 
 impl Engine {
     /// The engines with their names in files and on the command line.
-    pub const NAMES: [(&'static str, Self); 5] = [
+    pub const NAMES: [(&'static str, Self); 6] = [
         ("direct", Self::Direct),
         ("block-fft", Self::BlockFft),
         ("real-time", Self::RealTime),
         ("exponential-sum", Self::ExponentialSum),
         ("exponential-sum-core", Self::ExponentialSumCore),
+        ("any-step", Self::AnyStep),
     ];
 
     /// The name in files and on the command line.
@@ -145,6 +305,7 @@ impl Engine {
             Self::RealTime => "real-time",
             Self::ExponentialSum => "exponential-sum",
             Self::ExponentialSumCore => "exponential-sum-core",
+            Self::AnyStep => "any-step",
         }
     }
 }
@@ -213,6 +374,21 @@ impl History {
                 }));
             }
         }
+        let staged = !matches!(family, ConvolutionFamily::Bdf { .. });
+        if let (Some(value), Some(engine)) = (table.optional("engine"), engine) {
+            let incompatible = |with: &str, allowed: &str| {
+                let (with, allowed) = (with.to_owned(), allowed.to_owned());
+                Err(value.error(Problem::Incompatible { with, allowed }))
+            };
+            if engine == Engine::AnyStep && !staged {
+                let allowed = "another engine here, or a Runge–Kutta family";
+                return incompatible("`convolution.family` = \"bdf\"", allowed);
+            }
+            if engine != Engine::AnyStep && time.grid.is_some() {
+                let allowed = "\"any-step\", which is what is taken without this key: the others have weights for equal steps";
+                return incompatible("this `time.grid`", allowed);
+            }
+        }
         let tolerance = match table.optional("tolerance") {
             Some(value) => {
                 let tolerance = value.number()?;
@@ -261,12 +437,21 @@ pub enum ReportedMomentum {
 }
 
 /// What is written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct OutputOptions {
     /// Every how many steps a row of the trajectory is written; the last row always is.
     pub every: usize,
     /// The momentum that trajectories, summaries, pictures and errors show. Where nothing acts at the main nodes there is one momentum only.
     pub momentum: ReportedMomentum,
+    /// The coordinates that are columns of the trajectory and curves of the pictures; absent: all.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub coordinates: Option<Vec<usize>>,
+    /// Every how many steps the whole state is kept for `snapshots.npz`; absent: never.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub snapshots: Option<usize>,
+    /// Times of the rows, increasing; between grid points by the scheme's own polynomial. Empty: the grid points.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub times: Vec<f64>,
 }
 
 impl OutputOptions {
@@ -274,13 +459,18 @@ impl OutputOptions {
     pub fn default_for(scheme: &Scheme) -> Self {
         let momentum = match scheme {
             Scheme::ExplicitEuler | Scheme::ImplicitEuler => ReportedMomentum::OneSided,
-            Scheme::LowOrder { .. } | Scheme::Galerkin { .. } => ReportedMomentum::Mean,
+            Scheme::LowOrder { .. } | Scheme::Galerkin { .. } | Scheme::Collocation => ReportedMomentum::Mean,
         };
-        Self { every: 1, momentum }
+        Self { every: 1, momentum, coordinates: None, snapshots: None, times: Vec::new() }
     }
 
-    pub(super) fn read(table: &Table<'_>, scheme: &Scheme) -> Result<Self, InputError> {
-        table.allow(&["every", "momentum"])?;
+    pub(super) fn read(
+        table: &Table<'_>,
+        scheme: &Scheme,
+        count: usize,
+        grid: &TimeGrid,
+    ) -> Result<Self, InputError> {
+        table.allow(&["every", "momentum", "coordinates", "snapshots", "times"])?;
         let default = Self::default_for(scheme);
         let every = table.optional("every").map_or(Ok(default.every), |value| value.whole(1..=usize::MAX))?;
         let momentum = match table.optional("momentum") {
@@ -297,6 +487,46 @@ impl OutputOptions {
             }
             None => default.momentum,
         };
-        Ok(Self { every, momentum })
+        let coordinates = match table.optional("coordinates") {
+            Some(value) => {
+                let mut chosen: Vec<usize> = Vec::new();
+                for entry in value.list("a list of coordinates")? {
+                    let coordinate = entry.whole(0..=count - 1)?;
+                    if chosen.contains(&coordinate) {
+                        return Err(entry.out_of_range("each coordinate once"));
+                    }
+                    chosen.push(coordinate);
+                }
+                if chosen.is_empty() {
+                    return Err(value.out_of_range("one coordinate at least"));
+                }
+                Some(chosen)
+            }
+            None => None,
+        };
+        let snapshots = table.optional("snapshots").map(|value| value.whole(1..=usize::MAX)).transpose()?;
+        let output = Self { every, momentum, coordinates, snapshots, times: Vec::new() };
+        let Some(value) = table.optional("times") else {
+            return Ok(output);
+        };
+        if table.optional("every").is_some() {
+            return Err(value.error(Problem::Conflict { other: "output.every".to_owned() }));
+        }
+        let times = value.numbers()?;
+        if times.is_empty() || !times.is_sorted_by(|earlier, later| earlier < later) {
+            return Err(value.out_of_range("increasing times, one at least"));
+        }
+        let end = grid.end();
+        if let Some(time) = times.iter().find(|&&time| !(0.0..=end).contains(&time)) {
+            return Err(value.out_of_range(format!("times from 0 to the end, {end}; {time} is not")));
+        }
+        Ok(Self { times, ..output })
+    }
+
+    /// Whether a row is written at a time, to rounding.
+    pub(super) fn has(&self, time: f64) -> bool {
+        let near = |&other: &f64| (time - other).abs() <= same_time(time, 0.0);
+        let after = self.times.partition_point(|&other| other < time);
+        self.times.iter().skip(after.saturating_sub(1)).take(2).any(near)
     }
 }

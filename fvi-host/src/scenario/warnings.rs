@@ -80,7 +80,7 @@ impl Scenario {
 
     /// A table of known values at times that the run does not meet.
     fn off_grid_warning(&self) -> Option<String> {
-        let count = self.reference.as_ref()?.off_grid(&self.time);
+        let count = self.reference.as_ref()?.off_grid(&self.time, &self.output);
         (count > 0)
             .then(|| format!("reference.file: {count} of its times are not grid points and are not compared"))
     }

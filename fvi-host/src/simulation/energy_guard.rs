@@ -1,6 +1,7 @@
 //! Watches a run for energy that nothing has put in.
 
-use crate::language::expression::{Expression, Moment};
+use crate::language::expression::Moment;
+use crate::model::Loads;
 use crate::model::tape::CompiledForce;
 use crate::scenario::{Derivative, OnEnergyGrowth, Scenario, SharedTerms, SymmetricMatrix};
 use crate::simulation::GridState;
@@ -34,6 +35,8 @@ pub struct EnergyGuard {
     lowest_potential: f64,
     /// T₀ and the springs of order 0.
     stored: f64,
+    /// Whether anything from outside or from the start can do work at all; without it positions and velocities need not be kept.
+    is_driven: bool,
     work: f64,
     time: f64,
     position: Vec<f64>,
@@ -67,6 +70,8 @@ impl EnergyGuard {
                 let zero = || nalgebra::DMatrix::zeros(mass.nrows(), mass.nrows());
                 SymmetricMatrix::Dense(mass.clone().try_inverse().unwrap_or_else(zero))
             }
+            // Velocities would cost a solution of equations each: such systems are not watched.
+            SymmetricMatrix::Sparse(_) => return Self::blind(),
         };
         let velocity = inverse_mass.times(&start.momentum);
         let kinetic = 0.5 * dot(&start.momentum, &velocity);
@@ -84,6 +89,9 @@ impl EnergyGuard {
         }
         // What pushes nothing need not be followed.
         pushes.retain(|(push, _)| push.iter().any(|&push| push != 0.0));
+        let force = Forces::of(scenario);
+        let own = scenario.system.own_terms.clone().map(|terms| (terms, vec![0.0; scenario.coordinates()]));
+        let is_driven = force.is_some() || own.is_some() || scenario.input.is_some() || !pushes.is_empty();
         let potential = start.energy - kinetic;
         Self {
             reaction: scenario.time.on_energy_growth(),
@@ -93,13 +101,14 @@ impl EnergyGuard {
             first_potential: potential,
             lowest_potential: potential,
             stored: kinetic + springs,
+            is_driven,
             work: 0.0,
             time: start.time,
             position: start.position.clone(),
             new_velocity: velocity.clone(),
             velocity,
-            force: scenario.system.force.as_deref().map(Forces::new),
-            own: scenario.system.own_terms.clone().map(|terms| (terms, vec![0.0; scenario.coordinates()])),
+            force,
+            own,
             nodes: discretisation(scenario).map_or_else(|| vec![0.0, 1.0], |scheme| scheme.nodes),
             warning: None,
         }
@@ -115,9 +124,36 @@ impl EnergyGuard {
     pub(crate) fn go_on(&mut self, gathered: Gathered, state: &GridState) {
         Gathered { lowest_potential: self.lowest_potential, work: self.work, warning: self.warning } =
             gathered;
+        if self.position.is_empty() {
+            // It watches nothing.
+            return;
+        }
         self.time = state.time;
         self.position.copy_from_slice(&state.position);
         self.inverse_mass.write_times(&state.momentum, &mut self.velocity);
+    }
+
+    /// A guard that never trips.
+    fn blind() -> Self {
+        Self {
+            reaction: OnEnergyGrowth::Ignore,
+            inverse_mass: SymmetricMatrix::Diagonal(Vec::new()),
+            pushes: Vec::new(),
+            first_energy: 0.0,
+            first_potential: 0.0,
+            lowest_potential: 0.0,
+            stored: 0.0,
+            is_driven: false,
+            work: 0.0,
+            time: 0.0,
+            position: Vec::new(),
+            velocity: Vec::new(),
+            new_velocity: Vec::new(),
+            force: None,
+            own: None,
+            nodes: Vec::new(),
+            warning: None,
+        }
     }
 
     /// Takes in the state after a step with this input; returns why the run must stop, if it must.
@@ -127,10 +163,12 @@ impl EnergyGuard {
         }
         self.inverse_mass.write_times(&state.momentum, &mut self.new_velocity);
         let kinetic = 0.5 * dot(&state.momentum, &self.new_velocity);
-        self.work += self.work_of_step(input, state);
-        self.time = state.time;
-        self.position.copy_from_slice(&state.position);
-        std::mem::swap(&mut self.velocity, &mut self.new_velocity);
+        if self.is_driven {
+            self.work += self.work_of_step(input, state);
+            self.time = state.time;
+            self.position.copy_from_slice(&state.position);
+            std::mem::swap(&mut self.velocity, &mut self.new_velocity);
+        }
         self.lowest_potential = self.lowest_potential.min(state.energy - kinetic);
         let fall = self.first_potential - self.lowest_potential;
         let explained = self.stored + self.first_potential.abs().max(fall) + self.work;
@@ -174,7 +212,9 @@ impl EnergyGuard {
             terms.with(|terms| terms.take_largest_force(largest));
             work += largest.iter().enumerate().map(|(index, force)| force * way(index)).sum::<f64>();
         }
-        let Some(Forces { force, registers, place, value, largest }) = &mut self.force else { return work };
+        let Some(Forces { force, loads, registers, place, value, largest }) = &mut self.force else {
+            return work;
+        };
         largest.fill(0.0);
         for &node in &self.nodes {
             let moment = match node {
@@ -185,7 +225,11 @@ impl EnergyGuard {
             for ((place, from), to) in place.iter_mut().zip(from).zip(to) {
                 *place = from + node * (to - from);
             }
-            force.value(moment, place, registers, value);
+            value.fill(0.0);
+            if !force.is_zero() {
+                force.value(moment, place, registers, value);
+            }
+            loads.add(moment, self.time + node * step, 1.0, value);
             for (largest, value) in largest.iter_mut().zip(&*value) {
                 *largest = largest.max(value.abs());
             }
@@ -197,6 +241,7 @@ impl EnergyGuard {
 /// The external forces, and room for looking at them.
 struct Forces {
     force: CompiledForce<f64>,
+    loads: Loads<f64>,
     registers: Vec<f64>,
     place: Vec<f64>,
     value: Vec<f64>,
@@ -204,10 +249,16 @@ struct Forces {
 }
 
 impl Forces {
-    fn new(components: &[Expression]) -> Self {
-        let zeros = || vec![0.0; components.len()];
+    /// The forces of a scenario, if there are any.
+    fn of(scenario: &Scenario) -> Option<Self> {
+        let components = scenario.system.force.as_deref().unwrap_or_default();
+        let loads = Loads::new(&scenario.system.loads);
+        if components.is_empty() && loads.is_empty() {
+            return None;
+        }
+        let zeros = || vec![0.0; scenario.coordinates()];
         let force = CompiledForce::compile(components);
-        Self { force, registers: Vec::new(), place: zeros(), value: zeros(), largest: zeros() }
+        Some(Self { force, loads, registers: Vec::new(), place: zeros(), value: zeros(), largest: zeros() })
     }
 }
 

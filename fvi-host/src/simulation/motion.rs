@@ -68,8 +68,25 @@ impl<'s> Motion<'s> {
         let (step, time) = (self.steps, self.state.time);
         let failure = |reason| Failure { step, time, reason };
         let input = self.scenario.input.as_ref().and_then(|input| input.at_step(step)).unwrap_or(&[]);
-        let iterations = self.simulation.step(input).map_err(|error| failure(error.to_string()))?;
-        self.simulation.read(&mut self.next);
+        let iterations = match &self.scenario.time.grid {
+            None => self.simulation.step(input),
+            Some(_) => {
+                let end = self.scenario.time.time(step + 1);
+                self.simulation.step_over(end - self.scenario.time.time(step), end, input)
+            }
+        };
+        let iterations = iterations.map_err(|error| failure(error.to_string()))?;
+        let last = self.steps + 1 == self.scenario.time.steps;
+        if last
+            || !self.simulation.energy_is_dear()
+            || (self.steps + 1).is_multiple_of(self.scenario.output.every)
+        {
+            self.simulation.read(&mut self.next);
+        } else {
+            // The energy of the newest row that is written stands for those between.
+            self.simulation.read_without_energy(&mut self.next);
+            self.next.energy = self.state.energy;
+        }
         if let Some(what) = what_is_not_finite(&self.next) {
             return Err(failure(reason(what)));
         }
@@ -81,6 +98,11 @@ impl<'s> Motion<'s> {
         }
     }
 
+    /// Brings the energy up to date with the state, where it was left out.
+    pub fn complete(&mut self) {
+        self.simulation.read(&mut self.state);
+    }
+
     /// Steps made.
     pub fn steps(&self) -> usize {
         self.steps
@@ -89,6 +111,11 @@ impl<'s> Motion<'s> {
     /// The state after them.
     pub fn state(&self) -> &GridState {
         &self.state
+    }
+
+    /// Writes the state at a time within the last step, by the scheme's own polynomial.
+    pub fn look_into(&mut self, time: f64, state: &mut GridState) {
+        self.simulation.look_into(time, state);
     }
 
     /// What moves.

@@ -3,6 +3,7 @@
 mod characteristic;
 #[cfg(test)]
 mod growth_tests;
+mod large;
 mod of_scenario;
 mod parts;
 mod polynomials;
@@ -12,7 +13,7 @@ mod winding;
 use characteristic::Characteristic;
 use fvi_core::{BdfOrder, ParameterError};
 use nalgebra::{Cholesky, DMatrix};
-pub(crate) use of_scenario::{check_step, discretisation};
+pub(crate) use of_scenario::{check_large_step, check_step, discretisation};
 use parts::{Part, parts};
 use winding::Count;
 

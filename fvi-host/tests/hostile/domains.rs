@@ -197,3 +197,44 @@ fn table(input: &str) -> Result<Outcome, String> {
     });
     Ok(outcomes.into_iter().max().unwrap_or(Outcome::Refused))
 }
+
+pub(crate) fn matrices() -> Domain {
+    Domain { name: "matrices", corpus: files("../scenarios", "mtx"), attempt: matrix }
+}
+
+/// A Matrix Market file as stiffness, damping and the columns of dampers of ten masses.
+fn matrix(input: &str) -> Result<Outcome, String> {
+    let mut outcome = Outcome::Refused;
+    for damping in
+        ["coefficient = \"a.mtx\"", "attached = \"a.mtx\"\nstrength = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"]
+    {
+        let scenario = format!(
+            "[system]\nmass = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]\nstiffness = \"a.mtx\"\n[[system.damping]]\norder = 0.5\n{damping}\n\
+             [convolution]\nat = \"nodes\"\norder = 2\n[scheme]\nkind = \"low-order\"\n\
+             [time]\nstep = 0.01\nsteps = 3\n[[system.load]]\npattern = {{ coordinate = 0 }}\namplitude = \"1\"\n"
+        );
+        let document = Document::new("matrix", Path::new(""), &scenario).with_attached("a.mtx", input);
+        let scenario = match Scenario::from_document(document) {
+            Ok(scenario) => scenario,
+            Err(error) => {
+                refused(&error)?;
+                continue;
+            }
+        };
+        let mut simulation = match Simulation::new(&scenario, Precision::F64) {
+            Ok(simulation) => simulation,
+            Err(error) => {
+                refused(&error)?;
+                continue;
+            }
+        };
+        outcome = Outcome::Done;
+        for _ in 0..scenario.time.steps {
+            if let Err(error) = simulation.step(&[]) {
+                outcome = failed(&error)?;
+                break;
+            }
+        }
+    }
+    Ok(outcome)
+}

@@ -98,3 +98,8 @@ fn problems() {
 fn tables() {
     assail(&domains::tables());
 }
+
+#[test]
+fn matrices() {
+    assail(&domains::matrices());
+}

@@ -2,7 +2,8 @@
 
 use crate::workplace::{Run, Workplace, text};
 use fvi_host::scenario::Scenario;
-use fvi_host::simulation::{GridState, Precision, Simulation};
+use fvi_host::simulation::Precision;
+use fvi_host::simulation::motion::Motion;
 use std::path::{Path, PathBuf};
 
 fn folder() -> PathBuf {
@@ -58,16 +59,12 @@ fn every_scenario_is_accepted_and_makes_its_first_steps() {
             continue;
         }
         let scenario = Scenario::read(&path).unwrap_or_else(|error| panic!("{error}"));
-        let mut simulation =
-            Simulation::new(&scenario, Precision::F64).unwrap_or_else(|error| panic!("{error}"));
-        let none = vec![0.0; scenario.coordinates()];
-        let mut state = GridState { position: none.clone(), momentum: none, ..GridState::default() };
+        let mut motion = Motion::start(&scenario, Precision::F64).unwrap_or_else(|error| panic!("{error}"));
         for step in 0..5 {
-            let input = scenario.input.as_ref().and_then(|input| input.at_step(step)).unwrap_or(&[]);
-            let made = simulation.step(input);
+            let made = motion.advance();
             assert!(made.is_ok(), "{}, step {step}: {made:?}", path.display());
         }
-        simulation.read(&mut state);
+        let state = motion.state();
         assert!((state.time / scenario.time.time(5) - 1.0).abs() < 1e-12 && state.energy.is_finite());
         seen += 1;
     }
@@ -82,6 +79,17 @@ fn the_pulse_driven_plate_agrees_with_the_exact_solution() {
     // Second order: 1.5e-4 at h = 0.01 on a solution of 4.5. The momentum is of first order.
     assert!(largest_error(&run, "position") < 2e-4);
     assert!(largest_error(&run, "momentum") < 2e-2);
+}
+
+#[test]
+fn graded_and_growing_steps_keep_their_digits() {
+    let root = run("bagley-torvik-root-graded");
+    assert_eq!(root.rows.len(), 161);
+    assert!(largest_error(&root, "position") < 1.5e-11 && largest_error(&root, "momentum") < 2.5e-11);
+    let creep = run("creep-seventeen-decades");
+    assert!(creep.rows.len() <= 401 && creep.rows.last().unwrap()[0] == 1e8);
+    assert_eq!(creep.summary["errors"]["position"]["compared"], 15);
+    assert!(largest_error(&creep, "position") < 2e-8);
 }
 
 #[test]

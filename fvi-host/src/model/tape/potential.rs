@@ -73,6 +73,12 @@ impl<T: Elementary> CompiledPotential<T> {
         }
     }
 
+    /// Operations of the gradient and the Hessian of the rest.
+    #[cfg(test)]
+    pub(super) fn operations(&self) -> usize {
+        self.rest.as_ref().map_or(0, |rest| rest.derivatives.operations())
+    }
+
     /// The quadratic part.
     pub fn quadratic(&self) -> &QuadraticPart<T> {
         &self.quadratic

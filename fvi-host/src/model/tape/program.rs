@@ -14,6 +14,9 @@ use core::ops::Range;
 /// Operations in a window: their values take 8 KB in double precision.
 const WINDOW: usize = 1024;
 
+/// Operations of a run from which on it is worth preparing.
+const SHORT: usize = 4;
+
 /// A program with inputs t and q and two lists of outputs.
 #[derive(Clone, Debug)]
 pub(super) struct Program<T> {
@@ -24,6 +27,8 @@ pub(super) struct Program<T> {
     registers: usize,
     windows: Vec<Window>,
     runs: Vec<Run>,
+    /// The operations of all runs one by one, where the runs are too short to be worth their preparations; else nothing.
+    singles: Vec<Single>,
     /// The registers that the runs read, operation by operation.
     operands: Vec<u32>,
     /// (from, to) of what later windows need.
@@ -41,6 +46,15 @@ struct Run {
     target: usize,
     count: usize,
     operands: usize,
+}
+
+/// One operation of a run.
+#[derive(Clone, Copy, Debug)]
+struct Single {
+    work: Work,
+    target: u32,
+    /// Beyond the arity, repetitions.
+    operands: [u32; 3],
 }
 
 /// What a run does with each of its operands.
@@ -72,6 +86,12 @@ impl<T: Elementary> Program<T> {
         Assembly::new(graph, coordinates, &schedule).assemble(sums, entries)
     }
 
+    /// Operations of an evaluation, sums included.
+    #[cfg(test)]
+    pub(super) fn operations(&self) -> usize {
+        self.runs.iter().map(|run| run.count).sum::<usize>() + self.sums.len()
+    }
+
     /// Whether outputs for the same place of `sums` are added in the order in which they were given.
     pub(super) fn keeps_the_order_of_sums(&self) -> bool {
         self.windows.len() == 1
@@ -93,13 +113,17 @@ impl<T: Elementary> Program<T> {
         }
         let registers = &mut registers[..self.registers];
         let (constants, others) = registers.split_at_mut(self.constants.len());
-        constants.copy_from_slice(&self.constants);
+        copy(constants, &self.constants);
         others[0] = moment.time;
         others[1] = moment.sided;
-        others[2..2 + self.coordinates].copy_from_slice(position);
+        copy(&mut others[2..2 + self.coordinates], position);
         for window in &self.windows {
-            for run in &self.runs[window.runs.clone()] {
-                run.evaluate(registers, &self.operands[run.operands..]);
+            if self.singles.is_empty() {
+                for run in &self.runs[window.runs.clone()] {
+                    run.evaluate(registers, &self.operands[run.operands..]);
+                }
+            } else {
+                self.singles.iter().for_each(|single| single.evaluate(registers));
             }
             for &(from, to) in &self.exports[window.exports.clone()] {
                 registers[to as usize] = registers[from as usize];
@@ -114,7 +138,53 @@ impl<T: Elementary> Program<T> {
     }
 }
 
+/// Copies numbers to a place of the same length.
+#[inline(always)]
+fn copy<T: Copy>(place: &mut [T], numbers: &[T]) {
+    if numbers.len() > 8 {
+        return place.copy_from_slice(numbers);
+    }
+    // Calling the copy of the platform takes longer than a few numbers do.
+    for (place, &number) in place.iter_mut().zip(numbers) {
+        *place = number;
+        core::hint::black_box(());
+    }
+}
+
+impl Single {
+    fn new(work: Work, target: u32, read: &[u32]) -> Self {
+        Self { work, target, operands: core::array::from_fn(|index| read[index.min(read.len() - 1)]) }
+    }
+
+    #[inline]
+    fn evaluate<T: Elementary>(&self, registers: &mut [T]) {
+        let operands = self.operands.map(|register| registers[register as usize]);
+        let target = self.target as usize;
+        registers[target] = match self.work {
+            Work::One(operation) => operation.of(operands),
+            Work::SineAndCosine => {
+                let (sine, cosine) = operands[0].sine_cosine();
+                registers[target + 1] = cosine;
+                sine
+            }
+        };
+    }
+}
+
 impl Run {
+    /// Its operations one by one, if it has no more than one pair of a sine and a cosine.
+    fn singles(&self, operands: &[u32]) -> Option<Vec<Single>> {
+        let arity = match self.work {
+            Work::One(operation) => operation.arity(),
+            Work::SineAndCosine if self.count == 1 => 1,
+            // All sines come before the first cosine.
+            Work::SineAndCosine => return None,
+        };
+        let operands = operands[self.operands..].chunks_exact(arity).take(self.count);
+        let targets = u32::try_from(self.target).ok()?..;
+        Some(operands.zip(targets).map(|(read, target)| Single::new(self.work, target, read)).collect())
+    }
+
     #[inline]
     fn evaluate<T: Elementary>(&self, registers: &mut [T], operands: &[u32]) {
         // What a run reads was written before: it lies in front of what it writes.
@@ -265,6 +335,7 @@ impl<'a, T: Elementary> Assembly<'a, T> {
             registers: 0,
             windows: Vec::new(),
             runs: Vec::new(),
+            singles: Vec::new(),
             operands: Vec::new(),
             exports: Vec::new(),
             sums: Vec::new(),
@@ -317,7 +388,19 @@ impl<'a, T: Elementary> Assembly<'a, T> {
         }
         let longest = schedule.windows.iter().map(Vec::len).max().unwrap_or(0);
         self.program.registers = lasting as usize + longest;
+        self.program.singles = self.singles().unwrap_or_default();
         self.program
+    }
+
+    /// The operations one by one, where a run has fewer than [`SHORT`] of them in the mean.
+    fn singles(&self) -> Option<Vec<Single>> {
+        let runs = &self.program.runs;
+        let operations: usize = runs.iter().map(|run| run.count).sum();
+        if self.program.windows.len() > 1 || operations >= SHORT * runs.len() {
+            return None;
+        }
+        let singles: Option<Vec<_>> = runs.iter().map(|run| run.singles(&self.program.operands)).collect();
+        singles.map(|singles| singles.concat())
     }
 
     /// The register behind the constants, the time and the coordinates.

@@ -178,6 +178,16 @@ fn a_long_chain_has_a_banded_pattern_and_agrees_with_its_formula() {
 }
 
 #[test]
+fn the_work_of_a_chain_grows_with_its_length() {
+    let operations = |n: usize| {
+        let text: Vec<_> = (1..n).map(|i| format!("(q{i} - q{})^4", i - 1)).collect();
+        CompiledPotential::<f64>::compile(&parse(&text.join(" + "), n), n).operations() as f64
+    };
+    let (short, long) = (operations(9) / 8.0, operations(2001) / 2000.0);
+    assert!(short >= 5.0 && long <= 1.05 * short, "{short} and {long} operations for a spring");
+}
+
+#[test]
 fn what_every_term_shares_reaches_every_window() {
     let n = 500;
     let text = (1..n).map(|i| format!("exp(q0)*cos(q{i} - q0)")).collect::<Vec<_>>().join(" + ");

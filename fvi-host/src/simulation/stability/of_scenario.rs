@@ -1,7 +1,9 @@
 //! The check of a scenario's step.
 
+use super::large::{check_large, is_unconditional};
 use super::{DampingForm, Discretisation, LinearDamping, LinearSystem, Verdict, check_stability};
 use crate::language::{InputError, Problem};
+use crate::model::Model;
 use crate::scenario::{ConvolutionFamily, DampedAt, Quadrature, Scenario, Scheme, SymmetricMatrix};
 use fvi_core::{BdfOrder, RungeKutta};
 use nalgebra::{DMatrix, DVector};
@@ -24,11 +26,36 @@ pub(crate) fn check_step(scenario: &Scenario, stiffness: &DMatrix<f64>) -> Resul
         LinearSystem::new(&dense(&scenario.system.mass), stiffness, damping.collect()).map_err(|error| {
             scenario.error_at("system.mass", Problem::Precision { reason: error.to_string() })
         })?;
-    match check_stability(&discretisation, &system, scenario.time.step, scenario.time.steps) {
+    match check_stability(&discretisation, &system, scenario.time.longest_step(), scenario.time.steps) {
         Verdict::Stable => Ok(()),
         Verdict::Unstable { largest_stable_step } => {
             let largest_step = largest_stable_step.map(three_digits_below);
             let advice = advice(&discretisation, largest_step.is_some());
+            let key = if scenario.time.grid.is_some() { "time.grid" } else { "time.step" };
+            Err(scenario.error_at(key, Problem::Unstable { largest_step, advice }))
+        }
+    }
+}
+
+/// As [`check_step`] for a system in the sparse space, by its fastest motions.
+pub(crate) fn check_large_step(scenario: &Scenario) -> Result<(), InputError> {
+    let Some(discretisation) = discretisation(scenario) else { return Ok(()) };
+    let damped = !scenario.system.damping.is_empty();
+    if scenario.time.allow_unstable || is_unconditional(&discretisation, damped) {
+        return Ok(());
+    }
+    let mut model = Model::<f64>::new(scenario).map_err(|error| {
+        scenario.error_at("system.mass", Problem::Precision { reason: error.to_string() })
+    })?;
+    match check_large(&discretisation, scenario, &mut model) {
+        Verdict::Stable => Ok(()),
+        Verdict::Unstable { largest_stable_step } => {
+            let largest_step = largest_stable_step.map(three_digits_below);
+            let advice = format!(
+                "{}; `[scheme] kind` = \"low-order\", `kappa` = 0.5 with `[convolution] at` = \"nodes\", `order` = 2 is stable at \
+                 every step",
+                advice(&discretisation, largest_step.is_some())
+            );
             Err(scenario.error_at("time.step", Problem::Unstable { largest_step, advice }))
         }
     }
@@ -63,15 +90,24 @@ fn dense(matrix: &SymmetricMatrix) -> DMatrix<f64> {
     match matrix {
         SymmetricMatrix::Diagonal(entries) => DMatrix::from_diagonal(&DVector::from_column_slice(entries)),
         SymmetricMatrix::Dense(entries) => entries.clone(),
+        SymmetricMatrix::Sparse(entries) => {
+            let mut dense = DMatrix::zeros(entries.size(), entries.size());
+            for (row, slots) in entries.pattern.rows().enumerate() {
+                for slot in slots {
+                    dense[(row, entries.pattern.columns()[slot])] = entries.values[slot];
+                }
+            }
+            dense
+        }
     }
 }
 
-/// The scheme of a scenario; `None` for the Euler methods and for shapes that do not exist.
+/// The scheme of a scenario; `None` for the Euler methods, for collocation, which is L-stable, and for shapes that do not exist.
 pub(crate) fn discretisation(scenario: &Scenario) -> Option<Discretisation> {
     let (degree, kappa) = match scenario.scheme {
         Scheme::LowOrder { kappa } => (1, Some(kappa)),
         Scheme::Galerkin { degree, .. } => (degree, None),
-        Scheme::ExplicitEuler | Scheme::ImplicitEuler => return None,
+        Scheme::Collocation | Scheme::ExplicitEuler | Scheme::ImplicitEuler => return None,
     };
     let (form, rule) = match scenario.convolution.family {
         ConvolutionFamily::Bdf { order } => {

@@ -1,0 +1,310 @@
+//! Damping of some directions: one channel of the memory for each of them instead of one for each coordinate.
+
+use super::space::{Dense, Matrix, MatrixSpace};
+use crate::scenario::Attached;
+use fvi_core::{
+    Block, Damping, DampingError, DampingTerm, Derivative, Kernel, Memory, MemoryError, Mismatch, Real,
+    Sample, StateError, StateReader, StateWriter, add_multiple,
+};
+
+/// One damping term ρ D^β q whose memory has K channels s = G q.
+///
+/// ```text
+/// ρ D^β q = H D^β (G q) ,      ρ = H G
+/// ```
+///
+/// G picks the coordinates whose rows of ρ are not empty, or is Bᵀ of dampers ρ = B C Bᵀ, one column each. It is linear, so what remembers
+/// G q is a term of its own, with the coefficient 1, in the space of the channels.
+pub struct ChannelDamping<T: Real, M> {
+    rho: Matrix<T>,
+    directions: Directions<T>,
+    channels: DampingTerm<T, Dense, M>,
+    /// G of the sample and of what is known about it.
+    from: Vec<T>,
+    behind: Vec<T>,
+    increments: Vec<T>,
+    known: Vec<T>,
+    scratch: Vec<T>,
+    /// N numbers.
+    vector: Vec<T>,
+}
+
+/// What the memory follows.
+#[derive(Clone, Debug)]
+pub enum Directions<T> {
+    /// These coordinates; the rows of all others are empty.
+    Coordinates(Vec<usize>),
+    /// Bᵀ q, C the strengths.
+    Columns {
+        /// The columns of B, each as (coordinate, number).
+        columns: Vec<Vec<(usize, T)>>,
+        /// The diagonal of C.
+        strength: Vec<T>,
+    },
+}
+
+impl<T: Real> Directions<T> {
+    /// The coordinates at which a matrix has entries.
+    pub fn of_matrix(rho: &Matrix<T>) -> Self {
+        let mut coordinates: Vec<usize> = match rho {
+            Matrix::Sparse(sparse) => {
+                let rows = sparse.pattern.rows().enumerate();
+                rows.filter(|(_, slots)| !slots.is_empty()).map(|(row, _)| row).collect()
+            }
+            other => (0..other.size()).collect(),
+        };
+        // A matrix without entries damps nothing; its memory has a channel all the same.
+        if coordinates.is_empty() {
+            coordinates.push(0);
+        }
+        Self::Coordinates(coordinates)
+    }
+
+    /// The columns of dampers.
+    pub fn of_dampers(attached: &Attached) -> Self {
+        let entry = |&(coordinate, number): &(u32, f64)| (coordinate as usize, T::of(number));
+        Self::Columns {
+            columns: attached.columns.iter().map(|column| column.iter().map(entry).collect()).collect(),
+            strength: attached.strength.iter().map(|&strength| T::of(strength)).collect(),
+        }
+    }
+
+    /// K.
+    pub fn count(&self) -> usize {
+        match self {
+            Self::Coordinates(coordinates) => coordinates.len(),
+            Self::Columns { columns, .. } => columns.len(),
+        }
+    }
+
+    /// G x.
+    fn take(&self, x: &[T], out: &mut [T]) {
+        match self {
+            Self::Coordinates(coordinates) => {
+                out.iter_mut().zip(coordinates).for_each(|(place, &coordinate)| *place = x[coordinate]);
+            }
+            Self::Columns { columns, .. } => {
+                for (place, column) in out.iter_mut().zip(columns) {
+                    *place = column.iter().fold(T::zero(), |sum, &(coordinate, b)| sum + b * x[coordinate]);
+                }
+            }
+        }
+    }
+
+    /// out += H s; `vector` has N numbers.
+    fn give(&self, rho: &Matrix<T>, s: &[T], vector: &mut [T], out: &mut [T]) {
+        match self {
+            Self::Coordinates(coordinates) => {
+                vector.fill(T::zero());
+                coordinates.iter().zip(s).for_each(|(&coordinate, &number)| vector[coordinate] = number);
+                rho.multiply_add(T::one(), vector, out);
+            }
+            Self::Columns { columns, strength } => {
+                for ((column, &strength), &number) in columns.iter().zip(strength).zip(s) {
+                    column.iter().for_each(|&(coordinate, b)| out[coordinate] += b * (strength * number));
+                }
+            }
+        }
+    }
+}
+
+impl<T: Real, M: Memory<T>> ChannelDamping<T, M> {
+    /// The term on a memory of the kernel with K channels for each node; ρ, checked before, is positive semidefinite.
+    ///
+    /// # Errors
+    /// If the memory is not one of the kernel.
+    pub fn new(
+        kernel: Kernel,
+        (rho, directions): (Matrix<T>, Directions<T>),
+        derivative: Derivative,
+        memory: M,
+    ) -> Result<Self, DampingError> {
+        let count = directions.count();
+        let space = Dense { coordinates: count };
+        let unit = Matrix::Diagonal(vec![T::one(); count]);
+        Ok(Self {
+            channels: DampingTerm::in_space(&space, kernel, unit, derivative, memory)?,
+            from: vec![T::zero(); count],
+            behind: Vec::new(),
+            increments: Vec::new(),
+            known: Vec::new(),
+            scratch: Vec::new(),
+            vector: vec![T::zero(); rho.size()],
+            rho,
+            directions,
+        })
+    }
+
+    /// Takes over G of the sample, and makes room.
+    fn take(&mut self, sample: &Sample<'_, T>) {
+        let (count, nodes) = (self.directions.count(), sample.fractions.len());
+        self.directions.take(sample.from, &mut self.from);
+        take_each(&self.directions, sample.behind, sample.from.len(), &mut self.behind);
+        self.known.clear();
+        self.known.resize(count * nodes, T::zero());
+        self.scratch.resize(count * (nodes + 1), T::zero());
+    }
+}
+
+/// G of vectors of N numbers one after another.
+fn take_each<T: Real>(directions: &Directions<T>, vectors: &[T], coordinates: usize, out: &mut Vec<T>) {
+    let (count, coordinates) = (directions.count(), coordinates.max(1));
+    out.resize(vectors.len() / coordinates * count, T::zero());
+    for (out, vector) in out.chunks_exact_mut(count.max(1)).zip(vectors.chunks_exact(coordinates)) {
+        directions.take(vector, out);
+    }
+}
+
+impl<T: Real, X: MatrixSpace<T>, M: Memory<T>> Damping<T, X> for ChannelDamping<T, M> {
+    fn check(&self, _: usize, nodes: usize, step_size: T) -> Result<(), Mismatch> {
+        self.channels.check(self.directions.count(), nodes, step_size)
+    }
+
+    fn begin(&mut self, position: &[T], velocity: &[T]) {
+        let mut start = vec![T::zero(); self.directions.count()];
+        self.directions.take(position, &mut self.from);
+        self.directions.take(velocity, &mut start);
+        self.channels.begin(&self.from, &start);
+    }
+
+    fn add_known(&mut self, sample: &Sample<'_, T>, known: &mut [T], _: &mut [T]) -> Result<(), MemoryError> {
+        self.take(sample);
+        let of_channels = Sample { from: &self.from, behind: &self.behind, ..*sample };
+        self.channels.add_known(&of_channels, &mut self.known, &mut self.scratch)?;
+        let of_nodes = self.known.chunks_exact(self.directions.count().max(1));
+        for (known, numbers) in known.chunks_exact_mut(sample.from.len().max(1)).zip(of_nodes) {
+            self.directions.give(&self.rho, numbers, &mut self.vector, known);
+        }
+        Ok(())
+    }
+
+    fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
+        let coordinates = self.rho.size().max(1);
+        let nodes = increments.len() / coordinates;
+        let sum = &mut scratch[..coordinates];
+        for (own, force) in force.chunks_exact_mut(coordinates).enumerate() {
+            sum.fill(T::zero());
+            self.channels.visit_leading(nodes, |i, j, weight, _| {
+                if i == own {
+                    add_multiple(sum, weight, &increments[j * coordinates..(j + 1) * coordinates]);
+                }
+            });
+            self.rho.multiply_add(T::one(), sum, force);
+        }
+    }
+
+    fn visit_leading(&self, nodes: usize, mut visit: impl FnMut(usize, usize, T, &Matrix<T>)) {
+        self.channels.visit_leading(nodes, |i, j, weight, _| visit(i, j, weight, &self.rho));
+    }
+
+    fn leading_is_constant(&self) -> bool {
+        self.channels.leading_is_constant()
+    }
+
+    fn push(&mut self, sample: &Sample<'_, T>, increments: &[T], _: &mut [T]) -> Result<(), MemoryError> {
+        self.take(sample);
+        take_each(&self.directions, increments, sample.from.len(), &mut self.increments);
+        let of_channels = Sample { from: &self.from, behind: &self.behind, ..*sample };
+        self.channels.push(&of_channels, &self.increments, &mut self.scratch)
+    }
+
+    fn state_bytes(&self) -> usize {
+        self.channels.state_bytes()
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        self.channels.save(to)
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.channels.check_state(from)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.channels.restore(from)
+    }
+}
+
+/// A damping term of a scenario: of all coordinates, or of some directions.
+pub enum HostTerm<T: Real, X: MatrixSpace<T>, M> {
+    /// One channel for each coordinate.
+    Everywhere(DampingTerm<T, X, M>),
+    /// One channel for each direction.
+    Channels(ChannelDamping<T, M>),
+}
+
+impl<T: Real, X: MatrixSpace<T>, M: Memory<T>> HostTerm<T, X, M> {
+    /// The memory.
+    pub fn memory(&self) -> &M {
+        match self {
+            Self::Everywhere(term) => term.memory(),
+            Self::Channels(term) => term.channels.memory(),
+        }
+    }
+}
+
+/// Calls the same method of whichever term it is.
+macro_rules! either {
+    ($self:ident, $term:ident => $call:expr) => {
+        match $self {
+            Self::Everywhere($term) => $call,
+            Self::Channels($term) => $call,
+        }
+    };
+}
+
+impl<T: Real, X: MatrixSpace<T>, M: Memory<T>> Damping<T, X> for HostTerm<T, X, M> {
+    fn check(&self, coordinates: usize, nodes: usize, step_size: T) -> Result<(), Mismatch> {
+        either!(self, term => Damping::<T, X>::check(term, coordinates, nodes, step_size))
+    }
+
+    fn begin(&mut self, position: &[T], velocity: &[T]) {
+        either!(self, term => Damping::<T, X>::begin(term, position, velocity));
+    }
+
+    fn add_known(
+        &mut self,
+        sample: &Sample<'_, T>,
+        known: &mut [T],
+        scratch: &mut [T],
+    ) -> Result<(), MemoryError> {
+        either!(self, term => Damping::<T, X>::add_known(term, sample, known, scratch))
+    }
+
+    fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
+        either!(self, term => Damping::<T, X>::add_leading(term, increments, force, scratch));
+    }
+
+    fn visit_leading(&self, nodes: usize, visit: impl FnMut(usize, usize, T, &Matrix<T>)) {
+        either!(self, term => Damping::<T, X>::visit_leading(term, nodes, visit));
+    }
+
+    fn leading_is_constant(&self) -> bool {
+        either!(self, term => Damping::<T, X>::leading_is_constant(term))
+    }
+
+    fn push(
+        &mut self,
+        sample: &Sample<'_, T>,
+        increments: &[T],
+        scratch: &mut [T],
+    ) -> Result<(), MemoryError> {
+        either!(self, term => Damping::<T, X>::push(term, sample, increments, scratch))
+    }
+
+    fn state_bytes(&self) -> usize {
+        either!(self, term => Damping::<T, X>::state_bytes(term))
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        either!(self, term => Damping::<T, X>::save(term, to))
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        either!(self, term => Damping::<T, X>::check_state(term, from))
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        either!(self, term => Damping::<T, X>::restore(term, from))
+    }
+}

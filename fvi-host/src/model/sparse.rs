@@ -1,0 +1,296 @@
+//! The space of many coordinates: the same vectors and matrices as the dense one, its equations with sparse factors.
+
+use super::space::{Matrix, MatrixSpace};
+use fvi_core::{Equations, Real, Singular, Space};
+use fvi_sparse::{Analysis, Factor, Pattern};
+use std::sync::Arc;
+
+/// The space of N coordinates whose equations are sparse.
+#[derive(Clone, Debug)]
+pub struct SparseSpace {
+    coordinates: usize,
+    plan: Arc<Elimination>,
+}
+
+/// How the equations of a step with one unknown node are eliminated, known before the first step.
+#[derive(Clone, Debug)]
+pub struct Elimination {
+    pattern: Arc<Pattern>,
+    analysis: Analysis,
+}
+
+impl Elimination {
+    /// Analyses the places at which the sum of these matrices can have entries.
+    pub fn of<T: Real>(coordinates: usize, blocks: &[&Matrix<T>]) -> Self {
+        let mut pattern = Pattern::from_rows((0..coordinates).map(|row| [row]));
+        for block in blocks {
+            if let Some(wider) = widened(&pattern, block) {
+                pattern = wider;
+            }
+        }
+        let analysis = Analysis::new(&pattern);
+        Self { pattern: Arc::new(pattern), analysis }
+    }
+
+    /// Bytes of the factor.
+    pub fn factor_bytes(&self) -> usize {
+        self.analysis.factor_bytes()
+    }
+
+    /// Number of places in the matrix.
+    pub fn places(&self) -> usize {
+        self.pattern.len()
+    }
+}
+
+impl SparseSpace {
+    /// The space in which equations are eliminated by this plan.
+    pub fn new(plan: Elimination) -> Self {
+        Self { coordinates: plan.pattern.size(), plan: Arc::new(plan) }
+    }
+
+    /// How equations are eliminated.
+    pub fn plan(&self) -> &Elimination {
+        &self.plan
+    }
+}
+
+impl<T: Real> Space<T> for SparseSpace {
+    type Vector = Vec<T>;
+    type Block = Matrix<T>;
+
+    fn coordinates(&self) -> usize {
+        self.coordinates
+    }
+
+    fn zeros(&self) -> Vec<T> {
+        vec![T::zero(); self.coordinates]
+    }
+
+    fn slice(vector: &Vec<T>) -> &[T] {
+        vector
+    }
+
+    fn slice_mut(vector: &mut Vec<T>) -> &mut [T] {
+        vector
+    }
+}
+
+impl<T: Real> MatrixSpace<T> for SparseSpace {
+    type Kept = Option<Factored>;
+    type Equations = SparseEquations;
+
+    fn equations(&self, nodes: usize) -> SparseEquations {
+        debug_assert_eq!(nodes, 1, "schemes with inner nodes run in the dense space");
+        SparseEquations {
+            pattern: Arc::clone(&self.plan.pattern),
+            analysis: Some(self.plan.analysis.clone()),
+            values: Vec::new(),
+            sign: 0.0,
+            last: None,
+            buffer: Vec::new(),
+        }
+    }
+}
+
+/// The sparse equations of a step with one unknown node, whose matrix is symmetric and definite.
+///
+/// The pattern is analysed once. Newton's method factors again where the matrix has changed since it was factored last.
+pub struct SparseEquations {
+    pattern: Arc<Pattern>,
+    /// Of the pattern; `None` after it grew.
+    analysis: Option<Analysis>,
+    /// One for each place; times `sign`.
+    values: Vec<f64>,
+    /// The sign that makes the first entry positive; 0 while nothing has been added.
+    sign: f64,
+    /// The last matrix that was factored for one solution, with its factor.
+    last: Option<(Vec<f64>, Factored)>,
+    /// The vector in double precision.
+    buffer: Vec<f64>,
+}
+
+/// The factor of a matrix, or of what it is with a minus.
+pub struct Factored {
+    factor: Factor,
+    sign: f64,
+}
+
+impl Factored {
+    fn solve<T: Real>(&self, buffer: &mut Vec<f64>, vector: &mut [T]) {
+        buffer.clear();
+        buffer.extend(vector.iter().map(|number| number.to_f64() * self.sign));
+        self.factor.solve(buffer);
+        vector.iter_mut().zip(buffer.iter()).for_each(|(place, &number)| *place = T::of(number));
+    }
+}
+
+impl SparseEquations {
+    fn factored(&mut self) -> Result<Factored, Singular> {
+        let analysis = self.analysis.get_or_insert_with(|| Analysis::new(&self.pattern));
+        match analysis.factor(&self.pattern, &self.values) {
+            Ok(factor) => Ok(Factored { factor, sign: self.sign }),
+            Err(_) => Err(Singular),
+        }
+    }
+}
+
+impl<T: Real> Equations<T, Matrix<T>> for SparseEquations {
+    type Kept = Option<Factored>;
+
+    fn clear(&mut self) {
+        self.values.clear();
+        self.values.resize(self.pattern.len(), 0.0);
+        self.sign = 0.0;
+    }
+
+    fn add(&mut self, _: usize, _: usize, factor: T, block: &Matrix<T>) {
+        let factor = factor.to_f64();
+        if factor == 0.0 {
+            return;
+        }
+        if self.sign == 0.0 {
+            self.sign = factor.signum();
+        }
+        if let Some(wider) = widened(&self.pattern, block) {
+            let mut values = vec![0.0; wider.len()];
+            for (new, old) in wider.rows().zip(self.pattern.rows()) {
+                let mut places = wider.columns()[new.clone()].iter().zip(&mut values[new]);
+                for (&column, &value) in self.pattern.columns()[old.clone()].iter().zip(&self.values[old]) {
+                    if let Some((_, place)) = places.find(|(other, _)| **other == column) {
+                        *place = value;
+                    }
+                }
+            }
+            (self.values, self.pattern) = (values, Arc::new(wider));
+            (self.analysis, self.last) = (None, None);
+        }
+        let factor = factor * self.sign;
+        for (row, slots) in self.pattern.rows().enumerate() {
+            let mut places = self.pattern.columns()[slots.clone()].iter().zip(&mut self.values[slots]);
+            for_each_entry(block, row, |column, entry| {
+                if let Some((_, place)) = places.find(|(place, _)| **place == column) {
+                    *place += factor * entry.to_f64();
+                }
+            });
+        }
+    }
+
+    fn solve(&mut self, vector: &mut [T]) -> Result<(), Singular> {
+        if !self.last.as_ref().is_some_and(|(values, _)| *values == self.values) {
+            // Before the next factor is made: there may not be room for two.
+            self.last = None;
+            let factored = self.factored()?;
+            self.last = Some((self.values.clone(), factored));
+        }
+        if let Some((_, factored)) = &self.last {
+            factored.solve(&mut self.buffer, vector);
+        }
+        Ok(())
+    }
+
+    fn keep(&mut self, kept: &mut Option<Factored>) -> Result<(), Singular> {
+        *kept = None;
+        *kept = Some(self.factored()?);
+        self.values = Vec::new();
+        Ok(())
+    }
+
+    fn solve_kept(&mut self, kept: &Option<Factored>, vector: &mut [T]) {
+        if let Some(factored) = kept {
+            factored.solve(&mut self.buffer, vector);
+        }
+    }
+}
+
+/// Hands each entry of a row that need not be zero to `visit`, columns ascending.
+fn for_each_entry<T: Real>(block: &Matrix<T>, row: usize, mut visit: impl FnMut(usize, T)) {
+    match block {
+        Matrix::Diagonal(entries) => visit(row, entries[row]),
+        Matrix::Dense(columns) => {
+            let size = columns.len().isqrt();
+            columns
+                .iter()
+                .skip(row)
+                .step_by(size)
+                .enumerate()
+                .for_each(|(column, &entry)| visit(column, entry));
+        }
+        Matrix::Sparse(sparse) => {
+            let slots = sparse.pattern.row(row);
+            let entries = sparse.pattern.columns()[slots.clone()].iter().zip(&sparse.values[slots]);
+            entries.for_each(|(&column, &entry)| visit(column, entry));
+        }
+    }
+}
+
+/// The pattern with the places of a block; `None` if it has them all.
+fn widened<T: Real>(pattern: &Pattern, block: &Matrix<T>) -> Option<Pattern> {
+    let missing = pattern.rows().enumerate().any(|(row, slots)| {
+        let mut places = pattern.columns()[slots].iter();
+        let mut missing = false;
+        for_each_entry(block, row, |column, _| missing |= !places.any(|&place| place == column));
+        missing
+    });
+    missing.then(|| {
+        let rows = pattern.rows().enumerate().map(|(row, slots)| {
+            let mut places = pattern.columns()[slots].to_vec();
+            for_each_entry(block, row, |column, _| places.push(column));
+            places.sort_unstable();
+            places.dedup();
+            places
+        });
+        Pattern::from_rows(rows)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::DenseEquations;
+
+    fn chain(size: usize) -> Matrix<f64> {
+        let diagonal = (0..size).map(|row| (row, row, 2.5 + row as f64 * 0.1));
+        let near = (1..size).map(|row| (row, row - 1, -1.0));
+        Matrix::symmetric(size, diagonal.chain(near))
+    }
+
+    #[test]
+    fn sparse_equations_are_solved_like_dense_ones() {
+        let size = 7;
+        let (mass, stiffness) = (Matrix::Diagonal(vec![3.0; size]), chain(size));
+        // That of the midpoint rule comes with a minus; a pattern that is known and one that grows.
+        for (sign, known) in [(1.0, true), (-1.0, true), (-1.0, false)] {
+            let blocks = if known { vec![&mass, &stiffness] } else { vec![&mass] };
+            let space = SparseSpace::new(Elimination::of(size, &blocks));
+            let mut sparse = MatrixSpace::<f64>::equations(&space, 1);
+            let mut dense = DenseEquations::new(size, 1);
+            Equations::<f64, _>::clear(&mut sparse);
+            dense.clear();
+            for (factor, block) in [(2.0, &mass), (0.5, &stiffness)] {
+                sparse.add(0, 0, sign * factor, block);
+                dense.add(0, 0, sign * factor, block);
+            }
+            let right: Vec<f64> = (0..size).map(|i| (1.0 + i as f64).sin()).collect();
+            let (mut found, mut kept, mut expected) = (right.clone(), right.clone(), right);
+            Equations::<f64, Matrix<f64>>::solve(&mut sparse, &mut found).unwrap();
+            let mut factored = None;
+            Equations::<f64, Matrix<f64>>::keep(&mut sparse, &mut factored).unwrap();
+            Equations::<f64, Matrix<f64>>::solve_kept(&mut sparse, &factored, &mut kept);
+            dense.solve(&mut expected).unwrap();
+            for (found, expected) in found.iter().chain(&kept).zip(expected.iter().cycle()) {
+                assert!((found - expected).abs() < 1e-14, "{sign} {known}: {found} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_singular_matrix_is_refused() {
+        let zero = Matrix::Diagonal(vec![1.0, 0.0, 1.0]);
+        let space = SparseSpace::new(Elimination::of(3, &[&zero]));
+        let mut equations = MatrixSpace::<f64>::equations(&space, 1);
+        Equations::<f64, _>::clear(&mut equations);
+        equations.add(0, 0, 1.0, &zero);
+        assert!(Equations::<f64, Matrix<f64>>::solve(&mut equations, &mut [1.0; 3]).is_err());
+    }
+}

@@ -1,0 +1,214 @@
+//! Symmetric matrices that a scenario takes from files, or makes of the columns of dampers.
+
+use crate::language::document::Value;
+use crate::language::error::{InputError, Problem};
+use crate::language::matrix_file::FileMatrix;
+use crate::numerics::semidefinite::check_positive_semidefinite;
+use fvi_sparse::{Analysis, FactorError, Pattern};
+use serde::{Serialize, Serializer};
+use std::sync::Arc;
+
+/// A symmetric matrix by its entries that need not be zero.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SparseMatrix {
+    /// Where they are.
+    pub pattern: Arc<Pattern>,
+    /// One for each place.
+    pub values: Arc<Vec<f64>>,
+    /// The file that it was read from.
+    source: Option<String>,
+}
+
+/// Largest part of an entry by which its mirror image may differ: what rounding does when elements are added up.
+const ASYMMETRY: f64 = 1e-10;
+
+impl SparseMatrix {
+    /// The symmetric matrix in the file that `value` names.
+    pub(super) fn read(value: &Value<'_>) -> Result<Self, InputError> {
+        let file = value.matrix_file()?;
+        if file.rows != file.columns {
+            let reason =
+                format!("{} rows and {} columns where a square matrix is wanted", file.rows, file.columns);
+            return Err(value.file_error(reason));
+        }
+        let mut matrix = Self::of_file(file);
+        matrix.make_symmetric().map_err(|reason| value.file_error(reason))?;
+        matrix.source = value.text().ok().map(|name| value.document().resolve(name).display().to_string());
+        Ok(matrix)
+    }
+
+    fn of_file(file: FileMatrix) -> Self {
+        let mirrored = |&(row, column, entry): &(u32, u32, f64)| {
+            (file.half && row != column).then_some((column, row, entry))
+        };
+        let entries = || file.entries.iter().copied().chain(file.entries.iter().filter_map(mirrored));
+        Self::of_entries(file.rows, entries)
+    }
+
+    /// The matrix of these entries, those of one place added up.
+    fn of_entries<E: Iterator<Item = (u32, u32, f64)>>(rows: usize, entries: impl Fn() -> E) -> Self {
+        let mut starts = vec![0_usize; rows + 1];
+        entries().for_each(|(row, ..)| starts[row as usize + 1] += 1);
+        for row in 0..rows {
+            starts[row + 1] += starts[row];
+        }
+        let mut next = starts.clone();
+        let mut sorted = vec![(0_u32, 0.0); starts[rows]];
+        for (row, column, entry) in entries() {
+            let place = &mut next[row as usize];
+            sorted[*place] = (column, entry);
+            *place += 1;
+        }
+        let mut values = Vec::with_capacity(sorted.len());
+        let pattern = Pattern::from_rows(starts.windows(2).map(|ends| {
+            let row = &mut sorted[ends[0]..ends[1]];
+            row.sort_by_key(|&(column, _)| column);
+            let mut columns: Vec<usize> = Vec::with_capacity(row.len());
+            for &(column, entry) in &*row {
+                if columns.last() == Some(&(column as usize)) {
+                    if let Some(last) = values.last_mut() {
+                        *last += entry;
+                    }
+                } else {
+                    columns.push(column as usize);
+                    values.push(entry);
+                }
+            }
+            columns
+        }));
+        Self { pattern: Arc::new(pattern), values: Arc::new(values), source: None }
+    }
+
+    /// B diag(strength) Bᵀ, `columns` being those of B by their entries.
+    pub(super) fn of_columns(rows: usize, columns: &[Vec<(u32, f64)>], strength: &[f64]) -> Self {
+        let entries = || {
+            columns.iter().zip(strength).flat_map(|(column, &strength)| {
+                let with_row = move |&(row, b): &(u32, f64)| {
+                    column.iter().map(move |&(other, c)| (row, other, b * c * strength))
+                };
+                column.iter().flat_map(with_row)
+            })
+        };
+        Self::of_entries(rows, entries)
+    }
+
+    /// Takes the mean of entries whose mirror images differ by rounding.
+    ///
+    /// # Errors
+    /// The first place where they differ by more, in words.
+    fn make_symmetric(&mut self) -> Result<(), String> {
+        let pattern = Arc::clone(&self.pattern);
+        let values = Arc::make_mut(&mut self.values);
+        let find = |row: usize, column: usize| {
+            let slots = pattern.row(row);
+            let found = pattern.columns()[slots.clone()].binary_search(&column).ok()?;
+            Some(slots.start + found)
+        };
+        let largest: Vec<f64> = pattern
+            .rows()
+            .map(|slots| values[slots].iter().fold(0.0, |largest: f64, entry| largest.max(entry.abs())))
+            .collect();
+        for (row, slots) in pattern.rows().enumerate() {
+            for slot in slots {
+                let column = pattern.columns()[slot];
+                let mirrored = find(column, row);
+                let (one, other) = (values[slot], mirrored.map_or(0.0, |mirrored| values[mirrored]));
+                if (one - other).abs() > ASYMMETRY * largest[row].min(largest[column]) {
+                    return Err(format!(
+                        "not symmetric: the entry in row {row}, column {column} is {one}, that in row {column}, column {row} \
+                         is {other} (from 0)"
+                    ));
+                }
+                if let Some(mirrored) = mirrored {
+                    let mean = 0.5 * (one + other);
+                    (values[slot], values[mirrored]) = (mean, mean);
+                }
+            }
+        }
+        // An entry that is rounding, without a mirror image.
+        if pattern
+            .rows()
+            .enumerate()
+            .any(|(row, slots)| slots.into_iter().any(|slot| find(pattern.columns()[slot], row).is_none()))
+        {
+            let entries: Vec<(u32, u32, f64)> = pattern
+                .rows()
+                .enumerate()
+                .flat_map(|(row, slots)| slots.map(move |slot| (row, slot)))
+                .filter(|&(row, slot)| find(pattern.columns()[slot], row).is_some())
+                .map(|(row, slot)| (row as u32, pattern.columns()[slot] as u32, values[slot]))
+                .collect();
+            *self = Self::of_entries(pattern.size(), || entries.iter().copied());
+        }
+        Ok(())
+    }
+
+    /// The same matrix times a number.
+    pub(super) fn scaled(mut self, scale: f64) -> Self {
+        Arc::make_mut(&mut self.values).iter_mut().for_each(|value| *value *= scale);
+        self
+    }
+
+    /// Takes over a pattern that is equal to its own, to have it once in memory.
+    pub(super) fn share_pattern(&mut self, other: &Self) {
+        if self.pattern == other.pattern {
+            self.pattern = Arc::clone(&other.pattern);
+        }
+    }
+
+    /// Number of rows.
+    pub fn size(&self) -> usize {
+        self.pattern.size()
+    }
+
+    /// Writes the product with a vector of the same size to `product`.
+    pub fn write_times(&self, vector: &[f64], product: &mut [f64]) {
+        for (place, slots) in product.iter_mut().zip(self.pattern.rows()) {
+            let entries = self.pattern.columns()[slots.clone()].iter().zip(&self.values[slots]);
+            *place = entries.map(|(&column, entry)| entry * vector[column]).sum();
+        }
+    }
+
+    /// Refuses a matrix that is not positive definite.
+    pub(super) fn positive_definite(self, value: &Value<'_>) -> Result<Self, InputError> {
+        match Analysis::new(&self.pattern).factor(&self.pattern, &self.values) {
+            Ok(_) => Ok(self),
+            Err(error) => Err(self.refused(value, error)),
+        }
+    }
+
+    /// Refuses a matrix that is not positive semidefinite beyond rounding.
+    pub(super) fn positive_semidefinite(self, value: &Value<'_>) -> Result<Self, InputError> {
+        match check_positive_semidefinite(&self.pattern, &self.values, f64::EPSILON) {
+            Ok(()) => Ok(self),
+            Err(FactorError::Pivot { pivot, coordinate }) => {
+                let reason = format!(
+                    "not positive semidefinite: pivot {pivot} of the elimination, coordinate {coordinate}, is negative"
+                );
+                Err(value.error(Problem::Unusable { reason }))
+            }
+            Err(error) => Err(self.refused(value, error)),
+        }
+    }
+
+    fn refused(&self, value: &Value<'_>, error: FactorError) -> InputError {
+        value.error(Problem::Unusable { reason: error.to_string() })
+    }
+}
+
+/// The file, or the rows.
+impl Serialize for SparseMatrix {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        if let Some(source) = &self.source {
+            return source.serialize(serializer);
+        }
+        let row = |slots: core::ops::Range<usize>| {
+            let mut row = vec![0.0; self.size()];
+            for slot in slots {
+                row[self.pattern.columns()[slot]] = self.values[slot];
+            }
+            row
+        };
+        serializer.collect_seq(self.pattern.rows().map(row))
+    }
+}

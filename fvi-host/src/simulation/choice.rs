@@ -1,0 +1,113 @@
+//! Dense or sparse: in which space a scenario runs.
+
+use crate::language::{InputError, Problem};
+use crate::model::{Elimination, Matrix, Model, SparseSpace, matrix};
+use crate::scenario::{ConvolutionFamily, Scenario, Scheme};
+use crate::simulation::available_memory::available_memory;
+use fvi_core::Mechanics;
+use serde::Serialize;
+
+/// How the equations of a step are solved.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case", tag = "kind")]
+pub enum Solver {
+    /// By elimination in a full matrix, or within its band.
+    Dense,
+    /// By a sparse Cholesky factor.
+    Sparse {
+        /// Places in the matrix of a step.
+        places: usize,
+        /// Bytes of its factor.
+        factor_bytes: usize,
+    },
+}
+
+/// What a caller may ask for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SolverChoice {
+    /// Sparse for large systems, dense for small ones.
+    #[default]
+    Automatic,
+    /// Dense.
+    Dense,
+    /// Sparse.
+    Sparse,
+}
+
+/// Coordinates from which on the sparse factor is the cheaper one.
+const MANY: usize = 128;
+
+/// Coordinates times nodes up to which a full matrix may be eliminated: it takes 8 n² bytes.
+const MOST_DENSE: usize = 6_000;
+
+/// The sparse space for a scenario, or `None` if it runs in the dense one.
+///
+/// Sparse factors serve symmetric matrices of one unknown node: variational schemes of degree 1 without a force that depends on the
+/// position.
+///
+/// # Errors
+/// If the system is too large for the solver that its scheme needs, or its factor for the memory.
+pub(super) fn sparse_space(
+    scenario: &Scenario,
+    choice: SolverChoice,
+) -> Result<Option<SparseSpace>, InputError> {
+    let (degree, many) = (degree(scenario), scenario.coordinates() > MANY);
+    let pushed = scenario.system.force.iter().flatten().any(|force| force.has_variables());
+    let collocation = matches!(scenario.scheme, Scheme::Collocation);
+    let suits = degree == 1 && !collocation && !pushed && scenario.system.own_terms.is_none();
+    let wanted = match choice {
+        SolverChoice::Automatic => scenario.system.is_large() && many,
+        SolverChoice::Dense => false,
+        SolverChoice::Sparse => true,
+    };
+    if !wanted || !suits {
+        if scenario.system.is_large() && scenario.coordinates().saturating_mul(degree) > MOST_DENSE {
+            return Err(too_large(scenario, pushed));
+        }
+        return Ok(None);
+    }
+    let model = Model::<f64>::new(scenario).map_err(|error| {
+        scenario.error_at("system.mass", Problem::Precision { reason: error.to_string() })
+    })?;
+    let damping: Vec<Matrix<f64>> =
+        scenario.system.damping.iter().map(|term| matrix(&term.coefficient)).collect();
+    let stiffness = Mechanics::<f64, SparseSpace>::stiffness(&model);
+    let mass = Mechanics::<f64, SparseSpace>::mass(&model);
+    let blocks: Vec<_> = [mass, &stiffness].into_iter().chain(&damping).collect();
+    let plan = Elimination::of(scenario.coordinates(), &blocks);
+    if let Some(available) = available_memory()
+        && plan.factor_bytes() > available
+    {
+        let megabytes = |bytes: usize| bytes.div_ceil(1 << 20);
+        let reason = format!(
+            "the Cholesky factor of the step's matrix takes {} MB, {} MB of memory are available",
+            megabytes(plan.factor_bytes()),
+            megabytes(available)
+        );
+        return Err(scenario.error_at("system.mass", Problem::Unusable { reason }));
+    }
+    Ok(Some(SparseSpace::new(plan)))
+}
+
+/// How many vectors of coordinates a step solves for.
+fn degree(scenario: &Scenario) -> usize {
+    match scenario.scheme {
+        Scheme::Collocation => match scenario.convolution.family {
+            ConvolutionFamily::RadauIia { stages } | ConvolutionFamily::LobattoIiic { stages } => stages,
+            ConvolutionFamily::Bdf { .. } => 1,
+        },
+        Scheme::Galerkin { degree, .. } => degree,
+        Scheme::LowOrder { .. } | Scheme::ExplicitEuler | Scheme::ImplicitEuler => 1,
+    }
+}
+
+fn too_large(scenario: &Scenario, pushed: bool) -> InputError {
+    let with = format!("{} coordinates: it is solved with full matrices", scenario.coordinates());
+    if pushed {
+        let allowed = "a force of time alone (`[[system.load]]`), potentials for what depends on the position (`[[system.element]]`)";
+        return scenario
+            .error_at("system.force", Problem::Incompatible { with, allowed: allowed.to_owned() });
+    }
+    let allowed = "`kind` = \"low-order\" with `[convolution] at` = \"nodes\", `order` = 2, for which there are sparse factors";
+    scenario.error_at("scheme", Problem::Incompatible { with, allowed: allowed.to_owned() })
+}

@@ -1,0 +1,118 @@
+//! The check of the step of a large system: by its fastest motions alone.
+
+use super::{DampingForm, Discretisation, LinearDamping, LinearSystem, Verdict, check_stability};
+use crate::model::{Matrix, Model, SparseSpace, matrix};
+use crate::scenario::Scenario;
+use fvi_core::{Block, Instant, Mechanics};
+use nalgebra::{DMatrix, SymmetricEigen};
+
+/// Steps of the Lanczos iteration; the largest eigenvalues of stiffness and damping are apart from the others, and a few per cent are enough.
+const ITERATIONS: usize = 40;
+
+/// What is added to the largest eigenvalue that the iteration has found, which is never too large.
+const MARGIN: f64 = 1.02;
+
+/// Whether the scheme is stable at every step, whatever the stiffness and damping: the midpoint rule, damped at its node by BDF 1 or 2.
+pub(super) fn is_unconditional(discretisation: &Discretisation, damped: bool) -> bool {
+    let midpoint = discretisation.degree == 1 && discretisation.nodes == [0.5];
+    let passive = match discretisation.form {
+        DampingForm::Nodes { order } => order.get() <= 2,
+        DampingForm::MainNodes { .. } | DampingForm::Stages { .. } => !damped,
+    };
+    midpoint && passive
+}
+
+/// The verdict on motions from the fastest down: single modes with the largest eigenvalues of K and ρ relative to M, and
+/// smaller ones in the same proportion.
+///
+/// Exact where the matrices are proportional; elsewhere a good sign.
+pub(super) fn check_large(
+    discretisation: &Discretisation,
+    scenario: &Scenario,
+    model: &mut Model<f64>,
+) -> Verdict {
+    let (step, steps) = (scenario.time.step, scenario.time.steps);
+    let size = scenario.coordinates();
+    let mut stiffness = Mechanics::<f64, SparseSpace>::stiffness(model);
+    let mut pull = vec![0.0; size];
+    let instant = Instant::in_step(0.0, 0.5, step);
+    let start = &scenario.initial.position;
+    Mechanics::<f64, SparseSpace>::linearise(model, instant, start, &mut pull, &mut stiffness);
+    let fastest = MARGIN * largest_eigenvalue(model, &stiffness, size);
+    let damping: Vec<(f64, f64)> = scenario
+        .system
+        .damping
+        .iter()
+        .map(|term| (MARGIN * largest_eigenvalue(model, &matrix(&term.coefficient), size), term.order))
+        .collect();
+    let mut least = None;
+    for part in (0..12).map(|halvings| 0.25_f64.powi(halvings)) {
+        let one = |entry: f64| DMatrix::from_element(1, 1, entry);
+        let terms = damping
+            .iter()
+            .map(|&(largest, damping_order)| LinearDamping {
+                coefficients: one(part * largest),
+                damping_order,
+            })
+            .collect();
+        let Ok(system) = LinearSystem::new(&one(1.0), &one(part * fastest), terms) else { continue };
+        if let Verdict::Unstable { largest_stable_step } =
+            check_stability(discretisation, &system, step, steps)
+        {
+            let least_so_far = least.get_or_insert(largest_stable_step);
+            *least_so_far = match (*least_so_far, largest_stable_step) {
+                (Some(one), Some(other)) => Some(f64::min(one, other)),
+                _ => None,
+            };
+        }
+    }
+    least.map_or(Verdict::Stable, |largest_stable_step| Verdict::Unstable { largest_stable_step })
+}
+
+/// The largest eigenvalue λ of A x = λ M x by the Lanczos iteration in the inner product of M.
+fn largest_eigenvalue(model: &Model<f64>, matrix: &Matrix<f64>, size: usize) -> f64 {
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let mass = Mechanics::<f64, SparseSpace>::mass(model);
+    let times = |block: &Matrix<f64>, x: &[f64]| {
+        let mut product = vec![0.0; size];
+        block.multiply_add(1.0, x, &mut product);
+        product
+    };
+    // A start that is far from every regular pattern, the same on every machine.
+    let mut seed = 0x9E37_79B9_7F4A_7C15_u64;
+    let mut x: Vec<f64> = (0..size)
+        .map(|_| {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (seed >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
+        })
+        .collect();
+    let norm = dot(&x, &times(mass, &x)).sqrt();
+    x.iter_mut().for_each(|x| *x /= norm);
+    let mut before = vec![0.0; size];
+    let (mut diagonal, mut beside): (Vec<f64>, Vec<f64>) = (Vec::new(), Vec::new());
+    for _ in 0..ITERATIONS.min(size) {
+        let force = times(matrix, &x);
+        let alpha = dot(&force, &x);
+        let mut next = vec![0.0; size];
+        Mechanics::<f64, SparseSpace>::velocity(model, &force, &mut next);
+        let beta = beside.last().copied().unwrap_or(0.0);
+        for ((next, &x), &before) in next.iter_mut().zip(&x).zip(&before) {
+            *next -= alpha * x + beta * before;
+        }
+        diagonal.push(alpha);
+        let norm = dot(&next, &times(mass, &next)).max(0.0).sqrt();
+        if norm <= 1e-12 * alpha.abs() || !norm.is_finite() {
+            break;
+        }
+        beside.push(norm);
+        next.iter_mut().for_each(|next| *next /= norm);
+        before = std::mem::replace(&mut x, next);
+    }
+    let count = diagonal.len();
+    let tridiagonal = DMatrix::from_fn(count, count, |row, column| match row.abs_diff(column) {
+        0 => diagonal[row],
+        1 => beside[row.min(column)],
+        _ => 0.0,
+    });
+    SymmetricEigen::new(tridiagonal).eigenvalues.max().max(0.0)
+}

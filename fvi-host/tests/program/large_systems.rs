@@ -1,0 +1,174 @@
+//! What a user relies on who brings matrices from a finite-element package.
+
+use crate::workplace::{Workplace, text};
+use std::fmt::Write;
+use std::fs;
+
+const CHAIN: &str = r#"
+[system]
+mass = "M.mtx"
+stiffness = "K.mtx"
+[[system.damping]]
+order = 0.6
+coefficient = "K.mtx"
+scale = 0.02
+[[system.load]]
+pattern = { coordinate = 149, value = 2.0 }
+amplitude = { file = "record.csv" }
+[scheme]
+kind = "low-order"
+[convolution]
+at = "nodes"
+order = 2
+[time]
+step = 0.05
+steps = 40
+[output]
+coordinates = [149, 0]
+snapshots = 10
+"#;
+
+/// A tridiagonal matrix of 150 rows.
+fn tridiagonal(own: f64, beside: f64) -> String {
+    let mut text = "%%MatrixMarket matrix coordinate real symmetric\n150 150 299\n".to_owned();
+    for row in 1..=150 {
+        if row > 1 {
+            writeln!(text, "{row} {} {beside}", row - 1).unwrap();
+        }
+        writeln!(text, "{row} {row} {own}").unwrap();
+    }
+    text
+}
+
+fn place() -> Workplace {
+    let place = Workplace::new();
+    place.write("M.mtx", &tridiagonal(4.0, 1.0));
+    place.write("K.mtx", &tridiagonal(200.0, -100.0));
+    place.write("record.csv", "t,a\n0,0\n0.5,1\n1,0\n");
+    place
+}
+
+#[test]
+fn chosen_coordinates_snapshots_and_a_map_are_written() {
+    let place = place();
+    let run = place.run(CHAIN, &[]);
+    assert_eq!(run.columns, ["t", "q149", "q0", "p149", "p0", "energy"]);
+    assert_eq!(run.rows.len(), 41);
+    // The push arrives at the one end and has not reached the other.
+    assert!(run.column("q149").iter().any(|q| q.abs() > 1e-4));
+    assert!(run.column("q0").iter().all(|q| q.abs() < 1e-9));
+    assert!(run.column("energy")[40] > 0.0);
+    assert_eq!(run.summary["solver"]["kind"], "sparse");
+    assert_eq!(run.summary["last"]["position"].as_array().unwrap().len(), 150);
+    let files = run.summary["files"].as_array().unwrap();
+    for name in ["trajectory.csv", "snapshots.npz", "coordinates.svg", "energy.svg", "map.svg"] {
+        assert!(files.iter().any(|file| file == name), "{name}: {files:?}");
+        assert!(place.path("out").join(name).exists(), "{name}");
+    }
+    let archive = fs::read(place.path("out/snapshots.npz")).unwrap();
+    // Heads of 128 bytes and 5 states of 150 coordinates.
+    assert!(archive.len() > 8 * 5 * 301 + 3 * 128);
+    // The summary's inputs make the same run.
+    let mut inputs = run.summary["scenario"].clone();
+    for table in [inputs.clone(), inputs["system"].take()] {
+        let table = table.as_object().unwrap().iter().filter(|(_, value)| !value.is_null());
+        let table: serde_json::Map<_, _> = table.map(|(key, value)| (key.clone(), value.clone())).collect();
+        if table.contains_key("mass") {
+            inputs["system"] = table.into();
+        } else {
+            inputs = table.into();
+        }
+    }
+    assert_eq!(place.run(&toml::to_string(&inputs).unwrap(), &[]).rows, run.rows);
+}
+
+#[test]
+fn a_run_that_goes_on_has_the_bytes_of_one_that_was_not_interrupted() {
+    let place = place();
+    let scenario = CHAIN.replace("snapshots = 10\n", "");
+    place.run(&scenario, &[]);
+    let file = fs::read(place.path("out/trajectory.csv")).unwrap();
+    for (steps, arguments) in [("steps = 17", [].as_slice()), ("steps = 40", &["--resume"])] {
+        place.write("scenario.toml", &scenario.replace("steps = 40", steps));
+        let output = place.fvi(&[&["run", "scenario.toml", "--out", "parts"], arguments].concat());
+        assert!(output.status.success(), "{}", text(&output.stderr));
+    }
+    assert!(fs::read(place.path("parts/trajectory.csv")).unwrap() == file);
+}
+
+#[test]
+fn bad_matrices_and_keys_are_refused_by_name() {
+    let place = place();
+    place.write("skew.mtx", "%%MatrixMarket matrix coordinate real general\n150 150 2\n1 2 1.0\n2 1 1.5\n");
+    place.write("small.mtx", "%%MatrixMarket matrix coordinate real symmetric\n2 2 2\n1 1 1.0\n2 2 1.0\n");
+    place.write("indefinite.mtx", &tridiagonal(1.0, 0.9));
+    let whole = tridiagonal(4.0, 1.0);
+    let cut: String = whole.split_inclusive('\n').take(100).collect();
+    place.write("cut.mtx", &cut);
+    place.write("B.mtx", "%%MatrixMarket matrix coordinate real general\n150 2 2\n1 1 1.0\n7 2 1.0\n");
+    let cases: [(&str, &str, &[&str]); 18] = [
+        ("\"M.mtx\"", "\"none.mtx\"", &["system.mass", "none.mtx"]),
+        ("\"M.mtx\"", "\"cut.mtx\"", &["system.mass", "cut.mtx", "the file ends too early"]),
+        ("\"M.mtx\"", "\"indefinite.mtx\"", &["system.mass", "not positive definite", "pivot", "coordinate"]),
+        (
+            "stiffness = \"K.mtx\"",
+            "stiffness = \"skew.mtx\"",
+            &["system.stiffness", "not symmetric", "row 0, column 1", "1.5"],
+        ),
+        ("stiffness = \"K.mtx\"", "stiffness = \"small.mtx\"", &["system.stiffness", "2 rows", "150"]),
+        ("stiffness = \"K.mtx\"", "stiffness = \"record.csv\"", &["system.stiffness", ".mtx"]),
+        (
+            "coefficient = \"K.mtx\"",
+            "coefficient = \"indefinite.mtx\"",
+            &["system.damping[0].coefficient", "not positive semidefinite"],
+        ),
+        ("scale = 0.02", "scale = -0.02", &["system.damping[0].coefficient", "not positive semidefinite"]),
+        ("scale = 0.02", "strength = [1.0]", &["strength", "attached"]),
+        (
+            "coefficient = \"K.mtx\"\nscale = 0.02",
+            "attached = \"B.mtx\"\nstrength = [1.0]",
+            &["strength", "2 numbers"],
+        ),
+        (
+            "coefficient = \"K.mtx\"\nscale = 0.02",
+            "attached = \"B.mtx\"\nstrength = [1.0, -1.0]",
+            &["strength", "≥ 0"],
+        ),
+        ("coordinate = 149", "coordinate = 150", &["system.load[0].pattern.coordinate", "0 to 149"]),
+        ("\"record.csv\"", "\"K.mtx\"", &["amplitude.file", "K.mtx"]),
+        ("coordinates = [149, 0]\n", "", &["output.coordinates", "150"]),
+        ("coordinates = [149, 0]", "coordinates = [149, 149]", &["output.coordinates", "once"]),
+        (
+            "[[system.load]]",
+            "[[system.element]]\npotential = \"x0^4\"\ncoordinates = [[150]]\n[[system.load]]",
+            &["system.element[0].coordinates[0][0]", "0 to 149"],
+        ),
+        (
+            "[[system.load]]",
+            "[[system.element]]\npotential = \"x1^4\"\ncoordinates = [[0]]\n[[system.load]]",
+            &["system.element[0].potential", "x1"],
+        ),
+        ("at = \"nodes\"", "at = \"main-nodes\"", &["time.step", "stable", "\"nodes\""]),
+    ];
+    for (old, new, said) in cases {
+        let scenario = CHAIN.replacen(old, new, 1);
+        assert_ne!(scenario, CHAIN, "{old}");
+        // Damped at the main nodes, this chain needs shorter steps.
+        let scenario = if new.contains("main-nodes") {
+            scenario.replace("scale = 0.02", "scale = 20.0")
+        } else {
+            scenario
+        };
+        place.write("scenario.toml", &scenario);
+        let output = place.fvi(&["run", "scenario.toml", "--out", "refused"]);
+        let message = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{new}: {message}");
+        // Messages are broken into lines to fit a terminal.
+        let flat: String =
+            message.split_whitespace().filter(|word| *word != "│").collect::<Vec<_>>().join(" ");
+        for word in said {
+            assert!(flat.contains(word), "{new}: no `{word}` in {message}");
+        }
+        assert!(!place.path("refused").exists(), "{new}");
+    }
+}

@@ -1,0 +1,392 @@
+//! A = L Lᵀ, block by block, and what it solves.
+
+use crate::Pattern;
+use crate::analysis::{Analysis, Blocks};
+use crate::kernels::{products, subtract_columns, subtract_product};
+use core::fmt;
+use pulp::Arch;
+
+/// Why a matrix has no factor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum FactorError {
+    /// The matrix is not positive definite: elimination met a pivot that is not.
+    Pivot {
+        /// How many pivots were positive before.
+        pivot: usize,
+        /// The row of the matrix that it belongs to, from 0.
+        coordinate: usize,
+    },
+    /// There is not enough memory.
+    NoRoom {
+        /// Bytes that the factor takes.
+        bytes: usize,
+    },
+}
+
+impl fmt::Display for FactorError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Pivot { pivot, coordinate } => write!(
+                f,
+                "not positive definite: pivot {pivot} of the elimination, coordinate {coordinate}, is not positive"
+            ),
+            Self::NoRoom { bytes } => {
+                write!(f, "the factor takes {} MB, more than there is", bytes.div_ceil(1 << 20))
+            }
+        }
+    }
+}
+
+impl core::error::Error for FactorError {}
+
+/// The factor L of one matrix.
+#[derive(Clone, Debug)]
+pub struct Factor {
+    analysis: Analysis,
+    numbers: Vec<f64>,
+}
+
+/// Columns of a block that are eliminated together before they act on those to their right.
+const PANEL: usize = 32;
+
+impl Analysis {
+    /// Factors the symmetric matrix with these values, one for each place of the pattern that was analysed.
+    ///
+    /// # Errors
+    /// [`FactorError`].
+    pub fn factor(&self, pattern: &Pattern, values: &[f64]) -> Result<Factor, FactorError> {
+        let mut numbers = Vec::new();
+        let no_room = |_| FactorError::NoRoom { bytes: self.factor_bytes() };
+        numbers.try_reserve_exact(self.factor_len()).map_err(no_room)?;
+        numbers.resize(self.factor_len(), 0.0);
+        let blocks = self.blocks();
+        Arch::new()
+            .dispatch(|| eliminate(blocks, pattern, values, &mut numbers))
+            .map_err(|pivot| FactorError::Pivot { pivot, coordinate: blocks.order[pivot] as usize })?;
+        Ok(Factor { analysis: self.clone(), numbers })
+    }
+}
+
+/// No block.
+const NONE: u32 = u32::MAX;
+
+/// Left-looking elimination: each block takes what the blocks before owe to it, then is factored by itself.
+///
+/// # Errors
+/// The place of a pivot that is not positive.
+#[inline(always)]
+fn eliminate(blocks: &Blocks, pattern: &Pattern, values: &[f64], numbers: &mut [f64]) -> Result<(), usize> {
+    // For each block the ones before that act on it next, as a list, and how far into their rows they have come.
+    let (mut waiting, mut next) = (vec![NONE; blocks.count()], vec![NONE; blocks.count()]);
+    let mut come = vec![0; blocks.count()];
+    // Where the rows of the block under way lie in it.
+    let mut local = vec![0_u32; blocks.order.len()];
+    let mut product = Vec::new();
+    for block in 0..blocks.count() {
+        let (columns, rows) = (blocks.columns(block), blocks.rows(block));
+        let (width, height) = (columns.len(), columns.len() + rows.len());
+        let (before, own) = numbers.split_at_mut(blocks.numbers(block).start);
+        let own = &mut own[..width * height];
+        for (index, row) in columns.clone().chain(rows.iter().map(|&row| row as usize)).enumerate() {
+            local[row] = index as u32;
+        }
+        for (index, &row) in blocks.order[columns.clone()].iter().enumerate() {
+            let slots = pattern.row(row as usize);
+            for (&column, &value) in pattern.columns()[slots.clone()].iter().zip(&values[slots]) {
+                let place = blocks.place[column] as usize;
+                if place >= columns.start + index {
+                    own[index * height + local[place] as usize] += value;
+                }
+            }
+        }
+        let mut other = std::mem::replace(&mut waiting[block], NONE);
+        while other != NONE {
+            let earlier = other as usize;
+            other = next[earlier];
+            let (depth, below) = (blocks.columns(earlier).len(), blocks.rows(earlier));
+            let start = come[earlier];
+            let count = below[start..].partition_point(|&row| (row as usize) < columns.end);
+            let (step, owed) = (depth + below.len(), below.len() - start);
+            let from = &before[blocks.numbers(earlier)][depth + start..];
+            product.clear();
+            product.resize(owed * count, 0.0);
+            subtract_product(&mut product, owed, (owed, count, depth), (from, from), step);
+            for (column, product) in product.chunks_exact(owed).enumerate() {
+                let place = local[below[start + column] as usize] as usize;
+                let target = &mut own[place * height..][..height];
+                for (&row, &number) in below[start..].iter().zip(product).skip(column) {
+                    target[local[row as usize] as usize] += number;
+                }
+            }
+            come[earlier] = start + count;
+            if let Some(&row) = below.get(start + count) {
+                let later = blocks.block_of[row as usize] as usize;
+                next[earlier] = std::mem::replace(&mut waiting[later], earlier as u32);
+            }
+        }
+        factor_block(own, width, height).map_err(|pivot| columns.start + pivot)?;
+        if let Some(&row) = rows.first() {
+            let later = blocks.block_of[row as usize] as usize;
+            next[block] = std::mem::replace(&mut waiting[later], block as u32);
+        }
+    }
+    Ok(())
+}
+
+/// Factors the lower trapezoid of a block of `width` columns and `height` rows in place.
+#[inline(always)]
+fn factor_block(own: &mut [f64], width: usize, height: usize) -> Result<(), usize> {
+    let mut first = 0;
+    while first < width {
+        let end = (first + PANEL).min(width);
+        let (done, panel) = own.split_at_mut(first * height);
+        if first > 0 {
+            let shape = (height - first, end - first, first);
+            subtract_product(&mut panel[first..], height, shape, (&done[first..], &done[first..]), height);
+        }
+        for column in first..end {
+            let (own, right) = panel[(column - first) * height..].split_at_mut(height);
+            let pivot = own[column];
+            if !(pivot > 0.0 && pivot.is_finite()) {
+                return Err(column);
+            }
+            let root = pivot.sqrt();
+            own[column] = root;
+            own[column + 1..].iter_mut().for_each(|number| *number /= root);
+            for (index, target) in right.chunks_exact_mut(height).take(end - column - 1).enumerate() {
+                let row = column + 1 + index;
+                let factor = own[row];
+                for (place, &number) in target[row..].iter_mut().zip(&own[row..]) {
+                    *place -= factor * number;
+                }
+            }
+        }
+        first = end;
+    }
+    Ok(())
+}
+
+impl Factor {
+    /// Number of rows.
+    pub fn size(&self) -> usize {
+        self.analysis.size()
+    }
+
+    /// Bytes of its numbers.
+    pub fn bytes(&self) -> usize {
+        self.numbers.len() * size_of::<f64>()
+    }
+
+    /// Replaces the right-hand side by the solution. Several right-hand sides, one after another, are solved in one pass
+    /// over the factor, each with the bits that it has alone.
+    pub fn solve(&self, vectors: &mut [f64]) {
+        let size = self.size();
+        if size == 0 {
+            return;
+        }
+        let blocks = self.analysis.blocks();
+        let mut sorted = vec![0.0; vectors.len() / size * size];
+        for (sorted, vector) in sorted.chunks_exact_mut(size).zip(vectors.chunks_exact(size)) {
+            for (place, &row) in sorted.iter_mut().zip(&blocks.order) {
+                *place = vector[row as usize];
+            }
+        }
+        Arch::new().dispatch(|| {
+            forward(blocks, &self.numbers, size, &mut sorted);
+            backward(blocks, &self.numbers, size, &mut sorted);
+        });
+        for (sorted, vector) in sorted.chunks_exact(size).zip(vectors.chunks_exact_mut(size)) {
+            for (&number, &row) in sorted.iter().zip(&blocks.order) {
+                vector[row as usize] = number;
+            }
+        }
+    }
+}
+
+/// Four columns of a block from `first` on, from the row `from` down; those beyond the last are empty of effect.
+#[inline(always)]
+fn four(numbers: &[f64], height: usize, first: usize, count: usize, from: usize) -> [&[f64]; 4] {
+    core::array::from_fn(|index| {
+        // A column that is not there stands for any other, with the factor zero.
+        let column = first + index.min(count - 1);
+        &numbers[column * height + from..(column + 1) * height]
+    })
+}
+
+/// L y = x in place.
+#[inline(always)]
+fn forward(blocks: &Blocks, numbers: &[f64], size: usize, vectors: &mut [f64]) {
+    let count = vectors.len() / size;
+    let mut below = Vec::new();
+    for block in 0..blocks.count() {
+        let (columns, rows) = (blocks.columns(block), blocks.rows(block));
+        let (width, height) = (columns.len(), columns.len() + rows.len());
+        let numbers = &numbers[blocks.numbers(block)];
+        below.clear();
+        below.resize(rows.len() * count, 0.0);
+        let mut first = 0;
+        while first < width {
+            let group = (width - first).min(4);
+            for (index, vector) in vectors.chunks_exact_mut(size).enumerate() {
+                let top = &mut vector[columns.clone()];
+                let mut x = [0.0; 4];
+                for own in 0..group {
+                    let column = first + own;
+                    let l = &numbers[column * height..][..height];
+                    x[own] = top[column] / l[column];
+                    top[column] = x[own];
+                    for row in column + 1..first + group {
+                        top[row] -= l[row] * x[own];
+                    }
+                }
+                let end = first + group;
+                let l = four(numbers, height, first, group, end);
+                subtract_columns(&mut top[end..], l, x);
+                let l = four(numbers, height, first, group, width);
+                subtract_columns(&mut below[index * rows.len()..][..rows.len()], l, x);
+            }
+            first += group;
+        }
+        if !rows.is_empty() {
+            for (below, vector) in below.chunks_exact(rows.len()).zip(vectors.chunks_exact_mut(size)) {
+                for (&row, &number) in rows.iter().zip(below) {
+                    vector[row as usize] += number;
+                }
+            }
+        }
+    }
+}
+
+/// Lᵀ x = y in place.
+#[inline(always)]
+fn backward(blocks: &Blocks, numbers: &[f64], size: usize, vectors: &mut [f64]) {
+    let count = vectors.len() / size;
+    let mut below = Vec::new();
+    for block in (0..blocks.count()).rev() {
+        let (columns, rows) = (blocks.columns(block), blocks.rows(block));
+        let (width, height) = (columns.len(), columns.len() + rows.len());
+        let numbers = &numbers[blocks.numbers(block)];
+        below.clear();
+        for vector in vectors.chunks_exact(size).take(count) {
+            below.extend(rows.iter().map(|&row| vector[row as usize]));
+        }
+        let groups = width.div_ceil(4);
+        for first in (0..groups).rev().map(|group| 4 * group) {
+            let group = (width - first).min(4);
+            for (index, vector) in vectors.chunks_exact_mut(size).enumerate() {
+                let top = &mut vector[columns.clone()];
+                let end = first + group;
+                let above = products(four(numbers, height, first, group, end), &top[end..]);
+                let below = &below[index * rows.len()..][..rows.len()];
+                let under = products(four(numbers, height, first, group, width), below);
+                for own in (0..group).rev() {
+                    let column = first + own;
+                    let l = &numbers[column * height..][..height];
+                    let mut sum = top[column] - above[own] - under[own];
+                    for row in column + 1..end {
+                        sum -= l[row] * top[row];
+                    }
+                    top[column] = sum / l[column];
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The matrix of a cube of springs, k×k×k points.
+    fn cube(k: usize) -> (Pattern, Vec<f64>) {
+        let n = k * k * k;
+        let near = move |a: usize, b: usize| {
+            let apart = |unit: usize| (a / unit % k).abs_diff(b / unit % k);
+            apart(1) + apart(k) + apart(k * k) <= 1
+        };
+        let pattern = Pattern::from_rows((0..n).map(|a| (0..n).filter(move |&b| near(a, b))));
+        let value = |row: usize, column: usize| {
+            if row == column {
+                6.0 + (row as f64).sin().abs()
+            } else {
+                -1.0 + 0.1 * ((row + column) as f64).cos()
+            }
+        };
+        let rows = pattern.rows().enumerate();
+        let values = rows
+            .flat_map(|(row, slots)| slots.map(move |slot| (row, slot)))
+            .map(|(row, slot)| value(row, pattern.columns()[slot]))
+            .collect();
+        (pattern, values)
+    }
+
+    fn product(pattern: &Pattern, values: &[f64], x: &[f64]) -> Vec<f64> {
+        let entry = |slot: usize| values[slot] * x[pattern.columns()[slot]];
+        pattern.rows().map(|slots| slots.map(entry).sum()).collect()
+    }
+
+    #[test]
+    fn a_factor_solves_one_and_several_right_hand_sides() {
+        for k in [1, 2, 3, 8, 11] {
+            let (pattern, values) = cube(k);
+            let analysis = Analysis::new(&pattern);
+            let factor = analysis.factor(&pattern, &values).unwrap();
+            assert_eq!(factor.bytes(), analysis.factor_bytes());
+            let n = k * k * k;
+            let known: Vec<f64> = (0..3 * n).map(|i| (i as f64 * 0.7).sin() + 0.1).collect();
+            let pushed: Vec<f64> = known.chunks(n).flat_map(|x| product(&pattern, &values, x)).collect();
+            let mut together = pushed.clone();
+            factor.solve(&mut together);
+            for (found, known) in together.iter().zip(&known) {
+                assert!((found - known).abs() < 1e-13, "k = {k}: {found} {known}");
+            }
+            let mut alone = pushed[n..2 * n].to_vec();
+            factor.solve(&mut alone);
+            assert_eq!(alone, together[n..2 * n], "k = {k}");
+        }
+    }
+
+    #[test]
+    fn places_that_are_full_or_far_from_the_diagonal_are_eliminated() {
+        // An arrow, a full matrix, and a ring with a chord.
+        let n = 70;
+        let arrow = |a: usize, b: usize| a == b || a == 0 || b == 0;
+        let full = |_: usize, _: usize| true;
+        let ring = |a: usize, b: usize| a.abs_diff(b) <= 1 || a.abs_diff(b) == n - 1 || a + b == n;
+        let shapes: [&dyn Fn(usize, usize) -> bool; 3] = [&arrow, &full, &ring];
+        for near in shapes {
+            let pattern = Pattern::from_rows((0..n).map(|a| (0..n).filter(move |&b| near(a, b))));
+            let rows = pattern.rows().enumerate();
+            let values: Vec<f64> = rows
+                .flat_map(|(row, slots)| slots.map(move |slot| (row, slot)))
+                .map(|(row, slot)| if pattern.columns()[slot] == row { n as f64 } else { 0.5 })
+                .collect();
+            let known: Vec<f64> = (0..n).map(|i| 1.0 / (1.0 + i as f64)).collect();
+            let mut x = product(&pattern, &values, &known);
+            Analysis::new(&pattern).factor(&pattern, &values).unwrap().solve(&mut x);
+            for (found, known) in x.iter().zip(&known) {
+                assert!((found - known).abs() < 1e-14, "{found} {known}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_pivot_that_is_not_positive_is_named_by_its_coordinate() {
+        for (n, bad) in [(1, 0), (5, 3), (600, 417)] {
+            let pattern = Pattern::from_rows((0..n).map(|row| [row]));
+            for value in [-2.0, 0.0, f64::NAN] {
+                let mut values = vec![1.0; n];
+                values[bad] = value;
+                let refused = Analysis::new(&pattern).factor(&pattern, &values).unwrap_err();
+                assert!(
+                    matches!(refused, FactorError::Pivot { coordinate, .. } if coordinate == bad),
+                    "{refused}"
+                );
+            }
+        }
+        let (pattern, mut values) = cube(6);
+        values.iter_mut().for_each(|value| *value = -*value);
+        assert!(Analysis::new(&pattern).factor(&pattern, &values).is_err());
+    }
+}

@@ -1,0 +1,26 @@
+//! Sparse symmetric matrices in compressed rows, and the Cholesky factors that solve their equations.
+//!
+//! A [`Pattern`] says where entries may be, an [`Analysis`] how a matrix with that pattern is eliminated, once for all
+//! values, and a [`Factor`] is the result for one set of values.
+//!
+//! ```
+//! use fvi_sparse::{Analysis, Pattern};
+//! // [2 −1; −1 2]
+//! let pattern = Pattern::new(2, vec![(0, 0), (0, 1), (1, 0), (1, 1)]);
+//! let analysis = Analysis::new(&pattern)?;
+//! let factor = analysis.factor(&pattern, &[2.0, -1.0, -1.0, 2.0])?;
+//! let mut x = [1.0, 0.0];
+//! factor.solve(&mut x);
+//! assert!((x[0] - 2.0 / 3.0).abs() < 1e-15 && (x[1] - 1.0 / 3.0).abs() < 1e-15);
+//! # Ok::<(), fvi_sparse::FactorError>(())
+//! ```
+#![forbid(unsafe_code)]
+
+mod analysis;
+mod factor;
+mod kernels;
+mod pattern;
+
+pub use analysis::Analysis;
+pub use factor::{Factor, FactorError};
+pub use pattern::Pattern;
