@@ -231,13 +231,12 @@ fn forward(blocks: &Blocks, numbers: &[f64], size: usize, vectors: &mut [f64]) {
             for (index, vector) in vectors.chunks_exact_mut(size).enumerate() {
                 let top = &mut vector[columns.clone()];
                 let mut x = [0.0; 4];
-                for own in 0..group {
-                    let column = first + own;
+                for (column, x) in (first..first + group).zip(&mut x) {
                     let l = &numbers[column * height..][..height];
-                    x[own] = top[column] / l[column];
-                    top[column] = x[own];
+                    *x = top[column] / l[column];
+                    top[column] = *x;
                     for row in column + 1..first + group {
-                        top[row] -= l[row] * x[own];
+                        top[row] -= l[row] * *x;
                     }
                 }
                 let end = first + group;

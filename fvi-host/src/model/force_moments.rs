@@ -51,7 +51,7 @@ const KRONROD: [(f64, f64, f64); 8] = [
     (0.864_864_423_359_769_1, 0.104_790_010_322_250_19, 0.0),
     (0.741_531_185_599_394_4, 0.140_653_259_715_525_92, 0.279_705_391_489_276_64),
     (0.586_087_235_467_691_1, 0.169_004_726_639_267_9, 0.0),
-    (0.405_845_151_377_397_2, 0.190_350_578_064_785_4, 0.381_830_050_505_118_93),
+    (0.405_845_151_377_397_2, 0.190_350_578_064_785_4, 0.381_830_050_505_118_9),
     (0.207_784_955_007_898_47, 0.204_432_940_075_298_9, 0.0),
     (0.0, 0.209_482_141_084_727_83, 0.417_959_183_673_469_4),
 ];
@@ -116,7 +116,7 @@ impl ForceMoments {
             for look in 0..=LOOKS {
                 let place = look as f64 / LOOKS as f64;
                 self.rough.values(start + place * length, &mut self.registers, &mut self.values);
-                for index in 0..count {
+                for (index, &before) in before.iter().enumerate() {
                     let argument = self.rough.arguments()[index];
                     if argument.zero.is_some() {
                         continue;
@@ -125,9 +125,8 @@ impl ForceMoments {
                     if argument.root {
                         (rough, near_root) = (true, true);
                     }
-                    if look > 0 && (value < 0.0) != (before[index] < 0.0) {
-                        let found =
-                            self.bisect(index, before[index] < 0.0, (start, length), (look - 1, look));
+                    if look > 0 && (value < 0.0) != (before < 0.0) {
+                        let found = self.bisect(index, before < 0.0, (start, length), (look - 1, look));
                         self.rough.values(start + place * length, &mut self.registers, &mut self.values);
                         if found > EDGE && found < 1.0 - EDGE {
                             self.breaks.push(found);

@@ -35,11 +35,11 @@ pub(super) fn write(
 fn suggestions(sweep: &Sweep) -> Vec<PictureRequest> {
     let axes: Vec<usize> = (0..sweep.axes().len()).filter(|&index| sweep.axes()[index].count() > 1).collect();
     let numeric = axes.iter().all(|&index| sweep.axes()[index].is_numeric());
-    let (x, over) = match axes.as_slice() {
+    let (x, over) = match *axes.as_slice() {
         _ if !numeric || sweep.runs() > MOST_POINTS => return Vec::new(),
-        &[x] => (x, Over::Alone),
-        &[a, b] if !sweep.is_grid() => (a, Over::Map(b)),
-        &[a, b] => {
+        [x] => (x, Over::Alone),
+        [a, b] if !sweep.is_grid() => (a, Over::Map(b)),
+        [a, b] => {
             let count = |index: usize| sweep.axes()[index].count();
             // The longer axis lies along the picture where the other is a handful of curves.
             let (x, other) = if count(a) >= count(b) { (a, b) } else { (b, a) };
@@ -181,8 +181,8 @@ fn boundary(points: &[Point]) -> Vec<(f64, f64)> {
     sorted.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.other.total_cmp(&b.other)));
     let mut line = Vec::new();
     for column in sorted.chunk_by(|a, b| a.x == b.x) {
-        let changes = column.windows(2).filter(|pair| (pair[0].limit > 0.5) != (pair[1].limit > 0.5));
-        let Some(pair) = changes.last() else {
+        let mut changes = column.windows(2).filter(|pair| (pair[0].limit > 0.5) != (pair[1].limit > 0.5));
+        let Some(pair) = changes.next_back() else {
             line.push((column[0].x, f64::NAN));
             continue;
         };
