@@ -174,7 +174,7 @@ const MAP: &str = "map.svg";
 ///
 /// `stop` ends the run after the step under way; `progress` hears the number of steps made, after each.
 /// Nothing is written when the scenario cannot be run. When a step fails or the run is stopped, what was
-/// computed until then is written, and the summary says so. A run with `resume` goes on from the directory's [checkpoint](super::checkpoint)
+/// computed until then is written, and the summary says so. A run with `resume` goes on from the directory's checkpoint
 /// and leaves the same files as one that was never interrupted.
 ///
 /// # Errors

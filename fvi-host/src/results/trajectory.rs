@@ -42,7 +42,7 @@ impl Format {
 /// Writes grid points row by row, so that a reader gets the same f64 back.
 ///
 /// The rows live in files beside the destination, under names with `.part`, until [`finish`](Self::finish) puts the whole in its place at
-/// once. A run that is to be gone on with takes a [mark](Self::mark) and has the parts [kept](Self::keep).
+/// once. A run that is to be gone on with takes a mark and has the parts kept.
 pub struct TrajectoryWriter {
     rows: Rows,
     every: usize,
