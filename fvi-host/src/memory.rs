@@ -131,6 +131,10 @@ const CROSSOVER: usize = 16_384;
 /// exponentials is soon made, and histories of all of them fill the memory.
 const FEW: usize = 64;
 const SMALL: usize = 1 << 16;
+/// Orders from which on memories act on increments. Below, nothing cancels in the plain weights, and those on increments hardly decay:
+/// there is no exponential sum for them.
+pub const LEAST_ON_INCREMENTS: f64 = 0.01;
+
 /// Relative error of the past in a table for steps of any length: a few times rounding.
 const RATE_TOLERANCE: f64 = 1e-13;
 
@@ -167,7 +171,7 @@ impl MemoryRequest<'_> {
     /// act on values.
     pub fn acts_on(&self) -> ActsOn {
         match self.convolution.family {
-            _ if self.exponent <= 0.0 || self.any_step() => ActsOn::Values,
+            _ if self.exponent < LEAST_ON_INCREMENTS || self.any_step() => ActsOn::Values,
             ConvolutionFamily::Bdf { .. } => ActsOn::Increments,
             ConvolutionFamily::RadauIia { .. } | ConvolutionFamily::LobattoIiic { .. } => ActsOn::Rises,
         }

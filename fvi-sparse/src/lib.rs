@@ -7,9 +7,9 @@
 //! use fvi_sparse::{Analysis, Pattern};
 //! // [2 −1; −1 2]
 //! let pattern = Pattern::new(2, vec![(0, 0), (0, 1), (1, 0), (1, 1)]);
-//! let analysis = Analysis::new(&pattern)?;
+//! let analysis = Analysis::new(&pattern);
 //! let factor = analysis.factor(&pattern, &[2.0, -1.0, -1.0, 2.0])?;
-//! let mut x = [1.0, 0.0];
+//! let mut x = [1.0_f64, 0.0];
 //! factor.solve(&mut x);
 //! assert!((x[0] - 2.0 / 3.0).abs() < 1e-15 && (x[1] - 1.0 / 3.0).abs() < 1e-15);
 //! # Ok::<(), fvi_sparse::FactorError>(())

@@ -6,7 +6,7 @@ use fvi_core::{BdfOrder, ConvolutionWeights, Memory, RungeKutta};
 use fvi_fft::Scalar;
 use fvi_fft::baseline::{Signal, memory_term};
 use fvi_host::language::{Document, InputError};
-use fvi_host::memory::MemoryRequest;
+use fvi_host::memory::{LEAST_ON_INCREMENTS, MemoryRequest};
 use fvi_host::numerics::runge_kutta_weights::RungeKuttaWeights;
 use fvi_host::scenario::{Convolution, ConvolutionFamily, Engine, History, Scenario};
 use fvi_host::simulation::{GridState, Precision, Simulation};
@@ -90,7 +90,11 @@ impl Case {
         // As many as the engines make: the last digits of matrix weights depend on their number.
         fn matrices<const R: usize>(method: &RungeKutta<R>, case: &Case) -> Vec<f64> {
             let count = case.length + 1;
-            let make = if case.exponent > 0.0 { RungeKuttaWeights::on_rises } else { RungeKuttaWeights::new };
+            let make = if case.exponent >= LEAST_ON_INCREMENTS {
+                RungeKuttaWeights::on_rises
+            } else {
+                RungeKuttaWeights::new
+            };
             let weights = make(method, case.exponent, case.step_size, count).unwrap();
             let planes = weights.planes();
             (0..count * R * R).map(|index| planes[index % (R * R) * count + index / (R * R)]).collect()
@@ -99,7 +103,8 @@ impl Case {
             ConvolutionFamily::Bdf { order } => {
                 let order = BdfOrder::new(order).unwrap();
                 let on_values = ConvolutionWeights::bdf(order, self.exponent, self.step_size).unwrap();
-                let weights = if self.exponent > 0.0 { on_values.on_increments() } else { on_values };
+                let weights =
+                    if self.exponent >= LEAST_ON_INCREMENTS { on_values.on_increments() } else { on_values };
                 weights.take(self.length + 1).collect()
             }
             ConvolutionFamily::RadauIia { stages: 1 } => {
@@ -226,7 +231,7 @@ fn agree_with_the_definition_of_starting_weights(case: &Case) -> Result<(), Test
             expected.push((k, channel, sum, allowed));
         }
     }
-    let on_increments = case.exponent > 0.0;
+    let on_increments = case.exponent >= LEAST_ON_INCREMENTS;
     let before =
         |index: usize| if on_increments && index >= channels { samples[index - channels] } else { 0.0 };
     let increments: Vec<f64> = samples.iter().enumerate().map(|(index, x)| x - before(index)).collect();

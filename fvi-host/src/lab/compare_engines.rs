@@ -1,6 +1,6 @@
 //! Memory engines side by side: agreement first, then time per step and memory.
 
-use crate::memory::MemoryRequest;
+use crate::memory::{LEAST_ON_INCREMENTS, MemoryRequest};
 #[cfg(feature = "pictures")]
 use crate::results::files::write_picture;
 use crate::results::files::{FileError, write};
@@ -198,7 +198,8 @@ impl Comparison {
                 let mut weights = vec![0.0; length];
                 let on_values = ConvolutionWeights::bdf(order, exponent, 1.0)?;
                 // The kernels that runs have.
-                let mut source = if exponent > 0.0 { on_values.on_increments() } else { on_values };
+                let mut source =
+                    if exponent >= LEAST_ON_INCREMENTS { on_values.on_increments() } else { on_values };
                 source.fill(&mut weights);
                 let task = Task { order, exponent, weights: &weights };
                 let repetitions =

@@ -14,7 +14,7 @@ pub struct OutputDirectory {
     path: PathBuf,
     /// The directories that were made for it, outermost first.
     made: Vec<PathBuf>,
-    _lock: Option<File>,
+    lock: Option<File>,
 }
 
 impl OutputDirectory {
@@ -29,11 +29,11 @@ impl OutputDirectory {
         let mut made: Vec<PathBuf> = path.ancestors().take_while(missing).map(Path::to_owned).collect();
         made.reverse();
         fs::create_dir_all(path).map_err(FileError::at(path))?;
-        let mut claimed = Self { path: path.to_owned(), made, _lock: None };
+        let mut claimed = Self { path: path.to_owned(), made, lock: None };
         let directory = if path.as_os_str().is_empty() { Path::new(".") } else { path };
         if let Ok(file) = File::open(directory) {
-            match file.try_lock() {
-                Ok(()) => claimed._lock = Some(file),
+            match file.trylock() {
+                Ok(()) => claimed.lock = Some(file),
                 Err(TryLockError::WouldBlock) => {
                     let reason = "another run is writing to this directory; wait for it, or choose another with `--out`";
                     return Err(FileError::at(path)(io::Error::new(io::ErrorKind::ResourceBusy, reason)));
@@ -63,6 +63,10 @@ impl OutputDirectory {
 
 impl Drop for OutputDirectory {
     fn drop(&mut self) {
+        // Said, since a process that is being started by another thread holds a copy of the open file for a moment.
+        if let Some(file) = &self.lock {
+            let _ = file.unlock();
+        }
         // One that is not empty stays.
         self.made.iter().rev().take_while(|path| fs::remove_dir(path).is_ok()).for_each(drop);
     }

@@ -100,7 +100,11 @@ impl<'s> Motion<'s> {
 
     /// Brings the energy up to date with the state, where it was left out.
     pub fn complete(&mut self) {
-        self.simulation.read(&mut self.state);
+        self.simulation.read(&mut self.next);
+        // A step to what is not finite has taken the simulation further than the motion.
+        if self.next.time == self.state.time {
+            self.state.energy = self.next.energy;
+        }
     }
 
     /// Steps made.

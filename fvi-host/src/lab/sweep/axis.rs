@@ -103,15 +103,16 @@ impl Axis {
                 let way = (i128::from(*to) - i128::from(*from)) / steps * index as i128;
                 toml::Value::Integer((i128::from(*from) + way) as i64)
             }
-            // Weighted means of the ends meet round numbers where steps added to one end miss them.
-            Values::Range { from, to, count, spacing: Spacing::Linear } if *count > 1 => {
-                let (before, behind) = (index as f64, (count - 1 - index.min(count - 1)) as f64);
-                let mean = (from * behind + to * before) / (count - 1) as f64;
-                if mean.is_finite() { toml::Value::Float(mean) } else { self.at(before / (count - 1) as f64) }
-            }
-            Values::Range { count, .. } => {
+            Values::Range { count, spacing, .. } => {
                 let last = count.saturating_sub(1);
-                self.at(if last == 0 { 0.0 } else { index as f64 / last as f64 })
+                let value = self.at(if last == 0 { 0.0 } else { index as f64 / last as f64 });
+                match value {
+                    // Between the ends the numbers that one would write: 0.4, not 0.39999999999999997.
+                    toml::Value::Float(value) if *spacing == Spacing::Linear && index > 0 && index < last => {
+                        toml::Value::Float(format!("{value:.14e}").parse().unwrap_or(value))
+                    }
+                    value => value,
+                }
             }
         }
     }
