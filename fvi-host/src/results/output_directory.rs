@@ -32,7 +32,7 @@ impl OutputDirectory {
         let mut claimed = Self { path: path.to_owned(), made, lock: None };
         let directory = if path.as_os_str().is_empty() { Path::new(".") } else { path };
         if let Ok(file) = File::open(directory) {
-            match file.trylock() {
+            match file.try_lock() {
                 Ok(()) => claimed.lock = Some(file),
                 Err(TryLockError::WouldBlock) => {
                     let reason = "another run is writing to this directory; wait for it, or choose another with `--out`";
