@@ -1,7 +1,7 @@
 //! The Bagley–Torvik plate under a pulse, with its whole history in a ring and its weights in flash.
 //!
 //! ```text
-//! q̈ + D^{3/2} q + q = f(t) ,     f = 8 on [0, 1], 0 after ,     q(0) = q̇(0) = 0 ,     h = 0.1 ,   300 steps
+//! q̈ + D^{3/2} q + q = f(t) ,     f = 8 on [0, 1], 0 after ,     q(0) = q̇(0) = 0 ,     h = 0.125 ,   300 steps
 //! ```
 
 use core::fmt;
@@ -23,7 +23,8 @@ pub const STEPS: usize = 300;
 pub const CAPACITY: usize = STEPS + 1;
 
 const DAMPING_ORDER: f64 = 1.5;
-const STEP_SIZE: f64 = 0.1;
+/// A binary fraction, so that the pulse ends at the same point of the grid in either precision.
+const STEP_SIZE: f64 = 0.125;
 
 static WEIGHTS_F32: [f32; CAPACITY] = monic_increment_table_f32(BdfOrder::GRUNWALD_LETNIKOV, DAMPING_ORDER);
 static WEIGHTS_F64: [f64; CAPACITY] = monic_increment_table(BdfOrder::GRUNWALD_LETNIKOV, DAMPING_ORDER);
