@@ -23,8 +23,8 @@ pub const STEPS: usize = 300;
 pub const CAPACITY: usize = STEPS + 1;
 
 const DAMPING_ORDER: f64 = 1.5;
-/// A binary fraction, so that the pulse ends at the same point of the grid in either precision.
-const STEP_SIZE: f64 = 0.125;
+/// Step size: a binary fraction, so that the pulse ends at the same point of the grid in either precision.
+pub const STEP_SIZE: f64 = 0.125;
 
 static WEIGHTS_F32: [f32; CAPACITY] = monic_increment_table_f32(BdfOrder::GRUNWALD_LETNIKOV, DAMPING_ORDER);
 static WEIGHTS_F64: [f64; CAPACITY] = monic_increment_table(BdfOrder::GRUNWALD_LETNIKOV, DAMPING_ORDER);
