@@ -140,7 +140,7 @@ impl MonicWeights {
         let mut sums = Self::new(order, exponent);
         let mut sum = 0.0;
         let mut j = 0;
-        while j < order.get() {
+        while j < order.get() && j < sums.quotient.len() {
             sum += sums.coefficients[j];
             sums.quotient[j] = sum;
             j += 1;

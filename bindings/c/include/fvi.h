@@ -58,32 +58,32 @@
 /*
  Words of a stepper for one coordinate.
  */
-#define FVI_STEPPER_WORDS_1 44
+#define FVI_STEPPER_WORDS_1 46
 
 /*
  Words of a stepper for two coordinates.
  */
-#define FVI_STEPPER_WORDS_2 56
+#define FVI_STEPPER_WORDS_2 58
 
 /*
  Words of a stepper for three coordinates.
  */
-#define FVI_STEPPER_WORDS_3 72
+#define FVI_STEPPER_WORDS_3 74
 
 /*
  Words of a stepper for four coordinates.
  */
-#define FVI_STEPPER_WORDS_4 94
+#define FVI_STEPPER_WORDS_4 96
 
 /*
  Words of a stepper for five coordinates.
  */
-#define FVI_STEPPER_WORDS_5 120
+#define FVI_STEPPER_WORDS_5 122
 
 /*
  Words of a stepper for six coordinates.
  */
-#define FVI_STEPPER_WORDS_6 148
+#define FVI_STEPPER_WORDS_6 150
 
 /*
  What a call returns. Anything but FVI_STATUS_OK means that the call has changed nothing; only a call that sets up an object

@@ -15,17 +15,17 @@ use crate::status::{FviStatus, status};
 use crate::stored::{Kept, keep, kept, words};
 
 /// Words of a stepper for one coordinate.
-pub const FVI_STEPPER_WORDS_1: usize = 44;
+pub const FVI_STEPPER_WORDS_1: usize = 46;
 /// Words of a stepper for two coordinates.
-pub const FVI_STEPPER_WORDS_2: usize = 56;
+pub const FVI_STEPPER_WORDS_2: usize = 58;
 /// Words of a stepper for three coordinates.
-pub const FVI_STEPPER_WORDS_3: usize = 72;
+pub const FVI_STEPPER_WORDS_3: usize = 74;
 /// Words of a stepper for four coordinates.
-pub const FVI_STEPPER_WORDS_4: usize = 94;
+pub const FVI_STEPPER_WORDS_4: usize = 96;
 /// Words of a stepper for five coordinates.
-pub const FVI_STEPPER_WORDS_5: usize = 120;
+pub const FVI_STEPPER_WORDS_5: usize = 122;
 /// Words of a stepper for six coordinates.
-pub const FVI_STEPPER_WORDS_6: usize = 148;
+pub const FVI_STEPPER_WORDS_6: usize = 150;
 
 /// Writes ∇U(q), n numbers, to `gradient`.
 pub type FviGradient =

@@ -1,14 +1,15 @@
 //! The Bagley–Torvik plate under a pulse, with its whole history in a ring and its weights in flash.
 //!
 //! ```text
-//! q̈ + D^{3/2} q + q = f(t) ,     f = 8 on [0, 1], 0 after ,     q(0) = q̇(0) = 0 ,     h = 0.1 ,   300 steps
+//! q̈ + D^{3/2} q + q = f(t) ,     f = 8 on [0, 1], 0 after ,     q(0) = q̇(0) = 0 ,     h = 0.125 ,   300 steps
 //! ```
 
 use core::fmt;
 
 use fvi_core::{
-    BdfOrder, Coefficients, DampingTerm, Derivative, FixedDirect, Galerkin, Instant, Integrator, Kernel,
-    Mass, Quadratic, Real, System, TimeForce, leading_bdf_weight, monic_bdf_table, monic_bdf_table_f32,
+    ActsOn, BdfOrder, Coefficients, DampingTerm, Derivative, FixedDirect, Galerkin, Instant, Integrator,
+    Kernel, Mass, Quadratic, Real, System, TimeForce, leading_bdf_weight, monic_increment_table,
+    monic_increment_table_f32,
 };
 use nalgebra::SVector;
 
@@ -22,14 +23,15 @@ pub const STEPS: usize = 300;
 pub const CAPACITY: usize = STEPS + 1;
 
 const DAMPING_ORDER: f64 = 1.5;
-const STEP_SIZE: f64 = 0.1;
+/// Step size: a binary fraction, so that the pulse ends at the same point of the grid in either precision.
+pub const STEP_SIZE: f64 = 0.125;
 
-static WEIGHTS_F32: [f32; CAPACITY] = monic_bdf_table_f32(BdfOrder::GRUNWALD_LETNIKOV, DAMPING_ORDER);
-static WEIGHTS_F64: [f64; CAPACITY] = monic_bdf_table(BdfOrder::GRUNWALD_LETNIKOV, DAMPING_ORDER);
+static WEIGHTS_F32: [f32; CAPACITY] = monic_increment_table_f32(BdfOrder::GRUNWALD_LETNIKOV, DAMPING_ORDER);
+static WEIGHTS_F64: [f64; CAPACITY] = monic_increment_table(BdfOrder::GRUNWALD_LETNIKOV, DAMPING_ORDER);
 
 /// A scalar whose weights lie in flash.
 pub trait Tabulated: Bits {
-    /// w_n / w₀, n = 0 … [`STEPS`].
+    /// (w₀ + … + w_n) / w₀, n = 0 … [`STEPS`]: the memory acts on increments.
     fn weights() -> &'static [Self];
 }
 
@@ -57,7 +59,8 @@ fn pulse<T: Real>(instant: Instant<T>) -> SVector<T, 1> {
 /// What a constructor, a step or `out` refuses; with the numbers of this scenario, the first two refuse nothing.
 pub fn run<T: Tabulated>(out: &mut impl fmt::Write) -> Result<(), Refusal> {
     let scale = T::of(leading_bdf_weight(BdfOrder::GRUNWALD_LETNIKOV, DAMPING_ORDER, STEP_SIZE)?);
-    let memory = FixedDirect::<T, 1, CAPACITY>::full_memory(T::weights(), scale)?;
+    let memory =
+        FixedDirect::<T, 1, CAPACITY>::full_memory(T::weights(), scale)?.acting_on(ActsOn::Increments);
     let rho = Coefficients::Diagonal(SVector::from([T::one()]));
     let damping = DampingTerm::new(Kernel::given(DAMPING_ORDER)?, rho, Derivative::RiemannLiouville, memory)?;
     let system = System {
