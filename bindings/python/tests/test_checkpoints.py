@@ -16,9 +16,10 @@ class Enough(Exception):
 
 
 def test_an_interrupted_run_goes_on_to_the_same_bits(tmp_path):
-    steps = 60_000
-    whole = fvi.run(PENDULUM, steps=steps, engine="exponential-sum", every=7, out=tmp_path / "whole")
-    assert same(whole, fvi.run(PENDULUM, steps=steps, engine="exponential-sum", every=7))
+    # Long enough for the callback, which is called every so many milliseconds, to be heard before the end.
+    steps = 1_000_000
+    whole = fvi.run(PENDULUM, steps=steps, engine="exponential-sum", every=100, out=tmp_path / "whole")
+    assert same(whole, fvi.run(PENDULUM, steps=steps, engine="exponential-sum", every=100))
 
     def stop(done, all):
         if done < all:
@@ -26,10 +27,10 @@ def test_an_interrupted_run_goes_on_to_the_same_bits(tmp_path):
 
     out = tmp_path / "part"
     with pytest.raises(Enough) as caught:
-        fvi.run(PENDULUM, steps=steps, engine="exponential-sum", every=7, out=out, progress=stop, checkpoint_every=10_000)
+        fvi.run(PENDULUM, steps=steps, engine="exponential-sum", every=100, out=out, progress=stop, checkpoint_every=10_000)
     part = caught.value.result
     assert part.status == 1 and 0 < part.summary["steps"] < steps
-    assert same(fvi.run(PENDULUM, steps=steps, engine="exponential-sum", every=7, out=out, resume=True), whole)
+    assert same(fvi.run(PENDULUM, steps=steps, engine="exponential-sum", every=100, out=out, resume=True), whole)
     for name in ("trajectory.npz",):
         assert (out / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
 
