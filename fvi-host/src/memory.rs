@@ -133,7 +133,7 @@ const FEW: usize = 64;
 const SMALL: usize = 1 << 16;
 /// Orders from which on memories act on increments. Below, nothing cancels in the plain weights, and those on increments hardly decay:
 /// there is no exponential sum for them.
-pub const LEAST_ON_INCREMENTS: f64 = 0.01;
+pub const LEAST_ON_INCREMENTS: f64 = 0.1;
 
 /// Relative error of the past in a table for steps of any length: a few times rounding.
 const RATE_TOLERANCE: f64 = 1e-13;
