@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi._errors import InputError
-
-FloatArray = NDArray[np.float64]
+from fvi._types import FloatArray
 
 
 def numbers(name: str, given: Any) -> FloatArray:

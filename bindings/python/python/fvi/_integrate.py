@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fvi import _arrays
-from fvi._arrays import FloatArray
 from fvi._errors import InputError
 from fvi._result import Result
 from fvi._run import Progress, compute
 from fvi._scenario import SHORT_NAMES, by_path, source
+from fvi._types import FloatArray
 
 Function = Callable[..., Any]
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fvi._arrays import FloatArray
+from fvi._types import FloatArray
 
 
 def _module(name: str, what: str) -> Any:

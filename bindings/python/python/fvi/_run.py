@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from fvi import _fvi
-from fvi._arrays import FloatArray
+from fvi._types import FloatArray
 from fvi._errors import InputError, StepError
 from fvi._result import Result
 from fvi._scenario import Scenario, by_path, source

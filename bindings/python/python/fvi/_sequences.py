@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fvi import _arrays, _fvi
-from fvi._arrays import FloatArray
+from fvi._types import FloatArray
 from fvi._errors import InputError
 
 
