@@ -25,7 +25,6 @@ pub struct ForceMoments {
     breaks: Vec<f64>,
     /// Σ of the pieces, (S + 1)·N numbers.
     total: Vec<f64>,
-    shapes: Vec<f64>,
 }
 
 /// A break so close to an end of the step is the end.
@@ -71,24 +70,20 @@ impl ForceMoments {
             load: vec![0.0; components.len()],
             breaks: Vec::new(),
             total: Vec::new(),
-            shapes: Vec::new(),
             rough,
         })
     }
 
-    /// Writes by how much the moments exceed what the nodes give, ν = 0…S, N numbers each, and returns whether they do.
-    pub fn excess<T: Real>(&mut self, rule: &NodalRule<'_, T>, excess: &mut [T]) -> bool {
+    /// By how much the moments exceed what the nodes give, ν = 0…S, N numbers each; `None` where they do not.
+    pub fn excess<T: Real>(&mut self, rule: &NodalRule<'_, T>) -> Option<&[f64]> {
         let (start, length) = (rule.start.to_f64(), rule.length.to_f64());
         if self.step_size != length {
             self.step_size = length;
             self.find_reaches(rule);
         }
-        let Some(near_root) = self.find_breaks(start, length) else { return false };
-        if !self.integrate(rule, start, length, near_root) {
-            return false;
-        }
-        excess.iter_mut().zip(&self.total).for_each(|(place, &number)| *place = T::of(number));
-        self.total.iter().any(|&number| number != 0.0)
+        let near_root = self.find_breaks(start, length)?;
+        let rough = self.integrate(rule, start, length, near_root) && self.total.iter().any(|&e| e != 0.0);
+        rough.then_some(self.total.as_slice())
     }
 
     /// Finds the rough points inside a step. `None` if the step is smooth; otherwise whether a root is close.
@@ -192,10 +187,8 @@ impl ForceMoments {
         near_root: bool,
     ) -> bool {
         let points: Vec<f64> = rule.points.iter().map(|point| point.to_f64()).collect();
-        let moments = points.len() + 1;
         self.total.clear();
-        self.total.resize(moments * self.coordinates, 0.0);
-        self.shapes.resize(moments, 0.0);
+        self.total.resize((points.len() + 1) * self.coordinates, 0.0);
         let mut edges = std::mem::take(&mut self.breaks);
         edges.insert(0, 0.0);
         edges.push(1.0);
@@ -214,9 +207,8 @@ impl ForceMoments {
         if !finite {
             return false;
         }
-        let degree = points.len();
         let mut largest = 0.0_f64;
-        for (i, (&weight, &node)) in rule.weights.iter().zip(rule.nodes).enumerate() {
+        for (i, &node) in rule.nodes.iter().enumerate() {
             let node = node.to_f64();
             let moment = if node == 0.0 {
                 Moment::from_right(start)
@@ -227,15 +219,7 @@ impl ForceMoments {
             };
             self.force.load(moment, &mut self.registers, &mut self.load);
             largest = self.load.iter().fold(largest, |largest, number| largest.max(number.abs()));
-            for nu in 0..moments {
-                let shape = match nu {
-                    nu if nu == degree => rule.shapes[i * degree + degree - 1],
-                    nu => rule.tests[i * degree + nu],
-                };
-                let factor = weight.to_f64() * shape.to_f64();
-                let place = &mut self.total[nu * self.coordinates..(nu + 1) * self.coordinates];
-                place.iter_mut().zip(&self.load).for_each(|(sum, force)| *sum -= factor * force);
-            }
+            subtract_node(rule, i, &self.load, &mut self.total);
         }
         if self.total.iter().any(|number| !number.is_finite()) {
             return false;
@@ -254,11 +238,7 @@ impl ForceMoments {
         if self.load.iter().any(|number| !number.is_finite()) {
             return false;
         }
-        for nu in 0..=points.len() {
-            let factor = weight * shape(points, nu, place);
-            let sums = &mut self.total[nu * self.coordinates..(nu + 1) * self.coordinates];
-            sums.iter_mut().zip(&self.load).for_each(|(sum, force)| *sum += factor * force);
-        }
+        add_shapes(points, place, weight, &self.load, &mut self.total);
         true
     }
 
@@ -306,6 +286,42 @@ impl ForceMoments {
     }
 }
 
+/// How close to an end of a step, in parts of it, a break is the end: the ends themselves are rounded.
+pub(super) fn edge_of_step<T: Real>(rule: &NodalRule<'_, T>) -> f64 {
+    let rounding = 4.0 * T::EPSILON.to_f64() * rule.start.abs().max(rule.length).to_f64();
+    EDGE.max(rounding / rule.length.to_f64())
+}
+
+/// Gauss's seven places in a piece of a step, with their weights.
+pub(super) fn gauss_places(from: f64, to: f64) -> impl Iterator<Item = (f64, f64)> {
+    let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));
+    KRONROD.iter().filter(|&&(_, _, gauss)| gauss != 0.0).flat_map(move |&(node, _, gauss)| {
+        let other = (node != 0.0).then_some((middle - half * node, half * gauss));
+        [Some((middle + half * node, half * gauss)), other].into_iter().flatten()
+    })
+}
+
+/// Adds weight · ℓ_ν(place) F to the moments ν = 0…S.
+pub(super) fn add_shapes(points: &[f64], place: f64, weight: f64, force: &[f64], total: &mut [f64]) {
+    for (nu, sums) in total.chunks_exact_mut(force.len()).enumerate() {
+        let factor = weight * shape(points, nu, place);
+        sums.iter_mut().zip(force).for_each(|(sum, force)| *sum += factor * force);
+    }
+}
+
+/// Takes b_i ℓ_ν(c_i) F from the moments ν = 0…S.
+pub(super) fn subtract_node<T: Real>(rule: &NodalRule<'_, T>, i: usize, force: &[f64], total: &mut [f64]) {
+    let degree = rule.points.len();
+    for (nu, sums) in total.chunks_exact_mut(force.len()).enumerate() {
+        let shape = match nu {
+            nu if nu == degree => rule.shapes[i * degree + degree - 1],
+            nu => rule.tests[i * degree + nu],
+        };
+        let factor = rule.weights[i].to_f64() * shape.to_f64();
+        sums.iter_mut().zip(force).for_each(|(sum, force)| *sum -= factor * force);
+    }
+}
+
 /// ℓ_ν(τ) on the points 0, d_1, …, d_S.
 fn shape(points: &[f64], nu: usize, tau: f64) -> f64 {
     let point = |index: usize| if index == 0 { 0.0 } else { points[index - 1] };
@@ -334,10 +350,8 @@ mod tests {
     /// ∫₀¹ F dτ and ∫₀¹ τ F dτ over a step, from excess and nodes on straight lines.
     fn moments(text: &str, start: f64, length: f64, value: impl Fn(f64) -> f64) -> Option<[f64; 2]> {
         let midpoint = Galerkin::<f64, 1, 1>::low_order(0.5).unwrap();
-        let mut excess = [0.0; 2];
-        if !force(text)?.excess(&rule(&midpoint.view(), start, length), &mut excess) {
-            return None;
-        }
+        let mut force = force(text)?;
+        let excess = force.excess(&rule(&midpoint.view(), start, length))?;
         let node = 0.5 * value(start + 0.5 * length);
         Some([excess[0] + excess[1] + 2.0 * node, excess[1] + node])
     }
@@ -375,17 +389,16 @@ mod tests {
         }
         let method = RungeKutta::<3>::radau_iia().unwrap();
         let radau = Galerkin::<f64, 3, 3>::new(method.quadrature()).unwrap();
-        let mut excess = [0.0; 4];
         let mut root = force("sqrt(t)").unwrap();
-        assert!(root.excess(&rule(&radau.view(), 0.0, 0.01), &mut excess));
-        assert!(root.excess(&rule(&radau.view(), 0.1, 0.01), &mut excess));
+        assert!(root.excess(&rule(&radau.view(), 0.0, 0.01)).is_some());
+        assert!(root.excess(&rule(&radau.view(), 0.1, 0.01)).is_some());
         // With cubic polynomials the nodes are exact for linear forces: the excess falls like the distance to the power −2.
-        assert!(!root.excess(&rule(&radau.view(), 1e5, 0.01), &mut excess));
+        assert!(root.excess(&rule(&radau.view(), 1e5, 0.01)).is_none());
         // A jump at a grid point is seen from both sides by the nodes.
         let mut pulse = force("8*step(1 - t)").unwrap();
-        assert!(!pulse.excess(&rule(&radau.view(), 0.9, 0.1), &mut excess));
-        assert!(!pulse.excess(&rule(&radau.view(), 1.0, 0.1), &mut excess));
-        assert!(pulse.excess(&rule(&radau.view(), 0.95, 0.1), &mut excess));
+        assert!(pulse.excess(&rule(&radau.view(), 0.9, 0.1)).is_none());
+        assert!(pulse.excess(&rule(&radau.view(), 1.0, 0.1)).is_none());
+        assert!(pulse.excess(&rule(&radau.view(), 0.95, 0.1)).is_some());
     }
 
     #[test]

@@ -1,13 +1,13 @@
 //! The mechanics of a scenario: mass, compiled potential and force.
 
 use super::elements::Elements;
-use super::force_moments::ForceMoments;
 use super::loads::Loads;
 use super::own::Own;
+use super::rough_forces::RoughForces;
 use super::space::{Matrix, MatrixSpace, Sparse};
 use crate::language::expression::{Elementary, Moment};
 use crate::model::tape::{CompiledForce, CompiledPotential};
-use crate::scenario::{ForceQuadrature, Scenario, Scheme, SymmetricMatrix};
+use crate::scenario::{Scenario, SymmetricMatrix};
 use fvi_core::{Approach, Block, Instant, MatrixError, Mechanics, NodalRule, Real, factor, invert_factored};
 use fvi_sparse::{Analysis, Factor, Pattern};
 use std::sync::Arc;
@@ -28,8 +28,8 @@ pub struct Model<T> {
     force: CompiledForce<T>,
     /// Whether there is a force at all.
     forced: bool,
-    /// Where the force is rough in time and its moments are taken exactly.
-    moments: Option<ForceMoments>,
+    /// What is rough in time, so that its moments are taken exactly.
+    rough: Option<RoughForces>,
     /// What code supplies.
     own: Option<Own>,
     /// Values of the stiffness that never change, by slot.
@@ -124,7 +124,7 @@ impl<T: Elementary> Model<T> {
             linear,
             potential,
             forced: !force.is_zero(),
-            moments: exact_moments(scenario),
+            rough: RoughForces::of(scenario),
             own,
             force,
             constant,
@@ -231,7 +231,7 @@ impl<T: Elementary, X: MatrixSpace<T>> Mechanics<T, X> for Model<T> {
     }
 
     fn excess(&mut self, rule: &NodalRule<'_, T>, excess: &mut [T]) -> bool {
-        self.moments.as_mut().is_some_and(|moments| moments.excess(rule, excess))
+        self.rough.as_mut().is_some_and(|rough| rough.excess(rule, excess))
     }
 
     fn is_linear(&self) -> bool {
@@ -325,13 +325,6 @@ fn add_base<T: Real>(base: Option<&Matrix<T>>, constant: &mut Sparse<T>) {
         }
         None => {}
     }
-}
-
-/// The moments of a rough force, for the schemes that take the work of forces by a quadrature.
-fn exact_moments(scenario: &Scenario) -> Option<ForceMoments> {
-    let by_moments = scenario.system.force_quadrature == ForceQuadrature::Moments
-        && matches!(scenario.scheme, Scheme::LowOrder { .. } | Scheme::Galerkin { .. });
-    by_moments.then(|| ForceMoments::new(scenario.system.force.as_deref()?)).flatten()
 }
 
 /// A symmetric matrix of a scenario in the precision of `T`.

@@ -60,6 +60,11 @@ impl Record {
         }
     }
 
+    /// Its rows (t, a).
+    pub fn rows(&self) -> &[(f64, f64)] {
+        &self.rows
+    }
+
     /// First and last time.
     pub fn span(&self) -> (f64, f64) {
         let time = |row: Option<&(f64, f64)>| row.map_or(0.0, |&(time, _)| time);

@@ -8,8 +8,9 @@ use serde::Serialize;
 
 /// A piecewise constant force on the coordinates, as a controller with a zero-order hold puts out.
 ///
-/// The input of step k, over [t_k, t_{k+1}], is the last sample whose time is not after t_k (to rounding). Zero
-/// before the first sample; the last one is held to the end.
+/// The input of step k, over [t_k, t_{k+1}], is the last sample whose time is not after t_k (to rounding); what samples
+/// inside the step add is the matter of [`ForceQuadrature`](crate::scenario::ForceQuadrature). Zero before the first
+/// sample; the last one is held to the end.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SampledInput {
     /// When each sample takes effect; ascending.

@@ -68,11 +68,11 @@ pub struct Attached {
     rows: usize,
 }
 
-/// How schemes take the work of the part of a force that depends on time alone.
+/// How schemes take the work of what depends on time alone: forces, loads, sampled inputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ForceQuadrature {
-    /// By its exact moments in every step where it jumps, has a kink, or is close to a root; at the nodes elsewhere.
+    /// By exact moments in every step with a jump or kink inside, or a root close by; at the nodes elsewhere.
     #[default]
     Moments,
     /// At the nodes of the action's quadrature in every step: the papers' form.

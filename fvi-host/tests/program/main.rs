@@ -11,6 +11,7 @@ mod large_systems;
 mod listings;
 mod repository_scenarios;
 mod reproduction;
+mod rough_inputs;
 mod runs;
 mod scenario_errors;
 mod stability;

@@ -1,0 +1,78 @@
+//! What acts on a system and is rough in time: forces, loads and samples whose moments are taken exactly.
+
+use super::force_moments::ForceMoments;
+use super::signal_moments::SignalMoments;
+use crate::scenario::{Amplitude, ForceQuadrature, Load, Record, SampledInput, Scenario, Scheme};
+use fvi_core::{NodalRule, Real};
+use std::slice::from_ref;
+
+/// The forces of a scenario that jump, have kinks or roots, or come as samples.
+#[derive(Clone, Debug)]
+pub(super) struct RoughForces {
+    coordinates: usize,
+    force: Option<ForceMoments>,
+    /// Amplitudes that are expressions, with the index of the load.
+    expressions: Vec<(ForceMoments, Load)>,
+    records: Vec<(SignalMoments<Record>, Load)>,
+    input: Option<SignalMoments<SampledInput>>,
+}
+
+impl RoughForces {
+    /// For the schemes that take the work of forces by a quadrature; `None` if all is smooth.
+    pub(super) fn of(scenario: &Scenario) -> Option<Self> {
+        let system = &scenario.system;
+        let by_moments = system.force_quadrature == ForceQuadrature::Moments
+            && matches!(scenario.scheme, Scheme::LowOrder { .. } | Scheme::Galerkin { .. });
+        if !by_moments {
+            return None;
+        }
+        let (mut expressions, mut records) = (Vec::new(), Vec::new());
+        for load in &system.loads {
+            match &load.amplitude {
+                Amplitude::Expression(amplitude) => {
+                    expressions.extend(ForceMoments::new(from_ref(amplitude)).map(|m| (m, load.clone())));
+                }
+                Amplitude::Record(record) => {
+                    records.push((SignalMoments::new(record.clone()), load.clone()));
+                }
+            }
+        }
+        let force = ForceMoments::new(system.force.as_deref().unwrap_or_default());
+        let input = scenario.input.clone().map(SignalMoments::new);
+        let is_rough = force.is_some() || input.is_some() || !(expressions.is_empty() && records.is_empty());
+        is_rough.then_some(Self { coordinates: system.coordinates(), force, expressions, records, input })
+    }
+
+    /// Writes by how much the moments exceed what the nodes give, ν = 0…S, N numbers each, and returns whether they do.
+    pub(super) fn excess<T: Real>(&mut self, rule: &NodalRule<'_, T>, excess: &mut [T]) -> bool {
+        let everywhere = [
+            self.force.as_mut().and_then(|force| force.excess(rule)),
+            self.input.as_mut().and_then(|input| input.excess(rule)),
+        ];
+        let mut found = false;
+        for moments in everywhere.into_iter().flatten() {
+            clear(excess, &mut found);
+            excess.iter_mut().zip(moments).for_each(|(place, &number)| *place += T::of(number));
+        }
+        let expressions =
+            self.expressions.iter_mut().map(|(amplitude, load)| (amplitude.excess(rule), &*load));
+        let records = self.records.iter_mut().map(|(record, load)| (record.excess(rule), &*load));
+        for (moments, load) in expressions.chain(records) {
+            let Some(moments) = moments else { continue };
+            clear(excess, &mut found);
+            for (excess, moment) in excess.chunks_exact_mut(self.coordinates).zip(moments) {
+                for &(coordinate, number) in load.pattern.entries.iter() {
+                    excess[coordinate as usize] += T::of(number * moment);
+                }
+            }
+        }
+        found
+    }
+}
+
+/// Sets what is to be summed to zero, once.
+fn clear<T: Real>(excess: &mut [T], found: &mut bool) {
+    if !std::mem::replace(found, true) {
+        excess.fill(T::zero());
+    }
+}
