@@ -1,4 +1,5 @@
-//! What matrix weights cost: the block transforms on kernels of R×R matrices against the same engine on plain numbers.
+//! What matrix weights cost: the block transforms on kernels of R×R matrices against the same engine on plain
+//! numbers.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};

@@ -1,9 +1,13 @@
-//! Time of a step as `fvi run` makes it, against the same scheme written by hand for one system: closed-form gradient and
-//! Hessian, plain arrays, the same memory.
+//! Time of a step as `fvi run` makes it, against the same scheme written by hand for one system: closed-form
+//! gradient and Hessian, plain arrays, the same memory.
 //!
-//! Both start from the same state; what they end at is compared before anything is timed. They are timed in turn, so that
-//! both meet the same moods of the machine, and the fastest turn of each counts. `cargo bench -p fvi-benches --bench steps`,
-//! with a name behind `--` for the systems that contain it.
+//! Both start from the same state; what they end at is compared before anything is timed. They are timed in
+//! turn, so that both meet the same moods of the machine, and the fastest turn of each counts.
+//! `cargo bench -p fvi-benches --bench steps`, with a name behind `--` for the systems that contain it.
+//!
+//! `-- --only run|hand SYSTEM STEPS` makes that many steps of one of them and nothing else, for tools that
+//! count instructions: `.ci/steps` writes `docs/steps.md` with it. Systems are `pendulum`, `linear-N` and
+//! `nonlinear-N`.
 
 use std::hint::black_box;
 use std::path::Path;
@@ -29,6 +33,13 @@ const CUBIC: f64 = 0.7;
 const TURNS: usize = 5;
 
 fn main() {
+    let words: Vec<String> = std::env::args().skip(1).collect();
+    if let Some(place) = words.iter().position(|word| word == "--only") {
+        let [path, system, steps] = &words[place + 1..place + 4] else {
+            panic!("--only run|hand SYSTEM STEPS")
+        };
+        return only(path, system, steps.parse().expect("a number of steps"));
+    }
     let wanted: Vec<String> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
     let chosen = |name: &str| wanted.is_empty() || wanted.iter().any(|word| name.contains(word));
     println!("ns for a step                 fvi run  in the loop  by hand  ratio  (allowed)");
@@ -55,7 +66,7 @@ fn main() {
         println!("linear chain of 64 against 8: {:.1} times (30 allowed)", chain / eight);
     }
     if chosen("growing") {
-        let sizes = [64, 128, 256, 500];
+        let sizes = [64, 128, 256, 500, 1000, 2000];
         let times = sizes.map(|n| (n, in_the_loop(&scenario(n, 40, &nonlinear_chain(n)))));
         for pair in times.windows(2) {
             let [(few, short), (many, long)] = pair else { continue };
@@ -65,6 +76,33 @@ fn main() {
             );
         }
     }
+}
+
+/// Makes the steps of one system by one path.
+fn only(path: &str, system: &str, steps: usize) {
+    let size = |kind: &str| system.strip_prefix(kind).map(|n| n.parse::<usize>().expect("a number"));
+    if let Some(n) = size("linear-") {
+        steps_of(path, &scenario(n, steps, &linear_chain(n)), LinearChain::new(n));
+    } else if let Some(n) = size("nonlinear-") {
+        steps_of(path, &scenario(n, steps, &nonlinear_chain(n)), NonlinearChain::new(n));
+    } else {
+        steps_of(path, &scenario(1, steps, "9.81*(1 - cos(q0))"), Pendulum);
+    }
+}
+
+fn steps_of<S: ByHand>(path: &str, scenario: &Scenario, system: S) {
+    if path == "hand" {
+        let mut motion = Motion::new(scenario, system);
+        for _ in 0..scenario.time.steps {
+            motion.step();
+            black_box(motion.energy());
+        }
+        return;
+    }
+    let directory = std::env::temp_dir().join(format!("fvi-bench-steps-{}", std::process::id()));
+    run(scenario, &RunOptions::new(&directory), &AtomicBool::new(false), |_| ()).expect("a run");
+    // What is left there is of no use to anyone.
+    let _ = std::fs::remove_dir_all(directory);
 }
 
 /// A chain between two walls, each spring linear.
@@ -110,8 +148,10 @@ fn scenario(coordinates: usize, steps: usize, potential: &str) -> Scenario {
         steps = {steps}
         [history]
         engine = "exponential-sum"
+        horizon = 1000001
         [output]
         every = 1000
+        momentum = "one-sided"
         "#,
         mass = list(&|_| 1.0),
         damping = list(&|_| DAMPING),
@@ -127,7 +167,8 @@ trait ByHand: Clone {
     fn energy(&self, q: &[f64]) -> f64;
     /// ∇U(q).
     fn gradient(&self, q: &[f64], gradient: &mut [f64]);
-    /// Solves the equations of the midpoint rule for the increment, from the guess in it; leaves ∇U at the midpoint in the room.
+    /// Solves the equations of the midpoint rule for the increment, from the guess in it; leaves ∇U at the
+    /// midpoint in the room.
     fn solve(&mut self, q: &[f64], p: &[f64], increment: &mut [f64], room: &mut Room);
 }
 
@@ -368,7 +409,8 @@ fn simulation(scenario: &Scenario) -> (Simulation, GridState) {
     (Simulation::new(scenario, Precision::F64).expect("a good scenario"), state)
 }
 
-/// Fastest mean time of a call over a fiftieth of them, in nanoseconds: a stretch in which nothing else had the processor.
+/// Fastest mean time of a call over a fiftieth of them, in nanoseconds: a stretch in which nothing else had
+/// the processor.
 fn fastest_stretch(calls: usize, mut call: impl FnMut()) -> f64 {
     let stretch = (calls / 50).max(1);
     let mut fastest = f64::INFINITY;
