@@ -349,12 +349,10 @@ impl ByHand for NonlinearChain {
 struct Motion<S> {
     system: S,
     memory: HostMemory<f64>,
-    start: Vec<f64>,
     position: Vec<f64>,
     momentum: Vec<f64>,
     increment: Vec<f64>,
     term: Vec<f64>,
-    sample: Vec<f64>,
     room: Room,
 }
 
@@ -373,11 +371,10 @@ impl<S: ByHand> Motion<S> {
         let zeros = || vec![0.0; coordinates];
         let mut memory = memory.build().expect("a memory");
         memory.push(&zeros()).expect("room");
-        let start = scenario.initial.position.clone();
-        let (position, momentum) = (start.clone(), zeros());
+        let (position, momentum) = (scenario.initial.position.clone(), zeros());
         let room = Room { middle: zeros(), gradient: zeros(), residual: zeros() };
-        let (increment, term, sample) = (zeros(), zeros(), zeros());
-        Self { system, memory, start, position, momentum, increment, term, sample, room }
+        let (increment, term) = (zeros(), zeros());
+        Self { system, memory, position, momentum, increment, term, room }
     }
 
     fn step(&mut self) {
@@ -387,14 +384,14 @@ impl<S: ByHand> Motion<S> {
         }
         let Self { system, position, momentum, increment, room, .. } = self;
         system.solve(position, momentum, increment, room);
+        // The memory takes the increments of q − q₀.
         let leading = self.memory.leading()[0];
         for i in 0..position.len() {
             position[i] += increment[i];
-            self.sample[i] = position[i] - self.start[i];
-            let damping = DAMPING * (self.term[i] + leading * self.sample[i]);
+            let damping = DAMPING * (self.term[i] + leading * increment[i]);
             momentum[i] -= STEP * (room.gradient[i] + damping);
         }
-        self.memory.push(&self.sample).expect("room");
+        self.memory.push(&self.increment).expect("room");
     }
 
     fn energy(&self) -> f64 {

@@ -5,18 +5,20 @@ mod choice;
 pub mod energy_guard;
 pub mod motion;
 pub(crate) mod not_finite;
+#[cfg(test)]
+mod one_coordinate_tests;
 pub mod stability;
 
 use crate::language::error::Cause;
 use crate::language::expression::Elementary;
 use crate::language::{InputError, Problem};
 use crate::memory::{EngineError, HostMemory, MemoryRequest};
-use crate::model::{Dense, DenseOutput, Matrix, Model, Remembers, ScenarioSpace};
+use crate::model::{Dense, DenseOutput, Matrix, Model, OnePoint, Remembers, ScenarioSpace};
 use crate::scenario::{self, ConvolutionFamily, DampedAt, Engine, ReportedMomentum, Scenario};
 use choice::sparse_space;
 pub use choice::{Solver, SolverChoice};
 use fvi_core::{
-    Damping, Instant, Integrator, IntegratorBuilder, IntegratorError, MatrixError, Mechanics, Memory,
+    Damping, Fixed, Instant, Integrator, IntegratorBuilder, IntegratorError, MatrixError, Mechanics, Memory,
     MemoryError, Mismatch, Sample, Scheme, StateError, StateReader, StateWriter, StepError,
 };
 use fvi_fft::Scalar;
@@ -48,11 +50,10 @@ trait Stepper {
     fn step(&mut self, input: &[f64]) -> Result<u32, StepError>;
     fn step_over(&mut self, length: f64, end: f64, input: &[f64]) -> Result<u32, StepError>;
     fn look_into(&mut self, time: f64, state: &mut GridState);
-    fn time(&self) -> f64;
-    /// Position and momentum.
+    /// Time, position and momentum.
+    fn read_without_energy(&mut self, state: &mut GridState);
+    /// These and the energy.
     fn read(&mut self, state: &mut GridState);
-    /// The energy of what was read last.
-    fn energy(&mut self) -> f64;
     fn engines(&self) -> Vec<Engine>;
     fn overruns(&self) -> Option<usize>;
     fn memory_bytes(&self) -> usize;
@@ -107,6 +108,9 @@ impl Simulation {
             stability::check_step(scenario, &stiffness(scenario)?)?;
             let space = Dense { coordinates: scenario.coordinates() };
             stepper = match precision {
+                Precision::F64 if choice == SolverChoice::Automatic && OnePoint::<f64>::serves(scenario) => {
+                    Box::new(Machine::<f64, Fixed<1>>::new(Fixed, scenario)?)
+                }
                 Precision::F64 => Box::new(Machine::<f64, _>::new(space, scenario)?),
                 Precision::F32 => Box::new(Machine::<f32, _>::new(space, scenario)?),
             };
@@ -154,14 +158,12 @@ impl Simulation {
 
     /// Writes the present state into `state`, whose vectors have one place for each coordinate.
     pub fn read(&mut self, state: &mut GridState) {
-        self.read_without_energy(state);
-        state.energy = self.stepper.energy();
+        self.stepper.read(state);
     }
 
     /// Writes the present state into `state` but for the energy, which stays.
     pub fn read_without_energy(&mut self, state: &mut GridState) {
-        state.time = self.stepper.time();
-        self.stepper.read(state);
+        self.stepper.read_without_energy(state);
     }
 
     /// Whether the energy costs about as much as a step.
@@ -247,6 +249,8 @@ fn bad_mass(scenario: &Scenario, error: &MatrixError) -> InputError {
 struct Machine<T: Elementary + Scalar, X: ScenarioSpace<T>> {
     integrator: Integrator<T, X, X::System, X::Scheme, DampingTerms<T, X>>,
     input: X::Vector,
+    /// Whether the input of the last step was not zero.
+    pushed: bool,
     /// The mean of the momenta before and after the last kick, where that is what is reported.
     mean: Option<X::Vector>,
     /// Time, position and momentum before the last step, where it is to be looked into.
@@ -270,7 +274,7 @@ impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Machine<T, X> {
         let input = space.zeros();
         let kicked = scenario.convolution.at == DampedAt::MainNodes;
         let mean = (kicked && scenario.output.momentum == ReportedMomentum::Mean).then(|| space.zeros());
-        let kick = mean.is_some().then(|| Kick::none(scenario.coordinates()));
+        let kick = mean.is_some().then(|| Kick { next: space.zeros(), last: space.zeros() });
         let integrator = IntegratorBuilder::in_space(space, system, scheme, T::of(scenario.time.step))
             .damping(DampingTerms { terms, kick })
             .position(position)
@@ -280,15 +284,18 @@ impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Machine<T, X> {
         let state = integrator.state();
         let before = (!scenario.output.times.is_empty())
             .then(|| (0.0, state.position.clone(), state.momentum.clone()));
-        Ok(Self { integrator, input, mean, before })
+        Ok(Self { integrator, input, pushed: false, mean, before })
     }
 }
 
 impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Machine<T, X> {
     /// Takes in the input, and notes where the step begins.
     fn prepare(&mut self, input: &[f64]) {
-        for (index, place) in X::slice_mut(&mut self.input).iter_mut().enumerate() {
-            *place = input.get(index).map_or(T::zero(), |&number| T::of(number));
+        if !input.is_empty() || self.pushed {
+            self.pushed = !input.is_empty();
+            for (index, place) in X::slice_mut(&mut self.input).iter_mut().enumerate() {
+                *place = input.get(index).map_or(T::zero(), |&number| T::of(number));
+            }
         }
         if let Some((time, position, momentum)) = &mut self.before {
             let state = self.integrator.state();
@@ -364,21 +371,15 @@ fn damping_term<T: Elementary + Scalar, X: ScenarioSpace<T>>(
 /// Any number of damping terms, each with a memory of its own.
 struct DampingTerms<T: Elementary + Scalar, X: ScenarioSpace<T>> {
     terms: Vec<X::Term<HostMemory<T>>>,
-    kick: Option<Kick<T>>,
+    kick: Option<Kick<X::Vector>>,
 }
 
 /// The fractional force Σ_m ρ_m (D^{β_m} q)_k at the main nodes: the momentum p_k of such a scheme is the one after its kick.
-struct Kick<T> {
+struct Kick<V> {
     /// What is known of the next one.
-    next: Vec<T>,
+    next: V,
     /// The last one; zero at t = 0, where there is none.
-    last: Vec<T>,
-}
-
-impl<T: Elementary> Kick<T> {
-    fn none(coordinates: usize) -> Self {
-        Self { next: vec![T::zero(); coordinates], last: vec![T::zero(); coordinates] }
-    }
+    last: V,
 }
 
 impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Damping<T, X> for DampingTerms<T, X> {
@@ -390,6 +391,7 @@ impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Damping<T, X> for DampingTerms
         self.terms[..].begin(position, velocity);
     }
 
+    #[inline(always)]
     fn add_known(
         &mut self,
         sample: &Sample<'_, T>,
@@ -398,11 +400,12 @@ impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Damping<T, X> for DampingTerms
     ) -> Result<(), MemoryError> {
         self.terms[..].add_known(sample, known, scratch)?;
         if let Some(kick) = &mut self.kick {
-            kick.next.copy_from_slice(known);
+            X::slice_mut(&mut kick.next).iter_mut().zip(known).for_each(|(next, known)| *next = *known);
         }
         Ok(())
     }
 
+    #[inline(always)]
     fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
         self.terms[..].add_leading(increments, force, scratch);
     }
@@ -415,6 +418,7 @@ impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Damping<T, X> for DampingTerms
         self.terms[..].leading_is_constant()
     }
 
+    #[inline(always)]
     fn push(
         &mut self,
         sample: &Sample<'_, T>,
@@ -423,31 +427,31 @@ impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Damping<T, X> for DampingTerms
     ) -> Result<(), MemoryError> {
         // The leading weight of starting weights is another one after the push.
         if let Some(kick) = &mut self.kick {
-            self.terms[..].add_leading(increments, &mut kick.next, scratch);
+            self.terms[..].add_leading(increments, X::slice_mut(&mut kick.next), scratch);
         }
         self.terms[..].push(sample, increments, scratch)?;
         if let Some(Kick { next, last }) = &mut self.kick {
             std::mem::swap(next, last);
-            next.fill(T::zero());
+            X::slice_mut(next).fill(T::zero());
         }
         Ok(())
     }
 
     fn state_bytes(&self) -> usize {
-        let kick = self.kick.as_ref().map_or(0, |kick| kick.last.len() * T::BYTES);
+        let kick = self.kick.as_ref().map_or(0, |kick| X::slice(&kick.last).len() * T::BYTES);
         kick + self.terms[..].state_bytes()
     }
 
     fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
         if let Some(kick) = &self.kick {
-            to.numbers(&kick.last)?;
+            to.numbers(X::slice(&kick.last))?;
         }
         self.terms[..].save(to)
     }
 
     fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         if let Some(kick) = &self.kick {
-            from.skip::<T>(kick.last.len())?;
+            from.skip::<T>(X::slice(&kick.last).len())?;
         }
         self.terms[..].check_state(from)
     }
@@ -455,7 +459,7 @@ impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Damping<T, X> for DampingTerms
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         self.check_state(&mut from.clone())?;
         if let Some(kick) = &mut self.kick {
-            from.numbers(&mut kick.last)?;
+            from.numbers(X::slice_mut(&mut kick.last))?;
         }
         self.terms[..].restore(from)
     }
@@ -497,11 +501,8 @@ impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
         state.time = time;
     }
 
-    fn time(&self) -> f64 {
-        self.integrator.time().to_f64()
-    }
-
-    fn read(&mut self, grid: &mut GridState) {
+    fn read_without_energy(&mut self, grid: &mut GridState) {
+        grid.time = self.integrator.time().to_f64();
         let state = self.integrator.state();
         let write = |places: &mut [f64], numbers: &[T]| {
             places.iter_mut().zip(numbers).for_each(|(place, number)| *place = number.to_f64());
@@ -512,16 +513,18 @@ impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
             return;
         };
         let half = self.integrator.step_size() / T::of(2.0);
-        let momenta = X::slice_mut(mean).iter_mut().zip(X::slice(&state.momentum)).zip(&kick.last);
+        let momenta = X::slice_mut(mean).iter_mut().zip(X::slice(&state.momentum)).zip(X::slice(&kick.last));
         momenta.for_each(|((mean, &after), &force)| *mean = after + half * force);
         write(&mut grid.momentum, X::slice(mean));
     }
 
-    fn energy(&mut self) -> f64 {
-        match (&self.mean, &self.integrator.damping().kick) {
-            (Some(mean), Some(_)) => self.integrator.energy_with(mean).to_f64(),
-            _ => self.integrator.energy().to_f64(),
-        }
+    fn read(&mut self, grid: &mut GridState) {
+        self.read_without_energy(grid);
+        let energy = match &self.mean {
+            Some(mean) => self.integrator.energy_with(mean),
+            None => self.integrator.energy(),
+        };
+        grid.energy = energy.to_f64();
     }
 
     fn engines(&self) -> Vec<Engine> {

@@ -1,6 +1,6 @@
 //! Elimination in a matrix whose entries lie near its diagonal.
 
-use fvi_core::{Real, Singular};
+use fvi_core::{Real, Singular, add_multiple};
 
 /// Solves A x = `vector` for a matrix, row by row, whose entries farther than `band` from the diagonal are
 /// zero.
@@ -13,11 +13,60 @@ use fvi_core::{Real, Singular};
 /// [`Singular`], as [`fvi_core::solve`].
 pub(super) fn solve<T: Real>(matrix: &mut [T], band: usize, vector: &mut [T]) -> Result<(), Singular> {
     match band {
-        1 => solve_narrow::<T, 2, 3>(matrix, vector),
+        1 => solve_tridiagonal(matrix, vector),
         2 => solve_narrow::<T, 3, 5>(matrix, vector),
         3 => solve_narrow::<T, 4, 7>(matrix, vector),
         band => solve_wide(matrix, band, vector),
     }
+}
+
+/// [`solve`] for a band of one, with the two rows that the elimination of a column changes in registers.
+fn solve_tridiagonal<T: Real>(matrix: &mut [T], vector: &mut [T]) -> Result<(), Singular> {
+    let (n, zero) = (vector.len(), T::zero());
+    let (Some(&first), Some(&start)) = (matrix.first(), vector.first()) else { return Ok(()) };
+    let mut row = [first, if n > 1 { matrix[1] } else { zero }, zero];
+    let mut number = start;
+    // Entries of the finished rows above: in this column, and in the next.
+    let (mut above, mut beyond) = (zero, zero);
+    for column in 0..n {
+        let (mut below, mut below_number) = ([zero; 3], zero);
+        if column + 1 < n {
+            let entries = &matrix[(column + 1) * n + column..(column + 2) * n];
+            below = [entries[0], entries[1], entries.get(2).copied().unwrap_or(zero)];
+            below_number = vector[column + 1];
+        }
+        if below[0].abs() > row[0].abs() {
+            (row, below, number, below_number) = (below, row, below_number, number);
+        }
+        let pivot = row[0];
+        let size = pivot.abs();
+        let singular = size <= above * T::EPSILON || size <= below[0].abs() * T::EPSILON;
+        if !pivot.is_finite() || singular || size == zero {
+            return Err(Singular);
+        }
+        let place = &mut matrix[column * n + column..(column + 1) * n];
+        place.iter_mut().zip(row).for_each(|(place, entry)| *place = entry);
+        vector[column] = number;
+        above = if row[1].abs() > beyond { row[1].abs() } else { beyond };
+        beyond = row[2].abs();
+        let factor = below[0] / pivot;
+        number = below_number - factor * number;
+        row = [below[1] - factor * row[1], below[2] - factor * row[2], zero];
+    }
+    let (mut next, mut last) = (zero, zero);
+    for row in (0..n).rev() {
+        let entries = &matrix[row * n + row..(row + 1) * n];
+        let mut number = vector[row];
+        if let Some(&entry) = entries.get(2) {
+            number -= entry * last;
+        }
+        if let Some(&entry) = entries.get(1) {
+            number -= entry * next;
+        }
+        (last, next) = (next, number / entries[0]);
+        vector[row] = next;
+    }
+    Ok(())
 }
 
 /// [`solve`] for a band that the compiler knows: the `ROWS` = band + 1 rows that the elimination of a column changes are
@@ -94,20 +143,7 @@ fn solve_wide<T: Real>(matrix: &mut [T], band: usize, vector: &mut [T]) -> Resul
     let n = vector.len();
     for column in 0..n {
         let (last, end) = ((column + band).min(n - 1), (column + 2 * band + 1).min(n));
-        let mut largest = T::zero();
-        for row in column.saturating_sub(2 * band)..=last {
-            largest = largest.max(matrix[row * n + column].abs());
-        }
-        let (mut pivot_row, mut pivot) = (column, T::zero());
-        for row in column..=last {
-            let candidate = matrix[row * n + column];
-            if candidate.abs() > pivot.abs() {
-                (pivot_row, pivot) = (row, candidate);
-            }
-        }
-        if !pivot.is_finite() || pivot.abs() <= largest * T::EPSILON {
-            return Err(Singular);
-        }
+        let (pivot_row, pivot) = pivot(matrix, n, band, column)?;
         if pivot_row != column {
             let (above, below) = matrix.split_at_mut(pivot_row * n);
             above[column * n + column..column * n + end].swap_with_slice(&mut below[column..end]);
@@ -134,6 +170,117 @@ fn solve_wide<T: Real>(matrix: &mut [T], band: usize, vector: &mut [T]) -> Resul
         }
     }
     Ok(())
+}
+
+/// The factors of a matrix whose entries lie near its diagonal, for many right-hand sides.
+#[derive(Clone, Debug, Default)]
+pub struct BandFactors<T> {
+    band: usize,
+    /// Entries of a row to the right of the diagonal.
+    upper: usize,
+    /// For each column: the pivot's reciprocal, the `band` multipliers of the rows below, the `upper` entries to the right of the
+    /// pivot.
+    columns: Vec<T>,
+    /// How many rows below the diagonal each pivot came from; empty where all were on it.
+    lifts: Vec<usize>,
+}
+
+impl<T: Real> BandFactors<T> {
+    /// Eliminates as [`solve`] does and notes what is needed to solve with other right-hand sides.
+    ///
+    /// # Errors
+    /// [`Singular`], as [`fvi_core::solve`].
+    pub(super) fn of(matrix: &mut [T], n: usize, band: usize) -> Result<Self, Singular> {
+        let mut multipliers = vec![T::zero(); n * band];
+        let mut lifts = vec![0; n];
+        for column in 0..n {
+            let (last, end) = ((column + band).min(n - 1), (column + 2 * band + 1).min(n));
+            let (pivot_row, pivot) = pivot(matrix, n, band, column)?;
+            lifts[column] = pivot_row - column;
+            let (above, below) = matrix.split_at_mut((column + 1) * n);
+            let upper = &mut above[column * n + column..column * n + end];
+            if let Some(below_upper) = (pivot_row - column).checked_sub(1) {
+                upper.swap_with_slice(&mut below[below_upper * n + column..below_upper * n + end]);
+            }
+            let of_column = &mut multipliers[column * band..];
+            for (row, multiplier) in below.chunks_exact_mut(n).zip(of_column).take(last - column) {
+                let entries = &mut row[column..end];
+                *multiplier = entries[0] / pivot;
+                for (entry, &above) in entries.iter_mut().zip(&*upper).skip(1) {
+                    *entry -= *multiplier * above;
+                }
+            }
+        }
+        if lifts.iter().all(|&lift| lift == 0) {
+            lifts.clear();
+        }
+        let upper = if lifts.is_empty() { band } else { 2 * band };
+        let mut columns = Vec::with_capacity(n * (1 + band + upper));
+        for column in 0..n {
+            let row = &matrix[column * n + column..(column + 1) * n];
+            columns.push(T::one() / row[0]);
+            columns.extend_from_slice(&multipliers[column * band..(column + 1) * band]);
+            columns.extend((1..=upper).map(|index| at(row, index)));
+        }
+        Ok(Self { band, upper, columns, lifts })
+    }
+
+    /// Replaces `vector` by the solution: the bits of [`fvi_core::substitute_kept`] without its operations on zeros.
+    pub(super) fn solve(&self, vector: &mut [T]) {
+        if self.band == 1 && self.lifts.is_empty() {
+            return self.solve_tridiagonal(vector);
+        }
+        let stride = 1 + self.band + self.upper;
+        for (row, column) in self.columns.chunks_exact(stride).enumerate() {
+            if let Some(&lift) = self.lifts.get(row) {
+                vector.swap(row, row + lift);
+            }
+            let (known, later) = vector.split_at_mut(row + 1);
+            add_multiple(later, -known[row], &column[1..=self.band]);
+        }
+        for (row, column) in self.columns.chunks_exact(stride).enumerate().rev() {
+            let (known, solved) = vector.split_at_mut(row + 1);
+            let mut number = known[row];
+            for (&x, &entry) in solved.iter().zip(&column[1 + self.band..]).rev() {
+                number += entry * -x;
+            }
+            known[row] = number * column[0];
+        }
+    }
+
+    fn solve_tridiagonal(&self, vector: &mut [T]) {
+        let columns = self.columns.as_chunks::<3>().0;
+        let mut carried = T::zero();
+        for (number, &[_, multiplier, _]) in vector.iter_mut().zip(columns) {
+            *number += carried;
+            carried = multiplier * -*number;
+        }
+        let mut solution = T::zero();
+        for (number, &[reciprocal, _, entry]) in vector.iter_mut().zip(columns).rev() {
+            solution = (*number + entry * -solution) * reciprocal;
+            *number = solution;
+        }
+    }
+}
+
+/// The row from which a column's pivot comes, and the pivot.
+fn pivot<T: Real>(matrix: &[T], n: usize, band: usize, column: usize) -> Result<(usize, T), Singular> {
+    let last = (column + band).min(n - 1);
+    let mut largest = T::zero();
+    for row in column.saturating_sub(2 * band)..=last {
+        largest = largest.max(matrix[row * n + column].abs());
+    }
+    let (mut pivot_row, mut pivot) = (column, T::zero());
+    for row in column..=last {
+        let candidate = matrix[row * n + column];
+        if candidate.abs() > pivot.abs() {
+            (pivot_row, pivot) = (row, candidate);
+        }
+    }
+    if !pivot.is_finite() || pivot.abs() <= largest * T::EPSILON {
+        return Err(Singular);
+    }
+    Ok((pivot_row, pivot))
 }
 
 #[cfg(test)]
@@ -180,8 +327,29 @@ mod tests {
     }
 
     #[test]
+    fn kept_factors_of_a_band_have_the_bits_of_those_of_the_whole_matrix() {
+        for (n, band) in [(9, 1), (11, 2), (12, 3), (14, 4), (6, 9), (5, 0)] {
+            // With and without rows that change places.
+            for lift in [0.0, 20.0] {
+                let mut matrix = banded(n, band);
+                (0..n).for_each(|index| matrix[index * n + index] += lift);
+                let right: Vec<f64> = (0..n).map(|index| 1.0 - 0.3 * index as f64).collect();
+                let (mut whole, mut pivots, mut kept) = (matrix.clone(), vec![0; n], vec![0.0; n * n]);
+                fvi_core::keep_factors(&mut whole, &mut pivots, &mut kept).unwrap();
+                let (mut expected, mut found) = (right.clone(), right);
+                fvi_core::substitute_kept(&kept, &pivots, &mut expected);
+                let factors = BandFactors::of(&mut matrix, n, band).unwrap();
+                factors.solve(&mut found);
+                assert_eq!(found, expected, "{n} rows, band {band}, lift {lift}");
+                assert_eq!(factors.lifts.is_empty(), lift != 0.0 || band == 0);
+            }
+        }
+    }
+
+    #[test]
     fn a_singular_band_is_refused() {
         let mut matrix = [1.0, 2.0, 0.0, 2.0, 4.0, 0.0, 0.0, 0.0, 1.0];
-        assert_eq!(solve(&mut matrix, 1, &mut [1.0; 3]), Err(Singular));
+        assert_eq!(solve(&mut matrix.clone(), 1, &mut [1.0; 3]), Err(Singular));
+        assert!(BandFactors::of(&mut matrix, 3, 1).is_err());
     }
 }

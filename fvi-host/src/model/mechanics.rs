@@ -1,5 +1,9 @@
 //! The mechanics of a scenario: mass, compiled potential and force.
 
+mod single;
+
+pub use single::SingleModel;
+
 use super::elements::Elements;
 use super::loads::Loads;
 use super::own::Own;
@@ -235,10 +239,7 @@ impl<T: Elementary, X: MatrixSpace<T>> Mechanics<T, X> for Model<T> {
     }
 
     fn is_linear(&self) -> bool {
-        self.own.is_none()
-            && self.potential.as_ref().is_none_or(CompiledPotential::is_quadratic)
-            && self.elements.iter().all(Elements::is_quadratic)
-            && self.force.is_affine()
+        self.is_linear()
     }
 
     fn energy(&mut self, position: &Vec<T>, momentum: &Vec<T>) -> T {
@@ -246,8 +247,7 @@ impl<T: Elementary, X: MatrixSpace<T>> Mechanics<T, X> for Model<T> {
         self.write_velocity(momentum, &mut velocity);
         let product = |a: &[T], b: &[T]| a.iter().zip(b).fold(T::zero(), |sum, (&a, &b)| sum + a * b);
         let kinetic = T::of(0.5) * product(momentum, &velocity);
-        let potential = self.potential.as_ref().map(|u| u.value(position, &mut self.registers));
-        let mut energy = kinetic + potential.unwrap_or(T::zero());
+        let mut energy = kinetic + self.potential_energy(position);
         if let Some(base) = &self.base {
             velocity.fill(T::zero());
             base.multiply_add(T::one(), position, &mut velocity);
@@ -265,6 +265,20 @@ impl<T: Elementary, X: MatrixSpace<T>> Mechanics<T, X> for Model<T> {
 }
 
 impl<T: Elementary> Model<T> {
+    /// Whether the stiffness is the same at every position and time.
+    fn is_linear(&self) -> bool {
+        self.own.is_none()
+            && self.potential.as_ref().is_none_or(CompiledPotential::is_quadratic)
+            && self.elements.iter().all(Elements::is_quadratic)
+            && self.force.is_affine()
+    }
+
+    /// The potential that is given as an expression.
+    fn potential_energy(&mut self, position: &[T]) -> T {
+        let potential = self.potential.as_ref();
+        potential.map_or(T::zero(), |potential| potential.value(position, &mut self.registers))
+    }
+
     /// M⁻¹ p.
     fn write_velocity(&self, momentum: &[T], velocity: &mut [T]) {
         match &self.inverse_mass {

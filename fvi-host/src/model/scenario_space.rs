@@ -66,7 +66,7 @@ impl<T: Elementary, X: MatrixSpace<T>, M: Memory<T>> Remembers<M> for HostTerm<T
 }
 
 /// On what the derivative of a term acts.
-fn derivative(term: &scenario::Damping) -> Derivative {
+pub(super) fn derivative(term: &scenario::Damping) -> Derivative {
     match term.derivative {
         scenario::Derivative::RiemannLiouville => Derivative::RiemannLiouville,
         scenario::Derivative::Caputo => Derivative::Caputo,

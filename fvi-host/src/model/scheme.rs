@@ -141,6 +141,32 @@ impl<T: Real> AnyScheme<T> {
             kinetic: &self.kinetic,
         }
     }
+
+    /// The discrete Lagrangian of degree one with one quadrature point, as a view whose lengths the compiler knows: loops
+    /// over nodes and points vanish from its step.
+    #[inline(always)]
+    pub(super) fn of_one_point(&self) -> Option<DiscreteLagrangian<'_, T>> {
+        fn one<T>(numbers: &[T]) -> Option<&[T; 1]> {
+            numbers.try_into().ok()
+        }
+        Some(DiscreteLagrangian {
+            weights: one(&self.weights)?,
+            nodes: one(&self.nodes)?,
+            control_points: one(&self.control_points)?,
+            shapes: one(&self.shapes)?,
+            tests: one(&self.tests)?,
+            kinetic: one(&self.kinetic)?,
+        })
+    }
+
+    /// Where a variational scheme of one point is damped; `None` for the other schemes.
+    pub(super) fn one_point_form(&self) -> Option<DampedAt> {
+        match self.form {
+            Form::MainNodes => Some(DampedAt::MainNodes),
+            Form::Nodes => Some(DampedAt::Nodes),
+            Form::EndOfStep | Form::Collocation => None,
+        }
+    }
 }
 
 /// A quadrature on [0, 1].
@@ -262,14 +288,20 @@ impl<T: Real, X: MatrixSpace<T>> Scheme<T, X> for AnyScheme<T> {
             matrix: &mut room.matrix,
             kept: &mut room.kept,
         };
-        match self.form {
-            Form::MainNodes => {
+        match (self.form, self.of_one_point()) {
+            (Form::MainNodes, Some(lagrangian)) => {
+                lagrangian.step_damped_at_main_nodes(&mut work, mechanics, damping, step, state)
+            }
+            (Form::EndOfStep | Form::Nodes, Some(lagrangian)) => {
+                lagrangian.step_damped_at_nodes(&mut work, mechanics, damping, step, state)
+            }
+            (Form::MainNodes, None) => {
                 self.view().step_damped_at_main_nodes(&mut work, mechanics, damping, step, state)
             }
-            Form::EndOfStep | Form::Nodes => {
+            (Form::EndOfStep | Form::Nodes, None) => {
                 self.view().step_damped_at_nodes(&mut work, mechanics, damping, step, state)
             }
-            Form::Collocation => {
+            (Form::Collocation, _) => {
                 let Self { square, weights, nodes, .. } = self;
                 CollocationTables { square, weights, nodes }.step(&mut work, mechanics, damping, step, state)
             }

@@ -1,6 +1,6 @@
 //! Vectors and matrices of as many coordinates as a scenario has.
 
-use super::band;
+use super::band::{self, BandFactors};
 use crate::numerics::semidefinite::check_positive_semidefinite;
 use fvi_core::{Block, Equations, MatrixError, Real, Singular, Space};
 use fvi_core::{add_multiple, is_positive_definite_in_place, keep_factors, substitute_kept};
@@ -47,7 +47,7 @@ pub trait MatrixSpace<T: Real>: Space<T, Vector = Vec<T>, Block = Matrix<T>> {
 }
 
 impl<T: Real> MatrixSpace<T> for Dense {
-    type Kept = Vec<T>;
+    type Kept = DenseFactors<T>;
     type Equations = DenseEquations<T>;
 
     fn equations(&self, nodes: usize) -> DenseEquations<T> {
@@ -83,11 +83,63 @@ impl<T: Real> Sparse<T> {
     }
 
     fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]) {
+        if let Some(rows) = self.tridiagonal() {
+            return rows.multiply_add(factor, x, out);
+        }
         for (out, slots) in out.iter_mut().zip(self.pattern.rows()) {
             let entries = self.pattern.columns()[slots.clone()].iter().zip(&self.values[slots]);
             let sum = entries.fold(T::zero(), |sum, (&column, &entry)| sum + entry * x[column]);
             *out += sum * factor;
         }
+    }
+
+    /// The entries without their columns, where those are the neighbours of the row and itself: chains are common.
+    fn tridiagonal(&self) -> Option<Tridiagonal<'_, T>> {
+        let (size, band) = (self.pattern.size(), self.pattern.band());
+        if band != 1 || self.pattern.len() + 2 != 3 * size {
+            return None;
+        }
+        let ([diagonal, right, middle @ .., left, last], true) = (self.values.as_slice(), size > 1) else {
+            return None;
+        };
+        Some(Tridiagonal { first: [*diagonal, *right], middle: middle.as_chunks().0, last: [*left, *last] })
+    }
+}
+
+/// A matrix with all entries on the diagonal and beside it, row by row.
+struct Tridiagonal<'a, T> {
+    first: [T; 2],
+    middle: &'a [[T; 3]],
+    last: [T; 2],
+}
+
+impl<T: Real> Tridiagonal<'_, T> {
+    fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]) {
+        let ([x0, x1, ..], [.., left, last]) = (x, x) else { return };
+        let [out_first, out_middle @ .., out_last] = out else { return };
+        let row = |[a, b]: [T; 2], x: T, y: T| a * x + b * y;
+        *out_first += row(self.first, *x0, *x1) * factor;
+        for ((out, &[l, d, r]), x) in out_middle.iter_mut().zip(self.middle).zip(x.windows(3)) {
+            if let &[x, y, z] = x {
+                *out += (l * x + d * y + r * z) * factor;
+            }
+        }
+        *out_last += row(self.last, *left, *last) * factor;
+    }
+
+    /// Adds factor times the matrix to the part of a dense one that begins with `target`, whose rows are `width` numbers.
+    fn add_to(&self, factor: T, target: &mut [T], width: usize) {
+        let mut add = |place: usize, entries: &[T]| {
+            for (place, &entry) in target[place..].iter_mut().zip(entries) {
+                *place += entry * factor;
+            }
+        };
+        add(0, &self.first);
+        for (row, entries) in self.middle.iter().enumerate() {
+            add((row + 1) * width + row, entries);
+        }
+        let last = self.middle.len() + 1;
+        add(last * width + last - 1, &self.last);
     }
 }
 
@@ -200,6 +252,9 @@ impl<T: Real> Block<T> for Matrix<T> {
                 }
             }
             Self::Sparse(sparse) => {
+                if let Some(rows) = sparse.tridiagonal() {
+                    return rows.add_to(factor, &mut target[row * width + column..], width);
+                }
                 for (index, slots) in sparse.pattern.rows().enumerate() {
                     let numbers = &mut target[(row + index) * width + column..];
                     for slot in slots {
@@ -254,6 +309,21 @@ pub struct DenseEquations<T> {
     pivots: Vec<usize>,
 }
 
+/// What solves [`DenseEquations`] while they stay the same.
+#[derive(Clone, Debug)]
+pub enum DenseFactors<T> {
+    /// The factors, column by column; their pivots stay with the equations, where nothing else is solved meanwhile.
+    Whole(Vec<T>),
+    /// The factors within a band.
+    Banded(BandFactors<T>),
+}
+
+impl<T> Default for DenseFactors<T> {
+    fn default() -> Self {
+        Self::Whole(Vec::new())
+    }
+}
+
 impl<T: Real> DenseEquations<T> {
     /// For N coordinates and S nodes.
     pub fn new(coordinates: usize, nodes: usize) -> Self {
@@ -270,12 +340,12 @@ impl<T> DenseEquations<T> {
 }
 
 impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
-    /// The factors, column by column; their pivots stay here, where nothing else is solved meanwhile.
-    type Kept = Vec<T>;
+    type Kept = DenseFactors<T>;
 
     fn clear(&mut self) {
         let (n, band) = (self.pivots.len(), self.band);
-        if !self.is_banded() {
+        // A small matrix is cleared faster than its band is found.
+        if !self.is_banded() || n <= 16 {
             return self.entries.fill(T::zero());
         }
         // Elimination fills as much again to the right.
@@ -300,14 +370,24 @@ impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
         fvi_core::solve(&mut self.entries, &mut self.pivots, vector)
     }
 
-    fn keep(&mut self, kept: &mut Vec<T>) -> Result<(), Singular> {
+    fn keep(&mut self, kept: &mut DenseFactors<T>) -> Result<(), Singular> {
+        let n = self.pivots.len();
+        if self.is_banded() {
+            *kept = DenseFactors::Banded(BandFactors::of(&mut self.entries, n, self.band)?);
+            return Ok(());
+        }
         // The factors may fill the matrix.
-        self.band = self.pivots.len();
-        kept.resize(self.entries.len(), T::zero());
-        keep_factors(&mut self.entries, &mut self.pivots, kept)
+        self.band = n;
+        let mut factors = vec![T::zero(); n * n];
+        keep_factors(&mut self.entries, &mut self.pivots, &mut factors)?;
+        *kept = DenseFactors::Whole(factors);
+        Ok(())
     }
 
-    fn solve_kept(&mut self, kept: &Vec<T>, vector: &mut [T]) {
-        substitute_kept(kept, &self.pivots, vector);
+    fn solve_kept(&mut self, kept: &DenseFactors<T>, vector: &mut [T]) {
+        match kept {
+            DenseFactors::Whole(factors) => substitute_kept(factors, &self.pivots, vector),
+            DenseFactors::Banded(factors) => factors.solve(vector),
+        }
     }
 }

@@ -136,11 +136,11 @@ impl PathTrace {
     /// Takes the next point of the path.
     #[inline]
     pub fn push(&mut self, x: f64, y: f64) {
-        if !x.is_finite() || !y.is_finite() {
-            return;
-        }
         let inside = |[low, high]: [(f64, f64); 2]| low.0 <= x && x <= high.0 && low.1 <= y && y <= high.1;
         if !self.extent.is_some_and(inside) {
+            if !x.is_finite() || !y.is_finite() {
+                return;
+            }
             self.widen((x, y));
         }
         self.last = Some((x, y));

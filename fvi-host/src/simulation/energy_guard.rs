@@ -161,8 +161,16 @@ impl EnergyGuard {
         if self.reaction == OnEnergyGrowth::Ignore || self.warning.is_some() {
             return None;
         }
-        self.inverse_mass.write_times(&state.momentum, &mut self.new_velocity);
-        let kinetic = 0.5 * dot(&state.momentum, &self.new_velocity);
+        let kinetic = match &self.inverse_mass {
+            // Velocities are not wanted by themselves.
+            SymmetricMatrix::Diagonal(inverse) if !self.is_driven => {
+                0.5 * state.momentum.iter().zip(inverse).map(|(p, inverse)| p * (inverse * p)).sum::<f64>()
+            }
+            inverse => {
+                inverse.write_times(&state.momentum, &mut self.new_velocity);
+                0.5 * dot(&state.momentum, &self.new_velocity)
+            }
+        };
         if self.is_driven {
             self.work += self.work_of_step(input, state);
             self.time = state.time;
@@ -175,6 +183,12 @@ impl EnergyGuard {
         if state.energy - self.first_energy <= FACTOR * explained || state.energy.is_nan() {
             return None;
         }
+        self.react(state, explained)
+    }
+
+    /// What is done about an energy that nothing explains.
+    #[cold]
+    fn react(&mut self, state: &GridState, explained: f64) -> Option<String> {
         let reason = format!(
             "the energy has risen from {:.3e} to {:.3e} at t = {}; start and forces explain no more than {explained:.3e}: \
              the step seems too long there (`time.energy_guard`)",

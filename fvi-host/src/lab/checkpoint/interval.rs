@@ -84,16 +84,24 @@ impl Timer {
 
     /// Whether a checkpoint is due after step `steps`; to be asked after each.
     pub(crate) fn is_due(&mut self, steps: usize) -> bool {
-        let interval = match self.every {
-            CheckpointEvery::Never => return false,
-            CheckpointEvery::Steps(every) => return steps.is_multiple_of(every),
-            CheckpointEvery::Time(time) => time,
-            CheckpointEvery::Minute => MINUTE.max(LEAST_SHARE * self.cost),
-        };
-        self.left -= 1;
-        if self.left > 0 {
-            return false;
+        match self.every {
+            CheckpointEvery::Never => false,
+            CheckpointEvery::Steps(every) => steps.is_multiple_of(every),
+            CheckpointEvery::Time(time) => self.has_passed(|_| time),
+            CheckpointEvery::Minute => self.has_passed(|timer| MINUTE.max(LEAST_SHARE * timer.cost)),
         }
+    }
+
+    /// Whether so much time has passed since the last checkpoint, as far as looks at the clock tell.
+    #[inline]
+    fn has_passed(&mut self, interval: impl Fn(&Self) -> Duration) -> bool {
+        self.left -= 1;
+        self.left == 0 && self.look(interval(self))
+    }
+
+    /// Looks at the clock, and decides when to look again.
+    #[cold]
+    fn look(&mut self, interval: Duration) -> bool {
         let now = Instant::now();
         let elapsed = now - self.looked;
         let look = LOOK.min(interval);

@@ -46,6 +46,32 @@ struct Run {
     target: usize,
     count: usize,
     operands: usize,
+    /// Where the numbers lie that operations on two numbers read: the left ones, the right ones.
+    places: [Places; 2],
+}
+
+/// Where the numbers lie that a run reads at one side of its operations.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Places {
+    /// In neighbouring registers from this one on: as vectors.
+    Row(usize),
+    /// All in one.
+    One(usize),
+    /// Here and there.
+    Scattered,
+}
+
+impl Places {
+    fn of(mut registers: impl Iterator<Item = u32> + Clone) -> Self {
+        let Some(first) = registers.clone().next() else { return Self::Scattered };
+        if registers.clone().zip(first..).all(|(register, next)| register == next) {
+            Self::Row(first as usize)
+        } else if registers.all(|register| register == first) {
+            Self::One(first as usize)
+        } else {
+            Self::Scattered
+        }
+    }
 }
 
 /// One operation of a run.
@@ -63,6 +89,8 @@ enum Work {
     One(Operation),
     /// Sines, and behind all of them the cosines of the same numbers: reducing the argument is half the work.
     SineAndCosine,
+    /// Sums of which each adds a number to the one before: the terms of a long sum.
+    RunningSum,
 }
 
 #[derive(Clone, Debug)]
@@ -167,6 +195,7 @@ impl Single {
                 registers[target + 1] = cosine;
                 sine
             }
+            Work::RunningSum => operands[0] + operands[1],
         };
     }
 }
@@ -176,6 +205,7 @@ impl Run {
     fn singles(&self, operands: &[u32]) -> Option<Vec<Single>> {
         let arity = match self.work {
             Work::One(operation) => operation.arity(),
+            Work::RunningSum => 2,
             Work::SineAndCosine if self.count == 1 => 1,
             // All sines come before the first cosine.
             Work::SineAndCosine => return None,
@@ -187,6 +217,16 @@ impl Run {
 
     #[inline]
     fn evaluate<T: Elementary>(&self, registers: &mut [T], operands: &[u32]) {
+        if self.work == Work::RunningSum {
+            let pairs = &operands.as_chunks::<2>().0[..self.count];
+            let Some(&[first, _]) = pairs.first() else { return };
+            let mut sum = registers[first as usize];
+            for (place, &[_, term]) in (self.target..).zip(pairs) {
+                sum += registers[term as usize];
+                registers[place] = sum;
+            }
+            return;
+        }
         // What a run reads was written before: it lies in front of what it writes.
         let (known, new) = registers.split_at_mut(self.target);
         let operation = match self.work {
@@ -198,15 +238,16 @@ impl Run {
                 }
                 return;
             }
+            Work::RunningSum => return,
         };
         let new = &mut new[..self.count];
         match operation {
             Operation::Negate => unary(known, new, operands, |x| -x),
-            Operation::Add => binary(known, new, operands, |x, y| x + y),
-            Operation::Subtract => binary(known, new, operands, |x, y| x - y),
-            Operation::Multiply => binary(known, new, operands, |x, y| x * y),
-            Operation::Divide => binary(known, new, operands, |x, y| x / y),
-            Operation::Scale => binary(known, new, operands, scale),
+            Operation::Add => self.binary(known, new, operands, |x, y| x + y),
+            Operation::Subtract => self.binary(known, new, operands, |x, y| x - y),
+            Operation::Multiply => self.binary(known, new, operands, |x, y| x * y),
+            Operation::Divide => self.binary(known, new, operands, |x, y| x / y),
+            Operation::Scale => self.binary(known, new, operands, scale),
             Operation::Call(Function::Sin) => unary(known, new, operands, T::sine),
             Operation::Call(Function::Cos) => unary(known, new, operands, T::cosine),
             Operation::Call(Function::Exp) => unary(known, new, operands, T::exponential),
@@ -215,6 +256,28 @@ impl Run {
                 2 => binary(known, new, operands, |x, y| other.of([x, y, y])),
                 _ => ternary(known, new, operands, |x, y, z| other.of([x, y, z])),
             },
+        }
+    }
+}
+
+impl Run {
+    #[inline(always)]
+    fn binary<T: Copy>(&self, known: &[T], new: &mut [T], operands: &[u32], of: impl Fn(T, T) -> T) {
+        match self.places {
+            [Places::Row(x), Places::Row(y)] => {
+                for ((new, &x), &y) in new.iter_mut().zip(&known[x..]).zip(&known[y..]) {
+                    *new = of(x, y);
+                }
+            }
+            [Places::Row(x), Places::One(y)] => {
+                let y = known[y];
+                new.iter_mut().zip(&known[x..]).for_each(|(new, &x)| *new = of(x, y));
+            }
+            [Places::One(x), Places::Row(y)] => {
+                let x = known[x];
+                new.iter_mut().zip(&known[y..]).for_each(|(new, &y)| *new = of(x, y));
+            }
+            _ => binary(known, new, operands, of),
         }
     }
 }
@@ -386,6 +449,14 @@ impl<'a, T: Elementary> Assembly<'a, T> {
                 entries: first.1..self.program.entries.len(),
             });
         }
+        for run in &mut self.program.runs {
+            if let Work::One(operation) = run.work
+                && operation.arity() == 2
+            {
+                let read = self.program.operands[run.operands..][..2 * run.count].iter().copied();
+                run.places = [Places::of(read.clone().step_by(2)), Places::of(read.skip(1).step_by(2))];
+            }
+        }
         let longest = schedule.windows.iter().map(Vec::len).max().unwrap_or(0);
         self.program.registers = lasting as usize + longest;
         self.program.singles = self.singles().unwrap_or_default();
@@ -476,11 +547,22 @@ impl<'a, T: Elementary> Assembly<'a, T> {
                 Some(run) if run.work == Work::One(operation) && (latest as usize) < run.target => {
                     run.count += 1
                 }
+                // The next term of a sum: it adds to what was computed last.
+                Some(run)
+                    if operation == Operation::Add
+                        && self.program.operands[start] + 1 == target
+                        && (run.work == Work::RunningSum
+                            || run.work == Work::One(Operation::Add) && run.count == 1) =>
+                {
+                    run.work = Work::RunningSum;
+                    run.count += 1;
+                }
                 _ => self.program.runs.push(Run {
                     work: Work::One(operation),
                     target: target as usize,
                     count: 1,
                     operands: start,
+                    places: [Places::Scattered; 2],
                 }),
             }
             self.passing[value.0 as usize] = target;

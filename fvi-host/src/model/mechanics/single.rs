@@ -1,0 +1,132 @@
+//! A system of one coordinate, its numbers in place.
+
+use super::{Model, moment};
+use crate::language::expression::Elementary;
+use crate::model::space::Matrix;
+use crate::scenario::Scenario;
+use fvi_core::{Block, Coefficients, Fixed, Instant, MatrixError, Mechanics, NodalRule, Real};
+use nalgebra::SVector;
+
+/// M, U and F of a scenario with one coordinate.
+///
+/// The numbers are those of the [`Model`] that it is made from, which serves what is compiled from expressions.
+#[derive(Clone, Debug)]
+pub struct SingleModel<T> {
+    model: Model<T>,
+    mass: Coefficients<T, 1>,
+    inverse_mass: T,
+    /// k of the quadratic part ½ k q² + b q of the potential, and b.
+    quadratic: T,
+    linear: T,
+    /// The part of the stiffness that never changes.
+    constant: T,
+    is_linear: bool,
+}
+
+/// The entry of a 1×1 matrix.
+fn entry<T: Real>(matrix: &Matrix<T>) -> T {
+    let mut product = [T::zero()];
+    matrix.multiply_add(T::one(), &[T::one()], &mut product);
+    product[0]
+}
+
+impl<T: Elementary> SingleModel<T> {
+    /// Whether a scenario is such a system, of expressions alone.
+    pub fn serves(scenario: &Scenario) -> bool {
+        let system = &scenario.system;
+        scenario.coordinates() == 1 && system.own_terms.is_none() && !system.is_large()
+    }
+
+    /// Compiles the system of a scenario that it [`serves`](Self::serves).
+    ///
+    /// # Errors
+    /// If the mass is not positive in the precision of `T`.
+    pub fn new(scenario: &Scenario) -> Result<Self, MatrixError> {
+        let model = Model::<T>::new(scenario)?;
+        let mut inverse_mass = [T::zero()];
+        model.write_velocity(&[T::one()], &mut inverse_mass);
+        Ok(Self {
+            mass: Coefficients::Diagonal([entry(&model.mass)].into()),
+            inverse_mass: inverse_mass[0],
+            quadratic: entry(&model.quadratic),
+            linear: model.linear.iter().fold(T::zero(), |sum, &(_, pull)| sum + pull),
+            constant: model.constant.values.iter().fold(T::zero(), |sum, &value| sum + value),
+            is_linear: model.is_linear(),
+            model,
+        })
+    }
+}
+
+impl<T: Elementary> Mechanics<T, Fixed<1>> for SingleModel<T> {
+    #[inline(always)]
+    fn mass(&self) -> &Coefficients<T, 1> {
+        &self.mass
+    }
+
+    #[inline(always)]
+    fn velocity(&self, momentum: &[T], velocity: &mut [T]) {
+        velocity.iter_mut().zip(momentum).for_each(|(velocity, &p)| *velocity = self.inverse_mass * p);
+    }
+
+    #[inline(always)]
+    fn pull(&mut self, instant: Instant<T>, position: &SVector<T, 1>, pull: &mut [T]) {
+        pull.iter_mut().zip(position).for_each(|(pull, &q)| *pull = self.quadratic * q + self.linear);
+        let Model { potential, force, forced, registers, pushed, .. } = &mut self.model;
+        let position = position.as_slice();
+        if !self.is_linear
+            && let Some(potential) = potential
+        {
+            potential.add_rest_gradient(position, registers, pull);
+        }
+        if *forced {
+            force.value(moment(instant), position, registers, pushed);
+            pull.iter_mut().zip(pushed).for_each(|(pull, force)| *pull -= *force);
+        }
+    }
+
+    // Linear systems look at it once: not worth its place in every caller.
+    #[inline]
+    fn linearise(
+        &mut self,
+        instant: Instant<T>,
+        position: &SVector<T, 1>,
+        pull: &mut [T],
+        stiffness: &mut Coefficients<T, 1>,
+    ) {
+        pull.iter_mut().zip(position).for_each(|(pull, &q)| *pull = self.quadratic * q + self.linear);
+        let mut curvature = self.constant;
+        let Model { potential, force, forced, registers, pushed, entries, .. } = &mut self.model;
+        let position = position.as_slice();
+        if let Some(potential) = potential {
+            potential.add_rest_derivatives(position, registers, pull, entries);
+            entries.iter().take(potential.pattern().len()).for_each(|&entry| curvature += entry);
+        }
+        if *forced {
+            force.derivatives(moment(instant), position, registers, pushed, entries);
+            pull.iter_mut().zip(pushed).for_each(|(pull, force)| *pull -= *force);
+            entries.iter().take(force.pattern().len()).for_each(|&entry| curvature -= entry);
+        }
+        *stiffness = Coefficients::Diagonal([curvature].into());
+    }
+
+    #[inline(always)]
+    fn stiffness(&self) -> Coefficients<T, 1> {
+        Coefficients::Diagonal([T::zero()].into())
+    }
+
+    #[inline(always)]
+    fn excess(&mut self, rule: &NodalRule<'_, T>, excess: &mut [T]) -> bool {
+        self.model.rough.as_mut().is_some_and(|rough| rough.excess(rule, excess))
+    }
+
+    #[inline(always)]
+    fn is_linear(&self) -> bool {
+        self.is_linear
+    }
+
+    #[inline(always)]
+    fn energy(&mut self, position: &SVector<T, 1>, momentum: &SVector<T, 1>) -> T {
+        let kinetic = T::of(0.5) * (momentum[0] * (self.inverse_mass * momentum[0]));
+        kinetic + self.model.potential_energy(position.as_slice())
+    }
+}
