@@ -63,27 +63,27 @@
 /*
  Words of a stepper for two coordinates.
  */
-#define FVI_STEPPER_WORDS_2 58
+#define FVI_STEPPER_WORDS_2 59
 
 /*
  Words of a stepper for three coordinates.
  */
-#define FVI_STEPPER_WORDS_3 74
+#define FVI_STEPPER_WORDS_3 77
 
 /*
  Words of a stepper for four coordinates.
  */
-#define FVI_STEPPER_WORDS_4 96
+#define FVI_STEPPER_WORDS_4 99
 
 /*
  Words of a stepper for five coordinates.
  */
-#define FVI_STEPPER_WORDS_5 122
+#define FVI_STEPPER_WORDS_5 124
 
 /*
  Words of a stepper for six coordinates.
  */
-#define FVI_STEPPER_WORDS_6 150
+#define FVI_STEPPER_WORDS_6 154
 
 /*
  What a call returns. Anything but FVI_STATUS_OK means that the call has changed nothing; only a call that sets up an object
@@ -138,6 +138,10 @@ typedef enum FviStatus {
    The Jacobian of the step is singular.
    */
   FVI_STATUS_SINGULAR = 11,
+  /*
+   Saved bytes are cut off, damaged, or the state of another object.
+   */
+  FVI_STATUS_WRONG_STATE = 12,
 } FviStatus;
 
 /*
@@ -493,6 +497,80 @@ enum FviStatus fvi_stepper_init_6(struct FviStepper6 *storage,
                                   struct FviStepper **stepper);
 
 /*
+ Sets up a stepper for one coordinate at t = 0 in `storage` and writes its address to `stepper`; the fractional force acts at
+ κ q_k + (1−κ) q_{k+1}, where the potential does, instead of the end of the step.
+
+ With κ = ½ the momentum is of order 2 too, and with weights of order 1 or 2 every step size is stable. The memory takes a sample a step and none at t = 0.
+ Returns what fvi_stepper_init_1 returns.
+
+ # Safety
+ `storage` and `stepper` must be writable, `system` as its type describes.
+ */
+enum FviStatus fvi_stepper_init_at_node_1(struct FviStepper1 *storage,
+                                          const struct FviSystem *system,
+                                          struct FviStepper **stepper);
+
+/*
+ Sets up a stepper for two coordinates at t = 0 in `storage` and writes its address to `stepper`, damped as with fvi_stepper_init_at_node_1.
+
+ Returns what fvi_stepper_init_1 returns.
+
+ # Safety
+ `storage` and `stepper` must be writable, `system` as its type describes.
+ */
+enum FviStatus fvi_stepper_init_at_node_2(struct FviStepper2 *storage,
+                                          const struct FviSystem *system,
+                                          struct FviStepper **stepper);
+
+/*
+ Sets up a stepper for three coordinates at t = 0 in `storage` and writes its address to `stepper`, damped as with fvi_stepper_init_at_node_1.
+
+ Returns what fvi_stepper_init_1 returns.
+
+ # Safety
+ `storage` and `stepper` must be writable, `system` as its type describes.
+ */
+enum FviStatus fvi_stepper_init_at_node_3(struct FviStepper3 *storage,
+                                          const struct FviSystem *system,
+                                          struct FviStepper **stepper);
+
+/*
+ Sets up a stepper for four coordinates at t = 0 in `storage` and writes its address to `stepper`, damped as with fvi_stepper_init_at_node_1.
+
+ Returns what fvi_stepper_init_1 returns.
+
+ # Safety
+ `storage` and `stepper` must be writable, `system` as its type describes.
+ */
+enum FviStatus fvi_stepper_init_at_node_4(struct FviStepper4 *storage,
+                                          const struct FviSystem *system,
+                                          struct FviStepper **stepper);
+
+/*
+ Sets up a stepper for five coordinates at t = 0 in `storage` and writes its address to `stepper`, damped as with fvi_stepper_init_at_node_1.
+
+ Returns what fvi_stepper_init_1 returns.
+
+ # Safety
+ `storage` and `stepper` must be writable, `system` as its type describes.
+ */
+enum FviStatus fvi_stepper_init_at_node_5(struct FviStepper5 *storage,
+                                          const struct FviSystem *system,
+                                          struct FviStepper **stepper);
+
+/*
+ Sets up a stepper for six coordinates at t = 0 in `storage` and writes its address to `stepper`, damped as with fvi_stepper_init_at_node_1.
+
+ Returns what fvi_stepper_init_1 returns.
+
+ # Safety
+ `storage` and `stepper` must be writable, `system` as its type describes.
+ */
+enum FviStatus fvi_stepper_init_at_node_6(struct FviStepper6 *storage,
+                                          const struct FviSystem *system,
+                                          struct FviStepper **stepper);
+
+/*
  Makes one step with the input u, n numbers held over the step, or NULL for none.
 
  Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_NOT_FINITE, FVI_STATUS_MEMORY_FULL, FVI_STATUS_NOT_CONVERGED
@@ -514,6 +592,146 @@ enum FviStatus fvi_stepper_step(struct FviStepper *stepper,
  `stepper` must come from fvi_stepper_init_n or point to zeroed storage, the others be NULL or writable.
  */
 enum FviStatus fvi_stepper_state(const struct FviStepper *stepper, float *position, float *momentum, uint64_t *steps);
+
+/*
+ Saves an operator: writes what it remembers to `bytes` and the number of bytes to `written`. With a capacity of 0 it only says how many
+ it would take at present; rings take more as they fill.
+
+ The bytes are the same on every machine. Nothing guards against bits that change while they are stored; where that can happen,
+ keep a checksum beside them. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE, or
+ FVI_STATUS_WRONG_SIZE if the capacity is too small; then nothing is written.
+
+ # Safety
+ `operation` must be zeroed or set up, `capacity` bytes and `written` writable.
+ */
+enum FviStatus fvi_operator_save(const struct FviOperator *operation,
+                                 uint8_t *bytes,
+                                 size_t capacity,
+                                 size_t *written);
+
+/*
+ Restores what fvi_operator_save wrote, into an operator that was set up with the same memory and start: it goes on with the same bits.
+ Of the `count` bytes those behind the state are ignored.
+
+ Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE, or FVI_STATUS_WRONG_STATE if the bytes are not the
+ state of such an operator; then it is as it was.
+
+ # Safety
+ `operation` must be zeroed or set up, `count` bytes readable.
+ */
+enum FviStatus fvi_operator_restore(struct FviOperator *operation,
+                                    const uint8_t *bytes,
+                                    size_t count);
+
+/*
+ Saves a stepper for one coordinate: writes step, position, momentum and what its memory holds to `bytes`, and the number of bytes to `written`.
+ With a capacity of 0 it only says how many it would take at present; rings take more as they fill.
+
+ The bytes are the same on every machine. Nothing guards against bits that change while they are stored; where that can happen,
+ keep a checksum beside them. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE, or
+ FVI_STATUS_WRONG_SIZE if the capacity is too small or the stepper has another number of coordinates; then nothing is written.
+
+ # Safety
+ `stepper` must come from fvi_stepper_init_n or fvi_stepper_init_at_node_n or point to zeroed storage, `capacity` bytes and `written` be writable.
+ */
+enum FviStatus fvi_stepper_save_1(const struct FviStepper *stepper,
+                                  uint8_t *bytes,
+                                  size_t capacity,
+                                  size_t *written);
+
+/*
+ Restores what fvi_stepper_save_1 wrote, into a stepper that was set up alike: it goes on with the same bits. System, scheme and
+ damping order are not compared. Of the `count` bytes those behind the state are ignored.
+
+ Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE, FVI_STATUS_WRONG_SIZE if the stepper has another
+ number of coordinates, or FVI_STATUS_WRONG_STATE if the bytes are not the state of such a stepper; then it is as it was.
+
+ # Safety
+ `stepper` must come from fvi_stepper_init_n or fvi_stepper_init_at_node_n or point to zeroed storage, `count` bytes be readable.
+ */
+enum FviStatus fvi_stepper_restore_1(struct FviStepper *stepper,
+                                     const uint8_t *bytes,
+                                     size_t count);
+
+/*
+ Saves a stepper for two coordinates, as fvi_stepper_save_1 does for one.
+
+ # Safety
+ As fvi_stepper_save_1.
+ */
+enum FviStatus fvi_stepper_save_2(const struct FviStepper *stepper, uint8_t *bytes, size_t capacity, size_t *written);
+
+/*
+ Restores what fvi_stepper_save_2 wrote, as fvi_stepper_restore_1 does for one coordinate.
+
+ # Safety
+ As fvi_stepper_restore_1.
+ */
+enum FviStatus fvi_stepper_restore_2(struct FviStepper *stepper, const uint8_t *bytes, size_t count);
+
+/*
+ Saves a stepper for three coordinates, as fvi_stepper_save_1 does for one.
+
+ # Safety
+ As fvi_stepper_save_1.
+ */
+enum FviStatus fvi_stepper_save_3(const struct FviStepper *stepper, uint8_t *bytes, size_t capacity, size_t *written);
+
+/*
+ Restores what fvi_stepper_save_3 wrote, as fvi_stepper_restore_1 does for one coordinate.
+
+ # Safety
+ As fvi_stepper_restore_1.
+ */
+enum FviStatus fvi_stepper_restore_3(struct FviStepper *stepper, const uint8_t *bytes, size_t count);
+
+/*
+ Saves a stepper for four coordinates, as fvi_stepper_save_1 does for one.
+
+ # Safety
+ As fvi_stepper_save_1.
+ */
+enum FviStatus fvi_stepper_save_4(const struct FviStepper *stepper, uint8_t *bytes, size_t capacity, size_t *written);
+
+/*
+ Restores what fvi_stepper_save_4 wrote, as fvi_stepper_restore_1 does for one coordinate.
+
+ # Safety
+ As fvi_stepper_restore_1.
+ */
+enum FviStatus fvi_stepper_restore_4(struct FviStepper *stepper, const uint8_t *bytes, size_t count);
+
+/*
+ Saves a stepper for five coordinates, as fvi_stepper_save_1 does for one.
+
+ # Safety
+ As fvi_stepper_save_1.
+ */
+enum FviStatus fvi_stepper_save_5(const struct FviStepper *stepper, uint8_t *bytes, size_t capacity, size_t *written);
+
+/*
+ Restores what fvi_stepper_save_5 wrote, as fvi_stepper_restore_1 does for one coordinate.
+
+ # Safety
+ As fvi_stepper_restore_1.
+ */
+enum FviStatus fvi_stepper_restore_5(struct FviStepper *stepper, const uint8_t *bytes, size_t count);
+
+/*
+ Saves a stepper for six coordinates, as fvi_stepper_save_1 does for one.
+
+ # Safety
+ As fvi_stepper_save_1.
+ */
+enum FviStatus fvi_stepper_save_6(const struct FviStepper *stepper, uint8_t *bytes, size_t capacity, size_t *written);
+
+/*
+ Restores what fvi_stepper_save_6 wrote, as fvi_stepper_restore_1 does for one coordinate.
+
+ # Safety
+ As fvi_stepper_restore_1.
+ */
+enum FviStatus fvi_stepper_restore_6(struct FviStepper *stepper, const uint8_t *bytes, size_t count);
 
 #ifdef __cplusplus
 }  // extern "C"

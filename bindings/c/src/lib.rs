@@ -8,19 +8,18 @@ mod memory;
 mod operator;
 mod pointer;
 mod ring;
+mod saving;
 mod status;
 mod stepper;
 mod stored;
 mod weights;
 
-pub use memory::{FVI_EXPONENTIAL_SUM, FVI_FULL_MEMORY, FVI_SHORT_MEMORY, FviMemory};
-pub use operator::{
-    FVI_CAPUTO, FVI_CAPUTO_WITH_RISE, FVI_OPERATOR_WORDS, FVI_RIEMANN_LIOUVILLE, FviOperator,
-    fvi_operator_clear, fvi_operator_init, fvi_operator_push,
-};
-pub use status::{FviStatus, fvi_status_text};
+pub use memory::*;
+pub use operator::*;
+pub use saving::*;
+pub use status::*;
 pub use stepper::*;
-pub use weights::fvi_weights_bdf;
+pub use weights::*;
 
 /// Calls a function that does not exist: a program that could panic does not link. No call can, in an optimised build.
 #[panic_handler]

@@ -3,7 +3,8 @@
 use core::mem::take;
 
 use fvi_core::{
-    Direct, ExponentialSum, ExponentialTable, Memory, MemoryError, Overflow, ActsOn, StateError, StateReader, StateWriter,
+    ActsOn, Direct, ExponentialSum, ExponentialTable, Memory, MemoryError, Overflow, StateError, StateReader,
+    StateWriter,
 };
 
 use crate::pointer::{slice, slice_mut};

@@ -27,7 +27,7 @@ pub struct FviOperator {
     pub words: [u64; FVI_OPERATOR_WORDS],
 }
 
-type Operator = FractionalOperator<f32, AnyMemory<1>>;
+pub(crate) type Operator = FractionalOperator<f32, AnyMemory<1>>;
 
 impl Kept for Operator {
     const TAG: u64 = 0x6676_692d_6f70_6572;

@@ -3,7 +3,8 @@
 use core::ffi::{CStr, c_char};
 
 use fvi_core::{
-    DampingError, IntegratorError, Mismatch, MatrixError, MemoryError, OperatorError, ParameterError, StepError,
+    DampingError, IntegratorError, MatrixError, MemoryError, Mismatch, OperatorError, ParameterError,
+    StateError, StepError,
 };
 
 /// What a call returns. Anything but FVI_STATUS_OK means that the call has changed nothing; only a call that sets up an object
@@ -35,12 +36,14 @@ pub enum FviStatus {
     NotConverged = 10,
     /// The Jacobian of the step is singular.
     Singular = 11,
+    /// Saved bytes are cut off, damaged, or the state of another object.
+    WrongState = 12,
 }
 
 /// A short English text for a status; an unknown one has a text as well. Never NULL.
 #[unsafe(no_mangle)]
 pub extern "C" fn fvi_status_text(status: i32) -> *const c_char {
-    const TEXTS: [&CStr; 12] = [
+    const TEXTS: [&CStr; 13] = [
         c"done",
         c"a pointer is NULL",
         c"a pointer is not aligned",
@@ -53,6 +56,7 @@ pub extern "C" fn fvi_status_text(status: i32) -> *const c_char {
         c"the memory is full",
         c"Newton's method did not converge",
         c"the Jacobian is singular",
+        c"the saved state is damaged or belongs to something else",
     ];
     let text = usize::try_from(status).ok().and_then(|status| TEXTS.get(status));
     text.unwrap_or(&c"unknown status").as_ptr()
@@ -130,6 +134,15 @@ impl From<StepError> for FviStatus {
             StepError::SingularJacobian => Self::Singular,
             StepError::Memory(error) => error.into(),
             _ => Self::NotFinite,
+        }
+    }
+}
+
+impl From<StateError> for FviStatus {
+    fn from(error: StateError) -> Self {
+        match error {
+            StateError::NoRoom { .. } => Self::WrongSize,
+            _ => Self::WrongState,
         }
     }
 }

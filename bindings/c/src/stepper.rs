@@ -4,7 +4,7 @@ use core::ffi::c_void;
 
 use fvi_core::{
     Coefficients, DampingTerm, Derivative, Fixed, Force, Galerkin, Instant, Integrator, Kernel, Mass,
-    Potential, System,
+    NodeGalerkin, Potential, Scheme, System,
 };
 use nalgebra::{SMatrix, SVector};
 
@@ -17,15 +17,15 @@ use crate::stored::{Kept, keep, kept, words};
 /// Words of a stepper for one coordinate.
 pub const FVI_STEPPER_WORDS_1: usize = 46;
 /// Words of a stepper for two coordinates.
-pub const FVI_STEPPER_WORDS_2: usize = 58;
+pub const FVI_STEPPER_WORDS_2: usize = 59;
 /// Words of a stepper for three coordinates.
-pub const FVI_STEPPER_WORDS_3: usize = 74;
+pub const FVI_STEPPER_WORDS_3: usize = 77;
 /// Words of a stepper for four coordinates.
-pub const FVI_STEPPER_WORDS_4: usize = 96;
+pub const FVI_STEPPER_WORDS_4: usize = 99;
 /// Words of a stepper for five coordinates.
-pub const FVI_STEPPER_WORDS_5: usize = 122;
+pub const FVI_STEPPER_WORDS_5: usize = 124;
 /// Words of a stepper for six coordinates.
-pub const FVI_STEPPER_WORDS_6: usize = 150;
+pub const FVI_STEPPER_WORDS_6: usize = 154;
 
 /// Writes ∇U(q), n numbers, to `gradient`.
 pub type FviGradient =
@@ -129,7 +129,7 @@ pub struct FviStepper6 {
 
 /// Potential and force of the caller.
 #[derive(Clone, Copy, Debug)]
-struct Callbacks {
+pub(crate) struct Callbacks {
     gradient: unsafe extern "C" fn(*mut c_void, *const f32, *mut f32),
     hessian: unsafe extern "C" fn(*mut c_void, *const f32, *mut f32),
     force: FviForce,
@@ -172,33 +172,41 @@ impl<const N: usize> Force<f32, N> for Callbacks {
     }
 }
 
-type Stepper<const N: usize> = Integrator<
+pub(crate) type Stepper<const N: usize, S> = Integrator<
     f32,
     Fixed<N>,
     System<f32, N, Callbacks, Callbacks>,
-    Galerkin<f32, 1, 1>,
+    S,
     DampingTerm<f32, Fixed<N>, AnyMemory<N>>,
 >;
 
+/// The low-order scheme, damped at the main nodes.
+pub(crate) type AtMainNodes = Galerkin<f32, 1, 1>;
+
+/// The same, damped at its node.
+pub(crate) type AtNode = NodeGalerkin<f32, 1, 1>;
+
 /// What there is to call, whatever the number of coordinates: so a program links only the steppers that it sets up.
 #[derive(Clone, Copy)]
-struct Calls {
+pub(crate) struct Calls {
+    /// Number of coordinates, negative where the damping is at the node.
+    pub(crate) kind: i32,
     step: unsafe fn(*mut u64, *const f32) -> Result<(), FviStatus>,
     state: unsafe fn(*mut u64, *mut f32, *mut f32, *mut u64) -> Result<(), FviStatus>,
 }
 
 /// A stepper as it lies in its storage. It begins with the calls, so that they can be found without knowing N.
 #[repr(C)]
-struct Machine<const N: usize> {
+pub(crate) struct Machine<const N: usize, S: Scheme<f32, Fixed<N>>> {
     calls: Calls,
-    stepper: Stepper<N>,
+    pub(crate) stepper: Stepper<N, S>,
 }
 
 impl Kept for Calls {
     const TAG: u64 = 0x6676_692d_7374_6570;
 }
 
-impl<const N: usize> Kept for Machine<N> {
+impl<const N: usize, S: Scheme<f32, Fixed<N>>> Kept for Machine<N, S> {
     const TAG: u64 = Calls::TAG;
 }
 
@@ -225,11 +233,13 @@ unsafe fn vector<const N: usize>(numbers: *const f32) -> Result<SVector<f32, N>,
 }
 
 /// # Safety
-/// `storage` must hold the words of `Machine<N>`, `stepper` be writable, `system` as its type describes.
-unsafe fn init<const N: usize>(
+/// `storage` must hold the words of `Machine<N, S>`, `stepper` be writable, `system` as its type describes.
+unsafe fn init<const N: usize, S: Scheme<f32, Fixed<N>>>(
+    kind: i32,
     storage: *mut u64,
     system: *const FviSystem,
     stepper: *mut *mut FviStepper,
+    scheme: impl FnOnce(AtMainNodes) -> S,
 ) -> Result<(), FviStatus> {
     check(storage)?;
     check(stepper)?;
@@ -248,7 +258,7 @@ unsafe fn init<const N: usize>(
     // SAFETY: promised by the caller.
     let (position, momentum) = unsafe { (vector::<N>(system.position)?, vector::<N>(system.momentum)?) };
     let mass = Mass::new(mass)?;
-    let scheme = Galerkin::low_order(system.kappa)?;
+    let scheme = scheme(Galerkin::low_order(system.kappa)?);
     // SAFETY: promised by the caller.
     let memory = unsafe { AnyMemory::<N>::new(reference(system.memory)?) }?;
     let damping = DampingTerm::new(Kernel::given(f64::from(system.damping_order))?, rho, derivative, memory)?;
@@ -259,7 +269,7 @@ unsafe fn init<const N: usize>(
         .position(position)
         .momentum(momentum)
         .build()?;
-    let calls = Calls { step: step::<N>, state: state::<N> };
+    let calls = Calls { kind, step: step::<N, S>, state: state::<N, S> };
     // SAFETY: the storage has enough words.
     unsafe { keep(storage, Machine { calls, stepper: integrator }) }?;
     // SAFETY: not NULL and aligned; writable as promised.
@@ -269,28 +279,31 @@ unsafe fn init<const N: usize>(
 
 /// # Safety
 /// As [`fvi_stepper_step`].
-unsafe fn step<const N: usize>(storage: *mut u64, input: *const f32) -> Result<(), FviStatus> {
+unsafe fn step<const N: usize, S: Scheme<f32, Fixed<N>>>(
+    storage: *mut u64,
+    input: *const f32,
+) -> Result<(), FviStatus> {
     let input = if input.is_null() {
         SVector::zeros()
     } else {
         // SAFETY: promised by the caller.
         unsafe { vector::<N>(input) }?
     };
-    // SAFETY: the calls lead here only from a `Machine<N>`.
-    unsafe { kept::<Machine<N>>(storage) }?.stepper.step(&input)?;
+    // SAFETY: the calls lead here only from a `Machine<N, S>`.
+    unsafe { kept::<Machine<N, S>>(storage) }?.stepper.step(&input)?;
     Ok(())
 }
 
 /// # Safety
 /// As [`fvi_stepper_state`].
-unsafe fn state<const N: usize>(
+unsafe fn state<const N: usize, S: Scheme<f32, Fixed<N>>>(
     storage: *mut u64,
     position: *mut f32,
     momentum: *mut f32,
     steps: *mut u64,
 ) -> Result<(), FviStatus> {
-    // SAFETY: the calls lead here only from a `Machine<N>`.
-    let state = unsafe { kept::<Machine<N>>(storage) }?.stepper.state();
+    // SAFETY: the calls lead here only from a `Machine<N, S>`.
+    let state = unsafe { kept::<Machine<N, S>>(storage) }?.stepper.state();
     // Everything is checked before anything is written.
     if !steps.is_null() {
         check(steps)?;
@@ -315,12 +328,18 @@ unsafe fn state<const N: usize>(
 }
 
 const _: () = {
-    assert!(words::<Machine<1>>() <= FVI_STEPPER_WORDS_1);
-    assert!(words::<Machine<2>>() <= FVI_STEPPER_WORDS_2);
-    assert!(words::<Machine<3>>() <= FVI_STEPPER_WORDS_3);
-    assert!(words::<Machine<4>>() <= FVI_STEPPER_WORDS_4);
-    assert!(words::<Machine<5>>() <= FVI_STEPPER_WORDS_5);
-    assert!(words::<Machine<6>>() <= FVI_STEPPER_WORDS_6);
+    assert!(words::<Machine<1, AtMainNodes>>() <= FVI_STEPPER_WORDS_1);
+    assert!(words::<Machine<1, AtNode>>() <= FVI_STEPPER_WORDS_1);
+    assert!(words::<Machine<2, AtMainNodes>>() <= FVI_STEPPER_WORDS_2);
+    assert!(words::<Machine<2, AtNode>>() <= FVI_STEPPER_WORDS_2);
+    assert!(words::<Machine<3, AtMainNodes>>() <= FVI_STEPPER_WORDS_3);
+    assert!(words::<Machine<3, AtNode>>() <= FVI_STEPPER_WORDS_3);
+    assert!(words::<Machine<4, AtMainNodes>>() <= FVI_STEPPER_WORDS_4);
+    assert!(words::<Machine<4, AtNode>>() <= FVI_STEPPER_WORDS_4);
+    assert!(words::<Machine<5, AtMainNodes>>() <= FVI_STEPPER_WORDS_5);
+    assert!(words::<Machine<5, AtNode>>() <= FVI_STEPPER_WORDS_5);
+    assert!(words::<Machine<6, AtMainNodes>>() <= FVI_STEPPER_WORDS_6);
+    assert!(words::<Machine<6, AtNode>>() <= FVI_STEPPER_WORDS_6);
 };
 
 /// Sets up a stepper for one coordinate at t = 0 in `storage` and writes its address to `stepper`.
@@ -337,7 +356,7 @@ pub unsafe extern "C" fn fvi_stepper_init_1(
     stepper: *mut *mut FviStepper,
 ) -> FviStatus {
     // SAFETY: promised by the caller; the words are as many as asserted above.
-    status(unsafe { init::<1>(storage.cast(), system, stepper) })
+    status(unsafe { init::<1, AtMainNodes>(1, storage.cast(), system, stepper, |scheme| scheme) })
 }
 
 /// Sets up a stepper for two coordinates at t = 0 in `storage` and writes its address to `stepper`.
@@ -353,7 +372,7 @@ pub unsafe extern "C" fn fvi_stepper_init_2(
     stepper: *mut *mut FviStepper,
 ) -> FviStatus {
     // SAFETY: promised by the caller; the words are as many as asserted above.
-    status(unsafe { init::<2>(storage.cast(), system, stepper) })
+    status(unsafe { init::<2, AtMainNodes>(2, storage.cast(), system, stepper, |scheme| scheme) })
 }
 
 /// Sets up a stepper for three coordinates at t = 0 in `storage` and writes its address to `stepper`.
@@ -369,7 +388,7 @@ pub unsafe extern "C" fn fvi_stepper_init_3(
     stepper: *mut *mut FviStepper,
 ) -> FviStatus {
     // SAFETY: promised by the caller; the words are as many as asserted above.
-    status(unsafe { init::<3>(storage.cast(), system, stepper) })
+    status(unsafe { init::<3, AtMainNodes>(3, storage.cast(), system, stepper, |scheme| scheme) })
 }
 
 /// Sets up a stepper for four coordinates at t = 0 in `storage` and writes its address to `stepper`.
@@ -385,7 +404,7 @@ pub unsafe extern "C" fn fvi_stepper_init_4(
     stepper: *mut *mut FviStepper,
 ) -> FviStatus {
     // SAFETY: promised by the caller; the words are as many as asserted above.
-    status(unsafe { init::<4>(storage.cast(), system, stepper) })
+    status(unsafe { init::<4, AtMainNodes>(4, storage.cast(), system, stepper, |scheme| scheme) })
 }
 
 /// Sets up a stepper for five coordinates at t = 0 in `storage` and writes its address to `stepper`.
@@ -401,7 +420,7 @@ pub unsafe extern "C" fn fvi_stepper_init_5(
     stepper: *mut *mut FviStepper,
 ) -> FviStatus {
     // SAFETY: promised by the caller; the words are as many as asserted above.
-    status(unsafe { init::<5>(storage.cast(), system, stepper) })
+    status(unsafe { init::<5, AtMainNodes>(5, storage.cast(), system, stepper, |scheme| scheme) })
 }
 
 /// Sets up a stepper for six coordinates at t = 0 in `storage` and writes its address to `stepper`.
@@ -417,7 +436,105 @@ pub unsafe extern "C" fn fvi_stepper_init_6(
     stepper: *mut *mut FviStepper,
 ) -> FviStatus {
     // SAFETY: promised by the caller; the words are as many as asserted above.
-    status(unsafe { init::<6>(storage.cast(), system, stepper) })
+    status(unsafe { init::<6, AtMainNodes>(6, storage.cast(), system, stepper, |scheme| scheme) })
+}
+
+/// Sets up a stepper for one coordinate at t = 0 in `storage` and writes its address to `stepper`; the fractional force acts at
+/// κ q_k + (1−κ) q_{k+1}, where the potential does, instead of the end of the step.
+///
+/// With κ = ½ the momentum is of order 2 too, and with weights of order 1 or 2 every step size is stable. The memory takes a sample a step and none at t = 0.
+/// Returns what fvi_stepper_init_1 returns.
+///
+/// # Safety
+/// `storage` and `stepper` must be writable, `system` as its type describes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_stepper_init_at_node_1(
+    storage: *mut FviStepper1,
+    system: *const FviSystem,
+    stepper: *mut *mut FviStepper,
+) -> FviStatus {
+    // SAFETY: promised by the caller; the words are as many as asserted above.
+    status(unsafe { init::<1, AtNode>(-1, storage.cast(), system, stepper, NodeGalerkin::new) })
+}
+
+/// Sets up a stepper for two coordinates at t = 0 in `storage` and writes its address to `stepper`, damped as with fvi_stepper_init_at_node_1.
+///
+/// Returns what fvi_stepper_init_1 returns.
+///
+/// # Safety
+/// `storage` and `stepper` must be writable, `system` as its type describes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_stepper_init_at_node_2(
+    storage: *mut FviStepper2,
+    system: *const FviSystem,
+    stepper: *mut *mut FviStepper,
+) -> FviStatus {
+    // SAFETY: promised by the caller; the words are as many as asserted above.
+    status(unsafe { init::<2, AtNode>(-2, storage.cast(), system, stepper, NodeGalerkin::new) })
+}
+
+/// Sets up a stepper for three coordinates at t = 0 in `storage` and writes its address to `stepper`, damped as with fvi_stepper_init_at_node_1.
+///
+/// Returns what fvi_stepper_init_1 returns.
+///
+/// # Safety
+/// `storage` and `stepper` must be writable, `system` as its type describes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_stepper_init_at_node_3(
+    storage: *mut FviStepper3,
+    system: *const FviSystem,
+    stepper: *mut *mut FviStepper,
+) -> FviStatus {
+    // SAFETY: promised by the caller; the words are as many as asserted above.
+    status(unsafe { init::<3, AtNode>(-3, storage.cast(), system, stepper, NodeGalerkin::new) })
+}
+
+/// Sets up a stepper for four coordinates at t = 0 in `storage` and writes its address to `stepper`, damped as with fvi_stepper_init_at_node_1.
+///
+/// Returns what fvi_stepper_init_1 returns.
+///
+/// # Safety
+/// `storage` and `stepper` must be writable, `system` as its type describes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_stepper_init_at_node_4(
+    storage: *mut FviStepper4,
+    system: *const FviSystem,
+    stepper: *mut *mut FviStepper,
+) -> FviStatus {
+    // SAFETY: promised by the caller; the words are as many as asserted above.
+    status(unsafe { init::<4, AtNode>(-4, storage.cast(), system, stepper, NodeGalerkin::new) })
+}
+
+/// Sets up a stepper for five coordinates at t = 0 in `storage` and writes its address to `stepper`, damped as with fvi_stepper_init_at_node_1.
+///
+/// Returns what fvi_stepper_init_1 returns.
+///
+/// # Safety
+/// `storage` and `stepper` must be writable, `system` as its type describes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_stepper_init_at_node_5(
+    storage: *mut FviStepper5,
+    system: *const FviSystem,
+    stepper: *mut *mut FviStepper,
+) -> FviStatus {
+    // SAFETY: promised by the caller; the words are as many as asserted above.
+    status(unsafe { init::<5, AtNode>(-5, storage.cast(), system, stepper, NodeGalerkin::new) })
+}
+
+/// Sets up a stepper for six coordinates at t = 0 in `storage` and writes its address to `stepper`, damped as with fvi_stepper_init_at_node_1.
+///
+/// Returns what fvi_stepper_init_1 returns.
+///
+/// # Safety
+/// `storage` and `stepper` must be writable, `system` as its type describes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_stepper_init_at_node_6(
+    storage: *mut FviStepper6,
+    system: *const FviSystem,
+    stepper: *mut *mut FviStepper,
+) -> FviStatus {
+    // SAFETY: promised by the caller; the words are as many as asserted above.
+    status(unsafe { init::<6, AtNode>(-6, storage.cast(), system, stepper, NodeGalerkin::new) })
 }
 
 /// Makes one step with the input u, n numbers held over the step, or NULL for none.

@@ -54,11 +54,7 @@ fn generator(order: u32, exponent: f64, step_size: f64) -> Result<ConvolutionWei
 
 /// # Safety
 /// `weights` must be writable for `count` numbers.
-unsafe fn fill(
-    mut generator: ConvolutionWeights,
-    weights: *mut f32,
-    count: usize,
-) -> Result<(), FviStatus> {
+unsafe fn fill(mut generator: ConvolutionWeights, weights: *mut f32, count: usize) -> Result<(), FviStatus> {
     // SAFETY: writable as promised; numbers may hold anything, they are written only.
     generator.fill(unsafe { slice_mut(weights, count) }?);
     Ok(())

@@ -10,7 +10,7 @@
 #define MAKE_DEFINED(place, count) ((void)0)
 #endif
 
-enum { CAPACITY = 40, STATUSES = 12 };
+enum { CAPACITY = 40, STATUSES = 13 };
 
 static void (*tell)(const char *text);
 static int failures;
@@ -331,6 +331,17 @@ static int init(int n, const FviSystem *system, FviStepper **stepper) {
     }
 }
 
+static int init_at_node(int n, const FviSystem *system, FviStepper **stepper) {
+    switch (n) {
+    case 1: return fvi_stepper_init_at_node_1(&storage.one, system, stepper);
+    case 2: return fvi_stepper_init_at_node_2(&storage.two, system, stepper);
+    case 3: return fvi_stepper_init_at_node_3(&storage.three, system, stepper);
+    case 4: return fvi_stepper_init_at_node_4(&storage.four, system, stepper);
+    case 5: return fvi_stepper_init_at_node_5(&storage.five, system, stepper);
+    default: return fvi_stepper_init_at_node_6(&storage.six, system, stepper);
+    }
+}
+
 static float history[6 * CAPACITY];
 
 typedef struct {
@@ -365,6 +376,34 @@ static void describe(Plant *plant, int n) {
         .force = push_until_one,
         .context = &plant->springs,
     };
+}
+
+/* Damped at its node the memory takes no sample at t = 0: one step more fits. */
+static void check_trajectories_at_the_node(void) {
+    static float alone[CAPACITY + 1];
+    for (int n = 1; n <= 6; ++n) {
+        Plant plant;
+        FviStepper *stepper = NULL;
+        float q[6], p[6];
+        uint64_t steps = 0;
+        describe(&plant, n);
+        expect("init at the node", init_at_node(n, &plant.system, &stepper), FVI_STATUS_OK);
+        for (int k = 1; k <= CAPACITY; ++k) {
+            expect("step", fvi_stepper_step(stepper, NULL), FVI_STATUS_OK);
+            expect("state", fvi_stepper_state(stepper, q, p, &steps), FVI_STATUS_OK);
+            if (n == 1) {
+                alone[k] = q[0];
+            }
+            for (int i = 0; i < n; ++i) {
+                expect_that("uncoupled coordinates move as if alone", q[i] == alone[k]);
+                note(q[i]);
+                note(p[i]);
+            }
+        }
+        expect_that("steps are counted", steps == CAPACITY);
+        expect("full", fvi_stepper_step(stepper, NULL), FVI_STATUS_MEMORY_FULL);
+    }
+    expect_that("damped", -0.6f < alone[CAPACITY] && alone[CAPACITY] < 0.6f);
 }
 
 static void check_trajectories(void) {
@@ -471,6 +510,130 @@ static void check_failed_steps(void) {
     note(q);
 }
 
+/* --- Restarts ----------------------------------------------------------------------------------------------------------- */
+
+static int save(int n, const FviStepper *stepper, uint8_t *bytes, size_t capacity, size_t *written) {
+    switch (n) {
+    case 1: return fvi_stepper_save_1(stepper, bytes, capacity, written);
+    case 2: return fvi_stepper_save_2(stepper, bytes, capacity, written);
+    case 3: return fvi_stepper_save_3(stepper, bytes, capacity, written);
+    case 4: return fvi_stepper_save_4(stepper, bytes, capacity, written);
+    case 5: return fvi_stepper_save_5(stepper, bytes, capacity, written);
+    default: return fvi_stepper_save_6(stepper, bytes, capacity, written);
+    }
+}
+
+static int restore(int n, FviStepper *stepper, const uint8_t *bytes, size_t count) {
+    switch (n) {
+    case 1: return fvi_stepper_restore_1(stepper, bytes, count);
+    case 2: return fvi_stepper_restore_2(stepper, bytes, count);
+    case 3: return fvi_stepper_restore_3(stepper, bytes, count);
+    case 4: return fvi_stepper_restore_4(stepper, bytes, count);
+    case 5: return fvi_stepper_restore_5(stepper, bytes, count);
+    default: return fvi_stepper_restore_6(stepper, bytes, count);
+    }
+}
+
+static uint8_t saved[2048];
+
+/* A stepper that is set up anew and takes over the saved state makes the steps that the first one made. */
+static void check_restarts(void) {
+    for (int n = -6; n <= 6; ++n) {
+        if (n == 0) {
+            continue;
+        }
+        int count = n < 0 ? -n : n;
+        Plant plant;
+        FviStepper *stepper = NULL;
+        float expected[6], q[6], p[6];
+        uint64_t steps = 0;
+        size_t needed = 0, written = 0;
+        Copy before;
+        describe(&plant, count);
+        expect("init", n < 0 ? init_at_node(count, &plant.system, &stepper) : init(count, &plant.system, &stepper), FVI_STATUS_OK);
+        for (int k = 0; k < 10; ++k) {
+            expect("step", fvi_stepper_step(stepper, NULL), FVI_STATUS_OK);
+        }
+        expect("size of the state", save(count, stepper, NULL, 0, &needed), FVI_STATUS_OK);
+        expect_that("the state fits", needed <= sizeof saved);
+        written = 7;
+        take(&before, saved, sizeof saved);
+        expect("no room", save(count, stepper, saved, needed - 1, &written), FVI_STATUS_WRONG_SIZE);
+        expect("saved with another number of coordinates", save(count % 6 + 1, stepper, saved, sizeof saved, &written), FVI_STATUS_WRONG_SIZE);
+        expect("nowhere to save to", save(count, stepper, NULL, needed, &written), FVI_STATUS_NULL);
+        expect_that("no count", written == 7);
+        expect_unchanged("saved bytes", &before);
+        expect("save", save(count, stepper, saved, sizeof saved, &written), FVI_STATUS_OK);
+        expect_that("as many bytes as it said", written == needed);
+        for (int k = 0; k < 10; ++k) {
+            expect("step", fvi_stepper_step(stepper, NULL), FVI_STATUS_OK);
+        }
+        expect("state", fvi_stepper_state(stepper, expected, NULL, NULL), FVI_STATUS_OK);
+        for (size_t i = 0; i < sizeof storage; ++i) {
+            ((unsigned char *)&storage)[i] = 0;
+        }
+        for (int i = 0; i < 6 * CAPACITY; ++i) {
+            history[i] = 0.0f;
+        }
+        expect("restored before it is set up", restore(count, (FviStepper *)&storage, saved, written), FVI_STATUS_NOT_INITIALISED);
+        describe(&plant, count);
+        expect("init", n < 0 ? init_at_node(count, &plant.system, &stepper) : init(count, &plant.system, &stepper), FVI_STATUS_OK);
+        take(&before, &storage, sizeof storage);
+        expect("a state cut off", restore(count, stepper, saved, written - 1), FVI_STATUS_WRONG_STATE);
+        expect("restored with another number of coordinates", restore(count % 6 + 1, stepper, saved, written), FVI_STATUS_WRONG_SIZE);
+        saved[0] = (uint8_t)(saved[0] ^ 1u);
+        expect("a state with a wrong beginning", restore(count, stepper, saved, written), FVI_STATUS_WRONG_STATE);
+        saved[0] = (uint8_t)(saved[0] ^ 1u);
+        expect_unchanged("stepper", &before);
+        expect("restore", restore(count, stepper, saved, sizeof saved), FVI_STATUS_OK);
+        for (int k = 0; k < 10; ++k) {
+            expect("step", fvi_stepper_step(stepper, NULL), FVI_STATUS_OK);
+        }
+        expect("state", fvi_stepper_state(stepper, q, p, &steps), FVI_STATUS_OK);
+        expect_that("steps go on", steps == 20);
+        for (int i = 0; i < count; ++i) {
+            expect_that("the same bits after a restart", q[i] == expected[i]);
+            note(p[i]);
+        }
+    }
+}
+
+static void check_restarted_operators(void) {
+    static float numbers[FVI_EXPONENTIAL_NUMBERS(FVI_HEAD, FVI_EXPONENTIALS, 1)];
+    for (int kind = 0; kind < 2; ++kind) {
+        FviMemory memory = ring(FVI_FULL_MEMORY, samples, CAPACITY);
+        if (kind) {
+            memory = (FviMemory){0};
+            memory.kind = FVI_EXPONENTIAL_SUM;
+            memory.scale = 1.0f;
+            memory.weights = fvi_head;
+            memory.weight_count = FVI_HEAD;
+            memory.exponentials = fvi_exponentials;
+            memory.exponential_count = FVI_EXPONENTIALS;
+            memory.slow_blocks = FVI_SLOW_BLOCKS;
+            memory.horizon = FVI_HORIZON;
+            memory.buffer = numbers;
+            memory.buffer_count = sizeof numbers / sizeof *numbers;
+        }
+        float expected = 0.0f, result = 0.0f;
+        size_t written = 0;
+        expect("operator", fvi_operator_init(&half_derivative, &memory, FVI_CAPUTO, 0.0f), FVI_STATUS_OK);
+        for (int k = 0; k < 20; ++k) {
+            expect("push", fvi_operator_push(&half_derivative, (float)(k * k % 7), &result), FVI_STATUS_OK);
+        }
+        expect("save", fvi_operator_save(&half_derivative, saved, sizeof saved, &written), FVI_STATUS_OK);
+        expect("push", fvi_operator_push(&half_derivative, 3.0f, &expected), FVI_STATUS_OK);
+        expect("operator", fvi_operator_init(&half_derivative, &memory, FVI_CAPUTO, 0.0f), FVI_STATUS_OK);
+        expect("a state cut off", fvi_operator_restore(&half_derivative, saved, written - 4), FVI_STATUS_WRONG_STATE);
+        expect("restore", fvi_operator_restore(&half_derivative, saved, written), FVI_STATUS_OK);
+        expect("push", fvi_operator_push(&half_derivative, 3.0f, &result), FVI_STATUS_OK);
+        expect_that("the same bits after a restart", result == expected);
+        expect("operator", fvi_operator_init(&half_derivative, &memory, FVI_RIEMANN_LIOUVILLE, 0.0f), FVI_STATUS_OK);
+        expect("another start", fvi_operator_restore(&half_derivative, saved, written), FVI_STATUS_WRONG_STATE);
+        note(result);
+    }
+}
+
 static void tell_hash(void) {
     char text[] = "results 00000000\n";
     for (int digit = 0; digit < 8; ++digit) {
@@ -487,8 +650,11 @@ int check_interface(void (*say)(const char *text)) {
     check_table();
     check_increments();
     check_trajectories();
+    check_trajectories_at_the_node();
     check_bad_steppers();
     check_failed_steps();
+    check_restarts();
+    check_restarted_operators();
     for (int status = 0; status < STATUSES; ++status) {
         if (!reached[status]) {
             fail(fvi_status_text(status), "never returned");

@@ -11,7 +11,7 @@
 #include "fvi.h"
 #include "half_derivative.h"
 
-enum { OPERATORS = 3, STEPPERS = 3, CAPACITY = 12, MOST = 6, STATUSES = 12, CALLS = 6 };
+enum { OPERATORS = 3, STEPPERS = 3, CAPACITY = 12, MOST = 6, STATUSES = 13, CALLS = 8 };
 enum { NUMBERS = FVI_EXPONENTIAL_NUMBERS(FVI_HEAD, FVI_EXPONENTIALS, MOST) };
 
 /* Everything a call may write to, so that one comparison sees every change. */
@@ -30,9 +30,12 @@ static struct {
     FviStepper *address;
     float weights[CAPACITY + 1], result, position[MOST], momentum[MOST];
     uint64_t steps;
+    uint8_t saved[2][2048];
+    size_t written[2];
 } world, before;
 
-static const char *const names[CALLS] = {"weights", "operator init", "operator push", "operator clear", "stepper init", "stepper step and state"};
+static const char *const names[CALLS] = {"weights", "operator init", "operator push", "operator clear", "stepper init", "stepper step and state",
+    "operator save and restore", "stepper save and restore"};
 static unsigned long reached[CALLS][STATUSES], made;
 static uint64_t seed;
 
@@ -220,6 +223,23 @@ static void force(void *context, float time, const float *position, float *resul
     }
 }
 
+#define INIT(name) \
+    static int name(void *storage, const FviSystem *system, FviStepper **stepper) { \
+        return fvi_stepper_##name(storage, system, stepper); \
+    }
+INIT(init_1)
+INIT(init_2)
+INIT(init_3)
+INIT(init_4)
+INIT(init_5)
+INIT(init_6)
+INIT(init_at_node_1)
+INIT(init_at_node_2)
+INIT(init_at_node_3)
+INIT(init_at_node_4)
+INIT(init_at_node_5)
+INIT(init_at_node_6)
+
 static void init_stepper(void) {
     uint32_t index = below(STEPPERS);
     int n = 1 + (int)below(MOST);
@@ -258,15 +278,11 @@ static void init_stepper(void) {
     FviStepper **address = pointer(&world.address);
     remember();
     may_empty(&drawn, world.stepper_buffers[index], sizeof world.stepper_buffers[index]);
-    int status;
-    switch (n) {
-    case 1: status = fvi_stepper_init_1(storage, passed, address); break;
-    case 2: status = fvi_stepper_init_2(storage, passed, address); break;
-    case 3: status = fvi_stepper_init_3(storage, passed, address); break;
-    case 4: status = fvi_stepper_init_4(storage, passed, address); break;
-    case 5: status = fvi_stepper_init_5(storage, passed, address); break;
-    default: status = fvi_stepper_init_6(storage, passed, address); break;
-    }
+    static int (*const inits[2][MOST])(void *, const FviSystem *, FviStepper **) = {
+        {init_1, init_2, init_3, init_4, init_5, init_6},
+        {init_at_node_1, init_at_node_2, init_at_node_3, init_at_node_4, init_at_node_5, init_at_node_6},
+    };
+    int status = inits[below(2)][n - 1](storage, passed, address);
     if (is_done(4, status)) {
         in_use[index] = !in_use[index];
         if ((void *)world.address != storage) {
@@ -291,6 +307,36 @@ static void step(void) {
     }
 }
 
+static size_t capacity(void) {
+    return below(4) == 0 ? below(300) : rarely() ? SIZE_MAX : sizeof world.saved[0];
+}
+
+/* A state is restored as it was saved, or cut off; to the same object or to any other, which refuses what is not its own. */
+static size_t kept(size_t written) {
+    return below(8) == 0 ? below((uint32_t)written + 1) : written;
+}
+
+static void save_and_restore_operator(void) {
+    remember();
+    is_done(6, fvi_operator_save(pointer(&world.operators[below(OPERATORS)]), pointer(world.saved[0]), capacity(), pointer(&world.written[0])));
+    remember();
+    is_done(6, fvi_operator_restore(pointer(&world.operators[below(OPERATORS)]), pointer(world.saved[0]), kept(world.written[0])));
+}
+
+static void save_and_restore_stepper(void) {
+    static FviStatus (*const saves[MOST])(const FviStepper *, uint8_t *, size_t, size_t *) = {
+        fvi_stepper_save_1, fvi_stepper_save_2, fvi_stepper_save_3, fvi_stepper_save_4, fvi_stepper_save_5, fvi_stepper_save_6};
+    static FviStatus (*const restores[MOST])(FviStepper *, const uint8_t *, size_t) = {fvi_stepper_restore_1,
+        fvi_stepper_restore_2, fvi_stepper_restore_3, fvi_stepper_restore_4, fvi_stepper_restore_5, fvi_stepper_restore_6};
+    uint32_t from = below(STEPPERS), to = below(2) ? from : below(STEPPERS);
+    int n = springs[from][in_use[from]].coordinates - 1;
+    n = n < 0 || rarely() ? (int)below(MOST) : n;
+    remember();
+    is_done(7, saves[n](pointer(&world.steppers[from]), pointer(world.saved[1]), capacity(), pointer(&world.written[1])));
+    remember();
+    is_done(7, restores[rarely() ? (int)below(MOST) : n](pointer(&world.steppers[to]), pointer(world.saved[1]), kept(world.written[1])));
+}
+
 int main(int count, char **arguments) {
     unsigned long calls = count > 1 ? strtoul(arguments[1], NULL, 10) : 20000;
     seed = count > 2 ? strtoull(arguments[2], NULL, 10) : 1;
@@ -299,12 +345,14 @@ int main(int count, char **arguments) {
         kernel[i] = i == 0 ? 2.0f : -1.0f / (float)(i * i);
     }
     while (made < calls) {
-        switch (below(16)) {
+        switch (below(19)) {
         case 0: make_weights(); break;
         case 1: init_operator(); break;
         case 2: clear(); break;
         case 3: init_stepper(); break;
         case 4: case 5: case 6: case 7: case 8: push(); break;
+        case 9: save_and_restore_operator(); break;
+        case 10: case 11: save_and_restore_stepper(); break;
         default: step(); break;
         }
     }

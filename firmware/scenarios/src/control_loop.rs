@@ -12,7 +12,8 @@ use core::fmt;
 
 use fvi_core::{
     Coefficients, DampingTerm, Derivative, ExponentialSum, ExponentialTable, Fixed, FractionalOperator,
-    Galerkin, Integrator, Kernel, Mass, NoForce, Quadratic, Start, System,
+    Galerkin, Integrator, Kernel, Mass, NoForce, Quadratic, Start, StateError, StateReader, StateWriter,
+    System,
 };
 use nalgebra::SVector;
 
@@ -137,5 +138,31 @@ impl ControlLoop {
         }
         self.tick += 1;
         Ok(Tick { error, integral, derivative, input, position, momentum })
+    }
+
+    /// Writes all that the next tick depends on.
+    ///
+    /// # Errors
+    /// If there is no room for it.
+    pub fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        to.count(u64::from(self.tick))?;
+        to.count(u64::from(self.hash))?;
+        self.plant.save(to)?;
+        self.integral.save(to)?;
+        self.derivative.save(to)
+    }
+
+    /// A loop that goes on where the saved one was.
+    ///
+    /// # Errors
+    /// If the bytes are no state of this loop.
+    pub fn restored(from: &mut StateReader<'_>) -> Result<Self, Refusal> {
+        let mut restored = Self::new()?;
+        restored.tick = from.count_up_to("ticks", TICKS as usize)? as u32;
+        restored.hash = from.count_up_to("hash", u32::MAX as usize)? as u32;
+        restored.plant.restore(from)?;
+        restored.integral.restore(from)?;
+        restored.derivative.restore(from)?;
+        Ok(restored)
     }
 }

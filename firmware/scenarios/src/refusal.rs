@@ -2,7 +2,9 @@
 
 use core::fmt;
 
-use fvi_core::{DampingError, IntegratorError, MatrixError, OperatorError, ParameterError, StepError};
+use fvi_core::{
+    DampingError, IntegratorError, MatrixError, OperatorError, ParameterError, StateError, StepError,
+};
 
 /// What refused to go on.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -19,6 +21,8 @@ pub enum Refusal {
     Step(StepError),
     /// A fractional operator.
     Operator(OperatorError),
+    /// A saved state.
+    State(StateError),
     /// The output.
     Output(fmt::Error),
 }
@@ -48,6 +52,7 @@ refusals!(
     Integrator(IntegratorError),
     Step(StepError),
     Operator(OperatorError),
+    State(StateError),
     Output(fmt::Error)
 );
 

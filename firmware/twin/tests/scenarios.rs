@@ -2,7 +2,10 @@
 
 use std::error::Error;
 
-use fvi_core::{BdfOrder, ConvolutionWeights, ExponentialSum, ExponentialTable, Memory};
+use fvi_core::{
+    BdfOrder, ConvolutionWeights, ExponentialSum, ExponentialTable, Memory, StateReader, StateWriter,
+};
+use scenarios::control_loop::ControlLoop;
 use scenarios::pulse;
 use scenarios::tables::{DAMPING, DERIVATIVE, INTEGRAL};
 
@@ -62,4 +65,24 @@ fn tables_give_the_weights_of_their_operators() -> Result<(), Box<dyn Error>> {
     check(0.5, DAMPING)?;
     check(-0.8, INTEGRAL)?;
     check(0.6, DERIVATIVE)
+}
+
+#[test]
+fn a_control_loop_that_is_restored_goes_on_with_the_same_bits() -> Result<(), Box<dyn Error>> {
+    let mut undisturbed = ControlLoop::new()?;
+    for _ in 0..5_000 {
+        undisturbed.tick()?;
+    }
+    let mut bytes = [0; 4096];
+    let mut to = StateWriter::new(&mut bytes);
+    undisturbed.save(&mut to)?;
+    let written = to.written();
+    let mut restored = ControlLoop::restored(&mut StateReader::new(&bytes[..written]))?;
+    assert_eq!(restored.ticks(), 5_000);
+    for _ in 0..5_000 {
+        assert_eq!(restored.tick()?, undisturbed.tick()?);
+    }
+    assert_eq!(restored.hash(), undisturbed.hash());
+    assert!(ControlLoop::restored(&mut StateReader::new(&bytes[..written - 1])).is_err());
+    Ok(())
 }

@@ -9,8 +9,8 @@ use cortex_m_rt::entry;
 use cortex_m_semihosting::hio::HostStream;
 use fvi_core::{
     BdfOrder, Coefficients, Damping, DampingTerm, Derivative, ExponentialSum, Fixed, FixedDirect,
-    FractionalOperator, Galerkin, Integrator, Kernel, Mass, Memory, NoForce, Overflow, Quadratic, Start,
-    System, Tiled, monic_bdf_table_f32,
+    FractionalOperator, Galerkin, Integrator, Kernel, Mass, Memory, NoForce, NodeGalerkin, Overflow,
+    Quadratic, Scheme, Start, System, Tiled, monic_bdf_table_f32,
 };
 use images::instructions::{Counter, Spread};
 use images::stack::used_by;
@@ -105,9 +105,10 @@ impl Bench<'_> {
     }
 
     #[inline(always)]
-    fn stepper<const N: usize, D: Damping<f32, Fixed<N>>>(
+    fn stepper<const N: usize, S: Scheme<f32, Fixed<N>>, D: Damping<f32, Fixed<N>>>(
         &mut self,
         name: &str,
+        scheme: S,
         damping: D,
         fill: usize,
         table: usize,
@@ -117,7 +118,6 @@ impl Bench<'_> {
             potential: Quadratic::diagonal([4.0; N]).map_err(|_| Refused)?,
             force: NoForce,
         };
-        let scheme = Galerkin::low_order(0.5).map_err(|_| Refused)?;
         let (start, rest) = (SVector::repeat(1.0), SVector::zeros());
         let mut integrator = Integrator::builder(system, scheme, 1e-3)
             .damping(damping)
@@ -149,12 +149,15 @@ impl Bench<'_> {
     }
 
     fn coordinates<const N: usize, const STATE: usize>(&mut self) -> Result<(), Refused> {
-        self.stepper::<N, ()>("no damping", (), 20, 0)?;
+        let main = Galerkin::low_order(0.5).map_err(|_| Refused)?;
+        let nodes = NodeGalerkin::new(main);
+        self.stepper::<N, _, ()>("no damping", main, (), 20, 0)?;
         let sum = || ExponentialSum::new(DAMPING, 1.0, N, [0.0; STATE]).map_err(|_| Refused);
         self.memory(format_args!("exponential sum x {N}"), sum()?, PRODUCTS, 20);
-        self.stepper::<N, _>("exponential sum", Self::term(sum()?)?, 20, TABLE_BYTES)?;
+        self.stepper::<N, _, _>("exponential sum", main, Self::term(sum()?)?, 20, TABLE_BYTES)?;
+        self.stepper::<N, _, _>("exponential sum at the node", nodes, Self::term(sum()?)?, 20, TABLE_BYTES)?;
         let ring = FixedDirect::<f32, N, 256>::short_memory(&WEIGHTS[..=256], 31.6).map_err(|_| Refused)?;
-        self.stepper::<N, _>("direct 256", Self::term(ring)?, 300, 4 * 257)
+        self.stepper::<N, _, _>("direct 256", main, Self::term(ring)?, 300, 4 * 257)
     }
 
     fn oustaloup<const S: usize>(&mut self) {
