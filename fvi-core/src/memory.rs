@@ -114,6 +114,11 @@ pub trait Memory<T> {
     /// Bytes of state, tables and buffers, wherever they lie.
     fn bytes(&self) -> usize;
 
+    /// How often work was not done when it was due; `None` for engines that keep no schedule.
+    fn overruns(&self) -> Option<usize> {
+        None
+    }
+
     /// Number of bytes that [`save`](Memory::save) writes at present: what the samples so far left behind,
     /// without the kernel.
     fn state_bytes(&self) -> usize {
@@ -227,6 +232,10 @@ impl<T, M: Memory<T> + ?Sized> Memory<T> for &mut M {
 
     fn bytes(&self) -> usize {
         (**self).bytes()
+    }
+
+    fn overruns(&self) -> Option<usize> {
+        (**self).overruns()
     }
 
     fn state_bytes(&self) -> usize {

@@ -4,12 +4,12 @@ use fvi_core::{
     ActsOn, Memory, MemoryError, ParameterError, StateError, StateReader, StateWriter, check_channels,
 };
 use pulp::Arch;
-use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 
 use crate::cover::Cover;
 use crate::level::{Level, LevelShape, owed};
 use crate::near::Near;
+use crate::plans::Plans;
 use crate::replay;
 use crate::row::CHUNK;
 use crate::scalar::Scalar;
@@ -45,7 +45,7 @@ struct Growth<T: Scalar> {
     source: Box<dyn Weights<T> + Send>,
     /// For each entry of the matrices, row by row, all weights asked for so far.
     planes: Vec<Vec<T>>,
-    planner: FftPlanner<T>,
+    plans: Plans<T>,
 }
 
 /// Kind of the saved state.
@@ -115,7 +115,7 @@ impl<T: Scalar> BlockFft<T> {
             levels: Vec::new(),
             near: Near::new(2 * FIRST_BLOCK, stages, channels, &planes, unit),
             signal: vec![Vec::new(); channels],
-            growth: Some(Growth { source: Box::new(kernel), planes, planner: FftPlanner::new() }),
+            growth: Some(Growth { source: Box::new(kernel), planes, plans: Plans::new() }),
             scratch: Vec::new(),
             unit,
         })
@@ -148,7 +148,7 @@ impl<T: Scalar> BlockFft<T> {
                 reach: 2 * RATIO - 1,
                 outputs: 1,
             };
-            let level = Level::new(&shape, &mut growth.planner, self.unit);
+            let level = Level::new(&shape, &mut growth.plans, self.unit);
             self.scratch.resize(level.scratch().max(self.scratch.len()), Complex::default());
             self.levels.push(level);
         }

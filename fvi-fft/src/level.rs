@@ -4,10 +4,10 @@
 use core::ops::Range;
 
 use pulp::{Arch, Simd, WithSimd};
-use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 
 use crate::cover::Cover;
+use crate::plans::Plans;
 use crate::row::{CHUNK, Row};
 use crate::scalar::Scalar;
 use crate::transform::{PACKET, Packet, Transform};
@@ -56,9 +56,9 @@ pub(crate) struct LevelShape {
 }
 
 impl<T: Scalar> Level<T> {
-    pub(crate) fn new(shape: &LevelShape, planner: &mut FftPlanner<T>, unit: Arch) -> Self {
+    pub(crate) fn new(shape: &LevelShape, plans: &mut Plans<T>, unit: Arch) -> Self {
         let &LevelShape { block, leaf, stages, channels, reach, outputs } = shape;
-        let transform = Transform::new(block, leaf, planner, unit);
+        let transform = Transform::new(block, leaf, plans, unit);
         let packets = transform.packets();
         let slots = reach - 1;
         Self {
@@ -89,12 +89,12 @@ impl<T: Scalar> Level<T> {
         scratch: &mut Vec<Complex<T>>,
         unit: Arch,
     ) -> Vec<Self> {
-        let mut planner = FftPlanner::new();
+        let mut plans = Plans::new();
         let reaches = (0..cover.levels()).map(|index| cover.reach(index, capacity));
         let mut levels = Vec::new();
         for (index, reach) in reaches.enumerate().take_while(|&(_, reach)| reach >= 2) {
             let shape = LevelShape { block: cover.block(index), reach, ..*shape };
-            let mut level = Self::new(&shape, &mut planner, unit);
+            let mut level = Self::new(&shape, &mut plans, unit);
             scratch.resize(level.scratch().max(scratch.len()), Complex::default());
             while level.missing_distance() <= reach {
                 level.add_distance(planes, scratch);

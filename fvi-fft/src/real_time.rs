@@ -269,6 +269,10 @@ impl<T: Scalar> Memory<T> for RealTime<T> {
             + size_of_val(self.scratch.as_slice())
     }
 
+    fn overruns(&self) -> Option<usize> {
+        Some(self.overruns)
+    }
+
     fn state_bytes(&self) -> usize {
         replay::state_bytes(self)
     }

@@ -1,12 +1,11 @@
 //! Transform of one block: half as long as the real data it multiplies, and cut into pieces of bounded cost.
 
 use core::f64::consts::TAU;
-use std::sync::Arc;
 
 use pulp::{Arch, Simd, WithSimd, bytemuck};
 use rustfft::num_complex::Complex;
-use rustfft::{Fft, FftDirection, FftPlanner};
 
+use crate::plans::{Plan, Plans};
 use crate::scalar::Scalar;
 
 /// Complex numbers of a packet.
@@ -47,8 +46,7 @@ pub(crate) struct Transform<T: Scalar> {
     leaf: usize,
     passes: Vec<Vec<[Complex<T>; 3]>>,
     twist: Vec<Complex<T>>,
-    forward: Arc<dyn Fft<T>>,
-    inverse: Arc<dyn Fft<T>>,
+    plan: Plan<T>,
     unit: Arch,
 }
 
@@ -58,7 +56,7 @@ const PIECE: usize = 64;
 impl<T: Scalar> Transform<T> {
     /// Transform for blocks of `block` samples with leaves of at most `leaf` ≥ `PIECE`; both powers of two,
     /// at least 16.
-    pub(crate) fn new(block: usize, leaf: usize, planner: &mut FftPlanner<T>, unit: Arch) -> Self {
+    pub(crate) fn new(block: usize, leaf: usize, plans: &mut Plans<T>, unit: Arch) -> Self {
         let mut size = block;
         let mut passes = Vec::new();
         // The constants of a node are powers of e^{2πi a/(4B)}: a node of size M has c = e^{2πi·aM/(4B)}, the
@@ -74,9 +72,7 @@ impl<T: Scalar> Transform<T> {
         }
         let twist =
             nodes.iter().flat_map(|&a| (0..size).map(move |j| root_of_unity(a * j, 4 * block))).collect();
-        let forward = planner.plan_fft(size, FftDirection::Forward);
-        let inverse = planner.plan_fft(size, FftDirection::Inverse);
-        Self { block, leaf: size, passes, twist, forward, inverse, unit }
+        Self { block, leaf: size, passes, twist, plan: plans.plan(size), unit }
     }
 
     /// Packets of one spectrum.
@@ -86,7 +82,7 @@ impl<T: Scalar> Transform<T> {
 
     /// Complex numbers of scratch that a leaf needs.
     pub(crate) fn scratch(&self) -> usize {
-        self.forward.get_inplace_scratch_len().max(self.inverse.get_inplace_scratch_len())
+        self.plan.forward.get_inplace_scratch_len().max(self.plan.inverse.get_inplace_scratch_len())
     }
 
     /// Bytes of tables.
@@ -174,8 +170,8 @@ impl<T: Scalar> Transform<T> {
                 let packets = range.start / PACKET..range.end / PACKET;
                 let numbers = &mut polynomial[range.clone()];
                 self.unit.dispatch(Twist { numbers, twist: &self.twist[range] });
-                let used = self.forward.get_inplace_scratch_len();
-                self.forward.process_with_scratch(numbers, &mut scratch[..used]);
+                let used = self.plan.forward.get_inplace_scratch_len();
+                self.plan.forward.process_with_scratch(numbers, &mut scratch[..used]);
                 self.unit.dispatch(Separate { numbers, spectrum: &mut spectrum[packets] });
             }
         }
@@ -197,8 +193,8 @@ impl<T: Scalar> Transform<T> {
                 let packets = range.start / PACKET..range.end / PACKET;
                 let numbers = &mut polynomial[range.clone()];
                 self.unit.dispatch(Gather { numbers, spectrum: &spectrum[packets] });
-                let used = self.inverse.get_inplace_scratch_len();
-                self.inverse.process_with_scratch(numbers, &mut scratch[..used]);
+                let used = self.plan.inverse.get_inplace_scratch_len();
+                self.plan.inverse.process_with_scratch(numbers, &mut scratch[..used]);
                 self.unit.dispatch(Untwist { numbers, twist: &self.twist[range] });
                 if self.passes.is_empty() {
                     store(numbers, output);
@@ -432,7 +428,7 @@ mod tests {
         for (block, leaf) in
             [(16, 64), (64, 64), (256, 256), (256, 64), (1024, 256), (1024, 64), (4096, 64), (2048, 512)]
         {
-            let transform = Transform::<f64>::new(block, leaf, &mut FftPlanner::new(), Arch::new());
+            let transform = Transform::<f64>::new(block, leaf, &mut Plans::new(), Arch::new());
             let samples: Vec<f64> = (0..block).map(|j| (0.3 * j as f64 * j as f64).sin()).collect();
             let segment: Vec<f64> =
                 (0..2 * block).map(|j| (0.7 * j as f64 * j as f64).cos() / block as f64).collect();

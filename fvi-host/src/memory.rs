@@ -12,54 +12,19 @@ use fvi_core::{
     ActsOn, BdfOrder, ConvolutionWeights, Direct, ExponentialSum, ExponentialTable, Memory, MemoryError,
     ParameterError, RungeKutta, StateError, StateReader, StateWriter, VariableStepMemory,
 };
-use fvi_fft::{BlockFft, ChunkedExponentialSum, Pacing, RealTime, Scalar, Weights};
+use fvi_fft::{Engines, Weights};
 
 /// A memory engine chosen at run time.
 pub struct HostMemory<T> {
-    memory: Box<dyn Watched<T> + Send>,
+    memory: fvi_fft::Engine<T>,
     engine: Engine,
     acts_on: ActsOn,
-}
-
-/// A memory that can say whether it kept its schedule.
-trait Watched<T>: Memory<T> {
-    /// Blocks that were not done when they were due; `None` for engines without a schedule.
-    fn overruns(&self) -> Option<usize> {
-        None
-    }
-}
-
-impl<T: Scalar> Watched<T> for Direct<T, Vec<T>, Vec<GrowingRing<T>>, GrowingRing<T>> {}
-
-impl<T: Scalar> Watched<T> for BlockFft<T> {}
-
-impl<T: Scalar, const S: usize> Watched<T> for ChunkedExponentialSum<T, S> {}
-
-impl<T: Scalar> Watched<T> for Vectorised<ExponentialSum<T, Aligned<T>, Aligned<T>>> {}
-
-impl<T: Scalar, const R: usize> Watched<T> for Vectorised<VariableStepMemory<T, R, Aligned<T>, Aligned<T>>> {}
-
-impl<T: Scalar> Watched<T> for RealTime<T> {
-    fn overruns(&self) -> Option<usize> {
-        Some(RealTime::overruns(self))
-    }
-}
-
-impl<T: Scalar> Watched<T> for StartingCorrection<T, HostMemory<T>> {
-    fn overruns(&self) -> Option<usize> {
-        self.memory().overruns()
-    }
 }
 
 impl<T> HostMemory<T> {
     /// The engine that it is.
     pub fn engine(&self) -> Engine {
         self.engine
-    }
-
-    /// Blocks that the `real-time` engine had not done when they were due; `None` for the other engines.
-    pub fn overruns(&self) -> Option<usize> {
-        self.memory.overruns()
     }
 }
 
@@ -155,7 +120,7 @@ impl MemoryRequest<'_> {
     ///
     /// # Errors
     /// [`EngineError`] if the engine asked for cannot serve the kernel.
-    pub fn build<T: Scalar>(&self) -> Result<HostMemory<T>, EngineError> {
+    pub fn build<T: Engines>(&self) -> Result<HostMemory<T>, EngineError> {
         let exponents = &self.convolution.starting;
         let memory = self.without_starting()?;
         let ConvolutionFamily::Bdf { order } = self.convolution.family else { return Ok(memory) };
@@ -210,7 +175,7 @@ impl MemoryRequest<'_> {
     }
 
     /// The memory without starting weights.
-    fn without_starting<T: Scalar>(&self) -> Result<HostMemory<T>, EngineError> {
+    fn without_starting<T: Engines>(&self) -> Result<HostMemory<T>, EngineError> {
         if let Some(engine) = self.history.engine {
             return self.memory(engine);
         }
@@ -227,7 +192,7 @@ impl MemoryRequest<'_> {
         }
     }
 
-    fn memory<T: Scalar>(&self, engine: Engine) -> Result<HostMemory<T>, EngineError> {
+    fn memory<T: Engines>(&self, engine: Engine) -> Result<HostMemory<T>, EngineError> {
         if self.end.is_some() && engine != Engine::AnyStep {
             let reason = "its weights are for equal steps; \"any-step\" takes those of this grid";
             return Err(EngineError::Unsuited { engine, reason });
@@ -248,7 +213,7 @@ impl MemoryRequest<'_> {
     }
 
     /// A memory for a kernel of plain numbers.
-    fn scalar<T: Scalar>(&self, engine: Engine, order: BdfOrder) -> Result<HostMemory<T>, EngineError> {
+    fn scalar<T: Engines>(&self, engine: Engine, order: BdfOrder) -> Result<HostMemory<T>, EngineError> {
         let weights = |step_size: f64| -> Result<ConvolutionWeights, ParameterError> {
             let weights = ConvolutionWeights::bdf(order, self.exponent, step_size)?;
             Ok(if self.acts_on() == ActsOn::Values { weights } else { weights.on_increments() })
@@ -278,14 +243,14 @@ impl MemoryRequest<'_> {
                 let kernel = make(order, self.exponent, self.step_size, self.horizon()?, tolerance)?;
                 match engine {
                     Engine::ExponentialSumCore => self.core_exponential_sum(kernel.table()),
-                    _ => self.exponential_sum::<T, 1>(&kernel.table().borrow()),
+                    _ => self.exponential_sum(&kernel.table().borrow()),
                 }
             }
         }
     }
 
     /// A memory for a kernel of R×R matrices.
-    fn staged<T: Scalar, const R: usize>(
+    fn staged<T: Engines, const R: usize>(
         &self,
         engine: Engine,
         method: &RungeKutta<R>,
@@ -306,7 +271,7 @@ impl MemoryRequest<'_> {
         };
         let weights = make(method, self.exponent, self.step_size, count)?;
         match engine {
-            Engine::ExponentialSum => return self.exponential_sum::<T, R>(&weights.table().borrow()),
+            Engine::ExponentialSum => return self.exponential_sum(&weights.table().borrow()),
             Engine::ExponentialSumCore => return self.core_exponential_sum(weights.table()),
             Engine::Direct | Engine::BlockFft | Engine::RealTime | Engine::AnyStep => {}
         }
@@ -319,7 +284,7 @@ impl MemoryRequest<'_> {
     }
 
     /// The memory for steps of any length.
-    fn variable_steps<T: Scalar, const R: usize>(
+    fn variable_steps<T: Engines, const R: usize>(
         &self,
         method: &RungeKutta<R>,
     ) -> Result<HostMemory<T>, EngineError> {
@@ -335,7 +300,7 @@ impl MemoryRequest<'_> {
         Ok(self.host(Box::new(Vectorised::new(memory)), Engine::AnyStep))
     }
 
-    fn direct<T: Scalar>(
+    fn direct<T: Engines>(
         &self,
         weights: Vec<T>,
         stages: usize,
@@ -351,33 +316,30 @@ impl MemoryRequest<'_> {
         Ok(self.host(memory, Engine::Direct))
     }
 
-    fn transforms<T: Scalar>(
+    fn transforms<T: Engines>(
         &self,
         engine: Engine,
-        kernel: impl Weights<T>,
+        mut kernel: impl Weights<T>,
         stages: usize,
     ) -> Result<HostMemory<T>, EngineError> {
         let channels = self.coordinates * stages;
         let samples = self.samples.max(1);
         // Weights, their spectra and the samples: somewhat more than this many numbers.
         self.room::<T>(engine, samples.saturating_mul(4 * stages * stages + channels))?;
-        let memory: Box<dyn Watched<T> + Send> = match engine {
-            Engine::RealTime => Box::new(RealTime::planned(kernel, channels, samples, Pacing::Paced)?),
-            _ => Box::new(BlockFft::planned(kernel, channels, samples)?),
-        };
-        Ok(self.host(memory, engine))
+        let make = if engine == Engine::RealTime { T::real_time } else { T::block_fft };
+        Ok(self.host(make(&mut kernel, channels, samples)?, engine))
     }
 
-    fn exponential_sum<T: Scalar, const S: usize>(
+    fn exponential_sum<T: Engines>(
         &self,
         table: &ExponentialTable<&[f64]>,
     ) -> Result<HostMemory<T>, EngineError> {
-        let memory = Box::new(ChunkedExponentialSum::<T, S>::new(table, self.coordinates * S)?);
+        let memory = T::exponential_sum(table, self.coordinates * table.stages)?;
         Ok(self.host(memory, Engine::ExponentialSum))
     }
 
     /// The core's own memory, a sample at a time, on a table rounded as one of firmware is.
-    fn core_exponential_sum<T: Scalar>(
+    fn core_exponential_sum<T: Engines>(
         &self,
         table: ExponentialTable<Aligned<T>>,
     ) -> Result<HostMemory<T>, EngineError> {
@@ -387,7 +349,7 @@ impl MemoryRequest<'_> {
         Ok(self.host(memory, Engine::ExponentialSumCore))
     }
 
-    fn host<T>(&self, memory: Box<dyn Watched<T> + Send>, engine: Engine) -> HostMemory<T> {
+    fn host<T>(&self, memory: fvi_fft::Engine<T>, engine: Engine) -> HostMemory<T> {
         HostMemory { memory, engine, acts_on: self.acts_on() }
     }
 
@@ -502,6 +464,10 @@ impl<T> Memory<T> for HostMemory<T> {
 
     fn bytes(&self) -> usize {
         self.memory.bytes()
+    }
+
+    fn overruns(&self) -> Option<usize> {
+        self.memory.overruns()
     }
 
     fn state_bytes(&self) -> usize {

@@ -21,7 +21,7 @@ use fvi_core::{
     Damping, Fixed, Instant, Integrator, IntegratorBuilder, IntegratorError, MatrixError, Mechanics, Memory,
     MemoryError, Mismatch, Sample, Scheme, StateError, StateReader, StateWriter, StepError,
 };
-use fvi_fft::Scalar;
+use fvi_fft::Engines;
 use nalgebra::DMatrix;
 use serde::Serialize;
 
@@ -246,7 +246,7 @@ fn bad_mass(scenario: &Scenario, error: &MatrixError) -> InputError {
 }
 
 /// The integrator of a scenario in one precision and space.
-struct Machine<T: Elementary + Scalar, X: ScenarioSpace<T>> {
+struct Machine<T: Elementary + Engines, X: ScenarioSpace<T>> {
     integrator: Integrator<T, X, X::System, X::Scheme, DampingTerms<T, X>>,
     input: X::Vector,
     /// Whether the input of the last step was not zero.
@@ -257,7 +257,7 @@ struct Machine<T: Elementary + Scalar, X: ScenarioSpace<T>> {
     before: Option<(f64, X::Vector, X::Vector)>,
 }
 
-impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Machine<T, X> {
+impl<T: Elementary + Engines, X: ScenarioSpace<T>> Machine<T, X> {
     /// Puts system, scheme and memories together.
     fn new(space: X, scenario: &Scenario) -> Result<Self, InputError> {
         let scheme = space.scheme(scenario).map_err(|error| {
@@ -288,7 +288,7 @@ impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Machine<T, X> {
     }
 }
 
-impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Machine<T, X> {
+impl<T: Elementary + Engines, X: ScenarioSpace<T>> Machine<T, X> {
     /// Takes in the input, and notes where the step begins.
     fn prepare(&mut self, input: &[f64]) {
         if !input.is_empty() || self.pushed {
@@ -336,7 +336,7 @@ fn memory_request<'a>(
     }
 }
 
-fn damping_term<T: Elementary + Scalar, X: ScenarioSpace<T>>(
+fn damping_term<T: Elementary + Engines, X: ScenarioSpace<T>>(
     scenario: &Scenario,
     space: &X,
     nodes: usize,
@@ -369,7 +369,7 @@ fn damping_term<T: Elementary + Scalar, X: ScenarioSpace<T>>(
 }
 
 /// Any number of damping terms, each with a memory of its own.
-struct DampingTerms<T: Elementary + Scalar, X: ScenarioSpace<T>> {
+struct DampingTerms<T: Elementary + Engines, X: ScenarioSpace<T>> {
     terms: Vec<X::Term<HostMemory<T>>>,
     kick: Option<Kick<X::Vector>>,
 }
@@ -382,7 +382,7 @@ struct Kick<V> {
     last: V,
 }
 
-impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Damping<T, X> for DampingTerms<T, X> {
+impl<T: Elementary + Engines, X: ScenarioSpace<T>> Damping<T, X> for DampingTerms<T, X> {
     fn check(&self, coordinates: usize, nodes: usize, step_size: T) -> Result<(), Mismatch> {
         self.terms[..].check(coordinates, nodes, step_size)
     }
@@ -465,7 +465,7 @@ impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Damping<T, X> for DampingTerms
     }
 }
 
-impl<T: Elementary + Scalar, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
+impl<T: Elementary + Engines, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
     fn step(&mut self, input: &[f64]) -> Result<u32, StepError> {
         self.prepare(input);
         self.integrator.step(&self.input)

@@ -3,7 +3,7 @@
 use fvi_core::{
     BdfOrder, ConvolutionWeights, Memory, MemoryError, Real, RungeKutta, StateReader, StateWriter,
 };
-use fvi_fft::Scalar;
+use fvi_fft::Engines;
 use fvi_fft::baseline::{Signal, memory_term};
 use fvi_host::memory::MemoryRequest;
 use fvi_host::numerics::runge_kutta_weights::RungeKuttaWeights;
@@ -80,7 +80,7 @@ pub fn radau_iia_weights(exponent: f64) -> RungeKuttaWeights<3> {
 }
 
 /// An engine as a run of the program has it, or `None` for kernels that no run has.
-pub fn host_memory<T: Scalar>(
+pub fn host_memory<T: Engines>(
     engine: Engine,
     kernel: TestKernel,
     channels: usize,

@@ -2,7 +2,7 @@
 
 use fvi_core::{Direct, Memory, Overflow, Real, Tiled};
 use fvi_fft::baseline::{Hls, Naive, OfflineFft, Signal, memory_term};
-use fvi_fft::{BlockFft, Pacing, RealTime, Scalar, WeightTable};
+use fvi_fft::{BlockFft, Engines, Pacing, RealTime, WeightTable};
 use fvi_host::numerics::growing_ring::GrowingRing;
 use fvi_host::scenario::Engine;
 use fvi_tests::conformance::{
@@ -16,7 +16,7 @@ const QUADRATURES: [(usize, f64); 10] =
     [(1, 0.3), (1, 0.5), (1, 1.5), (1, 1.9), (1, -0.5), (6, 0.3), (6, 0.5), (6, 1.5), (6, 1.9), (6, -0.5)];
 
 /// The engine of the program for the kernels it offers; for others, the memory below.
-fn direct<T: Scalar>(kernel: TestKernel, channels: usize, capacity: usize) -> Box<dyn Memory<T>> {
+fn direct<T: Engines>(kernel: TestKernel, channels: usize, capacity: usize) -> Box<dyn Memory<T>> {
     host_memory(Engine::Direct, kernel, channels, capacity).unwrap_or_else(|| {
         let entries = kernel.stages() * kernel.stages();
         let weights = kernel.weights::<T>(capacity + 1);
@@ -27,7 +27,7 @@ fn direct<T: Scalar>(kernel: TestKernel, channels: usize, capacity: usize) -> Bo
     })
 }
 
-fn block_fft<T: Scalar>(kernel: TestKernel, channels: usize, capacity: usize) -> Box<dyn Memory<T>> {
+fn block_fft<T: Engines>(kernel: TestKernel, channels: usize, capacity: usize) -> Box<dyn Memory<T>> {
     host_memory(Engine::BlockFft, kernel, channels, capacity).unwrap_or_else(|| {
         // An empty run still has its leading weight.
         let weights = kernel.weights::<T>(capacity.max(1));
@@ -42,7 +42,7 @@ struct Stream<T> {
     weights: Vec<T>,
 }
 
-impl<T: Scalar> fvi_fft::Weights<T> for Stream<T> {
+impl<T: Engines> fvi_fft::Weights<T> for Stream<T> {
     fn stages(&self) -> usize {
         self.stages
     }
@@ -52,12 +52,12 @@ impl<T: Scalar> fvi_fft::Weights<T> for Stream<T> {
     }
 }
 
-fn growing_block_fft<T: Scalar>(kernel: TestKernel, channels: usize, capacity: usize) -> Box<dyn Memory<T>> {
+fn growing_block_fft<T: Engines>(kernel: TestKernel, channels: usize, capacity: usize) -> Box<dyn Memory<T>> {
     let stream = Stream { stages: kernel.stages(), weights: kernel.weights(4 * capacity.max(FINEST_BLOCK)) };
     Box::new(BlockFft::growing(stream, channels).unwrap())
 }
 
-fn real_time<T: Scalar>(kernel: TestKernel, channels: usize, capacity: usize) -> Box<dyn Memory<T>> {
+fn real_time<T: Engines>(kernel: TestKernel, channels: usize, capacity: usize) -> Box<dyn Memory<T>> {
     host_memory(Engine::RealTime, kernel, channels, capacity).unwrap_or_else(|| {
         let weights = kernel.weights::<T>(capacity.max(1));
         let table = WeightTable::matrices(&weights, kernel.stages());
@@ -65,11 +65,11 @@ fn real_time<T: Scalar>(kernel: TestKernel, channels: usize, capacity: usize) ->
     })
 }
 
-fn exponential_sum<T: Scalar>(kernel: TestKernel, channels: usize, capacity: usize) -> Box<dyn Memory<T>> {
+fn exponential_sum<T: Engines>(kernel: TestKernel, channels: usize, capacity: usize) -> Box<dyn Memory<T>> {
     host_memory(Engine::ExponentialSum, kernel, channels, capacity).expect("a kernel of exponentials")
 }
 
-fn core_exponential_sum<T: Scalar>(
+fn core_exponential_sum<T: Engines>(
     kernel: TestKernel,
     channels: usize,
     capacity: usize,

@@ -1,7 +1,7 @@
 //! The exponential-sum memory: every weight, and every term, against independent values.
 
 use fvi_core::{BdfOrder, ConvolutionWeights, ExponentialSum, ExponentialTable, Memory, MemoryError};
-use fvi_fft::{ChunkedExponentialSum, Scalar};
+use fvi_fft::{ChunkedExponentialSum, Engines};
 use fvi_host::numerics::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
 use fvi_host::numerics::vectorised::Vectorised;
 use fvi_tests::reference;
@@ -14,7 +14,7 @@ fn kernel(order: usize, exponent: f64, horizon: usize, tolerance: f64) -> Expone
 }
 
 /// A memory that goes from sample to sample, and one that goes by chunks.
-fn memories<T: Scalar>(kernel: &ExponentialKernel) -> [(&'static str, Box<dyn Memory<T>>); 2] {
+fn memories<T: Engines>(kernel: &ExponentialKernel) -> [(&'static str, Box<dyn Memory<T>>); 2] {
     let table = kernel.table::<T>();
     let state = vec![T::of(f64::NAN); table.borrow().state_len(1)];
     let chunked = ChunkedExponentialSum::<T, 1>::new(&kernel.table().borrow(), 1).unwrap();

@@ -1,9 +1,9 @@
 //! Fast online convolution as the textbook has it.
 
 use fvi_core::{Memory, MemoryError, ParameterError, check_channels};
-use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 
+use crate::plans::Plans;
 use crate::scalar::Scalar;
 use crate::weights::{Weights, check_shape, take_planes};
 
@@ -27,7 +27,7 @@ pub struct Hls<T: Scalar> {
     signal: Vec<Vec<T>>,
     /// Memory terms as far as they are known, one row per channel.
     terms: Vec<Vec<T>>,
-    planner: FftPlanner<T>,
+    plans: Plans<T>,
     samples: Vec<Complex<T>>,
     weights: Vec<Complex<T>>,
 }
@@ -54,7 +54,7 @@ impl<T: Scalar> Hls<T> {
             planes,
             signal: (0..channels).map(|_| Vec::with_capacity(capacity)).collect(),
             terms: vec![vec![T::zero(); capacity]; channels],
-            planner: FftPlanner::new(),
+            plans: Plans::new(),
             samples: Vec::new(),
             weights: Vec::new(),
         })
@@ -87,14 +87,14 @@ impl<T: Scalar> Hls<T> {
         self.weights.clear();
         self.weights.extend(weights.iter().take(length).map(complex));
         self.weights.resize(length, zero);
-        let forward = self.planner.plan_fft_forward(length);
-        forward.process(&mut self.samples);
-        forward.process(&mut self.weights);
+        let plan = self.plans.plan(length);
+        plan.forward.process(&mut self.samples);
+        plan.forward.process(&mut self.weights);
         let scale = T::of(1.0 / length as f64);
         for (sample, weight) in self.samples.iter_mut().zip(&self.weights) {
             *sample = *sample * *weight * scale;
         }
-        self.planner.plan_fft_inverse(length).process(&mut self.samples);
+        plan.inverse.process(&mut self.samples);
         for (term, sum) in terms.iter_mut().zip(&self.samples[block..]) {
             *term += sum.re;
         }

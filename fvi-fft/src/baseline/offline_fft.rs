@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use fvi_core::ParameterError;
-use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
+use realfft::{ComplexToReal, RealToComplex};
 use rustfft::num_complex::Complex;
 
 use crate::scalar::Scalar;
@@ -34,8 +34,7 @@ impl<T: Scalar> OfflineFft<T> {
             return Err(ParameterError { parameter: "length", value: 0.0, allowed: "at least 1" });
         }
         let size = (2 * length).next_power_of_two();
-        let mut planner = RealFftPlanner::new();
-        let (forward, inverse) = (planner.plan_fft_forward(size), planner.plan_fft_inverse(size));
+        let (forward, inverse) = T::real_transforms(size);
         let mut padded = take_planes(&mut kernel, length).remove(0);
         let scale = T::of(1.0 / size as f64);
         padded.iter_mut().for_each(|weight| *weight *= scale);

@@ -90,11 +90,6 @@ impl<T: Real, M: Memory<T>> StartingCorrection<T, M> {
         Ok(this)
     }
 
-    /// The memory without its corrections.
-    pub fn memory(&self) -> &M {
-        &self.memory
-    }
-
     /// What its state begins with.
     fn shape(&self) -> Shape<2> {
         let exponents = fingerprint(&self.exponents);
@@ -223,6 +218,10 @@ impl<T: Real, M: Memory<T>> Memory<T> for StartingCorrection<T, M> {
         self.memory.bytes() + self.defects.bytes() + size_of::<Self>() + numbers * size_of::<f64>()
     }
 
+    fn overruns(&self) -> Option<usize> {
+        self.memory.overruns()
+    }
+
     fn state_bytes(&self) -> usize {
         let first = self.first.iter().chain([&self.last]).map(Vec::len).sum::<usize>();
         header_bytes(3) + T::BYTES + first * f64::BYTES + self.memory.state_bytes()
@@ -285,7 +284,7 @@ pub fn starting_condition(exponents: &[f64]) -> f64 {
         row /= largest;
     }
     let norm = |matrix: &DMatrix<f64>| matrix.row_iter().map(|row| row.abs().sum()).fold(0.0, f64::max);
-    matrix.clone().try_inverse().map_or(f64::INFINITY, |inverse| norm(&matrix) * norm(&inverse))
+    matrix.clone().lu().try_inverse().map_or(f64::INFINITY, |inverse| norm(&matrix) * norm(&inverse))
 }
 
 #[cfg(test)]

@@ -61,6 +61,10 @@ impl<T, M: Memory<T>> Memory<T> for Vectorised<M> {
         self.memory.bytes() + size_of::<Arch>()
     }
 
+    fn overruns(&self) -> Option<usize> {
+        self.memory.overruns()
+    }
+
     fn state_bytes(&self) -> usize {
         self.memory.state_bytes()
     }

@@ -1,7 +1,8 @@
 //! Products with triangular Toeplitz matrices.
 
+use fvi_fft::Scalar;
 use realfft::num_complex::Complex;
-use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
+use realfft::{ComplexToReal, RealToComplex};
 use std::fmt;
 use std::sync::Arc;
 
@@ -111,9 +112,7 @@ struct Transform {
 impl Transform {
     fn new(weights: &[f64]) -> Self {
         let length = (2 * weights.len()).next_power_of_two();
-        let mut planner = RealFftPlanner::new();
-        let forward = planner.plan_fft_forward(length);
-        let inverse = planner.plan_fft_inverse(length);
+        let (forward, inverse) = f64::real_transforms(length);
         let scratch_length = forward.get_scratch_len().max(inverse.get_scratch_len());
         let mut transform = Self {
             spectrum: forward.make_output_vec(),

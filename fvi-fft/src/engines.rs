@@ -1,0 +1,98 @@
+//! The engines as objects, compiled in this crate.
+
+use fvi_core::{ExponentialTable, Memory, ParameterError};
+
+use crate::block_fft::BlockFft;
+use crate::chunked_exponential_sum::ChunkedExponentialSum;
+use crate::real_time::{Pacing, RealTime};
+use crate::scalar::Scalar;
+use crate::weights::Weights;
+
+/// A memory engine chosen at run time.
+pub type Engine<T> = Box<dyn Memory<T> + Send>;
+
+/// The engines of this crate for a scalar, each behind an object: made so, none of them is compiled again in
+/// the crate that runs it.
+pub trait Engines: Scalar {
+    /// [`BlockFft::planned`]
+    ///
+    /// # Errors
+    /// As there.
+    fn block_fft(
+        kernel: &mut dyn Weights<Self>,
+        channels: usize,
+        capacity: usize,
+    ) -> Result<Engine<Self>, ParameterError>;
+
+    /// [`RealTime::planned`] with [`Pacing::Paced`]
+    ///
+    /// # Errors
+    /// As there.
+    fn real_time(
+        kernel: &mut dyn Weights<Self>,
+        channels: usize,
+        capacity: usize,
+    ) -> Result<Engine<Self>, ParameterError>;
+
+    /// [`ChunkedExponentialSum::new`] for the kernel of a table of 1 to 4 stages
+    ///
+    /// # Errors
+    /// As there, and for more stages.
+    fn exponential_sum(
+        table: &ExponentialTable<&[f64]>,
+        channels: usize,
+    ) -> Result<Engine<Self>, ParameterError>;
+}
+
+/// A kernel behind a reference.
+struct Borrowed<'a, T>(&'a mut dyn Weights<T>);
+
+impl<T> Weights<T> for Borrowed<'_, T> {
+    fn stages(&self) -> usize {
+        self.0.stages()
+    }
+
+    fn fill(&mut self, first: usize, weights: &mut [T]) {
+        self.0.fill(first, weights);
+    }
+}
+
+macro_rules! engines {
+    ($($scalar:ty)*) => {$(
+        impl Engines for $scalar {
+            fn block_fft(
+                kernel: &mut dyn Weights<Self>,
+                channels: usize,
+                capacity: usize,
+            ) -> Result<Engine<Self>, ParameterError> {
+                Ok(Box::new(BlockFft::planned(Borrowed(kernel), channels, capacity)?))
+            }
+
+            fn real_time(
+                kernel: &mut dyn Weights<Self>,
+                channels: usize,
+                capacity: usize,
+            ) -> Result<Engine<Self>, ParameterError> {
+                Ok(Box::new(RealTime::planned(Borrowed(kernel), channels, capacity, Pacing::Paced)?))
+            }
+
+            fn exponential_sum(
+                table: &ExponentialTable<&[f64]>,
+                channels: usize,
+            ) -> Result<Engine<Self>, ParameterError> {
+                Ok(match table.stages {
+                    1 => Box::new(ChunkedExponentialSum::<Self, 1>::new(table, channels)?),
+                    2 => Box::new(ChunkedExponentialSum::<Self, 2>::new(table, channels)?),
+                    3 => Box::new(ChunkedExponentialSum::<Self, 3>::new(table, channels)?),
+                    4 => Box::new(ChunkedExponentialSum::<Self, 4>::new(table, channels)?),
+                    stages => {
+                        let (parameter, allowed) = ("stages", "1 to 4");
+                        return Err(ParameterError { parameter, value: stages as f64, allowed });
+                    }
+                })
+            }
+        }
+    )*};
+}
+
+engines!(f32 f64);
