@@ -3,6 +3,7 @@
 pub mod aligned;
 pub mod exponential_table;
 pub mod growing_ring;
+mod inverse;
 pub mod podlubny_matrix;
 pub mod rate_table;
 pub mod runge_kutta_weights;

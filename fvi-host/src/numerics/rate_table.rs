@@ -14,6 +14,7 @@ use std::f64::consts::PI;
 
 use super::aligned::Aligned;
 use super::exponential_table::{JacobiMatrix, LONGEST_RULE};
+use super::inverse::inverse;
 use super::runge_kutta_weights::RungeKuttaWeights;
 use fvi_core::{ParameterError, RateTable, Real, RungeKutta};
 use nalgebra::{SMatrix, SVector};
@@ -249,9 +250,7 @@ fn early_responses<const R: usize>(
     shortest: f64,
 ) -> Vec<impl Fn(f64) -> f64 + use<R>> {
     let matrix = *matrix;
-    let resolvent = move |x: f64| {
-        (SMatrix::identity() + matrix * x).try_inverse().unwrap_or_else(SMatrix::<f64, R, R>::zeros)
-    };
+    let resolvent = move |x: f64| inverse(&(SMatrix::identity() + matrix * x));
     let shapes = [1.0, 3.0, 30.0].into_iter().flat_map(|ratio| [0, 1, 4].map(|steps| (ratio, steps)));
     let entries = shapes.flat_map(|shape| (0..R * R).map(move |entry| (shape, entry)));
     let response = move |((ratio, steps), entry): ((f64, i32), usize)| {

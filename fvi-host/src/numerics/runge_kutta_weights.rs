@@ -3,9 +3,10 @@
 use std::f64::consts::PI;
 use std::ops::Range;
 
-use crate::numerics::aligned::Aligned;
+use super::aligned::Aligned;
+use super::inverse::inverse;
 use fvi_core::{ExponentialTable, ParameterError, Real, RungeKutta};
-use nalgebra::{Complex, SMatrix, SVector};
+use nalgebra::{Complex, DMatrix, DVector, SMatrix, SVector};
 
 /// A decaying exponential of the kernel: its part of the weight W_n is (1 − `decrement`)^{n−1} · `left` · `right`ᵀ.
 #[derive(Clone, Copy, Debug)]
@@ -284,11 +285,6 @@ fn near_weights<const R: usize>(
         .collect()
 }
 
-/// Inverse of A. The matrices of the methods at hand are far from singular.
-fn inverse<const R: usize>(matrix: &SMatrix<f64, R, R>) -> SMatrix<f64, R, R> {
-    matrix.try_inverse().unwrap_or_else(SMatrix::zeros)
-}
-
 /// W₀ and W₁ for h = 1 by the trapezoidal rule on a circle around the spectrum of A⁻¹, in the right half-plane.
 ///
 /// The circle about m through the geometric mean of the distances of the farthest eigenvalue and of the branch point 0 from m; the
@@ -298,15 +294,30 @@ fn contour_weights<const R: usize>(
     weights: &SVector<f64, R>,
     exponent: f64,
 ) -> Vec<SMatrix<f64, R, R>> {
-    let inverse = inverse(matrix);
-    let eigenvalues = nalgebra::DMatrix::from_fn(R, R, |i, j| inverse[(i, j)]).complex_eigenvalues();
+    let in_place = |matrix: &SMatrix<f64, R, R>| DMatrix::from_column_slice(R, R, matrix.as_slice());
+    let (inverse, weights) = (in_place(&inverse(matrix)), DVector::from_column_slice(weights.as_slice()));
+    contour_integrals(&in_place(matrix), &inverse, &weights, exponent)
+        .map(|weight| SMatrix::from_column_slice(weight.as_slice()))
+        .into()
+}
+
+/// The same for any number of stages, compiled once for all of them.
+fn contour_integrals(
+    matrix: &DMatrix<f64>,
+    inverse: &DMatrix<f64>,
+    weights: &DVector<f64>,
+    exponent: f64,
+) -> [DMatrix<f64>; 2] {
+    let stages = weights.len();
+    let eigenvalues = inverse.complex_eigenvalues();
     let middle = eigenvalues.iter().map(|value| value.norm_sqr() / value.re).fold(0.0, f64::max);
     let farthest = eigenvalues.iter().map(|value| (value - middle).norm()).fold(0.25 * middle, f64::max);
     let radius = (middle * farthest).sqrt();
     let complex = |number: f64| Complex::new(number, 0.0);
     let (matrix, weights) = (matrix.map(complex), weights.map(complex));
-    let ones = SVector::<Complex<f64>, R>::repeat(complex(1.0));
-    let mut near = [SMatrix::<f64, R, R>::zeros(); 2];
+    let ones = DVector::repeat(stages, complex(1.0));
+    let (zeros, identity) = (DMatrix::zeros(stages, stages), DMatrix::identity(stages, stages));
+    let mut near = [DMatrix::zeros(stages, stages), DMatrix::zeros(stages, stages)];
     for point in 0..CONTOUR_POINTS {
         let angle = 2.0 * PI * (point as f64 + 0.5) / CONTOUR_POINTS as f64;
         let offset = Complex::new(libm::cos(angle), libm::sin(angle)) * radius;
@@ -314,15 +325,15 @@ fn contour_weights<const R: usize>(
         let phase = exponent * libm::atan2(lambda.im, lambda.re);
         let size = libm::pow(lambda.norm(), exponent);
         let power = Complex::new(size * libm::cos(phase), size * libm::sin(phase));
-        let resolvent = (matrix * lambda - SMatrix::identity()).try_inverse().unwrap_or_else(SMatrix::zeros);
+        let resolvent = (&matrix * lambda - &identity).lu().try_inverse().unwrap_or_else(|| zeros.clone());
         // dλ/(2πi) of the rule
         let factor = power * offset / CONTOUR_POINTS as f64;
-        let left = resolvent * ones;
+        let left = &resolvent * &ones;
         let right = resolvent.tr_mul(&weights);
-        near[0] += (resolvent * matrix * factor).map(|entry| entry.re);
+        near[0] += (&resolvent * &matrix * factor).map(|entry| entry.re);
         near[1] -= (left * right.transpose() * factor).map(|entry| entry.re);
     }
-    near.into()
+    near
 }
 
 /// The trapezoidal rule in y = ln x for the integral over the cut, for n in `range`, which begins at 2 or later.
@@ -354,7 +365,7 @@ fn cut_exponentials<const R: usize>(
         .into_iter()
         .chain((0..nodes).map(|node| {
             let x = libm::exp(lowest + width * node as f64);
-            let resolvent = (SMatrix::identity() + matrix * x).try_inverse().unwrap_or_else(SMatrix::zeros);
+            let resolvent = inverse(&(SMatrix::identity() + matrix * x));
             let right = resolvent.tr_mul(weights);
             let left = resolvent * ones * (factor * libm::pow(x, 1.0 + exponent));
             RankOneExponential { decrement: x * right.sum(), left, right }

@@ -68,7 +68,7 @@ impl EnergyGuard {
             }
             SymmetricMatrix::Dense(mass) => {
                 let zero = || nalgebra::DMatrix::zeros(mass.nrows(), mass.nrows());
-                SymmetricMatrix::Dense(mass.clone().try_inverse().unwrap_or_else(zero))
+                SymmetricMatrix::Dense(mass.clone().lu().try_inverse().unwrap_or_else(zero))
             }
             // Velocities would cost a solution of equations each: such systems are not watched.
             SymmetricMatrix::Sparse(_) => return Self::blind(),

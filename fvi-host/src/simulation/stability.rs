@@ -82,7 +82,7 @@ impl LinearSystem {
             allowed: "that of a positive definite matrix by which stiffness and damping can be divided",
         };
         let factor = Cholesky::new(mass.clone()).ok_or(refused)?.l();
-        let inverse = factor.try_inverse().ok_or(refused)?;
+        let inverse = factor.lu().try_inverse().ok_or(refused)?;
         let in_new_coordinates = |matrix: &DMatrix<f64>| &inverse * matrix * inverse.transpose();
         for term in &mut damping {
             term.coefficients = in_new_coordinates(&term.coefficients);

@@ -420,7 +420,7 @@ impl Preconditioner {
                 *entry += row * row * value;
             }
         }
-        Some(Self { coordinates, inverses, rows, capacitance: capacitance.try_inverse()? })
+        Some(Self { coordinates, inverses, rows, capacitance: capacitance.lu().try_inverse()? })
     }
 
     /// |A|⁻¹ r.

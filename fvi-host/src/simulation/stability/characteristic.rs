@@ -51,7 +51,7 @@ impl Characteristic {
             DampingForm::Nodes { order } => Form::Nodes(*order),
             DampingForm::Stages { matrix } => {
                 let size = matrix.nrows();
-                let inverse = matrix.clone().try_inverse().unwrap_or_else(|| DMatrix::zeros(size, size));
+                let inverse = matrix.clone().lu().try_inverse().unwrap_or_else(|| DMatrix::zeros(size, size));
                 Form::Stages { inverse }
             }
         };

@@ -1,0 +1,38 @@
+//! Inverses of the small matrices of Runge–Kutta methods.
+
+use nalgebra::{Matrix4, SMatrix};
+
+/// The inverse; zero for a singular matrix, which those of the methods at hand are far from.
+///
+/// By cofactors, as part of a 4×4 matrix that is one elsewhere: the same code for every R, and as accurate as the weights of the quadrature
+/// need it.
+pub(super) fn inverse<const R: usize>(matrix: &SMatrix<f64, R, R>) -> SMatrix<f64, R, R> {
+    const { assert!(R <= 4, "methods have at most four stages") };
+    let mut whole = Matrix4::identity();
+    whole.view_mut((0, 0), (R, R)).copy_from(matrix);
+    invert(&mut whole);
+    SMatrix::from_fn(|row, column| whole[(row, column)])
+}
+
+/// Apart from the above, so that it is compiled once.
+#[inline(never)]
+fn invert(matrix: &mut Matrix4<f64>) {
+    if !matrix.try_inverse_mut() {
+        matrix.fill(0.0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_product_with_a_matrix_is_one() {
+        // No symmetry, and nothing in the first place of the diagonal.
+        let matrix = SMatrix::<f64, 3, 3>::new(0.0, 2.0, -1.0, 4.0, 1.0, 0.5, -3.0, 5.0, 7.0);
+        let product = inverse(&matrix) * matrix;
+        assert!((product - SMatrix::identity()).amax() < 1e-15, "{product}");
+        let singular = SMatrix::<f64, 2, 2>::new(1.0, 2.0, 2.0, 4.0);
+        assert_eq!(inverse(&singular).amax(), 0.0);
+    }
+}
