@@ -134,3 +134,28 @@ fn the_core_names_neither_std_nor_the_rooms_above_it() {
         assert!(!text.contains("fvi_host"), "{} names fvi_host", path.display());
     }
 }
+
+/// The names behind `mod` in a file.
+fn modules(path: &Path) -> BTreeSet<String> {
+    names_after(&fs::read_to_string(path).unwrap(), "\nmod ")
+}
+
+#[test]
+fn every_file_of_tests_is_part_of_a_program() {
+    let files = |folder: &str| -> BTreeSet<String> {
+        let names = fs::read_dir(workspace().join(folder)).unwrap().map(|entry| entry.unwrap().path());
+        let rust = names.filter(|path| path.extension().is_some_and(|ending| ending == "rs"));
+        rust.map(|path| path.file_stem().unwrap().to_string_lossy().into_owned()).collect()
+    };
+    let roots = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<BTreeSet<_>>();
+    let folders = [
+        ("tests/tests", "across", roots(&["across", "allocations"])),
+        ("fvi-host/tests/program", "main", roots(&["main"])),
+        ("fvi-host/tests/hostile", "main", roots(&["main"])),
+    ];
+    for (folder, main, roots) in folders {
+        let declared = modules(&workspace().join(folder).join(main).with_extension("rs"));
+        let found: BTreeSet<String> = files(folder).difference(&roots).cloned().collect();
+        assert_eq!(found, declared, "{folder}/{main}.rs does not name the files beside it");
+    }
+}

@@ -1,11 +1,42 @@
-//! The matrix-free solver's memory grows like the grid.
+//! What allocates, how much, and what must not: in a process of their own, whose allocator counts.
 
+use std::alloc::System;
+
+use fvi_core::Memory;
+use fvi_fft::{Pacing, RealTime};
 use fvi_host::lab::two_point::{Closures, ExtremalProblem, Grid, Method, Sigma};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
-use std::alloc::System;
 
 #[global_allocator]
 static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
+
+/// One test alone: the allocator counts for all threads, that of the harness included, which prints when a test ends.
+#[test]
+fn allocations_are_what_is_promised() {
+    a_real_time_run_neither_allocates_nor_frees();
+    sixteen_times_the_grid_allocates_about_sixteen_times_as_much();
+}
+
+fn a_real_time_run_neither_allocates_nor_frees() {
+    let kernel = |first: usize, weights: &mut [f64]| {
+        for (n, weight) in (first..).zip(weights) {
+            *weight = 1.0 / (1.0 + n as f64);
+        }
+    };
+    let mut memory = RealTime::planned(kernel, 2, 40_000, Pacing::Paced).unwrap();
+    let mut term = [0.0; 2];
+    let region = Region::new(ALLOCATOR);
+    for run in 0..2 {
+        for k in 0..40_000 {
+            memory.next_term(&mut term).unwrap();
+            memory.push(&[k as f64, term[0]]).unwrap();
+        }
+        assert!(memory.next_term(&mut term).is_err(), "run {run} is full");
+        memory.clear();
+    }
+    let change = region.change();
+    assert_eq!((change.allocations, change.deallocations, change.reallocations), (0, 0, 0));
+}
 
 /// Bytes allocated in all, freed ones counted again with each allocation: an upper bound of the peak.
 fn allocated(steps: usize) -> usize {
@@ -23,7 +54,6 @@ fn allocated(steps: usize) -> usize {
     region.change().bytes_allocated
 }
 
-#[test]
 fn sixteen_times_the_grid_allocates_about_sixteen_times_as_much() {
     let (small, large) = (allocated(4096), allocated(65_536));
     let ratio = large as f64 / small as f64;
