@@ -718,3 +718,127 @@ where
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::saving::StateReader;
+    use std::vec;
+    use std::vec::Vec;
+
+    /// W₀ … W₃ given, then W_n = Σ_j (1 − μ_j)^{n−4} u_j v_jᵀ with the terms of the table.
+    fn weight(table: &ExponentialTable<&[f64]>, n: usize) -> [[f64; 2]; 2] {
+        let head = table.head.len() / 4;
+        core::array::from_fn(|a| {
+            core::array::from_fn(|b| match table.head[(2 * a + b) * head..][..head].get(n) {
+                Some(&weight) => weight,
+                None => {
+                    let part = |term: ExponentialTerm<f64, 2>| {
+                        libm::pow(1.0 - term.decay, (n - head) as f64) * term.output[a] * term.input[b]
+                    };
+                    table.terms::<2>().map(part).sum()
+                }
+            })
+        })
+    }
+
+    #[test]
+    fn matrices_act_on_groups_of_channels_as_the_double_sum_does() {
+        let head: Vec<f64> = (0..16).map(|n| libm::cos(0.7 * f64::from(n))).collect();
+        // Two blocks of μ, u₁, u₂, v₁, v₂; the last lane of each fills up.
+        let exponentials: Vec<f64> =
+            (0..40).map(|n| if n % 4 == 3 { 0.0 } else { 0.05 + 0.02 * f64::from(n % 20) }).collect();
+        for slow_blocks in 0..=2 {
+            let table = ExponentialTable {
+                stages: 2,
+                head: &head[..],
+                exponentials: &exponentials[..],
+                slow_blocks,
+                horizon: 100,
+            };
+            let state = vec![0.0; table.state_len(4)];
+            let mut memory = ExponentialSum::new(table, -0.5, 4, state).unwrap();
+            let samples: Vec<[f64; 4]> =
+                (0..60).map(|k| core::array::from_fn(|c| libm::sin(0.3 * k as f64 + c as f64))).collect();
+            for (k, sample) in samples.iter().enumerate() {
+                let mut term = [f64::NAN; 4];
+                memory.next_term(&mut term).unwrap();
+                for (channel, term) in term.into_iter().enumerate() {
+                    let (group, a) = (channel - channel % 2, channel % 2);
+                    let product = |n: usize| {
+                        let row = weight(&table, n)[a];
+                        -0.5 * (row[0] * samples[k - n][group] + row[1] * samples[k - n][group + 1])
+                    };
+                    let sum: f64 = (1..=k).map(product).sum();
+                    assert!((term - sum).abs() < 1e-12, "{slow_blocks} slow, k = {k}: {term} {sum}");
+                }
+                memory.push(sample).unwrap();
+            }
+        }
+    }
+
+    #[test]
+    fn tables_with_incomplete_blocks_are_refused() {
+        for (stages, block) in [(1, 8), (2, 20), (3, 28), (4, 36)] {
+            let numbers = vec![0.5; 3 * block];
+            let head = vec![1.0; 2 * stages * stages];
+            let check = |length: usize| {
+                let table = ExponentialTable {
+                    stages,
+                    head: &head[..],
+                    exponentials: &numbers[..length],
+                    slow_blocks: 0,
+                    horizon: 1,
+                };
+                table.check()
+            };
+            for length in 0..=3 * block {
+                assert_eq!(check(length).is_ok(), length % block == 0, "{stages} stages, {length} numbers");
+            }
+        }
+    }
+
+    #[test]
+    fn bytes_are_those_of_the_object_the_table_and_the_state() {
+        let (head, exponentials) = ([1.0, 0.5, 0.25], [0.5; 16]);
+        let table = ExponentialTable {
+            stages: 1,
+            head: &head[..],
+            exponentials: &exponentials[..],
+            slow_blocks: 0,
+            horizon: 9,
+        };
+        // 2·8 sums and 5 numbers a channel, the leading weight.
+        let memory = ExponentialSum::new(table, 1.0, 2, [0.0; 2 * (16 + 5) + 1]).unwrap();
+        let object = size_of_val(&memory) - 43 * size_of::<f64>();
+        assert_eq!(memory.bytes(), object + (3 + 16 + 43) * size_of::<f64>());
+    }
+
+    #[test]
+    fn the_state_of_another_kernel_is_refused() {
+        let memory = |weight: f64, scale: f64| {
+            let head = [weight];
+            let table = ExponentialTable {
+                stages: 1,
+                head: head.to_vec(),
+                exponentials: Vec::new(),
+                slow_blocks: 0,
+                horizon: 9,
+            };
+            let state = vec![0.0; table.borrow().state_len(1)];
+            ExponentialSum::new(table, scale, 1, state).unwrap()
+        };
+        // Scales of few bits and of many: neither of the two may hide what the other says.
+        for scale in [1.0, 0.0, f64::from_bits(1), f64::MAX] {
+            let own = memory(1.0, scale);
+            let mut bytes = vec![0; own.state_bytes()];
+            own.save(&mut StateWriter::new(&mut bytes)).unwrap();
+            assert_eq!(memory(1.0, scale).restore(&mut StateReader::new(&bytes)), Ok(()));
+            for n in 0..32 {
+                let mut other = memory(1.0 + f64::EPSILON * f64::from(1 + n), scale);
+                assert!(other.restore(&mut StateReader::new(&bytes)).is_err(), "{n}, {scale:e}");
+            }
+            assert!(memory(1.0, 2.0).restore(&mut StateReader::new(&bytes)).is_err());
+        }
+    }
+}

@@ -344,4 +344,26 @@ mod tests {
         assert!(Galerkin::<f32, 0, 1>::new(&Quadrature::gauss().unwrap()).is_err());
         assert!(Galerkin::<f32, 6, 6>::new(&Quadrature::gauss().unwrap()).is_ok());
     }
+
+    #[test]
+    fn a_step_of_the_harmonic_oscillator_is_a_rotation_to_the_order_of_the_scheme() {
+        use crate::system::{Mass, NoForce, Quadratic, System};
+        let step_size = 0.25f64;
+        let error = |scheme_order: i32, (q, p): (f64, f64)| {
+            let bound = step_size.powi(scheme_order + 1) / 20.0;
+            assert!((q - libm::cos(step_size)).abs() < bound, "order {scheme_order}: {q}");
+            assert!((p + libm::sin(step_size)).abs() < bound, "order {scheme_order}: {p}");
+        };
+        let mass = Mass::diagonal([1.0]).unwrap();
+        let system = System { mass, potential: Quadratic::diagonal([1.0]).unwrap(), force: NoForce };
+        let midpoint = Galerkin::<f64, 1, 1>::low_order(0.5).unwrap();
+        let quartic = Galerkin::<f64, 2, 2>::new(&Quadrature::gauss().unwrap()).unwrap();
+        let mut coarse =
+            crate::Integrator::builder(system, midpoint, step_size).position([1.0]).build().unwrap();
+        let mut fine =
+            crate::Integrator::builder(system, quartic, step_size).position([1.0]).build().unwrap();
+        assert!(coarse.step(&[0.0].into()).unwrap() >= 1 && fine.step(&[0.0].into()).unwrap() >= 1);
+        error(1, (coarse.state().position[0], coarse.state().momentum[0]));
+        error(4, (fine.state().position[0], fine.state().momentum[0]));
+    }
 }

@@ -303,6 +303,8 @@ mod tests {
         let singular = matrix![1.0, 2.0; 2.0, 4.0];
         assert_eq!(invert(&singular), Err(Singular));
         assert!(!is_positive_definite(&singular));
+        // A pivot is compared with what elimination took from its own entry, however small that is beside the rest.
+        assert!(is_positive_definite(&matrix![1.0, 1e-20; 1e-20, 2e-40]));
         let indefinite = matrix![1.0, 2.0; 2.0, 1.0];
         assert!(invert(&indefinite).is_ok());
         assert!(!is_positive_definite(&indefinite));

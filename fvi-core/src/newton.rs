@@ -200,6 +200,8 @@ mod tests {
         let rough = |x: f64| (if x > 1e-317 { 1.5e-323 } else { -1.5e-323 }, 1.0);
         let (root, iterations) = scalar(1.0001e-317, rough).unwrap();
         assert!((root - 1e-317).abs() < 1e-320 && iterations < 3, "{root:e} after {iterations}");
+        // A correction far below the smallest normal number is rounding of what lies at that number.
+        assert_eq!(scalar(1e-310, |x| (x, 1.0)), Ok((0.0, 1)));
     }
 
     #[test]

@@ -427,4 +427,16 @@ mod tests {
         assert_eq!(Instant::in_step(1.0, 0.5, 0.5), Instant { time: 1.25, approach: Approach::Inside });
         assert_eq!(Instant::in_step(1.0, 1.0, 0.5), Instant { time: 1.5, approach: Approach::FromLeft });
     }
+
+    #[test]
+    fn energy_is_that_of_motion_and_that_of_position() {
+        let mass = Mass::dense(matrix![2.0, 1.0; 1.0, 3.0]).unwrap();
+        let potential = Quadratic::diagonal([4.0, 0.5f64]).unwrap();
+        let system = System { mass, potential, force: NoForce };
+        let velocity = vector![0.5, -1.0];
+        let momentum = system.mass.momentum(&velocity);
+        assert_eq!(momentum, vector![0.0, -2.5]);
+        // ½ (2·0.5² − 2·0.5 + 3) + ½ (4·3² + 0.5·2²)
+        assert!((system.energy(&vector![3.0, 2.0], &momentum) - (1.25 + 19.0)).abs() < 1e-14);
+    }
 }
