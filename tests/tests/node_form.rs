@@ -307,7 +307,8 @@ proptest! {
         cases: from_environment("PROPTEST_CASES", 24) as u32, failure_persistence: None, ..ProptestConfig::default()
     })]
 
-    /// ½ pᵀM⁻¹p + ½ qᵀKq never rises above its first value, ωh to 10⁶, ρ to 10¹⁰. `STIFF_STEPS` says over how many steps.
+    /// ½ pᵀM⁻¹p + ½ qᵀKq never rises above its first value, ωh to 10⁶, ρ to 10¹⁰, but for what rounding heats where such a ρ acts on
+    /// rounded positions: less than 10⁻⁴ in 10⁴ steps. `STIFF_STEPS` says over how many steps.
     #[test]
     fn the_midpoint_rule_from_rest_gains_no_energy_however_stiff(
         (stiffness, damping, position) in stiff_systems(),
@@ -336,7 +337,8 @@ proptest! {
         // Rounding of q − q₀ acts with the damping's strength, like a spring w₀ρ.
         let strongest = rho.iter().flatten().fold(0.0, |largest: f64, entry| largest.max(entry.abs()));
         let spring = strongest * (1.5 / h).powf(damping_order) * size as f64;
-        let allowed = first * (1.0 + 1e-4) + 16.0 * f64::EPSILON * spring;
+        let long = (steps as f64 / 1e4).max(1.0);
+        let allowed = first * (1.0 + 1e-4 * long) + 16.0 * f64::EPSILON * spring;
         for step in 0..steps {
             simulation.step(&[]).map_err(|error| TestCaseError::fail(format!("step {step}: {error}")))?;
             simulation.read(&mut state);
