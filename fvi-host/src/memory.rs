@@ -1,5 +1,9 @@
 //! The memory engines on the host, and the one place where one is chosen.
 
+mod tables;
+
+pub use tables::Tables;
+
 use crate::numerics::aligned::Aligned;
 use crate::numerics::exponential_table::{self, ExponentialKernel, ExponentialKernelError};
 use crate::numerics::growing_ring::GrowingRing;
@@ -10,7 +14,7 @@ use crate::numerics::vectorised::Vectorised;
 use crate::scenario::{Convolution, ConvolutionFamily, Engine, History, Overflow};
 use fvi_core::{
     ActsOn, BdfOrder, ConvolutionWeights, Direct, ExponentialSum, ExponentialTable, Memory, MemoryError,
-    ParameterError, RungeKutta, StateError, StateReader, StateWriter, VariableStepMemory,
+    ParameterError, RateTable, RungeKutta, StateError, StateReader, StateWriter, VariableStepMemory,
 };
 use fvi_fft::{Engines, Weights};
 
@@ -121,8 +125,16 @@ impl MemoryRequest<'_> {
     /// # Errors
     /// [`EngineError`] if the engine asked for cannot serve the kernel.
     pub fn build<T: Engines>(&self) -> Result<HostMemory<T>, EngineError> {
+        self.build_with(&Tables::default())
+    }
+
+    /// As [`build`](Self::build), from tables that are there already, or will be for others.
+    ///
+    /// # Errors
+    /// As [`build`](Self::build).
+    pub fn build_with<T: Engines>(&self, tables: &Tables) -> Result<HostMemory<T>, EngineError> {
         let exponents = &self.convolution.starting;
-        let memory = self.without_starting()?;
+        let memory = self.without_starting(tables)?;
         let ConvolutionFamily::Bdf { order } = self.convolution.family else { return Ok(memory) };
         if exponents.is_empty() {
             return Ok(memory);
@@ -175,45 +187,50 @@ impl MemoryRequest<'_> {
     }
 
     /// The memory without starting weights.
-    fn without_starting<T: Engines>(&self) -> Result<HostMemory<T>, EngineError> {
+    fn without_starting<T: Engines>(&self, tables: &Tables) -> Result<HostMemory<T>, EngineError> {
         if let Some(engine) = self.history.engine {
-            return self.memory(engine);
+            return self.memory(engine, tables);
         }
         if self.end.is_some() {
-            return self.memory(Engine::AnyStep);
+            return self.memory(Engine::AnyStep, tables);
         }
         let few = self.coordinates <= FEW || self.planned().saturating_mul(self.coordinates) <= SMALL;
         if (self.planned() <= CROSSOVER && few) || self.history.capacity.is_some() {
-            return self.memory(Engine::Direct);
+            return self.memory(Engine::Direct, tables);
         }
-        match self.memory(Engine::ExponentialSum) {
-            Err(EngineError::Table(_)) => self.memory(Engine::BlockFft),
+        match self.memory(Engine::ExponentialSum, tables) {
+            Err(EngineError::Table(_)) => self.memory(Engine::BlockFft, tables),
             other => other,
         }
     }
 
-    fn memory<T: Engines>(&self, engine: Engine) -> Result<HostMemory<T>, EngineError> {
+    fn memory<T: Engines>(&self, engine: Engine, tables: &Tables) -> Result<HostMemory<T>, EngineError> {
         if self.end.is_some() && engine != Engine::AnyStep {
             let reason = "its weights are for equal steps; \"any-step\" takes those of this grid";
             return Err(EngineError::Unsuited { engine, reason });
         }
         match self.convolution.family {
-            ConvolutionFamily::Bdf { order } => self.scalar(engine, BdfOrder::new(order)?),
+            ConvolutionFamily::Bdf { order } => self.scalar(engine, BdfOrder::new(order)?, tables),
             ConvolutionFamily::RadauIia { stages } => match stages {
-                1 => self.staged(engine, &RungeKutta::<1>::radau_iia()?),
-                2 => self.staged(engine, &RungeKutta::<2>::radau_iia()?),
-                _ => self.staged(engine, &RungeKutta::<3>::radau_iia()?),
+                1 => self.staged(engine, &RungeKutta::<1>::radau_iia()?, tables),
+                2 => self.staged(engine, &RungeKutta::<2>::radau_iia()?, tables),
+                _ => self.staged(engine, &RungeKutta::<3>::radau_iia()?, tables),
             },
             ConvolutionFamily::LobattoIiic { stages } => match stages {
-                2 => self.staged(engine, &RungeKutta::<2>::lobatto_iiic()?),
-                3 => self.staged(engine, &RungeKutta::<3>::lobatto_iiic()?),
-                _ => self.staged(engine, &RungeKutta::<4>::lobatto_iiic()?),
+                2 => self.staged(engine, &RungeKutta::<2>::lobatto_iiic()?, tables),
+                3 => self.staged(engine, &RungeKutta::<3>::lobatto_iiic()?, tables),
+                _ => self.staged(engine, &RungeKutta::<4>::lobatto_iiic()?, tables),
             },
         }
     }
 
     /// A memory for a kernel of plain numbers.
-    fn scalar<T: Engines>(&self, engine: Engine, order: BdfOrder) -> Result<HostMemory<T>, EngineError> {
+    fn scalar<T: Engines>(
+        &self,
+        engine: Engine,
+        order: BdfOrder,
+        tables: &Tables,
+    ) -> Result<HostMemory<T>, EngineError> {
         let weights = |step_size: f64| -> Result<ConvolutionWeights, ParameterError> {
             let weights = ConvolutionWeights::bdf(order, self.exponent, step_size)?;
             Ok(if self.acts_on() == ActsOn::Values { weights } else { weights.on_increments() })
@@ -240,7 +257,10 @@ impl MemoryRequest<'_> {
                     ActsOn::Values => ExponentialKernel::bdf,
                     _ => ExponentialKernel::bdf_on_increments,
                 };
-                let kernel = make(order, self.exponent, self.step_size, self.horizon()?, tolerance)?;
+                let horizon = self.horizon()?;
+                let kernel = tables.get(&self.key(horizon as u64, tolerance), || {
+                    Ok(make(order, self.exponent, self.step_size, horizon, tolerance)?)
+                })?;
                 match engine {
                     Engine::ExponentialSumCore => self.core_exponential_sum(kernel.table()),
                     _ => self.exponential_sum(&kernel.table().borrow()),
@@ -254,9 +274,10 @@ impl MemoryRequest<'_> {
         &self,
         engine: Engine,
         method: &RungeKutta<R>,
+        tables: &Tables,
     ) -> Result<HostMemory<T>, EngineError> {
         if engine == Engine::AnyStep {
-            return self.variable_steps(method);
+            return self.variable_steps(method, tables);
         }
         let count = match engine {
             Engine::Direct => self.kept().saturating_add(1),
@@ -269,7 +290,8 @@ impl MemoryRequest<'_> {
             ActsOn::Values => RungeKuttaWeights::new,
             _ => RungeKuttaWeights::on_rises,
         };
-        let weights = make(method, self.exponent, self.step_size, count)?;
+        let weights = tables
+            .get(&self.key(count as u64, 0.0), || Ok(make(method, self.exponent, self.step_size, count)?))?;
         match engine {
             Engine::ExponentialSum => return self.exponential_sum(&weights.table().borrow()),
             Engine::ExponentialSumCore => return self.core_exponential_sum(weights.table()),
@@ -287,6 +309,7 @@ impl MemoryRequest<'_> {
     fn variable_steps<T: Engines, const R: usize>(
         &self,
         method: &RungeKutta<R>,
+        tables: &Tables,
     ) -> Result<HostMemory<T>, EngineError> {
         let horizon = match self.end {
             Some(end) => end,
@@ -294,7 +317,10 @@ impl MemoryRequest<'_> {
         };
         // Single precision rounds more than that.
         let tolerance = RATE_TOLERANCE.max(0.01 * T::EPSILON.to_f64());
-        let table = rate_table::<T, R>(method, self.exponent, self.step_size, horizon, tolerance)?;
+        let table = tables.get(&self.key(horizon.to_bits(), tolerance), || {
+            Ok(rate_table::<T, R>(method, self.exponent, self.step_size, horizon, tolerance)?)
+        })?;
+        let table = RateTable::clone(&table);
         let state = Aligned::zeros(table.borrow().state_len(self.coordinates, R));
         let memory = VariableStepMemory::new(method, table, self.coordinates, state)?;
         Ok(self.host(Box::new(Vectorised::new(memory)), Engine::AnyStep))
@@ -351,6 +377,18 @@ impl MemoryRequest<'_> {
 
     fn host<T>(&self, memory: fvi_fft::Engine<T>, engine: Engine) -> HostMemory<T> {
         HostMemory { memory, engine, acts_on: self.acts_on() }
+    }
+
+    /// What tells a table of this kernel from others of its type.
+    fn key(&self, reach: u64, tolerance: f64) -> [u64; 7] {
+        let (family, size) = match self.convolution.family {
+            ConvolutionFamily::Bdf { order } => (0, order),
+            ConvolutionFamily::RadauIia { stages } => (1, stages),
+            ConvolutionFamily::LobattoIiic { stages } => (2, stages),
+        };
+        let on_values = u64::from(self.acts_on() == ActsOn::Values);
+        let (exponent, step_size) = (self.exponent.to_bits(), self.step_size.to_bits());
+        [family, size as u64, on_values, exponent, step_size, reach, tolerance.to_bits()]
     }
 
     /// Number of samples that engine and table are chosen for.

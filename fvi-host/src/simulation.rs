@@ -12,7 +12,7 @@ pub mod stability;
 use crate::language::error::Cause;
 use crate::language::expression::Elementary;
 use crate::language::{InputError, Problem};
-use crate::memory::{EngineError, HostMemory, MemoryRequest};
+use crate::memory::{EngineError, HostMemory, MemoryRequest, Tables};
 use crate::model::{Dense, DenseOutput, Matrix, Model, OnePoint, Remembers, ScenarioSpace};
 use crate::scenario::{self, ConvolutionFamily, DampedAt, Engine, ReportedMomentum, Scenario};
 use choice::sparse_space;
@@ -94,6 +94,19 @@ impl Simulation {
         precision: Precision,
         choice: SolverChoice,
     ) -> Result<Self, InputError> {
+        Self::sharing(scenario, precision, choice, &Tables::default())
+    }
+
+    /// As [`with_solver`](Self::with_solver), with the tables of its memories shared with other simulations.
+    ///
+    /// # Errors
+    /// As [`with_solver`](Self::with_solver).
+    pub fn sharing(
+        scenario: &Scenario,
+        precision: Precision,
+        choice: SolverChoice,
+        tables: &Tables,
+    ) -> Result<Self, InputError> {
         let stepper: Box<dyn Stepper>;
         let mut solver = Solver::Dense;
         if let Some(space) = sparse_space(scenario, choice)? {
@@ -101,18 +114,18 @@ impl Simulation {
             let plan = space.plan();
             solver = Solver::Sparse { places: plan.places(), factor_bytes: plan.factor_bytes() };
             stepper = match precision {
-                Precision::F64 => Box::new(Machine::<f64, _>::new(space, scenario)?),
-                Precision::F32 => Box::new(Machine::<f32, _>::new(space, scenario)?),
+                Precision::F64 => Box::new(Machine::<f64, _>::new(space, scenario, tables)?),
+                Precision::F32 => Box::new(Machine::<f32, _>::new(space, scenario, tables)?),
             };
         } else {
             stability::check_step(scenario, &stiffness(scenario)?)?;
             let space = Dense { coordinates: scenario.coordinates() };
             stepper = match precision {
                 Precision::F64 if choice == SolverChoice::Automatic && OnePoint::<f64>::serves(scenario) => {
-                    Box::new(Machine::<f64, Fixed<1>>::new(Fixed, scenario)?)
+                    Box::new(Machine::<f64, Fixed<1>>::new(Fixed, scenario, tables)?)
                 }
-                Precision::F64 => Box::new(Machine::<f64, _>::new(space, scenario)?),
-                Precision::F32 => Box::new(Machine::<f32, _>::new(space, scenario)?),
+                Precision::F64 => Box::new(Machine::<f64, _>::new(space, scenario, tables)?),
+                Precision::F32 => Box::new(Machine::<f32, _>::new(space, scenario, tables)?),
             };
         }
         let engines = stepper.engines();
@@ -259,14 +272,14 @@ struct Machine<T: Elementary + Engines, X: ScenarioSpace<T>> {
 
 impl<T: Elementary + Engines, X: ScenarioSpace<T>> Machine<T, X> {
     /// Puts system, scheme and memories together.
-    fn new(space: X, scenario: &Scenario) -> Result<Self, InputError> {
+    fn new(space: X, scenario: &Scenario, tables: &Tables) -> Result<Self, InputError> {
         let scheme = space.scheme(scenario).map_err(|error| {
             let allowed = format!("{} ({} given)", error.allowed, error.parameter);
             scenario.error_at("scheme", Problem::OutOfRange { allowed })
         })?;
         let nodes = scheme.sampling().nodes();
         let terms = scenario.system.damping.iter().enumerate();
-        let terms = terms.map(|(index, term)| damping_term(scenario, &space, nodes, index, term));
+        let terms = terms.map(|(index, term)| damping_term(scenario, &space, nodes, (index, term), tables));
         let terms = terms.collect::<Result<Vec<_>, _>>()?;
         let system = space.system(scenario).map_err(|error| bad_mass(scenario, &error))?;
         let position = space.vector(&scenario.initial.position);
@@ -340,8 +353,8 @@ fn damping_term<T: Elementary + Engines, X: ScenarioSpace<T>>(
     scenario: &Scenario,
     space: &X,
     nodes: usize,
-    index: usize,
-    term: &scenario::Damping,
+    (index, term): (usize, &scenario::Damping),
+    tables: &Tables,
 ) -> Result<X::Term<HostMemory<T>>, InputError> {
     let request = memory_request(scenario, (space.channels(term), nodes), term);
     let refused = |error: EngineError| match error {
@@ -361,7 +374,7 @@ fn damping_term<T: Elementary + Engines, X: ScenarioSpace<T>>(
         }
     };
     let kernel = request.kernel().map_err(|error| refused(error.into()))?;
-    let memory = request.build().map_err(refused)?;
+    let memory = request.build_with(tables).map_err(refused)?;
     space.term(term, kernel, memory).map_err(|error| {
         let path = format!("system.damping[{index}]");
         scenario.error_at(&path, Problem::Precision { reason: error.to_string() })

@@ -4,6 +4,7 @@ use crate::lab::checkpoint::{
     self, CHECKPOINT, Checkpoint, CheckpointError, CheckpointEvery, Identity, Progress, Timer,
 };
 use crate::language::{InputError, Problem};
+use crate::memory::Tables;
 use crate::numerics::starting::starting_condition;
 #[cfg(feature = "pictures")]
 use crate::results::files::write_text;
@@ -371,8 +372,20 @@ impl<'s> Run<'s> {
     /// # Errors
     /// If the scenario cannot be run.
     pub fn start(scenario: &'s Scenario, precision: Precision) -> Result<Self, InputError> {
+        Self::sharing(scenario, precision, &Tables::default())
+    }
+
+    /// As [`start`](Self::start), with the tables of its memories shared with other runs.
+    ///
+    /// # Errors
+    /// As [`start`](Self::start).
+    pub fn sharing(
+        scenario: &'s Scenario,
+        precision: Precision,
+        tables: &Tables,
+    ) -> Result<Self, InputError> {
         let preparation = Instant::now();
-        let motion = Motion::start(scenario, precision)?;
+        let motion = Motion::sharing(scenario, precision, tables)?;
         Ok(Self {
             between: Vec::new(),
             passed: 0,

@@ -19,6 +19,7 @@ pub use records::{Shard, ShardError};
 
 use crate::lab::run::{Run, RunEnd};
 use crate::language::InputError;
+use crate::memory::Tables;
 use crate::results::files::FileError;
 use crate::results::output_directory::OutputDirectory;
 use crate::results::trajectory::TrajectoryWriter;
@@ -120,18 +121,18 @@ pub fn sweep(
     let (share, mut done) = (records.share(), records.done()?);
     progress(done);
     let jobs = options.jobs.or_else(|| std::thread::available_parallelism().ok()).map_or(1, NonZero::get);
-    let next = Mutex::new(0..share);
+    let (next, tables) = (Mutex::new(0..share), Tables::default());
     let (sender, results) = mpsc::sync_channel::<Result<(usize, Record), SweepError>>(2 * jobs);
     let failure = std::thread::scope(|scope| {
         for _ in 0..jobs.min(share.max(1)) {
-            let (sender, next, records) = (sender.clone(), &next, &records);
+            let (sender, next, records, tables) = (sender.clone(), &next, &records, &tables);
             scope.spawn(move || {
                 while !stop.load(Ordering::Relaxed) {
                     let place = next.lock().ok().and_then(|mut places| places.next());
                     let Some(place) = place else { return };
                     let made = match records.read(place) {
                         Ok(Some(_)) => continue,
-                        Ok(None) => match sweep.make(records.run(place), options, stop) {
+                        Ok(None) => match sweep.make(records.run(place), options, tables, stop) {
                             Ok(Some(record)) => Ok((place, record)),
                             Ok(None) => return,
                             Err(error) => Err(error),
@@ -224,6 +225,7 @@ impl Sweep {
         &self,
         run: usize,
         options: &SweepOptions,
+        tables: &Tables,
         stop: &AtomicBool,
     ) -> Result<Option<Record>, SweepError> {
         let columns = self.layout().columns;
@@ -246,7 +248,7 @@ impl Sweep {
             let values = vec![f64::NAN; columns];
             return Ok(Some(Record { status: Status::Refused, steps: 0, values, message }));
         }
-        let under_way = match Run::start(&scenario, options.precision) {
+        let under_way = match Run::sharing(&scenario, options.precision, tables) {
             Ok(under_way) => under_way,
             Err(error) => return Ok(Some(refused(error))),
         };

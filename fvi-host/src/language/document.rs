@@ -6,7 +6,9 @@ use crate::language::expression::{Expression, Symbols, nearest};
 use crate::language::matrix_file::{self, FileMatrix};
 use core::ops::{Range, RangeInclusive};
 use serde::Serialize;
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
@@ -18,7 +20,12 @@ pub struct Document {
     text: String,
     /// Files at hand that it may name, with their contents.
     attached: Vec<(String, String)>,
+    /// Files that it has named and that need not be read again.
+    kept: Option<Arc<Mutex<KeptFiles>>>,
 }
+
+/// What was in files, by their paths.
+type KeptFiles = HashMap<PathBuf, Arc<[u8]>>;
 
 impl Document {
     /// Reads the file.
@@ -45,13 +52,13 @@ impl Document {
             )
         })?;
         let directory = path.parent().map(Path::to_path_buf).unwrap_or_default();
-        Ok(Self { name, directory, text, attached: Vec::new() })
+        Ok(Self { name, directory, text, attached: Vec::new(), kept: None })
     }
 
     /// A file's content that is at hand; other files that it names are sought in `directory`.
     pub fn new(name: &str, directory: &Path, text: &str) -> Self {
         let (name, directory, text) = (name.to_owned(), directory.to_owned(), text.to_owned());
-        Self { name, directory, text, attached: Vec::new() }
+        Self { name, directory, text, attached: Vec::new(), kept: None }
     }
 
     /// A value with the keys of a file, such as a map or a struct of one's own, as the document that says the same.
@@ -69,6 +76,11 @@ impl Document {
     pub fn with_attached(mut self, name: &str, text: &str) -> Self {
         self.attached.push((name.to_owned(), text.to_owned()));
         self
+    }
+
+    /// The document, whose copies read each file that they name once, all together.
+    pub(crate) fn reading_once(self) -> Self {
+        Self { kept: Some(Arc::default()), ..self }
     }
 
     /// The name for messages.
@@ -100,24 +112,26 @@ impl Document {
 
     /// The bytes of a file that the document names: attached to it, or in its directory.
     pub(crate) fn read_bytes_named(&self, path: &str) -> std::io::Result<Vec<u8>> {
-        match self.attached.iter().find(|(name, _)| name == path) {
-            Some((_, text)) => Ok(text.clone().into_bytes()),
-            None => std::fs::read(self.resolve(path)),
+        if let Some((_, text)) = self.attached.iter().find(|(name, _)| name == path) {
+            return Ok(text.clone().into_bytes());
         }
+        let path = self.resolve(path);
+        let Some(kept) = &self.kept else { return std::fs::read(path) };
+        let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(bytes) = kept.get(&path) {
+            return Ok(bytes.to_vec());
+        }
+        let bytes = std::fs::read(&path)?;
+        kept.insert(path, bytes.as_slice().into());
+        Ok(bytes)
     }
 
     /// The content of a file that the document names: attached to it, or in its directory.
     pub(crate) fn read_named(&self, path: &str) -> std::io::Result<String> {
-        match self.attached.iter().find(|(name, _)| name == path) {
-            Some((_, text)) => Ok(text.clone()),
-            None => {
-                let bytes = std::fs::read(self.resolve(path))?;
-                String::from_utf8(bytes).map_err(|error| {
-                    let reason = not_text(error.as_bytes(), &error.utf8_error());
-                    std::io::Error::new(std::io::ErrorKind::InvalidData, reason)
-                })
-            }
-        }
+        String::from_utf8(self.read_bytes_named(path)?).map_err(|error| {
+            let reason = not_text(error.as_bytes(), &error.utf8_error());
+            std::io::Error::new(std::io::ErrorKind::InvalidData, reason)
+        })
     }
 
     /// Hands the file's root table to `read`.

@@ -1,6 +1,7 @@
 //! A run under way: the simulation with the scenario's input, its state, and what watches it.
 
 use crate::language::InputError;
+use crate::memory::Tables;
 use crate::scenario::Scenario;
 use crate::simulation::energy_guard::{EnergyGuard, Gathered};
 use crate::simulation::not_finite::{reason, start, what_is_not_finite};
@@ -37,7 +38,19 @@ impl<'s> Motion<'s> {
     /// # Errors
     /// If the simulation cannot be made, or its state or energy is not finite in its precision.
     pub fn start(scenario: &'s Scenario, precision: Precision) -> Result<Self, InputError> {
-        let (simulation, state) = start(scenario, precision)?;
+        Self::sharing(scenario, precision, &Tables::default())
+    }
+
+    /// As [`start`](Self::start), with the tables of its memories shared with other motions.
+    ///
+    /// # Errors
+    /// As [`start`](Self::start).
+    pub fn sharing(
+        scenario: &'s Scenario,
+        precision: Precision,
+        tables: &Tables,
+    ) -> Result<Self, InputError> {
+        let (simulation, state) = start(scenario, precision, tables)?;
         let guard = EnergyGuard::new(scenario, &state);
         Ok(Self { scenario, simulation, guard, steps: 0, next: state.clone(), state })
     }

@@ -1,8 +1,9 @@
 //! The start of a simulation, and the end of one whose state or energy is no number any more.
 
 use crate::language::{InputError, Problem};
+use crate::memory::Tables;
 use crate::scenario::Scenario;
-use crate::simulation::{GridState, Precision, Simulation};
+use crate::simulation::{GridState, Precision, Simulation, SolverChoice};
 
 /// A simulation and its state at t = 0.
 ///
@@ -11,11 +12,12 @@ use crate::simulation::{GridState, Precision, Simulation};
 pub(crate) fn start(
     scenario: &Scenario,
     precision: Precision,
+    tables: &Tables,
 ) -> Result<(Simulation, GridState), InputError> {
     if precision == Precision::F32 {
         check_range(scenario)?;
     }
-    let mut simulation = Simulation::new(scenario, precision)?;
+    let mut simulation = Simulation::sharing(scenario, precision, SolverChoice::default(), tables)?;
     let none = vec![0.0; scenario.coordinates()];
     let mut state = GridState { position: none.clone(), momentum: none, ..GridState::default() };
     simulation.read(&mut state);

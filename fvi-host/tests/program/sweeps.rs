@@ -133,6 +133,30 @@ fn threads_shards_and_interruptions_leave_the_same_bytes() {
 }
 
 #[test]
+fn all_runs_see_the_files_that_the_sweep_was_read_with_and_have_the_bits_of_single_runs() {
+    let place = place(
+        "scenario = \"scenario.toml\"\n[axes]\n\"initial.position[0]\" = { from = 0.5, to = 1.5, count = 6 }\n\
+         [keep]\nquantities = [\"last\"]\n",
+    );
+    let scenario =
+        format!("{SCENARIO}[history]\nengine = \"exponential-sum\"\n[input]\nfile = \"drive.csv\"\n");
+    place.write("scenario.toml", &scenario);
+    place.write("drive.csv", "t,u0\n0,0\n1,0.5\n2,-0.25\n3,0\n");
+    let single = place.run(&scenario.replace("position = [1.0]", "position = [0.7]"), &[]);
+    let plan = Sweep::read(&place.path("sweep.toml")).unwrap();
+    fs::remove_file(place.path("drive.csv")).unwrap();
+    let options = SweepOptions::new(place.path("swept"));
+    let summary = sweep(&plan, &options, &AtomicBool::new(false), |_| ()).unwrap();
+    assert_eq!((summary.done, summary.failed), (6, 0));
+    let table = fs::read_to_string(place.path("swept/results.csv")).unwrap();
+    let row: Vec<&str> = table.lines().nth(2).unwrap().split(',').collect();
+    assert_eq!(row[1], "0.7");
+    let last = single.rows.last().unwrap();
+    let found: Vec<f64> = row[4..7].iter().map(|cell| cell.parse().unwrap()).collect();
+    assert_eq!(found, last[..3]);
+}
+
+#[test]
 fn sampled_sweeps_cover_their_axes_and_keep_trajectories() {
     for kind in ["latin-hypercube", "sobol"] {
         let place = place(&format!(

@@ -83,7 +83,9 @@ impl Sweep {
     fn from_root(root: &Table<'_>, document: &Document, plain: &toml::Table) -> Result<Self, InputError> {
         root.allow(&["title", "scenario", "axes", "sampling", "keep", "pictures"])?;
         let title = root.optional("title").map(|value| value.text().map(str::to_owned)).transpose()?;
-        let base = Scenario::read(&document.resolve(root.required("scenario")?.text()?))?;
+        let base = document.resolve(root.required("scenario")?.text()?);
+        // Files that it names are read once, and are the same for all runs.
+        let base = Scenario::from_document(Document::read(&base)?.reading_once())?;
         let values = base.document().values()?;
         let sampling_table = root.optional("sampling").map(|value| value.table()).transpose()?;
         let axes_value = root.required("axes")?;
