@@ -2,6 +2,7 @@
 
 use super::corpus::{files, lines};
 use super::{Domain, Outcome};
+use fvi_host::lab::sweep::Sweep;
 use fvi_host::lab::two_point::ProblemFile;
 use fvi_host::language::expression::{Expression, Moment, Symbols};
 use fvi_host::language::{Document, InputError};
@@ -39,12 +40,12 @@ fn failed(error: &dyn std::fmt::Display) -> Result<Outcome, String> {
     message(error).map(|()| Outcome::Failed)
 }
 
-/// Whole numbers of more than three digits on lines that speak of steps are cut: what is tried is the reader, not the patience.
+/// Whole numbers of more than three digits on lines that speak of steps or counts are cut: what is tried is the reader, not the patience.
 fn few_steps(input: &str) -> String {
     let mut text = String::new();
     for line in input.split_inclusive('\n') {
         let mut digits = 0;
-        let counted = line.contains("steps");
+        let counted = line.contains("steps") || line.contains("count");
         text.extend(line.chars().filter(|letter| {
             digits = if letter.is_ascii_digit() || *letter == '_' { digits + 1 } else { 0 };
             !counted || digits <= 3
@@ -165,6 +166,27 @@ fn problem(input: &str) -> Result<Outcome, String> {
     } else {
         Err(format!("the solution {solution:?}"))
     }
+}
+
+pub(crate) fn sweeps() -> Domain {
+    Domain { name: "sweeps", corpus: files("../sweeps", "toml"), attempt: sweep }
+}
+
+/// A sweep file beside the scenarios that the repository's sweeps name.
+fn sweep(input: &str) -> Result<Outcome, String> {
+    let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("../sweeps");
+    let plan = match Sweep::from_document(&Document::new("hostile.toml", &directory, &few_steps(input))) {
+        Ok(plan) => plan,
+        Err(error) => return refused(&error),
+    };
+    let mut outcome = Outcome::Refused;
+    for run in [0, plan.runs() / 2, plan.runs() - 1] {
+        match plan.scenario_of(run) {
+            Ok(_) => outcome = Outcome::Done,
+            Err(error) => _ = refused(&error)?,
+        }
+    }
+    Ok(outcome)
 }
 
 pub(crate) fn tables() -> Domain {

@@ -17,7 +17,7 @@ impl Generator {
     }
 
     /// A whole number below `end`, 0 for `end` = 0.
-    fn below(&mut self, end: usize) -> usize {
+    pub(crate) fn below(&mut self, end: usize) -> usize {
         (self.next() % end.max(1) as u64) as usize
     }
 

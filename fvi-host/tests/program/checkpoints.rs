@@ -1,6 +1,6 @@
 //! Runs that are interrupted and gone on with leave the files of runs that were not.
 
-use fvi_host::lab::checkpoint::CheckpointEvery;
+use fvi_host::lab::checkpoint::{CheckpointEvery, is_readable};
 use fvi_host::lab::run::{RunEnd, RunError, RunOptions, run};
 use fvi_host::results::trajectory::Format;
 use fvi_host::scenario::{ConvolutionFamily, Engine, Scenario};
@@ -89,8 +89,16 @@ fn scenarios() -> impl Strategy<Value = Value> {
         "exponential-sum-core",
         "forgetful",
     ]);
-    let kernel =
-        prop::sample::select(vec!["bdf-1", "bdf-2", "bdf-nodes", "starting", "radau-2", "lobatto-3"]);
+    let kernel = prop::sample::select(vec![
+        "bdf-1",
+        "bdf-2",
+        "bdf-nodes",
+        "starting",
+        "radau-2",
+        "lobatto-3",
+        "collocation",
+        "graded",
+    ]);
     let potential = prop::sample::select(vec!["0.5*q0^2", "2 - 2*cos(q0)", "0.5*q0^2 + 0.25*(q1 - q0)^4"]);
     let rest = (any::<bool>(), any::<bool>(), 1..4usize, 60..300usize, 0.1..1.9f64, any::<bool>());
     (engine, kernel, potential, rest).prop_map(|(engine, kernel, potential, rest)| {
@@ -118,6 +126,9 @@ fn scenarios() -> impl Strategy<Value = Value> {
             "lobatto-3" => {
                 (json!({ "family": "lobatto-iiic", "stages": 3 }), json!({ "kind": "galerkin", "degree": 2 }))
             }
+            "collocation" | "graded" => {
+                (json!({ "family": "radau-iia", "stages": 2 }), json!({ "kind": "collocation" }))
+            }
             _ => (json!({ "family": "bdf", "order": 1 }), json!({ "kind": "low-order" })),
         };
         let mut scenario = json!({
@@ -133,6 +144,13 @@ fn scenarios() -> impl Strategy<Value = Value> {
             },
             "output": { "every": every },
         });
+        if kernel == "graded" {
+            scenario["time"] = json!({ "grid": "graded", "exponent": 2.0, "end": 4.0, "steps": steps });
+            scenario["history"] = json!({ "engine": "any-step" });
+            if two_terms {
+                scenario["output"] = json!({ "times": [0.0, 0.3, 0.31, 1.7, 2.0, 4.0] });
+            }
+        }
         if input {
             let samples: Vec<Vec<f64>> = (0..20).map(|index| list(0.1 * f64::from(index % 7))).collect();
             scenario["input"] = json!({ "samples": samples, "period": 0.13 });
@@ -257,6 +275,26 @@ fn a_damaged_generation_is_passed_over_and_two_are_refused() {
             "{error}"
         );
         assert!(results(&directory) == before);
+    }
+}
+
+#[test]
+fn every_flipped_byte_and_every_truncation_of_a_checkpoint_is_noticed() {
+    let place = tempfile::tempdir().unwrap();
+    run_until(&oscillator(&[]), &every_ten(place.path()), Some((57, Interruption::Kill))).unwrap();
+    let read = |name: &str| fs::read(place.path().join(name)).unwrap();
+    let (state, pictures) = (read("checkpoint.fvi"), read("checkpoint.pictures.fvi"));
+    assert!(is_readable(&state, &pictures));
+    for (bytes, of_state) in [(&state, true), (&pictures, false)] {
+        let readable =
+            |bytes: &[u8]| if of_state { is_readable(bytes, &pictures) } else { is_readable(&state, bytes) };
+        let mut changed = bytes.clone();
+        for index in 0..bytes.len() {
+            changed[index] ^= 1 << (index % 8);
+            assert!(!readable(&changed), "byte {index}");
+            changed[index] = bytes[index];
+            assert!(!readable(&bytes[..index]), "cut to {index} bytes");
+        }
     }
 }
 
