@@ -6,9 +6,9 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 /// Tables of exponentials and of matrix weights, shared by the memories of many runs, on any number of threads.
 ///
-/// A search for exponentials takes as long as many thousands of steps, and all runs of a sweep that have the kernel, the step and
-/// the length in common need the same table. The first that asks for it makes it, while others that ask wait. The room is
-/// bounded: the table that was not asked for the longest goes first.
+/// A search for exponentials takes as long as many thousands of steps, and all runs of a sweep that have the
+/// kernel, the step and the length in common need the same table. The first that asks for it makes it, while
+/// others that ask wait. The room is bounded: the table that was not asked for the longest goes first.
 #[derive(Debug, Default)]
 pub struct Tables {
     /// The one that was asked for last is the last.

@@ -1,7 +1,8 @@
 //! Checkpoints that were damaged on the disk, and such that somebody forged: their checksums fit.
 //!
-//! What is damaged is refused, or the run goes on from the checkpoint before and leaves the bytes that it would have left. A forgery may
-//! say what it likes, but neither panics nor takes memory by a length that it claims.
+//! What is damaged is refused, or the run goes on from the checkpoint before and leaves the bytes that it
+//! would have left. A forgery may say what it likes, but neither panics nor takes memory by a length that it
+//! claims.
 
 use super::mutation::Generator;
 use super::{Outcome, number};
@@ -62,7 +63,8 @@ impl Killed {
         fs::read(self.directory.path().join(name)).unwrap()
     }
 
-    /// Goes on with files in place of the killed run's own; whether it came to its end, with the trajectory of a run that was not disturbed.
+    /// Goes on with files in place of the killed run's own; whether it came to its end, with the trajectory of
+    /// a run that was not disturbed.
     fn go_on(&self, files: &BTreeMap<&str, Vec<u8>>) -> Option<bool> {
         let place = tempfile::tempdir().unwrap();
         for entry in fs::read_dir(self.directory.path()).unwrap() {

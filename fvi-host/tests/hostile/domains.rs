@@ -40,7 +40,8 @@ fn failed(error: &dyn std::fmt::Display) -> Result<Outcome, String> {
     message(error).map(|()| Outcome::Failed)
 }
 
-/// Whole numbers of more than three digits on lines that speak of steps or counts are cut: what is tried is the reader, not the patience.
+/// Whole numbers of more than three digits on lines that speak of steps or counts are cut: what is tried is
+/// the reader, not the patience.
 fn few_steps(input: &str) -> String {
     let mut text = String::new();
     for line in input.split_inclusive('\n') {
