@@ -5,7 +5,7 @@
 //! turn, so that both meet the same moods of the machine, and the fastest turn of each counts.
 //! `cargo bench -p fvi-benches --bench steps`, with a name behind `--` for the systems that contain it.
 //!
-//! `-- --only run|hand SYSTEM STEPS` makes that many steps of one of them and nothing else, for tools that
+//! `-- --only run|nodes|hand SYSTEM STEPS` makes that many steps of one of them and nothing else, for tools that
 //! count instructions: `.ci/steps` writes `docs/steps.md` with it. Systems are `pendulum`, `linear-N` and
 //! `nonlinear-N`.
 
@@ -18,7 +18,7 @@ use fvi_core::Memory;
 use fvi_host::lab::run::{RunOptions, run};
 use fvi_host::language::Document;
 use fvi_host::memory::{HostMemory, MemoryRequest};
-use fvi_host::scenario::Scenario;
+use fvi_host::scenario::{DampedAt, Scenario};
 use fvi_host::simulation::{GridState, Precision, Simulation};
 use nalgebra::DMatrix;
 
@@ -36,7 +36,7 @@ fn main() {
     let words: Vec<String> = std::env::args().skip(1).collect();
     if let Some(place) = words.iter().position(|word| word == "--only") {
         let [path, system, steps] = &words[place + 1..place + 4] else {
-            panic!("--only run|hand SYSTEM STEPS")
+            panic!("--only run|nodes|hand SYSTEM STEPS")
         };
         return only(path, system, steps.parse().expect("a number of steps"));
     }
@@ -78,7 +78,7 @@ fn main() {
     }
 }
 
-/// Makes the steps of one system by one path.
+/// Makes the steps of one system by one path: by `run`, by `hand`, or by `nodes`, a run damped at the quadrature node.
 fn only(path: &str, system: &str, steps: usize) {
     let size = |kind: &str| system.strip_prefix(kind).map(|n| n.parse::<usize>().expect("a number"));
     if let Some(n) = size("linear-") {
@@ -99,8 +99,12 @@ fn steps_of<S: ByHand>(path: &str, scenario: &Scenario, system: S) {
         }
         return;
     }
+    let mut scenario = scenario.clone();
+    if path == "nodes" {
+        scenario.convolution.at = DampedAt::Nodes;
+    }
     let directory = std::env::temp_dir().join(format!("fvi-bench-steps-{}", std::process::id()));
-    run(scenario, &RunOptions::new(&directory), &AtomicBool::new(false), |_| ()).expect("a run");
+    run(&scenario, &RunOptions::new(&directory), &AtomicBool::new(false), |_| ()).expect("a run");
     // What is left there is of no use to anyone.
     let _ = std::fs::remove_dir_all(directory);
 }

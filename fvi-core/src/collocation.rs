@@ -75,10 +75,6 @@ impl<T: Real, const N: usize, const R: usize> Scheme<T, Fixed<N>> for Collocatio
         NodeStorage::empty()
     }
 
-    fn forget_step(storage: &mut Self::Storage) {
-        storage.kept.valid = false;
-    }
-
     fn behind(storage: &Self::Storage) -> &[T] {
         storage.behind.as_flattened()
     }
@@ -152,10 +148,10 @@ impl<T: Real> CollocationTables<'_, T> {
         };
         let iterations = if linear {
             let stays = equations.damping.leading_is_constant();
-            if !work.kept.valid {
+            if work.kept.length != step.size {
                 equations.residual(work.increments, work.residual, Some(&mut *work.matrix));
                 work.matrix.keep(&mut work.kept.solver).map_err(|_| StepError::SingularJacobian)?;
-                work.kept.valid = stays;
+                work.kept.length = if stays { step.size } else { T::zero() };
             }
             for _ in 0..LINEAR_CORRECTIONS {
                 equations.residual::<E>(work.increments, work.residual, None);

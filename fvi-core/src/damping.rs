@@ -415,8 +415,13 @@ impl<T: Real, X: Space<T>, M: Memory<T>> Damping<T, X> for DampingTerm<T, X, M> 
     #[inline(always)]
     fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
         let coordinates = X::slice(&self.initial_position).len();
-        let nodes = vectors(increments, coordinates).count();
         let sum = scratch.get_mut(..coordinates).unwrap_or(&mut []);
+        if increments.len() == coordinates {
+            let leading = self.leading(1, 0, 0);
+            sum.iter_mut().zip(increments).for_each(|(sum, &increment)| *sum = increment * leading);
+            return self.coefficients.multiply_add(T::one(), sum, force);
+        }
+        let nodes = vectors(increments, coordinates).count();
         for (i, force) in vectors_mut(force, coordinates).enumerate() {
             sum.fill(T::zero());
             for (j, increment) in vectors(increments, coordinates).enumerate() {

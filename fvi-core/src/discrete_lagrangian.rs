@@ -59,7 +59,7 @@ pub struct Workspace<'a, T: Real, X: Space<T>, E: Equations<T, X::Block>> {
     /// The equations of a step.
     pub matrix: &'a mut E,
     /// What solves them while they stay the same.
-    pub kept: &'a mut Kept<E::Kept>,
+    pub kept: &'a mut Kept<E::Kept, T>,
 }
 
 impl<T: Real, X: Space<T>, E: Equations<T, X::Block>> Workspace<'_, T, X, E> {
@@ -81,17 +81,17 @@ impl<T: Real, X: Space<T>, E: Equations<T, X::Block>> Workspace<'_, T, X, E> {
 
 /// What solves the equations of a linear system, once it is prepared.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Kept<K> {
+pub struct Kept<K, T> {
     /// What [`Equations::keep`] prepares.
     pub solver: K,
-    /// Whether it is for the equations of the step to come.
-    pub valid: bool,
+    /// The length of the steps whose equations it is for; zero where it is for none.
+    pub length: T,
 }
 
-impl<K> Kept<K> {
+impl<K, T: Real> Kept<K, T> {
     /// Nothing prepared yet.
     pub fn nothing(solver: K) -> Self {
-        Self { solver, valid: false }
+        Self { solver, length: T::zero() }
     }
 }
 
@@ -287,20 +287,27 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
             0
         } else if equations.mechanics.is_linear() {
             let stays = damping.is_none_or(|damping| damping.leading_is_constant());
-            if work.kept.valid {
+            if work.kept.length == step.size {
                 equations.residual::<E>(work.increments, work.residual, None);
             } else {
                 equations.residual(work.increments, work.residual, Some(&mut *work.matrix));
                 work.matrix.keep(&mut work.kept.solver).map_err(|_| StepError::SingularJacobian)?;
-                work.kept.valid = stays;
+                work.kept.length = if stays { step.size } else { T::zero() };
             }
-            equations.correct(work.increments, work.residual, work.matrix, &work.kept.solver)?;
+            equations.correct(work.increments, work.residual, work.matrix, &work.kept.solver);
             equations.forces::<E>(work.increments, None);
             // The rounding of the solver is the same at every step, so that it would add up to growth or decay. A second
             // correction, with the forces that are wanted anyway, leaves nothing of it.
             equations.balance(work.increments, work.residual);
-            equations.correct(work.increments, work.residual, work.matrix, &work.kept.solver)?;
-            self.place_stages(work.increments, equations.stages, coordinates);
+            equations.correct(work.increments, work.residual, work.matrix, &work.kept.solver);
+            // What is not finite in the first correction is so in the second.
+            if !all_finite(work.residual) {
+                return Err(StepError::NotFinite);
+            }
+            // The nodes are the sample where the force acts at them.
+            if damping.is_some() {
+                self.place_stages(work.increments, equations.stages, coordinates);
+            }
             1
         } else {
             let linearise = |increments: &[T], residual: &mut [T], matrix: &mut E| {
@@ -424,15 +431,11 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> StepEquations<'
         residual: &mut [T],
         matrix: &mut E,
         solver: &E::Kept,
-    ) -> Result<(), StepError> {
+    ) {
         matrix.solve_kept(solver, residual);
-        if !all_finite(residual) {
-            return Err(StepError::NotFinite);
-        }
         for (unknown, &correction) in increments.iter_mut().zip(&*residual) {
             *unknown -= correction;
         }
-        Ok(())
     }
 
     /// Writes the residuals of the S equations with the forces as they were last found.

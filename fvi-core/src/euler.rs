@@ -56,14 +56,10 @@ impl ImplicitEuler {
 macro_rules! scheme {
     ($method:ty, $step:ident) => {
         impl<T: Real, const N: usize> Scheme<T, Fixed<N>> for $method {
-            type Storage = Kept<Factors<T, N, 1>>;
+            type Storage = Kept<Factors<T, N, 1>, T>;
 
             fn storage<G: Mechanics<T, Fixed<N>>>(&self, _: &Fixed<N>, _: &G) -> Self::Storage {
                 Kept::nothing(Factors::zero())
-            }
-
-            fn forget_step(storage: &mut Self::Storage) {
-                storage.valid = false;
             }
 
             fn sampling(&self) -> Sampling<'_, T> {

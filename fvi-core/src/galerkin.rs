@@ -301,14 +301,10 @@ macro_rules! in_place {
 pub(crate) use in_place;
 
 impl<T: Real, const N: usize, const S: usize, const Q: usize> Scheme<T, Fixed<N>> for Galerkin<T, S, Q> {
-    type Storage = Kept<Factors<T, N, S>>;
+    type Storage = Kept<Factors<T, N, S>, T>;
 
     fn storage<G: Mechanics<T, Fixed<N>>>(&self, _: &Fixed<N>, _: &G) -> Self::Storage {
         Kept::nothing(Factors::zero())
-    }
-
-    fn forget_step(storage: &mut Self::Storage) {
-        storage.valid = false;
     }
 
     fn sampling(&self) -> Sampling<'_, T> {

@@ -58,8 +58,6 @@ pub struct Integrator<T: Real, X: Space<T>, G, S: Scheme<T, X>, D> {
     state: State<X::Vector>,
     /// A step and its time, from where on steps are counted with the step size: those before were of any length.
     anchor: (u64, T),
-    /// Length of the last step, for which the scheme's storage is.
-    last_length: T,
 }
 
 /// Kind of the saved state.
@@ -216,8 +214,8 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         let storage = scheme.storage(&space, &mechanics);
         let rounding = Rounding { position: space.zeros(), momentum: space.zeros() };
         let state = State { step: 0, position, momentum, rounding };
-        let (anchor, last_length) = ((0, T::zero()), step_size);
-        Ok(Integrator { space, mechanics, scheme, storage, damping, step_size, state, anchor, last_length })
+        let anchor = (0, T::zero());
+        Ok(Integrator { space, mechanics, scheme, storage, damping, step_size, state, anchor })
     }
 }
 
@@ -277,11 +275,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
     #[inline(always)]
     fn make(&mut self, length: T, end: T, input: &X::Vector) -> Result<u32, StepError> {
         let step = Step { time: self.time(), end, size: length, input: X::slice(input) };
-        let Self { mechanics, scheme, storage, damping, state, last_length, .. } = self;
-        if length != *last_length {
-            S::forget_step(storage);
-            *last_length = length;
-        }
+        let Self { mechanics, scheme, storage, damping, state, .. } = self;
         scheme.step(storage, mechanics, damping, &step, state)
     }
 

@@ -138,9 +138,7 @@ pub fn keep_factors<T: Real>(matrix: &mut [T], pivots: &mut [usize], kept: &mut 
 #[inline(always)]
 pub fn substitute_kept<T: Real, P: Copy + Into<usize>>(kept: &[T], pivots: &[P], vector: &mut [T]) {
     let n = pivots.len();
-    if n > 1 {
-        exchange(pivots, vector);
-    }
+    exchange(pivots, vector);
     let columns = || kept.chunks_exact(n.max(1)).enumerate();
     for (column, numbers) in columns() {
         let Some((known, later)) = vector.split_at_mut_checked(column + 1) else { continue };
@@ -158,7 +156,9 @@ pub fn substitute_kept<T: Real, P: Copy + Into<usize>>(kept: &[T], pivots: &[P],
 /// Exchanges the numbers of a vector as elimination exchanged rows.
 #[inline(always)]
 fn exchange<T: Real, P: Copy + Into<usize>>(pivots: &[P], vector: &mut [T]) {
-    for (row, &pivot) in pivots.iter().enumerate() {
+    // The last row stays where it is.
+    let last = pivots.len().saturating_sub(1);
+    for (row, &pivot) in pivots.iter().enumerate().take(last) {
         let pivot = pivot.into();
         if row != pivot {
             let (a, b) = (at(vector, row), at(vector, pivot));

@@ -33,7 +33,7 @@ pub struct NodeGalerkin<T, const S: usize, const Q: usize> {
 /// What a scheme with Q nodes in its memory keeps between steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NodeStorage<T, const N: usize, const S: usize, const Q: usize> {
-    pub(crate) kept: Kept<Factors<T, N, S>>,
+    pub(crate) kept: Kept<Factors<T, N, S>, T>,
     /// q_k − X_{k−1,i}.
     pub(crate) behind: [[T; N]; Q],
 }
@@ -66,10 +66,6 @@ impl<T: Real, const N: usize, const S: usize, const Q: usize> Scheme<T, Fixed<N>
 
     fn storage<G: Mechanics<T, Fixed<N>>>(&self, _: &Fixed<N>, _: &G) -> Self::Storage {
         NodeStorage::empty()
-    }
-
-    fn forget_step(storage: &mut Self::Storage) {
-        storage.kept.valid = false;
     }
 
     fn behind(storage: &Self::Storage) -> &[T] {

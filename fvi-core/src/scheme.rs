@@ -77,11 +77,6 @@ pub trait Scheme<T: Real, X: Space<T>> {
     /// Storage for a system in the given space.
     fn storage<G: Mechanics<T, X>>(&self, space: &X, mechanics: &G) -> Self::Storage;
 
-    /// Forgets what is kept for steps of the length of the last: the next is of another.
-    fn forget_step(storage: &mut Self::Storage) {
-        let _ = storage;
-    }
-
     /// What the memory stores of each step.
     fn sampling(&self) -> Sampling<'_, T>;
 

@@ -60,7 +60,7 @@ impl<T: Elementary> OnePoint<T> {
 /// What a [`OnePoint`] scheme keeps between steps.
 #[derive(Clone, Debug)]
 pub struct OnePointRoom<T> {
-    kept: Kept<Factors<T, 1, 1>>,
+    kept: Kept<Factors<T, 1, 1>, T>,
     /// q_k − X_{k−1}, where the memory stores the quadrature node.
     behind: Option<T>,
     /// q_{k+1} − q_k of the last step.
@@ -84,10 +84,6 @@ impl<T: Real> Scheme<T, Fixed<1>> for OnePoint<T> {
 
     fn behind_mut(room: &mut OnePointRoom<T>) -> &mut [T] {
         room.behind.as_mut_slice()
-    }
-
-    fn forget_step(room: &mut OnePointRoom<T>) {
-        room.kept.valid = false;
     }
 
     fn sampling(&self) -> Sampling<'_, T> {

@@ -221,7 +221,7 @@ pub struct Room<T: Real, X: MatrixSpace<T>> {
     point: Vec<T>,
     stiffness: Matrix<T>,
     matrix: X::Equations,
-    kept: Kept<X::Kept>,
+    kept: Kept<X::Kept, T>,
 }
 
 impl<T: Real, X: MatrixSpace<T>> Scheme<T, X> for AnyScheme<T> {
@@ -253,10 +253,6 @@ impl<T: Real, X: MatrixSpace<T>> Scheme<T, X> for AnyScheme<T> {
 
     fn behind_mut(room: &mut Room<T, X>) -> &mut [T] {
         &mut room.behind
-    }
-
-    fn forget_step(room: &mut Room<T, X>) {
-        room.kept.valid = false;
     }
 
     fn sampling(&self) -> Sampling<'_, T> {
