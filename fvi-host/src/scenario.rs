@@ -3,6 +3,7 @@
 //! A [`Scenario`] is what the TOML file says after defaults are filled in and every value is checked; it
 //! knows nothing of how it is run. Its serialised form is the record of the inputs as used.
 
+mod adaptive;
 mod element;
 mod grid;
 mod initial;
@@ -17,6 +18,7 @@ mod system;
 mod time;
 mod warnings;
 
+pub use adaptive::Adaptive;
 pub use element::Element;
 pub use grid::{Grid, GridRule};
 pub use initial::InitialState;
@@ -148,7 +150,8 @@ impl Scenario {
             None => Convolution::default_for(&scheme),
         };
         let scheme = scheme.with_quadrature_for(convolution.family);
-        let time = TimeGrid::read(&root.required("time")?.table()?, document)?;
+        let start = Adaptive::start(&system, &initial);
+        let time = TimeGrid::read(&root.required("time")?.table()?, start, document)?;
         if time.grid.is_some() && matches!(convolution.family, ConvolutionFamily::Bdf { .. }) {
             return Err(grid::check_family(&root.required("time")?.table()?));
         }
@@ -247,6 +250,11 @@ impl Scenario {
     /// Whether there is no reference or it can be compared with at one grid point at least.
     pub fn meets_reference(&self) -> bool {
         self.reference.as_ref().is_none_or(|reference| reference.meets(&self.time, &self.output))
+    }
+
+    /// Whether the motion is wanted between grid points.
+    pub fn is_looked_into(&self) -> bool {
+        !self.output.times.is_empty()
     }
 
     /// The file it was read from.

@@ -1,13 +1,17 @@
 //! A scenario in motion: the integrator behind a face without type parameters.
 
+pub(crate) mod adaptive;
 mod available_memory;
+mod breaks;
 mod choice;
 pub mod energy_guard;
 pub mod motion;
 pub(crate) mod not_finite;
 #[cfg(test)]
 mod one_coordinate_tests;
+mod piece;
 pub mod stability;
+mod step_control;
 
 use crate::language::error::Cause;
 use crate::language::expression::Elementary;
@@ -23,6 +27,7 @@ use fvi_core::{
 };
 use fvi_fft::Engines;
 use nalgebra::DMatrix;
+use piece::{Piece, Place};
 use serde::Serialize;
 
 /// The scalar a simulation computes in.
@@ -163,8 +168,8 @@ impl Simulation {
         self.stepper.step_over(length, end, input)
     }
 
-    /// Writes the state at a time within the last step into `state`, by the scheme's own polynomial; before the first step
-    /// and after the last the present state.
+    /// Writes the state at a time within the last two steps into `state`, by the scheme's own polynomial; before the first
+    /// step and after the last the present state.
     pub fn look_into(&mut self, time: f64, state: &mut GridState) {
         self.stepper.look_into(time, state);
     }
@@ -266,8 +271,8 @@ struct Machine<T: Elementary + Engines, X: ScenarioSpace<T>> {
     pushed: bool,
     /// The mean of the momenta before and after the last kick, where that is what is reported.
     mean: Option<X::Vector>,
-    /// Time, position and momentum before the last step, where it is to be looked into.
-    before: Option<(f64, X::Vector, X::Vector)>,
+    /// The last two steps, the later one first, where they are to be looked into.
+    pieces: Option<[Piece<T>; 2]>,
 }
 
 impl<T: Elementary + Engines, X: ScenarioSpace<T>> Machine<T, X> {
@@ -294,10 +299,8 @@ impl<T: Elementary + Engines, X: ScenarioSpace<T>> Machine<T, X> {
             .momentum(momentum)
             .build()
             .map_err(|error| refused(scenario, &error))?;
-        let state = integrator.state();
-        let before = (!scenario.output.times.is_empty())
-            .then(|| (0.0, state.position.clone(), state.momentum.clone()));
-        Ok(Self { integrator, input, pushed: false, mean, before })
+        let pieces = scenario.is_looked_into().then(<[Piece<T>; 2]>::default);
+        Ok(Self { integrator, input, pushed: false, mean, pieces })
     }
 }
 
@@ -310,12 +313,38 @@ impl<T: Elementary + Engines, X: ScenarioSpace<T>> Machine<T, X> {
                 *place = input.get(index).map_or(T::zero(), |&number| T::of(number));
             }
         }
-        if let Some((time, position, momentum)) = &mut self.before {
+        if let Some(pieces) = &mut self.pieces {
             let state = self.integrator.state();
-            *time = self.integrator.time().to_f64();
-            X::slice_mut(position).clone_from_slice(X::slice(&state.position));
-            X::slice_mut(momentum).clone_from_slice(X::slice(&state.momentum));
+            pieces.swap(0, 1);
+            pieces[0].begin(
+                self.integrator.time().to_f64(),
+                X::slice(&state.position),
+                X::slice(&state.momentum),
+            );
         }
+    }
+
+    /// Writes a position and a momentum with their energy.
+    fn write(&mut self, position: &[T], momentum: &[T], state: &mut GridState) {
+        for (numbers, vector) in [(&mut state.position, position), (&mut state.momentum, momentum)] {
+            numbers.iter_mut().zip(vector).for_each(|(place, number)| *place = number.to_f64());
+        }
+        let of_space = |integrator: &Integrator<T, X, X::System, X::Scheme, DampingTerms<T, X>>, of: &[T]| {
+            let mut vector = integrator.state().position.clone();
+            X::slice_mut(&mut vector).clone_from_slice(of);
+            vector
+        };
+        let (position, momentum) =
+            (of_space(&self.integrator, position), of_space(&self.integrator, momentum));
+        state.energy = self.integrator.energy_of(&position, &momentum).to_f64();
+    }
+
+    /// Keeps what the step has found that may be looked into.
+    fn keep_piece(&mut self, made: Result<u32, StepError>) -> Result<u32, StepError> {
+        if let (Ok(_), Some([piece, _])) = (&made, &mut self.pieces) {
+            piece.end(self.integrator.time().to_f64(), X::Scheme::solution(self.integrator.storage()));
+        }
+        made
     }
 }
 
@@ -481,37 +510,42 @@ impl<T: Elementary + Engines, X: ScenarioSpace<T>> Damping<T, X> for DampingTerm
 impl<T: Elementary + Engines, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
     fn step(&mut self, input: &[f64]) -> Result<u32, StepError> {
         self.prepare(input);
-        self.integrator.step(&self.input)
+        let made = self.integrator.step(&self.input);
+        self.keep_piece(made)
     }
 
     fn step_over(&mut self, length: f64, end: f64, input: &[f64]) -> Result<u32, StepError> {
         self.prepare(input);
-        self.integrator.step_over(T::of(length), T::of(end), &self.input)
+        let made = self.integrator.step_over(T::of(length), T::of(end), &self.input);
+        self.keep_piece(made)
     }
 
     fn look_into(&mut self, time: f64, state: &mut GridState) {
-        let now = self.integrator.time().to_f64();
-        let Some((from, position, momentum)) = &self.before else { return };
-        let length = now - from;
-        // Times to rounding at the end of the step are its end.
-        if length <= 0.0 || now - time <= 1e-9 * length {
-            self.read(state);
-        } else {
-            let (mut position, mut momentum) = (position.clone(), momentum.clone());
-            let fraction = T::of(((time - from) / length).max(0.0));
-            self.integrator.scheme().look_into(
-                self.integrator.storage(),
-                self.integrator.system(),
-                (T::of(length), fraction),
-                X::slice_mut(&mut position),
-                X::slice_mut(&mut momentum),
-            );
-            for (numbers, vector) in [(&mut state.position, &position), (&mut state.momentum, &momentum)] {
-                numbers.iter_mut().zip(X::slice(vector)).for_each(|(place, number)| *place = number.to_f64());
-            }
-            state.energy = self.integrator.energy_of(&position, &momentum).to_f64();
-        }
+        let Some([last, before]) = &self.pieces else { return };
         state.time = time;
+        if last.solution.is_empty() {
+            self.read(state);
+            return;
+        }
+        let (piece, end) = if time > last.from { (last, None) } else { (before, Some(last)) };
+        match (piece.place(time), end) {
+            (Place::End, None) => self.read(state),
+            (Place::End, Some(next)) => {
+                let (position, momentum) = (next.position.clone(), next.momentum.clone());
+                self.write(&position, &momentum, state);
+            }
+            (Place::Inside(fraction), _) => {
+                let (mut position, mut momentum) = (piece.position.clone(), piece.momentum.clone());
+                self.integrator.scheme().look_into(
+                    &piece.solution,
+                    self.integrator.system(),
+                    (T::of(piece.to - piece.from), T::of(fraction)),
+                    &mut position,
+                    &mut momentum,
+                );
+                self.write(&position, &momentum, state);
+            }
+        }
     }
 
     fn read_without_energy(&mut self, grid: &mut GridState) {

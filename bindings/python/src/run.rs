@@ -99,7 +99,7 @@ pub(crate) fn run_in(
             let stop = AtomicBool::new(false);
             let mut watch = Watch::new(progress);
             let result = run_into_files(&scenario, &options, &stop, |steps| {
-                if !watch.tick(steps, scenario.time.steps) {
+                if !watch.tick(steps, scenario.time.steps_known()) {
                     stop.store(true, Ordering::Relaxed);
                 }
             });
@@ -157,7 +157,7 @@ fn compute(
     let mut rows = Rows::new(scenario)?;
     let mut watch = Watch::new(progress);
     let stop = AtomicBool::new(false);
-    let (every, all) = (scenario.output.every, scenario.time.steps);
+    let (every, all) = (scenario.output.every, scenario.time.steps_known());
     let result = run.to_the_end(&stop, |steps, state| {
         if steps.is_multiple_of(every) {
             rows.push(state);
@@ -188,7 +188,9 @@ impl Rows {
     /// Room for those of a scenario.
     fn new(scenario: &Scenario) -> Outcome<Self> {
         let coordinates = scenario.coordinates();
-        let rows = (scenario.time.steps / scenario.output.every).saturating_add(2);
+        // They grow where nobody knows how many there will be.
+        let steps = scenario.time.steps_known().unwrap_or_default();
+        let rows = (steps / scenario.output.every).saturating_add(2);
         let numbers = coordinates.saturating_mul(2).saturating_add(2);
         let no_room = |what: String| {
             Failure::NoRoom(format!(

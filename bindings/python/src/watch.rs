@@ -25,10 +25,11 @@ impl Watch {
         Self { progress, raised: None, looked: now, reported: now, left: 1, stride: 1 }
     }
 
-    /// Hears that `done` of `all` pieces of work are done; whether to go on.
-    pub(crate) fn tick(&mut self, done: usize, all: usize) -> bool {
+    /// Hears that `done` of `all` pieces of work are done (`None`: nobody knows of how many); whether to go on.
+    pub(crate) fn tick(&mut self, done: usize, all: impl Into<Option<usize>>) -> bool {
+        let all = all.into();
         self.left = self.left.saturating_sub(1);
-        let last = self.progress.is_some() && done == all;
+        let last = self.progress.is_some() && Some(done) == all;
         if self.left > 0 && !last {
             return true;
         }
@@ -43,9 +44,9 @@ impl Watch {
         self.look(done, all)
     }
 
-    fn look(&mut self, done: usize, all: usize) -> bool {
+    fn look(&mut self, done: usize, all: Option<usize>) -> bool {
         self.looked = Instant::now();
-        let due = self.reported.elapsed() >= REPORT || done == all;
+        let due = self.reported.elapsed() >= REPORT || Some(done) == all;
         let result = Python::attach(|py| {
             py.check_signals()?;
             if let (true, Some(progress)) = (due, &self.progress) {

@@ -6,7 +6,8 @@ use std::time::{Duration, Instant};
 
 /// A progress bar that appears on a terminal once the work has taken about a second.
 pub(super) struct Progress {
-    all: usize,
+    /// `None`: unknown.
+    all: Option<usize>,
     unit: &'static str,
     start: Instant,
     wanted: bool,
@@ -19,13 +20,23 @@ const MOST_UPDATES: usize = 4096;
 impl Progress {
     /// For `all` pieces of work, called `unit` in the plural; nothing is shown if `quiet` or not on a terminal.
     pub(super) fn new(all: usize, unit: &'static str, quiet: bool) -> Self {
+        Self::of(Some(all), unit, quiet)
+    }
+
+    /// For pieces of work of which nobody knows how many there will be.
+    pub(super) fn of_unknown(unit: &'static str, quiet: bool) -> Self {
+        Self::of(None, unit, quiet)
+    }
+
+    fn of(all: Option<usize>, unit: &'static str, quiet: bool) -> Self {
         let wanted = !quiet && std::io::stderr().is_terminal();
         Self { all, unit, start: Instant::now(), wanted, bar: None }
     }
 
     /// Shows that `done` pieces are done.
     pub(super) fn update(&mut self, done: usize) {
-        if !self.wanted || !done.is_multiple_of(self.all.div_ceil(MOST_UPDATES).max(1)) {
+        let stride = self.all.map_or(1, |all| all.div_ceil(MOST_UPDATES).max(1));
+        if !self.wanted || !done.is_multiple_of(stride) {
             return;
         }
         if self.bar.is_none() && self.start.elapsed() > Duration::from_secs(1) {
@@ -37,10 +48,15 @@ impl Progress {
     }
 
     fn styled_bar(&self) -> ProgressBar {
-        let bar = ProgressBar::with_draw_target(Some(self.all as u64), ProgressDrawTarget::stderr());
+        let all = self.all.map(|all| all as u64);
+        let bar = ProgressBar::with_draw_target(all, ProgressDrawTarget::stderr());
         let unit = self.unit;
-        let template =
-            format!("{{bar:40}} {{human_pos}}/{{human_len}} {unit}, {{elapsed}} gone, {{eta}} to go");
+        let template = match all {
+            Some(_) => {
+                format!("{{bar:40}} {{human_pos}}/{{human_len}} {unit}, {{elapsed}} gone, {{eta}} to go")
+            }
+            None => format!("{{human_pos}} {unit}, {{elapsed}} gone"),
+        };
         match ProgressStyle::with_template(&template) {
             Ok(style) => bar.with_style(style),
             Err(_) => bar,

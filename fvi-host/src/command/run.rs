@@ -63,7 +63,10 @@ impl RunArguments {
         warn(warnings);
         let directory = self.out.unwrap_or_else(|| default_directory(&self.scenario, "run"));
         let stop = stop::flag();
-        let mut progress = Progress::new(scenario.time.steps, "steps", self.quiet);
+        let mut progress = match scenario.time.steps_known() {
+            Some(steps) => Progress::new(steps, "steps", self.quiet),
+            None => Progress::of_unknown("steps", self.quiet),
+        };
         let options = RunOptions {
             precision: self.precision,
             format: self.format,
@@ -94,8 +97,11 @@ impl RunArguments {
             }
             RunEnd::Stopped => Err(CommandError::Stopped(format!("stopped; {line}"))),
             RunEnd::Failed { step, time, reason } => Err(CommandError::Failed(format!(
-                "step {step} (from t = {time} to t = {}) failed: {reason}; kept until then: {line}",
-                scenario.time.time(step + 1),
+                "step {step} (from t = {time}{}) failed: {reason}; kept until then: {line}",
+                match scenario.time.adaptive() {
+                    Some(_) => String::new(),
+                    None => format!(" to t = {}", scenario.time.time(step + 1)),
+                },
             ))),
         }
     }

@@ -17,6 +17,7 @@ use crate::results::output_directory::OutputDirectory;
 use crate::results::run_traces::RunTraces;
 use crate::results::sections::{self, Damage};
 use crate::results::trajectory::{Format, TrajectoryMark, TrajectoryWriter};
+use crate::simulation::adaptive::Progress as Chosen;
 use crate::simulation::energy_guard::Gathered;
 use fvi_core::StateError;
 pub(crate) use identity::Identity;
@@ -35,7 +36,7 @@ const PREVIOUS_PICTURES: &str = "checkpoint.previous.pictures.fvi";
 /// The line end tells files that were taken for text on the way.
 const MAGIC: [u8; 8] = *b"fvi\r\n\x1a\nC";
 const PICTURES_MAGIC: [u8; 8] = *b"fvi\r\n\x1a\nP";
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 
 /// Why a run cannot go on from what is in its directory. Nothing has been changed.
 #[derive(Debug, thiserror::Error)]
@@ -106,6 +107,8 @@ pub(crate) struct Progress {
     /// Of position, momentum and energy, and how many values of the reference are undefined.
     pub(crate) errors: ([ErrorMeasure; 3], usize),
     pub(crate) guard: Gathered,
+    /// Of steps that are chosen on the way.
+    pub(crate) chosen: Option<Chosen>,
     /// Machines and versions that it was on before, where their bits differ.
     pub(crate) elsewhere: Vec<String>,
 }

@@ -285,7 +285,7 @@ pub(crate) fn run_on(
     let mut motion = Motion::start(scenario, Precision::F64)?;
     take(0, motion.state());
     let mut seconds = 0.0;
-    while motion.steps() < scenario.time.steps {
+    while !motion.is_done() {
         if stop.load(Ordering::Relaxed) {
             return Err(ConvergeError::Stopped);
         }

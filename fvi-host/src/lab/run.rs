@@ -18,6 +18,7 @@ use crate::results::run_traces::RunTraces;
 use crate::results::snapshots::Snapshots;
 use crate::results::trajectory::{Format, TrajectoryMark, TrajectoryWriter};
 use crate::scenario::{Engine, Scenario};
+use crate::simulation::adaptive::Counts;
 use crate::simulation::motion::{Failure, Motion};
 use crate::simulation::{GridState, Precision, Solver};
 use fvi_core::StateError;
@@ -106,11 +107,15 @@ pub struct RunSummary {
     pub seconds: f64,
     /// Steps made.
     pub steps: usize,
-    /// Steps asked for.
-    pub steps_wanted: usize,
+    /// Steps asked for, where their number is known beforehand.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub steps_wanted: Option<usize>,
     /// Lengths of the steps, where they differ.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub step_lengths: Option<StepLengths>,
+    /// Attempts, where steps are chosen on the way.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub attempts: Option<Attempts>,
     /// Iterations of Newton's method, all steps together.
     pub newton_iterations: u64,
     /// Most iterations in one step.
@@ -144,6 +149,15 @@ pub struct StepLengths {
     pub smallest: f64,
     /// The longest step.
     pub largest: f64,
+}
+
+/// What was made of attempts at steps that are chosen on the way, each at a pair of steps.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Attempts {
+    /// All of them.
+    pub made: usize,
+    /// Those whose error was too large.
+    pub rejected: usize,
 }
 
 /// Why a run could not be made or recorded.
@@ -241,7 +255,7 @@ pub fn run(
     let mut timer = Timer::new(options.checkpoints);
     let mut write_checkpoint = |run: &Run<'_>, writer: &mut TrajectoryWriter, traces: &RunTraces| {
         let trajectory = writer.mark().map_err(&writing)?;
-        let state = run.motion.simulation().save()?;
+        let state = run.motion.save()?;
         generations.write(&directory, &identity, &run.progress(trajectory), &state, traces)?;
         writer.keep();
         Ok::<_, RunError>(())
@@ -293,7 +307,7 @@ pub fn run(
     }
     // The record is written even if a picture cannot be.
     #[cfg(feature = "pictures")]
-    let drawn = traces.draw(&scenario, summary.steps, directory.path(), &mut summary.files);
+    let drawn = traces.draw(&scenario, summary.last.time, directory.path(), &mut summary.files);
     #[cfg(feature = "pictures")]
     let mapped = write_map(&scenario, snapshots.as_ref(), &directory.join(MAP), &mut summary.files);
     if goes_on {
@@ -303,6 +317,19 @@ pub fn run(
     #[cfg(feature = "pictures")]
     drawn.and(mapped)?;
     Ok(summary)
+}
+
+/// Warns of positions so small that a tolerance relative to `time.scale` says little about them.
+fn small_beside_scale(scenario: &Scenario, largest: &Largest) -> Option<String> {
+    const SMALL: f64 = 0.01;
+    let scale = scenario.time.adaptive()?.scale;
+    let most = largest.position.iter().fold(0.0, |most: f64, &position| most.max(position));
+    (most > 0.0 && most < SMALL * scale).then(|| {
+        format!(
+            "no position is larger than {most:.1e}, and `time.tolerance` is relative to `time.scale`, {scale}: give a scale of \
+             the size of the positions"
+        )
+    })
 }
 
 /// The state as far as it is written and drawn.
@@ -316,13 +343,14 @@ fn shown<'a>(scenario: &Scenario, state: &'a GridState) -> Cow<'a, GridState> {
 /// Refuses more snapshots than fit into memory, and those of which a run that goes on would have the later ones only.
 fn check_snapshots(scenario: &Scenario, options: &RunOptions) -> Result<(), InputError> {
     let Some(every) = scenario.output.snapshots else { return Ok(()) };
+    let steps = scenario.time.steps_known().unwrap_or_default();
     let refused = |reason: String| scenario.error_at("output.snapshots", Problem::Unusable { reason });
     if options.resume {
         return Err(refused(
             "a run with snapshots cannot be gone on with: they are kept in memory until its end".to_owned(),
         ));
     }
-    require(Snapshots::bytes(every, scenario.coordinates(), scenario.time.steps))
+    require(Snapshots::bytes(every, scenario.coordinates(), steps))
         .map_err(|no_room| refused(no_room.to_string()))
 }
 
@@ -438,7 +466,7 @@ impl<'s> Run<'s> {
             self.observe();
             take(self)?;
         }
-        while self.motion.steps() < self.scenario.time.steps {
+        while !self.motion.is_done() {
             if stop.load(Ordering::Relaxed) {
                 return Ok(RunEnd::Stopped);
             }
@@ -490,9 +518,11 @@ impl<'s> Run<'s> {
         }
         let (steps, state) = (self.motion.steps(), self.motion.state());
         self.largest.take(state);
-        if let Some(known) =
-            reference.and_then(|reference| reference.at_grid_point(steps, &scenario.time, coordinates))
-        {
+        let known = reference.and_then(|reference| match scenario.time.adaptive() {
+            Some(_) => reference.at_output(state.time, coordinates),
+            None => reference.at_grid_point(steps, &scenario.time, coordinates),
+        });
+        if let Some(known) = known {
             self.errors.compare(state, &known);
         }
     }
@@ -510,6 +540,7 @@ impl<'s> Run<'s> {
             largest: self.largest.clone(),
             errors: self.errors.parts(),
             guard: self.motion.gathered(),
+            chosen: self.motion.chosen(),
             elsewhere: self.elsewhere.clone(),
         }
     }
@@ -517,7 +548,7 @@ impl<'s> Run<'s> {
     /// Goes on from a checkpoint.
     fn go_on(&mut self, checkpoint: &Checkpoint) -> Result<(), StateError> {
         let progress = checkpoint.progress.clone();
-        self.motion.go_on(progress.steps, &checkpoint.state, progress.guard)?;
+        self.motion.go_on(progress.steps, &checkpoint.state, progress.guard, progress.chosen)?;
         self.seen = true;
         self.preparation_seconds += progress.preparation_seconds;
         self.seconds = progress.seconds;
@@ -544,7 +575,7 @@ impl<'s> Run<'s> {
     }
 
     fn summary(self, end: RunEnd) -> RunSummary {
-        let (seconds, overruns) = (self.seconds(), self.overruns());
+        let (seconds, overruns, largest) = (self.seconds(), self.overruns(), self.largest.clone());
         let (scenario, motion) = (self.scenario, self.motion);
         let simulation = motion.simulation();
         RunSummary {
@@ -559,12 +590,19 @@ impl<'s> Run<'s> {
             preparation_seconds: self.preparation_seconds,
             seconds,
             steps: motion.steps(),
-            steps_wanted: scenario.time.steps,
-            step_lengths: scenario
-                .time
-                .grid
-                .as_ref()
-                .map(|_| StepLengths { smallest: scenario.time.step, largest: scenario.time.longest_step() }),
+            steps_wanted: scenario.time.steps_known(),
+            step_lengths: match motion.counts() {
+                Some(Counts { smallest, largest, .. }) => {
+                    (motion.steps() > 0).then_some(StepLengths { smallest, largest })
+                }
+                None => scenario.time.grid.as_ref().map(|_| StepLengths {
+                    smallest: scenario.time.step,
+                    largest: scenario.time.longest_step(),
+                }),
+            },
+            attempts: motion
+                .counts()
+                .map(|Counts { attempts, rejected, .. }| Attempts { made: attempts, rejected }),
             newton_iterations: self.newton_iterations,
             newton_iterations_most: self.newton_iterations_most,
             last: motion.state().clone(),
@@ -578,6 +616,7 @@ impl<'s> Run<'s> {
                 .into_iter()
                 .chain(self.errors.warning())
                 .chain(motion.warning().map(str::to_owned))
+                .chain(small_beside_scale(scenario, &largest))
                 .chain(self.elsewhere)
                 .collect(),
             errors: Some(self.errors).filter(ReferenceErrors::any),

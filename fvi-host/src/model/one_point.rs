@@ -131,19 +131,23 @@ impl<T: Real> Scheme<T, Fixed<1>> for OnePoint<T> {
 }
 
 impl<T: Real> DenseOutput<T, Fixed<1>> for OnePoint<T> {
+    fn solution(room: &OnePointRoom<T>) -> &[T] {
+        &room.increment
+    }
+
     fn look_into(
         &self,
-        room: &OnePointRoom<T>,
+        solution: &[T],
         mechanics: &impl Mechanics<T, Fixed<1>>,
         (length, fraction): (T, T),
         position: &mut [T],
         momentum: &mut [T],
     ) {
         // A straight line.
-        let velocity = room.increment.map(|increment| increment * (T::one() / length));
-        add_multiple(position, fraction, &room.increment);
+        let Some(&increment) = solution.first() else { return };
+        add_multiple(position, fraction, solution);
         momentum.fill(T::zero());
-        mechanics.mass().multiply_add(T::one(), &velocity, momentum);
+        mechanics.mass().multiply_add(T::one(), &[increment * (T::one() / length)], momentum);
     }
 }
 

@@ -305,13 +305,16 @@ impl<T: Real, X: MatrixSpace<T>> Scheme<T, X> for AnyScheme<T> {
     }
 }
 
-/// A scheme whose last step can be looked into.
+/// A scheme whose steps can be looked into.
 pub trait DenseOutput<T: Real, X: Space<T>>: Scheme<T, X> {
-    /// Moves position and momentum from the beginning of the last step, of the given length, to the given fraction of
+    /// What the last step has solved for: with the state at its beginning, all that [`look_into`](Self::look_into) needs.
+    fn solution(storage: &Self::Storage) -> &[T];
+
+    /// Moves position and momentum from the beginning of a step, of the given length, to the given fraction of
     /// it, by the polynomial that the scheme itself works with.
     fn look_into(
         &self,
-        storage: &Self::Storage,
+        solution: &[T],
         mechanics: &impl Mechanics<T, X>,
         length_and_fraction: (T, T),
         position: &mut [T],
@@ -320,16 +323,20 @@ pub trait DenseOutput<T: Real, X: Space<T>>: Scheme<T, X> {
 }
 
 impl<T: Real, X: MatrixSpace<T>> DenseOutput<T, X> for AnyScheme<T> {
+    fn solution(room: &Room<T, X>) -> &[T] {
+        &room.increments
+    }
+
     fn look_into(
         &self,
-        room: &Room<T, X>,
+        solution: &[T],
         mechanics: &impl Mechanics<T, X>,
         (length, fraction): (T, T),
         position: &mut [T],
         momentum: &mut [T],
     ) {
         let size = position.len().max(1);
-        let unknowns = || room.increments.chunks_exact(size);
+        let unknowns = || solution.chunks_exact(size);
         // Δq, and Δv or v.
         let (mut way, mut velocity) = (vec![T::zero(); size], vec![T::zero(); size]);
         if self.form == Form::Collocation {

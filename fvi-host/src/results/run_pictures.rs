@@ -10,15 +10,15 @@ use std::path::Path;
 const REFERENCE_INTERVALS: usize = 600;
 
 impl RunTraces {
-    /// Draws what was gathered over `steps` steps; adds the names of the files.
+    /// Draws what was gathered up to the time `end`; adds the names of the files.
     pub(crate) fn draw(
         &self,
         scenario: &Scenario,
-        steps: usize,
+        end: f64,
         directory: &Path,
         files: &mut Vec<&'static str>,
     ) -> Result<(), FileError> {
-        let reference = reference_rows(scenario, steps);
+        let reference = reference_rows(scenario, end);
         let mut charts = vec![
             ("coordinates.svg", self.coordinates(scenario, &reference)),
             ("energy.svg", self.energy(scenario, &reference)),
@@ -90,7 +90,17 @@ const MOST_DECADES: f64 = 3.0;
 
 /// Whether the steps of a run go over so many decades that time is drawn by its logarithm.
 fn over_decades(scenario: &Scenario) -> bool {
-    scenario.time.grid.is_some() && (scenario.time.end() / scenario.time.time(1)).log10() > MOST_DECADES
+    scenario.time.grid.is_some() && (scenario.time.end() / first_time(scenario)).log10() > MOST_DECADES
+}
+
+/// The first time that is drawn after 0. Where steps are chosen on the way the first are as short as a singular start
+/// asks for, which says nothing about the decades that the scenario is about; its output times do.
+fn first_time(scenario: &Scenario) -> f64 {
+    let asked = scenario.output.times.iter().copied().find(|&time| time > 0.0);
+    match scenario.time.adaptive() {
+        Some(adaptive) => asked.or(adaptive.first).unwrap_or(adaptive.end),
+        None => scenario.time.time(1),
+    }
 }
 
 fn time_axis(scenario: &Scenario) -> Axis {
@@ -117,16 +127,15 @@ fn with_reference(chart: Chart, scenario: &Scenario, label: &str, points: Vec<(f
 }
 
 /// The reference over the time that was computed: all rows of a table, or a fine polygon.
-fn reference_rows(scenario: &Scenario, steps: usize) -> Vec<ReferenceRow> {
+fn reference_rows(scenario: &Scenario, end: f64) -> Vec<ReferenceRow> {
     let Some(reference) = &scenario.reference else { return Vec::new() };
     match &reference.source {
         ReferenceSource::Table { rows, .. } => {
-            let end = scenario.time.time(steps) * (1.0 + 1e-9);
+            let end = end * (1.0 + 1e-9);
             rows.iter().filter(|row| row.time <= end).cloned().collect()
         }
         ReferenceSource::Expressions { .. } => {
-            let end = scenario.time.time(steps);
-            let first = scenario.time.time(1);
+            let first = first_time(scenario);
             let at = |index: usize| {
                 let part = index as f64 / REFERENCE_INTERVALS as f64;
                 if over_decades(scenario) { first * (end / first).powf(part) } else { end * part }

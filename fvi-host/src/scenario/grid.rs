@@ -1,5 +1,6 @@
 //! `time.grid`: grids whose steps differ.
 
+use super::adaptive::Adaptive;
 use crate::language::document::{Document, Table, Value};
 use crate::language::error::{InputError, Problem};
 use crate::language::number_table::NumberTable;
@@ -39,6 +40,8 @@ pub enum GridRule {
         /// The file they are from, if from one.
         file: Option<String>,
     },
+    /// Times that are chosen on the way, so that errors stay near a tolerance.
+    Adaptive(Adaptive),
 }
 
 /// The times of a grid whose steps differ.
@@ -50,8 +53,8 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Reads a graded, a geometric grid or one of given points from `[time]`.
-    pub(super) fn read(table: &Table<'_>, document: &Document) -> Result<Self, InputError> {
+    /// Reads a grid whose steps differ from `[time]`. The momentum begins like t to the power of `start`.
+    pub(super) fn read(table: &Table<'_>, start: f64, document: &Document) -> Result<Self, InputError> {
         let kind = table.required("grid")?;
         let keys = ["grid", "must_hit", "allow_unstable", "energy_guard"];
         let allow = |own: &[&str]| table.allow(&[&keys, own].concat());
@@ -110,6 +113,14 @@ impl Grid {
                 check_ascending(&times, &first_value, "a first step that shows beside the end")?;
                 (GridRule::Geometric { end, first, ratio, longest }, times)
             }
+            "adaptive" => {
+                allow(&["end", "tolerance", "first", "shortest", "longest", "scale"])?;
+                let (adaptive, must_hit) = Adaptive::read(table, start)?;
+                let mut times = [&[0.0], must_hit.as_slice(), &[adaptive.end]].concat();
+                times.dedup();
+                let rule = GridRule::Adaptive(adaptive);
+                return Ok(Self { rule, must_hit, times: times.into() });
+            }
             _ => {
                 allow(&["points", "end"])?;
                 let value = table.required("points")?;
@@ -153,7 +164,15 @@ impl Grid {
         &self.must_hit
     }
 
-    /// t_0 = 0 … t_steps.
+    /// What steps keep to that are chosen on the way, if they are.
+    pub fn adaptive(&self) -> Option<&Adaptive> {
+        match &self.rule {
+            GridRule::Adaptive(adaptive) => Some(adaptive),
+            GridRule::Graded { .. } | GridRule::Geometric { .. } | GridRule::Points { .. } => None,
+        }
+    }
+
+    /// t_0 = 0 … t_steps; those known beforehand where they are chosen on the way.
     pub fn times(&self) -> &[f64] {
         &self.times
     }
@@ -177,6 +196,7 @@ impl Grid {
                 format!("{steps} steps from {first:e}, ratio {ratio}")
             }
             GridRule::Points { .. } => format!("{steps} given steps"),
+            GridRule::Adaptive(adaptive) => format!("steps to a tolerance of {:e}", adaptive.tolerance),
         }
     }
 

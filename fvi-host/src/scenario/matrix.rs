@@ -27,6 +27,22 @@ impl SymmetricMatrix {
         }
     }
 
+    /// The diagonal entries.
+    pub fn diagonal(&self) -> Vec<f64> {
+        match self {
+            Self::Diagonal(entries) => entries.clone(),
+            Self::Dense(matrix) => matrix.diagonal().iter().copied().collect(),
+            Self::Sparse(matrix) => {
+                let entry = |row: usize, slot: usize| {
+                    (matrix.pattern.columns()[slot] == row).then(|| matrix.values[slot])
+                };
+                let rows = matrix.pattern.rows().enumerate();
+                rows.map(|(row, slots)| slots.into_iter().find_map(|slot| entry(row, slot)).unwrap_or(0.0))
+                    .collect()
+            }
+        }
+    }
+
     /// The product with a vector of the same size.
     pub fn times(&self, vector: &[f64]) -> Vec<f64> {
         let mut product = vec![0.0; self.size()];

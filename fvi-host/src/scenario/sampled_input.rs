@@ -1,6 +1,6 @@
 //! `[input]`: a force given by samples, each held until the next (zero-order hold).
 
-use super::time::TimeGrid;
+use super::time::{TimeGrid, same_time};
 use crate::language::document::{Document, Table, Value};
 use crate::language::error::{InputError, Problem};
 use crate::language::number_table::NumberTable;
@@ -77,6 +77,12 @@ impl SampledInput {
     pub(super) fn place_on(&mut self, grid: &TimeGrid) {
         // Grid times and sample times are rounded: a sample that little after t_k counts at t_k.
         self.first_steps = self.times.iter().map(|&time| grid.first_step_from(time)).collect();
+    }
+
+    /// The input held from a time on, where steps begin at the times of samples; `None` before the first sample.
+    pub fn from_time(&self, time: f64) -> Option<&[f64]> {
+        let after = self.times.partition_point(|&begin| begin <= time + same_time(time, 0.0));
+        after.checked_sub(1).map(|index| self.samples[index].as_slice())
     }
 
     /// The input held over step `step`; `None` before the first sample.

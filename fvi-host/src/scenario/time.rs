@@ -1,5 +1,6 @@
 //! `[time]`, `[history]` and `[output]`: the grid, the memory engine and what is written.
 
+use super::adaptive::{Adaptive, MOST_STEPS_CHOSEN};
 use super::grid::{Grid, GridRule, read_must_hit};
 use super::scheme::{ConvolutionFamily, Scheme};
 use crate::language::document::{Document, Table};
@@ -15,7 +16,7 @@ pub const MOST_STEPS: usize = 1 << 53;
 pub struct TimeGrid {
     /// h > 0; the shortest step where they differ.
     pub step: f64,
-    /// Number of steps.
+    /// Number of steps; the most that are made where they are chosen on the way.
     pub steps: usize,
     /// The grid whose steps differ; `None`: they are equal.
     pub grid: Option<Grid>,
@@ -44,6 +45,12 @@ struct Record<'a> {
     ratio: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     longest: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    tolerance: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    shortest: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    scale: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     points: Option<Points<'a>>,
     #[serde(skip_serializing_if = "<[f64]>::is_empty")]
@@ -82,6 +89,12 @@ impl Serialize for TimeGrid {
                         record.points =
                             Some(file.as_deref().map_or(Points::Times(grid.times()), Points::File));
                     }
+                    &GridRule::Adaptive(Adaptive { end, tolerance, first, shortest, longest, scale }) => {
+                        (record.grid, record.end) = (Some("adaptive"), Some(end));
+                        (record.tolerance, record.scale) = (Some(tolerance), Some(scale));
+                        (record.first, record.longest) = (first, longest);
+                        record.shortest = Some(shortest);
+                    }
                 }
             }
         }
@@ -103,9 +116,14 @@ pub enum OnEnergyGrowth {
 }
 
 impl TimeGrid {
-    pub(super) fn read(table: &Table<'_>, document: &Document) -> Result<Self, InputError> {
-        const KINDS: [(&str, bool); 4] =
-            [("uniform", true), ("graded", false), ("geometric", false), ("points", false)];
+    pub(super) fn read(table: &Table<'_>, start: f64, document: &Document) -> Result<Self, InputError> {
+        const KINDS: [(&str, bool); 5] = [
+            ("uniform", true),
+            ("graded", false),
+            ("geometric", false),
+            ("points", false),
+            ("adaptive", false),
+        ];
         let uniform = table.optional("grid").map_or(Ok(true), |value| value.choice(&KINDS))?;
         let allow_unstable = table.optional("allow_unstable").map_or(Ok(false), |value| value.truth())?;
         let reactions =
@@ -116,9 +134,12 @@ impl TimeGrid {
             let (step, steps) = Self::read_uniform(table)?;
             (step, steps, None)
         } else {
-            let grid = Grid::read(table, document)?;
-            let shortest = grid.lengths().fold(f64::INFINITY, f64::min);
-            (shortest, grid.times().len() - 1, Some(grid))
+            let grid = Grid::read(table, start, document)?;
+            let (shortest, steps) = match grid.adaptive() {
+                Some(adaptive) => (adaptive.shortest, MOST_STEPS_CHOSEN),
+                None => (grid.lengths().fold(f64::INFINITY, f64::min), grid.times().len() - 1),
+            };
+            (shortest, steps, Some(grid))
         };
         let grid = Self { step, steps, grid, allow_unstable, energy_guard };
         if let (true, Some(value)) = (uniform, table.optional("must_hit")) {
@@ -164,6 +185,16 @@ impl TimeGrid {
             },
             None => Self { step: self.end() / steps.max(1) as f64, steps, grid: None, ..self.clone() },
         }
+    }
+
+    /// What the steps keep to, where they are chosen on the way.
+    pub fn adaptive(&self) -> Option<&Adaptive> {
+        self.grid.as_ref().and_then(Grid::adaptive)
+    }
+
+    /// Number of steps, where it is known beforehand.
+    pub fn steps_known(&self) -> Option<usize> {
+        self.adaptive().is_none().then_some(self.steps)
     }
 
     /// The longest step.

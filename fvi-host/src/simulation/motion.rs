@@ -3,10 +3,11 @@
 use crate::language::InputError;
 use crate::memory::Tables;
 use crate::scenario::Scenario;
+use crate::simulation::adaptive::{AdaptiveSteps, Counts, Progress};
 use crate::simulation::energy_guard::{EnergyGuard, Gathered};
 use crate::simulation::not_finite::{reason, start, what_is_not_finite};
 use crate::simulation::{GridState, Precision, Simulation};
-use fvi_core::StateError;
+use fvi_core::{StateError, StepError};
 
 /// A scenario on its way from grid point to grid point.
 ///
@@ -16,6 +17,8 @@ pub struct Motion<'s> {
     scenario: &'s Scenario,
     simulation: Simulation,
     guard: EnergyGuard,
+    /// What chooses the steps, where they are chosen on the way.
+    adaptive: Option<AdaptiveSteps<'s>>,
     steps: usize,
     state: GridState,
     next: GridState,
@@ -52,7 +55,8 @@ impl<'s> Motion<'s> {
     ) -> Result<Self, InputError> {
         let (simulation, state) = start(scenario, precision, tables)?;
         let guard = EnergyGuard::new(scenario, &state);
-        Ok(Self { scenario, simulation, guard, steps: 0, next: state.clone(), state })
+        let adaptive = AdaptiveSteps::new(scenario, precision, &state)?;
+        Ok(Self { scenario, simulation, guard, adaptive, steps: 0, next: state.clone(), state })
     }
 
     /// What watches it has gathered.
@@ -60,13 +64,44 @@ impl<'s> Motion<'s> {
         self.guard.gathered()
     }
 
+    /// The state as bytes.
+    ///
+    /// # Errors
+    /// [`StateError`] if a memory cannot be saved.
+    pub(crate) fn save(&self) -> Result<Vec<u8>, StateError> {
+        match &self.adaptive {
+            Some(adaptive) => adaptive.save(&self.simulation),
+            None => self.simulation.save(),
+        }
+    }
+
+    /// What steps that are chosen on the way need to go on.
+    pub(crate) fn chosen(&self) -> Option<Progress> {
+        self.adaptive.as_ref().map(|adaptive| adaptive.progress().clone())
+    }
+
+    /// What was made of attempts at steps, where they are chosen on the way.
+    pub fn counts(&self) -> Option<Counts> {
+        self.adaptive.as_ref().map(|adaptive| adaptive.progress().counts)
+    }
+
     /// Goes on after so many steps with the state and what was gathered that another motion of the scenario had then.
     ///
     /// # Errors
     /// [`StateError`] if the bytes are no such state; the motion is of no use then.
-    pub(crate) fn go_on(&mut self, steps: usize, state: &[u8], gathered: Gathered) -> Result<(), StateError> {
+    pub(crate) fn go_on(
+        &mut self,
+        steps: usize,
+        state: &[u8],
+        gathered: Gathered,
+        chosen: Option<Progress>,
+    ) -> Result<(), StateError> {
         self.simulation.restore(state)?;
         self.simulation.read(&mut self.state);
+        if let (Some(adaptive), Some(chosen)) = (&mut self.adaptive, chosen) {
+            self.state.time = chosen.time();
+            adaptive.go_on(chosen);
+        }
         self.steps = steps;
         self.guard.go_on(gathered, &self.state);
         Ok(())
@@ -80,26 +115,14 @@ impl<'s> Motion<'s> {
     pub fn advance(&mut self) -> Result<u32, Failure> {
         let (step, time) = (self.steps, self.state.time);
         let failure = |reason| Failure { step, time, reason };
-        let input = self.scenario.input.as_ref().and_then(|input| input.at_step(step)).unwrap_or(&[]);
-        let iterations = match &self.scenario.time.grid {
-            None => self.simulation.step(input),
-            Some(_) => {
-                let end = self.scenario.time.time(step + 1);
-                self.simulation.step_over(end - self.scenario.time.time(step), end, input)
-            }
-        };
-        let iterations = iterations.map_err(|error| failure(error.to_string()))?;
-        let last = self.steps + 1 == self.scenario.time.steps;
-        if last
-            || !self.simulation.energy_is_dear()
-            || (self.steps + 1).is_multiple_of(self.scenario.output.every)
-        {
-            self.simulation.read(&mut self.next);
-        } else {
-            // The energy of the newest row that is written stands for those between.
-            self.simulation.read_without_energy(&mut self.next);
-            self.next.energy = self.state.energy;
+        if step >= self.scenario.time.steps {
+            return Err(failure(format!("more than {step} steps; `time.tolerance` asks for too many")));
         }
+        let iterations = match &mut self.adaptive {
+            Some(adaptive) => adaptive.advance(&mut self.simulation, &mut self.next).map_err(&failure)?,
+            None => self.step().map_err(|error| failure(error.to_string()))?,
+        };
+        let input = self.input();
         if let Some(what) = what_is_not_finite(&self.next) {
             return Err(failure(reason(what)));
         }
@@ -111,10 +134,52 @@ impl<'s> Motion<'s> {
         }
     }
 
+    /// The next step of a grid that is known beforehand, and the state after it.
+    fn step(&mut self) -> Result<u32, StepError> {
+        let (time, step, input) = (&self.scenario.time, self.steps, self.input());
+        let iterations = match &time.grid {
+            None => self.simulation.step(input)?,
+            Some(_) => {
+                let end = time.time(step + 1);
+                self.simulation.step_over(end - time.time(step), end, input)?
+            }
+        };
+        let last = self.steps + 1 == time.steps;
+        if last
+            || !self.simulation.energy_is_dear()
+            || (self.steps + 1).is_multiple_of(self.scenario.output.every)
+        {
+            self.simulation.read(&mut self.next);
+        } else {
+            // The energy of the newest row that is written stands for those between.
+            self.simulation.read_without_energy(&mut self.next);
+            self.next.energy = self.state.energy;
+        }
+        Ok(iterations)
+    }
+
+    /// The input that is held over the step that begins at the present state.
+    fn input(&self) -> &'s [f64] {
+        let scenario = self.scenario;
+        let input = scenario.input.as_ref().and_then(|input| match &self.adaptive {
+            Some(_) => input.from_time(self.state.time),
+            None => input.at_step(self.steps),
+        });
+        input.unwrap_or(&[])
+    }
+
+    /// Whether the end has been reached.
+    pub fn is_done(&self) -> bool {
+        match &self.adaptive {
+            Some(adaptive) => adaptive.is_done(),
+            None => self.steps >= self.scenario.time.steps,
+        }
+    }
+
     /// Brings the energy up to date with the state, where it was left out.
     pub fn complete(&mut self) {
         self.simulation.read(&mut self.next);
-        // A step to what is not finite has taken the simulation further than the motion.
+        // A step to what is not finite has taken the simulation further than the motion; so has the second half of a pair.
         if self.next.time == self.state.time {
             self.state.energy = self.next.energy;
         }

@@ -1,5 +1,6 @@
 //! What a user of the program `fvi` relies on.
 
+mod adaptive;
 mod checkpoints;
 mod convergence;
 mod engine_comparison;

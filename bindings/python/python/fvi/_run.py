@@ -17,8 +17,8 @@ from fvi._errors import InputError, StepError
 from fvi._result import Result
 from fvi._scenario import Scenario, by_path, source
 
-Progress = Callable[[int, int], object]
-"""A function of the number of steps made and of all steps."""
+Progress = Callable[[int, int | None], object]
+"""A function of the number of steps made and of all steps; `None` where steps are chosen on the way."""
 
 
 def run(
@@ -170,7 +170,8 @@ def _finish(
     if end == "completed":
         status, message = 0, f"all {summary['steps']} steps were made"
     elif end == "stopped":
-        status, message = 1, f"stopped after {summary['steps']} of {summary['steps_wanted']} steps"
+        wanted = f" of {summary['steps_wanted']}" if "steps_wanted" in summary else ""
+        status, message = 1, f"stopped after {summary['steps']}{wanted} steps"
     else:
         status = -1
         message = f"step {summary['step']} (from t = {summary['time']}) failed: {summary['reason']}"

@@ -6,19 +6,28 @@ use crate::simulation::GridState;
 /// Gathers along one run.
 #[derive(Clone, Debug)]
 pub(super) struct Measured {
-    /// The first step of the part over which amplitudes are taken.
-    settled: usize,
+    /// Where the part begins over which amplitudes are taken.
+    settled: Settled,
     energy_at_start: f64,
     /// Lowest and highest value of each coordinate over that part.
     ranges: Vec<(f64, f64)>,
 }
 
+/// A step, or a time where steps are chosen on the way.
+#[derive(Clone, Copy, Debug)]
+enum Settled {
+    Step(usize),
+    Time(f64),
+}
+
 impl Measured {
     /// `settled` is the last share of the run over which amplitudes are taken.
     pub(super) fn new(scenario: &Scenario, settled: f64) -> Self {
-        let steps = scenario.time.steps;
-        let before = ((1.0 - settled) * steps as f64) as usize;
-        Self { settled: before.min(steps), energy_at_start: f64::NAN, ranges: Vec::new() }
+        let settled = match scenario.time.steps_known() {
+            Some(steps) => Settled::Step((((1.0 - settled) * steps as f64) as usize).min(steps)),
+            None => Settled::Time((1.0 - settled) * scenario.time.end()),
+        };
+        Self { settled, energy_at_start: f64::NAN, ranges: Vec::new() }
     }
 
     pub(super) fn take(&mut self, steps: usize, state: &GridState) {
@@ -26,7 +35,11 @@ impl Measured {
             self.energy_at_start = state.energy;
             self.ranges = vec![(f64::INFINITY, f64::NEG_INFINITY); state.position.len()];
         }
-        if steps >= self.settled {
+        let settled = match self.settled {
+            Settled::Step(first) => steps >= first,
+            Settled::Time(first) => state.time >= first,
+        };
+        if settled {
             for (range, &q) in self.ranges.iter_mut().zip(&state.position) {
                 *range = (range.0.min(q), range.1.max(q));
             }

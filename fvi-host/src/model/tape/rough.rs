@@ -32,6 +32,20 @@ impl RoughArguments {
                 collect(&node, &mut found);
             }
         }
+        Self::compile(found)
+    }
+
+    /// All arguments that depend on time alone, wherever in these expressions they are; `None` if there are none.
+    pub fn anywhere_in<'e>(expressions: impl IntoIterator<Item = &'e Expression>) -> Option<Self> {
+        let mut found = Vec::new();
+        for expression in expressions {
+            collect(expression.root(), &mut found);
+        }
+        found.retain(|(node, _)| !node.varies());
+        Self::compile(found)
+    }
+
+    fn compile(mut found: Vec<(Node, bool)>) -> Option<Self> {
         // An argument that does not depend on time vanishes always or never.
         found.retain(|(node, _)| linear(node).is_none_or(|[_, slope]| slope != 0.0));
         if found.is_empty() {

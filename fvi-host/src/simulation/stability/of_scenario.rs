@@ -14,7 +14,8 @@ use nalgebra::{DMatrix, DVector};
 /// `stiffness` is ∂²U/∂q² − ∂F/∂q where the run begins.
 pub(crate) fn check_step(scenario: &Scenario, stiffness: &DMatrix<f64>) -> Result<(), InputError> {
     let Some(discretisation) = discretisation(scenario) else { return Ok(()) };
-    if scenario.time.allow_unstable {
+    // Where steps are chosen on the way, motions that grow make them shorter.
+    if scenario.time.allow_unstable || scenario.time.adaptive().is_some() {
         return Ok(());
     }
     let damping = scenario
@@ -41,7 +42,10 @@ pub(crate) fn check_step(scenario: &Scenario, stiffness: &DMatrix<f64>) -> Resul
 pub(crate) fn check_large_step(scenario: &Scenario) -> Result<(), InputError> {
     let Some(discretisation) = discretisation(scenario) else { return Ok(()) };
     let damped = !scenario.system.damping.is_empty();
-    if scenario.time.allow_unstable || is_unconditional(&discretisation, damped) {
+    if scenario.time.allow_unstable
+        || scenario.time.adaptive().is_some()
+        || is_unconditional(&discretisation, damped)
+    {
         return Ok(());
     }
     let mut model = Model::<f64>::new(scenario).map_err(|error| {

@@ -1,0 +1,45 @@
+//! A step that has been made, kept to be looked into.
+
+use fvi_core::Real;
+
+/// Where a step began, and what it found.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Piece<T> {
+    pub(super) from: f64,
+    pub(super) to: f64,
+    pub(super) position: Vec<T>,
+    pub(super) momentum: Vec<T>,
+    /// [`DenseOutput::solution`](crate::model::DenseOutput::solution).
+    pub(super) solution: Vec<T>,
+}
+
+/// A place in a step.
+pub(super) enum Place {
+    /// At this fraction of it.
+    Inside(f64),
+    /// At its end, to rounding.
+    End,
+}
+
+impl<T: Real> Piece<T> {
+    pub(super) fn begin(&mut self, time: f64, position: &[T], momentum: &[T]) {
+        self.from = time;
+        position.clone_into(&mut self.position);
+        momentum.clone_into(&mut self.momentum);
+    }
+
+    pub(super) fn end(&mut self, time: f64, solution: &[T]) {
+        self.to = time;
+        solution.clone_into(&mut self.solution);
+    }
+
+    /// Where a time lies in it; the end where no step has been made.
+    pub(super) fn place(&self, time: f64) -> Place {
+        let length = self.to - self.from;
+        // Times to rounding at the end of the step are its end.
+        if length <= 0.0 || self.to - time <= 1e-9 * length {
+            return Place::End;
+        }
+        Place::Inside(((time - self.from) / length).max(0.0))
+    }
+}

@@ -1,0 +1,239 @@
+//! Steps chosen on the way: errors that follow the tolerance, jumps that are found, runs that go on with the same bits,
+//! and what is refused.
+
+use crate::workplace::{Run, Workplace, text};
+use fvi_host::lab::checkpoint::CheckpointEvery;
+use fvi_host::lab::run::{RunEnd, RunOptions, run};
+use fvi_host::scenario::Scenario;
+use serde_json::{Value, json};
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// q̈ + D^β q + q = f on [0, end] by collocation.
+fn scenario(order: f64, start: f64, force: &str, time: Value) -> Value {
+    json!({
+        "system": {
+            "mass": [1.0],
+            "potential": "0.5*q0^2",
+            "force": [force],
+            "damping": [{ "order": order, "coefficient": [1.0], "derivative": "caputo" }],
+        },
+        "initial": { "position": [start], "velocity": [0.0] },
+        "scheme": { "kind": "collocation" },
+        "time": time,
+    })
+}
+
+fn adaptive(end: f64, tolerance: f64) -> Value {
+    json!({ "grid": "adaptive", "end": end, "tolerance": tolerance })
+}
+
+/// Runs a scenario; the summary and the rows (t, q, p).
+fn rows(scenario: &Value) -> (fvi_host::lab::run::RunSummary, Vec<[f64; 3]>) {
+    let scenario = Scenario::from_value(scenario).unwrap();
+    let mut rows = Vec::new();
+    let run = fvi_host::lab::run::Run::start(&scenario, fvi_host::simulation::Precision::F64).unwrap();
+    let summary = run.to_the_end(&AtomicBool::new(false), |_, state| {
+        rows.push([state.time, state.position[0], state.momentum[0]]);
+        Ok::<_, std::convert::Infallible>(())
+    });
+    let Ok(summary) = summary;
+    (summary, rows)
+}
+
+/// Largest errors of q and p over the rows where they are known.
+fn errors(rows: &[[f64; 3]], exact: impl Fn(f64) -> (f64, f64)) -> f64 {
+    rows.iter().fold(0.0, |largest: f64, &[t, q, p]| {
+        let (exact_q, exact_p) = exact(t);
+        largest.max((q - exact_q).abs()).max((p - exact_p).abs())
+    })
+}
+
+fn assert_few_rejections(summary: &fvi_host::lab::run::RunSummary) {
+    let attempts = summary.attempts.unwrap();
+    assert!(100 * attempts.rejected <= 15 * attempts.made, "{attempts:?}");
+    assert_eq!(summary.steps, 2 * (attempts.made - attempts.rejected));
+}
+
+#[test]
+fn errors_follow_the_tolerance_through_a_singular_start() {
+    let force = "15/4*sqrt(t) + 15/8*sqrt(pi)*t + t^2.5";
+    let mut before = f64::INFINITY;
+    for tolerance in [1e-4, 1e-6, 1e-8, 1e-10] {
+        let (summary, rows) = rows(&scenario(1.5, 0.0, force, adaptive(1.0, tolerance)));
+        assert_eq!(summary.end, RunEnd::Completed);
+        assert_eq!(summary.last.time, 1.0);
+        let error = errors(&rows, |t| (t.powf(2.5), 2.5 * t.powf(1.5)));
+        assert!(error < 10.0 * tolerance && error < 0.1 * before, "{tolerance:e}: {error:e}");
+        assert!(summary.steps < 400, "{tolerance:e}: {} steps", summary.steps);
+        before = error;
+    }
+}
+
+#[test]
+fn errors_follow_the_tolerance_without_memory() {
+    // cos t, whose errors no damping forgets.
+    for tolerance in [1e-4, 1e-7, 1e-10] {
+        let mut free = scenario(1.5, 1.0, "0", adaptive(20.0, tolerance));
+        free["system"]["damping"] = json!([]);
+        let (summary, rows) = rows(&free);
+        let error = errors(&rows, |t| (t.cos(), -t.sin()));
+        assert!(error < 10.0 * tolerance && error > 1e-3 * tolerance, "{tolerance:e}: {error:e}");
+        assert_few_rejections(&summary);
+    }
+}
+
+#[test]
+fn a_jump_is_found_and_is_a_grid_point() {
+    // Without damping: 8 (1 − cos t) up to the jump, then the swing from there.
+    let exact = |t: f64| match t {
+        t if t <= 1.0 => (8.0 * (1.0 - t.cos()), 8.0 * t.sin()),
+        t => (8.0 * ((t - 1.0).cos() - t.cos()), 8.0 * (t.sin() - (t - 1.0).sin())),
+    };
+    for force in ["8*step(1 - t)", "8*step(cos(t) - cos(1))*step(3 - t)"] {
+        let mut free = scenario(1.5, 0.0, force, adaptive(5.0, 1e-8));
+        free["system"]["damping"] = json!([]);
+        let (summary, rows) = rows(&free);
+        assert!(rows.iter().any(|row| (row[0] - 1.0).abs() < 1e-15), "{force}");
+        assert!(errors(&rows, exact) < 8e-7, "{force}: {:e}", errors(&rows, exact));
+        assert_few_rejections(&summary);
+    }
+}
+
+#[test]
+fn samples_and_times_that_must_be_hit_are_grid_points() {
+    let mut driven = scenario(0.5, 0.0, "0", adaptive(2.0, 1e-6));
+    driven["time"]["must_hit"] = json!([0.3, 1.7]);
+    driven["input"] = json!({ "samples": [1.0, -1.0], "times": [0.25, 1.1] });
+    let (summary, rows) = rows(&driven);
+    for time in [0.25, 0.3, 1.1, 1.7, 2.0] {
+        assert!(rows.iter().any(|row| row[0] == time), "{time}");
+    }
+    // Nothing moves before the first sample.
+    assert!(rows.iter().filter(|row| row[0] <= 0.25).all(|row| row[1] == 0.0));
+    let lengths = summary.step_lengths.unwrap();
+    let shortest = rows.windows(2).map(|pair| pair[1][0] - pair[0][0]).fold(f64::INFINITY, f64::min);
+    assert!((lengths.smallest / shortest - 1.0).abs() < 1e-3 && lengths.largest <= 2.0);
+}
+
+#[test]
+fn stiff_systems_take_long_steps() {
+    // A stiff spring between two masses whose motion it does not take part in.
+    let stiff = json!({
+        "system": {
+            "mass": [1.0, 0.01],
+            "potential": "0.5*q0^2 + 0.5*1e8*(q1 - q0)^2",
+            "damping": [
+                { "order": 0.5, "coefficient": [0.3, 0.5] },
+                { "order": 1.0, "coefficient": [[1e4, -1e4], [-1e4, 1e4]] },
+            ],
+        },
+        "initial": { "position": [1.0, 1.0], "velocity": [0.0, 0.0] },
+        "scheme": { "kind": "collocation" },
+        "time": adaptive(10.0, 1e-6),
+    });
+    let (summary, _) = rows(&stiff);
+    assert_eq!(summary.end, RunEnd::Completed);
+    // The period of the spring is 6e-4.
+    assert!(summary.steps < 400, "{}", summary.steps);
+}
+
+/// Runs until `last` steps are made, or to the end; whether it got there.
+fn run_until(
+    scenario: &Scenario,
+    directory: &Path,
+    precision: fvi_host::simulation::Precision,
+    last: Option<usize>,
+) {
+    let stop = AtomicBool::new(false);
+    let options = RunOptions {
+        precision,
+        checkpoints: CheckpointEvery::Steps(5),
+        resume: true,
+        ..RunOptions::new(directory)
+    };
+    run(scenario, &options, &stop, |steps| {
+        if last == Some(steps) {
+            stop.store(true, Ordering::Relaxed);
+        }
+    })
+    .unwrap();
+}
+
+#[test]
+fn a_run_that_is_interrupted_goes_on_with_the_same_bits() {
+    let mut driven = scenario(0.5, 1.0, "step(sin(3*t))", adaptive(4.0, 1e-6));
+    driven["output"] = json!({ "times": [0.001, 0.5, 1.0, 2.5, 3.9] });
+    for (precision, tolerance) in
+        [(fvi_host::simulation::Precision::F64, 1e-6), (fvi_host::simulation::Precision::F32, 1e-4)]
+    {
+        driven["time"]["tolerance"] = json!(tolerance);
+        let scenario = Scenario::from_value(&driven).unwrap();
+        let place = tempfile::tempdir().unwrap();
+        let files = |name: &str| {
+            let trajectory = std::fs::read(place.path().join(name).join("trajectory.csv")).unwrap();
+            let summary = std::fs::read_to_string(place.path().join(name).join("summary.json")).unwrap();
+            let mut summary: Value = serde_json::from_str(&summary).unwrap();
+            for key in ["seconds", "preparation_seconds"] {
+                summary.as_object_mut().unwrap().remove(key);
+            }
+            (trajectory, summary)
+        };
+        run_until(&scenario, &place.path().join("undisturbed"), precision, None);
+        // After a whole pair of steps, and between the halves of one.
+        for stops in [vec![8, 21], vec![7], vec![1, 2, 3, 30]] {
+            let name = format!("interrupted-{}", stops.len());
+            for stop in stops {
+                run_until(&scenario, &place.path().join(&name), precision, Some(stop));
+            }
+            run_until(&scenario, &place.path().join(&name), precision, None);
+            assert!(files(&name) == files("undisturbed"), "{precision:?} {name}");
+        }
+    }
+}
+
+#[test]
+fn a_motion_that_blows_up_ends_with_what_was_computed() {
+    let place = Workplace::new();
+    place.write(
+        "pole.toml",
+        "[system]\nmass = [1.0]\nforce = [\"1/(1 - t)^2\"]\n[scheme]\nkind = \"collocation\"\n\
+         [time]\ngrid = \"adaptive\"\nend = 2.0\ntolerance = 1e-6\n",
+    );
+    let output = place.fvi(&["run", "pole.toml", "--out", "out"]);
+    let message = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(message.contains("times the tolerance") && message.contains("time.shortest"), "{message}");
+    let run = Run::read(&place.path("out"));
+    assert!(run.rows.len() > 10 && run.rows.last().unwrap()[0] < 1.0);
+    assert_eq!(run.summary["status"], "failed");
+}
+
+#[test]
+fn what_makes_no_sense_is_refused() {
+    let mistakes = [
+        ("end = 1.0", "", "missing"),
+        ("end = 1.0\ntolerance = 1e-15", "", "1e-12 ≤ tolerance"),
+        ("end = 1.0\ntolerance = 0.5", "", "≤ 0.1"),
+        ("end = 1.0\ntolerance = 1e-9", "f32", "single precision"),
+        ("end = 1.0\ntolerance = 1e-6\nlongest = 1e-3\nshortest = 1e-2", "", "`time.longest`"),
+        ("end = 1.0\ntolerance = 1e-6\nfirst = 2.0", "", "a first step between"),
+        ("end = 1.0\ntolerance = 1e-6\nscale = 0.0", "", "time.scale"),
+        ("end = 1.0\ntolerance = 1e-6\nsteps = 100", "", "unknown key"),
+        ("end = 1.0\ntolerance = 1e-6\nshortest = 1e-3\nmust_hit = [0.5, 0.5001]", "", "0.5001"),
+    ];
+    for (time, precision, told) in mistakes {
+        let place = Workplace::new();
+        let scenario = format!(
+            "[system]\nmass = [1.0]\npotential = \"0.5*q0^2\"\n[initial]\nposition = [1.0]\nvelocity = [0.0]\n\
+             [scheme]\nkind = \"collocation\"\n[time]\ngrid = \"adaptive\"\n{time}\n"
+        );
+        place.write("bad.toml", &scenario);
+        let precision = if precision.is_empty() { "f64" } else { precision };
+        let output = place.fvi(&["run", "bad.toml", "--out", "out", "--precision", precision]);
+        let message = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{time}: {message}");
+        assert!(message.contains("bad.toml") && message.contains(told), "{time}: {message}");
+        assert!(!place.path("out").join("trajectory.csv").exists());
+    }
+}
