@@ -14,8 +14,10 @@ const MOST_SHRINKING: f64 = 0.1;
 const MOST_SHRINKING_AFTER_BREAK: f64 = 1e-3;
 const SHRINKING_AFTER_FAILURE: f64 = 0.25;
 
-/// What is left of the bound by a rejection after each step.
-const FADING: f64 = 0.7;
+/// What is left of the bound by a rejection after each step, and after two in a row whose e/h^k is a small share of it.
+const FADING: f64 = 0.97;
+const FADING_WHEN_LOW: f64 = 1e-3;
+const LOW: f64 = 0.05;
 
 /// How the error of a step that begins with a jump or at t = 0 grows with its length: as of a motion like t^{5/2}. With
 /// smoother ones the step comes out too short, and grows.
@@ -48,6 +50,8 @@ pub(super) struct StepControl {
     rejected: bool,
     /// e/h^k of the last rejection, which fades.
     hardest: f64,
+    /// Whether e/h^k of the last step was low beside it.
+    low: bool,
 }
 
 impl StepControl {
@@ -61,6 +65,7 @@ impl StepControl {
             after_break: None,
             rejected: false,
             hardest: 0.0,
+            low: false,
         }
     }
 
@@ -81,7 +86,9 @@ impl StepControl {
             _ => (factor, MOST_GROWTH_AFTER_BREAK),
         };
         let most = if self.rejected { 1.0 } else { most };
-        self.hardest *= FADING;
+        let low = error < LOW * self.hardest * libm::pow(length, self.order);
+        self.hardest *= if low && self.low { FADING_WHEN_LOW } else { FADING };
+        self.low = low;
         let bound = SAFETY * libm::pow(self.hardest.max(f64::MIN_POSITIVE), -1.0 / self.order);
         let next = (length * factor.clamp(MOST_SHRINKING, most)).min(bound);
         if self.at_break {
@@ -166,6 +173,13 @@ mod tests {
         let error = |t: f64, h: f64| (h / 0.1).powi(6) * (20.0 * t).sin().powi(2);
         let (lengths, rejected) = run(6.0, 0.01, 50.0, error);
         assert!(rejected * 100 <= 15 * (lengths.len() + rejected), "{rejected} of {}", lengths.len());
+    }
+
+    #[test]
+    fn a_jump_that_nobody_told_of_is_passed_and_left_behind() {
+        let error = |t: f64, h: f64| (h / 0.1).powi(6) + if t < 5.0 && 5.0 < t + h { 1e3 * h } else { 0.0 };
+        let (lengths, rejected) = run(6.0, 0.01, 10.0, error);
+        assert!(lengths.len() < 150 && rejected <= 15, "{} {rejected}", lengths.len());
     }
 
     #[test]
