@@ -46,6 +46,8 @@ pub(crate) struct AdaptiveSteps<'s> {
     orders: [f64; 2],
     /// Whether the simulation is at the end of the pair, whose second half is not shown yet.
     ahead: bool,
+    /// Iterations of Newton's method in that half.
+    iterations_ahead: u32,
 }
 
 /// What a later run needs to go on.
@@ -128,6 +130,7 @@ impl<'s> AdaptiveSteps<'s> {
             },
             orders,
             ahead: false,
+            iterations_ahead: 0,
         }))
     }
 
@@ -163,18 +166,17 @@ impl<'s> AdaptiveSteps<'s> {
         simulation: &mut Simulation,
         next: &mut GridState,
     ) -> Result<u32, String> {
-        let mut iterations = 0;
         if let Some((length, end)) = self.progress.second {
             if !self.ahead {
                 let input = self.input(end - 0.5 * length);
-                iterations =
+                self.iterations_ahead =
                     simulation.step_over(length, end, input).map_err(|error: StepError| error.to_string())?;
                 simulation.read(&mut self.end);
                 self.end.time = end;
             }
             next.clone_from(&self.end);
             (self.progress.second, self.progress.time, self.ahead) = (None, end, false);
-            return Ok(iterations);
+            return Ok(self.iterations_ahead);
         }
         self.attempt(simulation, next)
     }
@@ -263,7 +265,7 @@ impl<'s> AdaptiveSteps<'s> {
         simulation.read(middle);
         middle.time = between;
         self.saved_between = simulation.save()?;
-        simulation.step_over(half, end, input)?;
+        self.iterations_ahead = simulation.step_over(half, end, input)?;
         simulation.read(&mut self.end);
         self.end.time = end;
         Ok(iterations)
