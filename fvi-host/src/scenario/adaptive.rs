@@ -1,6 +1,5 @@
 //! `time.grid = "adaptive"`: what steps keep to that are chosen on the way.
 
-use super::grid::read_must_hit;
 use super::initial::InitialState;
 use super::system::{Derivative, System};
 use crate::language::document::Table;
@@ -44,8 +43,8 @@ pub struct Adaptive {
 }
 
 impl Adaptive {
-    /// Reads the keys, and the times that must be hit. The momentum begins like t to the power of `start`.
-    pub(super) fn read(table: &Table<'_>, start: f64) -> Result<(Self, Vec<f64>), InputError> {
+    /// Reads the keys. The momentum begins like t to the power of `start`.
+    pub(super) fn read(table: &Table<'_>, start: f64) -> Result<Self, InputError> {
         let positive = |key: &str| table.optional(key).map(|value| value.positive()).transpose();
         let end = table.required("end")?.positive()?;
         let value = table.required("tolerance")?;
@@ -81,20 +80,14 @@ impl Adaptive {
                 );
             }
         }
-        let mut must_hit = Vec::new();
-        if let Some(value) = table.optional("must_hit") {
-            must_hit = read_must_hit(&value, end)?;
-            let ends = [&[0.0], must_hit.as_slice(), &[end]].concat();
-            let near = |pair: &&[f64]| pair[1] > pair[0] && pair[1] - pair[0] < 2.0 * shortest;
-            if let Some(pair) = ends.windows(2).find(near) {
-                return Err(value.out_of_range(format!(
-                    "times apart from each other and from the ends by two of the shortest steps, {shortest}, at least; {} and {} \
-                     are not",
-                    pair[0], pair[1]
-                )));
-            }
-        }
-        Ok((Self { end, tolerance, first, shortest, longest, scale }, must_hit))
+        Ok(Self { end, tolerance, first, shortest, longest, scale })
+    }
+
+    /// Two neighbours of 0, some increasing times and the end between which no pair of steps fits.
+    pub(super) fn too_near(&self, times: &[f64]) -> Option<(f64, f64)> {
+        let ends = [&[0.0], times, &[self.end]].concat();
+        let near = |pair: &&[f64]| pair[1] > pair[0] && pair[1] - pair[0] < 2.0 * self.shortest;
+        ends.windows(2).find(near).map(|pair| (pair[0], pair[1]))
     }
 
     /// The smallest power of t that the momentum begins with, at most 1: the Riemann–Liouville derivative of a constant

@@ -115,7 +115,18 @@ impl Grid {
             }
             "adaptive" => {
                 allow(&["end", "tolerance", "first", "shortest", "longest", "scale"])?;
-                let (adaptive, must_hit) = Adaptive::read(table, start)?;
+                let adaptive = Adaptive::read(table, start)?;
+                let mut must_hit = Vec::new();
+                if let Some(value) = table.optional("must_hit") {
+                    must_hit = read_must_hit(&value, adaptive.end)?;
+                    if let Some((one, other)) = adaptive.too_near(&must_hit) {
+                        return Err(value.out_of_range(format!(
+                            "times apart from each other and from the ends by two of the shortest steps, {}, at least; {one} and \
+                             {other} are not",
+                            adaptive.shortest
+                        )));
+                    }
+                }
                 let mut times = [&[0.0], must_hit.as_slice(), &[adaptive.end]].concat();
                 times.dedup();
                 let rule = GridRule::Adaptive(adaptive);
