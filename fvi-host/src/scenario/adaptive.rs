@@ -20,7 +20,7 @@ const SMALL_PART: f64 = 0.03;
 /// ask for shorter steps than the start.
 const SHORTER_THAN_FIRST: f64 = 1e-3;
 
-/// Tolerances that have a meaning in double precision; [`Adaptive::check_precision`] knows those of single precision.
+/// Tolerances that have a meaning in double precision; [`Adaptive::smallest_tolerance`] knows those of single precision.
 const SMALLEST_TOLERANCE: f64 = 1e-12;
 const LARGEST_TOLERANCE: f64 = 0.1;
 
