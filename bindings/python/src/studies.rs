@@ -148,7 +148,7 @@ pub(crate) fn compare_engines<'py>(
             let comparison = Comparison { lengths, kernels, repetitions };
             let mut watch = Watch::new(None);
             let result = comparison.run(&Contender::all(), |_| {
-                watch.tick(0, 1);
+                watch.tick(0, 1_usize);
             });
             if let Some(error) = watch.into_raised() {
                 return Err(Failure::Raised(error));
