@@ -115,7 +115,7 @@ impl<'s> Motion<'s> {
     pub fn advance(&mut self) -> Result<u32, Failure> {
         let (step, time) = (self.steps, self.state.time);
         let failure = |reason| Failure { step, time, reason };
-        if step >= self.scenario.time.steps {
+        if self.adaptive.is_some() && step >= self.scenario.time.steps {
             return Err(failure(format!("more than {step} steps; `time.tolerance` asks for too many")));
         }
         let iterations = match &mut self.adaptive {
