@@ -369,6 +369,7 @@ impl<S: ByHand> Motion<S> {
             exponent: ORDER,
             step_size: STEP,
             coordinates,
+            motions: 1,
             samples: scenario.time.steps + 1,
             history: &scenario.history,
         };

@@ -9,6 +9,7 @@ use pulp::{Arch, NullaryFnOnce, Simd, WithSimd};
 
 use crate::row::{CHUNK, Row, add_product};
 use crate::scalar::Scalar;
+use crate::table_kernel::{TableKernel, factor, loss, power};
 
 /// The exponential-sum memory in vector code: r_k = Σ_{n=1}^{k} W_n x_{k−n} for the kernel of an
 /// [`ExponentialTable`].
@@ -99,13 +100,6 @@ struct Sum<T> {
     rest: Row<T>,
 }
 
-/// An exponential is left out where it is below this part of the weight.
-const NEGLIGIBLE: f64 = 1e-18;
-
-/// What is left of an exponential from which on it may be left out: one that has faded so much at a lag
-/// decays faster there than weights do, which are like a power of the lag above the minus third.
-const FADED: f64 = 1e-3;
-
 impl<T: Scalar, const S: usize> ChunkedExponentialSum<T, S> {
     /// A memory for the kernel of a table on `channels` channels, without samples.
     ///
@@ -123,7 +117,7 @@ impl<T: Scalar, const S: usize> ChunkedExponentialSum<T, S> {
             let allowed = "a positive multiple of the stages";
             return Err(ParameterError { parameter: "channels", value: channels as f64, allowed });
         }
-        let mut kernel = WholeKernel { head: table.head, terms: table.terms().collect::<Vec<_>>() };
+        let mut kernel = TableKernel::new(table);
         let head = kernel.head_len();
         let distance = (head - 1).div_ceil(CHUNK).max(1);
         let weights: Vec<[[T; S]; S]> = (0..(distance + 1) * CHUNK)
@@ -271,46 +265,6 @@ impl<T: Scalar, V: Simd, const S: usize> NullaryFnOnce for Work<'_, T, V, S> {
     }
 }
 
-/// The weights of a table at any lag.
-struct WholeKernel<'a, const S: usize> {
-    head: &'a [f64],
-    terms: Vec<ExponentialTerm<f64, S>>,
-}
-
-impl<const S: usize> WholeKernel<'_, S> {
-    fn head_len(&self) -> usize {
-        self.head.len() / (S * S)
-    }
-
-    fn weight(&self, a: usize, b: usize, n: usize) -> f64 {
-        let head = self.head_len();
-        if n < head {
-            self.head[(a * S + b) * head + n]
-        } else {
-            self.terms.iter().map(|term| term.output[a] * term.input[b] * power(term, n - head)).sum()
-        }
-    }
-
-    /// Leaves out what has died away at lag n and beyond.
-    fn keep_what_lasts(&mut self, n: usize) {
-        let size = |entry: &dyn Fn(usize, usize) -> f64| {
-            (0..S * S).map(|place| entry(place / S, place % S).abs()).fold(0.0, f64::max)
-        };
-        let weight = size(&|a, b| self.weight(a, b, n));
-        let left = n - self.head_len();
-        self.terms.retain(|term| {
-            let part = size(&|a, b| term.output[a] * term.input[b]) * power(term, left).abs();
-            power(term, n).abs() > FADED || part > NEGLIGIBLE * weight
-        });
-    }
-}
-
-/// 1 − μ, rounded, and what rounding takes away.
-fn factor<const S: usize>(term: &ExponentialTerm<f64, S>) -> (f64, f64) {
-    let base = 1.0 - term.decay;
-    (base, (1.0 - base) - term.decay)
-}
-
 /// By how much, relative to itself, [`Block::absorb`] with factors of the scalar T makes the sum over a chunk
 /// of a constant too small: the same at every chunk, where errors of the additions change. Sums of changing
 /// sign make nothing pile up.
@@ -333,13 +287,6 @@ fn shortfall<T: Scalar, const S: usize>(term: &ExponentialTerm<f64, S>) -> f64 {
     -excess_of_sum / sum
 }
 
-/// (1 − μ)ⁿ, accurate relative to itself.
-fn power<const S: usize>(term: &ExponentialTerm<f64, S>, n: usize) -> f64 {
-    let (base, rest) = factor(term);
-    let power = libm::pow(base, n as f64);
-    if rest == 0.0 { power } else { power + power * (n as f64 * (rest / base)) }
-}
-
 impl<T: Scalar, const S: usize> Block<T, S> {
     /// The block of up to sixteen exponentials; `left` is how far the nearest lag is behind the first of the
     /// table.
@@ -347,14 +294,10 @@ impl<T: Scalar, const S: usize> Block<T, S> {
         let lanes = |of: &dyn Fn(&ExponentialTerm<f64, S>) -> f64| {
             Row(core::array::from_fn(|lane| terms.get(lane).map_or(T::zero(), |term| T::of(of(term)))))
         };
-        let decay = |term: &ExponentialTerm<f64, S>| match 1.0 - term.decay > 0.0 {
-            true => -libm::expm1(CHUNK as f64 * libm::log1p(-term.decay)),
-            false => 1.0 - power(term, CHUNK),
-        };
         Self {
             factor: lanes(&|term| power(term, 1)),
             squared: lanes(&|term| power(term, 2)),
-            decay: lanes(&decay),
+            decay: lanes(&|term| loss(term, CHUNK)),
             inputs: core::array::from_fn(|b| {
                 lanes(&|term| {
                     let joined = if S == 1 { term.output[b] * power(term, left) } else { 1.0 };

@@ -7,6 +7,7 @@ use crate::chunked_exponential_sum::ChunkedExponentialSum;
 use crate::real_time::{Pacing, RealTime};
 use crate::scalar::Scalar;
 use crate::weights::Weights;
+use crate::wide_exponential_sum::WideExponentialSum;
 
 /// A memory engine chosen at run time.
 pub type Engine<T> = Box<dyn Memory<T> + Send>;
@@ -41,6 +42,26 @@ pub trait Engines: Scalar {
     fn exponential_sum(
         table: &ExponentialTable<&[f64]>,
         channels: usize,
+    ) -> Result<Engine<Self>, ParameterError>;
+
+    /// [`WideExponentialSum::new`] on so many threads
+    ///
+    /// # Errors
+    /// As there.
+    fn wide_exponential_sum(
+        table: &ExponentialTable<&[f64]>,
+        channels: usize,
+        threads: usize,
+    ) -> Result<Engine<Self>, ParameterError>;
+
+    /// The same with a state in single precision
+    ///
+    /// # Errors
+    /// As there.
+    fn wide_exponential_sum_in_f32(
+        table: &ExponentialTable<&[f64]>,
+        channels: usize,
+        threads: usize,
     ) -> Result<Engine<Self>, ParameterError>;
 }
 
@@ -90,6 +111,22 @@ macro_rules! engines {
                         return Err(ParameterError { parameter, value: stages as f64, allowed });
                     }
                 })
+            }
+
+            fn wide_exponential_sum(
+                table: &ExponentialTable<&[f64]>,
+                channels: usize,
+                threads: usize,
+            ) -> Result<Engine<Self>, ParameterError> {
+                Ok(Box::new(WideExponentialSum::<Self>::new(table, channels)?.on_threads(threads)))
+            }
+
+            fn wide_exponential_sum_in_f32(
+                table: &ExponentialTable<&[f64]>,
+                channels: usize,
+                threads: usize,
+            ) -> Result<Engine<Self>, ParameterError> {
+                Ok(Box::new(WideExponentialSum::<Self, f32>::new(table, channels)?.on_threads(threads)))
             }
         }
     )*};

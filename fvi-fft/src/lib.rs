@@ -14,8 +14,10 @@ mod real_time;
 mod replay;
 mod row;
 mod scalar;
+mod table_kernel;
 mod transform;
 mod weights;
+mod wide_exponential_sum;
 
 pub use block_fft::BlockFft;
 pub use chunked_exponential_sum::ChunkedExponentialSum;
@@ -23,6 +25,7 @@ pub use engines::{Engine, Engines};
 pub use real_time::{Pacing, RealTime};
 pub use scalar::Scalar;
 pub use weights::{WeightTable, Weights};
+pub use wide_exponential_sum::WideExponentialSum;
 
 /// What the last bits of these memories depend on besides their numbers: the processor's family, and whether its vector units round
 /// multiply–adds once.

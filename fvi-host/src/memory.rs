@@ -11,12 +11,12 @@ use crate::numerics::rate_table::rate_table;
 use crate::numerics::runge_kutta_weights::RungeKuttaWeights;
 use crate::numerics::starting::StartingCorrection;
 use crate::numerics::vectorised::Vectorised;
-use crate::scenario::{Convolution, ConvolutionFamily, Engine, History, Overflow};
+use crate::scenario::{Convolution, ConvolutionFamily, Engine, History, Overflow, States};
 use fvi_core::{
     ActsOn, BdfOrder, ConvolutionWeights, Direct, ExponentialSum, ExponentialTable, Memory, MemoryError,
     ParameterError, RateTable, RungeKutta, StateError, StateReader, StateWriter, VariableStepMemory,
 };
-use fvi_fft::{Engines, Weights};
+use fvi_fft::{Engines, Weights, WideExponentialSum};
 
 /// A memory engine chosen at run time.
 pub struct HostMemory<T> {
@@ -43,8 +43,10 @@ pub struct MemoryRequest<'a> {
     pub step_size: f64,
     /// The last time of a grid whose steps differ; `None` for equal steps.
     pub end: Option<f64>,
-    /// Number of coordinates N.
+    /// Number of coordinates N; those of all motions where several are integrated together.
     pub coordinates: usize,
+    /// Number of motions integrated together: the engine is the one that each would have alone, so that it has the same bits.
+    pub motions: usize,
     /// Number of samples that will come: one for each step, and one before the first.
     pub samples: usize,
     /// The engine asked for, and its settings.
@@ -100,9 +102,17 @@ const CROSSOVER: usize = 16_384;
 /// exponentials is soon made, and histories of all of them fill the memory.
 const FEW: usize = 64;
 const SMALL: usize = 1 << 16;
+/// Channels from which on exponential sums lie channel by channel in vectors, and the longest chunks with which they do: beyond, as heads
+/// of high orders want them, a chunk's samples take more room than the sums.
+const MANY: usize = 96;
+const LONGEST_CHUNK: usize = 64;
+
 /// Orders from which on memories act on increments. Below, nothing cancels in the plain weights, and those on increments hardly decay:
 /// there is no exponential sum for them.
 pub const LEAST_ON_INCREMENTS: f64 = 0.1;
+
+/// The part of the tolerance that is left to the table where a state in single precision takes the rest.
+const PART_OF_THE_TABLE: f64 = 0.5;
 
 /// Relative error of the past in a table for steps of any length: a few times rounding.
 const RATE_TOLERANCE: f64 = 1e-13;
@@ -194,7 +204,8 @@ impl MemoryRequest<'_> {
         if self.end.is_some() {
             return self.memory(Engine::AnyStep, tables);
         }
-        let few = self.coordinates <= FEW || self.planned().saturating_mul(self.coordinates) <= SMALL;
+        let channels = self.channels_of_one();
+        let few = channels <= FEW || self.planned().saturating_mul(channels) <= SMALL;
         if (self.planned() <= CROSSOVER && few) || self.history.capacity.is_some() {
             return self.memory(Engine::Direct, tables);
         }
@@ -252,7 +263,10 @@ impl MemoryRequest<'_> {
             }
             Engine::BlockFft | Engine::RealTime => self.transforms(engine, weights(self.step_size)?, 1),
             Engine::ExponentialSum | Engine::ExponentialSumCore => {
-                let tolerance = self.history.tolerance.unwrap_or(EXACT);
+                let tolerance = match (self.history.tolerance, self.history.states) {
+                    (Some(tolerance), Some(States::F32)) => PART_OF_THE_TABLE * tolerance,
+                    (tolerance, _) => tolerance.unwrap_or(EXACT),
+                };
                 let make = match self.acts_on() {
                     ActsOn::Values => ExponentialKernel::bdf,
                     _ => ExponentialKernel::bdf_on_increments,
@@ -263,7 +277,7 @@ impl MemoryRequest<'_> {
                 })?;
                 match engine {
                     Engine::ExponentialSumCore => self.core_exponential_sum(kernel.table()),
-                    _ => self.exponential_sum(&kernel.table().borrow()),
+                    _ => self.exponential_sum_of_numbers(&kernel.table().borrow()),
                 }
             }
         }
@@ -364,6 +378,21 @@ impl MemoryRequest<'_> {
         Ok(self.host(memory, Engine::ExponentialSum))
     }
 
+    /// For a kernel of plain numbers, in the layout that suits the number of channels.
+    fn exponential_sum_of_numbers<T: Engines>(
+        &self,
+        table: &ExponentialTable<&[f64]>,
+    ) -> Result<HostMemory<T>, EngineError> {
+        let (channels, threads) = (self.coordinates, self.history.threads());
+        let few = self.channels_of_one() < MANY || WideExponentialSum::<T>::chunk(table) > LONGEST_CHUNK;
+        let memory = match self.history.states {
+            Some(States::F32) => T::wide_exponential_sum_in_f32(table, channels, threads)?,
+            _ if few => return self.exponential_sum(table),
+            _ => T::wide_exponential_sum(table, channels, threads)?,
+        };
+        Ok(self.host(memory, Engine::ExponentialSum))
+    }
+
     /// The core's own memory, a sample at a time, on a table rounded as one of firmware is.
     fn core_exponential_sum<T: Engines>(
         &self,
@@ -389,6 +418,11 @@ impl MemoryRequest<'_> {
         let on_values = u64::from(self.acts_on() == ActsOn::Values);
         let (exponent, step_size) = (self.exponent.to_bits(), self.step_size.to_bits());
         [family, size as u64, on_values, exponent, step_size, reach, tolerance.to_bits()]
+    }
+
+    /// Channels of one motion.
+    fn channels_of_one(&self) -> usize {
+        self.coordinates / self.motions.max(1)
     }
 
     /// Number of samples that engine and table are chosen for.
@@ -540,6 +574,7 @@ mod tests {
             step_size: 0.25,
             end: None,
             coordinates: 2,
+            motions: 1,
             samples: 6,
             history,
         }

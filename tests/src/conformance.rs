@@ -100,6 +100,7 @@ pub fn host_memory<T: Engines>(
         exponent,
         step_size: 1.0,
         coordinates: channels / kernel.stages(),
+        motions: 1,
         samples,
         history: &History { engine: Some(engine), ..History::default() },
     };

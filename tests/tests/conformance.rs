@@ -1,8 +1,10 @@
 //! Every engine for arbitrary kernels gives the plain sum to rounding and keeps the contract of a memory.
 
-use fvi_core::{Direct, Memory, Overflow, Real, Tiled};
+use fvi_core::{BdfOrder, Direct, ExponentialTable, Memory, Overflow, Real, Tiled};
 use fvi_fft::baseline::{Hls, Naive, OfflineFft, Signal, memory_term};
-use fvi_fft::{BlockFft, Engines, Pacing, RealTime, WeightTable};
+use fvi_fft::{BlockFft, Engines, Pacing, RealTime, WeightTable, WideExponentialSum};
+use fvi_host::numerics::aligned::Aligned;
+use fvi_host::numerics::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
 use fvi_host::numerics::growing_ring::GrowingRing;
 use fvi_host::scenario::Engine;
 use fvi_tests::conformance::{
@@ -77,6 +79,23 @@ fn core_exponential_sum<T: Engines>(
     host_memory(Engine::ExponentialSumCore, kernel, channels, capacity).expect("a kernel of exponentials")
 }
 
+/// For as few channels as the suite has the program takes another memory, so this one is made from its table.
+fn wide_exponential_sum<T: Engines>(
+    kernel: TestKernel,
+    channels: usize,
+    capacity: usize,
+) -> Box<dyn Memory<T>> {
+    Box::new(WideExponentialSum::<T>::new(&wide_table(kernel, capacity).borrow(), channels).unwrap())
+}
+
+fn wide_table(kernel: TestKernel, capacity: usize) -> ExponentialTable<Aligned<f64>> {
+    let TestKernel::Quadrature { order, exponent } = kernel else { panic!("{kernel:?} has no exponentials") };
+    let make = if exponent > 0.0 { ExponentialKernel::bdf_on_increments } else { ExponentialKernel::bdf };
+    make(BdfOrder::new(order).unwrap(), exponent, 1.0, capacity.max(1 << 20), SMALLEST_TOLERANCE)
+        .unwrap()
+        .table()
+}
+
 /// Blocks of the tiled memories: 5120 samples.
 const TILES: usize = 640;
 
@@ -137,6 +156,14 @@ fn short_runs<T: Real>(build: impl Constructor<T> + Copy, bound: Bound) {
     short_runs_of_quadratures(build, bound);
     short_runs_of_stages(build, bound);
     short_runs_of_arbitrary_kernels(build, bound, &[1, 3]);
+}
+
+/// For those that need decaying weights of plain numbers.
+fn short_runs_of_decaying_numbers<T: Real>(build: impl Constructor<T> + Copy, bound: Bound) {
+    short_runs_of_quadratures(build, bound);
+    // Channels that fill no vector, and some that fill more than one.
+    let quadrature = TestKernel::Quadrature { order: 2, exponent: 0.6 };
+    agrees_with_the_plain_sum(build, bound, quadrature, 75, &[33, 140]);
 }
 
 /// For those that need decaying weights.
@@ -241,6 +268,63 @@ engine!(
     DECAYING_LONG,
     LONG
 );
+
+engine!(
+    wide_exponential_sum_memory,
+    wide_exponential_sum,
+    Bound::of(Engine::ExponentialSum),
+    short_runs_of_decaying_numbers,
+    [SECOND_ORDER],
+    DECAYING_LONG,
+    LONG
+);
+
+/// The bits of every term, with so many threads; channels enough for them to take part.
+fn bits_on_threads(threads: usize) -> Vec<u64> {
+    let (channels, length) = (20_011, 70);
+    let table = wide_table(SECOND_ORDER, length);
+    let memory = WideExponentialSum::<f64>::new(&table.borrow(), channels).unwrap();
+    let mut memory = memory.on_threads(threads);
+    let (mut term, mut bits) = (vec![0.0; channels], Vec::new());
+    for k in 0..length {
+        memory.next_term(&mut term).unwrap();
+        bits.extend(term.iter().step_by(97).map(|number| number.to_bits()));
+        let sample: Vec<f64> = (0..channels).map(|c| ((k * 31 + c) as f64 * 0.013).sin()).collect();
+        memory.push(&sample).unwrap();
+    }
+    memory.next_term(&mut term).unwrap();
+    bits.extend(term.iter().map(|number| number.to_bits()));
+    bits
+}
+
+#[test]
+fn threads_leave_every_bit_of_a_wide_memory_as_it_is() {
+    let alone = bits_on_threads(1);
+    assert!(alone == bits_on_threads(2) && alone == bits_on_threads(5));
+}
+
+/// In single precision between the chunks, an error of a few times its rounding, relative to Σ|w||x|, and half the state.
+#[test]
+fn a_wide_memory_with_a_state_in_single_precision_stays_within_the_tolerance() {
+    for (order, exponent) in [(1, 0.3), (2, 0.6), (2, 1.5), (6, 1.9)] {
+        let kernel = TestKernel::Quadrature { order, exponent };
+        for signal in Signal::ALL {
+            let length = 20_000;
+            let table = ExponentialKernel::bdf_on_increments(
+                BdfOrder::new(order).unwrap(),
+                exponent,
+                1.0,
+                1 << 20,
+                2.5e-7,
+            )
+            .unwrap();
+            let mut memory = WideExponentialSum::<f64, f32>::new(&table.table().borrow(), 1).unwrap();
+            let (error, k) = largest_error(&mut memory, kernel, signal, length, 100);
+            let relative = error * f64::EPSILON / 2.0;
+            assert!(relative < 5e-7, "{kernel:?}, {signal:?}: {relative:e} at k = {k}");
+        }
+    }
+}
 
 #[test]
 fn a_growing_block_fft_memory_takes_any_number_of_samples() {

@@ -137,6 +137,7 @@ impl Case {
             exponent: self.exponent,
             step_size: self.step_size,
             coordinates: self.coordinates,
+            motions: 1,
             samples: self.length,
             history: &History { engine: Some(engine), ..History::default() },
         };

@@ -154,6 +154,7 @@ pub(crate) fn memory(
         step_size: step,
         end: None,
         coordinates: channels,
+        motions: 1,
         samples,
         history: &history,
     };

@@ -145,6 +145,7 @@ impl<'a> Contender<'a> {
                 exponent: task.exponent,
                 step_size: 1.0,
                 coordinates: 1,
+                motions: 1,
                 samples: task.weights.len(),
                 history: &History { engine: Some(engine), ..History::default() },
             };

@@ -240,7 +240,10 @@ fn an_expression_error_points_at_the_character() {
 fn a_misspelt_key_is_answered_with_the_right_one() {
     let error = read(&GOOD.replacen("capacity", "capcity", 1)).unwrap_err();
     let help = miette::Diagnostic::help(&error).unwrap().to_string();
-    assert_eq!(help, "did you mean `capacity`? Keys here: engine, tolerance, horizon, capacity, overflow");
+    assert_eq!(
+        help,
+        "did you mean `capacity`? Keys here: engine, tolerance, horizon, capacity, overflow, states, threads"
+    );
 }
 
 #[test]
@@ -388,6 +391,25 @@ fn values_that_are_not_finite_and_times_off_the_grid_are_counted() {
         warnings.iter().any(|warning| warning.contains("2 of its times are not grid points")),
         "{warnings:?}"
     );
+}
+
+#[test]
+fn a_state_in_single_precision_is_for_tolerances_that_allow_it() {
+    let history = "capacity = 64\noverflow = \"forget\"";
+    let with = |keys: &str| read(&GOOD.replacen(history, keys, 1));
+    let scenario = with("tolerance = 1e-6\nstates = \"f32\"\nthreads = 2").unwrap();
+    assert_eq!((scenario.history.states, scenario.history.threads()), (Some(States::F32), 2));
+    assert_eq!(scenario.history.engine, Some(Engine::ExponentialSum));
+    for (keys, key) in [
+        ("states = \"f32\"", "history.states"),
+        ("tolerance = 1e-9\nstates = \"f32\"", "history.states"),
+        ("engine = \"exponential-sum-core\"\ntolerance = 1e-6\nstates = \"f32\"", "history.states"),
+        ("engine = \"direct\"\nstates = \"f64\"", "history.states"),
+        ("states = \"f16\"", "history.states"),
+        ("threads = 0", "history.threads"),
+    ] {
+        assert_eq!(with(keys).unwrap_err().key(), key, "{keys}");
+    }
 }
 
 #[test]

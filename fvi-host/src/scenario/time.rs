@@ -355,6 +355,22 @@ pub enum Overflow {
 /// Largest tolerance of the exponential sum, see `scenarios/README.md`.
 const LARGEST_TOLERANCE: f64 = 1e-6;
 
+/// Smallest tolerance with which an exponential sum may keep its state in single precision: rounding takes up to half of it.
+const SMALLEST_SINGLE_TOLERANCE: f64 = 5e-7;
+
+/// Most threads that a run takes unless it is told to take more.
+const THREADS: usize = 8;
+
+/// In what an exponential sum keeps its state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum States {
+    /// In the precision of the run.
+    F64,
+    /// In single precision.
+    F32,
+}
+
 /// The memory engine and its settings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct History {
@@ -372,6 +388,12 @@ pub struct History {
     pub capacity: Option<usize>,
     /// What happens when they are more.
     pub overflow: Overflow,
+    /// In what the exponential sum keeps its state; absent: in the precision of the run.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub states: Option<States>,
+    /// Threads that share the work of a large system: memories of many channels, products and solutions; absent: as many as the machine has, up to eight. The bits are the same.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub threads: Option<usize>,
     /// Samples that engine and table are chosen for, where a run is carried further than it was begun for; absent: those of the run.
     #[serde(skip)]
     pub planned: Option<usize>,
@@ -381,8 +403,14 @@ impl History {
     /// Puts another engine in place of the one in the file; settings that belong to that one no longer count.
     pub fn choose(&mut self, engine: Engine) {
         if self.engine != Some(engine) {
-            *self = Self { engine: Some(engine), ..Self::default() };
+            *self = Self { engine: Some(engine), threads: self.threads, ..Self::default() };
         }
+    }
+
+    /// Threads that share the work of a large system.
+    pub fn threads(&self) -> usize {
+        let there = || std::thread::available_parallelism().map_or(1, std::num::NonZero::get).min(THREADS);
+        self.threads.unwrap_or_else(there)
     }
 
     pub(super) fn read(
@@ -390,13 +418,18 @@ impl History {
         family: ConvolutionFamily,
         time: &TimeGrid,
     ) -> Result<Self, InputError> {
-        table.allow(&["engine", "tolerance", "horizon", "capacity", "overflow"])?;
+        table.allow(&["engine", "tolerance", "horizon", "capacity", "overflow", "states", "threads"])?;
         let mut engine = table.optional("engine").map(|value| value.choice(&Engine::NAMES)).transpose()?;
         let (ring, exponentials) =
             ([Engine::Direct].as_slice(), [Engine::ExponentialSum, Engine::ExponentialSumCore].as_slice());
-        for (key, owners) in
-            [("capacity", ring), ("overflow", ring), ("tolerance", exponentials), ("horizon", exponentials)]
-        {
+        let chunks = [Engine::ExponentialSum].as_slice();
+        for (key, owners) in [
+            ("capacity", ring),
+            ("overflow", ring),
+            ("tolerance", exponentials),
+            ("horizon", exponentials),
+            ("states", chunks),
+        ] {
             let (Some(value), Some(&owner)) = (table.optional(key), owners.first()) else { continue };
             if !owners.contains(engine.get_or_insert(owner)) {
                 return Err(value.key_error(Problem::Incompatible {
@@ -438,6 +471,32 @@ impl History {
             }
             None => None,
         };
+        let states = match table.optional("states") {
+            Some(value) => {
+                let states = value.choice(&[("f64", States::F64), ("f32", States::F32)])?;
+                let incompatible = |with: &str, allowed: String| {
+                    Err(value.error(Problem::Incompatible { with: with.to_owned(), allowed }))
+                };
+                if states == States::F32 && staged {
+                    return incompatible("this `convolution.family`", "only with \"bdf\"".to_owned());
+                }
+                if states == States::F32
+                    && tolerance.is_none_or(|tolerance| tolerance < SMALLEST_SINGLE_TOLERANCE)
+                {
+                    let with = match tolerance {
+                        Some(tolerance) => format!("`history.tolerance` = {tolerance:e}"),
+                        None => "a `history.tolerance` that is not given: exact to rounding".to_owned(),
+                    };
+                    let allowed = format!(
+                        "with a tolerance of {SMALLEST_SINGLE_TOLERANCE:e} or more, half of which rounding to single precision may take"
+                    );
+                    return incompatible(&with, allowed);
+                }
+                Some(states)
+            }
+            None => None,
+        };
+        let threads = table.optional("threads").map(|value| value.whole(1..=1024)).transpose()?;
         let samples = time.steps.saturating_add(1);
         let horizon = table.optional("horizon").map(|value| value.whole(samples..=usize::MAX)).transpose()?;
         let capacity = table.optional("capacity").map(|value| value.whole(1..=usize::MAX)).transpose()?;
@@ -452,7 +511,7 @@ impl History {
             }
             None => Overflow::Stop,
         };
-        Ok(Self { engine, tolerance, horizon, capacity, overflow, planned: None })
+        Ok(Self { engine, tolerance, horizon, capacity, overflow, states, threads, planned: None })
     }
 }
 

@@ -1,0 +1,69 @@
+//! The kernel of a table of exponentials, at any lag.
+
+use fvi_core::{ExponentialTable, ExponentialTerm};
+
+/// The weights of a table at any lag.
+pub(crate) struct TableKernel<'a, const S: usize> {
+    head: &'a [f64],
+    pub(crate) terms: Vec<ExponentialTerm<f64, S>>,
+}
+
+/// An exponential is left out where it is below this part of the weight.
+const NEGLIGIBLE: f64 = 1e-18;
+
+/// What is left of an exponential from which on it may be left out: one that has faded so much at a lag
+/// decays faster there than weights do, which are like a power of the lag above the minus third.
+const FADED: f64 = 1e-3;
+
+impl<'a, const S: usize> TableKernel<'a, S> {
+    pub(crate) fn new(table: &ExponentialTable<&'a [f64]>) -> Self {
+        Self { head: table.head, terms: table.terms().collect() }
+    }
+
+    pub(crate) fn head_len(&self) -> usize {
+        self.head.len() / (S * S)
+    }
+
+    pub(crate) fn weight(&self, a: usize, b: usize, n: usize) -> f64 {
+        let head = self.head_len();
+        if n < head {
+            self.head[(a * S + b) * head + n]
+        } else {
+            self.terms.iter().map(|term| term.output[a] * term.input[b] * power(term, n - head)).sum()
+        }
+    }
+
+    /// Leaves out what has died away at lag n and beyond.
+    pub(crate) fn keep_what_lasts(&mut self, n: usize) {
+        let size = |entry: &dyn Fn(usize, usize) -> f64| {
+            (0..S * S).map(|place| entry(place / S, place % S).abs()).fold(0.0, f64::max)
+        };
+        let weight = size(&|a, b| self.weight(a, b, n));
+        let left = n - self.head_len();
+        self.terms.retain(|term| {
+            let part = size(&|a, b| term.output[a] * term.input[b]) * power(term, left).abs();
+            power(term, n).abs() > FADED || part > NEGLIGIBLE * weight
+        });
+    }
+}
+
+/// 1 − μ, rounded, and what rounding takes away.
+pub(crate) fn factor<const S: usize>(term: &ExponentialTerm<f64, S>) -> (f64, f64) {
+    let base = 1.0 - term.decay;
+    (base, (1.0 - base) - term.decay)
+}
+
+/// (1 − μ)ⁿ, accurate relative to itself.
+pub(crate) fn power<const S: usize>(term: &ExponentialTerm<f64, S>, n: usize) -> f64 {
+    let (base, rest) = factor(term);
+    let power = libm::pow(base, n as f64);
+    if rest == 0.0 { power } else { power + power * (n as f64 * (rest / base)) }
+}
+
+/// 1 − (1 − μ)ⁿ, which near 0 has the digits that (1 − μ)ⁿ lacks.
+pub(crate) fn loss<const S: usize>(term: &ExponentialTerm<f64, S>, n: usize) -> f64 {
+    match 1.0 - term.decay > 0.0 {
+        true => -libm::expm1(n as f64 * libm::log1p(-term.decay)),
+        false => 1.0 - power(term, n),
+    }
+}
