@@ -1,6 +1,7 @@
 //! The order of elimination and the places of the factor, from the pattern alone.
 
 use crate::Pattern;
+use crate::subtrees::Subtrees;
 use core::ops::Range;
 use std::sync::Arc;
 
@@ -27,6 +28,8 @@ pub(crate) struct Blocks {
     row_starts: Vec<usize>,
     rows: Vec<u32>,
     number_starts: Vec<usize>,
+    /// What of the elimination tree is eliminated apart from the rest.
+    pub(crate) subtrees: Subtrees,
 }
 
 impl Blocks {
@@ -39,9 +42,19 @@ impl Blocks {
         self.first[block] as usize..self.first[block + 1] as usize
     }
 
+    /// Where the rows of a block lie among those of all blocks.
+    pub(crate) fn row_places(&self, block: usize) -> Range<usize> {
+        self.row_starts[block]..self.row_starts[block + 1]
+    }
+
     /// Rows of a block below its columns.
     pub(crate) fn rows(&self, block: usize) -> &[u32] {
         &self.rows[self.row_starts[block]..self.row_starts[block + 1]]
+    }
+
+    /// Where the numbers of a run of blocks lie.
+    pub(crate) fn numbers_of(&self, blocks: Range<usize>) -> Range<usize> {
+        self.number_starts[blocks.start]..self.number_starts[blocks.end]
     }
 
     /// Where the numbers of a block lie.
@@ -284,5 +297,8 @@ fn places(pattern: &Pattern, order: Vec<u32>, place: Vec<u32>, first: Vec<u32>) 
             before[block_of[next as usize] as usize].push(block);
         }
     }
-    Blocks { order, place, first, block_of, row_starts, rows, number_starts }
+    let subtrees = Subtrees::default();
+    let mut blocks = Blocks { order, place, first, block_of, row_starts, rows, number_starts, subtrees };
+    blocks.subtrees = Subtrees::of(&blocks);
+    blocks
 }

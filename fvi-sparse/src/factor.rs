@@ -2,7 +2,7 @@
 
 use crate::Pattern;
 use crate::analysis::{Analysis, Blocks};
-use crate::kernels::{products, subtract_columns, subtract_product};
+use crate::kernels::subtract_product;
 use core::fmt;
 use pulp::Arch;
 
@@ -178,118 +178,14 @@ impl Factor {
         self.numbers.len() * size_of::<f64>()
     }
 
-    /// Replaces the right-hand side by the solution. Several right-hand sides, one after another, are solved in one pass
-    /// over the factor, each with the bits that it has alone.
-    pub fn solve(&self, vectors: &mut [f64]) {
-        let size = self.size();
-        if size == 0 {
-            return;
-        }
-        let blocks = self.analysis.blocks();
-        let mut sorted = vec![0.0; vectors.len() / size * size];
-        for (sorted, vector) in sorted.chunks_exact_mut(size).zip(vectors.chunks_exact(size)) {
-            for (place, &row) in sorted.iter_mut().zip(&blocks.order) {
-                *place = vector[row as usize];
-            }
-        }
-        Arch::new().dispatch(|| {
-            forward(blocks, &self.numbers, size, &mut sorted);
-            backward(blocks, &self.numbers, size, &mut sorted);
-        });
-        for (sorted, vector) in sorted.chunks_exact(size).zip(vectors.chunks_exact_mut(size)) {
-            for (&number, &row) in sorted.iter().zip(&blocks.order) {
-                vector[row as usize] = number;
-            }
-        }
+    /// The order of elimination and the places of the numbers.
+    pub(crate) fn blocks(&self) -> &Blocks {
+        self.analysis.blocks()
     }
-}
 
-/// Four columns of a block from `first` on, from the row `from` down; those beyond the last are empty of effect.
-#[inline(always)]
-fn four(numbers: &[f64], height: usize, first: usize, count: usize, from: usize) -> [&[f64]; 4] {
-    core::array::from_fn(|index| {
-        // A column that is not there stands for any other, with the factor zero.
-        let column = first + index.min(count - 1);
-        &numbers[column * height + from..(column + 1) * height]
-    })
-}
-
-/// L y = x in place.
-#[inline(always)]
-fn forward(blocks: &Blocks, numbers: &[f64], size: usize, vectors: &mut [f64]) {
-    let count = vectors.len() / size;
-    let mut below = Vec::new();
-    for block in 0..blocks.count() {
-        let (columns, rows) = (blocks.columns(block), blocks.rows(block));
-        let (width, height) = (columns.len(), columns.len() + rows.len());
-        let numbers = &numbers[blocks.numbers(block)];
-        below.clear();
-        below.resize(rows.len() * count, 0.0);
-        let mut first = 0;
-        while first < width {
-            let group = (width - first).min(4);
-            for (index, vector) in vectors.chunks_exact_mut(size).enumerate() {
-                let top = &mut vector[columns.clone()];
-                let mut x = [0.0; 4];
-                for (column, x) in (first..first + group).zip(&mut x) {
-                    let l = &numbers[column * height..][..height];
-                    *x = top[column] / l[column];
-                    top[column] = *x;
-                    for row in column + 1..first + group {
-                        top[row] -= l[row] * *x;
-                    }
-                }
-                let end = first + group;
-                let l = four(numbers, height, first, group, end);
-                subtract_columns(&mut top[end..], l, x);
-                let l = four(numbers, height, first, group, width);
-                subtract_columns(&mut below[index * rows.len()..][..rows.len()], l, x);
-            }
-            first += group;
-        }
-        if !rows.is_empty() {
-            for (below, vector) in below.chunks_exact(rows.len()).zip(vectors.chunks_exact_mut(size)) {
-                for (&row, &number) in rows.iter().zip(below) {
-                    vector[row as usize] += number;
-                }
-            }
-        }
-    }
-}
-
-/// Lᵀ x = y in place.
-#[inline(always)]
-fn backward(blocks: &Blocks, numbers: &[f64], size: usize, vectors: &mut [f64]) {
-    let count = vectors.len() / size;
-    let mut below = Vec::new();
-    for block in (0..blocks.count()).rev() {
-        let (columns, rows) = (blocks.columns(block), blocks.rows(block));
-        let (width, height) = (columns.len(), columns.len() + rows.len());
-        let numbers = &numbers[blocks.numbers(block)];
-        below.clear();
-        for vector in vectors.chunks_exact(size).take(count) {
-            below.extend(rows.iter().map(|&row| vector[row as usize]));
-        }
-        let groups = width.div_ceil(4);
-        for first in (0..groups).rev().map(|group| 4 * group) {
-            let group = (width - first).min(4);
-            for (index, vector) in vectors.chunks_exact_mut(size).enumerate() {
-                let top = &mut vector[columns.clone()];
-                let end = first + group;
-                let above = products(four(numbers, height, first, group, end), &top[end..]);
-                let below = &below[index * rows.len()..][..rows.len()];
-                let under = products(four(numbers, height, first, group, width), below);
-                for own in (0..group).rev() {
-                    let column = first + own;
-                    let l = &numbers[column * height..][..height];
-                    let mut sum = top[column] - above[own] - under[own];
-                    for row in column + 1..end {
-                        sum -= l[row] * top[row];
-                    }
-                    top[column] = sum / l[column];
-                }
-            }
-        }
+    /// The numbers, block by block.
+    pub(crate) fn numbers(&self) -> &[f64] {
+        &self.numbers
     }
 }
 
@@ -343,6 +239,25 @@ mod tests {
             let mut alone = pushed[n..2 * n].to_vec();
             factor.solve(&mut alone);
             assert_eq!(alone, together[n..2 * n], "k = {k}");
+        }
+    }
+
+    #[test]
+    fn threads_leave_every_bit_of_a_solution_as_it_is() {
+        // Large enough to be taken apart and shared.
+        let (pattern, values) = cube(17);
+        let factor = Analysis::new(&pattern).factor(&pattern, &values).unwrap();
+        assert!(factor.blocks().subtrees.parts.len() > 2);
+        let n = pattern.size();
+        let known: Vec<f64> = (0..8 * n).map(|i| (i as f64 * 0.7).sin() + 0.1).collect();
+        let pushed: Vec<f64> = known.chunks(n).flat_map(|x| product(&pattern, &values, x)).collect();
+        let mut alone = pushed.clone();
+        factor.solve(&mut alone);
+        assert!(alone.iter().zip(&known).all(|(found, known)| (found - known).abs() < 1e-12));
+        for threads in [2, 5] {
+            let mut together = pushed.clone();
+            factor.solve_on_threads(&mut together, threads);
+            assert!(together == alone);
         }
     }
 

@@ -20,6 +20,10 @@ mod analysis;
 mod factor;
 mod kernels;
 mod pattern;
+mod product;
+mod solve;
+mod subtrees;
+mod threads;
 
 pub use analysis::Analysis;
 pub use factor::{Factor, FactorError};

@@ -1,0 +1,150 @@
+//! Parts of the elimination tree that do not meet: they are solved for side by side.
+
+use crate::analysis::Blocks;
+use core::ops::Range;
+
+/// Subtrees of the elimination tree, and the trunk that is left.
+///
+/// Columns are in postorder, so that a subtree is a run of blocks and of columns. What it owes to columns beyond lies in the rows of its
+/// last block. The choice depends on the pattern alone, and with it the order of all sums: threads change no bit.
+#[derive(Debug, Default)]
+pub(crate) struct Subtrees {
+    /// In ascending order.
+    pub(crate) parts: Vec<Subtree>,
+    /// For each row of each block, its place in the vector that the block works on: that of the whole in the trunk, that of the
+    /// subtree elsewhere, which has its columns first and the rows of its last block behind them.
+    pub(crate) places: Vec<u32>,
+}
+
+/// One of them.
+#[derive(Debug)]
+pub(crate) struct Subtree {
+    pub(crate) blocks: Range<usize>,
+    pub(crate) columns: Range<usize>,
+}
+
+/// Numbers of a factor from which on it is worth while to take it apart.
+const LARGE: usize = 1 << 18;
+
+/// A subtree is split while it has more than this part of the numbers.
+const PART: f64 = 0.1;
+
+/// Numbers of a factor for each subtree at least.
+const LEAST: usize = 1 << 14;
+
+impl Subtrees {
+    pub(crate) fn of(blocks: &Blocks) -> Self {
+        let count = blocks.count();
+        let mut places: Vec<u32> = (0..count).flat_map(|block| blocks.rows(block)).copied().collect();
+        let size = |range: &Range<usize>| blocks.numbers_of(range.clone()).len();
+        let all = blocks.numbers_of(0..count).len();
+        let mut parts = Vec::new();
+        if all >= LARGE {
+            // First block of the subtree that each block is the root of.
+            let mut first: Vec<usize> = (0..count).collect();
+            let mut children: Vec<Vec<usize>> = vec![Vec::new(); count];
+            let mut open = Vec::new();
+            for block in 0..count {
+                match blocks.rows(block).first() {
+                    Some(&row) => {
+                        let parent = blocks.block_of[row as usize] as usize;
+                        first[parent] = first[parent].min(first[block]);
+                        children[parent].push(block);
+                    }
+                    None => open.push(block),
+                }
+            }
+            let most = (PART * all as f64) as usize;
+            while let Some(root) = open.pop() {
+                let range = first[root]..root + 1;
+                if size(&range) > most {
+                    open.append(&mut children[root]);
+                } else if size(&range) >= LEAST {
+                    parts.push(range);
+                }
+            }
+            parts.sort_by_key(|range| range.start);
+        }
+        let parts: Vec<Subtree> = parts
+            .into_iter()
+            .map(|range| {
+                let columns = blocks.columns(range.start).start..blocks.columns(range.end - 1).end;
+                Subtree { blocks: range, columns }
+            })
+            .collect();
+        for Subtree { blocks: range, columns } in &parts {
+            let beyond = blocks.rows(range.end - 1);
+            for block in range.clone() {
+                for place in &mut places[blocks.row_places(block)] {
+                    let row = *place as usize;
+                    *place = match row < columns.end {
+                        true => row - columns.start,
+                        false => columns.len() + beyond.partition_point(|&other| (other as usize) < row),
+                    } as u32;
+                }
+            }
+        }
+        Self { parts, places }
+    }
+
+    /// The runs of blocks between the subtrees, in ascending order.
+    pub(crate) fn trunk(&self, count: usize) -> impl DoubleEndedIterator<Item = Range<usize>> {
+        let ends = self.parts.iter().map(|part| part.blocks.end);
+        let starts = self.parts.iter().map(|part| part.blocks.start);
+        let ranges: Vec<_> = std::iter::once(0)
+            .chain(ends)
+            .zip(starts.chain([count]))
+            .map(|(start, end)| start..end)
+            .collect();
+        ranges.into_iter()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::{Analysis, Pattern};
+
+    #[test]
+    fn subtrees_and_trunk_are_all_blocks_once() {
+        // A plate of springs, 200×200 points.
+        let k = 200;
+        let n = k * k;
+        let near = |a: usize| {
+            let (x, y) = (a % k, a / k);
+            let mut places = vec![a];
+            if x > 0 {
+                places.push(a - 1);
+            }
+            if x + 1 < k {
+                places.push(a + 1);
+            }
+            if y > 0 {
+                places.push(a - k);
+            }
+            if y + 1 < k {
+                places.push(a + k);
+            }
+            places.sort_unstable();
+            places
+        };
+        let analysis = Analysis::new(&Pattern::from_rows((0..n).map(near)));
+        let blocks = analysis.blocks();
+        let parts = &blocks.subtrees.parts;
+        assert!(parts.len() > 4, "{}", parts.len());
+        let trunk = blocks.subtrees.trunk(blocks.count());
+        let mut seen: Vec<usize> =
+            trunk.chain(parts.iter().map(|part| part.blocks.clone())).flatten().collect();
+        seen.sort_unstable();
+        assert_eq!(seen, (0..blocks.count()).collect::<Vec<_>>());
+        // Nothing in a subtree reaches beyond its columns but into the rows of its last block.
+        for part in parts {
+            let beyond = blocks.rows(part.blocks.end - 1);
+            for block in part.blocks.clone() {
+                assert!(blocks.columns(block).end <= part.columns.end);
+                for row in blocks.rows(block) {
+                    assert!((*row as usize) < part.columns.end || beyond.binary_search(row).is_ok());
+                }
+            }
+        }
+    }
+}
