@@ -3,6 +3,7 @@
 pub mod checkpoint;
 pub mod compare_engines;
 pub mod converge;
+mod outlet;
 #[cfg(feature = "pictures")]
 pub mod reproduce;
 pub mod run;

@@ -4,6 +4,7 @@
 //! knows nothing of how it is run. Its serialised form is the record of the inputs as used.
 
 mod adaptive;
+mod case;
 mod element;
 mod grid;
 mod initial;
@@ -19,6 +20,7 @@ mod time;
 mod warnings;
 
 pub use adaptive::Adaptive;
+pub use case::Case;
 pub use element::Element;
 pub use grid::{Grid, GridRule};
 pub use initial::InitialState;
@@ -31,7 +33,7 @@ pub use scheme::{Convolution, ConvolutionFamily, DampedAt, Quadrature, Scheme};
 pub use sparse_matrix::SparseMatrix;
 pub use system::{Attached, Damping, Derivative, ForceQuadrature, System};
 pub use time::{
-    Engine, History, MOST_STEPS, OnEnergyGrowth, OutputOptions, Overflow, ReportedMomentum, TimeGrid,
+    Engine, History, MOST_STEPS, OnEnergyGrowth, OutputOptions, Overflow, ReportedMomentum, States, TimeGrid,
 };
 
 use crate::language::document::{Document, Table};
@@ -68,6 +70,9 @@ pub struct Scenario {
     /// What the solution is known to be.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reference: Option<Reference>,
+    /// Load cases, integrated together; none: one motion under the loads of the system.
+    #[serde(rename = "case", skip_serializing_if = "Vec::is_empty")]
+    pub cases: Vec<Case>,
     #[serde(skip)]
     document: Document,
 }
@@ -88,6 +93,7 @@ impl Scenario {
     pub fn from_document(document: Document) -> Result<Self, InputError> {
         let scenario = document.with_root(|root| Self::from_root(&root, &document))?;
         scenario.check_start()?;
+        scenario.check_cases()?;
         Ok(scenario)
     }
 
@@ -132,6 +138,7 @@ impl Scenario {
             "output",
             "input",
             "reference",
+            "case",
         ])?;
         let title = root.optional("title").map(|value| value.text().map(str::to_owned)).transpose()?;
         let system_table = root.required("system")?.table()?;
@@ -180,6 +187,10 @@ impl Scenario {
             Some(value) => Some(Reference::read(&value.table()?, &system, (&time, &output), document)?),
             None => None,
         };
+        let cases = match root.optional("case") {
+            Some(value) => Case::read_all(&value, &system)?,
+            None => Vec::new(),
+        };
         let document = document.clone();
         Ok(Self {
             title,
@@ -192,6 +203,7 @@ impl Scenario {
             output,
             input,
             reference,
+            cases,
             document,
         })
     }
@@ -303,13 +315,19 @@ impl Scenario {
                 self.error_at("system.potential", Problem::NotFinite { what: "the potential", place })
             );
         }
-        for (index, load) in self.system.loads.iter().enumerate() {
+        let common = self.system.loads.iter().enumerate();
+        let common = common.map(|(index, load)| (format!("system.load[{index}]"), load));
+        let of_cases = self.cases.iter().enumerate().flat_map(|(case, Case { loads, .. })| {
+            let loads = loads.iter().enumerate();
+            loads.map(move |(index, load)| (format!("case[{case}].load[{index}]"), load))
+        });
+        for (path, load) in common.chain(of_cases) {
             if let Amplitude::Expression(amplitude) = &load.amplitude
                 && !amplitude.value::<f64>(Moment::inside(0.0), &[]).is_finite()
                 && !amplitude.value::<f64>(Moment::inside(0.5 * self.time.step), &[]).is_finite()
             {
                 let problem = Problem::NotFinite { what: "the amplitude", place: "t = 0".to_owned() };
-                return Err(self.error_at(&format!("system.load[{index}].amplitude"), problem));
+                return Err(self.error_at(&format!("{path}.amplitude"), problem));
             }
         }
         for (index, force) in self.system.force.iter().flatten().enumerate() {

@@ -59,6 +59,8 @@ trait Stepper {
     fn read_without_energy(&mut self, state: &mut GridState);
     /// These and the energy.
     fn read(&mut self, state: &mut GridState);
+    /// The energies of the motions under load cases, whose sum that was.
+    fn energies(&self, energies: &mut Vec<f64>);
     fn engines(&self) -> Vec<Engine>;
     fn overruns(&self) -> Option<usize>;
     fn memory_bytes(&self) -> usize;
@@ -67,15 +69,18 @@ trait Stepper {
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError>;
 }
 
-/// The state at a grid point, in double precision whatever it was computed in.
+/// The state at a grid point, in double precision whatever it was computed in. With load cases position and momentum are those of all
+/// motions, one behind the other, and the energy is their sum.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct GridState {
     /// t_k.
     pub time: f64,
     /// q_k.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub position: Vec<f64>,
     /// p_k: where the fractional force acts at the main nodes, the mean of the momenta before and after its kick, or the one
     /// after, as `output.momentum` says.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub momentum: Vec<f64>,
     /// ½ p_kᵀM⁻¹p_k + U(q_k) with this p_k.
     pub energy: f64,
@@ -177,6 +182,11 @@ impl Simulation {
     /// Writes the present state into `state`, whose vectors have one place for each coordinate.
     pub fn read(&mut self, state: &mut GridState) {
         self.stepper.read(state);
+    }
+
+    /// Writes the energies of the motions under load cases, whose sum has been [`read`](Self::read) last; none without cases.
+    pub fn read_energies(&self, energies: &mut Vec<f64>) {
+        self.stepper.energies(energies);
     }
 
     /// Writes the present state into `state` but for the energy, which stays.
@@ -373,6 +383,7 @@ fn memory_request<'a>(
             ConvolutionFamily::Bdf { .. } => channels * nodes,
             _ => channels,
         },
+        motions: scenario.copies(),
         samples: scenario.time.steps.saturating_add(1),
         history: &scenario.history,
     }
@@ -572,6 +583,11 @@ impl<T: Elementary + Engines, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
             None => self.integrator.energy(),
         };
         grid.energy = energy.to_f64();
+    }
+
+    fn energies(&self, energies: &mut Vec<f64>) {
+        energies.clear();
+        energies.extend(X::energies(self.integrator.system()).iter().map(|energy| energy.to_f64()));
     }
 
     fn engines(&self) -> Vec<Engine> {

@@ -139,6 +139,7 @@ pub(crate) fn engine(name: &str) -> Result<Engine, Failure> {
 pub(crate) fn read(source: &Source, engine: Option<Engine>) -> Outcome<Scenario> {
     let scenario = source.document().and_then(Scenario::from_document);
     let mut scenario = scenario.map_err(|error| source.failure(&error))?;
+    scenario.require_one_motion("the package for Python").map_err(|error| source.failure(&error))?;
     if let Some(engine) = engine {
         scenario.history.choose(engine);
     }

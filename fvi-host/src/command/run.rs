@@ -110,6 +110,18 @@ impl RunArguments {
 /// The run in one line.
 fn result_line(scenario: &Scenario, summary: &RunSummary, directory: &Path) -> String {
     let last = &summary.last;
+    if !summary.cases.is_empty() {
+        return format!(
+            "{}: {} steps to t = {} of {} load cases ({}); {:.3} s; files in directories of these names in {}",
+            visible_line(scenario.heading()),
+            summary.steps,
+            last.time,
+            summary.cases.len(),
+            summary.cases.join(", "),
+            summary.seconds,
+            directory.display(),
+        );
+    }
     let list = |numbers: &[f64]| {
         let numbers: Vec<String> = numbers.iter().map(|number| format!("{number:.9}")).collect();
         if numbers.len() == 1 { numbers.concat() } else { format!("[{}]", numbers.join(", ")) }

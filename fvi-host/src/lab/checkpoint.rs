@@ -24,7 +24,7 @@ pub(crate) use identity::Identity;
 use serde::{Deserialize, Serialize};
 use std::fs::{self, File};
 use std::io::{self, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// The newest checkpoint.
 pub const CHECKPOINT: &str = "checkpoint.fvi";
@@ -36,7 +36,7 @@ const PREVIOUS_PICTURES: &str = "checkpoint.previous.pictures.fvi";
 /// The line end tells files that were taken for text on the way.
 const MAGIC: [u8; 8] = *b"fvi\r\n\x1a\nC";
 const PICTURES_MAGIC: [u8; 8] = *b"fvi\r\n\x1a\nP";
-const FORMAT: u32 = 2;
+const FORMAT: u32 = 3;
 
 /// Why a run cannot go on from what is in its directory. Nothing has been changed.
 #[derive(Debug, thiserror::Error)]
@@ -97,7 +97,12 @@ pub enum CheckpointError {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Progress {
     pub(crate) steps: usize,
-    pub(crate) trajectory: TrajectoryMark,
+    /// Of each load case; one without.
+    pub(crate) trajectories: Vec<TrajectoryMark>,
+    /// The names of the load cases, whose directories the trajectories lie in.
+    pub(crate) cases: Vec<String>,
+    /// The largest energy of each.
+    pub(crate) largest_energies: Vec<f64>,
     pub(crate) newton_iterations: u64,
     pub(crate) newton_iterations_most: u32,
     pub(crate) overruns: Option<usize>,
@@ -113,12 +118,20 @@ pub(crate) struct Progress {
     pub(crate) elsewhere: Vec<String>,
 }
 
+impl Progress {
+    /// The format of the trajectories.
+    pub(crate) fn format(&self) -> Format {
+        self.trajectories.first().map_or_else(Format::default, |mark| mark.format)
+    }
+}
+
 /// A checkpoint that was found whole.
 pub(crate) struct Checkpoint {
     pub(crate) identity: Identity,
     pub(crate) progress: Progress,
     pub(crate) state: Vec<u8>,
-    pub(crate) traces: RunTraces,
+    /// Of each load case; one without.
+    pub(crate) traces: Vec<RunTraces>,
     /// What is to be said about where it comes from.
     pub(crate) notes: Vec<String>,
     pub(crate) generations: Generations,
@@ -179,7 +192,7 @@ impl Checkpoint {
         let found = [(PICTURES, true), (PREVIOUS_PICTURES, false)].into_iter().find_map(|(name, newest)| {
             let bytes = fs::read(directory.join(name)).ok()?;
             let pictures = parse_pictures(&bytes, progress.steps, coordinates).ok()?;
-            Some((pictures, newest))
+            (pictures.len() == progress.trajectories.len()).then_some((pictures, newest))
         });
         let Some((pictures, newest)) = found else {
             let reason = format!(
@@ -189,10 +202,16 @@ impl Checkpoint {
             );
             return Err(damaged(&reason));
         };
-        if !TrajectoryWriter::can_resume(directory.path(), &progress.trajectory) {
-            let file = directory.join(progress.trajectory.format.file());
-            let reason = format!("neither {0}.part nor {0} holds its rows", file.display());
-            return Err(damaged(&reason));
+        let directories = case_directories(directory.path(), progress.cases.iter().map(String::as_str));
+        if directories.len() != progress.trajectories.len() {
+            return Err(damaged(&Unreadable::Content));
+        }
+        for (directory, mark) in directories.iter().zip(&progress.trajectories) {
+            if !TrajectoryWriter::can_resume(directory, mark) {
+                let file = directory.join(mark.format.file());
+                let reason = format!("neither {0}.part nor {0} holds its rows", file.display());
+                return Err(damaged(&reason));
+            }
         }
         let generations = Generations { state: true, pictures: newest };
         let file = path.display().to_string();
@@ -209,8 +228,8 @@ impl Checkpoint {
     ) -> Result<(), CheckpointError> {
         let file = self.file.clone();
         let mut differences = self.identity.differences(wanted);
-        if format != self.progress.trajectory.format {
-            let (here, there) = (format.file(), self.progress.trajectory.format.file());
+        if format != self.progress.format() {
+            let (here, there) = (format.file(), self.progress.format().file());
             differences.push(format!("it writes {here} here and wrote {there} there"));
         }
         if !differences.is_empty() {
@@ -266,7 +285,7 @@ fn parse(bytes: &[u8]) -> Result<(Identity, Progress, Vec<u8>), Unreadable> {
     Ok((identity, progress, state.to_vec()))
 }
 
-fn parse_pictures(bytes: &[u8], steps: usize, coordinates: usize) -> Result<RunTraces, Unreadable> {
+fn parse_pictures(bytes: &[u8], steps: usize, coordinates: usize) -> Result<Vec<RunTraces>, Unreadable> {
     let sections = sections::read(bytes, PICTURES_MAGIC, FORMAT)?;
     let [([b's', b't', b'e', b'p'], step), ([b'p', b'i', b'c', b't'], pictures)] = sections.as_slice() else {
         return Err(Unreadable::Sections);
@@ -274,8 +293,9 @@ fn parse_pictures(bytes: &[u8], steps: usize, coordinates: usize) -> Result<RunT
     if *step != (steps as u64).to_le_bytes() {
         return Err(Unreadable::Content);
     }
-    let pictures: RunTraces = postcard::from_bytes(pictures).map_err(|_| Unreadable::Content)?;
-    if pictures.is_sound(coordinates) { Ok(pictures) } else { Err(Unreadable::Content) }
+    let pictures: Vec<RunTraces> = postcard::from_bytes(pictures).map_err(|_| Unreadable::Content)?;
+    let sound = pictures.iter().all(|traces| traces.is_sound(coordinates));
+    if sound { Ok(pictures) } else { Err(Unreadable::Content) }
 }
 
 /// What a fuzzer may throw at the two files: whether they are read. Nothing panics, and nothing takes more memory than they do by far.
@@ -293,7 +313,7 @@ impl Generations {
         identity: &Identity,
         progress: &Progress,
         state: &[u8],
-        pictures: &RunTraces,
+        pictures: &[&RunTraces],
     ) -> Result<(), FileError> {
         let path = directory.join(CHECKPOINT);
         self.try_write(directory, identity, progress, state, pictures).map_err(FileError::at(&path))
@@ -305,7 +325,7 @@ impl Generations {
         identity: &Identity,
         progress: &Progress,
         state: &[u8],
-        pictures: &RunTraces,
+        pictures: &[&RunTraces],
     ) -> io::Result<()> {
         let place = |name: &str| directory.join(name);
         let traces = postcard::to_allocvec(pictures).map_err(io::Error::other)?;
@@ -344,6 +364,12 @@ impl Generations {
 
 fn directory_of(directory: &OutputDirectory) -> &Path {
     if directory.path().as_os_str().is_empty() { Path::new(".") } else { directory.path() }
+}
+
+/// The directories of the load cases with these names; without cases the run's own.
+pub(crate) fn case_directories<'a>(directory: &Path, names: impl Iterator<Item = &'a str>) -> Vec<PathBuf> {
+    let directories: Vec<_> = names.map(|name| directory.join(name)).collect();
+    if directories.is_empty() { vec![directory.to_owned()] } else { directories }
 }
 
 /// Renames a file that need not be there.

@@ -282,6 +282,7 @@ pub(crate) fn run_on(
     stop: &AtomicBool,
     mut take: impl FnMut(usize, &GridState),
 ) -> Result<Outcome, ConvergeError> {
+    scenario.require_one_motion("a study of one motion")?;
     let mut motion = Motion::start(scenario, Precision::F64)?;
     take(0, motion.state());
     let mut seconds = 0.0;

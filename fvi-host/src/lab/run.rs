@@ -3,29 +3,22 @@
 use crate::lab::checkpoint::{
     self, CHECKPOINT, Checkpoint, CheckpointError, CheckpointEvery, Identity, Progress, Timer,
 };
+use crate::lab::outlet::{Outlet, View};
 use crate::language::{InputError, Problem};
 use crate::memory::Tables;
 use crate::numerics::starting::starting_condition;
-#[cfg(feature = "pictures")]
-use crate::results::files::write_text;
 use crate::results::files::{FileError, remove, write_json};
-use crate::results::measure::{Largest, ReferenceErrors};
+use crate::results::measure::{Largest, ReferenceErrors, larger};
 use crate::results::output_directory::OutputDirectory;
-#[cfg(feature = "pictures")]
-use crate::results::picture::Map;
 use crate::results::room::require;
-use crate::results::run_traces::RunTraces;
 use crate::results::snapshots::Snapshots;
-use crate::results::trajectory::{Format, TrajectoryMark, TrajectoryWriter};
+use crate::results::trajectory::{Format, TrajectoryMark};
 use crate::scenario::{Engine, Scenario};
 use crate::simulation::adaptive::Counts;
 use crate::simulation::motion::{Failure, Motion};
 use crate::simulation::{GridState, Precision, Solver};
 use fvi_core::StateError;
 use serde::Serialize;
-use std::borrow::Cow;
-#[cfg(feature = "pictures")]
-use std::path::Path;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -124,6 +117,12 @@ pub struct RunSummary {
     pub last: GridState,
     /// Largest absolute values.
     pub largest: Largest,
+    /// The load cases: each has a directory of this name with files and a summary of its own.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub cases: Vec<String>,
+    /// The last and the largest energy of each.
+    #[serde(skip)]
+    energies: Vec<(f64, f64)>,
     /// What makes the result other than it may seem.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
@@ -160,6 +159,39 @@ pub struct Attempts {
     pub rejected: usize,
 }
 
+impl RunSummary {
+    /// The record of one load case.
+    fn of_case(&self, scenario: &Scenario, case: usize) -> Self {
+        let places = scenario.places_of(case);
+        let of = |numbers: &[f64]| numbers.get(places.clone()).unwrap_or(&[]).to_vec();
+        let (energy, largest_energy) = self.energies.get(case).copied().unwrap_or_default();
+        let (last, largest) = (&self.last, &self.largest);
+        Self {
+            last: GridState { position: of(&last.position), momentum: of(&last.momentum), energy, ..*last },
+            largest: Largest {
+                position: of(&largest.position),
+                momentum: of(&largest.momentum),
+                energy: largest_energy,
+            },
+            scenario: scenario.case(case),
+            ..self.clone()
+        }
+    }
+
+    /// Leaves to the cases what is theirs.
+    fn of_all_cases(&mut self) {
+        self.cases = self.scenario.cases.iter().map(|case| case.name.clone()).collect();
+        for numbers in [
+            &mut self.last.position,
+            &mut self.last.momentum,
+            &mut self.largest.position,
+            &mut self.largest.momentum,
+        ] {
+            numbers.clear();
+        }
+    }
+}
+
 /// Why a run could not be made or recorded.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -180,11 +212,6 @@ pub enum RunError {
 
 /// The record of a run.
 const SUMMARY: &str = "summary.json";
-/// Whole states, and the picture of them.
-const SNAPSHOTS: &str = "snapshots.npz";
-#[cfg(feature = "pictures")]
-const MAP: &str = "map.svg";
-
 /// Runs a scenario and writes its files.
 ///
 /// `stop` ends the run after the step under way; `progress` hears the number of steps made, after each.
@@ -217,10 +244,10 @@ pub fn run(
             )),
         }
     }
-    let mut run = Run::start(&scenario, options.precision)?;
+    let mut run = Run::start_all(&scenario, options.precision, &Tables::default())?;
     let identity = Identity::new(&scenario, options.precision, run.motion.simulation().engines());
     if let Some(checkpoint) = &mut found {
-        let format = options.format.unwrap_or(checkpoint.progress.trajectory.format);
+        let format = options.format.unwrap_or(checkpoint.progress.format());
         checkpoint.check(&identity, format, scenario.time.steps, options.accept_other_machine)?;
         run.go_on(checkpoint).map_err(|error| checkpoint.misfit(error))?;
     }
@@ -228,58 +255,41 @@ pub fn run(
         Some(directory) => directory,
         None => OutputDirectory::claim(&options.directory)?,
     };
-    let (chosen, every) = (scenario.written_coordinates(), scenario.output.every);
-    let coordinates = chosen.len();
-    let (mut writer, mut traces, mut generations);
+    let (mut outlets, mut generations);
     match found {
         Some(checkpoint) => {
             notes.extend(checkpoint.notes);
-            let mark = checkpoint.progress.trajectory;
-            let path = directory.join(mark.format.file());
-            writer = TrajectoryWriter::resume(directory.path(), &mark, coordinates, every, run.steps() + 1)
-                .map_err(FileError::at(&path))?;
-            (traces, generations) = (checkpoint.traces, checkpoint.generations);
+            let (marks, traces) = (checkpoint.progress.trajectories, checkpoint.traces);
+            outlets = Outlet::resume_all(&scenario, directory.path(), &marks, traces, run.steps() + 1)?;
+            generations = checkpoint.generations;
         }
         None => {
-            let format = options.format.unwrap_or_default();
-            let path = directory.join(format.file());
-            writer = TrajectoryWriter::create(directory.path(), format, &chosen, every)
-                .map_err(FileError::at(&path))?;
+            outlets = Outlet::open_all(&scenario, directory.path(), options.format.unwrap_or_default())?;
             // What an earlier run could be gone on with does not go with the rows of this one.
             checkpoint::remove(&directory)?;
-            (traces, generations) = (RunTraces::new(coordinates), checkpoint::Generations::default());
+            generations = checkpoint::Generations::default();
         }
     }
-    let path = directory.join(writer.format().file());
-    let writing = FileError::at(&path);
     let mut timer = Timer::new(options.checkpoints);
-    let mut write_checkpoint = |run: &Run<'_>, writer: &mut TrajectoryWriter, traces: &RunTraces| {
-        let trajectory = writer.mark().map_err(&writing)?;
+    let mut write_checkpoint = |run: &Run<'_>, outlets: &mut [Outlet]| {
+        let marks = outlets.iter_mut().map(Outlet::mark).collect::<Result<_, _>>()?;
         let state = run.motion.save()?;
-        generations.write(&directory, &identity, &run.progress(trajectory), &state, traces)?;
-        writer.keep();
+        let traces: Vec<_> = outlets.iter().map(Outlet::traces).collect();
+        generations.write(&directory, &identity, &run.progress(marks), &state, &traces)?;
+        outlets.iter_mut().for_each(Outlet::keep);
         Ok::<_, RunError>(())
     };
-    let mut snapshots = scenario.output.snapshots.map(|every| Snapshots::new(every, scenario.coordinates()));
     let end = run.go(stop, |run| {
-        let (steps, state) = (run.steps(), run.state());
-        let shown = shown(&scenario, state);
-        if scenario.output.times.is_empty() {
-            writer.push(&shown).map_err(&writing)?;
-        }
-        for row in run.rows_between() {
-            writer.push(&self::shown(&scenario, row)).map_err(&writing)?;
-        }
-        traces.take(&shown);
-        if let Some(snapshots) = &mut snapshots {
-            snapshots.take(steps, state);
+        let steps = run.steps();
+        for (case, outlet) in outlets.iter_mut().enumerate() {
+            outlet.take(&scenario, steps, run.rows_between(), &run.view(case))?;
         }
         if steps > 0 {
             progress(steps);
         }
         if timer.is_due(steps) {
             let begin = Instant::now();
-            write_checkpoint(run, &mut writer, &traces)?;
+            write_checkpoint(run, &mut outlets)?;
             timer.written(begin);
         }
         Ok::<_, RunError>(())
@@ -287,35 +297,43 @@ pub fn run(
     // A step that failed would fail again.
     let goes_on = options.checkpoints != CheckpointEvery::Never && !matches!(end, RunEnd::Failed { .. });
     if goes_on {
-        write_checkpoint(&run, &mut writer, &traces)?;
+        write_checkpoint(&run, &mut outlets)?;
     }
     // A summary stands for the files beside it: the old one goes before they do, the new one comes last.
     remove(&directory.join(SUMMARY))?;
-    let format = writer.format();
+    if !scenario.cases.is_empty() {
+        Outlet::remove_files(directory.path())?;
+    }
     run.motion.complete();
-    writer.finish(&shown(&scenario, run.state())).map_err(&writing)?;
-    remove(&directory.join(format.other().file()))?;
     let mut summary = run.summary(end);
     summary.notes = notes;
-    summary.files.push(format.file());
-    match &snapshots {
-        Some(snapshots) => {
-            snapshots.write(&directory.join(SNAPSHOTS))?;
-            summary.files.push(SNAPSHOTS);
+    let (mut drawn, mut own_files) = (Ok(()), Vec::new());
+    for (case, outlet) in outlets.into_iter().enumerate() {
+        let mut files = Vec::new();
+        let of_case = (!scenario.cases.is_empty()).then(|| summary.of_case(&scenario, case));
+        if of_case.is_some() {
+            remove(&outlet.directory().join(SUMMARY))?;
         }
-        None => remove(&directory.join(SNAPSHOTS))?,
+        let one = of_case.as_ref().unwrap_or(&summary);
+        // The record is written even if a picture cannot be.
+        drawn = drawn.and(outlet.finish(&one.scenario, &one.last, &mut files)?);
+        match of_case {
+            Some(mut of_case) => {
+                of_case.files = files;
+                write_json(&directory.join(&scenario.cases[case].name).join(SUMMARY), &of_case)?;
+            }
+            None => own_files = files,
+        }
     }
-    // The record is written even if a picture cannot be.
-    #[cfg(feature = "pictures")]
-    let drawn = traces.draw(&scenario, summary.last.time, directory.path(), &mut summary.files);
-    #[cfg(feature = "pictures")]
-    let mapped = write_map(&scenario, snapshots.as_ref(), &directory.join(MAP), &mut summary.files);
+    summary.files = own_files;
+    if !scenario.cases.is_empty() {
+        summary.of_all_cases();
+    }
     if goes_on {
         summary.files.push(CHECKPOINT);
     }
     write_json(&directory.join(SUMMARY), &summary)?;
-    #[cfg(feature = "pictures")]
-    drawn.and(mapped)?;
+    drawn?;
     Ok(summary)
 }
 
@@ -332,14 +350,6 @@ fn small_beside_scale(scenario: &Scenario, largest: &Largest) -> Option<String> 
     })
 }
 
-/// The state as far as it is written and drawn.
-fn shown<'a>(scenario: &Scenario, state: &'a GridState) -> Cow<'a, GridState> {
-    let Some(chosen) = &scenario.output.coordinates else { return Cow::Borrowed(state) };
-    let of = |numbers: &[f64]| chosen.iter().filter_map(|&index| numbers.get(index).copied()).collect();
-    let (position, momentum) = (of(&state.position), of(&state.momentum));
-    Cow::Owned(GridState { time: state.time, position, momentum, energy: state.energy })
-}
-
 /// Refuses more snapshots than fit into memory, and those of which a run that goes on would have the later ones only.
 fn check_snapshots(scenario: &Scenario, options: &RunOptions) -> Result<(), InputError> {
     let Some(every) = scenario.output.snapshots else { return Ok(()) };
@@ -350,24 +360,8 @@ fn check_snapshots(scenario: &Scenario, options: &RunOptions) -> Result<(), Inpu
             "a run with snapshots cannot be gone on with: they are kept in memory until its end".to_owned(),
         ));
     }
-    require(Snapshots::bytes(every, scenario.coordinates(), steps))
-        .map_err(|no_room| refused(no_room.to_string()))
-}
-
-/// Draws the snapshots, or removes the map of an earlier run.
-#[cfg(feature = "pictures")]
-fn write_map(
-    scenario: &Scenario,
-    snapshots: Option<&Snapshots>,
-    path: &Path,
-    files: &mut Vec<&'static str>,
-) -> Result<(), FileError> {
-    let Some(snapshots) = snapshots else { return remove(path) };
-    let (times, positions) = snapshots.positions();
-    let map = Map::new(scenario.heading(), times, positions, scenario.coordinates());
-    write_text(path, &map.to_svg())?;
-    files.push(MAP);
-    Ok(())
+    let bytes = Snapshots::bytes(every, scenario.coordinates(), steps);
+    require(bytes.saturating_mul(scenario.copies())).map_err(|no_room| refused(no_room.to_string()))
 }
 
 /// A run that writes nothing by itself: whoever makes it sees its states, and has its record at the end.
@@ -385,6 +379,8 @@ pub struct Run<'s> {
     newton_iterations: u64,
     newton_iterations_most: u32,
     largest: Largest,
+    /// Of each load case.
+    largest_energies: Vec<f64>,
     errors: ReferenceErrors,
     /// Where it has been before, if bits differ there.
     elsewhere: Vec<String>,
@@ -395,10 +391,10 @@ pub struct Run<'s> {
 }
 
 impl<'s> Run<'s> {
-    /// The run at t = 0.
+    /// The run of one motion at t = 0.
     ///
     /// # Errors
-    /// If the scenario cannot be run.
+    /// If the scenario cannot be run, or has load cases: [`Motion`] integrates these together, [`run`] writes them.
     pub fn start(scenario: &'s Scenario, precision: Precision) -> Result<Self, InputError> {
         Self::sharing(scenario, precision, &Tables::default())
     }
@@ -412,6 +408,12 @@ impl<'s> Run<'s> {
         precision: Precision,
         tables: &Tables,
     ) -> Result<Self, InputError> {
+        scenario.require_one_motion("a run of one motion")?;
+        Self::start_all(scenario, precision, tables)
+    }
+
+    /// The run of all load cases.
+    fn start_all(scenario: &'s Scenario, precision: Precision, tables: &Tables) -> Result<Self, InputError> {
         let preparation = Instant::now();
         let motion = Motion::sharing(scenario, precision, tables)?;
         Ok(Self {
@@ -427,6 +429,7 @@ impl<'s> Run<'s> {
             newton_iterations: 0,
             newton_iterations_most: 0,
             largest: Largest::default(),
+            largest_energies: vec![0.0; scenario.cases.len()],
             errors: ReferenceErrors::default(),
             elsewhere: Vec::new(),
         })
@@ -454,6 +457,18 @@ impl<'s> Run<'s> {
     /// The state after them.
     pub fn state(&self) -> &GridState {
         self.motion.state()
+    }
+
+    /// The state of one load case; without cases the state.
+    fn view(&self, case: usize) -> View<'_> {
+        let state = self.state();
+        let (places, energy) = match self.motion.energies().get(case) {
+            Some(&energy) => (self.scenario.places_of(case), energy),
+            None => (0..state.position.len(), state.energy),
+        };
+        let position = state.position.get(places.clone()).unwrap_or(&[]);
+        let momentum = state.momentum.get(places).unwrap_or(&[]);
+        View { time: state.time, position, momentum, energy }
     }
 
     fn go<E>(
@@ -518,6 +533,9 @@ impl<'s> Run<'s> {
         }
         let (steps, state) = (self.motion.steps(), self.motion.state());
         self.largest.take(state);
+        for (largest, &energy) in self.largest_energies.iter_mut().zip(self.motion.energies()) {
+            *largest = larger(*largest, energy.abs());
+        }
         let known = reference.and_then(|reference| match scenario.time.adaptive() {
             Some(_) => reference.at_output(state.time, coordinates),
             None => reference.at_grid_point(steps, &scenario.time, coordinates),
@@ -528,10 +546,12 @@ impl<'s> Run<'s> {
     }
 
     /// How far it has got.
-    fn progress(&self, trajectory: TrajectoryMark) -> Progress {
+    fn progress(&self, trajectories: Vec<TrajectoryMark>) -> Progress {
         Progress {
             steps: self.steps(),
-            trajectory,
+            trajectories,
+            cases: self.scenario.cases.iter().map(|case| case.name.clone()).collect(),
+            largest_energies: self.largest_energies.clone(),
             newton_iterations: self.newton_iterations,
             newton_iterations_most: self.newton_iterations_most,
             overruns: self.overruns(),
@@ -556,6 +576,7 @@ impl<'s> Run<'s> {
         self.newton_iterations = progress.newton_iterations;
         self.newton_iterations_most = progress.newton_iterations_most;
         self.largest = progress.largest;
+        self.largest_energies = progress.largest_energies;
         self.errors = ReferenceErrors::of_parts(progress.errors);
         self.elsewhere = progress.elsewhere;
         let now = self.motion.state().time;
@@ -607,6 +628,8 @@ impl<'s> Run<'s> {
             newton_iterations_most: self.newton_iterations_most,
             last: motion.state().clone(),
             largest: self.largest,
+            cases: Vec::new(),
+            energies: motion.energies().iter().copied().zip(self.largest_energies).collect(),
             starting_condition: Some(&scenario.convolution.starting)
                 .filter(|exponents| !exponents.is_empty())
                 .map(|exponents| starting_condition(exponents))

@@ -18,6 +18,8 @@ use fvi_core::{
 pub struct ChannelDamping<T: Real, M> {
     rho: Matrix<T>,
     directions: Directions<T>,
+    /// K, times the number of motions.
+    count: usize,
     channels: DampingTerm<T, Dense, M>,
     /// G of the sample and of what is known about it.
     from: Vec<T>,
@@ -77,8 +79,13 @@ impl<T: Real> Directions<T> {
         }
     }
 
-    /// G x.
-    fn take(&self, x: &[T], out: &mut [T]) {
+    /// G x, for each of the motions in x of N coordinates one behind the other.
+    fn take(&self, x: &[T], coordinates: usize, out: &mut [T]) {
+        let copies = x.chunks_exact(coordinates.max(1)).zip(out.chunks_exact_mut(self.count().max(1)));
+        copies.for_each(|(x, out)| self.take_one(x, out));
+    }
+
+    fn take_one(&self, x: &[T], out: &mut [T]) {
         match self {
             Self::Coordinates(coordinates) => {
                 out.iter_mut().zip(coordinates).for_each(|(place, &coordinate)| *place = x[coordinate]);
@@ -91,17 +98,22 @@ impl<T: Real> Directions<T> {
         }
     }
 
-    /// out += H s; `vector` has N numbers.
+    /// out += H s for each motion; `vector` has as many numbers as `out`.
     fn give(&self, rho: &Matrix<T>, s: &[T], vector: &mut [T], out: &mut [T]) {
+        let (size, count) = (rho.size().max(1), self.count().max(1));
         match self {
             Self::Coordinates(coordinates) => {
                 vector.fill(T::zero());
-                coordinates.iter().zip(s).for_each(|(&coordinate, &number)| vector[coordinate] = number);
+                for (s, vector) in s.chunks_exact(count).zip(vector.chunks_exact_mut(size)) {
+                    coordinates.iter().zip(s).for_each(|(&coordinate, &number)| vector[coordinate] = number);
+                }
                 rho.multiply_add(T::one(), vector, out);
             }
             Self::Columns { columns, strength } => {
-                for ((column, &strength), &number) in columns.iter().zip(strength).zip(s) {
-                    column.iter().for_each(|&(coordinate, b)| out[coordinate] += b * (strength * number));
+                for (s, out) in s.chunks_exact(count).zip(out.chunks_exact_mut(size)) {
+                    for ((column, &strength), &number) in columns.iter().zip(strength).zip(s) {
+                        column.iter().for_each(|&(coordinate, b)| out[coordinate] += b * (strength * number));
+                    }
                 }
             }
         }
@@ -109,17 +121,18 @@ impl<T: Real> Directions<T> {
 }
 
 impl<T: Real, M: Memory<T>> ChannelDamping<T, M> {
-    /// The term on a memory of the kernel with K channels for each node; ρ, checked before, is positive semidefinite.
+    /// The term on a memory of the kernel with K channels for each node, and for each motion where `copies` are integrated together;
+    /// ρ, checked before, is positive semidefinite.
     ///
     /// # Errors
     /// If the memory is not one of the kernel.
     pub fn new(
         kernel: Kernel,
-        (rho, directions): (Matrix<T>, Directions<T>),
+        (rho, directions, copies): (Matrix<T>, Directions<T>, usize),
         derivative: Derivative,
         memory: M,
     ) -> Result<Self, DampingError> {
-        let count = directions.count();
+        let count = copies * directions.count();
         let space = Dense { coordinates: count };
         let unit = Matrix::Diagonal(vec![T::one(); count]);
         Ok(Self {
@@ -129,17 +142,18 @@ impl<T: Real, M: Memory<T>> ChannelDamping<T, M> {
             increments: Vec::new(),
             known: Vec::new(),
             scratch: Vec::new(),
-            vector: vec![T::zero(); rho.size()],
+            vector: vec![T::zero(); copies * rho.size()],
             rho,
             directions,
+            count,
         })
     }
 
     /// Takes over G of the sample, and makes room.
     fn take(&mut self, sample: &Sample<'_, T>) {
-        let (count, nodes) = (self.directions.count(), sample.fractions.len());
-        self.directions.take(sample.from, &mut self.from);
-        take_each(&self.directions, sample.behind, sample.from.len(), &mut self.behind);
+        let (count, nodes, coordinates) = (self.count, sample.fractions.len(), self.rho.size());
+        self.directions.take(sample.from, coordinates, &mut self.from);
+        take_each(&self.directions, sample.behind, coordinates, &mut self.behind);
         self.known.clear();
         self.known.resize(count * nodes, T::zero());
         self.scratch.resize(count * (nodes + 1), T::zero());
@@ -148,22 +162,19 @@ impl<T: Real, M: Memory<T>> ChannelDamping<T, M> {
 
 /// G of vectors of N numbers one after another.
 fn take_each<T: Real>(directions: &Directions<T>, vectors: &[T], coordinates: usize, out: &mut Vec<T>) {
-    let (count, coordinates) = (directions.count(), coordinates.max(1));
-    out.resize(vectors.len() / coordinates * count, T::zero());
-    for (out, vector) in out.chunks_exact_mut(count.max(1)).zip(vectors.chunks_exact(coordinates)) {
-        directions.take(vector, out);
-    }
+    out.resize(vectors.len() / coordinates.max(1) * directions.count(), T::zero());
+    directions.take(vectors, coordinates, out);
 }
 
 impl<T: Real, X: MatrixSpace<T>, M: Memory<T>> Damping<T, X> for ChannelDamping<T, M> {
     fn check(&self, _: usize, nodes: usize, step_size: T) -> Result<(), Mismatch> {
-        self.channels.check(self.directions.count(), nodes, step_size)
+        self.channels.check(self.count, nodes, step_size)
     }
 
     fn begin(&mut self, position: &[T], velocity: &[T]) {
-        let mut start = vec![T::zero(); self.directions.count()];
-        self.directions.take(position, &mut self.from);
-        self.directions.take(velocity, &mut start);
+        let mut start = vec![T::zero(); self.count];
+        self.directions.take(position, self.rho.size(), &mut self.from);
+        self.directions.take(velocity, self.rho.size(), &mut start);
         self.channels.begin(&self.from, &start);
     }
 
@@ -171,7 +182,7 @@ impl<T: Real, X: MatrixSpace<T>, M: Memory<T>> Damping<T, X> for ChannelDamping<
         self.take(sample);
         let of_channels = Sample { from: &self.from, behind: &self.behind, ..*sample };
         self.channels.add_known(&of_channels, &mut self.known, &mut self.scratch)?;
-        let of_nodes = self.known.chunks_exact(self.directions.count().max(1));
+        let of_nodes = self.known.chunks_exact(self.count.max(1));
         for (known, numbers) in known.chunks_exact_mut(sample.from.len().max(1)).zip(of_nodes) {
             self.directions.give(&self.rho, numbers, &mut self.vector, known);
         }
@@ -179,7 +190,7 @@ impl<T: Real, X: MatrixSpace<T>, M: Memory<T>> Damping<T, X> for ChannelDamping<
     }
 
     fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
-        let coordinates = self.rho.size().max(1);
+        let coordinates = self.vector.len().max(1);
         let nodes = increments.len() / coordinates;
         let sum = &mut scratch[..coordinates];
         for (own, force) in force.chunks_exact_mut(coordinates).enumerate() {
@@ -203,7 +214,7 @@ impl<T: Real, X: MatrixSpace<T>, M: Memory<T>> Damping<T, X> for ChannelDamping<
 
     fn push(&mut self, sample: &Sample<'_, T>, increments: &[T], _: &mut [T]) -> Result<(), MemoryError> {
         self.take(sample);
-        take_each(&self.directions, increments, sample.from.len(), &mut self.increments);
+        take_each(&self.directions, increments, self.rho.size(), &mut self.increments);
         let of_channels = Sample { from: &self.from, behind: &self.behind, ..*sample };
         self.channels.push(&of_channels, &self.increments, &mut self.scratch)
     }

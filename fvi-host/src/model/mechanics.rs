@@ -21,10 +21,16 @@ use std::sync::Arc;
 pub struct Model<T> {
     mass: Matrix<T>,
     inverse_mass: InverseMass<T>,
+    /// Threads that products and solutions may take.
+    threads: usize,
     /// K of the scenario.
     base: Option<Matrix<T>>,
     elements: Vec<Elements<T>>,
     loads: Loads<T>,
+    /// Those of each load case, which acts on a motion of its own.
+    cases: Vec<Loads<T>>,
+    /// The energies of these motions.
+    energies: Vec<T>,
     potential: Option<CompiledPotential<T>>,
     /// K of the quadratic part ½ qᵀKq + bᵀq of the potential.
     quadratic: Matrix<T>,
@@ -65,14 +71,15 @@ impl<T: Elementary> Model<T> {
     pub fn new(scenario: &Scenario) -> Result<Self, MatrixError> {
         let system = &scenario.system;
         let size = system.coordinates();
-        let mass = matrix(&system.mass);
+        let threads = scenario.history.threads();
+        let mass = matrix(&system.mass).on_threads(threads);
         let inverse_mass = inverse(&mass, size)?;
         let potential = system.potential.as_ref().map(|u| CompiledPotential::<T>::compile(u, size));
         let force = CompiledForce::<T>::compile(system.force.as_deref().unwrap_or_default());
         let index = |&(row, column): &(u32, u32)| (row as usize, column as usize);
         let entry = |&(row, column, entry): &(u32, u32, T)| (row as usize, column as usize, entry);
         let mut elements: Vec<_> = system.elements.iter().map(Elements::<T>::new).collect();
-        let base: Option<Matrix<T>> = system.stiffness.as_ref().map(matrix);
+        let base: Option<Matrix<T>> = system.stiffness.as_ref().map(|k| matrix(k).on_threads(threads));
         let springs: Vec<_> = potential
             .iter()
             .flat_map(|potential| potential.quadratic().stiffness.iter().map(entry))
@@ -121,9 +128,12 @@ impl<T: Elementary> Model<T> {
         Ok(Self {
             mass,
             inverse_mass,
+            threads,
             base,
             elements,
             loads: Loads::new(&system.loads),
+            cases: scenario.cases.iter().map(|case| Loads::new(&case.loads)).collect(),
+            energies: Vec::new(),
             quadratic: Matrix::symmetric(size, springs.iter().copied()),
             linear,
             potential,
@@ -135,9 +145,25 @@ impl<T: Elementary> Model<T> {
             hessian_slots,
             jacobian_slots,
             registers: Vec::new(),
-            pushed: vec![T::zero(); size],
+            pushed: vec![T::zero(); size * scenario.copies()],
             entries,
         })
+    }
+
+    /// The energies of the motions under load cases, as computed last; none without cases.
+    pub fn energies(&self) -> &[T] {
+        &self.energies
+    }
+
+    /// Subtracts the loads of the system, and of the case that each motion is under.
+    fn subtract_loads(&mut self, instant: Instant<T>, pull: &mut [T]) {
+        let size = self.mass.size().max(1);
+        for pull in pull.chunks_mut(size) {
+            self.loads.add(moment(instant), instant.time, -T::one(), pull);
+        }
+        for (loads, pull) in self.cases.iter_mut().zip(pull.chunks_mut(size)) {
+            loads.add(moment(instant), instant.time, -T::one(), pull);
+        }
     }
 
     /// K q + b.
@@ -166,7 +192,7 @@ impl<T: Elementary, X: MatrixSpace<T>> Mechanics<T, X> for Model<T> {
         match &self.inverse_mass {
             InverseMass::Matrix(_) => self.write_velocity(momentum, velocity),
             InverseMass::Factor(_, masses) => {
-                for ((place, &p), &mass) in velocity.iter_mut().zip(momentum).zip(masses) {
+                for ((place, &p), &mass) in velocity.iter_mut().zip(momentum).zip(masses.iter().cycle()) {
                     *place = p / mass;
                 }
             }
@@ -179,7 +205,7 @@ impl<T: Elementary, X: MatrixSpace<T>> Mechanics<T, X> for Model<T> {
             potential.add_rest_gradient(position, &mut self.registers, pull);
         }
         self.elements.iter_mut().for_each(|elements| elements.add_rest_gradient(position, pull));
-        self.loads.add(moment(instant), instant.time, -T::one(), pull);
+        self.subtract_loads(instant, pull);
         if self.forced {
             self.force.value(moment(instant), position, &mut self.registers, &mut self.pushed);
             pull.iter_mut().zip(&self.pushed).for_each(|(pull, &force)| *pull -= force);
@@ -217,7 +243,7 @@ impl<T: Elementary, X: MatrixSpace<T>> Mechanics<T, X> for Model<T> {
         for elements in &mut self.elements {
             elements.add_rest_derivatives(position, pull, &mut stiffness.values);
         }
-        self.loads.add(moment(instant), instant.time, -T::one(), pull);
+        self.subtract_loads(instant, pull);
         if !self.forced {
             return;
         }
@@ -246,12 +272,22 @@ impl<T: Elementary, X: MatrixSpace<T>> Mechanics<T, X> for Model<T> {
         let mut velocity = std::mem::take(&mut self.pushed);
         self.write_velocity(momentum, &mut velocity);
         let product = |a: &[T], b: &[T]| a.iter().zip(b).fold(T::zero(), |sum, (&a, &b)| sum + a * b);
-        let kinetic = T::of(0.5) * product(momentum, &velocity);
+        let half = T::of(0.5);
+        let size = self.mass.size().max(1);
+        if !self.cases.is_empty() {
+            let pairs = momentum.chunks(size).zip(velocity.chunks(size));
+            self.energies = pairs.map(|(p, v)| half * product(p, v)).collect();
+        }
+        let kinetic = half * product(momentum, &velocity);
         let mut energy = kinetic + self.potential_energy(position);
         if let Some(base) = &self.base {
             velocity.fill(T::zero());
             base.multiply_add(T::one(), position, &mut velocity);
-            energy += T::of(0.5) * product(position, &velocity);
+            energy += half * product(position, &velocity);
+            let pairs = position.chunks(size).zip(velocity.chunks(size));
+            for (energy, (q, pull)) in self.energies.iter_mut().zip(pairs) {
+                *energy += half * product(q, pull);
+            }
         }
         self.pushed = velocity;
         for elements in &mut self.elements {
@@ -288,7 +324,7 @@ impl<T: Elementary> Model<T> {
             }
             InverseMass::Factor(factor, _) => {
                 let mut numbers: Vec<f64> = momentum.iter().map(|number| number.to_f64()).collect();
-                factor.solve(&mut numbers);
+                factor.solve_on_threads(&mut numbers, self.threads);
                 velocity.iter_mut().zip(numbers).for_each(|(place, number)| *place = T::of(number));
             }
         }
@@ -347,7 +383,8 @@ pub fn matrix<T: Real>(matrix: &SymmetricMatrix) -> Matrix<T> {
         SymmetricMatrix::Diagonal(entries) => Matrix::Diagonal(vector(entries)),
         SymmetricMatrix::Dense(entries) => Matrix::Dense(vector(entries.as_slice())),
         SymmetricMatrix::Sparse(entries) => {
-            Matrix::Sparse(Sparse { pattern: Arc::clone(&entries.pattern), values: vector(&entries.values) })
+            let (pattern, values) = (Arc::clone(&entries.pattern), vector(&entries.values));
+            Matrix::Sparse(Sparse { pattern, values, threads: 1 })
         }
     }
 }

@@ -35,8 +35,23 @@ pub trait ScenarioSpace<T: Elementary>: Space<T> {
     /// If degree, points and stages do not go together.
     fn scheme(&self, scenario: &Scenario) -> Result<Self::Scheme, ParameterError>;
 
-    /// The vector of these numbers, one for each coordinate.
+    /// How many motions are integrated together, one behind the other in every vector.
+    fn copies(&self) -> usize {
+        1
+    }
+
+    /// Threads that products with matrices, and solutions, may take.
+    fn threads(&self) -> usize {
+        1
+    }
+
+    /// The vector of these numbers, one for each coordinate, the same for every motion.
     fn vector(&self, numbers: &[f64]) -> Self::Vector;
+
+    /// The energies of the motions whose sum the system has computed last; none for a single motion.
+    fn energies(_: &Self::System) -> &[T] {
+        &[]
+    }
 
     /// Number of channels that the memory of a term has for each node.
     fn channels(&self, term: &scenario::Damping) -> usize;
@@ -83,7 +98,7 @@ fn directions<T: Elementary>(term: &scenario::Damping) -> Option<Directions<T>> 
 }
 
 macro_rules! scenarios_in {
-    ($space:ty) => {
+    ($space:ty, $own:ident => $copies:expr, $threads:expr) => {
         impl<T: Elementary> ScenarioSpace<T> for $space {
             type System = Model<T>;
             type Scheme = AnyScheme<T>;
@@ -97,18 +112,31 @@ macro_rules! scenarios_in {
                 AnyScheme::new(scenario)
             }
 
+            fn copies(&$own) -> usize {
+                $copies
+            }
+
+            fn threads(&$own) -> usize {
+                $threads
+            }
+
             fn vector(&self, numbers: &[f64]) -> Vec<T> {
-                vector(numbers)
+                vector(numbers).repeat(ScenarioSpace::<T>::copies(self))
+            }
+
+            fn energies(system: &Model<T>) -> &[T] {
+                system.energies()
             }
 
             fn channels(&self, term: &scenario::Damping) -> usize {
-                match (&term.attached, &term.coefficient) {
+                let for_one = match (&term.attached, &term.coefficient) {
                     (Some(attached), _) => attached.columns.len(),
                     (None, SymmetricMatrix::Sparse(entries)) => {
                         entries.pattern.rows().filter(|slots| !slots.is_empty()).count().max(1)
                     }
                     (None, other) => other.size(),
-                }
+                };
+                for_one * ScenarioSpace::<T>::copies(self)
             }
 
             fn term<M: Memory<T>>(
@@ -117,17 +145,18 @@ macro_rules! scenarios_in {
                 kernel: Kernel,
                 memory: M,
             ) -> Result<Self::Term<M>, DampingError> {
-                let rho: Matrix<T> = matrix(&term.coefficient);
+                let rho: Matrix<T> = matrix(&term.coefficient).on_threads(ScenarioSpace::<T>::threads(self));
                 let Some(directions) = directions(term) else {
                     return DampingTerm::in_space(self, kernel, rho, derivative(term), memory)
                         .map(HostTerm::Everywhere);
                 };
-                ChannelDamping::new(kernel, (rho, directions), derivative(term), memory)
+                let copies = ScenarioSpace::<T>::copies(self);
+                ChannelDamping::new(kernel, (rho, directions, copies), derivative(term), memory)
                     .map(HostTerm::Channels)
             }
         }
     };
 }
 
-scenarios_in!(Dense);
-scenarios_in!(SparseSpace);
+scenarios_in!(Dense, self => 1, 1);
+scenarios_in!(SparseSpace, self => SparseSpace::copies(self), SparseSpace::threads(self));

@@ -73,23 +73,29 @@ pub struct Sparse<T> {
     pub pattern: Arc<Pattern>,
     /// One number for each place of the pattern.
     pub values: Vec<T>,
+    /// Threads that a product may take.
+    pub threads: usize,
 }
 
 impl<T: Real> Sparse<T> {
     /// The zero matrix with a pattern.
     pub fn zero(pattern: Arc<Pattern>) -> Self {
         let values = vec![T::zero(); pattern.len()];
-        Self { pattern, values }
+        Self { pattern, values, threads: 1 }
     }
 
+    /// out ← out + factor A x, for vectors of as many numbers as A has rows, or of several such motions one behind the other.
     fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]) {
-        if let Some(rows) = self.tridiagonal() {
-            return rows.multiply_add(factor, x, out);
+        // Linear steps begin at increments of zero.
+        if x.iter().all(|&x| x == T::zero()) {
+            return;
         }
-        for (out, slots) in out.iter_mut().zip(self.pattern.rows()) {
-            let entries = self.pattern.columns()[slots.clone()].iter().zip(&self.values[slots]);
-            let sum = entries.fold(T::zero(), |sum, (&column, &entry)| sum + entry * x[column]);
-            *out += sum * factor;
+        let Some(rows) = self.tridiagonal() else {
+            return self.pattern.multiply_add(&self.values, factor, x, out, self.threads);
+        };
+        let size = self.pattern.size();
+        for (x, out) in x.chunks_exact(size).zip(out.chunks_exact_mut(size)) {
+            rows.multiply_add(factor, x, out);
         }
     }
 
@@ -176,6 +182,15 @@ impl<T: Real> Matrix<T> {
         Self::Sparse(sparse)
     }
 
+    /// The same matrix, whose products may take so many threads; the bits are the same.
+    #[must_use]
+    pub fn on_threads(self, threads: usize) -> Self {
+        match self {
+            Self::Sparse(sparse) => Self::Sparse(Sparse { threads, ..sparse }),
+            other => other,
+        }
+    }
+
     /// Number of rows.
     pub fn size(&self) -> usize {
         match self {
@@ -226,11 +241,19 @@ impl<T: Real> Block<T> for Matrix<T> {
     fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]) {
         match self {
             Self::Diagonal(diagonal) => {
-                for ((out, &entry), &x) in out.iter_mut().zip(diagonal).zip(x) {
-                    *out += entry * x * factor;
+                let copies = x.chunks(diagonal.len().max(1)).zip(out.chunks_mut(diagonal.len().max(1)));
+                for (x, out) in copies {
+                    for ((out, &entry), &x) in out.iter_mut().zip(diagonal).zip(x) {
+                        *out += entry * x * factor;
+                    }
                 }
             }
-            Self::Dense(columns) => multiply_add_dense(columns, factor, x, out),
+            Self::Dense(columns) => {
+                let size = columns.len().isqrt().max(1);
+                for (x, out) in x.chunks(size).zip(out.chunks_mut(size)) {
+                    multiply_add_dense(columns, factor, x, out);
+                }
+            }
             Self::Sparse(sparse) => sparse.multiply_add(factor, x, out),
         }
     }

@@ -5,10 +5,14 @@ use fvi_core::{Equations, Real, Singular, Space};
 use fvi_sparse::{Analysis, Factor, Pattern};
 use std::sync::Arc;
 
-/// The space of N coordinates whose equations are sparse.
+/// The space of N coordinates whose equations are sparse, or of several such motions together.
+///
+/// With C motions of one linear system the vectors have C N numbers, one motion behind the other, and a block of N rows stands for
+/// the matrix that has it C times on its diagonal: one factor serves all motions, in one pass.
 #[derive(Clone, Debug)]
 pub struct SparseSpace {
-    coordinates: usize,
+    copies: usize,
+    threads: usize,
     plan: Arc<Elimination>,
 }
 
@@ -46,7 +50,29 @@ impl Elimination {
 impl SparseSpace {
     /// The space in which equations are eliminated by this plan.
     pub fn new(plan: Elimination) -> Self {
-        Self { coordinates: plan.pattern.size(), plan: Arc::new(plan) }
+        Self { copies: 1, threads: 1, plan: Arc::new(plan) }
+    }
+
+    /// The space of so many motions together.
+    #[must_use]
+    pub fn times(self, copies: usize) -> Self {
+        Self { copies, ..self }
+    }
+
+    /// The same space, whose products and solutions may take so many threads; the bits are the same.
+    #[must_use]
+    pub fn on_threads(self, threads: usize) -> Self {
+        Self { threads, ..self }
+    }
+
+    /// How many threads that are.
+    pub fn threads(&self) -> usize {
+        self.threads
+    }
+
+    /// How many motions there are.
+    pub fn copies(&self) -> usize {
+        self.copies
     }
 
     /// How equations are eliminated.
@@ -60,11 +86,11 @@ impl<T: Real> Space<T> for SparseSpace {
     type Block = Matrix<T>;
 
     fn coordinates(&self) -> usize {
-        self.coordinates
+        self.copies * self.plan.pattern.size()
     }
 
     fn zeros(&self) -> Vec<T> {
-        vec![T::zero(); self.coordinates]
+        vec![T::zero(); self.copies * self.plan.pattern.size()]
     }
 
     fn slice(vector: &Vec<T>) -> &[T] {
@@ -87,6 +113,7 @@ impl<T: Real> MatrixSpace<T> for SparseSpace {
             analysis: Some(self.plan.analysis.clone()),
             values: Vec::new(),
             sign: 0.0,
+            threads: self.threads,
             last: None,
             buffer: Vec::new(),
         }
@@ -104,6 +131,8 @@ pub struct SparseEquations {
     values: Vec<f64>,
     /// The sign that makes the first entry positive; 0 while nothing has been added.
     sign: f64,
+    /// That a solution may take.
+    threads: usize,
     /// The last matrix that was factored for one solution, with its factor.
     last: Option<(Vec<f64>, Factored)>,
     /// The vector in double precision.
@@ -114,13 +143,14 @@ pub struct SparseEquations {
 pub struct Factored {
     factor: Factor,
     sign: f64,
+    threads: usize,
 }
 
 impl Factored {
     fn solve<T: Real>(&self, buffer: &mut Vec<f64>, vector: &mut [T]) {
         buffer.clear();
         buffer.extend(vector.iter().map(|number| number.to_f64() * self.sign));
-        self.factor.solve(buffer);
+        self.factor.solve_on_threads(buffer, self.threads);
         vector.iter_mut().zip(buffer.iter()).for_each(|(place, &number)| *place = T::of(number));
     }
 }
@@ -129,7 +159,7 @@ impl SparseEquations {
     fn factored(&mut self) -> Result<Factored, Singular> {
         let analysis = self.analysis.get_or_insert_with(|| Analysis::new(&self.pattern));
         match analysis.factor(&self.pattern, &self.values) {
-            Ok(factor) => Ok(Factored { factor, sign: self.sign }),
+            Ok(factor) => Ok(Factored { factor, sign: self.sign, threads: self.threads }),
             Err(_) => Err(Singular),
         }
     }

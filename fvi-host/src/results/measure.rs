@@ -5,7 +5,7 @@ use crate::simulation::GridState;
 use serde::{Deserialize, Serialize};
 
 /// The larger of two; not-a-number, once met, stays.
-fn larger(largest: f64, number: f64) -> f64 {
+pub(crate) fn larger(largest: f64, number: f64) -> f64 {
     if number <= largest || largest.is_nan() { largest } else { number }
 }
 

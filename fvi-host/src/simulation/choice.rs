@@ -56,10 +56,17 @@ pub(super) fn sparse_space(
     let collocation = matches!(scenario.scheme, Scheme::Collocation);
     let suits = degree == 1 && !collocation && !pushed && scenario.system.own_terms.is_none();
     let wanted = match choice {
-        SolverChoice::Automatic => scenario.system.is_large() && many,
+        // Load cases share a sparse factor, however small it is.
+        SolverChoice::Automatic => (scenario.system.is_large() && many) || !scenario.cases.is_empty(),
         SolverChoice::Dense => false,
         SolverChoice::Sparse => true,
     };
+    if !scenario.cases.is_empty() && (!wanted || !suits) {
+        let allowed =
+            "a scheme with one unknown a step, such as `kind` = \"low-order\", solved by a sparse factor";
+        let (with, allowed) = ("`[[case]]`".to_owned(), allowed.to_owned());
+        return Err(scenario.error_at("scheme", Problem::Incompatible { with, allowed }));
+    }
     if !wanted || !suits {
         if scenario.system.is_large() && scenario.coordinates().saturating_mul(degree) > MOST_DENSE {
             return Err(too_large(scenario, pushed));
@@ -86,7 +93,7 @@ pub(super) fn sparse_space(
         );
         return Err(scenario.error_at("system.mass", Problem::Unusable { reason }));
     }
-    Ok(Some(SparseSpace::new(plan)))
+    Ok(Some(SparseSpace::new(plan).times(scenario.copies()).on_threads(scenario.history.threads())))
 }
 
 /// How many vectors of coordinates a step solves for.

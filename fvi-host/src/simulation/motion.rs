@@ -22,6 +22,8 @@ pub struct Motion<'s> {
     steps: usize,
     state: GridState,
     next: GridState,
+    /// Of the motions under load cases.
+    energies: Vec<f64>,
 }
 
 /// Why a motion ends before its time.
@@ -56,7 +58,9 @@ impl<'s> Motion<'s> {
         let (simulation, state) = start(scenario, precision, tables)?;
         let guard = EnergyGuard::new(scenario, &state);
         let adaptive = AdaptiveSteps::new(scenario, precision, &state)?;
-        Ok(Self { scenario, simulation, guard, adaptive, steps: 0, next: state.clone(), state })
+        let mut energies = Vec::new();
+        simulation.read_energies(&mut energies);
+        Ok(Self { scenario, simulation, guard, adaptive, steps: 0, next: state.clone(), state, energies })
     }
 
     /// What watches it has gathered.
@@ -98,6 +102,7 @@ impl<'s> Motion<'s> {
     ) -> Result<(), StateError> {
         self.simulation.restore(state)?;
         self.simulation.read(&mut self.state);
+        self.simulation.read_energies(&mut self.energies);
         if let (Some(adaptive), Some(chosen)) = (&mut self.adaptive, chosen) {
             self.state.time = chosen.time();
             adaptive.go_on(chosen);
@@ -150,6 +155,7 @@ impl<'s> Motion<'s> {
             || (self.steps + 1).is_multiple_of(self.scenario.output.every)
         {
             self.simulation.read(&mut self.next);
+            self.simulation.read_energies(&mut self.energies);
         } else {
             // The energy of the newest row that is written stands for those between.
             self.simulation.read_without_energy(&mut self.next);
@@ -182,6 +188,7 @@ impl<'s> Motion<'s> {
         // A step to what is not finite has taken the simulation further than the motion; so has the second half of a pair.
         if self.next.time == self.state.time {
             self.state.energy = self.next.energy;
+            self.simulation.read_energies(&mut self.energies);
         }
     }
 
@@ -193,6 +200,11 @@ impl<'s> Motion<'s> {
     /// The state after them.
     pub fn state(&self) -> &GridState {
         &self.state
+    }
+
+    /// The energies of the motions under load cases, of which the state's is the sum; none without cases.
+    pub fn energies(&self) -> &[f64] {
+        &self.energies
     }
 
     /// Writes the state at a time within the last step, by the scheme's own polynomial.

@@ -18,7 +18,7 @@ pub(crate) fn start(
         check_range(scenario)?;
     }
     let mut simulation = Simulation::sharing(scenario, precision, SolverChoice::default(), tables)?;
-    let none = vec![0.0; scenario.coordinates()];
+    let none = vec![0.0; scenario.coordinates() * scenario.copies()];
     let mut state = GridState { position: none.clone(), momentum: none, ..GridState::default() };
     simulation.read(&mut state);
     match what_is_not_finite(&state) {

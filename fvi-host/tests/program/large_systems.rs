@@ -172,3 +172,129 @@ fn bad_matrices_and_keys_are_refused_by_name() {
         assert!(!place.path("refused").exists(), "{new}");
     }
 }
+
+/// Two load cases of the chain under a load that they share.
+const CASES: &str = r#"
+[[case]]
+name = "near"
+[[case.load]]
+pattern = { coordinate = 3, value = 1.0 }
+amplitude = "sin(4*t)"
+[[case]]
+name = "far-and-near"
+[[case.load]]
+pattern = { coordinate = 120, value = -2.0 }
+amplitude = "step(0.7 - t)"
+[[case.load]]
+pattern = { coordinate = 3, value = 1.0 }
+amplitude = "sin(4*t)"
+"#;
+
+/// The chain alone under the loads of one case.
+fn alone(case: &str) -> String {
+    let loads: String = CASES
+        .split("[[case]]")
+        .find(|text| text.contains(&format!("\"{case}\"")))
+        .unwrap()
+        .lines()
+        .filter(|line| !line.starts_with("name"))
+        .map(|line| line.replace("[[case.load]]", "[[system.load]]") + "\n")
+        .collect();
+    CHAIN.replace("[scheme]", &format!("{loads}[scheme]"))
+}
+
+#[test]
+fn load_cases_leave_the_files_of_runs_of_their_own() {
+    let place = place();
+    place.write("scenario.toml", &format!("{CHAIN}{CASES}"));
+    // What an earlier run without cases has left there goes.
+    place.run(CHAIN, &[]);
+    place.write("scenario.toml", &format!("{CHAIN}{CASES}"));
+    let output = place.fvi(&["run", "scenario.toml", "--out", "out"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(text(&output.stdout).contains("2 load cases (near, far-and-near)"));
+    let summary = |name: &str| -> serde_json::Value {
+        serde_json::from_slice(&fs::read(place.path(name)).unwrap()).unwrap()
+    };
+    assert_eq!(summary("out/summary.json")["cases"], serde_json::json!(["near", "far-and-near"]));
+    assert!(!place.path("out/trajectory.csv").exists() && !place.path("out/snapshots.npz").exists());
+    for case in ["near", "far-and-near"] {
+        place.write("alone.toml", &alone(case));
+        let output = place.fvi(&["run", "alone.toml", "--out", "alone"]);
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        for file in ["trajectory.csv", "snapshots.npz"] {
+            let of = |directory: &str| fs::read(place.path(directory).join(file)).unwrap();
+            assert!(of(&format!("out/{case}")) == of("alone"), "{case}: {file}");
+        }
+        let (found, known) = (summary(&format!("out/{case}/summary.json")), summary("alone/summary.json"));
+        for key in ["status", "last", "largest", "steps"] {
+            assert_eq!(found[key], known[key], "{case}: {key}");
+        }
+        assert_eq!(found["scenario"]["system"], known["scenario"]["system"]);
+        for file in ["coordinates.svg", "energy.svg", "map.svg"] {
+            assert!(place.path(&format!("out/{case}")).join(file).exists(), "{case}: {file}");
+        }
+    }
+}
+
+#[test]
+fn load_cases_go_on_after_an_interruption() {
+    let place = place();
+    let scenario = format!("{}{CASES}", CHAIN.replace("snapshots = 10\n", ""));
+    let run = |out: &str, steps: &str, arguments: &[&str]| {
+        place.write("scenario.toml", &scenario.replace("steps = 40", steps));
+        let output = place.fvi(&[&["run", "scenario.toml", "--out", out], arguments].concat());
+        assert!(output.status.success(), "{}", text(&output.stderr));
+    };
+    run("out", "steps = 40", &[]);
+    run("parts", "steps = 17", &[]);
+    run("parts", "steps = 40", &["--resume"]);
+    for case in ["near", "far-and-near"] {
+        for file in ["trajectory.csv", "coordinates.svg"] {
+            let of = |directory: &str| fs::read(place.path(directory).join(case).join(file)).unwrap();
+            assert!(of("out") == of("parts"), "{case}: {file}");
+        }
+        let largest = |directory: &str| -> serde_json::Value {
+            let file = place.path(directory).join(case).join("summary.json");
+            serde_json::from_slice::<serde_json::Value>(&fs::read(file).unwrap()).unwrap()["largest"].take()
+        };
+        assert_eq!(largest("out"), largest("parts"));
+    }
+}
+
+#[test]
+fn load_cases_of_what_is_not_linear_are_refused() {
+    let place = place();
+    let with = |old: &str, new: &str| format!("{CHAIN}{CASES}").replacen(old, new, 1);
+    let element = "[[system.element]]\npotential = \"x0^4\"\ncoordinates = [[3]]\n[[system.load]]";
+    let cases: [(String, &[&str]); 9] = [
+        (with("[[system.load]]", element), &["system.element", "linear", "[[case]]"]),
+        (with("stiffness = ", "potential = \"q0^2\"\nstiffness = "), &["system.potential", "linear"]),
+        (with("name = \"near\"\n", ""), &["case[0]", "name"]),
+        (with("\"far-and-near\"", "\"NEAR\""), &["case[1].name", "of its own"]),
+        (with("\"near\"", "\"../near\""), &["case[0].name", "directory"]),
+        (with("coordinate = 120", "coordinate = 150"), &["case[1].load[0].pattern.coordinate", "0 to 149"]),
+        (with("\"sin(4*t)\"", "\"1/t + q0\""), &["case[0].load[0].amplitude", "q0"]),
+        (with("[time]", "[reference]\nposition = \"r\"\n[time]"), &["reference"]),
+        (
+            with("kind = \"low-order\"", "kind = \"galerkin\"\ndegree = 2"),
+            &["scheme", "[[case]]", "sparse factor"],
+        ),
+    ];
+    for (scenario, said) in cases {
+        place.write("scenario.toml", &scenario);
+        let output = place.fvi(&["run", "scenario.toml", "--out", "refused"]);
+        let message = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{message}");
+        let flat: String =
+            message.split_whitespace().filter(|word| *word != "│").collect::<Vec<_>>().join(" ");
+        for word in said {
+            assert!(flat.contains(word), "no `{word}` in {message}");
+        }
+        assert!(!place.path("refused").exists());
+    }
+    place.write("scenario.toml", &format!("{CHAIN}{CASES}"));
+    let output = place.fvi(&["converge", "scenario.toml", "--levels", "3..4"]);
+    assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("case"));
+}

@@ -1,0 +1,129 @@
+//! `[[case]]`: load cases of one linear structure, integrated together.
+
+use super::load::Load;
+use super::{Element, Scenario, System};
+use crate::language::document::{Table, Value};
+use crate::language::error::{InputError, Problem};
+use serde::Serialize;
+
+/// A load case: the structure under the loads of the system and these.
+#[derive(Clone, Debug, Serialize)]
+pub struct Case {
+    /// The name of its directory.
+    pub name: String,
+    /// Its own loads, beside those of the system.
+    #[serde(rename = "load")]
+    pub loads: Vec<Load>,
+}
+
+/// Longest name of a case.
+const LONGEST_NAME: usize = 64;
+
+impl Case {
+    /// Reads `[[case]]`.
+    pub(super) fn read_all(value: &Value<'_>, system: &System) -> Result<Vec<Self>, InputError> {
+        let tables = value.list("a list of tables, each headed [[case]]")?;
+        let mut cases: Vec<Self> = Vec::new();
+        for case in &tables {
+            let case = Self::read(&case.table()?, system, &cases)?;
+            cases.push(case);
+        }
+        if cases.is_empty() {
+            return Err(value.out_of_range("one case at least"));
+        }
+        Ok(cases)
+    }
+
+    fn read(table: &Table<'_>, system: &System, before: &[Self]) -> Result<Self, InputError> {
+        table.allow(&["name", "load"])?;
+        let value = table.required("name")?;
+        let name = value.text()?.to_owned();
+        let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+        if name.is_empty() || name.len() > LONGEST_NAME || !name.chars().all(plain) {
+            let allowed = format!(
+                "1 to {LONGEST_NAME} letters a to z, digits, `-` and `_`: it is the name of a directory"
+            );
+            return Err(value.out_of_range(allowed));
+        }
+        // On some systems names of directories that differ by capitals are one.
+        if before.iter().any(|other| other.name.eq_ignore_ascii_case(&name)) {
+            return Err(value.out_of_range("a name of its own for each case"));
+        }
+        let loads = table
+            .required("load")?
+            .list("a list of tables, each headed [[case.load]]")?
+            .iter()
+            .map(|load| Load::read(&load.table()?, &system.symbols(), system.coordinates()))
+            .collect::<Result<_, _>>()?;
+        Ok(Self { name, loads })
+    }
+}
+
+impl Scenario {
+    /// One of the load cases by itself; without cases the scenario as it is.
+    pub fn case(&self, index: usize) -> Self {
+        let mut scenario = self.clone();
+        scenario.cases = Vec::new();
+        if let Some(case) = self.cases.get(index) {
+            scenario.system.loads.extend(case.loads.iter().cloned());
+            scenario.title = Some(format!("{}: {}", self.heading(), case.name));
+        }
+        scenario
+    }
+
+    /// Refuses load cases where one motion is wanted.
+    ///
+    /// # Errors
+    /// If there are any, for the command or function of this name.
+    pub fn require_one_motion(&self, wanted_by: &str) -> Result<(), InputError> {
+        if self.cases.is_empty() {
+            return Ok(());
+        }
+        let allowed = "scenarios without cases; `fvi run` takes those with them".to_owned();
+        Err(self.error_at("case", Problem::Incompatible { with: wanted_by.to_owned(), allowed }))
+    }
+
+    /// Where the numbers of a load case lie in vectors of all motions.
+    pub fn places_of(&self, case: usize) -> std::ops::Range<usize> {
+        case * self.coordinates()..(case + 1) * self.coordinates()
+    }
+
+    /// How many motions are integrated together: one for each load case.
+    pub fn copies(&self) -> usize {
+        self.cases.len().max(1)
+    }
+
+    /// Refuses load cases of what is not linear, and keys that speak of one motion.
+    pub(super) fn check_cases(&self) -> Result<(), InputError> {
+        if self.cases.is_empty() {
+            return Ok(());
+        }
+        let refused = |path: &str, allowed: &str| {
+            let (with, allowed) = ("`[[case]]`".to_owned(), allowed.to_owned());
+            Err(self.error_at(path, Problem::Incompatible { with, allowed }))
+        };
+        let linear = "cases of a linear structure, one factor for all: springs in `stiffness`, forces in `[[system.load]]` and `[[case.load]]`";
+        if self.system.potential.is_some() {
+            return refused("system.potential", linear);
+        }
+        if self.system.force.is_some() {
+            return refused("system.force", linear);
+        }
+        if let [Element { .. }, ..] = self.system.elements.as_slice() {
+            return refused("system.element", linear);
+        }
+        if self.input.is_some() {
+            return refused("input", "records in `[[case.load]]` in place of samples");
+        }
+        if self.reference.is_some() {
+            return refused("reference", "a reference for one motion at a time, without cases");
+        }
+        if !self.output.times.is_empty() {
+            return refused("output.times", "`output.every`");
+        }
+        if self.time.grid.is_some() {
+            return refused("time.grid", "equal steps, for which one factor serves");
+        }
+        Ok(())
+    }
+}
