@@ -1,8 +1,9 @@
 //! Large systems against what is known of them: motions along one mode, the dense way, other ways to say the same.
 
 use fvi_host::language::Document;
-use fvi_host::scenario::Scenario;
+use fvi_host::scenario::{Scenario, SymmetricMatrix};
 use fvi_host::simulation::{GridState, Precision, Simulation, Solver, SolverChoice};
+use nalgebra::DMatrix;
 use serde_json::json;
 use std::f64::consts::PI;
 use std::fmt::Write;
@@ -323,4 +324,162 @@ fn the_chain_with_gaps_moves_as_its_potential_says() {
         let error = apart(&one.position, &other.position);
         assert!(error < 1e-9, "t = {}: {error:e}", one.time);
     }
+}
+
+/// Complex numbers, as far as the transform below wants them: (real, imaginary).
+type Complex = (f64, f64);
+
+fn times((a, b): Complex, (c, d): Complex) -> Complex {
+    (a * c - b * d, a * d + b * c)
+}
+
+fn over(numerator: Complex, (c, d): Complex) -> Complex {
+    let square = c * c + d * d;
+    times(numerator, (c / square, -d / square))
+}
+
+/// q(t) of q̈ + c D^β q + ω² q = 0 in Caputo's sense with q(0) = 1 at rest, 0 < β < 1, from its Laplace transform
+/// (s + c s^{β−1})/(s² + c s^β + ω²) by the trapezoidal rule on Talbot's contour, for ω t up to about 12.
+fn released(beta: f64, c: f64, square: f64, t: f64) -> f64 {
+    const NODES: usize = 64;
+    let (scale, width) = (NODES as f64 / t, 2.0 * PI / NODES as f64);
+    let mut sum = 0.0;
+    for node in 0..NODES {
+        let theta = -PI + (node as f64 + 0.5) * width;
+        let (sine, cosine) = (0.6407 * theta).sin_cos();
+        let cot = cosine / sine;
+        let s = (scale * (0.5017 * theta * cot - 0.6122), scale * 0.2645 * theta);
+        let slope = (scale * (0.5017 * (cot - 0.6407 * theta * (1.0 + cot * cot))), scale * 0.2645);
+        let (modulus, angle) = (s.0.hypot(s.1), s.1.atan2(s.0));
+        let power = |exponent: f64| {
+            let (sine, cosine) = (exponent * angle).sin_cos();
+            (modulus.powf(exponent) * cosine, modulus.powf(exponent) * sine)
+        };
+        let (first, second) = (power(beta - 1.0), power(beta));
+        let numerator = (s.0 + c * first.0, s.1 + c * first.1);
+        let square_of_s = times(s, s);
+        let denominator = (square_of_s.0 + c * second.0 + square, square_of_s.1 + c * second.1);
+        let size = (s.0 * t).exp();
+        let exponential = (size * (s.1 * t).cos(), size * (s.1 * t).sin());
+        // The integrand times s′, divided by 2πi.
+        sum += times(times(exponential, over(numerator, denominator)), slope).1;
+    }
+    sum * width / (2.0 * PI)
+}
+
+#[test]
+fn the_exact_oscillator_is_one() {
+    // Without damping a cosine; with a dashpot of order one the textbook's.
+    assert!((released(0.5, 0.0, 9.0, 2.0) - 6.0_f64.cos()).abs() < 1e-9);
+    let (c, square, t) = (0.2_f64, 4.0_f64, 3.0_f64);
+    let frequency = (square - 0.25 * c * c).sqrt();
+    let known = (-0.5 * c * t).exp() * ((frequency * t).cos() + 0.5 * c / frequency * (frequency * t).sin());
+    assert!((released(1.0, c, square, t) - known).abs() < 1e-9);
+}
+
+/// The position at the end of a run released at rest from `start`.
+fn end_of_release(system: &serde_json::Value, start: &[f64], end: f64, steps: usize) -> Vec<f64> {
+    let scenario = Scenario::from_value(&json!({
+        "system": system,
+        "initial": { "position": start, "momentum": vec![0.0; start.len()] },
+        "time": { "step": end / steps as f64, "steps": steps },
+        "output": { "coordinates": [0] },
+    }))
+    .unwrap();
+    let mut simulation = Simulation::new(&scenario, Precision::F64).unwrap();
+    assert!(matches!(simulation.solver(), Solver::Sparse { .. }));
+    (0..steps).for_each(|_| _ = simulation.step(&[]).unwrap());
+    let zeros = vec![0.0; start.len()];
+    let mut state = GridState { position: zeros.clone(), momentum: zeros, ..GridState::default() };
+    simulation.read(&mut state);
+    state.position
+}
+
+/// The error at the end, over the largest number of the start, with so many steps and with twice as many; modes as (shape, ω²).
+fn errors_of_release(
+    system: &serde_json::Value,
+    (beta, scale): (f64, f64),
+    modes: &[(Vec<f64>, f64)],
+    end: f64,
+    steps: usize,
+) -> [f64; 2] {
+    let sum = |amplitude: &dyn Fn(f64) -> f64| -> Vec<f64> {
+        let mut sum = vec![0.0; modes[0].0.len()];
+        for (shape, square) in modes {
+            let amplitude = amplitude(*square);
+            sum.iter_mut().zip(shape).for_each(|(sum, x)| *sum += amplitude * x);
+        }
+        sum
+    };
+    let start = sum(&|_| 1.0);
+    let known = sum(&|square| released(beta, scale * square, square, end));
+    let largest = start.iter().fold(0.0, |largest: f64, x| largest.max(x.abs()));
+    [steps, 2 * steps].map(|steps| apart(&end_of_release(system, &start, end, steps), &known) / largest)
+}
+
+/// Finite elements of a real package: with damping in proportion to the stiffness every mode is a fractional oscillator, whose motion
+/// is known.
+#[test]
+fn cantilever_and_plate_move_as_their_exact_modes_to_the_order_of_the_scheme() {
+    for (name, beta, scale) in [("cantilever", 0.6, 0.02), ("plate", 0.5, 0.005)] {
+        let file = |letter: &str| {
+            let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios/finite-elements");
+            folder.join(format!("{name}-{letter}.npz"))
+        };
+        let structure = of_repository(&format!("finite-elements/{name}.toml")).system;
+        let n = structure.coordinates();
+        let dense = |matrix: &SymmetricMatrix| {
+            let SymmetricMatrix::Sparse(entries) = matrix else { panic!("a file") };
+            let mut dense = DMatrix::zeros(n, n);
+            for (row, slots) in entries.pattern.rows().enumerate() {
+                slots.for_each(|slot| dense[(row, entries.pattern.columns()[slot])] = entries.values[slot]);
+            }
+            dense
+        };
+        let mass = dense(&structure.mass).cholesky().unwrap().l();
+        let half = mass.solve_lower_triangular(&dense(structure.stiffness.as_ref().unwrap())).unwrap();
+        let whole = mass.solve_lower_triangular(&half.transpose()).unwrap();
+        let eigen = (0.5 * (&whole + whole.transpose())).symmetric_eigen();
+        let mut order: Vec<usize> = (0..n).collect();
+        order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
+        let modes: Vec<_> = [0, 2]
+            .map(|mode| {
+                let vector = eigen.eigenvectors.column(order[mode]).into_owned();
+                let shape = mass.tr_solve_lower_triangular(&vector).unwrap();
+                (shape.as_slice().to_vec(), eigen.eigenvalues[order[mode]])
+            })
+            .into();
+        let end = 6.0 / modes[1].1.sqrt();
+        let system = json!({
+            "mass": file("M"), "stiffness": file("K"),
+            "damping": [{ "order": beta, "coefficient": file("K"), "scale": scale }],
+        });
+        let [coarse, fine] = errors_of_release(&system, (beta, scale), &modes, end, 80);
+        let ratio = coarse / fine;
+        assert!(fine < 2e-3 && (3.5..4.6).contains(&ratio), "{name}: {coarse:e} {fine:e} {ratio}");
+    }
+}
+
+#[test]
+fn a_chain_of_five_thousand_moves_as_its_exact_modes() {
+    let chain = Chain { n: 5000 };
+    let n = (chain.n + 1) as f64;
+    let modes: Vec<_> =
+        [1, 3].map(|mode| (chain.shape(mode), chain.stiffness(mode) / chain.mass(mode))).into();
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str, text: String| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        path
+    };
+    let (mass, stiffness) =
+        (file("M.mtx", chain.file(4.0 / 6.0, 1.0 / 6.0)), file("K.mtx", chain.file(2.0 * n * n, -n * n)));
+    let system = json!({
+        "mass": mass, "stiffness": stiffness,
+        "damping": [{ "order": 0.6, "coefficient": stiffness, "scale": 0.02 }],
+    });
+    // ωh of the fastest mode is 170 and 85.
+    let [coarse, fine] = errors_of_release(&system, (0.6, 0.02), &modes, 0.6, 60);
+    let ratio = coarse / fine;
+    assert!(fine < 2e-3 && (3.5..4.6).contains(&ratio), "{coarse:e} {fine:e} {ratio}");
 }
