@@ -1,13 +1,14 @@
 //! The order of elimination and the places of the factor, from the pattern alone.
 
 use crate::Pattern;
+use crate::dissection::nested_dissection;
 use crate::subtrees::Subtrees;
 use core::ops::Range;
 use std::sync::Arc;
 
 /// How matrices of one pattern are eliminated: the order of the coordinates and the places of the factor.
 ///
-/// The order is approximate minimum degree. Neighbouring columns of the factor with the same places below them, or nearly, are
+/// The order is approximate minimum degree or another that fills less. Neighbouring columns of the factor with the same places below them, or nearly, are
 /// kept together as dense blocks. Source: \[DavisRajamanickamSidLakhdar16\] §§ 4, 5, 8.
 #[derive(Clone, Debug)]
 pub struct Analysis {
@@ -69,7 +70,7 @@ const ROOT: u32 = u32::MAX;
 impl Analysis {
     /// Analyses a symmetric pattern of fewer than 2³¹ places.
     pub fn new(pattern: &Pattern) -> Self {
-        let order = minimum_degree(pattern);
+        let order = order(pattern);
         let parents = elimination_tree(pattern, &order, &inverse(&order));
         let later = postorder(&parents);
         let order: Vec<u32> = later.iter().map(|&old| order[old as usize]).collect();
@@ -113,6 +114,38 @@ fn inverse(order: &[u32]) -> Vec<u32> {
         place[row as usize] = index as u32;
     }
     place
+}
+
+/// Rows from which on more than one order is tried.
+const LARGE: usize = 2_000;
+
+/// The rows in the order, of some, with which the factor is smallest: of minimum degree, as they come, by nested dissection.
+///
+/// Minimum degree is best for most small and flat structures; beams that are numbered along their length are best left so.
+fn order(pattern: &Pattern) -> Vec<u32> {
+    let least = minimum_degree(pattern);
+    if pattern.size() < LARGE {
+        return least;
+    }
+    let mut best = (fill(pattern, &least, u64::MAX).unwrap_or(u64::MAX), least);
+    for order in [(0..pattern.size() as u32).collect(), nested_dissection(pattern)] {
+        if let Some(places) = fill(pattern, &order, best.0) {
+            best = (places, order);
+        }
+    }
+    best.1
+}
+
+/// Places of the factor below the diagonal, if they are fewer than `limit`.
+fn fill(pattern: &Pattern, order: &[u32], limit: u64) -> Option<u64> {
+    let place = inverse(order);
+    let parents = elimination_tree(pattern, order, &place);
+    let mut places = 0;
+    visit_places(pattern, (order, &place), &parents, |_| {
+        places += 1;
+        places < limit
+    });
+    (places < limit).then_some(places)
 }
 
 /// The rows in an order that keeps the factor sparse.
@@ -193,6 +226,20 @@ fn postorder(parents: &[u32]) -> Vec<u32> {
 /// Number of places of each column of the factor, the diagonal included.
 fn column_counts(pattern: &Pattern, order: &[u32], place: &[u32], parents: &[u32]) -> Vec<u32> {
     let mut counts = vec![1; order.len()];
+    visit_places(pattern, (order, place), parents, |column| {
+        counts[column] += 1;
+        true
+    });
+    counts
+}
+
+/// Hands the column of each place of the factor below the diagonal to `visit`, row by row, until it says that that is enough.
+fn visit_places(
+    pattern: &Pattern,
+    (order, place): (&[u32], &[u32]),
+    parents: &[u32],
+    mut visit: impl FnMut(usize) -> bool,
+) {
     let mut seen = vec![ROOT; order.len()];
     for (own, others) in earlier(pattern, order, place) {
         seen[own] = own as u32;
@@ -200,12 +247,13 @@ fn column_counts(pattern: &Pattern, order: &[u32], place: &[u32], parents: &[u32
             let mut column = other;
             while seen[column] != own as u32 {
                 seen[column] = own as u32;
-                counts[column] += 1;
+                if !visit(column) {
+                    return;
+                }
                 column = parents[column] as usize;
             }
         }
     }
-    counts
 }
 
 /// Two neighbouring blocks are joined if that gives no more columns than the first number and no larger part of zeros than the

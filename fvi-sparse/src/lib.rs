@@ -17,6 +17,7 @@
 #![forbid(unsafe_code)]
 
 mod analysis;
+mod dissection;
 mod factor;
 mod kernels;
 mod pattern;
