@@ -145,6 +145,7 @@ mod tests {
                         step_size,
                         end: None,
                         coordinates: 1,
+                        motions: 1,
                         samples: 201,
                         history: &history,
                     };
