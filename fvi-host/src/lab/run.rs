@@ -449,6 +449,37 @@ impl<'s> Run<'s> {
         Ok(self.summary(end))
     }
 
+    /// As [`to_the_end`](Self::to_the_end); `row` sees the rows of the trajectory, those and so much of each as `[output]` says.
+    ///
+    /// # Errors
+    /// Those of `row`. A step that fails is no error but an end, see [`RunEnd`].
+    pub fn rows_to_the_end<E>(
+        mut self,
+        stop: &AtomicBool,
+        mut row: impl FnMut(&GridState) -> Result<(), E>,
+        mut take: impl FnMut(usize, &GridState),
+    ) -> Result<RunSummary, E> {
+        let (scenario, every) = (self.scenario, self.scenario.output.every);
+        let on_grid = scenario.output.times.is_empty();
+        let mut last_is_there = true;
+        let end = self.go(stop, |run| {
+            if on_grid {
+                last_is_there = run.steps().is_multiple_of(every);
+                if last_is_there {
+                    row(&shown(scenario, run.state()))?;
+                }
+            }
+            run.rows_between().iter().try_for_each(|between| row(&shown(scenario, between)))?;
+            take(run.steps(), run.state());
+            Ok(())
+        })?;
+        self.motion.complete();
+        if !last_is_there {
+            row(&shown(scenario, self.state()))?;
+        }
+        Ok(self.summary(end))
+    }
+
     /// Steps made.
     pub fn steps(&self) -> usize {
         self.motion.steps()

@@ -7,6 +7,7 @@ use crate::language::document::{Document, Table};
 use crate::language::error::{InputError, Problem};
 use crate::numerics::exponential_table::SMALLEST_TOLERANCE;
 use serde::{Serialize, Serializer};
+use std::collections::BTreeSet;
 
 /// Most steps of a run: beyond 2⁵³ their numbers have no exact place among floating-point numbers.
 pub const MOST_STEPS: usize = 1 << 53;
@@ -579,10 +580,10 @@ impl OutputOptions {
         };
         let coordinates = match table.optional("coordinates") {
             Some(value) => {
-                let mut chosen: Vec<usize> = Vec::new();
+                let (mut chosen, mut known) = (Vec::new(), BTreeSet::new());
                 for entry in value.list("a list of coordinates")? {
                     let coordinate = entry.whole(0..=count - 1)?;
-                    if chosen.contains(&coordinate) {
+                    if !known.insert(coordinate) {
                         return Err(entry.out_of_range("each coordinate once"));
                     }
                     chosen.push(coordinate);
