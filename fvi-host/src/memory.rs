@@ -2,6 +2,7 @@
 
 mod tables;
 
+pub use fvi_fft::vector_units;
 pub use tables::Tables;
 
 use crate::numerics::aligned::Aligned;

@@ -5,6 +5,7 @@
 //! however many threads and processes filled them, and however often these were interrupted.
 
 mod axis;
+mod elsewhere;
 mod keep;
 mod measured;
 #[cfg(feature = "pictures")]
@@ -14,8 +15,10 @@ mod points;
 mod records;
 mod table;
 
+pub use elsewhere::{Ledger, MadeRun, Parts};
 pub use plan::Sweep;
 pub use records::{Shard, ShardError};
+pub use table::Column;
 
 use crate::lab::run::{Run, RunEnd};
 use crate::language::InputError;
@@ -28,9 +31,10 @@ use measured::Measured;
 use records::{Record, Records, Status};
 use serde::Serialize;
 use std::num::NonZero;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, mpsc};
+use std::time::Duration;
 
 /// How a sweep is made.
 #[derive(Clone, Debug)]
@@ -105,7 +109,8 @@ pub enum SweepError {
 
 /// Makes the runs of a sweep that have not been made yet, and the table once all are there.
 ///
-/// `stop` ends it; what runs then have not ended is made the next time. `progress` hears the number of runs that are done.
+/// `stop` ends it; what runs then have not ended is made the next time. `progress` hears the number of runs that are done, ten times a
+/// second at least, so that it may look around and set `stop`.
 ///
 /// # Errors
 /// [`SweepError`]; a run that fails is no error but a row.
@@ -147,7 +152,15 @@ pub fn sweep(
         }
         drop(sender);
         let mut failure = None;
-        for made in results {
+        loop {
+            let made = match results.recv_timeout(Duration::from_millis(50)) {
+                Ok(made) => made,
+                Err(mpsc::RecvTimeoutError::Timeout) => {
+                    progress(done);
+                    continue;
+                }
+                Err(mpsc::RecvTimeoutError::Disconnected) => break,
+            };
             match made.and_then(|(place, record)| Ok(records.write(place, &record)?)) {
                 Ok(()) => {
                     done += 1;
@@ -174,12 +187,25 @@ pub fn sweep(
     Ok(SweepSummary { runs: sweep.runs(), share, done, failed, files })
 }
 
-fn failures(
-    directory: &std::path::Path,
-    identity: &[u8],
+/// The rows of the table that are there: the shard's, or with `gathered` all of a directory whose shards are complete.
+///
+/// # Errors
+/// As [`gather`].
+pub fn rows(
     sweep: &Sweep,
-    shard: Shard,
-) -> Result<usize, SweepError> {
+    options: &SweepOptions,
+    gathered: bool,
+) -> Result<Vec<(String, Column)>, SweepError> {
+    let identity = sweep.identity(options.precision);
+    let shards = if gathered {
+        Records::all(&options.directory, &identity, sweep.layout())?
+    } else {
+        vec![Records::look(&options.directory, &identity, sweep.layout(), options.shard)?]
+    };
+    Ok(table::rows(sweep, &shards)?)
+}
+
+fn failures(directory: &Path, identity: &[u8], sweep: &Sweep, shard: Shard) -> Result<usize, SweepError> {
     let records = Records::look(directory, identity, sweep.layout(), shard)?;
     let mut failed = 0;
     for place in 0..records.share() {
@@ -257,16 +283,17 @@ impl Sweep {
                 let writing = FileError::at(&path);
                 let parent = path.parent().unwrap_or(&options.directory);
                 std::fs::create_dir_all(parent).map_err(&writing)?;
-                let every = scenario.output.every;
-                Some(TrajectoryWriter::npz(&path, scenario.coordinates(), every).map_err(&writing)?)
+                let coordinates = scenario.written_coordinates().len();
+                Some(TrajectoryWriter::npz(&path, coordinates, 1).map_err(&writing)?)
             }
             None => None,
         };
         let mut measured = Measured::new(&scenario, self.settled());
-        let summary = under_way.to_the_end(stop, |steps, state| {
-            measured.take(steps, state);
-            writer.as_mut().map_or(Ok(()), |writer| writer.push(state))
-        });
+        let summary = under_way.rows_to_the_end(
+            stop,
+            |row| writer.as_mut().map_or(Ok(()), |writer| writer.push(row)),
+            |steps, state| measured.take(steps, state),
+        );
         let path = || self.trajectory_of(run, &options.directory).unwrap_or_default();
         let summary = summary.map_err(|error| FileError::at(&path())(error))?;
         let (status, message) = match &summary.end {

@@ -19,7 +19,7 @@ pub struct Document {
     directory: PathBuf,
     text: String,
     /// Files at hand that it may name, with their contents.
-    attached: Vec<(String, String)>,
+    attached: Vec<(String, Arc<[u8]>)>,
     /// Files that it has named and that need not be read again.
     kept: Option<Arc<Mutex<KeptFiles>>>,
 }
@@ -72,9 +72,9 @@ impl Document {
         Ok(Self::new(name, directory, &text))
     }
 
-    /// The document with a file at hand: where the document names `name`, `text` is what is in it.
-    pub fn with_attached(mut self, name: &str, text: &str) -> Self {
-        self.attached.push((name.to_owned(), text.to_owned()));
+    /// The document with a file at hand: where the document names `name`, `content` is what is in it.
+    pub fn with_attached(mut self, name: &str, content: impl AsRef<[u8]>) -> Self {
+        self.attached.push((name.to_owned(), content.as_ref().into()));
         self
     }
 
@@ -86,6 +86,11 @@ impl Document {
     /// The name for messages.
     pub fn name(&self) -> &str {
         &self.name
+    }
+
+    /// Its text.
+    pub fn text(&self) -> &str {
+        &self.text
     }
 
     /// A path written in the file, relative to the file's own directory.
@@ -112,8 +117,8 @@ impl Document {
 
     /// The bytes of a file that the document names: attached to it, or in its directory.
     pub(crate) fn read_bytes_named(&self, path: &str) -> std::io::Result<Vec<u8>> {
-        if let Some((_, text)) = self.attached.iter().find(|(name, _)| name == path) {
-            return Ok(text.clone().into_bytes());
+        if let Some((_, content)) = self.attached.iter().find(|(name, _)| name == path) {
+            return Ok(content.to_vec());
         }
         let path = self.resolve(path);
         let Some(kept) = &self.kept else { return std::fs::read(path) };
@@ -132,6 +137,16 @@ impl Document {
             let reason = not_text(error.as_bytes(), &error.utf8_error());
             std::io::Error::new(std::io::ErrorKind::InvalidData, reason)
         })
+    }
+
+    /// The contents of those of `names` that are attached or name files in its directory.
+    pub(crate) fn files_among<'a>(
+        &self,
+        names: impl IntoIterator<Item = &'a str>,
+    ) -> std::io::Result<Vec<(String, Vec<u8>)>> {
+        let attached = |name: &str| self.attached.iter().any(|(known, _)| known == name);
+        let files = names.into_iter().filter(|name| attached(name) || self.resolve(name).is_file());
+        files.map(|name| Ok((name.to_owned(), self.read_bytes_named(name)?))).collect()
     }
 
     /// Hands the file's root table to `read`.

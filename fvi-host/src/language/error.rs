@@ -74,6 +74,11 @@ impl InputError {
         Self::new(name, "", "", String::new(), None, problem)
     }
 
+    /// The name of the file.
+    pub fn file(&self) -> &str {
+        self.0.source.name()
+    }
+
     /// The key to blame, as a path such as `system.damping[0].order`; empty for the file as a whole.
     pub fn key(&self) -> &str {
         &self.0.key

@@ -1,7 +1,7 @@
 //! What a user of `fvi sweep` relies on.
 
 use crate::workplace::{Workplace, text};
-use fvi_host::lab::sweep::{Sweep, SweepOptions, sweep};
+use fvi_host::lab::sweep::{Column, Ledger, Sweep, SweepOptions, rows, sweep};
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
@@ -206,5 +206,61 @@ fn the_sweeps_of_the_repository_are_accepted() {
     for name in ["energy-left", "resonance", "stability"] {
         let plan = Sweep::read(&folder.join(format!("{name}.toml"))).unwrap();
         assert!(plan.scenario_of(plan.runs() - 1).is_ok(), "{name}");
+    }
+}
+
+#[test]
+fn runs_made_where_no_file_is_seen_come_back_to_the_same_bytes() {
+    let place = place(GRID);
+    place.write("scenario.toml", &format!("{SCENARIO}[input]\nfile = \"drive.csv\"\n"));
+    place.write("drive.csv", "t,u0\n0,0.5\n1,0\n");
+    place.write("other.csv", "t,u0\n0,-0.5\n1,0\n");
+    let axes = "\"input.file\" = [\"drive.csv\", \"other.csv\"]\n[keep]\ntrajectories = true\n";
+    place.write("sweep.toml", &GRID.replace("count = 7", "count = 3").replace("[keep]\n", axes));
+    done(&place.fvi(&["sweep", "sweep.toml", "--out", "here"]));
+    let plan = Sweep::read(&place.path("sweep.toml")).unwrap();
+    let parts = plan.parts().unwrap();
+    let names: Vec<&str> = parts.files.iter().map(|(name, _)| name.as_str()).collect();
+    assert_eq!(names, ["drive.csv", "other.csv"]);
+
+    fs::remove_file(place.path("drive.csv")).unwrap();
+    let sent = Sweep::of_parts(&parts).unwrap();
+    let precision = fvi_host::simulation::Precision::F64;
+    assert_eq!(sent.fingerprint(precision), plan.fingerprint(precision));
+    let ledger = Ledger::open(&plan, SweepOptions::new(place.path("there"))).unwrap();
+    assert_eq!(ledger.missing().unwrap(), (0..18).collect::<Vec<_>>());
+    for run in (0..18).rev() {
+        let (scratch, stop) = (place.path("scratch"), AtomicBool::new(false));
+        let mut made = sent.make_elsewhere(run, precision, &scratch, &stop).unwrap().unwrap();
+        made.record[9] ^= 1;
+        assert!(!ledger.take(&plan, &made).unwrap());
+        made.record[9] ^= 1;
+        assert!(ledger.take(&plan, &made).unwrap());
+    }
+    let summary = ledger.finish(&plan).unwrap();
+    assert_eq!((summary.done, summary.failed), (18, 6));
+    let table = |directory: &str| fs::read(place.path(directory).join("results.csv")).unwrap();
+    assert!(table("there") == table("here"));
+    let runs = |directory: &str| results(&place.path(directory).join("runs"));
+    assert_eq!(runs("here").len(), 12);
+    assert!(runs("there") == runs("here"));
+
+    // The rows at hand are those of the file.
+    let columns = rows(&plan, &SweepOptions::new(place.path("there")), false).unwrap();
+    let table = fs::read_to_string(place.path("here/results.csv")).unwrap();
+    let names: Vec<&str> = columns.iter().map(|(name, _)| name.as_str()).collect();
+    assert_eq!(names.join(","), table.lines().next().unwrap());
+    for (row, line) in table.lines().skip(1).enumerate() {
+        for ((name, column), cell) in columns.iter().zip(line.split(',')) {
+            match column {
+                Column::Whole(numbers) => assert_eq!(numbers[row].to_string(), cell, "{name}"),
+                Column::Number(numbers) if numbers[row].is_nan() => assert_eq!(cell, "", "{name}"),
+                Column::Number(numbers) => assert_eq!(numbers[row], cell.parse().unwrap(), "{name}"),
+                Column::Text(texts) if name != "message" => assert_eq!(texts[row], cell, "{name}"),
+                Column::Text(texts) => {
+                    assert!(texts[row].trim_start_matches('"').starts_with(cell.trim_start_matches('"')))
+                }
+            }
+        }
     }
 }

@@ -16,6 +16,7 @@ use std::path::{Path, PathBuf};
 /// A sweep with all its values checked.
 #[derive(Clone, Debug)]
 pub struct Sweep {
+    document: Document,
     base: Scenario,
     /// What the scenario's file says.
     values: toml::Table,
@@ -59,6 +60,9 @@ pub(super) enum Over {
 /// The last share of a run over which amplitudes are taken, unless the file says another.
 const SETTLED: f64 = 0.5;
 
+/// The keys of a sweep.
+const KEYS: [&str; 6] = ["title", "scenario", "axes", "sampling", "keep", "pictures"];
+
 /// Most runs: beyond 2³² the records of one sweep are larger than anyone's disk.
 const MOST_RUNS: usize = u32::MAX as usize;
 
@@ -71,21 +75,37 @@ impl Sweep {
         Self::from_document(&Document::read(path)?)
     }
 
-    /// Checks a sweep that is at hand.
+    /// Checks a sweep that is at hand, and reads the scenario that it names.
     ///
     /// # Errors
     /// The first thing that cannot be used, with its place.
     pub fn from_document(document: &Document) -> Result<Self, InputError> {
-        let plain = document.values()?;
-        document.with_root(|root| Self::from_root(&root, document, &plain))
+        let path = document.with_root(|root| {
+            root.allow(&KEYS)?;
+            Ok(document.resolve(root.required("scenario")?.text()?))
+        })?;
+        Self::of_scenario(document, Document::read(&path)?)
     }
 
-    fn from_root(root: &Table<'_>, document: &Document, plain: &toml::Table) -> Result<Self, InputError> {
-        root.allow(&["title", "scenario", "axes", "sampling", "keep", "pictures"])?;
-        let title = root.optional("title").map(|value| value.text().map(str::to_owned)).transpose()?;
-        let base = document.resolve(root.required("scenario")?.text()?);
+    /// Checks a sweep and its scenario, both at hand; what the sweep names as its `scenario` is not looked for.
+    ///
+    /// # Errors
+    /// The first thing in either that cannot be used, with its place.
+    pub fn of_scenario(document: &Document, scenario: Document) -> Result<Self, InputError> {
+        let plain = document.values()?;
         // Files that it names are read once, and are the same for all runs.
-        let base = Scenario::from_document(Document::read(&base)?.reading_once())?;
+        let base = Scenario::from_document(scenario.reading_once())?;
+        document.with_root(|root| Self::from_root(&root, document, base, &plain))
+    }
+
+    fn from_root(
+        root: &Table<'_>,
+        document: &Document,
+        base: Scenario,
+        plain: &toml::Table,
+    ) -> Result<Self, InputError> {
+        root.allow(&KEYS)?;
+        let title = root.optional("title").map(|value| value.text().map(str::to_owned)).transpose()?;
         let values = base.document().values()?;
         let sampling_table = root.optional("sampling").map(|value| value.table()).transpose()?;
         let axes_value = root.required("axes")?;
@@ -107,6 +127,7 @@ impl Sweep {
         let runs = sampling.runs(&axes).filter(|&runs| runs <= MOST_RUNS);
         let runs = runs.ok_or_else(|| axes_value.out_of_range(format!("at most {MOST_RUNS} runs")))?;
         let mut sweep = Self {
+            document: document.clone(),
             heading: title.unwrap_or_else(|| base.heading().to_owned()),
             quantities: Quantities { groups: Vec::new(), coordinates: base.coordinates() },
             base,
@@ -309,6 +330,22 @@ impl Sweep {
         &self.base
     }
 
+    /// The document that it was read from.
+    pub(super) fn document(&self) -> &Document {
+        &self.document
+    }
+
+    /// Every text that a scenario of the sweep may hold.
+    pub(super) fn texts(&self) -> BTreeSet<&str> {
+        let lists = self.axes.iter().filter_map(|axis| match &axis.values {
+            Values::List(values) => Some(values),
+            Values::Range { .. } | Values::Whole { .. } => None,
+        });
+        let mut texts = BTreeSet::new();
+        self.values.values().chain(lists.flatten()).for_each(|value| collect_texts(value, &mut texts));
+        texts
+    }
+
     /// The title, or that of the scenario.
     pub fn heading(&self) -> &str {
         &self.heading
@@ -402,6 +439,18 @@ fn read_sampling(table: &Table<'_>, axes: usize) -> Result<Sampling, InputError>
         return Err(count_value.out_of_range(format!("at most {MOST_SOBOL_AXES} axes with Sobol's points")));
     }
     Ok(Sampling::Sobol { seed, count })
+}
+
+/// All texts among values.
+fn collect_texts<'a>(value: &'a toml::Value, texts: &mut BTreeSet<&'a str>) {
+    match value {
+        toml::Value::String(text) => {
+            texts.insert(text);
+        }
+        toml::Value::Array(list) => list.iter().for_each(|value| collect_texts(value, texts)),
+        toml::Value::Table(table) => table.values().for_each(|value| collect_texts(value, texts)),
+        _ => {}
+    }
 }
 
 /// Paths to all values that are no tables.

@@ -97,8 +97,8 @@ impl Shard {
         (shard.file() == name).then_some(shard)
     }
 
-    /// Number of its runs.
-    fn share(self, runs: usize) -> usize {
+    /// Number of its runs, of all.
+    pub fn share(self, runs: usize) -> usize {
         runs / self.count + usize::from(runs % self.count > self.index)
     }
 }
@@ -275,6 +275,11 @@ impl Records {
         place * self.shard.count + self.shard.index
     }
 
+    /// The place of a run, if it is one of the shard's.
+    pub(super) fn place(&self, run: usize) -> Option<usize> {
+        (run < self.layout.runs && run % self.shard.count == self.shard.index).then(|| run / self.shard.count)
+    }
+
     /// Number of runs that are done.
     pub(super) fn done(&self) -> Result<usize, FileError> {
         let mut done = 0;
@@ -295,13 +300,13 @@ impl Records {
         let read = file.0.seek(self.start(place)).and_then(|_| file.0.read_exact(&mut bytes));
         match read {
             Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => Ok(None),
-            read => read.map(|()| decode(&bytes, self.layout.columns)).map_err(FileError::at(&self.path)),
+            read => read.map(|()| Record::decode(&bytes, self.layout)).map_err(FileError::at(&self.path)),
         }
     }
 
     /// Fills a place.
     pub(super) fn write(&self, place: usize, record: &Record) -> Result<(), FileError> {
-        let bytes = encode(record, self.layout);
+        let bytes = record.encode(self.layout);
         let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
         let written = file.0.seek(self.start(place)).and_then(|_| file.0.write_all(&bytes));
         written.map_err(FileError::at(&self.path))?;
@@ -334,41 +339,45 @@ fn head(identity: &[u8]) -> Vec<u8> {
     head
 }
 
-fn encode(record: &Record, layout: Layout) -> Vec<u8> {
-    let mut end = record.message.len().min(LONGEST_MESSAGE);
-    while !record.message.is_char_boundary(end) {
-        end -= 1;
+impl Record {
+    /// Its bytes in the file.
+    pub(super) fn encode(&self, layout: Layout) -> Vec<u8> {
+        let mut end = self.message.len().min(LONGEST_MESSAGE);
+        while !self.message.is_char_boundary(end) {
+            end -= 1;
+        }
+        let mut bytes = vec![self.status as u8];
+        bytes.extend(self.steps.to_le_bytes());
+        let padding = std::iter::repeat(&f64::NAN);
+        for value in self.values.iter().chain(padding).take(layout.columns) {
+            bytes.extend(value.to_le_bytes());
+        }
+        bytes.extend((end as u16).to_le_bytes());
+        bytes.extend(&self.message.as_bytes()[..end]);
+        bytes.resize(layout.bytes() - 4, 0);
+        bytes.extend(crc32fast::hash(&bytes).to_le_bytes());
+        bytes
     }
-    let mut bytes = vec![record.status as u8];
-    bytes.extend(record.steps.to_le_bytes());
-    let padding = std::iter::repeat(&f64::NAN);
-    for value in record.values.iter().chain(padding).take(layout.columns) {
-        bytes.extend(value.to_le_bytes());
-    }
-    bytes.extend((end as u16).to_le_bytes());
-    bytes.extend(&record.message.as_bytes()[..end]);
-    bytes.resize(layout.bytes() - 4, 0);
-    bytes.extend(crc32fast::hash(&bytes).to_le_bytes());
-    bytes
-}
 
-fn decode(bytes: &[u8], columns: usize) -> Option<Record> {
-    let (content, checksum) =
-        bytes.split_last_chunk::<4>().map(|(content, checksum)| (content, *checksum))?;
-    if crc32fast::hash(content) != u32::from_le_bytes(checksum) {
-        return None;
+    /// The record of these bytes, if they are one.
+    pub(super) fn decode(bytes: &[u8], layout: Layout) -> Option<Self> {
+        let (content, checksum) =
+            bytes.split_last_chunk::<4>().map(|(content, checksum)| (content, *checksum))?;
+        if bytes.len() != layout.bytes() || crc32fast::hash(content) != u32::from_le_bytes(checksum) {
+            return None;
+        }
+        let (&status, rest) = content.split_first()?;
+        let status = [Status::Completed, Status::Failed, Status::Refused]
+            .into_iter()
+            .find(|&known| known as u8 == status)?;
+        let (steps, rest) = rest.split_first_chunk::<8>()?;
+        let (values, rest) = rest.split_at_checked(8 * layout.columns)?;
+        let values = values.as_chunks::<8>().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect();
+        let (length, rest) = rest.split_first_chunk::<2>()?;
+        let message = rest.get(..u16::from_le_bytes(*length).into())?;
+        let message = String::from_utf8_lossy(message).into_owned();
+        Some(Self { status, steps: u64::from_le_bytes(*steps), values, message })
     }
-    let (&status, rest) = content.split_first()?;
-    let status = [Status::Completed, Status::Failed, Status::Refused]
-        .into_iter()
-        .find(|&known| known as u8 == status)?;
-    let (steps, rest) = rest.split_first_chunk::<8>()?;
-    let (values, rest) = rest.split_at_checked(8 * columns)?;
-    let values = values.as_chunks::<8>().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect();
-    let (length, rest) = rest.split_first_chunk::<2>()?;
-    let message = rest.get(..u16::from_le_bytes(*length).into())?;
-    let message = String::from_utf8_lossy(message).into_owned();
-    Some(Record { status, steps: u64::from_le_bytes(*steps), values, message })
 }
 
 #[cfg(test)]

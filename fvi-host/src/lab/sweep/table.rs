@@ -11,6 +11,50 @@ use std::io::{self, Write};
 const CSV: &str = "results.csv";
 const NPZ: &str = "results.npz";
 
+/// A column of the table.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Column {
+    /// Whole numbers.
+    Whole(Vec<i64>),
+    /// Numbers; NaN for what is not known.
+    Number(Vec<f64>),
+    /// Texts.
+    Text(Vec<String>),
+}
+
+/// The rows of the runs that are done, in the order of the runs, column by column.
+pub(super) fn rows(sweep: &Sweep, shards: &[Records]) -> Result<Vec<(String, Column)>, FileError> {
+    let mut done: Vec<(usize, Record)> = Vec::new();
+    for records in shards {
+        for place in 0..records.share() {
+            done.extend(records.read(place)?.map(|record| (records.run(place), record)));
+        }
+    }
+    done.sort_by_key(|&(run, _)| run);
+    let whole = |number: &dyn Fn(&(usize, Record)) -> usize| {
+        Column::Whole(done.iter().map(|row| number(row) as i64).collect())
+    };
+    let text = |text: &dyn Fn(&(usize, Record)) -> String| Column::Text(done.iter().map(text).collect());
+    let mut columns = vec![("run".to_owned(), whole(&|(run, _)| *run))];
+    for (index, axis) in sweep.axes().iter().enumerate() {
+        let value = |run: usize| sweep.values_of(run).swap_remove(index);
+        let column = if axis.is_numeric() {
+            Column::Number(done.iter().map(|(run, _)| number(&value(*run)).unwrap_or(f64::NAN)).collect())
+        } else {
+            text(&|(run, _)| cell(&value(*run)))
+        };
+        columns.push((axis.path.clone(), column));
+    }
+    columns.push(("status".to_owned(), text(&|(_, record)| record.status.name().to_owned())));
+    columns.push(("steps".to_owned(), whole(&|(_, record)| record.steps as usize)));
+    for (index, name) in sweep.quantities().columns().into_iter().enumerate() {
+        let value = |(_, record): &(usize, Record)| record.values.get(index).copied().unwrap_or(f64::NAN);
+        columns.push((name, Column::Number(done.iter().map(value).collect())));
+    }
+    columns.push(("message".to_owned(), text(&|(_, record)| record.message.clone())));
+    Ok(columns)
+}
+
 /// Writes the table in both forms; returns the names of the files.
 pub(super) fn write(
     sweep: &Sweep,
