@@ -9,6 +9,7 @@ mod errors;
 mod memory;
 mod run;
 mod studies;
+mod sweep;
 mod terms;
 mod watch;
 mod weights;
@@ -25,6 +26,8 @@ mod _fvi {
     use super::run::{run, run_in};
     #[pymodule_export]
     use super::studies::{compare_engines, converge, extremal};
+    #[pymodule_export]
+    use super::sweep::{Ledger, Sweep, vector_units};
     #[pymodule_export]
     use super::weights::weights;
     use pyo3::prelude::*;

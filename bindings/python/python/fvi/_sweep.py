@@ -1,0 +1,159 @@
+"""Sweeps: one scenario with many values of some of its keys."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from fvi import _arrays, _fvi
+from fvi._errors import InputError
+from fvi._result import Table
+from fvi._run import Progress, check_progress
+from fvi._scenario import Scenario, source
+
+
+def sweep(
+    sweep: Scenario,
+    *,
+    client: Any = None,
+    out: str | os.PathLike[str] | None = None,
+    jobs: int | None = None,
+    shard: str | None = None,
+    gather: bool = False,
+    precision: str = "f64",
+    progress: Progress | None = None,
+) -> Any:
+    """Makes the runs of a sweep, as the program `fvi sweep` does: on the cores of this machine, or on a cluster of Dask's.
+
+    Parameters
+    ----------
+    sweep : path or dict
+        A sweep file (TOML), or a dictionary with the same keys: `scenario`, a path or a dictionary as in `run`; `axes`, values of
+        the scenario's keys by their paths, as lists, arrays, or ranges such as ``{"from": 0.1, "to": 1.9, "count": 37}``;
+        `sampling`; `keep`.
+    client : dask.distributed.Client, optional
+        The cluster that makes the runs; every worker needs the package fvi in the same version, and none needs to see a file.
+        Workers may leave and come at any time, and the connection to the scheduler may be lost for a while: this costs time and
+        no result.
+    out : path, optional
+        A directory for the files of `fvi sweep`, apart from its pictures: ``results.csv``, ``results.npz`` and the records of what is
+        done. The same call goes on after an interruption, and so does `fvi sweep`. Without it nothing is kept on the disk.
+    jobs : int, optional
+        Threads of this machine; one for each core without it.
+    shard : str, optional
+        "I/COUNT": the part of the runs that this process makes; together with `out`.
+    gather : bool
+        Whether to join the shards in `out` to the table, and make no runs.
+    precision : {"f64", "f32"}
+        What to compute in.
+    progress : callable, optional
+        Called about ten times a second with the number of runs that are done and of all. An exception that it raises stops the
+        sweep and reaches the caller.
+
+    Returns
+    -------
+    pandas.DataFrame, or Table where pandas is not installed
+        A row for each run in the order of the axes, the last of which goes round fastest: run, the values of the axes, status
+        ("completed", "failed" or "refused"), steps, the quantities of `keep`, message.
+
+    Raises
+    ------
+    InputError
+        If the sweep or its scenario cannot be used. A run that fails is no error but a row.
+    KeyboardInterrupt
+        On Ctrl-C; the rows until then are in its attribute `result`.
+
+    Examples
+    --------
+    >>> import fvi
+    >>> oscillator = {
+    ...     "system": {
+    ...         "mass": [1.0],
+    ...         "potential": "0.5*q0^2",
+    ...         "damping": [{"order": 0.5, "coefficient": [0.1]}],
+    ...     },
+    ...     "initial": {"position": [1.0], "momentum": [0.0]},
+    ...     "time": {"step": 0.05, "steps": 200},
+    ... }
+    >>> table = fvi.sweep({
+    ...     "scenario": oscillator,
+    ...     "axes": {"system.damping[0].order": {"from": 0.2, "to": 1.8, "count": 5}, "initial.position[0]": [1.0, 2.0]},
+    ...     "keep": {"quantities": ["energy"]},
+    ... })
+    >>> len(table["energy_left"])
+    10
+    >>> bool((table["energy_left"] < 1).all())
+    True
+    """
+    plan = _plan(sweep, precision)
+    check_progress(progress)
+    if jobs is not None:
+        jobs = _arrays.whole("jobs", jobs, 1)
+    if shard is not None and not isinstance(shard, str):
+        raise InputError(f'shard = {shard!r}: not allowed; allowed: "I/COUNT"', "shard", repr(shard))
+    for name, given, reason in (
+        ("shard", shard is not None, "the shards of a sweep meet in a directory"),
+        ("gather", gather, "the shards of a sweep meet in a directory"),
+        ("keep.trajectories", plan.keeps_trajectories, "the trajectories are written into a directory"),
+    ):
+        if given and out is None:
+            raise InputError(f"{name}: only together with out: {reason}", name)
+    for name, given, other in (
+        ("jobs", jobs is not None and client is not None, "client, whose workers have threads of their own"),
+        ("client", gather and client is not None, "gather, which makes no runs"),
+        ("jobs", gather and jobs is not None, "gather, which makes no runs"),
+        ("shard", gather and shard is not None, "gather, which takes all shards"),
+    ):
+        if given:
+            raise InputError(f"{name}: cannot stand beside {other}", name)
+    with ExitStack() as ending:
+        directory = out if out is not None else ending.enter_context(tempfile.TemporaryDirectory(prefix="fvi-sweep-"))
+        try:
+            if gather:
+                plan.gather(directory)
+            elif client is not None:
+                from fvi._cluster import make_on
+
+                make_on(client, plan, directory, shard, precision, progress)
+            else:
+                _, raised = plan.make(directory, jobs, shard, progress)
+                if raised is not None:
+                    raise raised
+        except InputError:
+            raise
+        except BaseException as error:
+            # What stops a sweep on the way takes the rows along.
+            try:
+                setattr(error, "result", _table(plan.rows(directory, shard, False)))
+            except Exception:
+                pass
+            raise
+        return _table(plan.rows(directory, shard, gather))
+
+
+def _plan(given: Scenario, precision: str) -> _fvi.Sweep:
+    """The sweep, read and checked."""
+    if not isinstance(given, Mapping):
+        try:
+            return _fvi.Sweep(Path(given), None, precision)
+        except TypeError:
+            kind = type(given).__name__
+            message = f"sweep: a path or a dictionary is needed, not a value of type {kind}"
+            raise InputError(message, "sweep", repr(given)) from None
+    scenario = given.get("scenario")
+    if not isinstance(scenario, Mapping):
+        return _fvi.Sweep(source(given, {}, "sweep"), None, precision)
+    keys = source({**given, "scenario": "a dictionary"}, {}, "sweep")
+    return _fvi.Sweep(keys, source(scenario, {}), precision)
+
+
+def _table(columns: dict[str, Any]) -> Any:
+    table = Table.of_columns(columns)
+    try:
+        return table.to_pandas()
+    except ModuleNotFoundError:
+        return table

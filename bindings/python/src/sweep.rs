@@ -1,0 +1,298 @@
+//! Sweeps: made here on threads, or elsewhere run by run.
+
+use crate::documents::Source;
+use crate::errors::{Failure, Outcome, guarded};
+use crate::run::precision;
+use crate::watch::Watch;
+use fvi_host::lab::sweep::{
+    Column, Ledger as HostLedger, MadeRun, Parts, Shard, ShardError, Sweep as HostSweep, SweepError,
+    SweepOptions, SweepSummary, gather, rows, sweep as make_all,
+};
+use fvi_host::language::{Document, InputError};
+use fvi_host::simulation::Precision;
+use numpy::{IntoPyArray, PyArray1};
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict, PyList};
+use std::num::NonZero;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Names and texts of sweep and scenario, and the files that they name, as Python sends them to other processes.
+type PartsInPython = ((String, String), (String, String), Vec<(String, Py<PyBytes>)>);
+
+/// A sweep that has been read and checked.
+#[pyclass(frozen, module = "fvi._fvi", name = "Sweep")]
+pub(crate) struct Sweep {
+    sweep: Arc<HostSweep>,
+    precision: Precision,
+}
+
+/// What went wrong, told without places where there is no file to look for them.
+fn unusable(error: &InputError, sources: &[&Source]) -> Failure {
+    let in_file = sources.iter().any(|source| match source {
+        Source::File(path) => path.display().to_string() == error.file(),
+        Source::Keys { .. } => false,
+    });
+    Failure::of_document(error, in_file)
+}
+
+impl From<SweepError> for Failure {
+    fn from(error: SweepError) -> Self {
+        let of_out = |message: String| Self::Input { key: "out".to_owned(), value: String::new(), message };
+        match error {
+            SweepError::Input(error) => Self::of_document(&error, true),
+            SweepError::File(error) => Self::File(error.to_string()),
+            SweepError::OtherSweep { file } => of_out(format!(
+                "out: {} holds records of another sweep, or of this one with another scenario, precision or version of fvi; \
+                 take another directory, or remove the file to begin anew",
+                file.display()
+            )),
+            error => of_out(format!("out: {error}")),
+        }
+    }
+}
+
+#[pymethods]
+impl Sweep {
+    /// `scenario` takes the place of the one that the sweep names.
+    #[new]
+    fn new(py: Python<'_>, source: Source, scenario: Option<Source>, precision: &str) -> PyResult<Self> {
+        let precision = self::precision(precision)?;
+        py.detach(|| {
+            guarded(|| {
+                let document = source.document().map_err(|error| source.failure(&error))?;
+                let sweep = match &scenario {
+                    None => HostSweep::from_document(&document).map_err(|error| {
+                        Failure::of_document(&error, source.is_file() || error.file() != document.name())
+                    }),
+                    Some(scenario) => scenario
+                        .document()
+                        .and_then(|scenario| HostSweep::of_scenario(&document, scenario))
+                        .map_err(|error| unusable(&error, &[&source, scenario])),
+                };
+                Ok(Self { sweep: Arc::new(sweep?), precision })
+            })
+        })
+    }
+
+    /// The sweep that another process has sent.
+    #[staticmethod]
+    fn of_parts(py: Python<'_>, parts: PartsInPython, precision: &str) -> PyResult<Self> {
+        let precision = self::precision(precision)?;
+        let (sweep, scenario, files) = parts;
+        let files = files.into_iter().map(|(name, content)| (name, content.as_bytes(py).to_vec())).collect();
+        let parts = Parts { sweep, scenario, files };
+        py.detach(|| {
+            guarded(|| {
+                let sweep =
+                    HostSweep::of_parts(&parts).map_err(|error| Failure::of_document(&error, true))?;
+                Ok(Self { sweep: Arc::new(sweep), precision })
+            })
+        })
+    }
+
+    /// What another process needs to make runs.
+    fn parts(&self, py: Python<'_>) -> PyResult<PartsInPython> {
+        let Parts { sweep, scenario, files } = py.detach(|| guarded(|| Ok(self.sweep.parts()?)))?;
+        let files =
+            files.into_iter().map(|(name, content)| (name, PyBytes::new(py, &content).unbind())).collect();
+        Ok((sweep, scenario, files))
+    }
+
+    #[getter]
+    fn fingerprint(&self) -> u32 {
+        self.sweep.fingerprint(self.precision)
+    }
+
+    #[getter]
+    fn keeps_trajectories(&self) -> bool {
+        self.sweep.keeps_trajectories()
+    }
+
+    fn __len__(&self) -> usize {
+        self.sweep.runs()
+    }
+
+    /// Makes runs to be sent back: number, record, and the file of the trajectory if it is kept.
+    fn make_elsewhere<'py>(
+        &self,
+        py: Python<'py>,
+        runs: Vec<usize>,
+        scratch: PathBuf,
+    ) -> PyResult<Vec<(usize, Bound<'py, PyBytes>, Option<Bound<'py, PyBytes>>)>> {
+        let made = py.detach(|| {
+            guarded(|| {
+                let stop = AtomicBool::new(false);
+                let make = |&run: &usize| {
+                    if run >= self.sweep.runs() {
+                        return Err(Failure::argument("runs", run, "runs of the sweep"));
+                    }
+                    Ok(self.sweep.make_elsewhere(run, self.precision, &scratch, &stop)?)
+                };
+                runs.iter().filter_map(|run| make(run).transpose()).collect::<Outcome<Vec<MadeRun>>>()
+            })
+        })?;
+        let bytes = |content: Vec<u8>| PyBytes::new(py, &content);
+        Ok(made.into_iter().map(|made| (made.run, bytes(made.record), made.trajectory.map(bytes))).collect())
+    }
+
+    /// Makes all runs, or those of a shard, on threads of this process.
+    fn make<'py>(
+        &self,
+        py: Python<'py>,
+        directory: PathBuf,
+        jobs: Option<NonZero<usize>>,
+        shard: Option<&str>,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<(Bound<'py, PyDict>, Option<PyErr>)> {
+        let options = SweepOptions { jobs, ..self.options(directory, shard)? };
+        let (summary, raised) = py.detach(|| {
+            guarded(|| {
+                let stop = AtomicBool::new(false);
+                let mut watch = Watch::new(progress);
+                let all = options.shard.share(self.sweep.runs());
+                let summary = make_all(&self.sweep, &options, &stop, |done| {
+                    if !watch.hear(done, all) {
+                        stop.store(true, Ordering::Relaxed);
+                    }
+                })?;
+                Ok((summary, watch.into_raised()))
+            })
+        })?;
+        Ok((told(py, &summary)?, raised))
+    }
+
+    /// Joins the shards in a directory.
+    fn gather<'py>(&self, py: Python<'py>, directory: PathBuf) -> PyResult<Bound<'py, PyDict>> {
+        let options = self.options(directory, None)?;
+        let summary = py.detach(|| guarded(|| Ok(gather(&self.sweep, &options)?)))?;
+        told(py, &summary)
+    }
+
+    /// The rows of the table that are there: of one shard, or of all that have been gathered.
+    fn rows<'py>(
+        &self,
+        py: Python<'py>,
+        directory: PathBuf,
+        shard: Option<&str>,
+        gathered: bool,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let options = self.options(directory, shard)?;
+        let columns = py.detach(|| guarded(|| Ok(rows(&self.sweep, &options, gathered)?)))?;
+        let table = PyDict::new(py);
+        for (name, column) in columns {
+            match column {
+                Column::Whole(numbers) => table.set_item(name, numbers.into_pyarray(py))?,
+                Column::Number(numbers) => table.set_item(name, numbers.into_pyarray(py))?,
+                Column::Text(texts) => table.set_item(name, PyList::new(py, texts)?)?,
+            }
+        }
+        Ok(table)
+    }
+
+    /// Opens the records in a directory, for runs that are made elsewhere.
+    fn open(&self, py: Python<'_>, directory: PathBuf, shard: Option<&str>) -> PyResult<Ledger> {
+        let options = self.options(directory, shard)?;
+        let ledger = py.detach(|| guarded(|| Ok(HostLedger::open(&self.sweep, options)?)))?;
+        Ok(Ledger { sweep: self.sweep.clone(), ledger: Mutex::new(Some(ledger)) })
+    }
+}
+
+impl Sweep {
+    fn options(&self, directory: PathBuf, shard: Option<&str>) -> Result<SweepOptions, Failure> {
+        let shard = shard.map(str::parse).transpose().map_err(|error: ShardError| Failure::Input {
+            key: "shard".to_owned(),
+            value: shard.unwrap_or_default().to_owned(),
+            message: format!("shard: {error}"),
+        })?;
+        let (precision, shard) = (self.precision, shard.unwrap_or(Shard::WHOLE));
+        Ok(SweepOptions { precision, shard, ..SweepOptions::new(directory) })
+    }
+}
+
+fn told<'py>(py: Python<'py>, summary: &SweepSummary) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    dict.set_item("runs", summary.runs)?;
+    dict.set_item("share", summary.share)?;
+    dict.set_item("done", summary.done)?;
+    dict.set_item("failed", summary.failed)?;
+    dict.set_item("files", &summary.files)?;
+    Ok(dict)
+}
+
+/// The records of a sweep whose runs are made elsewhere.
+#[pyclass(frozen, module = "fvi._fvi", name = "Ledger")]
+pub(crate) struct Ledger {
+    sweep: Arc<HostSweep>,
+    /// Nothing once it is closed.
+    ledger: Mutex<Option<HostLedger>>,
+}
+
+impl Ledger {
+    fn with<T: Send>(
+        &self,
+        py: Python<'_>,
+        call: impl Send + FnOnce(&HostLedger) -> Result<T, SweepError>,
+    ) -> PyResult<T> {
+        py.detach(|| {
+            guarded(|| {
+                let ledger = self.ledger.lock().unwrap_or_else(PoisonError::into_inner);
+                let ledger = ledger.as_ref().ok_or_else(closed)?;
+                Ok(call(ledger)?)
+            })
+        })
+    }
+}
+
+fn closed() -> Failure {
+    Failure::Failed("the records have been closed".to_owned())
+}
+
+#[pymethods]
+impl Ledger {
+    /// Runs that are not done.
+    fn missing<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<usize>>> {
+        Ok(self.with(py, HostLedger::missing)?.into_pyarray(py))
+    }
+
+    /// Number of runs of the shard.
+    #[getter]
+    fn share(&self, py: Python<'_>) -> PyResult<usize> {
+        self.with(py, |ledger| Ok(ledger.share()))
+    }
+
+    /// Takes a run in; false if it is none of the sweep or was damaged on the way.
+    fn take(
+        &self,
+        py: Python<'_>,
+        run: usize,
+        record: Vec<u8>,
+        trajectory: Option<Vec<u8>>,
+    ) -> PyResult<bool> {
+        let made = MadeRun { run, record, trajectory };
+        self.with(py, |ledger| ledger.take(&self.sweep, &made))
+    }
+
+    /// Closes the records, and writes the table if all runs are there.
+    fn finish<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let summary = py.detach(|| {
+            guarded(|| {
+                let ledger = self.ledger.lock().unwrap_or_else(PoisonError::into_inner).take();
+                Ok(ledger.ok_or_else(closed)?.finish(&self.sweep)?)
+            })
+        })?;
+        told(py, &summary)
+    }
+
+    /// Closes the records as they are.
+    fn close(&self) {
+        drop(self.ledger.lock().unwrap_or_else(PoisonError::into_inner).take());
+    }
+}
+
+/// What the last bits of runs depend on besides their numbers.
+#[pyfunction]
+pub(crate) fn vector_units() -> &'static str {
+    fvi_host::memory::vector_units()
+}
