@@ -7,7 +7,7 @@ use numpy::{PyArray1, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
-use pyo3::types::PyTuple;
+use pyo3::types::{PyFloat, PyList, PyTuple};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// The functions, as the Python half of the package names them.
@@ -228,12 +228,17 @@ impl OwnTerms for PythonTerms {
 
 /// The `count` numbers that a function has returned.
 fn numbers(name: &str, returned: &Bound<'_, PyAny>, count: usize, to: &mut Vec<f64>) -> PyResult<()> {
+    // What functions return as a rule is read without a call back to NumPy, which costs as much as a short function.
     if count == 1
-        && let Ok(number) = returned.extract::<f64>()
+        && let Ok(number) = returned.cast::<PyFloat>()
     {
-        to.push(number);
+        to.push(number.value());
         return Ok(());
     }
+    if of_lists(returned, to) && to.len() == count {
+        return Ok(());
+    }
+    to.clear();
     let py = returned.py();
     let array = match returned.cast::<PyArrayDyn<f64>>() {
         Ok(array) => array.clone(),
@@ -251,10 +256,35 @@ fn numbers(name: &str, returned: &Bound<'_, PyAny>, count: usize, to: &mut Vec<f
         );
         return Err(Failure::Input { key: name.to_owned(), value: String::new(), message }.into());
     }
-    let array = array.readonly();
-    match array.as_slice() {
-        Ok(numbers) => to.extend_from_slice(numbers),
-        Err(_) => to.extend(array.as_array().iter()),
+    // Row by row, however the array lies in memory.
+    if array.is_c_contiguous() {
+        to.extend(array.to_vec().map_err(|error| Failure::Failed(error.to_string()))?);
+    } else {
+        to.extend(array.readonly().as_array().iter());
     }
     Ok(())
+}
+
+/// Reads a list of floats, or of lists of floats of one length; false for whatever else it is.
+fn of_lists(given: &Bound<'_, PyAny>, to: &mut Vec<f64>) -> bool {
+    let Ok(list) = given.cast::<PyList>() else { return false };
+    let mut rows = None;
+    for entry in list {
+        let (begin, is_row) = (to.len(), entry.is_instance_of::<PyList>());
+        if is_row {
+            let Ok(row) = entry.cast::<PyList>() else { return false };
+            if !row.iter().all(|entry| entry.cast::<PyFloat>().map(|number| to.push(number.value())).is_ok())
+            {
+                return false;
+            }
+        } else {
+            let Ok(number) = entry.cast::<PyFloat>() else { return false };
+            to.push(number.value());
+        }
+        let shape = (is_row, to.len() - begin);
+        if *rows.get_or_insert(shape) != shape {
+            return false;
+        }
+    }
+    true
 }
