@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import Any, Self
 
 from numpy.typing import ArrayLike
 
 from fvi import _arrays, _fvi
 from fvi._types import FloatArray
 from fvi._errors import InputError
+
+
+def _made_again(kind: Any, arguments: dict[str, Any], state: bytes) -> Any:
+    made = kind(**arguments)
+    made.restore(state)
+    return made
 
 
 class Memory(_fvi.Memory):
@@ -67,17 +73,24 @@ class Memory(_fvi.Memory):
         length: int = 65536,
         engine: str | None = None,
     ) -> Self:
-        return super().__new__(
-            cls,
-            exponent=_arrays.real("exponent", exponent),
-            step=_arrays.positive("step", step),
-            family=family,
-            order=_arrays.whole("order", order, 1),
-            stages=None if stages is None else _arrays.whole("stages", stages, 1),
-            channels=_arrays.whole("channels", channels, 1),
-            length=_arrays.whole("length", length, 1),
-            engine=engine,
-        )
+        arguments: dict[str, Any] = {
+            "exponent": _arrays.real("exponent", exponent),
+            "step": _arrays.positive("step", step),
+            "family": family,
+            "order": _arrays.whole("order", order, 1),
+            "stages": None if stages is None else _arrays.whole("stages", stages, 1),
+            "channels": _arrays.whole("channels", channels, 1),
+            "length": _arrays.whole("length", length, 1),
+            "engine": engine,
+        }
+        made = super().__new__(cls, **arguments)
+        made._arguments = arguments
+        return made
+
+    _arguments: dict[str, Any]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _made_again, (type(self), self._arguments, self.save())
 
     def next_term(self) -> FloatArray:
         """r_k, one number for each channel, or a row of stages for each channel.
@@ -179,16 +192,24 @@ class Operator(_fvi.Operator):
             raise InputError(f'{message} with start = "caputo" and an exponent above 1', "slope", repr(slope))
         if exponent <= 0.0:
             start = "riemann-liouville"
-        return super().__new__(
-            cls,
-            exponent=exponent,
-            step=step,
-            order=_arrays.whole("order", order, 1),
-            start=start,
-            rise=None if slope is None else _arrays.real("slope", slope) * step,
-            length=_arrays.whole("length", length, 1),
-            engine=engine,
-        )
+        if slope is not None:
+            slope = _arrays.real("slope", slope)
+        arguments: dict[str, Any] = {
+            "exponent": exponent,
+            "step": step,
+            "order": _arrays.whole("order", order, 1),
+            "start": start,
+            "length": _arrays.whole("length", length, 1),
+            "engine": engine,
+        }
+        made = super().__new__(cls, rise=None if slope is None else slope * step, **arguments)
+        made._arguments = arguments | {"slope": slope}
+        return made
+
+    _arguments: dict[str, Any]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _made_again, (type(self), self._arguments, self.save())
 
     def push(self, sample: float) -> float:
         """Takes x_k, gives back (D x)_k.
