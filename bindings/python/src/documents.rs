@@ -4,7 +4,7 @@ use crate::errors::Failure;
 use fvi_host::language::{Document, InputError};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
-use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
+use pyo3::types::{PyBool, PyBytes, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
 use serde::{Serialize, Serializer};
 use std::path::PathBuf;
 
@@ -12,8 +12,9 @@ use std::path::PathBuf;
 pub(crate) enum Source {
     /// A file.
     File(PathBuf),
-    /// The contents of one, with the name it has in titles and the directory in which files it names are sought.
-    Keys { name: String, directory: PathBuf, keys: Tree },
+    /// The contents of one, with the name it has in titles, the directory in which files it names are sought, and those of
+    /// them that are at hand.
+    Keys { name: String, directory: PathBuf, keys: Tree, attached: Vec<(String, Vec<u8>)> },
 }
 
 impl Source {
@@ -24,7 +25,13 @@ impl Source {
     pub(crate) fn document(&self) -> Result<Document, InputError> {
         match self {
             Self::File(path) => Document::read(path),
-            Self::Keys { name, directory, keys } => Document::of_value(name, directory, keys),
+            Self::Keys { name, directory, keys, attached } => {
+                let document = Document::of_value(name, directory, keys)?;
+                let attach = |document: Document, (name, content): &(String, Vec<u8>)| {
+                    document.with_attached(name, content.as_slice())
+                };
+                Ok(attached.iter().fold(document, attach))
+            }
         }
     }
 
@@ -34,12 +41,19 @@ impl Source {
     }
 }
 
+/// Name, directory, keys, and files at hand by the names that the keys have for them.
+type KeysInPython<'py> = (String, PathBuf, Bound<'py, PyDict>, Bound<'py, PyDict>);
+
 impl<'py> FromPyObject<'_, 'py> for Source {
     type Error = PyErr;
 
     fn extract(given: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
-        if let Ok((name, directory, keys)) = given.extract::<(String, PathBuf, Bound<'py, PyDict>)>() {
-            return Ok(Self::Keys { name, directory, keys: Tree::of(&keys)? });
+        if let Ok((name, directory, keys, files)) = given.extract::<KeysInPython<'py>>() {
+            let attach = |(name, content): (Bound<'py, PyAny>, Bound<'py, PyAny>)| {
+                Ok((name.extract()?, content.cast::<PyBytes>()?.as_bytes().to_vec()))
+            };
+            let attached = files.iter().map(attach).collect::<PyResult<_>>()?;
+            return Ok(Self::Keys { name, directory, keys: Tree::of(&keys)?, attached });
         }
         Ok(Self::File(given.extract()?))
     }

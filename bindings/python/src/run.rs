@@ -158,20 +158,20 @@ fn compute(
     let mut rows = Rows::new(scenario)?;
     let mut watch = Watch::new(progress);
     let stop = AtomicBool::new(false);
-    let (every, all) = (scenario.output.every, scenario.time.steps_known());
-    let result = run.to_the_end(&stop, |steps, state| {
-        if steps.is_multiple_of(every) {
-            rows.push(state);
-        }
-        if steps > 0 && !watch.tick(steps, all) {
-            stop.store(true, Ordering::Relaxed);
-        }
-        Ok::<_, Infallible>(())
-    });
+    let all = scenario.time.steps_known();
+    let result = run.rows_to_the_end(
+        &stop,
+        |row| {
+            rows.push(row);
+            Ok::<_, Infallible>(())
+        },
+        |steps, _| {
+            if steps > 0 && !watch.tick(steps, all) {
+                stop.store(true, Ordering::Relaxed);
+            }
+        },
+    );
     let Ok(summary) = result;
-    if !summary.steps.is_multiple_of(every) {
-        rows.push(&summary.last);
-    }
     Ok((rows, summary, slot.take().or(watch.into_raised())))
 }
 
@@ -188,10 +188,13 @@ struct Rows {
 impl Rows {
     /// Room for those of a scenario.
     fn new(scenario: &Scenario) -> Outcome<Self> {
-        let coordinates = scenario.coordinates();
+        let coordinates = scenario.written_coordinates().len();
         // They grow where nobody knows how many there will be.
         let steps = scenario.time.steps_known().unwrap_or_default();
-        let rows = (steps / scenario.output.every).saturating_add(2);
+        let rows = match scenario.output.times.len() {
+            0 => (steps / scenario.output.every).saturating_add(2),
+            times => times,
+        };
         let numbers = coordinates.saturating_mul(2).saturating_add(2);
         let no_room = |what: String| {
             Failure::NoRoom(format!(

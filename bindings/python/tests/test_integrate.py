@@ -77,6 +77,85 @@ def test_sparse_matrices_are_matrices():
     assert caught.value.key == "stiffness"
 
 
+def chain(size, sparse):
+    """A chain of masses between two walls, and the frequencies of its modes."""
+    stiffness = 2.0 * sparse.identity(size, format="csr") - sparse.eye_array(size, k=1) - sparse.eye_array(size, k=-1)
+    modes = np.arange(1, size + 1)
+    return sparse.csr_array(stiffness), 2.0 * np.sin(np.pi * modes / (2 * (size + 1)))
+
+
+def test_large_sparse_systems_stay_sparse_and_move_as_their_modes():
+    sparse = pytest.importorskip("scipy.sparse")
+    size, mode = 400, 7
+    stiffness, frequencies = chain(size, sparse)
+    shape = np.sin(np.pi * mode * np.arange(1, size + 1) / (size + 1))
+    common = dict(step=0.05, steps=200)
+    large = fvi.integrate(
+        mass=sparse.identity(size),
+        stiffness=stiffness,
+        damping=fvi.Damping(0.6, 0.02 * stiffness),
+        position=shape,
+        coordinates=[0, 250],
+        every=10,
+        **common,
+    )
+    assert large.summary["solver"]["kind"] == "sparse"
+    assert large.q.shape == large.p.shape == (21, 2) and large.coordinates == [0, 250]
+    assert list(large.to_pandas()) == ["q0", "q250", "p0", "p250", "energy"]
+    k = frequencies[mode - 1] ** 2
+    one = fvi.integrate(mass=[1.0], stiffness=[k], damping=fvi.Damping(0.6, [0.02 * k]), position=[1.0], every=10, **common)
+    assert np.abs(large.q - one.q * shape[[0, 250]]).max() < 1e-10
+    # Arrays with so many rows go the same way, and without a choice all coordinates are there.
+    dense = fvi.integrate(
+        mass=np.eye(size), stiffness=stiffness.toarray(), damping=fvi.Damping(0.6, 0.02 * stiffness), position=shape, **common
+    )
+    assert dense.summary["solver"]["kind"] == "sparse" and dense.q.shape == (201, size)
+    assert np.abs(dense.q[::10, [0, 250]] - large.q).max() < 1e-12
+
+
+def test_dampers_loads_and_elements_act_where_they_are():
+    sparse = pytest.importorskip("scipy.sparse")
+    for size in (6, 150):
+        stiffness, _ = chain(size, sparse)
+        damper = sparse.csr_array(([1.0, -1.0], ([0, 1], [0, 0])), shape=(size, 1))
+        times = np.linspace(0.0, 10.0, 101)
+        common = dict(mass=np.ones(size), position=np.zeros(size), step=0.1, steps=50, coordinates=[0, 1])
+        short = fvi.integrate(
+            stiffness=stiffness,
+            damping=fvi.Damping(0.5, attached=damper, strength=[3.0]),
+            loads=[fvi.Load({"coordinate": 0}, "sin(t)"), fvi.Load(np.eye(size)[1], (times, 0.2 * times))],
+            elements=fvi.Element("0.1*(x1 - x0)^4", [[0, 1]]),
+            **common,
+        )
+        rho = np.zeros((size, size))
+        rho[:2, :2] = [[3.0, -3.0], [-3.0, 3.0]]
+        long = fvi.integrate(
+            stiffness=stiffness,
+            potential="0.1*(q1 - q0)^4",
+            damping=fvi.Damping(0.5, rho),
+            force=["sin(t)", "0.2*t"] + ["0"] * (size - 2),
+            **common,
+        )
+        assert np.abs(short.q).max() > 0.1 and np.abs(short.q - long.q).max() < 1e-9
+
+
+def test_grids_and_times_are_arguments():
+    common = dict(mass=[1.0], stiffness=[1.0], position=[1.0], damping=fvi.Damping(0.5, [0.3]), scheme="collocation",
+                  convolution="radau-iia", stages=3)  # fmt: skip
+    graded = fvi.integrate(grid="graded", end=5.0, steps=60, exponent=2.0, **common)
+    assert np.allclose(graded.t, 5.0 * (np.arange(61) / 60) ** 2)
+    points = fvi.integrate(grid=graded.t, **common)
+    assert np.abs(points.q - graded.q).max() < 1e-12
+    geometric = fvi.integrate(grid="geometric", end=5.0, first=1e-3, ratio=1.2, longest=0.2, must_hit=[2.5], **common)
+    assert 2.5 in geometric.t and np.allclose(geometric.q[-1], graded.q[-1], atol=1e-7)
+    times = [0.3, 1.234, 5.0]
+    chosen = fvi.integrate(grid="graded", end=5.0, steps=60, exponent=2.0, times=times, **common)
+    assert chosen.t.tolist() == times and chosen.q.shape == (3, 1) and np.allclose(chosen.q[-1], graded.q[-1])
+    with pytest.raises(fvi.InputError) as caught:
+        fvi.integrate(grid=[0.0, 2.0, 1.0], **common)
+    assert caught.value.key.startswith("grid")
+
+
 def test_single_numbers_float32_and_strided_arrays_are_converted():
     exact = fvi.integrate(mass=[1.0, 2.0], position=[0.5, 0.25], stiffness=STIFFNESS, step=0.1, steps=20)
     single = fvi.integrate(
@@ -110,6 +189,16 @@ def test_single_numbers_float32_and_strided_arrays_are_converted():
         (dict(damping=[fvi.Damping(0.5, [1.0, 1.0], "weyl")]), "damping[0].derivative"),
         (dict(damping=[{"order": 0.5}]), "damping[0]"),
         (dict(damping=[3]), "damping[0]"),
+        (dict(damping=[fvi.Damping(0.5, attached=[[1.0], [0.0], [0.0]], strength=[1.0])]), "damping[0].attached"),
+        (dict(loads=fvi.Load([1.0], "t")), "loads[0].pattern"),
+        (dict(loads=fvi.Load([1.0, 0.0], ([0.0, 1.0], [2.0]))), "loads[0].amplitude"),
+        (dict(loads=fvi.Load([1.0, 0.0], ([0.0, 0.0], [2.0, 1.0]))), "loads[0].amplitude.file"),
+        (dict(loads=[3]), "loads[0]"),
+        (dict(elements=fvi.Element("x1^2", [[0, 5]])), "elements[0].coordinates[0][1]"),
+        (dict(elements=fvi.Element("x1^2", [[0.5, 1]])), "elements[0].coordinates[0][0]"),
+        (dict(step=None), "step"),
+        (dict(times=[0.5, 0.1]), "times"),
+        (dict(coordinates=[0, 2]), "coordinates[1]"),
         (dict(potential="q0^2 + q7"), "potential"),
         (dict(potential=u), "potential"),
         (dict(potential=fvi.Potential(u, "du")), "potential.gradient"),

@@ -12,6 +12,7 @@ integrated by variational schemes whose memory of the whole past is exact to rou
 `derivative`            fractional derivatives and integrals of samples
 `weights`               weights of convolution quadrature
 `Memory`, `Operator`    the engines and the operator D^β, sample by sample
+`sweep`                 one scenario with many values of its keys, here or on a cluster
 `converge`              errors and orders of a scenario over step sizes
 `compare_engines`       the memory engines side by side
 `extremal`              two-point fractional Euler–Lagrange problems
@@ -22,18 +23,21 @@ The compiled half releases the interpreter while it computes; results are the bi
 
 from fvi._errors import InputError, StepError
 from fvi._fvi import __version__
-from fvi._integrate import Damping, Force, Potential, integrate
+from fvi._integrate import Damping, Element, Force, Load, Potential, integrate
 from fvi._memory import Memory, Operator
 from fvi._result import Extremal, Result, Table
 from fvi._run import run
 from fvi._sequences import derivative, weights
 from fvi._studies import compare_engines, converge, extremal
+from fvi._sweep import sweep
 
 __all__ = [
     "Damping",
+    "Element",
     "Extremal",
     "Force",
     "InputError",
+    "Load",
     "Memory",
     "Operator",
     "Potential",
@@ -47,5 +51,6 @@ __all__ = [
     "extremal",
     "integrate",
     "run",
+    "sweep",
     "weights",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from typing import Any
 
 import numpy as np
@@ -37,18 +38,36 @@ def vector(name: str, given: Any, size: int) -> FloatArray:
     return array
 
 
-def matrix(name: str, given: Any, size: int | None = None) -> FloatArray:
-    """A diagonal (one dimension) or a square matrix (two), from an array or from a sparse matrix of SciPy.
+def is_sparse(given: Any) -> bool:
+    """Whether it is a sparse matrix of SciPy's."""
+    return hasattr(given, "tocsr") and hasattr(given, "toarray")
+
+
+def npz(name: str, given: Any) -> bytes:
+    """A sparse matrix as the file that `scipy.sparse.save_npz` writes."""
+    rows = given.tocsr()
+    content = io.BytesIO()
+    np.savez(
+        content,
+        format=np.array(b"csr"),
+        shape=np.array(rows.shape, dtype=np.int64),
+        data=numbers(f"{name}.data", rows.data),
+        indices=rows.indices,
+        indptr=rows.indptr,
+    )
+    return content.getvalue()
+
+
+def matrix(name: str, given: Any, size: int | None = None) -> Any:
+    """A diagonal (one dimension) or a square matrix (two), as an array, or as a sparse matrix of SciPy's if it was one.
 
     Without a `size` this argument says how many coordinates there are.
     """
-    if hasattr(given, "tocoo") and hasattr(given, "toarray"):
-        given = _from_sparse(given)
-    array = numbers(name, given)
+    array = given if is_sparse(given) else numbers(name, given)
     if array.ndim == 0:
         array = np.full(size or 1, float(array))
     square = array.ndim == 1 or (array.ndim == 2 and array.shape[0] == array.shape[1])
-    if not square or array.size == 0:
+    if not square or array.shape[0] == 0:
         raise InputError(
             f"{name}: shape {array.shape}; a vector (the diagonal) or a square matrix is needed", name, str(array.shape)
         )
@@ -59,14 +78,6 @@ def matrix(name: str, given: Any, size: int | None = None) -> FloatArray:
             str(array.shape),
         )
     return array
-
-
-def _from_sparse(given: Any) -> Any:
-    """The diagonal of a sparse matrix that has nothing else, or all of it."""
-    entries = given.tocoo()
-    if given.shape[0] == given.shape[1] and bool((entries.row == entries.col).all()):
-        return given.diagonal()
-    return given.toarray()
 
 
 def whole(name: str, given: Any, least: int = 0) -> int:

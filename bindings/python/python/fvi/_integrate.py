@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,8 +14,7 @@ from fvi import _arrays
 from fvi._errors import InputError
 from fvi._result import Result
 from fvi._run import Progress, compute
-from fvi._scenario import SHORT_NAMES, by_path, source
-from fvi._types import FloatArray
+from fvi._scenario import MANY, SHORT_NAMES, Files, by_path, source
 
 Function = Callable[..., Any]
 
@@ -69,15 +68,51 @@ class Damping:
     ----------
     order : float
         β, 0 ≤ β < 2.
-    coefficient : array_like or sparse matrix
+    coefficient : array_like or sparse matrix, optional
         ρ: a diagonal or a symmetric positive semidefinite matrix.
     derivative : {"caputo", "riemann-liouville"}
         What the derivative acts on.
+    attached, strength : array_like or sparse matrix, optional
+        In place of `coefficient`: B, N rows and one column for each damper, and their strengths c ≥ 0; ρ = B diag(c) Bᵀ.
     """
 
     order: float
-    coefficient: Any
+    coefficient: Any = None
     derivative: str = "caputo"
+    attached: Any = None
+    strength: ArrayLike | None = None
+
+
+@dataclass(frozen=True)
+class Load:
+    """A force f a(t): a pattern over the coordinates times an amplitude over time.
+
+    Parameters
+    ----------
+    pattern : array_like or dict
+        f, N numbers; or ``{"coordinate": 17, "value": 1.0}``.
+    amplitude : str or (array_like, array_like)
+        a: an expression in t and the parameters; or times and values, linear in between and zero outside.
+    """
+
+    pattern: Any
+    amplitude: Any
+
+
+@dataclass(frozen=True)
+class Element:
+    """A potential of a few coordinates that acts in many places.
+
+    Parameters
+    ----------
+    potential : str
+        An expression in x0, x1, … and the parameters.
+    coordinates : array_like of int, shape (E, n)
+        For each place the coordinates that x0, x1, … stand for.
+    """
+
+    potential: str
+    coordinates: ArrayLike
 
 
 class _Terms(NamedTuple):
@@ -95,7 +130,7 @@ def integrate(
     *,
     mass: Any,
     position: ArrayLike,
-    step: float,
+    step: float | None = None,
     steps: int | None = None,
     end: float | None = None,
     momentum: ArrayLike | None = None,
@@ -104,6 +139,8 @@ def integrate(
     potential: str | Potential | None = None,
     force: str | Sequence[str] | Function | Force | None = None,
     damping: Damping | Mapping[str, Any] | Iterable[Damping | Mapping[str, Any]] = (),
+    loads: Load | Iterable[Load] = (),
+    elements: Element | Iterable[Element] = (),
     parameters: Mapping[str, float] | None = None,
     precision: str = "f64",
     check: bool = True,
@@ -111,7 +148,7 @@ def integrate(
     overrides: Mapping[str, Any] | None = None,
     **keys: Any,
 ) -> Result:
-    """Integrates M q̈ + K q + ∇U(q) = F(t, q) − Σ ρ D^β q.
+    """Integrates M q̈ + K q + ∇U(q) + Σ ∇U_e(q) = F(t, q) + Σ f a(t) − Σ ρ D^β q.
 
     Parameters
     ----------
@@ -120,7 +157,7 @@ def integrate(
     position : array_like
         q(0), N numbers, or one for all coordinates.
     step, steps, end : number
-        Step size h, and either the number of steps or the end of the time.
+        Step size h, and either the number of steps or the end of the time; with a `grid`, what that needs.
     momentum, velocity : array_like, optional
         p(0) = M v(0) or v(0); at rest without them.
     stiffness : array_like or sparse matrix, optional
@@ -131,6 +168,10 @@ def integrate(
         F(t, q): an expression for each coordinate in t, q0, … and the parameters, or a function of (t, q), or of t alone.
     damping : Damping or list of Damping, optional
         The damping terms; dictionaries with the same keys serve as well.
+    loads : Load or list of Load, optional
+        Forces of time alone, f a(t).
+    elements : Element or list of Element, optional
+        Potentials U_e of a few coordinates each.
     parameters : mapping of str to float, optional
         Named constants of the expressions.
     precision, check, progress, overrides
@@ -138,7 +179,9 @@ def integrate(
     **keys
         How to integrate, by the names in a scenario: scheme="low-order" (kappa=0.5), "galerkin" (degree, quadrature, points),
         "explicit-euler" or "implicit-euler"; convolution="bdf" (order from 1 to 6), "radau-iia" or "lobatto-iiic" (stages);
-        at; starting; engine, tolerance, capacity, overflow; every; allow_unstable; energy_guard; title.
+        at; starting; engine, tolerance, capacity, overflow; every, times, coordinates; allow_unstable; energy_guard; title; and
+        for steps that differ grid="graded" (with end, steps, exponent), grid="geometric" (end, first, ratio, longest) or
+        grid=array of times, together with must_hit.
 
     Returns
     -------
@@ -156,6 +199,9 @@ def integrate(
 
     Notes
     -----
+    Sparse matrices of more than 128 rows stay sparse, and so do arrays with that many rows: schemes of degree 1 then solve with a
+    sparse Cholesky factor. `coordinates` chooses what the result holds of a large system, `every` and `times` when.
+
     Functions are called with new arrays, several times a step, from the thread that calls this; with expressions the
     interpreter is released. A function's value may be anything that `numpy.asarray` makes numbers of.
 
@@ -179,21 +225,24 @@ def integrate(
     >>> r.q.shape
     (201, 1)
     """
-    mass_array = _arrays.matrix("mass", mass)
-    if np.ndim(mass_array) == 1 and mass_array.shape == (1,) and np.ndim(mass) == 0:
-        mass_array = np.full(max(1, np.size(position)), mass_array[0])
-    size = mass_array.shape[0]
-    system: dict[str, Any] = {"mass": _symmetric("mass", mass_array)}
+    matrix = _symmetric("mass", _arrays.matrix("mass", mass))
+    if matrix.shape == (1,) and np.ndim(mass) == 0:
+        matrix = np.full(max(1, np.size(position)), matrix[0])
+    size = matrix.shape[0]
+    system: dict[str, Any] = {"mass": matrix}
     if parameters is not None:
         system["parameters"] = dict(parameters)
     texts, functions, force_texts = _terms(potential, force)
     if stiffness is not None:
-        texts.append(_quadratic(_symmetric("stiffness", _arrays.matrix("stiffness", stiffness, size))))
+        system["stiffness"] = _symmetric("stiffness", _arrays.matrix("stiffness", stiffness, size))
     if texts:
         system["potential"] = " + ".join(texts)
     if force_texts is not None:
         system["force"] = force_texts
     system["damping"] = _damping(damping, size)
+    scenario: dict[str, Any] = {"system": system}
+    files = _loads(system, loads, size)
+    _elements(system, elements)
     initial: dict[str, Any] = {"position": _arrays.vector("position", position, size)}
     if velocity is not None and momentum is None:
         initial["velocity"] = _arrays.vector("velocity", velocity, size)
@@ -201,20 +250,89 @@ def integrate(
         initial["momentum"] = _arrays.vector("momentum", 0.0 if momentum is None else momentum, size)
         if velocity is not None:
             raise InputError("velocity: cannot stand beside momentum: give one of them", "velocity")
-    time: dict[str, Any] = {"step": step if isinstance(step, int) else _arrays.real("step", step)}
-    if (steps is None) == (end is None):
-        raise InputError("steps: give either steps or end", "steps")
-    if steps is not None:
-        time["steps"] = _arrays.whole("steps", steps)
-    else:
-        time["end"] = _arrays.real("end", end)
-    scenario = {"system": system, "initial": initial, "time": time}
     changes = by_path(overrides, keys)
+    scenario["initial"] = initial
+    scenario["time"] = _time(step, steps, end, changes.get("time.grid"))
+    # A file has to choose its columns; whoever asks for arrays gets them all.
+    if size > MOST_COLUMNS and changes.get("output.coordinates") is None:
+        changes["output.coordinates"] = list(range(size))
     terms = functions if any((functions.gradient, functions.force)) else None
     try:
-        return compute(source(scenario, changes), precision=precision, check=check, progress=progress, terms=terms)
+        given = source(scenario, changes)
+        given[3].update(files)
+        return compute(given, precision=precision, check=check, progress=progress, terms=terms)
     except InputError as error:
         raise _named_after_argument(error) from error.__cause__
+
+
+MOST_COLUMNS = 64
+"""Coordinates of a large system up to which a scenario writes all of them without being asked."""
+
+
+def _time(step: Any, steps: Any, end: Any, grid: Any) -> dict[str, Any]:
+    time: dict[str, Any] = {}
+    if step is not None:
+        time["step"] = step if isinstance(step, int) else _arrays.real("step", step)
+    if steps is not None:
+        time["steps"] = _arrays.whole("steps", steps)
+    if end is not None:
+        time["end"] = _arrays.real("end", end)
+    if grid is None or grid == "uniform":
+        if step is None:
+            raise InputError("step: needed, unless there is a grid with other steps", "step", "None")
+        if (steps is None) == (end is None):
+            raise InputError("steps: give either steps or end", "steps")
+    return time
+
+
+def _loads(system: dict[str, Any], given: Any, size: int) -> Files:
+    """Puts loads into a system; returns the files of their amplitudes."""
+    if isinstance(given, (Load, Mapping)):
+        given = [given]
+    files: Files = {}
+    for index, load in enumerate(given):
+        place = f"loads[{index}]"
+        if isinstance(load, Load):
+            load = {"pattern": load.pattern, "amplitude": load.amplitude}
+        if not isinstance(load, Mapping):
+            raise InputError(f"{place} = {load!r}: a fvi.Load is needed", place, repr(load))
+        entries = dict(load)
+        pattern, amplitude = entries.get("pattern"), entries.get("amplitude")
+        if pattern is not None and not isinstance(pattern, (Mapping, str)):
+            if _arrays.is_sparse(pattern):
+                pattern = pattern.toarray().ravel()
+            entries["pattern"] = _arrays.vector(f"{place}.pattern", pattern, size)
+        if isinstance(amplitude, (tuple, list)):
+            name = f"system.load[{index}].csv"
+            files[name] = _record(f"{place}.amplitude", amplitude)
+            entries["amplitude"] = {"file": name}
+        system.setdefault("load", []).append(entries)
+    return files
+
+
+def _record(name: str, given: Sequence[Any]) -> bytes:
+    """Times and values as the file of a record."""
+    if len(given) != 2:
+        raise InputError(f"{name}: {len(given)} entries instead of times and values", name, str(len(given)))
+    times, values = (_arrays.numbers(f"{name}[{index}]", column) for index, column in enumerate(given))
+    if times.ndim != 1 or times.shape != values.shape:
+        shapes = f"{times.shape} and {values.shape}"
+        raise InputError(f"{name}: shapes {shapes} instead of two of the same length", name, shapes)
+    rows = (f"{time!r},{value!r}\n" for time, value in zip(times.tolist(), values.tolist()))
+    return ("t,a\n" + "".join(rows)).encode()
+
+
+def _elements(system: dict[str, Any], given: Any) -> None:
+    """Puts elements into a system."""
+    if isinstance(given, (Element, Mapping)):
+        given = [given]
+    for index, element in enumerate(given):
+        place = f"elements[{index}]"
+        if isinstance(element, Element):
+            element = {"potential": element.potential, "coordinates": element.coordinates}
+        if not isinstance(element, Mapping):
+            raise InputError(f"{place} = {element!r}: a fvi.Element is needed", place, repr(element))
+        system.setdefault("element", []).append(dict(element))
 
 
 def _terms(
@@ -264,8 +382,16 @@ def _takes_position(function: Function) -> bool:
     return True
 
 
-def _symmetric(name: str, given: FloatArray) -> FloatArray:
-    """A matrix that is symmetric to rounding, as its symmetric part."""
+def _symmetric(name: str, given: Any) -> Any:
+    """A matrix that is symmetric to rounding, as its symmetric part; the diagonal, where that is all there is."""
+    if _arrays.is_sparse(given):
+        entries = given.tocoo()
+        if bool((entries.row == entries.col).all()) and name == "mass":
+            return _arrays.numbers(name, given.diagonal())
+        if given.shape[0] > MANY:
+            # The reader of files does as is done below.
+            return given
+        given = _arrays.numbers(name, given.toarray())
     if given.ndim == 1:
         return given
     with np.errstate(over="ignore"):
@@ -280,17 +406,6 @@ def _symmetric(name: str, given: FloatArray) -> FloatArray:
     return given if off[row, column] == 0.0 else 0.5 * given + 0.5 * given.T
 
 
-def _quadratic(stiffness: FloatArray) -> str:
-    """½ qᵀKq as an expression, which the library reads back as a matrix."""
-    if stiffness.ndim == 1:
-        stiffness = np.diag(stiffness)
-    terms = [
-        f"{float(stiffness[row, column]) * (0.5 if row == column else 1.0)!r}*q{row}*q{column}"
-        for row, column in zip(*(index.tolist() for index in np.nonzero(np.tril(stiffness))))
-    ]
-    return "(" + (" + ".join(terms) or "0") + ")"
-
-
 def _damping(given: Any, size: int) -> list[dict[str, Any]]:
     if isinstance(given, (Damping, Mapping)):
         given = [given]
@@ -298,16 +413,18 @@ def _damping(given: Any, size: int) -> list[dict[str, Any]]:
     for index, term in enumerate(given):
         place = f"damping[{index}]"
         if isinstance(term, Damping):
-            term = {"order": term.order, "coefficient": term.coefficient, "derivative": term.derivative}
+            term = {field.name: getattr(term, field.name) for field in fields(term)}
         if not isinstance(term, Mapping):
             raise InputError(f"{place} = {term!r}: a fvi.Damping is needed", place, repr(term))
-        entries = dict(term)
+        entries = {key: value for key, value in dict(term).items() if value is not None}
         if "order" in entries:
             entries["order"] = _arrays.real(f"{place}.order", entries["order"])
         if "coefficient" in entries:
             name = f"{place}.coefficient"
             coefficient = _arrays.matrix(name, entries["coefficient"], size)
             entries["coefficient"] = _symmetric(name, coefficient)
+        if "attached" in entries and not _arrays.is_sparse(entries["attached"]):
+            entries["attached"] = _arrays.numbers(f"{place}.attached", entries["attached"])
         terms.append(entries)
     return terms
 
@@ -315,8 +432,9 @@ def _damping(given: Any, size: int) -> list[dict[str, Any]]:
 def _named_after_argument(error: InputError) -> InputError:
     """An error about a key of a scenario, as one about the argument that it came from."""
     arguments = {path: name for name, path in SHORT_NAMES.items()} | {
-        f"system.{name}": name for name in ("mass", "potential", "force", "damping")
+        f"system.{name}": name for name in ("mass", "stiffness", "potential", "force", "damping")
     }
+    arguments |= {"system.load": "loads", "system.element": "elements", "time.points": "grid"}
     for path, name in arguments.items():
         if error.key == path or error.key.startswith((f"{path}.", f"{path}[")):
             key = name + error.key[len(path) :]

@@ -25,16 +25,16 @@ def _module(name: str, what: str) -> Any:
 
 @dataclass(frozen=True, repr=False)
 class Result:
-    """A trajectory on the grid t_k = k h, and the record of the run that made it.
+    """A trajectory, and the record of the run that made it.
 
     Attributes
     ----------
     t : ndarray, shape (K,)
-        Times: every `every`-th grid point, and the last.
+        Times: every `every`-th grid point, and the last; or those of `times`.
     q : ndarray, shape (K, N)
-        Positions.
+        Positions; of the coordinates that were chosen, if some were.
     p : ndarray, shape (K, N)
-        Momenta p = M v.
+        Momenta p = M v, likewise.
     energy : ndarray, shape (K,)
         ½ pᵀM⁻¹p + U(q).
     success : bool
@@ -65,6 +65,12 @@ class Result:
         )
 
     @property
+    def coordinates(self) -> list[int]:
+        """Which coordinates the columns of `q` and `p` are, numbered from 0."""
+        chosen = self.summary.get("scenario", {}).get("output", {}).get("coordinates")
+        return list(range(self.q.shape[1])) if chosen is None else list(chosen)
+
+    @property
     def title(self) -> str:
         """The title of the scenario; empty if it has none."""
         return str(self.summary.get("scenario", {}).get("title") or "")
@@ -86,8 +92,8 @@ class Result:
             _, axes = pyplot.subplots(2, 1, sharex=True, layout="constrained")
         above, below = axes
         shown = min(self.q.shape[1], 10)
-        for index in range(shown):
-            above.plot(self.t, self.q[:, index], label=f"q{index}", linewidth=1)
+        for column, coordinate in enumerate(self.coordinates[:shown]):
+            above.plot(self.t, self.q[:, column], label=f"q{coordinate}", linewidth=1)
         above.set_ylabel("position")
         above.set_title(self.title if shown == self.q.shape[1] else f"{self.title} (first {shown} coordinates)")
         if shown > 1:
@@ -102,7 +108,7 @@ class Result:
         pandas = _module("pandas", "to_pandas()")
         columns: dict[str, FloatArray] = {}
         for letter, values in (("q", self.q), ("p", self.p)):
-            columns.update({f"{letter}{index}": values[:, index] for index in range(values.shape[1])})
+            columns.update({f"{letter}{coordinate}": values[:, column] for column, coordinate in enumerate(self.coordinates)})
         columns["energy"] = self.energy
         return pandas.DataFrame(columns, index=pandas.Index(self.t, name="t"))
 
@@ -112,7 +118,7 @@ class Result:
         scalars = {key: value for key, value in self.summary.items() if isinstance(value, (str, int, float))}
         return xarray.Dataset(
             {"q": (("t", "coordinate"), self.q), "p": (("t", "coordinate"), self.p), "energy": ("t", self.energy)},
-            coords={"t": self.t, "coordinate": np.arange(self.q.shape[1])},
+            coords={"t": self.t, "coordinate": self.coordinates},
             attrs={"title": self.title, **scalars},
         )
 
@@ -163,6 +169,13 @@ class Table(Mapping[str, Any]):
     def __init__(self, rows: list[dict[str, Any]]) -> None:
         names = list(rows[0]) if rows else []
         self._columns = {name: np.array([row[name] for row in rows]) for name in names}
+
+    @classmethod
+    def of_columns(cls, columns: Mapping[str, Any]) -> Table:
+        """The table of columns that are at hand."""
+        table = cls([])
+        table._columns = {name: np.asarray(column) for name, column in columns.items()}
+        return table
 
     def __getitem__(self, name: str) -> Any:
         return self._columns[name]

@@ -112,7 +112,7 @@ def run(
             name = "resume" if resume else "accept_other_machine" if accept_other_machine else "checkpoint_every"
             raise InputError(f"{name}: only together with out, the directory of the run", name)
         return compute(given, engine=engine, precision=precision, check=check, progress=progress)
-    _check_progress(progress)
+    check_progress(progress)
     record, raised = _fvi.run_in(
         given,
         out,
@@ -143,14 +143,15 @@ def compute(
     terms: Any = None,
 ) -> Result:
     """Runs what `fvi._scenario.source` has made."""
-    _check_progress(progress)
+    check_progress(progress)
     t, q, p, energy, record, raised = _fvi.run(
         scenario, engine=engine, precision=precision, progress=progress, terms=terms
     )
     return _finish(t, q, p, energy, record, raised, check)
 
 
-def _check_progress(progress: Any) -> None:
+def check_progress(progress: Any) -> None:
+    """Refuses what is no function."""
     if progress is not None and not callable(progress):
         raise InputError(f"progress = {progress!r}: a function is needed", "progress", repr(progress))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import tomllib
@@ -11,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from fvi import _arrays
 from fvi._errors import InputError
 
 Scenario = str | os.PathLike[str] | Mapping[str, Any]
@@ -41,7 +43,15 @@ SHORT_NAMES = {
     "horizon": "history.horizon",
     "capacity": "history.capacity",
     "overflow": "history.overflow",
+    "grid": "time.grid",
+    "exponent": "time.exponent",
+    "first": "time.first",
+    "ratio": "time.ratio",
+    "longest": "time.longest",
+    "must_hit": "time.must_hit",
     "every": "output.every",
+    "times": "output.times",
+    "coordinates": "output.coordinates",
     "parameters": "system.parameters",
 }
 """Names of arguments, with the keys of a scenario that they stand for."""
@@ -55,27 +65,52 @@ RIVALS = {
 """Keys that say the same in another way: the one given takes the place of the other."""
 
 
-def plain(value: Any, path: str = "") -> Any:
-    """A value with arrays, NumPy's numbers and paths turned into what a file can hold; entries that are None are left out."""
+Files = dict[str, bytes]
+"""Contents of files by the names that a scenario has for them."""
+
+MANY = 128
+"""Rows from which on matrices and vectors go over as the content of a file: the program keeps such matrices sparse."""
+
+MATRICES = re.compile(r"system\.(mass|stiffness|damping\[\d+\]\.(coefficient|attached))")
+VECTORS = re.compile(r"system\.load\[\d+\]\.pattern|initial\.(position|momentum|velocity)")
+"""Keys that may name a file."""
+
+
+def plain(value: Any, path: str, files: Files) -> Any:
+    """A value with arrays, NumPy's numbers and paths turned into what a file can hold; entries that are None are left out.
+
+    Large matrices and vectors become names of files, whose contents go to `files`.
+    """
     if isinstance(value, Mapping):
         entries = {str(key): entry for key, entry in value.items() if entry is not None}
-        return {key: plain(entry, f"{path}.{key}" if path else key) for key, entry in entries.items()}
+        return {key: plain(entry, f"{path}.{key}" if path else key, files) for key, entry in entries.items()}
     if isinstance(value, (bool, int, float, str)):
         return value
     if isinstance(value, (np.bool_, np.integer, np.floating)):
         return value.item()
     if isinstance(value, os.PathLike):
         return os.fspath(value)
-    if hasattr(value, "tocoo") and hasattr(value, "toarray"):
+    if _arrays.is_sparse(value):
+        if value.shape[0] > MANY and MATRICES.fullmatch(path):
+            return _attach(files, f"{path}.npz", _arrays.npz(path, value))
         value = value.toarray()
     if isinstance(value, np.ndarray):
         if value.dtype.kind not in "fiubUO":
             raise InputError(f"{path}: an array of {value.dtype}", path, str(value.dtype))
+        if value.ndim > 0 and len(value) > MANY and (MATRICES if value.ndim == 2 else VECTORS).fullmatch(path):
+            content = io.BytesIO()
+            np.save(content, _arrays.numbers(path, value), allow_pickle=False)
+            return _attach(files, f"{path}.npy", content.getvalue())
         value = value.tolist()
     if isinstance(value, (list, tuple)):
-        return [plain(entry, f"{path}[{index}]") for index, entry in enumerate(value)]
+        return [plain(entry, f"{path}[{index}]", files) for index, entry in enumerate(value)]
     kind = type(value).__name__
     raise InputError(f"{path} = {value!r}: a scenario cannot hold a value of type {kind}", path, repr(value))
+
+
+def _attach(files: Files, name: str, content: bytes) -> str:
+    files[name] = content
+    return name
 
 
 def put(scenario: dict[str, Any], path: str, value: Any) -> None:
@@ -106,11 +141,12 @@ def put(scenario: dict[str, Any], path: str, value: Any) -> None:
         raise InputError(f"{path}: the scenario has no such place", path) from None
 
 
-def source(scenario: Scenario, changes: Mapping[str, Any]) -> Any:
-    """What the compiled half takes: a path, or name, directory and keys."""
+def source(scenario: Scenario, changes: Mapping[str, Any], name: str = "scenario") -> Any:
+    """What the compiled half takes: a path, or name, directory, keys and files at hand."""
     changes = {path: value for path, value in changes.items() if value is not None}
+    files: Files = {}
     if isinstance(scenario, Mapping):
-        keys, name, directory = plain(scenario), "scenario", Path()
+        keys, directory = plain(scenario, "", files), Path()
     else:
         try:
             path = Path(scenario)
@@ -127,8 +163,8 @@ def source(scenario: Scenario, changes: Mapping[str, Any]) -> Any:
             return path
         name, directory = str(path), path.parent
     for path_of_key, value in changes.items():
-        put(keys, path_of_key, plain(value, path_of_key))
-    return name, directory, keys
+        put(keys, path_of_key, plain(value, path_of_key, files))
+    return name, directory, keys, files
 
 
 def by_path(overrides: Mapping[str, Any] | None, short: Mapping[str, Any]) -> dict[str, Any]:
@@ -142,6 +178,9 @@ def by_path(overrides: Mapping[str, Any] | None, short: Mapping[str, Any]) -> di
             advice = f"did you mean {near[0]}? " if near else ""
             message = f"{name}: no such key; {advice}Names here: {', '.join(SHORT_NAMES)}; others go into overrides by path"
             raise InputError(message, name, repr(value))
+        if name == "grid" and value is not None and not isinstance(value, str):
+            # The points themselves.
+            changes["time.points"], value = value, "points"
         changes[SHORT_NAMES[name]] = value
     changes.update(overrides or {})
     return changes
