@@ -49,8 +49,8 @@ impl<'py> FromPyObject<'_, 'py> for Source {
 
     fn extract(given: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
         if let Ok((name, directory, keys, files)) = given.extract::<KeysInPython<'py>>() {
-            let attach = |(name, content): (Bound<'py, PyAny>, Bound<'py, PyAny>)| {
-                Ok((name.extract()?, content.cast::<PyBytes>()?.as_bytes().to_vec()))
+            let attach = |(name, content): (Bound<'py, PyAny>, Bound<'py, PyAny>)| -> PyResult<_> {
+                Ok((name.extract::<String>()?, content.cast::<PyBytes>()?.as_bytes().to_vec()))
             };
             let attached = files.iter().map(attach).collect::<PyResult<_>>()?;
             return Ok(Self::Keys { name, directory, keys: Tree::of(&keys)?, attached });

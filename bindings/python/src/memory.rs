@@ -3,6 +3,7 @@
 use crate::errors::{Failure, Outcome};
 use fvi_core::{ActsOn, Memory, MemoryError, StateError, StateReader, StateWriter};
 use fvi_host::memory::{EngineError, HostMemory, MemoryRequest};
+use fvi_host::results::room::require;
 use fvi_host::scenario::{Convolution, Engine, History};
 
 /// A memory that takes and serves the values of sequences, whatever differences its engine acts on.
@@ -148,24 +149,37 @@ pub(crate) fn memory(
         return Err(Failure::argument("channels", channels, "one at least"));
     }
     let history = History { engine, ..History::default() };
-    let request = MemoryRequest {
-        convolution,
-        exponent,
-        step_size: step,
-        end: None,
-        coordinates: channels,
-        motions: 1,
-        samples,
-        history: &history,
+    let build = |channels: usize| -> Outcome<HostMemory<f64>> {
+        let request = MemoryRequest {
+            convolution,
+            exponent,
+            step_size: step,
+            end: None,
+            coordinates: channels,
+            motions: 1,
+            samples,
+            history: &history,
+        };
+        // Exponent and step are looked at before the engine is.
+        let _ = request.kernel()?;
+        request.build().map_err(|error| match error {
+            EngineError::Parameter(error) => error.into(),
+            EngineError::NoRoom { .. } => Failure::NoRoom(error.to_string()),
+            other => Failure::argument("engine", engine.map_or("None", Engine::name), &other.to_string()),
+        })
     };
-    // Exponent and step are looked at before the engine is.
-    let _ = request.kernel()?;
-    request.build().map_err(|error| match error {
-        EngineError::Parameter(error) => error.into(),
-        EngineError::NoRoom { .. } => Failure::NoRoom(error.to_string()),
-        other => Failure::argument("engine", engine.map_or("None", Engine::name), &other.to_string()),
-    })
+    if channels > MANY {
+        let (one, two) = (build(1)?, build(2)?);
+        // Nobody stops a program whose memory has run out.
+        let each = two.bytes().saturating_sub(one.bytes()).max(size_of::<f64>());
+        require(each.saturating_mul(channels))
+            .map_err(|error| Failure::NoRoom(format!("channels = {channels}: {error}")))?;
+    }
+    build(channels)
 }
+
+/// Channels from which on the room for them is looked at beforehand.
+const MANY: usize = 1 << 16;
 
 /// A refusal of a memory that is full, or of a sample of another shape.
 pub(crate) fn refused(error: MemoryError) -> Failure {

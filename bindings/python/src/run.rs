@@ -119,7 +119,8 @@ pub(crate) fn run_in(
     Ok((summary, raised))
 }
 
-fn precision(name: &str) -> Result<Precision, Failure> {
+/// The precision of a name.
+pub(crate) fn precision(name: &str) -> Result<Precision, Failure> {
     match name {
         "f64" => Ok(Precision::F64),
         "f32" => Ok(Precision::F32),

@@ -2,13 +2,13 @@
 
 use crate::documents::Source;
 use crate::errors::{Failure, Outcome, guarded};
-use crate::run::precision;
+use crate::run::precision as precision_of;
 use crate::watch::Watch;
 use fvi_host::lab::sweep::{
     Column, Ledger as HostLedger, MadeRun, Parts, Shard, ShardError, Sweep as HostSweep, SweepError,
     SweepOptions, SweepSummary, gather, rows, sweep as make_all,
 };
-use fvi_host::language::{Document, InputError};
+use fvi_host::language::InputError;
 use fvi_host::simulation::Precision;
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
@@ -58,7 +58,7 @@ impl Sweep {
     /// `scenario` takes the place of the one that the sweep names.
     #[new]
     fn new(py: Python<'_>, source: Source, scenario: Option<Source>, precision: &str) -> PyResult<Self> {
-        let precision = self::precision(precision)?;
+        let precision = precision_of(precision)?;
         py.detach(|| {
             guarded(|| {
                 let document = source.document().map_err(|error| source.failure(&error))?;
@@ -79,7 +79,7 @@ impl Sweep {
     /// The sweep that another process has sent.
     #[staticmethod]
     fn of_parts(py: Python<'_>, parts: PartsInPython, precision: &str) -> PyResult<Self> {
-        let precision = self::precision(precision)?;
+        let precision = precision_of(precision)?;
         let (sweep, scenario, files) = parts;
         let files = files.into_iter().map(|(name, content)| (name, content.as_bytes(py).to_vec())).collect();
         let parts = Parts { sweep, scenario, files };
@@ -263,14 +263,8 @@ impl Ledger {
     }
 
     /// Takes a run in; false if it is none of the sweep or was damaged on the way.
-    fn take(
-        &self,
-        py: Python<'_>,
-        run: usize,
-        record: Vec<u8>,
-        trajectory: Option<Vec<u8>>,
-    ) -> PyResult<bool> {
-        let made = MadeRun { run, record, trajectory };
+    fn take(&self, py: Python<'_>, run: usize, record: &[u8], trajectory: Option<&[u8]>) -> PyResult<bool> {
+        let made = MadeRun { run, record: record.to_vec(), trajectory: trajectory.map(<[u8]>::to_vec) };
         self.with(py, |ledger| ledger.take(&self.sweep, &made))
     }
 

@@ -73,7 +73,7 @@ def test_an_exception_in_any_call_reaches_the_caller(broken, at):
 
 @pytest.mark.parametrize(
     "answer",
-    [None, "text", [1.0], [1.0, 2.0, 3.0], [[1.0, 2.0]], 1.0, [1.0, None], [1j, 0], np.ones((2, 2)), object(), {}, b"ab"],
+    [None, "text", [1.0], [1.0, 2.0, 3.0], [[1.0], 2.0], 1.0, [1.0, "b"], [1j, 0], np.ones((2, 2)), object(), {}, b"ab"],
     ids=repr,
 )
 def test_answers_that_are_none_are_refused_whatever_they_are(answer):
@@ -123,7 +123,7 @@ def test_functions_may_call_the_package():
 
 
 def test_one_object_in_many_threads():
-    m = fvi.Memory(exponent=0.5, step=0.1, length=8000)
+    m = fvi.Memory(exponent=0.5, step=0.1, length=8001)
     failures = []
 
     def push():
@@ -161,6 +161,8 @@ def test_processes_of_multiprocessing_get_the_same_bits(method):
         lambda: fvi.weights(exponent=0.5, step=0.1, count=10**12, family="radau-iia", stages=3),
         lambda: fvi.Memory(exponent=0.5, step=0.1, length=10**14, engine="block-fft"),
         lambda: fvi.Memory(exponent=0.5, step=0.1, channels=10**9, length=10**6, engine="direct"),
+        lambda: fvi.Memory(exponent=0.5, step=0.1, channels=10**12, length=10),
+        lambda: fvi.Memory(exponent=0.5, step=0.1, channels=10**9, family="radau-iia", stages=2),
         lambda: fvi.compare_engines([10**13]),
         lambda: fvi.converge(PENDULUM, (4, 40)),
     ],

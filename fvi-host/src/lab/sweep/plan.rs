@@ -390,7 +390,8 @@ impl Sweep {
         self.settled
     }
 
-    pub(super) fn keeps_trajectories(&self) -> bool {
+    /// Whether the trajectory of each run goes into a file.
+    pub fn keeps_trajectories(&self) -> bool {
         self.trajectories
     }
 
