@@ -5,7 +5,6 @@ use fvi_host::language::{Document, InputError};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyBytes, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
-use serde::{Serialize, Serializer};
 use std::path::PathBuf;
 
 /// Where a scenario or a problem comes from.
@@ -26,7 +25,7 @@ impl Source {
         match self {
             Self::File(path) => Document::read(path),
             Self::Keys { name, directory, keys, attached } => {
-                let document = Document::of_value(name, directory, keys)?;
+                let document = Document::new(name, directory, &keys.to_toml());
                 let attach = |document: Document, (name, content): &(String, Vec<u8>)| {
                     document.with_attached(name, content.as_slice())
                 };
@@ -94,15 +93,59 @@ impl Tree {
     }
 }
 
-impl Serialize for Tree {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+impl Tree {
+    /// The document that says the same, its keys in their order: a sweep goes through its axes in it. (The serialiser of the TOML
+    /// library puts tables behind all other values.)
+    fn to_toml(&self) -> String {
+        let mut text = String::new();
+        if let Self::Table(entries) = self {
+            for (key, value) in entries {
+                write_text(key, &mut text);
+                text += " = ";
+                value.write_inline(&mut text);
+                text.push('\n');
+            }
+        }
+        text
+    }
+
+    fn write_inline(&self, text: &mut String) {
         match self {
-            Self::Truth(truth) => serializer.serialize_bool(*truth),
-            Self::Whole(whole) => serializer.serialize_i64(*whole),
-            Self::Number(number) => serializer.serialize_f64(*number),
-            Self::Text(text) => serializer.serialize_str(text),
-            Self::List(entries) => serializer.collect_seq(entries),
-            Self::Table(entries) => serializer.collect_map(entries.iter().map(|(key, value)| (key, value))),
+            Self::Truth(truth) => *text += if *truth { "true" } else { "false" },
+            Self::Whole(whole) => *text += &whole.to_string(),
+            Self::Number(number) if number.is_nan() => *text += "nan",
+            Self::Number(number) => *text += &format!("{number:?}"),
+            Self::Text(words) => write_text(words, text),
+            Self::List(entries) => {
+                text.push('[');
+                for entry in entries {
+                    entry.write_inline(text);
+                    text.push(',');
+                }
+                text.push(']');
+            }
+            Self::Table(entries) => {
+                for (index, (key, value)) in entries.iter().enumerate() {
+                    *text += if index == 0 { "{" } else { ", " };
+                    write_text(key, text);
+                    *text += " = ";
+                    value.write_inline(text);
+                }
+                *text += if entries.is_empty() { "{}" } else { "}" };
+            }
         }
     }
+}
+
+/// A text in quotes.
+fn write_text(words: &str, text: &mut String) {
+    text.push('"');
+    for letter in words.chars() {
+        match letter {
+            '"' | '\\' => text.extend(['\\', letter]),
+            letter if letter.is_control() => *text += &format!("\\U{:08X}", u32::from(letter)),
+            letter => text.push(letter),
+        }
+    }
+    text.push('"');
 }

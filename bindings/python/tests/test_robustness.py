@@ -177,8 +177,25 @@ def test_huge_numbers_are_no_way_in():
         with pytest.raises(fvi.InputError):
             fvi.integrate(mass=[1.0], position=[1.0], step=0.1, steps=steps)
     for count in (2**63, 2**70, -5):
-        with pytest.raises((fvi.InputError, MemoryError, OverflowError)):
+        with pytest.raises(fvi.InputError):
             fvi.weights(exponent=0.5, step=0.1, count=count)
+    with pytest.raises(fvi.InputError) as caught:
+        fvi.run(PENDULUM, overrides={"history.horizon": 10**30})
+    assert caught.value.key == "history.horizon"
+
+
+def test_texts_and_the_order_of_keys_arrive_as_they_are():
+    title = 'quotes " and \\ backslashes, \t \x7f \x00 controls, ünï∂e 🎲 = [x] # no comment'
+    assert fvi.run(PENDULUM, title=title).title == title
+    parameters = {"zeta": 1.0, "alpha": 2.0, "m": 3, "k": 1e-300, "big": 1e300, "x1": -0.0}
+    common = dict(mass=[1.0], position=[1.0], step=0.1, steps=3)
+    words = fvi.integrate(potential="0.5*(alpha + m)*q0^2 + k*big*zeta*q0^4", parameters=parameters, **common)
+    numbers = fvi.integrate(potential="2.5*q0^2 + 1e-300*1e300*q0^4", **common)
+    assert np.abs(words.q - numbers.q).max() < 1e-14
+    axes = {"initial.position[0]": [1.0, 2.0], "time.step": {"from": 0.1, "to": 0.2, "count": 2}, "title": ["a", "b"]}
+    table = fvi.sweep({"axes": axes, "scenario": PENDULUM | {"time": {"step": 0.1, "steps": 3}}})
+    assert list(table)[1:4] == list(axes)
+    assert table["title"].tolist() == ["a", "b"] * 4 and table["initial.position[0]"].tolist() == [1.0] * 4 + [2.0] * 4
 
 
 def test_jacobians_are_read_row_by_row_however_they_lie_in_memory():

@@ -137,7 +137,7 @@ def test_a_table_needs_no_pandas(monkeypatch):
         ({"axes": {}}, {}, "axes"),
         ({"scenario": OSCILLATOR | {"time": {"step": -1.0, "steps": 3}}}, {}, "time.step"),
         ({"scenario": "absent.toml"}, {}, ""),
-        ({"scenario": None}, {}, "scenario"),
+        ({"scenario": None}, {}, ""),
         ({"keep": {"quantities": ["everything"]}}, {}, "keep.quantities[0]"),
         ({"keep": {"trajectories": True}}, {}, "keep.trajectories"),
         ({}, {"shard": "1/2"}, "shard"),

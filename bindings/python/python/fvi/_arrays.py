@@ -11,6 +11,10 @@ from fvi._errors import InputError
 from fvi._types import FloatArray
 
 
+LARGEST = 2**63 - 1
+"""The largest whole number that goes over to the compiled half."""
+
+
 def numbers(name: str, given: Any) -> FloatArray:
     """An argument as an array of finite numbers in double precision, converted where it is something else."""
     array = np.asarray(given)
@@ -86,6 +90,8 @@ def whole(name: str, given: Any, least: int = 0) -> int:
         raise InputError(f"{name} = {given!r}: not allowed; allowed: a whole number", name, repr(given))
     if given < least:
         raise InputError(f"{name} = {given!r}: not allowed; allowed: a whole number ≥ {least}", name, repr(given))
+    if given > LARGEST:
+        raise InputError(f"{name} = {given!r}: not allowed; allowed: a whole number below 2⁶³", name, repr(given))
     return int(given)
 
 

@@ -84,6 +84,8 @@ def plain(value: Any, path: str, files: Files) -> Any:
     if isinstance(value, Mapping):
         entries = {str(key): entry for key, entry in value.items() if entry is not None}
         return {key: plain(entry, f"{path}.{key}" if path else key, files) for key, entry in entries.items()}
+    if isinstance(value, int) and not -_arrays.LARGEST <= value <= _arrays.LARGEST:
+        raise InputError(f"{path} = {value}: not allowed; allowed: whole numbers below 2⁶³", path, str(value))
     if isinstance(value, (bool, int, float, str)):
         return value
     if isinstance(value, (np.bool_, np.integer, np.floating)):
