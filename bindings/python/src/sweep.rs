@@ -18,8 +18,8 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Names and texts of sweep and scenario, and the files that they name, as Python sends them to other processes.
-type PartsInPython = ((String, String), (String, String), Vec<(String, Py<PyBytes>)>);
+/// Names and texts of sweep and scenario, the directory of the latter, and the files that they name, as Python sends them to other processes.
+type PartsInPython = ((String, String), (String, String), String, Vec<(String, Py<PyBytes>)>);
 
 /// A sweep that has been read and checked.
 #[pyclass(frozen, module = "fvi._fvi", name = "Sweep")]
@@ -80,9 +80,9 @@ impl Sweep {
     #[staticmethod]
     fn of_parts(py: Python<'_>, parts: PartsInPython, precision: &str) -> PyResult<Self> {
         let precision = precision_of(precision)?;
-        let (sweep, scenario, files) = parts;
+        let (sweep, scenario, directory, files) = parts;
         let files = files.into_iter().map(|(name, content)| (name, content.as_bytes(py).to_vec())).collect();
-        let parts = Parts { sweep, scenario, files };
+        let parts = Parts { sweep, scenario, directory, files };
         py.detach(|| {
             guarded(|| {
                 let sweep =
@@ -94,10 +94,11 @@ impl Sweep {
 
     /// What another process needs to make runs.
     fn parts(&self, py: Python<'_>) -> PyResult<PartsInPython> {
-        let Parts { sweep, scenario, files } = py.detach(|| guarded(|| Ok(self.sweep.parts()?)))?;
+        let Parts { sweep, scenario, directory, files } =
+            py.detach(|| guarded(|| Ok(self.sweep.parts()?)))?;
         let files =
             files.into_iter().map(|(name, content)| (name, PyBytes::new(py, &content).unbind())).collect();
-        Ok((sweep, scenario, files))
+        Ok((sweep, scenario, directory, files))
     }
 
     #[getter]

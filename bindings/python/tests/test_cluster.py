@@ -6,6 +6,7 @@ import signal
 import socket
 import threading
 
+import numpy as np
 import pytest
 
 import fvi
@@ -137,10 +138,13 @@ def test_workers_see_no_files(cluster, tmp_path):
     (tmp_path / "other.csv").write_text("t,u0\n0,-0.5\n1,0\n")
     axes = '[axes]\n"input.file" = ["drive.csv", "other.csv"]\n[keep]\ntrajectories = true\n'
     (tmp_path / "scenario.toml").write_text(
-        'system = { mass = [1.0], potential = "0.5*q0^2" }\ntime = { step = 0.1, steps = 20 }\ninput = { file = "drive.csv" }\n'
+        'system = { mass = "mass.mtx", potential = "0.5*q0^2", load = [{ pattern = "pattern.npy", amplitude = "sin(t)" }] }\n'
+        'time = { step = 0.1, steps = 20 }\ninput = { file = "drive.csv" }\n'
         "initial = { position = [1.0], momentum = [0.0] }\n"
     )
     (tmp_path / "sweep.toml").write_text(f'scenario = "scenario.toml"\n{axes}')
+    (tmp_path / "mass.mtx").write_text("%%MatrixMarket matrix coordinate real symmetric\n1 1 1\n1 1 1.0\n")
+    np.save(tmp_path / "pattern.npy", [0.5])
     here = fvi.sweep(tmp_path / "sweep.toml", out=tmp_path / "here")
     with distributed.Client(cluster) as client:
         there = fvi.sweep(tmp_path / "sweep.toml", out=tmp_path / "there", client=client)

@@ -212,7 +212,9 @@ fn the_sweeps_of_the_repository_are_accepted() {
 #[test]
 fn runs_made_where_no_file_is_seen_come_back_to_the_same_bytes() {
     let place = place(GRID);
-    place.write("scenario.toml", &format!("{SCENARIO}[input]\nfile = \"drive.csv\"\n"));
+    let forces = "[input]\nfile = \"drive.csv\"\n[[system.load]]\npattern = { coordinate = 0 }\namplitude = { file = \"record.csv\" }\n";
+    place.write("scenario.toml", &format!("{SCENARIO}{forces}"));
+    place.write("record.csv", "t,a\n0,0\n3,0.1\n");
     place.write("drive.csv", "t,u0\n0,0.5\n1,0\n");
     place.write("other.csv", "t,u0\n0,-0.5\n1,0\n");
     let axes = "\"input.file\" = [\"drive.csv\", \"other.csv\"]\n[keep]\ntrajectories = true\n";
@@ -221,7 +223,7 @@ fn runs_made_where_no_file_is_seen_come_back_to_the_same_bytes() {
     let plan = Sweep::read(&place.path("sweep.toml")).unwrap();
     let parts = plan.parts().unwrap();
     let names: Vec<&str> = parts.files.iter().map(|(name, _)| name.as_str()).collect();
-    assert_eq!(names, ["drive.csv", "other.csv"]);
+    assert_eq!(names, ["drive.csv", "other.csv", "record.csv"]);
 
     fs::remove_file(place.path("drive.csv")).unwrap();
     let sent = Sweep::of_parts(&parts).unwrap();

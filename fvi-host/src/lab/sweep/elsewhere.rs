@@ -17,6 +17,8 @@ pub struct Parts {
     pub sweep: (String, String),
     /// Name and text of its scenario.
     pub scenario: (String, String),
+    /// The directory of the scenario, where it is: a part of the names by which records of inputs tell files.
+    pub directory: String,
     /// The files that its scenarios name, by these names.
     pub files: Vec<(String, Vec<u8>)>,
 }
@@ -41,7 +43,8 @@ impl Sweep {
         let named = |document: &Document| (document.name().to_owned(), document.text().to_owned());
         let scenario = self.base().document();
         let files = scenario.files_among(self.texts()).map_err(FileError::at(Path::new(scenario.name())))?;
-        Ok(Parts { sweep: named(self.document()), scenario: named(scenario), files })
+        let directory = scenario.resolve("").display().to_string();
+        Ok(Parts { sweep: named(self.document()), scenario: named(scenario), directory, files })
     }
 
     /// The sweep that was sent.
@@ -49,12 +52,14 @@ impl Sweep {
     /// # Errors
     /// As [`read`](Self::read).
     pub fn of_parts(parts: &Parts) -> Result<Self, InputError> {
-        let document = |(name, text): &(String, String)| Document::new(name, Path::new(""), text);
-        let mut scenario = document(&parts.scenario);
+        let document = |(name, text): &(String, String), directory: &str| {
+            Document::new(name, Path::new(directory), text)
+        };
+        let mut scenario = document(&parts.scenario, &parts.directory);
         for (name, content) in &parts.files {
             scenario = scenario.with_attached(name, content.as_slice());
         }
-        Self::of_scenario(&document(&parts.sweep), scenario)
+        Self::of_scenario(&document(&parts.sweep, ""), scenario)
     }
 
     /// Tells sweeps apart, and versions of fvi: runs belong together where this is the same.
