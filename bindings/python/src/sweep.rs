@@ -9,6 +9,7 @@ use fvi_host::lab::sweep::{
     SweepOptions, SweepSummary, gather, rows, sweep as make_all,
 };
 use fvi_host::language::InputError;
+use fvi_host::memory::Tables;
 use fvi_host::simulation::Precision;
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
@@ -26,6 +27,8 @@ type PartsInPython = ((String, String), (String, String), String, Vec<(String, P
 pub(crate) struct Sweep {
     sweep: Arc<HostSweep>,
     precision: Precision,
+    /// Those of all runs that are made here for another process.
+    tables: Tables,
 }
 
 /// What went wrong, told without places where there is no file to look for them.
@@ -71,7 +74,7 @@ impl Sweep {
                         .and_then(|scenario| HostSweep::of_scenario(&document, scenario))
                         .map_err(|error| unusable(&error, &[&source, scenario])),
                 };
-                Ok(Self { sweep: Arc::new(sweep?), precision })
+                Ok(Self { sweep: Arc::new(sweep?), precision, tables: Tables::default() })
             })
         })
     }
@@ -87,7 +90,7 @@ impl Sweep {
             guarded(|| {
                 let sweep =
                     HostSweep::of_parts(&parts).map_err(|error| Failure::of_document(&error, true))?;
-                Ok(Self { sweep: Arc::new(sweep), precision })
+                Ok(Self { sweep: Arc::new(sweep), precision, tables: Tables::default() })
             })
         })
     }
@@ -129,7 +132,7 @@ impl Sweep {
                     if run >= self.sweep.runs() {
                         return Err(Failure::argument("runs", run, "runs of the sweep"));
                     }
-                    Ok(self.sweep.make_elsewhere(run, self.precision, &scratch, &stop)?)
+                    Ok(self.sweep.make_elsewhere(run, self.precision, &scratch, &self.tables, &stop)?)
                 };
                 runs.iter().filter_map(|run| make(run).transpose()).collect::<Outcome<Vec<MadeRun>>>()
             })

@@ -2,6 +2,7 @@
 
 use crate::workplace::{Workplace, text};
 use fvi_host::lab::sweep::{Column, Ledger, Sweep, SweepOptions, rows, sweep};
+use fvi_host::memory::Tables;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
@@ -231,9 +232,10 @@ fn runs_made_where_no_file_is_seen_come_back_to_the_same_bytes() {
     assert_eq!(sent.fingerprint(precision), plan.fingerprint(precision));
     let ledger = Ledger::open(&plan, SweepOptions::new(place.path("there"))).unwrap();
     assert_eq!(ledger.missing().unwrap(), (0..18).collect::<Vec<_>>());
+    let tables = Tables::default();
     for run in (0..18).rev() {
         let (scratch, stop) = (place.path("scratch"), AtomicBool::new(false));
-        let mut made = sent.make_elsewhere(run, precision, &scratch, &stop).unwrap().unwrap();
+        let mut made = sent.make_elsewhere(run, precision, &scratch, &tables, &stop).unwrap().unwrap();
         made.record[9] ^= 1;
         assert!(!ledger.take(&plan, &made).unwrap());
         made.record[9] ^= 1;
@@ -257,7 +259,7 @@ fn runs_made_where_no_file_is_seen_come_back_to_the_same_bytes() {
             match column {
                 Column::Whole(numbers) => assert_eq!(numbers[row].to_string(), cell, "{name}"),
                 Column::Number(numbers) if numbers[row].is_nan() => assert_eq!(cell, "", "{name}"),
-                Column::Number(numbers) => assert_eq!(numbers[row], cell.parse().unwrap(), "{name}"),
+                Column::Number(numbers) => assert_eq!(numbers[row], cell.parse::<f64>().unwrap(), "{name}"),
                 Column::Text(texts) if name != "message" => assert_eq!(texts[row], cell, "{name}"),
                 Column::Text(texts) => {
                     assert!(texts[row].trim_start_matches('"').starts_with(cell.trim_start_matches('"')))

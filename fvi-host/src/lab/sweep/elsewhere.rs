@@ -3,6 +3,7 @@
 use super::records::{Record, Records};
 use super::{Sweep, SweepError, SweepOptions, SweepSummary, conclude, failures};
 use crate::language::{Document, InputError};
+use crate::memory::Tables;
 use crate::results::files::{self, FileError};
 use crate::simulation::Precision;
 use std::fs;
@@ -67,7 +68,8 @@ impl Sweep {
         crc32fast::hash(&self.identity(precision))
     }
 
-    /// Makes one run, to be sent back; `scratch` is a directory for files on the way. Nothing if it was stopped.
+    /// Makes one run, to be sent back; `scratch` is a directory for files on the way, `tables` are shared by the runs that are made.
+    /// Nothing if it was stopped.
     ///
     /// # Errors
     /// If `scratch` cannot be written to; a run that fails is no error.
@@ -76,10 +78,11 @@ impl Sweep {
         run: usize,
         precision: Precision,
         scratch: &Path,
+        tables: &Tables,
         stop: &AtomicBool,
     ) -> Result<Option<MadeRun>, SweepError> {
         let options = SweepOptions { precision, ..SweepOptions::new(scratch) };
-        let Some(record) = self.make(run, &options, stop)? else { return Ok(None) };
+        let Some(record) = self.make(run, &options, tables, stop)? else { return Ok(None) };
         let trajectory = match self.trajectory_of(run, scratch) {
             // A run that was refused has none.
             Some(path) if path.is_file() => {
