@@ -46,7 +46,11 @@ impl Watch {
 
     /// The same for work whose pieces may take long, and which calls again meanwhile: the clock is read at every call.
     pub(crate) fn hear(&mut self, done: usize, all: usize) -> bool {
-        if self.looked.elapsed() < LOOK && done < all { self.raised.is_none() } else { self.look(done, Some(all)) }
+        if self.looked.elapsed() < LOOK && done < all {
+            self.raised.is_none()
+        } else {
+            self.look(done, Some(all))
+        }
     }
 
     fn look(&mut self, done: usize, all: Option<usize>) -> bool {
