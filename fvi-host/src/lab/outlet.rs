@@ -29,7 +29,7 @@ pub(crate) struct View<'a> {
 
 impl View<'_> {
     /// As far as it is written and drawn.
-    fn shown(&self, scenario: &Scenario) -> GridState {
+    pub(crate) fn shown(&self, scenario: &Scenario) -> GridState {
         let of = |numbers: &[f64]| match &scenario.output.coordinates {
             Some(chosen) => chosen.iter().filter_map(|&index| numbers.get(index).copied()).collect(),
             None => numbers.to_vec(),

@@ -466,16 +466,16 @@ impl<'s> Run<'s> {
             if on_grid {
                 last_is_there = run.steps().is_multiple_of(every);
                 if last_is_there {
-                    row(&shown(scenario, run.state()))?;
+                    row(&View::from(run.state()).shown(scenario))?;
                 }
             }
-            run.rows_between().iter().try_for_each(|between| row(&shown(scenario, between)))?;
+            run.rows_between().iter().try_for_each(|between| row(&View::from(between).shown(scenario)))?;
             take(run.steps(), run.state());
             Ok(())
         })?;
         self.motion.complete();
         if !last_is_there {
-            row(&shown(scenario, self.state()))?;
+            row(&View::from(self.state()).shown(scenario))?;
         }
         Ok(self.summary(end))
     }
