@@ -205,6 +205,16 @@ mod tests {
     }
 
     #[test]
+    fn rounding_is_measured_by_the_size_of_the_unknowns() {
+        // The next number above 10⁸.
+        assert_eq!(scalar(1e8 + 1.5e-8, |x| (x - 1e8, 1.0)), Ok((1e8, 1)));
+        // Corrections that do not shrink are noise where they are small beside the unknown, and a failure elsewhere.
+        let noisy = |root: f64| move |x: f64| (if x > root { 0.5 } else { -0.5 }, 1.0);
+        assert_eq!(scalar(1e8 + 0.25, noisy(1e8)), Ok((1e8 + 0.25, 2)));
+        assert!(matches!(scalar(10.25, noisy(10.0)), Err(StepError::NotConverged { .. })));
+    }
+
+    #[test]
     fn failures_are_told_apart() {
         assert_eq!(scalar(1.0, |_| (1.0, 0.0)), Err(StepError::SingularJacobian));
         assert_eq!(scalar(1.0, |_| (f64::NAN, 1.0)), Err(StepError::NotFinite));
