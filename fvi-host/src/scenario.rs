@@ -6,6 +6,7 @@
 mod adaptive;
 mod case;
 mod element;
+mod event;
 mod grid;
 mod initial;
 mod load;
@@ -22,6 +23,7 @@ mod warnings;
 pub use adaptive::Adaptive;
 pub use case::Case;
 pub use element::Element;
+pub use event::{Action, Direction, Event};
 pub use grid::{Grid, GridRule};
 pub use initial::InitialState;
 pub use load::{Amplitude, Load, Pattern, Record};
@@ -73,6 +75,9 @@ pub struct Scenario {
     /// Load cases, integrated together; none: one motion under the loads of the system.
     #[serde(rename = "case", skip_serializing_if = "Vec::is_empty")]
     pub cases: Vec<Case>,
+    /// What is watched for on the way.
+    #[serde(rename = "event", skip_serializing_if = "Vec::is_empty")]
+    pub events: Vec<Event>,
     #[serde(skip)]
     document: Document,
 }
@@ -139,6 +144,7 @@ impl Scenario {
             "input",
             "reference",
             "case",
+            "event",
         ])?;
         let title = root.optional("title").map(|value| value.text().map(str::to_owned)).transpose()?;
         let system_table = root.required("system")?.table()?;
@@ -191,6 +197,14 @@ impl Scenario {
             Some(value) => Case::read_all(&value, &system)?,
             None => Vec::new(),
         };
+        let events = match root.optional("event") {
+            Some(value) => value
+                .list("a list of tables, each headed [[event]]")?
+                .iter()
+                .map(|event| Event::read(&event.table()?, &system, &scheme))
+                .collect::<Result<_, _>>()?,
+            None => Vec::new(),
+        };
         let document = document.clone();
         Ok(Self {
             title,
@@ -204,6 +218,7 @@ impl Scenario {
             input,
             reference,
             cases,
+            events,
             document,
         })
     }
@@ -266,7 +281,7 @@ impl Scenario {
 
     /// Whether the motion is wanted between grid points.
     pub fn is_looked_into(&self) -> bool {
-        !self.output.times.is_empty()
+        !self.output.times.is_empty() || !self.events.is_empty()
     }
 
     /// The file it was read from.

@@ -5,6 +5,7 @@ mod available_memory;
 mod breaks;
 mod choice;
 pub mod energy_guard;
+pub mod events;
 pub mod motion;
 pub(crate) mod not_finite;
 #[cfg(test)]

@@ -89,9 +89,13 @@ impl RunArguments {
         warn(summary.warnings.iter().skip(before).cloned());
         let line = result_line(&scenario, &summary, &directory);
         match &summary.end {
-            RunEnd::Completed => {
+            RunEnd::Completed | RunEnd::Event { .. } => {
                 if !self.quiet {
-                    terminal::say(&format!("{line}\n"))?;
+                    let ended = match summary.end {
+                        RunEnd::Event { event, time } => format!("; ended by event {event} at t = {time}"),
+                        _ => String::new(),
+                    };
+                    terminal::say(&format!("{line}{ended}\n"))?;
                 }
                 Ok(())
             }

@@ -19,6 +19,7 @@ use crate::results::sections::{self, Damage};
 use crate::results::trajectory::{Format, TrajectoryMark, TrajectoryWriter};
 use crate::simulation::adaptive::Progress as Chosen;
 use crate::simulation::energy_guard::Gathered;
+use crate::simulation::events::Seen;
 use fvi_core::StateError;
 pub(crate) use identity::Identity;
 use serde::{Deserialize, Serialize};
@@ -36,7 +37,7 @@ const PREVIOUS_PICTURES: &str = "checkpoint.previous.pictures.fvi";
 /// The line end tells files that were taken for text on the way.
 const MAGIC: [u8; 8] = *b"fvi\r\n\x1a\nC";
 const PICTURES_MAGIC: [u8; 8] = *b"fvi\r\n\x1a\nP";
-const FORMAT: u32 = 3;
+const FORMAT: u32 = 4;
 
 /// Why a run cannot go on from what is in its directory. Nothing has been changed.
 #[derive(Debug, thiserror::Error)]
@@ -112,6 +113,8 @@ pub(crate) struct Progress {
     /// Of position, momentum and energy, and how many values of the reference are undefined.
     pub(crate) errors: ([ErrorMeasure; 3], usize),
     pub(crate) guard: Gathered,
+    /// What has been seen of events.
+    pub(crate) events: Seen,
     /// Of steps that are chosen on the way.
     pub(crate) chosen: Option<Chosen>,
     /// Machines and versions that it was on before, where their bits differ.

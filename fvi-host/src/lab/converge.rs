@@ -5,7 +5,7 @@ use crate::results::measure::{ErrorMeasure, ReferenceErrors};
 #[cfg(feature = "pictures")]
 use crate::results::picture::{Axis, Chart, Series, Style};
 use crate::results::room::{NoRoom, require};
-use crate::scenario::{GridRule, MOST_STEPS, ReferenceRow, ReferenceSource, Scenario};
+use crate::scenario::{Action, GridRule, MOST_STEPS, ReferenceRow, ReferenceSource, Scenario};
 use crate::simulation::motion::{Failure, Motion};
 use crate::simulation::{GridState, Precision};
 use serde::Serialize;
@@ -166,6 +166,11 @@ pub fn converge(
                 .to_owned();
         let problem = Problem::Incompatible { with: "`fvi converge`".to_owned(), allowed };
         return Err(ConvergeError::Input(scenario.error_at("time.grid", problem)));
+    }
+    if let Some(index) = scenario.events.iter().position(|event| event.action == Action::Stop) {
+        let allowed = "\"record\": errors are compared up to the same end".to_owned();
+        let problem = Problem::Incompatible { with: "`fvi converge`".to_owned(), allowed };
+        return Err(ConvergeError::Input(scenario.error_at(&format!("event[{index}].action"), problem)));
     }
     let meets = |level| steps_of(level).is_ok_and(|steps| scenario.in_steps(steps).meets_reference());
     if !grids.levels.clone().any(meets) {

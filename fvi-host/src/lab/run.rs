@@ -15,6 +15,7 @@ use crate::results::snapshots::Snapshots;
 use crate::results::trajectory::{Format, TrajectoryMark};
 use crate::scenario::{Engine, Scenario};
 use crate::simulation::adaptive::Counts;
+use crate::simulation::events::{Happened, Seen, Watch};
 use crate::simulation::motion::{Failure, Motion};
 use crate::simulation::{GridState, Precision, Solver};
 use fvi_core::StateError;
@@ -60,6 +61,13 @@ impl RunOptions {
 pub enum RunEnd {
     /// All steps were made.
     Completed,
+    /// An event with `action = "stop"` happened.
+    Event {
+        /// Which of the scenario's events, from 0.
+        event: usize,
+        /// When.
+        time: f64,
+    },
     /// It was told to stop.
     Stopped,
     /// A step failed.
@@ -115,6 +123,9 @@ pub struct RunSummary {
     pub newton_iterations_most: u32,
     /// The last state.
     pub last: GridState,
+    /// The events that have happened, in their order.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub events: Vec<Happened>,
     /// Largest absolute values.
     pub largest: Largest,
     /// The load cases: each has a directory of this name with files and a summary of its own.
@@ -287,15 +298,16 @@ pub fn run(
         if steps > 0 {
             progress(steps);
         }
-        if timer.is_due(steps) {
+        if timer.is_due(steps) && !run.is_ended() {
             let begin = Instant::now();
             write_checkpoint(run, &mut outlets)?;
             timer.written(begin);
         }
         Ok::<_, RunError>(())
     })?;
-    // A step that failed would fail again.
-    let goes_on = options.checkpoints != CheckpointEvery::Never && !matches!(end, RunEnd::Failed { .. });
+    // A step that failed would fail again, and the motion is past an event that has ended it.
+    let ends = matches!(end, RunEnd::Failed { .. } | RunEnd::Event { .. });
+    let goes_on = options.checkpoints != CheckpointEvery::Never && !ends;
     if goes_on {
         write_checkpoint(&run, &mut outlets)?;
     }
@@ -335,6 +347,25 @@ pub fn run(
     write_json(&directory.join(SUMMARY), &summary)?;
     drawn?;
     Ok(summary)
+}
+
+/// An event as far as it is written.
+fn of_written(scenario: &Scenario, happened: &Happened) -> Happened {
+    let GridState { position, momentum, .. } = View::from(&happened.state()).shown(scenario);
+    Happened { position, momentum, ..happened.clone() }
+}
+
+/// Warns of events that are not in the record.
+fn events_not_told(seen: &Seen) -> Vec<String> {
+    let undefined =
+        seen.undefined.iter().enumerate().filter_map(|(index, since)| since.map(|time| (index, time)));
+    let undefined = undefined.map(|(index, time)| {
+        format!("`event[{index}].when` is not a number at t = {time}: there, and wherever else it is none, nothing is seen")
+    });
+    let dropped = (seen.dropped > 0).then(|| {
+        format!("{} events more have happened than the {} that are kept", seen.dropped, seen.happened.len())
+    });
+    undefined.chain(dropped).collect()
 }
 
 /// Warns of positions so small that a tolerance relative to `time.scale` says little about them.
@@ -384,10 +415,13 @@ pub struct Run<'s> {
     errors: ReferenceErrors,
     /// Where it has been before, if bits differ there.
     elsewhere: Vec<String>,
-    /// The states at those of `output.times` that the last step passed.
+    /// See [`rows_between`](Self::rows_between).
     between: Vec<GridState>,
-    /// How many of those times have been passed.
+    /// How many of `output.times` have been passed.
     passed: usize,
+    watch: Watch,
+    /// The state at the event that has ended the run.
+    ended: Option<GridState>,
 }
 
 impl<'s> Run<'s> {
@@ -419,6 +453,8 @@ impl<'s> Run<'s> {
         Ok(Self {
             between: Vec::new(),
             passed: 0,
+            watch: Watch::new(scenario, motion.state()),
+            ended: None,
             scenario,
             motion,
             seen: false,
@@ -485,9 +521,14 @@ impl<'s> Run<'s> {
         self.motion.steps()
     }
 
-    /// The state after them.
+    /// The state after them, or at the event that has ended the run.
     pub fn state(&self) -> &GridState {
-        self.motion.state()
+        self.ended.as_ref().unwrap_or(self.motion.state())
+    }
+
+    /// Whether an event has ended it.
+    fn is_ended(&self) -> bool {
+        self.ended.is_some()
     }
 
     /// The state of one load case; without cases the state.
@@ -536,11 +577,16 @@ impl<'s> Run<'s> {
             if let Some(end) = failed {
                 return Ok(end);
             }
+            if let (true, Some(&Happened { event, time, .. })) =
+                (self.is_ended(), self.watch.seen().happened.last())
+            {
+                return Ok(RunEnd::Event { event, time });
+            }
         }
         Ok(RunEnd::Completed)
     }
 
-    /// The states at those of `output.times` that the last step passed.
+    /// The states at those of `output.times` that the last step passed, and with such times the one at the event that has ended the run.
     pub fn rows_between(&self) -> &[GridState] {
         &self.between
     }
@@ -550,7 +596,8 @@ impl<'s> Run<'s> {
         let (scenario, coordinates) = (self.scenario, self.scenario.coordinates());
         let reference = scenario.reference.as_ref();
         self.between.clear();
-        let now = self.motion.state().time;
+        self.look_for_events();
+        let now = self.state().time;
         while let Some(&time) = scenario.output.times.get(self.passed)
             && time <= now
         {
@@ -562,18 +609,33 @@ impl<'s> Run<'s> {
             self.between.push(state);
             self.passed += 1;
         }
-        let (steps, state) = (self.motion.steps(), self.motion.state());
+        if let (Some(ended), false) = (&self.ended, scenario.output.times.is_empty())
+            && self.between.last().is_none_or(|last| last.time < ended.time)
+        {
+            self.between.push(ended.clone());
+        }
+        let (steps, state) = (self.motion.steps(), self.ended.as_ref().unwrap_or(self.motion.state()));
         self.largest.take(state);
         for (largest, &energy) in self.largest_energies.iter_mut().zip(self.motion.energies()) {
             *largest = larger(*largest, energy.abs());
         }
-        let known = reference.and_then(|reference| match scenario.time.adaptive() {
-            Some(_) => reference.at_output(state.time, coordinates),
-            None => reference.at_grid_point(steps, &scenario.time, coordinates),
+        let chosen = scenario.time.adaptive().is_some() || self.ended.is_some();
+        let known = reference.and_then(|reference| match chosen {
+            true => reference.at_output(state.time, coordinates),
+            false => reference.at_grid_point(steps, &scenario.time, coordinates),
         });
         if let Some(known) = known {
             self.errors.compare(state, &known);
         }
+    }
+
+    /// Finds what has happened in the last step.
+    fn look_for_events(&mut self) {
+        if self.watch.is_idle() || self.motion.steps() == 0 {
+            return;
+        }
+        let state = self.motion.state().clone();
+        self.ended = self.watch.take(&state, |time, place| self.motion.look_into(time, place));
     }
 
     /// How far it has got.
@@ -591,6 +653,7 @@ impl<'s> Run<'s> {
             largest: self.largest.clone(),
             errors: self.errors.parts(),
             guard: self.motion.gathered(),
+            events: self.watch.seen().clone(),
             chosen: self.motion.chosen(),
             elsewhere: self.elsewhere.clone(),
         }
@@ -611,6 +674,7 @@ impl<'s> Run<'s> {
         self.errors = ReferenceErrors::of_parts(progress.errors);
         self.elsewhere = progress.elsewhere;
         let now = self.motion.state().time;
+        self.watch.go_on(self.motion.state(), progress.events);
         self.passed = self.scenario.output.times.partition_point(|&time| time <= now);
         Ok(())
     }
@@ -628,6 +692,7 @@ impl<'s> Run<'s> {
 
     fn summary(self, end: RunEnd) -> RunSummary {
         let (seconds, overruns, largest) = (self.seconds(), self.overruns(), self.largest.clone());
+        let (last, seen) = (self.state().clone(), self.watch.seen().clone());
         let (scenario, motion) = (self.scenario, self.motion);
         let simulation = motion.simulation();
         RunSummary {
@@ -657,7 +722,8 @@ impl<'s> Run<'s> {
                 .map(|Counts { attempts, rejected, .. }| Attempts { made: attempts, rejected }),
             newton_iterations: self.newton_iterations,
             newton_iterations_most: self.newton_iterations_most,
-            last: motion.state().clone(),
+            last,
+            events: seen.happened.iter().map(|happened| of_written(scenario, happened)).collect(),
             largest: self.largest,
             cases: Vec::new(),
             energies: motion.energies().iter().copied().zip(self.largest_energies).collect(),
@@ -671,6 +737,7 @@ impl<'s> Run<'s> {
                 .chain(self.errors.warning())
                 .chain(motion.warning().map(str::to_owned))
                 .chain(small_beside_scale(scenario, &largest))
+                .chain(events_not_told(&seen))
                 .chain(self.elsewhere)
                 .collect(),
             errors: Some(self.errors).filter(ReferenceErrors::any),

@@ -298,7 +298,7 @@ impl Sweep {
         let summary = summary.map_err(|error| FileError::at(&path())(error))?;
         let (status, message) = match &summary.end {
             RunEnd::Stopped => return Ok(None),
-            RunEnd::Completed => (Status::Completed, String::new()),
+            RunEnd::Completed | RunEnd::Event { .. } => (Status::Completed, String::new()),
             RunEnd::Failed { step, time, reason } => {
                 (Status::Failed, format!("step {step}, from t = {time}: {reason}"))
             }

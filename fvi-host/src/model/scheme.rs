@@ -344,7 +344,11 @@ impl<T: Real, X: MatrixSpace<T>> DenseOutput<T, X> for AnyScheme<T> {
             add_multiple(&mut way, length * fraction, &velocity);
             velocity.fill(T::zero());
             for (j, acceleration) in unknowns().enumerate() {
-                let [once, twice] = integrals_of_shape(&self.nodes, j, fraction);
+                let [once, mut twice] = integrals_of_shape(&self.nodes, j, fraction);
+                if self.nodes.len() == 1 {
+                    // One stage goes all the way with the velocity that it ends with, Δq = h (v + h a).
+                    twice = fraction;
+                }
                 add_multiple(&mut velocity, length * once, acceleration);
                 add_multiple(&mut way, length * length * twice, acceleration);
             }

@@ -121,6 +121,9 @@ impl Scenario {
         if !self.output.times.is_empty() {
             return refused("output.times", "`output.every`");
         }
+        if !self.events.is_empty() {
+            return refused("event", "a scenario of one motion: each case would have its own events and end");
+        }
         if self.time.grid.is_some() {
             return refused("time.grid", "equal steps, for which one factor serves");
         }

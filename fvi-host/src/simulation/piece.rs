@@ -37,7 +37,7 @@ impl<T: Real> Piece<T> {
     pub(super) fn place(&self, time: f64) -> Place {
         let length = self.to - self.from;
         // Times to rounding at the end of the step are its end.
-        if length <= 0.0 || self.to - time <= 1e-9 * length {
+        if length <= 0.0 || self.to - time <= 4.0 * f64::EPSILON * self.to {
             return Place::End;
         }
         Place::Inside(((time - self.from) / length).max(0.0))

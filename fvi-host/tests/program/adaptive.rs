@@ -164,6 +164,7 @@ fn run_until(
 fn a_run_that_is_interrupted_goes_on_with_the_same_bits() {
     let mut driven = scenario(0.5, 1.0, "step(sin(3*t))", adaptive(4.0, 1e-6));
     driven["output"] = json!({ "times": [0.001, 0.5, 1.0, 2.5, 3.9] });
+    driven["event"] = json!([{ "when": "sin(40*q0)" }, { "when": "p0", "direction": "rising" }]);
     for (precision, tolerance) in
         [(fvi_host::simulation::Precision::F64, 1e-6), (fvi_host::simulation::Precision::F32, 1e-4)]
     {

@@ -143,6 +143,7 @@ fn scenarios() -> impl Strategy<Value = Value> {
                 engine => json!({ "engine": engine }),
             },
             "output": { "every": every },
+            "event": [{ "when": "sin(20*q0) - 0.1*t" }, { "when": "q0 - 0.9", "direction": "falling" }],
         });
         if kernel == "graded" {
             scenario["time"] = json!({ "grid": "graded", "exponent": 2.0, "end": 4.0, "steps": steps });

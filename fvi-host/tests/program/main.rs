@@ -4,6 +4,7 @@ mod adaptive;
 mod checkpoints;
 mod convergence;
 mod engine_comparison;
+mod events;
 mod extremals;
 mod faults;
 mod grids;

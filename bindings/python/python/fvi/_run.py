@@ -170,6 +170,8 @@ def _finish(
     end = summary["status"]
     if end == "completed":
         status, message = 0, f"all {summary['steps']} steps were made"
+    elif end == "event":
+        status, message = 0, f"event {summary['event']} ended the run at t = {summary['time']}"
     elif end == "stopped":
         wanted = f" of {summary['steps_wanted']}" if "steps_wanted" in summary else ""
         status, message = 1, f"stopped after {summary['steps']}{wanted} steps"

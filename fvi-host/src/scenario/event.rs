@@ -1,0 +1,79 @@
+//! `[[event]]`: what is watched for on the way.
+
+use super::scheme::Scheme;
+use super::system::System;
+use crate::language::document::Table;
+use crate::language::error::{InputError, Problem};
+use crate::language::expression::Expression;
+use serde::Serialize;
+
+/// An event: a function of time, position and momentum passes zero.
+#[derive(Clone, Debug, Serialize)]
+pub struct Event {
+    /// The function, of `t`, `q0`, …, `p0`, … and the parameters.
+    pub when: Expression,
+    /// The direction in which it passes.
+    pub direction: Direction,
+    /// What happens then.
+    pub action: Action,
+}
+
+/// In which direction a function passes zero.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Direction {
+    /// From below.
+    Rising,
+    /// From above.
+    Falling,
+    /// Either.
+    #[default]
+    Both,
+}
+
+/// What an event does.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Action {
+    /// It is written to `summary.json`.
+    #[default]
+    Record,
+    /// That, and the run ends there.
+    Stop,
+}
+
+impl Event {
+    pub(super) fn read(table: &Table<'_>, system: &System, scheme: &Scheme) -> Result<Self, InputError> {
+        table.allow(&["when", "direction", "action"])?;
+        let count = system.coordinates();
+        let names = |letter: char| (0..count).map(move |index| format!("{letter}{index}"));
+        if let Some(name) = names('p').find(|name| system.parameters.contains_key(name)) {
+            return Err(table.required("when")?.error(Problem::Incompatible {
+                with: format!("a parameter with the name `{name}`"),
+                allowed: "another name of the parameter: here it is a momentum".to_owned(),
+            }));
+        }
+        let of_positions = system.symbols().with_time().with_variables(names('q'));
+        let symbols = of_positions.clone().with_variables(names('p'));
+        let value = table.required("when")?;
+        let when = value.expression(&symbols)?;
+        if !when.has_variables() {
+            return Err(value.out_of_range("a function of positions or momenta; times are known beforehand"));
+        }
+        if scheme != &Scheme::Collocation && value.expression(&of_positions).is_err() {
+            return Err(value.error(Problem::Incompatible {
+                with: "a momentum that jumps from step to step: inside steps variational schemes have that of a polynomial of q".to_owned(),
+                allowed: "a function of t and positions here, or `scheme.kind` = \"collocation\"".to_owned(),
+            }));
+        }
+        let directions =
+            [("rising", Direction::Rising), ("falling", Direction::Falling), ("both", Direction::Both)];
+        let direction = table
+            .optional("direction")
+            .map_or(Ok(Direction::default()), |value| value.choice(&directions))?;
+        let actions = [("record", Action::Record), ("stop", Action::Stop)];
+        let action =
+            table.optional("action").map_or(Ok(Action::default()), |value| value.choice(&actions))?;
+        Ok(Self { when, direction, action })
+    }
+}
