@@ -129,7 +129,7 @@ impl Simulation {
                 Precision::F32 => Box::new(Machine::<f32, _>::new(space, scenario, tables)?),
             };
         } else {
-            stability::check_step(scenario, &stiffness(scenario)?)?;
+            check_stability(scenario)?;
             let space = Dense { coordinates: scenario.coordinates() };
             stepper = match precision {
                 Precision::F64 if choice == SolverChoice::Automatic && OnePoint::<f64>::serves(scenario) => {
@@ -151,7 +151,7 @@ impl Simulation {
     pub fn is_predicted_stable(scenario: &Scenario) -> Result<bool, InputError> {
         let mut scenario = scenario.clone();
         scenario.time.allow_unstable = false;
-        match stability::check_step(&scenario, &stiffness(&scenario)?) {
+        match check_stability(&scenario) {
             Ok(()) => Ok(true),
             Err(error) if matches!(error.problem(), Problem::Unstable { .. }) => Ok(false),
             Err(error) => Err(error),
@@ -247,6 +247,17 @@ impl Simulation {
         self.stepper.restore(&mut reader)?;
         reader.finish()
     }
+}
+
+/// Coordinates up to which all motions are looked at for whether they grow, not the fastest only.
+const ALL_MOTIONS: usize = 256;
+
+/// The check of the step of a system in the dense space.
+fn check_stability(scenario: &Scenario) -> Result<(), InputError> {
+    if scenario.coordinates() > ALL_MOTIONS {
+        return stability::check_large_step(scenario);
+    }
+    stability::check_step(scenario, &stiffness(scenario)?)
 }
 
 /// ∂²U/∂q² − ∂F/∂q at the initial position in the middle of the first step.

@@ -85,8 +85,9 @@ fn turn(matrices: &mut [DMatrix<f64>], factor: impl Fn(usize) -> f64) {
 /// The coordinates that are coupled with each other, directly or through others.
 fn components(matrices: &[DMatrix<f64>]) -> Vec<Vec<usize>> {
     let size = matrices[0].nrows();
+    let rounding: Vec<f64> = matrices.iter().map(|of| ROUNDING * of.amax()).collect();
     let coupled = |i: usize, j: usize| {
-        matrices.iter().any(|of| of[(i, j)].abs().max(of[(j, i)].abs()) > ROUNDING * of.amax())
+        matrices.iter().zip(&rounding).any(|(of, &zero)| of[(i, j)].abs().max(of[(j, i)].abs()) > zero)
     };
     let mut free: Vec<usize> = (0..size).collect();
     let mut found = Vec::new();
