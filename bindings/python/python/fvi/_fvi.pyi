@@ -113,7 +113,6 @@ _Parts = tuple[tuple[str, str], tuple[str, str], str, list[tuple[str, bytes]]]
 def vector_units() -> str: ...
 
 @final
-@disjoint_base
 class Sweep:
     def __new__(cls, source: Any, scenario: Any, precision: str) -> Self: ...
     @staticmethod
@@ -133,7 +132,6 @@ class Sweep:
     def open(self, directory: Any, shard: str | None) -> Ledger: ...
 
 @final
-@disjoint_base
 class Ledger:
     @property
     def share(self) -> int: ...

@@ -64,8 +64,9 @@ def derivative(
 
     Notes
     -----
-    (D x)_k = Σ_{n=0}^{k} w_n x_{k−n} with the weights of `weights`, in O(K) operations for K samples beyond 16 384, and with
-    the error of the plain sum, a few u Σ |w_n||x_{k−n}| [Lubich86].
+    (D x)_k = Σ_{n=0}^{k} w_n x_{k−n} with the weights of `weights` [Lubich86], in O(K) operations for K samples beyond 16 384.
+    The engines act on the increments of the samples: for samples that change smoothly the error is at most that of the plain
+    sum, a few u Σ |w_n||x_{k−n}|; behind noise that has died down it is larger, though smaller than a transform's.
 
     Examples
     --------
