@@ -371,6 +371,7 @@ impl<S: ByHand> Motion<S> {
             coordinates,
             motions: 1,
             samples: scenario.time.steps + 1,
+            given: false,
             history: &scenario.history,
         };
         let zeros = || vec![0.0; coordinates];

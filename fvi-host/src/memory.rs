@@ -50,6 +50,9 @@ pub struct MemoryRequest<'a> {
     pub motions: usize,
     /// Number of samples that will come: one for each step, and one before the first.
     pub samples: usize,
+    /// Whether samples are given as they are, where a solver knows them by their differences: then the memory acts on values, and its
+    /// error is that of the plain sum, whatever the samples.
+    pub given: bool,
     /// The engine asked for, and its settings.
     pub history: &'a History,
 }
@@ -159,7 +162,7 @@ impl MemoryRequest<'_> {
     /// act on values.
     pub fn acts_on(&self) -> ActsOn {
         match self.convolution.family {
-            _ if self.exponent < LEAST_ON_INCREMENTS || self.any_step() => ActsOn::Values,
+            _ if self.given || self.exponent < LEAST_ON_INCREMENTS || self.any_step() => ActsOn::Values,
             ConvolutionFamily::Bdf { .. } => ActsOn::Increments,
             ConvolutionFamily::RadauIia { .. } | ConvolutionFamily::LobattoIiic { .. } => ActsOn::Rises,
         }
@@ -577,6 +580,7 @@ mod tests {
             coordinates: 2,
             motions: 1,
             samples: 6,
+            given: false,
             history,
         }
     }

@@ -397,6 +397,7 @@ fn memory_request<'a>(
         },
         motions: scenario.copies(),
         samples: scenario.time.steps.saturating_add(1),
+        given: false,
         history: &scenario.history,
     }
 }

@@ -102,6 +102,7 @@ pub fn host_memory<T: Engines>(
         coordinates: channels / kernel.stages(),
         motions: 1,
         samples,
+        given: false,
         history: &History { engine: Some(engine), ..History::default() },
     };
     Some(Box::new(request.build().expect("an engine for every kernel that the program offers")))

@@ -139,6 +139,7 @@ impl Case {
             coordinates: self.coordinates,
             motions: 1,
             samples: self.length,
+            given: false,
             history: &History { engine: Some(engine), ..History::default() },
         };
         let memory = request.build::<T>().unwrap_or_else(|error| panic!("{engine:?}: {error}"));

@@ -1,7 +1,7 @@
 //! Fractional derivatives and integrals of whole sequences.
 
 use crate::errors::{Failure, guarded};
-use crate::memory::{refused, value_memory};
+use crate::memory::{memory, operate, refused};
 use crate::run::engine;
 use crate::watch::Watch;
 use crate::weights::convolution;
@@ -30,13 +30,13 @@ pub(crate) fn derivative<'py>(
             }
             let mut convolution = convolution("bdf", order, None)?;
             convolution.starting = starting;
-            let mut memory = value_memory(&convolution, exponent, step, columns, rows, engine)?;
+            let mut memory = memory(&convolution, exponent, step, columns, rows, engine)?;
             let mut watch = Watch::new(None);
             let mut result = vec![0.0; numbers.len()];
             for (index, (sample, place)) in
                 numbers.chunks_exact(columns).zip(result.chunks_exact_mut(columns)).enumerate()
             {
-                memory.operate(sample, place).map_err(refused)?;
+                operate(&mut memory, sample, place).map_err(refused)?;
                 if !watch.tick(index, rows) {
                     break;
                 }

@@ -1,10 +1,10 @@
 //! Memories and streaming operators as objects.
 
 use crate::errors::{Failure, Outcome, guarded};
-use crate::memory::{ValueMemory, memory, refused, value_memory};
+use crate::memory::{memory, refused, restore};
 use crate::run::engine;
 use crate::weights::convolution;
-use fvi_core::{FractionalOperator, OperatorError, Start, StateReader, StateWriter};
+use fvi_core::{FractionalOperator, Memory as _, OperatorError, Start, StateReader, StateWriter};
 use fvi_host::memory::HostMemory;
 use numpy::{IntoPyArray, PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArray1, PyReadonlyArrayDyn};
 use pyo3::prelude::*;
@@ -34,7 +34,7 @@ fn bad_state(error: fvi_core::StateError) -> Failure {
 /// A memory engine.
 #[pyclass(frozen, subclass, module = "fvi._fvi", name = "Memory")]
 pub(crate) struct Memory {
-    memory: Mutex<ValueMemory>,
+    memory: Mutex<HostMemory<f64>>,
     channels: usize,
     stages: usize,
 }
@@ -57,7 +57,7 @@ impl Memory {
         let engine = engine.map(self::engine).transpose()?;
         guarded(|| {
             let convolution = convolution(family, order, stages)?;
-            let memory = value_memory(&convolution, exponent, step, channels, length, engine)?;
+            let memory = memory(&convolution, exponent, step, channels, length, engine)?;
             let stages = memory.stages();
             Ok(Self { memory: Mutex::new(memory), channels, stages })
         })
@@ -120,7 +120,7 @@ impl Memory {
     }
 
     fn restore(&self, state: &[u8]) -> PyResult<()> {
-        guarded(|| locked(&self.memory).restore(state).map_err(bad_state))
+        guarded(|| restore(&mut locked(&self.memory), state).map_err(bad_state))
     }
 }
 

@@ -147,6 +147,7 @@ impl<'a> Contender<'a> {
                 coordinates: 1,
                 motions: 1,
                 samples: task.weights.len(),
+                given: false,
                 history: &History { engine: Some(engine), ..History::default() },
             };
             Ok(Some(Box::new(request.build()?)))

@@ -147,6 +147,7 @@ mod tests {
                         coordinates: 1,
                         motions: 1,
                         samples: 201,
+                        given: false,
                         history: &history,
                     };
                     let alone = terms(&request, &Tables::default());

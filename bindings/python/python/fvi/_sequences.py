@@ -65,8 +65,7 @@ def derivative(
     Notes
     -----
     (D x)_k = Σ_{n=0}^{k} w_n x_{k−n} with the weights of `weights` [Lubich86], in O(K) operations for K samples beyond 16 384.
-    The engines act on the increments of the samples: for samples that change smoothly the error is at most that of the plain
-    sum, a few u Σ |w_n||x_{k−n}|; behind noise that has died down it is larger, though smaller than a transform's.
+    The error is that of the plain sum, a few u Σ |w_n||x_{k−n}|, for any samples; that of a transform is relative to the largest of them.
 
     Examples
     --------
