@@ -192,11 +192,14 @@ fn of_upper_half<T: Scalar>(half: u32) -> T {
     T::of_bits(u64::from(half) << (8 * T::BYTES - 32))
 }
 
+/// Coefficients of eight sums, and the rows that they multiply.
+type Product<'a, T> = (&'a [[T; GROUP]], &'a [Lanes<T>]);
+
 /// results_i = Σ over tables of Σ_j coefficients_{ji} rows_j, for eight i.
 #[inline(always)]
 fn combine<T: Scalar, V: Simd, const N: usize>(
     unit: V,
-    products: [(&[[T; GROUP]], &[Lanes<T>]); N],
+    products: [Product<'_, T>; N],
     results: &mut [Lanes<T>; GROUP],
 ) {
     let parts = T::reals::<V>(&results[0].0).len();

@@ -81,8 +81,8 @@ impl Chain {
             vec![0.0; self.n]
         );
         let document = Document::new("chain", Path::new(""), &text)
-            .with_attached("M.mtx", &self.file(4.0 / 6.0, 1.0 / 6.0))
-            .with_attached("K.mtx", &self.file(2.0 * n * n, -n * n));
+            .with_attached("M.mtx", self.file(4.0 / 6.0, 1.0 / 6.0))
+            .with_attached("K.mtx", self.file(2.0 * n * n, -n * n));
         Scenario::from_document(document).unwrap()
     }
 

@@ -74,7 +74,7 @@ impl Start {
             "#
         );
         let document = Document::new("oscillator with known values", Path::new(""), &text);
-        Ok(Scenario::from_document(document.with_attached("exact.csv", &self.table(damping_order)))?)
+        Ok(Scenario::from_document(document.with_attached("exact.csv", self.table(damping_order)))?)
     }
 
     /// `t,q0,p0,energy`.
