@@ -160,7 +160,9 @@ def test_rows_that_do_not_fit_are_refused():
 def test_an_interrupt_ends_a_long_run_at_once():
     # 10⁹ steps; a second thread interrupts after the run has begun.
     script = f"""
-        import _thread, threading, time, fvi
+        import _thread, signal, threading, time, fvi
+        # Whoever started the tests may have had interrupts ignored, which is inherited.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
         began = threading.Event()
         def interrupt():
             began.wait()
