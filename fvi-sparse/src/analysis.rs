@@ -1,9 +1,8 @@
 //! The order of elimination and the places of the factor, from the pattern alone.
 
 use crate::Pattern;
+use crate::blocks::{Blocks, Subtrees};
 use crate::dissection::nested_dissection;
-use crate::subtrees::Subtrees;
-use core::ops::Range;
 use std::sync::Arc;
 
 /// How matrices of one pattern are eliminated: the order of the coordinates and the places of the factor.
@@ -13,55 +12,6 @@ use std::sync::Arc;
 #[derive(Clone, Debug)]
 pub struct Analysis {
     blocks: Arc<Blocks>,
-}
-
-/// Blocks of columns of the factor. Block s has the columns `first[s]`..`first[s + 1]` and stands in these rows and
-/// in `rows[row_starts[s]..row_starts[s + 1]]` below; its numbers lie column by column.
-#[derive(Debug)]
-pub(crate) struct Blocks {
-    /// The row of the matrix that is eliminated at each place.
-    pub(crate) order: Vec<u32>,
-    /// The place at which each row is eliminated.
-    pub(crate) place: Vec<u32>,
-    pub(crate) first: Vec<u32>,
-    /// The block of each column.
-    pub(crate) block_of: Vec<u32>,
-    row_starts: Vec<usize>,
-    rows: Vec<u32>,
-    number_starts: Vec<usize>,
-    /// What of the elimination tree is eliminated apart from the rest.
-    pub(crate) subtrees: Subtrees,
-}
-
-impl Blocks {
-    pub(crate) fn count(&self) -> usize {
-        self.first.len() - 1
-    }
-
-    /// Columns of a block.
-    pub(crate) fn columns(&self, block: usize) -> Range<usize> {
-        self.first[block] as usize..self.first[block + 1] as usize
-    }
-
-    /// Where the rows of a block lie among those of all blocks.
-    pub(crate) fn row_places(&self, block: usize) -> Range<usize> {
-        self.row_starts[block]..self.row_starts[block + 1]
-    }
-
-    /// Rows of a block below its columns.
-    pub(crate) fn rows(&self, block: usize) -> &[u32] {
-        &self.rows[self.row_starts[block]..self.row_starts[block + 1]]
-    }
-
-    /// Where the numbers of a run of blocks lie.
-    pub(crate) fn numbers_of(&self, blocks: Range<usize>) -> Range<usize> {
-        self.number_starts[blocks.start]..self.number_starts[blocks.end]
-    }
-
-    /// Where the numbers of a block lie.
-    pub(crate) fn numbers(&self, block: usize) -> Range<usize> {
-        self.number_starts[block]..self.number_starts[block + 1]
-    }
 }
 
 /// No parent.

@@ -1,7 +1,8 @@
 //! A = L Lᵀ, block by block, and what it solves.
 
 use crate::Pattern;
-use crate::analysis::{Analysis, Blocks};
+use crate::analysis::Analysis;
+use crate::blocks::Blocks;
 use crate::kernels::subtract_product;
 use core::fmt;
 use pulp::Arch;

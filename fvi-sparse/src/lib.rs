@@ -17,13 +17,13 @@
 #![forbid(unsafe_code)]
 
 mod analysis;
+mod blocks;
 mod dissection;
 mod factor;
 mod kernels;
 mod pattern;
 mod product;
 mod solve;
-mod subtrees;
 mod threads;
 
 pub use analysis::Analysis;

@@ -1,9 +1,8 @@
 //! L Lᵀ x = b.
 
 use crate::Factor;
-use crate::analysis::Blocks;
+use crate::blocks::{Blocks, Subtree};
 use crate::kernels::{products, subtract_columns};
-use crate::subtrees::Subtree;
 use crate::threads::share;
 use core::ops::Range;
 use pulp::Arch;

@@ -1,7 +1,55 @@
-//! Parts of the elimination tree that do not meet: they are solved for side by side.
+//! The blocks of columns of a factor, and the parts of the elimination tree that do not meet: they are solved for side by side.
 
-use crate::analysis::Blocks;
 use core::ops::Range;
+
+/// Blocks of columns of the factor. Block s has the columns `first[s]`..`first[s + 1]` and stands in these rows and
+/// in `rows[row_starts[s]..row_starts[s + 1]]` below; its numbers lie column by column.
+#[derive(Debug)]
+pub(crate) struct Blocks {
+    /// The row of the matrix that is eliminated at each place.
+    pub(crate) order: Vec<u32>,
+    /// The place at which each row is eliminated.
+    pub(crate) place: Vec<u32>,
+    pub(crate) first: Vec<u32>,
+    /// The block of each column.
+    pub(crate) block_of: Vec<u32>,
+    pub(crate) row_starts: Vec<usize>,
+    pub(crate) rows: Vec<u32>,
+    pub(crate) number_starts: Vec<usize>,
+    /// What of the elimination tree is eliminated apart from the rest.
+    pub(crate) subtrees: Subtrees,
+}
+
+impl Blocks {
+    pub(crate) fn count(&self) -> usize {
+        self.first.len() - 1
+    }
+
+    /// Columns of a block.
+    pub(crate) fn columns(&self, block: usize) -> Range<usize> {
+        self.first[block] as usize..self.first[block + 1] as usize
+    }
+
+    /// Where the rows of a block lie among those of all blocks.
+    pub(crate) fn row_places(&self, block: usize) -> Range<usize> {
+        self.row_starts[block]..self.row_starts[block + 1]
+    }
+
+    /// Rows of a block below its columns.
+    pub(crate) fn rows(&self, block: usize) -> &[u32] {
+        &self.rows[self.row_starts[block]..self.row_starts[block + 1]]
+    }
+
+    /// Where the numbers of a run of blocks lie.
+    pub(crate) fn numbers_of(&self, blocks: Range<usize>) -> Range<usize> {
+        self.number_starts[blocks.start]..self.number_starts[blocks.end]
+    }
+
+    /// Where the numbers of a block lie.
+    pub(crate) fn numbers(&self, block: usize) -> Range<usize> {
+        self.number_starts[block]..self.number_starts[block + 1]
+    }
+}
 
 /// Subtrees of the elimination tree, and the trunk that is left.
 ///
