@@ -16,19 +16,19 @@ use std::convert::Infallible;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// What a run hands to Python: t, q, p, energy, the summary as JSON, and the exception that stopped it, if one did.
-type Arrays<'py> = (
+/// What a motion hands to Python: the name of its load case, t, q, p, energy, and the summary as JSON.
+type Motion<'py> = (
+    String,
     Bound<'py, PyArray1<f64>>,
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray1<f64>>,
     String,
-    Option<PyErr>,
 );
 
-/// Runs a scenario and keeps the rows that `fvi run` would write.
+/// Runs a scenario and keeps the rows that `fvi run` would write, for each load case; one motion without cases.
 #[pyfunction]
-#[pyo3(signature = (source, *, engine = None, precision = "f64", progress = None, terms = None))]
+#[pyo3(signature = (source, *, engine = None, precision = "f64", progress = None, terms = None, cases = false))]
 pub(crate) fn run<'py>(
     py: Python<'py>,
     source: Source,
@@ -36,30 +36,30 @@ pub(crate) fn run<'py>(
     precision: &str,
     progress: Option<Py<PyAny>>,
     terms: Option<Callables>,
-) -> PyResult<Arrays<'py>> {
+    cases: bool,
+) -> PyResult<(Vec<Motion<'py>>, Option<PyErr>)> {
     let engine = engine.map(self::engine).transpose()?;
     let precision = self::precision(precision)?;
-    let (rows, summary, raised) = match terms {
+    let read = || if cases { read_cases(&source, engine) } else { read(&source, engine) };
+    let (names, motions, raised) = match terms {
         // Code of the caller's is called several times a step: the interpreter hands over between its instructions anyway.
         Some(callables) => {
             let slot = ErrorSlot::default();
             guarded(|| {
-                let scenario = read(&source, engine)?;
+                let scenario = read()?;
                 let mut terms = PythonTerms::new(callables, scenario.coordinates(), slot.clone());
                 terms.look_at_the_start(&scenario.initial.position)?;
                 let scenario = scenario.with_own_terms(SharedTerms::new(terms));
                 compute(&source, &scenario, precision, progress, &slot)
             })?
         }
-        None => py.detach(|| {
-            guarded(|| compute(&source, &read(&source, engine)?, precision, progress, &ErrorSlot::default()))
-        })?,
+        None => {
+            py.detach(|| guarded(|| compute(&source, &read()?, precision, progress, &ErrorSlot::default())))?
+        }
     };
-    let summary = serde_json::to_string(&summary).map_err(|error| Failure::Failed(error.to_string()))?;
-    let Rows { coordinates, time, position, momentum, energy } = rows;
-    let table = |numbers: Vec<f64>| numbers.into_pyarray(py).reshape([time.len(), coordinates]);
-    let (position, momentum) = (table(position)?, table(momentum)?);
-    Ok((time.into_pyarray(py), position, momentum, energy.into_pyarray(py), summary, raised))
+    let motions = names.into_iter().zip(motions);
+    let motions = motions.map(|(name, (rows, summary))| rows.into_python(py, name, &summary));
+    Ok((motions.collect::<PyResult<_>>()?, raised))
 }
 
 /// Runs a scenario as `fvi run` does, into a directory, with NumPy arrays and checkpoints; returns the summary as JSON, and the
@@ -136,11 +136,19 @@ pub(crate) fn engine(name: &str) -> Result<Engine, Failure> {
     })
 }
 
-/// The scenario of a source.
+/// The scenario of a source, of one motion.
 pub(crate) fn read(source: &Source, engine: Option<Engine>) -> Outcome<Scenario> {
+    let scenario = read_cases(source, engine)?;
+    scenario
+        .require_one_motion("functions that return one motion; `run_cases` takes them")
+        .map_err(|error| source.failure(&error))?;
+    Ok(scenario)
+}
+
+/// The scenario of a source, which may have load cases.
+fn read_cases(source: &Source, engine: Option<Engine>) -> Outcome<Scenario> {
     let scenario = source.document().and_then(Scenario::from_document);
     let mut scenario = scenario.map_err(|error| source.failure(&error))?;
-    scenario.require_one_motion("the package for Python").map_err(|error| source.failure(&error))?;
     if let Some(engine) = engine {
         scenario.history.choose(engine);
     }
@@ -153,17 +161,19 @@ fn compute(
     precision: Precision,
     progress: Option<Py<PyAny>>,
     slot: &ErrorSlot,
-) -> Outcome<(Rows, RunSummary, Option<PyErr>)> {
-    let run = Run::start(scenario, precision)
+) -> Outcome<(Vec<String>, Vec<(Rows, RunSummary)>, Option<PyErr>)> {
+    let run = Run::start_cases(scenario, precision)
         .map_err(|error| slot.take().map_or_else(|| source.failure(&error), Failure::Raised))?;
-    let mut rows = Rows::new(scenario)?;
+    let mut motions = Rows::of_cases(scenario)?;
     let mut watch = Watch::new(progress);
     let stop = AtomicBool::new(false);
     let all = scenario.time.steps_known();
-    let result = run.rows_to_the_end(
+    let result = run.rows_of_cases_to_the_end(
         &stop,
-        |row| {
-            rows.push(row);
+        |case, row| {
+            if let Some(rows) = motions.get_mut(case) {
+                rows.push(row);
+            }
             Ok::<_, Infallible>(())
         },
         |steps, _| {
@@ -172,8 +182,12 @@ fn compute(
             }
         },
     );
-    let Ok(summary) = result;
-    Ok((rows, summary, slot.take().or(watch.into_raised())))
+    let Ok(summaries) = result;
+    let names = match scenario.cases.as_slice() {
+        [] => vec![String::new()],
+        cases => cases.iter().map(|case| case.name.clone()).collect(),
+    };
+    Ok((names, motions.into_iter().zip(summaries).collect(), slot.take().or(watch.into_raised())))
 }
 
 /// The rows of a trajectory, column by column.
@@ -187,8 +201,8 @@ struct Rows {
 }
 
 impl Rows {
-    /// Room for those of a scenario.
-    fn new(scenario: &Scenario) -> Outcome<Self> {
+    /// Room for those of each load case of a scenario.
+    fn of_cases(scenario: &Scenario) -> Outcome<Vec<Self>> {
         let coordinates = scenario.written_coordinates().len();
         // They grow where nobody knows how many there will be.
         let steps = scenario.time.steps_known().unwrap_or_default();
@@ -202,19 +216,33 @@ impl Rows {
                 "{rows} rows of {numbers} numbers: {what}; write fewer of them with `every`"
             ))
         };
-        require(rows.saturating_mul(numbers).saturating_mul(size_of::<f64>()))
+        let copies = scenario.copies();
+        require(rows.saturating_mul(numbers).saturating_mul(copies).saturating_mul(size_of::<f64>()))
             .map_err(|error| no_room(error.to_string()))?;
         let room = |count: usize| {
             let mut room: Vec<f64> = Vec::new();
             room.try_reserve_exact(count).map(|()| room).map_err(|error| no_room(error.to_string()))
         };
-        Ok(Self {
-            coordinates,
-            time: room(rows)?,
-            position: room(rows * coordinates)?,
-            momentum: room(rows * coordinates)?,
-            energy: room(rows)?,
-        })
+        let one = |_| {
+            Ok(Self {
+                coordinates,
+                time: room(rows)?,
+                position: room(rows * coordinates)?,
+                momentum: room(rows * coordinates)?,
+                energy: room(rows)?,
+            })
+        };
+        (0..copies).map(one).collect()
+    }
+
+    /// As arrays, with the record of the run.
+    fn into_python<'py>(self, py: Python<'py>, name: String, summary: &RunSummary) -> PyResult<Motion<'py>> {
+        let summary = serde_json::to_string(summary).map_err(|error| Failure::Failed(error.to_string()))?;
+        let Self { coordinates, time, position, momentum, energy } = self;
+        let shape = [time.len(), coordinates];
+        let table = |numbers: Vec<f64>| numbers.into_pyarray(py).reshape(shape);
+        let (position, momentum) = (table(position)?, table(momentum)?);
+        Ok((name, time.into_pyarray(py), position, momentum, energy.into_pyarray(py), summary))
     }
 
     fn push(&mut self, state: &GridState) {

@@ -446,7 +446,14 @@ impl<'s> Run<'s> {
         Self::start_all(scenario, precision, tables)
     }
 
-    /// The run of all load cases.
+    /// The run of all load cases together, or of the one motion without them.
+    ///
+    /// # Errors
+    /// If the scenario cannot be run.
+    pub fn start_cases(scenario: &'s Scenario, precision: Precision) -> Result<Self, InputError> {
+        Self::start_all(scenario, precision, &Tables::default())
+    }
+
     fn start_all(scenario: &'s Scenario, precision: Precision, tables: &Tables) -> Result<Self, InputError> {
         let preparation = Instant::now();
         let motion = Motion::sharing(scenario, precision, tables)?;
@@ -493,27 +500,60 @@ impl<'s> Run<'s> {
         mut self,
         stop: &AtomicBool,
         mut row: impl FnMut(&GridState) -> Result<(), E>,
-        mut take: impl FnMut(usize, &GridState),
+        take: impl FnMut(usize, &GridState),
     ) -> Result<RunSummary, E> {
+        let end = self.rows(stop, |_, state| row(state), take)?;
+        Ok(self.summary(end))
+    }
+
+    /// As [`rows_to_the_end`](Self::rows_to_the_end), for each load case by its index: `row` sees a case's rows in their order.
+    /// The record of each case comes back; without cases that of the one motion.
+    ///
+    /// # Errors
+    /// Those of `row`.
+    pub fn rows_of_cases_to_the_end<E>(
+        mut self,
+        stop: &AtomicBool,
+        row: impl FnMut(usize, &GridState) -> Result<(), E>,
+        take: impl FnMut(usize, &GridState),
+    ) -> Result<Vec<RunSummary>, E> {
+        let end = self.rows(stop, row, take)?;
+        let scenario = self.scenario;
+        let summary = self.summary(end);
+        if scenario.cases.is_empty() {
+            return Ok(vec![summary]);
+        }
+        Ok((0..scenario.copies()).map(|case| summary.of_case(scenario, case)).collect())
+    }
+
+    /// Makes the steps; `row` sees the rows of each motion, `take` the number of steps made and the state.
+    fn rows<E>(
+        &mut self,
+        stop: &AtomicBool,
+        mut row: impl FnMut(usize, &GridState) -> Result<(), E>,
+        mut take: impl FnMut(usize, &GridState),
+    ) -> Result<RunEnd, E> {
         let (scenario, every) = (self.scenario, self.scenario.output.every);
         let on_grid = scenario.output.times.is_empty();
+        let copies = scenario.copies();
         let mut last_is_there = true;
         let end = self.go(stop, |run| {
             if on_grid {
                 last_is_there = run.steps().is_multiple_of(every);
                 if last_is_there {
-                    row(&View::from(run.state()).shown(scenario))?;
+                    (0..copies).try_for_each(|case| row(case, &run.view(case).shown(scenario)))?;
                 }
             }
-            run.rows_between().iter().try_for_each(|between| row(&View::from(between).shown(scenario)))?;
+            // Load cases have rows at grid points only.
+            run.rows_between().iter().try_for_each(|between| row(0, &View::from(between).shown(scenario)))?;
             take(run.steps(), run.state());
             Ok(())
         })?;
         self.motion.complete();
         if !last_is_there {
-            row(&View::from(self.state()).shown(scenario))?;
+            (0..copies).try_for_each(|case| row(case, &self.view(case).shown(scenario)))?;
         }
-        Ok(self.summary(end))
+        Ok(end)
     }
 
     /// Steps made.

@@ -9,6 +9,8 @@ integrated by variational schemes whose memory of the whole past is exact to rou
 ======================  ==============================================================
 `run`                   a scenario from a file or a dictionary
 `integrate`             a system given by arrays, expressions and functions
+`run_cases`,            several load cases of a linear system together
+`integrate_cases`
 `derivative`            fractional derivatives and integrals of samples
 `weights`               weights of convolution quadrature
 `Memory`, `Operator`    the engines and the operator D^β, sample by sample
@@ -23,10 +25,10 @@ The compiled half releases the interpreter while it computes; results are the bi
 
 from fvi._errors import InputError, StepError
 from fvi._fvi import __version__
-from fvi._integrate import Damping, Element, Force, Load, Potential, integrate
+from fvi._integrate import Damping, Element, Force, Load, Potential, integrate, integrate_cases
 from fvi._memory import Memory, Operator
 from fvi._result import Extremal, Result, Table
-from fvi._run import run
+from fvi._run import run, run_cases
 from fvi._sequences import derivative, weights
 from fvi._studies import compare_engines, converge, extremal
 from fvi._sweep import sweep
@@ -50,7 +52,9 @@ __all__ = [
     "derivative",
     "extremal",
     "integrate",
+    "integrate_cases",
     "run",
+    "run_cases",
     "sweep",
     "weights",
 ]

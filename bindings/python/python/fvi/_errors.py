@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from fvi._result import Result
+from typing import Any
 
 
 class InputError(ValueError):
@@ -45,15 +42,15 @@ class StepError(RuntimeError):
 
     Attributes
     ----------
-    result : Result or None
-        What was computed until then.
+    result : Result, dict of Result or None
+        What was computed until then; of load cases by their names.
     """
 
-    result: Result | None
+    result: Any
 
-    def __init__(self, message: str, result: Result | None = None) -> None:
+    def __init__(self, message: str, result: Any = None) -> None:
         super().__init__(message)
         self.result = result
 
-    def __reduce__(self) -> tuple[type[StepError], tuple[str, Result | None]]:
+    def __reduce__(self) -> tuple[type[StepError], tuple[str, Any]]:
         return type(self), (str(self), self.result)

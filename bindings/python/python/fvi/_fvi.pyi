@@ -33,7 +33,8 @@ def run(
     precision: str = "f64",
     progress: Any = None,
     terms: Any = None,
-) -> tuple[_Array, _Array, _Array, _Array, str, BaseException | None]: ...
+    cases: bool = False,
+) -> tuple[list[tuple[str, _Array, _Array, _Array, _Array, str]], BaseException | None]: ...
 def run_in(
     source: Any,
     directory: Any,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
@@ -13,7 +14,7 @@ from numpy.typing import ArrayLike
 from fvi import _arrays
 from fvi._errors import InputError
 from fvi._result import Result
-from fvi._run import Progress, compute
+from fvi._run import Progress, compute, compute_cases
 from fvi._scenario import MANY, SHORT_NAMES, Files, by_path, source
 
 Function = Callable[..., Any]
@@ -225,6 +226,103 @@ def integrate(
     >>> r.q.shape
     (201, 1)
     """
+    given, terms = _scenario(
+        mass=mass,
+        position=position,
+        step=step,
+        steps=steps,
+        end=end,
+        momentum=momentum,
+        velocity=velocity,
+        stiffness=stiffness,
+        potential=potential,
+        force=force,
+        damping=damping,
+        loads=loads,
+        elements=elements,
+        parameters=parameters,
+        overrides=overrides,
+        keys=keys,
+    )
+    with _arguments():
+        return compute(given, precision=precision, check=check, progress=progress, terms=terms)
+
+
+def integrate_cases(
+    cases: Mapping[str, Load | Iterable[Load]],
+    *,
+    precision: str = "f64",
+    check: bool = True,
+    progress: Progress | None = None,
+    **arguments: Any,
+) -> dict[str, Result]:
+    """Integrates a linear system under several load cases together: one factor of its matrices, one pass over it for all.
+
+    Parameters
+    ----------
+    cases : mapping of str to Load or list of Load
+        The loads of each case, by its name; those in `loads` act in every case.
+    precision, check, progress
+        As in `run`.
+    **arguments
+        Those of `integrate`; springs in `stiffness`, no potential and no force of functions.
+
+    Returns
+    -------
+    dict of Result
+        By the names of the cases, in their order.
+
+    Raises
+    ------
+    InputError, StepError, KeyboardInterrupt
+        As in `integrate`; the `result` of an exception is a dictionary, too.
+
+    Examples
+    --------
+    >>> import numpy as np, fvi
+    >>> K = np.array([[300.0, -100.0], [-100.0, 100.0]])
+    >>> results = fvi.integrate_cases(
+    ...     {"top": fvi.Load([0.0, 1.0], "sin(5*t)"), "both": fvi.Load([1.0, 1.0], "sin(5*t)")},
+    ...     mass=[2.0, 1.0], stiffness=K, damping=fvi.Damping(0.5, 0.02 * K), position=0.0, step=0.001, steps=1000,
+    ... )
+    >>> bool(np.ptp(results["top"].q[:, 1]) < np.ptp(results["both"].q[:, 1]))
+    True
+    """
+    if not isinstance(cases, Mapping):
+        raise InputError("cases: a mapping of names to loads is needed", "cases", repr(cases))
+    if not cases:
+        raise InputError("cases: none are given", "cases", repr(cases))
+    bound = inspect.signature(integrate).bind(**arguments)
+    bound.apply_defaults()
+    others = {name: value for name, value in bound.arguments.items() if name not in ("precision", "check", "progress")}
+    given, terms = _scenario(**others, cases=cases)
+    if terms is not None:
+        raise InputError("cases: need a linear system, without functions for potential and force", "cases")
+    with _arguments():
+        return compute_cases(given, precision=precision, check=check, progress=progress)
+
+
+def _scenario(
+    *,
+    mass: Any,
+    position: Any,
+    step: Any,
+    steps: Any,
+    end: Any,
+    momentum: Any,
+    velocity: Any,
+    stiffness: Any,
+    potential: Any,
+    force: Any,
+    damping: Any,
+    loads: Any,
+    elements: Any,
+    parameters: Any,
+    overrides: Any,
+    keys: dict[str, Any],
+    cases: Mapping[str, Any] | None = None,
+) -> tuple[Any, _Terms | None]:
+    """The scenario of the arguments of `integrate`, for the compiled half, and the functions beside it."""
     matrix = _symmetric("mass", _arrays.matrix("mass", mass))
     if matrix.shape == (1,) and np.ndim(mass) == 0:
         matrix = np.full(max(1, np.size(position)), matrix[0])
@@ -241,7 +339,14 @@ def integrate(
         system["force"] = force_texts
     system["damping"] = _damping(damping, size)
     scenario: dict[str, Any] = {"system": system}
-    files = _loads(system, loads, size)
+    files: Files = {}
+    if entries := _loads(loads, "loads", "system.load", size, files):
+        system["load"] = entries
+    if cases is not None:
+        scenario["case"] = [
+            {"name": str(name), "load": _loads(given, f"cases[{name!r}]", f"case[{index}].load", size, files)}
+            for index, (name, given) in enumerate(cases.items())
+        ]
     _elements(system, elements)
     initial: dict[str, Any] = {"position": _arrays.vector("position", position, size)}
     if velocity is not None and momentum is None:
@@ -257,12 +362,10 @@ def integrate(
     if size > MOST_COLUMNS and changes.get("output.coordinates") is None:
         changes["output.coordinates"] = list(range(size))
     terms = functions if any((functions.gradient, functions.force)) else None
-    try:
+    with _arguments():
         given = source(scenario, changes)
-        given[3].update(files)
-        return compute(given, precision=precision, check=check, progress=progress, terms=terms)
-    except InputError as error:
-        raise _named_after_argument(error) from error.__cause__
+    given[3].update(files)
+    return given, terms
 
 
 MOST_COLUMNS = 64
@@ -285,13 +388,13 @@ def _time(step: Any, steps: Any, end: Any, grid: Any) -> dict[str, Any]:
     return time
 
 
-def _loads(system: dict[str, Any], given: Any, size: int) -> Files:
-    """Puts loads into a system; returns the files of their amplitudes."""
+def _loads(given: Any, argument: str, key: str, size: int, files: Files) -> list[dict[str, Any]]:
+    """The entries of loads under a key of the scenario; the records of their amplitudes go to `files`."""
     if isinstance(given, (Load, Mapping)):
         given = [given]
-    files: Files = {}
+    loads = []
     for index, load in enumerate(given):
-        place = f"loads[{index}]"
+        place = f"{argument}[{index}]"
         if isinstance(load, Load):
             load = {"pattern": load.pattern, "amplitude": load.amplitude}
         if not isinstance(load, Mapping):
@@ -303,11 +406,11 @@ def _loads(system: dict[str, Any], given: Any, size: int) -> Files:
                 pattern = pattern.toarray().ravel()
             entries["pattern"] = _arrays.vector(f"{place}.pattern", pattern, size)
         if isinstance(amplitude, (tuple, list)):
-            name = f"system.load[{index}].csv"
+            name = f"{key}[{index}].csv"
             files[name] = _record(f"{place}.amplitude", amplitude)
             entries["amplitude"] = {"file": name}
-        system.setdefault("load", []).append(entries)
-    return files
+        loads.append(entries)
+    return loads
 
 
 def _record(name: str, given: Sequence[Any]) -> bytes:
@@ -429,12 +532,21 @@ def _damping(given: Any, size: int) -> list[dict[str, Any]]:
     return terms
 
 
+@contextmanager
+def _arguments() -> Iterator[None]:
+    """Errors about keys of the scenario become those about the arguments."""
+    try:
+        yield
+    except InputError as error:
+        raise _named_after_argument(error) from error.__cause__
+
+
 def _named_after_argument(error: InputError) -> InputError:
     """An error about a key of a scenario, as one about the argument that it came from."""
     arguments = {path: name for name, path in SHORT_NAMES.items()} | {
         f"system.{name}": name for name in ("mass", "stiffness", "potential", "force", "damping")
     }
-    arguments |= {"system.load": "loads", "system.element": "elements", "time.points": "grid"}
+    arguments |= {"system.load": "loads", "system.element": "elements", "time.points": "grid", "case": "cases"}
     for path, name in arguments.items():
         if error.key == path or error.key.startswith((f"{path}.", f"{path}[")):
             key = name + error.key[len(path) :]

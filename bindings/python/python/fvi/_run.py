@@ -7,7 +7,7 @@ import os
 import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -128,6 +128,56 @@ def run(
     return _finish(t, q, p, energy, record, raised, check)
 
 
+def run_cases(
+    scenario: Scenario,
+    *,
+    precision: str = "f64",
+    check: bool = True,
+    progress: Progress | None = None,
+    overrides: Mapping[str, Any] | None = None,
+    **keys: Any,
+) -> dict[str, Result]:
+    """Runs the load cases of a scenario together, with one factor of the matrices, and keeps their trajectories in memory.
+
+    Parameters
+    ----------
+    scenario : path or dict
+        A scenario with ``[[case]]``, each with a name and loads of its own.
+    precision, check, progress, overrides, **keys
+        As in `run`.
+
+    Returns
+    -------
+    dict of Result
+        By the names of the cases, in their order.
+
+    Raises
+    ------
+    InputError, StepError, KeyboardInterrupt
+        As in `run`; the `result` of an exception is a dictionary, too.
+
+    Examples
+    --------
+    >>> import fvi
+    >>> frame = {
+    ...     "system": {"mass": [2.0, 1.0], "stiffness": [[300.0, -100.0], [-100.0, 100.0]]},
+    ...     "case": [
+    ...         {"name": "top", "load": [{"pattern": [0.0, 1.0], "amplitude": "sin(5*t)"}]},
+    ...         {"name": "both", "load": [{"pattern": [1.0, 1.0], "amplitude": "sin(5*t)"}]},
+    ...     ],
+    ...     "initial": {"position": [0.0, 0.0], "momentum": [0.0, 0.0]},
+    ...     "time": {"step": 0.001, "end": 1.0},
+    ... }
+    >>> {name: r.q.shape for name, r in fvi.run_cases(frame).items()}
+    {'top': (1001, 2), 'both': (1001, 2)}
+    """
+    changes = by_path(overrides, keys)
+    engine = changes.pop("history.engine", None) if not _history_settings(changes) else None
+    return compute_cases(
+        source(scenario, changes), engine=engine, precision=precision, check=check, progress=progress
+    )
+
+
 def _history_settings(changes: Mapping[str, Any]) -> bool:
     """Whether the engine comes together with settings of its own."""
     return any(path.startswith("history.") and path != "history.engine" and value is not None for path, value in changes.items())
@@ -144,10 +194,25 @@ def compute(
 ) -> Result:
     """Runs what `fvi._scenario.source` has made."""
     check_progress(progress)
-    t, q, p, energy, record, raised = _fvi.run(
-        scenario, engine=engine, precision=precision, progress=progress, terms=terms
-    )
+    motions, raised = _fvi.run(scenario, engine=engine, precision=precision, progress=progress, terms=terms)
+    ((_, t, q, p, energy, record),) = motions
     return _finish(t, q, p, energy, record, raised, check)
+
+
+def compute_cases(
+    scenario: Any, *, engine: str | None = None, precision: str, check: bool, progress: Progress | None
+) -> dict[str, Result]:
+    """As `compute`, for each load case by its name."""
+    check_progress(progress)
+    motions, raised = _fvi.run(scenario, engine=engine, precision=precision, progress=progress, cases=True)
+    results = {name: _result(t, q, p, energy, record) for name, t, q, p, energy, record in motions}
+    if raised is not None:
+        _raise(raised, results)
+    for result in results.values():
+        _judge(result, check, results)
+        # Steps are common to all cases, and so is what there is to say of them.
+        break
+    return results
 
 
 def check_progress(progress: Any) -> None:
@@ -166,6 +231,15 @@ def _finish(
     check: bool,
 ) -> Result:
     """The result, or the error that the run ends with."""
+    result = _result(t, q, p, energy, record)
+    if raised is not None:
+        _raise(raised, result)
+    _judge(result, check, result)
+    return result
+
+
+def _result(t: FloatArray, q: FloatArray, p: FloatArray, energy: FloatArray, record: str) -> Result:
+    """The result with what its record says of the end."""
     summary = json.loads(record)
     end = summary["status"]
     if end == "completed":
@@ -178,15 +252,21 @@ def _finish(
     else:
         status = -1
         message = f"step {summary['step']} (from t = {summary['time']}) failed: {summary['reason']}"
-    result = Result(t, q, p, energy, status == 0, status, message, summary)
-    if raised is not None:
-        try:
-            setattr(raised, "result", result)
-        except AttributeError:
-            raised.add_note(f"fvi: {message}")
-        raise raised
-    for warning in summary.get("warnings", []):
-        warnings.warn(warning, stacklevel=4)
-    if check and status != 0:
-        raise StepError(message, result)
-    return result
+    return Result(t, q, p, energy, status == 0, status, message, summary)
+
+
+def _raise(raised: BaseException, computed: Result | dict[str, Result]) -> NoReturn:
+    """What stopped a run, with what was computed until then."""
+    try:
+        setattr(raised, "result", computed)
+    except AttributeError:
+        raised.add_note("fvi: what was computed is lost")
+    raise raised
+
+
+def _judge(result: Result, check: bool, computed: Result | dict[str, Result]) -> None:
+    """Warns of what the record warns of; raises if a step failed."""
+    for warning in result.summary.get("warnings", []):
+        warnings.warn(warning, stacklevel=5)
+    if check and result.status != 0:
+        raise StepError(result.message, computed)

@@ -72,7 +72,7 @@ MANY = 128
 """Rows from which on matrices and vectors go over as the content of a file: the program keeps such matrices sparse."""
 
 MATRICES = re.compile(r"system\.(mass|stiffness|damping\[\d+\]\.(coefficient|attached))")
-VECTORS = re.compile(r"system\.load\[\d+\]\.pattern|initial\.(position|momentum|velocity)")
+VECTORS = re.compile(r"(system|case\[\d+\])\.load\[\d+\]\.pattern|initial\.(position|momentum|velocity)")
 """Keys that may name a file."""
 
 
