@@ -171,9 +171,22 @@ impl<'a> StateWriter<'a> {
         numbers: impl IntoIterator<Item = &'n T>,
     ) -> Result<(), StateError> {
         numbers.into_iter().try_for_each(|number| {
-            let bytes = number.bits().to_le_bytes();
-            self.bytes(bytes.get(..T::BYTES).unwrap_or(&bytes))
+            let bits = number.bits();
+            // Known to the compiler: one store for each number.
+            if T::BYTES == 4 { self.word((bits as u32).to_le_bytes()) } else { self.word(bits.to_le_bytes()) }
         })
+    }
+
+    #[inline]
+    fn word<const B: usize>(&mut self, word: [u8; B]) -> Result<(), StateError> {
+        if self.rest.len() < B {
+            return Err(StateError::NoRoom { room: self.room });
+        }
+        if let Some((place, rest)) = core::mem::take(&mut self.rest).split_first_chunk_mut() {
+            *place = word;
+            self.rest = rest;
+        }
+        Ok(())
     }
 
     /// Writes what a state begins with: the tag of its kind, the size of a number `T`, and its shape.
@@ -229,9 +242,15 @@ impl<'a> StateReader<'a> {
     /// # Errors
     /// [`StateError::Truncated`].
     pub fn count(&mut self) -> Result<u64, StateError> {
-        let mut word = [0; 8];
-        word.iter_mut().zip(self.bytes(8)?).for_each(|(place, &byte)| *place = byte);
-        Ok(u64::from_le_bytes(word))
+        self.word().map(u64::from_le_bytes)
+    }
+
+    #[inline]
+    fn word<const B: usize>(&mut self) -> Result<[u8; B], StateError> {
+        let truncated = StateError::Truncated { needed: B, left: self.rest.len() };
+        let (word, rest) = self.rest.split_first_chunk().ok_or(truncated)?;
+        self.rest = rest;
+        Ok(*word)
     }
 
     /// The next integer, which counts something of which there can be `limit` at most.
@@ -249,9 +268,11 @@ impl<'a> StateReader<'a> {
     /// # Errors
     /// [`StateError::Truncated`].
     pub fn number<T: Real>(&mut self) -> Result<T, StateError> {
-        let mut word = [0; 8];
-        word.iter_mut().zip(self.bytes(T::BYTES)?).for_each(|(place, &byte)| *place = byte);
-        Ok(T::of_bits(u64::from_le_bytes(word)))
+        let bits = match T::BYTES {
+            4 => u32::from_le_bytes(self.word()?).into(),
+            _ => u64::from_le_bytes(self.word()?),
+        };
+        Ok(T::of_bits(bits))
     }
 
     /// The next numbers, to the given places.

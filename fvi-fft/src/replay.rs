@@ -20,7 +20,11 @@ pub(crate) fn save<T: Scalar>(
 ) -> Result<(), StateError> {
     to.header::<T, 3>(tag, &shape(memory))?;
     to.count(memory.len() as u64)?;
-    (0..memory.len()).try_for_each(|k| to.numbers(signal.iter().filter_map(|row| row.get(k))))
+    match signal {
+        // As the channel lies there.
+        [row] => to.numbers(row.iter().take(memory.len())),
+        rows => (0..memory.len()).try_for_each(|k| to.numbers(rows.iter().filter_map(|row| row.get(k)))),
+    }
 }
 
 /// Reads past a state.
