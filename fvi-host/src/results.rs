@@ -2,6 +2,7 @@
 
 pub mod files;
 pub(crate) mod growing_file;
+mod levels;
 pub mod measure;
 pub(crate) mod numpy;
 pub mod output_directory;

@@ -37,7 +37,7 @@ const PREVIOUS_PICTURES: &str = "checkpoint.previous.pictures.fvi";
 /// The line end tells files that were taken for text on the way.
 const MAGIC: [u8; 8] = *b"fvi\r\n\x1a\nC";
 const PICTURES_MAGIC: [u8; 8] = *b"fvi\r\n\x1a\nP";
-const FORMAT: u32 = 4;
+const FORMAT: u32 = 5;
 
 /// Why a run cannot go on from what is in its directory. Nothing has been changed.
 #[derive(Debug, thiserror::Error)]
@@ -349,8 +349,8 @@ impl Generations {
         // Nothing that a whole generation needs is renamed before the new one is on the disk.
         new_pictures.flush()?;
         new_state.flush()?;
-        new_pictures.get_ref().sync()?;
-        new_state.get_ref().sync()?;
+        new_pictures.get_mut().sync()?;
+        new_state.get_mut().sync()?;
         if std::mem::replace(&mut self.pictures, true) {
             rename(&place(PICTURES), &place(PREVIOUS_PICTURES))?;
         }

@@ -7,6 +7,8 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::mpsc::{self, SyncSender};
+use std::thread::JoinHandle;
 
 /// Why a file of results, or a directory for them, is not there.
 #[derive(Debug, thiserror::Error)]
@@ -50,6 +52,33 @@ pub(crate) struct PartFile {
     part: PathBuf,
     destination: PathBuf,
     committed: bool,
+    /// Bytes since the disk was last told to take what there is.
+    waiting: usize,
+    helper: Option<DiskHelper>,
+}
+
+/// A thread that has the disk take the beginning of a large file while the rest is being written.
+struct DiskHelper {
+    orders: SyncSender<()>,
+    thread: JoinHandle<()>,
+}
+
+impl DiskHelper {
+    /// It is given something to do after so many bytes.
+    const AFTER: usize = 8 << 20;
+
+    fn of(file: &File) -> io::Result<Self> {
+        let file = file.try_clone()?;
+        // While one order is being followed one more can wait; it stands for all that come until then.
+        let (orders, received) = mpsc::sync_channel(1);
+        let thread = std::thread::Builder::new().spawn(move || {
+            for () in received {
+                // What fails here fails again when the file is complete, and is told then.
+                let _ = file.sync_data();
+            }
+        })?;
+        Ok(Self { orders, thread })
+    }
 }
 
 /// Ending of the names of files that are being written.
@@ -86,18 +115,23 @@ impl PartFile {
             if let Some(replaced) = &replaced {
                 file.set_permissions(replaced.permissions())?;
             }
-            return Ok(Self { file, part, destination, committed: false });
+            return Ok(Self { file, part, destination, committed: false, waiting: 0, helper: None });
         }
     }
 
     /// Has what was written on the disk.
-    pub(crate) fn sync(&self) -> io::Result<()> {
+    pub(crate) fn sync(&mut self) -> io::Result<()> {
+        if let Some(DiskHelper { orders, thread }) = self.helper.take() {
+            drop(orders);
+            // A helper that is gone leaves more to do.
+            let _ = thread.join();
+        }
         self.file.sync_all()
     }
 
     /// Puts the file into its place.
     fn commit(mut self) -> io::Result<()> {
-        self.file.sync_all()?;
+        self.sync()?;
         fs::rename(&self.part, &self.destination)?;
         self.committed = true;
         Ok(())
@@ -106,7 +140,18 @@ impl PartFile {
 
 impl Write for PartFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.file.write(bytes)
+        let written = self.file.write(bytes)?;
+        self.waiting += written;
+        if self.waiting >= DiskHelper::AFTER {
+            self.waiting = 0;
+            if self.helper.is_none() {
+                self.helper = DiskHelper::of(&self.file).ok();
+            }
+            if let Some(helper) = &self.helper {
+                let _ = helper.orders.try_send(());
+            }
+        }
+        Ok(written)
     }
 
     fn flush(&mut self) -> io::Result<()> {

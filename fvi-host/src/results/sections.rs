@@ -36,6 +36,9 @@ pub(crate) enum Damage {
     Surplus,
 }
 
+/// Bytes of a content that are written at a time.
+const PART: usize = 1 << 18;
+
 /// Writes a file of sections.
 pub(crate) fn write(
     to: &mut impl Write,
@@ -51,7 +54,8 @@ pub(crate) fn write(
     for (tag, content) in sections {
         let length = (content.len() as u64).to_le_bytes();
         let mut hasher = crc32fast::Hasher::new();
-        for part in [&tag[..], &length, content] {
+        // Long contents in parts that stay in the cache between being summed and being copied.
+        for part in [&tag[..], &length].into_iter().chain(content.chunks(PART)) {
             hasher.update(part);
             to.write_all(part)?;
         }

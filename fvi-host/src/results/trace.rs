@@ -1,31 +1,39 @@
-//! Traces of a run that stay small however long it is.
+//! Traces of a run that stay small however long it is: a few kilobytes each, since they are part of checkpoints.
 
+use super::levels::{Level, Levels, has_level, moved};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
 /// A curve over time, kept as the extremes of a bounded number of intervals: nothing that sticks out is lost.
+///
+/// There are at least as many intervals as a picture has columns once the curve is longer than that; values are kept to a
+/// hundredth of what can be seen.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Envelope {
-    buckets: Vec<Bucket>,
-    /// Samples a bucket holds.
+    levels: Levels,
+    intervals: Vec<Interval>,
+    /// Samples an interval holds.
     width: usize,
-    /// Samples in the newest bucket.
+    /// The interval under way, and how many samples it holds.
+    open: Option<Open>,
     filled: usize,
 }
 
+/// Samples that follow one another, exactly.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-struct Bucket {
+struct Open {
     first: (f64, f64),
     lowest: (f64, f64),
     highest: (f64, f64),
     last: (f64, f64),
 }
 
-impl Bucket {
+impl Open {
     fn of(point: (f64, f64)) -> Self {
         Self { first: point, lowest: point, highest: point, last: point }
     }
 
+    #[inline]
     fn take(&mut self, point: (f64, f64)) {
         if point.1 < self.lowest.1 {
             self.lowest = point;
@@ -36,62 +44,146 @@ impl Bucket {
         self.last = point;
     }
 
+    /// The extremes in the order of their times.
+    fn extremes(&self) -> [(f64, f64); 2] {
+        let (lowest, highest) = (self.lowest, self.highest);
+        if highest.0 < lowest.0 { [highest, lowest] } else { [lowest, highest] }
+    }
+}
+
+/// When samples began, and their extremes in the order of time.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(from = "[u8; 8]", into = "[u8; 8]")]
+struct Interval {
+    begin: Moment,
+    extremes: [Level; 2],
+}
+
+impl Interval {
     fn joined(self, later: Self) -> Self {
-        let lowest = if later.lowest.1 < self.lowest.1 { later.lowest } else { self.lowest };
-        let highest = if later.highest.1 > self.highest.1 { later.highest } else { self.highest };
-        Self { first: self.first, lowest, highest, last: later.last }
+        let [a, b] = self.extremes;
+        let [c, d] = later.extremes;
+        let all = [a, b, c, d];
+        let (lowest, highest) = (a.min(b).min(c).min(d), a.max(b).max(c).max(d));
+        let place = |level| all.iter().position(|&other| other == level);
+        let extremes = if place(highest) < place(lowest) { [highest, lowest] } else { [lowest, highest] };
+        Self { begin: self.begin, extremes }
+    }
+}
+
+impl From<Interval> for [u8; 8] {
+    fn from(Interval { begin: Moment(begin), extremes: [earlier, later] }: Interval) -> Self {
+        let [a, b, c, d] = begin.to_le_bytes();
+        let ([e, f], [g, h]) = (earlier.to_le_bytes(), later.to_le_bytes());
+        [a, b, c, d, e, f, g, h]
+    }
+}
+
+impl From<[u8; 8]> for Interval {
+    fn from([a, b, c, d, e, f, g, h]: [u8; 8]) -> Self {
+        let extremes = [[e, f], [g, h]].map(Level::from_le_bytes);
+        Self { begin: Moment(u32::from_le_bytes([a, b, c, d])), extremes }
+    }
+}
+
+/// A time to a millionth of itself, on whatever scale it is drawn: the upper half of its bits.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Moment(u32);
+
+impl Moment {
+    fn of(time: f64) -> Self {
+        let nearest = time.to_bits().saturating_add(1 << 31).min(f64::MAX.to_bits());
+        Self((nearest >> 32) as u32)
+    }
+
+    fn time(self) -> f64 {
+        f64::from_bits(u64::from(self.0) << 32)
     }
 }
 
 impl Envelope {
-    const MOST_BUCKETS: usize = 2048;
+    /// Twice the columns of a picture, so that joined in pairs they are as many.
+    const MOST_INTERVALS: usize = 1536;
 
     /// An empty trace.
     pub fn new() -> Self {
-        Self { buckets: Vec::new(), width: 1, filled: 0 }
+        Self { levels: Levels::default(), intervals: Vec::new(), width: 1, open: None, filled: 0 }
     }
 
     /// Whether a trace that was read could have been gathered.
     pub(crate) fn is_sound(&self) -> bool {
-        self.buckets.len() <= Self::MOST_BUCKETS && (1..=self.width).contains(&self.filled.max(1))
+        self.levels.is_sound()
+            && self.intervals.len() <= Self::MOST_INTERVALS
+            && self.filled <= self.width
+            && (self.filled == 0) == self.open.is_none()
+            && (self.open.is_some() || (self.intervals.is_empty() && self.width == 1))
     }
 
     /// Takes the next point; times ascend.
     #[inline]
     pub fn push(&mut self, time: f64, value: f64) {
-        match self.buckets.last_mut() {
-            Some(bucket) if self.filled < self.width => {
-                bucket.take((time, value));
+        match &mut self.open {
+            Some(open) if self.filled < self.width => {
+                open.take((time, value));
                 self.filled += 1;
             }
             _ => self.open((time, value)),
         }
     }
 
-    /// Begins a bucket.
+    /// Begins an interval.
     #[cold]
     fn open(&mut self, point: (f64, f64)) {
-        if self.buckets.len() == Self::MOST_BUCKETS {
-            self.halve();
+        if let Some(open) = self.open.take() {
+            self.close(open);
         }
-        self.buckets.push(Bucket::of(point));
+        self.open = Some(Open::of(point));
         self.filled = 1;
     }
 
-    /// Joins neighbouring buckets; their number is even.
+    fn close(&mut self, open: Open) {
+        if self.intervals.len() == Self::MOST_INTERVALS {
+            self.halve();
+        }
+        let extremes = open.extremes().map(|(_, value)| value);
+        for value in extremes {
+            if let Some(ratio) = self.levels.reach(value) {
+                for interval in &mut self.intervals {
+                    interval.extremes = interval.extremes.map(|level| moved(level, ratio));
+                }
+            }
+        }
+        let extremes = extremes.map(|value| self.levels.level(value));
+        self.intervals.push(Interval { begin: Moment::of(open.first.0), extremes });
+    }
+
+    /// Joins neighbouring intervals; their number is even. The one that is to be closed stays half as long as those that follow.
     fn halve(&mut self) {
-        self.buckets =
-            self.buckets.chunks(2).filter_map(|pair| pair.iter().copied().reduce(Bucket::joined)).collect();
+        let pairs = self.intervals.chunks(2);
+        self.intervals = pairs.filter_map(|pair| pair.iter().copied().reduce(Interval::joined)).collect();
         self.width *= 2;
     }
 
-    /// The curve to draw, at most four points for each interval.
+    /// The curve to draw, at most two points for each interval.
     pub fn points(&self) -> Vec<(f64, f64)> {
-        let mut points = Vec::with_capacity(4 * self.buckets.len());
-        for bucket in &self.buckets {
-            let mut inner = [bucket.lowest, bucket.highest];
-            inner.sort_by(|a, b| a.0.total_cmp(&b.0));
-            points.extend([bucket.first, inner[0], inner[1], bucket.last]);
+        let mut points = Vec::with_capacity(2 * self.intervals.len() + 5);
+        let begins = self.intervals.iter().map(|interval| interval.begin.time());
+        // The first value is where levels are counted from.
+        points.extend(begins.clone().next().zip(self.levels.origin()));
+        let ends = begins.skip(1).chain(self.open.map(|open| open.first.0));
+        // In steps of equal length the last sample lies as far behind the first as that.
+        let share = (self.width - 1) as f64 / self.width as f64;
+        for (interval, end) in self.intervals.iter().zip(ends) {
+            let begin = interval.begin.time();
+            let [earlier, later] = interval.extremes.map(|level| self.levels.number(level));
+            points.push((begin, earlier));
+            if self.width > 1 {
+                points.push((begin + share * (end - begin).max(0.0), later));
+            }
+        }
+        if let Some(open) = self.open {
+            let [earlier, later] = open.extremes();
+            points.extend([open.first, earlier, later, open.last]);
         }
         points.dedup();
         points
@@ -108,20 +200,41 @@ impl Default for Envelope {
 /// the beginning and the end.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PathTrace {
-    beginning: Vec<(f64, f64)>,
-    end: VecDeque<(f64, f64)>,
+    levels: [Levels; 2],
+    beginning: Vec<Place>,
+    end: VecDeque<Place>,
     /// Smallest distance of neighbouring points, as a share of the extent.
     spacing: f64,
+    /// The newest point that was kept, and the newest of all.
+    kept: Option<(f64, f64)>,
     last: Option<(f64, f64)>,
     extent: Option<[(f64, f64); 2]>,
     interrupted: bool,
 }
 
+/// A point by its levels.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(from = "[u8; 4]", into = "[u8; 4]")]
+struct Place([Level; 2]);
+
+impl From<Place> for [u8; 4] {
+    fn from(Place([x, y]): Place) -> Self {
+        let ([a, b], [c, d]) = (x.to_le_bytes(), y.to_le_bytes());
+        [a, b, c, d]
+    }
+}
+
+impl From<[u8; 4]> for Place {
+    fn from([a, b, c, d]: [u8; 4]) -> Self {
+        Self([[a, b], [c, d]].map(Level::from_le_bytes))
+    }
+}
+
 impl PathTrace {
     /// Most points of the beginning, and of the end.
-    const MOST_POINTS: usize = 8192;
-    /// Finer than anyone can see in a picture.
-    const FINEST_SPACING: f64 = 1.0 / 512.0;
+    const MOST_POINTS: usize = 2560;
+    /// A circle of chords this short is off by less than a hundredth of a line's width.
+    const FINEST_SPACING: f64 = 1.0 / 256.0;
 
     /// An empty path.
     pub fn new() -> Self {
@@ -130,7 +243,9 @@ impl PathTrace {
 
     /// Whether a path that was read could have been gathered.
     pub(crate) fn is_sound(&self) -> bool {
-        self.beginning.len() <= Self::MOST_POINTS && self.end.len() <= Self::MOST_POINTS
+        self.levels.iter().all(Levels::is_sound)
+            && self.beginning.len() <= Self::MOST_POINTS
+            && self.end.len() <= Self::MOST_POINTS
     }
 
     /// Takes the next point of the path.
@@ -144,43 +259,60 @@ impl PathTrace {
             self.widen((x, y));
         }
         self.last = Some((x, y));
-        let newest = self.end.back().or(self.beginning.last());
-        if !newest.is_some_and(|&kept| self.are_close(kept, (x, y))) {
+        if !self.kept.is_some_and(|kept| self.are_close(kept, (x, y))) {
             self.keep((x, y));
         }
     }
 
     fn keep(&mut self, point: (f64, f64)) {
+        self.kept = Some(point);
         if self.beginning.len() == Self::MOST_POINTS && self.spacing == 0.0 {
             self.thin();
         }
+        let [x, y] = &self.levels;
+        let place = Place([x.level(point.0), y.level(point.1)]);
         if self.beginning.len() < Self::MOST_POINTS {
-            self.beginning.push(point);
+            self.beginning.push(place);
             return;
         }
         if self.end.len() == Self::MOST_POINTS {
             self.end.pop_front();
             self.interrupted = true;
         }
-        self.end.push_back(point);
+        self.end.push_back(place);
     }
 
     /// Takes a point into the extent.
     #[cold]
     fn widen(&mut self, (x, y): (f64, f64)) {
+        if !has_level(x) || !has_level(y) {
+            // The picture leaves it out, and says so.
+            return;
+        }
         let [low, high] = self.extent.unwrap_or([(x, y); 2]);
         self.extent = Some([(low.0.min(x), low.1.min(y)), (high.0.max(x), high.1.max(y))]);
+        let ratios = [self.levels[0].reach(x), self.levels[1].reach(y)];
+        if ratios != [None; 2] {
+            for Place([x, y]) in self.beginning.iter_mut().chain(&mut self.end) {
+                *x = moved(*x, ratios[0].unwrap_or(1.0));
+                *y = moved(*y, ratios[1].unwrap_or(1.0));
+            }
+        }
     }
 
     fn thin(&mut self) {
         self.spacing = Self::FINEST_SPACING;
-        let mut kept: Vec<(f64, f64)> = Vec::with_capacity(Self::MOST_POINTS);
-        for &point in &self.beginning {
-            if kept.last().is_none_or(|&last| !self.are_close(last, point)) {
-                kept.push(point);
+        let mut kept: Vec<Place> = Vec::with_capacity(Self::MOST_POINTS);
+        for &place in &self.beginning {
+            if kept.last().is_none_or(|&last| !self.are_close(self.point(last), self.point(place))) {
+                kept.push(place);
             }
         }
         self.beginning = kept;
+    }
+
+    fn point(&self, Place([x, y]): Place) -> (f64, f64) {
+        (self.levels[0].number(x), self.levels[1].number(y))
     }
 
     /// Whether two points are less than the spacing apart; where the path has no extent, all are.
@@ -200,8 +332,11 @@ impl PathTrace {
     /// The path to draw; a point that is not a number where it is interrupted.
     pub fn points(&self) -> Vec<(f64, f64)> {
         let gap = self.interrupted.then_some((f64::NAN, f64::NAN));
-        let mut points = self.beginning.clone();
-        points.extend(gap.into_iter().chain(self.end.iter().copied()).chain(self.last));
+        let mut points: Vec<_> = self.beginning.iter().map(|&place| self.point(place)).collect();
+        let end = self.end.iter().map(|&place| self.point(place));
+        // What was kept last may be the last of all, which is known exactly.
+        let last = self.last.filter(|_| self.last != self.kept);
+        points.extend(gap.into_iter().chain(end).chain(last));
         points.dedup();
         points
     }
@@ -210,6 +345,13 @@ impl PathTrace {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Whether curves are the same to the eye, in a square with sides of this length.
+    fn look_alike(found: &[(f64, f64)], expected: &[(f64, f64)], side: f64) -> bool {
+        let close = |a: f64, b: f64| (a - b).abs() <= side / 16_000.0;
+        found.len() == expected.len()
+            && found.iter().zip(expected).all(|(a, b)| close(a.0, b.0) && close(a.1, b.1))
+    }
 
     #[test]
     fn a_short_run_is_kept_whole() {
@@ -220,8 +362,8 @@ mod tests {
             envelope.push(time, value);
             path.push(time, value);
         }
-        assert_eq!(envelope.points(), points);
-        assert_eq!(path.points(), points);
+        assert!(look_alike(&envelope.points(), &points, 9801.0));
+        assert!(look_alike(&path.points(), &points, 9801.0));
     }
 
     #[test]
@@ -232,10 +374,59 @@ mod tests {
             envelope.push(f64::from(k), (0.1 * f64::from(k)).sin() + spike);
         }
         let points = envelope.points();
-        assert!(points.len() <= 4 * Envelope::MOST_BUCKETS && points.len() > Envelope::MOST_BUCKETS);
-        assert!(points.iter().any(|&(time, value)| time == 123_457.0 && value > 99.0));
+        let columns = Envelope::MOST_INTERVALS / 2;
+        assert!((2 * columns..=4 * columns + 5).contains(&points.len()));
+        let spikes: Vec<_> = points.iter().filter(|point| point.1 > 2.0).collect();
+        assert!(spikes.iter().all(|spike| (spike.0 - 123_457.0).abs() < 1e6 / columns as f64));
+        assert!(spikes.iter().any(|spike| (spike.1 - 100.0 - 12_345.7_f64.sin()).abs() < 0.01));
         assert!(points.windows(2).all(|pair| pair[0].0 <= pair[1].0));
-        assert_eq!((points[0].0, points[points.len() - 1].0), (0.0, 999_999.0));
+        assert_eq!((points[0], points[points.len() - 1].0), ((0.0, 0.0), 999_999.0));
+    }
+
+    #[test]
+    fn a_smooth_curve_that_is_longer_than_a_picture_is_wide_keeps_its_shape() {
+        for count in [1537, 3001, 5000] {
+            let value = |time: f64| (0.003 * time).sin();
+            let mut envelope = Envelope::new();
+            (0..count).for_each(|k| envelope.push(f64::from(k), value(f64::from(k))));
+            // Where an interval is shorter than the others its end is drawn half a sample too late, a quarter of a
+            // pixel.
+            let off = envelope.points().into_iter().map(|(time, found)| (found - value(time)).abs());
+            assert!(off.fold(0.0, f64::max) < 0.5 * 0.003 + 2e-4, "{count} samples");
+        }
+    }
+
+    #[test]
+    fn traces_take_forty_five_kilobytes_of_a_checkpoint() {
+        let mut traces = (Envelope::new(), Envelope::new(), PathTrace::new());
+        for k in 0..200_000 {
+            let (q, p) = (0.37 * f64::from(k)).sin_cos();
+            let energy = 1.0 + 1e-9 * q;
+            traces.0.push(f64::from(k), q);
+            traces.1.push(f64::from(k), energy);
+            traces.2.push(q, p * energy);
+        }
+        let bytes = postcard::to_allocvec(&traces).unwrap();
+        assert!(bytes.len() <= 46_000, "{} bytes", bytes.len());
+        let read: (Envelope, Envelope, PathTrace) = postcard::from_bytes(&bytes).unwrap();
+        assert_eq!(read, traces);
+        assert!(read.0.is_sound() && read.1.is_sound() && read.2.is_sound());
+        // What hardly moves is seen to move.
+        let energies = traces.1.points().into_iter().map(|(_, energy)| energy);
+        assert!(energies.clone().fold(1.0, f64::max) - 1.0 > 0.999e-9 && energies.fold(1.0, f64::min) < 1.0);
+    }
+
+    #[test]
+    fn values_that_no_axis_reaches_hide_none_of_the_others() {
+        let mut envelope = Envelope::new();
+        let mut path = PathTrace::new();
+        for (k, value) in [1.0, 2.0, 1.5e308, 3.0, 4.0].into_iter().enumerate() {
+            envelope.push(k as f64, value);
+            path.push(value, -value);
+        }
+        let expected = [1.0, 2.0, f64::MAX, 3.0, 4.0];
+        assert_eq!(envelope.points().iter().map(|point| point.1).collect::<Vec<_>>(), expected);
+        assert_eq!(path.points().iter().map(|point| point.0).collect::<Vec<_>>(), expected);
     }
 
     /// A spiral of many turns; returns the chords of its drawing.
@@ -255,8 +446,8 @@ mod tests {
     #[test]
     fn a_path_that_comes_to_rest_is_kept_whole_in_bounded_memory() {
         let (path, chords) = spiral(100.0, 0.3);
-        assert!(path.points().len() < PathTrace::MOST_POINTS && !path.interrupted());
-        assert!(chords.len() > 1000 && chords.iter().all(|&chord| chord < 0.01));
+        assert!(path.points().len() < 2 * PathTrace::MOST_POINTS && !path.interrupted());
+        assert!(chords.len() > 1000 && chords.iter().all(|&chord| chord < 0.02));
     }
 
     #[test]
@@ -264,9 +455,9 @@ mod tests {
         let (path, chords) = spiral(1000.0, 1e-4);
         let points = path.points();
         assert!(path.interrupted() && points.len() <= 2 * PathTrace::MOST_POINTS + 2);
-        assert!(chords.iter().all(|&chord| chord < 0.02));
+        assert!(chords.iter().all(|&chord| chord < 0.04));
         let last = points[points.len() - 1];
-        assert!((last.0.hypot(last.1) - (-0.1_f64).exp()).abs() < 1e-6);
+        assert!((last.0.hypot(last.1) - (-0.1_f64).exp()).abs() < 1e-4);
         assert_eq!(points[0], (1.0, 0.0));
     }
 }
