@@ -32,9 +32,12 @@ use records::{Record, Records, Status};
 use serde::Serialize;
 use std::num::NonZero;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, mpsc};
-use std::time::Duration;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError, mpsc};
+use std::time::{Duration, Instant};
+
+/// Records go to the disk this often at least.
+const FLUSH: Duration = Duration::from_secs(5);
 
 /// How a sweep is made.
 #[derive(Clone, Debug)]
@@ -127,58 +130,51 @@ pub fn sweep(
     progress(done);
     let jobs = options.jobs.or_else(|| std::thread::available_parallelism().ok()).map_or(1, NonZero::get);
     let (next, tables) = (Mutex::new(0..share), Tables::default());
-    let (sender, results) = mpsc::sync_channel::<Result<(usize, Record), SweepError>>(2 * jobs);
-    let failure = std::thread::scope(|scope| {
+    let (made, failure) = (AtomicUsize::new(done), Mutex::new(None));
+    let (sender, news) = mpsc::sync_channel(1);
+    std::thread::scope(|scope| {
         for _ in 0..jobs.min(share.max(1)) {
             let (sender, next, records, tables) = (sender.clone(), &next, &records, &tables);
-            scope.spawn(move || {
+            let (made, failure) = (&made, &failure);
+            let work = move || {
                 while !stop.load(Ordering::Relaxed) {
                     let place = next.lock().ok().and_then(|mut places| places.next());
-                    let Some(place) = place else { return };
-                    let made = match records.read(place) {
-                        Ok(Some(_)) => continue,
-                        Ok(None) => match sweep.make(records.run(place), options, tables, stop) {
-                            Ok(Some(record)) => Ok((place, record)),
-                            Ok(None) => return,
-                            Err(error) => Err(error),
-                        },
-                        Err(error) => Err(error.into()),
-                    };
-                    if sender.send(made).is_err() {
-                        return;
+                    let Some(place) = place else { break };
+                    if records.read(place)?.is_some() {
+                        continue;
                     }
+                    let Some(record) = sweep.make(records.run(place), options, tables, stop)? else { break };
+                    records.write(place, &record)?;
+                    made.fetch_add(1, Ordering::Relaxed);
+                    // Nobody waits for a watcher that is busy.
+                    let _ = sender.try_send(());
                 }
+                Ok::<_, SweepError>(())
+            };
+            scope.spawn(move || {
+                let Err(error) = work() else { return };
+                // No place is given out any more; runs under way end by themselves.
+                if let Ok(mut places) = next.lock() {
+                    *places = 0..0;
+                }
+                failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
             });
         }
         drop(sender);
-        let mut failure = None;
-        loop {
-            let made = match results.recv_timeout(Duration::from_millis(50)) {
-                Ok(made) => made,
-                Err(mpsc::RecvTimeoutError::Timeout) => {
-                    progress(done);
-                    continue;
-                }
-                Err(mpsc::RecvTimeoutError::Disconnected) => break,
-            };
-            match made.and_then(|(place, record)| Ok(records.write(place, &record)?)) {
-                Ok(()) => {
-                    done += 1;
-                    progress(done);
-                }
-                Err(error) => {
-                    // No place is given out any more; runs under way end by themselves.
-                    if let Ok(mut places) = next.lock() {
-                        *places = 0..0;
-                    }
-                    failure.get_or_insert(error);
-                }
+        let mut flushed = Instant::now();
+        while news.recv_timeout(Duration::from_millis(50)) != Err(mpsc::RecvTimeoutError::Disconnected) {
+            progress(made.load(Ordering::Relaxed));
+            if flushed.elapsed() > FLUSH {
+                // What fails here fails again below.
+                let _ = records.flush();
+                flushed = Instant::now();
             }
         }
-        failure
     });
+    done = made.into_inner();
+    progress(done);
     records.flush()?;
-    if let Some(error) = failure {
+    if let Some(error) = failure.into_inner().unwrap_or_else(PoisonError::into_inner) {
         return Err(error);
     }
     let complete = done == share && options.shard == Shard::WHOLE;

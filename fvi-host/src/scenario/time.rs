@@ -8,6 +8,8 @@ use crate::language::error::{InputError, Problem};
 use crate::numerics::exponential_table::SMALLEST_TOLERANCE;
 use serde::{Serialize, Serializer};
 use std::collections::BTreeSet;
+use std::num::NonZero;
+use std::sync::OnceLock;
 
 /// Most steps of a run: beyond 2⁵³ their numbers have no exact place among floating-point numbers.
 pub const MOST_STEPS: usize = 1 << 53;
@@ -410,8 +412,10 @@ impl History {
 
     /// Threads that share the work of a large system.
     pub fn threads(&self) -> usize {
-        let there = || std::thread::available_parallelism().map_or(1, std::num::NonZero::get).min(THREADS);
-        self.threads.unwrap_or_else(there)
+        // Asked for once: the answer takes a look at several files of the system, and every run of a sweep wants it.
+        static THERE: OnceLock<usize> = OnceLock::new();
+        let there = || std::thread::available_parallelism().map_or(1, NonZero::get).min(THREADS);
+        self.threads.unwrap_or_else(|| *THERE.get_or_init(there))
     }
 
     pub(super) fn read(

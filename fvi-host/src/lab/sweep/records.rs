@@ -14,15 +14,11 @@ use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::sync::{Mutex, PoisonError};
-use std::time::{Duration, Instant};
 
 const MAGIC: [u8; 8] = *b"fvi\r\n\x1a\nS";
 
 /// Longest message of a run, in bytes.
 pub(super) const LONGEST_MESSAGE: usize = 240;
-
-/// Records go to the disk this often at least.
-const FLUSH: Duration = Duration::from_secs(5);
 
 /// The part of a sweep that one process makes: runs whose number leaves a certain rest when divided by the number of shards.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -169,7 +165,9 @@ pub(super) struct Records {
     shard: Shard,
     layout: Layout,
     head: u64,
-    file: Mutex<(File, Instant)>,
+    file: File,
+    /// Held by who moves the file's cursor.
+    cursor: Mutex<()>,
 }
 
 impl Records {
@@ -183,6 +181,10 @@ impl Records {
         let path = directory.join(shard.file());
         let place = path.clone();
         let failed = FileError::at(&place);
+        if let Some(other) = shards_in(directory)?.into_iter().find(|other| other.count != shard.count) {
+            let reasons = vec![format!("{}; `--out` names another directory", overlap(other, shard))];
+            return Err(SweepError::Incomplete { directory: directory.to_owned(), reasons });
+        }
         let mut options = OpenOptions::new();
         let file =
             options.read(true).write(true).create(true).truncate(false).open(&path).map_err(&failed)?;
@@ -204,8 +206,11 @@ impl Records {
         }
         let length = head.len() as u64 + (shard.share(layout.runs) * layout.bytes()) as u64;
         file.set_len(length).map_err(&failed)?;
-        let (head, file) = (head.len() as u64, Mutex::new((file, Instant::now())));
-        Ok(Self { path, shard, layout, head, file })
+        Ok(Self::with(path, shard, layout, head.len() as u64, file))
+    }
+
+    fn with(path: PathBuf, shard: Shard, layout: Layout, head: u64, file: File) -> Self {
+        Self { path, shard, layout, head, file, cursor: Mutex::new(()) }
     }
 
     /// Opens the records of a shard to read them.
@@ -225,15 +230,12 @@ impl Records {
         if present != head {
             return Err(SweepError::OtherSweep { file: path });
         }
-        let (head, file) = (head.len() as u64, Mutex::new((file, Instant::now())));
-        Ok(Self { path, shard, layout, head, file })
+        Ok(Self::with(path, shard, layout, head.len() as u64, file))
     }
 
     /// All shards of a directory, which must be whole and make up the sweep.
     pub(super) fn all(directory: &Path, identity: &[u8], layout: Layout) -> Result<Vec<Self>, SweepError> {
-        let entries = fs::read_dir(directory).map_err(FileError::at(directory))?;
-        let mut shards: Vec<Shard> =
-            entries.flatten().filter_map(|entry| Shard::of_file(entry.file_name().to_str()?)).collect();
+        let mut shards = shards_in(directory)?;
         shards.sort_by_key(|shard| (shard.count, shard.index));
         let incomplete = |reasons| SweepError::Incomplete { directory: directory.to_owned(), reasons };
         let Some(first) = shards.first() else {
@@ -241,7 +243,7 @@ impl Records {
         };
         let mut reasons = Vec::new();
         for other in shards.iter().filter(|shard| shard.count != first.count) {
-            reasons.push(format!("shards overlap: {first} and {other} divide the runs in different ways"));
+            reasons.push(overlap(*first, *other));
         }
         for index in 0..first.count {
             let shard = Shard { index, count: first.count };
@@ -296,8 +298,7 @@ impl Records {
     /// The record at a place, if that run is done.
     pub(super) fn read(&self, place: usize) -> Result<Option<Record>, FileError> {
         let mut bytes = vec![0; self.layout.bytes()];
-        let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
-        let read = file.0.seek(self.start(place)).and_then(|_| file.0.read_exact(&mut bytes));
+        let read = self.at(place, |mut file| file.read_exact(&mut bytes));
         match read {
             Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => Ok(None),
             read => read.map(|()| Record::decode(&bytes, self.layout)).map_err(FileError::at(&self.path)),
@@ -307,21 +308,29 @@ impl Records {
     /// Fills a place.
     pub(super) fn write(&self, place: usize, record: &Record) -> Result<(), FileError> {
         let bytes = record.encode(self.layout);
-        let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
-        let written = file.0.seek(self.start(place)).and_then(|_| file.0.write_all(&bytes));
-        written.map_err(FileError::at(&self.path))?;
-        if file.1.elapsed() > FLUSH {
-            file.0.sync_data().map_err(FileError::at(&self.path))?;
-            file.1 = Instant::now();
-        }
-        Ok(())
+        self.at(place, |mut file| file.write_all(&bytes)).map_err(FileError::at(&self.path))
+    }
+
+    fn at(&self, place: usize, act: impl FnOnce(&File) -> io::Result<()>) -> io::Result<()> {
+        let _cursor = self.cursor.lock().unwrap_or_else(PoisonError::into_inner);
+        (&self.file).seek(self.start(place))?;
+        act(&self.file)
     }
 
     /// Has everything on the disk.
     pub(super) fn flush(&self) -> Result<(), FileError> {
-        let file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
-        file.0.sync_data().map_err(FileError::at(&self.path))
+        self.file.sync_data().map_err(FileError::at(&self.path))
     }
+}
+
+/// The shards whose records lie in a directory.
+fn shards_in(directory: &Path) -> Result<Vec<Shard>, FileError> {
+    let entries = fs::read_dir(directory).map_err(FileError::at(directory))?;
+    Ok(entries.flatten().filter_map(|entry| Shard::of_file(entry.file_name().to_str()?)).collect())
+}
+
+fn overlap(one: Shard, other: Shard) -> String {
+    format!("shards overlap: {one} and {other} divide the runs in different ways")
 }
 
 /// The record of a run among those of all shards, which are in order.
@@ -474,7 +483,11 @@ mod tests {
         assert!(all().contains("shard 2/3 has 1 of its 3 runs"), "{}", all());
         fill("2/3", 3);
         assert_eq!(all(), "3 shards");
-        fill("1/2", 0);
+        let other = Records::open(directory.path(), b"", LAYOUT, "1/2".parse().unwrap());
+        let refusal = other.err().map(|error| error.to_string()).unwrap_or_default();
+        assert!(refusal.contains("/3 and 1/2 divide the runs in different ways"), "{refusal}");
+        // As two processes leave them that begin at the same moment.
+        fs::write(directory.path().join("sweep.shard-1-of-2.fvi"), "").unwrap();
         assert!(all().contains("shards overlap"), "{}", all());
     }
 }
