@@ -234,7 +234,7 @@ impl Archive<'_> {
     fn indices(&mut self, name: &str, end: usize) -> Result<Vec<u32>, String> {
         let list = self.list(name)?.into_iter().enumerate();
         list.map(|(place, index)| {
-            if index >= 0.0 && index < end as f64 {
+            if is_whole(index) && index < end as f64 {
                 Ok(index as u32)
             } else {
                 Err(format!(
@@ -263,6 +263,9 @@ fn sparse_npz(bytes: &[u8]) -> Result<FileMatrix, String> {
     let &[rows, columns] = shape.as_slice() else {
         return Err(format!("shape.npy: {} numbers instead of two", shape.len()));
     };
+    if !is_whole(rows) || !is_whole(columns) {
+        return Err(format!("shape.npy: {rows} rows and {columns} columns"));
+    }
     let (rows, columns) = (rows as usize, columns as usize);
     check_size(rows, columns)?;
     let data = archive.list("data")?;
@@ -285,9 +288,14 @@ fn sparse_npz(bytes: &[u8]) -> Result<FileMatrix, String> {
     let fits = ends.len() == major + 1
         && ends.first() == Some(&0.0)
         && ends.last() == Some(&(data.len() as f64))
+        && ends.iter().all(|&end| is_whole(end))
         && ends.is_sorted();
     if !fits {
-        return Err(format!("indptr.npy: not {} ascending numbers from 0 to {}", major + 1, data.len()));
+        return Err(format!(
+            "indptr.npy: not {} ascending whole numbers from 0 to {}",
+            major + 1,
+            data.len()
+        ));
     }
     let mut entries = Vec::with_capacity(data.len());
     for (outer, ends) in ends.windows(2).enumerate() {
@@ -298,6 +306,10 @@ fn sparse_npz(bytes: &[u8]) -> Result<FileMatrix, String> {
         }
     }
     Ok(FileMatrix { rows, columns, entries, half: false })
+}
+
+fn is_whole(number: f64) -> bool {
+    number >= 0.0 && number.fract() == 0.0
 }
 
 fn same_length(data: &[f64], length: usize) -> Result<&[f64], String> {

@@ -168,6 +168,25 @@ fn forged_archives_are_refused() {
             ],
             "row 1, column 1",
         ),
+        (
+            vec![
+                ("indices.npy", &[0.0, 0.5][..]),
+                ("indptr.npy", &[0.0, 1.0, 2.0]),
+                shape,
+                ("data.npy", &[1.0, 1.0]),
+            ],
+            "entry 1 is 0.5",
+        ),
+        (
+            vec![
+                ("indices.npy", &[0.0, 1.0][..]),
+                ("indptr.npy", &[0.0, 1.5, 2.0]),
+                shape,
+                ("data.npy", &[1.0, 1.0]),
+            ],
+            "indptr",
+        ),
+        (vec![("shape.npy", &[2.0, 2.5][..]), ("data.npy", &[1.0])], "2.5 columns"),
         (vec![shape, ("data.npy", &[1.0])], "indices.npy"),
     ] {
         let reason = read("k.npz", &sparse("csr", &members, true)).unwrap_err();
