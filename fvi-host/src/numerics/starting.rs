@@ -291,7 +291,7 @@ pub fn starting_condition(exponents: &[f64]) -> f64 {
 mod tests {
     use super::*;
     use crate::numerics::starting_defects::reciprocal_gamma;
-    use fvi_core::{ConvolutionWeights, FixedDirect};
+    use fvi_core::{ConvolutionWeights, FixedDirect, StateError};
 
     /// Γ(ν+1)/Γ(ν+1−β), zero where the derivative of t^ν vanishes.
     fn derivative_factor(nu: f64, beta: f64) -> f64 {
@@ -373,6 +373,63 @@ mod tests {
             let omega = system.lu().solve(&DVector::from_column_slice(&defects)).unwrap();
             let expected = quadrature(&signal) + (0..3).map(|j| omega[j] * signal(j)).sum::<f64>();
             assert!((found - expected).abs() < 1e-12, "step {k}: {found} and {expected}");
+        }
+    }
+
+    /// Pushes the samples from step `from` on; the leading weights and terms of all steps as bits.
+    fn go_on<M: Memory<f64>>(memory: &mut M, from: usize) -> Vec<[u64; 2]> {
+        let step = |k: usize| {
+            let mut term = [0.0];
+            memory.next_term(&mut term).unwrap();
+            let leading = memory.leading()[0];
+            memory.push(&[(0.3 * k as f64).cos() + 0.1 * k as f64]).unwrap();
+            [leading, term[0]].map(f64::to_bits)
+        };
+        (from..STEPS).map(step).collect()
+    }
+
+    #[test]
+    fn a_restored_memory_has_the_bits_of_the_saved_one_at_every_step_of_the_start() {
+        let exponents = [0.0, 0.6, 1.2];
+        let plain = weights(2, 0.6);
+        let table = FixedDirect::full_memory(&plain, 1.0).unwrap();
+        let new = |acts_on, exponents: &[f64]| {
+            let order = BdfOrder::new(2).unwrap();
+            StartingCorrection::new(table.clone().acting_on(acts_on), order, 0.6, STEP_SIZE, exponents)
+                .unwrap()
+        };
+        for (acts_on, saved_after) in [ActsOn::Values, ActsOn::Increments]
+            .into_iter()
+            .flat_map(|acts_on| [0, 1, 2, 3, 4, 40].map(|k| (acts_on, k)))
+        {
+            let mut memory: StartingCorrection<f64, FixedDirect<'_, f64, 1, STEPS>> =
+                new(acts_on, &exponents);
+            let whole = go_on(&mut memory, 0);
+            memory.clear();
+            for k in 0..saved_after {
+                memory.next_term(&mut [0.0]).unwrap();
+                memory.push(&[(0.3 * k as f64).cos() + 0.1 * k as f64]).unwrap();
+            }
+            let mut bytes = vec![0; memory.state_bytes()];
+            let mut writer = StateWriter::new(&mut bytes);
+            memory.save(&mut writer).unwrap();
+            assert_eq!(writer.written(), bytes.len());
+
+            let mut restored = new(acts_on, &exponents);
+            go_on(&mut restored, 0);
+            for length in 0..bytes.len() {
+                assert!(restored.restore(&mut StateReader::new(&bytes[..length])).is_err());
+                assert_eq!((restored.len(), restored.first.len()), (STEPS, 3));
+            }
+            let mut reader = StateReader::new(&bytes);
+            restored.restore(&mut reader).unwrap();
+            assert_eq!(reader.finish(), Ok(()));
+            assert_eq!(restored.len(), saved_after);
+            assert_eq!(go_on(&mut restored, saved_after), whole[saved_after..], "saved after {saved_after}");
+
+            let mut other = new(acts_on, &[0.0, 0.6, 1.3]);
+            let refusal = other.restore(&mut StateReader::new(&bytes));
+            assert!(matches!(refusal, Err(StateError::Mismatch { .. })), "{refusal:?}");
         }
     }
 

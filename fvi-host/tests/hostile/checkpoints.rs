@@ -85,7 +85,7 @@ fn options(directory: &Path) -> RunOptions {
 }
 
 /// Changes bytes as a bad disk does, or as someone who means harm; `other` is a file of the same kind.
-fn change(bytes: &mut Vec<u8>, other: &[u8], generator: &mut Generator) {
+pub(crate) fn change(bytes: &mut Vec<u8>, other: &[u8], generator: &mut Generator) {
     let place = generator.below(bytes.len() + 1);
     let end = (place + generator.below(40)).min(bytes.len());
     match generator.below(6) {

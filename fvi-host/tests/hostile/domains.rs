@@ -225,18 +225,23 @@ pub(crate) fn matrices() -> Domain {
     Domain { name: "matrices", corpus: files("../scenarios", "mtx"), attempt: matrix }
 }
 
-/// A Matrix Market file as stiffness, damping and the columns of dampers of ten masses.
 fn matrix(input: &str) -> Result<Outcome, String> {
+    matrix_file("a.mtx", input.as_bytes())
+}
+
+/// A matrix in a file as stiffness, damping and the columns of dampers of ten masses.
+pub(crate) fn matrix_file(name: &str, content: &[u8]) -> Result<Outcome, String> {
     let mut outcome = Outcome::Refused;
     for damping in
-        ["coefficient = \"a.mtx\"", "attached = \"a.mtx\"\nstrength = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"]
+        ["coefficient = \"{name}\"", "attached = \"{name}\"\nstrength = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"]
     {
+        let damping = damping.replace("{name}", name);
         let scenario = format!(
-            "[system]\nmass = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]\nstiffness = \"a.mtx\"\n[[system.damping]]\norder = 0.5\n{damping}\n\
+            "[system]\nmass = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]\nstiffness = \"{name}\"\n[[system.damping]]\norder = 0.5\n{damping}\n\
              [convolution]\nat = \"nodes\"\norder = 2\n[scheme]\nkind = \"low-order\"\n\
              [time]\nstep = 0.01\nsteps = 3\n[[system.load]]\npattern = {{ coordinate = 0 }}\namplitude = \"1\"\n"
         );
-        let document = Document::new("matrix", Path::new(""), &scenario).with_attached("a.mtx", input);
+        let document = Document::new("matrix", Path::new(""), &scenario).with_attached(name, content);
         let scenario = match Scenario::from_document(document) {
             Ok(scenario) => scenario,
             Err(error) => {
@@ -257,6 +262,12 @@ fn matrix(input: &str) -> Result<Outcome, String> {
                 outcome = failed(&error)?;
                 break;
             }
+        }
+        let mut state =
+            GridState { position: vec![0.0; 10], momentum: vec![0.0; 10], ..GridState::default() };
+        simulation.read(&mut state);
+        if !state.position.iter().chain(&state.momentum).all(|number| number.is_finite()) {
+            return Err(format!("three steps give {state:?}"));
         }
     }
     Ok(outcome)
