@@ -3,6 +3,7 @@
 mod band;
 mod channel_damping;
 mod elements;
+mod energies;
 mod force_moments;
 mod loads;
 mod mechanics;
@@ -19,6 +20,7 @@ pub mod tape;
 pub use band::BandFactors;
 pub use channel_damping::{ChannelDamping, Directions, HostTerm};
 pub use elements::Elements;
+pub use energies::{EnergiesAlong, EnergyRoom, States};
 pub use force_moments::ForceMoments;
 pub use loads::Loads;
 pub use mechanics::{Model, SingleModel, matrix, moment, vector};

@@ -1,6 +1,7 @@
 //! Numerical mathematics that needs an allocator or is done once: tables for memories, weights, benchmarks.
 
 pub mod aligned;
+pub(crate) mod column;
 pub mod exponential_table;
 pub mod growing_ring;
 mod inverse;

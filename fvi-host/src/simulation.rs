@@ -13,23 +13,27 @@ mod one_coordinate_tests;
 mod piece;
 pub mod stability;
 mod step_control;
+pub(crate) mod stretch;
 
 use crate::language::error::Cause;
 use crate::language::expression::Elementary;
 use crate::language::{InputError, Problem};
 use crate::memory::{EngineError, HostMemory, MemoryRequest, Tables};
-use crate::model::{Dense, DenseOutput, Matrix, Model, OnePoint, Remembers, ScenarioSpace};
+use crate::model::{
+    Dense, DenseOutput, EnergiesAlong, EnergyRoom, Matrix, Model, OnePoint, Remembers, ScenarioSpace, States,
+};
 use crate::scenario::{self, ConvolutionFamily, DampedAt, Engine, ReportedMomentum, Scenario};
 use choice::sparse_space;
 pub use choice::{Solver, SolverChoice};
 use fvi_core::{
     Damping, Fixed, Instant, Integrator, IntegratorBuilder, IntegratorError, MatrixError, Mechanics, Memory,
-    MemoryError, Mismatch, Sample, Scheme, StateError, StateReader, StateWriter, StepError,
+    MemoryError, Mismatch, Real, Sample, Scheme, StateError, StateReader, StateWriter, StepError,
 };
 use fvi_fft::Engines;
 use nalgebra::DMatrix;
 use piece::{Piece, Place};
 use serde::Serialize;
+use stretch::Stretch;
 
 /// The scalar a simulation computes in.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -48,13 +52,13 @@ pub struct Simulation {
     engines: Vec<Engine>,
     precision: Precision,
     solver: Solver,
-    energy_is_dear: bool,
 }
 
 /// What the integrator of any scalar can do.
 trait Stepper {
     fn step(&mut self, input: &[f64]) -> Result<u32, StepError>;
     fn step_over(&mut self, length: f64, end: f64, input: &[f64]) -> Result<u32, StepError>;
+    fn advance(&mut self, scenario: &Scenario, steps: usize, stretch: &mut Stretch) -> Result<(), StepError>;
     fn look_into(&mut self, time: f64, state: &mut GridState);
     /// Time, position and momentum.
     fn read_without_energy(&mut self, state: &mut GridState);
@@ -140,8 +144,7 @@ impl Simulation {
             };
         }
         let engines = stepper.engines();
-        let energy_is_dear = matches!(solver, Solver::Sparse { .. });
-        Ok(Self { stepper, engines, precision, solver, energy_is_dear })
+        Ok(Self { stepper, engines, precision, solver })
     }
 
     /// Whether no motion near the start grows at the step of the scenario, as far as the check of the step tells.
@@ -174,6 +177,21 @@ impl Simulation {
         self.stepper.step_over(length, end, input)
     }
 
+    /// Makes so many steps of the scenario's grid, and puts the states after them into the stretch, which is empty and says how
+    /// many were made before. Where an energy costs as much as a step the one of the newest row that is
+    /// written stands for those behind it.
+    ///
+    /// # Errors
+    /// [`StepError`] of the step behind the last one that is in the stretch; the simulation is as it was before that step.
+    pub(crate) fn advance(
+        &mut self,
+        scenario: &Scenario,
+        steps: usize,
+        stretch: &mut Stretch,
+    ) -> Result<(), StepError> {
+        self.stepper.advance(scenario, steps, stretch)
+    }
+
     /// Writes the state at a time within the last two steps into `state`, by the scheme's own polynomial; before the first
     /// step and after the last the present state.
     pub fn look_into(&mut self, time: f64, state: &mut GridState) {
@@ -193,11 +211,6 @@ impl Simulation {
     /// Writes the present state into `state` but for the energy, which stays.
     pub fn read_without_energy(&mut self, state: &mut GridState) {
         self.stepper.read_without_energy(state);
-    }
-
-    /// Whether the energy costs about as much as a step.
-    pub fn energy_is_dear(&self) -> bool {
-        self.energy_is_dear
     }
 
     /// How the equations of a step are solved.
@@ -295,6 +308,21 @@ struct Machine<T: Elementary + Engines, X: ScenarioSpace<T>> {
     mean: Option<X::Vector>,
     /// The last two steps, the later one first, where they are to be looked into.
     pieces: Option<[Piece<T>; 2]>,
+    energies: Energies,
+    energy_room: EnergyRoom<T>,
+    /// The energy that was computed last.
+    energy: f64,
+}
+
+/// When the energies of a grid's states are computed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Energies {
+    /// Those of a stretch together.
+    Together,
+    /// After every step.
+    EveryStep,
+    /// Where a row is written.
+    Rows,
 }
 
 impl<T: Elementary + Engines, X: ScenarioSpace<T>> Machine<T, X> {
@@ -313,6 +341,7 @@ impl<T: Elementary + Engines, X: ScenarioSpace<T>> Machine<T, X> {
         let momentum = space.vector(&scenario.initial.momentum);
         let input = space.zeros();
         let kicked = scenario.convolution.at == DampedAt::MainNodes;
+        let is_dear = space.energy_is_dear();
         let mean = (kicked && scenario.output.momentum == ReportedMomentum::Mean).then(|| space.zeros());
         let kick = mean.is_some().then(|| Kick { next: space.zeros(), last: space.zeros() });
         let integrator = IntegratorBuilder::in_space(space, system, scheme, T::of(scenario.time.step))
@@ -322,7 +351,13 @@ impl<T: Elementary + Engines, X: ScenarioSpace<T>> Machine<T, X> {
             .build()
             .map_err(|error| refused(scenario, &error))?;
         let pieces = scenario.is_looked_into().then(<[Piece<T>; 2]>::default);
-        Ok(Self { integrator, input, pushed: false, mean, pieces })
+        let energies = match is_dear {
+            true => Energies::Rows,
+            false if integrator.system().has_plain_energy() => Energies::Together,
+            false => Energies::EveryStep,
+        };
+        let energy_room = EnergyRoom::default();
+        Ok(Self { integrator, input, pushed: false, mean, pieces, energies, energy_room, energy: 0.0 })
     }
 }
 
@@ -361,6 +396,44 @@ impl<T: Elementary + Engines, X: ScenarioSpace<T>> Machine<T, X> {
         state.energy = self.integrator.energy_of(&position, &momentum).to_f64();
     }
 
+    /// Makes the step of a grid that follows so many others.
+    #[inline(always)]
+    fn step_on_grid(&mut self, scenario: &Scenario, step: usize) -> Result<u32, StepError> {
+        self.prepare(scenario.input.as_ref().and_then(|input| input.at_step(step)).unwrap_or(&[]));
+        let made = match &scenario.time.grid {
+            None => self.integrator.step(&self.input),
+            Some(_) => {
+                let (begin, end) = (scenario.time.time(step), scenario.time.time(step + 1));
+                self.integrator.step_over(T::of(end - begin), T::of(end), &self.input)
+            }
+        };
+        self.keep_piece(made)
+    }
+
+    /// Brings the momentum that is reported up to date, where that is not the one of the state.
+    #[inline(always)]
+    fn take_mean(&mut self) {
+        let (Some(mean), Some(kick)) = (&mut self.mean, &self.integrator.damping().kick) else { return };
+        let (half, state) = (self.integrator.step_size() / T::of(2.0), self.integrator.state());
+        let momenta = X::slice_mut(mean).iter_mut().zip(X::slice(&state.momentum)).zip(X::slice(&kick.last));
+        momenta.for_each(|((mean, &after), &force)| *mean = after + half * force);
+    }
+
+    /// The momentum that is reported.
+    #[inline(always)]
+    fn momentum(&self) -> &[T] {
+        X::slice(self.mean.as_ref().unwrap_or(&self.integrator.state().momentum))
+    }
+
+    /// Computes the energy of the state with the momentum that is reported.
+    fn take_energy(&mut self) {
+        let energy = match &self.mean {
+            Some(mean) => self.integrator.energy_with(mean),
+            None => self.integrator.energy(),
+        };
+        self.energy = energy.to_f64();
+    }
+
     /// Keeps what the step has found that may be looked into.
     fn keep_piece(&mut self, made: Result<u32, StepError>) -> Result<u32, StepError> {
         if let (Ok(_), Some([piece, _])) = (&made, &mut self.pieces) {
@@ -368,6 +441,12 @@ impl<T: Elementary + Engines, X: ScenarioSpace<T>> Machine<T, X> {
         }
         made
     }
+}
+
+/// The numbers in double precision.
+#[inline(always)]
+fn in_double<T: Real>(numbers: &[T]) -> impl Iterator<Item = f64> {
+    numbers.iter().map(|number| number.to_f64())
 }
 
 fn refused(scenario: &Scenario, error: &IntegratorError) -> InputError {
@@ -572,30 +651,52 @@ impl<T: Elementary + Engines, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
         }
     }
 
+    fn advance(&mut self, scenario: &Scenario, steps: usize, stretch: &mut Stretch) -> Result<(), StepError> {
+        let before = stretch.first() - 1;
+        let mut made = Ok(());
+        for step in before..before + steps {
+            let iterations = match self.step_on_grid(scenario, step) {
+                Ok(iterations) => iterations,
+                Err(error) => {
+                    made = Err(error);
+                    break;
+                }
+            };
+            self.take_mean();
+            let count = step + 1;
+            let row = || count == scenario.time.steps || count.is_multiple_of(scenario.output.every);
+            match self.energies {
+                Energies::EveryStep => self.take_energy(),
+                Energies::Rows if row() => self.take_energy(),
+                Energies::Rows | Energies::Together => {}
+            }
+            let position = in_double(X::slice(&self.integrator.state().position));
+            let time = self.integrator.time().to_f64();
+            stretch.push((time, self.energy), position, in_double(self.momentum()), iterations);
+        }
+        if self.energies == Energies::Together {
+            let stride = stretch.room();
+            let (positions, momenta, energies) = stretch.with_energies_mut();
+            let states = States { positions, momenta, stride };
+            self.integrator.system().write_energies(&states, &mut self.energy_room, energies);
+        }
+        made
+    }
+
     fn read_without_energy(&mut self, grid: &mut GridState) {
+        self.take_mean();
         grid.time = self.integrator.time().to_f64();
-        let state = self.integrator.state();
         let write = |places: &mut [f64], numbers: &[T]| {
             places.iter_mut().zip(numbers).for_each(|(place, number)| *place = number.to_f64());
         };
-        write(&mut grid.position, X::slice(&state.position));
-        let (Some(mean), Some(kick)) = (&mut self.mean, &self.integrator.damping().kick) else {
-            write(&mut grid.momentum, X::slice(&state.momentum));
-            return;
-        };
-        let half = self.integrator.step_size() / T::of(2.0);
-        let momenta = X::slice_mut(mean).iter_mut().zip(X::slice(&state.momentum)).zip(X::slice(&kick.last));
-        momenta.for_each(|((mean, &after), &force)| *mean = after + half * force);
-        write(&mut grid.momentum, X::slice(mean));
+        write(&mut grid.position, X::slice(&self.integrator.state().position));
+        write(&mut grid.momentum, self.momentum());
     }
 
     fn read(&mut self, grid: &mut GridState) {
         self.read_without_energy(grid);
-        let energy = match &self.mean {
-            Some(mean) => self.integrator.energy_with(mean),
-            None => self.integrator.energy(),
-        };
-        grid.energy = energy.to_f64();
+        self.take_energy();
+        grid.energy = self.energy;
     }
 
     fn energies(&self, energies: &mut Vec<f64>) {

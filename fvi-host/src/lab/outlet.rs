@@ -12,6 +12,8 @@ use crate::results::snapshots::Snapshots;
 use crate::results::trajectory::{Format, TrajectoryMark, TrajectoryWriter};
 use crate::scenario::Scenario;
 use crate::simulation::GridState;
+use crate::simulation::stretch::Stretch;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// Whole states, and the picture of them.
@@ -46,9 +48,45 @@ impl<'a> From<&'a GridState> for View<'a> {
     }
 }
 
+/// One motion of a run over a stretch of steps.
+#[derive(Clone, Debug)]
+pub(crate) struct Passage<'a> {
+    stretch: &'a Stretch,
+    /// Its coordinates among those of all motions.
+    places: Range<usize>,
+    energies: &'a [f64],
+}
+
+impl<'a> Passage<'a> {
+    /// The motion of these coordinates, with its energies.
+    pub(crate) fn new(stretch: &'a Stretch, places: Range<usize>, energies: &'a [f64]) -> Self {
+        Self { stretch, places, energies }
+    }
+
+    fn position(&self, coordinate: usize) -> &'a [f64] {
+        self.stretch.position(self.places.start + coordinate)
+    }
+
+    fn momentum(&self, coordinate: usize) -> &'a [f64] {
+        self.stretch.momentum(self.places.start + coordinate)
+    }
+
+    /// A state, these coordinates of it.
+    pub(crate) fn state(&self, index: usize, chosen: &[usize]) -> GridState {
+        GridState {
+            time: self.stretch.times()[index],
+            position: chosen.iter().map(|&coordinate| self.position(coordinate)[index]).collect(),
+            momentum: chosen.iter().map(|&coordinate| self.momentum(coordinate)[index]).collect(),
+            energy: self.energies[index],
+        }
+    }
+}
+
 /// The files of one motion.
 pub(crate) struct Outlet {
     directory: PathBuf,
+    /// The coordinates that are written and drawn.
+    chosen: Vec<usize>,
     writer: TrajectoryWriter,
     traces: RunTraces,
     snapshots: Option<Snapshots>,
@@ -103,31 +141,35 @@ impl Outlet {
 
     fn with(scenario: &Scenario, directory: PathBuf, writer: TrajectoryWriter, traces: RunTraces) -> Self {
         let snapshots = scenario.output.snapshots.map(|every| Snapshots::new(every, scenario.coordinates()));
-        Self { directory, writer, traces, snapshots }
+        Self { directory, chosen: scenario.written_coordinates(), writer, traces, snapshots }
     }
 
-    /// Takes the state after a number of steps, and those between it and the one before that were asked for.
+    /// Takes a stretch of the motion, and the states between its last two that were asked for.
     ///
     /// # Errors
     /// If a row cannot be written.
     pub(crate) fn take(
         &mut self,
         scenario: &Scenario,
-        steps: usize,
         between: &[GridState],
-        state: &View<'_>,
+        passage: &Passage<'_>,
     ) -> Result<(), FileError> {
-        let path = self.directory.join(self.writer.format().file());
-        let shown = state.shown(scenario);
+        let Self { directory, chosen, writer, traces, snapshots } = self;
+        let (stretch, format) = (passage.stretch, writer.format());
+        let failed = |error| FileError::at(&directory.join(format.file()))(error);
         if scenario.output.times.is_empty() {
-            self.writer.push(&shown).map_err(FileError::at(&path))?;
+            writer.push_all(stretch.len(), |index| passage.state(index, chosen)).map_err(failed)?;
         }
         for row in between {
-            self.writer.push(&View::from(row).shown(scenario)).map_err(FileError::at(&path))?;
+            writer.push(&View::from(row).shown(scenario)).map_err(failed)?;
         }
-        self.traces.take(&shown);
-        if let Some(snapshots) = &mut self.snapshots {
-            snapshots.take(steps, state.time, state.position, state.momentum);
+        let drawn = chosen.iter().map(|&index| (passage.position(index), passage.momentum(index)));
+        traces.take(stretch.times(), drawn, passage.energies);
+        let Some(snapshots) = snapshots else { return Ok(()) };
+        let whole: Vec<usize> = (0..passage.places.len()).collect();
+        for index in stretch.multiples(snapshots.every()) {
+            let GridState { time, position, momentum, .. } = passage.state(index, &whole);
+            snapshots.take(time, &position, &momentum);
         }
         Ok(())
     }
@@ -166,7 +208,7 @@ impl Outlet {
         last: &GridState,
         files: &mut Vec<&'static str>,
     ) -> Result<Result<(), FileError>, FileError> {
-        let Self { directory, writer, traces, snapshots } = self;
+        let Self { directory, writer, traces, snapshots, .. } = self;
         let format = writer.format();
         let path = directory.join(format.file());
         writer.finish(&View::from(last).shown(scenario)).map_err(FileError::at(&path))?;

@@ -3,7 +3,7 @@
 use crate::lab::checkpoint::{
     self, CHECKPOINT, Checkpoint, CheckpointError, CheckpointEvery, Identity, Progress, Timer,
 };
-use crate::lab::outlet::{Outlet, View};
+use crate::lab::outlet::{Outlet, Passage, View};
 use crate::language::{InputError, Problem};
 use crate::memory::Tables;
 use crate::numerics::starting::starting_condition;
@@ -225,7 +225,7 @@ pub enum RunError {
 const SUMMARY: &str = "summary.json";
 /// Runs a scenario and writes its files.
 ///
-/// `stop` ends the run after the step under way; `progress` hears the number of steps made, after each.
+/// `stop` ends the run after the steps under way, which are few; `progress` hears the number of steps made, after each.
 /// Nothing is written when the scenario cannot be run. When a step fails or the run is stopped, what was
 /// computed until then is written, and the summary says so. A run with `resume` goes on from the directory's checkpoint
 /// and leaves the same files as one that was never interrupted.
@@ -290,21 +290,24 @@ pub fn run(
         outlets.iter_mut().for_each(Outlet::keep);
         Ok::<_, RunError>(())
     };
-    let end = run.go(stop, |run| {
-        let steps = run.steps();
-        for (case, outlet) in outlets.iter_mut().enumerate() {
-            outlet.take(&scenario, steps, run.rows_between(), &run.view(case))?;
-        }
-        if steps > 0 {
-            progress(steps);
-        }
-        if timer.is_due(steps) && !run.is_ended() {
-            let begin = Instant::now();
-            write_checkpoint(run, &mut outlets)?;
-            timer.written(begin);
-        }
-        Ok::<_, RunError>(())
-    })?;
+    let every = options.checkpoints;
+    let end = run.go(
+        stop,
+        |steps| every.steps_to_next(steps),
+        |run| {
+            for (case, outlet) in outlets.iter_mut().enumerate() {
+                outlet.take(&scenario, run.rows_between(), &run.passage(case))?;
+            }
+            let stretch = run.motion.stretch();
+            (stretch.first()..).take(stretch.len()).filter(|&steps| steps > 0).for_each(&mut progress);
+            if timer.is_due(run.steps()) && !run.is_ended() {
+                let begin = Instant::now();
+                write_checkpoint(run, &mut outlets)?;
+                timer.written(begin);
+            }
+            Ok::<_, RunError>(())
+        },
+    )?;
     // A step that failed would fail again, and the motion is past an event that has ended it.
     let ends = matches!(end, RunEnd::Failed { .. } | RunEnd::Event { .. });
     let goes_on = options.checkpoints != CheckpointEvery::Never && !ends;
@@ -478,8 +481,8 @@ impl<'s> Run<'s> {
         })
     }
 
-    /// Makes all steps, or those until one fails or `stop` is set; `take` sees the number of steps made and the state after
-    /// them, from the beginning on.
+    /// Makes all steps, or those until one fails or `stop` is set and the few under way are made; `take` sees the number of
+    /// steps made and the state after them, from the beginning on.
     ///
     /// # Errors
     /// Those of `take`. A step that fails is no error but an end, see [`RunEnd`].
@@ -488,7 +491,18 @@ impl<'s> Run<'s> {
         stop: &AtomicBool,
         mut take: impl FnMut(usize, &GridState) -> Result<(), E>,
     ) -> Result<RunSummary, E> {
-        let end = self.go(stop, |run| take(run.steps(), run.state()))?;
+        let mut state = self.state().clone();
+        let end = self.go(
+            stop,
+            |_| usize::MAX,
+            |run| {
+                let stretch = run.motion.stretch();
+                (0..stretch.len()).try_for_each(|index| {
+                    stretch.read(index, &mut state);
+                    take(stretch.first() + index, &state)
+                })
+            },
+        )?;
         Ok(self.summary(end))
     }
 
@@ -537,18 +551,30 @@ impl<'s> Run<'s> {
         let on_grid = scenario.output.times.is_empty();
         let copies = scenario.copies();
         let mut last_is_there = true;
-        let end = self.go(stop, |run| {
-            if on_grid {
-                last_is_there = run.steps().is_multiple_of(every);
-                if last_is_there {
-                    (0..copies).try_for_each(|case| row(case, &run.view(case).shown(scenario)))?;
+        let (chosen, mut state) = (scenario.written_coordinates(), self.state().clone());
+        let end = self.go(
+            stop,
+            |_| usize::MAX,
+            |run| {
+                let stretch = run.motion.stretch();
+                for index in 0..stretch.len() {
+                    let steps = stretch.first() + index;
+                    stretch.read(index, &mut state);
+                    if on_grid {
+                        last_is_there = steps.is_multiple_of(every);
+                        if last_is_there {
+                            (0..copies)
+                                .try_for_each(|case| row(case, &run.passage(case).state(index, &chosen)))?;
+                        }
+                    }
+                    // Load cases have rows at grid points only.
+                    let mut between = run.rows_between().iter();
+                    between.try_for_each(|between| row(0, &View::from(between).shown(scenario)))?;
+                    take(steps, &state);
                 }
-            }
-            // Load cases have rows at grid points only.
-            run.rows_between().iter().try_for_each(|between| row(0, &View::from(between).shown(scenario)))?;
-            take(run.steps(), run.state());
-            Ok(())
-        })?;
+                Ok(())
+            },
+        )?;
         self.motion.complete();
         if !last_is_there {
             (0..copies).try_for_each(|case| row(case, &self.view(case).shown(scenario)))?;
@@ -583,9 +609,20 @@ impl<'s> Run<'s> {
         View { time: state.time, position, momentum, energy }
     }
 
+    /// What was made last of one load case; without cases of the motion.
+    fn passage(&self, case: usize) -> Passage<'_> {
+        let (stretch, energies) = (self.motion.stretch(), self.motion.energies());
+        match energies.get(case..=case) {
+            Some(energy) => Passage::new(stretch, self.scenario.places_of(case), energy),
+            None => Passage::new(stretch, 0..self.scenario.coordinates(), stretch.energies()),
+        }
+    }
+
+    /// `most` says after a number of steps how many more may be made together; `take` sees the run when they are.
     fn go<E>(
         &mut self,
         stop: &AtomicBool,
+        most: impl Fn(usize) -> usize,
         mut take: impl FnMut(&Self) -> Result<(), E>,
     ) -> Result<RunEnd, E> {
         self.begin = Instant::now();
@@ -598,24 +635,13 @@ impl<'s> Run<'s> {
                 return Ok(RunEnd::Stopped);
             }
             let made = self.motion.steps();
-            let result = self.motion.advance();
-            let moved = self.motion.steps() > made;
-            if moved {
+            let result = self.motion.advance_along(most(made));
+            if self.motion.steps() > made {
                 self.observe();
-            }
-            let failed = match result {
-                Ok(iterations) => {
-                    self.newton_iterations += u64::from(iterations);
-                    self.newton_iterations_most = self.newton_iterations_most.max(iterations);
-                    None
-                }
-                Err(Failure { step, time, reason }) => Some(RunEnd::Failed { step, time, reason }),
-            };
-            if moved {
                 take(self)?;
             }
-            if let Some(end) = failed {
-                return Ok(end);
+            if let Err(Failure { step, time, reason }) = result {
+                return Ok(RunEnd::Failed { step, time, reason });
             }
             if let (true, Some(&Happened { event, time, .. })) =
                 (self.is_ended(), self.watch.seen().happened.last())
@@ -631,7 +657,7 @@ impl<'s> Run<'s> {
         &self.between
     }
 
-    /// Takes in the present state, and what lies before it.
+    /// Takes in the states of the stretch that was made last, and what lies before them. Where steps are looked into it holds one.
     fn observe(&mut self) {
         let (scenario, coordinates) = (self.scenario, self.scenario.coordinates());
         let reference = scenario.reference.as_ref();
@@ -654,18 +680,30 @@ impl<'s> Run<'s> {
         {
             self.between.push(ended.clone());
         }
-        let (steps, state) = (self.motion.steps(), self.ended.as_ref().unwrap_or(self.motion.state()));
-        self.largest.take(state);
+        if let Some(ended) = &self.ended {
+            self.motion.show(ended);
+        }
+        let stretch = self.motion.stretch();
+        for &iterations in stretch.iterations() {
+            self.newton_iterations += u64::from(iterations);
+            self.newton_iterations_most = self.newton_iterations_most.max(iterations);
+        }
+        self.largest.take(stretch);
         for (largest, &energy) in self.largest_energies.iter_mut().zip(self.motion.energies()) {
             *largest = larger(*largest, energy.abs());
         }
+        let Some(reference) = reference else { return };
         let chosen = scenario.time.adaptive().is_some() || self.ended.is_some();
-        let known = reference.and_then(|reference| match chosen {
-            true => reference.at_output(state.time, coordinates),
-            false => reference.at_grid_point(steps, &scenario.time, coordinates),
-        });
-        if let Some(known) = known {
-            self.errors.compare(state, &known);
+        let mut state = self.state().clone();
+        for index in 0..stretch.len() {
+            stretch.read(index, &mut state);
+            let known = match chosen {
+                true => reference.at_output(state.time, coordinates),
+                false => reference.at_grid_point(stretch.first() + index, &scenario.time, coordinates),
+            };
+            if let Some(known) = known {
+                self.errors.compare(&state, &known);
+            }
         }
     }
 

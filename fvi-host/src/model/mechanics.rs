@@ -5,6 +5,7 @@ mod single;
 pub use single::SingleModel;
 
 use super::elements::Elements;
+use super::energies::{EnergiesAlong, EnergyRoom, States, write_plain};
 use super::loads::Loads;
 use super::own::Own;
 use super::rough_forces::RoughForces;
@@ -300,6 +301,23 @@ impl<T: Elementary, X: MatrixSpace<T>> Mechanics<T, X> for Model<T> {
     }
 }
 
+impl<T: Elementary> EnergiesAlong<T> for Model<T> {
+    fn has_plain_energy(&self) -> bool {
+        let diagonal = matches!(self.inverse_mass, InverseMass::Matrix(Matrix::Diagonal(_)));
+        diagonal
+            && self.base.is_none()
+            && self.elements.is_empty()
+            && self.own.is_none()
+            && self.cases.is_empty()
+    }
+
+    fn write_energies(&self, states: &States<'_>, room: &mut EnergyRoom<T>, energies: &mut [f64]) {
+        if let InverseMass::Matrix(Matrix::Diagonal(inverse_masses)) = &self.inverse_mass {
+            write_plain(inverse_masses, self.potential.as_ref(), states, room, energies);
+        }
+    }
+}
+
 impl<T: Elementary> Model<T> {
     /// Whether the stiffness is the same at every position and time.
     fn is_linear(&self) -> bool {
@@ -328,11 +346,6 @@ impl<T: Elementary> Model<T> {
                 velocity.iter_mut().zip(numbers).for_each(|(place, number)| *place = T::of(number));
             }
         }
-    }
-
-    /// Whether the velocity, and with it the energy, costs a solution of equations.
-    pub fn energy_is_dear(&self) -> bool {
-        matches!(self.inverse_mass, InverseMass::Factor(..))
     }
 }
 

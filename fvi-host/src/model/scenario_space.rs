@@ -1,6 +1,7 @@
 //! What a space needs for scenarios to run in it.
 
 use super::channel_damping::{ChannelDamping, Directions, HostTerm};
+use super::energies::EnergiesAlong;
 use super::mechanics::{Model, matrix, vector};
 use super::scheme::{AnyScheme, DenseOutput};
 use super::space::{Dense, Matrix, MatrixSpace};
@@ -17,7 +18,7 @@ use fvi_core::{
 /// The simulation is written over this; another way to store coordinates joins by implementing it.
 pub trait ScenarioSpace<T: Elementary>: Space<T> {
     /// M, U and F.
-    type System: Mechanics<T, Self>;
+    type System: Mechanics<T, Self> + EnergiesAlong<T>;
     /// The scheme.
     type Scheme: DenseOutput<T, Self>;
     /// A damping term on a memory.
@@ -43,6 +44,11 @@ pub trait ScenarioSpace<T: Elementary>: Space<T> {
     /// Threads that products with matrices, and solutions, may take.
     fn threads(&self) -> usize {
         1
+    }
+
+    /// Whether the energy costs about as much as a step, so that it is computed for the rows that are written only.
+    fn energy_is_dear(&self) -> bool {
+        false
     }
 
     /// The vector of these numbers, one for each coordinate, the same for every motion.
@@ -98,7 +104,7 @@ fn directions<T: Elementary>(term: &scenario::Damping) -> Option<Directions<T>> 
 }
 
 macro_rules! scenarios_in {
-    ($space:ty, $own:ident => $copies:expr, $threads:expr) => {
+    ($space:ty, $own:ident => $copies:expr, $threads:expr, $dear:expr) => {
         impl<T: Elementary> ScenarioSpace<T> for $space {
             type System = Model<T>;
             type Scheme = AnyScheme<T>;
@@ -118,6 +124,10 @@ macro_rules! scenarios_in {
 
             fn threads(&$own) -> usize {
                 $threads
+            }
+
+            fn energy_is_dear(&self) -> bool {
+                $dear
             }
 
             fn vector(&self, numbers: &[f64]) -> Vec<T> {
@@ -158,5 +168,5 @@ macro_rules! scenarios_in {
     };
 }
 
-scenarios_in!(Dense, self => 1, 1);
-scenarios_in!(SparseSpace, self => SparseSpace::copies(self), SparseSpace::threads(self));
+scenarios_in!(Dense, self => 1, 1, false);
+scenarios_in!(SparseSpace, self => SparseSpace::copies(self), SparseSpace::threads(self), true);

@@ -21,6 +21,7 @@ mod rough;
 pub use force::CompiledForce;
 pub use function::CompiledFunction;
 pub use potential::{CompiledPotential, QuadraticPart};
+pub(super) use program::{LANES, LaneRegisters};
 pub use rough::{RoughArgument, RoughArguments};
 
 #[cfg(test)]

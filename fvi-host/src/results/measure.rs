@@ -1,7 +1,9 @@
 //! What a run is measured by: largest values, and errors against the reference.
 
+use crate::numerics::column::largest;
 use crate::scenario::ReferenceRow;
 use crate::simulation::GridState;
+use crate::simulation::stretch::Stretch;
 use serde::{Deserialize, Serialize};
 
 /// The larger of two; not-a-number, once met, stays.
@@ -109,20 +111,21 @@ pub struct Largest {
 }
 
 impl Largest {
-    /// Takes in one grid point.
-    pub fn take(&mut self, state: &GridState) {
-        let raise = |largest: &mut Vec<f64>, numbers: &[f64]| {
-            if largest.len() != numbers.len() {
-                largest.resize(numbers.len(), 0.0);
-            }
-            largest
-                .iter_mut()
-                .zip(numbers)
-                .for_each(|(largest, number)| *largest = larger(*largest, number.abs()));
-        };
-        raise(&mut self.position, &state.position);
-        raise(&mut self.momentum, &state.momentum);
-        self.energy = larger(self.energy, state.energy.abs());
+    /// Takes in the states of a stretch, whose numbers are finite.
+    pub(crate) fn take(&mut self, stretch: &Stretch) {
+        raise(&mut self.position, stretch.positions());
+        raise(&mut self.momentum, stretch.momenta());
+        self.energy = larger(self.energy, largest(stretch.energies()));
+    }
+}
+
+/// Raises each to the largest absolute value of its column.
+fn raise<'a>(most: &mut Vec<f64>, columns: impl Iterator<Item = &'a [f64]>) {
+    for (index, column) in columns.enumerate() {
+        if index == most.len() {
+            most.push(0.0);
+        }
+        most[index] = larger(most[index], largest(column));
     }
 }
 
@@ -132,16 +135,27 @@ mod tests {
 
     #[test]
     fn not_a_number_is_not_passed_over() {
-        let mut largest = Largest::default();
         let mut errors = ErrorMeasure::default();
         for number in [1.0, f64::NAN, 2.0] {
-            let (position, momentum) = (vec![number], vec![0.5]);
-            largest.take(&GridState { time: 0.0, position, momentum, energy: number });
             errors.compare(&[number], &[Some(0.0)]);
         }
-        assert!(largest.position[0].is_nan() && largest.energy.is_nan());
         assert_eq!(errors.largest, f64::MAX);
-        assert_eq!(largest.momentum, [0.5]);
+        assert!(larger(larger(1.0, f64::NAN), 2.0).is_nan());
+    }
+
+    #[test]
+    fn largest_values_are_those_of_all_states() {
+        let mut largest = Largest::default();
+        for sign in [1.0, -1.0] {
+            let mut stretch = Stretch::new(1, false);
+            stretch.begin(0);
+            for number in [1.0, -3.0, 2.0] {
+                let (position, momentum) = (vec![sign * number], vec![0.5]);
+                stretch.push_state(&GridState { time: 0.0, position, momentum, energy: -number }, 0);
+            }
+            largest.take(&stretch);
+        }
+        assert_eq!(largest, Largest { position: vec![3.0], momentum: vec![0.5], energy: 3.0 });
     }
 
     #[test]

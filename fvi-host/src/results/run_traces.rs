@@ -1,7 +1,6 @@
 //! What the pictures of a run are drawn from.
 
 use crate::results::trace::{Envelope, PathTrace};
-use crate::simulation::GridState;
 use serde::{Deserialize, Serialize};
 
 /// Curves gathered along a run, of bounded size.
@@ -31,15 +30,20 @@ impl RunTraces {
             && self.phase.iter().all(PathTrace::is_sound)
     }
 
-    pub(crate) fn take(&mut self, state: &GridState) {
-        for (envelope, &position) in self.coordinates.iter_mut().zip(&state.position) {
-            envelope.push(state.time, position);
+    /// Takes in times, the coordinates that are drawn, and energies at them.
+    pub(crate) fn take<'a>(
+        &mut self,
+        times: &[f64],
+        mut coordinates: impl Iterator<Item = (&'a [f64], &'a [f64])>,
+        energies: &[f64],
+    ) {
+        for envelope in &mut self.coordinates {
+            let Some((position, momentum)) = coordinates.next() else { break };
+            envelope.push_all(times, position);
+            if let Some(phase) = &mut self.phase {
+                phase.push_all(position, momentum);
+            }
         }
-        self.energy.push(state.time, state.energy);
-        if let (Some(phase), [position], [momentum]) =
-            (&mut self.phase, state.position.as_slice(), state.momentum.as_slice())
-        {
-            phase.push(*position, *momentum);
-        }
+        self.energy.push_all(times, energies);
     }
 }

@@ -1,6 +1,7 @@
 //! Traces of a run that stay small however long it is: a few kilobytes each, since they are part of checkpoints.
 
 use super::levels::{Level, Levels, has_level, moved};
+use crate::numerics::column::{highest, is_finite, lowest};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
@@ -42,6 +43,21 @@ impl Open {
             self.highest = point;
         }
         self.last = point;
+    }
+
+    /// Takes points, at least one.
+    fn take_all(&mut self, times: &[f64], values: &[f64]) {
+        let (low, high) = (lowest(values), highest(values));
+        let first = |wanted: f64| times.iter().zip(values).find(|&(_, &value)| value == wanted);
+        if low < self.lowest.1 {
+            self.lowest = first(low).map_or(self.lowest, |(&time, &value)| (time, value));
+        }
+        if high > self.highest.1 {
+            self.highest = first(high).map_or(self.highest, |(&time, &value)| (time, value));
+        }
+        if let (Some(&time), Some(&value)) = (times.last(), values.last()) {
+            self.last = (time, value);
+        }
     }
 
     /// The extremes in the order of their times.
@@ -128,6 +144,26 @@ impl Envelope {
                 self.filled += 1;
             }
             _ => self.open((time, value)),
+        }
+    }
+
+    /// Takes the next points, as [`push`](Self::push) takes each.
+    pub fn push_all(&mut self, mut times: &[f64], mut values: &[f64]) {
+        while let (Some(&time), Some(&value)) = (times.first(), values.first()) {
+            let free = self.width - self.filled;
+            let count = match &mut self.open {
+                Some(open) if free > 0 => {
+                    let count = free.min(values.len()).min(times.len());
+                    open.take_all(&times[..count], &values[..count]);
+                    self.filled += count;
+                    count
+                }
+                _ => {
+                    self.open((time, value));
+                    1
+                }
+            };
+            (times, values) = (&times[count..], &values[count..]);
         }
     }
 
@@ -259,9 +295,33 @@ impl PathTrace {
             self.widen((x, y));
         }
         self.last = Some((x, y));
-        if !self.kept.is_some_and(|kept| self.are_close(kept, (x, y))) {
+        let reach = self.reach();
+        if !self.kept.is_some_and(|kept| are_within(reach, kept, (x, y))) {
             self.keep((x, y));
         }
+    }
+
+    /// Takes the next points of the path, as [`push`](Self::push) takes each.
+    pub fn push_all(&mut self, xs: &[f64], ys: &[f64]) {
+        let Some([low, high]) = self.extent else { return self.push_each(xs, ys) };
+        let within = |numbers: &[f64], low: f64, high: f64| {
+            is_finite(numbers) && lowest(numbers) >= low && highest(numbers) <= high
+        };
+        if !within(xs, low.0, high.0) || !within(ys, low.1, high.1) {
+            return self.push_each(xs, ys);
+        }
+        let mut reach = self.reach();
+        for (&x, &y) in xs.iter().zip(ys) {
+            if !self.kept.is_some_and(|kept| are_within(reach, kept, (x, y))) {
+                self.keep((x, y));
+                reach = self.reach();
+            }
+        }
+        self.last = xs.last().copied().zip(ys.last().copied()).or(self.last);
+    }
+
+    fn push_each(&mut self, xs: &[f64], ys: &[f64]) {
+        xs.iter().zip(ys).for_each(|(&x, &y)| self.push(x, y));
     }
 
     fn keep(&mut self, point: (f64, f64)) {
@@ -303,8 +363,9 @@ impl PathTrace {
     fn thin(&mut self) {
         self.spacing = Self::FINEST_SPACING;
         let mut kept: Vec<Place> = Vec::with_capacity(Self::MOST_POINTS);
+        let reach = self.reach();
         for &place in &self.beginning {
-            if kept.last().is_none_or(|&last| !self.are_close(self.point(last), self.point(place))) {
+            if kept.last().is_none_or(|&last| !are_within(reach, self.point(last), self.point(place))) {
                 kept.push(place);
             }
         }
@@ -315,13 +376,14 @@ impl PathTrace {
         (self.levels[0].number(x), self.levels[1].number(y))
     }
 
-    /// Whether two points are less than the spacing apart; where the path has no extent, all are.
-    fn are_close(&self, a: (f64, f64), b: (f64, f64)) -> bool {
-        let Some([low, high]) = self.extent else { return false };
-        let close = |difference: f64, size: f64| {
-            difference.abs() < self.spacing * size || (size == 0.0 && self.spacing > 0.0)
+    /// How far apart points are that are both kept; where the path has no extent, none are.
+    fn reach(&self) -> (f64, f64) {
+        let Some([low, high]) = self.extent else { return (0.0, 0.0) };
+        let reach = |size: f64| match size {
+            0.0 if self.spacing > 0.0 => f64::INFINITY,
+            size => self.spacing * size,
         };
-        close(a.0 - b.0, high.0 - low.0) && close(a.1 - b.1, high.1 - low.1)
+        (reach(high.0 - low.0), reach(high.1 - low.1))
     }
 
     /// Whether the middle of the path is missing.
@@ -340,6 +402,12 @@ impl PathTrace {
         points.dedup();
         points
     }
+}
+
+/// Whether two points are less than `reach` apart in both directions.
+#[inline(always)]
+fn are_within(reach: (f64, f64), a: (f64, f64), b: (f64, f64)) -> bool {
+    (a.0 - b.0).abs() < reach.0 && (a.1 - b.1).abs() < reach.1
 }
 
 #[cfg(test)]

@@ -143,6 +143,25 @@ impl TrajectoryWriter {
         if self.written { self.write(state) } else { Ok(()) }
     }
 
+    /// Takes the next `count` rows, of which `state` makes those that are written.
+    ///
+    /// # Errors
+    /// If one cannot be written.
+    pub(crate) fn push_all(
+        &mut self,
+        count: usize,
+        mut state: impl FnMut(usize) -> GridState,
+    ) -> io::Result<()> {
+        let Some(last) = count.checked_sub(1) else { return Ok(()) };
+        let next = match self.index % self.every {
+            0 => 0,
+            past => self.every - past,
+        };
+        self.written = (self.index + last).is_multiple_of(self.every);
+        self.index += count;
+        (next..count).step_by(self.every).try_for_each(|index| self.write(&state(index)))
+    }
+
     fn write(&mut self, state: &GridState) -> io::Result<()> {
         match &mut self.rows {
             Rows::Csv(file) => write_row(file, state),

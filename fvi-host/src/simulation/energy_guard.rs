@@ -3,9 +3,11 @@
 use crate::language::expression::Moment;
 use crate::model::Loads;
 use crate::model::tape::CompiledForce;
+use crate::numerics::column::{highest, lowest};
 use crate::scenario::{Derivative, OnEnergyGrowth, Scenario, SharedTerms, SymmetricMatrix};
 use crate::simulation::GridState;
 use crate::simulation::stability::discretisation;
+use crate::simulation::stretch::Stretch;
 use serde::{Deserialize, Serialize};
 
 /// How far the energy may rise, as a multiple of all that was there or put in.
@@ -49,6 +51,10 @@ pub struct EnergyGuard {
     /// Where in a step the scheme looks at forces.
     nodes: Vec<f64>,
     warning: Option<String>,
+    /// Twice the kinetic energies of a stretch, then its potential energies.
+    heights: Vec<f64>,
+    /// A state of a stretch.
+    state: GridState,
 }
 
 /// What a guard has gathered since the start.
@@ -115,6 +121,8 @@ impl EnergyGuard {
             own,
             nodes: discretisation(scenario).map_or_else(|| vec![0.0, 1.0], |scheme| scheme.nodes),
             warning: None,
+            heights: Vec::new(),
+            state: start.clone(),
         }
     }
 
@@ -157,12 +165,70 @@ impl EnergyGuard {
             own: None,
             nodes: Vec::new(),
             warning: None,
+            heights: Vec::new(),
+            state: GridState::default(),
         }
+    }
+
+    /// Takes in the states of a stretch, whose first step began at the time `begin`; `input` is held over the step to each of
+    /// them, which began at the given time. Returns the state at which the run must stop, if it must, and why.
+    pub(crate) fn take_along<'a>(
+        &mut self,
+        stretch: &Stretch,
+        begin: f64,
+        input: impl Fn(usize, f64) -> &'a [f64],
+    ) -> Option<(usize, String)> {
+        if self.is_done() || self.take_without_rise(stretch) {
+            return None;
+        }
+        let mut state = std::mem::take(&mut self.state);
+        let mut from = begin;
+        let found = (0..stretch.len()).find_map(|index| {
+            stretch.read(index, &mut state);
+            let reason = self.take(input(index, from), &state);
+            from = state.time;
+            reason.map(|reason| (index, reason))
+        });
+        self.state = state;
+        found
+    }
+
+    /// Takes in the states of a stretch if nothing drives the motion and the energy of none is out of bounds; returns whether.
+    ///
+    /// The bound grows with the fall of the potential: what is below the bound before the stretch is so after every step.
+    fn take_without_rise(&mut self, stretch: &Stretch) -> bool {
+        let SymmetricMatrix::Diagonal(inverse) = &self.inverse_mass else { return false };
+        // Beyond the bound, or not a number.
+        let within = highest(stretch.energies()) - self.first_energy <= FACTOR * self.explained();
+        if self.is_driven || !within {
+            return false;
+        }
+        self.heights.clear();
+        self.heights.resize(stretch.len(), 0.0);
+        for (momentum, inverse) in stretch.momenta().zip(inverse) {
+            self.heights.iter_mut().zip(momentum).for_each(|(sum, p)| *sum += p * (inverse * p));
+        }
+        self.heights.iter_mut().zip(stretch.energies()).for_each(|(height, energy)| {
+            *height = energy - 0.5 * *height;
+        });
+        self.lowest_potential = self.lowest_potential.min(lowest(&self.heights));
+        true
+    }
+
+    /// Whether there is nothing more to look for.
+    fn is_done(&self) -> bool {
+        self.reaction == OnEnergyGrowth::Ignore || self.warning.is_some()
+    }
+
+    /// How much energy start and forces explain.
+    fn explained(&self) -> f64 {
+        let fall = self.first_potential - self.lowest_potential;
+        self.stored + self.first_potential.abs().max(fall) + self.work
     }
 
     /// Takes in the state after a step with this input; returns why the run must stop, if it must.
     pub fn take(&mut self, input: &[f64], state: &GridState) -> Option<String> {
-        if self.reaction == OnEnergyGrowth::Ignore || self.warning.is_some() {
+        if self.is_done() {
             return None;
         }
         let kinetic = match &self.inverse_mass {
@@ -182,8 +248,7 @@ impl EnergyGuard {
             std::mem::swap(&mut self.velocity, &mut self.new_velocity);
         }
         self.lowest_potential = self.lowest_potential.min(state.energy - kinetic);
-        let fall = self.first_potential - self.lowest_potential;
-        let explained = self.stored + self.first_potential.abs().max(fall) + self.work;
+        let explained = self.explained();
         if state.energy - self.first_energy <= FACTOR * explained || state.energy.is_nan() {
             return None;
         }

@@ -5,14 +5,15 @@ use crate::memory::Tables;
 use crate::scenario::Scenario;
 use crate::simulation::adaptive::{AdaptiveSteps, Counts, Progress};
 use crate::simulation::energy_guard::{EnergyGuard, Gathered};
-use crate::simulation::not_finite::{reason, start, what_is_not_finite};
+use crate::simulation::not_finite::{first_not_finite, reason, start};
+use crate::simulation::stretch::Stretch;
 use crate::simulation::{GridState, Precision, Simulation};
-use fvi_core::{StateError, StepError};
+use fvi_core::StateError;
 
 /// A scenario on its way from grid point to grid point.
 ///
-/// The one loop body of all that runs scenarios: the sampled input of the step, the step, a look at whether the state is finite,
-/// and one at the energy.
+/// The one loop body of all that runs scenarios: a stretch of steps with their sampled inputs, then a look at whether their states
+/// are finite, and one at their energies.
 pub struct Motion<'s> {
     scenario: &'s Scenario,
     simulation: Simulation,
@@ -20,7 +21,10 @@ pub struct Motion<'s> {
     /// What chooses the steps, where they are chosen on the way.
     adaptive: Option<AdaptiveSteps<'s>>,
     steps: usize,
+    /// The state after them.
     state: GridState,
+    /// The states that were made last.
+    stretch: Stretch,
     next: GridState,
     /// Of the motions under load cases.
     energies: Vec<f64>,
@@ -60,7 +64,15 @@ impl<'s> Motion<'s> {
         let adaptive = AdaptiveSteps::new(scenario, precision, &state)?;
         let mut energies = Vec::new();
         simulation.read_energies(&mut energies);
-        Ok(Self { scenario, simulation, guard, adaptive, steps: 0, next: state.clone(), state, energies })
+        // Steps are made together where nothing looks into them, and nothing else waits for each of them.
+        let one_by_one = adaptive.is_some()
+            || scenario.is_looked_into()
+            || !scenario.cases.is_empty()
+            || scenario.system.own_terms.is_some();
+        let mut stretch = Stretch::new(scenario.coordinates() * scenario.copies(), one_by_one);
+        stretch.push_state(&state, 0);
+        let next = state.clone();
+        Ok(Self { scenario, simulation, guard, adaptive, steps: 0, state, stretch, next, energies })
     }
 
     /// What watches it has gathered.
@@ -108,6 +120,8 @@ impl<'s> Motion<'s> {
             adaptive.go_on(chosen);
         }
         self.steps = steps;
+        self.stretch.begin(steps);
+        self.stretch.push_state(&self.state, 0);
         self.guard.go_on(gathered, &self.state);
         Ok(())
     }
@@ -118,60 +132,65 @@ impl<'s> Motion<'s> {
     /// [`Failure`]. A step that could not be made leaves the motion as it was. One at whose end the energy has grown without a
     /// cause has been made, and [`steps`](Self::steps) counts it.
     pub fn advance(&mut self) -> Result<u32, Failure> {
-        let (step, time) = (self.steps, self.state.time);
-        let failure = |reason| Failure { step, time, reason };
-        if self.adaptive.is_some() && step >= self.scenario.time.steps {
-            return Err(failure(format!("more than {step} steps; `time.tolerance` asks for too many")));
-        }
-        let iterations = match &mut self.adaptive {
-            Some(adaptive) => adaptive.advance(&mut self.simulation, &mut self.next).map_err(&failure)?,
-            None => self.step().map_err(|error| failure(error.to_string()))?,
-        };
-        let input = self.input();
-        if let Some(what) = what_is_not_finite(&self.next) {
-            return Err(failure(reason(what)));
-        }
-        self.steps += 1;
-        std::mem::swap(&mut self.state, &mut self.next);
-        match self.guard.take(input, &self.state) {
-            None => Ok(iterations),
-            Some(reason) => Err(failure(reason)),
-        }
+        self.advance_along(1)?;
+        Ok(self.stretch.iterations().iter().sum())
     }
 
-    /// The next step of a grid that is known beforehand, and the state after it.
-    fn step(&mut self) -> Result<u32, StepError> {
-        let (time, step, input) = (&self.scenario.time, self.steps, self.input());
-        let iterations = match &time.grid {
-            None => self.simulation.step(input)?,
-            Some(_) => {
-                let end = time.time(step + 1);
-                self.simulation.step_over(end - time.time(step), end, input)?
+    /// Makes some of the next steps, no more than `most`; [`stretch`](Self::stretch) has the states after them.
+    ///
+    /// # Errors
+    /// [`Failure`] of the step behind the last state of the stretch; or of the step to that state, if the energy has grown without a
+    /// cause at its end.
+    pub(crate) fn advance_along(&mut self, most: usize) -> Result<(), Failure> {
+        let (before, begin) = (self.steps, self.state.time);
+        self.stretch.begin(before + 1);
+        let mut failure = self.make_steps(most).err();
+        if let Some((index, what)) = first_not_finite(&self.stretch, &mut self.next) {
+            self.stretch.truncate(index);
+            failure = Some(reason(what));
+        }
+        let mut failed = self.stretch.len();
+        let (input, on_grid) = (self.scenario.input.as_ref(), self.adaptive.is_none());
+        let input_over = |index: usize, time: f64| {
+            let held = input.and_then(|input| match on_grid {
+                true => input.at_step(before + index),
+                false => input.from_time(time),
+            });
+            held.unwrap_or(&[])
+        };
+        if let Some((index, grown)) = self.guard.take_along(&self.stretch, begin, input_over) {
+            self.stretch.truncate(index + 1);
+            (failure, failed) = (Some(grown), index);
+        }
+        if let Some(last) = self.stretch.len().checked_sub(1) {
+            self.steps = before + self.stretch.len();
+            self.stretch.read(last, &mut self.state);
+        }
+        let Some(reason) = failure else { return Ok(()) };
+        let time = failed.checked_sub(1).map_or(begin, |index| self.stretch.times()[index]);
+        Err(Failure { step: before + failed, time, reason })
+    }
+
+    /// Makes steps and puts their states into the empty stretch; the error says why the one behind them could not be made.
+    fn make_steps(&mut self, most: usize) -> Result<(), String> {
+        let Self { scenario, simulation, adaptive, stretch, next, .. } = self;
+        let left = scenario.time.steps.saturating_sub(self.steps);
+        match adaptive {
+            Some(_) if left == 0 => {
+                let steps = self.steps;
+                return Err(format!("more than {steps} steps; `time.tolerance` asks for too many"));
             }
-        };
-        let last = self.steps + 1 == time.steps;
-        if last
-            || !self.simulation.energy_is_dear()
-            || (self.steps + 1).is_multiple_of(self.scenario.output.every)
-        {
-            self.simulation.read(&mut self.next);
-            self.simulation.read_energies(&mut self.energies);
-        } else {
-            // The energy of the newest row that is written stands for those between.
-            self.simulation.read_without_energy(&mut self.next);
-            self.next.energy = self.state.energy;
+            Some(adaptive) => {
+                let iterations = adaptive.advance(simulation, next)?;
+                stretch.push_state(next, iterations);
+            }
+            None => {
+                let steps = most.min(stretch.room()).min(left);
+                simulation.advance(scenario, steps, stretch).map_err(|error| error.to_string())?;
+            }
         }
-        Ok(iterations)
-    }
-
-    /// The input that is held over the step that begins at the present state.
-    fn input(&self) -> &'s [f64] {
-        let scenario = self.scenario;
-        let input = scenario.input.as_ref().and_then(|input| match &self.adaptive {
-            Some(_) => input.from_time(self.state.time),
-            None => input.at_step(self.steps),
-        });
-        input.unwrap_or(&[])
+        simulation.read_energies(&mut self.energies);
+        Ok(())
     }
 
     /// Whether the end has been reached.
@@ -190,6 +209,16 @@ impl<'s> Motion<'s> {
             self.state.energy = self.next.energy;
             self.simulation.read_energies(&mut self.energies);
         }
+    }
+
+    /// The states that were made last: the first at the beginning, then those after the steps made together.
+    pub(crate) fn stretch(&self) -> &Stretch {
+        &self.stretch
+    }
+
+    /// Shows a state in place of the last one of the [`stretch`](Self::stretch); the motion stays where it is.
+    pub(crate) fn show(&mut self, state: &GridState) {
+        self.stretch.replace_last(state);
     }
 
     /// Steps made.

@@ -2,7 +2,9 @@
 
 use crate::language::{InputError, Problem};
 use crate::memory::Tables;
+use crate::numerics::column::is_finite;
 use crate::scenario::Scenario;
+use crate::simulation::stretch::Stretch;
 use crate::simulation::{GridState, Precision, Simulation, SolverChoice};
 
 /// A simulation and its state at t = 0.
@@ -78,6 +80,18 @@ pub(crate) fn what_is_not_finite(state: &GridState) -> Option<&'static str> {
     } else {
         None
     }
+}
+
+/// The first state that is not finite, and what of it is not.
+pub(crate) fn first_not_finite(stretch: &Stretch, scratch: &mut GridState) -> Option<(usize, &'static str)> {
+    let mut columns = stretch.positions().chain(stretch.momenta()).chain([stretch.energies()]);
+    if columns.all(is_finite) {
+        return None;
+    }
+    (0..stretch.len()).find_map(|index| {
+        stretch.read(index, scratch);
+        what_is_not_finite(scratch).map(|what| (index, what))
+    })
 }
 
 /// Why a step counts as failed that was made but led to no number.

@@ -26,6 +26,16 @@ pub struct IntervalError {
     text: String,
 }
 
+impl CheckpointEvery {
+    /// After how many steps more one is due, where steps are counted, from a number of steps on.
+    pub(crate) fn steps_to_next(self, steps: usize) -> usize {
+        match self {
+            Self::Steps(every) => every - steps % every,
+            Self::Minute | Self::Time(_) | Self::Never => usize::MAX,
+        }
+    }
+}
+
 impl FromStr for CheckpointEvery {
     type Err = IntervalError;
 
@@ -60,7 +70,7 @@ pub(crate) struct Timer {
     last: Instant,
     /// When the clock was looked at.
     looked: Instant,
-    /// Steps until the next look, and between the last two.
+    /// Times that it is asked until the next look, and between the last two.
     left: usize,
     stride: usize,
     /// How long writing the last checkpoint took.
@@ -82,7 +92,7 @@ impl Timer {
         Self { every, last: now, looked: now, left: 1, stride: 1, cost: Duration::ZERO }
     }
 
-    /// Whether a checkpoint is due after step `steps`; to be asked after each.
+    /// Whether a checkpoint is due after step `steps`; to be asked wherever one may be written.
     pub(crate) fn is_due(&mut self, steps: usize) -> bool {
         match self.every {
             CheckpointEvery::Never => false,
@@ -146,6 +156,7 @@ mod tests {
         let mut timer = Timer::new(CheckpointEvery::Steps(10));
         let due: Vec<usize> = (15..35).filter(|&steps| timer.is_due(steps)).collect();
         assert_eq!(due, [20, 30]);
+        assert_eq!([15, 20].map(|steps| CheckpointEvery::Steps(10).steps_to_next(steps)), [5, 10]);
         assert!(!Timer::new(CheckpointEvery::Never).is_due(10));
     }
 }

@@ -2,6 +2,7 @@
 
 use super::{Model, moment};
 use crate::language::expression::Elementary;
+use crate::model::energies::{EnergiesAlong, EnergyRoom, States, write_plain};
 use crate::model::space::Matrix;
 use crate::scenario::Scenario;
 use fvi_core::{Block, Coefficients, Fixed, Instant, MatrixError, Mechanics, NodalRule, Real};
@@ -54,6 +55,17 @@ impl<T: Elementary> SingleModel<T> {
             is_linear: model.is_linear(),
             model,
         })
+    }
+}
+
+impl<T: Elementary> EnergiesAlong<T> for SingleModel<T> {
+    fn has_plain_energy(&self) -> bool {
+        // Of expressions alone, and a single mass is its own diagonal.
+        true
+    }
+
+    fn write_energies(&self, states: &States<'_>, room: &mut EnergyRoom<T>, energies: &mut [f64]) {
+        write_plain(&[self.inverse_mass], self.model.potential.as_ref(), states, room, energies);
     }
 }
 

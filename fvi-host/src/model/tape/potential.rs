@@ -2,7 +2,7 @@
 
 use super::function::{Differentiated, value};
 use super::polynomial::{Polynomial, split};
-use super::program::Program;
+use super::program::{LANES, LaneRegisters, Program};
 use crate::language::expression::{Elementary, Expression, Moment, Node};
 
 /// ½ qᵀ K q + bᵀ q + c.
@@ -100,6 +100,15 @@ impl<T: Elementary> CompiledPotential<T> {
         let mut value = [T::zero()];
         self.value.evaluate(moment(), position, registers, &mut value, &mut []);
         value[0]
+    }
+
+    /// U at several points, whose coordinates `place` writes; the bits of each by itself. `registers` serve this potential only.
+    pub(in crate::model) fn values_along(
+        &self,
+        registers: &mut LaneRegisters<T>,
+        place: impl FnOnce(&mut [[T; LANES]]),
+    ) -> [T; LANES] {
+        self.value.first_sum_along(registers, place)
     }
 
     /// Writes ∇U(q), of both parts together.

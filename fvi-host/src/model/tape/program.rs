@@ -6,6 +6,10 @@
 //! values lie in the registers that every window uses, close enough together to stay in the fastest cache;
 //! only what later windows need is copied to a register of its own.
 
+mod lanes;
+
+pub(in crate::model) use lanes::{LANES, LaneRegisters};
+
 use super::graph::{Graph, Origin, Value};
 use super::operation::{Operation, scale};
 use crate::language::expression::{Elementary, Function, Moment};

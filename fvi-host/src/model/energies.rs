@@ -1,0 +1,92 @@
+//! The energies of many states of a motion.
+
+use super::tape::{CompiledPotential, LANES, LaneRegisters};
+use crate::language::expression::Elementary;
+
+/// Positions and momenta of many states, every coordinate by itself: the columns of each lie `stride` numbers apart.
+#[derive(Clone, Copy, Debug)]
+pub struct States<'a> {
+    /// q.
+    pub positions: &'a [f64],
+    /// p.
+    pub momenta: &'a [f64],
+    /// At least as many as there are states.
+    pub stride: usize,
+}
+
+/// A system whose energies may be computed for many states together, at less cost than one by one.
+pub trait EnergiesAlong<T> {
+    /// Whether it has an energy of the kind ½ Σ p_i²/m_i + U(q) with one expression for U.
+    fn has_plain_energy(&self) -> bool;
+
+    /// Writes the energies of as many states as there are places, to the bits of each by itself.
+    ///
+    /// For systems with a [plain](Self::has_plain_energy) energy; for others it writes nothing. `room` serves this system only.
+    fn write_energies(&self, states: &States<'_>, room: &mut EnergyRoom<T>, energies: &mut [f64]);
+}
+
+/// Room to compute energies in.
+#[derive(Clone, Debug)]
+pub struct EnergyRoom<T> {
+    lanes: LaneRegisters<T>,
+    registers: Vec<T>,
+    position: Vec<T>,
+}
+
+impl<T> Default for EnergyRoom<T> {
+    fn default() -> Self {
+        Self { lanes: LaneRegisters::default(), registers: Vec::new(), position: Vec::new() }
+    }
+}
+
+/// States up to which they are taken one by one.
+const FEW: usize = LANES / 4;
+
+/// ½ Σ p_i²/m_i + U(q), for the reciprocals of the masses.
+pub(super) fn write_plain<T: Elementary>(
+    inverse_masses: &[T],
+    potential: Option<&CompiledPotential<T>>,
+    states: &States<'_>,
+    room: &mut EnergyRoom<T>,
+    energies: &mut [f64],
+) {
+    let stride = states.stride.max(1);
+    for (index, energies) in energies.chunks_mut(LANES).enumerate() {
+        let first = index * LANES;
+        let columns = |numbers| columns_from(numbers, stride, first);
+        let mut kinetic = [T::zero(); LANES];
+        for (column, &inverse) in columns(states.momenta).zip(inverse_masses) {
+            for (sum, &p) in kinetic.iter_mut().zip(column) {
+                let p = T::of(p);
+                *sum += p * (inverse * p);
+            }
+        }
+        let place = |variables: &mut [[T; LANES]]| {
+            for (variable, column) in variables.iter_mut().zip(columns(states.positions)) {
+                variable.iter_mut().zip(column).for_each(|(place, &q)| *place = T::of(q));
+            }
+        };
+        let heights = match potential {
+            None => [T::zero(); LANES],
+            Some(potential) if energies.len() > FEW => potential.values_along(&mut room.lanes, place),
+            Some(potential) => {
+                let EnergyRoom { registers, position, .. } = &mut *room;
+                let mut heights = [T::zero(); LANES];
+                for (index, height) in heights.iter_mut().enumerate().take(energies.len()) {
+                    position.clear();
+                    position.extend(columns(states.positions).map(|column| T::of(column[index])));
+                    *height = potential.value(position, registers);
+                }
+                heights
+            }
+        };
+        for ((energy, kinetic), height) in energies.iter_mut().zip(kinetic).zip(heights) {
+            *energy = (T::of(0.5) * kinetic + height).to_f64();
+        }
+    }
+}
+
+/// The columns of some numbers from a state on.
+fn columns_from(numbers: &[f64], stride: usize, first: usize) -> impl Iterator<Item = &[f64]> {
+    numbers.chunks_exact(stride).map(move |column| &column[first..])
+}

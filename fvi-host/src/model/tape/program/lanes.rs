@@ -1,0 +1,135 @@
+//! A program at several points at once.
+//!
+//! What the interpreter decides for an operation serves all of them.
+
+use super::{Program, Run, Work};
+use crate::language::expression::{Elementary, Function};
+use crate::model::tape::operation::{Operation, scale};
+
+/// Points that are taken together.
+pub(in crate::model) const LANES: usize = 16;
+
+/// A number at each of these points.
+pub(in crate::model) type Lanes<T> = [T; LANES];
+
+/// Registers of one program at several points.
+#[derive(Clone, Debug)]
+pub(in crate::model) struct LaneRegisters<T>(Vec<Lanes<T>>);
+
+impl<T> Default for LaneRegisters<T> {
+    fn default() -> Self {
+        Self(Vec::new())
+    }
+}
+
+impl<T: Elementary> Program<T> {
+    /// What [`evaluate`](Self::evaluate) adds to the first of its `sums` at t = 0, at several points; the bits are those of
+    /// each by itself.
+    ///
+    /// `place` writes the variables. `registers` has served this program before, or none.
+    pub(in crate::model::tape) fn first_sum_along(
+        &self,
+        registers: &mut LaneRegisters<T>,
+        place: impl FnOnce(&mut [Lanes<T>]),
+    ) -> Lanes<T> {
+        let registers = &mut registers.0;
+        if registers.is_empty() {
+            registers.resize(self.registers, [T::zero(); LANES]);
+            for (register, &constant) in registers.iter_mut().zip(&self.constants) {
+                *register = [constant; LANES];
+            }
+        }
+        let variables = self.constants.len() + 2;
+        place(&mut registers[variables..variables + self.coordinates]);
+        let mut sum = [T::zero(); LANES];
+        for window in &self.windows {
+            for run in &self.runs[window.runs.clone()] {
+                run.evaluate_along(registers, &self.operands[run.operands..]);
+            }
+            for &(from, to) in &self.exports[window.exports.clone()] {
+                registers[to as usize] = registers[from as usize];
+            }
+            for &(from, _) in &self.sums[window.sums.clone()] {
+                add(&mut sum, &registers[from as usize]);
+            }
+        }
+        sum
+    }
+}
+
+fn add<T: Elementary>(sum: &mut Lanes<T>, terms: &Lanes<T>) {
+    sum.iter_mut().zip(terms).for_each(|(sum, &term)| *sum += term);
+}
+
+impl Run {
+    fn evaluate_along<T: Elementary>(&self, registers: &mut [Lanes<T>], operands: &[u32]) {
+        if self.work == Work::RunningSum {
+            let pairs = &operands.as_chunks::<2>().0[..self.count];
+            let Some(&[first, _]) = pairs.first() else { return };
+            let mut sum = registers[first as usize];
+            for (place, &[_, term]) in (self.target..).zip(pairs) {
+                add(&mut sum, &registers[term as usize]);
+                registers[place] = sum;
+            }
+            return;
+        }
+        let (known, new) = registers.split_at_mut(self.target);
+        let operation = match self.work {
+            Work::One(operation) => operation,
+            Work::SineAndCosine => {
+                let (sines, cosines) = new.split_at_mut(self.count);
+                for ((sines, cosines), &x) in sines.iter_mut().zip(cosines).zip(operands) {
+                    let places = sines.iter_mut().zip(cosines);
+                    for ((sine, cosine), x) in places.zip(known[x as usize]) {
+                        (*sine, *cosine) = x.sine_cosine();
+                    }
+                }
+                return;
+            }
+            Work::RunningSum => return,
+        };
+        let new = &mut new[..self.count];
+        match operation {
+            Operation::Negate => unary(known, new, operands, |x| -x),
+            Operation::Add => binary(known, new, operands, |x, y| x + y),
+            Operation::Subtract => binary(known, new, operands, |x, y| x - y),
+            Operation::Multiply => binary(known, new, operands, |x, y| x * y),
+            Operation::Divide => binary(known, new, operands, |x, y| x / y),
+            Operation::Scale => binary(known, new, operands, scale),
+            Operation::Call(Function::Sin) => unary(known, new, operands, T::sine),
+            Operation::Call(Function::Cos) => unary(known, new, operands, T::cosine),
+            Operation::Call(Function::Exp) => unary(known, new, operands, T::exponential),
+            other => match other.arity() {
+                1 => unary(known, new, operands, |x| other.of([x, x, x])),
+                2 => binary(known, new, operands, |x, y| other.of([x, y, y])),
+                _ => {
+                    for (new, &[x, y, z]) in new.iter_mut().zip(operands.as_chunks().0) {
+                        let read = known[x as usize].iter().zip(&known[y as usize]).zip(&known[z as usize]);
+                        for (new, ((&x, &y), &z)) in new.iter_mut().zip(read) {
+                            *new = other.of([x, y, z]);
+                        }
+                    }
+                }
+            },
+        }
+    }
+}
+
+#[inline(always)]
+fn unary<T: Copy>(known: &[Lanes<T>], new: &mut [Lanes<T>], operands: &[u32], of: impl Fn(T) -> T) {
+    for (new, &x) in new.iter_mut().zip(operands) {
+        for (new, &x) in new.iter_mut().zip(&known[x as usize]) {
+            *new = of(x);
+        }
+    }
+}
+
+#[inline(always)]
+fn binary<T: Copy>(known: &[Lanes<T>], new: &mut [Lanes<T>], operands: &[u32], of: impl Fn(T, T) -> T) {
+    for (new, &[x, y]) in new.iter_mut().zip(operands.as_chunks().0) {
+        let read = known[x as usize].iter().zip(&known[y as usize]);
+        for (new, (&x, &y)) in new.iter_mut().zip(read) {
+            *new = of(x, y);
+        }
+    }
+}
