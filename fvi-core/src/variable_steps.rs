@@ -171,11 +171,11 @@ struct Resolvent<T, const R: usize> {
     nodes: [T; R],
 }
 
-/// (I + xA)⁻¹ 1, e_Rᵀ (I + xA)⁻¹ and 1 − R(−x) at one x, R the stability function.
+/// (I + xA)⁻¹ 1, e_Rᵀ (I + xA)⁻¹ and 1 − R(−x) for each x of a block, R the stability function.
 struct At<T, const R: usize> {
-    column: [T; R],
-    row: [T; R],
-    decrement: T,
+    column: [Lanes<T>; R],
+    row: [Lanes<T>; R],
+    decrement: Lanes<T>,
 }
 
 impl<T: Real, const R: usize> Resolvent<T, R> {
@@ -210,38 +210,45 @@ impl<T: Real, const R: usize> Resolvent<T, R> {
         Self { columns, rows, determinant, weights, nodes }
     }
 
-    /// In powers of x up to 1 and of 1/x beyond, so that nothing overflows.
+    /// In powers of x up to 1 and of 1/x beyond, so that nothing overflows; by the same operations for every x of
+    /// the block, so that they are those of vectors.
     #[inline(always)]
-    fn at(&self, x: T) -> At<T, R> {
-        let one = T::one();
-        let small = x <= one;
+    fn at(&self, x: Lanes<T>) -> At<T, R> {
+        let (zero, one) = (T::zero(), T::one());
         // Polynomials as forms of two variables.
-        let (high, low) = if small { (x, one) } else { (one, one / x) };
-        let mut column = [T::zero(); R];
-        let mut row = [T::zero(); R];
-        let mut power = one;
-        let mut determinant = one;
+        let high = x.map(|x| if x <= one { x } else { one });
+        let low = x.map(|x| if x <= one { one } else { one / x });
+        let mut column = [[zero; LANES]; R];
+        let mut row = [[zero; LANES]; R];
+        let mut power = [one; LANES];
+        let mut determinant = [one; LANES];
         // From the highest power of `low` downwards: sums ← sums · low + coefficient · high^k.
+        let add = |sum: &mut Lanes<T>, coefficient: T, power: &Lanes<T>| {
+            for ((sum, &low), &power) in sum.iter_mut().zip(&low).zip(power) {
+                *sum = *sum * low + coefficient * power;
+            }
+        };
         let coefficients = self.columns.iter().zip(&self.rows).zip(&self.determinant);
         for ((columns, rows), &p) in coefficients {
-            for (place, &number) in column.iter_mut().zip(columns) {
-                *place = *place * low + number * power;
-            }
-            for (place, &number) in row.iter_mut().zip(rows) {
-                *place = *place * low + number * power;
-            }
-            power *= high;
-            determinant = determinant * low + p * power;
+            column.iter_mut().zip(columns).for_each(|(place, &number)| add(place, number, &power));
+            row.iter_mut().zip(rows).for_each(|(place, &number)| add(place, number, &power));
+            power.iter_mut().zip(&high).for_each(|(power, &high)| *power *= high);
+            add(&mut determinant, p, &power);
         }
-        let factor = low / determinant;
-        let column = column.map(|number| number * factor);
-        let row = row.map(|number| number * factor);
-        let decrement = if small {
-            let sum = self.weights.iter().zip(&column).fold(T::zero(), |sum, (&b, &g)| sum + b * g);
-            x * sum
-        } else {
-            one - column.last().copied().unwrap_or(T::zero())
-        };
+        let mut factor = low;
+        factor.iter_mut().zip(&determinant).for_each(|(factor, &determinant)| *factor /= determinant);
+        for numbers in column.iter_mut().chain(&mut row) {
+            numbers.iter_mut().zip(&factor).for_each(|(number, &factor)| *number *= factor);
+        }
+        // 1 − R(−x) = x bᵀ (I + xA)⁻¹ 1 where it is small, and the last of 1 − (I + xA)⁻¹ 1 elsewhere.
+        let mut decrement = [zero; LANES];
+        for (numbers, &b) in column.iter().zip(&self.weights) {
+            decrement.iter_mut().zip(numbers).for_each(|(sum, &number)| *sum += b * number);
+        }
+        let last = column.last().copied().unwrap_or([zero; LANES]);
+        for ((decrement, &x), &last) in decrement.iter_mut().zip(&x).zip(&last) {
+            *decrement = if x <= one { x * *decrement } else { one - last };
+        }
         At { column, row, decrement }
     }
 }
@@ -407,6 +414,7 @@ where
     }
 
     /// Takes steps from the table's shortest on, as long as they end by its horizon.
+    #[inline(always)]
     fn begin_step(&mut self, length: T) -> Result<(), MemoryError> {
         let (shortest, horizon) = (self.table.shortest * (1.0 - SLACK), self.table.horizon * (1.0 + SLACK));
         let in_range = length.to_f64() >= shortest && self.elapsed_after(length)[0].to_f64() <= horizon;
@@ -427,13 +435,12 @@ where
         let rates = table.rates.as_chunks::<LANES>().0;
         let coefficients = table.coefficients.as_chunks::<LANES>().0;
         for ((block, rates), coefficients) in blocks.zip(rates).zip(coefficients) {
-            for (lane, (&rate, &coefficient)) in rates.iter().zip(coefficients).enumerate() {
-                let At { column, row, decrement } = resolvent.at(length * rate);
-                let numbers = column.iter().map(|&number| number * coefficient).chain(row).chain([decrement]);
-                for (place, number) in block.iter_mut().filter_map(|lanes| lanes.get_mut(lane)).zip(numbers) {
-                    *place = number;
-                }
+            let At { mut column, row, decrement } = resolvent.at(rates.map(|rate| length * rate));
+            for numbers in &mut column {
+                numbers.iter_mut().zip(coefficients).for_each(|(number, &c)| *number *= c);
             }
+            let numbers = column.into_iter().chain(row).chain([decrement]);
+            block.iter_mut().zip(numbers).for_each(|(place, numbers)| *place = numbers);
         }
         for (place, &number) in rest.iter_mut().zip(table.leading) {
             *place = number * scale;
@@ -442,7 +449,7 @@ where
         Ok(())
     }
 
-    #[inline]
+    #[inline(always)]
     fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
         check_channels(self.channels(), term.len())?;
         let length = self.step_length()?;
@@ -474,7 +481,7 @@ where
         Ok(())
     }
 
-    #[inline]
+    #[inline(always)]
     fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
         check_channels(self.channels(), sample.len())?;
         let length = self.step_length()?;
@@ -613,7 +620,8 @@ mod tests {
     fn assert_resolvent<const R: usize>(method: &RungeKutta<R>) {
         let resolvent = Resolvent::<f64, R>::new(method);
         for x in [0.0, 1e-9, 0.3, 1.0, 1.1, 40.0, 1e12] {
-            let At { column, row, decrement } = resolvent.at(x);
+            let At { column, row, decrement } = resolvent.at([x; LANES]);
+            let (column, row, decrement) = (column.map(|x| x[0]), row.map(|x| x[3]), decrement[1]);
             // (I + xA) g = 1 and (I + xA)ᵀ u = e_R.
             for i in 0..R {
                 let mut of_column = column[i] - 1.0;
@@ -629,8 +637,10 @@ mod tests {
                 assert!((decrement / x - 1.0).abs() < 2.0 * x, "{decrement:e}");
             }
         }
-        let at = resolvent.at(f64::INFINITY);
-        assert!(all_finite(&at.column) && at.decrement == 1.0);
+        // A block of which each x is treated as it asks for.
+        let at = resolvent.at([f64::INFINITY, 1e-9, 0.3, 40.0]);
+        assert!(at.column.iter().all(|numbers| all_finite(numbers)) && at.decrement[0] == 1.0);
+        assert_eq!(at.decrement[1..], [1e-9, 0.3, 40.0].map(|x| resolvent.at([x; LANES]).decrement[2]));
     }
 
     #[test]

@@ -16,6 +16,7 @@ mod row;
 mod scalar;
 mod table_kernel;
 mod transform;
+mod vectorised;
 mod weights;
 mod wide_exponential_sum;
 
@@ -24,6 +25,7 @@ pub use chunked_exponential_sum::ChunkedExponentialSum;
 pub use engines::{Engine, Engines};
 pub use real_time::{Pacing, RealTime};
 pub use scalar::Scalar;
+pub use vectorised::Vectorised;
 pub use weights::{WeightTable, Weights};
 pub use wide_exponential_sum::WideExponentialSum;
 

@@ -11,13 +11,12 @@ use crate::numerics::growing_ring::GrowingRing;
 use crate::numerics::rate_table::rate_table;
 use crate::numerics::runge_kutta_weights::RungeKuttaWeights;
 use crate::numerics::starting::StartingCorrection;
-use crate::numerics::vectorised::Vectorised;
 use crate::scenario::{Convolution, ConvolutionFamily, Engine, History, Overflow, States};
 use fvi_core::{
     ActsOn, BdfOrder, ConvolutionWeights, Direct, ExponentialSum, ExponentialTable, Memory, MemoryError,
     ParameterError, RateTable, RungeKutta, StateError, StateReader, StateWriter, VariableStepMemory,
 };
-use fvi_fft::{Engines, Weights, WideExponentialSum};
+use fvi_fft::{Engines, Vectorised, Weights, WideExponentialSum};
 
 /// A memory engine chosen at run time.
 pub struct HostMemory<T> {

@@ -11,4 +11,3 @@ pub mod runge_kutta_weights;
 pub mod semidefinite;
 pub mod starting;
 pub(crate) mod starting_defects;
-pub mod vectorised;

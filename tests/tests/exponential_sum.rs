@@ -1,9 +1,8 @@
 //! The exponential-sum memory: every weight, and every term, against independent values.
 
 use fvi_core::{BdfOrder, ConvolutionWeights, ExponentialSum, ExponentialTable, Memory, MemoryError};
-use fvi_fft::{ChunkedExponentialSum, Engines};
+use fvi_fft::{ChunkedExponentialSum, Engines, Vectorised};
 use fvi_host::numerics::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
-use fvi_host::numerics::vectorised::Vectorised;
 use fvi_tests::reference;
 
 /// Exponents of the quadrature: everywhere in (−1, 2), and near whole numbers.

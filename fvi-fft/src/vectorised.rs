@@ -40,15 +40,17 @@ impl<T, M: Memory<T>> Memory<T> for Vectorised<M> {
         self.memory.len()
     }
 
+    #[inline]
     fn begin_step(&mut self, length: T) -> Result<(), MemoryError> {
-        self.memory.begin_step(length)
+        self.unit.dispatch(BeginStep { memory: &mut self.memory, length })
     }
 
-    // Few copies: not worth a dispatch.
+    #[inline]
     fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
-        self.memory.next_term(term)
+        self.unit.dispatch(NextTerm { memory: &mut self.memory, term })
     }
 
+    #[inline]
     fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
         self.unit.dispatch(Push { memory: &mut self.memory, sample })
     }
@@ -89,11 +91,41 @@ struct Push<'a, M, T> {
     sample: &'a [T],
 }
 
+/// The same for the memory term.
+struct NextTerm<'a, M, T> {
+    memory: &'a mut M,
+    term: &'a mut [T],
+}
+
+/// And for the length of the step to come.
+struct BeginStep<'a, M, T> {
+    memory: &'a mut M,
+    length: T,
+}
+
 impl<T, M: Memory<T>> NullaryFnOnce for Push<'_, M, T> {
     type Output = Result<(), MemoryError>;
 
     #[inline(always)]
     fn call(self) -> Self::Output {
         self.memory.push(self.sample)
+    }
+}
+
+impl<T, M: Memory<T>> NullaryFnOnce for NextTerm<'_, M, T> {
+    type Output = Result<(), MemoryError>;
+
+    #[inline(always)]
+    fn call(self) -> Self::Output {
+        self.memory.next_term(self.term)
+    }
+}
+
+impl<T, M: Memory<T>> NullaryFnOnce for BeginStep<'_, M, T> {
+    type Output = Result<(), MemoryError>;
+
+    #[inline(always)]
+    fn call(self) -> Self::Output {
+        self.memory.begin_step(self.length)
     }
 }
