@@ -355,6 +355,13 @@ pub enum Overflow {
     Forget,
 }
 
+impl Overflow {
+    /// The key belongs to the direct engine: written for another, it would choose that one.
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
 /// Largest tolerance of the exponential sum, see `scenarios/README.md`.
 const LARGEST_TOLERANCE: f64 = 1e-6;
 
@@ -390,6 +397,7 @@ pub struct History {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub capacity: Option<usize>,
     /// What happens when they are more.
+    #[serde(skip_serializing_if = "Overflow::is_default")]
     pub overflow: Overflow,
     /// In what the exponential sum keeps its state; absent: in the precision of the run.
     #[serde(skip_serializing_if = "Option::is_none")]
