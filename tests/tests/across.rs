@@ -7,6 +7,7 @@ mod exponential_sum;
 mod failures;
 mod galerkin;
 mod golden;
+mod grids;
 mod house;
 mod large_systems;
 mod laws;

@@ -1,19 +1,25 @@
 //! The memory of steps of any length: against Runge–Kutta convolution quadrature on equal steps, and by the laws that
 //! its operators obey on any grid.
 
-use fvi_core::{Memory, RungeKutta, VariableStepMemory};
+use fvi_core::{Memory, Real, RungeKutta, VariableStepMemory};
+use fvi_fft::Vectorised;
 use fvi_host::numerics::aligned::Aligned;
 use fvi_host::numerics::rate_table::rate_table;
 use fvi_host::numerics::runge_kutta_weights::RungeKuttaWeights;
 
 const TOLERANCE: f64 = 1e-12;
 
-type AnyMemory<const R: usize> = VariableStepMemory<f64, R, Aligned<f64>, Aligned<f64>>;
+type AnyMemory<T, const R: usize> = VariableStepMemory<T, R, Aligned<T>, Aligned<T>>;
 
-fn memory<const R: usize>(method: &RungeKutta<R>, exponent: f64, steps: &[f64]) -> AnyMemory<R> {
+fn memory<T: Real, const R: usize>(
+    method: &RungeKutta<R>,
+    exponent: f64,
+    steps: &[f64],
+    tolerance: f64,
+) -> AnyMemory<T, R> {
     let shortest = steps.iter().copied().fold(f64::INFINITY, f64::min);
-    let table = rate_table(method, exponent, shortest, steps.iter().sum(), TOLERANCE).unwrap();
-    let state = Aligned::zeros(table.borrow::<f64>().state_len(1, R));
+    let table = rate_table::<T, R>(method, exponent, shortest, steps.iter().sum(), tolerance).unwrap();
+    let state = Aligned::zeros(table.borrow::<T>().state_len(1, R));
     VariableStepMemory::new(method, table, 1, state).unwrap()
 }
 
@@ -24,16 +30,24 @@ fn operator<const R: usize>(
     steps: &[f64],
     samples: &[[f64; R]],
 ) -> Vec<[f64; R]> {
-    let mut memory = memory(method, exponent, steps);
+    operator_in::<f64, R>(memory(method, exponent, steps, TOLERANCE), steps, samples)
+}
+
+/// The same in the precision of a memory.
+fn operator_in<T: Real, const R: usize>(
+    mut memory: impl Memory<T>,
+    steps: &[f64],
+    samples: &[[f64; R]],
+) -> Vec<[f64; R]> {
     let step = |(&length, sample): (&f64, &[f64; R])| {
-        memory.begin_step(length).unwrap();
-        let mut value = [0.0; R];
-        memory.next_term(&mut value).unwrap();
-        for (value, row) in value.iter_mut().zip(memory.leading().chunks(R)) {
-            *value += row.iter().zip(sample).map(|(w, x)| w * x).sum::<f64>();
+        memory.begin_step(T::of(length)).unwrap();
+        let (mut term, sample) = ([T::zero(); R], sample.map(T::of));
+        memory.next_term(&mut term).unwrap();
+        for (value, row) in term.iter_mut().zip(memory.leading().chunks(R)) {
+            *value += row.iter().zip(&sample).fold(T::zero(), |sum, (&w, &x)| sum + w * x);
         }
-        memory.push(sample).unwrap();
-        value
+        memory.push(&sample).unwrap();
+        term.map(T::to_f64)
     };
     steps.iter().zip(samples).map(step).collect()
 }
@@ -184,6 +198,119 @@ fn random_steps_agree_with_a_dense_quadrature() {
     }
 }
 
+/// I^μ w backwards in time, by the method that is adjoint to `method` and the plain trapezoidal rule in ln λ: A⁺ = B⁻¹AᵀB, B = diag(b).
+fn advanced_integral<const R: usize>(
+    method: &RungeKutta<R>,
+    mu: f64,
+    steps: &[f64],
+    samples: &[[f64; R]],
+) -> Vec<[f64; R]> {
+    const SPACING: f64 = 0.1;
+    type Vector<const R: usize> = nalgebra::SVector<f64, R>;
+    let b = method.quadrature().weights();
+    let adjoint = nalgebra::SMatrix::<f64, R, R>::from_fn(|i, j| b[j] * method.matrix()[j][i] / b[i]);
+    let shortest = steps.iter().copied().fold(f64::INFINITY, f64::min);
+    let (low, high) = (-(40.0 / (1.0 - mu)) - steps.iter().sum::<f64>().ln(), 40.0 / mu - shortest.ln());
+    let jump = (std::f64::consts::PI * mu).sin() / std::f64::consts::PI;
+    let mut values = vec![Vector::<R>::zeros(); steps.len()];
+    for node in 0..((high - low) / SPACING) as usize {
+        let y = low + SPACING * node as f64;
+        let (rate, coefficient) = (y.exp(), jump * SPACING * ((1.0 - mu) * y).exp());
+        let mut z = 0.0;
+        for ((&length, sample), value) in steps.iter().zip(samples).zip(&mut values).rev() {
+            let resolvent =
+                (nalgebra::SMatrix::identity() + adjoint * (length * rate)).try_inverse().unwrap();
+            let sample = Vector::<R>::from(*sample);
+            let stages = resolvent * (Vector::<R>::repeat(z) + adjoint * sample * length);
+            *value += stages * coefficient;
+            z += length * Vector::<R>::from(*b).dot(&(sample - stages * rate));
+        }
+    }
+    values.iter().map(|value| (*value).into()).collect()
+}
+
+/// Σ_k h_k Σ_i b_i x_{k,i} y_{k,i}, with the sum of the absolute values.
+fn inner<const R: usize>(
+    method: &RungeKutta<R>,
+    steps: &[f64],
+    x: &[[f64; R]],
+    y: &[[f64; R]],
+) -> (f64, f64) {
+    let mut sums = (0.0, 0.0);
+    for ((&length, x), y) in steps.iter().zip(x).zip(y) {
+        for ((&b, &x), &y) in method.quadrature().weights().iter().zip(x).zip(y) {
+            sums.0 += length * b * x * y;
+            sums.1 += (length * b * x * y).abs();
+        }
+    }
+    sums
+}
+
+fn assert_laws_of_the_inner_product<const R: usize>(method: &RungeKutta<R>) {
+    for (seed, mu) in [(51, 0.2), (52, 0.5), (53, 0.7)] {
+        let steps = random_steps(60, seed);
+        let (x, y) = (random_samples::<R>(60, seed), random_samples::<R>(60, seed + 10));
+        let retarded = operator(method, -mu, &steps, &x);
+        let advanced = advanced_integral(method, mu, &steps, &y);
+        let (one, size) = inner(method, &steps, &retarded, &y);
+        let (other, _) = inner(method, &steps, &x, &advanced);
+        assert!((one - other).abs() < 1e-10 * size, "{R} stages, μ = {mu}: {one} {other}");
+        // What damping of order 1 − μ takes from a velocity, up to any step.
+        for last in 1..=60 {
+            let (work, size) = inner(method, &steps[..last], &x[..last], &retarded[..last]);
+            assert!(work > -1e-12 * size, "{R} stages, μ = {mu}, {last} steps: {work}");
+        }
+    }
+}
+
+#[test]
+fn the_advanced_operator_is_the_adjoint_and_damping_takes_energy_on_any_grid() {
+    assert_laws_of_the_inner_product(&RungeKutta::<1>::radau_iia().unwrap());
+    assert_laws_of_the_inner_product(&RungeKutta::<2>::radau_iia().unwrap());
+    assert_laws_of_the_inner_product(&RungeKutta::<3>::radau_iia().unwrap());
+    assert_laws_of_the_inner_product(&RungeKutta::<3>::lobatto_iiic().unwrap());
+}
+
+#[test]
+fn vector_units_change_no_bit() {
+    let method = RungeKutta::<3>::radau_iia().unwrap();
+    let (steps, samples) = (random_steps(300, 31), random_samples::<3>(300, 32));
+    for exponent in [0.3, 1.5] {
+        let plain = operator(&method, exponent, &steps, &samples);
+        let memory = memory::<f64, 3>(&method, exponent, &steps, TOLERANCE);
+        let vectorised = operator_in(Vectorised::new(memory), &steps, &samples);
+        let bits =
+            |values: &[[f64; 3]]| values.as_flattened().iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(&plain), bits(&vectorised));
+    }
+}
+
+/// 10⁵ steps whose lengths differ by factors up to 10³.
+#[test]
+#[ignore = "a minute and more; `.ci/variable-steps` runs it"]
+fn a_hundred_thousand_random_steps_agree_with_a_dense_quadrature() {
+    const COUNT: usize = 100_000;
+    let method = RungeKutta::<3>::radau_iia().unwrap();
+    for (seed, exponent) in [(41, 0.3), (42, 0.5), (43, 0.9), (44, 1.5), (45, -0.5)] {
+        // What single precision holds exactly.
+        let single = |x: f64| f64::from(x as f32);
+        let steps: Vec<f64> = random_steps(COUNT, seed).into_iter().map(single).collect();
+        let samples: Vec<[f64; 3]> =
+            random_samples::<3>(COUNT, seed).into_iter().map(|sample| sample.map(single)).collect();
+        let exact = dense(&method, exponent, &steps, &samples);
+        let largest_error = |found: &[[f64; 3]]| {
+            let pairs = found.as_flattened().iter().zip(exact.as_flattened());
+            pairs.fold(0.0_f64, |largest, (a, b)| largest.max((a - b).abs())) / largest(&exact)
+        };
+        let double = largest_error(&operator(&method, exponent, &steps, &samples));
+        let rough = memory::<f32, 3>(&method, exponent, &steps, 1e-8);
+        let rough = largest_error(&operator_in(rough, &steps, &samples));
+        println!("β = {exponent}: error {double:.1e}, in single precision {rough:.1e}, of the largest value");
+        assert!(double < TOLERANCE, "β = {exponent}: {double:e}");
+        assert!(rough < 1e-5, "β = {exponent}: {rough:e}");
+    }
+}
+
 #[test]
 fn many_random_steps_stay_bounded_and_single_precision_keeps_its_digits() {
     let method = RungeKutta::<3>::radau_iia().unwrap();
@@ -248,7 +375,7 @@ fn an_operator_on_a_stream_takes_samples_that_come_early_or_late() {
     use fvi_core::{FractionalOperator, Start};
     let method = RungeKutta::<1>::radau_iia().unwrap();
     let intervals = jittery(1000);
-    let memory = || memory(&method, 0.5, &intervals);
+    let memory = || memory::<f64, 1>(&method, 0.5, &intervals, TOLERANCE);
     let mut integral = FractionalOperator::new(memory(), Start::RiemannLiouville).unwrap();
     let mut ramp = FractionalOperator::new(memory(), Start::Caputo).unwrap();
     let mut levelled = FractionalOperator::new(memory(), Start::CaputoWithSlope { slope: 2.0 }).unwrap();
@@ -280,7 +407,7 @@ fn an_integrator_takes_ticks_that_come_early_or_late() {
     };
     let method = RungeKutta::<3>::radau_iia().unwrap();
     let run = |steps: &[f64]| {
-        let memory = memory(&method, 0.5, steps);
+        let memory = memory::<f64, 3>(&method, 0.5, steps, TOLERANCE);
         let kernel = Kernel::any_step(&method, 0.5).unwrap();
         let rho = Coefficients::Diagonal([0.5].into());
         let damping = DampingTerm::new(kernel, rho, Derivative::Caputo, memory).unwrap();
