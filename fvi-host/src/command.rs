@@ -7,6 +7,7 @@ pub mod exponentials;
 pub mod extremal;
 mod listing;
 mod progress;
+pub mod rates;
 pub mod reproduce;
 pub mod run;
 mod stop;
@@ -49,6 +50,8 @@ enum Command {
     Weights(weights::WeightsArguments),
     /// Weights as a short head and decaying exponentials, for the exponential-sum memory
     Exponentials(exponentials::ExponentialsArguments),
+    /// Rates of the memory for steps of any length, as a table or as a constant for firmware
+    Rates(rates::RatesArguments),
     /// Memory engines side by side: agreement, then time per step and memory
     CompareEngines(compare_engines::CompareEnginesArguments),
 }
@@ -109,6 +112,7 @@ impl Program {
             Command::Extremal(arguments) => arguments.execute(),
             Command::Weights(arguments) => arguments.execute(),
             Command::Exponentials(arguments) => arguments.execute(),
+            Command::Rates(arguments) => arguments.execute(),
         };
         match result {
             Ok(()) => ExitCode::SUCCESS,

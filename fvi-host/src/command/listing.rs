@@ -4,7 +4,7 @@ use super::CommandError;
 use super::terminal::output;
 use crate::numerics::exponential_table::ExponentialKernel;
 use crate::results::files::write_out;
-use fvi_core::{ParameterError, Real};
+use fvi_core::{ParameterError, RateTable, Real};
 use std::fmt::LowerExp;
 use std::io::{self, Write};
 use std::path::Path;
@@ -196,6 +196,43 @@ fn exponentials_c<T: Real + LowerExp>(kernel: &ExponentialKernel, origin: &str, 
         kernel.horizon(),
         array("fvi_head", "FVI_HEAD", head),
         array("fvi_exponentials", "FVI_EXPONENTIALS", exponentials),
+    )
+}
+
+/// A table for steps of any length: rates λ and coefficients c of s^−μ ≈ Σ c/(s + λ), μ = ⌈exponent⌉ − exponent.
+pub(super) fn rates_csv<T: Real + LowerExp>(table: &RateTable<&[T]>, origin: &str, tolerance: f64) -> String {
+    let comments = format!(
+        "# {origin}\n# shortest step = {:e}\n# horizon = {:e}\n# tolerance = {tolerance:e}\nrate,coefficient\n",
+        table.shortest, table.horizon,
+    );
+    // The zeros that fill a block up tell nothing.
+    let pairs = table.rates.iter().zip(table.coefficients).filter(|(_, c)| **c != T::zero());
+    let rows = pairs.map(|(rate, coefficient)| format!("{rate:.16e},{coefficient:.16e}\n"));
+    std::iter::once(comments).chain(rows).collect()
+}
+
+/// The same as a constant.
+pub(super) fn rates_rust<T: Real + LowerExp>(
+    table: &RateTable<&[T]>,
+    origin: &str,
+    tolerance: f64,
+    scalar: &str,
+) -> String {
+    format!(
+        "/// {origin}: {} rates for steps from {:e} on and times up to {:e}; tolerance {tolerance:e}.\n\
+         ///\n/// `fvi_core::VariableStepMemory` takes it, with `TABLE.state_len(coordinates, stages)` numbers of state.\n\
+         pub const TABLE: fvi_core::RateTable<&[{scalar}]> = fvi_core::RateTable {{\n    exponent: {:?},\n    \
+         leading: &[\n{}    ],\n    rates: &[\n{}    ],\n    coefficients: &[\n{}    ],\n    shortest: {:?},\n    \
+         horizon: {:?},\n}};\n",
+        table.rates.len(),
+        table.shortest,
+        table.horizon,
+        table.exponent,
+        rows(table.leading, "        ", ""),
+        rows(table.rates, "        ", ""),
+        rows(table.coefficients, "        ", ""),
+        table.shortest,
+        table.horizon,
     )
 }
 

@@ -117,3 +117,32 @@ fn matrix_weights_are_listed_entry_by_entry() {
     assert!(constants.contains("entry (i, j) of weight n at (i*2 + j)*3 + n"), "{constants}");
     assert!(constants.contains("#define FVI_WEIGHTS 12\n"), "{constants}");
 }
+
+#[test]
+fn listed_rates_sum_up_to_the_kernel_of_their_integral() {
+    // s^(−1/2) is the integral of order 1/2, with the kernel 1/√(πt).
+    let arguments = "rates --stages 3 --exponent 0.5 --shortest 0.001 --horizon 1e4 --tolerance 1e-10";
+    let rates = rows(&text(arguments), "rate,coefficient");
+    for t in [1.0_f64, 7.0, 300.0, 5000.0] {
+        let sum: f64 = rates.iter().map(|[rate, coefficient]| coefficient * (-rate * t).exp()).sum();
+        let kernel = 1.0 / (std::f64::consts::PI * t).sqrt();
+        assert!((sum / kernel - 1.0).abs() < 1e-9, "t = {t}: {sum:e} and {kernel:e}");
+    }
+    let constant = text(&format!("{arguments} --format rust --precision f32"));
+    assert!(constant.contains("pub const TABLE: fvi_core::RateTable<&[f32]>"), "{constant}");
+    assert!(constant.contains("exponent: 0.5,") && constant.contains("horizon: 10000.0,"), "{constant}");
+    for (arguments, named) in [
+        ("rates --stages 4 --exponent 0.5 --shortest 1 --horizon 2", "1, 2 or 3 with the family radau-iia"),
+        ("rates --stages 1 --exponent 0.5 --shortest 2 --horizon 1", "horizon = 1 is not allowed"),
+        ("rates --stages 1 --exponent 2 --shortest 1 --horizon 2", "exponent"),
+        (
+            "rates --stages 1 --exponent 0.5 --shortest 1e-40 --horizon 1e-30 --format rust --precision f32",
+            "shortest",
+        ),
+    ] {
+        let output = fvi(arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments}");
+        let message = String::from_utf8(output.stderr).unwrap();
+        assert!(message.contains(named), "{arguments}: {message}");
+    }
+}

@@ -1,0 +1,119 @@
+//! `fvi rates`: the table of a memory for steps of any length.
+
+use super::CommandError;
+use super::listing::{ListingPrecision, emit, parameter_error, rates_csv, rates_rust};
+use crate::numerics::rate_table::rate_table;
+use fvi_core::{ParameterError, RateTable, Real, RungeKutta};
+use std::fmt::LowerExp;
+use std::path::PathBuf;
+
+/// Arguments of `fvi rates`.
+#[derive(Debug, clap::Args)]
+pub struct RatesArguments {
+    /// Family of the Runge–Kutta method
+    #[arg(long, value_enum, default_value_t)]
+    family: Family,
+    /// Stages of the method: 1 to 3 (radau-iia), 2 to 4 (lobatto-iiic)
+    #[arg(long)]
+    stages: usize,
+    /// Exponent of the operator in (−1, 2): positive for derivatives (the damping order), negative for integrals
+    #[arg(long, allow_negative_numbers = true)]
+    exponent: f64,
+    /// The shortest step that will be made
+    #[arg(long)]
+    shortest: f64,
+    /// The last time, in the same unit
+    #[arg(long)]
+    horizon: f64,
+    /// Relative tolerance of the past, 1e-14 to 0.1
+    #[arg(long, default_value_t = 1e-12)]
+    tolerance: f64,
+    /// A table, or a constant for firmware
+    #[arg(long, value_enum, default_value_t)]
+    format: Format,
+    /// Numbers of the constant
+    #[arg(long, value_enum, default_value_t)]
+    precision: ListingPrecision,
+    /// Write to this file instead of standard output
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+}
+
+/// Families of methods, by their names in scenarios.
+#[derive(Clone, Copy, Debug, Default, clap::ValueEnum)]
+enum Family {
+    /// Radau IIA methods
+    #[default]
+    RadauIia,
+    /// Lobatto IIIC methods
+    LobattoIiic,
+}
+
+/// How the table is written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+enum Format {
+    /// Comma-separated columns under a header, 17 significant digits
+    #[default]
+    Csv,
+    /// A constant of Rust
+    Rust,
+}
+
+impl RatesArguments {
+    pub(super) fn execute(self) -> Result<(), CommandError> {
+        match (self.family, self.stages) {
+            (Family::RadauIia, 1) => self.list("Radau IIA", RungeKutta::<1>::radau_iia()),
+            (Family::RadauIia, 2) => self.list("Radau IIA", RungeKutta::<2>::radau_iia()),
+            (Family::RadauIia, 3) => self.list("Radau IIA", RungeKutta::<3>::radau_iia()),
+            (Family::LobattoIiic, 2) => self.list("Lobatto IIIC", RungeKutta::<2>::lobatto_iiic()),
+            (Family::LobattoIiic, 3) => self.list("Lobatto IIIC", RungeKutta::<3>::lobatto_iiic()),
+            (Family::LobattoIiic, 4) => self.list("Lobatto IIIC", RungeKutta::<4>::lobatto_iiic()),
+            (family, stages) => {
+                let allowed = match family {
+                    Family::RadauIia => "1, 2 or 3 with the family radau-iia",
+                    Family::LobattoIiic => "2, 3 or 4 with the family lobatto-iiic",
+                };
+                Err(parameter_error(ParameterError { parameter: "stages", value: stages as f64, allowed }))
+            }
+        }
+    }
+
+    fn list<const R: usize>(
+        &self,
+        name: &str,
+        method: Result<RungeKutta<R>, ParameterError>,
+    ) -> Result<(), CommandError> {
+        let method = method.map_err(parameter_error)?;
+        // A table has the digits of double precision, whatever its constant would have.
+        let listing = match (self.format, self.precision) {
+            (Format::Rust, ListingPrecision::F32) => self.listed::<f32, R>(name, &method, "f32")?,
+            _ => self.listed::<f64, R>(name, &method, "f64")?,
+        };
+        emit(|out| out.write_all(listing.as_bytes()), self.out.as_deref())
+    }
+
+    fn listed<T: Real + LowerExp, const R: usize>(
+        &self,
+        name: &str,
+        method: &RungeKutta<R>,
+        scalar: &str,
+    ) -> Result<String, CommandError> {
+        let Self { exponent, shortest, horizon, tolerance, .. } = *self;
+        let table =
+            rate_table::<T, R>(method, exponent, shortest, horizon, tolerance).map_err(parameter_error)?;
+        let table: RateTable<&[T]> = table.borrow();
+        let held =
+            |number: &T| number.is_finite() && (*number == T::zero() || number.abs() >= T::SMALLEST_NORMAL);
+        // The fastest rates and their coefficients follow the shortest step, the slowest the horizon.
+        if !table.rates.iter().chain(table.coefficients).all(held) {
+            let allowed = "a step and a horizon whose rates and coefficients the precision holds";
+            return Err(parameter_error(ParameterError { parameter: "shortest", value: shortest, allowed }));
+        }
+        let stages = if R == 1 { "stage" } else { "stages" };
+        let origin = format!("{name}, {R} {stages}, exponent {exponent}");
+        Ok(match self.format {
+            Format::Csv => rates_csv(&table, &origin, tolerance),
+            Format::Rust => rates_rust(&table, &origin, tolerance, scalar),
+        })
+    }
+}
