@@ -4,6 +4,7 @@
 //! [`exhibits`] lists them all. [`write()`] turns findings into pictures, CSV files and one page that compares.
 
 mod accuracy;
+mod any_length;
 mod error_curve;
 mod exact_oscillator;
 mod findings;
@@ -132,6 +133,7 @@ pub fn exhibits() -> Vec<Exhibit> {
         node_form::EXHIBITS.as_slice(),
         runge_kutta_orders::EXHIBITS.as_slice(),
         work_precision::EXHIBITS.as_slice(),
+        any_length::EXHIBITS.as_slice(),
         accuracy::EXHIBITS.as_slice(),
     ]
     .concat()

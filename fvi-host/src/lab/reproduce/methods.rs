@@ -6,16 +6,32 @@ use crate::scenario::{
     Convolution, ConvolutionFamily, DampedAt, Quadrature, ReportedMomentum, Scenario, Scheme,
 };
 
-/// A scheme with its convolution quadrature, and how it is drawn: a colour for the kind, a marker for the order or the
-/// number of stages.
+/// How a method is drawn: a colour for the kind, a marker for the order or the number of stages.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Look {
+    pub(super) colour: usize,
+    pub(super) marker: Marker,
+}
+
+impl Look {
+    /// A curve through the points.
+    pub(super) fn curve(&self, label: &str, points: Vec<(f64, f64)>) -> Series {
+        self.series(label, Style::LineWithPoints, points)
+    }
+
+    fn series(&self, label: &str, style: Style, points: Vec<(f64, f64)>) -> Series {
+        Series::new(label, style, points).with_colour_of(self.colour).with_marker(self.marker)
+    }
+}
+
+/// A scheme with its convolution quadrature, and how it is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Method {
     pub(super) label: &'static str,
     scheme: Scheme,
     family: ConvolutionFamily,
     at: DampedAt,
-    colour: usize,
-    marker: Marker,
+    look: Look,
 }
 
 /// Polynomials of a degree with the nodes of the Runge–Kutta method.
@@ -29,8 +45,7 @@ const fn bdf(label: &'static str, scheme: Scheme, order: usize, (colour, marker)
         scheme,
         family: ConvolutionFamily::Bdf { order },
         at: DampedAt::MainNodes,
-        colour,
-        marker,
+        look: Look { colour, marker },
     }
 }
 
@@ -43,7 +58,7 @@ const fn gauss(
 ) -> Method {
     let quadrature = Some(Quadrature::Gauss(degree));
     let (scheme, family) = (Scheme::Galerkin { degree, quadrature }, ConvolutionFamily::Bdf { order });
-    Method { label, scheme, family, at: DampedAt::Nodes, colour, marker }
+    Method { label, scheme, family, at: DampedAt::Nodes, look: Look { colour, marker } }
 }
 
 const fn radau(label: &'static str, stages: usize, marker: Marker) -> Method {
@@ -52,14 +67,14 @@ const fn radau(label: &'static str, stages: usize, marker: Marker) -> Method {
         scheme: at_stages(stages),
         family: ConvolutionFamily::RadauIia { stages },
         at: DampedAt::Nodes,
-        colour: 1,
-        marker,
+        look: Look { colour: 1, marker },
     }
 }
 
 const fn lobatto(label: &'static str, stages: usize, marker: Marker) -> Method {
     let family = ConvolutionFamily::LobattoIiic { stages };
-    Method { label, scheme: at_stages(stages - 1), family, at: DampedAt::Nodes, colour: 3, marker }
+    let look = Look { colour: 3, marker };
+    Method { label, scheme: at_stages(stages - 1), family, at: DampedAt::Nodes, look }
 }
 
 /// Runge–Kutta convolution quadrature, with the polynomials that do not limit its order.
@@ -118,17 +133,18 @@ impl Method {
         scenario
     }
 
+    /// How it is drawn.
+    pub(super) fn look(&self) -> Look {
+        self.look
+    }
+
     /// The method's curve through the points.
     pub(super) fn curve(&self, points: Vec<(f64, f64)>) -> Series {
-        self.series(Style::LineWithPoints, points)
+        self.look.curve(self.label, points)
     }
 
     /// The points with the method's marker.
     pub(super) fn markers(&self, points: Vec<(f64, f64)>) -> Series {
-        self.series(Style::Points, points)
-    }
-
-    fn series(&self, style: Style, points: Vec<(f64, f64)>) -> Series {
-        Series::new(self.label, style, points).with_colour_of(self.colour).with_marker(self.marker)
+        self.look.series(self.label, Style::Points, points)
     }
 }

@@ -1,7 +1,7 @@
 //! Error against work: the papers' schemes, their baselines, Runge–Kutta convolution quadrature and damping at the nodes side by side.
 
 use super::error_curve::ErrorCurve;
-use super::methods::{MAIN_NODES, Method, NODES, RUNGE_KUTTA};
+use super::methods::{Look, MAIN_NODES, Method, NODES, RUNGE_KUTTA};
 use super::motion::Motion;
 use super::problems::{cube_plate, on_grid, pendulum, pulse_plate};
 use super::table::{Cell, Column, Format, Table};
@@ -30,35 +30,37 @@ pub(super) const EXHIBITS: [Exhibit; 3] = [
 ];
 
 /// Runs of each grid; the fastest counts.
-const REPEATS: usize = 3;
+pub(super) const REPEATS: usize = 3;
 
 /// One run.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Run {
-    steps: usize,
-    step: f64,
-    error: f64,
-    seconds: f64,
+pub(super) struct Run {
+    pub(super) steps: usize,
+    /// The mean one, where they differ.
+    pub(super) step: f64,
+    pub(super) error: f64,
+    pub(super) seconds: f64,
 }
 
-/// The runs of a method that were stable and are less wrong than zero would be.
-struct Measured {
-    method: Method,
-    runs: Vec<Run>,
+/// The runs of a method that were stable and are less wrong than zero would be, and how they are drawn.
+pub(super) struct Measured {
+    pub(super) label: &'static str,
+    pub(super) look: Look,
+    pub(super) runs: Vec<Run>,
 }
 
 /// A problem, the part into which its time is cut on the coarsest grid, and the levels of refinement.
-struct Comparison {
-    title: &'static str,
-    scenario: Scenario,
-    intervals: usize,
-    main_nodes: u32,
-    stages: u32,
-    orders: &'static [f64],
+pub(super) struct Comparison {
+    pub(super) title: &'static str,
+    pub(super) scenario: Scenario,
+    pub(super) intervals: usize,
+    pub(super) main_nodes: u32,
+    pub(super) stages: u32,
+    pub(super) orders: &'static [f64],
 }
 
 impl Comparison {
-    fn measure(&self, stop: &AtomicBool) -> Result<Vec<Measured>, ReproduceError> {
+    pub(super) fn measure(&self, stop: &AtomicBool) -> Result<Vec<Measured>, ReproduceError> {
         let methods = MAIN_NODES.into_iter().chain(RUNGE_KUTTA).chain(NODES);
         methods.map(|method| self.measure_method(method, stop)).collect()
     }
@@ -82,11 +84,15 @@ impl Comparison {
                 }
             }
         }
-        Ok(Measured { method, runs })
+        Ok(Measured { label: method.label, look: method.look(), runs })
     }
 
     fn findings(&self, stop: &AtomicBool) -> Result<Findings, ReproduceError> {
-        let measured = self.measure(stop)?;
+        Ok(self.page(&self.measure(stop)?))
+    }
+
+    /// Pictures and tables of what was measured.
+    pub(super) fn page(&self, measured: &[Measured]) -> Findings {
         let chart = |label: &str, work: fn(&Run) -> f64| {
             let title = self.title;
             let mut chart = Chart::new(
@@ -94,27 +100,27 @@ impl Comparison {
                 Axis::logarithmic(label),
                 Axis::logarithmic("largest error of the position q"),
             );
-            for of_method in &measured {
+            for of_method in measured {
                 let points = of_method.runs.iter().map(|run| (work(run), run.error)).collect();
-                chart = chart.with(of_method.method.curve(points));
+                chart = chart.with(of_method.look.curve(of_method.label, points));
             }
             chart
         };
         let mut by_steps = chart("number of steps", |run| run.steps as f64);
-        for guide in guides(&measured, self.orders) {
+        for guide in guides(measured, self.orders) {
             by_steps = by_steps.with(guide);
         }
         let by_seconds = chart("time for all steps / s", |run| run.seconds);
-        Ok(Findings::default()
+        Findings::default()
             .with_picture("steps", format!("{}: error over the number of steps", self.title), by_steps)
             .with_picture("seconds", format!("{}: error over seconds", self.title), by_seconds)
-            .with_table(summary(&measured))
-            .with_table(all_runs(&measured))
+            .with_table(summary(measured))
+            .with_table(all_runs(measured))
             .with_remark(
                 "Seconds are those of the machine that made this page: of the steps alone, without making weights, the fastest of \
                  three runs, with the memory engine that `fvi run` takes by default. Steps that are too long to be stable, and runs less \
                  accurate than q = 0 would be, are left out.",
-            ))
+            )
     }
 }
 
@@ -152,7 +158,7 @@ fn summary(measured: &[Measured]) -> Table {
     let row = |of_method: &Measured| -> Vec<Cell> {
         let curve = above_rounding(&of_method.runs);
         let order = Some(curve.slope_of_finest(3)).filter(|order| order.is_finite());
-        let mut cells: Vec<Cell> = vec![of_method.method.label.into(), order.into()];
+        let mut cells: Vec<Cell> = vec![of_method.label.into(), order.into()];
         for goal in GOALS {
             let first = of_method.runs.iter().find(|run| run.error <= goal);
             cells.push(first.map(|run| run.steps as f64).into());
@@ -177,7 +183,7 @@ fn all_runs(measured: &[Measured]) -> Table {
     let rows = measured.iter().flat_map(|of_method| {
         let row = |run: &Run| -> Vec<Cell> {
             let numbers = [run.steps as f64, run.step, run.error, run.seconds];
-            [of_method.method.label.into()].into_iter().chain(numbers.map(Cell::from)).collect()
+            [of_method.label.into()].into_iter().chain(numbers.map(Cell::from)).collect()
         };
         of_method.runs.iter().map(row).collect::<Vec<_>>()
     });
@@ -269,7 +275,7 @@ mod tests {
     fn orders(comparison: &Comparison) -> Vec<(&'static str, f64)> {
         let measured = comparison.measure(&AtomicBool::new(false)).unwrap();
         let order = |of_method: &Measured| above_rounding(&of_method.runs).slope_of_finest(3);
-        measured.iter().map(|of_method| (of_method.method.label, order(of_method))).collect()
+        measured.iter().map(|of_method| (of_method.label, order(of_method))).collect()
     }
 
     #[test]

@@ -15,7 +15,7 @@ const INK: RGBColor = RGBColor(40, 40, 40);
 const FAINT: RGBColor = RGBColor(90, 90, 90);
 
 /// Colours that people who see colours differently can tell apart (after Okabe and Ito).
-const COLOURS: [RGBColor; 8] = [
+const COLOURS: [RGBColor; 10] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
@@ -24,6 +24,8 @@ const COLOURS: [RGBColor; 8] = [
     RGBColor(86, 180, 233),
     RGBColor(120, 94, 64),
     RGBColor(150, 150, 0),
+    RGBColor(0, 0, 0),
+    RGBColor(120, 60, 190),
 ];
 
 /// How a series is drawn.
