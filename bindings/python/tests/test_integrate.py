@@ -267,3 +267,50 @@ def test_single_precision_takes_functions():
     double = fvi.integrate(potential=fvi.Potential(u, du, ddu), **COMMON)
     single = fvi.integrate(potential=fvi.Potential(u, du, ddu), precision="f32", **COMMON)
     assert 0 < np.abs(double.q - single.q).max() < 1e-3
+
+
+def test_steps_follow_a_tolerance():
+    common = dict(mass=[1.0], stiffness=[1.0], position=[1.0], scheme="collocation", grid="adaptive", end=10.0)
+    errors, steps = [], []
+    for tolerance in (1e-4, 1e-6, 1e-8):
+        r = fvi.integrate(tolerance=tolerance, **common)
+        assert r.success and r.t[-1] == 10.0
+        assert r.summary["scenario"]["time"]["tolerance"] == tolerance
+        errors.append(np.abs(r.q[:, 0] - np.cos(r.t)).max() / tolerance)
+        steps.append(r.summary["steps"])
+    assert max(errors) < 10.0 and steps[0] < steps[1] < steps[2] < 400
+    # With damping that starts singularly the first step is short, and no step longer than asked for.
+    damped = fvi.integrate(damping=fvi.Damping(0.5, [1.0]), tolerance=1e-8, longest=0.1, **common)
+    lengths = np.diff(damped.t)
+    assert lengths[0] < 1e-3 and lengths.max() <= 0.1 * (1 + 1e-12)
+    same = fvi.run(damped.summary["scenario"])
+    assert np.array_equal(same.q, damped.q)
+    # Of an engine, without such a grid.
+    assert fvi.integrate(mass=[1.0], position=[1.0], step=0.1, steps=10, tolerance=None).success
+    with pytest.raises(fvi.InputError) as caught:
+        fvi.integrate(tolerance=1e-15, **common)
+    assert caught.value.key == "tolerance"
+
+
+def test_events_are_found_and_end_runs():
+    common = dict(mass=[1.0], stiffness=[1.0], position=[1.0], scheme="collocation", convolution="radau-iia", stages=3)
+    zeros = fvi.Event("q0")
+    r = fvi.integrate(step=0.1, end=10.0, events=[zeros, {"when": "p0", "direction": "falling"}], **common)
+    times = [event["time"] for event in r.events if event["event"] == 0]
+    assert np.allclose(times, np.pi * (np.arange(3) + 0.5), atol=1e-6)
+    assert [event["rising"] for event in r.events if event["event"] == 0] == [False, True, False]
+    crests = [event["time"] for event in r.events if event["event"] == 1]
+    assert np.allclose(crests, 2.0 * np.pi * np.arange(1, len(crests) + 1), atol=1e-6)
+    assert all(abs(event["position"][0]) < 1e-12 for event in r.events if event["event"] == 0)
+    stopped = fvi.integrate(step=0.1, end=10.0, events=fvi.Event("q0", "rising", "stop"), **common)
+    assert stopped.success and stopped.status == 0 and "event 0" in stopped.message
+    assert stopped.t[-1] == stopped.events[0]["time"] and abs(stopped.t[-1] - 1.5 * np.pi) < 1e-6
+    assert fvi.integrate(step=0.1, end=1.0, **common).events == []
+    for events, key in [
+        (fvi.Event("q1"), "events[0].when"),
+        (fvi.Event("q0", "up"), "events[0].direction"),
+        ([zeros, "q0"], "events[1]"),
+    ]:
+        with pytest.raises(fvi.InputError) as caught:
+            fvi.integrate(step=0.1, end=1.0, events=events, **common)
+        assert caught.value.key == key, caught.value

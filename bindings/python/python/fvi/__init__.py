@@ -25,7 +25,7 @@ The compiled half releases the interpreter while it computes; results are the bi
 
 from fvi._errors import InputError, StepError
 from fvi._fvi import __version__
-from fvi._integrate import Damping, Element, Force, Load, Potential, integrate, integrate_cases
+from fvi._integrate import Damping, Element, Event, Force, Load, Potential, integrate, integrate_cases
 from fvi._memory import Memory, Operator
 from fvi._result import Extremal, Result, Table
 from fvi._run import run, run_cases
@@ -36,6 +36,7 @@ from fvi._sweep import sweep
 __all__ = [
     "Damping",
     "Element",
+    "Event",
     "Extremal",
     "Force",
     "InputError",

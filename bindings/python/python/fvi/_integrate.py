@@ -116,6 +116,25 @@ class Element:
     coordinates: ArrayLike
 
 
+@dataclass(frozen=True)
+class Event:
+    """Where a function of the motion passes zero.
+
+    Parameters
+    ----------
+    when : str
+        An expression in t, q0, q1, … and the parameters; with scheme="collocation" in p0, p1, … too.
+    direction : {"both", "rising", "falling"}
+        Which passages count.
+    action : {"record", "stop"}
+        Whether the run goes on.
+    """
+
+    when: str
+    direction: str = "both"
+    action: str = "record"
+
+
 class _Terms(NamedTuple):
     """What the compiled half calls."""
 
@@ -142,6 +161,7 @@ def integrate(
     damping: Damping | Mapping[str, Any] | Iterable[Damping | Mapping[str, Any]] = (),
     loads: Load | Iterable[Load] = (),
     elements: Element | Iterable[Element] = (),
+    events: Event | Mapping[str, Any] | Iterable[Event | Mapping[str, Any]] = (),
     parameters: Mapping[str, float] | None = None,
     precision: str = "f64",
     check: bool = True,
@@ -173,6 +193,8 @@ def integrate(
         Forces of time alone, f a(t).
     elements : Element or list of Element, optional
         Potentials U_e of a few coordinates each.
+    events : Event or list of Event, optional
+        What to watch for; `Result.events` has what happened. Dictionaries with the same keys serve as well.
     parameters : mapping of str to float, optional
         Named constants of the expressions.
     precision, check, progress, overrides
@@ -181,8 +203,9 @@ def integrate(
         How to integrate, by the names in a scenario: scheme="low-order" (kappa=0.5), "galerkin" (degree, quadrature, points),
         "explicit-euler" or "implicit-euler"; convolution="bdf" (order from 1 to 6), "radau-iia" or "lobatto-iiic" (stages);
         at; starting; engine, tolerance, capacity, overflow; every, times, coordinates; allow_unstable; energy_guard; title; and
-        for steps that differ grid="graded" (with end, steps, exponent), grid="geometric" (end, first, ratio, longest) or
-        grid=array of times, together with must_hit.
+        for steps that differ grid="graded" (with end, steps, exponent), grid="geometric" (end, first, ratio, longest),
+        grid="adaptive" (end, tolerance, and first, shortest, longest, scale if wanted) or grid=array of times, together with
+        must_hit.
 
     Returns
     -------
@@ -225,6 +248,13 @@ def integrate(
     ...                   position=[0.1], step=0.01, end=2.0)
     >>> r.q.shape
     (201, 1)
+
+    Steps chosen on the way, until the pendulum is upright:
+
+    >>> r = fvi.integrate(mass=[1.0], potential="-9.81*cos(q0)", position=[-3.0], grid="adaptive", end=10.0, tolerance=1e-8,
+    ...                   scheme="collocation", events=fvi.Event("q0", "rising", action="stop"))
+    >>> len(r.events), bool(abs(r.q[-1, 0]) < 1e-12)
+    (1, True)
     """
     given, terms = _scenario(
         mass=mass,
@@ -240,6 +270,7 @@ def integrate(
         damping=damping,
         loads=loads,
         elements=elements,
+        events=events,
         parameters=parameters,
         overrides=overrides,
         keys=keys,
@@ -317,6 +348,7 @@ def _scenario(
     damping: Any,
     loads: Any,
     elements: Any,
+    events: Any,
     parameters: Any,
     overrides: Any,
     keys: dict[str, Any],
@@ -348,6 +380,9 @@ def _scenario(
             for index, (name, given) in enumerate(cases.items())
         ]
     _elements(system, elements)
+    watched = _events(events)
+    if watched:
+        scenario["event"] = watched
     initial: dict[str, Any] = {"position": _arrays.vector("position", position, size)}
     if velocity is not None and momentum is None:
         initial["velocity"] = _arrays.vector("velocity", velocity, size)
@@ -436,6 +471,21 @@ def _elements(system: dict[str, Any], given: Any) -> None:
         if not isinstance(element, Mapping):
             raise InputError(f"{place} = {element!r}: a fvi.Element is needed", place, repr(element))
         system.setdefault("element", []).append(dict(element))
+
+
+def _events(given: Any) -> list[dict[str, Any]]:
+    """Events as a scenario has them."""
+    if isinstance(given, (Event, Mapping)):
+        given = [given]
+    entries = []
+    for index, event in enumerate(given):
+        place = f"events[{index}]"
+        if isinstance(event, Event):
+            event = {"when": event.when, "direction": event.direction, "action": event.action}
+        if not isinstance(event, Mapping):
+            raise InputError(f"{place} = {event!r}: a fvi.Event is needed", place, repr(event))
+        entries.append(dict(event))
+    return entries
 
 
 def _terms(
@@ -546,7 +596,8 @@ def _named_after_argument(error: InputError) -> InputError:
     arguments = {path: name for name, path in SHORT_NAMES.items()} | {
         f"system.{name}": name for name in ("mass", "stiffness", "potential", "force", "damping")
     }
-    arguments |= {"system.load": "loads", "system.element": "elements", "time.points": "grid", "case": "cases"}
+    arguments |= {"system.load": "loads", "system.element": "elements", "case": "cases", "event": "events"}
+    arguments |= {"time.points": "grid", "time.tolerance": "tolerance"}
     for path, name in arguments.items():
         if error.key == path or error.key.startswith((f"{path}.", f"{path}[")):
             key = name + error.key[len(path) :]

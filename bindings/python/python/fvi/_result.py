@@ -71,6 +71,12 @@ class Result:
         return list(range(self.q.shape[1])) if chosen is None else list(chosen)
 
     @property
+    def events(self) -> list[dict[str, Any]]:
+        """What happened, in the order of time: `event`, which of the scenario's events from 0; `rising`; `time`; `position`, `momentum`
+        and `energy` there."""
+        return list(self.summary.get("events", []))
+
+    @property
     def title(self) -> str:
         """The title of the scenario; empty if it has none."""
         return str(self.summary.get("scenario", {}).get("title") or "")

@@ -62,7 +62,7 @@ def run(
     **keys
         The same for the keys that one name tells: step, steps, end, engine, kappa, degree, order (of the backward
         differentiation formula), stages, at, starting, position, momentum, velocity, parameters, every, … `None` leaves the
-        scenario as it is. Another `engine` comes with its own settings, those of the scenario's no longer count.
+        scenario as it is. `tolerance` is that of the engine, but with grid="adaptive" beside it that of the steps. Another `engine` comes with its own settings, those of the scenario's no longer count.
 
     Returns
     -------

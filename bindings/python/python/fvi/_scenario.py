@@ -48,6 +48,8 @@ SHORT_NAMES = {
     "first": "time.first",
     "ratio": "time.ratio",
     "longest": "time.longest",
+    "shortest": "time.shortest",
+    "scale": "time.scale",
     "must_hit": "time.must_hit",
     "every": "output.every",
     "times": "output.times",
@@ -169,6 +171,11 @@ def source(scenario: Scenario, changes: Mapping[str, Any], name: str = "scenario
     return name, directory, keys, files
 
 
+def is_adaptive(grid: Any) -> bool:
+    """Whether steps are chosen on the way, so that `tolerance` is theirs and not that of an engine."""
+    return isinstance(grid, str) and grid == "adaptive"
+
+
 def by_path(overrides: Mapping[str, Any] | None, short: Mapping[str, Any]) -> dict[str, Any]:
     """Changes by the paths of their keys."""
     changes = {}
@@ -183,6 +190,9 @@ def by_path(overrides: Mapping[str, Any] | None, short: Mapping[str, Any]) -> di
         if name == "grid" and value is not None and not isinstance(value, str):
             # The points themselves.
             changes["time.points"], value = value, "points"
+        if name == "tolerance" and is_adaptive(short.get("grid")):
+            changes["time.tolerance"] = value
+            continue
         changes[SHORT_NAMES[name]] = value
     changes.update(overrides or {})
     return changes
