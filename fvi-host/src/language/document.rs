@@ -368,11 +368,6 @@ impl<'a> Value<'a> {
         self.of_file(matrix_file::read)
     }
 
-    /// The vector in the file that this value names.
-    pub(crate) fn vector_file(&self) -> Result<Vec<f64>, InputError> {
-        self.of_file(matrix_file::read_vector)
-    }
-
     fn of_file<R>(&self, read: fn(&str, &[u8]) -> Result<R, String>) -> Result<R, InputError> {
         let name = self.text()?;
         let bytes =
@@ -445,7 +440,15 @@ impl<'a> Value<'a> {
 
     /// A list of `count` numbers, one for each coordinate, or a file that holds one.
     pub(crate) fn vector(&self, count: usize) -> Result<Vec<f64>, InputError> {
-        let numbers = if self.is_text() { self.vector_file()? } else { self.numbers()? };
+        if self.is_text() {
+            let vector = self.of_file(matrix_file::read_vector)?;
+            return if vector.length == count {
+                Ok(vector.numbers())
+            } else {
+                Err(self.per_coordinate(count, vector.length))
+            };
+        }
+        let numbers = self.numbers()?;
         if numbers.len() == count { Ok(numbers) } else { Err(self.per_coordinate(count, numbers.len())) }
     }
 

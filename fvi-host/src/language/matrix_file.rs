@@ -40,21 +40,37 @@ pub(crate) fn read(name: &str, bytes: &[u8]) -> Result<FileMatrix, String> {
     Ok(matrix)
 }
 
+/// A vector in a file: its length, and its entries that need not be zero. The length is what the file promises, not what it
+/// holds.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct FileVector {
+    pub(crate) length: usize,
+    entries: Vec<(usize, f64)>,
+}
+
+impl FileVector {
+    /// All numbers; takes room for the length.
+    pub(crate) fn numbers(self) -> Vec<f64> {
+        let mut numbers = vec![0.0; self.length];
+        for (place, entry) in self.entries {
+            numbers[place] += entry;
+        }
+        numbers
+    }
+}
+
 /// Reads a vector: a `.npy` array, or a `.mtx` file with one column or one row.
 ///
 /// # Errors
 /// As [`read`].
-pub(crate) fn read_vector(name: &str, bytes: &[u8]) -> Result<Vec<f64>, String> {
+pub(crate) fn read_vector(name: &str, bytes: &[u8]) -> Result<FileVector, String> {
     let matrix = read(name, bytes)?;
     let length = match (matrix.rows, matrix.columns) {
         (length, 1) | (1, length) => length,
         (rows, columns) => return Err(format!("{rows} × {columns} numbers where a vector is wanted")),
     };
-    let mut numbers = vec![0.0; length];
-    for (row, column, entry) in matrix.entries {
-        numbers[row.max(column) as usize] += entry;
-    }
-    Ok(numbers)
+    let entries = matrix.entries.iter().map(|&(row, column, entry)| (row.max(column) as usize, entry));
+    Ok(FileVector { length, entries: entries.collect() })
 }
 
 fn ending(name: &str) -> String {

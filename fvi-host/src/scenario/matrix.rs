@@ -1,6 +1,6 @@
 //! Symmetric matrices of a scenario: a list of diagonal entries, or rows.
 
-use super::sparse_matrix::SparseMatrix;
+use super::sparse_matrix::{SparseMatrix, wrong_size};
 use crate::language::document::Value;
 use crate::language::error::{InputError, Problem};
 use nalgebra::DMatrix;
@@ -87,11 +87,20 @@ impl SymmetricMatrix {
         }
     }
 
-    /// Reads numbers (a diagonal), rows of numbers, or the name of a file.
-    pub(super) fn read(value: &Value<'_>) -> Result<Self, InputError> {
+    /// Reads numbers (a diagonal), rows of numbers, or the name of a file, for as many coordinates as there are; without a
+    /// number the positive definite matrix that says how many.
+    pub(super) fn read(value: &Value<'_>, coordinates: Option<usize>) -> Result<Self, InputError> {
         if value.is_text() {
-            return SparseMatrix::read(value).map(Self::Sparse);
+            return SparseMatrix::read(value, coordinates).map(Self::Sparse);
         }
+        let matrix = Self::read_rows(value)?;
+        match coordinates {
+            Some(count) if count != matrix.size() => Err(wrong_size(matrix.size(), count, value)),
+            _ => Ok(matrix),
+        }
+    }
+
+    fn read_rows(value: &Value<'_>) -> Result<Self, InputError> {
         let entries = value.list("a list of numbers (the diagonal) or of rows")?;
         if !entries.iter().any(Value::is_list) {
             return Ok(Self::Diagonal(value.numbers()?));

@@ -23,13 +23,28 @@ pub struct SparseMatrix {
 const ASYMMETRY: f64 = 1e-10;
 
 impl SparseMatrix {
-    /// The symmetric matrix in the file that `value` names.
-    pub(super) fn read(value: &Value<'_>) -> Result<Self, InputError> {
+    /// The symmetric matrix in the file that `value` names; without a number of coordinates it is the positive definite one
+    /// that says how many there are.
+    ///
+    /// What is made of it has room for each row, and a file promises as many rows as it likes.
+    pub(super) fn read(value: &Value<'_>, coordinates: Option<usize>) -> Result<Self, InputError> {
         let file = value.matrix_file()?;
         if file.rows != file.columns {
             let reason =
                 format!("{} rows and {} columns where a square matrix is wanted", file.rows, file.columns);
             return Err(value.file_error(reason));
+        }
+        match coordinates {
+            Some(count) if count != file.rows => return Err(wrong_size(file.rows, count, value)),
+            None if file.rows > file.entries.len() => {
+                let reason = format!(
+                    "{} entries in {} rows: a row without entries is none of a positive definite matrix",
+                    file.entries.len(),
+                    file.rows
+                );
+                return Err(value.file_error(reason));
+            }
+            _ => {}
         }
         let mut matrix = Self::of_file(file);
         matrix.make_symmetric().map_err(|reason| value.file_error(reason))?;
@@ -194,6 +209,14 @@ impl SparseMatrix {
     fn refused(&self, value: &Value<'_>, error: FactorError) -> InputError {
         value.error(Problem::Unusable { reason: error.to_string() })
     }
+}
+
+/// The error about a matrix that has not as many rows as there are coordinates.
+pub(super) fn wrong_size(rows: usize, count: usize, value: &Value<'_>) -> InputError {
+    value.error(Problem::WrongShape {
+        expected: format!("{count} (the number of coordinates, from `system.mass`)"),
+        found: format!("{rows} rows"),
+    })
 }
 
 /// The file, or the rows.

@@ -103,7 +103,7 @@ impl System {
             "load",
         ])?;
         let mass_value = table.required("mass")?;
-        let mass = SymmetricMatrix::read(&mass_value)?;
+        let mass = SymmetricMatrix::read(&mass_value, None)?;
         let count = mass.size();
         if count == 0 {
             return Err(mass_value.error(Problem::WrongShape {
@@ -113,7 +113,7 @@ impl System {
         }
         let mut mass = mass.positive_definite(&mass_value)?;
         let mut stiffness = match table.optional("stiffness") {
-            Some(value) => Some(of_size(SymmetricMatrix::read(&value)?, count, &value)?),
+            Some(value) => Some(SymmetricMatrix::read(&value, Some(count))?),
             None => None,
         };
         let parameters = match table.optional("parameters") {
@@ -209,7 +209,7 @@ impl Damping {
             if let Some(strength) = table.optional("strength") {
                 return Err(belongs(&strength, "strength", "attached"));
             }
-            let mut coefficient = of_size(SymmetricMatrix::read(&value)?, count, &value)?;
+            let mut coefficient = SymmetricMatrix::read(&value, Some(count))?;
             if let Some(scale) = &scale {
                 coefficient = coefficient.scaled(scale.number()?);
             }
@@ -335,16 +335,6 @@ fn belongs(value: &Value<'_>, key: &str, other: &str) -> InputError {
         with: "the other keys of this term".to_owned(),
         allowed: format!("`{key}` belongs to `{other}`"),
     })
-}
-
-fn of_size(matrix: SymmetricMatrix, count: usize, value: &Value<'_>) -> Result<SymmetricMatrix, InputError> {
-    if matrix.size() == count {
-        return Ok(matrix);
-    }
-    Err(value.error(Problem::WrongShape {
-        expected: format!("{count} (the number of coordinates, from `system.mass`)"),
-        found: format!("{} rows", matrix.size()),
-    }))
 }
 
 /// Matrices with entries in the same places hold these once.

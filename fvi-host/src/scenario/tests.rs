@@ -340,6 +340,28 @@ fn with_table(passage: &str, replacement: &str, table: &str) -> Result<Scenario,
     )
 }
 
+#[test]
+fn files_that_promise_many_rows_take_no_room_for_them() {
+    const HEAD: &str = "%%MatrixMarket matrix coordinate real general\n";
+    let full = format!("{HEAD}2 2 2\n1 1 1.0\n2 2 1.0\n");
+    let [empty, column] = ["2000000000", "1"].map(|columns| format!("{HEAD}2000000000 {columns} 0\n"));
+    let with = |mass: &str, stiffness: &str, position: &str| {
+        let text = "[system]\nmass = \"m.mtx\"\nstiffness = \"k.mtx\"\n[initial]\nposition = \"q.mtx\"\nmomentum = [0.0, 0.0]\n\
+                    [time]\nstep = 0.1\nsteps = 1\n";
+        let document = Document::new("test.toml", Path::new(""), text);
+        let document = document.with_attached("m.mtx", mass).with_attached("k.mtx", stiffness);
+        Scenario::from_document(document.with_attached("q.mtx", position)).unwrap_err().to_string()
+    };
+    let position = format!("{HEAD}2 1 1\n1 1 0.5\n");
+    for (message, said) in [
+        (with(&empty, &full, &position), "0 entries in 2000000000 rows"),
+        (with(&full, &empty, &position), "2000000000 rows"),
+        (with(&full, &full, &column), "2000000000 entries"),
+    ] {
+        assert!(message.contains(said), "{message}");
+    }
+}
+
 const INLINE_INPUT: &str = "period = 0.2\nsamples = [[1.0, 0.0], [0.0, 2.0]]";
 const INLINE_REFERENCE: &str = "position = [\"t^2.5\", \"0\"]";
 const TABLE: &str = "file = \"table.csv\"";

@@ -51,7 +51,7 @@ fn matrix_market_files_are_read_as_their_heads_say() {
     let half = market("%%MatrixMarket matrix array real symmetric\n2 2\n1\n2\n3\n").unwrap();
     assert_eq!(half.entries, [(0, 0, 1.0), (1, 0, 2.0), (1, 1, 3.0)]);
     assert_eq!(
-        read_vector("f.mtx", b"%%MatrixMarket matrix array real general\n3 1\n1\n0\n5\n").unwrap(),
+        read_vector("f.mtx", b"%%MatrixMarket matrix array real general\n3 1\n1\n0\n5\n").unwrap().numbers(),
         [1.0, 0.0, 5.0]
     );
 }
