@@ -1,192 +1,104 @@
-//! An order of elimination by nested dissection: long and slender meshes, and those in three dimensions, fill less with it than by minimum
+//! An order of elimination by nested dissection: meshes in three dimensions, and long and slender ones, fill less with it than by minimum
 //! degree.
 
 use crate::Pattern;
+use crate::graph::Graph;
+use crate::separator::{BETWEEN, separate};
 use std::collections::HashMap;
 
-/// Parts up to this many groups are not divided further.
-const LEAF: usize = 8;
-
-/// The larger part of a division has at most this share of the whole.
-const LOPSIDED: f64 = 0.65;
-
-/// Steps towards the far end of a part, from where its levels are counted.
-const STEPS: usize = 6;
+/// Parts up to this many groups are ordered by minimum degree.
+const LEAF: usize = 64;
 
 /// The rows, separators behind what they separate.
 ///
-/// Rows with the same places are a group and stay together, as the unknowns of one node of a mesh are. A part of the graph of groups is
-/// divided by one of the levels of a breadth-first search from a far end of it: the smallest that leaves both sides of like size. Source:
-/// \[GeorgeLiu78\].
+/// Rows with the same places, or nearly, are a group and stay together, as the unknowns of one node of a mesh are. Source: \[GeorgeLiu78\].
 pub(crate) fn nested_dissection(pattern: &Pattern) -> Vec<u32> {
-    let graph = Groups::of(pattern);
-    let count = graph.starts.len() - 1;
-    let mut search =
-        Search { graph: &graph, part: vec![0; count], level: vec![0; count], queue: Vec::new(), parts: 0 };
-    let mut order = Vec::with_capacity(count);
+    let (graph, members) = groups(pattern);
+    let mut local = vec![0; graph.size()];
+    let mut order = Vec::with_capacity(graph.size());
     // Backwards: a separator comes before the parts on its sides.
-    let mut open = vec![(0..count as u32).collect::<Vec<_>>()];
+    let mut open = vec![(0..graph.size() as u32).collect::<Vec<_>>()];
     while let Some(vertices) = open.pop() {
-        let [one, other, separator] = search.divide(vertices);
-        order.extend(separator.into_iter().rev());
-        open.extend([one, other].into_iter().filter(|part| !part.is_empty()));
+        let part = graph.part(&vertices, &mut local);
+        let sides = if part.size() > LEAF { separate(&part) } else { Vec::new() };
+        let on = |side| {
+            let both = vertices.iter().zip(&sides).filter(move |&(_, &other)| other == side);
+            both.map(|(&vertex, _)| vertex).collect::<Vec<_>>()
+        };
+        let (one, other, between) = (on(0), on(1), on(BETWEEN));
+        if one.is_empty() || other.is_empty() {
+            let least = minimum_degree(&part);
+            order.extend(least.iter().rev().map(|&index| vertices[index as usize]));
+        } else {
+            order.extend(between.iter().rev());
+            open.extend([one, other]);
+        }
     }
-    order.iter().rev().flat_map(|&group| graph.members[group as usize].iter().copied()).collect()
+    order.iter().rev().flat_map(|&group| members[group as usize].iter().copied()).collect()
 }
 
-/// Rows with the same places, and which groups have places in common.
-struct Groups {
-    members: Vec<Vec<u32>>,
-    starts: Vec<usize>,
-    neighbours: Vec<u32>,
-}
-
-impl Groups {
-    fn of(pattern: &Pattern) -> Self {
-        let mut known: HashMap<&[usize], u32> = HashMap::new();
-        let mut members: Vec<Vec<u32>> = Vec::new();
-        let mut group_of = Vec::with_capacity(pattern.size());
-        for (row, slots) in pattern.rows().enumerate() {
-            let group = *known.entry(&pattern.columns()[slots]).or_insert(members.len() as u32);
-            if group as usize == members.len() {
-                members.push(Vec::new());
-            }
-            members[group as usize].push(row as u32);
-            group_of.push(group);
-        }
-        let (mut starts, mut neighbours) = (vec![0], Vec::new());
-        for (own, rows) in members.iter().enumerate() {
-            let row = rows.first().map_or(0..0, |&row| pattern.row(row as usize));
-            let first = neighbours.len();
-            let others = pattern.columns()[row].iter().map(|&column| group_of[column]);
-            neighbours.extend(others.filter(|&other| other as usize != own));
-            neighbours[first..].sort_unstable();
-            let mut kept = first;
-            for index in first..neighbours.len() {
-                if kept == first || neighbours[kept - 1] != neighbours[index] {
-                    neighbours[kept] = neighbours[index];
-                    kept += 1;
-                }
-            }
-            neighbours.truncate(kept);
-            starts.push(neighbours.len());
-        }
-        Self { members, starts, neighbours }
+/// The vertices in an order that keeps the factor sparse.
+fn minimum_degree(graph: &Graph) -> Vec<u32> {
+    let (mut starts, mut places) = (vec![0], Vec::new());
+    for vertex in 0..graph.size() as u32 {
+        places.extend(graph.neighbours(vertex).iter().map(|&other| other as i32));
+        starts.push(places.len() as i32);
     }
-
-    fn neighbours(&self, group: u32) -> &[u32] {
-        &self.neighbours[self.starts[group as usize]..self.starts[group as usize + 1]]
+    match amd::order(graph.size() as i32, &starts, &places, &amd::Control::default()) {
+        Ok((order, ..)) => order.into_iter().map(|vertex| vertex as u32).collect(),
+        // Not for a graph; any order serves.
+        Err(_) => (0..graph.size() as u32).collect(),
     }
 }
 
-/// A graph on its way to be divided.
-struct Search<'a> {
-    graph: &'a Groups,
-    /// The number of the part that each group is in.
-    part: Vec<u32>,
-    level: Vec<u32>,
-    queue: Vec<u32>,
-    /// Numbers given so far.
-    parts: u32,
+/// Rows belong together if they have this part of their places in common: here and there a coupling of two unknowns is zero.
+const ALIKE: f64 = 0.8;
+
+/// Rows just before one, among its places, that it is compared with.
+const COMPARED: usize = 3;
+
+/// The graph of groups of rows with the same places, or nearly, and the rows of each.
+fn groups(pattern: &Pattern) -> (Graph, Vec<Vec<u32>>) {
+    let places = |row: usize| &pattern.columns()[pattern.row(row)];
+    let mut known: HashMap<&[usize], u32> = HashMap::new();
+    let mut members: Vec<Vec<u32>> = Vec::new();
+    let mut group_of: Vec<u32> = Vec::with_capacity(pattern.size());
+    for row in 0..pattern.size() {
+        let own = places(row);
+        let alike = |&group: &u32| {
+            let first = members[group as usize].first().map_or(&[][..], |&first| places(first as usize));
+            common(own, first) as f64 >= ALIKE * own.len().max(first.len()) as f64
+        };
+        let before = &own[..own.partition_point(|&column| column < row)];
+        let near = before.iter().rev().take(COMPARED).map(|&column| group_of[column]);
+        let group = known.get(own).copied().or_else(|| near.clone().find(alike));
+        let group = group.unwrap_or(members.len() as u32);
+        if group as usize == members.len() {
+            members.push(Vec::new());
+            known.insert(own, group);
+        }
+        members[group as usize].push(row as u32);
+        group_of.push(group);
+    }
+    let graph = Graph::of(members.iter().enumerate().map(|(own, rows)| {
+        let others = rows.iter().flat_map(|&row| places(row as usize)).map(|&column| group_of[column]);
+        let mut others: Vec<u32> = others.filter(|&other| other as usize != own).collect();
+        others.sort_unstable();
+        others.dedup();
+        (rows.len() as u32, others.into_iter().map(|other| (other, 1)).collect::<Vec<_>>())
+    }));
+    (graph, members)
 }
 
-impl Search<'_> {
-    /// Two parts without a place in common, and what separates them; small parts are all separator.
-    fn divide(&mut self, vertices: Vec<u32>) -> [Vec<u32>; 3] {
-        let whole = |separator| [Vec::new(), Vec::new(), separator];
-        let Some(&start) = vertices.first() else { return whole(vertices) };
-        if vertices.len() <= LEAF {
-            return whole(vertices);
-        }
-        let number = self.number(&vertices);
-        let (mut far, mut levels) = self.levels_from(start, &vertices, number);
-        if self.queue.len() < vertices.len() {
-            let reached = self.queue.clone();
-            self.number(&reached);
-            let others = vertices.into_iter().filter(|&group| self.part[group as usize] == number).collect();
-            return [reached, others, Vec::new()];
-        }
-        for _ in 0..STEPS {
-            let (next, longer) = self.levels_from(far, &vertices, number);
-            let ends = longer <= levels;
-            (far, levels) = (next, longer);
-            if ends {
-                break;
-            }
-        }
-        if levels < 3 {
-            return whole(vertices);
-        }
-        let chosen = self.best_level(&vertices, levels);
-        let (mut one, mut other, mut separator) = (Vec::new(), Vec::new(), Vec::new());
-        for group in vertices {
-            let level = self.level[group as usize];
-            let is_beyond = |other: &u32| {
-                self.part[*other as usize] == number && self.level[*other as usize] == chosen + 1
-            };
-            match level.cmp(&chosen) {
-                std::cmp::Ordering::Less => one.push(group),
-                std::cmp::Ordering::Greater => other.push(group),
-                // What has no neighbour beyond need not separate.
-                std::cmp::Ordering::Equal if self.graph.neighbours(group).iter().any(is_beyond) => {
-                    separator.push(group);
-                }
-                std::cmp::Ordering::Equal => one.push(group),
-            }
-        }
-        // What is in no part any more.
-        self.number(&separator);
-        [one, other, separator]
-    }
-
-    /// Makes a part of these groups; returns its number.
-    fn number(&mut self, vertices: &[u32]) -> u32 {
-        self.parts += 1;
-        vertices.iter().for_each(|&group| self.part[group as usize] = self.parts);
-        self.parts
-    }
-
-    /// Counts levels within a part from one of its groups; returns one at the far end with few neighbours, and how many levels there are.
-    /// The queue holds what was reached.
-    fn levels_from(&mut self, start: u32, vertices: &[u32], number: u32) -> (u32, u32) {
-        const UNSEEN: u32 = u32::MAX;
-        vertices.iter().for_each(|&group| self.level[group as usize] = UNSEEN);
-        self.queue.clear();
-        self.queue.push(start);
-        self.level[start as usize] = 0;
-        let mut next = 0;
-        while let Some(&group) = self.queue.get(next) {
-            next += 1;
-            let level = self.level[group as usize] + 1;
-            for &other in self.graph.neighbours(group) {
-                if self.part[other as usize] == number && self.level[other as usize] == UNSEEN {
-                    self.level[other as usize] = level;
-                    self.queue.push(other);
-                }
-            }
-        }
-        let last = self.queue.last().map_or(0, |&group| self.level[group as usize]);
-        let at_the_end = self.queue.iter().rev().take_while(|&&group| self.level[group as usize] == last);
-        let far = at_the_end.min_by_key(|&&group| self.graph.neighbours(group).len());
-        (far.copied().unwrap_or(start), last + 1)
-    }
-
-    /// The level that divides a part best: small, with sides of like size.
-    fn best_level(&self, vertices: &[u32], levels: u32) -> u32 {
-        let mut sizes = vec![0_usize; levels as usize];
-        vertices.iter().for_each(|&group| sizes[self.level[group as usize] as usize] += 1);
-        let (mut before, mut best) = (0, (f64::INFINITY, levels / 2));
-        for (level, &size) in sizes.iter().enumerate() {
-            let larger = before.max(vertices.len() - before - size) as f64 / vertices.len() as f64;
-            before += size;
-            let inner = level > 0 && level + 1 < sizes.len();
-            let badness = size as f64 * (1.0 + 2.0 * (larger - 0.5).max(0.0));
-            if inner && (larger <= LOPSIDED || levels <= 4) && badness < best.0 {
-                best = (badness, level as u32);
-            }
-        }
-        best.1
-    }
+/// How many numbers two ascending lists have in common.
+fn common(one: &[usize], other: &[usize]) -> usize {
+    let mut rest = other.iter().peekable();
+    one.iter()
+        .filter(|&&number| {
+            while rest.next_if(|&&other| other < number).is_some() {}
+            rest.next_if_eq(&&number).is_some()
+        })
+        .count()
 }
 
 #[cfg(test)]

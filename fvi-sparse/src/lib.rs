@@ -20,9 +20,11 @@ mod analysis;
 mod blocks;
 mod dissection;
 mod factor;
+mod graph;
 mod kernels;
 mod pattern;
 mod product;
+mod separator;
 mod solve;
 mod threads;
 
