@@ -299,8 +299,11 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
             // The rounding of the solver is the same at every step, so that it would add up to growth or decay. A second
             // correction, with the forces that are wanted anyway, leaves nothing of it.
             equations.balance(work.increments, work.residual);
-            equations.correct(work.increments, work.residual, work.matrix, &work.kept.solver);
-            // What is not finite in the first correction is so in the second.
+            let (matrix, solver) = (&mut *work.matrix, &work.kept.solver);
+            if matrix.is_unsettled(solver, work.increments, position, work.residual) {
+                equations.correct(work.increments, work.residual, matrix, solver);
+            }
+            // What is not finite in the first correction is so in its residual and in the second.
             if !all_finite(work.residual) {
                 return Err(StepError::NotFinite);
             }

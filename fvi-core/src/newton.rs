@@ -35,6 +35,22 @@ pub trait Equations<T: Real, B: Block<T>> {
 
     /// Replaces `vector` by the solution, with what [`keep`](Equations::keep) prepared.
     fn solve_kept(&mut self, kept: &Self::Kept, vector: &mut [T]);
+
+    /// Whether the residual that [`solve_kept`](Equations::solve_kept) has left with these increments on this position is worth
+    /// another correction. What is not may be set to zero.
+    ///
+    /// Rounding in factors acts on every step alike. Where it is not symmetric, energy grows or decays by it, so that
+    /// without more knowledge the answer is yes.
+    #[inline(always)]
+    fn is_unsettled(
+        &self,
+        _kept: &Self::Kept,
+        _increments: &[T],
+        _position: &[T],
+        _residual: &mut [T],
+    ) -> bool {
+        true
+    }
 }
 
 /// Dense [`Equations`] for N coordinates and S nodes, in place.

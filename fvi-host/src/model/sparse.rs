@@ -139,12 +139,17 @@ pub struct SparseEquations {
     buffer: Vec<f64>,
 }
 
-/// The factor of a matrix, or of what it is with a minus.
+/// The factor of a matrix A, or of what it is with a minus.
 pub struct Factored {
     factor: Factor,
     sign: f64,
     threads: usize,
+    /// √A_ii.
+    scales: Vec<f64>,
 }
+
+/// How many roundings of its terms a residual may have for one correction to be enough.
+const ROUNDINGS: f64 = 32.0;
 
 impl Factored {
     fn solve<T: Real>(&self, buffer: &mut Vec<f64>, vector: &mut [T]) {
@@ -159,7 +164,11 @@ impl SparseEquations {
     fn factored(&mut self) -> Result<Factored, Singular> {
         let analysis = self.analysis.get_or_insert_with(|| Analysis::new(&self.pattern));
         match analysis.factor(&self.pattern, &self.values) {
-            Ok(factor) => Ok(Factored { factor, sign: self.sign, threads: self.threads }),
+            Ok(factor) => {
+                let diagonal = (0..self.pattern.size()).map(|row| self.values[self.pattern.slot(row, row)]);
+                let scales = diagonal.map(f64::sqrt).collect();
+                Ok(Factored { factor, sign: self.sign, threads: self.threads, scales })
+            }
             Err(_) => Err(Singular),
         }
     }
@@ -231,6 +240,39 @@ impl<T: Real> Equations<T, Matrix<T>> for SparseEquations {
             factored.solve(&mut self.buffer, vector);
         }
     }
+
+    /// Each motion by itself: |r_i| > 32 ε √A_ii · max_j √A_jj (|e_j| + |q_j|) for some i, or not a number.
+    ///
+    /// The factor is that of A + E with E symmetric and |E_ij| ≤ c ε √(A_ii A_jj), c growing with the entries of a row
+    /// (\[Demmel89\] theorem 2.1), and the entries of A and of the stiffness in it are no larger than their diagonals allow either: the right-hand side is
+    /// what the residual, and the forces in it, are rounded by. Below it another correction would bring rounding of its own. What E does at every step
+    /// is harmless: the midpoint rule with A + E is that of the mass M + h E, and as stable as that one is definite.
+    fn is_unsettled(
+        &self,
+        kept: &Option<Factored>,
+        increments: &[T],
+        position: &[T],
+        residual: &mut [T],
+    ) -> bool {
+        let Some(Factored { scales, .. }) = kept else { return true };
+        let size = scales.len().max(1);
+        let motions = increments.chunks(size).zip(position.chunks(size)).zip(residual.chunks_mut(size));
+        let mut unsettled = false;
+        for ((increments, position), residual) in motions {
+            let scaled = increments.iter().zip(position).zip(scales);
+            let largest = scaled.fold(0.0_f64, |largest, ((e, q), scale)| {
+                largest.max(scale * (e.to_f64().abs() + q.to_f64().abs()))
+            });
+            let bound = ROUNDINGS * T::EPSILON.to_f64() * largest;
+            let rounding = |(r, scale): (&T, &f64)| r.to_f64().abs() <= bound * scale;
+            if bound.is_finite() && residual.iter().zip(scales).all(rounding) {
+                residual.fill(T::zero());
+            } else {
+                unsettled = true;
+            }
+        }
+        unsettled
+    }
 }
 
 /// Hands each entry of a row that need not be zero to `visit`, columns ascending.
@@ -278,6 +320,7 @@ fn widened<T: Real>(pattern: &Pattern, block: &Matrix<T>) -> Option<Pattern> {
 mod tests {
     use super::*;
     use crate::model::DenseEquations;
+    use fvi_core::Block;
 
     fn chain(size: usize) -> Matrix<f64> {
         let diagonal = (0..size).map(|row| (row, row, 2.5 + row as f64 * 0.1));
@@ -311,6 +354,45 @@ mod tests {
             for (found, expected) in found.iter().chain(&kept).zip(expected.iter().cycle()) {
                 assert!((found - expected).abs() < 1e-14, "{sign} {known}: {found} {expected}");
             }
+        }
+    }
+
+    #[test]
+    fn each_motion_is_corrected_again_where_its_residual_is_more_than_rounding() {
+        let size = 5;
+        let stiffness = chain(size);
+        let space = SparseSpace::new(Elimination::of(size, &[&stiffness])).times(2);
+        let mut equations = MatrixSpace::<f64>::equations(&space, 1);
+        Equations::<f64, _>::clear(&mut equations);
+        equations.add(0, 0, -1.0, &stiffness);
+        let mut kept = None;
+        Equations::<f64, Matrix<f64>>::keep(&mut equations, &mut kept).unwrap();
+        let increments: Vec<f64> = (0..2 * size).map(|i| 1e3 * (1.0 + i as f64).sin()).collect();
+        let unsettled = |increments: &[f64], residual: &mut [f64]| {
+            Equations::<f64, Matrix<f64>>::is_unsettled(&equations, &kept, increments, &[0.0; 10], residual)
+        };
+        // The residual of what solves the equations, and one that is a millionth of them.
+        let mut right = vec![0.0; 2 * size];
+        for (x, b) in increments.chunks(size).zip(right.chunks_mut(size)) {
+            stiffness.multiply_add(-1.0, x, b);
+        }
+        let mut solved = right.clone();
+        if let Some(kept) = &kept {
+            kept.solve(&mut Vec::new(), &mut solved);
+        }
+        for (x, b) in solved.chunks(size).zip(right.chunks_mut(size)) {
+            stiffness.multiply_add(1.0, x, b);
+        }
+        assert!(!unsettled(&increments, &mut right.clone()), "{right:?}");
+        right[size + 2] = 1e-3;
+        let mut left = right.clone();
+        assert!(unsettled(&increments, &mut left));
+        assert!(left[..size].iter().all(|&r| r == 0.0) && left[size..] == right[size..]);
+        // Nothing that is not finite passes for rounding.
+        for bad in [f64::NAN, f64::INFINITY] {
+            let mut increments = increments.clone();
+            increments[1] = bad;
+            assert!(unsettled(&increments, &mut [bad; 10]));
         }
     }
 
