@@ -4,6 +4,7 @@
 
 pub mod bits;
 pub mod control_loop;
+pub mod jitter;
 pub mod oustaloup;
 pub mod pulse;
 pub mod refusal;

@@ -1,6 +1,8 @@
-//! Tables of exponentials for the memories of the control loop: weights of D^exponent at h = 1 ms for 10⁸ steps.
+//! Tables of exponentials for the memories of the control loops: weights of D^exponent at h = 1 ms for 10⁸ steps, and rates for steps from
+//! 7.9 ms on up to 2000 s.
 //!
-//! Each file is what `fvi exponentials --exponent … --step 0.001 --horizon 1e8 --tolerance 1e-7 --format rust --precision f32` prints.
+//! The files are what `fvi exponentials --exponent … --step 0.001 --horizon 1e8 --tolerance 1e-7 --format rust --precision f32` and
+//! `fvi rates --stages 1 --exponent … --shortest 0.0079 --horizon 2000 --tolerance 1e-7 --format rust --precision f32` print.
 
 /// Exponent 0.5.
 #[rustfmt::skip]
@@ -11,7 +13,19 @@ pub mod derivative;
 /// Exponent −0.8.
 #[rustfmt::skip]
 pub mod integral;
+/// Exponent 0.5, steps of any length.
+#[rustfmt::skip]
+pub mod jitter_damping;
+/// Exponent 0.6, steps of any length.
+#[rustfmt::skip]
+pub mod jitter_derivative;
+/// Exponent −0.8, steps of any length.
+#[rustfmt::skip]
+pub mod jitter_integral;
 
 pub use damping::TABLE as DAMPING;
 pub use derivative::TABLE as DERIVATIVE;
 pub use integral::TABLE as INTEGRAL;
+pub use jitter_damping::TABLE as JITTER_DAMPING;
+pub use jitter_derivative::TABLE as JITTER_DERIVATIVE;
+pub use jitter_integral::TABLE as JITTER_INTEGRAL;

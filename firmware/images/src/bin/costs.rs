@@ -10,14 +10,14 @@ use cortex_m_semihosting::hio::HostStream;
 use fvi_core::{
     BdfOrder, Coefficients, Damping, DampingTerm, Derivative, ExponentialSum, Fixed, FixedDirect,
     FractionalOperator, Galerkin, Integrator, Kernel, Mass, Memory, NoForce, NodeGalerkin, Overflow,
-    Quadratic, Scheme, Start, System, Tiled, monic_bdf_table_f32,
+    Quadratic, RungeKutta, Scheme, Start, System, Tiled, VariableStepMemory, monic_bdf_table_f32,
 };
 use images::instructions::{Counter, Spread};
 use images::stack::used_by;
 use images::{Refused, main};
 use nalgebra::SVector;
 use scenarios::oustaloup::Oustaloup;
-use scenarios::tables::DAMPING;
+use scenarios::tables::{DAMPING, JITTER_DAMPING};
 
 /// Steps that are measured; two tiles, so that every place in a tile occurs.
 const MEASURED: usize = 16;
@@ -160,6 +160,33 @@ impl Bench<'_> {
         self.stepper::<N, _, _>("direct 256", main, Self::term(ring)?, 300, 4 * 257)
     }
 
+    /// The memory for steps of any length, which tick at one rate or come early and late.
+    fn any_step(&mut self) -> Result<(), Refused> {
+        const STATE: usize = JITTER_DAMPING.state_len(1, 1);
+        const RATES: usize = JITTER_DAMPING.rates.len();
+        let method = RungeKutta::<1>::radau_iia().map_err(|_| Refused)?;
+        for (name, late) in [("of one length", 0.0), ("of new lengths", 1e-4)] {
+            let memory = VariableStepMemory::new(&method, JITTER_DAMPING, 1, [0.0f32; STATE]);
+            let mut memory = memory.map_err(|_| Refused)?;
+            let (mut steps, mut term) = (Spread::default(), [0.0]);
+            memory.begin_step(0.01).map_err(|_| Refused)?;
+            let mut step = |memory: &mut VariableStepMemory<f32, 1, _, _>, k: usize| {
+                let memory = black_box(memory);
+                let _ = memory.begin_step(black_box(0.01 + late * k as f32));
+                let _ = memory.next_term(black_box(&mut term));
+                let _ = memory.push(black_box(&[k as f32]));
+            };
+            for k in 0..MEASURED {
+                steps.add(self.counter.count(|| step(&mut memory, k)));
+            }
+            let stack = used_by(|| step(&mut memory, MEASURED));
+            let (ram, products) = (size_of_val(&memory), 3 * RATES);
+            let table = memory.bytes() - ram;
+            self.row(format_args!("any step x 1: {name}"), steps, products, ram, table, stack);
+        }
+        Ok(())
+    }
+
     fn oustaloup<const S: usize>(&mut self) {
         let mut filter = Oustaloup::<f32, S>::new(0.5, 1e-5, 1e3, 1e-3);
         let mut steps = Spread::default();
@@ -218,6 +245,7 @@ fn start() -> ! {
         bench.tiled::<1, 129>()?;
         bench.tiled::<2, 33>()?;
         bench.operator()?;
+        bench.any_step()?;
         bench.oustaloup::<15>();
         bench.oustaloup::<31>();
         bench.oustaloup::<75>();
