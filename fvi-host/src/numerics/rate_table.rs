@@ -42,7 +42,7 @@ struct Relaxation {
 /// past within the relative tolerance `tolerance`.
 ///
 /// # Errors
-/// If the exponent is outside (−1, 2), the lengths are not positive and finite, the horizon is shorter than the shortest
+/// If the exponent is outside (−1, 2), the lengths are outside [10⁻²⁸⁰, 10²⁸⁰], the horizon is shorter than the shortest
 /// step, or the tolerance is outside [10⁻¹⁴, 10⁻¹].
 pub fn rate_table<T: Real, const R: usize>(
     method: &RungeKutta<R>,
@@ -55,13 +55,18 @@ pub fn rate_table<T: Real, const R: usize>(
         true => Ok(()),
         false => Err(ParameterError { parameter, value, allowed }),
     };
-    let positive = |value: f64| value > 0.0 && value.is_finite();
-    range(positive(shortest), "shortest step", shortest, "positive and finite")?;
+    // Beyond, rates and coefficients are no numbers of double precision.
     range(
-        positive(horizon) && horizon >= shortest,
+        (1e-280..=1e280).contains(&shortest),
+        "shortest step",
+        shortest,
+        "at least 1e-280 and at most 1e280",
+    )?;
+    range(
+        (shortest..=1e280).contains(&horizon),
         "horizon",
         horizon,
-        "finite and at least the shortest step",
+        "at least the shortest step and at most 1e280",
     )?;
     range(
         (SMALLEST_TOLERANCE..=0.1).contains(&tolerance),

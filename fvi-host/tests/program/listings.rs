@@ -135,6 +135,8 @@ fn listed_rates_sum_up_to_the_kernel_of_their_integral() {
         ("rates --stages 4 --exponent 0.5 --shortest 1 --horizon 2", "1, 2 or 3 with the family radau-iia"),
         ("rates --stages 1 --exponent 0.5 --shortest 2 --horizon 1", "horizon = 1 is not allowed"),
         ("rates --stages 1 --exponent 2 --shortest 1 --horizon 2", "exponent"),
+        ("rates --stages 1 --exponent 0.5 --shortest 1e-300 --horizon 1", "shortest step"),
+        ("rates --stages 1 --exponent 1.99 --shortest 1 --horizon 1e308", "horizon"),
         (
             "rates --stages 1 --exponent 0.5 --shortest 1e-40 --horizon 1e-30 --format rust --precision f32",
             "shortest",
