@@ -78,7 +78,7 @@ pub enum CommandError {
     /// The runs of a sweep cannot be made in this directory, or not be joined: exit code 2.
     #[error("{0}")]
     Sweep(String),
-    /// A file of results cannot be written: exit code 1; another run is writing to the directory: exit code 2.
+    /// A file of results cannot be written: exit code 1; the directory is none, or another run is writing to it: exit code 2.
     #[error(transparent)]
     File(#[from] FileError),
     /// It was stopped by a signal: exit code 130.
@@ -127,7 +127,7 @@ impl Program {
 impl CommandError {
     fn code(&self) -> ExitCode {
         match self {
-            Self::File(error) if OutputDirectory::in_use(error) => ExitCode::from(2),
+            Self::File(error) if OutputDirectory::refuses(error) => ExitCode::from(2),
             Self::Input(_) | Self::Argument(_) | Self::NoRoom(_) | Self::Checkpoint(_) | Self::Sweep(_) => {
                 ExitCode::from(2)
             }

@@ -123,7 +123,7 @@ pub fn sweep(
     stop: &AtomicBool,
     mut progress: impl FnMut(usize),
 ) -> Result<SweepSummary, SweepError> {
-    std::fs::create_dir_all(&options.directory).map_err(FileError::at(&options.directory))?;
+    OutputDirectory::make(&options.directory)?;
     let identity = sweep.identity(options.precision);
     let records = Records::open(&options.directory, &identity, sweep.layout(), options.shard)?;
     let (share, mut done) = (records.share(), records.done()?);

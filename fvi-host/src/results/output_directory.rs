@@ -23,12 +23,12 @@ impl OutputDirectory {
     /// Directories that were made are removed again when the value is dropped and nothing is in them.
     ///
     /// # Errors
-    /// If it cannot be made, or another process writes to it ([`in_use`](Self::in_use)).
+    /// If it cannot be made, is a file, or another process writes to it ([`refuses`](Self::refuses)).
     pub fn claim(path: &Path) -> Result<Self, FileError> {
         let missing = |path: &&Path| !path.as_os_str().is_empty() && !path.exists();
         let mut made: Vec<PathBuf> = path.ancestors().take_while(missing).map(Path::to_owned).collect();
         made.reverse();
-        fs::create_dir_all(path).map_err(FileError::at(path))?;
+        Self::make(path)?;
         let mut claimed = Self { path: path.to_owned(), made, lock: None };
         let directory = if path.as_os_str().is_empty() { Path::new(".") } else { path };
         if let Ok(file) = File::open(directory) {
@@ -45,9 +45,21 @@ impl OutputDirectory {
         Ok(claimed)
     }
 
-    /// Whether an error is that another process writes to the directory.
-    pub fn in_use(error: &FileError) -> bool {
-        error.source.kind() == io::ErrorKind::ResourceBusy
+    /// Makes a directory, and those above it, if they are not there.
+    ///
+    /// # Errors
+    /// If it cannot be made, or is a file ([`refuses`](Self::refuses)).
+    pub(crate) fn make(path: &Path) -> Result<(), FileError> {
+        if let Some(file) = path.ancestors().find(|part| part.exists()).filter(|part| !part.is_dir()) {
+            let reason = "not a directory, where results go; choose one with `--out`";
+            return Err(FileError::at(file)(io::Error::new(io::ErrorKind::NotADirectory, reason)));
+        }
+        fs::create_dir_all(path).map_err(FileError::at(path))
+    }
+
+    /// Whether an error is about which directory was chosen: it is none, or another process writes to it.
+    pub fn refuses(error: &FileError) -> bool {
+        matches!(error.source.kind(), io::ErrorKind::ResourceBusy | io::ErrorKind::NotADirectory)
     }
 
     /// Its path.
@@ -83,9 +95,21 @@ mod tests {
         let path = place.path().join("a/b");
         let first = OutputDirectory::claim(&path).unwrap();
         let error = OutputDirectory::claim(&path).unwrap_err();
-        assert!(OutputDirectory::in_use(&error) && error.to_string().contains("another run"), "{error}");
+        assert!(OutputDirectory::refuses(&error) && error.to_string().contains("another run"), "{error}");
         drop(first);
         assert!(OutputDirectory::claim(&path).is_ok());
+    }
+
+    #[test]
+    fn a_file_is_no_directory_and_stays() {
+        let place = tempfile::tempdir().unwrap();
+        let file = place.path().join("file");
+        fs::write(&file, "mine").unwrap();
+        for path in [file.clone(), file.join("below/it")] {
+            let error = OutputDirectory::claim(&path).unwrap_err();
+            assert!(OutputDirectory::refuses(&error) && error.path == file, "{error}");
+        }
+        assert_eq!(fs::read_to_string(&file).unwrap(), "mine");
     }
 
     #[test]

@@ -5,6 +5,7 @@ use super::{Sweep, SweepError, SweepOptions, SweepSummary, conclude, failures};
 use crate::language::{Document, InputError};
 use crate::memory::Tables;
 use crate::results::files::{self, FileError};
+use crate::results::output_directory::OutputDirectory;
 use crate::simulation::Precision;
 use std::fs;
 use std::io::Write;
@@ -107,7 +108,7 @@ impl Ledger {
     /// # Errors
     /// As [`sweep`](super::sweep).
     pub fn open(sweep: &Sweep, options: SweepOptions) -> Result<Self, SweepError> {
-        fs::create_dir_all(&options.directory).map_err(FileError::at(&options.directory))?;
+        OutputDirectory::make(&options.directory)?;
         let identity = sweep.identity(options.precision);
         let records = Records::open(&options.directory, &identity, sweep.layout(), options.shard)?;
         Ok(Self { records, options })
