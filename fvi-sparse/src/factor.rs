@@ -5,7 +5,7 @@ use crate::analysis::Analysis;
 use crate::blocks::Blocks;
 use crate::kernels::subtract_product;
 use core::fmt;
-use pulp::Arch;
+use pulp::{Arch, Simd, WithSimd};
 
 /// Why a matrix has no factor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,9 +63,26 @@ impl Analysis {
         numbers.resize(self.factor_len(), 0.0);
         let blocks = self.blocks();
         Arch::new()
-            .dispatch(|| eliminate(blocks, pattern, values, &mut numbers))
+            .dispatch(Elimination { blocks, pattern, values, numbers: &mut numbers })
             .map_err(|pivot| FactorError::Pivot { pivot, coordinate: blocks.order[pivot] as usize })?;
         Ok(Factor { analysis: self.clone(), numbers })
+    }
+}
+
+/// Elimination, compiled once for every vector unit: a closure would not be, since it need not be made part of its caller.
+struct Elimination<'a> {
+    blocks: &'a Blocks,
+    pattern: &'a Pattern,
+    values: &'a [f64],
+    numbers: &'a mut [f64],
+}
+
+impl WithSimd for Elimination<'_> {
+    type Output = Result<(), usize>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Result<(), usize> {
+        eliminate(self.blocks, self.pattern, self.values, self.numbers)
     }
 }
 
