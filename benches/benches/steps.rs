@@ -32,6 +32,9 @@ const CUBIC: f64 = 0.7;
 /// Turns of each path.
 const TURNS: usize = 5;
 
+/// Coordinates up to which all are written and drawn.
+const MOST_DRAWN: usize = 128;
+
 fn main() {
     let words: Vec<String> = std::env::args().skip(1).collect();
     if let Some(place) = words.iter().position(|word| word == "--only") {
@@ -156,7 +159,10 @@ fn scenario(coordinates: usize, steps: usize, potential: &str) -> Scenario {
         [output]
         every = 1000
         momentum = "one-sided"
+        {drawn}
         "#,
+        // Of large systems one curve is drawn.
+        drawn = if coordinates > MOST_DRAWN { "coordinates = [0]" } else { "" },
         mass = list(&|_| 1.0),
         damping = list(&|_| DAMPING),
         position = list(&start),

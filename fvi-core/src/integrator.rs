@@ -227,6 +227,15 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
     /// [`StepError`]; state and memories are as before the call.
     #[inline]
     pub fn step(&mut self, input: &X::Vector) -> Result<u32, StepError> {
+        self.step_under(X::slice(input))
+    }
+
+    /// As [`step`](Integrator::step), under an input of which the first numbers are given; the others are zero.
+    ///
+    /// # Errors
+    /// As [`step`](Integrator::step).
+    #[inline]
+    pub fn step_under(&mut self, input: &[T]) -> Result<u32, StepError> {
         let (index, time) = self.anchor;
         let end = time + T::from_count((self.state.step - index).saturating_add(1)) * self.step_size;
         let iterations = self.make(self.step_size, end, input)?;
@@ -266,15 +275,15 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         if !(length > T::zero() && end.is_finite()) {
             return Err(MemoryError::StepLength.into());
         }
-        let iterations = self.make(length, end, input)?;
+        let iterations = self.make(length, end, X::slice(input))?;
         self.state.step += 1;
         self.anchor = (self.state.step, end);
         Ok(iterations)
     }
 
     #[inline(always)]
-    fn make(&mut self, length: T, end: T, input: &X::Vector) -> Result<u32, StepError> {
-        let step = Step { time: self.time(), end, size: length, input: X::slice(input) };
+    fn make(&mut self, length: T, end: T, input: &[T]) -> Result<u32, StepError> {
+        let step = Step { time: self.time(), end, size: length, input };
         let Self { mechanics, scheme, storage, damping, state, .. } = self;
         scheme.step(storage, mechanics, damping, &step, state)
     }

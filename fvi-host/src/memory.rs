@@ -23,6 +23,20 @@ pub struct HostMemory<T> {
     memory: fvi_fft::Engine<T>,
     engine: Engine,
     acts_on: ActsOn,
+    // What a step asks for again and again is not asked of the engine behind its object.
+    stages: usize,
+    is_empty: bool,
+    /// W₀, where it always is the same.
+    leading: Option<Box<[T]>>,
+}
+
+impl<T: Copy> HostMemory<T> {
+    fn new(memory: fvi_fft::Engine<T>, engine: Engine, acts_on: ActsOn) -> Self {
+        let constant = engine != Engine::AnyStep && memory.leading_is_constant();
+        let leading = constant.then(|| memory.leading().into());
+        let (stages, is_empty) = (memory.stages(), memory.is_empty());
+        Self { memory, engine, acts_on, stages, is_empty, leading }
+    }
 }
 
 impl<T> HostMemory<T> {
@@ -154,7 +168,7 @@ impl MemoryRequest<'_> {
         }
         let (engine, acts_on, order) = (memory.engine(), memory.acts_on, BdfOrder::new(order)?);
         let corrected = StartingCorrection::new(memory, order, self.exponent, self.step_size, exponents)?;
-        Ok(HostMemory { memory: Box::new(corrected), engine, acts_on })
+        Ok(HostMemory::new(Box::new(corrected), engine, acts_on))
     }
 
     /// What the memory acts on: differences, as far as there is something to gain. The identity, β = 0, and integrals
@@ -407,8 +421,8 @@ impl MemoryRequest<'_> {
         Ok(self.host(memory, Engine::ExponentialSumCore))
     }
 
-    fn host<T>(&self, memory: fvi_fft::Engine<T>, engine: Engine) -> HostMemory<T> {
-        HostMemory { memory, engine, acts_on: self.acts_on() }
+    fn host<T: Copy>(&self, memory: fvi_fft::Engine<T>, engine: Engine) -> HostMemory<T> {
+        HostMemory::new(memory, engine, self.acts_on())
     }
 
     /// What tells a table of this kernel from others of its type.
@@ -502,38 +516,52 @@ impl<T> Memory<T> for HostMemory<T> {
     }
 
     fn stages(&self) -> usize {
-        self.memory.stages()
+        self.stages
     }
 
     fn acts_on(&self) -> ActsOn {
         self.acts_on
     }
 
+    #[inline]
     fn leading(&self) -> &[T] {
-        self.memory.leading()
+        match &self.leading {
+            Some(leading) => leading,
+            None => self.memory.leading(),
+        }
     }
 
     fn leading_is_constant(&self) -> bool {
-        self.memory.leading_is_constant()
+        self.leading.is_some() || self.memory.leading_is_constant()
     }
 
     fn len(&self) -> usize {
         self.memory.len()
     }
 
+    fn is_empty(&self) -> bool {
+        self.is_empty
+    }
+
+    #[inline]
     fn begin_step(&mut self, length: T) -> Result<(), MemoryError> {
-        self.memory.begin_step(length)
+        // To the others it says nothing new.
+        if self.engine == Engine::AnyStep { self.memory.begin_step(length) } else { Ok(()) }
     }
 
     fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
         self.memory.next_term(term)
     }
 
+    #[inline]
     fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
-        self.memory.push(sample)
+        self.memory.push(sample)?;
+        self.is_empty = false;
+        Ok(())
     }
 
     fn clear(&mut self) {
+        self.is_empty = true;
         self.memory.clear();
     }
 
@@ -558,7 +586,9 @@ impl<T> Memory<T> for HostMemory<T> {
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.memory.restore(from)
+        self.memory.restore(from)?;
+        self.is_empty = self.memory.is_empty();
+        Ok(())
     }
 }
 

@@ -401,7 +401,7 @@ impl<T: Elementary + Engines, X: ScenarioSpace<T>> Machine<T, X> {
     fn step_on_grid(&mut self, scenario: &Scenario, step: usize) -> Result<u32, StepError> {
         self.prepare(scenario.input.as_ref().and_then(|input| input.at_step(step)).unwrap_or(&[]));
         let made = match &scenario.time.grid {
-            None => self.integrator.step(&self.input),
+            None => self.integrator.step_under(if self.pushed { X::slice(&self.input) } else { &[] }),
             Some(_) => {
                 let (begin, end) = (scenario.time.time(step), scenario.time.time(step + 1));
                 self.integrator.step_over(T::of(end - begin), T::of(end), &self.input)

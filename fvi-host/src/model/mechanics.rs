@@ -11,7 +11,7 @@ use super::own::Own;
 use super::rough_forces::RoughForces;
 use super::space::{Matrix, MatrixSpace, Sparse};
 use crate::language::expression::{Elementary, Moment};
-use crate::model::tape::{CompiledForce, CompiledPotential};
+use crate::model::tape::{CompiledForce, CompiledPotential, OwnRegisters};
 use crate::scenario::{Scenario, SymmetricMatrix};
 use fvi_core::{Approach, Block, Instant, MatrixError, Mechanics, NodalRule, Real, factor, invert_factored};
 use fvi_sparse::{Analysis, Factor, Pattern};
@@ -50,6 +50,8 @@ pub struct Model<T> {
     /// Slots of the entries of the force's Jacobian.
     jacobian_slots: Vec<usize>,
     registers: Vec<T>,
+    /// Those of the derivatives of the potential's rest.
+    rest_registers: OwnRegisters<T>,
     /// N numbers.
     pushed: Vec<T>,
     /// Entries of a Hessian or Jacobian.
@@ -146,6 +148,7 @@ impl<T: Elementary> Model<T> {
             hessian_slots,
             jacobian_slots,
             registers: Vec::new(),
+            rest_registers: OwnRegisters::default(),
             pushed: vec![T::zero(); size * scenario.copies()],
             entries,
         })
@@ -158,6 +161,9 @@ impl<T: Elementary> Model<T> {
 
     /// Subtracts the loads of the system, and of the case that each motion is under.
     fn subtract_loads(&mut self, instant: Instant<T>, pull: &mut [T]) {
+        if self.loads.is_empty() && self.cases.is_empty() {
+            return;
+        }
         let size = self.mass.size().max(1);
         for pull in pull.chunks_mut(size) {
             self.loads.add(moment(instant), instant.time, -T::one(), pull);
@@ -230,7 +236,7 @@ impl<T: Elementary, X: MatrixSpace<T>> Mechanics<T, X> for Model<T> {
         self.quadratic_pull(position, pull);
         if let Some(potential) = &self.potential {
             let hessian = &mut self.entries[..self.hessian_slots.len()];
-            potential.add_rest_derivatives(position, &mut self.registers, pull, hessian);
+            potential.add_rest_derivatives_again(&mut self.rest_registers, position, pull, hessian);
             for (&(slot, mirrored), &mut entry) in self.hessian_slots.iter().zip(hessian) {
                 stiffness.values[slot] += entry;
                 if slot != mirrored {
@@ -336,6 +342,11 @@ impl<T: Elementary> Model<T> {
     /// M⁻¹ p.
     fn write_velocity(&self, momentum: &[T], velocity: &mut [T]) {
         match &self.inverse_mass {
+            InverseMass::Matrix(Matrix::Diagonal(inverse)) if inverse.len() == momentum.len() => {
+                for ((place, &inverse), &p) in velocity.iter_mut().zip(inverse).zip(momentum) {
+                    *place = inverse * p;
+                }
+            }
             InverseMass::Matrix(inverse) => {
                 velocity.fill(T::zero());
                 inverse.multiply_add(T::one(), momentum, velocity);

@@ -94,6 +94,9 @@ impl<T: Real> Sparse<T> {
             return self.pattern.multiply_add(&self.values, factor, x, out, self.threads);
         };
         let size = self.pattern.size();
+        if x.len() == size {
+            return rows.multiply_add(factor, x, out);
+        }
         for (x, out) in x.chunks_exact(size).zip(out.chunks_exact_mut(size)) {
             rows.multiply_add(factor, x, out);
         }
@@ -121,35 +124,50 @@ struct Tridiagonal<'a, T> {
 
 impl<T: Real> Tridiagonal<'_, T> {
     fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]) {
-        let ([x0, x1, ..], [.., left, last]) = (x, x) else { return };
+        let ([x0, x1, x_from_third @ ..], [.., left, last]) = (x, x) else { return };
         let [out_first, out_middle @ .., out_last] = out else { return };
         let row = |[a, b]: [T; 2], x: T, y: T| a * x + b * y;
         *out_first += row(self.first, *x0, *x1) * factor;
-        for ((out, &[l, d, r]), x) in out_middle.iter_mut().zip(self.middle).zip(x.windows(3)) {
-            if let &[x, y, z] = x {
-                *out += (l * x + d * y + r * z) * factor;
-            }
+        let (mut x, mut y) = (*x0, *x1);
+        for ((out, &[l, d, r]), &z) in out_middle.iter_mut().zip(self.middle).zip(x_from_third) {
+            *out += (l * x + d * y + r * z) * factor;
+            (x, y) = (y, z);
         }
         *out_last += row(self.last, *left, *last) * factor;
     }
 
     /// Adds factor times the matrix to the part of a dense one that begins with `target`, whose rows are `width` numbers.
     fn add_to(&self, factor: T, target: &mut [T], width: usize) {
-        let mut add = |place: usize, entries: &[T]| {
-            for (place, &entry) in target[place..].iter_mut().zip(entries) {
+        fn add<T: Real, const COUNT: usize>(target: &mut [T], place: usize, factor: T, entries: &[T; COUNT]) {
+            let places = target.get_mut(place..).and_then(<[T]>::first_chunk_mut::<COUNT>);
+            for (place, &entry) in places.into_iter().flatten().zip(entries) {
                 *place += entry * factor;
             }
-        };
-        add(0, &self.first);
-        for (row, entries) in self.middle.iter().enumerate() {
-            add((row + 1) * width + row, entries);
         }
-        let last = self.middle.len() + 1;
-        add(last * width + last - 1, &self.last);
+        add(target, 0, factor, &self.first);
+        let mut place = width;
+        for entries in self.middle {
+            add(target, place, factor, entries);
+            place += width + 1;
+        }
+        add(target, place, factor, &self.last);
     }
 }
 
 impl<T: Real> Matrix<T> {
+    /// out += factor · (B x) for several motions one behind the other. Not where the diagonal alone is inlined.
+    #[inline(never)]
+    fn multiply_add_copies(&self, factor: T, x: &[T], out: &mut [T]) {
+        let size = self.size().max(1);
+        for (x, out) in x.chunks(size).zip(out.chunks_mut(size)) {
+            match self {
+                Self::Diagonal(diagonal) => multiply_add_diagonal(diagonal, factor, x, out),
+                Self::Dense(columns) => multiply_add_dense(columns, factor, x, out),
+                Self::Sparse(sparse) => sparse.multiply_add(factor, x, out),
+            }
+        }
+    }
+
     /// The entries of a symmetric matrix of `size` rows from those of its lower triangle.
     pub fn symmetric(size: usize, lower: impl Iterator<Item = (usize, usize, T)> + Clone) -> Self {
         if lower.clone().all(|(row, column, _)| row == column) {
@@ -229,7 +247,13 @@ impl<T: Real> Matrix<T> {
     }
 }
 
-// Apart from the diagonal, which is worth its place in every caller.
+#[inline(always)]
+fn multiply_add_diagonal<T: Real>(diagonal: &[T], factor: T, x: &[T], out: &mut [T]) {
+    for ((out, &entry), &x) in out.iter_mut().zip(diagonal).zip(x) {
+        *out += entry * x * factor;
+    }
+}
+
 fn multiply_add_dense<T: Real>(columns: &[T], factor: T, x: &[T], out: &mut [T]) {
     for (column, &x) in columns.chunks_exact(out.len().max(1)).zip(x) {
         add_multiple(out, x * factor, column);
@@ -240,29 +264,22 @@ impl<T: Real> Block<T> for Matrix<T> {
     #[inline]
     fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]) {
         match self {
-            Self::Diagonal(diagonal) => {
-                let copies = x.chunks(diagonal.len().max(1)).zip(out.chunks_mut(diagonal.len().max(1)));
-                for (x, out) in copies {
-                    for ((out, &entry), &x) in out.iter_mut().zip(diagonal).zip(x) {
-                        *out += entry * x * factor;
-                    }
-                }
-            }
-            Self::Dense(columns) => {
-                let size = columns.len().isqrt().max(1);
-                for (x, out) in x.chunks(size).zip(out.chunks_mut(size)) {
-                    multiply_add_dense(columns, factor, x, out);
-                }
+            Self::Diagonal(diagonal) if diagonal.len() == x.len() => {
+                multiply_add_diagonal(diagonal, factor, x, out);
             }
             Self::Sparse(sparse) => sparse.multiply_add(factor, x, out),
+            _ => self.multiply_add_copies(factor, x, out),
         }
     }
 
     fn add_to(&self, factor: T, target: &mut [T], width: usize, row: usize, column: usize) {
         match self {
             Self::Diagonal(diagonal) => {
-                let places = target[row * width + column..].iter_mut().step_by(width + 1);
-                places.zip(diagonal).for_each(|(place, &entry)| *place += entry * factor);
+                let mut place = row * width + column;
+                for &entry in diagonal {
+                    target[place] += entry * factor;
+                    place += width + 1;
+                }
             }
             Self::Dense(columns) => {
                 let size = columns.len().isqrt();

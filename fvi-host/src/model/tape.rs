@@ -21,7 +21,7 @@ mod rough;
 pub use force::CompiledForce;
 pub use function::CompiledFunction;
 pub use potential::{CompiledPotential, QuadraticPart};
-pub(super) use program::{LANES, LaneRegisters};
+pub(super) use program::{LANES, LaneRegisters, OwnRegisters};
 pub use rough::{RoughArgument, RoughArguments};
 
 #[cfg(test)]

@@ -497,6 +497,34 @@ mod tests {
         assert_eq!(path.points().iter().map(|point| point.0).collect::<Vec<_>>(), expected);
     }
 
+    #[test]
+    fn many_points_at_once_leave_what_one_by_one_leaves() {
+        let mut chance = fastrand::Rng::with_seed(3);
+        let (mut one, mut all) = ((Envelope::new(), PathTrace::new()), (Envelope::new(), PathTrace::new()));
+        let mut time = 0.0_f64;
+        for _ in 0..1500 {
+            let count = chance.usize(1..65);
+            // Spikes, equal values, a growing extent, and rarely what is not a number.
+            let mut value = || match chance.usize(0..2000) {
+                0 => f64::NAN,
+                1..5 => 50.0 * chance.f64(),
+                kind => (kind % 7) as f64 * (0.3 * time).cos(),
+            };
+            let (xs, ys): (Vec<f64>, Vec<f64>) = (0..count).map(|_| (value(), value())).unzip();
+            let times: Vec<f64> = (0..count).map(|k| time + 0.01 * k as f64).collect();
+            time += 0.01 * count as f64;
+            for ((&time, &x), &y) in times.iter().zip(&xs).zip(&ys) {
+                one.0.push(time, x);
+                one.1.push(x, y);
+            }
+            all.0.push_all(&times, &xs);
+            all.1.push_all(&xs, &ys);
+        }
+        // Not a number is no equal of itself.
+        assert_eq!(format!("{one:?}"), format!("{all:?}"));
+        assert!(one.1.interrupted() && one.0.width > 16);
+    }
+
     /// A spiral of many turns; returns the chords of its drawing.
     fn spiral(turns: f64, decay: f64) -> (PathTrace, Vec<f64>) {
         let mut path = PathTrace::new();

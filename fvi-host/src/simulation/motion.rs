@@ -251,3 +251,85 @@ impl<'s> Motion<'s> {
         self.guard.warning()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario::Scenario;
+    use serde_json::{Value, json};
+
+    fn scenario(system: Value, more: Value) -> Scenario {
+        let mut value = json!({
+            "system": system,
+            "initial": { "position": [2.0], "momentum": [0.3] },
+            "scheme": { "kind": "low-order", "kappa": 0.5 },
+            "time": { "step": 0.05, "steps": 300 },
+        });
+        let (all, more) = (value.as_object_mut().unwrap(), more.as_object().unwrap().clone());
+        all.extend(more);
+        Scenario::from_value(&value).unwrap()
+    }
+
+    /// All states of a motion with the iterations that led to them, made `most` steps at a time, and how it ended.
+    fn states(
+        scenario: &Scenario,
+        most: usize,
+    ) -> (Vec<(usize, GridState, u32)>, Option<Failure>, Option<String>) {
+        let mut motion = Motion::start(scenario, Precision::F64).unwrap();
+        let mut states = Vec::new();
+        let mut state = motion.state().clone();
+        let mut failure = None;
+        while !motion.is_done() && failure.is_none() {
+            failure = motion.advance_along(most).err();
+            let stretch = motion.stretch();
+            for (index, &iterations) in stretch.iterations().iter().enumerate() {
+                stretch.read(index, &mut state);
+                states.push((stretch.first() + index, state.clone(), iterations));
+            }
+            assert_eq!(states.last().map_or(0, |last| last.0), motion.steps());
+            assert!(states.last().is_none_or(|last| last.1 == *motion.state()));
+        }
+        (states, failure, motion.warning().map(str::to_owned))
+    }
+
+    #[test]
+    fn steps_made_together_are_those_made_one_by_one() {
+        let damping = json!([{ "order": 0.5, "coefficient": [0.3] }]);
+        let pendulum = json!({ "mass": [1.7], "potential": "9*(1 - cos(q0))", "damping": damping });
+        let driven = json!({ "mass": [1.7], "potential": "q0^2", "force": ["sin(t)"], "damping": damping });
+        let matrix = json!({ "mass": [[1.7]], "potential": "q0^2 + q0^4" });
+        // To where the potential is no number, 1.4 s away.
+        let edge = json!({ "mass": [1.0], "potential": "-3*q0 + 0*sqrt(9 - q0)" });
+        // At the top the spring pushes outwards, at the bottom the step is too long.
+        let growing = json!({ "mass": [1.0], "potential": "1000*(1 - cos(q0))" });
+        let long = |reaction: &str| {
+            json!({
+                "initial": { "position": [3.0], "momentum": [0.0] },
+                "scheme": { "kind": "low-order", "kappa": 0.0 },
+                "time": { "step": 0.1, "steps": 3000, "energy_guard": reaction },
+            })
+        };
+        let input = json!({ "input": { "period": 0.35, "samples": [1.0, -2.0, 0.5] } });
+        let mean = json!({ "convolution": { "order": 1, "at": "main-nodes" }, "output": { "every": 7 } });
+        let cases = [
+            (scenario(pendulum.clone(), json!({})), None),
+            (scenario(pendulum.clone(), mean), None),
+            (scenario(pendulum, input), None),
+            (scenario(driven, json!({})), None),
+            (scenario(matrix, json!({})), None),
+            (scenario(edge, json!({})), Some("finite")),
+            (scenario(growing.clone(), long("stop")), Some("the energy has risen")),
+            (scenario(growing, long("warn")), None),
+        ];
+        for (scenario, ending) in cases {
+            let one_by_one = states(&scenario, 1);
+            assert_eq!(one_by_one.1.as_ref().map(|failure| failure.step > 3), ending.map(|_| true));
+            if let (Some(failure), Some(ending)) = (&one_by_one.1, ending) {
+                assert!(failure.reason.contains(ending), "{failure:?}");
+            }
+            for most in [2, 17, usize::MAX] {
+                assert_eq!(states(&scenario, most), one_by_one, "{most}");
+            }
+        }
+    }
+}

@@ -78,10 +78,8 @@ impl Stretch {
             return;
         };
         (*time_place, *energy_place, *iterations_place) = (time, energy, iterations);
-        let places = self.positions.iter_mut().skip(index).step_by(room);
-        places.zip(position).for_each(|(place, number)| *place = number);
-        let places = self.momenta.iter_mut().skip(index).step_by(room);
-        places.zip(momentum).for_each(|(place, number)| *place = number);
+        put(&mut self.positions, (index, room), position);
+        put(&mut self.momenta, (index, room), momentum);
         self.len += 1;
     }
 
@@ -164,6 +162,17 @@ impl Stretch {
         state.energy = self.energies[index];
         state.position.iter_mut().zip(self.positions()).for_each(|(place, column)| *place = column[index]);
         state.momentum.iter_mut().zip(self.momenta()).for_each(|(place, column)| *place = column[index]);
+    }
+}
+
+/// Puts numbers to places that lie `stride` apart.
+#[inline(always)]
+fn put(places: &mut [f64], (first, stride): (usize, usize), numbers: impl Iterator<Item = f64>) {
+    let mut next = first;
+    for number in numbers {
+        let Some(place) = places.get_mut(next) else { return };
+        *place = number;
+        next += stride;
     }
 }
 

@@ -107,11 +107,15 @@ impl<T: Elementary> Mechanics<T, Fixed<1>> for SingleModel<T> {
     ) {
         pull.iter_mut().zip(position).for_each(|(pull, &q)| *pull = self.quadratic * q + self.linear);
         let mut curvature = self.constant;
-        let Model { potential, force, forced, registers, pushed, entries, .. } = &mut self.model;
+        let Model {
+            potential, force, forced, registers, rest_registers, pushed, entries, hessian_slots, ..
+        } = &mut self.model;
         let position = position.as_slice();
         if let Some(potential) = potential {
-            potential.add_rest_derivatives(position, registers, pull, entries);
-            entries.iter().take(potential.pattern().len()).for_each(|&entry| curvature += entry);
+            potential.add_rest_derivatives_again(rest_registers, position, pull, entries);
+            for &entry in entries.iter().take(hessian_slots.len()) {
+                curvature += entry;
+            }
         }
         if *forced {
             force.derivatives(moment(instant), position, registers, pushed, entries);

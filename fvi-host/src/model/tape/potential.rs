@@ -2,7 +2,7 @@
 
 use super::function::{Differentiated, value};
 use super::polynomial::{Polynomial, split};
-use super::program::{LANES, LaneRegisters, Program};
+use super::program::{LANES, LaneRegisters, OwnRegisters, Program};
 use crate::language::expression::{Elementary, Expression, Moment, Node};
 
 /// ½ qᵀ K q + bᵀ q + c.
@@ -143,6 +143,20 @@ impl<T: Elementary> CompiledPotential<T> {
     ) {
         if let Some(rest) = &self.rest {
             rest.derivatives.evaluate(moment(), position, registers, gradient, hessian);
+        }
+    }
+
+    /// As [`add_rest_derivatives`](Self::add_rest_derivatives), with registers that serve nothing else.
+    #[inline]
+    pub(in crate::model) fn add_rest_derivatives_again(
+        &self,
+        registers: &mut OwnRegisters<T>,
+        position: &[T],
+        gradient: &mut [T],
+        hessian: &mut [T],
+    ) {
+        if let Some(rest) = &self.rest {
+            rest.derivatives.evaluate_again(registers, position, gradient, hessian);
         }
     }
 }

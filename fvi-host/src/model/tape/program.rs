@@ -21,6 +21,12 @@ const WINDOW: usize = 1024;
 /// Operations of a run from which on it is worth preparing.
 const SHORT: usize = 4;
 
+/// Registers of a program that is interpreted operation by operation: an index below a power of two needs no check.
+const SMALL: usize = 64;
+
+/// Numbers of a row that are taken at a time. What lies behind the last one of a run is computed too, and overwritten.
+const STRIDE: usize = 4;
+
 /// A program with inputs t and q and two lists of outputs.
 #[derive(Clone, Debug)]
 pub(super) struct Program<T> {
@@ -31,7 +37,8 @@ pub(super) struct Program<T> {
     registers: usize,
     windows: Vec<Window>,
     runs: Vec<Run>,
-    /// The operations of all runs one by one, where the runs are too short to be worth their preparations; else nothing.
+    /// The operations of all runs one by one, where those are too short to be worth their preparations and the registers are few;
+    /// else nothing.
     singles: Vec<Single>,
     /// The registers that the runs read, operation by operation.
     operands: Vec<u32>,
@@ -81,10 +88,36 @@ impl Places {
 /// One operation of a run.
 #[derive(Clone, Copy, Debug)]
 struct Single {
-    work: Work,
+    kind: Kind,
     target: u32,
     /// Beyond the arity, repetitions.
     operands: [u32; 3],
+}
+
+/// What is told apart with one look; the most frequent operations have a kind of their own.
+#[derive(Clone, Copy, Debug)]
+enum Kind {
+    Negate,
+    Add,
+    Subtract,
+    Multiply,
+    Scale,
+    SineAndCosine,
+    Other(Operation),
+}
+
+impl Kind {
+    fn of(work: Work) -> Self {
+        match work {
+            Work::One(Operation::Negate) => Self::Negate,
+            Work::One(Operation::Add) | Work::RunningSum => Self::Add,
+            Work::One(Operation::Subtract) => Self::Subtract,
+            Work::One(Operation::Multiply) => Self::Multiply,
+            Work::One(Operation::Scale) => Self::Scale,
+            Work::One(operation) => Self::Other(operation),
+            Work::SineAndCosine => Self::SineAndCosine,
+        }
+    }
 }
 
 /// What a run does with each of its operands.
@@ -140,33 +173,86 @@ impl<T: Elementary> Program<T> {
         sums: &mut [T],
         entries: &mut [T],
     ) {
-        if registers.len() < self.registers {
-            registers.resize(self.registers, T::zero());
+        let room = self.room();
+        if registers.len() < room {
+            registers.resize(room, T::zero());
         }
-        let registers = &mut registers[..self.registers];
         let (constants, others) = registers.split_at_mut(self.constants.len());
         copy(constants, &self.constants);
-        others[0] = moment.time;
-        others[1] = moment.sided;
-        copy(&mut others[2..2 + self.coordinates], position);
+        if let [time, sided, ..] = others {
+            (*time, *sided) = (moment.time, moment.sided);
+        }
+        self.execute(registers, position, sums, entries);
+    }
+
+    /// As [`evaluate`](Self::evaluate) at t = 0. The registers have served this program before, or none: its constants are in
+    /// them.
+    #[inline]
+    pub(super) fn evaluate_again(
+        &self,
+        registers: &mut OwnRegisters<T>,
+        position: &[T],
+        sums: &mut [T],
+        entries: &mut [T],
+    ) {
+        let registers = &mut registers.0;
+        if registers.is_empty() {
+            registers.resize(self.room(), T::zero());
+            registers[..self.constants.len()].copy_from_slice(&self.constants);
+        }
+        self.execute(registers, position, sums, entries);
+    }
+
+    /// Registers that an evaluation needs.
+    fn room(&self) -> usize {
+        if self.singles.is_empty() { self.registers } else { SMALL }
+    }
+
+    /// Evaluates at a position, with constants and time in their registers.
+    #[inline(always)]
+    fn execute(&self, registers: &mut [T], position: &[T], sums: &mut [T], entries: &mut [T]) {
+        let variables = self.constants.len() + 2;
+        copy(&mut registers[variables..variables + self.coordinates], position);
+        if !self.singles.is_empty() {
+            let Some(registers) = registers.first_chunk_mut::<SMALL>() else { return };
+            self.singles.iter().for_each(|single| single.evaluate(registers));
+            return hand_out(registers, (&self.sums, sums), (&self.entries, entries));
+        }
         for window in &self.windows {
-            if self.singles.is_empty() {
-                for run in &self.runs[window.runs.clone()] {
-                    run.evaluate(registers, &self.operands[run.operands..]);
-                }
-            } else {
-                self.singles.iter().for_each(|single| single.evaluate(registers));
+            for run in &self.runs[window.runs.clone()] {
+                run.evaluate(registers, &self.operands[run.operands..]);
             }
             for &(from, to) in &self.exports[window.exports.clone()] {
                 registers[to as usize] = registers[from as usize];
             }
-            for &(from, to) in &self.sums[window.sums.clone()] {
-                sums[to as usize] += registers[from as usize];
-            }
-            for &(from, to) in &self.entries[window.entries.clone()] {
-                entries[to as usize] = registers[from as usize];
-            }
+            let (added, set) = (&self.sums[window.sums.clone()], &self.entries[window.entries.clone()]);
+            hand_out(registers, (added, sums), (set, entries));
         }
+    }
+}
+
+/// Registers of one program.
+#[derive(Clone, Debug)]
+pub(in crate::model) struct OwnRegisters<T>(Vec<T>);
+
+impl<T> Default for OwnRegisters<T> {
+    fn default() -> Self {
+        Self(Vec::new())
+    }
+}
+
+/// Adds registers to sums, and writes others to entries.
+#[inline(always)]
+fn hand_out<T: Elementary>(
+    registers: &[T],
+    (added, sums): (&[(u32, u32)], &mut [T]),
+    (set, entries): (&[(u32, u32)], &mut [T]),
+) {
+    for &(from, to) in added {
+        sums[to as usize] += registers[from as usize];
+    }
+    for &(from, to) in set {
+        entries[to as usize] = registers[from as usize];
     }
 }
 
@@ -185,21 +271,26 @@ fn copy<T: Copy>(place: &mut [T], numbers: &[T]) {
 
 impl Single {
     fn new(work: Work, target: u32, read: &[u32]) -> Self {
-        Self { work, target, operands: core::array::from_fn(|index| read[index.min(read.len() - 1)]) }
+        let operands = core::array::from_fn(|index| read[index.min(read.len() - 1)]);
+        Self { kind: Kind::of(work), target, operands }
     }
 
-    #[inline]
-    fn evaluate<T: Elementary>(&self, registers: &mut [T]) {
-        let operands = self.operands.map(|register| registers[register as usize]);
+    #[inline(always)]
+    fn evaluate<T: Elementary>(&self, registers: &mut [T; SMALL]) {
+        let [x, y, z] = self.operands.map(|register| registers[register as usize % SMALL]);
         let target = self.target as usize;
-        registers[target] = match self.work {
-            Work::One(operation) => operation.of(operands),
-            Work::SineAndCosine => {
-                let (sine, cosine) = operands[0].sine_cosine();
-                registers[target + 1] = cosine;
+        registers[target % SMALL] = match self.kind {
+            Kind::Negate => -x,
+            Kind::Add => x + y,
+            Kind::Subtract => x - y,
+            Kind::Multiply => x * y,
+            Kind::Scale => scale(x, y),
+            Kind::Other(operation) => operation.of([x, y, z]),
+            Kind::SineAndCosine => {
+                let (sine, cosine) = x.sine_cosine();
+                registers[(target + 1) % SMALL] = cosine;
                 sine
             }
-            Work::RunningSum => operands[0] + operands[1],
         };
     }
 }
@@ -231,6 +322,15 @@ impl Run {
             }
             return;
         }
+        if let Work::One(operation) = self.work {
+            match operation {
+                Operation::Multiply if self.rows(registers, |x, y| x * y) => return,
+                Operation::Add if self.rows(registers, |x, y| x + y) => return,
+                Operation::Subtract if self.rows(registers, |x, y| x - y) => return,
+                Operation::Scale if self.rows(registers, scale) => return,
+                _ => {}
+            }
+        }
         // What a run reads was written before: it lies in front of what it writes.
         let (known, new) = registers.split_at_mut(self.target);
         let operation = match self.work {
@@ -247,11 +347,11 @@ impl Run {
         let new = &mut new[..self.count];
         match operation {
             Operation::Negate => unary(known, new, operands, |x| -x),
-            Operation::Add => self.binary(known, new, operands, |x, y| x + y),
-            Operation::Subtract => self.binary(known, new, operands, |x, y| x - y),
-            Operation::Multiply => self.binary(known, new, operands, |x, y| x * y),
-            Operation::Divide => self.binary(known, new, operands, |x, y| x / y),
-            Operation::Scale => self.binary(known, new, operands, scale),
+            Operation::Add => binary(known, new, operands, |x, y| x + y),
+            Operation::Subtract => binary(known, new, operands, |x, y| x - y),
+            Operation::Multiply => binary(known, new, operands, |x, y| x * y),
+            Operation::Divide => binary(known, new, operands, |x, y| x / y),
+            Operation::Scale => binary(known, new, operands, scale),
             Operation::Call(Function::Sin) => unary(known, new, operands, T::sine),
             Operation::Call(Function::Cos) => unary(known, new, operands, T::cosine),
             Operation::Call(Function::Exp) => unary(known, new, operands, T::exponential),
@@ -265,25 +365,48 @@ impl Run {
 }
 
 impl Run {
+    /// Computes operations on two numbers, if those lie in rows; whether they do.
     #[inline(always)]
-    fn binary<T: Copy>(&self, known: &[T], new: &mut [T], operands: &[u32], of: impl Fn(T, T) -> T) {
+    fn rows<T: Copy>(&self, registers: &mut [T], of: impl Fn(T, T) -> T) -> bool {
         match self.places {
-            [Places::Row(x), Places::Row(y)] => {
-                for ((new, &x), &y) in new.iter_mut().zip(&known[x..]).zip(&known[y..]) {
-                    *new = of(x, y);
-                }
-            }
-            [Places::Row(x), Places::One(y)] => {
-                let y = known[y];
-                new.iter_mut().zip(&known[x..]).for_each(|(new, &x)| *new = of(x, y));
-            }
-            [Places::One(x), Places::Row(y)] => {
-                let x = known[x];
-                new.iter_mut().zip(&known[y..]).for_each(|(new, &y)| *new = of(x, y));
-            }
-            _ => binary(known, new, operands, of),
+            [Places::Row(x), Places::Row(y)] => self.row(registers, |registers, start| {
+                let (x, y) = (at(registers, x + start)?, at(registers, y + start)?);
+                Some(core::array::from_fn(|index| of(x[index], y[index])))
+            }),
+            [Places::Row(x), Places::One(y)] => self.row(registers, |registers, start| {
+                let (x, y) = (at(registers, x + start)?, *registers.get(y)?);
+                Some(x.map(|x| of(x, y)))
+            }),
+            [Places::One(x), Places::Row(y)] => self.row(registers, |registers, start| {
+                let (x, y) = (*registers.get(x)?, at(registers, y + start)?);
+                Some(y.map(|y| of(x, y)))
+            }),
+            _ => return false,
+        }
+        true
+    }
+
+    /// Writes the values of the run, some at a time; `values` makes those from an index on.
+    #[inline(always)]
+    fn row<T: Copy>(&self, registers: &mut [T], values: impl Fn(&[T], usize) -> Option<[T; STRIDE]>) {
+        let mut start = 0;
+        while start < self.count {
+            let target = self.target + start;
+            let (Some(values), Some(places)) =
+                (values(registers, start), registers.get_mut(target..target + STRIDE))
+            else {
+                return;
+            };
+            places.copy_from_slice(&values);
+            start += STRIDE;
         }
     }
+}
+
+/// Some numbers from a register on.
+#[inline(always)]
+fn at<T: Copy>(registers: &[T], place: usize) -> Option<[T; STRIDE]> {
+    registers.get(place..place + STRIDE).and_then(|numbers| numbers.try_into().ok())
 }
 
 #[inline]
@@ -462,7 +585,7 @@ impl<'a, T: Elementary> Assembly<'a, T> {
             }
         }
         let longest = schedule.windows.iter().map(Vec::len).max().unwrap_or(0);
-        self.program.registers = lasting as usize + longest;
+        self.program.registers = lasting as usize + longest + (STRIDE - 1);
         self.program.singles = self.singles().unwrap_or_default();
         self.program
     }
@@ -471,7 +594,8 @@ impl<'a, T: Elementary> Assembly<'a, T> {
     fn singles(&self) -> Option<Vec<Single>> {
         let runs = &self.program.runs;
         let operations: usize = runs.iter().map(|run| run.count).sum();
-        if self.program.windows.len() > 1 || operations >= SHORT * runs.len() {
+        let few = self.program.windows.len() == 1 && self.program.registers <= SMALL;
+        if !few || operations >= SHORT * runs.len() {
             return None;
         }
         let singles: Option<Vec<_>> = runs.iter().map(|run| run.singles(&self.program.operands)).collect();

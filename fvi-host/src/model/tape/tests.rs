@@ -76,6 +76,35 @@ fn derivatives_without_a_quadratic_part_are_those_of_forward_differentiation_to_
 }
 
 #[test]
+fn values_along_many_points_have_the_bits_of_each_by_itself() {
+    let long: Vec<String> = (0..700).map(|k| format!("sin(q0 + {k})*q1^2 + abs(q2 - {k})")).collect();
+    let texts = [
+        "9.81*(1 - cos(q0)) + q1*sin(q2)",
+        "0.5*(q1 - q0)^2 + 0.25*0.7*(q1 - q0)^4 + 0.5*(q2 - q1)^2",
+        "max(q0, q1)^3 - min(q0^2, q2) + exp(q1)/(1 + q0^2) + (2 + q0)^(1 + q1)",
+        "7",
+        // More than a window.
+        &long.join(" + "),
+    ];
+    for text in texts {
+        let potential = CompiledPotential::<f64>::compile(&parse(text, 3), 3);
+        let (mut lanes, mut registers) = (LaneRegisters::default(), Vec::new());
+        for turn in 0..2 {
+            let point = |lane: usize| [0.3, -0.9, 1.7].map(|x| x * (0.1 * (lane + 7 * turn) as f64 - 0.4));
+            let found = potential.values_along(&mut lanes, |places| {
+                for (coordinate, place) in places.iter_mut().enumerate() {
+                    *place = core::array::from_fn(|lane| point(lane)[coordinate]);
+                }
+            });
+            for (lane, found) in found.iter().enumerate() {
+                let expected = potential.value(&point(lane), &mut registers);
+                assert_eq!(found.to_bits(), expected.to_bits(), "{text:.60} at {:?}", point(lane));
+            }
+        }
+    }
+}
+
+#[test]
 fn at_singular_points_the_conventions_are_those_of_forward_differentiation() {
     let texts = [
         "sqrt(q0^2 + q1^2)",
