@@ -1,5 +1,6 @@
-//! What steps of any length cost: the memory that takes them against the fixed-step memories of the same Runge–Kutta quadrature, in one
-//! process and in turn, for steps of one length and for steps of which each has a new one.
+//! What steps of any length cost: the memory that takes them against the fixed-step memories of the same
+//! Runge–Kutta quadrature, in one process and in turn, for steps of one length and for steps of which each
+//! has a new one.
 
 use std::hint::black_box;
 use std::time::Instant;

@@ -1,7 +1,9 @@
-//! Exponential sums for many channels: nanoseconds for each channel and step, and bytes of state for each channel.
+//! Exponential sums for many channels: nanoseconds for each channel and step, and bytes of state for each
+//! channel.
 //!
-//! `cargo bench -p fvi-benches --bench channels` prints a table. The answers are compared first. Times are minima over rounds of one
-//! chunk, in which the memories take turns, so that what else the machine does meets all of them.
+//! `cargo bench -p fvi-benches --bench channels` prints a table. The answers are compared first. Times are
+//! minima over rounds of one chunk, in which the memories take turns, so that what else the machine does
+//! meets all of them.
 
 use fvi_core::{BdfOrder, ExponentialTable, Memory};
 use fvi_fft::{ChunkedExponentialSum, WideExponentialSum};

@@ -5,9 +5,9 @@
 //! turn, so that both meet the same moods of the machine, and the fastest turn of each counts.
 //! `cargo bench -p fvi-benches --bench steps`, with a name behind `--` for the systems that contain it.
 //!
-//! `-- --only run|nodes|hand SYSTEM STEPS` makes that many steps of one of them and nothing else, for tools that
-//! count instructions: `.ci/steps` writes `docs/steps.md` with it. Systems are `pendulum`, `linear-N` and
-//! `nonlinear-N`.
+//! `-- --only run|nodes|hand SYSTEM STEPS` makes that many steps of one of them and nothing else, for tools
+//! that count instructions: `.ci/steps` writes `docs/steps.md` with it. Systems are `pendulum`, `linear-N`
+//! and `nonlinear-N`.
 
 use std::hint::black_box;
 use std::path::Path;
@@ -81,7 +81,8 @@ fn main() {
     }
 }
 
-/// Makes the steps of one system by one path: by `run`, by `hand`, or by `nodes`, a run damped at the quadrature node.
+/// Makes the steps of one system by one path: by `run`, by `hand`, or by `nodes`, a run damped at the
+/// quadrature node.
 fn only(path: &str, system: &str, steps: usize) {
     let size = |kind: &str| system.strip_prefix(kind).map(|n| n.parse::<usize>().expect("a number"));
     if let Some(n) = size("linear-") {

@@ -127,7 +127,8 @@ impl<T: Real, const N: usize> Block<T> for Coefficients<T, N> {
         self.check_symmetric()?;
         let matrix = self.to_matrix();
         let lift = matrix.diagonal().amax() * T::EPSILON * T::from_count(64 * N as u64);
-        // An all-zero matrix is semidefinite; elsewhere a lift by rounding makes a semidefinite matrix definite.
+        // An all-zero matrix is semidefinite; elsewhere a lift by rounding makes a semidefinite matrix
+        // definite.
         let zero = matrix.iter().all(|entry| *entry == T::zero());
         if zero || is_positive_definite(&(matrix + SMatrix::identity() * lift)) {
             Ok(())

@@ -26,9 +26,9 @@ const LINEAR_CORRECTIONS: u32 = 2;
 /// X_i − q_k = h c_i v_k + h² Σ_j (A²)_ij a_j ,      v_{k+1} = v_k + h Σ_j b_j a_j ,      q_{k+1} = X_R
 /// ```
 ///
-/// with v = M⁻¹p. Radau IIA makes it L-stable: neither stiff springs nor strong damping limit the step. It is no
-/// variational integrator: an undamped oscillator loses energy, by R(iωh) a step with the stability function
-/// R, |R(iy)|² = 1 − O(y^{2R}). Source: \[HW\]; the fractional force as in \[LO93\] and \[LFS16\].
+/// with v = M⁻¹p. Radau IIA makes it L-stable: neither stiff springs nor strong damping limit the step. It is
+/// no variational integrator: an undamped oscillator loses energy, by R(iωh) a step with the stability
+/// function R, |R(iy)|² = 1 − O(y^{2R}). Source: \[HW\]; the fractional force as in \[LO93\] and \[LFS16\].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CollocationTables<'a, T> {
     /// A², R·R numbers row by row.
@@ -42,8 +42,9 @@ pub struct CollocationTables<'a, T> {
 /// Collocation with a stiffly accurate Runge–Kutta method of R stages, Radau IIA above all, whose nodes the
 /// memory stores; see [`CollocationTables`] for its equations.
 ///
-/// The memory has matrix weights of the same method, on equal steps ([`Kernel::runge_kutta`](crate::Kernel::runge_kutta)) or on steps of any
-/// length ([`VariableStepMemory`](crate::VariableStepMemory)).
+/// The memory has matrix weights of the same method, on equal steps
+/// ([`Kernel::runge_kutta`](crate::Kernel::runge_kutta)) or on steps of any length
+/// ([`VariableStepMemory`](crate::VariableStepMemory)).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Collocation<T, const R: usize> {
     square: [[T; R]; R],

@@ -211,7 +211,8 @@ impl core::error::Error for DampingError {
 /// The memory has one channel for each coordinate and node. A kernel of plain numbers acts on the sequence of
 /// every node by itself; one of R×R matrices couples the R nodes. The memory says which differences of the
 /// motion it wants ([`ActsOn`]); they come from the solved increments e_i, and those of Caputo's type begin
-/// with zero where those of Riemann–Liouville's begin with q₀. Source: \[JO\] eq. 1, 34a; \[HJO\] eq. 34a, 35.
+/// with zero where those of Riemann–Liouville's begin with q₀. Source: \[JO\] eq. 1, 34a; \[HJO\] eq. 34a,
+/// 35.
 #[derive(Clone, Copy, Debug)]
 pub struct DampingTerm<T: Real, X: Space<T>, M> {
     coefficients: X::Block,

@@ -47,10 +47,11 @@ pub struct Workspace<'a, T: Real, X: Space<T>, E: Equations<T, X::Block>> {
     pub known: &'a mut [T],
     /// R·N numbers, and N more where R > 1.
     pub scratch: &'a mut [T],
-    /// q_k − X_{k−1,i}, R·N numbers, kept from step to step ([`Scheme::behind`](crate::Scheme::behind)); empty where the memory
-    /// stores the main nodes.
+    /// q_k − X_{k−1,i}, R·N numbers, kept from step to step ([`Scheme::behind`](crate::Scheme::behind));
+    /// empty where the memory stores the main nodes.
     pub behind: &'a mut [T],
-    /// What exact moments of the force exceed the nodes by ([`Mechanics::excess`]): (S + 1)·N numbers at least.
+    /// What exact moments of the force exceed the nodes by ([`Mechanics::excess`]): (S + 1)·N numbers at
+    /// least.
     pub excess: &'a mut [T],
     /// A position.
     pub point: &'a mut X::Vector,
@@ -240,7 +241,8 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         let coordinates = position.len();
         // From here on `scratch` holds one vector for products, and whatever the damping needs.
         if mechanics.is_linear() && damping.is_some() && !self.drifts() {
-            // No guess is needed, and a stiff motion at speed would be guessed so far off that its place is lost in rounding.
+            // No guess is needed, and a stiff motion at speed would be guessed so far off that its place is
+            // lost in rounding.
             work.increments.fill(T::zero());
         } else {
             let drift = work.scratch.get_mut(..coordinates).unwrap_or(&mut []);
@@ -296,8 +298,8 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
             }
             equations.correct(work.increments, work.residual, work.matrix, &work.kept.solver);
             equations.forces::<E>(work.increments, None);
-            // The rounding of the solver is the same at every step, so that it would add up to growth or decay. A second
-            // correction, with the forces that are wanted anyway, leaves nothing of it.
+            // The rounding of the solver is the same at every step, so that it would add up to growth or
+            // decay. A second correction, with the forces that are wanted anyway, leaves nothing of it.
             equations.balance(work.increments, work.residual);
             let (matrix, solver) = (&mut *work.matrix, &work.kept.solver);
             if matrix.is_unsettled(solver, work.increments, position, work.residual) {

@@ -56,7 +56,8 @@ pub struct Integrator<T: Real, X: Space<T>, G, S: Scheme<T, X>, D> {
     damping: D,
     step_size: T,
     state: State<X::Vector>,
-    /// A step and its time, from where on steps are counted with the step size: those before were of any length.
+    /// A step and its time, from where on steps are counted with the step size: those before were of any
+    /// length.
     anchor: (u64, T),
 }
 
@@ -230,7 +231,8 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         self.step_under(X::slice(input))
     }
 
-    /// As [`step`](Integrator::step), under an input of which the first numbers are given; the others are zero.
+    /// As [`step`](Integrator::step), under an input of which the first numbers are given; the others are
+    /// zero.
     ///
     /// # Errors
     /// As [`step`](Integrator::step).

@@ -137,8 +137,9 @@ impl Kernel {
     }
 
     /// The direct memory for C coordinates that keeps up to H samples and refuses more, with its weights in
-    /// flash: those on increments ([`monic_increment_table`](crate::monic_increment_table)), which lose less to rounding,
-    /// or those on values ([`monic_bdf_table`](crate::monic_bdf_table)). The table tells which it is.
+    /// flash: those on increments ([`monic_increment_table`](crate::monic_increment_table)), which lose less
+    /// to rounding, or those on values ([`monic_bdf_table`](crate::monic_bdf_table)). The table tells which
+    /// it is.
     ///
     /// # Errors
     /// If the weights are not those of this kernel.
@@ -176,8 +177,8 @@ impl Kernel {
         Ok(Tiled::new(weights, scale, overflow)?.acting_on(acts_on))
     }
 
-    /// w₀ and what the table acts on, after a look at its first weights: they must be w_n/w₀ of this kernel, or
-    /// the sums of these.
+    /// w₀ and what the table acts on, after a look at its first weights: they must be w_n/w₀ of this kernel,
+    /// or the sums of these.
     fn table<T: Real>(&self, weights: &[T]) -> Result<(T, ActsOn), ParameterError> {
         let (Rule::Bdf(order), Some(step_size)) = (self.rule, self.step_size) else {
             return Err(ParameterError {

@@ -113,8 +113,8 @@ pub fn solve<T: Real>(matrix: &mut [T], pivots: &mut [usize], vector: &mut [T]) 
     Ok(())
 }
 
-/// Factors A as [`factor`] does and writes the factors to `kept` for [`substitute_kept`]: column by column, the pivots as
-/// reciprocals.
+/// Factors A as [`factor`] does and writes the factors to `kept` for [`substitute_kept`]: column by column,
+/// the pivots as reciprocals.
 ///
 /// # Errors
 /// [`Singular`], as [`factor`].
@@ -133,8 +133,9 @@ pub fn keep_factors<T: Real>(matrix: &mut [T], pivots: &mut [usize], kept: &mut 
 
 /// Solves A x = `vector` with what [`keep_factors`] wrote; x replaces `vector`.
 ///
-/// As many products as with the inverse of A, but what is left of A x − `vector` is rounding of A x, however stiff the equations
-/// are: the error of a product with a rounded inverse grows with the condition of A, and from 10⁸ on a stiff motion is lost in it.
+/// As many products as with the inverse of A, but what is left of A x − `vector` is rounding of A x, however
+/// stiff the equations are: the error of a product with a rounded inverse grows with the condition of A, and
+/// from 10⁸ on a stiff motion is lost in it.
 #[inline(always)]
 pub fn substitute_kept<T: Real, P: Copy + Into<usize>>(kept: &[T], pivots: &[P], vector: &mut [T]) {
     let n = pivots.len();
@@ -303,7 +304,8 @@ mod tests {
         let singular = matrix![1.0, 2.0; 2.0, 4.0];
         assert_eq!(invert(&singular), Err(Singular));
         assert!(!is_positive_definite(&singular));
-        // A pivot is compared with what elimination took from its own entry, however small that is beside the rest.
+        // A pivot is compared with what elimination took from its own entry, however small that is beside the
+        // rest.
         assert!(is_positive_definite(&matrix![1.0, 1e-20; 1e-20, 2e-40]));
         let indefinite = matrix![1.0, 2.0; 2.0, 1.0];
         assert!(invert(&indefinite).is_ok());

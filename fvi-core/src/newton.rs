@@ -36,11 +36,11 @@ pub trait Equations<T: Real, B: Block<T>> {
     /// Replaces `vector` by the solution, with what [`keep`](Equations::keep) prepared.
     fn solve_kept(&mut self, kept: &Self::Kept, vector: &mut [T]);
 
-    /// Whether the residual that [`solve_kept`](Equations::solve_kept) has left with these increments on this position is worth
-    /// another correction. What is not may be set to zero.
+    /// Whether the residual that [`solve_kept`](Equations::solve_kept) has left with these increments on this
+    /// position is worth another correction. What is not may be set to zero.
     ///
-    /// Rounding in factors acts on every step alike. Where it is not symmetric, energy grows or decays by it, so that
-    /// without more knowledge the answer is yes.
+    /// Rounding in factors acts on every step alike. Where it is not symmetric, energy grows or decays by it,
+    /// so that without more knowledge the answer is yes.
     #[inline(always)]
     fn is_unsettled(
         &self,
@@ -224,7 +224,8 @@ mod tests {
     fn rounding_is_measured_by_the_size_of_the_unknowns() {
         // The next number above 10⁸.
         assert_eq!(scalar(1e8 + 1.5e-8, |x| (x - 1e8, 1.0)), Ok((1e8, 1)));
-        // Corrections that do not shrink are noise where they are small beside the unknown, and a failure elsewhere.
+        // Corrections that do not shrink are noise where they are small beside the unknown, and a failure
+        // elsewhere.
         let noisy = |root: f64| move |x: f64| (if x > root { 0.5 } else { -0.5 }, 1.0);
         assert_eq!(scalar(1e8 + 0.25, noisy(1e8)), Ok((1e8 + 0.25, 2)));
         assert!(matches!(scalar(10.25, noisy(10.0)), Err(StepError::NotConverged { .. })));

@@ -18,9 +18,11 @@ use crate::system::Mechanics;
 ///
 /// The kernel of the memory decides how the fractional derivative is taken there:
 ///
-/// * matrices of a Runge–Kutta convolution quadrature with the same nodes ([`with_stages`](NodeGalerkin::with_stages)), which couple the nodes;
-/// * plain weights of a backward differentiation formula ([`new`](NodeGalerkin::new)), which act on the sequence of every node by itself,
-///   spaced by h like the main nodes: (D^β X)_{k,i} = Σ_{n=0}^{k} w_n X_{k−n,i}. With BDF p the order is min(2S, p) in position and momentum.
+/// * matrices of a Runge–Kutta convolution quadrature with the same nodes
+///   ([`with_stages`](NodeGalerkin::with_stages)), which couple the nodes;
+/// * plain weights of a backward differentiation formula ([`new`](NodeGalerkin::new)), which act on the
+///   sequence of every node by itself, spaced by h like the main nodes:
+///   (D^β X)_{k,i} = Σ_{n=0}^{k} w_n X_{k−n,i}. With BDF p the order is min(2S, p) in position and momentum.
 ///
 /// Both are implicit in the nodes of the step at hand;
 /// [`DiscreteLagrangian::step_damped_at_nodes`](crate::DiscreteLagrangian::step_damped_at_nodes) has the

@@ -160,17 +160,17 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
         self.take(acted_on, if on_values { reference } else { sample })
     }
 
-    /// Takes a sample that comes `interval` units of time after the one before and returns (D^β x)_k: for ticks
-    /// that come early or late.
+    /// Takes a sample that comes `interval` units of time after the one before and returns (D^β x)_k: for
+    /// ticks that come early or late.
     ///
     /// The memory is one for steps of any length ([`VariableStepMemory`](crate::VariableStepMemory) of one
     /// stage, of order 1). The interval of the first sample is that of a step which ends with it; what lies
     /// before counts as zero for Riemann–Liouville's type, and as the first sample for Caputo's.
     ///
     /// # Errors
-    /// [`OperatorError::NotFinite`] if x_k or the result is not finite; [`OperatorError::Memory`] if the memory
-    /// does not take this interval, or the start is given by a rise, which has a step size in it. The operator
-    /// then is as before.
+    /// [`OperatorError::NotFinite`] if x_k or the result is not finite; [`OperatorError::Memory`] if the
+    /// memory does not take this interval, or the start is given by a rise, which has a step size in it. The
+    /// operator then is as before.
     pub fn push_after(&mut self, interval: T, sample: T) -> Result<T, OperatorError> {
         let empty = self.memory.is_empty();
         if self.memory.acts_on() != ActsOn::Values {

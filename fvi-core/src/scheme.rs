@@ -34,10 +34,12 @@ pub struct State<V> {
     pub rounding: Rounding<V>,
 }
 
-/// The rounding errors of a state's updates: the motion is at q + `position` with the momentum p + `momentum`.
+/// The rounding errors of a state's updates: the motion is at q + `position` with the momentum
+/// p + `momentum`.
 ///
 /// Each step adds them to its changes of q and p, so that in many small steps no digit of a change is lost
-/// (compensated summation, \[Kahan65\]). They stay below half a unit in the last place of what they belong to.
+/// (compensated summation, \[Kahan65\]). They stay below half a unit in the last place of what they belong
+/// to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rounding<V> {
     /// Part of the position.

@@ -6,8 +6,8 @@ use crate::real::Real;
 /// Storage for N coordinates.
 ///
 /// Schemes, damping and the integrator are written once, over slices of N numbers; a space says what holds
-/// them. [`Fixed`](crate::Fixed) keeps everything in place and needs no allocator. A host brings a space whose N is known
-/// at run time only.
+/// them. [`Fixed`](crate::Fixed) keeps everything in place and needs no allocator. A host brings a space
+/// whose N is known at run time only.
 pub trait Space<T: Real>: Clone {
     /// N numbers.
     type Vector: Clone;
@@ -45,7 +45,8 @@ pub trait Block<T: Real> {
 
 /// The vectors of `width` numbers in a slice, one after another; what is left over is left out.
 ///
-/// `chunks_exact` divides lengths. Where the width is not known before run time, divisions cost a small step more than its arithmetic.
+/// `chunks_exact` divides lengths. Where the width is not known before run time, divisions cost a small step
+/// more than its arithmetic.
 #[inline(always)]
 pub(crate) fn vectors<T>(mut rest: &[T], width: usize) -> impl Iterator<Item = &[T]> {
     core::iter::from_fn(move || {

@@ -189,12 +189,12 @@ pub trait Force<T: Real, const N: usize> {
         true
     }
 
-    /// Writes the moments ∫₀¹ ℓ_ν(τ) F(`start` + τ·`length`) dτ, ν = 0…S, of a force that depends on time alone, and returns
-    /// whether it did: otherwise the scheme takes F at its nodes.
+    /// Writes the moments ∫₀¹ ℓ_ν(τ) F(`start` + τ·`length`) dτ, ν = 0…S, of a force that depends on time
+    /// alone, and returns whether it did: otherwise the scheme takes F at its nodes.
     ///
-    /// ℓ_0, …, ℓ_S are the polynomials of degree S that are one at their own of the points 0, d_1, …, d_S and zero at
-    /// the others; `points` holds d_1, …, d_S = 1. Where F is rough, at jumps or near a root like √t, exact moments keep
-    /// the order that nodes lose.
+    /// ℓ_0, …, ℓ_S are the polynomials of degree S that are one at their own of the points 0, d_1, …, d_S and
+    /// zero at the others; `points` holds d_1, …, d_S = 1. Where F is rough, at jumps or near a root like √t,
+    /// exact moments keep the order that nodes lose.
     fn moments(&self, start: T, length: T, points: &[T], moments: &mut [SVector<T, N>]) -> bool {
         let _ = (start, length, points, moments);
         false
@@ -251,7 +251,8 @@ pub struct System<T, const N: usize, P, F = NoForce> {
     pub force: F,
 }
 
-/// How a step takes the work of forces: by a quadrature, against the polynomials ℓ_0 … ℓ_S on the points 0, d_1, …, d_S.
+/// How a step takes the work of forces: by a quadrature, against the polynomials ℓ_0 … ℓ_S on the points 0,
+/// d_1, …, d_S.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NodalRule<'a, T> {
     /// t_k.
@@ -284,7 +285,8 @@ pub trait Mechanics<T: Real, X: Space<T>> {
     /// v = M⁻¹ p.
     fn velocity(&self, momentum: &[T], velocity: &mut [T]);
 
-    /// A guess of the velocity from which a step begins: M⁻¹ p where that is cheap, as it is unless said otherwise.
+    /// A guess of the velocity from which a step begins: M⁻¹ p where that is cheap, as it is unless said
+    /// otherwise.
     fn drift(&self, momentum: &[T], velocity: &mut [T]) {
         self.velocity(momentum, velocity);
     }
@@ -301,14 +303,15 @@ pub trait Mechanics<T: Real, X: Space<T>> {
         stiffness: &mut X::Block,
     );
 
-    /// Writes by how much the exact moments of the part of F that depends on time alone exceed those that the quadrature
-    /// takes,
+    /// Writes by how much the exact moments of the part of F that depends on time alone exceed those that the
+    /// quadrature takes,
     ///
     /// ```text
     /// ∫₀¹ ℓ_ν(τ) F(t_k + τh) dτ − Σ_i b_i ℓ_ν(c_i) F(t_k + c_i h) ,     ν = 0…S ,
     /// ```
     ///
-    /// (S + 1)·N numbers, and returns whether it did: for a force that its nodes describe well there is nothing to do.
+    /// (S + 1)·N numbers, and returns whether it did: for a force that its nodes describe well there is
+    /// nothing to do.
     fn excess(&mut self, rule: &NodalRule<'_, T>, excess: &mut [T]) -> bool {
         let _ = (rule, excess);
         false

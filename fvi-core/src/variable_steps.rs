@@ -26,8 +26,8 @@ const SLACK: f64 = 1e-6;
 /// ```
 ///
 /// It serves D^β on every grid whose steps are no shorter than `shortest` and which reaches no further than
-/// `horizon`, both in units of time. For whole β there are no rates. This is plain data, so that it can lie in
-/// flash; `C` is anything that holds numbers. Source: \[LFS16\].
+/// `horizon`, both in units of time. For whole β there are no rates. This is plain data, so that it can lie
+/// in flash; `C` is anything that holds numbers. Source: \[LFS16\].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RateTable<C> {
     /// β, the order of the derivative: above −1 and below 2; integrals have negative orders.
@@ -108,7 +108,8 @@ impl<T: Real> RateTable<&[T]> {
 
 /// The memory of D^β on steps of any length, for a stiffly accurate Runge–Kutta method of R stages.
 ///
-/// With the stage values X_k of step k, of length h_k, for one coordinate, their last x_k, x_{−1} = 0 and μ = ⌈β⌉ − β
+/// With the stage values X_k of step k, of length h_k, for one coordinate, their last x_k, x_{−1} = 0 and
+/// μ = ⌈β⌉ − β
 ///
 /// ```text
 /// (∂X)_k    = A⁻¹ (X_k − 1 x_{k−1}) / h_k ,      Y = ∂^{⌈β⌉} X
@@ -139,8 +140,8 @@ pub struct VariableStepMemory<T, const R: usize, C, B> {
     state: B,
     /// Length of the step to come; zero before it is known.
     length: T,
-    /// Time of the samples so far, and what rounding took from the sum: in single precision the roundings of many
-    /// steps would pass the horizon.
+    /// Time of the samples so far, and what rounding took from the sum: in single precision the roundings of
+    /// many steps would pass the horizon.
     elapsed: [T; 2],
     len: usize,
 }
@@ -210,8 +211,8 @@ impl<T: Real, const R: usize> Resolvent<T, R> {
         Self { columns, rows, determinant, weights, nodes }
     }
 
-    /// In powers of x up to 1 and of 1/x beyond, so that nothing overflows; by the same operations for every x of
-    /// the block, so that they are those of vectors.
+    /// In powers of x up to 1 and of 1/x beyond, so that nothing overflows; by the same operations for every
+    /// x of the block, so that they are those of vectors.
     #[inline(always)]
     fn at(&self, x: Lanes<T>) -> At<T, R> {
         let (zero, one) = (T::zero(), T::one());
@@ -272,8 +273,8 @@ where
     /// A memory on `coordinates` coordinates without samples.
     ///
     /// # Errors
-    /// If the table is not one for R stages, its numbers are not finite or out of range, there are no coordinates, or
-    /// the state has another length than [`RateTable::state_len`].
+    /// If the table is not one for R stages, its numbers are not finite or out of range, there are no
+    /// coordinates, or the state has another length than [`RateTable::state_len`].
     pub fn new(
         method: &RungeKutta<R>,
         table: RateTable<C>,
@@ -375,8 +376,8 @@ struct Parts<'a, T> {
     operators: &'a mut [Lanes<T>],
     /// (A⁻¹/h)^β
     leading: &'a mut [T],
-    /// For each coordinate blocks of z_j and of what rounding took from them, x_{k−1} and, for two derivatives,
-    /// the last stage of (∂X)_{k−1}.
+    /// For each coordinate blocks of z_j and of what rounding took from them, x_{k−1} and, for two
+    /// derivatives, the last stage of (∂X)_{k−1}.
     coordinates: &'a mut [T],
 }
 

@@ -97,8 +97,8 @@ const fn check_exponent(exponent: f64) -> Result<(), ParameterError> {
 ///
 /// ŵ₀ = 1 and n 60a₀ ŵ_n = Σ_{j=1}^{min(p,n)} (βj − n + j) 60a_j ŵ_{n−j}, the recursion for a power of a
 /// polynomial, in double-double arithmetic with the factor formed exactly. With g(z) = γ_p(z)/(1 − z) the
-/// function f/(1 − z) solves γ_p f' = (β γ_p' + g) f, so that 60g_{j−1} joins the factor: no sum is formed that
-/// would cancel, and the relative accuracy is that of the weights at every index.
+/// function f/(1 − z) solves γ_p f' = (β γ_p' + g) f, so that 60g_{j−1} joins the factor: no sum is formed
+/// that would cancel, and the relative accuracy is that of the weights at every index.
 #[derive(Clone, Debug)]
 struct MonicWeights {
     order: BdfOrder,
@@ -219,8 +219,9 @@ impl ConvolutionWeights {
         Ok(Self { monic: MonicWeights::new(order, exponent), leading })
     }
 
-    /// The weights of the same operator on increments, from the first on: (D^β x)_k = Σ_n w'_n (x_{k−n} − x_{k−n−1}) with
-    /// x_{−1} = 0. They are the sums w'_n = w₀ + … + w_n, of generating function (γ_p(z)/h)^β/(1 − z), and fall off like n^{−β}.
+    /// The weights of the same operator on increments, from the first on: (D^β x)_k = Σ_n w'_n
+    /// (x_{k−n} − x_{k−n−1}) with x_{−1} = 0. They are the sums w'_n = w₀ + … + w_n, of generating function
+    /// (γ_p(z)/h)^β/(1 − z), and fall off like n^{−β}.
     pub fn on_increments(self) -> Self {
         Self { monic: MonicWeights::sums(self.monic.order, self.monic.exponent), ..self }
     }

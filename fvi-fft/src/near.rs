@@ -75,9 +75,9 @@ impl<T: Scalar> Near<T> {
         }
     }
 
-    /// Begins the chunk that follows all of `signal`. Each channel's terms start with `far(channel)`, the part of
-    /// the older samples; the latest `count` samples are added to it directly. `count` is even, and small enough
-    /// that the lags of a whole chunk remain below the limit.
+    /// Begins the chunk that follows all of `signal`. Each channel's terms start with `far(channel)`, the
+    /// part of the older samples; the latest `count` samples are added to it directly. `count` is even, and
+    /// small enough that the lags of a whole chunk remain below the limit.
     pub(crate) fn begin(&mut self, count: usize, signal: &[Vec<T>], mut far: impl FnMut(usize) -> Row<T>) {
         let stages = self.stages;
         for (channel, row) in self.terms.iter_mut().enumerate() {

@@ -5,7 +5,8 @@ use pulp::{Arch, NullaryFnOnce};
 
 /// A memory of the core compiled for every vector unit of the target, with the one to use chosen at run time.
 ///
-/// The arithmetic is that of the memory itself: the same operations in the same order, hence the same bits on every unit.
+/// The arithmetic is that of the memory itself: the same operations in the same order, hence the same bits on
+/// every unit.
 #[derive(Clone, Debug)]
 pub struct Vectorised<M> {
     memory: M,
@@ -84,8 +85,8 @@ impl<T, M: Memory<T>> Memory<T> for Vectorised<M> {
     }
 }
 
-/// The call that is compiled once for every vector unit. A closure would not do: it is called through a shim that is not
-/// inlined, and what is not inlined is compiled for the plain target.
+/// The call that is compiled once for every vector unit. A closure would not do: it is called through a shim
+/// that is not inlined, and what is not inlined is compiled for the plain target.
 struct Push<'a, M, T> {
     memory: &'a mut M,
     sample: &'a [T],

@@ -56,7 +56,8 @@ const TAG: [u8; 4] = *b"wide";
 /// Channels that lie side by side.
 const LANES: usize = 32;
 
-/// Terms, and sums, that are formed together: as many accumulators as keep the arithmetic of a processor busy.
+/// Terms, and sums, that are formed together: as many accumulators as keep the arithmetic of a processor
+/// busy.
 const GROUP: usize = 8;
 
 /// Smallest chunk: a shorter one would fetch the sums more often without making the state much smaller.
@@ -329,8 +330,8 @@ impl<P: Scalar> Tile<P> {
     }
 }
 
-/// Hands parts of the work to so many threads; each takes the next as it is done with one. Threads that cannot
-/// be had leave their share to the others.
+/// Hands parts of the work to so many threads; each takes the next as it is done with one. Threads that
+/// cannot be had leave their share to the others.
 fn share<I: Send>(threads: usize, parts: impl Iterator<Item = I> + Send, work: impl Fn(I) + Sync) {
     let parts = Mutex::new(parts);
     let next = || parts.lock().unwrap_or_else(PoisonError::into_inner).next();

@@ -1,7 +1,7 @@
 //! A memory engine of one's own joins the comparison by implementing one trait.
 //!
-//! This one keeps every sample for a while and then only the mean of ever longer stretches, a popular approximation: the
-//! table shows how fast it is and what it costs in accuracy.
+//! This one keeps every sample for a while and then only the mean of ever longer stretches, a popular
+//! approximation: the table shows how fast it is and what it costs in accuracy.
 
 use fvi_core::{BdfOrder, Memory, MemoryError, check_channels};
 use fvi_host::lab::compare_engines::{Comparison, Contender, text_table};

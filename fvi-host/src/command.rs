@@ -78,7 +78,8 @@ pub enum CommandError {
     /// The runs of a sweep cannot be made in this directory, or not be joined: exit code 2.
     #[error("{0}")]
     Sweep(String),
-    /// A file of results cannot be written: exit code 1; the directory is none, or another run is writing to it: exit code 2.
+    /// A file of results cannot be written: exit code 1; the directory is none, or another run is writing to
+    /// it: exit code 2.
     #[error(transparent)]
     File(#[from] FileError),
     /// It was stopped by a signal: exit code 130.

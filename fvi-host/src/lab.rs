@@ -1,4 +1,5 @@
-//! What is done with simulations: single runs, studies of convergence, comparisons, the papers' exhibits, two-point problems.
+//! What is done with simulations: single runs, studies of convergence, comparisons, the papers' exhibits,
+//! two-point problems.
 
 pub mod checkpoint;
 pub mod compare_engines;

@@ -14,8 +14,8 @@
 //! | [`lab`] | runs, orders of convergence, comparisons, reproductions, two-point problems |
 //! | `command` | the program `fvi` |
 //!
-//! The feature `program` brings the last, with what it needs of a terminal; `pictures` brings those of runs and studies and the
-//! reproduction of the papers. Both are on by default.
+//! The feature `program` brings the last, with what it needs of a terminal; `pictures` brings those of runs
+//! and studies and the reproduction of the papers. Both are on by default.
 #![forbid(unsafe_code)]
 
 #[cfg(feature = "program")]

@@ -59,12 +59,13 @@ pub struct MemoryRequest<'a> {
     pub end: Option<f64>,
     /// Number of coordinates N; those of all motions where several are integrated together.
     pub coordinates: usize,
-    /// Number of motions integrated together: the engine is the one that each would have alone, so that it has the same bits.
+    /// Number of motions integrated together: the engine is the one that each would have alone, so that it
+    /// has the same bits.
     pub motions: usize,
     /// Number of samples that will come: one for each step, and one before the first.
     pub samples: usize,
-    /// Whether samples are given as they are, where a solver knows them by their differences: then the memory acts on values, and its
-    /// error is that of the plain sum, whatever the samples.
+    /// Whether samples are given as they are, where a solver knows them by their differences: then the memory
+    /// acts on values, and its error is that of the plain sum, whatever the samples.
     pub given: bool,
     /// The engine asked for, and its settings.
     pub history: &'a History,
@@ -111,21 +112,21 @@ pub enum EngineError {
 
 /// Number of samples up to which the plain sum serves by default.
 ///
-/// So long a run spends tens of milliseconds in the sum, about as much as making a table of exponentials takes; step for step
-/// the fast engines are ahead much earlier (`fvi compare-engines`).
+/// So long a run spends tens of milliseconds in the sum, about as much as making a table of exponentials
+/// takes; step for step the fast engines are ahead much earlier (`fvi compare-engines`).
 const CROSSOVER: usize = 16_384;
 
-/// Channels up to which that holds, and numbers of a history that are few at any number of channels: with many channels a table of
-/// exponentials is soon made, and histories of all of them fill the memory.
+/// Channels up to which that holds, and numbers of a history that are few at any number of channels: with
+/// many channels a table of exponentials is soon made, and histories of all of them fill the memory.
 const FEW: usize = 64;
 const SMALL: usize = 1 << 16;
-/// Channels from which on exponential sums lie channel by channel in vectors, and the longest chunks with which they do: beyond, as heads
-/// of high orders want them, a chunk's samples take more room than the sums.
+/// Channels from which on exponential sums lie channel by channel in vectors, and the longest chunks with
+/// which they do: beyond, as heads of high orders want them, a chunk's samples take more room than the sums.
 const MANY: usize = 96;
 const LONGEST_CHUNK: usize = 64;
 
-/// Orders from which on memories act on increments. Below, nothing cancels in the plain weights, and those on increments hardly decay:
-/// there is no exponential sum for them.
+/// Orders from which on memories act on increments. Below, nothing cancels in the plain weights, and those on
+/// increments hardly decay: there is no exponential sum for them.
 pub const LEAST_ON_INCREMENTS: f64 = 0.1;
 
 /// The part of the tolerance that is left to the table where a state in single precision takes the rest.
@@ -171,8 +172,8 @@ impl MemoryRequest<'_> {
         Ok(HostMemory::new(Box::new(corrected), engine, acts_on))
     }
 
-    /// What the memory acts on: differences, as far as there is something to gain. The identity, β = 0, and integrals
-    /// act on values.
+    /// What the memory acts on: differences, as far as there is something to gain. The identity, β = 0, and
+    /// integrals act on values.
     pub fn acts_on(&self) -> ActsOn {
         match self.convolution.family {
             _ if self.given || self.exponent < LEAST_ON_INCREMENTS || self.any_step() => ActsOn::Values,
@@ -270,7 +271,8 @@ impl MemoryRequest<'_> {
             }
             Engine::Direct => {
                 let kept = self.kept();
-                // With the step size γ_p(0) the leading weight is 1: the same monic table and scale as in flash.
+                // With the step size γ_p(0) the leading weight is 1: the same monic table and scale as in
+                // flash.
                 let mut monic = weights(order.generating_function(0.0))?;
                 let mut table = self.room(engine, kept.saturating_add(1))?;
                 table.resize(kept + 1, T::zero());
@@ -476,8 +478,9 @@ impl MemoryRequest<'_> {
     }
 }
 
-/// Lags of the table for a run of so many samples: twice as many at least, and the same for runs that are not much longer, so that a
-/// run can be carried further, with the bits of one that was as long from the start. Each factor of four costs a few exponentials.
+/// Lags of the table for a run of so many samples: twice as many at least, and the same for runs that are not
+/// much longer, so that a run can be carried further, with the bits of one that was as long from the start.
+/// Each factor of four costs a few exponentials.
 fn reach_over(samples: usize) -> usize {
     let mut reach: usize = 1 << 20;
     while reach / 2 < samples && reach < usize::MAX / 4 {

@@ -102,7 +102,8 @@ impl Scenario {
         Ok(scenario)
     }
 
-    /// A scenario made in code: any value that serialises to the keys of a scenario file, a [`Scenario`] among them.
+    /// A scenario made in code: any value that serialises to the keys of a scenario file, a [`Scenario`]
+    /// among them.
     ///
     /// ```
     /// # use fvi_host::scenario::Scenario;
@@ -236,7 +237,8 @@ impl Scenario {
     /// The same scenario, which ends after another number of steps.
     ///
     /// # Errors
-    /// [`Problem::OutOfRange`] about `history.horizon`, if that is given and ends earlier; about `time`, if there are too many steps.
+    /// [`Problem::OutOfRange`] about `history.horizon`, if that is given and ends earlier; about `time`, if
+    /// there are too many steps.
     pub fn ending_after(&self, steps: usize) -> Result<Self, InputError> {
         let refused = |key, allowed: String| Err(self.error_at(key, Problem::OutOfRange { allowed }));
         if steps > MOST_STEPS || !self.time.time(steps).is_finite() {
@@ -346,8 +348,8 @@ impl Scenario {
             }
         }
         for (index, force) in self.system.force.iter().flatten().enumerate() {
-            // A force may be singular at t = 0 alone, where schemes with interior nodes never look; only a force
-            // that is not a number there because of its coordinates is certain to fail.
+            // A force may be singular at t = 0 alone, where schemes with interior nodes never look; only a
+            // force that is not a number there because of its coordinates is certain to fail.
             let value = force.value(Moment::inside(0.0), &self.initial.position);
             let later = force.value(Moment::inside(0.5 * self.time.step), &self.initial.position);
             if !value.is_finite() && !later.is_finite() {

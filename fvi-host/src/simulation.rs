@@ -74,8 +74,8 @@ trait Stepper {
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError>;
 }
 
-/// The state at a grid point, in double precision whatever it was computed in. With load cases position and momentum are those of all
-/// motions, one behind the other, and the energy is their sum.
+/// The state at a grid point, in double precision whatever it was computed in. With load cases position and
+/// momentum are those of all motions, one behind the other, and the energy is their sum.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct GridState {
     /// t_k.
@@ -83,8 +83,8 @@ pub struct GridState {
     /// q_k.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub position: Vec<f64>,
-    /// p_k: where the fractional force acts at the main nodes, the mean of the momenta before and after its kick, or the one
-    /// after, as `output.momentum` says.
+    /// p_k: where the fractional force acts at the main nodes, the mean of the momenta before and after its
+    /// kick, or the one after, as `output.momentum` says.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub momentum: Vec<f64>,
     /// ½ p_kᵀM⁻¹p_k + U(q_k) with this p_k.
@@ -147,7 +147,8 @@ impl Simulation {
         Ok(Self { stepper, engines, precision, solver })
     }
 
-    /// Whether no motion near the start grows at the step of the scenario, as far as the check of the step tells.
+    /// Whether no motion near the start grows at the step of the scenario, as far as the check of the step
+    /// tells.
     ///
     /// # Errors
     /// If the check cannot be made.
@@ -177,12 +178,13 @@ impl Simulation {
         self.stepper.step_over(length, end, input)
     }
 
-    /// Makes so many steps of the scenario's grid, and puts the states after them into the stretch, which is empty and says how
-    /// many were made before. Where an energy costs as much as a step the one of the newest row that is
-    /// written stands for those behind it.
+    /// Makes so many steps of the scenario's grid, and puts the states after them into the stretch, which is
+    /// empty and says how many were made before. Where an energy costs as much as a step the one of the
+    /// newest row that is written stands for those behind it.
     ///
     /// # Errors
-    /// [`StepError`] of the step behind the last one that is in the stretch; the simulation is as it was before that step.
+    /// [`StepError`] of the step behind the last one that is in the stretch; the simulation is as it was
+    /// before that step.
     pub(crate) fn advance(
         &mut self,
         scenario: &Scenario,
@@ -192,8 +194,8 @@ impl Simulation {
         self.stepper.advance(scenario, steps, stretch)
     }
 
-    /// Writes the state at a time within the last two steps into `state`, by the scheme's own polynomial; before the first
-    /// step and after the last the present state.
+    /// Writes the state at a time within the last two steps into `state`, by the scheme's own polynomial;
+    /// before the first step and after the last the present state.
     pub fn look_into(&mut self, time: f64, state: &mut GridState) {
         self.stepper.look_into(time, state);
     }
@@ -203,7 +205,8 @@ impl Simulation {
         self.stepper.read(state);
     }
 
-    /// Writes the energies of the motions under load cases, whose sum has been [`read`](Self::read) last; none without cases.
+    /// Writes the energies of the motions under load cases, whose sum has been [`read`](Self::read) last;
+    /// none without cases.
     pub fn read_energies(&self, energies: &mut Vec<f64>) {
         self.stepper.energies(energies);
     }
@@ -251,7 +254,8 @@ impl Simulation {
         Ok(bytes)
     }
 
-    /// Takes over a state that a simulation of the same scenario saved; the steps that follow have the bits of that one's.
+    /// Takes over a state that a simulation of the same scenario saved; the steps that follow have the bits
+    /// of that one's.
     ///
     /// # Errors
     /// [`StateError`] if the bytes are no such state; the simulation is of no use then.
@@ -519,7 +523,8 @@ struct DampingTerms<T: Elementary + Engines, X: ScenarioSpace<T>> {
     kick: Option<Kick<X::Vector>>,
 }
 
-/// The fractional force Σ_m ρ_m (D^{β_m} q)_k at the main nodes: the momentum p_k of such a scheme is the one after its kick.
+/// The fractional force Σ_m ρ_m (D^{β_m} q)_k at the main nodes: the momentum p_k of such a scheme is the one
+/// after its kick.
 struct Kick<V> {
     /// What is known of the next one.
     next: V,

@@ -7,8 +7,9 @@ use std::sync::Arc;
 
 /// How matrices of one pattern are eliminated: the order of the coordinates and the places of the factor.
 ///
-/// The order is approximate minimum degree or another that fills less. Neighbouring columns of the factor with the same places below them, or nearly, are
-/// kept together as dense blocks. Source: \[DavisRajamanickamSidLakhdar16\] §§ 4, 5, 8.
+/// The order is approximate minimum degree or another that fills less. Neighbouring columns of the factor
+/// with the same places below them, or nearly, are kept together as dense blocks. Source:
+/// \[DavisRajamanickamSidLakhdar16\] §§ 4, 5, 8.
 #[derive(Clone, Debug)]
 pub struct Analysis {
     blocks: Arc<Blocks>,
@@ -69,9 +70,11 @@ fn inverse(order: &[u32]) -> Vec<u32> {
 /// Rows from which on more than one order is tried.
 const LARGE: usize = 2_000;
 
-/// The rows in the order, of some, with which the factor is smallest: of minimum degree, as they come, by nested dissection.
+/// The rows in the order, of some, with which the factor is smallest: of minimum degree, as they come, by
+/// nested dissection.
 ///
-/// Minimum degree is best for most small and flat structures; beams that are numbered along their length are best left so.
+/// Minimum degree is best for most small and flat structures; beams that are numbered along their length are
+/// best left so.
 fn order(pattern: &Pattern) -> Vec<u32> {
     let least = minimum_degree(pattern);
     if pattern.size() < LARGE {
@@ -183,7 +186,8 @@ fn column_counts(pattern: &Pattern, order: &[u32], place: &[u32], parents: &[u32
     counts
 }
 
-/// Hands the column of each place of the factor below the diagonal to `visit`, row by row, until it says that that is enough.
+/// Hands the column of each place of the factor below the diagonal to `visit`, row by row, until it says that
+/// that is enough.
 fn visit_places(
     pattern: &Pattern,
     (order, place): (&[u32], &[u32]),
@@ -206,8 +210,8 @@ fn visit_places(
     }
 }
 
-/// Two neighbouring blocks are joined if that gives no more columns than the first number and no larger part of zeros than the
-/// second, by one of these.
+/// Two neighbouring blocks are joined if that gives no more columns than the first number and no larger part
+/// of zeros than the second, by one of these.
 const JOINED: [(usize, f64); 4] = [(4, 1.0), (16, 0.8), (48, 0.1), (usize::MAX, 0.05)];
 
 /// Where the blocks of columns begin, and where the last one ends.

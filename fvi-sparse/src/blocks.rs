@@ -1,9 +1,10 @@
-//! The blocks of columns of a factor, and the parts of the elimination tree that do not meet: they are solved for side by side.
+//! The blocks of columns of a factor, and the parts of the elimination tree that do not meet: they are solved
+//! for side by side.
 
 use core::ops::Range;
 
-/// Blocks of columns of the factor. Block s has the columns `first[s]`..`first[s + 1]` and stands in these rows and
-/// in `rows[row_starts[s]..row_starts[s + 1]]` below; its numbers lie column by column.
+/// Blocks of columns of the factor. Block s has the columns `first[s]`..`first[s + 1]` and stands in these
+/// rows and in `rows[row_starts[s]..row_starts[s + 1]]` below; its numbers lie column by column.
 #[derive(Debug)]
 pub(crate) struct Blocks {
     /// The row of the matrix that is eliminated at each place.
@@ -53,14 +54,16 @@ impl Blocks {
 
 /// Subtrees of the elimination tree, and the trunk that is left.
 ///
-/// Columns are in postorder, so that a subtree is a run of blocks and of columns. What it owes to columns beyond lies in the rows of its
-/// last block. The choice depends on the pattern alone, and with it the order of all sums: threads change no bit.
+/// Columns are in postorder, so that a subtree is a run of blocks and of columns. What it owes to columns
+/// beyond lies in the rows of its last block. The choice depends on the pattern alone, and with it the order
+/// of all sums: threads change no bit.
 #[derive(Debug, Default)]
 pub(crate) struct Subtrees {
     /// In ascending order.
     pub(crate) parts: Vec<Subtree>,
-    /// For each row of each block, its place in the vector that the block works on: that of the whole in the trunk, that of the
-    /// subtree elsewhere, which has its columns first and the rows of its last block behind them.
+    /// For each row of each block, its place in the vector that the block works on: that of the whole in the
+    /// trunk, that of the subtree elsewhere, which has its columns first and the rows of its last block
+    /// behind them.
     pub(crate) places: Vec<u32>,
 }
 

@@ -1,5 +1,5 @@
-//! An order of elimination by nested dissection: meshes in three dimensions, and long and slender ones, fill less with it than by minimum
-//! degree.
+//! An order of elimination by nested dissection: meshes in three dimensions, and long and slender ones, fill
+//! less with it than by minimum degree.
 
 use crate::Pattern;
 use crate::graph::Graph;
@@ -11,7 +11,8 @@ const LEAF: usize = 64;
 
 /// The rows, separators behind what they separate.
 ///
-/// Rows with the same places, or nearly, are a group and stay together, as the unknowns of one node of a mesh are. Source: \[GeorgeLiu78\].
+/// Rows with the same places, or nearly, are a group and stay together, as the unknowns of one node of a mesh
+/// are. Source: \[GeorgeLiu78\].
 pub(crate) fn nested_dissection(pattern: &Pattern) -> Vec<u32> {
     let (graph, members) = groups(pattern);
     let mut local = vec![0; graph.size()];
@@ -51,7 +52,8 @@ fn minimum_degree(graph: &Graph) -> Vec<u32> {
     }
 }
 
-/// Rows belong together if they have this part of their places in common: here and there a coupling of two unknowns is zero.
+/// Rows belong together if they have this part of their places in common: here and there a coupling of two
+/// unknowns is zero.
 const ALIKE: f64 = 0.8;
 
 /// Rows just before one, among its places, that it is compared with.

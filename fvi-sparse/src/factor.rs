@@ -69,7 +69,8 @@ impl Analysis {
     }
 }
 
-/// Elimination, compiled once for every vector unit: a closure would not be, since it need not be made part of its caller.
+/// Elimination, compiled once for every vector unit: a closure would not be, since it need not be made part
+/// of its caller.
 struct Elimination<'a> {
     blocks: &'a Blocks,
     pattern: &'a Pattern,
@@ -95,7 +96,8 @@ const NONE: u32 = u32::MAX;
 /// The place of a pivot that is not positive.
 #[inline(always)]
 fn eliminate(blocks: &Blocks, pattern: &Pattern, values: &[f64], numbers: &mut [f64]) -> Result<(), usize> {
-    // For each block the ones before that act on it next, as a list, and how far into their rows they have come.
+    // For each block the ones before that act on it next, as a list, and how far into their rows they have
+    // come.
     let (mut waiting, mut next) = (vec![NONE; blocks.count()], vec![NONE; blocks.count()]);
     let mut come = vec![0; blocks.count()];
     // Where the rows of the block under way lie in it.

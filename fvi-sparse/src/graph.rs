@@ -12,7 +12,8 @@ pub(crate) struct Graph {
 const NONE: u32 = u32::MAX;
 
 impl Graph {
-    /// The graph of vertices given one after another, each by its weight, and its neighbours with the weights of the edges.
+    /// The graph of vertices given one after another, each by its weight, and its neighbours with the weights
+    /// of the edges.
     pub(crate) fn of<N: IntoIterator<Item = (u32, u32)>>(vertices: impl Iterator<Item = (u32, N)>) -> Self {
         let mut graph =
             Self { starts: vec![0], neighbours: Vec::new(), edges: Vec::new(), weights: Vec::new() };
@@ -61,7 +62,8 @@ impl Graph {
         }))
     }
 
-    /// A graph of about half the size, and the vertex of it that each vertex is part of: neighbours along heavy edges are one. Seeds give other pairs.
+    /// A graph of about half the size, and the vertex of it that each vertex is part of: neighbours along
+    /// heavy edges are one. Seeds give other pairs.
     pub(crate) fn coarser(&self, seed: u32) -> (Self, Vec<u32>) {
         let size = self.size();
         let total: u64 = self.weights.iter().map(|&weight| u64::from(weight)).sum();

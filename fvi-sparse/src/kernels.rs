@@ -1,11 +1,12 @@
 //! The inner loops: products of dense blocks.
 //!
-//! Each number is formed by the same operations in the same order whatever the width of the machine's vectors.
+//! Each number is formed by the same operations in the same order whatever the width of the machine's
+//! vectors.
 
 use pulp::Simd;
 
-/// C ← C − A Bᵀ, column by column: C with `rows` rows of which neighbouring columns are `c_step` apart, one for each of
-/// the first `columns` rows of B; A and B with `depth` columns, `step` apart.
+/// C ← C − A Bᵀ, column by column: C with `rows` rows of which neighbouring columns are `c_step` apart, one
+/// for each of the first `columns` rows of B; A and B with `depth` columns, `step` apart.
 #[inline(always)]
 pub(crate) fn subtract_product(
     c: &mut [f64],

@@ -1,7 +1,7 @@
 //! Sparse symmetric matrices in compressed rows, and the Cholesky factors that solve their equations.
 //!
-//! A [`Pattern`] says where entries may be, an [`Analysis`] how a matrix with that pattern is eliminated, once for all
-//! values, and a [`Factor`] is the result for one set of values.
+//! A [`Pattern`] says where entries may be, an [`Analysis`] how a matrix with that pattern is eliminated,
+//! once for all values, and a [`Factor`] is the result for one set of values.
 //!
 //! ```
 //! use fvi_sparse::{Analysis, Pattern};

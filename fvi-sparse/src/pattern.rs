@@ -36,7 +36,8 @@ impl Pattern {
         Self { starts, columns, narrow, band }
     }
 
-    /// The pattern of rows given one after another, each with its columns ascending and less than the number of rows.
+    /// The pattern of rows given one after another, each with its columns ascending and less than the number
+    /// of rows.
     pub fn from_rows<R: IntoIterator<Item = usize>>(rows: impl IntoIterator<Item = R>) -> Self {
         let (mut starts, mut columns, mut band) = (vec![0], Vec::new(), 0);
         for (row, places) in rows.into_iter().enumerate() {

@@ -11,8 +11,9 @@ const WIDEST: usize = 8;
 const SHARE: usize = 1 << 20;
 
 impl Pattern {
-    /// y ← y + factor A x for the matrix with these values, one for each place, and several x and y one behind the other: in one
-    /// pass over A for each eight of them, each with the bits that it has alone, with up to so many threads.
+    /// y ← y + factor A x for the matrix with these values, one for each place, and several x and y one
+    /// behind the other: in one pass over A for each eight of them, each with the bits that it has alone,
+    /// with up to so many threads.
     pub fn multiply_add<T>(&self, values: &[T], factor: T, x: &[T], y: &mut [T], threads: usize)
     where
         T: Copy + Default + Add<Output = T> + Mul<Output = T> + Send + Sync,

@@ -19,8 +19,8 @@ const LARGEST: f64 = 0.6;
 /// Times that all vertices of a separator may move.
 const ROUNDS: usize = 6;
 
-/// Moves that do not pay before a round ends, beyond two for each vertex of the separator: one that is moved as a whole gets larger
-/// on the way.
+/// Moves that do not pay before a round ends, beyond two for each vertex of the separator: one that is moved
+/// as a whole gets larger on the way.
 const PATIENCE: usize = 40;
 
 /// Where a vertex is: in part 0 or 1, or between them.
@@ -31,8 +31,8 @@ pub(crate) const BETWEEN: Side = 2;
 
 /// The side of each vertex; no edge leads from one part into the other.
 ///
-/// The graph is made coarser and coarser, the smallest one divided, and the separator improved by moving its vertices while it is carried back.
-/// Source: \[HendricksonRothberg98\] §§ 2, 3.
+/// The graph is made coarser and coarser, the smallest one divided, and the separator improved by moving its
+/// vertices while it is carried back. Source: \[HendricksonRothberg98\] §§ 2, 3.
 pub(crate) fn separate(graph: &Graph) -> Vec<Side> {
     let found = (0..TRIALS).map(|trial| multilevel(graph, trial));
     let best = found.min_by_key(|(score, _)| *score);
@@ -102,11 +102,12 @@ fn grown(graph: &Graph) -> (Score, Vec<Side>) {
     best.unwrap_or(((true, 0, 0), Vec::new()))
 }
 
-/// Less is better: whether a part is too large, the weight of the separator times half the whole and the larger part, that of the larger part.
+/// Less is better: whether a part is too large, the weight of the separator times half the whole and the
+/// larger part, that of the larger part.
 type Score = (bool, u64, u64);
 
-/// Moves vertices of the separator into the parts, their neighbours on the other side taking their places, while it gets lighter; also
-/// through some divisions that are worse. Returns how good it is.
+/// Moves vertices of the separator into the parts, their neighbours on the other side taking their places,
+/// while it gets lighter; also through some divisions that are worse. Returns how good it is.
 fn improve(graph: &Graph, sides: &mut [Side]) -> Score {
     let mut search = Search::new(graph, sides);
     let mut score = search.score();
@@ -173,7 +174,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Puts a vertex on another side. Moves that gain by it are looked at again; the others when their turn comes.
+    /// Puts a vertex on another side. Moves that gain by it are looked at again; the others when their turn
+    /// comes.
     fn put(&mut self, vertex: u32, side: Side) {
         let graph = self.graph;
         let before = std::mem::replace(&mut self.sides[vertex as usize], side);

@@ -14,8 +14,8 @@ const SHARE: usize = 1 << 20;
 const WIDEST: usize = 8;
 
 impl Factor {
-    /// Replaces the right-hand side by the solution. Several right-hand sides, one after another, are solved in one pass
-    /// over the factor, each with the bits that it has alone.
+    /// Replaces the right-hand side by the solution. Several right-hand sides, one after another, are solved
+    /// in one pass over the factor, each with the bits that it has alone.
     pub fn solve(&self, vectors: &mut [f64]) {
         self.solve_on_threads(vectors, 1);
     }
@@ -38,8 +38,8 @@ impl Factor {
         }
     }
 
-    /// Solves for up to W right-hand sides, whose numbers for a row lie side by side on the way: each number of the factor is
-    /// fetched once, and multiplied with a vector of them.
+    /// Solves for up to W right-hand sides, whose numbers for a row lie side by side on the way: each number
+    /// of the factor is fetched once, and multiplied with a vector of them.
     fn solve_side_by_side<const W: usize>(&self, vectors: &mut [f64], threads: usize) {
         let size = self.size();
         let (blocks, numbers) = (self.blocks(), self.numbers());
@@ -87,7 +87,8 @@ impl Factor {
     }
 }
 
-/// What a subtree works on, for each right-hand side: its columns, and behind them the rows of its last block.
+/// What a subtree works on, for each right-hand side: its columns, and behind them the rows of its last
+/// block.
 struct Crown<'a, const W: usize> {
     part: &'a Subtree,
     vectors: Vec<[f64; W]>,
@@ -168,7 +169,8 @@ impl<const W: usize> WithSimd for Backward<'_, W> {
     }
 }
 
-/// Four columns of a block from `first` on, from the row `from` down; those beyond the last are empty of effect.
+/// Four columns of a block from `first` on, from the row `from` down; those beyond the last are empty of
+/// effect.
 #[inline(always)]
 fn four(numbers: &[f64], height: usize, first: usize, count: usize, from: usize) -> [&[f64]; 4] {
     core::array::from_fn(|index| {

@@ -2,8 +2,8 @@
 
 use std::sync::{Mutex, PoisonError};
 
-/// Hands items to so many threads, each of which takes the next when it is done with one. Threads that cannot be had leave their
-/// share to the others.
+/// Hands items to so many threads, each of which takes the next when it is done with one. Threads that cannot
+/// be had leave their share to the others.
 pub(crate) fn share<I: Send>(threads: usize, items: impl Iterator<Item = I> + Send, work: impl Fn(I) + Sync) {
     if threads < 2 {
         return items.for_each(work);

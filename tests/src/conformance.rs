@@ -12,16 +12,16 @@ use fvi_host::scenario::{Convolution, ConvolutionFamily, Engine, History};
 /// A kernel to convolve with.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum TestKernel {
-    /// Weights of the convolution quadrature of a BDF order for D^`exponent` at step size 1, as runs of the program have them:
-    /// on increments where the exponent is positive.
+    /// Weights of the convolution quadrature of a BDF order for D^`exponent` at step size 1, as runs of the
+    /// program have them: on increments where the exponent is positive.
     Quadrature {
         /// Order p of the formula.
         order: usize,
         /// Exponent of the quadrature.
         exponent: f64,
     },
-    /// Matrix weights of the convolution quadrature of the Radau IIA method of three stages for D^`exponent` at step size 1,
-    /// as runs of the program have them: on rises where the exponent is positive.
+    /// Matrix weights of the convolution quadrature of the Radau IIA method of three stages for D^`exponent`
+    /// at step size 1, as runs of the program have them: on rises where the exponent is positive.
     RadauIia {
         /// Exponent of the quadrature.
         exponent: f64,
@@ -69,7 +69,8 @@ impl TestKernel {
     }
 }
 
-/// Weights of [`TestKernel::RadauIia`]: their last digits depend on how many are made, so it is always the same number.
+/// Weights of [`TestKernel::RadauIia`]: their last digits depend on how many are made, so it is always the
+/// same number.
 pub const RADAU_IIA_WEIGHTS: usize = 4096;
 
 /// The kernel of [`TestKernel::RadauIia`].
@@ -113,8 +114,8 @@ pub trait Constructor<T>: Fn(TestKernel, usize, usize) -> Box<dyn Memory<T>> {}
 
 impl<T, F: Fn(TestKernel, usize, usize) -> Box<dyn Memory<T>>> Constructor<T> for F {}
 
-/// Checks that a memory saved after any number of samples is restored to a memory that goes on with the same bits, and that
-/// what is cut off is refused without a trace.
+/// Checks that a memory saved after any number of samples is restored to a memory that goes on with the same
+/// bits, and that what is cut off is refused without a trace.
 ///
 /// # Panics
 /// If not.
@@ -163,8 +164,8 @@ pub fn goes_on_where_it_was_saved<T: Real>(build: impl Constructor<T>, kernel: T
     }
 }
 
-/// Largest |r_k − reference| / Σ|w||x| on a signal, in units of u, over all k < `length` or `samples` of them, and the
-/// k where it is.
+/// Largest |r_k − reference| / Σ|w||x| on a signal, in units of u, over all k < `length` or `samples` of
+/// them, and the k where it is.
 pub fn largest_error<T: Real>(
     memory: &mut dyn Memory<T>,
     kernel: TestKernel,
@@ -199,8 +200,8 @@ pub fn largest_error<T: Real>(
     largest
 }
 
-/// Largest |r_k − reference| / Σ|w||x| that is allowed, in units of u: twice what is reached over all kernels, lengths and
-/// precisions of the suite and over the random cases of `tests/engines.rs`.
+/// Largest |r_k − reference| / Σ|w||x| that is allowed, in units of u: twice what is reached over all
+/// kernels, lengths and precisions of the suite and over the random cases of `tests/engines.rs`.
 #[derive(Clone, Copy, Debug)]
 pub struct Bound {
     /// On signals that keep their size.

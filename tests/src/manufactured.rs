@@ -11,8 +11,8 @@ fn derivative(n: f64, t: f64) -> f64 {
     libm::tgamma(9.0) / libm::tgamma(9.0 - n) * t.powf(8.0 - n) / 4.0
 }
 
-/// Largest errors of position and momentum of a pendulum on [0, 1] under the force that makes q = t⁸/4 exact: nonlinear, and
-/// with so many derivatives zero at the start that no method loses order there.
+/// Largest errors of position and momentum of a pendulum on [0, 1] under the force that makes q = t⁸/4 exact:
+/// nonlinear, and with so many derivatives zero at the start that no method loses order there.
 ///
 /// `damping` is ρ D^β with ρ = `coefficient`, β = `damping_order`, in steps of 1/`steps`.
 pub fn manufactured_errors(

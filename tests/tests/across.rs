@@ -1,4 +1,5 @@
-//! What a user relies on, across the crates: `cargo test -p fvi-tests --test across NAME` runs the tests of one file.
+//! What a user relies on, across the crates: `cargo test -p fvi-tests --test across NAME` runs the tests of
+//! one file.
 
 mod collocation;
 mod conformance;

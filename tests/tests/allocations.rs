@@ -10,7 +10,8 @@ use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 #[global_allocator]
 static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
-/// One test alone: the allocator counts for all threads, that of the harness included, which prints when a test ends.
+/// One test alone: the allocator counts for all threads, that of the harness included, which prints when a
+/// test ends.
 #[test]
 fn allocations_are_what_is_promised() {
     a_real_time_run_neither_allocates_nor_frees();

@@ -1,4 +1,5 @@
-//! Collocation with Radau IIA: its order on smooth motions, the energy it loses, and that nothing makes it unstable.
+//! Collocation with Radau IIA: its order on smooth motions, the energy it loses, and that nothing makes it
+//! unstable.
 
 use fvi_host::scenario::Scenario;
 use fvi_host::simulation::Precision;

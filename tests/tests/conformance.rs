@@ -186,7 +186,8 @@ const STAGES: TestKernel = TestKernel::RadauIia { exponent: 0.5 };
 const NUMBERS: TestKernel = TestKernel::Arbitrary { stages: 1 };
 const MATRICES: TestKernel = TestKernel::Arbitrary { stages: 3 };
 
-/// The suite for one engine: its constructor, the error it may have, the short runs it takes, kernels for the contract and for long runs, and lengths of those.
+/// The suite for one engine: its constructor, the error it may have, the short runs it takes, kernels for the
+/// contract and for long runs, and lengths of those.
 macro_rules! engine {
     ($name:ident, $build:ident, $bound:expr, $short_runs:ident, $contract:expr, $long:expr, $lengths:expr) => {
         mod $name {
@@ -303,7 +304,8 @@ fn threads_leave_every_bit_of_a_wide_memory_as_it_is() {
     assert!(alone == bits_on_threads(2) && alone == bits_on_threads(5));
 }
 
-/// In single precision between the chunks, an error of a few times its rounding, relative to Σ|w||x|, and half the state.
+/// In single precision between the chunks, an error of a few times its rounding, relative to Σ|w||x|, and
+/// half the state.
 #[test]
 fn a_wide_memory_with_a_state_in_single_precision_stays_within_the_tolerance() {
     for (order, exponent) in [(1, 0.3), (2, 0.6), (2, 1.5), (6, 1.9)] {

@@ -1,4 +1,5 @@
-//! Every kernel that the program offers on every engine, through the memory that the program runs, and whole random scenarios.
+//! Every kernel that the program offers on every engine, through the memory that the program runs, and whole
+//! random scenarios.
 //!
 //! `PROPTEST_CASES` sets the number of cases; a long search takes thousands.
 
@@ -85,7 +86,8 @@ impl Case {
         }
     }
 
-    /// The weights of the definition, matrix by matrix, row by row: on the differences that the program's memories act on.
+    /// The weights of the definition, matrix by matrix, row by row: on the differences that the program's
+    /// memories act on.
     fn weights(&self) -> Vec<f64> {
         // As many as the engines make: the last digits of matrix weights depend on their number.
         fn matrices<const R: usize>(method: &RungeKutta<R>, case: &Case) -> Vec<f64> {
@@ -201,7 +203,8 @@ fn derivative_of_power(nu: f64, order: f64, time: f64) -> f64 {
     libm::tgamma(nu + 1.0) / libm::tgamma(denominator) * time.powf(nu - order)
 }
 
-/// With starting weights, behind the first samples: the double sum and the corrections of their definition, solved anew at each step.
+/// With starting weights, behind the first samples: the double sum and the corrections of their definition,
+/// solved anew at each step.
 fn agree_with_the_definition_of_starting_weights(case: &Case) -> Result<(), TestCaseError> {
     let (channels, count) = (case.coordinates, case.starting.len());
     let first = usize::from(!case.starting.contains(&0.0));

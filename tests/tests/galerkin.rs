@@ -17,7 +17,8 @@ fn pendulum<const S: usize, const Q: usize>(scheme: Galerkin<f64, S, Q>, h: f64,
     integrate(system, scheme, (), h, (vector![2.0], vector![0.5]), steps).unwrap()
 }
 
-/// Observed order of positions and momenta of an undamped pendulum on [0, 4] with steps of 4 over `steps`, against 800 steps of degree 6.
+/// Observed order of positions and momenta of an undamped pendulum on [0, 4] with steps of 4 over `steps`,
+/// against 800 steps of degree 6.
 fn conservative_order<const S: usize, const Q: usize>(quadrature: &Quadrature<Q>, steps: [usize; 3]) -> f64 {
     let fine = pendulum(Galerkin::<f64, 6, 6>::new(&Quadrature::gauss().unwrap()).unwrap(), 0.005, 800);
     let errors = steps.map(|count| {
@@ -156,10 +157,10 @@ fn nonlinear_orders<const S: usize, const Q: usize>(
 
 #[test]
 fn damping_at_the_main_nodes_has_order_two_in_position_and_one_in_momentum_on_a_nonlinear_motion() {
-    // The memory acts at the ends of the steps only. Eliminating the momenta leaves the trapezoidal rule for the damping: positions of
-    // order min(p, 2), whatever the degree. p_k has lost the whole h ρ D^β q at the end of its step where half of it belongs
-    // to the next: momenta are of order 1.
-    // The coefficients are large, so that the error of the damping stands out, but small enough for BDF 3 to be stable.
+    // The memory acts at the ends of the steps only. Eliminating the momenta leaves the trapezoidal rule for
+    // the damping: positions of order min(p, 2), whatever the degree. p_k has lost the whole h ρ D^β q at the
+    // end of its step where half of it belongs to the next: momenta are of order 1. The coefficients are
+    // large, so that the error of the damping stands out, but small enough for BDF 3 to be stable.
     for (coefficient, damping_order) in [(4.0, 0.3), (2.0, 0.5), (2.0, 1.0), (1.0, 1.5), (0.1, 1.9)] {
         let damping = (coefficient, damping_order);
         for p in [1, 2, 3] {

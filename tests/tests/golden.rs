@@ -1,5 +1,6 @@
-//! Trajectories against independent dense implementations (`tests/reference/dense_bdf.py`, `dense_galerkin.py`): nonlinear
-//! and coupled systems, dense matrices, several terms, both types of derivative, both ends of κ, high quadrature orders.
+//! Trajectories against independent dense implementations (`tests/reference/dense_bdf.py`,
+//! `dense_galerkin.py`): nonlinear and coupled systems, dense matrices, several terms, both types of
+//! derivative, both ends of κ, high quadrature orders.
 
 use fvi_core::{
     Coefficients, Damping, Derivative::Caputo, Derivative::RiemannLiouville, Fixed, Force, Galerkin, Instant,

@@ -1,4 +1,5 @@
-//! Runs on grids whose steps differ: equal steps on every engine, the order between grid points, and energy that nothing puts in.
+//! Runs on grids whose steps differ: equal steps on every engine, the order between grid points, and energy
+//! that nothing puts in.
 
 use fvi_host::lab::run::Run;
 use fvi_host::scenario::Scenario;
@@ -84,7 +85,8 @@ fn between_grid_points_the_polynomial_has_its_order() {
     let times: Vec<f64> = (1..40).map(|k| (f64::from(k) + 0.381_966) / 40.1).collect();
     let galerkin = json!({ "kind": "galerkin", "degree": 3 });
     let collocation = json!({ "kind": "collocation" });
-    // Positions and momenta; where grid points lie beside these places differs, so that orders show over a factor of eight only.
+    // Positions and momenta; where grid points lie beside these places differs, so that orders show over a
+    // factor of eight only.
     for (scheme, stages, expected) in
         [(&collocation, 2, [4.0, 3.0]), (&collocation, 3, [5.0, 4.0]), (&galerkin, 3, [4.0, 3.0])]
     {

@@ -73,7 +73,8 @@ fn layers_of_the_host_use_lower_layers_only() {
     assert!(arrows > 100, "only {arrows} imports seen: does this test still read them?");
 }
 
-/// The files that each file names by `crate::` or `super::`. A file that only gathers the modules below it may be named by them.
+/// The files that each file names by `crate::` or `super::`. A file that only gathers the modules below it
+/// may be named by them.
 fn arrows(files: &BTreeMap<PathBuf, String>) -> BTreeMap<&Path, Vec<&Path>> {
     let named = |path: &Path, text: &str| {
         let siblings = names_after(text, "super::").into_iter().map(|name| path.with_file_name(name));
@@ -158,4 +159,33 @@ fn every_file_of_tests_is_part_of_a_program() {
         let found: BTreeSet<String> = files(folder).difference(&roots).cloned().collect();
         assert_eq!(found, declared, "{folder}/{main}.rs does not name the files beside it");
     }
+}
+
+#[test]
+fn comments_are_no_wider_than_the_code() {
+    const WIDTH: usize = 110;
+    let folders =
+        ["fvi-core", "fvi-fft", "fvi-sparse", "fvi-host", "benches", "tests", "firmware", "bindings"];
+    let (mut folders, mut comments) = (folders.map(|folder| workspace().join(folder)).to_vec(), 0);
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(&folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() && !path.ends_with("target") {
+                folders.push(path);
+            } else if path.extension().is_some_and(|ending| ending == "rs") {
+                let text = fs::read_to_string(&path).unwrap();
+                let mut formula = false;
+                for (line, number) in
+                    text.lines().zip(1..).filter(|(line, _)| line.trim_start().starts_with("//"))
+                {
+                    formula ^= line.contains("```");
+                    // A formula or a table is not broken.
+                    let fits = formula || line.chars().count() <= WIDTH;
+                    assert!(fits, "{}:{number} has more than {WIDTH} columns", path.display());
+                    comments += 1;
+                }
+            }
+        }
+    }
+    assert!(comments > 5000, "only {comments} lines of comments seen: does this test still read them?");
 }

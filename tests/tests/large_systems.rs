@@ -1,4 +1,5 @@
-//! Large systems against what is known of them: motions along one mode, the dense way, other ways to say the same.
+//! Large systems against what is known of them: motions along one mode, the dense way, other ways to say the
+//! same.
 
 use fvi_host::language::Document;
 use fvi_host::scenario::{Scenario, SymmetricMatrix};
@@ -31,8 +32,8 @@ fn apart(one: &[f64], other: &[f64]) -> f64 {
     one.iter().zip(other).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
 }
 
-/// A chain of masses between two walls, its stiffness and a mass matrix that couples neighbours as linear elements do: both have the
-/// eigenvectors sin(i j π/(n + 1)).
+/// A chain of masses between two walls, its stiffness and a mass matrix that couples neighbours as linear
+/// elements do: both have the eigenvectors sin(i j π/(n + 1)).
 struct Chain {
     n: usize,
 }
@@ -283,8 +284,8 @@ fn of_repository(name: &str) -> Scenario {
     Scenario::read(&path).unwrap()
 }
 
-/// The dampers of the frame are as its stiffness, storey by storey, so that it decouples into oscillators with the frequencies
-/// of a uniform shear frame, each shaken by its share of the ground's acceleration.
+/// The dampers of the frame are as its stiffness, storey by storey, so that it decouples into oscillators
+/// with the frequencies of a uniform shear frame, each shaken by its share of the ground's acceleration.
 #[test]
 fn the_shaken_frame_moves_as_its_modes_do() {
     let frame = of_repository("frame-ten-storeys.toml");
@@ -380,8 +381,9 @@ fn over(numerator: Complex, (c, d): Complex) -> Complex {
     times(numerator, (c / square, -d / square))
 }
 
-/// q(t) of q̈ + c D^β q + ω² q = 0 in Caputo's sense with q(0) = 1 at rest, 0 < β < 1, from its Laplace transform
-/// (s + c s^{β−1})/(s² + c s^β + ω²) by the trapezoidal rule on Talbot's contour, for ω t up to about 12.
+/// q(t) of q̈ + c D^β q + ω² q = 0 in Caputo's sense with q(0) = 1 at rest, 0 < β < 1, from its Laplace
+/// transform (s + c s^{β−1})/(s² + c s^β + ω²) by the trapezoidal rule on Talbot's contour, for ω t up to
+/// about 12.
 fn released(beta: f64, c: f64, square: f64, t: f64) -> f64 {
     const NODES: usize = 64;
     let (scale, width) = (NODES as f64 / t, 2.0 * PI / NODES as f64);
@@ -437,7 +439,8 @@ fn end_of_release(system: &serde_json::Value, start: &[f64], end: f64, steps: us
     state.position
 }
 
-/// The error at the end, over the largest number of the start, with so many steps and with twice as many; modes as (shape, ω²).
+/// The error at the end, over the largest number of the start, with so many steps and with twice as many;
+/// modes as (shape, ω²).
 fn errors_of_release(
     system: &serde_json::Value,
     (beta, scale): (f64, f64),
@@ -459,8 +462,8 @@ fn errors_of_release(
     [steps, 2 * steps].map(|steps| apart(&end_of_release(system, &start, end, steps), &known) / largest)
 }
 
-/// Finite elements of a real package: with damping in proportion to the stiffness every mode is a fractional oscillator, whose motion
-/// is known.
+/// Finite elements of a real package: with damping in proportion to the stiffness every mode is a fractional
+/// oscillator, whose motion is known.
 #[test]
 fn cantilever_and_plate_move_as_their_exact_modes_to_the_order_of_the_scheme() {
     for (name, beta, scale) in [("cantilever", 0.6, 0.02), ("plate", 0.5, 0.005)] {

@@ -15,7 +15,8 @@ fn pendulum() -> System<f64, 1, Pendulum> {
 
 #[test]
 fn half_order_damping_is_the_lagrange_dalembert_integrator_to_rounding() {
-    // α = ½, Grünwald–Letnikov: [JO] Corollary 4.2, f⁻ = 0, f⁺ = −ρ (q_{k+1} − q_k), here for a nonlinear potential.
+    // α = ½, Grünwald–Letnikov: [JO] Corollary 4.2, f⁻ = 0, f⁺ = −ρ (q_{k+1} − q_k), here for a nonlinear
+    // potential.
     let (h, rho, steps) = (0.02, 0.7, 2000);
     let table = weights(1, 1.0, h, steps + 1);
     let scheme = Galerkin::low_order(0.5).unwrap();
@@ -38,7 +39,8 @@ fn half_order_damping_is_the_lagrange_dalembert_integrator_to_rounding() {
 
 #[test]
 fn the_mirror_system_runs_backwards() {
-    // [JO] Proposition 4.2: y_k = x_{N−k} satisfies the discrete equation with the advanced operator, here Δ₊^α Δ₊^α.
+    // [JO] Proposition 4.2: y_k = x_{N−k} satisfies the discrete equation with the advanced operator, here
+    // Δ₊^α Δ₊^α.
     let (h, rho, alpha, steps) = (0.05, 0.4, 0.35, 400);
     let table = weights(1, 2.0 * alpha, h, steps + 1);
     let scheme = Galerkin::low_order(0.5).unwrap();
@@ -98,7 +100,8 @@ fn energy_follows_the_exact_decay_closer_than_both_euler_methods() {
     assert!(drifts[2] < 0.15 * drifts[3], "variational {} and explicit Euler {}", drifts[2], drifts[3]);
 }
 
-/// Drift of log(E/E_exact) in a unit of time, from averages over the periods that end at t = 40 and at t = 100.
+/// Drift of log(E/E_exact) in a unit of time, from averages over the periods that end at t = 40 and at
+/// t = 100.
 fn drift_rate<S: Scheme<f64, Fixed<1>>>(scheme: S, p: usize, h: f64) -> f64 {
     let motion = oscillator(scheme, p, h, 100.0);
     let period = (core::f64::consts::TAU / 0.99f64.sqrt() / h).round() as usize;
@@ -113,7 +116,8 @@ fn drift_rate<S: Scheme<f64, Fixed<1>>>(scheme: S, p: usize, h: f64) -> f64 {
 
 #[test]
 fn the_rate_of_decay_is_right_to_the_order_of_the_damping() {
-    // Log E/E_exact grows in proportion to time: damping that is wrong by a part of order h^p is a rate that is wrong by as much.
+    // Log E/E_exact grows in proportion to time: damping that is wrong by a part of order h^p is a rate that
+    // is wrong by as much.
     let scheme = Galerkin::low_order(0.5).unwrap();
     let order = |p, h: f64| (drift_rate(scheme, p, h) / drift_rate(scheme, p, 0.5 * h)).log2();
     for (p, h, expected) in [(1, 0.05, 0.91), (1, 0.025, 0.96), (2, 0.05, 2.01)] {

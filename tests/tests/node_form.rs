@@ -1,4 +1,5 @@
-//! Damping at the quadrature nodes with weights of backward differentiation formulas: principle, momentum, limits, engines.
+//! Damping at the quadrature nodes with weights of backward differentiation formulas: principle, momentum,
+//! limits, engines.
 
 use std::path::Path;
 
@@ -95,8 +96,8 @@ fn node_by_node_the_operators_are_adjoint_and_form_a_semigroup() {
 
 #[test]
 fn the_motion_and_its_mirror_image_make_the_restricted_action_stationary() {
-    // S = Σ L_d(x) + Σ L_d(y) − h Σ_k ρ (D₋^α X)_k (D₊^α Y)_k under equal variations of x and y that vanish at the ends, X and Y at the
-    // midpoints; it is quadratic here, so a central difference is its derivative.
+    // S = Σ L_d(x) + Σ L_d(y) − h Σ_k ρ (D₋^α X)_k (D₊^α Y)_k under equal variations of x and y that vanish
+    // at the ends, X and Y at the midpoints; it is quadratic here, so a central difference is its derivative.
     let (h, rho, alpha, steps) = (0.1, 0.6, 0.35, 60);
     let table = weights(2, 2.0 * alpha, h, steps + 1);
     let damping = node_term::<1, 1>(diagonal(rho), 2.0 * alpha, RiemannLiouville, &table);
@@ -284,7 +285,8 @@ fn from_environment(variable: &str, otherwise: usize) -> usize {
     std::env::var(variable).ok().and_then(|text| text.parse().ok()).unwrap_or(otherwise)
 }
 
-/// Σ_r v_r v_rᵀ · 2^power, exact: whole numbers between −3 and 3 make v_r, so that what is semidefinite stays so.
+/// Σ_r v_r v_rᵀ · 2^power, exact: whole numbers between −3 and 3 make v_r, so that what is semidefinite stays
+/// so.
 fn gram(vectors: &[Vec<i32>], power: i32) -> Vec<Vec<f64>> {
     let size = vectors.first().map_or(0, Vec::len);
     let entry =
@@ -307,8 +309,9 @@ proptest! {
         cases: from_environment("PROPTEST_CASES", 24) as u32, failure_persistence: None, ..ProptestConfig::default()
     })]
 
-    /// ½ pᵀM⁻¹p + ½ qᵀKq never rises above its first value, ωh to 10⁶, ρ to 10¹⁰, but for what rounding heats where such a ρ acts on
-    /// rounded positions: less than 10⁻⁴ in 10⁴ steps. `STIFF_STEPS` says over how many steps.
+    /// ½ pᵀM⁻¹p + ½ qᵀKq never rises above its first value, ωh to 10⁶, ρ to 10¹⁰, but for what rounding heats
+    /// where such a ρ acts on rounded positions: less than 10⁻⁴ in 10⁴ steps. `STIFF_STEPS` says over how
+    /// many steps.
     #[test]
     fn the_midpoint_rule_from_rest_gains_no_energy_however_stiff(
         (stiffness, damping, position) in stiff_systems(),

@@ -60,8 +60,9 @@ fn assert_orders(found: [f64; 3], expected: [f64; 3], margin: f64) {
 
 #[test]
 fn hjo_table_1_damped_oscillator() {
-    // [HJO] eq. 39: ρ = 0.2, q₀ = 0, p₀ = 1.2 on [0, 16], h = 16/2^i, i = 4…11; orders 1, 2, 2. The coarsest steps are as
-    // long as a sixth of a period, so the slope over the finer half of them is what tells the order.
+    // [HJO] eq. 39: ρ = 0.2, q₀ = 0, p₀ = 1.2 on [0, 16], h = 16/2^i, i = 4…11; orders 1, 2, 2. The coarsest
+    // steps are as long as a sixth of a period, so the slope over the finer half of them is what tells the
+    // order.
     let orders = [1, 2, 3].map(|p| {
         order_on(16.0, 7..=11, |h, steps| {
             let motion = oscillator((0.2, 1.0), p, (0.0, 1.2), |_| 0.0, h, steps);
@@ -75,8 +76,8 @@ fn hjo_table_1_damped_oscillator() {
 
 #[test]
 fn hjo_table_1_bagley_torvik_with_exact_cube() {
-    // [HJO] eq. 41a: damping order ½, exact solution t³ on [0, 1], h = 2^−i, i = 1…8; orders 1, 2, 2. BDF 1 falls
-    // from 1.5 at the coarsest pair to 1.02 at the finest, hence the slope over the finer half.
+    // [HJO] eq. 41a: damping order ½, exact solution t³ on [0, 1], h = 2^−i, i = 1…8; orders 1, 2, 2. BDF 1
+    // falls from 1.5 at the coarsest pair to 1.02 at the finest, hence the slope over the finer half.
     let force = |i: Instant<f64>| i.time.powi(3) + 6.0 * i.time + 3.2 / PI.sqrt() * i.time.powf(2.5);
     let orders = [1, 2, 3].map(|p| {
         order_on(1.0, 4..=8, |h, steps| {
@@ -90,8 +91,9 @@ fn hjo_table_1_bagley_torvik_with_exact_cube() {
 
 #[test]
 fn hjo_table_1_bagley_torvik_with_exact_power_five_halves() {
-    // [HJO] eq. 41b: damping order 3/2, exact solution t^{5/2}, h = 2^−i, i = 1…8; orders 1, 1.8, 1.8 are printed. The force
-    // grows like √t, which the midpoint rule integrates over the first step only to h^{3/2}.
+    // [HJO] eq. 41b: damping order 3/2, exact solution t^{5/2}, h = 2^−i, i = 1…8; orders 1, 1.8, 1.8 are
+    // printed. The force grows like √t, which the midpoint rule integrates over the first step only to
+    // h^{3/2}.
     let force = |i: Instant<f64>| 3.75 * i.time.sqrt() + 1.875 * PI.sqrt() * i.time + i.time.powf(2.5);
     let orders = [1, 2, 3].map(|p| {
         order_on(1.0, 1..=8, |h, steps| {
@@ -137,8 +139,8 @@ fn pulse_error(bdf_order: usize, step_size: f64) -> f64 {
 
 #[test]
 fn jo_figure_7_plate_with_a_pulse() {
-    // [JO] eq. 68: order ≈ 0.97 against a benchmark; here against 24 digits. The pulse ends at a grid point, which
-    // costs no order: BDF 2 reaches its own.
+    // [JO] eq. 68: order ≈ 0.97 against a benchmark; here against 24 digits. The pulse ends at a grid point,
+    // which costs no order: BDF 2 reaches its own.
     let step_sizes = [1.0 / 8.0, 1.0 / 16.0, 1.0 / 32.0, 1.0 / 64.0, 1.0 / 128.0];
     let first = observed_order(&step_sizes, &step_sizes.map(|h| pulse_error(1, h)));
     let second = observed_order(&step_sizes, &step_sizes.map(|h| pulse_error(2, h)));
@@ -178,7 +180,8 @@ fn free_oscillations_converge_to_the_reference_solutions() {
 
 #[test]
 fn a_pendulum_released_from_rest_with_caputo_memory_shows_its_order() {
-    // Nonlinear, q₀ ≠ 0. Released from rest q − q₀ starts like t², whose fractional derivative BDF 2 takes with order 2.
+    // Nonlinear, q₀ ≠ 0. Released from rest q − q₀ starts like t², whose fractional derivative BDF 2 takes
+    // with order 2.
     let run = |p: usize, h: f64, steps: usize| {
         let table = weights(p, 0.5, h, steps + 1);
         let system = System {

@@ -1,4 +1,5 @@
-//! Runge–Kutta convolution quadrature: weights, discrete principle, orders, agreement with independent values.
+//! Runge–Kutta convolution quadrature: weights, discrete principle, orders, agreement with independent
+//! values.
 
 use std::collections::HashMap;
 
@@ -185,7 +186,8 @@ fn restricted_action(half: &Kernel, b: &[f64], x: &[Vec<f64>], y: &[Vec<f64>]) -
 
 #[test]
 fn the_restricted_variation_of_the_action_gives_the_force_at_the_stages() {
-    // δX = δY = δ: the variation is Σ_k Σ_i b_i ((D₋^{2α} X) + (D₊^{2α} Y))_{k,i} δ_{k,i}, by the semigroup and the adjoint.
+    // δX = δY = δ: the variation is Σ_k Σ_i b_i ((D₋^{2α} X) + (D₊^{2α} Y))_{k,i} δ_{k,i}, by the semigroup
+    // and the adjoint.
     for alpha in [0.25, 0.5, 0.75] {
         for_each_method!(|_family, method| {
             let steps = 12;
@@ -257,8 +259,8 @@ fn pulse(instant: Instant<f64>) -> f64 {
 
 #[test]
 fn the_plate_under_a_pulse_is_met_to_nine_digits_with_600_steps() {
-    // Radau IIA, three stages, degree 3. The jump lies on a grid point, where the last node of the step before sees the pulse and
-    // the first of a Lobatto method does not.
+    // Radau IIA, three stages, degree 3. The jump lies on a grid point, where the last node of the step
+    // before sees the pulse and the first of a Lobatto method does not.
     fn error<const S: usize, const R: usize>(method: &RungeKutta<R>) -> (f64, f64) {
         let motion = linear::<S, R>(method, (1.0, 1.0, 1.0, 1.5), 0.0, pulse, 0.05, 600);
         let rows = reference::read("bagley_torvik_pulse.csv");
@@ -315,10 +317,11 @@ fn orders<const S: usize, const R: usize>(method: &RungeKutta<R>, damping_order:
 
 #[test]
 fn stage_damped_schemes_have_their_orders_on_a_smooth_nonlinear_motion() {
-    // With u the order of the Runge–Kutta method and w its stage order (Radau IIA: 2R − 1 and R; Lobatto IIIC: 2R − 2 and
-    // R − 1) the positions are of order min(u, w + 3 − β) and the momenta of order min(u, w + 2 − β): the quadrature of D^β at the
-    // stages loses β of the order w + 1 of a stage, and each integration over time wins one back. For β = 1 the quadrature is
-    // the Runge–Kutta method itself, which has the order u in both.
+    // With u the order of the Runge–Kutta method and w its stage order (Radau IIA: 2R − 1 and R; Lobatto
+    // IIIC: 2R − 2 and R − 1) the positions are of order min(u, w + 3 − β) and the momenta of order min(u,
+    // w + 2 − β): the quadrature of D^β at the stages loses β of the order w + 1 of a stage, and each
+    // integration over time wins one back. For β = 1 the quadrature is the Runge–Kutta method itself, which
+    // has the order u in both.
     for damping_order in [0.3, 0.5, 1.0, 1.5, 1.9] {
         let check = |name: &str, found: [f64; 2], order: f64, stage_order: f64| {
             let expected = if damping_order == 1.0 {
@@ -328,8 +331,8 @@ fn stage_damped_schemes_have_their_orders_on_a_smooth_nonlinear_motion() {
             };
             for (quantity, (found, expected)) in ["q", "p"].into_iter().zip(found.into_iter().zip(expected)) {
                 let what = format!("{name}, {quantity}, β = {damping_order}: {found:.2} for {expected:.2}");
-                // Two parts of the error, of nearly the same order and of opposite sign, cancel at some step sizes: what is seen
-                // there is above or below.
+                // Two parts of the error, of nearly the same order and of opposite sign, cancel at some step
+                // sizes: what is seen there is above or below.
                 let allowed = match (name, quantity) {
                     ("Lobatto 3", "p") | ("Lobatto 4", "q") if damping_order < 1.0 => 0.9,
                     _ => 0.3,
@@ -346,8 +349,8 @@ fn stage_damped_schemes_have_their_orders_on_a_smooth_nonlinear_motion() {
     }
 }
 
-/// Largest stable step of q̈ + q + 2 D^β q = 0, if there is any, and the sizes that the motion reaches with steps that are a little
-/// shorter (900 of them) and longer (250).
+/// Largest stable step of q̈ + q + 2 D^β q = 0, if there is any, and the sizes that the motion reaches with
+/// steps that are a little shorter (900 of them) and longer (250).
 fn limit<const S: usize, const R: usize>(
     method: &RungeKutta<R>,
     damping_order: f64,

@@ -1,5 +1,5 @@
-//! Coherence of discrete embeddings: the direct embedding of the Euler–Lagrange equation against the gradient of the
-//! discrete functional (\[BCGI\] Propositions 1, 3 and 5).
+//! Coherence of discrete embeddings: the direct embedding of the Euler–Lagrange equation against the gradient
+//! of the discrete functional (\[BCGI\] Propositions 1, 3 and 5).
 
 use fvi_host::lab::two_point::{
     ExpressionLagrangian, Functional, Grid, OperatorEquation, Product, Sigma, Term, asymmetric_embedding,
@@ -115,7 +115,8 @@ proptest! {
 
 #[test]
 fn the_symmetric_classical_embedding_is_not_coherent() {
-    // L = ½v² − ½x²: the equations −δ²Q − Q of both, but with x taken at k by the gradient and at k ± 1 by the embedding.
+    // L = ½v² − ½x²: the equations −δ²Q − Q of both, but with x taken at k by the gradient and at k ± 1 by
+    // the embedding.
     let oscillator = lagrangian("0.5*v0^2 - 0.5*x0^2", 1);
     let grid = Grid::new(0.0, 2.0, 20).unwrap();
     let positions: Vec<f64> = (0..=20).map(|k| grid.time(k).sin()).collect();

@@ -1,5 +1,5 @@
-//! Discrete extremals: closed forms, agreement of the solvers, minima, and iterations that stay bounded as the grid
-//! grows.
+//! Discrete extremals: closed forms, agreement of the solvers, minima, and iterations that stay bounded as
+//! the grid grows.
 
 use fvi_core::{BdfOrder, ConvolutionWeights};
 use fvi_host::lab::two_point::{
@@ -65,8 +65,8 @@ fn the_path_of_least_fractional_speed_is_the_discrete_closed_form() {
 
 #[test]
 fn the_path_of_least_fractional_speed_converges_with_order_2_alpha_minus_1() {
-    // The solution behaves like (1 − t)^(2α−1) near the end. Measured at 1024 to 8192 steps: 0.15 (falling slowly towards
-    // 0.1) for α = 0.55, 0.50 for 0.75, 0.80 for 0.9.
+    // The solution behaves like (1 − t)^(2α−1) near the end. Measured at 1024 to 8192 steps: 0.15 (falling
+    // slowly towards 0.1) for α = 0.55, 0.50 for 0.75, 0.80 for 0.9.
     let free = lagrangian("0.5*v0^2", 1);
     let table = reference::read("extremal_least_fractional_speed.csv");
     for (alpha, low, high) in [(0.55, 0.1, 0.16), (0.75, 0.49, 0.52), (0.9, 0.78, 0.86)] {
@@ -93,8 +93,8 @@ fn the_path_of_least_fractional_speed_converges_with_order_2_alpha_minus_1() {
 
 #[test]
 fn the_power_law_converges_with_order_one() {
-    // Grünwald–Letnikov is of first order. For α = 0.55 the order climbs from 0.95 towards 1; for α = 1 and b = 2 the error of
-    // the one-sided difference is constant and the end points remove it.
+    // Grünwald–Letnikov is of first order. For α = 0.55 the order climbs from 0.95 towards 1; for α = 1 and
+    // b = 2 the error of the one-sided difference is constant and the end points remove it.
     let power = 2.0;
     for (alpha, low, high) in [(0.55, 0.93, 1.0), (0.75, 0.96, 1.0), (0.9, 0.97, 1.01)] {
         let factor = libm::tgamma(power + 1.0) / libm::tgamma(power + 1.0 - alpha);
@@ -120,8 +120,8 @@ fn the_power_law_converges_with_order_one() {
 
 #[test]
 fn order_one_gives_the_classical_boundary_value_problem() {
-    // (Q_{k+1} − 2Q_k + Q_{k−1})/h² + Q_k = 0 has the solution sin(kθ)/sin(Nθ) with 2 − 2 cos θ = h². The functional is
-    // indefinite here (the interval is longer than π).
+    // (Q_{k+1} − 2Q_k + Q_{k−1})/h² + Q_k = 0 has the solution sin(kθ)/sin(Nθ) with 2 − 2 cos θ = h². The
+    // functional is indefinite here (the interval is longer than π).
     let oscillator = Closures::new(
         1,
         |_t, x: &[f64], v: &[f64]| 0.5 * (v[0] * v[0] - x[0] * x[0]),
@@ -224,7 +224,8 @@ fn iterations_do_not_grow_with_the_grid() {
     }
 }
 
-/// Two coordinates, nonlinear, with a factor: (1 + x0²)·ẍ0 + d/dt(x0 − x1) + x1 = 0, ẍ1 + cos(t)·ẋ0 + sinh(x1) = 0.
+/// Two coordinates, nonlinear, with a factor: (1 + x0²)·ẍ0 + d/dt(x0 − x1) + x1 = 0,
+/// ẍ1 + cos(t)·ẋ0 + sinh(x1) = 0.
 fn coupled_equation() -> OperatorEquation {
     let symbols = Symbols::new().with_time().with_variables(OperatorEquation::variables(2));
     let parse = |text: &str| Expression::parse(text, &symbols).unwrap();

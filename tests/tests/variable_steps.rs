@@ -1,5 +1,5 @@
-//! The memory of steps of any length: against Runge–Kutta convolution quadrature on equal steps, and by the laws that
-//! its operators obey on any grid.
+//! The memory of steps of any length: against Runge–Kutta convolution quadrature on equal steps, and by the
+//! laws that its operators obey on any grid.
 
 use fvi_core::{Memory, Real, RungeKutta, VariableStepMemory};
 use fvi_fft::Vectorised;
@@ -134,8 +134,8 @@ fn operators_compose_on_any_grid() {
     assert_composition(&RungeKutta::<3>::lobatto_iiic().unwrap());
 }
 
-/// The same operator by the plain trapezoidal rule in ln λ, three times as fine and far beyond both ends, with resolvents by
-/// elimination: nothing in common with the table and the rational functions of the memory.
+/// The same operator by the plain trapezoidal rule in ln λ, three times as fine and far beyond both ends,
+/// with resolvents by elimination: nothing in common with the table and the rational functions of the memory.
 fn dense<const R: usize>(
     method: &RungeKutta<R>,
     exponent: f64,
@@ -198,7 +198,8 @@ fn random_steps_agree_with_a_dense_quadrature() {
     }
 }
 
-/// I^μ w backwards in time, by the method that is adjoint to `method` and the plain trapezoidal rule in ln λ: A⁺ = B⁻¹AᵀB, B = diag(b).
+/// I^μ w backwards in time, by the method that is adjoint to `method` and the plain trapezoidal rule in ln λ:
+/// A⁺ = B⁻¹AᵀB, B = diag(b).
 fn advanced_integral<const R: usize>(
     method: &RungeKutta<R>,
     mu: f64,

@@ -8,7 +8,8 @@ use fvi_tests::reference;
 /// one of the product.
 const RELATIVE_ERROR: f64 = 4e-16;
 
-/// The nearest `f64` to the exponent 0.7 of the reference values lies this far below it; the other exponents are exact.
+/// The nearest `f64` to the exponent 0.7 of the reference values lies this far below it; the other exponents
+/// are exact.
 const EXPONENT_ROUNDING: f64 = 4.5e-17;
 
 #[test]

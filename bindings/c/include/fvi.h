@@ -25,7 +25,8 @@
 #define FVI_SHORT_MEMORY 1
 
 /*
- Kind of memory: a head of weights and a sum of decaying exponentials. No ring, the same cost at every step.
+ Kind of memory: a head of weights and a sum of decaying exponentials. No ring, the same cost at every
+ step.
  */
 #define FVI_EXPONENTIAL_SUM 2
 
@@ -36,7 +37,8 @@
 #define FVI_ON_INCREMENTS 256
 
 /*
- Start: nothing is subtracted; the operator of Riemann–Liouville type. Fractional integrals are of this type.
+ Start: nothing is subtracted; the operator of Riemann–Liouville type. Fractional integrals are of this
+ type.
  */
 #define FVI_RIEMANN_LIOUVILLE 0
 
@@ -46,7 +48,8 @@
 #define FVI_CAPUTO 1
 
 /*
- Start: the first sample and `rise` per step are subtracted; the Caputo derivative of an order between 1 and 2.
+ Start: the first sample and `rise` per step are subtracted; the Caputo derivative of an order between 1
+ and 2.
  */
 #define FVI_CAPUTO_WITH_RISE 2
 
@@ -86,8 +89,8 @@
 #define FVI_STEPPER_WORDS_6 154
 
 /*
- What a call returns. Anything but FVI_STATUS_OK means that the call has changed nothing; only a call that sets up an object
- with an exponential sum may have emptied its buffer.
+ What a call returns. Anything but FVI_STATUS_OK means that the call has changed nothing; only a call that
+ sets up an object with an exponential sum may have emptied its buffer.
  */
 typedef enum FviStatus {
   /*
@@ -159,16 +162,19 @@ typedef struct FviOperator {
 /*
  A memory: which, for which kernel, and on which buffer.
 
- Tables and buffer stay in use until the last call on the object that was set up with them; the buffer must belong
- to that object alone. The kernel is `scale` times the table. A new object has an empty memory, whatever the buffer held.
+ Tables and buffer stay in use until the last call on the object that was set up with them; the buffer must
+ belong to that object alone. The kernel is `scale` times the table. A new object has an empty memory,
+ whatever the buffer held.
  */
 typedef struct FviMemory {
   /*
-   FVI_FULL_MEMORY, FVI_SHORT_MEMORY or FVI_EXPONENTIAL_SUM; with FVI_ON_INCREMENTS for weights on increments.
+   FVI_FULL_MEMORY, FVI_SHORT_MEMORY or FVI_EXPONENTIAL_SUM; with FVI_ON_INCREMENTS for weights on
+   increments.
    */
   uint32_t kind;
   /*
-   Factor of all weights: 1 for weights that hold the step size, h^(-exponent) for a table made for h = 1.
+   Factor of all weights: 1 for weights that hold the step size, h^(-exponent) for a table made for
+   h = 1.
    */
   float scale;
   /*
@@ -176,11 +182,13 @@ typedef struct FviMemory {
    */
   const float *weights;
   /*
-   Number of weights, at least 1; at least 2 for an exponential sum. Lags beyond a ring's weights count as zero.
+   Number of weights, at least 1; at least 2 for an exponential sum. Lags beyond a ring's weights count
+   as zero.
    */
   size_t weight_count;
   /*
-   Exponential sum: the exponentials in blocks of four, four decays and four coefficients each. Rings ignore this and the next three.
+   Exponential sum: the exponentials in blocks of four, four decays and four coefficients each. Rings
+   ignore this and the next three.
    */
   const float *exponentials;
   /*
@@ -231,10 +239,12 @@ typedef void (*FviHessian)(void *context, const float *position, float *hessian)
 typedef void (*FviForce)(void *context, float time, const float *position, float *force);
 
 /*
- A system M q̈ + ∇U(q) + ρ D^β q = F(t, q) + u and how it is integrated: the low-order fractional variational integrator.
+ A system M q̈ + ∇U(q) + ρ D^β q = F(t, q) + u and how it is integrated: the low-order fractional
+ variational integrator.
 
- The number of coordinates n is that of the function that sets it up. Matrices are n×n numbers row by row. Everything but the tables and buffer of the memory and what `context` points to
- may go once the stepper is set up.
+ The number of coordinates n is that of the function that sets it up. Matrices are n×n numbers row by row.
+ Everything but the tables and buffer of the memory and what `context` points to may go once the stepper is
+ set up.
  */
 typedef struct FviSystem {
   /*
@@ -360,8 +370,9 @@ const char *fvi_status_text(int32_t status);
 /*
  Sets up an operator on an empty memory.
 
- `start` is FVI_RIEMANN_LIOUVILLE, FVI_CAPUTO or FVI_CAPUTO_WITH_RISE; `rise` is the initial slope times the step size, for the last only.
- Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE, FVI_STATUS_OUT_OF_RANGE or FVI_STATUS_WRONG_SIZE if something is wrong with a pointer, a number or a size.
+ `start` is FVI_RIEMANN_LIOUVILLE, FVI_CAPUTO or FVI_CAPUTO_WITH_RISE; `rise` is the initial slope times
+ the step size, for the last only. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE,
+ FVI_STATUS_OUT_OF_RANGE or FVI_STATUS_WRONG_SIZE if something is wrong with a pointer, a number or a size.
 
  # Safety
  `operation` must be writable, `memory` as its type describes.
@@ -374,14 +385,13 @@ enum FviStatus fvi_operator_init(struct FviOperator *operation,
 /*
  Takes a sample and writes the value of the operator to `result`.
 
- Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_NOT_FINITE or FVI_STATUS_MEMORY_FULL; then neither operator nor `result` has changed.
+ Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_NOT_FINITE or
+ FVI_STATUS_MEMORY_FULL; then neither operator nor `result` has changed.
 
  # Safety
  `operation` must be zeroed or set up, `result` writable.
  */
-enum FviStatus fvi_operator_push(struct FviOperator *operation,
-                                 float sample,
-                                 float *result);
+enum FviStatus fvi_operator_push(struct FviOperator *operation, float sample, float *result);
 
 /*
  Forgets all samples.
@@ -396,18 +406,15 @@ enum FviStatus fvi_operator_clear(struct FviOperator *operation);
 /*
  Writes the convolution-quadrature weights w_0 … w_{count−1} of D^exponent for a step size.
 
- `order` is that of the backward differentiation formula, 1…6; −1 < exponent < 2; negative for fractional integrals. The weights hold the
- step size: the scale of the memory is 1. Computed in double precision, in software on parts that have none.
- Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE or FVI_STATUS_OUT_OF_RANGE.
+ `order` is that of the backward differentiation formula, 1…6; −1 < exponent < 2; negative for fractional
+ integrals. The weights hold the step size: the scale of the memory is 1. Computed in double precision, in
+ software on parts that have none. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE or
+ FVI_STATUS_OUT_OF_RANGE.
 
  # Safety
  `weights` must be writable for `count` numbers.
  */
-enum FviStatus fvi_weights_bdf(uint32_t order,
-                               double exponent,
-                               double step_size,
-                               float *weights,
-                               size_t count);
+enum FviStatus fvi_weights_bdf(uint32_t order, double exponent, double step_size, float *weights, size_t count);
 
 /*
  Writes the weights of the same operator for memories on increments (FVI_ON_INCREMENTS): w_0, w_0 + w_1, …
@@ -426,8 +433,9 @@ enum FviStatus fvi_increment_weights_bdf(uint32_t order,
 /*
  Sets up a stepper for one coordinate at t = 0 in `storage` and writes its address to `stepper`.
 
- Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE, FVI_STATUS_OUT_OF_RANGE, FVI_STATUS_WRONG_SIZE, FVI_STATUS_NOT_SYMMETRIC or
- FVI_STATUS_NOT_POSITIVE; then neither `storage` nor `stepper` has changed.
+ Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE, FVI_STATUS_OUT_OF_RANGE,
+ FVI_STATUS_WRONG_SIZE, FVI_STATUS_NOT_SYMMETRIC or FVI_STATUS_NOT_POSITIVE; then neither `storage` nor
+ `stepper` has changed.
 
  # Safety
  `storage` and `stepper` must be writable, `system` as its type describes.
@@ -497,11 +505,11 @@ enum FviStatus fvi_stepper_init_6(struct FviStepper6 *storage,
                                   struct FviStepper **stepper);
 
 /*
- Sets up a stepper for one coordinate at t = 0 in `storage` and writes its address to `stepper`; the fractional force acts at
- κ q_k + (1−κ) q_{k+1}, where the potential does, instead of the end of the step.
+ Sets up a stepper for one coordinate at t = 0 in `storage` and writes its address to `stepper`; the
+ fractional force acts at κ q_k + (1−κ) q_{k+1}, where the potential does, instead of the end of the step.
 
- With κ = ½ the momentum is of order 2 too, and with weights of order 1 or 2 every step size is stable. The memory takes a sample a step and none at t = 0.
- Returns what fvi_stepper_init_1 returns.
+ With κ = ½ the momentum is of order 2 too, and with weights of order 1 or 2 every step size is stable. The
+ memory takes a sample a step and none at t = 0. Returns what fvi_stepper_init_1 returns.
 
  # Safety
  `storage` and `stepper` must be writable, `system` as its type describes.
@@ -511,7 +519,8 @@ enum FviStatus fvi_stepper_init_at_node_1(struct FviStepper1 *storage,
                                           struct FviStepper **stepper);
 
 /*
- Sets up a stepper for two coordinates at t = 0 in `storage` and writes its address to `stepper`, damped as with fvi_stepper_init_at_node_1.
+ Sets up a stepper for two coordinates at t = 0 in `storage` and writes its address to `stepper`, damped as
+ with fvi_stepper_init_at_node_1.
 
  Returns what fvi_stepper_init_1 returns.
 
@@ -523,7 +532,8 @@ enum FviStatus fvi_stepper_init_at_node_2(struct FviStepper2 *storage,
                                           struct FviStepper **stepper);
 
 /*
- Sets up a stepper for three coordinates at t = 0 in `storage` and writes its address to `stepper`, damped as with fvi_stepper_init_at_node_1.
+ Sets up a stepper for three coordinates at t = 0 in `storage` and writes its address to `stepper`, damped
+ as with fvi_stepper_init_at_node_1.
 
  Returns what fvi_stepper_init_1 returns.
 
@@ -535,7 +545,8 @@ enum FviStatus fvi_stepper_init_at_node_3(struct FviStepper3 *storage,
                                           struct FviStepper **stepper);
 
 /*
- Sets up a stepper for four coordinates at t = 0 in `storage` and writes its address to `stepper`, damped as with fvi_stepper_init_at_node_1.
+ Sets up a stepper for four coordinates at t = 0 in `storage` and writes its address to `stepper`, damped
+ as with fvi_stepper_init_at_node_1.
 
  Returns what fvi_stepper_init_1 returns.
 
@@ -547,7 +558,8 @@ enum FviStatus fvi_stepper_init_at_node_4(struct FviStepper4 *storage,
                                           struct FviStepper **stepper);
 
 /*
- Sets up a stepper for five coordinates at t = 0 in `storage` and writes its address to `stepper`, damped as with fvi_stepper_init_at_node_1.
+ Sets up a stepper for five coordinates at t = 0 in `storage` and writes its address to `stepper`, damped
+ as with fvi_stepper_init_at_node_1.
 
  Returns what fvi_stepper_init_1 returns.
 
@@ -559,7 +571,8 @@ enum FviStatus fvi_stepper_init_at_node_5(struct FviStepper5 *storage,
                                           struct FviStepper **stepper);
 
 /*
- Sets up a stepper for six coordinates at t = 0 in `storage` and writes its address to `stepper`, damped as with fvi_stepper_init_at_node_1.
+ Sets up a stepper for six coordinates at t = 0 in `storage` and writes its address to `stepper`, damped as
+ with fvi_stepper_init_at_node_1.
 
  Returns what fvi_stepper_init_1 returns.
 
@@ -573,15 +586,15 @@ enum FviStatus fvi_stepper_init_at_node_6(struct FviStepper6 *storage,
 /*
  Makes one step with the input u, n numbers held over the step, or NULL for none.
 
- Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_NOT_FINITE, FVI_STATUS_MEMORY_FULL, FVI_STATUS_NOT_CONVERGED
- or FVI_STATUS_SINGULAR; then the stepper is as it was, and the step may be tried again.
+ Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_NOT_FINITE,
+ FVI_STATUS_MEMORY_FULL, FVI_STATUS_NOT_CONVERGED or FVI_STATUS_SINGULAR; then the stepper is as it was,
+ and the step may be tried again.
 
  # Safety
- `stepper` must come from fvi_stepper_init_n or point to zeroed storage, `input` be NULL or hold n numbers. The callbacks must
- not call this function on the same stepper.
+ `stepper` must come from fvi_stepper_init_n or point to zeroed storage, `input` be NULL or hold n numbers.
+ The callbacks must not call this function on the same stepper.
  */
-enum FviStatus fvi_stepper_step(struct FviStepper *stepper,
-                                const float *input);
+enum FviStatus fvi_stepper_step(struct FviStepper *stepper, const float *input);
 
 /*
  Writes position and momentum, n numbers each, and the number of steps made; each pointer may be NULL.
@@ -594,64 +607,61 @@ enum FviStatus fvi_stepper_step(struct FviStepper *stepper,
 enum FviStatus fvi_stepper_state(const struct FviStepper *stepper, float *position, float *momentum, uint64_t *steps);
 
 /*
- Saves an operator: writes what it remembers to `bytes` and the number of bytes to `written`. With a capacity of 0 it only says how many
- it would take at present; rings take more as they fill.
+ Saves an operator: writes what it remembers to `bytes` and the number of bytes to `written`. With a
+ capacity of 0 it only says how many it would take at present; rings take more as they fill.
 
- The bytes are the same on every machine. Nothing guards against bits that change while they are stored; where that can happen,
- keep a checksum beside them. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE, or
- FVI_STATUS_WRONG_SIZE if the capacity is too small; then nothing is written.
+ The bytes are the same on every machine. Nothing guards against bits that change while they are stored;
+ where that can happen, keep a checksum beside them. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED,
+ FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE, or FVI_STATUS_WRONG_SIZE if the capacity is too
+ small; then nothing is written.
 
  # Safety
  `operation` must be zeroed or set up, `capacity` bytes and `written` writable.
  */
-enum FviStatus fvi_operator_save(const struct FviOperator *operation,
-                                 uint8_t *bytes,
-                                 size_t capacity,
-                                 size_t *written);
+enum FviStatus fvi_operator_save(const struct FviOperator *operation, uint8_t *bytes, size_t capacity, size_t *written);
 
 /*
- Restores what fvi_operator_save wrote, into an operator that was set up with the same memory and start: it goes on with the same bits.
- Of the `count` bytes those behind the state are ignored.
+ Restores what fvi_operator_save wrote, into an operator that was set up with the same memory and start: it
+ goes on with the same bits. Of the `count` bytes those behind the state are ignored.
 
- Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE, or FVI_STATUS_WRONG_STATE if the bytes are not the
- state of such an operator; then it is as it was.
+ Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE, or
+ FVI_STATUS_WRONG_STATE if the bytes are not the state of such an operator; then it is as it was.
 
  # Safety
  `operation` must be zeroed or set up, `count` bytes readable.
  */
-enum FviStatus fvi_operator_restore(struct FviOperator *operation,
-                                    const uint8_t *bytes,
-                                    size_t count);
+enum FviStatus fvi_operator_restore(struct FviOperator *operation, const uint8_t *bytes, size_t count);
 
 /*
- Saves a stepper for one coordinate: writes step, position, momentum and what its memory holds to `bytes`, and the number of bytes to `written`.
- With a capacity of 0 it only says how many it would take at present; rings take more as they fill.
+ Saves a stepper for one coordinate: writes step, position, momentum and what its memory holds to `bytes`,
+ and the number of bytes to `written`. With a capacity of 0 it only says how many it would take at present;
+ rings take more as they fill.
 
- The bytes are the same on every machine. Nothing guards against bits that change while they are stored; where that can happen,
- keep a checksum beside them. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE, or
- FVI_STATUS_WRONG_SIZE if the capacity is too small or the stepper has another number of coordinates; then nothing is written.
+ The bytes are the same on every machine. Nothing guards against bits that change while they are stored;
+ where that can happen, keep a checksum beside them. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED,
+ FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE, or FVI_STATUS_WRONG_SIZE if the capacity is too small
+ or the stepper has another number of coordinates; then nothing is written.
 
  # Safety
- `stepper` must come from fvi_stepper_init_n or fvi_stepper_init_at_node_n or point to zeroed storage, `capacity` bytes and `written` be writable.
+ `stepper` must come from fvi_stepper_init_n or fvi_stepper_init_at_node_n or point to zeroed storage,
+ `capacity` bytes and `written` be writable.
  */
-enum FviStatus fvi_stepper_save_1(const struct FviStepper *stepper,
-                                  uint8_t *bytes,
-                                  size_t capacity,
-                                  size_t *written);
+enum FviStatus fvi_stepper_save_1(const struct FviStepper *stepper, uint8_t *bytes, size_t capacity, size_t *written);
 
 /*
- Restores what fvi_stepper_save_1 wrote, into a stepper that was set up alike: it goes on with the same bits. System, scheme and
- damping order are not compared. Of the `count` bytes those behind the state are ignored.
+ Restores what fvi_stepper_save_1 wrote, into a stepper that was set up alike: it goes on with the same
+ bits. System, scheme and damping order are not compared. Of the `count` bytes those behind the state are
+ ignored.
 
- Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE, FVI_STATUS_WRONG_SIZE if the stepper has another
- number of coordinates, or FVI_STATUS_WRONG_STATE if the bytes are not the state of such a stepper; then it is as it was.
+ Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE,
+ FVI_STATUS_WRONG_SIZE if the stepper has another number of coordinates, or FVI_STATUS_WRONG_STATE if the
+ bytes are not the state of such a stepper; then it is as it was.
 
  # Safety
- `stepper` must come from fvi_stepper_init_n or fvi_stepper_init_at_node_n or point to zeroed storage, `count` bytes be readable.
+ `stepper` must come from fvi_stepper_init_n or fvi_stepper_init_at_node_n or point to zeroed storage,
+ `count` bytes be readable.
  */
-enum FviStatus fvi_stepper_restore_1(struct FviStepper *stepper,
-                                     const uint8_t *bytes,
-                                     size_t count);
+enum FviStatus fvi_stepper_restore_1(struct FviStepper *stepper, const uint8_t *bytes, size_t count);
 
 /*
  Saves a stepper for two coordinates, as fvi_stepper_save_1 does for one.

@@ -1,7 +1,8 @@
 //! C interface of fvi-core: fractional operators on a stream and a stepper for fractionally damped systems.
 //!
-//! All state is the caller's, of a size known at compile time; nothing is allocated, nothing unwinds, and every call
-//! that can be wrong returns a status and leaves the state as it was. The header `fvi.h` is generated from this crate.
+//! All state is the caller's, of a size known at compile time; nothing is allocated, nothing unwinds, and
+//! every call that can be wrong returns a status and leaves the state as it was. The header `fvi.h` is
+//! generated from this crate.
 #![no_std]
 
 mod memory;
@@ -21,7 +22,8 @@ pub use status::*;
 pub use stepper::*;
 pub use weights::*;
 
-/// Calls a function that does not exist: a program that could panic does not link. No call can, in an optimised build.
+/// Calls a function that does not exist: a program that could panic does not link. No call can, in an
+/// optimised build.
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
     unsafe extern "C" {

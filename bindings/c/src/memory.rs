@@ -15,7 +15,8 @@ use crate::status::FviStatus;
 pub const FVI_FULL_MEMORY: u32 = 0;
 /// Kind of memory: a ring that drops the oldest sample. The sum then lacks its far end.
 pub const FVI_SHORT_MEMORY: u32 = 1;
-/// Kind of memory: a head of weights and a sum of decaying exponentials. No ring, the same cost at every step.
+/// Kind of memory: a head of weights and a sum of decaying exponentials. No ring, the same cost at every
+/// step.
 pub const FVI_EXPONENTIAL_SUM: u32 = 2;
 
 /// Added to the kind of a memory: its weights are for increments, sums w_0 + … + w_n of those for values
@@ -24,20 +25,25 @@ pub const FVI_ON_INCREMENTS: u32 = 0x100;
 
 /// A memory: which, for which kernel, and on which buffer.
 ///
-/// Tables and buffer stay in use until the last call on the object that was set up with them; the buffer must belong
-/// to that object alone. The kernel is `scale` times the table. A new object has an empty memory, whatever the buffer held.
+/// Tables and buffer stay in use until the last call on the object that was set up with them; the buffer must
+/// belong to that object alone. The kernel is `scale` times the table. A new object has an empty memory,
+/// whatever the buffer held.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct FviMemory {
-    /// FVI_FULL_MEMORY, FVI_SHORT_MEMORY or FVI_EXPONENTIAL_SUM; with FVI_ON_INCREMENTS for weights on increments.
+    /// FVI_FULL_MEMORY, FVI_SHORT_MEMORY or FVI_EXPONENTIAL_SUM; with FVI_ON_INCREMENTS for weights on
+    /// increments.
     pub kind: u32,
-    /// Factor of all weights: 1 for weights that hold the step size, h^(-exponent) for a table made for h = 1.
+    /// Factor of all weights: 1 for weights that hold the step size, h^(-exponent) for a table made for
+    /// h = 1.
     pub scale: f32,
     /// Weights w_0, w_1, … of a ring; the head of an exponential sum.
     pub weights: *const f32,
-    /// Number of weights, at least 1; at least 2 for an exponential sum. Lags beyond a ring's weights count as zero.
+    /// Number of weights, at least 1; at least 2 for an exponential sum. Lags beyond a ring's weights count
+    /// as zero.
     pub weight_count: usize,
-    /// Exponential sum: the exponentials in blocks of four, four decays and four coefficients each. Rings ignore this and the next three.
+    /// Exponential sum: the exponentials in blocks of four, four decays and four coefficients each. Rings
+    /// ignore this and the next three.
     pub exponentials: *const f32,
     /// Exponential sum: how many numbers those are.
     pub exponential_count: usize,

@@ -7,11 +7,13 @@ use crate::pointer::{check, reference};
 use crate::status::{FviStatus, status};
 use crate::stored::{Kept, keep, kept, words};
 
-/// Start: nothing is subtracted; the operator of Riemann–Liouville type. Fractional integrals are of this type.
+/// Start: nothing is subtracted; the operator of Riemann–Liouville type. Fractional integrals are of this
+/// type.
 pub const FVI_RIEMANN_LIOUVILLE: u32 = 0;
 /// Start: the first sample is subtracted; the Caputo derivative of an order up to 1.
 pub const FVI_CAPUTO: u32 = 1;
-/// Start: the first sample and `rise` per step are subtracted; the Caputo derivative of an order between 1 and 2.
+/// Start: the first sample and `rise` per step are subtracted; the Caputo derivative of an order between 1
+/// and 2.
 pub const FVI_CAPUTO_WITH_RISE: u32 = 2;
 
 /// Words of an operator.
@@ -37,8 +39,9 @@ const _: () = assert!(words::<Operator>() <= FVI_OPERATOR_WORDS);
 
 /// Sets up an operator on an empty memory.
 ///
-/// `start` is FVI_RIEMANN_LIOUVILLE, FVI_CAPUTO or FVI_CAPUTO_WITH_RISE; `rise` is the initial slope times the step size, for the last only.
-/// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE, FVI_STATUS_OUT_OF_RANGE or FVI_STATUS_WRONG_SIZE if something is wrong with a pointer, a number or a size.
+/// `start` is FVI_RIEMANN_LIOUVILLE, FVI_CAPUTO or FVI_CAPUTO_WITH_RISE; `rise` is the initial slope times
+/// the step size, for the last only. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE,
+/// FVI_STATUS_OUT_OF_RANGE or FVI_STATUS_WRONG_SIZE if something is wrong with a pointer, a number or a size.
 ///
 /// # Safety
 /// `operation` must be writable, `memory` as its type describes.
@@ -67,7 +70,8 @@ pub unsafe extern "C" fn fvi_operator_init(
 
 /// Takes a sample and writes the value of the operator to `result`.
 ///
-/// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_NOT_FINITE or FVI_STATUS_MEMORY_FULL; then neither operator nor `result` has changed.
+/// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_NOT_FINITE or
+/// FVI_STATUS_MEMORY_FULL; then neither operator nor `result` has changed.
 ///
 /// # Safety
 /// `operation` must be zeroed or set up, `result` writable.

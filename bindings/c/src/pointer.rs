@@ -24,7 +24,8 @@ fn check_size<T>(count: usize) -> Result<(), FviStatus> {
 /// The object behind the pointer.
 ///
 /// # Safety
-/// If the pointer is not NULL and aligned, it must point to an initialised `T` that nobody changes during `'a`.
+/// If the pointer is not NULL and aligned, it must point to an initialised `T` that nobody changes during
+/// `'a`.
 pub(crate) unsafe fn reference<'a, T>(pointer: *const T) -> Result<&'a T, FviStatus> {
     check(pointer)?;
     // SAFETY: not NULL, aligned; the rest is the caller's promise.
@@ -34,7 +35,8 @@ pub(crate) unsafe fn reference<'a, T>(pointer: *const T) -> Result<&'a T, FviSta
 /// `count` numbers to read; none need no pointer.
 ///
 /// # Safety
-/// If the pointer is not NULL and aligned, `count` initialised numbers must lie there that nobody changes during `'a`.
+/// If the pointer is not NULL and aligned, `count` initialised numbers must lie there that nobody changes
+/// during `'a`.
 pub(crate) unsafe fn slice<'a, T>(pointer: *const T, count: usize) -> Result<&'a [T], FviStatus> {
     if count == 0 {
         return Ok(&[]);
@@ -48,7 +50,8 @@ pub(crate) unsafe fn slice<'a, T>(pointer: *const T, count: usize) -> Result<&'a
 /// `count` numbers to read and write.
 ///
 /// # Safety
-/// If the pointer is not NULL and aligned, `count` initialised numbers must lie there that nobody else uses during `'a`.
+/// If the pointer is not NULL and aligned, `count` initialised numbers must lie there that nobody else uses
+/// during `'a`.
 pub(crate) unsafe fn slice_mut<'a, T>(pointer: *mut T, count: usize) -> Result<&'a mut [T], FviStatus> {
     if count == 0 {
         return Ok(&mut []);

@@ -53,12 +53,13 @@ unsafe fn give(
     Ok(restore(&mut StateReader::new(bytes))?)
 }
 
-/// Saves an operator: writes what it remembers to `bytes` and the number of bytes to `written`. With a capacity of 0 it only says how many
-/// it would take at present; rings take more as they fill.
+/// Saves an operator: writes what it remembers to `bytes` and the number of bytes to `written`. With a
+/// capacity of 0 it only says how many it would take at present; rings take more as they fill.
 ///
-/// The bytes are the same on every machine. Nothing guards against bits that change while they are stored; where that can happen,
-/// keep a checksum beside them. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE, or
-/// FVI_STATUS_WRONG_SIZE if the capacity is too small; then nothing is written.
+/// The bytes are the same on every machine. Nothing guards against bits that change while they are stored;
+/// where that can happen, keep a checksum beside them. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED,
+/// FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE, or FVI_STATUS_WRONG_SIZE if the capacity is too
+/// small; then nothing is written.
 ///
 /// # Safety
 /// `operation` must be zeroed or set up, `capacity` bytes and `written` writable.
@@ -79,11 +80,11 @@ pub unsafe extern "C" fn fvi_operator_save(
     })())
 }
 
-/// Restores what fvi_operator_save wrote, into an operator that was set up with the same memory and start: it goes on with the same bits.
-/// Of the `count` bytes those behind the state are ignored.
+/// Restores what fvi_operator_save wrote, into an operator that was set up with the same memory and start: it
+/// goes on with the same bits. Of the `count` bytes those behind the state are ignored.
 ///
-/// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE, or FVI_STATUS_WRONG_STATE if the bytes are not the
-/// state of such an operator; then it is as it was.
+/// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE, or
+/// FVI_STATUS_WRONG_STATE if the bytes are not the state of such an operator; then it is as it was.
 ///
 /// # Safety
 /// `operation` must be zeroed or set up, `count` bytes readable.
@@ -117,7 +118,8 @@ unsafe fn save<const N: usize>(stepper: *const FviStepper, place: Place) -> Resu
         unsafe { place.take(stepper.state_bytes(), |to| stepper.save(to)) }
     }
     let storage = stepper.cast_mut().cast::<u64>();
-    // SAFETY: set up or zeroed, as promised; every `Machine` begins with its calls, and these say which it is.
+    // SAFETY: set up or zeroed, as promised; every `Machine` begins with its calls, and these say which it
+    // is.
     unsafe {
         match kept::<Calls>(storage)?.kind {
             kind if kind == N as i32 => of::<N, AtMainNodes>(storage, place),
@@ -147,7 +149,8 @@ unsafe fn restore<const N: usize>(
         unsafe { give(bytes, count, |from| stepper.restore(from)) }
     }
     let storage = stepper.cast::<u64>();
-    // SAFETY: set up or zeroed, as promised; every `Machine` begins with its calls, and these say which it is.
+    // SAFETY: set up or zeroed, as promised; every `Machine` begins with its calls, and these say which it
+    // is.
     unsafe {
         match kept::<Calls>(storage)?.kind {
             kind if kind == N as i32 => of::<N, AtMainNodes>(storage, bytes, count),
@@ -157,15 +160,18 @@ unsafe fn restore<const N: usize>(
     }
 }
 
-/// Saves a stepper for one coordinate: writes step, position, momentum and what its memory holds to `bytes`, and the number of bytes to `written`.
-/// With a capacity of 0 it only says how many it would take at present; rings take more as they fill.
+/// Saves a stepper for one coordinate: writes step, position, momentum and what its memory holds to `bytes`,
+/// and the number of bytes to `written`. With a capacity of 0 it only says how many it would take at present;
+/// rings take more as they fill.
 ///
-/// The bytes are the same on every machine. Nothing guards against bits that change while they are stored; where that can happen,
-/// keep a checksum beside them. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE, or
-/// FVI_STATUS_WRONG_SIZE if the capacity is too small or the stepper has another number of coordinates; then nothing is written.
+/// The bytes are the same on every machine. Nothing guards against bits that change while they are stored;
+/// where that can happen, keep a checksum beside them. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED,
+/// FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE, or FVI_STATUS_WRONG_SIZE if the capacity is too small
+/// or the stepper has another number of coordinates; then nothing is written.
 ///
 /// # Safety
-/// `stepper` must come from fvi_stepper_init_n or fvi_stepper_init_at_node_n or point to zeroed storage, `capacity` bytes and `written` be writable.
+/// `stepper` must come from fvi_stepper_init_n or fvi_stepper_init_at_node_n or point to zeroed storage,
+/// `capacity` bytes and `written` be writable.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fvi_stepper_save_1(
     stepper: *const FviStepper,
@@ -177,14 +183,17 @@ pub unsafe extern "C" fn fvi_stepper_save_1(
     status(unsafe { save::<1>(stepper, Place { bytes, capacity, written }) })
 }
 
-/// Restores what fvi_stepper_save_1 wrote, into a stepper that was set up alike: it goes on with the same bits. System, scheme and
-/// damping order are not compared. Of the `count` bytes those behind the state are ignored.
+/// Restores what fvi_stepper_save_1 wrote, into a stepper that was set up alike: it goes on with the same
+/// bits. System, scheme and damping order are not compared. Of the `count` bytes those behind the state are
+/// ignored.
 ///
-/// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE, FVI_STATUS_WRONG_SIZE if the stepper has another
-/// number of coordinates, or FVI_STATUS_WRONG_STATE if the bytes are not the state of such a stepper; then it is as it was.
+/// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE,
+/// FVI_STATUS_WRONG_SIZE if the stepper has another number of coordinates, or FVI_STATUS_WRONG_STATE if the
+/// bytes are not the state of such a stepper; then it is as it was.
 ///
 /// # Safety
-/// `stepper` must come from fvi_stepper_init_n or fvi_stepper_init_at_node_n or point to zeroed storage, `count` bytes be readable.
+/// `stepper` must come from fvi_stepper_init_n or fvi_stepper_init_at_node_n or point to zeroed storage,
+/// `count` bytes be readable.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fvi_stepper_restore_1(
     stepper: *mut FviStepper,

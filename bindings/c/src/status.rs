@@ -7,8 +7,8 @@ use fvi_core::{
     StateError, StepError,
 };
 
-/// What a call returns. Anything but FVI_STATUS_OK means that the call has changed nothing; only a call that sets up an object
-/// with an exponential sum may have emptied its buffer.
+/// What a call returns. Anything but FVI_STATUS_OK means that the call has changed nothing; only a call that
+/// sets up an object with an exponential sum may have emptied its buffer.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FviStatus {

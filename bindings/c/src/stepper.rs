@@ -37,10 +37,12 @@ pub type FviHessian =
 pub type FviForce =
     Option<unsafe extern "C" fn(context: *mut c_void, time: f32, position: *const f32, force: *mut f32)>;
 
-/// A system M q̈ + ∇U(q) + ρ D^β q = F(t, q) + u and how it is integrated: the low-order fractional variational integrator.
+/// A system M q̈ + ∇U(q) + ρ D^β q = F(t, q) + u and how it is integrated: the low-order fractional
+/// variational integrator.
 ///
-/// The number of coordinates n is that of the function that sets it up. Matrices are n×n numbers row by row. Everything but the tables and buffer of the memory and what `context` points to
-/// may go once the stepper is set up.
+/// The number of coordinates n is that of the function that sets it up. Matrices are n×n numbers row by row.
+/// Everything but the tables and buffer of the memory and what `context` points to may go once the stepper is
+/// set up.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct FviSystem {
@@ -186,7 +188,8 @@ pub(crate) type AtMainNodes = Galerkin<f32, 1, 1>;
 /// The same, damped at its node.
 pub(crate) type AtNode = NodeGalerkin<f32, 1, 1>;
 
-/// What there is to call, whatever the number of coordinates: so a program links only the steppers that it sets up.
+/// What there is to call, whatever the number of coordinates: so a program links only the steppers that it
+/// sets up.
 #[derive(Clone, Copy)]
 pub(crate) struct Calls {
     /// Number of coordinates, negative where the damping is at the node.
@@ -195,7 +198,8 @@ pub(crate) struct Calls {
     state: unsafe fn(*mut u64, *mut f32, *mut f32, *mut u64) -> Result<(), FviStatus>,
 }
 
-/// A stepper as it lies in its storage. It begins with the calls, so that they can be found without knowing N.
+/// A stepper as it lies in its storage. It begins with the calls, so that they can be found without knowing
+/// N.
 #[repr(C)]
 pub(crate) struct Machine<const N: usize, S: Scheme<f32, Fixed<N>>> {
     calls: Calls,
@@ -344,8 +348,9 @@ const _: () = {
 
 /// Sets up a stepper for one coordinate at t = 0 in `storage` and writes its address to `stepper`.
 ///
-/// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE, FVI_STATUS_OUT_OF_RANGE, FVI_STATUS_WRONG_SIZE, FVI_STATUS_NOT_SYMMETRIC or
-/// FVI_STATUS_NOT_POSITIVE; then neither `storage` nor `stepper` has changed.
+/// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE, FVI_STATUS_OUT_OF_RANGE,
+/// FVI_STATUS_WRONG_SIZE, FVI_STATUS_NOT_SYMMETRIC or FVI_STATUS_NOT_POSITIVE; then neither `storage` nor
+/// `stepper` has changed.
 ///
 /// # Safety
 /// `storage` and `stepper` must be writable, `system` as its type describes.
@@ -439,11 +444,11 @@ pub unsafe extern "C" fn fvi_stepper_init_6(
     status(unsafe { init::<6, AtMainNodes>(6, storage.cast(), system, stepper, |scheme| scheme) })
 }
 
-/// Sets up a stepper for one coordinate at t = 0 in `storage` and writes its address to `stepper`; the fractional force acts at
-/// κ q_k + (1−κ) q_{k+1}, where the potential does, instead of the end of the step.
+/// Sets up a stepper for one coordinate at t = 0 in `storage` and writes its address to `stepper`; the
+/// fractional force acts at κ q_k + (1−κ) q_{k+1}, where the potential does, instead of the end of the step.
 ///
-/// With κ = ½ the momentum is of order 2 too, and with weights of order 1 or 2 every step size is stable. The memory takes a sample a step and none at t = 0.
-/// Returns what fvi_stepper_init_1 returns.
+/// With κ = ½ the momentum is of order 2 too, and with weights of order 1 or 2 every step size is stable. The
+/// memory takes a sample a step and none at t = 0. Returns what fvi_stepper_init_1 returns.
 ///
 /// # Safety
 /// `storage` and `stepper` must be writable, `system` as its type describes.
@@ -457,7 +462,8 @@ pub unsafe extern "C" fn fvi_stepper_init_at_node_1(
     status(unsafe { init::<1, AtNode>(-1, storage.cast(), system, stepper, NodeGalerkin::new) })
 }
 
-/// Sets up a stepper for two coordinates at t = 0 in `storage` and writes its address to `stepper`, damped as with fvi_stepper_init_at_node_1.
+/// Sets up a stepper for two coordinates at t = 0 in `storage` and writes its address to `stepper`, damped as
+/// with fvi_stepper_init_at_node_1.
 ///
 /// Returns what fvi_stepper_init_1 returns.
 ///
@@ -473,7 +479,8 @@ pub unsafe extern "C" fn fvi_stepper_init_at_node_2(
     status(unsafe { init::<2, AtNode>(-2, storage.cast(), system, stepper, NodeGalerkin::new) })
 }
 
-/// Sets up a stepper for three coordinates at t = 0 in `storage` and writes its address to `stepper`, damped as with fvi_stepper_init_at_node_1.
+/// Sets up a stepper for three coordinates at t = 0 in `storage` and writes its address to `stepper`, damped
+/// as with fvi_stepper_init_at_node_1.
 ///
 /// Returns what fvi_stepper_init_1 returns.
 ///
@@ -489,7 +496,8 @@ pub unsafe extern "C" fn fvi_stepper_init_at_node_3(
     status(unsafe { init::<3, AtNode>(-3, storage.cast(), system, stepper, NodeGalerkin::new) })
 }
 
-/// Sets up a stepper for four coordinates at t = 0 in `storage` and writes its address to `stepper`, damped as with fvi_stepper_init_at_node_1.
+/// Sets up a stepper for four coordinates at t = 0 in `storage` and writes its address to `stepper`, damped
+/// as with fvi_stepper_init_at_node_1.
 ///
 /// Returns what fvi_stepper_init_1 returns.
 ///
@@ -505,7 +513,8 @@ pub unsafe extern "C" fn fvi_stepper_init_at_node_4(
     status(unsafe { init::<4, AtNode>(-4, storage.cast(), system, stepper, NodeGalerkin::new) })
 }
 
-/// Sets up a stepper for five coordinates at t = 0 in `storage` and writes its address to `stepper`, damped as with fvi_stepper_init_at_node_1.
+/// Sets up a stepper for five coordinates at t = 0 in `storage` and writes its address to `stepper`, damped
+/// as with fvi_stepper_init_at_node_1.
 ///
 /// Returns what fvi_stepper_init_1 returns.
 ///
@@ -521,7 +530,8 @@ pub unsafe extern "C" fn fvi_stepper_init_at_node_5(
     status(unsafe { init::<5, AtNode>(-5, storage.cast(), system, stepper, NodeGalerkin::new) })
 }
 
-/// Sets up a stepper for six coordinates at t = 0 in `storage` and writes its address to `stepper`, damped as with fvi_stepper_init_at_node_1.
+/// Sets up a stepper for six coordinates at t = 0 in `storage` and writes its address to `stepper`, damped as
+/// with fvi_stepper_init_at_node_1.
 ///
 /// Returns what fvi_stepper_init_1 returns.
 ///
@@ -539,12 +549,13 @@ pub unsafe extern "C" fn fvi_stepper_init_at_node_6(
 
 /// Makes one step with the input u, n numbers held over the step, or NULL for none.
 ///
-/// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_NOT_FINITE, FVI_STATUS_MEMORY_FULL, FVI_STATUS_NOT_CONVERGED
-/// or FVI_STATUS_SINGULAR; then the stepper is as it was, and the step may be tried again.
+/// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_NOT_FINITE,
+/// FVI_STATUS_MEMORY_FULL, FVI_STATUS_NOT_CONVERGED or FVI_STATUS_SINGULAR; then the stepper is as it was,
+/// and the step may be tried again.
 ///
 /// # Safety
-/// `stepper` must come from fvi_stepper_init_n or point to zeroed storage, `input` be NULL or hold n numbers. The callbacks must
-/// not call this function on the same stepper.
+/// `stepper` must come from fvi_stepper_init_n or point to zeroed storage, `input` be NULL or hold n numbers.
+/// The callbacks must not call this function on the same stepper.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fvi_stepper_step(stepper: *mut FviStepper, input: *const f32) -> FviStatus {
     status((|| {

@@ -39,8 +39,9 @@ pub(crate) unsafe fn keep<V: Kept>(storage: *mut u64, value: V) -> Result<(), Fv
 /// The value in the storage.
 ///
 /// # Safety
-/// If the pointer is not NULL and aligned, an initialised word must lie there; if it is the tag of `V`, then [`keep`] must have put
-/// a `V`, or something that begins with one, there, and nobody else may use the storage during `'a`.
+/// If the pointer is not NULL and aligned, an initialised word must lie there; if it is the tag of `V`, then
+/// [`keep`] must have put a `V`, or something that begins with one, there, and nobody else may use the
+/// storage during `'a`.
 pub(crate) unsafe fn kept<'a, V: Kept>(storage: *mut u64) -> Result<&'a mut V, FviStatus> {
     check(storage)?;
     // SAFETY: not NULL, aligned; initialised as promised.

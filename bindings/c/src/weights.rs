@@ -7,9 +7,10 @@ use crate::status::{FviStatus, status};
 
 /// Writes the convolution-quadrature weights w_0 … w_{count−1} of D^exponent for a step size.
 ///
-/// `order` is that of the backward differentiation formula, 1…6; −1 < exponent < 2; negative for fractional integrals. The weights hold the
-/// step size: the scale of the memory is 1. Computed in double precision, in software on parts that have none.
-/// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE or FVI_STATUS_OUT_OF_RANGE.
+/// `order` is that of the backward differentiation formula, 1…6; −1 < exponent < 2; negative for fractional
+/// integrals. The weights hold the step size: the scale of the memory is 1. Computed in double precision, in
+/// software on parts that have none. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE or
+/// FVI_STATUS_OUT_OF_RANGE.
 ///
 /// # Safety
 /// `weights` must be writable for `count` numbers.

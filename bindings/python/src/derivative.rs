@@ -8,7 +8,8 @@ use crate::weights::convolution;
 use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-/// Σ_{n=0}^{k} w_n x_{k−n} down every column of an array of finite numbers, by the memory that fits its length.
+/// Σ_{n=0}^{k} w_n x_{k−n} down every column of an array of finite numbers, by the memory that fits its
+/// length.
 #[pyfunction]
 pub(crate) fn derivative<'py>(
     py: Python<'py>,

@@ -11,8 +11,8 @@ use std::path::PathBuf;
 pub(crate) enum Source {
     /// A file.
     File(PathBuf),
-    /// The contents of one, with the name it has in titles, the directory in which files it names are sought, and those of
-    /// them that are at hand.
+    /// The contents of one, with the name it has in titles, the directory in which files it names are sought,
+    /// and those of them that are at hand.
     Keys { name: String, directory: PathBuf, keys: Tree, attached: Vec<(String, Vec<u8>)> },
 }
 
@@ -94,8 +94,8 @@ impl Tree {
 }
 
 impl Tree {
-    /// The document that says the same, its keys in their order: a sweep goes through its axes in it. (The serialiser of the TOML
-    /// library puts tables behind all other values.)
+    /// The document that says the same, its keys in their order: a sweep goes through its axes in it. (The
+    /// serialiser of the TOML library puts tables behind all other values.)
     fn to_toml(&self) -> String {
         let mut text = String::new();
         if let Self::Table(entries) = self {

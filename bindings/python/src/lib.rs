@@ -1,6 +1,7 @@
 //! The compiled half of the Python package `fvi`: what crosses from Rust to Python and back.
 //!
-//! Python code in `python/fvi` checks arguments and shapes results; this module hands them to fvi-host. No panic leaves it.
+//! Python code in `python/fvi` checks arguments and shapes results; this module hands them to fvi-host. No
+//! panic leaves it.
 
 mod derivative;
 mod documents;

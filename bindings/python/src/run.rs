@@ -26,7 +26,8 @@ type Motion<'py> = (
     String,
 );
 
-/// Runs a scenario and keeps the rows that `fvi run` would write, for each load case; one motion without cases.
+/// Runs a scenario and keeps the rows that `fvi run` would write, for each load case; one motion without
+/// cases.
 #[pyfunction]
 #[pyo3(signature = (source, *, engine = None, precision = "f64", progress = None, terms = None, cases = false))]
 pub(crate) fn run<'py>(
@@ -42,7 +43,8 @@ pub(crate) fn run<'py>(
     let precision = self::precision(precision)?;
     let read = || if cases { read_cases(&source, engine) } else { read(&source, engine) };
     let (names, motions, raised) = match terms {
-        // Code of the caller's is called several times a step: the interpreter hands over between its instructions anyway.
+        // Code of the caller's is called several times a step: the interpreter hands over between its
+        // instructions anyway.
         Some(callables) => {
             let slot = ErrorSlot::default();
             guarded(|| {
@@ -62,8 +64,8 @@ pub(crate) fn run<'py>(
     Ok((motions.collect::<PyResult<_>>()?, raised))
 }
 
-/// Runs a scenario as `fvi run` does, into a directory, with NumPy arrays and checkpoints; returns the summary as JSON, and the
-/// exception that stopped it, if one did.
+/// Runs a scenario as `fvi run` does, into a directory, with NumPy arrays and checkpoints; returns the
+/// summary as JSON, and the exception that stopped it, if one did.
 #[pyfunction]
 #[pyo3(signature = (source, directory, *, engine = None, precision = "f64", progress = None, checkpoint_every = None,
                     resume = false, accept_other_machine = false))]

@@ -19,7 +19,8 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Names and texts of sweep and scenario, the directory of the latter, and the files that they name, as Python sends them to other processes.
+/// Names and texts of sweep and scenario, the directory of the latter, and the files that they name, as
+/// Python sends them to other processes.
 type PartsInPython = ((String, String), (String, String), String, Vec<(String, Py<PyBytes>)>);
 
 /// A sweep that has been read and checked.

@@ -127,7 +127,8 @@ impl PythonTerms {
         self.call(Which::Force, Some(time), position, self.size);
     }
 
-    /// Differences of what `look` leaves in `answer`, one coordinate at a time, added to `stiffness` with a sign.
+    /// Differences of what `look` leaves in `answer`, one coordinate at a time, added to `stiffness` with a
+    /// sign.
     fn add_differences(
         &mut self,
         position: &[f64],
@@ -228,7 +229,8 @@ impl OwnTerms for PythonTerms {
 
 /// The `count` numbers that a function has returned.
 fn numbers(name: &str, returned: &Bound<'_, PyAny>, count: usize, to: &mut Vec<f64>) -> PyResult<()> {
-    // What functions return as a rule is read without a call back to NumPy, which costs as much as a short function.
+    // What functions return as a rule is read without a call back to NumPy, which costs as much as a short
+    // function.
     if count == 1
         && let Ok(number) = returned.cast::<PyFloat>()
     {

@@ -8,7 +8,8 @@ const LOOK: Duration = Duration::from_millis(20);
 /// Between two calls of the progress function.
 const REPORT: Duration = Duration::from_millis(100);
 
-/// Looks at signals every now and then, tells the caller how far the work is, and keeps the exception that either raises.
+/// Looks at signals every now and then, tells the caller how far the work is, and keeps the exception that
+/// either raises.
 pub(crate) struct Watch {
     progress: Option<Py<PyAny>>,
     raised: Option<PyErr>,
@@ -25,7 +26,8 @@ impl Watch {
         Self { progress, raised: None, looked: now, reported: now, left: 1, stride: 1 }
     }
 
-    /// Hears that `done` of `all` pieces of work are done (`None`: nobody knows of how many); whether to go on.
+    /// Hears that `done` of `all` pieces of work are done (`None`: nobody knows of how many); whether to go
+    /// on.
     pub(crate) fn tick(&mut self, done: usize, all: impl Into<Option<usize>>) -> bool {
         let all = all.into();
         self.left = self.left.saturating_sub(1);
@@ -33,7 +35,8 @@ impl Watch {
         if self.left > 0 && !last {
             return true;
         }
-        // So many pieces at a time that the clock is read about once in a few milliseconds, however long a piece takes.
+        // So many pieces at a time that the clock is read about once in a few milliseconds, however long a
+        // piece takes.
         let since = self.looked.elapsed();
         self.stride =
             if since < LOOK / 8 { (2 * self.stride).min(1 << 20) } else { (self.stride / 2).max(1) };
@@ -44,7 +47,8 @@ impl Watch {
         self.look(done, all)
     }
 
-    /// The same for work whose pieces may take long, and which calls again meanwhile: the clock is read at every call.
+    /// The same for work whose pieces may take long, and which calls again meanwhile: the clock is read at
+    /// every call.
     pub(crate) fn hear(&mut self, done: usize, all: usize) -> bool {
         if self.looked.elapsed() < LOOK && done < all {
             self.raised.is_none()

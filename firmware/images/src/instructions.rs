@@ -1,4 +1,5 @@
-//! Instructions counted by SysTick, which QEMU's `-icount` drives: 1.6 ticks of 25 MHz per instruction of 64 ns.
+//! Instructions counted by SysTick, which QEMU's `-icount` drives: 1.6 ticks of 25 MHz per instruction of 64
+//! ns.
 
 use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;

@@ -1,4 +1,5 @@
-//! Stack use by painting: what lies below the stack pointer is filled with a pattern, and later searched for what is left.
+//! Stack use by painting: what lies below the stack pointer is filled with a pattern, and later searched for
+//! what is left.
 
 use cortex_m::register::msp;
 

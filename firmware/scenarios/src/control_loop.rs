@@ -5,8 +5,8 @@
 //! controller   u = 60 e + 20 I^{0.8} e + 12 D^{0.6} e ,     e = r − q
 //! ```
 //!
-//! at h = 1 ms; the reference r changes between 1 and −1 every 1.6384 s. The plant is the low-order integrator with the input held over each
-//! step, the controller two streaming operators.
+//! at h = 1 ms; the reference r changes between 1 and −1 every 1.6384 s. The plant is the low-order
+//! integrator with the input held over each step, the controller two streaming operators.
 
 use core::fmt;
 

@@ -1,12 +1,14 @@
-//! The plant and the controller of [`control_loop`](crate::control_loop) on a clock whose ticks come up to a fifth early or late.
+//! The plant and the controller of [`control_loop`](crate::control_loop) on a clock whose ticks come up to a
+//! fifth early or late.
 //!
 //! ```text
 //! plant        q̈ + D^{0.5} q + 4 q = u ,     q(0) = q̇(0) = 0
 //! controller   u = 60 e + 20 I^{0.8} e + 12 D^{0.6} e ,     e = r − q
 //! ```
 //!
-//! with intervals of 10 ms on average, measured by a timer; the reference r changes between 1 and −1 about every 1.6 s. Plant and operators take the
-//! interval as it is: collocation by the implicit Euler method, and memories for steps of any length.
+//! with intervals of 10 ms on average, measured by a timer; the reference r changes between 1 and −1 about
+//! every 1.6 s. Plant and operators take the interval as it is: collocation by the implicit Euler method, and
+//! memories for steps of any length.
 
 use core::fmt;
 
@@ -150,7 +152,8 @@ impl Jitter {
         INTERVAL * (0.8 + 0.4 * (self.clock >> 8) as f32 / (1 << 24) as f32)
     }
 
-    /// One tick: read the position, compute the input, let the plant make a step with it as long as the interval.
+    /// One tick: read the position, compute the input, let the plant make a step with it as long as the
+    /// interval.
     ///
     /// # Errors
     /// What an operator or a step refuses; with these numbers, nothing.

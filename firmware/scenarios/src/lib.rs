@@ -1,4 +1,5 @@
-//! What the images compute, and their twins on the host from the same source: the two must agree in every bit.
+//! What the images compute, and their twins on the host from the same source: the two must agree in every
+//! bit.
 #![no_std]
 #![forbid(unsafe_code)]
 

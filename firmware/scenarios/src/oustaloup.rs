@@ -25,7 +25,8 @@ struct Section<T> {
 }
 
 impl<T: Real, const S: usize> Oustaloup<T, S> {
-    /// The filter for the exponent β, the band from `low` to `high` in radians per second, and the step size h.
+    /// The filter for the exponent β, the band from `low` to `high` in radians per second, and the step size
+    /// h.
     pub fn new(exponent: f64, low: f64, high: f64, step_size: f64) -> Self {
         let mut sections = [Section::default(); S];
         for (k, section) in sections.iter_mut().enumerate() {

@@ -53,10 +53,12 @@ fn pulse<T: Real>(instant: Instant<T>) -> SVector<T, 1> {
     SVector::from([if on { T::of(8.0) } else { T::zero() }])
 }
 
-/// Runs the scenario and writes `k q_k p_k`, k = 0 … [`STEPS`], the numbers as the hexadecimal digits of their bits.
+/// Runs the scenario and writes `k q_k p_k`, k = 0 … [`STEPS`], the numbers as the hexadecimal digits of
+/// their bits.
 ///
 /// # Errors
-/// What a constructor, a step or `out` refuses; with the numbers of this scenario, the first two refuse nothing.
+/// What a constructor, a step or `out` refuses; with the numbers of this scenario, the first two refuse
+/// nothing.
 pub fn run<T: Tabulated>(out: &mut impl fmt::Write) -> Result<(), Refusal> {
     let scale = T::of(leading_bdf_weight(BdfOrder::GRUNWALD_LETNIKOV, DAMPING_ORDER, STEP_SIZE)?);
     let memory =

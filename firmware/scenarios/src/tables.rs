@@ -1,8 +1,9 @@
-//! Tables of exponentials for the memories of the control loops: weights of D^exponent at h = 1 ms for 10⁸ steps, and rates for steps from
-//! 7.9 ms on up to 2000 s.
+//! Tables of exponentials for the memories of the control loops: weights of D^exponent at h = 1 ms for 10⁸
+//! steps, and rates for steps from 7.9 ms on up to 2000 s.
 //!
-//! The files are what `fvi exponentials --exponent … --step 0.001 --horizon 1e8 --tolerance 1e-7 --format rust --precision f32` and
-//! `fvi rates --stages 1 --exponent … --shortest 0.0079 --horizon 2000 --tolerance 1e-7 --format rust --precision f32` print.
+//! The files are what `fvi exponentials --exponent … --step 0.001 --horizon 1e8 --tolerance 1e-7 --format
+//! rust --precision f32` and `fvi rates --stages 1 --exponent … --shortest 0.0079 --horizon 2000 --tolerance
+//! 1e-7 --format rust --precision f32` print.
 
 /// Exponent 0.5.
 #[rustfmt::skip]

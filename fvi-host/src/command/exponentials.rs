@@ -14,7 +14,8 @@ pub struct ExponentialsArguments {
     /// Order p of the backward differentiation formula, 1 to 6
     #[arg(long, default_value_t = 1)]
     order: usize,
-    /// Exponent of the operator in (−1, 2): positive for derivatives (the damping order), negative for integrals
+    /// Exponent of the operator in (−1, 2): positive for derivatives (the damping order), negative for
+    /// integrals
     #[arg(long, allow_negative_numbers = true)]
     exponent: f64,
     /// Step size h

@@ -83,8 +83,8 @@ pub(super) fn write_weights(
     out.write_all(end.as_bytes())
 }
 
-/// Writes matrix weights W₀, W₁, … of R stages, given plane by plane: entry (i, j) of W_n at (i·R + j)·count + n, as
-/// constants keep them.
+/// Writes matrix weights W₀, W₁, … of R stages, given plane by plane: entry (i, j) of W_n at
+/// (i·R + j)·count + n, as constants keep them.
 pub(super) fn write_matrix_weights(
     out: &mut dyn Write,
     planes: &[f64],
@@ -106,8 +106,8 @@ pub(super) fn write_matrix_weights(
     Ok(())
 }
 
-/// Refuses a table with a number that is not finite in the precision it is listed in, or that vanishes there though it
-/// is not zero.
+/// Refuses a table with a number that is not finite in the precision it is listed in, or that vanishes there
+/// though it is not zero.
 pub(super) fn check_exponentials(
     kernel: &ExponentialKernel,
     step: f64,
@@ -164,7 +164,7 @@ fn exponentials_rust<T: Real + LowerExp>(kernel: &ExponentialKernel, origin: &st
     let table = kernel.table::<T>();
     format!(
         "/// {origin}: {} weights, then {} exponentials; tolerance {:e}.\n\
-         ///\n/// `fvi_core::ExponentialSum` takes it, with `TABLE.state_len(channels)` numbers of state.\n\
+         /// \n/// `fvi_core::ExponentialSum` takes it, with `TABLE.state_len(channels)` numbers of state.\n\
          pub const TABLE: fvi_core::ExponentialTable<&[{scalar}]> = fvi_core::ExponentialTable {{\n    \
          stages: 1,\n    head: &[\n{}    ],\n    exponentials: &[\n{}    ],\n    slow_blocks: {},\n    horizon: {},\n}};\n",
         kernel.head().len(),
@@ -199,7 +199,8 @@ fn exponentials_c<T: Real + LowerExp>(kernel: &ExponentialKernel, origin: &str, 
     )
 }
 
-/// A table for steps of any length: rates λ and coefficients c of s^−μ ≈ Σ c/(s + λ), μ = ⌈exponent⌉ − exponent.
+/// A table for steps of any length: rates λ and coefficients c of s^−μ ≈ Σ c/(s + λ),
+/// μ = ⌈exponent⌉ − exponent.
 pub(super) fn rates_csv<T: Real + LowerExp>(table: &RateTable<&[T]>, origin: &str, tolerance: f64) -> String {
     let comments = format!(
         "# {origin}\n# shortest step = {:e}\n# horizon = {:e}\n# tolerance = {tolerance:e}\nrate,coefficient\n",
@@ -220,7 +221,8 @@ pub(super) fn rates_rust<T: Real + LowerExp>(
 ) -> String {
     format!(
         "/// {origin}: {} rates for steps from {:e} on and times up to {:e}; tolerance {tolerance:e}.\n\
-         ///\n/// `fvi_core::VariableStepMemory` takes it, with `TABLE.state_len(coordinates, stages)` numbers of state.\n\
+         /// \n/// `fvi_core::VariableStepMemory` takes it, with `TABLE.state_len(coordinates, stages)`
+         /// numbers of state.\n\
          pub const TABLE: fvi_core::RateTable<&[{scalar}]> = fvi_core::RateTable {{\n    exponent: {:?},\n    \
          leading: &[\n{}    ],\n    rates: &[\n{}    ],\n    coefficients: &[\n{}    ],\n    shortest: {:?},\n    \
          horizon: {:?},\n}};\n",

@@ -18,7 +18,8 @@ pub(super) struct Progress {
 const MOST_UPDATES: usize = 4096;
 
 impl Progress {
-    /// For `all` pieces of work, called `unit` in the plural; nothing is shown if `quiet` or not on a terminal.
+    /// For `all` pieces of work, called `unit` in the plural; nothing is shown if `quiet` or not on a
+    /// terminal.
     pub(super) fn new(all: usize, unit: &'static str, quiet: bool) -> Self {
         Self::of(Some(all), unit, quiet)
     }

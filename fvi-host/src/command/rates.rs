@@ -16,7 +16,8 @@ pub struct RatesArguments {
     /// Stages of the method: 1 to 3 (radau-iia), 2 to 4 (lobatto-iiic)
     #[arg(long)]
     stages: usize,
-    /// Exponent of the operator in (−1, 2): positive for derivatives (the damping order), negative for integrals
+    /// Exponent of the operator in (−1, 2): positive for derivatives (the damping order), negative for
+    /// integrals
     #[arg(long, allow_negative_numbers = true)]
     exponent: f64,
     /// The shortest step that will be made

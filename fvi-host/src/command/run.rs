@@ -36,7 +36,8 @@ pub struct RunArguments {
     /// Go on from the checkpoint in the run's directory, or begin if there is none
     #[arg(long)]
     resume: bool,
-    /// How often a checkpoint is written: a number of steps, a duration such as 30s or 10min, or never (default: 60s)
+    /// How often a checkpoint is written: a number of steps, a duration such as 30s or 10min, or never
+    /// (default: 60s)
     #[arg(long, value_name = "STEPS|DURATION")]
     checkpoint_every: Option<CheckpointEvery>,
     /// Go on from a checkpoint of another machine or version, although the last bits may differ

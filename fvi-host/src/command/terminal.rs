@@ -4,7 +4,8 @@ use super::CommandError;
 use crate::language::visible::visible;
 use std::io::{self, ErrorKind, Write};
 
-/// Writes to standard output. A reader that has gone, as in `fvi weights … | head`, is no error; a full device is.
+/// Writes to standard output. A reader that has gone, as in `fvi weights … | head`, is no error; a full
+/// device is.
 pub(super) fn output(content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), CommandError> {
     let mut output = io::BufWriter::new(io::stdout().lock());
     let written = content(&mut output).and_then(|()| output.flush());

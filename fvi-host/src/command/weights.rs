@@ -16,16 +16,19 @@ pub struct WeightsArguments {
     /// Order p of the backward differentiation formula, 1 to 6
     #[arg(long, default_value_t = 1)]
     order: usize,
-    /// Stages of the Runge–Kutta method: 1 to 3 (radau-iia), 2 to 4 (lobatto-iiic); the weights are matrices then
+    /// Stages of the Runge–Kutta method: 1 to 3 (radau-iia), 2 to 4 (lobatto-iiic); the weights are matrices
+    /// then
     #[arg(long)]
     stages: Option<usize>,
-    /// Exponent of the operator in (−1, 2): positive for derivatives (the damping order), negative for integrals
+    /// Exponent of the operator in (−1, 2): positive for derivatives (the damping order), negative for
+    /// integrals
     #[arg(long, allow_negative_numbers = true)]
     exponent: f64,
     /// Step size h
     #[arg(long, default_value_t = 1.0)]
     step: f64,
-    /// Weights for memories on differences, on increments (bdf) or rises (others), which lose less to rounding
+    /// Weights for memories on differences, on increments (bdf) or rises (others), which lose less to
+    /// rounding
     #[arg(long)]
     increments: bool,
     /// How many weights

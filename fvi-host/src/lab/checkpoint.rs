@@ -1,9 +1,10 @@
 //! Checkpoints: a run that was killed or stopped, or has ended, goes on as if there had been no interruption.
 //!
-//! A generation is two files in the run's directory, `checkpoint.fvi` with the state and `checkpoint.pictures.fvi` with the traces that
-//! the pictures are drawn from; the generation before is kept as `checkpoint.previous.fvi` and `checkpoint.previous.pictures.fvi`. They are
-//! files of checksummed sections. Both are written beside their places and flushed to the disk before they are renamed, so
-//! that whatever happens one whole generation is there.
+//! A generation is two files in the run's directory, `checkpoint.fvi` with the state and
+//! `checkpoint.pictures.fvi` with the traces that the pictures are drawn from; the generation before is kept
+//! as `checkpoint.previous.fvi` and `checkpoint.previous.pictures.fvi`. They are files of checksummed
+//! sections. Both are written beside their places and flushed to the disk before they are renamed, so that
+//! whatever happens one whole generation is there.
 
 mod identity;
 mod interval;
@@ -150,7 +151,8 @@ pub(crate) struct Generations {
 }
 
 impl Checkpoint {
-    /// The newest checkpoint of a directory that is whole, with a trajectory that holds its rows; `None` if there never was one.
+    /// The newest checkpoint of a directory that is whole, with a trajectory that holds its rows; `None` if
+    /// there never was one.
     ///
     /// # Errors
     /// [`CheckpointError::Damaged`].
@@ -301,7 +303,8 @@ fn parse_pictures(bytes: &[u8], steps: usize, coordinates: usize) -> Result<Vec<
     if sound { Ok(pictures) } else { Err(Unreadable::Content) }
 }
 
-/// What a fuzzer may throw at the two files: whether they are read. Nothing panics, and nothing takes more memory than they do by far.
+/// What a fuzzer may throw at the two files: whether they are read. Nothing panics, and nothing takes more
+/// memory than they do by far.
 pub fn is_readable(checkpoint: &[u8], pictures: &[u8]) -> bool {
     parse(checkpoint).is_ok_and(|(_, progress, _)| {
         parse_pictures(pictures, progress.steps, progress.largest.position.len()).is_ok()

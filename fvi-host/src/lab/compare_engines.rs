@@ -60,7 +60,8 @@ pub struct EngineMeasurement {
     pub exponent: f64,
     /// Mean time of a step in nanoseconds, from a run that reads no clock in between.
     pub step_mean_ns: f64,
-    /// Times of the single steps in nanoseconds, shortest first; empty for an offline transform, which has no steps.
+    /// Times of the single steps in nanoseconds, shortest first; empty for an offline transform, which has no
+    /// steps.
     pub steps_ns: Vec<f64>,
     /// Bytes of state, tables and buffers.
     pub bytes: usize,
@@ -181,9 +182,10 @@ impl<'a> Contender<'a> {
 impl Comparison {
     /// Measures all contenders and an offline transform; `progress` is told what is under way.
     ///
-    /// For each kernel and length, first every engine runs on a smooth signal with noise, a decaying and a growing one, and a
-    /// constant, and is compared with a sum in twice the precision. Those runs touch all memory. Then the engines are timed
-    /// turn by turn, and the shortest time counts: of whole runs for the mean, of each step for the distribution.
+    /// For each kernel and length, first every engine runs on a smooth signal with noise, a decaying and a
+    /// growing one, and a constant, and is compared with a sum in twice the precision. Those runs touch all
+    /// memory. Then the engines are timed turn by turn, and the shortest time counts: of whole runs for the
+    /// mean, of each step for the distribution.
     ///
     /// # Errors
     /// [`ComparisonError`] if an engine cannot be made or refuses a sample.
@@ -216,8 +218,8 @@ impl Comparison {
 impl Comparison {
     /// Refuses lengths for which the engines, all at once, would not fit into memory.
     fn require_room(&self) -> Result<(), ComparisonError> {
-        // Measured on the engines of the project: 380 bytes a step while they run, with room to spare; and the times
-        // of single steps, which stay.
+        // Measured on the engines of the project: 380 bytes a step while they run, with room to spare; and
+        // the times of single steps, which stay.
         const RUNNING: usize = 640;
         const KEPT: usize = 56;
         let length = self.lengths.iter().copied().max().unwrap_or(0);
@@ -459,8 +461,8 @@ fn same_task(a: &EngineMeasurement, b: &EngineMeasurement) -> bool {
     (a.length, a.order, a.exponent) == (b.length, b.order, b.exponent)
 }
 
-/// Draws, for each kernel, the time per step against the length and, at the greatest length, how many steps take longer
-/// than a time; returns the names of the files.
+/// Draws, for each kernel, the time per step against the length and, at the greatest length, how many steps
+/// take longer than a time; returns the names of the files.
 ///
 /// # Errors
 /// If a picture cannot be drawn or written.

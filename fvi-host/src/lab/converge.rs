@@ -131,8 +131,8 @@ pub(crate) enum Outcome {
     Failed { reason: String },
 }
 
-/// Runs the scenario on every grid and measures the errors against its reference, and against a finer run of the same scheme
-/// for what the reference does not know.
+/// Runs the scenario on every grid and measures the errors against its reference, and against a finer run of
+/// the same scheme for what the reference does not know.
 ///
 /// `progress` hears the number of steps made of all that are to be made.
 ///
@@ -251,7 +251,8 @@ fn known_quantities(scenario: &Scenario) -> [bool; 3] {
     }
 }
 
-/// What is known at a grid point: from the reference where it knows the quantity at all, from the finer run otherwise.
+/// What is known at a grid point: from the reference where it knows the quantity at all, from the finer run
+/// otherwise.
 fn known_at(scenario: &Scenario, index: usize, fine: Option<&GridState>, known: [bool; 3]) -> ReferenceRow {
     let coordinates = scenario.coordinates();
     let nothing = || ReferenceRow {

@@ -1,5 +1,5 @@
-//! Where a motion goes: its trajectory, the traces of its pictures and its snapshots, in a directory of its own where there are load
-//! cases.
+//! Where a motion goes: its trajectory, the traces of its pictures and its snapshots, in a directory of its
+//! own where there are load cases.
 
 use crate::lab::checkpoint::case_directories;
 #[cfg(feature = "pictures")]

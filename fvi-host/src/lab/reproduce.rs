@@ -1,7 +1,8 @@
 //! The figures and tables of the papers, computed again and set beside the printed values.
 //!
-//! An [`Exhibit`] is one figure or table: a name, where it is printed, and the function that computes its [`Findings`].
-//! [`exhibits`] lists them all. [`write()`] turns findings into pictures, CSV files and one page that compares.
+//! An [`Exhibit`] is one figure or table: a name, where it is printed, and the function that computes its
+//! [`Findings`]. [`exhibits`] lists them all. [`write()`] turns findings into pictures, CSV files and one
+//! page that compares.
 
 mod accuracy;
 mod any_length;

@@ -225,10 +225,10 @@ pub enum RunError {
 const SUMMARY: &str = "summary.json";
 /// Runs a scenario and writes its files.
 ///
-/// `stop` ends the run after the steps under way, which are few; `progress` hears the number of steps made, after each.
-/// Nothing is written when the scenario cannot be run. When a step fails or the run is stopped, what was
-/// computed until then is written, and the summary says so. A run with `resume` goes on from the directory's checkpoint
-/// and leaves the same files as one that was never interrupted.
+/// `stop` ends the run after the steps under way, which are few; `progress` hears the number of steps made,
+/// after each. Nothing is written when the scenario cannot be run. When a step fails or the run is stopped,
+/// what was computed until then is written, and the summary says so. A run with `resume` goes on from the
+/// directory's checkpoint and leaves the same files as one that was never interrupted.
 ///
 /// # Errors
 /// [`RunError`]; a step that fails is no error here but an end, see [`RunEnd`].
@@ -384,7 +384,8 @@ fn small_beside_scale(scenario: &Scenario, largest: &Largest) -> Option<String> 
     })
 }
 
-/// Refuses more snapshots than fit into memory, and those of which a run that goes on would have the later ones only.
+/// Refuses more snapshots than fit into memory, and those of which a run that goes on would have the later
+/// ones only.
 fn check_snapshots(scenario: &Scenario, options: &RunOptions) -> Result<(), InputError> {
     let Some(every) = scenario.output.snapshots else { return Ok(()) };
     let steps = scenario.time.steps_known().unwrap_or_default();
@@ -431,7 +432,8 @@ impl<'s> Run<'s> {
     /// The run of one motion at t = 0.
     ///
     /// # Errors
-    /// If the scenario cannot be run, or has load cases: [`Motion`] integrates these together, [`run`] writes them.
+    /// If the scenario cannot be run, or has load cases: [`Motion`] integrates these together, [`run`] writes
+    /// them.
     pub fn start(scenario: &'s Scenario, precision: Precision) -> Result<Self, InputError> {
         Self::sharing(scenario, precision, &Tables::default())
     }
@@ -481,8 +483,8 @@ impl<'s> Run<'s> {
         })
     }
 
-    /// Makes all steps, or those until one fails or `stop` is set and the few under way are made; `take` sees the number of
-    /// steps made and the state after them, from the beginning on.
+    /// Makes all steps, or those until one fails or `stop` is set and the few under way are made; `take` sees
+    /// the number of steps made and the state after them, from the beginning on.
     ///
     /// # Errors
     /// Those of `take`. A step that fails is no error but an end, see [`RunEnd`].
@@ -506,7 +508,8 @@ impl<'s> Run<'s> {
         Ok(self.summary(end))
     }
 
-    /// As [`to_the_end`](Self::to_the_end); `row` sees the rows of the trajectory, those and so much of each as `[output]` says.
+    /// As [`to_the_end`](Self::to_the_end); `row` sees the rows of the trajectory, those and so much of each
+    /// as `[output]` says.
     ///
     /// # Errors
     /// Those of `row`. A step that fails is no error but an end, see [`RunEnd`].
@@ -520,8 +523,8 @@ impl<'s> Run<'s> {
         Ok(self.summary(end))
     }
 
-    /// As [`rows_to_the_end`](Self::rows_to_the_end), for each load case by its index: `row` sees a case's rows in their order.
-    /// The record of each case comes back; without cases that of the one motion.
+    /// As [`rows_to_the_end`](Self::rows_to_the_end), for each load case by its index: `row` sees a case's
+    /// rows in their order. The record of each case comes back; without cases that of the one motion.
     ///
     /// # Errors
     /// Those of `row`.
@@ -618,7 +621,8 @@ impl<'s> Run<'s> {
         }
     }
 
-    /// `most` says after a number of steps how many more may be made together; `take` sees the run when they are.
+    /// `most` says after a number of steps how many more may be made together; `take` sees the run when they
+    /// are.
     fn go<E>(
         &mut self,
         stop: &AtomicBool,
@@ -652,12 +656,14 @@ impl<'s> Run<'s> {
         Ok(RunEnd::Completed)
     }
 
-    /// The states at those of `output.times` that the last step passed, and with such times the one at the event that has ended the run.
+    /// The states at those of `output.times` that the last step passed, and with such times the one at the
+    /// event that has ended the run.
     pub fn rows_between(&self) -> &[GridState] {
         &self.between
     }
 
-    /// Takes in the states of the stretch that was made last, and what lies before them. Where steps are looked into it holds one.
+    /// Takes in the states of the stretch that was made last, and what lies before them. Where steps are
+    /// looked into it holds one.
     fn observe(&mut self) {
         let (scenario, coordinates) = (self.scenario, self.scenario.coordinates());
         let reference = scenario.reference.as_ref();

@@ -1,8 +1,10 @@
-//! Sweeps: one scenario with many values of some of its keys, run on all cores, on several machines, and gone on with at any time.
+//! Sweeps: one scenario with many values of some of its keys, run on all cores, on several machines, and gone
+//! on with at any time.
 //!
-//! Every run has a place of fixed size in a file of records, `sweep.fvi`, or `sweep.shard-1-of-8.fvi` where a part of the runs is made by
-//! another process. Whoever ends a sweep reads the records in the order of the runs, so that the table has the same bytes
-//! however many threads and processes filled them, and however often these were interrupted.
+//! Every run has a place of fixed size in a file of records, `sweep.fvi`, or `sweep.shard-1-of-8.fvi` where a
+//! part of the runs is made by another process. Whoever ends a sweep reads the records in the order of the
+//! runs, so that the table has the same bytes however many threads and processes filled them, and however
+//! often these were interrupted.
 
 mod axis;
 mod elsewhere;
@@ -112,8 +114,8 @@ pub enum SweepError {
 
 /// Makes the runs of a sweep that have not been made yet, and the table once all are there.
 ///
-/// `stop` ends it; what runs then have not ended is made the next time. `progress` hears the number of runs that are done, ten times a
-/// second at least, so that it may look around and set `stop`.
+/// `stop` ends it; what runs then have not ended is made the next time. `progress` hears the number of runs
+/// that are done, ten times a second at least, so that it may look around and set `stop`.
 ///
 /// # Errors
 /// [`SweepError`]; a run that fails is no error but a row.
@@ -183,7 +185,8 @@ pub fn sweep(
     Ok(SweepSummary { runs: sweep.runs(), share, done, failed, files })
 }
 
-/// The rows of the table that are there: the shard's, or with `gathered` all of a directory whose shards are complete.
+/// The rows of the table that are there: the shard's, or with `gathered` all of a directory whose shards are
+/// complete.
 ///
 /// # Errors
 /// As [`gather`].
@@ -213,7 +216,8 @@ fn failures(directory: &Path, identity: &[u8], sweep: &Sweep, shard: Shard) -> R
 /// Joins the shards in a directory to the table.
 ///
 /// # Errors
-/// [`SweepError::Incomplete`] with the shards that are missing, not at their ends, or overlap; and the others.
+/// [`SweepError::Incomplete`] with the shards that are missing, not at their ends, or overlap; and the
+/// others.
 pub fn gather(sweep: &Sweep, options: &SweepOptions) -> Result<SweepSummary, SweepError> {
     let identity = sweep.identity(options.precision);
     let shards = Records::all(&options.directory, &identity, sweep.layout())?;

@@ -1,13 +1,14 @@
 //! Two-point fractional Euler–Lagrange problems and discrete embeddings.
 //!
-//! A Lagrangian L(x, v, t) gives the functional ∫ L(q, −σ D_σ^α q, t) dt over an interval, with q known at both
-//! ends. On the grid t_k = a + k h, k = 0…N, it becomes
+//! A Lagrangian L(x, v, t) gives the functional ∫ L(q, −σ D_σ^α q, t) dt over an interval, with q known at
+//! both ends. On the grid t_k = a + k h, k = 0…N, it becomes
 //!
 //! ```text
 //! L_h^{σ,α}(Q) = h Σ_{k∈I_σ} L(Q_k, V_k, t_k) ,   V = −σ Δ_σ^α Q ,   I₋ = {1…N}, I₊ = {0…N−1}
 //! ```
 //!
-//! and its extremals solve ∂L/∂x − σ Δ_{−σ}^α ∂L/∂v = 0 at k = 1…N−1 (\[BCGI\] Propositions 4 and 5, Theorem 5).
+//! and its extremals solve ∂L/∂x − σ Δ_{−σ}^α ∂L/∂v = 0 at k = 1…N−1 (\[BCGI\] Propositions 4 and 5, Theorem
+//! 5).
 //!
 //! | file | idea |
 //! |---|---|

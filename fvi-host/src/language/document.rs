@@ -61,7 +61,8 @@ impl Document {
         Self { name, directory, text, attached: Vec::new(), kept: None }
     }
 
-    /// A value with the keys of a file, such as a map or a struct of one's own, as the document that says the same.
+    /// A value with the keys of a file, such as a map or a struct of one's own, as the document that says the
+    /// same.
     ///
     /// # Errors
     /// [`Problem::Unreadable`] if the value is no table, or holds what TOML cannot.

@@ -189,7 +189,8 @@ impl<T: Real> Moment<T> {
         Moment { time: self.time.to_f64(), sided: self.sided.to_f64() }
     }
 
-    /// The time at which a force that jumps is to be looked at: within rounding of the time, on the side that is meant.
+    /// The time at which a force that jumps is to be looked at: within rounding of the time, on the side that
+    /// is meant.
     pub fn sided(&self) -> T {
         self.sided
     }

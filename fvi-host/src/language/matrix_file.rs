@@ -40,8 +40,8 @@ pub(crate) fn read(name: &str, bytes: &[u8]) -> Result<FileMatrix, String> {
     Ok(matrix)
 }
 
-/// A vector in a file: its length, and its entries that need not be zero. The length is what the file promises, not what it
-/// holds.
+/// A vector in a file: its length, and its entries that need not be zero. The length is what the file
+/// promises, not what it holds.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct FileVector {
     pub(crate) length: usize,

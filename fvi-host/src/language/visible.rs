@@ -2,8 +2,9 @@
 
 use std::borrow::Cow;
 
-/// The text without characters that steer a terminal: control characters except line feed and tab, and those that turn
-/// the direction of writing. Each becomes one of as many bytes, so that places in the text stay where they are.
+/// The text without characters that steer a terminal: control characters except line feed and tab, and those
+/// that turn the direction of writing. Each becomes one of as many bytes, so that places in the text stay
+/// where they are.
 pub(crate) fn visible(text: &str) -> Cow<'_, str> {
     if !text.chars().any(steers) {
         return Cow::Borrowed(text);

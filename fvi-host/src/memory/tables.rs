@@ -4,7 +4,8 @@ use super::EngineError;
 use std::any::{Any, TypeId};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-/// Tables of exponentials and of matrix weights, shared by the memories of many runs, on any number of threads.
+/// Tables of exponentials and of matrix weights, shared by the memories of many runs, on any number of
+/// threads.
 ///
 /// A search for exponentials takes as long as many thousands of steps, and all runs of a sweep that have the
 /// kernel, the step and the length in common need the same table. The first that asks for it makes it, while

@@ -22,8 +22,8 @@ pub(super) fn solve<T: Real>(matrix: &mut [T], band: usize, vector: &mut [T]) ->
 
 /// [`solve`] for a band of one.
 ///
-/// As long as the pivots are on the diagonal, which they are where it outweighs what is beside it, three numbers go from row to
-/// row; from the first one on that is not, whole rows do.
+/// As long as the pivots are on the diagonal, which they are where it outweighs what is beside it, three
+/// numbers go from row to row; from the first one on that is not, whole rows do.
 fn solve_tridiagonal<T: Real>(matrix: &mut [T], vector: &mut [T]) -> Result<(), Singular> {
     let (n, zero) = (vector.len(), T::zero());
     let (Some(&first), Some(&start)) = (matrix.first(), vector.first()) else { return Ok(()) };
@@ -68,8 +68,8 @@ fn solve_tridiagonal<T: Real>(matrix: &mut [T], vector: &mut [T]) -> Result<(), 
     Ok(())
 }
 
-/// [`solve`] for a band of one from a column on, with the two rows that the elimination of a column changes in registers: the
-/// `row` on the diagonal with its number, and the entry `above` it.
+/// [`solve`] for a band of one from a column on, with the two rows that the elimination of a column changes
+/// in registers: the `row` on the diagonal with its number, and the entry `above` it.
 fn solve_tridiagonal_from<T: Real>(
     matrix: &mut [T],
     vector: &mut [T],
@@ -115,8 +115,8 @@ fn solve_tridiagonal_from<T: Real>(
     Ok(())
 }
 
-/// [`solve`] for a band that the compiler knows: the `ROWS` = band + 1 rows that the elimination of a column changes are
-/// held in a window of `WIDTH` = 2 band + 1 numbers each, which moves down the diagonal.
+/// [`solve`] for a band that the compiler knows: the `ROWS` = band + 1 rows that the elimination of a column
+/// changes are held in a window of `WIDTH` = 2 band + 1 numbers each, which moves down the diagonal.
 fn solve_narrow<T: Real, const ROWS: usize, const WIDTH: usize>(
     matrix: &mut [T],
     vector: &mut [T],
@@ -224,8 +224,8 @@ pub struct BandFactors<T> {
     band: usize,
     /// Entries of a row to the right of the diagonal.
     upper: usize,
-    /// For each column: the pivot's reciprocal, the `band` multipliers of the rows below, the `upper` entries to the right of the
-    /// pivot.
+    /// For each column: the pivot's reciprocal, the `band` multipliers of the rows below, the `upper` entries
+    /// to the right of the pivot.
     columns: Vec<T>,
     /// How many rows below the diagonal each pivot came from; empty where all were on it.
     lifts: Vec<usize>,
@@ -271,7 +271,8 @@ impl<T: Real> BandFactors<T> {
         Ok(Self { band, upper, columns, lifts })
     }
 
-    /// Replaces `vector` by the solution: the bits of [`fvi_core::substitute_kept`] without its operations on zeros.
+    /// Replaces `vector` by the solution: the bits of [`fvi_core::substitute_kept`] without its operations on
+    /// zeros.
     pub(super) fn solve(&self, vector: &mut [T]) {
         if self.band == 1 && self.lifts.is_empty() {
             return self.solve_tridiagonal(vector);

@@ -13,8 +13,9 @@ use fvi_core::{
 /// ρ D^β q = H D^β (G q) ,      ρ = H G
 /// ```
 ///
-/// G picks the coordinates whose rows of ρ are not empty, or is Bᵀ of dampers ρ = B C Bᵀ, one column each. It is linear, so what remembers
-/// G q is a term of its own, with the coefficient 1, in the space of the channels.
+/// G picks the coordinates whose rows of ρ are not empty, or is Bᵀ of dampers ρ = B C Bᵀ, one column each. It
+/// is linear, so what remembers G q is a term of its own, with the coefficient 1, in the space of the
+/// channels.
 pub struct ChannelDamping<T: Real, M> {
     rho: Matrix<T>,
     directions: Directions<T>,
@@ -121,8 +122,8 @@ impl<T: Real> Directions<T> {
 }
 
 impl<T: Real, M: Memory<T>> ChannelDamping<T, M> {
-    /// The term on a memory of the kernel with K channels for each node, and for each motion where `copies` are integrated together;
-    /// ρ, checked before, is positive semidefinite.
+    /// The term on a memory of the kernel with K channels for each node, and for each motion where `copies`
+    /// are integrated together; ρ, checked before, is positive semidefinite.
     ///
     /// # Errors
     /// If the memory is not one of the kernel.

@@ -3,7 +3,8 @@
 use super::tape::{CompiledPotential, LANES, LaneRegisters};
 use crate::language::expression::Elementary;
 
-/// Positions and momenta of many states, every coordinate by itself: the columns of each lie `stride` numbers apart.
+/// Positions and momenta of many states, every coordinate by itself: the columns of each lie `stride` numbers
+/// apart.
 #[derive(Clone, Copy, Debug)]
 pub struct States<'a> {
     /// q.
@@ -21,7 +22,8 @@ pub trait EnergiesAlong<T> {
 
     /// Writes the energies of as many states as there are places, to the bits of each by itself.
     ///
-    /// For systems with a [plain](Self::has_plain_energy) energy; for others it writes nothing. `room` serves this system only.
+    /// For systems with a [plain](Self::has_plain_energy) energy; for others it writes nothing. `room` serves
+    /// this system only.
     fn write_energies(&self, states: &States<'_>, room: &mut EnergyRoom<T>, energies: &mut [f64]);
 }
 

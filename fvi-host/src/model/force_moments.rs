@@ -6,10 +6,11 @@ use fvi_core::{NodalRule, Real};
 
 /// Moments of the part of a force that depends on time alone, where the nodes of a quadrature are not enough.
 ///
-/// A scheme takes ∫₀¹ ℓ_ν(τ) F(t_k + τh) dτ as Σ_i b_i ℓ_ν(c_i) F(t_k + c_i h). A jump or kink inside the step spoils that, and so does a
-/// root in the step or near it: √t costs every scheme all orders beyond 3/2. There the integrals are taken piece by piece
-/// between the rough points: with the double-exponential rule \[TakahasiMori74\] where a root is close, with Gauss's and Kronrod's nodes
-/// elsewhere. A force without such points, and every step far from them, costs nothing.
+/// A scheme takes ∫₀¹ ℓ_ν(τ) F(t_k + τh) dτ as Σ_i b_i ℓ_ν(c_i) F(t_k + c_i h). A jump or kink inside the
+/// step spoils that, and so does a root in the step or near it: √t costs every scheme all orders beyond 3/2.
+/// There the integrals are taken piece by piece between the rough points: with the double-exponential rule
+/// \[TakahasiMori74\] where a root is close, with Gauss's and Kronrod's nodes elsewhere. A force without such
+/// points, and every step far from them, costs nothing.
 #[derive(Clone, Debug)]
 pub struct ForceMoments {
     force: CompiledForce<f64>,
@@ -43,7 +44,8 @@ const MOST_HALVINGS: u32 = 12;
 /// Excess that is rounding, relative to the force.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
-/// Kronrod's nodes in (0, 1] of 15, from the outermost in, their weights, and those of Gauss's seven among them.
+/// Kronrod's nodes in (0, 1] of 15, from the outermost in, their weights, and those of Gauss's seven among
+/// them.
 const KRONROD: [(f64, f64, f64); 8] = [
     (0.991_455_371_120_812_6, 0.022_935_322_010_529_224, 0.0),
     (0.949_107_912_342_758_5, 0.063_092_092_629_978_55, 0.129_484_966_168_869_7),
@@ -154,8 +156,8 @@ impl ForceMoments {
         0.5 * (low + high)
     }
 
-    /// Finds how far from the zeros of linear arguments under roots the nodes are not enough: the excess falls like a
-    /// power of the distance.
+    /// Finds how far from the zeros of linear arguments under roots the nodes are not enough: the excess
+    /// falls like a power of the distance.
     fn find_reaches<T: Real>(&mut self, rule: &NodalRule<'_, T>) {
         for index in 0..self.rough.arguments().len() {
             let argument = self.rough.arguments()[index];
@@ -177,8 +179,8 @@ impl ForceMoments {
         }
     }
 
-    /// Leaves in `total` what the integrals over the pieces exceed the nodes by, zero where that is rounding. `false` if
-    /// the force is not finite.
+    /// Leaves in `total` what the integrals over the pieces exceed the nodes by, zero where that is rounding.
+    /// `false` if the force is not finite.
     fn integrate<T: Real>(
         &mut self,
         rule: &NodalRule<'_, T>,
@@ -392,7 +394,8 @@ mod tests {
         let mut root = force("sqrt(t)").unwrap();
         assert!(root.excess(&rule(&radau.view(), 0.0, 0.01)).is_some());
         assert!(root.excess(&rule(&radau.view(), 0.1, 0.01)).is_some());
-        // With cubic polynomials the nodes are exact for linear forces: the excess falls like the distance to the power −2.
+        // With cubic polynomials the nodes are exact for linear forces: the excess falls like the distance to
+        // the power −2.
         assert!(root.excess(&rule(&radau.view(), 1e5, 0.01)).is_none());
         // A jump at a grid point is seen from both sides by the nodes.
         let mut pulse = force("8*step(1 - t)").unwrap();

@@ -60,8 +60,8 @@ impl RoughForces {
         is_rough.then_some(Self { coordinates, motions, force, expressions, records, input })
     }
 
-    /// Writes by how much the moments exceed what the nodes give, ν = 0…S, N numbers each and for each motion, and returns whether they
-    /// do.
+    /// Writes by how much the moments exceed what the nodes give, ν = 0…S, N numbers each and for each
+    /// motion, and returns whether they do.
     pub(super) fn excess<T: Real>(&mut self, rule: &NodalRule<'_, T>, excess: &mut [T]) -> bool {
         let everywhere = [
             self.force.as_mut().and_then(|force| force.excess(rule)),

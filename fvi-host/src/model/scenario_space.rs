@@ -46,7 +46,8 @@ pub trait ScenarioSpace<T: Elementary>: Space<T> {
         1
     }
 
-    /// Whether the energy costs about as much as a step, so that it is computed for the rows that are written only.
+    /// Whether the energy costs about as much as a step, so that it is computed for the rows that are written
+    /// only.
     fn energy_is_dear(&self) -> bool {
         false
     }
@@ -65,7 +66,8 @@ pub trait ScenarioSpace<T: Elementary>: Space<T> {
     /// A damping term on a memory of the kernel.
     ///
     /// # Errors
-    /// If the coefficients are not positive semidefinite in the precision of `T`, or the memory is not one of the kernel.
+    /// If the coefficients are not positive semidefinite in the precision of `T`, or the memory is not one of
+    /// the kernel.
     fn term<M: Memory<T>>(
         &self,
         term: &scenario::Damping,

@@ -142,8 +142,8 @@ impl<T: Real> AnyScheme<T> {
         }
     }
 
-    /// The discrete Lagrangian of degree one with one quadrature point, as a view whose lengths the compiler knows: loops
-    /// over nodes and points vanish from its step.
+    /// The discrete Lagrangian of degree one with one quadrature point, as a view whose lengths the compiler
+    /// knows: loops over nodes and points vanish from its step.
     #[inline(always)]
     pub(super) fn of_one_point(&self) -> Option<DiscreteLagrangian<'_, T>> {
         fn one<T>(numbers: &[T]) -> Option<&[T; 1]> {
@@ -307,11 +307,12 @@ impl<T: Real, X: MatrixSpace<T>> Scheme<T, X> for AnyScheme<T> {
 
 /// A scheme whose steps can be looked into.
 pub trait DenseOutput<T: Real, X: Space<T>>: Scheme<T, X> {
-    /// What the last step has solved for: with the state at its beginning, all that [`look_into`](Self::look_into) needs.
+    /// What the last step has solved for: with the state at its beginning, all that
+    /// [`look_into`](Self::look_into) needs.
     fn solution(storage: &Self::Storage) -> &[T];
 
-    /// Moves position and momentum from the beginning of a step, of the given length, to the given fraction of
-    /// it, by the polynomial that the scheme itself works with.
+    /// Moves position and momentum from the beginning of a step, of the given length, to the given fraction
+    /// of it, by the polynomial that the scheme itself works with.
     fn look_into(
         &self,
         solution: &[T],

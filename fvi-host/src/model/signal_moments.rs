@@ -1,4 +1,5 @@
-//! Exact moments of signals that are given piece by piece: samples that are held, and records with straight lines between rows.
+//! Exact moments of signals that are given piece by piece: samples that are held, and records with straight
+//! lines between rows.
 
 use super::force_moments::{add_shapes, edge_of_step, gauss_places, subtract_node};
 use crate::scenario::{Record, SampledInput};
@@ -79,7 +80,8 @@ impl<S: Signal> SignalMoments<S> {
         Self { signal, breaks: Vec::new(), values, total: Vec::new() }
     }
 
-    /// The excess ν = 0…S, `width` numbers each; `None` in a step without a break inside, which is left to the nodes.
+    /// The excess ν = 0…S, `width` numbers each; `None` in a step without a break inside, which is left to
+    /// the nodes.
     pub(super) fn excess<T: Real>(&mut self, rule: &NodalRule<'_, T>) -> Option<&[f64]> {
         let (start, length) = (rule.start.to_f64(), rule.length.to_f64());
         let edge = edge_of_step(rule);

@@ -35,7 +35,8 @@ impl<T: Real> Space<T> for Dense {
     }
 }
 
-/// A space of vectors on the heap and of [`Matrix`] blocks: what tells one from another is how equations are solved.
+/// A space of vectors on the heap and of [`Matrix`] blocks: what tells one from another is how equations are
+/// solved.
 pub trait MatrixSpace<T: Real>: Space<T, Vector = Vec<T>, Block = Matrix<T>> {
     /// What solves the equations while they stay the same.
     type Kept: Default;
@@ -84,7 +85,8 @@ impl<T: Real> Sparse<T> {
         Self { pattern, values, threads: 1 }
     }
 
-    /// out ← out + factor A x, for vectors of as many numbers as A has rows, or of several such motions one behind the other.
+    /// out ← out + factor A x, for vectors of as many numbers as A has rows, or of several such motions one
+    /// behind the other.
     fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]) {
         // Linear steps begin at increments of zero.
         if x.iter().all(|&x| x == T::zero()) {
@@ -102,7 +104,8 @@ impl<T: Real> Sparse<T> {
         }
     }
 
-    /// The entries without their columns, where those are the neighbours of the row and itself: chains are common.
+    /// The entries without their columns, where those are the neighbours of the row and itself: chains are
+    /// common.
     fn tridiagonal(&self) -> Option<Tridiagonal<'_, T>> {
         let (size, band) = (self.pattern.size(), self.pattern.band());
         if band != 1 || self.pattern.len() + 2 != 3 * size {
@@ -136,7 +139,8 @@ impl<T: Real> Tridiagonal<'_, T> {
         *out_last += row(self.last, *left, *last) * factor;
     }
 
-    /// Adds factor times the matrix to the part of a dense one that begins with `target`, whose rows are `width` numbers.
+    /// Adds factor times the matrix to the part of a dense one that begins with `target`, whose rows are
+    /// `width` numbers.
     fn add_to(&self, factor: T, target: &mut [T], width: usize) {
         fn add<T: Real, const COUNT: usize>(target: &mut [T], place: usize, factor: T, entries: &[T; COUNT]) {
             let places = target.get_mut(place..).and_then(<[T]>::first_chunk_mut::<COUNT>);
@@ -155,7 +159,8 @@ impl<T: Real> Tridiagonal<'_, T> {
 }
 
 impl<T: Real> Matrix<T> {
-    /// out += factor · (B x) for several motions one behind the other. Not where the diagonal alone is inlined.
+    /// out += factor · (B x) for several motions one behind the other. Not where the diagonal alone is
+    /// inlined.
     #[inline(never)]
     fn multiply_add_copies(&self, factor: T, x: &[T], out: &mut [T]) {
         let size = self.size().max(1);
@@ -352,7 +357,8 @@ pub struct DenseEquations<T> {
 /// What solves [`DenseEquations`] while they stay the same.
 #[derive(Clone, Debug)]
 pub enum DenseFactors<T> {
-    /// The factors, column by column; their pivots stay with the equations, where nothing else is solved meanwhile.
+    /// The factors, column by column; their pivots stay with the equations, where nothing else is solved
+    /// meanwhile.
     Whole(Vec<T>),
     /// The factors within a band.
     Banded(BandFactors<T>),

@@ -1,4 +1,5 @@
-//! The space of many coordinates: the same vectors and matrices as the dense one, its equations with sparse factors.
+//! The space of many coordinates: the same vectors and matrices as the dense one, its equations with sparse
+//! factors.
 
 use super::space::{Matrix, MatrixSpace};
 use fvi_core::{Equations, Real, Singular, Space};
@@ -7,8 +8,9 @@ use std::sync::Arc;
 
 /// The space of N coordinates whose equations are sparse, or of several such motions together.
 ///
-/// With C motions of one linear system the vectors have C N numbers, one motion behind the other, and a block of N rows stands for
-/// the matrix that has it C times on its diagonal: one factor serves all motions, in one pass.
+/// With C motions of one linear system the vectors have C N numbers, one motion behind the other, and a block
+/// of N rows stands for the matrix that has it C times on its diagonal: one factor serves all motions, in one
+/// pass.
 #[derive(Clone, Debug)]
 pub struct SparseSpace {
     copies: usize,
@@ -122,7 +124,8 @@ impl<T: Real> MatrixSpace<T> for SparseSpace {
 
 /// The sparse equations of a step with one unknown node, whose matrix is symmetric and definite.
 ///
-/// The pattern is analysed once. Newton's method factors again where the matrix has changed since it was factored last.
+/// The pattern is analysed once. Newton's method factors again where the matrix has changed since it was
+/// factored last.
 pub struct SparseEquations {
     pattern: Arc<Pattern>,
     /// Of the pattern; `None` after it grew.
@@ -243,10 +246,12 @@ impl<T: Real> Equations<T, Matrix<T>> for SparseEquations {
 
     /// Each motion by itself: |r_i| > 32 ε √A_ii · max_j √A_jj (|e_j| + |q_j|) for some i, or not a number.
     ///
-    /// The factor is that of A + E with E symmetric and |E_ij| ≤ c ε √(A_ii A_jj), c growing with the entries of a row
-    /// (\[Demmel89\] theorem 2.1), and the entries of A and of the stiffness in it are no larger than their diagonals allow either: the right-hand side is
-    /// what the residual, and the forces in it, are rounded by. Below it another correction would bring rounding of its own. What E does at every step
-    /// is harmless: the midpoint rule with A + E is that of the mass M + h E, and as stable as that one is definite.
+    /// The factor is that of A + E with E symmetric and |E_ij| ≤ c ε √(A_ii A_jj), c growing with the entries
+    /// of a row (\[Demmel89\] theorem 2.1), and the entries of A and of the stiffness in it are no larger
+    /// than their diagonals allow either: the right-hand side is what the residual, and the forces in it, are
+    /// rounded by. Below it another correction would bring rounding of its own. What E does at every step is
+    /// harmless: the midpoint rule with A + E is that of the mass M + h E, and as stable as that one is
+    /// definite.
     fn is_unsettled(
         &self,
         kept: &Option<Factored>,

@@ -5,7 +5,8 @@ const LINE: usize = 64;
 
 /// A fixed run of numbers whose first lies on a cache line.
 ///
-/// A vector that straddles two lines costs two accesses, and one that has just been written so is slow to read back.
+/// A vector that straddles two lines costs two accesses, and one that has just been written so is slow to
+/// read back.
 #[derive(Debug)]
 pub struct Aligned<T> {
     /// What lies before the line, then the numbers.

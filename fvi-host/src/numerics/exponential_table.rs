@@ -1,23 +1,24 @@
-//! Tables for the exponential-sum memory: the weights of convolution quadrature as a head and decaying exponentials.
+//! Tables for the exponential-sum memory: the weights of convolution quadrature as a head and decaying
+//! exponentials.
 //!
-//! The weights are the Taylor coefficients of (γ_p(z)/h)^β. Cauchy's contour, collapsed onto the cut [1, ∞) of that
-//! function, gives with z = 1 + m
+//! The weights are the Taylor coefficients of (γ_p(z)/h)^β. Cauchy's contour, collapsed onto the cut [1, ∞)
+//! of that function, gives with z = 1 + m
 //!
 //! ```text
 //! w_n = −(sin πβ / π) h^{−β} ∫₀^∞ |γ_p(1+m)|^β (1+m)^{−n−1} dm ,
 //! ```
 //!
-//! up to what the other roots ζ of γ_p add, which falls like |ζ|^{−n} and is left to the head. The integral over y = ln m
-//! by the trapezoidal rule is a sum of exponentials with rates s = ln(1+m); for p = 1 it is a Beta function, whose poles
-//! bound the error of the rule at every n. The rule needs many nodes of tiny rates, and some of large ones that die out just
-//! behind the head: both groups are replaced by the Gauss rules of their own discrete measures.
-//! How much each group can be compressed, and how short the head may be, is found by measuring the error of the
-//! weights and not by a bound.
+//! up to what the other roots ζ of γ_p add, which falls like |ζ|^{−n} and is left to the head. The integral
+//! over y = ln m by the trapezoidal rule is a sum of exponentials with rates s = ln(1+m); for p = 1 it is a
+//! Beta function, whose poles bound the error of the rule at every n. The rule needs many nodes of tiny
+//! rates, and some of large ones that die out just behind the head: both groups are replaced by the Gauss
+//! rules of their own discrete measures. How much each group can be compressed, and how short the head may
+//! be, is found by measuring the error of the weights and not by a bound.
 //!
 //! For a memory on increments the kernel is divided by 1 − z = −m: the same rates, other coefficients.
 //!
-//! Sources: \[HJO\] eq. 18–22, 30; the Gauss rule of a discrete measure by Lanczos' algorithm, \[GolubWelsch69\],
-//! \[Gautschi04\]; quadrature for sums of exponentials, \[BeylkinMonzon10\], \[McLean18\].
+//! Sources: \[HJO\] eq. 18–22, 30; the Gauss rule of a discrete measure by Lanczos' algorithm,
+//! \[GolubWelsch69\], \[Gautschi04\]; quadrature for sums of exponentials, \[BeylkinMonzon10\], \[McLean18\].
 
 use crate::numerics::aligned::Aligned;
 use fvi_core::{BdfOrder, ConvolutionWeights, ExponentialTable, ParameterError, Real};
@@ -105,22 +106,26 @@ const HEADS: [usize; 15] = [5, 9, 17, 25, 33, 41, 49, 65, 81, 97, 129, 193, 257,
 /// The last of them.
 const LONGEST_HEAD: usize = HEADS[HEADS.len() - 1];
 
-/// The search ends after so many longer heads that cost more: each saves fewer exponentials than the one before.
+/// The search ends after so many longer heads that cost more: each saves fewer exponentials than the one
+/// before.
 const DEARER_HEADS: usize = 2;
 
 /// Multiply–adds per step of an exponential; a weight of the head has one.
 const COST_OF_EXPONENTIAL: usize = 2;
 
-/// Running sums of rates below this are kept in two parts: they would gather the rounding errors of 1/rate steps.
+/// Running sums of rates below this are kept in two parts: they would gather the rounding errors of 1/rate
+/// steps.
 const SLOW_RATE: f64 = 1.0 / 32.0;
 
-/// How far the slow nodes reach that a Gauss rule is tried for, as rate · horizon: up to there e^{−sn} is nearly a polynomial in s.
+/// How far the slow nodes reach that a Gauss rule is tried for, as rate · horizon: up to there e^{−sn} is
+/// nearly a polynomial in s.
 const SLOW_REACHES: [f64; 5] = [2.0, 4.0, 8.0, 16.0, 32.0];
 
 /// How far down the fast nodes reach, as rate · head.
 const FAST_REACHES: [f64; 6] = [16.0, 13.0, 10.0, 8.0, 6.0, 4.0];
 
-/// Lags behind the head at which the error of a table is measured one by one; from there on they are an eighth apart.
+/// Lags behind the head at which the error of a table is measured one by one; from there on they are an
+/// eighth apart.
 const DENSE_LAGS: usize = 64;
 
 /// The measurement goes up to this many times the longest head.
@@ -133,14 +138,14 @@ pub(super) const LONGEST_RULE: usize = 24;
 const BLOCK: usize = 4;
 
 impl ExponentialKernel {
-    /// Weights of the backward differentiation formula `order` for the operator D^`exponent` and the step size `step_size`,
-    /// each within the relative tolerance `tolerance` up to lag `horizon`.
+    /// Weights of the backward differentiation formula `order` for the operator D^`exponent` and the step
+    /// size `step_size`, each within the relative tolerance `tolerance` up to lag `horizon`.
     ///
     /// Kernels of exponent 0 and 1 end after a few weights: they are all head.
     ///
     /// # Errors
-    /// If the exponent is outside (−1, 2), the step size not positive, the horizon zero or the tolerance outside
-    /// [4·10⁻¹⁵, 10⁻¹]; or if no table reaches the tolerance.
+    /// If the exponent is outside (−1, 2), the step size not positive, the horizon zero or the tolerance
+    /// outside [4·10⁻¹⁵, 10⁻¹]; or if no table reaches the tolerance.
     pub fn bdf(
         order: BdfOrder,
         exponent: f64,
@@ -155,7 +160,8 @@ impl ExponentialKernel {
     /// ([`ConvolutionWeights::on_increments`]).
     ///
     /// # Errors
-    /// As [`bdf`](ExponentialKernel::bdf); and if the exponent is not positive: sums of such weights do not decay.
+    /// As [`bdf`](ExponentialKernel::bdf); and if the exponent is not positive: sums of such weights do not
+    /// decay.
     pub fn bdf_on_increments(
         order: BdfOrder,
         exponent: f64,
@@ -290,7 +296,8 @@ fn sum_of_exponentials(exponentials: &[Exponential], n: usize) -> f64 {
     terms.collect::<CompensatedSum>().total()
 }
 
-/// Largest relative error of the exponentials against exact weights behind the head: every lag at first, then ever fewer.
+/// Largest relative error of the exponentials against exact weights behind the head: every lag at first, then
+/// ever fewer.
 fn largest_error(exponentials: &[Exponential], exact: &[f64], head: usize, horizon: usize) -> f64 {
     let last = horizon.min(exact.len() - 1);
     let dense = head..=last.min(head + DENSE_LAGS);
@@ -353,7 +360,8 @@ impl Cut {
         fine
     }
 
-    /// The trapezoidal rule for lags n ≥ `head`, slowest node first, up to the common factor [`jump`](Self::jump).
+    /// The trapezoidal rule for lags n ≥ `head`, slowest node first, up to the common factor
+    /// [`jump`](Self::jump).
     ///
     /// Nodes so slow that they stand still up to the horizon, a geometric series, are one node of rate 0.
     fn trapezoidal_rule(self, spacing: f64, head: usize, horizon: usize, tolerance: f64) -> Nodes {
@@ -423,7 +431,8 @@ fn shortest_rule(
     (group.len(), rule.unwrap_or_else(|| group.to_vec()))
 }
 
-/// Gauss rules of the measure in the rate, by size: e^{−sn} is nearly a polynomial in s where s n is moderate.
+/// Gauss rules of the measure in the rate, by size: e^{−sn} is nearly a polynomial in s where s n is
+/// moderate.
 fn slow_gauss_rules(group: &[Exponential]) -> impl Fn(usize) -> Nodes {
     let unit = group.last().map_or(1.0, |node| node.rate);
     let measure: Vec<(f64, f64)> = group.iter().map(|node| (node.rate / unit, node.coefficient)).collect();
@@ -434,7 +443,8 @@ fn slow_gauss_rules(group: &[Exponential]) -> impl Fn(usize) -> Nodes {
     }
 }
 
-/// Gauss rules of the measure in t = e^{−s}, by size, weighted as it stands behind the head: e^{−s(n−n₀)} is a power of t.
+/// Gauss rules of the measure in t = e^{−s}, by size, weighted as it stands behind the head: e^{−s(n−n₀)} is
+/// a power of t.
 fn fast_gauss_rules(group: &[Exponential], head: usize) -> impl Fn(usize) -> Nodes {
     let behind = head as f64;
     let unit = group.first().map_or(1.0, |node| libm::exp(-node.rate));
@@ -454,7 +464,8 @@ fn fast_gauss_rules(group: &[Exponential], head: usize) -> impl Fn(usize) -> Nod
     }
 }
 
-/// The Jacobi matrix of a discrete positive measure; its leading parts are those of the Gauss rules \[GolubWelsch69\].
+/// The Jacobi matrix of a discrete positive measure; its leading parts are those of the Gauss rules
+/// \[GolubWelsch69\].
 pub(super) struct JacobiMatrix {
     mass: f64,
     diagonal: Vec<f64>,
@@ -462,8 +473,8 @@ pub(super) struct JacobiMatrix {
 }
 
 impl JacobiMatrix {
-    /// For a measure of (place, mass), as far as rules of [`LONGEST_RULE`] nodes need it: Lanczos' algorithm on the
-    /// diagonal matrix of places, started from the square roots of the masses and reorthogonalised.
+    /// For a measure of (place, mass), as far as rules of [`LONGEST_RULE`] nodes need it: Lanczos' algorithm
+    /// on the diagonal matrix of places, started from the square roots of the masses and reorthogonalised.
     pub(super) fn of(measure: &[(f64, f64)]) -> Self {
         let mass = measure.iter().map(|(_, mass)| *mass).collect::<CompensatedSum>().total();
         let mut jacobi = Self { mass, diagonal: Vec::new(), beside: Vec::new() };

@@ -4,8 +4,8 @@ use nalgebra::{Matrix4, SMatrix};
 
 /// The inverse; zero for a singular matrix, which those of the methods at hand are far from.
 ///
-/// By cofactors, as part of a 4×4 matrix that is one elsewhere: the same code for every R, and as accurate as the weights of the quadrature
-/// need it.
+/// By cofactors, as part of a 4×4 matrix that is one elsewhere: the same code for every R, and as accurate as
+/// the weights of the quadrature need it.
 pub(super) fn inverse<const R: usize>(matrix: &SMatrix<f64, R, R>) -> SMatrix<f64, R, R> {
     const { assert!(R <= 4, "methods have at most four stages") };
     let mut whole = Matrix4::identity();

@@ -1,7 +1,8 @@
-//! Podlubny's matrix method: triangular strip matrices for linear fractional differential equations with constant coefficients.
+//! Podlubny's matrix method: triangular strip matrices for linear fractional differential equations with
+//! constant coefficients.
 //!
-//! A benchmark that shares nothing with the integrators of this project: it discretises the equation itself, position by position,
-//! and its weights come from their own recursion.
+//! A benchmark that shares nothing with the integrators of this project: it discretises the equation itself,
+//! position by position, and its weights come from their own recursion.
 
 use fvi_core::ParameterError;
 
@@ -21,15 +22,17 @@ pub struct LinearTerm {
 /// Σ_m a_m B^{(β_m)} Y = F ,      (B^{(β)})_{kj} = h^{−β} (−1)^{k−j} binom(β, k−j) for k ≥ j, 0 above the diagonal
 /// ```
 ///
-/// B^{(β)} is the triangular strip matrix of the backward difference of order β: (1, −1)/h for the first derivative, (1, −2, 1)/h² for
-/// the second, Grünwald–Letnikov weights between. The zero values at the beginning, as many as the largest order rounded up, take the place
-/// of as many first rows. What remains is a lower triangular Toeplitz system, solved by forward substitution in N² operations
-/// with N numbers of storage. Every difference is of first order, and so is the solution.
+/// B^{(β)} is the triangular strip matrix of the backward difference of order β: (1, −1)/h for the first
+/// derivative, (1, −2, 1)/h² for the second, Grünwald–Letnikov weights between. The zero values at the
+/// beginning, as many as the largest order rounded up, take the place of as many first rows. What remains is
+/// a lower triangular Toeplitz system, solved by forward substitution in N² operations with N numbers of
+/// storage. Every difference is of first order, and so is the solution.
 ///
 /// Returns y(k h), k = 0…`steps`.
 ///
 /// # Errors
-/// If h is not positive and finite, an order is outside [0, 2], or the diagonal Σ_m a_m h^{−β_m} is zero or not finite.
+/// If h is not positive and finite, an order is outside [0, 2], or the diagonal Σ_m a_m h^{−β_m} is zero or
+/// not finite.
 ///
 /// Source: \[Podlubny00\]; \[PodlubnyEtAl09\].
 pub fn podlubny_matrix_method(

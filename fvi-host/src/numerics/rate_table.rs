@@ -4,11 +4,11 @@
 //! s^{−μ} = (sin πμ / π) ∫ λ^{1−μ} (s + λ)^{−1} d ln λ ,      t^{μ−1}/Γ(μ) = (sin πμ / π) ∫ λ^{1−μ} e^{−λt} d ln λ
 //! ```
 //!
-//! The integrals over ln λ are those of analytic functions that decay at both ends, for which the trapezoidal rule
-//! converges like e^{−π²/d} in its spacing d. What lies below the horizon's rate acts as a polynomial in λ, what lies
-//! above the shortest step's as λ^{−2} times one in 1/λ: there Gauss rules of the trapezoidal rule's own measure take
-//! the place of its nodes. So the number of rates grows with the logarithm of horizon over shortest step, and by
-//! nothing else.
+//! The integrals over ln λ are those of analytic functions that decay at both ends, for which the trapezoidal
+//! rule converges like e^{−π²/d} in its spacing d. What lies below the horizon's rate acts as a polynomial in
+//! λ, what lies above the shortest step's as λ^{−2} times one in 1/λ: there Gauss rules of the trapezoidal
+//! rule's own measure take the place of its nodes. So the number of rates grows with the logarithm of horizon
+//! over shortest step, and by nothing else.
 
 use std::f64::consts::PI;
 
@@ -38,12 +38,12 @@ struct Relaxation {
     coefficient: f64,
 }
 
-/// The table of D^`exponent` for a method, for steps from `shortest` on and times up to `horizon`, with the weights of the
-/// past within the relative tolerance `tolerance`.
+/// The table of D^`exponent` for a method, for steps from `shortest` on and times up to `horizon`, with the
+/// weights of the past within the relative tolerance `tolerance`.
 ///
 /// # Errors
-/// If the exponent is outside (−1, 2), the lengths are outside [10⁻²⁸⁰, 10²⁸⁰], the horizon is shorter than the shortest
-/// step, or the tolerance is outside [10⁻¹⁴, 10⁻¹].
+/// If the exponent is outside (−1, 2), the lengths are outside [10⁻²⁸⁰, 10²⁸⁰], the horizon is shorter than
+/// the shortest step, or the tolerance is outside [10⁻¹⁴, 10⁻¹].
 pub fn rate_table<T: Real, const R: usize>(
     method: &RungeKutta<R>,
     exponent: f64,
@@ -120,8 +120,9 @@ impl Power {
         fine
     }
 
-    /// The trapezoidal rule, slowest node first. Nodes so slow that they stand still up to the horizon, a geometric
-    /// series, are one of rate 0; faster ones than the last add less than the tolerance to any step.
+    /// The trapezoidal rule, slowest node first. Nodes so slow that they stand still up to the horizon, a
+    /// geometric series, are one of rate 0; faster ones than the last add less than the tolerance to any
+    /// step.
     fn trapezoidal_rule(&self, shortest: f64, horizon: f64, tolerance: f64) -> Vec<Relaxation> {
         let (spacing, ratio) = (self.spacing(tolerance), 1.0 - self.mu);
         let fastest = (100.0 / tolerance).ln() / (1.0 + self.mu) - shortest.ln();
@@ -239,8 +240,8 @@ impl<F: Fn(f64) -> f64> Agreement<F> {
     }
 }
 
-/// What is left of a relaxation after times up to the horizon: of many short steps e^{−λt}, of two long ones (1 +
-/// λt/2)^{−2}.
+/// What is left of a relaxation after times up to the horizon: of many short steps e^{−λt}, of two long ones
+/// (1 + λt/2)^{−2}.
 fn late_responses(horizon: f64) -> Vec<Box<dyn Fn(f64) -> f64>> {
     let times = (0..24).map(move |k| horizon * 0.5_f64.powi(k));
     let responses = times.flat_map(|time| -> [Box<dyn Fn(f64) -> f64>; 2] {

@@ -8,7 +8,8 @@ use super::inverse::inverse;
 use fvi_core::{ExponentialTable, ParameterError, Real, RungeKutta};
 use nalgebra::{Complex, DMatrix, DVector, SMatrix, SVector};
 
-/// A decaying exponential of the kernel: its part of the weight W_n is (1 − `decrement`)^{n−1} · `left` · `right`ᵀ.
+/// A decaying exponential of the kernel: its part of the weight W_n is
+/// (1 − `decrement`)^{n−1} · `left` · `right`ᵀ.
 #[derive(Clone, Copy, Debug)]
 pub struct RankOneExponential<const R: usize> {
     /// 1 − R(−x), R the stability function: in (0, 2), accurate relative to itself however small.
@@ -28,7 +29,8 @@ const TOLERANCE: f64 = 1e-17;
 /// Exponentials in a block of the core's table.
 const EXPONENTIALS_IN_BLOCK: usize = 4;
 
-/// Running sums that forget more slowly than this are kept in two parts: they would gather the rounding errors of many steps.
+/// Running sums that forget more slowly than this are kept in two parts: they would gather the rounding
+/// errors of many steps.
 const SLOW_DECREMENT: f64 = 1.0 / 32.0;
 
 /// Powers between two exact evaluations of an exponential in [`RungeKuttaWeights::planes`].
@@ -40,23 +42,27 @@ const RESTART: usize = 16;
 /// Δ(z) = A⁻¹ − z A⁻¹ 1 bᵀ A⁻¹ ,      Σ_n W_n zⁿ = (Δ(z)/h)^β
 /// ```
 ///
-/// Cauchy's formula around the spectrum of A⁻¹, the resolvent of Δ(z) expanded in z (a rank-one change), gives
+/// Cauchy's formula around the spectrum of A⁻¹, the resolvent of Δ(z) expanded in z (a rank-one change),
+/// gives
 ///
 /// ```text
 /// W₀ = h^{−β}/(2πi) ∮ λ^β (λA − I)⁻¹A dλ ,      W_n = −h^{−β}/(2πi) ∮ λ^β R(λ)^{n−1} (λA−I)⁻¹1 · bᵀ(λA−I)⁻¹ dλ
 /// ```
 ///
-/// with the stability function R. A circle serves n = 0 and 1; for the others the contour is collapsed onto the negative axis,
+/// with the stability function R. A circle serves n = 0 and 1; for the others the contour is collapsed onto
+/// the negative axis,
 ///
 /// ```text
 /// W_n = −(sin πβ / π) h^{−β} ∫₀^∞ x^β R(−x)^{n−1} (I+xA)⁻¹1 · bᵀ(I+xA)⁻¹ dx ,
 /// ```
 ///
-/// by the trapezoidal rule in ln x. No cancellation is left there, so each weight is accurate relative to itself, where a transform
-/// on a circle loses all digits of the tail. The powers come from ln(1 − decrement), not from R rounded to a number near one.
+/// by the trapezoidal rule in ln x. No cancellation is left there, so each weight is accurate relative to
+/// itself, where a transform on a circle loses all digits of the tail. The powers come from
+/// ln(1 − decrement), not from R rounded to a number near one.
 ///
-/// For 1 < β < 2 the first three follow from those of β − 1 by the semigroup: the integral needs n > β + 1 to end soon. Whole
-/// exponents have two coefficients at most: D¹ has A⁻¹/h and −A⁻¹1bᵀA⁻¹/h. Source: \[LO93\]; \[LS02\] for the contour.
+/// For 1 < β < 2 the first three follow from those of β − 1 by the semigroup: the integral needs n > β + 1 to
+/// end soon. Whole exponents have two coefficients at most: D¹ has A⁻¹/h and −A⁻¹1bᵀA⁻¹/h. Source: \[LO93\];
+/// \[LS02\] for the contour.
 #[derive(Clone, Debug)]
 pub struct RungeKuttaWeights<const R: usize> {
     count: usize,
@@ -100,11 +106,11 @@ impl<const R: usize> RungeKuttaWeights<R> {
         Ok(Self { count, near, exponentials })
     }
 
-    /// Weights for the same operator on rises X_k − 1 x_k, stages beyond the main node before them, which is the last
-    /// stage of the interval before: V_n with D^β X = Σ_n V_n (X_{k−n} − 1 x_{k−n}).
+    /// Weights for the same operator on rises X_k − 1 x_k, stages beyond the main node before them, which is
+    /// the last stage of the interval before: V_n with D^β X = Σ_n V_n (X_{k−n} − 1 x_{k−n}).
     ///
-    /// The discrete derivative of the method is a multiple of the rises, Δ(z)X = A⁻¹(X_k − 1 x_k), so that V_n are the weights
-    /// of D^{β−1} times A⁻¹/h.
+    /// The discrete derivative of the method is a multiple of the rises, Δ(z)X = A⁻¹(X_k − 1 x_k), so that
+    /// V_n are the weights of D^{β−1} times A⁻¹/h.
     ///
     /// # Errors
     /// As [`new`](RungeKuttaWeights::new), and if the exponent is not positive.
@@ -146,8 +152,9 @@ impl<const R: usize> RungeKuttaWeights<R> {
         &self.exponentials
     }
 
-    /// (Δ(z)/h)^β = Σ_n W_n zⁿ for |z| ≤ 1, as the sum of geometric series. The exponentials describe the weights below
-    /// [`count`](Self::count), so z must keep away from 1 by much more than the inverse of that.
+    /// (Δ(z)/h)^β = Σ_n W_n zⁿ for |z| ≤ 1, as the sum of geometric series. The exponentials describe the
+    /// weights below [`count`](Self::count), so z must keep away from 1 by much more than the inverse of
+    /// that.
     pub fn symbol(&self, z: Complex<f64>) -> SMatrix<Complex<f64>, R, R> {
         let mut power = Complex::new(1.0, 0.0);
         let mut symbol = SMatrix::zeros();
@@ -285,10 +292,12 @@ fn near_weights<const R: usize>(
         .collect()
 }
 
-/// W₀ and W₁ for h = 1 by the trapezoidal rule on a circle around the spectrum of A⁻¹, in the right half-plane.
+/// W₀ and W₁ for h = 1 by the trapezoidal rule on a circle around the spectrum of A⁻¹, in the right
+/// half-plane.
 ///
-/// The circle about m through the geometric mean of the distances of the farthest eigenvalue and of the branch point 0 from m; the
-/// rule converges like a power of their ratio. m = |λ|²/Re λ makes that ratio smallest for the eigenvalue λ.
+/// The circle about m through the geometric mean of the distances of the farthest eigenvalue and of the
+/// branch point 0 from m; the rule converges like a power of their ratio. m = |λ|²/Re λ makes that ratio
+/// smallest for the eigenvalue λ.
 fn contour_weights<const R: usize>(
     matrix: &SMatrix<f64, R, R>,
     weights: &SVector<f64, R>,
@@ -336,7 +345,8 @@ fn contour_integrals(
     near
 }
 
-/// The trapezoidal rule in y = ln x for the integral over the cut, for n in `range`, which begins at 2 or later.
+/// The trapezoidal rule in y = ln x for the integral over the cut, for n in `range`, which begins at 2 or
+/// later.
 fn cut_exponentials<const R: usize>(
     matrix: &SMatrix<f64, R, R>,
     weights: &SVector<f64, R>,
@@ -344,12 +354,13 @@ fn cut_exponentials<const R: usize>(
     scale: f64,
     range: Range<usize>,
 ) -> Vec<RankOneExponential<R>> {
-    // The integrand is e^{(1+β)y − n x} where it matters and analytic for |Im y| < π/2: the error is e^{−π²/d} times a power of
-    // the size at the edge of the strip.
+    // The integrand is e^{(1+β)y − n x} where it matters and analytic for |Im y| < π/2: the error is
+    // e^{−π²/d} times a power of the size at the edge of the strip.
     let digits = -libm::log(TOLERANCE);
     let width = PI * PI / (digits + (exponent + 0.5).max(0.0) * 4.0);
-    // On the left the integrand falls like x^{1+β}, on the right like x^{β−n}. For β < 0, where the former is slow, the nodes
-    // that stand still up to the last weight, a geometric series, are one at x = 0: what they would move is like (nx)^{2+β}.
+    // On the left the integrand falls like x^{1+β}, on the right like x^{β−n}. For β < 0, where the former is
+    // slow, the nodes that stand still up to the last weight, a geometric series, are one at x = 0: what they
+    // would move is like (nx)^{2+β}.
     let stand = exponent < 0.0;
     let fall = if stand { 2.0 + exponent } else { 1.0 + exponent };
     let lowest = -digits / fall - libm::log(range.end as f64);

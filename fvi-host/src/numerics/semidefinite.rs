@@ -4,8 +4,8 @@ use fvi_sparse::{Analysis, FactorError, Pattern};
 
 /// Refuses a matrix that is not positive semidefinite beyond rounding of relative size `rounding`.
 ///
-/// A lift of the diagonal by rounding makes a semidefinite matrix definite, and then it has a Cholesky factor. Rows without entries
-/// are left out.
+/// A lift of the diagonal by rounding makes a semidefinite matrix definite, and then it has a Cholesky
+/// factor. Rows without entries are left out.
 ///
 /// # Errors
 /// [`FactorError`], with the coordinate of the pivot that is not positive.

@@ -17,20 +17,23 @@ pub const TRUSTED_CONDITION: f64 = 1e8;
 /// Σ_j ϖ_{k,j} j^ν = Γ(ν+1)/Γ(ν+1−β) k^{ν−β} − Σ_{n=0}^{k} ŵ_n (k−n)^ν       for every ν of the list
 /// ```
 ///
-/// with as many samples x_j as exponents: from j = 0 on if ν = 0 is one of them, from j = 1 on otherwise (a column of zeros
-/// belongs to x₀ then). The sum of the corrections is Σ_ν a_ν (D^β t^ν − its quadrature), where Σ_ν a_ν t^ν interpolates the first
-/// samples: once these are known no weights are needed any more. What the quadrature misses of a power is known beforehand, with all
-/// digits at every step, where a sum of k^ν would leave its rounding.
+/// with as many samples x_j as exponents: from j = 0 on if ν = 0 is one of them, from j = 1 on otherwise (a
+/// column of zeros belongs to x₀ then). The sum of the corrections is Σ_ν a_ν (D^β t^ν − its quadrature),
+/// where Σ_ν a_ν t^ν interpolates the first samples: once these are known no weights are needed any more.
+/// What the quadrature misses of a power is known beforehand, with all digits at every step, where a sum of
+/// k^ν would leave its rounding.
 ///
-/// The quadrature's error on t^ν grows like t^{ν−β−p}, with the order p: exponents above β + p bring in a force that grows without
-/// end, and are for the few who know that their solution is that power.
+/// The quadrature's error on t^ν grows like t^{ν−β−p}, with the order p: exponents above β + p bring in a
+/// force that grows without end, and are for the few who know that their solution is that power.
 ///
-/// While there are fewer samples than exponents the smallest exponents are made exact, as many as there are samples, the one to
-/// come included: the corrections of a step never ask for a later sample, and the scheme stays explicit in the memory. The
-/// correction of x_k itself is part of [`leading`](Memory::leading), which for this memory changes over the first steps.
+/// While there are fewer samples than exponents the smallest exponents are made exact, as many as there are
+/// samples, the one to come included: the corrections of a step never ask for a later sample, and the scheme
+/// stays explicit in the memory. The correction of x_k itself is part of [`leading`](Memory::leading), which
+/// for this memory changes over the first steps.
 ///
-/// The corrections are as good as the first samples. Where the scheme takes the first step with an error that is a fixed part of
-/// x₁ itself, as under a force that starts like √t, that part of the quadrature's error stays at every step size.
+/// The corrections are as good as the first samples. Where the scheme takes the first step with an error that
+/// is a fixed part of x₁ itself, as under a force that starts like √t, that part of the quadrature's error
+/// stays at every step size.
 ///
 /// Source: \[HJO\] eq. 26–27; \[Lubich86\] eq. 4.1 ff.; \[DFFW06\] for the condition.
 #[derive(Clone, Debug)]
@@ -52,12 +55,12 @@ pub struct StartingCorrection<T, M> {
 }
 
 impl<T: Real, M: Memory<T>> StartingCorrection<T, M> {
-    /// Wraps `memory`, an empty memory for D^`exponent` by the backward differentiation formula of order `order` with the given
-    /// step size.
+    /// Wraps `memory`, an empty memory for D^`exponent` by the backward differentiation formula of order
+    /// `order` with the given step size.
     ///
     /// # Errors
-    /// If the memory has more than one stage, the exponent is outside (−1, 2), or the starting exponents are not distinct, finite and
-    /// at least zero.
+    /// If the memory has more than one stage, the exponent is outside (−1, 2), or the starting exponents are
+    /// not distinct, finite and at least zero.
     pub fn new(
         memory: M,
         order: BdfOrder,
@@ -106,7 +109,8 @@ impl<T: Real, M: Memory<T>> StartingCorrection<T, M> {
         self.defects.at(self.memory.len()).map(|defect| self.scale * defect).collect()
     }
 
-    /// The weights h^{−β} ϖ_{k,j} of the first `count` samples from the defects of the `count` smallest exponents.
+    /// The weights h^{−β} ϖ_{k,j} of the first `count` samples from the defects of the `count` smallest
+    /// exponents.
     fn starting_weights(&self, defects: &[f64], count: usize) -> DVector<f64> {
         let defects = DVector::from_column_slice(defects.get(..count).unwrap_or(defects));
         starting_matrix(&self.exponents[..count], self.first_index()).lu().solve(&defects).unwrap_or(defects)
@@ -271,8 +275,8 @@ fn starting_matrix(exponents: &[f64], first: usize) -> DMatrix<f64> {
     })
 }
 
-/// Condition number of the system of the starting weights, its rows scaled to largest entry 1: how many times larger than
-/// rounding the errors of the weights can be. Infinite if the system is singular.
+/// Condition number of the system of the starting weights, its rows scaled to largest entry 1: how many times
+/// larger than rounding the errors of the weights can be. Infinite if the system is singular.
 pub fn starting_condition(exponents: &[f64]) -> f64 {
     if exponents.is_empty() {
         return 1.0;
@@ -344,7 +348,8 @@ mod tests {
             for nu in exponents {
                 memory.clear();
                 let values = stream(&mut memory, |k| power(k as f64 * STEP_SIZE, nu));
-                // From the step on at which as many samples are known as exponents are wanted; the smallest at once.
+                // From the step on at which as many samples are known as exponents are wanted; the smallest
+                // at once.
                 let from = if nu == 1.0 { 1 } else { 3 };
                 for (k, value) in values.iter().enumerate().skip(from) {
                     let t = k as f64 * STEP_SIZE;

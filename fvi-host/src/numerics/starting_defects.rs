@@ -8,17 +8,18 @@ use fvi_core::{BdfOrder, ConvolutionWeights, DoubleDouble, ParameterError};
 /// d_k = Γ(ν+1)/Γ(ν+1−β) k^{ν−β} − Σ_{n=0}^{k} w_n (k−n)^ν ~ k^{ν−β−p} .
 /// ```
 ///
-/// Of the numbers on the right, of size k^ν, nothing but d_k is left: in double precision k^{β+p} units of rounding of it would be
-/// lost. For small k the sum is therefore formed in double-double arithmetic, and from some k on there is the asymptotic
-/// expansion, in which the large parts cancel on paper. With z = e^{−s} and (γ_p(e^{−s})/s)^β = Σ_m c_m s^m, c₀ = 1,
+/// Of the numbers on the right, of size k^ν, nothing but d_k is left: in double precision k^{β+p} units of
+/// rounding of it would be lost. For small k the sum is therefore formed in double-double arithmetic, and
+/// from some k on there is the asymptotic expansion, in which the large parts cancel on paper. With
+/// z = e^{−s} and (γ_p(e^{−s})/s)^β = Σ_m c_m s^m, c₀ = 1,
 ///
 /// ```text
 /// Σ_n n^ν e^{−ns} = Γ(ν+1) s^{−ν−1} + Σ_i ζ(−ν−i) (−s)^i/i! ,      s^μ ↔ k^{−μ−1}/Γ(−μ)
 /// d_k ~ −Σ_{m≥p} c_m Γ(ν+1)/Γ(ν+1−β−m) k^{ν−β−m} − Σ_{j≥0} k^{−β−1−j}/Γ(−β−j) Σ_{i+m=j} c_m ζ(−ν−i) (−1)^i/i! .
 /// ```
 ///
-/// Source: \[Lubich86\] for the error's leading term; \[FS\] ch. VI for expansions of coefficients from those of a function at its
-/// singularity.
+/// Source: \[Lubich86\] for the error's leading term; \[FS\] ch. VI for expansions of coefficients from those
+/// of a function at its singularity.
 #[derive(Clone, Debug)]
 pub(crate) struct PowerDefects {
     powers: Vec<Power>,
@@ -44,7 +45,8 @@ struct Power {
 /// Terms of the expansions. The first left out is below 10⁻¹⁶ of the defect everywhere that they are used.
 const TERMS: usize = 24;
 
-/// Steps until the other zeros of γ_p, of absolute value 1/r, have died out like r^k, and the expansion has converged.
+/// Steps until the other zeros of γ_p, of absolute value 1/r, have died out like r^k, and the expansion has
+/// converged.
 const FAR: [usize; 6] = [32, 48, 64, 96, 160, 384];
 
 impl PowerDefects {
@@ -114,8 +116,9 @@ impl Power {
     }
 }
 
-/// d_k for k below the last index of the weights, which are divided by `leading`. The coefficient of k^{ν−β}, which would have to
-/// be known to 30 digits, is the one with which the sum at the last index has the defect `last` of the expansion.
+/// d_k for k below the last index of the weights, which are divided by `leading`. The coefficient of k^{ν−β},
+/// which would have to be known to 30 digits, is the one with which the sum at the last index has the defect
+/// `last` of the expansion.
 fn near_defects(nu: f64, beta: f64, leading: f64, weights: &[DoubleDouble], last: f64) -> Vec<f64> {
     let far = weights.len() - 1;
     let logarithms: Vec<DoubleDouble> = (0..=far).map(|k| logarithm(k.max(1) as f64)).collect();
@@ -272,7 +275,8 @@ mod tests {
 
     #[test]
     fn sums_and_expansions_meet() {
-        // The two ways are independent but for the leading coefficient, which is taken at the last step of the sums.
+        // The two ways are independent but for the leading coefficient, which is taken at the last step of
+        // the sums.
         for order in 1..=6 {
             let bdf = BdfOrder::new(order).unwrap();
             for (beta, nu) in [(0.5, 0.0), (0.5, 1.25), (1.5, 2.5), (0.75, 3.0), (1.9, 0.6), (-0.5, 1.0)] {

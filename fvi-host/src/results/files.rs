@@ -27,7 +27,8 @@ impl FileError {
     }
 }
 
-/// The error about a file whose directory has gone says so: that it was there when the file was begun is known.
+/// The error about a file whose directory has gone says so: that it was there when the file was begun is
+/// known.
 fn explained(path: &Path, error: io::Error) -> io::Error {
     match path.parent() {
         Some(directory) if error.kind() == io::ErrorKind::NotFound && !exists(directory) => io::Error::new(
@@ -45,8 +46,8 @@ fn exists(directory: &Path) -> bool {
 /// A file that is being written beside its destination.
 pub(crate) type NewFile = BufWriter<PartFile>;
 
-/// The file beside the destination. It is locked as long as the process that writes it lives, and removed unless it is
-/// committed.
+/// The file beside the destination. It is locked as long as the process that writes it lives, and removed
+/// unless it is committed.
 pub(crate) struct PartFile {
     file: File,
     part: PathBuf,
@@ -84,7 +85,8 @@ impl DiskHelper {
 /// Ending of the names of files that are being written.
 const PART_ENDING: &str = ".fvi-part";
 
-/// The file that a name stands for, and what is there already. A link stays a link; the file that it names is replaced.
+/// The file that a name stands for, and what is there already. A link stays a link; the file that it names is
+/// replaced.
 pub(crate) fn destination_of(path: &Path) -> io::Result<(PathBuf, Option<fs::Metadata>)> {
     let destination = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     let replaced = fs::metadata(&destination).ok();
@@ -173,7 +175,8 @@ impl Drop for PartFile {
     }
 }
 
-/// Removes what killed processes have left behind in a directory: files that were being written and that nobody holds.
+/// Removes what killed processes have left behind in a directory: files that were being written and that
+/// nobody holds.
 pub(crate) fn remove_abandoned_parts(directory: &Path) {
     let directory = if directory.as_os_str().is_empty() { Path::new(".") } else { directory };
     let Ok(entries) = fs::read_dir(directory) else { return };
@@ -212,7 +215,8 @@ pub(crate) fn write(
     write().map_err(FileError::at(path))
 }
 
-/// Writes to what the user has named: a file as a whole; a device, a pipe or a terminal directly, as a shell would.
+/// Writes to what the user has named: a file as a whole; a device, a pipe or a terminal directly, as a shell
+/// would.
 #[cfg(feature = "program")]
 pub(crate) fn write_out(
     path: &Path,

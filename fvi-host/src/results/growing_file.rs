@@ -16,8 +16,8 @@ pub(crate) struct Mark {
 
 /// A file that grows beside its destination, under the destination's name with `.part`.
 ///
-/// It has a head of fixed length, empty for most, that may be written anew at any time. It is removed when dropped unless it is to be
-/// kept or has been put in its place.
+/// It has a head of fixed length, empty for most, that may be written anew at any time. It is removed when
+/// dropped unless it is to be kept or has been put in its place.
 pub(crate) struct GrowingFile {
     file: File,
     part: PathBuf,
@@ -48,7 +48,8 @@ impl GrowingFile {
         Ok(this)
     }
 
-    /// Goes on behind a mark: with the part, where it holds what was marked, or with a copy of what `whole` opens.
+    /// Goes on behind a mark: with the part, where it holds what was marked, or with a copy of what `whole`
+    /// opens.
     ///
     /// # Errors
     /// If neither holds it.
@@ -136,7 +137,8 @@ impl GrowingFile {
         Ok(())
     }
 
-    /// The part, written and on the disk, to be read; it is removed with the value that is returned beside it.
+    /// The part, written and on the disk, to be read; it is removed with the value that is returned beside
+    /// it.
     pub(crate) fn reread(mut self) -> io::Result<(File, Self)> {
         self.flush()?;
         let file = File::open(&self.part)?;

@@ -4,8 +4,9 @@ use serde::{Deserialize, Serialize};
 
 /// A ladder of levels around the first number that is put on it, which grows with what is to be reached.
 ///
-/// A number takes two bytes. The distance of two rungs is a power of two and at most 1/16383 of the largest distance from the
-/// first number; where it has grown on the way, what was put there before is off by one rung at most.
+/// A number takes two bytes. The distance of two rungs is a power of two and at most 1/16383 of the largest
+/// distance from the first number; where it has grown on the way, what was put there before is off by one
+/// rung at most.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Levels {
     origin: Option<f64>,

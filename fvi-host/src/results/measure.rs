@@ -31,7 +31,8 @@ impl ErrorMeasure {
         let Some((first_found, first_known)) = errors.next() else { return };
         let mut last = 0.0_f64;
         for (found, known) in core::iter::once((first_found, first_known)).chain(errors) {
-            // A difference beyond the largest number, or of what is not a number, counts as the largest number.
+            // A difference beyond the largest number, or of what is not a number, counts as the largest
+            // number.
             let error = Some((found - known).abs()).filter(|error| error.is_finite());
             last = last.max(error.unwrap_or(f64::MAX));
             self.reference_largest = self.reference_largest.max(known.abs());

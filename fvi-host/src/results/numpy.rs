@@ -4,7 +4,8 @@ use std::io::{self, Seek, Write};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
-/// Bytes of the head of an array, which has a fixed length so that it can be written anew when rows have come.
+/// Bytes of the head of an array, which has a fixed length so that it can be written anew when rows have
+/// come.
 pub(crate) const HEAD: u64 = 128;
 
 /// What the numbers of an array are.

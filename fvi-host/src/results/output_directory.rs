@@ -7,8 +7,9 @@ use std::path::{Path, PathBuf};
 
 /// A directory that this process alone writes to.
 ///
-/// The lock lies on the directory itself, so that it leaves no file behind and ends with the process, however that ends.
-/// Where the system cannot lock a directory (Windows, some network file systems) runs are not kept apart.
+/// The lock lies on the directory itself, so that it leaves no file behind and ends with the process, however
+/// that ends. Where the system cannot lock a directory (Windows, some network file systems) runs are not kept
+/// apart.
 #[derive(Debug)]
 pub struct OutputDirectory {
     path: PathBuf,
@@ -18,7 +19,8 @@ pub struct OutputDirectory {
 }
 
 impl OutputDirectory {
-    /// Makes the directory, and those above it, if they are not there; locks it; removes what killed runs have left in it.
+    /// Makes the directory, and those above it, if they are not there; locks it; removes what killed runs
+    /// have left in it.
     ///
     /// Directories that were made are removed again when the value is dropped and nothing is in them.
     ///
@@ -75,7 +77,8 @@ impl OutputDirectory {
 
 impl Drop for OutputDirectory {
     fn drop(&mut self) {
-        // Said, since a process that is being started by another thread holds a copy of the open file for a moment.
+        // Said, since a process that is being started by another thread holds a copy of the open file for a
+        // moment.
         if let Some(file) = &self.lock {
             let _ = file.unlock();
         }

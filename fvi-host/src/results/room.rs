@@ -10,7 +10,8 @@ pub struct NoRoom {
 
 /// Refuses what cannot be had: an allocation that fails later would end the process without a word.
 ///
-/// The system hands out memory that it may not have, so success promises nothing; a limit on the process is honoured.
+/// The system hands out memory that it may not have, so success promises nothing; a limit on the process is
+/// honoured.
 ///
 /// # Errors
 /// [`NoRoom`].

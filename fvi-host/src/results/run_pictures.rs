@@ -93,8 +93,9 @@ fn over_decades(scenario: &Scenario) -> bool {
     scenario.time.grid.is_some() && (scenario.time.end() / first_time(scenario)).log10() > MOST_DECADES
 }
 
-/// The first time that is drawn after 0. Where steps are chosen on the way the first are as short as a singular start
-/// asks for, which says nothing about the decades that the scenario is about; its output times do.
+/// The first time that is drawn after 0. Where steps are chosen on the way the first are as short as a
+/// singular start asks for, which says nothing about the decades that the scenario is about; its output times
+/// do.
 fn first_time(scenario: &Scenario) -> f64 {
     let asked = scenario.output.times.iter().copied().find(|&time| time > 0.0);
     match scenario.time.adaptive() {

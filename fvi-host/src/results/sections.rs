@@ -8,8 +8,8 @@
 //! each section:        tag (4 bytes), length of the content (u64), content, CRC-32 of the three (u32)
 //! ```
 //!
-//! Integers have the least significant byte first. A change of up to 32 neighbouring bits, so of any single byte, cannot leave a CRC-32 as it
-//! was; lengths are believed only as far as the file reaches.
+//! Integers have the least significant byte first. A change of up to 32 neighbouring bits, so of any single
+//! byte, cannot leave a CRC-32 as it was; lengths are believed only as far as the file reaches.
 
 use std::io::{self, Write};
 

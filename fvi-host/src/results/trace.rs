@@ -1,4 +1,5 @@
-//! Traces of a run that stay small however long it is: a few kilobytes each, since they are part of checkpoints.
+//! Traces of a run that stay small however long it is: a few kilobytes each, since they are part of
+//! checkpoints.
 
 use super::levels::{Level, Levels, has_level, moved};
 use crate::numerics::column::{highest, is_finite, lowest};
@@ -7,8 +8,8 @@ use std::collections::VecDeque;
 
 /// A curve over time, kept as the extremes of a bounded number of intervals: nothing that sticks out is lost.
 ///
-/// There are at least as many intervals as a picture has columns once the curve is longer than that; values are kept to a
-/// hundredth of what can be seen.
+/// There are at least as many intervals as a picture has columns once the curve is longer than that; values
+/// are kept to a hundredth of what can be seen.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Envelope {
     levels: Levels,
@@ -193,7 +194,8 @@ impl Envelope {
         self.intervals.push(Interval { begin: Moment::of(open.first.0), extremes });
     }
 
-    /// Joins neighbouring intervals; their number is even. The one that is to be closed stays half as long as those that follow.
+    /// Joins neighbouring intervals; their number is even. The one that is to be closed stays half as long as
+    /// those that follow.
     fn halve(&mut self) {
         let pairs = self.intervals.chunks(2);
         self.intervals = pairs.filter_map(|pair| pair.iter().copied().reduce(Interval::joined)).collect();
@@ -457,8 +459,8 @@ mod tests {
             let value = |time: f64| (0.003 * time).sin();
             let mut envelope = Envelope::new();
             (0..count).for_each(|k| envelope.push(f64::from(k), value(f64::from(k))));
-            // Where an interval is shorter than the others its end is drawn half a sample too late, a quarter of a
-            // pixel.
+            // Where an interval is shorter than the others its end is drawn half a sample too late, a quarter
+            // of a pixel.
             let off = envelope.points().into_iter().map(|(time, found)| (found - value(time)).abs());
             assert!(off.fold(0.0, f64::max) < 0.5 * 0.003 + 2e-4, "{count} samples");
         }

@@ -41,8 +41,8 @@ impl Format {
 
 /// Writes grid points row by row, so that a reader gets the same f64 back.
 ///
-/// The rows live in files beside the destination, under names with `.part`, until [`finish`](Self::finish) puts the whole in its place at
-/// once. A run that is to be gone on with takes a mark and has the parts kept.
+/// The rows live in files beside the destination, under names with `.part`, until [`finish`](Self::finish)
+/// puts the whole in its place at once. A run that is to be gone on with takes a mark and has the parts kept.
 pub struct TrajectoryWriter {
     rows: Rows,
     every: usize,
@@ -66,8 +66,8 @@ pub(crate) struct TrajectoryMark {
 }
 
 impl TrajectoryWriter {
-    /// A writer into a directory of every `every`-th row; the first and the last are always written. The states that it takes hold
-    /// these coordinates, which name the columns.
+    /// A writer into a directory of every `every`-th row; the first and the last are always written. The
+    /// states that it takes hold these coordinates, which name the columns.
     ///
     /// # Errors
     /// If a file cannot be created.

@@ -11,16 +11,17 @@ pub(super) const MOST_STEPS_CHOSEN: usize = 10_000_000;
 /// The shortest step, where the scenario does not say, as a share of the end.
 const SHORTEST: f64 = 1e-12;
 
-/// Where the momentum begins like t^e with e < 1 the first step h leaves an error like h^e, and `SHORTEST` is too long. Down
-/// to this share of the end the shortest step is where that is a small part of the tolerance.
+/// Where the momentum begins like t^e with e < 1 the first step h leaves an error like h^e, and `SHORTEST` is
+/// too long. Down to this share of the end the shortest step is where that is a small part of the tolerance.
 const SHORTEST_OF_ALL: f64 = 1e-30;
 const SMALL_PART: f64 = 0.03;
 
-/// The shortest step beside the first, where the scenario gives the first and not the shortest: a jump later on may
-/// ask for shorter steps than the start.
+/// The shortest step beside the first, where the scenario gives the first and not the shortest: a jump later
+/// on may ask for shorter steps than the start.
 const SHORTER_THAN_FIRST: f64 = 1e-3;
 
-/// Tolerances that have a meaning in double precision; [`Adaptive::smallest_tolerance`] knows those of single precision.
+/// Tolerances that have a meaning in double precision; [`Adaptive::smallest_tolerance`] knows those of single
+/// precision.
 const SMALLEST_TOLERANCE: f64 = 1e-12;
 const LARGEST_TOLERANCE: f64 = 0.1;
 
@@ -29,8 +30,8 @@ const LARGEST_TOLERANCE: f64 = 0.1;
 pub struct Adaptive {
     /// The last time.
     pub end: f64,
-    /// Error of position and momentum that each step may add about, relative to the largest value of each coordinate so
-    /// far or, while that is smaller, to `scale`.
+    /// Error of position and momentum that each step may add about, relative to the largest value of each
+    /// coordinate so far or, while that is smaller, to `scale`.
     pub tolerance: f64,
     /// The first step; absent: found from the error.
     pub first: Option<f64>,
@@ -38,7 +39,8 @@ pub struct Adaptive {
     pub shortest: f64,
     /// The longest step; absent: any.
     pub longest: Option<f64>,
-    /// The size of positions that counts as one; that of momenta is this times the mass, for each unit of time.
+    /// The size of positions that counts as one; that of momenta is this times the mass, for each unit of
+    /// time.
     pub scale: f64,
 }
 
@@ -90,8 +92,8 @@ impl Adaptive {
         ends.windows(2).find(near).map(|pair| (pair[0], pair[1]))
     }
 
-    /// The smallest power of t that the momentum begins with, at most 1: the Riemann–Liouville derivative of a constant
-    /// position, or velocity, is a force like t^(−β), or t^(1−β).
+    /// The smallest power of t that the momentum begins with, at most 1: the Riemann–Liouville derivative of
+    /// a constant position, or velocity, is a force like t^(−β), or t^(1−β).
     pub(super) fn start(system: &System, initial: &InitialState) -> f64 {
         let moves = |numbers: &[f64]| numbers.iter().any(|&number| number != 0.0);
         let terms = system.damping.iter().filter(|term| term.derivative == Derivative::RiemannLiouville);

@@ -211,7 +211,8 @@ impl Grid {
         }
     }
 
-    /// Makes every time that must be hit a grid point: the nearest moves there if it is near, but for given points, which stay.
+    /// Makes every time that must be hit a grid point: the nearest moves there if it is near, but for given
+    /// points, which stay.
     fn put_in(&mut self) {
         let mut times = self.times.to_vec();
         for &time in &self.must_hit {
@@ -239,10 +240,11 @@ fn graded(end: f64, steps: usize, exponent: f64) -> Vec<f64> {
     (0..=steps).map(time).collect()
 }
 
-/// Steps that grow by the ratio up to the longest, from one time that must be hit to the next; `None` if they are too many.
+/// Steps that grow by the ratio up to the longest, from one time that must be hit to the next; `None` if they
+/// are too many.
 ///
-/// Up to each of those times, and to the end, they are as many as the rule needs, and then all shorter by the same factor;
-/// but the first step of all stays.
+/// Up to each of those times, and to the end, they are as many as the rule needs, and then all shorter by the
+/// same factor; but the first step of all stays.
 fn geometric(end: f64, first: f64, ratio: f64, longest: Option<f64>, must_hit: &[f64]) -> Option<Vec<f64>> {
     let longest = longest.unwrap_or(f64::INFINITY);
     let (mut times, mut step) = (vec![0.0], first);

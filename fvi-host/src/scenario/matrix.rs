@@ -87,8 +87,8 @@ impl SymmetricMatrix {
         }
     }
 
-    /// Reads numbers (a diagonal), rows of numbers, or the name of a file, for as many coordinates as there are; without a
-    /// number the positive definite matrix that says how many.
+    /// Reads numbers (a diagonal), rows of numbers, or the name of a file, for as many coordinates as there
+    /// are; without a number the positive definite matrix that says how many.
     pub(super) fn read(value: &Value<'_>, coordinates: Option<usize>) -> Result<Self, InputError> {
         if value.is_text() {
             return SparseMatrix::read(value, coordinates).map(Self::Sparse);

@@ -6,8 +6,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// A potential U(q) and a force F(t, q) in code; they are added to those that a scenario writes.
 ///
-/// All numbers are in double precision, whatever the run computes in. A call that fails writes a NaN, which ends the step it
-/// is made for, and keeps the reason to itself.
+/// All numbers are in double precision, whatever the run computes in. A call that fails writes a NaN, which
+/// ends the step it is made for, and keeps the reason to itself.
 pub trait OwnTerms: Send {
     /// U(q).
     fn potential(&mut self, position: &[f64]) -> f64;

@@ -8,9 +8,9 @@ use serde::Serialize;
 
 /// A piecewise constant force on the coordinates, as a controller with a zero-order hold puts out.
 ///
-/// The input of step k, over [t_k, t_{k+1}], is the last sample whose time is not after t_k (to rounding); what samples
-/// inside the step add is the matter of [`ForceQuadrature`](crate::scenario::ForceQuadrature). Zero before the first
-/// sample; the last one is held to the end.
+/// The input of step k, over [t_k, t_{k+1}], is the last sample whose time is not after t_k (to rounding);
+/// what samples inside the step add is the matter of [`ForceQuadrature`](crate::scenario::ForceQuadrature).
+/// Zero before the first sample; the last one is held to the end.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SampledInput {
     /// When each sample takes effect; ascending.
@@ -79,7 +79,8 @@ impl SampledInput {
         self.first_steps = self.times.iter().map(|&time| grid.first_step_from(time)).collect();
     }
 
-    /// The input held from a time on, where steps begin at the times of samples; `None` before the first sample.
+    /// The input held from a time on, where steps begin at the times of samples; `None` before the first
+    /// sample.
     pub fn from_time(&self, time: f64) -> Option<&[f64]> {
         let after = self.times.partition_point(|&begin| begin <= time + same_time(time, 0.0));
         after.checked_sub(1).map(|index| self.samples[index].as_slice())

@@ -65,10 +65,11 @@ pub struct Convolution {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DampedAt {
-    /// At the ends of the steps, the papers' form: explicit, of order 2 for positions and 1 for momenta at most.
+    /// At the ends of the steps, the papers' form: explicit, of order 2 for positions and 1 for momenta at
+    /// most.
     MainNodes,
-    /// At the nodes of the action's quadrature: implicit, of order min(2 s, p) for both. Runge–Kutta families know no other place,
-    /// Euler's methods do not know this one.
+    /// At the nodes of the action's quadrature: implicit, of order min(2 s, p) for both. Runge–Kutta families
+    /// know no other place, Euler's methods do not know this one.
     Nodes,
 }
 
@@ -151,8 +152,8 @@ impl Scheme {
         }
     }
 
-    /// A Galerkin scheme that is not told its quadrature takes Gauss's with as many points as its degree, unless
-    /// the convolution quadrature brings its own.
+    /// A Galerkin scheme that is not told its quadrature takes Gauss's with as many points as its degree,
+    /// unless the convolution quadrature brings its own.
     pub(super) fn with_quadrature_for(self, family: ConvolutionFamily) -> Self {
         match (self, family) {
             (Self::Galerkin { degree, quadrature: None }, ConvolutionFamily::Bdf { .. }) => {
@@ -162,7 +163,8 @@ impl Scheme {
         }
     }
 
-    /// The quadrature of a Galerkin scheme; `None` where the convolution quadrature or the scheme itself says.
+    /// The quadrature of a Galerkin scheme; `None` where the convolution quadrature or the scheme itself
+    /// says.
     pub fn quadrature(&self) -> Option<Quadrature> {
         match *self {
             Self::Galerkin { quadrature, .. } => quadrature,
@@ -214,7 +216,8 @@ impl DampedAt {
         }
     }
 
-    /// Starting weights correct samples on the grid: where there are any, the main nodes are meant unless said otherwise.
+    /// Starting weights correct samples on the grid: where there are any, the main nodes are meant unless
+    /// said otherwise.
     fn read(table: &Table<'_>, scheme: &Scheme, starting: bool) -> Result<Self, InputError> {
         let Some(value) = table.optional("at") else {
             return Ok(if starting { Self::MainNodes } else { Convolution::default_for(scheme).at });
@@ -234,9 +237,10 @@ impl DampedAt {
 }
 
 impl Convolution {
-    /// What a scenario has that does not say: BDF 2 at the nodes, with which the midpoint rule is of order 2 and stable at every
-    /// step. Euler's methods, baselines of order 1, keep BDF 1 at the main nodes: the explicit one has no node inside of the step,
-    /// and the implicit one solves for its end already. Collocation has Radau IIA, of order 5.
+    /// What a scenario has that does not say: BDF 2 at the nodes, with which the midpoint rule is of order 2
+    /// and stable at every step. Euler's methods, baselines of order 1, keep BDF 1 at the main nodes: the
+    /// explicit one has no node inside of the step, and the implicit one solves for its end already.
+    /// Collocation has Radau IIA, of order 5.
     pub fn default_for(scheme: &Scheme) -> Self {
         let (family, at) = match scheme {
             Scheme::LowOrder { .. } | Scheme::Galerkin { .. } => {
@@ -346,10 +350,12 @@ impl Convolution {
         Ok(Self { family, at, starting })
     }
 
-    /// The highest exponent whose starting weights do not grow with time: p + β, with the lowest order β of a damping term.
+    /// The highest exponent whose starting weights do not grow with time: p + β, with the lowest order β of a
+    /// damping term.
     ///
-    /// The quadrature's error on t^ν, which the starting weights make up, goes like h^p t^(ν − β − p): beyond, a fixed multiple of the
-    /// first samples acts as a force that grows without end. A derivative of order 0 has no error.
+    /// The quadrature's error on t^ν, which the starting weights make up, goes like h^p t^(ν − β − p):
+    /// beyond, a fixed multiple of the first samples acts as a force that grows without end. A derivative of
+    /// order 0 has no error.
     pub(super) fn highest_exponent(&self, system: &System) -> f64 {
         let ConvolutionFamily::Bdf { order } = self.family else { return f64::INFINITY };
         let orders = system.damping.iter().map(|term| term.order).filter(|&beta| beta > 0.0);

@@ -19,12 +19,13 @@ pub struct SparseMatrix {
     source: Option<String>,
 }
 
-/// Largest part of an entry by which its mirror image may differ: what rounding does when elements are added up.
+/// Largest part of an entry by which its mirror image may differ: what rounding does when elements are added
+/// up.
 const ASYMMETRY: f64 = 1e-10;
 
 impl SparseMatrix {
-    /// The symmetric matrix in the file that `value` names; without a number of coordinates it is the positive definite one
-    /// that says how many there are.
+    /// The symmetric matrix in the file that `value` names; without a number of coordinates it is the
+    /// positive definite one that says how many there are.
     ///
     /// What is made of it has room for each row, and a file promises as many rows as it likes.
     pub(super) fn read(value: &Value<'_>, coordinates: Option<usize>) -> Result<Self, InputError> {

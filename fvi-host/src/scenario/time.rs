@@ -25,7 +25,8 @@ pub struct TimeGrid {
     pub grid: Option<Grid>,
     /// Whether to run although the step is known to make motions grow.
     pub allow_unstable: bool,
-    /// What happens when energy grows that nothing has put in; absent: the run stops, unless `allow_unstable`.
+    /// What happens when energy grows that nothing has put in; absent: the run stops, unless
+    /// `allow_unstable`.
     pub energy_guard: Option<OnEnergyGrowth>,
 }
 
@@ -365,7 +366,8 @@ impl Overflow {
 /// Largest tolerance of the exponential sum, see `scenarios/README.md`.
 const LARGEST_TOLERANCE: f64 = 1e-6;
 
-/// Smallest tolerance with which an exponential sum may keep its state in single precision: rounding takes up to half of it.
+/// Smallest tolerance with which an exponential sum may keep its state in single precision: rounding takes up
+/// to half of it.
 const SMALLEST_SINGLE_TOLERANCE: f64 = 5e-7;
 
 /// Most threads that a run takes unless it is told to take more.
@@ -390,7 +392,8 @@ pub struct History {
     /// Relative error of each weight of the exponential sum; absent: rounding.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tolerance: Option<f64>,
-    /// Largest lag of the table of exponentials; absent: that of the run. A table of firmware reaches further.
+    /// Largest lag of the table of exponentials; absent: that of the run. A table of firmware reaches
+    /// further.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub horizon: Option<usize>,
     /// Samples that the direct engine keeps; absent: all.
@@ -402,10 +405,12 @@ pub struct History {
     /// In what the exponential sum keeps its state; absent: in the precision of the run.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub states: Option<States>,
-    /// Threads that share the work of a large system: memories of many channels, products and solutions; absent: as many as the machine has, up to eight. The bits are the same.
+    /// Threads that share the work of a large system: memories of many channels, products and solutions;
+    /// absent: as many as the machine has, up to eight. The bits are the same.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub threads: Option<usize>,
-    /// Samples that engine and table are chosen for, where a run is carried further than it was begun for; absent: those of the run.
+    /// Samples that engine and table are chosen for, where a run is carried further than it was begun for;
+    /// absent: those of the run.
     #[serde(skip)]
     pub planned: Option<usize>,
 }
@@ -420,7 +425,8 @@ impl History {
 
     /// Threads that share the work of a large system.
     pub fn threads(&self) -> usize {
-        // Asked for once: the answer takes a look at several files of the system, and every run of a sweep wants it.
+        // Asked for once: the answer takes a look at several files of the system, and every run of a sweep
+        // wants it.
         static THERE: OnceLock<usize> = OnceLock::new();
         let there = || std::thread::available_parallelism().map_or(1, NonZero::get).min(THREADS);
         self.threads.unwrap_or_else(|| *THERE.get_or_init(there))
@@ -528,11 +534,13 @@ impl History {
     }
 }
 
-/// Which momentum is reported where the fractional force acts at the main nodes, as a kick at the end of every step.
+/// Which momentum is reported where the fractional force acts at the main nodes, as a kick at the end of
+/// every step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ReportedMomentum {
-    /// The mean of the momenta before and after the kick of t_k, p_k + (h/2) Σ_m ρ_m (D^{β_m} q)_k: of order 2.
+    /// The mean of the momenta before and after the kick of t_k, p_k + (h/2) Σ_m ρ_m (D^{β_m} q)_k: of order
+    /// 2.
     #[default]
     Mean,
     /// The one after it, the papers': of order 1.
@@ -544,7 +552,8 @@ pub enum ReportedMomentum {
 pub struct OutputOptions {
     /// Every how many steps a row of the trajectory is written; the last row always is.
     pub every: usize,
-    /// The momentum that trajectories, summaries, pictures and errors show. Where nothing acts at the main nodes there is one momentum only.
+    /// The momentum that trajectories, summaries, pictures and errors show. Where nothing acts at the main
+    /// nodes there is one momentum only.
     pub momentum: ReportedMomentum,
     /// The coordinates that are columns of the trajectory and curves of the pictures; absent: all.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -552,13 +561,15 @@ pub struct OutputOptions {
     /// Every how many steps the whole state is kept for `snapshots.npz`; absent: never.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub snapshots: Option<usize>,
-    /// Times of the rows, increasing; between grid points by the scheme's own polynomial. Empty: the grid points.
+    /// Times of the rows, increasing; between grid points by the scheme's own polynomial. Empty: the grid
+    /// points.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub times: Vec<f64>,
 }
 
 impl OutputOptions {
-    /// What a scenario has that does not say. Euler's methods, baselines of order 1, have the momentum that they compute.
+    /// What a scenario has that does not say. Euler's methods, baselines of order 1, have the momentum that
+    /// they compute.
     pub fn default_for(scheme: &Scheme) -> Self {
         let momentum = match scheme {
             Scheme::ExplicitEuler | Scheme::ImplicitEuler => ReportedMomentum::OneSided,

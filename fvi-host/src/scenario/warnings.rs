@@ -34,12 +34,14 @@ impl Scenario {
         })
     }
 
-    /// The Riemann–Liouville derivative of a position that does not start at zero. Plain weights at the nodes take it as it is.
+    /// The Riemann–Liouville derivative of a position that does not start at zero. Plain weights at the nodes
+    /// take it as it is.
     ///
-    /// It holds q₀ t^(−β)/Γ(1 − β). The sum at the main nodes begins with the first step, without the kick −h ρ w₀ q₀ of t = 0,
-    /// which is of the order h^(1−β); a derivative of order 0 has no singularity, and with β = 1 and BDF 1 the sum is the
-    /// difference quotient (q_k − q_{k−1})/h, right as it stands. The stages of a Runge–Kutta method resolve the kick while it has
-    /// a limit: with Radau IIA the error of q falls like h^(2−β).
+    /// It holds q₀ t^(−β)/Γ(1 − β). The sum at the main nodes begins with the first step, without the kick −h
+    /// ρ w₀ q₀ of t = 0, which is of the order h^(1−β); a derivative of order 0 has no singularity, and with
+    /// β = 1 and BDF 1 the sum is the difference quotient (q_k − q_{k−1})/h, right as it stands. The stages
+    /// of a Runge–Kutta method resolve the kick while it has a limit: with Radau IIA the error of q falls
+    /// like h^(2−β).
     fn singular_force_warning(&self, index: usize, term: &Damping) -> Option<String> {
         let force = term.coefficient.times(&self.initial.position);
         let at_stages = !matches!(self.convolution.family, ConvolutionFamily::Bdf { .. });

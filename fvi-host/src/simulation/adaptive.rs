@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 
 /// How much of the difference of two halves and the whole is taken for the error of the halves.
 ///
-/// Of a smooth motion the error is 1/(2^k − 1) of it, of a singular start up to a quarter. Errors add up while nothing damps
-/// them: the rest is for that.
+/// Of a smooth motion the error is 1/(2^k − 1) of it, of a singular start up to a quarter. Errors add up
+/// while nothing damps them: the rest is for that.
 const SHARE: f64 = 2.0;
 
 /// The first attempt where nothing says how long it may be, as a share of the end, times √tolerance.
@@ -22,8 +22,8 @@ const MOST_ATTEMPTS: usize = 60;
 
 /// Steps by pairs: two halves are made, and the whole at once to compare them with.
 ///
-/// The memory goes both ways too, so that what it loses in a step is part of the difference. The halves stay. An
-/// attempt whose difference is too large is taken back by the saved state, to the last bit.
+/// The memory goes both ways too, so that what it loses in a step is part of the difference. The halves stay.
+/// An attempt whose difference is too large is taken back by the saved state, to the last bit.
 pub(crate) struct AdaptiveSteps<'s> {
     scenario: &'s Scenario,
     rule: Adaptive,
@@ -122,8 +122,8 @@ impl<'s> AdaptiveSteps<'s> {
             whole: start.clone(),
             end: start.clone(),
             inside: scenario.is_looked_into().then(|| start.clone()),
-            // The polynomial of half the step is as much better. Galerkin's has momenta of a low order, which are not held
-            // to the tolerance.
+            // The polynomial of half the step is as much better. Galerkin's has momenta of a low order, which
+            // are not held to the tolerance.
             share_inside: match scenario.scheme {
                 Scheme::Collocation => [libm::pow(2.0, -orders[1]); 2],
                 _ => [libm::pow(2.0, -orders[1]), 0.0],
@@ -271,7 +271,8 @@ impl<'s> AdaptiveSteps<'s> {
         Ok(iterations)
     }
 
-    /// The error of the halves in units of the tolerance: the largest of all positions and momenta, at the end and inside.
+    /// The error of the halves in units of the tolerance: the largest of all positions and momenta, at the
+    /// end and inside.
     fn error(&self, middle: &GridState) -> f64 {
         let at_end = SHARE * self.largest_difference(&self.whole, &self.end, [1.0; 2]);
         let inside = self.inside.as_ref().map_or(0.0, |inside| {
@@ -282,7 +283,8 @@ impl<'s> AdaptiveSteps<'s> {
         if inside > at_end || inside.is_nan() { inside } else { at_end }
     }
 
-    /// The largest difference of two states in units of the tolerance, positions and momenta counted by their shares.
+    /// The largest difference of two states in units of the tolerance, positions and momenta counted by their
+    /// shares.
     fn largest_difference(&self, one: &GridState, other: &GridState, shares: [f64; 2]) -> f64 {
         let Self { rule, progress, momentum_scale, .. } = self;
         let [positions, momenta] = &progress.largest;

@@ -1,5 +1,5 @@
-//! Times at which a motion is rough, where steps that are chosen on the way must end: jumps, kinks and roots of forces
-//! of time, samples, and what the scenario asks for.
+//! Times at which a motion is rough, where steps that are chosen on the way must end: jumps, kinks and roots
+//! of forces of time, samples, and what the scenario asks for.
 
 use crate::model::tape::RoughArguments;
 use crate::scenario::{Amplitude, Scenario};

@@ -42,8 +42,8 @@ const MOST_DENSE: usize = 6_000;
 
 /// The sparse space for a scenario, or `None` if it runs in the dense one.
 ///
-/// Sparse factors serve symmetric matrices of one unknown node: variational schemes of degree 1 without a force that depends on the
-/// position.
+/// Sparse factors serve symmetric matrices of one unknown node: variational schemes of degree 1 without a
+/// force that depends on the position.
 ///
 /// # Errors
 /// If the system is too large for the solver that its scheme needs, or its factor for the memory.

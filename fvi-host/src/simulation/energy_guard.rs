@@ -15,18 +15,20 @@ const FACTOR: f64 = 1000.0;
 
 /// Compares the energy of a run with what there was at the start and what forces have put in since.
 ///
-/// The check of the step before the run is that of the motion linearised at the start. Where the potential is not quadratic a step can
-/// be too long elsewhere, and the energy then grows by itself. Damping only takes energy, so
+/// The check of the step before the run is that of the motion linearised at the start. Where the potential is
+/// not quadratic a step can be too long elsewhere, and the energy then grows by itself. Damping only takes
+/// energy, so
 ///
 /// ```text
 /// E_k − E₀ ≤ W_k ,    W_k = Σ h |F·v| + Σ h |u·v| + what the start does to the memory
 /// ```
 ///
-/// up to the error of the scheme. The guard trips where E_k − E₀ passes a thousand times T₀ + max(|U₀|, U₀ − min U) + W_k, with the kinetic
-/// energy T and the potential U: a rise that no constant in U, fall into a well or resonance explains. Forces are taken at the nodes
-/// of the scheme, and the larger of Δq and h v at both ends of the step for the way that they act along. The memory of a
-/// Riemann–Liouville derivative pushes with up to |ρ q₀| t^{−β}, that of Caputo's for β > 1 with up to |ρ v₀| t^{1−β}; for β = 0 it is a
-/// spring and holds ½ q₀ᵀρ q₀.
+/// up to the error of the scheme. The guard trips where E_k − E₀ passes a thousand times T₀ + max(|U₀|,
+/// U₀ − min U) + W_k, with the kinetic energy T and the potential U: a rise that no constant in U, fall into
+/// a well or resonance explains. Forces are taken at the nodes of the scheme, and the larger of Δq and h v at
+/// both ends of the step for the way that they act along. The memory of a Riemann–Liouville derivative pushes
+/// with up to |ρ q₀| t^{−β}, that of Caputo's for β > 1 with up to |ρ v₀| t^{1−β}; for β = 0 it is a spring
+/// and holds ½ q₀ᵀρ q₀.
 pub struct EnergyGuard {
     reaction: OnEnergyGrowth,
     inverse_mass: SymmetricMatrix,
@@ -37,7 +39,8 @@ pub struct EnergyGuard {
     lowest_potential: f64,
     /// T₀ and the springs of order 0.
     stored: f64,
-    /// Whether anything from outside or from the start can do work at all; without it positions and velocities need not be kept.
+    /// Whether anything from outside or from the start can do work at all; without it positions and
+    /// velocities need not be kept.
     is_driven: bool,
     work: f64,
     time: f64,
@@ -170,8 +173,9 @@ impl EnergyGuard {
         }
     }
 
-    /// Takes in the states of a stretch, whose first step began at the time `begin`; `input` is held over the step to each of
-    /// them, which began at the given time. Returns the state at which the run must stop, if it must, and why.
+    /// Takes in the states of a stretch, whose first step began at the time `begin`; `input` is held over the
+    /// step to each of them, which began at the given time. Returns the state at which the run must stop, if
+    /// it must, and why.
     pub(crate) fn take_along<'a>(
         &mut self,
         stretch: &Stretch,
@@ -193,9 +197,11 @@ impl EnergyGuard {
         found
     }
 
-    /// Takes in the states of a stretch if nothing drives the motion and the energy of none is out of bounds; returns whether.
+    /// Takes in the states of a stretch if nothing drives the motion and the energy of none is out of bounds;
+    /// returns whether.
     ///
-    /// The bound grows with the fall of the potential: what is below the bound before the stretch is so after every step.
+    /// The bound grows with the fall of the potential: what is below the bound before the stretch is so after
+    /// every step.
     fn take_without_rise(&mut self, stretch: &Stretch) -> bool {
         let SymmetricMatrix::Diagonal(inverse) = &self.inverse_mass else { return false };
         // Beyond the bound, or not a number.
@@ -385,7 +391,8 @@ mod tests {
 
     #[test]
     fn energy_that_is_explained_is_let_pass() {
-        // Resonance, a fall from an unstable equilibrium where U = 0, a constant in U, a kick on a system at rest.
+        // Resonance, a fall from an unstable equilibrium where U = 0, a constant in U, a kick on a system at
+        // rest.
         let half = "kappa = 0.5";
         let time = "step = 0.05\nsteps = 4000";
         let driven = "potential = \"0.5*q0^2\"\nforce = [\"sin(t)\"]";

@@ -48,7 +48,8 @@ pub(crate) struct Seen {
     pub(crate) dropped: usize,
     /// Of each function when it was first found to be not a number.
     pub(crate) undefined: Vec<Option<f64>>,
-    /// Of each function whether it was negative when it was last not zero; `None`: it was not, since it began or was no number.
+    /// Of each function whether it was negative when it was last not zero; `None`: it was not, since it began
+    /// or was no number.
     negative: Vec<Option<bool>>,
 }
 
@@ -121,8 +122,8 @@ impl Watch {
         }
     }
 
-    /// Looks at the step that has led to `state`, by `look_into`; keeps what has happened in it, in the order of time, up to the first
-    /// event that ends the run, and returns the state there.
+    /// Looks at the step that has led to `state`, by `look_into`; keeps what has happened in it, in the order
+    /// of time, up to the first event that ends the run, and returns the state there.
     pub(crate) fn take(
         &mut self,
         state: &GridState,
@@ -209,8 +210,9 @@ fn sign(value: f64) -> Option<bool> {
     }
 }
 
-/// A zero of a continuous function between two times with its values there, to rounding of the time: regula falsi with halved
-/// ordinates (Illinois), where every third step halves the interval. Source: \[DowellJarratt71\].
+/// A zero of a continuous function between two times with its values there, to rounding of the time: regula
+/// falsi with halved ordinates (Illinois), where every third step halves the interval. Source:
+/// \[DowellJarratt71\].
 ///
 /// The function has another sign at the second time than it last had up to the first, where it may be zero.
 fn zero(

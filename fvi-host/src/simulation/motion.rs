@@ -12,8 +12,8 @@ use fvi_core::StateError;
 
 /// A scenario on its way from grid point to grid point.
 ///
-/// The one loop body of all that runs scenarios: a stretch of steps with their sampled inputs, then a look at whether their states
-/// are finite, and one at their energies.
+/// The one loop body of all that runs scenarios: a stretch of steps with their sampled inputs, then a look at
+/// whether their states are finite, and one at their energies.
 pub struct Motion<'s> {
     scenario: &'s Scenario,
     simulation: Simulation,
@@ -101,7 +101,8 @@ impl<'s> Motion<'s> {
         self.adaptive.as_ref().map(|adaptive| adaptive.progress().counts)
     }
 
-    /// Goes on after so many steps with the state and what was gathered that another motion of the scenario had then.
+    /// Goes on after so many steps with the state and what was gathered that another motion of the scenario
+    /// had then.
     ///
     /// # Errors
     /// [`StateError`] if the bytes are no such state; the motion is of no use then.
@@ -129,18 +130,19 @@ impl<'s> Motion<'s> {
     /// Makes the next step; returns the iterations of Newton's method.
     ///
     /// # Errors
-    /// [`Failure`]. A step that could not be made leaves the motion as it was. One at whose end the energy has grown without a
-    /// cause has been made, and [`steps`](Self::steps) counts it.
+    /// [`Failure`]. A step that could not be made leaves the motion as it was. One at whose end the energy
+    /// has grown without a cause has been made, and [`steps`](Self::steps) counts it.
     pub fn advance(&mut self) -> Result<u32, Failure> {
         self.advance_along(1)?;
         Ok(self.stretch.iterations().iter().sum())
     }
 
-    /// Makes some of the next steps, no more than `most`; [`stretch`](Self::stretch) has the states after them.
+    /// Makes some of the next steps, no more than `most`; [`stretch`](Self::stretch) has the states after
+    /// them.
     ///
     /// # Errors
-    /// [`Failure`] of the step behind the last state of the stretch; or of the step to that state, if the energy has grown without a
-    /// cause at its end.
+    /// [`Failure`] of the step behind the last state of the stretch; or of the step to that state, if the
+    /// energy has grown without a cause at its end.
     pub(crate) fn advance_along(&mut self, most: usize) -> Result<(), Failure> {
         let (before, begin) = (self.steps, self.state.time);
         self.stretch.begin(before + 1);
@@ -171,7 +173,8 @@ impl<'s> Motion<'s> {
         Err(Failure { step: before + failed, time, reason })
     }
 
-    /// Makes steps and puts their states into the empty stretch; the error says why the one behind them could not be made.
+    /// Makes steps and puts their states into the empty stretch; the error says why the one behind them could
+    /// not be made.
     fn make_steps(&mut self, most: usize) -> Result<(), String> {
         let Self { scenario, simulation, adaptive, stretch, next, .. } = self;
         let left = scenario.time.steps.saturating_sub(self.steps);
@@ -204,7 +207,8 @@ impl<'s> Motion<'s> {
     /// Brings the energy up to date with the state, where it was left out.
     pub fn complete(&mut self) {
         self.simulation.read(&mut self.next);
-        // A step to what is not finite has taken the simulation further than the motion; so has the second half of a pair.
+        // A step to what is not finite has taken the simulation further than the motion; so has the second
+        // half of a pair.
         if self.next.time == self.state.time {
             self.state.energy = self.next.energy;
             self.simulation.read_energies(&mut self.energies);
@@ -216,7 +220,8 @@ impl<'s> Motion<'s> {
         &self.stretch
     }
 
-    /// Shows a state in place of the last one of the [`stretch`](Self::stretch); the motion stays where it is.
+    /// Shows a state in place of the last one of the [`stretch`](Self::stretch); the motion stays where it
+    /// is.
     pub(crate) fn show(&mut self, state: &GridState) {
         self.stretch.replace_last(state);
     }
@@ -270,7 +275,8 @@ mod tests {
         Scenario::from_value(&value).unwrap()
     }
 
-    /// All states of a motion with the iterations that led to them, made `most` steps at a time, and how it ended.
+    /// All states of a motion with the iterations that led to them, made `most` steps at a time, and how it
+    /// ended.
     fn states(
         scenario: &Scenario,
         most: usize,

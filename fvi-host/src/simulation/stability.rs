@@ -30,7 +30,8 @@ pub enum DampingForm {
         /// The backward differentiation formula.
         order: BdfOrder,
     },
-    /// At the stages of a stiffly accurate Runge–Kutta method, whose nodes and weights are those of the quadrature, implicitly.
+    /// At the stages of a stiffly accurate Runge–Kutta method, whose nodes and weights are those of the
+    /// quadrature, implicitly.
     Stages {
         /// A of the method.
         matrix: DMatrix<f64>,
@@ -103,7 +104,8 @@ pub enum Verdict {
     Stable,
     /// Some motion grows, or whether one does is lost in rounding.
     Unstable {
-        /// The largest shorter step at which none does, to four digits; `None` if there is none above 10⁻¹² of the step.
+        /// The largest shorter step at which none does, to four digits; `None` if there is none above 10⁻¹²
+        /// of the step.
         largest_stable_step: Option<f64>,
     },
 }
@@ -116,14 +118,16 @@ const MARGINS: (f64, f64) = (1e-7, 1e-3);
 
 /// Checks whether a step is short enough for runs of this length.
 ///
-/// With motions q_k = z^{−k} v the equations of a step are A(z) v = 0 (`characteristic.rs`). Every zero of det A in |z| < 1 is a
-/// motion that grows, and a motion that grows is such a zero. They are counted by the argument principle, on a circle a
-/// little inside |z| = 1: a motion may grow by the factor 2 over the run. So what neither grows nor decays is accepted, as are undamped
-/// systems. Where the system itself makes motions grow (K not positive semidefinite, forces that do not come from a potential)
-/// none may grow more than twice as fast as the system's fastest can.
+/// With motions q_k = z^{−k} v the equations of a step are A(z) v = 0 (`characteristic.rs`). Every zero of
+/// det A in |z| < 1 is a motion that grows, and a motion that grows is such a zero. They are counted by the
+/// argument principle, on a circle a little inside |z| = 1: a motion may grow by the factor 2 over the run.
+/// So what neither grows nor decays is accepted, as are undamped systems. Where the system itself makes
+/// motions grow (K not positive semidefinite, forces that do not come from a potential) none may grow more
+/// than twice as fast as the system's fastest can.
 ///
-/// Matrices that commute are split into their modes. Parts of more than 40 coupled coordinates are taken apart along the modes of K, and
-/// along those of ρ, without what couples these: then the check is no more than a good sign.
+/// Matrices that commute are split into their modes. Parts of more than 40 coupled coordinates are taken
+/// apart along the modes of K, and along those of ρ, without what couples these: then the check is no more
+/// than a good sign.
 ///
 /// K is that of the initial point, so for nonlinear problems the check is local.
 pub fn check_stability(
@@ -146,15 +150,16 @@ pub fn check_stability(
 
 /// Whether a part is stable at every step.
 ///
-/// A free motion is. So is the midpoint rule, undamped or with BDF 1 or 2 at its node: with w = (2/h)(1 − z)/(1 + z) the equation
-/// divided by w, along v, is
+/// A free motion is. So is the midpoint rule, undamped or with BDF 1 or 2 at its node: with
+/// w = (2/h)(1 − z)/(1 + z) the equation divided by w, along v, is
 ///
 /// ```text
 /// w + k/w + Σ ρ (γ_p(z)/h)^β / w = 0 ,
 /// ```
 ///
-/// and in |z| < 1 the first term has a positive real part, the others have none that is negative: on the upper half of |z| = 1,
-/// arg 1/w = π/2 and −π/2 ≤ arg γ_p ≤ 0, so arg γ_p^β/w stays within ±π/2 for 0 ≤ β ≤ 2; it is harmonic, so it does inside too.
+/// and in |z| < 1 the first term has a positive real part, the others have none that is negative: on the
+/// upper half of |z| = 1, arg 1/w = π/2 and −π/2 ≤ arg γ_p ≤ 0, so arg γ_p^β/w stays within ±π/2 for
+/// 0 ≤ β ≤ 2; it is harmonic, so it does inside too.
 fn is_always_stable(discretisation: &Discretisation, part: &Part) -> bool {
     if !part.is_damped() && part.stiffness.amax() == 0.0 {
         return true;
@@ -194,7 +199,8 @@ impl Check {
         Some(true)
     }
 
-    /// The first stable step below, by steps of a tenth and later by halves; then the limit above it to four digits.
+    /// The first stable step below, by steps of a tenth and later by halves; then the limit above it to four
+    /// digits.
     fn largest_stable_step(&self, step: f64) -> Option<f64> {
         let (mut low, mut high) = (step, step);
         while !self.finds_none(low)? {

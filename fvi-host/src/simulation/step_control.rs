@@ -14,13 +14,14 @@ const MOST_SHRINKING: f64 = 0.1;
 const MOST_SHRINKING_AFTER_BREAK: f64 = 1e-3;
 const SHRINKING_AFTER_FAILURE: f64 = 0.25;
 
-/// What is left of the bound by a rejection after each step, and after two in a row whose e/h^k is a small share of it.
+/// What is left of the bound by a rejection after each step, and after two in a row whose e/h^k is a small
+/// share of it.
 const FADING: f64 = 0.97;
 const FADING_WHEN_LOW: f64 = 1e-3;
 const LOW: f64 = 0.05;
 
-/// How the error of a step that begins with a jump or at t = 0 grows with its length: as of a motion like t^{5/2}. With
-/// smoother ones the step comes out too short, and grows.
+/// How the error of a step that begins with a jump or at t = 0 grows with its length: as of a motion like
+/// t^{5/2}. With smoother ones the step comes out too short, and grows.
 const SINGULAR_ORDER: f64 = 2.5;
 
 /// The controller of steps that are chosen on the way.
@@ -32,8 +33,8 @@ const SINGULAR_ORDER: f64 = 2.5;
 /// ```
 ///
 /// with length h′ and error e′ of the step before, and e ~ h^k. Source: \[Gus94\], as in \[HW\] IV.8. After a
-/// rejection its e/h^k bounds the steps that follow, less and less: an error that swings with the motion would else be
-/// taken by surprise in every period.
+/// rejection its e/h^k bounds the steps that follow, less and less: an error that swings with the motion
+/// would else be taken by surprise in every period.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct StepControl {
     /// k

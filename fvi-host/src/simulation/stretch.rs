@@ -10,8 +10,8 @@ const NUMBERS: usize = 1024;
 
 /// States after consecutive steps: times, energies and every coordinate by themselves, step after step.
 ///
-/// A run makes the steps of a stretch and then looks at all of its states, which costs less than to look after every step: each
-/// look goes along one column.
+/// A run makes the steps of a stretch and then looks at all of its states, which costs less than to look
+/// after every step: each look goes along one column.
 #[derive(Clone, Debug)]
 pub(crate) struct Stretch {
     /// Steps that there is room for.
@@ -29,7 +29,8 @@ pub(crate) struct Stretch {
 }
 
 impl Stretch {
-    /// Room for states of so many coordinates: for one where every step is looked at by itself, else for many.
+    /// Room for states of so many coordinates: for one where every step is looked at by itself, else for
+    /// many.
     pub(crate) fn new(coordinates: usize, one_by_one: bool) -> Self {
         let room = if one_by_one { 1 } else { (NUMBERS / coordinates.max(1)).clamp(1, STEPS) };
         let column = || vec![0.0; room];
@@ -151,7 +152,8 @@ impl Stretch {
         &self.iterations[..self.len]
     }
 
-    /// All columns, the energies to be written: (q, p, E), the coordinates each [`room`](Self::room) numbers apart.
+    /// All columns, the energies to be written: (q, p, E), the coordinates each [`room`](Self::room) numbers
+    /// apart.
     pub(crate) fn with_energies_mut(&mut self) -> (&[f64], &[f64], &mut [f64]) {
         (&self.positions, &self.momenta, &mut self.energies[..self.len])
     }

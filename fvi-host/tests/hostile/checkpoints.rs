@@ -63,8 +63,8 @@ impl Killed {
         fs::read(self.directory.path().join(name)).unwrap()
     }
 
-    /// Goes on with files in place of the killed run's own; whether it came to its end, with the trajectory of
-    /// a run that was not disturbed.
+    /// Goes on with files in place of the killed run's own; whether it came to its end, with the trajectory
+    /// of a run that was not disturbed.
     fn go_on(&self, files: &BTreeMap<&str, Vec<u8>>) -> Option<bool> {
         let place = tempfile::tempdir().unwrap();
         for entry in fs::read_dir(self.directory.path()).unwrap() {

@@ -1,8 +1,10 @@
-//! Hostile input: mutations of a corpus of scenarios, problems, sweeps, expressions, tables, matrices, archives and checkpoints. Nothing may panic, every refusal says
-//! something short, and a result that is called one holds finite numbers only.
+//! Hostile input: mutations of a corpus of scenarios, problems, sweeps, expressions, tables, matrices,
+//! archives and checkpoints. Nothing may panic, every refusal says something short, and a result that is
+//! called one holds finite numbers only.
 //!
-//! `FVI_HOSTILE_RUNS` inputs of each kind are tried, from `FVI_HOSTILE_SEED`; `.ci/fuzz` sets them. An input that fails is
-//! reported with its text; the one under way lies in the directory `FVI_HOSTILE_LAST`, if that is set, for what aborts the process.
+//! `FVI_HOSTILE_RUNS` inputs of each kind are tried, from `FVI_HOSTILE_SEED`; `.ci/fuzz` sets them. An input
+//! that fails is reported with its text; the one under way lies in the directory `FVI_HOSTILE_LAST`, if that
+//! is set, for what aborts the process.
 
 mod archives;
 mod checkpoints;

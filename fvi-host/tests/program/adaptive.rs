@@ -1,5 +1,5 @@
-//! Steps chosen on the way: errors that follow the tolerance, jumps that are found, runs that go on with the same bits,
-//! and what is refused.
+//! Steps chosen on the way: errors that follow the tolerance, jumps that are found, runs that go on with the
+//! same bits, and what is refused.
 
 use crate::workplace::{Run, Workplace, text};
 use fvi_host::lab::checkpoint::CheckpointEvery;

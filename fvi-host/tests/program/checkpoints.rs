@@ -190,7 +190,8 @@ proptest! {
             let step = 1 + (share * steps as f64) as usize;
             run_until(&scenario, &options("interrupted"), Some((step, kind))).unwrap();
         }
-        // Block transforms, and matrix weights, are planned for the length of a run: of those the last bits may differ.
+        // Block transforms, and matrix weights, are planned for the length of a run: of those the last bits
+        // may differ.
         let planned = [Some(Engine::BlockFft), Some(Engine::RealTime)].contains(&scenario.history.engine)
             || !matches!(scenario.convolution.family, ConvolutionFamily::Bdf { .. });
         if extended && !planned {

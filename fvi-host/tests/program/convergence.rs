@@ -74,7 +74,8 @@ fn errors_orders_and_a_picture_against_the_reference_and_a_finer_run() {
 
 #[test]
 fn starting_weights_take_away_the_error_of_the_quadrature() {
-    // t² with damping of order ½: BDF 1 has order 1, exact derivatives leave the order 2 of the midpoint rule.
+    // t² with damping of order ½: BDF 1 has order 1, exact derivatives leave the order 2 of the midpoint
+    // rule.
     let square = |convolution: &str| {
         root_scenario(convolution)
             .replace("15/4*sqrt(t) + 15/8*sqrt(pi)*t + t^2.5", "2 + t^2 + 2/gamma(2.5)*t^1.5")
@@ -101,8 +102,8 @@ fn starting_weights_take_away_the_error_of_the_quadrature() {
 
 #[test]
 fn starting_weights_are_no_better_than_the_first_step() {
-    // The midpoint rule takes the first step under a force like √t with an error of a third, at every step size: the
-    // coefficient of t^{5/2} is wrong by as much, and the order stays that of BDF 1.
+    // The midpoint rule takes the first step under a force like √t with an error of a third, at every step
+    // size: the coefficient of t^{5/2} is wrong by as much, and the order stays that of BDF 1.
     let place = Workplace::new();
     converge(&place, &root_scenario(""), "4..8");
     let plain = numbers(&place, "position_error");
@@ -164,7 +165,8 @@ fn known_values_that_no_level_meets_are_bad_input() {
 
 #[test]
 fn exact_moments_keep_the_order_that_a_root_costs_the_nodes() {
-    // The largest error over all times of q'' + D^{3/2} q + q = f with the solution t^(5/2) and others, Radau IIA of order five.
+    // The largest error over all times of q'' + D^{3/2} q + q = f with the solution t^(5/2) and others, Radau
+    // IIA of order five.
     let error = |place: &Workplace, nu: f64, quadrature: &str| {
         let text = format!(
             r#"

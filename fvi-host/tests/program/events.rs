@@ -40,7 +40,8 @@ fn events_are_found_on_every_grid() {
     }
 }
 
-/// Where steps meet, and where several events lie in one step, each is there once: q falls from 1 to −1 through known places.
+/// Where steps meet, and where several events lie in one step, each is there once: q falls from 1 to −1
+/// through known places.
 #[test]
 fn none_is_twice_there_and_none_is_lost() {
     let radau =

@@ -1,4 +1,5 @@
-//! What surrounds the program fails: nobody reads what it says, devices are full, directories vanish, numbers overflow.
+//! What surrounds the program fails: nobody reads what it says, devices are full, directories vanish, numbers
+//! overflow.
 
 use crate::workplace::{Run, Workplace, text};
 use std::fs;
@@ -281,7 +282,8 @@ fn numbers_that_cannot_be_listed_are_refused() {
 #[test]
 fn a_state_or_energy_that_is_not_finite_ends_the_run_as_a_failed_step() {
     let place = Workplace::new();
-    // The free mass steps over the place where the potential ends, or gains more energy than a number can tell.
+    // The free mass steps over the place where the potential ends, or gains more energy than a number can
+    // tell.
     let past_zero = FREE
         .replace("mass = [1.0]", "mass = [1.0]\npotential = \"0.001*log(q0)\"")
         .replace("momentum = [0.5]", "momentum = [-2.4]");

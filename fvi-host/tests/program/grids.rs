@@ -1,5 +1,5 @@
-//! Grids whose steps differ, as a user runs them: full order through singular starts, decades of time, rows between grid
-//! points, and what is refused.
+//! Grids whose steps differ, as a user runs them: full order through singular starts, decades of time, rows
+//! between grid points, and what is refused.
 
 use crate::workplace::{Run, Workplace, text};
 

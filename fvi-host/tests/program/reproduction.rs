@@ -187,7 +187,8 @@ fn starting_weights_leave_the_order_of_the_coupling() {
             header.iter().position(|column| column == name).unwrap_or_else(|| panic!("{name}: {header:?}"));
         last[at].parse::<f64>().unwrap()
     };
-    // Without memory the √t force alone sets 1.5; with a smooth force the main nodes set 2; the stages set more.
+    // Without memory the √t force alone sets 1.5; with a smooth force the main nodes set 2; the stages set
+    // more.
     assert!((order("t^(5/2) without memory") - 1.5).abs() < 0.02);
     assert!(order("t^(5/2), BDF 3 with starting weights") < 1.9);
     assert!((order("t⁴, BDF 3 with starting weights") - 2.0).abs() < 0.02);

@@ -256,7 +256,8 @@ fn a_step_at_which_stage_damping_grows_is_refused() {
     assert_eq!(place.files(), ["scenario.toml"]);
     let largest = |run: Run| run.column("q0").iter().fold(0.0, |largest, q| f64::max(largest, q.abs()));
     assert!(largest(place.run(&staged(3, "allow_unstable = true"), &[])) > 1e3);
-    // A degree less lifts the limit. Damping of order 2 would add ρ to the mass: amplitude p₀/m √((m + ρ)/6) = 0.116.
+    // A degree less lifts the limit. Damping of order 2 would add ρ to the mass: amplitude p₀/m
+    // √((m + ρ)/6) = 0.116.
     assert!(largest(place.run(&staged(2, ""), &[])) < 0.12);
 }
 

@@ -19,7 +19,8 @@ pub struct Unknown<'a, T> {
     pub channels: usize,
 }
 
-/// Everything that a memory is asked. Nothing here ends early on what the compiler knows, or it would leave out the rest.
+/// Everything that a memory is asked. Nothing here ends early on what the compiler knows, or it would leave
+/// out the rest.
 fn ask<T: Real>(mut memory: impl Memory<T>, samples: &[T]) -> Option<T> {
     let channels = memory.channels();
     let grouped = check_channels(channels, memory.stages()).is_ok();

@@ -1,5 +1,6 @@
-//! Everything a controller calls, compiled without `std`. The panic handler calls a function that does not exist: if
-//! the optimiser cannot prove it unreachable, its name stays among the undefined symbols of the library.
+//! Everything a controller calls, compiled without `std`. The panic handler calls a function that does not
+//! exist: if the optimiser cannot prove it unreachable, its name stays among the undefined symbols of the
+//! library.
 #![no_std]
 
 mod engines;

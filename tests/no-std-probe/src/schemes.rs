@@ -88,7 +88,8 @@ fn term<'t, T: Real, const C: usize>(
     Some(term)
 }
 
-/// A scheme on C channels, one for each coordinate and stage: without damping, with a pair, an array and a slice of terms.
+/// A scheme on C channels, one for each coordinate and stage: without damping, with a pair, an array and a
+/// slice of terms.
 fn run<T: Real, const C: usize>(
     scheme: impl Scheme<T, Fixed<2>> + Copy,
     table: &[T],

@@ -1,5 +1,5 @@
-//! The control loop of the image `control_loop`, reset three times on the way: each time it saves its state to RAM that a reset does
-//! not touch, resets the processor, and goes on from there.
+//! The control loop of the image `control_loop`, reset three times on the way: each time it saves its state
+//! to RAM that a reset does not touch, resets the processor, and goes on from there.
 #![no_std]
 #![no_main]
 

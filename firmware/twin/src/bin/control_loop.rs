@@ -1,4 +1,5 @@
-//! Runs the control loop, prints what its image prints, and compares its operators with full-memory sums in double precision.
+//! Runs the control loop, prints what its image prints, and compares its operators with full-memory sums in
+//! double precision.
 
 use std::error::Error;
 

@@ -1,5 +1,5 @@
-//! Runs the loop whose ticks come early or late, prints what its image prints, and compares its first ticks with a run in double precision
-//! whose memories are sums over everything that was.
+//! Runs the loop whose ticks come early or late, prints what its image prints, and compares its first ticks
+//! with a run in double precision whose memories are sums over everything that was.
 
 use std::error::Error;
 
@@ -67,7 +67,8 @@ impl FullMemory {
     }
 }
 
-/// The loop in double precision: the largest differences of positions and momenta from those of single precision.
+/// The loop in double precision: the largest differences of positions and momenta from those of single
+/// precision.
 fn largest_differences() -> Result<[f64; 2], Box<dyn Error>> {
     let mut single = Jitter::new()?;
     let [mut damping, mut integral, mut derivative] = EXPONENTS.map(FullMemory::new);

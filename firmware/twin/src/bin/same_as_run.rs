@@ -1,4 +1,5 @@
-//! Compares a trajectory of `fvi run` with what the image `pulse` printed: `same_as_run SCALAR IMAGE TRAJECTORY`, every bit.
+//! Compares a trajectory of `fvi run` with what the image `pulse` printed: `same_as_run SCALAR IMAGE
+//! TRAJECTORY`, every bit.
 
 use std::error::Error;
 use std::fs;

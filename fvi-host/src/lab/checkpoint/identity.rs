@@ -22,7 +22,8 @@ pub(crate) struct Identity {
 /// Lists up to this length are told apart entry by entry.
 const SHORT: usize = 16;
 
-/// Parts of a scenario in which run and checkpoint may differ: where it ends, what is written, how many threads share the work.
+/// Parts of a scenario in which run and checkpoint may differ: where it ends, what is written, how many
+/// threads share the work.
 const FREE: [&str; 4] = ["time.steps", "time.end", "output", "history.threads"];
 
 impl Identity {

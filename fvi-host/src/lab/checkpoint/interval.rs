@@ -3,7 +3,8 @@
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 
-/// How often a run writes checkpoints. One is always written when it ends or is stopped, unless there are none at all.
+/// How often a run writes checkpoints. One is always written when it ends or is stopped, unless there are
+/// none at all.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum CheckpointEvery {
     /// Every minute; less often where writing one takes more than a hundredth of the time between two.

@@ -1,4 +1,5 @@
-//! Errors and orders against exact solutions, for damping orders from 0.1 to 1.9: schemes, starts, step sizes.
+//! Errors and orders against exact solutions, for damping orders from 0.1 to 1.9: schemes, starts, step
+//! sizes.
 
 use super::error_curve::ErrorCurve;
 use super::exact_oscillator::{DAMPING_ORDERS, Start};

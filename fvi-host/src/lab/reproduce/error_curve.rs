@@ -40,7 +40,8 @@ impl ErrorCurve {
         Ok(Self::new(label, convergence.points(quantity)))
     }
 
-    /// Slope of the line of least squares through all points of the logarithms; not a number with fewer than two.
+    /// Slope of the line of least squares through all points of the logarithms; not a number with fewer than
+    /// two.
     pub fn slope(&self) -> f64 {
         slope(&self.points).unwrap_or(f64::NAN)
     }

@@ -1,4 +1,5 @@
-//! The fractional oscillator q̈ + ½ D^β q + q = 0 on [0, 8] with its exact solution, for damping orders from 0.1 to 1.9.
+//! The fractional oscillator q̈ + ½ D^β q + q = 0 on [0, 8] with its exact solution, for damping orders from
+//! 0.1 to 1.9.
 
 use super::ReproduceError;
 use crate::language::Document;
@@ -8,7 +9,8 @@ use std::path::Path;
 /// Damping orders with known values.
 pub(super) const DAMPING_ORDERS: [f64; 11] = [0.1, 0.3, 0.5, 0.7, 0.9, 1.0, 1.1, 1.3, 1.5, 1.7, 1.9];
 
-/// G, G′, G″, S = ∫G and J = ∫S to 21 digits at t = 1, 2, 3, 4, 6, 8, with L{G} = 1/(s² + ½ s^β + 1): `tests/reference/oscillator.py`.
+/// G, G′, G″, S = ∫G and J = ∫S to 21 digits at t = 1, 2, 3, 4, 6, 8, with L{G} = 1/(s² + ½ s^β + 1):
+/// `tests/reference/oscillator.py`.
 const VALUES: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/reference/oscillator.csv"));
 
 /// How a motion starts, and in which sense it is damped.

@@ -221,7 +221,8 @@ mod tests {
                 let scenario = start.scenario(beta).unwrap();
                 let methods = if beta > 1.0 { &NODES[..3] } else { &NODES[..] };
                 for (method, expected) in methods.iter().zip(expected) {
-                    // BDF 5 and 6 begin with a transient, which fades faster than with their order; finer grids show rounding.
+                    // BDF 5 and 6 begin with a transient, which fades faster than with their order; finer
+                    // grids show rounding.
                     let levels = match expected {
                         6.0 => 7..=9,
                         5.0 => 8..=9,

@@ -6,8 +6,8 @@ use crate::scenario::{
 };
 use std::path::Path;
 
-/// The text of a file of the repository's `scenarios`. The package carries its own copy, as a package cannot reach beyond its
-/// folder; a test holds the copies equal to their originals.
+/// The text of a file of the repository's `scenarios`. The package carries its own copy, as a package cannot
+/// reach beyond its folder; a test holds the copies equal to their originals.
 macro_rules! carried {
     ($name:literal) => {
         include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/", $name))
@@ -21,12 +21,14 @@ macro_rules! repository {
     };
 }
 
-/// q̈ + 0.2 q̇ + q = 0, q(0) = 1, q̇(0) = ½ as a fractional oscillator with α = ½, midpoint rule: \[JO\] eq. 67.
+/// q̈ + 0.2 q̇ + q = 0, q(0) = 1, q̇(0) = ½ as a fractional oscillator with α = ½, midpoint rule: \[JO\] eq.
+/// 67.
 pub(super) fn jo_oscillator() -> Result<Scenario, InputError> {
     Scenario::from_document(repository!("damped-oscillator-jo.toml"))
 }
 
-/// q̈ + 0.2 q̇ + q = 0, q(0) = 0, q̇(0) = 1.2 on [0, 16] as a fractional oscillator with α = ½: \[HJO\] eq. 39.
+/// q̈ + 0.2 q̇ + q = 0, q(0) = 0, q̇(0) = 1.2 on [0, 16] as a fractional oscillator with α = ½: \[HJO\] eq.
+/// 39.
 pub(super) fn hjo_oscillator() -> Result<Scenario, InputError> {
     Scenario::from_document(repository!("damped-oscillator-hjo.toml"))
 }
@@ -99,8 +101,8 @@ pub(super) fn with_scheme(mut scenario: Scenario, scheme: Scheme) -> Scenario {
     scenario
 }
 
-/// The same problem with convolution quadrature by the backward differentiation formula of an order at the main nodes, and the momentum
-/// after the kick: the papers' form.
+/// The same problem with convolution quadrature by the backward differentiation formula of an order at the
+/// main nodes, and the momentum after the kick: the papers' form.
 pub(super) fn with_bdf(mut scenario: Scenario, order: usize) -> Scenario {
     scenario.convolution = Convolution {
         family: ConvolutionFamily::Bdf { order },
@@ -124,8 +126,8 @@ pub(super) fn on_grid(mut scenario: Scenario, step: f64, steps: usize) -> Scenar
     scenario
 }
 
-/// The same problem on steps too long for the explicit fractional force as well: growth needs more steps to show than the papers'
-/// coarsest grids have.
+/// The same problem on steps too long for the explicit fractional force as well: growth needs more steps to
+/// show than the papers' coarsest grids have.
 pub(super) fn on_any_step(mut scenario: Scenario) -> Scenario {
     scenario.time.allow_unstable = true;
     scenario

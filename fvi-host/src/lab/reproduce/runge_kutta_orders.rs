@@ -23,7 +23,8 @@ const DAMPING_ORDERS: [f64; 5] = [0.3, 0.5, 1.0, 1.5, 1.9];
 /// Further ones for the picture of orders over damping orders.
 const BETWEEN: [f64; 5] = [0.7, 0.9, 1.1, 1.3, 1.7];
 
-/// Order u and stage order w of the [`RUNGE_KUTTA`] methods. Radau IIA with r stages: 2r − 1 and r; Lobatto IIIC: 2r − 2 and r − 1.
+/// Order u and stage order w of the [`RUNGE_KUTTA`] methods. Radau IIA with r stages: 2r − 1 and r; Lobatto
+/// IIIC: 2r − 2 and r − 1.
 const ORDERS: [(f64, f64); 6] = [(1.0, 1.0), (3.0, 2.0), (5.0, 3.0), (2.0, 1.0), (4.0, 2.0), (6.0, 3.0)];
 
 /// 4 to 128 steps.
@@ -96,7 +97,8 @@ pub(super) struct Outcome {
     pub(super) errors: [ErrorCurve; 2],
 }
 
-/// What each of the two quantities is called, and how many integrations over time it is away from the damping force.
+/// What each of the two quantities is called, and how many integrations over time it is away from the damping
+/// force.
 const QUANTITIES: [(Quantity, f64); 2] = [(Quantity::Position, 3.0), (Quantity::Momentum, 2.0)];
 
 impl Outcome {
@@ -105,8 +107,8 @@ impl Outcome {
         self.errors[quantity].slope_of_finest(3)
     }
 
-    /// min(u, w + 3 − β) for the position, min(u, w + 2 − β) for the momentum; u for β = 1, where the quadrature is the
-    /// Runge–Kutta method itself.
+    /// min(u, w + 3 − β) for the position, min(u, w + 2 − β) for the momentum; u for β = 1, where the
+    /// quadrature is the Runge–Kutta method itself.
     pub(super) fn expected(&self, quantity: usize) -> f64 {
         let (order, stage_order) = ORDERS[self.index];
         if self.damping_order == 1.0 {

@@ -116,7 +116,8 @@ impl Table {
         self
     }
 
-    /// The table as CSV: a header, numbers with the digits that bring the same number back, nothing where nothing is known.
+    /// The table as CSV: a header, numbers with the digits that bring the same number back, nothing where
+    /// nothing is known.
     pub fn csv(&self) -> String {
         let line = |cells: Vec<String>| cells.join(",") + "\n";
         let mut text = line(self.columns.iter().map(|column| quoted(&column.name)).collect());

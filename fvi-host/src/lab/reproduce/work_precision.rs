@@ -1,4 +1,5 @@
-//! Error against work: the papers' schemes, their baselines, Runge–Kutta convolution quadrature and damping at the nodes side by side.
+//! Error against work: the papers' schemes, their baselines, Runge–Kutta convolution quadrature and damping
+//! at the nodes side by side.
 
 use super::error_curve::ErrorCurve;
 use super::methods::{Look, MAIN_NODES, Method, NODES, RUNGE_KUTTA};

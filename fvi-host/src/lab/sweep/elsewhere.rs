@@ -1,4 +1,5 @@
-//! Runs of a sweep that other processes make, which need not see the same files: what they are sent, and what they send back.
+//! Runs of a sweep that other processes make, which need not see the same files: what they are sent, and what
+//! they send back.
 
 use super::records::{Record, Records};
 use super::{Sweep, SweepError, SweepOptions, SweepSummary, conclude, failures};
@@ -69,8 +70,8 @@ impl Sweep {
         crc32fast::hash(&self.identity(precision))
     }
 
-    /// Makes one run, to be sent back; `scratch` is a directory for files on the way, `tables` are shared by the runs that are made.
-    /// Nothing if it was stopped.
+    /// Makes one run, to be sent back; `scratch` is a directory for files on the way, `tables` are shared by
+    /// the runs that are made. Nothing if it was stopped.
     ///
     /// # Errors
     /// If `scratch` cannot be written to; a run that fails is no error.
@@ -133,8 +134,8 @@ impl Ledger {
         Ok(missing)
     }
 
-    /// Takes a run in, once more or for the first time: the record is the same. False if it is no run of this sweep, or was
-    /// damaged on the way.
+    /// Takes a run in, once more or for the first time: the record is the same. False if it is no run of this
+    /// sweep, or was damaged on the way.
     ///
     /// # Errors
     /// If a file cannot be written.

@@ -87,7 +87,8 @@ impl Sweep {
         Self::of_scenario(document, Document::read(&path)?)
     }
 
-    /// Checks a sweep and its scenario, both at hand; what the sweep names as its `scenario` is not looked for.
+    /// Checks a sweep and its scenario, both at hand; what the sweep names as its `scenario` is not looked
+    /// for.
     ///
     /// # Errors
     /// The first thing in either that cannot be used, with its place.
@@ -181,7 +182,8 @@ impl Sweep {
         Ok(())
     }
 
-    /// Refuses an axis that names no key of the scenario, or a value that its key refuses, the others at their first values.
+    /// Refuses an axis that names no key of the scenario, or a value that its key refuses, the others at
+    /// their first values.
     fn check_axis(&self, index: usize, place: &Value<'_>) -> Result<(), InputError> {
         let axis = &self.axes[index];
         let elements = if place.is_list() { place.list("a list of values")? } else { Vec::new() };

@@ -5,7 +5,8 @@
 //! each run:  status (u8), steps (u64), values (f64 each), length of the message (u16), message (240 bytes), CRC-32 (u32)
 //! ```
 //!
-//! Integers and numbers have the least significant byte first. A place whose checksum does not fit is one of a run that is not done.
+//! Integers and numbers have the least significant byte first. A place whose checksum does not fit is one of
+//! a run that is not done.
 
 use super::SweepError;
 use crate::results::files::FileError;
@@ -20,7 +21,8 @@ const MAGIC: [u8; 8] = *b"fvi\r\n\x1a\nS";
 /// Longest message of a run, in bytes.
 pub(super) const LONGEST_MESSAGE: usize = 240;
 
-/// The part of a sweep that one process makes: runs whose number leaves a certain rest when divided by the number of shards.
+/// The part of a sweep that one process makes: runs whose number leaves a certain rest when divided by the
+/// number of shards.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
     index: usize,
@@ -38,7 +40,8 @@ impl Shard {
     /// All runs.
     pub const WHOLE: Self = Self { index: 0, count: 1 };
 
-    /// Shard `index` of `count`. Whether shards are counted from 0 or from 1 does not matter: `count` and 0 name the same one.
+    /// Shard `index` of `count`. Whether shards are counted from 0 or from 1 does not matter: `count` and 0
+    /// name the same one.
     ///
     /// # Errors
     /// If there is no shard, or `index` is larger than `count`.

@@ -1,7 +1,7 @@
 //! Direct discrete embeddings of the Euler–Lagrange equation.
 //!
-//! A direct embedding replaces each derivative in the *equation* by its discrete analogue; it knows nothing of the
-//! functional. Where it gives the same equations as the variational integrator
+//! A direct embedding replaces each derivative in the *equation* by its discrete analogue; it knows nothing
+//! of the functional. Where it gives the same equations as the variational integrator
 //! ([`Functional::gradient`](super::Functional::gradient)), the embedding is called coherent.
 
 use super::grid::{Grid, Sigma};
@@ -11,7 +11,8 @@ use super::toeplitz::Product;
 use core::ops::Range;
 use fvi_core::ParameterError;
 
-/// Direct embedding of the fractional Euler–Lagrange equation by the Gauss Grünwald–Letnikov embedding Gauss–GLEσ:
+/// Direct embedding of the fractional Euler–Lagrange equation by the Gauss Grünwald–Letnikov embedding
+/// Gauss–GLEσ:
 ///
 /// ```text
 /// ∂L/∂x(Q_k, V_k, t_k) − σ (Δ_{−σ}^α ∂L/∂v(Q, V, t))_k ,   V = −σ Δ_σ^α Q ,   k = 1…N−1
@@ -59,8 +60,8 @@ pub fn asymmetric_embedding(
     by_position[inner.clone()].iter().zip(&outer[inner]).map(|(x, v)| x - v).collect()
 }
 
-/// Direct embedding of the Euler–Lagrange equation ∂L/∂x − d/dt(∂L/∂v) = 0 by Gauss–FDEσ, with −σ Δ_σ for both
-/// derivatives: the equations k = 2…N for σ = −, k = 0…N−2 for σ = +.
+/// Direct embedding of the Euler–Lagrange equation ∂L/∂x − d/dt(∂L/∂v) = 0 by Gauss–FDEσ, with −σ Δ_σ for
+/// both derivatives: the equations k = 2…N for σ = −, k = 0…N−2 for σ = +.
 ///
 /// Not coherent: it has no adjoint difference, and its equations are not those of any critical point of the
 /// functional. \[BCGI\] Proposition 1 (eq. 1) and §2.2.

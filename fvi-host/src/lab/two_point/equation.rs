@@ -24,11 +24,12 @@ pub struct Term {
     pub of: Vec<Expression>,
 }
 
-/// The differential equation O(x) = Σ_i f_i · (d/dt)^i ∘ g_i = 0 of order two, and its embedding by FDEσ: each d/dt becomes
-/// −σ Δ_σ, which gives an equation at k = 2…N for σ = − and k = 0…N−2 for σ = +. See [`Embedding`] for the other one.
+/// The differential equation O(x) = Σ_i f_i · (d/dt)^i ∘ g_i = 0 of order two, and its embedding by FDEσ:
+/// each d/dt becomes −σ Δ_σ, which gives an equation at k = 2…N for σ = − and k = 0…N−2 for σ = +. See
+/// [`Embedding`] for the other one.
 ///
-/// The embedding depends on how the operator is written, not only on the equation. Source: \[BCGI\] Definition 4; its
-/// example, ẍ + ẋ + x = 0, is their eq. NE and NE_h.
+/// The embedding depends on how the operator is written, not only on the equation. Source: \[BCGI\]
+/// Definition 4; its example, ẍ + ẋ + x = 0, is their eq. NE and NE_h.
 #[derive(Clone, Debug, Serialize)]
 pub struct OperatorEquation {
     terms: Vec<Term>,
@@ -53,8 +54,8 @@ pub enum Embedding {
     /// d/dt ∘ d/dt becomes Δ_σ ∘ Δ_σ, with both differences to the same side: \[BCGI\] Definition 4.
     #[default]
     Symmetric,
-    /// d/dt ∘ d/dt becomes −Δ_{−σ} ∘ Δ_σ, the central second difference, the equation at k = 1…N−1; with it an equation of
-    /// Euler and Lagrange gives the variational integrator's: \[BCGI\] Proposition 3.
+    /// d/dt ∘ d/dt becomes −Δ_{−σ} ∘ Δ_σ, the central second difference, the equation at k = 1…N−1; with it
+    /// an equation of Euler and Lagrange gives the variational integrator's: \[BCGI\] Proposition 3.
     Asymmetric,
 }
 
@@ -67,8 +68,9 @@ impl OperatorEquation {
         (0..coordinates).map(|index| format!("x{index}"))
     }
 
-    /// The equation with these terms in `coordinates` coordinates; `None` unless every term has one expression for each
-    /// coordinate, the highest order is 2, and there are 1 to [`MAX_COORDINATES`] coordinates.
+    /// The equation with these terms in `coordinates` coordinates; `None` unless every term has one
+    /// expression for each coordinate, the highest order is 2, and there are 1 to [`MAX_COORDINATES`]
+    /// coordinates.
     pub fn new(terms: Vec<Term>, coordinates: usize) -> Option<Self> {
         let fitting = (1..=MAX_COORDINATES).contains(&coordinates)
             && terms.iter().all(|term| term.of.len() == coordinates)
@@ -90,7 +92,8 @@ impl OperatorEquation {
         self
     }
 
-    /// The left sides of the embedded equations for the positions at the points 0…N, N − 1 points of d numbers.
+    /// The left sides of the embedded equations for the positions at the points 0…N, N − 1 points of d
+    /// numbers.
     pub fn embedding(&self, grid: &Grid, sigma: Sigma, positions: &[f64]) -> Vec<f64> {
         let d = self.coordinates;
         let mut sum = vec![0.0; (grid.steps() - 1) * d];
@@ -120,8 +123,8 @@ impl OperatorEquation {
 }
 
 impl Embedding {
-    /// The point k where the equation holds and the two others that it meets, of the equation that is counted as the
-    /// `equation`-th of 1…N−1: the three surround the point with that number.
+    /// The point k where the equation holds and the two others that it meets, of the equation that is counted
+    /// as the `equation`-th of 1…N−1: the three surround the point with that number.
     fn points(self, sigma: Sigma, equation: usize) -> [usize; 3] {
         match (self, sigma) {
             (Self::Symmetric, Sigma::Minus) => [equation + 1, equation, equation - 1],
@@ -198,8 +201,8 @@ impl<'a> EmbeddedProblem<'a> {
         Ok(self)
     }
 
-    /// The positions at which the embedded equations hold; `observe` is told the number of Newton steps and the relative
-    /// residual before each step.
+    /// The positions at which the embedded equations hold; `observe` is told the number of Newton steps and
+    /// the relative residual before each step.
     ///
     /// # Errors
     /// [`NotConverged`] with the best iterate.

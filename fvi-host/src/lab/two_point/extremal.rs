@@ -18,7 +18,8 @@ use serde::Serialize;
 pub enum Method {
     /// Dense matrices in the positions: O(N³) time, O(N²) memory.
     Dense,
-    /// A preconditioned Krylov method in the fractional velocities: a few transforms an iteration, O(N) memory.
+    /// A preconditioned Krylov method in the fractional velocities: a few transforms an iteration, O(N)
+    /// memory.
     Krylov,
 }
 
@@ -91,8 +92,8 @@ impl From<ParameterError> for ProblemError {
     }
 }
 
-/// A discrete extremal or the solution of an embedded equation, or the best iterate on the way to one, with what is known
-/// of its quality.
+/// A discrete extremal or the solution of an embedded equation, or the best iterate on the way to one, with
+/// what is known of its quality.
 #[derive(Clone, Debug)]
 pub struct Solution {
     /// Q_k, k = 0…N: coordinate i at t_k is entry k·d + i.
@@ -117,8 +118,8 @@ pub struct Solution {
 }
 
 impl Solution {
-    /// Whether all its numbers are finite: where one is not, because something between input and result overflows, there is no
-    /// solution to speak of.
+    /// Whether all its numbers are finite: where one is not, because something between input and result
+    /// overflows, there is no solution to speak of.
     pub(super) fn is_finite(&self) -> bool {
         let numbers = self.positions.iter().chain(&self.velocities).chain(&self.history).chain(&self.value);
         let measures = [self.relative_residual, self.residual, self.rounding_level];
@@ -210,8 +211,9 @@ impl<'a> ExtremalProblem<'a> {
         self
     }
 
-    /// Starts from these positions, (N + 1) d numbers, instead of the straight line between the ends (dense method) or the
-    /// extremal of a coarser grid (Krylov method); at the ends they are replaced by the end points.
+    /// Starts from these positions, (N + 1) d numbers, instead of the straight line between the ends (dense
+    /// method) or the extremal of a coarser grid (Krylov method); at the ends they are replaced by the end
+    /// points.
     ///
     /// # Errors
     /// If there are not as many finite numbers.
@@ -229,7 +231,8 @@ impl<'a> ExtremalProblem<'a> {
         self.solve_observed(&mut |_, _| ())
     }
 
-    /// [`solve`](Self::solve); `observe` is told the number of Newton steps and the relative residual before each step.
+    /// [`solve`](Self::solve); `observe` is told the number of Newton steps and the relative residual before
+    /// each step.
     ///
     /// # Errors
     /// [`NotConverged`] with the best iterate.
@@ -266,8 +269,8 @@ impl<'a> ExtremalProblem<'a> {
         Functional::with_operator(self.lagrangian, self.grid, operator)
     }
 
-    /// The extremal of the same problem on a coarser grid, itself found from a coarser one, with straight lines between
-    /// its points: from there Newton's method needs about as many steps on every grid.
+    /// The extremal of the same problem on a coarser grid, itself found from a coarser one, with straight
+    /// lines between its points: from there Newton's method needs about as many steps on every grid.
     fn coarse_solution(&self) -> Option<Vec<f64>> {
         let (d, steps) = (self.lagrangian.coordinates(), self.grid.steps());
         if steps < COARSENING * COARSEST {

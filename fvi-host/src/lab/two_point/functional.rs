@@ -40,7 +40,8 @@ impl<'a> Functional<'a> {
         Self { lagrangian, grid, operator }
     }
 
-    /// The fractional velocities V = −σ Δ_σ^α Q at the points 0…N; zero and meaningless at the point outside I_σ.
+    /// The fractional velocities V = −σ Δ_σ^α Q at the points 0…N; zero and meaningless at the point outside
+    /// I_σ.
     pub fn velocities(&mut self, positions: &[f64]) -> Vec<f64> {
         let sign = self.operator.sigma().derivative_sign();
         let mut velocities = self.operator.apply(positions);
@@ -64,10 +65,11 @@ impl<'a> Functional<'a> {
         self.grid.step() * sum
     }
 
-    /// (1/h) ∂L_h^{σ,α}/∂Q_k for k = 1…N−1, by the chain rule: ∂L/∂x plus the adjoint of −σ Δ_σ^α applied to ∂L/∂v.
+    /// (1/h) ∂L_h^{σ,α}/∂Q_k for k = 1…N−1, by the chain rule: ∂L/∂x plus the adjoint of −σ Δ_σ^α applied to
+    /// ∂L/∂v.
     ///
-    /// Its zeros are the discrete extremals; it is the left side of the equation that the variational integrator
-    /// gives, \[BCGI\] Theorem 5.
+    /// Its zeros are the discrete extremals; it is the left side of the equation that the variational
+    /// integrator gives, \[BCGI\] Theorem 5.
     pub fn gradient(&mut self, positions: &[f64]) -> Vec<f64> {
         let velocities = self.velocities(positions);
         let d = self.lagrangian.coordinates();

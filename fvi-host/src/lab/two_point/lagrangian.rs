@@ -25,7 +25,8 @@ pub trait Lagrangian {
 
 /// A Lagrangian made from three closures.
 ///
-/// `value(t, x, v)`, `gradient(t, x, v, out)` and `hessian(t, x, v, out)`, with outputs laid out as in [`Lagrangian`].
+/// `value(t, x, v)`, `gradient(t, x, v, out)` and `hessian(t, x, v, out)`, with outputs laid out as in
+/// [`Lagrangian`].
 #[derive(Clone, Debug)]
 pub struct Closures<V, G, H> {
     coordinates: usize,
@@ -79,7 +80,8 @@ pub struct ExpressionLagrangian {
 }
 
 impl ExpressionLagrangian {
-    /// The names of the variables of a Lagrangian, in the order that the expression must have been parsed with.
+    /// The names of the variables of a Lagrangian, in the order that the expression must have been parsed
+    /// with.
     pub fn variables(coordinates: usize) -> impl Iterator<Item = String> {
         let named = move |letter: char| (0..coordinates).map(move |index| format!("{letter}{index}"));
         named('x').chain(named('v'))

@@ -16,9 +16,9 @@ pub(super) struct Limits {
     pub(super) iterations: usize,
 }
 
-/// Solves A x = b for symmetric A, which may be indefinite, by Lanczos vectors of M⁻¹A: each iterate minimises the
-/// residual in the norm of M⁻¹ over a Krylov space that grows by one dimension an iteration, at one product with A and
-/// one with M⁻¹. Memory: nine vectors.
+/// Solves A x = b for symmetric A, which may be indefinite, by Lanczos vectors of M⁻¹A: each iterate
+/// minimises the residual in the norm of M⁻¹ over a Krylov space that grows by one dimension an iteration, at
+/// one product with A and one with M⁻¹. Memory: nine vectors.
 ///
 /// Source: \[PaigeSaunders75\].
 pub(super) fn solve(

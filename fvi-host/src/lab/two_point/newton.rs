@@ -5,8 +5,8 @@ use serde::Serialize;
 /// Settings of Newton's method.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct NewtonOptions {
-    /// Residual, relative to the size of the terms that cancel in it, at which an iterate counts as a solution. The
-    /// iteration goes on below it as long as it gains.
+    /// Residual, relative to the size of the terms that cancel in it, at which an iterate counts as a
+    /// solution. The iteration goes on below it as long as it gains.
     pub tolerance: f64,
     /// Largest number of Newton steps.
     pub iterations: usize,
@@ -22,12 +22,12 @@ impl Default for NewtonOptions {
 
 /// Equations r(u) = 0 as Newton's method needs them.
 pub(super) trait Stationarity {
-    /// Evaluates the equations and their derivative at `unknowns`, and fixes the norm for the line search there; `None`
-    /// where something is not finite.
+    /// Evaluates the equations and their derivative at `unknowns`, and fixes the norm for the line search
+    /// there; `None` where something is not finite.
     fn linearise(&mut self, unknowns: &[f64]) -> Option<Residual>;
 
-    /// Norm of the residual at other unknowns, in the norm that the last linearisation fixed; infinite where something
-    /// is not finite.
+    /// Norm of the residual at other unknowns, in the norm that the last linearisation fixed; infinite where
+    /// something is not finite.
     fn norm_at(&mut self, unknowns: &[f64]) -> f64;
 
     /// The Newton step at the last linearisation; `None` if the linear system cannot be solved.
@@ -47,8 +47,8 @@ pub(super) trait Descent {
     /// Its derivative along a step, at the last linearisation.
     fn slope(&self, step: &[f64]) -> f64;
 
-    /// A step along which it decreases: minus its gradient, times a positive definite stand-in for the inverse of its
-    /// second derivative.
+    /// A step along which it decreases: minus its gradient, times a positive definite stand-in for the
+    /// inverse of its second derivative.
     fn steepest(&mut self) -> Vec<f64>;
 }
 
@@ -121,11 +121,12 @@ const WORTHWHILE_GAIN: f64 = 0.25;
 /// Below this relative residual nothing is left to gain.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
-/// Newton's method from `start`: full steps where they reduce the residual, shortened ones otherwise. Where even those
-/// do not, and the equations are the gradient of a functional, a step that decreases the functional.
+/// Newton's method from `start`: full steps where they reduce the residual, shortened ones otherwise. Where
+/// even those do not, and the equations are the gradient of a functional, a step that decreases the
+/// functional.
 ///
-/// `observe` sees the number of steps and the relative residual before each step. `None` if the equations cannot be
-/// evaluated at the start.
+/// `observe` sees the number of steps and the relative residual before each step. `None` if the equations
+/// cannot be evaluated at the start.
 pub(super) fn minimise_residual(
     equations: &mut impl Stationarity,
     start: Vec<f64>,

@@ -11,8 +11,8 @@ use fvi_core::{BdfOrder, ConvolutionWeights, ParameterError};
 /// (Δ₊^α Q)_k = Σ_{r=0}^{N−k} w_r Q_{k+r} , k = 0…N−1
 /// ```
 ///
-/// with the Grünwald–Letnikov weights w of exponent α, which hold the factor h^(−α). For α = 1 these are the one-sided
-/// differences (Q_k − Q_{k−1})/h and (Q_k − Q_{k+1})/h. The analogue of the derivative is −σ Δ_σ^α.
+/// with the Grünwald–Letnikov weights w of exponent α, which hold the factor h^(−α). For α = 1 these are the
+/// one-sided differences (Q_k − Q_{k−1})/h and (Q_k − Q_{k+1})/h. The analogue of the derivative is −σ Δ_σ^α.
 ///
 /// Values are stored for all points 0…N; at the one point outside I_σ they are zero and mean nothing.
 ///

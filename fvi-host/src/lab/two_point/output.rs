@@ -99,8 +99,8 @@ const COARSER_GRIDS: u32 = 3;
 
 /// Solves the problem and writes `extremal.csv`, pictures and `summary.json` into `directory`.
 ///
-/// An iteration that does not converge is no error here: the best iterate is written, and the summary says so.
-/// `observe` hears the number of Newton steps and the relative residual before each.
+/// An iteration that does not converge is no error here: the best iterate is written, and the summary says
+/// so. `observe` hears the number of Newton steps and the relative residual before each.
 ///
 /// # Errors
 /// [`OutputError`].

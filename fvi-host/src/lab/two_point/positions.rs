@@ -10,8 +10,8 @@ use nalgebra::{DMatrix, DVector};
 /// An eigenvalue is raised to this part of the largest one where only descent is sought.
 const LEAST_CURVATURE: f64 = 1e-8;
 
-/// The discrete Euler–Lagrange equations at the points 1…N−1, written with the matrix D of −σ Δ_σ^α (rows I_σ, columns
-/// 0…N; ⊗ the identity of the coordinates):
+/// The discrete Euler–Lagrange equations at the points 1…N−1, written with the matrix D of −σ Δ_σ^α (rows
+/// I_σ, columns 0…N; ⊗ the identity of the coordinates):
 ///
 /// ```text
 /// r = ∂L/∂x + Dᵀ ∂L/∂v ,   ∂r/∂Q = C + Bᵀ D + Dᵀ B + Dᵀ A D      restricted to the inner points
@@ -101,7 +101,8 @@ impl Stationarity for Positions<'_> {
         let first = self.sigma.points(steps).start;
         let mut first_derivatives = vec![0.0; 2 * d];
         let mut second_derivatives = vec![0.0; 4 * d * d];
-        // D and the selection of positions below each other, multiplied by the second derivatives of each point.
+        // D and the selection of positions below each other, multiplied by the second derivatives of each
+        // point.
         let mut by_velocity = DMatrix::zeros(steps * d, (steps + 1) * d);
         let mut by_position = DMatrix::zeros((steps + 1) * d, (steps + 1) * d);
         let mut velocity_sizes = DVector::zeros(steps * d);

@@ -85,8 +85,8 @@ pub enum KnownPositions {
 }
 
 impl KnownPositions {
-    /// The positions at `time` on a grid of step `step`, which may be infinite or not a number where they are expressions; `None`
-    /// where a table says nothing.
+    /// The positions at `time` on a grid of step `step`, which may be infinite or not a number where they are
+    /// expressions; `None` where a table says nothing.
     pub fn at(&self, time: f64, step: f64) -> Option<Vec<f64>> {
         match self {
             Self::Expressions { position } => {
@@ -212,12 +212,12 @@ impl ProblemFile {
         })
     }
 
-    /// Solves the problem on a grid of the same interval; `observe` is told the number of Newton steps and the relative
-    /// residual before each step.
+    /// Solves the problem on a grid of the same interval; `observe` is told the number of Newton steps and
+    /// the relative residual before each step.
     ///
     /// # Errors
-    /// A guess that is not finite on another grid than the file's. The inner result is the solution or the best
-    /// iterate.
+    /// A guess that is not finite on another grid than the file's. The inner result is the solution or the
+    /// best iterate.
     pub fn solve(
         &self,
         grid: Grid,

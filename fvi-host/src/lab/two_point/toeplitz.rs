@@ -22,8 +22,8 @@ impl Product {
     }
 }
 
-/// A lower triangular Toeplitz matrix, T_{kj} = w_{k−j} for 0 ≤ j ≤ k < n, applied to each coordinate of values on
-/// a grid.
+/// A lower triangular Toeplitz matrix, T_{kj} = w_{k−j} for 0 ≤ j ≤ k < n, applied to each coordinate of
+/// values on a grid.
 pub struct LowerToeplitz {
     weights: Vec<f64>,
     transform: Option<Transform>,
@@ -65,7 +65,8 @@ impl LowerToeplitz {
         self.product(values, coordinates, Orientation::Plain);
     }
 
-    /// Replaces `values`, n points of `coordinates` numbers each, by Tᵀ·values: y_j = Σ_{k=j}^{n−1} w_{k−j} x_k.
+    /// Replaces `values`, n points of `coordinates` numbers each, by Tᵀ·values: y_j = Σ_{k=j}^{n−1} w_{k−j}
+    /// x_k.
     pub fn apply_transposed(&mut self, values: &mut [f64], coordinates: usize) {
         self.product(values, coordinates, Orientation::Transposed);
     }
@@ -150,8 +151,8 @@ impl Transform {
         debug_assert!(outcome.is_ok(), "the buffers come from the plan");
     }
 
-    /// The transposed product is the plain one with time reversed, hence the one with the conjugate spectrum: the
-    /// wrapped part falls into the second half, which is dropped.
+    /// The transposed product is the plain one with time reversed, hence the one with the conjugate spectrum:
+    /// the wrapped part falls into the second half, which is dropped.
     fn product(&mut self, values: &mut [f64], coordinate: usize, stride: usize, orientation: Orientation) {
         let points = values.len() / stride;
         for (kept, value) in self.signal.iter_mut().zip(values[coordinate..].iter().step_by(stride)) {

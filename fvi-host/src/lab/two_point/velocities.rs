@@ -1,9 +1,10 @@
 //! Stationarity with the fractional velocities as unknowns, matrix-free.
 //!
-//! With Q₀ and Q_N fixed, the positions between them and the velocities V₁…V_{N−1} determine each other: V comes from Q by
-//! a triangular Toeplitz matrix T, and Q from V by its inverse J, the fractional sum whose weights g are those of the
-//! exponent −α. In the velocities every operator is bounded independently of h, where T·Tᵀ in the positions grows like
-//! h^(−2α). Written for σ = − (the problem of σ = + is this one with time reversed and v of the other sign):
+//! With Q₀ and Q_N fixed, the positions between them and the velocities V₁…V_{N−1} determine each other: V
+//! comes from Q by a triangular Toeplitz matrix T, and Q from V by its inverse J, the fractional sum whose
+//! weights g are those of the exponent −α. In the velocities every operator is bounded independently of h,
+//! where T·Tᵀ in the positions grows like h^(−2α). Written for σ = − (the problem of σ = + is this one with
+//! time reversed and v of the other sign):
 //!
 //! ```text
 //! Q_k = ĝ_k Q₀ + Σ_{j=1}^{k} g_{k−j} V_j ,   V_N = (Q_N − ĝ_N Q₀)/g₀ + Σ_{j=1}^{N−1} s_j V_j ,   s_j = −ĝ_{N−j} ,   ĝ = g/g₀
@@ -217,8 +218,8 @@ impl<'a> Velocities<'a> {
         result
     }
 
-    /// Norm, without the rank-d part, of the terms of r without their signs, and of what a rounding of the unknowns
-    /// changes in them.
+    /// Norm, without the rank-d part, of the terms of r without their signs, and of what a rounding of the
+    /// unknowns changes in them.
     fn scale(&mut self, unknowns: &[f64]) -> f64 {
         let d = self.coordinates;
         let (positions, velocities) = self.state(unknowns);

@@ -202,7 +202,8 @@ impl<T: Elementary, const N: usize> Jet<T> for SecondOrder<T, N> {
     }
 }
 
-/// slope·x, and 0 for x = 0 even where the slope is infinite: a variable that does not occur has no influence.
+/// slope·x, and 0 for x = 0 even where the slope is infinite: a variable that does not occur has no
+/// influence.
 #[inline]
 fn scaled<T: Elementary>(slope: T, x: T) -> T {
     if x == T::zero() { x } else { slope * x }

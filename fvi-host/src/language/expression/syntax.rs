@@ -6,7 +6,8 @@ use super::tree::{Node, Operator};
 use crate::language::excerpt::{excerpt, excerpt_list};
 use core::ops::Range;
 
-/// Deepest nesting that is accepted: evaluation is recursive. A sum or product counts once, however many terms it has.
+/// Deepest nesting that is accepted: evaluation is recursive. A sum or product counts once, however many
+/// terms it has.
 const MAX_DEPTH: usize = 128;
 
 /// An expression that cannot be used: what is wrong, and which bytes of its text are to blame.
@@ -420,7 +421,8 @@ pub(crate) fn nearest<'a>(name: &str, candidates: impl Iterator<Item = &'a str>)
         .filter_map(|candidate| {
             let length = candidate.chars().count();
             let most = 1 + length / 4;
-            // Words whose lengths differ by more are farther apart than that: the search, quadratic in the length, is spared.
+            // Words whose lengths differ by more are farther apart than that: the search, quadratic in the
+            // length, is spared.
             if letters.abs_diff(length) > most {
                 return None;
             }

@@ -10,7 +10,8 @@ use nalgebra::SVector;
 
 /// M, U and F of a scenario with one coordinate.
 ///
-/// The numbers are those of the [`Model`] that it is made from, which serves what is compiled from expressions.
+/// The numbers are those of the [`Model`] that it is made from, which serves what is compiled from
+/// expressions.
 #[derive(Clone, Debug)]
 pub struct SingleModel<T> {
     model: Model<T>,

@@ -259,7 +259,8 @@ impl Differentiation<'_> {
         self.outer(inner, value, value, Some(value))
     }
 
-    /// Derivatives at a kink or jump are those of neither side: `abs` has 0 at 0, `step` and `sign` 0 everywhere.
+    /// Derivatives at a kink or jump are those of neither side: `abs` has 0 at 0, `step` and `sign` 0
+    /// everywhere.
     fn function(&mut self, function: Function, x: Derivatives) -> Derivatives {
         let v = x.value;
         let call = |graph: &mut Graph, function| graph.call(Operation::Call(function), v);

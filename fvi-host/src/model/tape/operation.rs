@@ -18,7 +18,8 @@ pub(super) enum Operation {
     Scale,
     /// x^e.
     Power,
-    /// 1 if the smaller of two numbers is the left one, 0 if the right one, not-a-number if they have no order.
+    /// 1 if the smaller of two numbers is the left one, 0 if the right one, not-a-number if they have no
+    /// order.
     LeftIsMin,
     /// Likewise for the larger.
     LeftIsMax,

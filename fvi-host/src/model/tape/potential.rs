@@ -102,7 +102,8 @@ impl<T: Elementary> CompiledPotential<T> {
         value[0]
     }
 
-    /// U at several points, whose coordinates `place` writes; the bits of each by itself. `registers` serve this potential only.
+    /// U at several points, whose coordinates `place` writes; the bits of each by itself. `registers` serve
+    /// this potential only.
     pub(in crate::model) fn values_along(
         &self,
         registers: &mut LaneRegisters<T>,

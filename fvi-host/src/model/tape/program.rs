@@ -21,24 +21,26 @@ const WINDOW: usize = 1024;
 /// Operations of a run from which on it is worth preparing.
 const SHORT: usize = 4;
 
-/// Registers of a program that is interpreted operation by operation: an index below a power of two needs no check.
+/// Registers of a program that is interpreted operation by operation: an index below a power of two needs no
+/// check.
 const SMALL: usize = 64;
 
-/// Numbers of a row that are taken at a time. What lies behind the last one of a run is computed too, and overwritten.
+/// Numbers of a row that are taken at a time. What lies behind the last one of a run is computed too, and
+/// overwritten.
 const STRIDE: usize = 4;
 
 /// A program with inputs t and q and two lists of outputs.
 #[derive(Clone, Debug)]
 pub(super) struct Program<T> {
-    /// The registers hold, in this order, the constants, t, t as seen from its side, q, what crosses from window
-    /// to window, and the values of the current window.
+    /// The registers hold, in this order, the constants, t, t as seen from its side, q, what crosses from
+    /// window to window, and the values of the current window.
     constants: Vec<T>,
     coordinates: usize,
     registers: usize,
     windows: Vec<Window>,
     runs: Vec<Run>,
-    /// The operations of all runs one by one, where those are too short to be worth their preparations and the registers are few;
-    /// else nothing.
+    /// The operations of all runs one by one, where those are too short to be worth their preparations and
+    /// the registers are few; else nothing.
     singles: Vec<Single>,
     /// The registers that the runs read, operation by operation.
     operands: Vec<u32>,
@@ -185,8 +187,8 @@ impl<T: Elementary> Program<T> {
         self.execute(registers, position, sums, entries);
     }
 
-    /// As [`evaluate`](Self::evaluate) at t = 0. The registers have served this program before, or none: its constants are in
-    /// them.
+    /// As [`evaluate`](Self::evaluate) at t = 0. The registers have served this program before, or none: its
+    /// constants are in them.
     #[inline]
     pub(super) fn evaluate_again(
         &self,

@@ -1,4 +1,5 @@
-//! Where the part of a force that depends on time alone is rough: jumps, kinks and roots, from its expressions.
+//! Where the part of a force that depends on time alone is rough: jumps, kinks and roots, from its
+//! expressions.
 
 use super::derivative::Order;
 use super::force::{Parts, parts};
@@ -18,8 +19,8 @@ pub struct RoughArguments {
 pub struct RoughArgument {
     /// Where it vanishes, if it is linear in t.
     pub zero: Option<f64>,
-    /// Whether it is under a root, a logarithm or a power that is not whole, which are rough near zero too and not
-    /// only across it.
+    /// Whether it is under a root, a logarithm or a power that is not whole, which are rough near zero too
+    /// and not only across it.
     pub root: bool,
 }
 
@@ -35,7 +36,8 @@ impl RoughArguments {
         Self::compile(found)
     }
 
-    /// All arguments that depend on time alone, wherever in these expressions they are; `None` if there are none.
+    /// All arguments that depend on time alone, wherever in these expressions they are; `None` if there are
+    /// none.
     pub fn anywhere_in<'e>(expressions: impl IntoIterator<Item = &'e Expression>) -> Option<Self> {
         let mut found = Vec::new();
         for expression in expressions {

@@ -52,8 +52,8 @@ impl Axis {
 
     /// The place of a value along the axis: itself, or its decimal logarithm; `None` if it has no place.
     ///
-    /// On a linear axis the smallest numbers lie at zero and the largest have no place: widths and ticks of what is left
-    /// neither overflow nor lose digits.
+    /// On a linear axis the smallest numbers lie at zero and the largest have no place: widths and ticks of
+    /// what is left neither overflow nor lose digits.
     pub(super) fn place(&self, value: f64) -> Option<f64> {
         match self.scale {
             _ if !value.is_finite() => None,

@@ -90,8 +90,8 @@ pub struct Series {
 }
 
 impl Series {
-    /// A series; points without a place on the axes (not finite, or ≤ 0 on a logarithmic one) are left out and
-    /// interrupt its line.
+    /// A series; points without a place on the axes (not finite, or ≤ 0 on a logarithmic one) are left out
+    /// and interrupt its line.
     pub fn new(label: impl Into<String>, style: Style, points: Vec<(f64, f64)>) -> Self {
         Self { label: label.into(), style, marker: Marker::default(), points, colour: None }
     }

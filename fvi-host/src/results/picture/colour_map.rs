@@ -14,7 +14,8 @@ pub struct ColourMap {
 }
 
 impl ColourMap {
-    /// Values on a grid, each of which fills the cell around its place. One that has no place on the scale is grey.
+    /// Values on a grid, each of which fills the cell around its place. One that has no place on the scale is
+    /// grey.
     pub fn cells(quantity: Axis, values: impl IntoIterator<Item = ((f64, f64), f64)>) -> Self {
         Self { quantity, values: values.into_iter().collect(), cells: true }
     }

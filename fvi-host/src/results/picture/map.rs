@@ -22,7 +22,8 @@ const MOST: usize = 160;
 const SHADES: i32 = 12;
 
 impl Map {
-    /// The map of rows of `coordinates` numbers, one for each time; each cell shows the number in it that is farthest from zero.
+    /// The map of rows of `coordinates` numbers, one for each time; each cell shows the number in it that is
+    /// farthest from zero.
     pub fn new(title: &str, times: &[f64], rows: &[f64], coordinates: usize) -> Self {
         let (width, height) = (times.len().clamp(1, MOST), coordinates.clamp(1, MOST));
         let mut cells = vec![0.0_f64; width * height];

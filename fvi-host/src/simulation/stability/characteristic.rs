@@ -15,7 +15,8 @@ use std::rc::Rc;
 /// A(z) v = 0 ,   A_νμ(z) = Σ_i b_i [ ψ̇_ν(c_i) φ̇_μ(c_i) M − h² ψ_ν(c_i) φ_μ(c_i) K ] − Σ_m h^{2−β_m} D^m_νμ(z) ρ_m
 /// ```
 ///
-/// with φ₀ = z(1 − τ) + τ, ψ₀ = 1 − τ + zτ and the bubbles at both places for 0 < μ < S. The damping enters as
+/// with φ₀ = z(1 − τ) + τ, ψ₀ = 1 − τ + zτ and the bubbles at both places for 0 < μ < S. The damping enters
+/// as
 ///
 /// ```text
 /// main nodes:  D_00 = z γ_p(z)^β, all others zero           (h (D^β q)_k in the equation of q_k)
@@ -146,7 +147,8 @@ impl Characteristic {
     }
 }
 
-/// ln det of a matrix given row by row, by elimination with pivots of a column; `None` for zero and what is not finite.
+/// ln det of a matrix given row by row, by elimination with pivots of a column; `None` for zero and what is
+/// not finite.
 fn log_determinant(matrix: &mut [Complex<f64>], rows: usize) -> Option<Complex<f64>> {
     let mut sum = Complex::ZERO;
     for column in 0..rows {

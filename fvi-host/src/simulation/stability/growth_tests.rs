@@ -1,4 +1,5 @@
-//! The verdict against the motions themselves, step by step, for random linear systems on every kind of scheme.
+//! The verdict against the motions themselves, step by step, for random linear systems on every kind of
+//! scheme.
 
 use super::polynomials::Polynomials;
 use super::*;
@@ -311,8 +312,8 @@ const STEPS: usize = 1600;
 /// Steps over which growth is looked for; the longer only where the shorter show none.
 const WATCHED: [usize; 3] = [STEPS, 5 * STEPS, 13 * STEPS];
 
-/// An accepted step makes nothing grow. At a refused one something does, and so it does up to a tenth above the limit, unless the run with the
-/// limit's step has more steps than are watched.
+/// An accepted step makes nothing grow. At a refused one something does, and so it does up to a tenth above
+/// the limit, unless the run with the limit's step has more steps than are watched.
 fn verdict_holds(random: &Random) -> Result<(), TestCaseError> {
     let case = case(random.kind, random.p, random.kappa);
     let (size, numbers) = (random.size, &random.numbers);
@@ -354,7 +355,8 @@ fn verdict_holds(random: &Random) -> Result<(), TestCaseError> {
                     [5e-4, 2e-3, 5e-3, 0.01, 0.02, 0.04, 0.06, 0.08, 0.1].map(|part| (1.0 + part) * limit);
                 let above: Vec<f64> =
                     above.into_iter().filter(|&h| h < step).chain([step.min(1.1 * limit)]).collect();
-                // The limit is that for the time of the run: growth there is by the factor 2 in so many steps, and may be too slow to be seen.
+                // The limit is that for the time of the run: growth there is by the factor 2 in so many
+                // steps, and may be too slow to be seen.
                 let of_the_run = step / limit * STEPS as f64;
                 prop_assert!(
                     WATCHED.iter().any(|&steps| above.iter().any(|&h| grows_in(h, steps)))
@@ -385,7 +387,8 @@ fn accepted_steps_never_grow_and_refused_ones_do() {
 
 #[test]
 fn slow_growth_above_a_limit_is_seen_in_runs_as_long_as_that_with_the_limit() {
-    // At the limit 3.5149 the run has 12 700 steps: growth by 5.5e-5 in a step, while what decays by 1.2e-3 hides it at first.
+    // At the limit 3.5149 the run has 12 700 steps: growth by 5.5e-5 in a step, while what decays by 1.2e-3
+    // hides it at first.
     let mut numbers = vec![0.0; 23];
     let drawn = [(0, -0.38), (2, -0.918), (3, 0.486), (5, -0.847), (6, 0.358), (9, -0.468), (10, -0.447)];
     drawn.iter().for_each(|&(place, number)| numbers[place] = number);

@@ -6,13 +6,15 @@ use crate::scenario::Scenario;
 use fvi_core::{Block, Instant, Mechanics};
 use nalgebra::{DMatrix, SymmetricEigen};
 
-/// Steps of the Lanczos iteration; the largest eigenvalues of stiffness and damping are apart from the others, and a few per cent are enough.
+/// Steps of the Lanczos iteration; the largest eigenvalues of stiffness and damping are apart from the
+/// others, and a few per cent are enough.
 const ITERATIONS: usize = 40;
 
 /// What is added to the largest eigenvalue that the iteration has found, which is never too large.
 const MARGIN: f64 = 1.02;
 
-/// Whether the scheme is stable at every step, whatever the stiffness and damping: the midpoint rule, damped at its node by BDF 1 or 2.
+/// Whether the scheme is stable at every step, whatever the stiffness and damping: the midpoint rule, damped
+/// at its node by BDF 1 or 2.
 pub(super) fn is_unconditional(discretisation: &Discretisation, damped: bool) -> bool {
     let midpoint = discretisation.degree == 1 && discretisation.nodes == [0.5];
     let passive = match discretisation.form {
@@ -22,8 +24,8 @@ pub(super) fn is_unconditional(discretisation: &Discretisation, damped: bool) ->
     midpoint && passive
 }
 
-/// The verdict on motions from the fastest down: single modes with the largest eigenvalues of K and ρ relative to M, and
-/// smaller ones in the same proportion.
+/// The verdict on motions from the fastest down: single modes with the largest eigenvalues of K and ρ
+/// relative to M, and smaller ones in the same proportion.
 ///
 /// Exact where the matrices are proportional; elsewhere a good sign.
 pub(super) fn check_large(

@@ -8,8 +8,8 @@ use crate::scenario::{ConvolutionFamily, DampedAt, Quadrature, Scenario, Scheme,
 use fvi_core::{BdfOrder, RungeKutta};
 use nalgebra::{DMatrix, DVector};
 
-/// Refuses a step at which motions near the start grow, unless the scenario allows it; the Euler methods, baselines that grow by
-/// themselves, are not checked.
+/// Refuses a step at which motions near the start grow, unless the scenario allows it; the Euler methods,
+/// baselines that grow by themselves, are not checked.
 ///
 /// `stiffness` is ∂²U/∂q² − ∂F/∂q where the run begins.
 pub(crate) fn check_step(scenario: &Scenario, stiffness: &DMatrix<f64>) -> Result<(), InputError> {
@@ -106,7 +106,8 @@ fn dense(matrix: &SymmetricMatrix) -> DMatrix<f64> {
     }
 }
 
-/// The scheme of a scenario; `None` for the Euler methods, for collocation, which is L-stable, and for shapes that do not exist.
+/// The scheme of a scenario; `None` for the Euler methods, for collocation, which is L-stable, and for shapes
+/// that do not exist.
 pub(crate) fn discretisation(scenario: &Scenario) -> Option<Discretisation> {
     let (degree, kappa) = match scenario.scheme {
         Scheme::LowOrder { kappa } => (1, Some(kappa)),

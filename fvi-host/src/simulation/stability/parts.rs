@@ -31,8 +31,9 @@ impl Part {
 
     /// No motion of the part grows faster than e^{σt}.
     ///
-    /// Where s² + k + iκ + Σ ρ s^β = 0 with ρ ≥ 0, k and iκ the symmetric and skew parts of K along the motion, and Re s > 0, then
-    /// (Re s)² ≤ max(−k, 0) + |κ|/2: the imaginary part of the equation bounds 2 Re s |Im s| by |κ|, the real part the rest.
+    /// Where s² + k + iκ + Σ ρ s^β = 0 with ρ ≥ 0, k and iκ the symmetric and skew parts of K along the
+    /// motion, and Re s > 0, then (Re s)² ≤ max(−k, 0) + |κ|/2: the imaginary part of the equation bounds 2
+    /// Re s |Im s| by |κ|, the real part the rest.
     pub(super) fn growth_rate(&self) -> f64 {
         let transposed = self.stiffness.transpose();
         let symmetric = (&self.stiffness + &transposed) * 0.5;
@@ -47,8 +48,9 @@ impl Part {
 
 /// The parts of a system.
 ///
-/// In the eigenvectors of a combination of all matrices those that commute become diagonal together: then every mode is a part. What
-/// remains coupled stays together. With a stiffness that is not symmetric the coordinates stay as they are.
+/// In the eigenvectors of a combination of all matrices those that commute become diagonal together: then
+/// every mode is a part. What remains coupled stays together. With a stiffness that is not symmetric the
+/// coordinates stay as they are.
 pub(super) fn parts(system: &LinearSystem) -> Vec<Part> {
     let size = system.stiffness.nrows();
     let mut matrices = vec![system.stiffness.clone()];

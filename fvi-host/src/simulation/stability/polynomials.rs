@@ -4,8 +4,9 @@ use nalgebra::DMatrix;
 
 /// Values and slopes of the S + 1 polynomials at the quadrature nodes, and their products.
 ///
-/// First 1 − τ and τ, which carry q_k and q_{k+1}, then the bubbles ∫₀^τ P_μ(2x − 1) dx, μ = 1…S−1, integrals of Legendre's
-/// polynomials: the same space as that of the control points, well conditioned, and without them.
+/// First 1 − τ and τ, which carry q_k and q_{k+1}, then the bubbles ∫₀^τ P_μ(2x − 1) dx, μ = 1…S−1, integrals
+/// of Legendre's polynomials: the same space as that of the control points, well conditioned, and without
+/// them.
 #[derive(Clone, Debug)]
 pub(super) struct Polynomials {
     /// Weights b_i, none of them zero.

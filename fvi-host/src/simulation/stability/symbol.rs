@@ -5,8 +5,8 @@ use nalgebra::{Complex, DMatrix, Schur};
 
 /// γ_p(z)^β for |z| < 1.
 ///
-/// The formulas are A(ϑ)-stable, so γ_p takes no value on the negative real axis there, and the principal branch is the one that
-/// continues γ_p(0)^β > 0.
+/// The formulas are A(ϑ)-stable, so γ_p takes no value on the negative real axis there, and the principal
+/// branch is the one that continues γ_p(0)^β > 0.
 pub(super) fn bdf(order: BdfOrder, exponent: f64, z: Complex<f64>) -> Complex<f64> {
     let difference = Complex::new(1.0, 0.0) - z;
     let mut sum = Complex::ZERO;
@@ -40,8 +40,8 @@ fn scalar_power(base: Complex<f64>, exponent: f64) -> Complex<f64> {
 
 /// Principal power, 0 ≤ exponent < 2, of a matrix without eigenvalues on the negative real axis.
 ///
-/// Square roots of the triangular factor of Schur's decomposition until it is near the identity, the binomial series, and
-/// squares. Eigenvalues may coincide.
+/// Square roots of the triangular factor of Schur's decomposition until it is near the identity, the binomial
+/// series, and squares. Eigenvalues may coincide.
 fn matrix_power(matrix: &DMatrix<Complex<f64>>, exponent: f64) -> DMatrix<Complex<f64>> {
     let size = matrix.nrows();
     if exponent == 0.0 {

@@ -11,7 +11,8 @@ const FOLLOWED: f64 = 0.5;
 const PARTS: usize = 16;
 const HALVINGS: u32 = 41;
 
-/// Most values of the function that a count may take: a zero near the circle takes some fifty, noise any number.
+/// Most values of the function that a count may take: a zero near the circle takes some fifty, noise any
+/// number.
 const MOST_VALUES: usize = 20_000;
 
 /// What a count finds.
@@ -25,12 +26,13 @@ pub(super) enum Count {
     Endless,
 }
 
-/// Number of zeros in |z| < radius of a function with real coefficients, given by any branch of its logarithm.
+/// Number of zeros in |z| < radius of a function with real coefficients, given by any branch of its
+/// logarithm.
 ///
-/// The phase is followed over the upper half of the circle, from the real axis to the real axis; the conjugate half turns as much.
-/// Intervals are halved until the logarithm, size and phase, changes little over both halves of each. Unlike the phase alone that
-/// cannot miss several zeros that lie together near the circle: they would turn the phase by a multiple of 2π, but on the way the
-/// function is small.
+/// The phase is followed over the upper half of the circle, from the real axis to the real axis; the
+/// conjugate half turns as much. Intervals are halved until the logarithm, size and phase, changes little
+/// over both halves of each. Unlike the phase alone that cannot miss several zeros that lie together near the
+/// circle: they would turn the phase by a multiple of 2π, but on the way the function is small.
 pub(super) fn zeros_inside(radius: f64, logarithm: impl Fn(Complex<f64>) -> Option<Complex<f64>>) -> Count {
     let left = Cell::new(MOST_VALUES);
     match turns(radius, &left, logarithm) {

@@ -128,8 +128,8 @@ impl Problem {
         }
     }
 
-    /// The plate under a pulse that ends at t = 1: a step of 8 at t = 0, and one of −8 at t = 1. The response to a unit step is 1 − q
-    /// of the plate let go.
+    /// The plate under a pulse that ends at t = 1: a step of 8 at t = 0, and one of −8 at t = 1. The response
+    /// to a unit step is 1 − q of the plate let go.
     pub(super) fn pulse() -> Self {
         let rows = released_rows(1.0, 1.5, 1.0);
         let released = |t: f64| rows.iter().find(|row| row[0] == t).copied();
@@ -150,8 +150,8 @@ impl Problem {
         }
     }
 
-    /// The pendulum on a viscoelastic hinge, released from 2 rad, against a fine graded run by collocation; and the largest difference from
-    /// that of another scheme.
+    /// The pendulum on a viscoelastic hinge, released from 2 rad, against a fine graded run by collocation;
+    /// and the largest difference from that of another scheme.
     pub(super) fn pendulum(stop: &AtomicBool) -> Result<(Self, f64), ReproduceError> {
         let potential = "mass = [0.25]\npotential = \"m*g*l*(1 - cos(q0))\"\n";
         let parameters = "parameters = { m = 1.0, g = 9.81, l = 0.5 }\n";
@@ -191,8 +191,8 @@ impl Problem {
         Ok((problem, difference))
     }
 
-    /// Two equal masses whose soft mode q₀ + q₁ nothing damps, and whose stiff mode q₀ − q₁, a thousand times as fast and strongly
-    /// damped, is let go from 10⁻³ of it.
+    /// Two equal masses whose soft mode q₀ + q₁ nothing damps, and whose stiff mode q₀ − q₁, a thousand times
+    /// as fast and strongly damped, is let go from 10⁻³ of it.
     pub(super) fn stiff() -> Self {
         let stiff = released_rows(1e4, 0.5, 1e6);
         let row = |&[t, q, p]: &[f64; 3]| {
@@ -213,7 +213,8 @@ impl Problem {
         }
     }
 
-    /// Two masses on a spring a thousand times as fast as their motion, which does not stretch it; nothing damps either.
+    /// Two masses on a spring a thousand times as fast as their motion, which does not stretch it; nothing
+    /// damps either.
     pub(super) fn stiff_at_rest() -> Self {
         let system = "[system]\nmass = [1.0, 1.0]\npotential = \"0.25*(q0 + q1)^2 + 0.25*1e6*(q0 - q1)^2\"\n";
         Self {
@@ -236,7 +237,8 @@ impl Problem {
         self.rows.iter().filter_map(|row| Some((row[0], *row.get(1 + coordinate)?))).collect()
     }
 
-    /// `[output]` at the times at which values are known, by the scheme's polynomial where they are no grid points.
+    /// `[output]` at the times at which values are known, by the scheme's polynomial where they are no grid
+    /// points.
     pub(super) fn at_known_times(&self) -> String {
         if self.rows.is_empty() { String::new() } else { format!("[output]\ntimes = {:?}\n", self.times()) }
     }

@@ -14,7 +14,8 @@ const HALVINGS: std::ops::RangeInclusive<u32> = 0..=4;
 /// Errors below this are those of the memory, whose table is made for 10⁻¹³, and rounding.
 const FLOOR: f64 = 2e-13;
 
-/// Steps from 10⁻⁹ on that grow by a factor of 3 up to ½, through all times that are known; each cut into 2^halvings.
+/// Steps from 10⁻⁹ on that grow by a factor of 3 up to ½, through all times that are known; each cut into
+/// 2^halvings.
 fn grid(problem: &Problem, halvings: u32) -> Vec<f64> {
     let known = problem.times();
     let (mut times, mut step) = (vec![0.0], 1e-9_f64);

@@ -1,4 +1,5 @@
-//! Steps that are chosen on the way: errors against tolerances, and work against the best grids that can be found by hand.
+//! Steps that are chosen on the way: errors against tolerances, and work against the best grids that can be
+//! found by hand.
 
 use super::super::table::{Cell, Column, Format, Table};
 use super::super::{Findings, ReproduceError};
@@ -37,7 +38,8 @@ fn adaptive(problem: &Problem, tolerance: f64, stop: &AtomicBool) -> Result<Made
 enum Shape {
     /// t = (k/N)^exponent
     Graded(f64),
-    /// Steps that grow from a first one, by the factor 1 + `growth` on the coarsest grid, up to a longest that is this part of the time.
+    /// Steps that grow from a first one, by the factor 1 + `growth` on the coarsest grid, up to a longest
+    /// that is this part of the time.
     Growing { first: f64, growth: f64, parts: f64 },
 }
 

@@ -110,9 +110,11 @@ fn exponent_lists(stop: &AtomicBool) -> Result<Table, ReproduceError> {
     Ok(table)
 }
 
-/// Relative errors of q₁ for t^(5/2) over the grids, which the correction is made from, and their limit c as h → 0.
+/// Relative errors of q₁ for t^(5/2) over the grids, which the correction is made from, and their limit c as
+/// h → 0.
 ///
-/// They are c + d √h + …: c from the nodes under a force like √t, d √h from the damping, which the first step does not know yet.
+/// They are c + d √h + …: c from the nodes under a force like √t, d √h from the damping, which the first step
+/// does not know yet.
 fn first_step(stop: &AtomicBool) -> Result<(Table, f64), ReproduceError> {
     let columns = vec![Column::new("h", Format::Exact), Column::new("(q₁ − h^(5/2))/h^(5/2)", Format::Error)];
     let mut table = Table::new("first-step", "t^(5/2): relative error of the first step", columns);

@@ -18,7 +18,8 @@ pub(super) fn table_2(stop: &AtomicBool) -> Result<Findings, ReproduceError> {
 /// Levels of every problem in these tables.
 const LEVELS: usize = 8;
 
-/// The three problems with one scheme; `root_orders` are the printed ones of the last, those of the others are 1, 2, 2.
+/// The three problems with one scheme; `root_orders` are the printed ones of the last, those of the others
+/// are 1, 2, 2.
 fn orders(
     scheme: Scheme,
     root_orders: [f64; 3],

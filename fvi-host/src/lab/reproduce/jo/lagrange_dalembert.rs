@@ -11,14 +11,16 @@ pub(super) struct LinearOscillator {
     pub(super) momentum: f64,
 }
 
-/// Positions q_0…q_`steps` of the integrator with the midpoint rule and the discrete forces f⁻ = 0, f⁺ = −ρ (q_{k+1} − q_k).
+/// Positions q_0…q_`steps` of the integrator with the midpoint rule and the discrete forces f⁻ = 0, f⁺ = −ρ
+/// (q_{k+1} − q_k).
 ///
 /// ```text
 /// D₁L_d(q_k, q_{k+1}) + D₂L_d(q_{k−1}, q_k) + f⁺(q_{k−1}, q_k) = 0 ,      p₀ = −D₁L_d(q₀, q₁)
 /// L_d(a, b) = (b − a)²/(2h) − h ((a + b)/2)²/2
 /// ```
 ///
-/// A recursion over positions alone: no momenta after the first, no memory. Source: \[JO\] Algorithm 2, Corollary 4.2.
+/// A recursion over positions alone: no momenta after the first, no memory. Source: \[JO\] Algorithm 2,
+/// Corollary 4.2.
 pub(super) fn positions(oscillator: &LinearOscillator, step_size: f64, steps: usize) -> Vec<f64> {
     let h = step_size;
     // D₁L_d(a, b) = −(b − a)/h − h (a + b)/4 ,  D₂L_d(a, b) = (b − a)/h − h (a + b)/4

@@ -71,7 +71,8 @@ pub(super) fn figure_4(stop: &AtomicBool) -> Result<Findings, ReproduceError> {
         ))
 }
 
-/// Largest difference of positions at the grid points t ≥ 1 of the coarse motion; the other has half its step.
+/// Largest difference of positions at the grid points t ≥ 1 of the coarse motion; the other has half its
+/// step.
 fn difference(coarse: &Motion, fine: &Motion) -> f64 {
     let pairs = coarse.states.iter().zip(fine.states.iter().step_by(2));
     let late = pairs.filter(|(coarse, _)| coarse.time >= 1.0);

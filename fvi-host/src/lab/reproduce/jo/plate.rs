@@ -18,7 +18,8 @@ const BENCHMARK_STEPS: usize = 6000;
 const STEPS: [usize; 7] = [60, 120, 300, 600, 1200, 3000, BENCHMARK_STEPS];
 /// The place of the run with the paper's step, h = 0.1.
 const PAPER_STEP: usize = 2;
-/// The runs that the slope against the benchmark is taken of: with steps at least ten times as long as the benchmark's.
+/// The runs that the slope against the benchmark is taken of: with steps at least ten times as long as the
+/// benchmark's.
 const FAR_FROM_BENCHMARK: usize = 4;
 
 /// q̈ + D^(3/2) q + q = 8 on [0, 1], 0 after.

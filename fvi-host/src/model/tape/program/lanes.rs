@@ -23,8 +23,8 @@ impl<T> Default for LaneRegisters<T> {
 }
 
 impl<T: Elementary> Program<T> {
-    /// What [`evaluate`](Self::evaluate) adds to the first of its `sums` at t = 0, at several points; the bits are those of
-    /// each by itself.
+    /// What [`evaluate`](Self::evaluate) adds to the first of its `sums` at t = 0, at several points; the
+    /// bits are those of each by itself.
     ///
     /// `place` writes the variables. `registers` has served this program before, or none.
     pub(in crate::model::tape) fn first_sum_along(
