@@ -4,7 +4,6 @@ use nalgebra::SVector;
 
 use crate::coefficients::Fixed;
 use crate::damping::Damping;
-use crate::discrete_lagrangian::Workspace;
 use crate::galerkin::in_place;
 use crate::linear::add_multiple;
 use crate::newton::{Equations, StepMatrix, newton, size};
@@ -14,6 +13,7 @@ use crate::runge_kutta::RungeKutta;
 use crate::scheme::{Outcome, Sampling, Scheme, State, Step, StepError, conclude};
 use crate::space::{Block, Space, vectors, vectors_mut};
 use crate::system::{Instant, Mechanics};
+use crate::workspace::Workspace;
 
 /// Corrections of a linear system's step. The second takes back what the first lost to rounding where the
 /// step is long beside the periods of the system.
@@ -169,7 +169,7 @@ impl<T: Real> CollocationTables<'_, T> {
             };
             // What is below the rounding of positions does not show in an acceleration.
             let offset = size(X::slice(position)) / (step.size * step.size);
-            newton(work.increments, work.residual, offset, work.matrix, linearise)?
+            newton(work.increments, work.residual, offset, work.matrix, linearise)?.iterations
         };
         self.place_stages(work.increments, X::slice(&velocity), step.size, work.stages);
         let rise = vectors(work.stages, coordinates).last().unwrap_or(&[]);

@@ -416,12 +416,10 @@ impl<T: Real, X: Space<T>, M: Memory<T>> Damping<T, X> for DampingTerm<T, X, M> 
     #[inline(always)]
     fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
         let coordinates = X::slice(&self.initial_position).len();
-        let sum = scratch.get_mut(..coordinates).unwrap_or(&mut []);
         if increments.len() == coordinates {
-            let leading = self.leading(1, 0, 0);
-            sum.iter_mut().zip(increments).for_each(|(sum, &increment)| *sum = increment * leading);
-            return self.coefficients.multiply_add(T::one(), sum, force);
+            return self.coefficients.multiply_add(self.leading(1, 0, 0), increments, force);
         }
+        let sum = scratch.get_mut(..coordinates).unwrap_or(&mut []);
         let nodes = vectors(increments, coordinates).count();
         for (i, force) in vectors_mut(force, coordinates).enumerate() {
             sum.fill(T::zero());
@@ -459,6 +457,12 @@ impl<T: Real, X: Space<T>, M: Memory<T>> Damping<T, X> for DampingTerm<T, X, M> 
         let (coordinates, nodes) = (sample.from.len(), sample.fractions.len());
         let (stored, rest) = scratch.split_at_mut_checked(coordinates * nodes).unwrap_or_default();
         if nodes == 1 {
+            let ends_at_node = sample.behind.is_empty() && !self.memory.is_empty();
+            let without_drift = !matches!(self.start, Subtraction::PositionAndVelocity);
+            if self.memory.acts_on() == ActsOn::Increments && ends_at_node && without_drift {
+                // The increments themselves are the sample.
+                return self.memory.push(increments);
+            }
             copy(stored, increments);
             self.add_offset(sample, 0, T::one(), stored);
             return self.memory.push(stored);
@@ -634,12 +638,17 @@ impl<T: Real, X: Space<T>, D: Damping<T, X>> Damping<T, X> for [D] {
         known: &mut [T],
         scratch: &mut [T],
     ) -> Result<(), MemoryError> {
-        self.iter_mut().try_for_each(|damping| damping.add_known(sample, known, scratch))
+        for damping in self {
+            damping.add_known(sample, known, scratch)?;
+        }
+        Ok(())
     }
 
     #[inline(always)]
     fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
-        self.iter().for_each(|damping| damping.add_leading(increments, force, scratch));
+        for damping in self {
+            damping.add_leading(increments, force, scratch);
+        }
     }
 
     #[inline(always)]
@@ -659,7 +668,10 @@ impl<T: Real, X: Space<T>, D: Damping<T, X>> Damping<T, X> for [D] {
         increments: &[T],
         scratch: &mut [T],
     ) -> Result<(), MemoryError> {
-        self.iter_mut().try_for_each(|damping| damping.push(sample, increments, scratch))
+        for damping in self {
+            damping.push(sample, increments, scratch)?;
+        }
+        Ok(())
     }
 
     fn state_bytes(&self) -> usize {

@@ -1,12 +1,14 @@
 //! One step of a discrete Lagrangian on polynomials, whatever its degree, its quadrature and the space.
 
-use crate::damping::{Damping, Sample};
-use crate::linear::add_multiple;
+use crate::damping::Damping;
+use crate::linear::{add_multiple, combine};
 use crate::newton::{Equations, newton, size};
+use crate::one_node::OneNode;
 use crate::real::{Real, all_finite};
 use crate::scheme::{Outcome, State, Step, StepError, conclude};
 use crate::space::{Block, Space, vectors, vectors_mut};
 use crate::system::{Instant, Mechanics, NodalRule};
+use crate::workspace::Workspace;
 
 /// Discrete Lagrangian on polynomials of degree S with a quadrature of Q points, as a view of its numbers.
 ///
@@ -32,71 +34,15 @@ pub struct DiscreteLagrangian<'a, T> {
     pub kinetic: &'a [T],
 }
 
-/// Where a step puts its intermediate results, for N coordinates, S nodes, Q points and a memory of R nodes.
-#[derive(Debug)]
-pub struct Workspace<'a, T: Real, X: Space<T>, E: Equations<T, X::Block>> {
-    /// e^1 … e^S: S·N numbers.
-    pub increments: &'a mut [T],
-    /// S·N numbers.
-    pub residual: &'a mut [T],
-    /// X_i − q_k: Q·N numbers.
-    pub stages: &'a mut [T],
-    /// Q·N numbers.
-    pub forces: &'a mut [T],
-    /// R·N numbers.
-    pub known: &'a mut [T],
-    /// R·N numbers, and N more where R > 1.
-    pub scratch: &'a mut [T],
-    /// q_k − X_{k−1,i}, R·N numbers, kept from step to step ([`Scheme::behind`](crate::Scheme::behind));
-    /// empty where the memory stores the main nodes.
-    pub behind: &'a mut [T],
-    /// What exact moments of the force exceed the nodes by ([`Mechanics::excess`]): (S + 1)·N numbers at
-    /// least.
-    pub excess: &'a mut [T],
-    /// A position.
-    pub point: &'a mut X::Vector,
-    /// From [`Mechanics::stiffness`].
-    pub stiffness: &'a mut X::Block,
-    /// The equations of a step.
-    pub matrix: &'a mut E,
-    /// What solves them while they stay the same.
-    pub kept: &'a mut Kept<E::Kept, T>,
-}
-
-impl<T: Real, X: Space<T>, E: Equations<T, X::Block>> Workspace<'_, T, X, E> {
-    /// Asks the damping for what it knows of the step, with nodes at these fractions of it.
-    #[inline(always)]
-    pub(crate) fn begin<D: Damping<T, X>>(
-        &mut self,
-        damping: &mut D,
-        step: &Step<'_, T>,
-        fractions: &[T],
-        state: &State<X::Vector>,
-    ) -> Result<(), StepError> {
-        self.known.fill(T::zero());
-        let (from, behind) = (X::slice(&state.position), &*self.behind);
-        let sample = Sample { from, behind, time: step.time, length: step.size, fractions };
-        Ok(damping.add_known(&sample, self.known, self.scratch)?)
-    }
-}
-
-/// What solves the equations of a linear system, once it is prepared.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Kept<K, T> {
-    /// What [`Equations::keep`] prepares.
-    pub solver: K,
-    /// The length of the steps whose equations it is for; zero where it is for none.
-    pub length: T,
-}
-
-impl<K, T: Real> Kept<K, T> {
-    /// Nothing prepared yet.
-    pub fn nothing(solver: K) -> Self {
-        Self { solver, length: T::zero() }
-    }
-}
-
 impl<T: Real> DiscreteLagrangian<'_, T> {
+    /// The same without tables, if it has one unknown node and one point.
+    #[inline(always)]
+    fn one_node(&self) -> Option<OneNode<T>> {
+        let ([_], &[weight], &[node]) = (self.control_points, self.weights, self.nodes) else { return None };
+        let (&[shape], &[test], &[kinetic]) = (self.shapes, self.tests, self.kinetic) else { return None };
+        Some(OneNode { weight, node, shape, test, kinetic })
+    }
+
     /// Number of unknown nodes S.
     #[inline(always)]
     fn degree(&self) -> usize {
@@ -161,9 +107,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         damping.add_leading(rise, work.known, work.scratch);
         // The impulse lies in the first numbers of the residual, which end as p_{k+1} − p_k.
         let kick = work.residual.get_mut(..coordinates).unwrap_or(&mut []);
-        for (number, &force) in kick.iter_mut().zip(&*work.known) {
-            *number = -*number - force * step.size;
-        }
+        combine(kick, work.known, |impulse, force| -impulse - force * step.size);
         let found = Outcome { increments: rise, rise, kick };
         conclude(damping, step, &at_end, &found, state, work.behind, work.scratch)?;
         Ok(iterations)
@@ -239,6 +183,20 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
     {
         let (position, momentum) = (X::slice(&state.position), X::slice(&state.momentum));
         let coordinates = position.len();
+        let rule = NodalRule {
+            start: step.time,
+            length: step.size,
+            weights: self.weights,
+            nodes: self.nodes,
+            points: self.control_points,
+            shapes: self.shapes,
+            tests: self.tests,
+        };
+        let rough = !self.drifts() && mechanics.excess(&rule, work.excess);
+        let count = if rough { (self.degree() + 1) * coordinates } else { 0 };
+        if let Some(one) = self.one_node() {
+            return one.solve(work, mechanics, damping, step, state, count);
+        }
         // From here on `scratch` holds one vector for products, and whatever the damping needs.
         if mechanics.is_linear() && damping.is_some() && !self.drifts() {
             // No guess is needed, and a stiff motion at speed would be guessed so far off that its place is
@@ -258,17 +216,6 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
                 }
             }
         }
-        let rule = NodalRule {
-            start: step.time,
-            length: step.size,
-            weights: self.weights,
-            nodes: self.nodes,
-            points: self.control_points,
-            shapes: self.shapes,
-            tests: self.tests,
-        };
-        let rough = !self.drifts() && mechanics.excess(&rule, work.excess);
-        let count = if rough { (self.degree() + 1) * coordinates } else { 0 };
         let excess = work.excess.get(..count).unwrap_or(&[]);
         let mut equations = StepEquations {
             lagrangian: self,
@@ -318,7 +265,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
             let linearise = |increments: &[T], residual: &mut [T], matrix: &mut E| {
                 equations.residual(increments, residual, Some(matrix));
             };
-            newton(work.increments, work.residual, size(position), work.matrix, linearise)?
+            newton(work.increments, work.residual, size(position), work.matrix, linearise)?.iterations
         };
         if !equations.mechanics.is_linear() || self.drifts() {
             equations.forces::<E>(work.increments, None);
@@ -482,7 +429,7 @@ mod tests {
     use super::*;
     use crate::coefficients::Coefficients;
     use crate::coefficients::Fixed;
-    use crate::damping::Mismatch;
+    use crate::damping::{Mismatch, Sample};
     use crate::galerkin::Galerkin;
     use crate::memory::MemoryError;
     use crate::newton::{Factors, StepMatrix};
@@ -490,6 +437,7 @@ mod tests {
     use crate::runge_kutta::RungeKutta;
     use crate::scheme::Rounding;
     use crate::system::{Force, Mass, Potential, System};
+    use crate::workspace::Kept;
     use nalgebra::{SMatrix, SVector, matrix, vector};
 
     struct Coupled;

@@ -4,12 +4,12 @@ use nalgebra::SVector;
 
 use crate::coefficients::Fixed;
 use crate::damping::Damping;
-use crate::discrete_lagrangian::{Kept, Workspace};
 use crate::galerkin::{Galerkin, in_place};
 use crate::newton::{Factors, StepMatrix};
 use crate::real::Real;
 use crate::scheme::{Sampling, Scheme, State, Step, StepError};
 use crate::system::Mechanics;
+use crate::workspace::{Kept, Workspace};
 
 /// Explicit Euler method.
 ///

@@ -4,13 +4,14 @@ use nalgebra::SVector;
 
 use crate::coefficients::Fixed;
 use crate::damping::Damping;
-use crate::discrete_lagrangian::{DiscreteLagrangian, Kept, Workspace};
+use crate::discrete_lagrangian::DiscreteLagrangian;
 use crate::error::ParameterError;
 use crate::newton::{Factors, StepMatrix};
 use crate::quadrature::{Quadrature, lobatto_half};
 use crate::real::Real;
 use crate::scheme::{Sampling, Scheme, State, Step, StepError};
 use crate::system::Mechanics;
+use crate::workspace::{Kept, Workspace};
 
 /// Discrete Lagrangian on polynomials of degree S with a quadrature of Q points.
 ///

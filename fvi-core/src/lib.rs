@@ -26,6 +26,7 @@ mod newton;
 mod node_galerkin;
 #[cfg(test)]
 mod noise;
+mod one_node;
 mod operator;
 mod quadrature;
 mod real;
@@ -39,12 +40,13 @@ mod tiled;
 mod variable_steps;
 mod weighted_sum;
 mod weights;
+mod workspace;
 
 pub use coefficients::{Coefficients, Fixed};
 pub use collocation::{Collocation, CollocationTables};
 pub use damping::{Damping, DampingError, DampingTerm, Derivative, Mismatch, Sample};
 pub use direct::{Direct, FixedDirect, MAX_STAGES, Overflow, Ring};
-pub use discrete_lagrangian::{DiscreteLagrangian, Kept, Workspace};
+pub use discrete_lagrangian::DiscreteLagrangian;
 pub use double_double::DoubleDouble;
 pub use error::{MatrixError, ParameterError};
 pub use euler::{ExplicitEuler, ImplicitEuler};
@@ -76,6 +78,7 @@ pub use weights::{
     BdfOrder, ConvolutionWeights, leading_bdf_weight, monic_bdf_table, monic_bdf_table_f32,
     monic_increment_table, monic_increment_table_f32,
 };
+pub use workspace::{Kept, Workspace};
 
 /// The examples of the page that introduces the crate.
 #[cfg(doctest)]

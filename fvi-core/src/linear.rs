@@ -6,12 +6,26 @@ use nalgebra::SMatrix;
 
 use crate::real::Real;
 
+/// target ← of(target, x), number by number.
+#[inline(always)]
+pub(crate) fn combine<T: Real>(target: &mut [T], x: &[T], of: impl Fn(T, T) -> T) {
+    for (target, &x) in target.iter_mut().zip(x) {
+        *target = of(*target, x);
+    }
+}
+
+/// target ← of(x, y), number by number.
+#[inline(always)]
+pub(crate) fn combine_two<T: Real>(target: &mut [T], x: &[T], y: &[T], of: impl Fn(T, T) -> T) {
+    for (target, (&x, &y)) in target.iter_mut().zip(x.iter().zip(y)) {
+        *target = of(x, y);
+    }
+}
+
 /// target += factor · x, number by number.
 #[inline(always)]
 pub fn add_multiple<T: Real>(target: &mut [T], factor: T, x: &[T]) {
-    for (target, &x) in target.iter_mut().zip(x) {
-        *target += x * factor;
-    }
+    combine(target, x, |target, x| target + x * factor);
 }
 
 /// A pivot vanished: the matrix is singular to working precision.

@@ -4,7 +4,6 @@ use nalgebra::SVector;
 
 use crate::coefficients::Fixed;
 use crate::damping::Damping;
-use crate::discrete_lagrangian::{Kept, Workspace};
 use crate::error::ParameterError;
 use crate::galerkin::{Galerkin, in_place};
 use crate::newton::{Factors, StepMatrix};
@@ -12,6 +11,7 @@ use crate::real::Real;
 use crate::runge_kutta::RungeKutta;
 use crate::scheme::{Sampling, Scheme, State, Step, StepError};
 use crate::system::Mechanics;
+use crate::workspace::{Kept, Workspace};
 
 /// Galerkin scheme of degree S whose fractional force acts at its Q quadrature nodes, which the memory
 /// stores.

@@ -82,5 +82,6 @@ real!(f64, u64, libm::pow);
 /// Whether every number of the slice is finite.
 #[inline]
 pub(crate) fn all_finite<T: Real>(numbers: &[T]) -> bool {
-    numbers.iter().all(|number| number.is_finite())
+    // Zero times what is infinite or not a number is not a number, and stays so in sums.
+    numbers.iter().fold(T::zero(), |sum, &number| sum + number * T::zero()) == T::zero()
 }

@@ -140,8 +140,10 @@ pub fn conclude<T: Real, X: Space<T>, D: Damping<T, X>>(
     scratch: &mut [T],
 ) -> Result<(), StepError> {
     let (position, momentum) = (X::slice_mut(&mut state.position), X::slice_mut(&mut state.momentum));
-    let moved = |from: &[T], by: &[T]| from.iter().zip(by).all(|(&from, &by)| (from + by).is_finite());
-    if !moved(position, found.rise) || !moved(momentum, found.kick) {
+    // Zero times what is infinite or not a number is not a number, and stays so in sums.
+    let moved = |sum: T, (&from, &by): (&T, &T)| sum + (from + by) * T::zero();
+    let sum = position.iter().zip(found.rise).fold(T::zero(), moved);
+    if momentum.iter().zip(found.kick).fold(sum, moved) != T::zero() {
         return Err(StepError::NotFinite);
     }
     let sample = Sample { from: position, behind, time: step.time, length: step.size, fractions };

@@ -3,7 +3,7 @@
 use super::band::{self, BandFactors};
 use crate::numerics::semidefinite::check_positive_semidefinite;
 use fvi_core::{Block, Equations, MatrixError, Real, Singular, Space};
-use fvi_core::{add_multiple, is_positive_definite_in_place, keep_factors, substitute_kept};
+use fvi_core::{is_positive_definite_in_place, keep_factors, substitute_kept};
 use fvi_sparse::Pattern;
 use std::sync::Arc;
 
@@ -261,7 +261,8 @@ fn multiply_add_diagonal<T: Real>(diagonal: &[T], factor: T, x: &[T], out: &mut 
 
 fn multiply_add_dense<T: Real>(columns: &[T], factor: T, x: &[T], out: &mut [T]) {
     for (column, &x) in columns.chunks_exact(out.len().max(1)).zip(x) {
-        add_multiple(out, x * factor, column);
+        // Rounded as the products of other matrices are.
+        out.iter_mut().zip(column).for_each(|(out, &entry)| *out += entry * x * factor);
     }
 }
 

@@ -1,0 +1,234 @@
+//! The equation of a step on a straight line with one quadrature node, the most common one, without loops
+//! over unknowns and nodes.
+
+use crate::damping::Damping;
+use crate::linear::{combine, combine_two};
+use crate::newton::{Equations, newton, size};
+use crate::real::Real;
+use crate::scheme::{State, Step, StepError};
+use crate::space::{Block, Space, vectors};
+use crate::system::{Instant, Mechanics};
+use crate::workspace::Workspace;
+
+/// A discrete Lagrangian of degree 1 with one node.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct OneNode<T> {
+    /// b
+    pub(crate) weight: T,
+    /// c
+    pub(crate) node: T,
+    /// ℓ₁(c)
+    pub(crate) shape: T,
+    /// ℓ₀(c)
+    pub(crate) test: T,
+    /// b ℓ̇₀(c) ℓ̇₁(c)
+    pub(crate) kinetic: T,
+}
+
+impl<T: Real> OneNode<T> {
+    /// Solves
+    ///
+    /// ```text
+    /// 0 = p_k + (K/h) M e − h b ℓ₀(c) G ,     G = ∇U(X) − F(t_k + ch, X) − u ,     X = q_k + ℓ₁(c) e ,
+    /// ```
+    ///
+    /// G with the fractional force where it acts at the node, for e = q_{k+1} − q_k, and leaves h b G in
+    /// `work.residual`, as is done for any degree. The first `moments` numbers of
+    /// `work.excess` are moments of the force that the node lacks.
+    ///
+    /// # Errors
+    /// [`StepError`].
+    #[inline(always)]
+    pub(crate) fn solve<X, E, G, D>(
+        &self,
+        work: &mut Workspace<'_, T, X, E>,
+        mechanics: &mut G,
+        damping: Option<&D>,
+        step: &Step<'_, T>,
+        state: &State<X::Vector>,
+        moments: usize,
+    ) -> Result<u32, StepError>
+    where
+        X: Space<T>,
+        E: Equations<T, X::Block>,
+        G: Mechanics<T, X>,
+        D: Damping<T, X>,
+    {
+        let Workspace { increments, residual, stages, forces, known, scratch, excess, .. } = work;
+        let (position, momentum) = (X::slice(&state.position), X::slice(&state.momentum));
+        let excess = excess.get(..moments).unwrap_or(&[]);
+        let (linear, drifts) = (mechanics.is_linear(), self.test == T::zero());
+        if linear && damping.is_some() && !drifts {
+            // No guess is needed, and a stiff motion at speed would be guessed so far off that its place is
+            // lost in rounding.
+            increments.fill(T::zero());
+        } else {
+            // Where nothing is solved for, the guess is the result.
+            if drifts {
+                mechanics.velocity(momentum, increments);
+            } else {
+                mechanics.drift(momentum, increments);
+            }
+            increments.iter_mut().for_each(|place| *place *= step.size);
+        }
+        let mut equation = Equation {
+            numbers: self,
+            mechanics,
+            damping,
+            step,
+            position,
+            momentum,
+            stage: stages,
+            force: forces,
+            known,
+            excess,
+            scratch,
+            point: &mut *work.point,
+            stiffness: &mut *work.stiffness,
+        };
+        let iterations = if drifts {
+            equation.look(increments, false);
+            0
+        } else if linear {
+            let stays = damping.is_none_or(|damping| damping.leading_is_constant());
+            if work.kept.length == step.size {
+                equation.look(increments, false);
+            } else {
+                equation.look(increments, true);
+                equation.write_matrix(&mut *work.matrix);
+                work.matrix.keep(&mut work.kept.solver).map_err(|_| StepError::SingularJacobian)?;
+                work.kept.length = if stays { step.size } else { T::zero() };
+            }
+            equation.balance(increments, residual);
+            work.matrix.solve_kept(&work.kept.solver, residual);
+            take_off(increments, residual);
+            // The rounding of the solver is the same at every step, so that it would add up to growth or
+            // decay. A second correction, with the force that is wanted anyway, leaves nothing of it.
+            equation.look(increments, false);
+            equation.balance(increments, residual);
+            if work.matrix.is_unsettled(&work.kept.solver, increments, position, residual) {
+                work.matrix.solve_kept(&work.kept.solver, residual);
+                take_off(increments, residual);
+            }
+            // The node is the sample where the force acts at it.
+            if damping.is_some() {
+                equation.place_stage(increments);
+            }
+            1
+        } else {
+            let linearise = |increments: &[T], residual: &mut [T], matrix: &mut E| {
+                equation.look(increments, true);
+                equation.balance(increments, residual);
+                equation.write_matrix(matrix);
+            };
+            let converged = newton(increments, residual, size(position), &mut *work.matrix, linearise)?;
+            // The force at the end is the last one and its linear change, where what that leaves is rounding.
+            let rounding = T::of(0.25) * T::EPSILON * step.size * self.weight * size(equation.force);
+            if converged.residual.is_some_and(|left| left <= rounding) {
+                equation.carry_on(increments, residual);
+            } else {
+                equation.look(increments, false);
+            }
+            converged.iterations
+        };
+        let impulse = step.size * self.weight;
+        combine(residual, equation.force, |_, force| force * impulse);
+        for moment in vectors(excess, position.len()) {
+            combine(residual, moment, |place, moment| place - moment * step.size);
+        }
+        Ok(iterations)
+    }
+}
+
+/// x ← x − `correction`
+#[inline(always)]
+fn take_off<T: Real>(x: &mut [T], correction: &[T]) {
+    combine(x, correction, |x, correction| x - correction);
+}
+
+/// The equation at a guess of e.
+struct Equation<'a, T: Real, X: Space<T>, G, D> {
+    numbers: &'a OneNode<T>,
+    mechanics: &'a mut G,
+    /// Where it acts at the node.
+    damping: Option<&'a D>,
+    step: &'a Step<'a, T>,
+    position: &'a [T],
+    momentum: &'a [T],
+    /// X − q_k
+    stage: &'a mut [T],
+    /// G
+    force: &'a mut [T],
+    known: &'a [T],
+    excess: &'a [T],
+    scratch: &'a mut [T],
+    /// X
+    point: &'a mut X::Vector,
+    /// ∂²U/∂q² − ∂F/∂q at X
+    stiffness: &'a mut X::Block,
+}
+
+impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> Equation<'_, T, X, G, D> {
+    /// Places the node and finds G, with its derivative if that is wanted.
+    #[inline(always)]
+    fn look(&mut self, increments: &[T], linearise: bool) {
+        self.place_stage(increments);
+        combine_two(X::slice_mut(self.point), self.position, self.stage, |q, stage| q + stage);
+        let instant = Instant::in_step(self.step.time, self.numbers.node, self.step.size);
+        if linearise {
+            self.mechanics.linearise(instant, self.point, self.force, self.stiffness);
+        } else {
+            self.mechanics.pull(instant, self.point, self.force);
+        }
+        // There may be fewer numbers of the input.
+        self.force.iter_mut().zip(self.step.input).for_each(|(force, &input)| *force -= input);
+        if let Some(damping) = self.damping {
+            combine(self.force, self.known, |force, known| force + known);
+            damping.add_leading(self.stage, self.force, self.scratch);
+        }
+    }
+
+    /// Adds the linear change of G by the last correction, and places the node where it has led.
+    #[inline(always)]
+    fn carry_on(&mut self, increments: &[T], correction: &[T]) {
+        let shape = self.numbers.shape;
+        combine(self.stage, correction, |_, change| -(change * shape));
+        self.stiffness.multiply_add(T::one(), self.stage, self.force);
+        if let Some(damping) = self.damping {
+            damping.add_leading(self.stage, self.force, self.scratch);
+            self.place_stage(increments);
+        }
+    }
+
+    #[inline(always)]
+    fn place_stage(&mut self, increments: &[T]) {
+        let shape = self.numbers.shape;
+        combine(self.stage, increments, |_, e| e * shape);
+    }
+
+    /// Writes what the equation leaves.
+    #[inline(always)]
+    fn balance(&self, increments: &[T], residual: &mut [T]) {
+        let h = self.step.size;
+        let factor = h * self.numbers.weight * self.numbers.test;
+        // What nearly cancels comes first: it is exact, and what is left is as small as its rounding.
+        combine(residual, self.momentum, |_, p| p);
+        self.mechanics.mass().multiply_add(self.numbers.kinetic / h, increments, residual);
+        combine(residual, self.force, |place, force| place - force * factor);
+        // Of the moments those of the first shape.
+        residual.iter_mut().zip(self.excess).for_each(|(place, &moment)| *place += moment * h);
+    }
+
+    /// Writes its derivative.
+    #[inline(always)]
+    fn write_matrix<E: Equations<T, X::Block>>(&self, matrix: &mut E) {
+        let (h, numbers) = (self.step.size, self.numbers);
+        let factor = h * numbers.weight * numbers.test * numbers.shape;
+        matrix.clear();
+        matrix.add(0, 0, numbers.kinetic / h, self.mechanics.mass());
+        matrix.add(0, 0, -factor, self.stiffness);
+        if let Some(damping) = self.damping {
+            damping.visit_leading(1, |_, _, leading, rho| matrix.add(0, 0, -(factor * leading), rho));
+        }
+    }
+}
