@@ -69,7 +69,7 @@ fn a_directory_that_cannot_be_made_is_named() {
     let place = Workplace::new();
     place.write("out", "in the way");
     let output = place.fvi(&["reproduce", "hjo-table-1", "--out", "out"]);
-    assert_eq!(output.status.code(), Some(1));
+    assert_eq!(output.status.code(), Some(2));
     assert!(text(&output.stderr).contains("out"), "{}", text(&output.stderr));
 }
 
