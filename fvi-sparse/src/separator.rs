@@ -8,7 +8,7 @@ use std::collections::BinaryHeap;
 const COARSEST: usize = 96;
 
 /// Divisions of which the best is kept.
-const TRIALS: u32 = 4;
+const TRIALS: u32 = 2;
 
 /// Vertices that parts are grown from.
 const SEEDS: usize = 8;
