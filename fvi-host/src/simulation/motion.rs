@@ -275,12 +275,11 @@ mod tests {
         Scenario::from_value(&value).unwrap()
     }
 
-    /// All states of a motion with the iterations that led to them, made `most` steps at a time, and how it
-    /// ended.
-    fn states(
-        scenario: &Scenario,
-        most: usize,
-    ) -> (Vec<(usize, GridState, u32)>, Option<Failure>, Option<String>) {
+    /// Steps made, the state after them, and the iterations of the last.
+    type Stepped = (usize, GridState, u32);
+
+    /// All states of a motion, made `most` steps at a time, and how it ended.
+    fn states(scenario: &Scenario, most: usize) -> (Vec<Stepped>, Option<Failure>, Option<String>) {
         let mut motion = Motion::start(scenario, Precision::F64).unwrap();
         let mut states = Vec::new();
         let mut state = motion.state().clone();
