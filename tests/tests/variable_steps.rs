@@ -286,7 +286,8 @@ fn vector_units_change_no_bit() {
     }
 }
 
-/// 500 steps whose lengths differ by factors up to 10³, or RANDOM_STEPS: `.ci/variable-steps` makes 10⁵ of them.
+/// 500 steps whose lengths differ by factors up to 10³, or RANDOM_STEPS: `.ci/variable-steps` makes 10⁵ of
+/// them.
 #[test]
 fn random_steps_agree_with_a_dense_quadrature_in_both_precisions() {
     let wanted = std::env::var("RANDOM_STEPS").map(|count| count.parse().expect("RANDOM_STEPS is a number"));

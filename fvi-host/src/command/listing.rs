@@ -163,8 +163,8 @@ fn exponentials_csv(kernel: &ExponentialKernel) -> String {
 fn exponentials_rust<T: Real + LowerExp>(kernel: &ExponentialKernel, origin: &str, scalar: &str) -> String {
     let table = kernel.table::<T>();
     format!(
-        "/// {origin}: {} weights, then {} exponentials; tolerance {:e}.\n\
-         /// \n/// `fvi_core::ExponentialSum` takes it, with `TABLE.state_len(channels)` numbers of state.\n\
+        "/// {origin}: {} weights, then {} exponentials; tolerance {:e}.\n///\n\
+         /// `fvi_core::ExponentialSum` takes it, with `TABLE.state_len(channels)` numbers of state.\n\
          pub const TABLE: fvi_core::ExponentialTable<&[{scalar}]> = fvi_core::ExponentialTable {{\n    \
          stages: 1,\n    head: &[\n{}    ],\n    exponentials: &[\n{}    ],\n    slow_blocks: {},\n    horizon: {},\n}};\n",
         kernel.head().len(),
@@ -220,9 +220,9 @@ pub(super) fn rates_rust<T: Real + LowerExp>(
     scalar: &str,
 ) -> String {
     format!(
-        "/// {origin}: {} rates for steps from {:e} on and times up to {:e}; tolerance {tolerance:e}.\n\
-         /// \n/// `fvi_core::VariableStepMemory` takes it, with `TABLE.state_len(coordinates, stages)`
-         /// numbers of state.\n\
+        "/// {origin}: {} rates for steps from {:e} on and times up to {:e}; tolerance {tolerance:e}.\n///\n\
+         /// `fvi_core::VariableStepMemory` takes it, with \
+         `TABLE.state_len(coordinates, stages)` numbers of state.\n\
          pub const TABLE: fvi_core::RateTable<&[{scalar}]> = fvi_core::RateTable {{\n    exponent: {:?},\n    \
          leading: &[\n{}    ],\n    rates: &[\n{}    ],\n    coefficients: &[\n{}    ],\n    shortest: {:?},\n    \
          horizon: {:?},\n}};\n",
