@@ -208,10 +208,8 @@ def compute_cases(
     results = {name: _result(t, q, p, energy, record) for name, t, q, p, energy, record in motions}
     if raised is not None:
         _raise(raised, results)
-    for result in results.values():
-        _judge(result, check, results)
-        # Steps are common to all cases, and so is what there is to say of them.
-        break
+    # Steps are common to all cases, and so is what there is to say of them.
+    _judge(next(iter(results.values())), check, results)
     return results
 
 
