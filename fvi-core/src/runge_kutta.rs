@@ -1,6 +1,7 @@
 //! The Runge–Kutta methods of convolution quadrature.
 
 use crate::error::ParameterError;
+use crate::linear::invert_rows;
 use crate::quadrature::Quadrature;
 
 /// Implicit Runge–Kutta method of R stages: nodes c, weights b, matrix A, with b the last row of A (stiffly
@@ -119,6 +120,16 @@ impl<const R: usize> RungeKutta<R> {
             }
             sum
         })
+    }
+
+    /// The inverse of the matrix, row by row.
+    ///
+    /// # Errors
+    /// If there is none.
+    pub fn inverse(&self) -> Result<[[f64; R]; R], ParameterError> {
+        let singular =
+            |_| ParameterError { parameter: "determinant of the method", value: 0.0, allowed: "not zero" };
+        invert_rows(&self.matrix).map_err(singular)
     }
 
     /// The matrix A, row by row.

@@ -1,20 +1,14 @@
 //! The memory for steps of any length: generalised convolution quadrature by exponentials in continuous time.
 
 use crate::error::ParameterError;
-use crate::linear::invert_rows;
 use crate::memory::{Memory, MemoryError, check_channels};
 use crate::real::Real;
+use crate::resolvent::{At, LANES, Lanes, Resolvent};
 use crate::runge_kutta::RungeKutta;
 use crate::saving::{Shape, StateError, StateReader, StateWriter, fingerprint, header_bytes};
 
 /// Kind of the saved state.
 const TAG: [u8; 4] = *b"rate";
-
-/// Rates in a block.
-const LANES: usize = 4;
-
-/// One number for each rate of a block.
-type Lanes<T> = [T; LANES];
 
 /// What a step may differ from the lengths of a table by, relative to them: rounding of grids.
 const SLACK: f64 = 1e-6;
@@ -72,8 +66,11 @@ impl<T> RateTable<&[T]> {
 }
 
 impl<T: Real> RateTable<&[T]> {
-    /// Checks the table for a method of R stages.
-    fn check(&self, stages: usize) -> Result<(), ParameterError> {
+    /// Checks the table for a method of so many stages.
+    ///
+    /// # Errors
+    /// If it is not one for them, or its numbers are not finite or out of range.
+    pub fn check(&self, stages: usize) -> Result<(), ParameterError> {
         let count = |parameter, value: usize, accepted, allowed| {
             ParameterError::check(accepted, parameter, value as f64, allowed)
         };
@@ -132,6 +129,8 @@ impl<T: Real> RateTable<&[T]> {
 pub struct VariableStepMemory<T, const R: usize, C, B> {
     table: RateTable<C>,
     resolvent: Resolvent<T, R>,
+    /// c
+    nodes: [T; R],
     /// A and A⁻¹, row by row.
     matrix: [[T; R]; R],
     inverse: [[T; R]; R],
@@ -152,116 +151,6 @@ enum Derivatives {
     None,
     One,
     Two,
-}
-
-/// (I + xA)⁻¹ 1 and e_Rᵀ (I + xA)⁻¹ as rational functions of x.
-///
-/// With p(x) = det(I + xA) = Σ_k p_k x^k the adjugate is Σ_k B_k x^k, by Faddeev and LeVerrier: B₀ = I, p_k =
-/// tr(A B_{k−1})/k, B_k = p_k I − A B_{k−1}.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Resolvent<T, const R: usize> {
-    /// B_k 1 for k = 0…R−1.
-    columns: [[T; R]; R],
-    /// e_Rᵀ B_k for k = 0…R−1.
-    rows: [[T; R]; R],
-    /// p_1 … p_R; p_0 = 1.
-    determinant: [T; R],
-    /// b
-    weights: [T; R],
-    /// c
-    nodes: [T; R],
-}
-
-/// (I + xA)⁻¹ 1, e_Rᵀ (I + xA)⁻¹ and 1 − R(−x) for each x of a block, R the stability function.
-struct At<T, const R: usize> {
-    column: [Lanes<T>; R],
-    row: [Lanes<T>; R],
-    decrement: Lanes<T>,
-}
-
-impl<T: Real, const R: usize> Resolvent<T, R> {
-    fn new(method: &RungeKutta<R>) -> Self {
-        let matrix = method.matrix();
-        let mut adjugate = [[0.0; R]; R];
-        for (index, row) in adjugate.iter_mut().enumerate() {
-            row.iter_mut().skip(index).take(1).for_each(|one| *one = 1.0);
-        }
-        let mut columns = [[T::zero(); R]; R];
-        let mut rows = [[T::zero(); R]; R];
-        let mut determinant = [T::zero(); R];
-        let places = columns.iter_mut().zip(&mut rows).zip(&mut determinant);
-        for (k, ((column, row), coefficient)) in places.enumerate() {
-            for (place, numbers) in column.iter_mut().zip(&adjugate) {
-                *place = T::of(numbers.iter().sum());
-            }
-            for (place, &number) in row.iter_mut().zip(adjugate.last().unwrap_or(&[0.0; R])) {
-                *place = T::of(number);
-            }
-            let product = product(matrix, &adjugate);
-            let trace: f64 = product.iter().enumerate().filter_map(|(i, row)| row.get(i)).sum();
-            let p = trace / (k + 1) as f64;
-            *coefficient = T::of(p);
-            adjugate = product.map(|row| row.map(|number| -number));
-            for (index, row) in adjugate.iter_mut().enumerate() {
-                row.iter_mut().skip(index).take(1).for_each(|diagonal| *diagonal += p);
-            }
-        }
-        let quadrature = method.quadrature();
-        let (weights, nodes) = (quadrature.weights().map(T::of), quadrature.nodes().map(T::of));
-        Self { columns, rows, determinant, weights, nodes }
-    }
-
-    /// In powers of x up to 1 and of 1/x beyond, so that nothing overflows; by the same operations for every
-    /// x of the block, so that they are those of vectors.
-    #[inline(always)]
-    fn at(&self, x: Lanes<T>) -> At<T, R> {
-        let (zero, one) = (T::zero(), T::one());
-        // Polynomials as forms of two variables.
-        let high = x.map(|x| if x <= one { x } else { one });
-        let low = x.map(|x| if x <= one { one } else { one / x });
-        let mut column = [[zero; LANES]; R];
-        let mut row = [[zero; LANES]; R];
-        let mut power = [one; LANES];
-        let mut determinant = [one; LANES];
-        // From the highest power of `low` downwards: sums ← sums · low + coefficient · high^k.
-        let add = |sum: &mut Lanes<T>, coefficient: T, power: &Lanes<T>| {
-            for ((sum, &low), &power) in sum.iter_mut().zip(&low).zip(power) {
-                *sum = *sum * low + coefficient * power;
-            }
-        };
-        let coefficients = self.columns.iter().zip(&self.rows).zip(&self.determinant);
-        for ((columns, rows), &p) in coefficients {
-            column.iter_mut().zip(columns).for_each(|(place, &number)| add(place, number, &power));
-            row.iter_mut().zip(rows).for_each(|(place, &number)| add(place, number, &power));
-            power.iter_mut().zip(&high).for_each(|(power, &high)| *power *= high);
-            add(&mut determinant, p, &power);
-        }
-        let mut factor = low;
-        factor.iter_mut().zip(&determinant).for_each(|(factor, &determinant)| *factor /= determinant);
-        for numbers in column.iter_mut().chain(&mut row) {
-            numbers.iter_mut().zip(&factor).for_each(|(number, &factor)| *number *= factor);
-        }
-        // 1 − R(−x) = x bᵀ (I + xA)⁻¹ 1 where it is small, and the last of 1 − (I + xA)⁻¹ 1 elsewhere.
-        let mut decrement = [zero; LANES];
-        for (numbers, &b) in column.iter().zip(&self.weights) {
-            decrement.iter_mut().zip(numbers).for_each(|(sum, &number)| *sum += b * number);
-        }
-        let last = column.last().copied().unwrap_or([zero; LANES]);
-        for ((decrement, &x), &last) in decrement.iter_mut().zip(&x).zip(&last) {
-            *decrement = if x <= one { x * *decrement } else { one - last };
-        }
-        At { column, row, decrement }
-    }
-}
-
-fn product<const R: usize>(a: &[[f64; R]; R], b: &[[f64; R]; R]) -> [[f64; R]; R] {
-    a.map(|row| {
-        let mut sum = [0.0; R];
-        for (&factor, numbers) in row.iter().zip(b) {
-            sum.iter_mut().zip(numbers).for_each(|(sum, &number)| *sum += factor * number);
-        }
-        sum
-    })
 }
 
 impl<T, const R: usize, C, B> VariableStepMemory<T, R, C, B>
@@ -296,17 +185,24 @@ where
             exponent if exponent <= 1.0 => Derivatives::One,
             _ => Derivatives::Two,
         };
-        let inverse = invert_rows(method.matrix()).map_err(|_| ParameterError {
-            parameter: "determinant of the method",
-            value: 0.0,
-            allowed: "not zero",
-        })?;
-        let inverse = inverse.map(|row| row.map(T::of));
+        let inverse = method.inverse()?.map(|row| row.map(T::of));
         let matrix = method.matrix().map(|row| row.map(T::of));
         let resolvent = Resolvent::new(method);
+        let nodes = method.quadrature().nodes().map(T::of);
         let (length, elapsed, len) = (T::zero(), [T::zero(); 2], 0);
-        let mut memory =
-            Self { table, resolvent, matrix, inverse, derivatives, coordinates, state, length, elapsed, len };
+        let mut memory = Self {
+            table,
+            resolvent,
+            nodes,
+            matrix,
+            inverse,
+            derivatives,
+            coordinates,
+            state,
+            length,
+            elapsed,
+            len,
+        };
         memory.clear();
         Ok(memory)
     }
@@ -419,13 +315,13 @@ where
     fn begin_step(&mut self, length: T) -> Result<(), MemoryError> {
         let (shortest, horizon) = (self.table.shortest * (1.0 - SLACK), self.table.horizon * (1.0 + SLACK));
         let in_range = length.to_f64() >= shortest && self.elapsed_after(length)[0].to_f64() <= horizon;
+        if in_range && length == self.length {
+            return Ok(());
+        }
         let scale = length.power(T::of(-self.table.exponent));
         // Whatever is not a number is not in range.
         if !in_range || !scale.is_finite() {
             return Err(MemoryError::StepLength);
-        }
-        if length == self.length {
-            return Ok(());
         }
         let resolvent = self.resolvent;
         let table = self.table.borrow();
@@ -454,7 +350,7 @@ where
     fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
         check_channels(self.channels(), term.len())?;
         let length = self.step_length()?;
-        let (derivatives, nodes, stride) = (self.derivatives, self.resolvent.nodes, self.stride());
+        let (derivatives, nodes, stride) = (self.derivatives, self.nodes, self.stride());
         let Some(parts) = self.parts() else { return Ok(()) };
         let coordinates = parts.coordinates.chunks_exact_mut(stride);
         for (term, numbers) in term.chunks_exact_mut(R.max(1)).zip(coordinates) {
@@ -580,7 +476,6 @@ fn multiply<T: Real, const R: usize>(matrix: &[[T; R]; R], vector: &[T; R]) -> [
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::real::all_finite;
     use std::vec;
     use std::vec::Vec;
 
@@ -616,42 +511,6 @@ mod tests {
         }
         memory.push(&sample).unwrap();
         value
-    }
-
-    fn assert_resolvent<const R: usize>(method: &RungeKutta<R>) {
-        let resolvent = Resolvent::<f64, R>::new(method);
-        for x in [0.0, 1e-9, 0.3, 1.0, 1.1, 40.0, 1e12] {
-            let At { column, row, decrement } = resolvent.at([x; LANES]);
-            let (column, row, decrement) = (column.map(|x| x[0]), row.map(|x| x[3]), decrement[1]);
-            // (I + xA) g = 1 and (I + xA)ᵀ u = e_R.
-            for i in 0..R {
-                let mut of_column = column[i] - 1.0;
-                let mut of_row = row[i] - f64::from(u8::from(i == R - 1));
-                for j in 0..R {
-                    of_column += x * method.matrix()[i][j] * column[j];
-                    of_row += x * method.matrix()[j][i] * row[j];
-                }
-                assert!(of_column.abs() < 1e-14 && of_row.abs() < 1e-14, "{R} stages, x = {x}");
-            }
-            assert!((decrement - (1.0 - column[R - 1])).abs() < 1e-15);
-            if x == 1e-9 {
-                assert!((decrement / x - 1.0).abs() < 2.0 * x, "{decrement:e}");
-            }
-        }
-        // A block of which each x is treated as it asks for.
-        let at = resolvent.at([f64::INFINITY, 1e-9, 0.3, 40.0]);
-        assert!(at.column.iter().all(|numbers| all_finite(numbers)) && at.decrement[0] == 1.0);
-        assert_eq!(at.decrement[1..], [1e-9, 0.3, 40.0].map(|x| resolvent.at([x; LANES]).decrement[2]));
-    }
-
-    #[test]
-    fn resolvents_solve_their_equations() {
-        assert_resolvent(&RungeKutta::<1>::radau_iia().unwrap());
-        assert_resolvent(&RungeKutta::<2>::radau_iia().unwrap());
-        assert_resolvent(&RungeKutta::<3>::radau_iia().unwrap());
-        assert_resolvent(&RungeKutta::<2>::lobatto_iiic().unwrap());
-        assert_resolvent(&RungeKutta::<3>::lobatto_iiic().unwrap());
-        assert_resolvent(&RungeKutta::<4>::lobatto_iiic().unwrap());
     }
 
     #[test]

@@ -30,6 +30,10 @@ pub trait Lanes: Pod {
     fn minus<S: Simd>(unit: S, a: Self::Reals<S>, b: Self::Reals<S>) -> Self::Reals<S>;
     /// a·b
     fn times<S: Simd>(unit: S, a: Self::Reals<S>, b: Self::Reals<S>) -> Self::Reals<S>;
+    /// a/b
+    fn quotient<S: Simd>(unit: S, a: Self::Reals<S>, b: Self::Reals<S>) -> Self::Reals<S>;
+    /// The smaller of two numbers.
+    fn smaller<S: Simd>(unit: S, a: Self::Reals<S>, b: Self::Reals<S>) -> Self::Reals<S>;
     /// a·b + c
     fn plus_product<S: Simd>(
         unit: S,
@@ -68,7 +72,7 @@ pub trait Lanes: Pod {
 macro_rules! lanes {
     (
         $scalar:ident, $reals:ident, $complexes:ident, $as_reals:ident, $as_reals_mut:ident, $as_complexes:ident,
-        $as_complexes_mut:ident, $splat:ident, $add:ident, $sub:ident, $mul:ident, $mul_add:ident, $neg_mul_add:ident, $complex_splat:ident,
+        $as_complexes_mut:ident, $splat:ident, $add:ident, $sub:ident, $mul:ident, $div:ident, $min:ident, $mul_add:ident, $neg_mul_add:ident, $complex_splat:ident,
         $complex_add:ident, $complex_sub:ident, $complex_mul:ident, $conj_mul:ident, $swap:ident, $conj:ident,
         $separate:ident, $interleave:ident
     ) => {
@@ -107,6 +111,14 @@ macro_rules! lanes {
             #[inline(always)]
             fn times<S: Simd>(unit: S, a: Self::Reals<S>, b: Self::Reals<S>) -> Self::Reals<S> {
                 unit.$mul(a, b)
+            }
+            #[inline(always)]
+            fn quotient<S: Simd>(unit: S, a: Self::Reals<S>, b: Self::Reals<S>) -> Self::Reals<S> {
+                unit.$div(a, b)
+            }
+            #[inline(always)]
+            fn smaller<S: Simd>(unit: S, a: Self::Reals<S>, b: Self::Reals<S>) -> Self::Reals<S> {
+                unit.$min(a, b)
             }
             #[inline(always)]
             fn plus_product<S: Simd>(
@@ -191,6 +203,8 @@ lanes!(
     add_f32s,
     sub_f32s,
     mul_f32s,
+    div_f32s,
+    min_f32s,
     mul_add_e_f32s,
     negate_mul_add_e_f32s,
     splat_c32s,
@@ -215,6 +229,8 @@ lanes!(
     add_f64s,
     sub_f64s,
     mul_f64s,
+    div_f64s,
+    min_f64s,
     mul_add_e_f64s,
     negate_mul_add_e_f64s,
     splat_c64s,

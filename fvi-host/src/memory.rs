@@ -14,9 +14,9 @@ use crate::numerics::starting::StartingCorrection;
 use crate::scenario::{Convolution, ConvolutionFamily, Engine, History, Overflow, States};
 use fvi_core::{
     ActsOn, BdfOrder, ConvolutionWeights, Direct, ExponentialSum, ExponentialTable, Memory, MemoryError,
-    ParameterError, RateTable, RungeKutta, StateError, StateReader, StateWriter, VariableStepMemory,
+    ParameterError, RungeKutta, StateError, StateReader, StateWriter,
 };
-use fvi_fft::{Engines, Vectorised, Weights, WideExponentialSum};
+use fvi_fft::{Engines, VectorVariableSteps, Vectorised, Weights, WideExponentialSum};
 
 /// A memory engine chosen at run time.
 pub struct HostMemory<T> {
@@ -353,10 +353,8 @@ impl MemoryRequest<'_> {
         let table = tables.get(&self.key(horizon.to_bits(), tolerance), || {
             Ok(rate_table::<T, R>(method, self.exponent, self.step_size, horizon, tolerance)?)
         })?;
-        let table = RateTable::clone(&table);
-        let state = Aligned::zeros(table.borrow().state_len(self.coordinates, R));
-        let memory = VariableStepMemory::new(method, table, self.coordinates, state)?;
-        Ok(self.host(Box::new(Vectorised::new(memory)), Engine::AnyStep))
+        let memory = VectorVariableSteps::new(method, &table.borrow(), self.coordinates)?;
+        Ok(self.host(Box::new(memory), Engine::AnyStep))
     }
 
     fn direct<T: Engines>(

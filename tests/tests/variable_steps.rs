@@ -1,8 +1,8 @@
 //! The memory of steps of any length: against Runge–Kutta convolution quadrature on equal steps, and by the
 //! laws that its operators obey on any grid.
 
-use fvi_core::{Memory, Real, RungeKutta, VariableStepMemory};
-use fvi_fft::Vectorised;
+use fvi_core::{Memory, MemoryError, Real, RungeKutta, StateReader, StateWriter, VariableStepMemory};
+use fvi_fft::{Scalar, VectorVariableSteps};
 use fvi_host::numerics::aligned::Aligned;
 use fvi_host::numerics::rate_table::rate_table;
 use fvi_host::numerics::runge_kutta_weights::RungeKuttaWeights;
@@ -272,17 +272,102 @@ fn the_advanced_operator_is_the_adjoint_and_damping_takes_energy_on_any_grid() {
     assert_laws_of_the_inner_product(&RungeKutta::<3>::lobatto_iiic().unwrap());
 }
 
+/// The memory that runs take, from the table of the core's.
+fn in_vectors<T: Scalar, const R: usize>(
+    method: &RungeKutta<R>,
+    exponent: f64,
+    steps: &[f64],
+    tolerance: f64,
+    coordinates: usize,
+) -> VectorVariableSteps<T, R> {
+    let table = memory::<T, R>(method, exponent, steps, tolerance).table().clone();
+    VectorVariableSteps::new(method, &table.borrow(), coordinates).unwrap()
+}
+
+/// Random lengths, each followed by what a pair of halves, a length that is kept and one that comes back do.
+fn returning_steps(count: usize, seed: u64) -> Vec<f64> {
+    let lengths = random_steps(count / 10, seed).into_iter();
+    lengths.flat_map(|h| [h, h, h, 0.5 * h, 0.5 * h, h, 0.7 * h, 0.5 * h, 0.5 * h, h]).collect()
+}
+
+fn assert_vectors_agree<const R: usize>(method: &RungeKutta<R>) {
+    let (steps, samples) = (returning_steps(300, 31), random_samples::<R>(300, 32));
+    // What single precision holds exactly.
+    let single = |x: f64| f64::from(x as f32);
+    let (steps, samples) = (
+        steps.into_iter().map(single).collect::<Vec<_>>(),
+        samples.into_iter().map(|sample| sample.map(single)).collect::<Vec<_>>(),
+    );
+    for exponent in [-0.5, 0.3, 1.0, 1.5, 1.9] {
+        let plain = operator(method, exponent, &steps, &samples);
+        let error = |found: Vec<[f64; R]>| {
+            let pairs = found.as_flattened().iter().zip(plain.as_flattened());
+            pairs.fold(0.0_f64, |largest, (a, b)| largest.max((a - b).abs())) / largest(&plain)
+        };
+        let double = error(operator_in(
+            in_vectors::<f64, R>(method, exponent, &steps, TOLERANCE, 1),
+            &steps,
+            &samples,
+        ));
+        assert!(double < 1e-14, "{R} stages, β = {exponent}: {double:e}");
+        let rough =
+            error(operator_in(in_vectors::<f32, R>(method, exponent, &steps, 1e-8, 1), &steps, &samples));
+        assert!(rough < 4e-6, "{R} stages, β = {exponent}, in single precision: {rough:e}");
+    }
+}
+
 #[test]
-fn vector_units_change_no_bit() {
+fn vectors_of_rates_agree_with_the_core() {
+    assert_vectors_agree(&RungeKutta::<1>::radau_iia().unwrap());
+    assert_vectors_agree(&RungeKutta::<2>::radau_iia().unwrap());
+    assert_vectors_agree(&RungeKutta::<3>::radau_iia().unwrap());
+    assert_vectors_agree(&RungeKutta::<4>::lobatto_iiic().unwrap());
+}
+
+/// Whatever is prepared or kept: lengths tried in between, terms asked for twice or not at all, a state that
+/// is saved and taken by another memory, other coordinates.
+#[test]
+fn what_vectors_of_rates_prepare_changes_no_bit() {
     let method = RungeKutta::<3>::radau_iia().unwrap();
-    let (steps, samples) = (random_steps(300, 31), random_samples::<3>(300, 32));
-    for exponent in [0.3, 1.5] {
-        let plain = operator(&method, exponent, &steps, &samples);
-        let memory = memory::<f64, 3>(&method, exponent, &steps, TOLERANCE);
-        let vectorised = operator_in(Vectorised::new(memory), &steps, &samples);
-        let bits =
-            |values: &[[f64; 3]]| values.as_flattened().iter().map(|x| x.to_bits()).collect::<Vec<_>>();
-        assert_eq!(bits(&plain), bits(&vectorised));
+    let (steps, samples) = (returning_steps(200, 33), random_samples::<3>(200, 34));
+    for exponent in [-0.5, 0.5, 1.5] {
+        let make = |coordinates| in_vectors::<f64, 3>(&method, exponent, &steps, TOLERANCE, coordinates);
+        let (mut plain, mut other, mut many) = (make(1), make(1), make(3));
+        for (k, (&length, sample)) in steps.iter().zip(&samples).enumerate() {
+            let (mut term, mut again, mut of_many) = ([0.0; 3], [0.0; 3], [0.0; 9]);
+            plain.begin_step(length).unwrap();
+            plain.next_term(&mut term).unwrap();
+            plain.push(sample).unwrap();
+            // Not beyond the horizon.
+            if k % 3 == 0 && other.begin_step(3.0 * length).is_ok() {
+                other.next_term(&mut again).unwrap();
+            }
+            assert!(other.begin_step(-1.0).is_err() && other.begin_step(f64::NAN).is_err());
+            other.begin_step(length).unwrap();
+            if k % 2 == 0 {
+                other.next_term(&mut again).unwrap();
+                other.next_term(&mut again).unwrap();
+                assert_eq!(term.map(f64::to_bits), again.map(f64::to_bits), "β = {exponent}, step {k}");
+            }
+            other.push(sample).unwrap();
+            if k % 7 == 0 {
+                let mut bytes = vec![0; other.state_bytes()];
+                other.save(&mut StateWriter::new(&mut bytes)).unwrap();
+                other = make(1);
+                assert!(other.restore(&mut StateReader::new(&bytes[1..])).is_err());
+                other.restore(&mut StateReader::new(&bytes)).unwrap();
+                assert_eq!(other.next_term(&mut again), Err(MemoryError::StepLength));
+            }
+            many.begin_step(length).unwrap();
+            many.next_term(&mut of_many).unwrap();
+            many.push([sample.map(|x| -x), *sample, [0.0; 3]].as_flattened()).unwrap();
+            let expected = [term.map(|x| -x), term, [0.0; 3]];
+            let bits = |numbers: &[f64]| numbers.iter().map(|x| (x + 0.0).to_bits()).collect::<Vec<_>>();
+            assert_eq!(bits(expected.as_flattened()), bits(&of_many));
+        }
+        assert_eq!(plain.len(), 200);
+        plain.clear();
+        assert_eq!(plain.push(&[0.0; 3]), Err(MemoryError::StepLength));
     }
 }
 
@@ -304,9 +389,13 @@ fn random_steps_agree_with_a_dense_quadrature_in_both_precisions() {
             let pairs = found.as_flattened().iter().zip(exact.as_flattened());
             pairs.fold(0.0_f64, |largest, (a, b)| largest.max((a - b).abs())) / largest(&exact)
         };
-        let double = largest_error(&operator(&method, exponent, &steps, &samples));
-        let rough = memory::<f32, 3>(&method, exponent, &steps, 1e-8);
-        let rough = largest_error(&operator_in(rough, &steps, &samples));
+        let plain = largest_error(&operator(&method, exponent, &steps, &samples));
+        let double = in_vectors::<f64, 3>(&method, exponent, &steps, TOLERANCE, 1);
+        let double = largest_error(&operator_in(double, &steps, &samples)).max(plain);
+        let plain = memory::<f32, 3>(&method, exponent, &steps, 1e-8);
+        let plain = largest_error(&operator_in(plain, &steps, &samples));
+        let rough = in_vectors::<f32, 3>(&method, exponent, &steps, 1e-8, 1);
+        let rough = largest_error(&operator_in(rough, &steps, &samples)).max(plain);
         println!("β = {exponent}: error {double:.1e}, in single precision {rough:.1e}, of the largest value");
         assert!(double < TOLERANCE, "β = {exponent}: {double:e}");
         assert!(rough < 1e-5, "β = {exponent}: {rough:e}");

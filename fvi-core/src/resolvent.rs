@@ -1,0 +1,189 @@
+//! What the memories for steps of any length ask of a Runge–Kutta method, for any product of rate and step.
+
+use crate::real::Real;
+use crate::runge_kutta::RungeKutta;
+
+/// Rates that are treated together.
+pub(crate) const LANES: usize = 4;
+
+/// One number for each of them.
+pub(crate) type Lanes<T> = [T; LANES];
+
+/// (I + xA)⁻¹ 1 and e_Rᵀ (I + xA)⁻¹ of a stiffly accurate method, as rational functions of x.
+///
+/// With p(x) = det(I + xA) = Σ_k p_k x^k the adjugate is Σ_k B_k x^k, by Faddeev and LeVerrier: B₀ = I, p_k =
+/// tr(A B_{k−1})/k, B_k = p_k I − A B_{k−1}.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Resolvent<T, const R: usize> {
+    columns: [[T; R]; R],
+    rows: [[T; R]; R],
+    determinant: [T; R],
+    decrement: [T; R],
+    /// b
+    weights: [T; R],
+}
+
+/// (I + xA)⁻¹ 1, e_Rᵀ (I + xA)⁻¹ and 1 − R(−x) for each x of a block, R the stability function.
+pub(crate) struct At<T, const R: usize> {
+    pub(crate) column: [Lanes<T>; R],
+    pub(crate) row: [Lanes<T>; R],
+    pub(crate) decrement: Lanes<T>,
+}
+
+impl<T: Real, const R: usize> Resolvent<T, R> {
+    /// The resolvent of a method.
+    pub fn new(method: &RungeKutta<R>) -> Self {
+        let matrix = method.matrix();
+        let mut adjugate = [[0.0; R]; R];
+        for (index, row) in adjugate.iter_mut().enumerate() {
+            row.iter_mut().skip(index).take(1).for_each(|one| *one = 1.0);
+        }
+        let mut columns = [[T::zero(); R]; R];
+        let mut rows = [[T::zero(); R]; R];
+        let mut determinant = [T::zero(); R];
+        let mut decrement = [0.0; R];
+        let places = columns.iter_mut().zip(&mut rows).zip(&mut determinant);
+        for (k, ((column, row), coefficient)) in places.enumerate() {
+            // p_k is there from the round before, but for the first.
+            if let Some(difference) = k.checked_sub(1).and_then(|before| decrement.get_mut(before)) {
+                *difference -= adjugate.last().map_or(0.0, |row| row.iter().sum());
+            }
+            for (place, numbers) in column.iter_mut().zip(&adjugate) {
+                *place = T::of(numbers.iter().sum());
+            }
+            for (place, &number) in row.iter_mut().zip(adjugate.last().unwrap_or(&[0.0; R])) {
+                *place = T::of(number);
+            }
+            let product = product(matrix, &adjugate);
+            let trace: f64 = product.iter().enumerate().filter_map(|(i, row)| row.get(i)).sum();
+            let p = trace / (k + 1) as f64;
+            *coefficient = T::of(p);
+            decrement.iter_mut().skip(k).take(1).for_each(|difference| *difference = p);
+            adjugate = product.map(|row| row.map(|number| -number));
+            for (index, row) in adjugate.iter_mut().enumerate() {
+                row.iter_mut().skip(index).take(1).for_each(|diagonal| *diagonal += p);
+            }
+        }
+        let weights = method.quadrature().weights().map(T::of);
+        Self { columns, rows, determinant, decrement: decrement.map(T::of), weights }
+    }
+
+    /// B_k 1 for k = 0…R−1: (I + xA)⁻¹ 1 = Σ_k B_k 1 x^k / p(x).
+    pub fn columns(&self) -> &[[T; R]; R] {
+        &self.columns
+    }
+
+    /// e_Rᵀ B_k for k = 0…R−1.
+    pub fn rows(&self) -> &[[T; R]; R] {
+        &self.rows
+    }
+
+    /// p_1 … p_R; p_0 is 1.
+    pub fn determinant(&self) -> &[T; R] {
+        &self.determinant
+    }
+
+    /// d_1 … d_R with 1 − R(−x) = Σ_k d_k x^k / p(x), R the stability function. For Radau IIA and Lobatto IIIC
+    /// none is negative: nothing cancels.
+    pub fn decrement(&self) -> &[T; R] {
+        &self.decrement
+    }
+
+    /// In powers of x up to 1 and of 1/x beyond, so that nothing overflows; by the same operations for every
+    /// x of the block, so that they are those of vectors.
+    #[inline(always)]
+    pub(crate) fn at(&self, x: Lanes<T>) -> At<T, R> {
+        let (zero, one) = (T::zero(), T::one());
+        // Polynomials as forms of two variables.
+        let high = x.map(|x| if x <= one { x } else { one });
+        let low = x.map(|x| if x <= one { one } else { one / x });
+        let mut column = [[zero; LANES]; R];
+        let mut row = [[zero; LANES]; R];
+        let mut power = [one; LANES];
+        let mut determinant = [one; LANES];
+        // From the highest power of `low` downwards: sums ← sums · low + coefficient · high^k.
+        let add = |sum: &mut Lanes<T>, coefficient: T, power: &Lanes<T>| {
+            for ((sum, &low), &power) in sum.iter_mut().zip(&low).zip(power) {
+                *sum = *sum * low + coefficient * power;
+            }
+        };
+        let coefficients = self.columns.iter().zip(&self.rows).zip(&self.determinant);
+        for ((columns, rows), &p) in coefficients {
+            column.iter_mut().zip(columns).for_each(|(place, &number)| add(place, number, &power));
+            row.iter_mut().zip(rows).for_each(|(place, &number)| add(place, number, &power));
+            power.iter_mut().zip(&high).for_each(|(power, &high)| *power *= high);
+            add(&mut determinant, p, &power);
+        }
+        let mut factor = low;
+        factor.iter_mut().zip(&determinant).for_each(|(factor, &determinant)| *factor /= determinant);
+        for numbers in column.iter_mut().chain(&mut row) {
+            numbers.iter_mut().zip(&factor).for_each(|(number, &factor)| *number *= factor);
+        }
+        // 1 − R(−x) = x bᵀ (I + xA)⁻¹ 1 where it is small, and the last of 1 − (I + xA)⁻¹ 1 elsewhere.
+        let mut decrement = [zero; LANES];
+        for (numbers, &b) in column.iter().zip(&self.weights) {
+            decrement.iter_mut().zip(numbers).for_each(|(sum, &number)| *sum += b * number);
+        }
+        let last = column.last().copied().unwrap_or([zero; LANES]);
+        for ((decrement, &x), &last) in decrement.iter_mut().zip(&x).zip(&last) {
+            *decrement = if x <= one { x * *decrement } else { one - last };
+        }
+        At { column, row, decrement }
+    }
+}
+
+fn product<const R: usize>(a: &[[f64; R]; R], b: &[[f64; R]; R]) -> [[f64; R]; R] {
+    a.map(|row| {
+        let mut sum = [0.0; R];
+        for (&factor, numbers) in row.iter().zip(b) {
+            sum.iter_mut().zip(numbers).for_each(|(sum, &number)| *sum += factor * number);
+        }
+        sum
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::real::all_finite;
+
+    fn assert_resolvent<const R: usize>(method: &RungeKutta<R>) {
+        let resolvent = Resolvent::<f64, R>::new(method);
+        for x in [0.0, 1e-9, 0.3, 1.0, 1.1, 40.0, 1e12] {
+            let At { column, row, decrement } = resolvent.at([x; LANES]);
+            let (column, row, decrement) = (column.map(|x| x[0]), row.map(|x| x[3]), decrement[1]);
+            // (I + xA) g = 1 and (I + xA)ᵀ u = e_R.
+            for i in 0..R {
+                let mut of_column = column[i] - 1.0;
+                let mut of_row = row[i] - f64::from(u8::from(i == R - 1));
+                for j in 0..R {
+                    of_column += x * method.matrix()[i][j] * column[j];
+                    of_row += x * method.matrix()[j][i] * row[j];
+                }
+                assert!(of_column.abs() < 1e-14 && of_row.abs() < 1e-14, "{R} stages, x = {x}");
+            }
+            assert!((decrement - (1.0 - column[R - 1])).abs() < 1e-15);
+            let p = |numbers: &[f64; R]| numbers.iter().rev().fold(0.0, |sum, number| (sum + number) * x);
+            let by_polynomials = p(resolvent.decrement()) / (1.0 + p(resolvent.determinant()));
+            assert!((by_polynomials - decrement).abs() <= 1e-15 * decrement, "{by_polynomials} {decrement}");
+            assert!(resolvent.decrement().iter().all(|&number| number >= 0.0));
+            if x == 1e-9 {
+                assert!((decrement / x - 1.0).abs() < 2.0 * x, "{decrement:e}");
+            }
+        }
+        // A block of which each x is treated as it asks for.
+        let at = resolvent.at([f64::INFINITY, 1e-9, 0.3, 40.0]);
+        assert!(at.column.iter().all(|numbers| all_finite(numbers)) && at.decrement[0] == 1.0);
+        assert_eq!(at.decrement[1..], [1e-9, 0.3, 40.0].map(|x| resolvent.at([x; LANES]).decrement[2]));
+    }
+
+    #[test]
+    fn resolvents_solve_their_equations() {
+        assert_resolvent(&RungeKutta::<1>::radau_iia().unwrap());
+        assert_resolvent(&RungeKutta::<2>::radau_iia().unwrap());
+        assert_resolvent(&RungeKutta::<3>::radau_iia().unwrap());
+        assert_resolvent(&RungeKutta::<2>::lobatto_iiic().unwrap());
+        assert_resolvent(&RungeKutta::<3>::lobatto_iiic().unwrap());
+        assert_resolvent(&RungeKutta::<4>::lobatto_iiic().unwrap());
+    }
+}

@@ -1,0 +1,644 @@
+//! The memory for steps of any length in vector code.
+
+use fvi_core::{
+    Memory, MemoryError, ParameterError, RateTable, Resolvent, RungeKutta, Shape, StateError, StateReader,
+    StateWriter, check_channels, fingerprint, header_bytes,
+};
+use pulp::{Arch, Simd, WithSimd};
+
+use crate::row::{CHUNK, Row};
+use crate::scalar::Scalar;
+
+/// The memory of D^β on steps of any length, as [`VariableStepMemory`](fvi_core::VariableStepMemory), in
+/// vector code:
+///
+/// ```text
+/// (D^β X)_k = (A⁻¹/h_k)^β (X_k − …) + Σ_j c_j (I + h_k λ_j A)⁻¹ 1 z_j
+/// z_j      ← z_j − (1 − R(−h_k λ_j)) z_j + e_Rᵀ (I + h_k λ_j A)⁻¹ h_k A Y_k
+/// ```
+///
+/// Terms agree with the core's to rounding; not to the last bit, because sixteen rates lie side by side and a
+/// multiply–add is rounded once on machines where that is one instruction. Bits depend on neither the width
+/// of vectors nor the number of channels.
+///
+/// Where steps keep their length, the sums are visited once a step: as a sample is taken into them, the term
+/// of the next is formed. What the (I + hλ_jA)⁻¹ are worth is kept for the last few lengths, so that steps
+/// that are halved and doubled cost as much as equal ones. For a new length they are rational functions with
+/// one division; positive terms only are added in what the sums lose.
+///
+/// Source: \[LFS13\], \[LFS16\].
+#[derive(Clone, Debug)]
+pub struct VectorVariableSteps<T: Scalar, const R: usize> {
+    shortest: f64,
+    horizon: f64,
+    /// −β
+    scaling: T,
+    derivatives: usize,
+    /// Tells the table from others.
+    fingerprint: u64,
+    /// (A^{−β}), row by row.
+    leading: [[T; R]; R],
+    matrix: [[T; R]; R],
+    inverse: [[T; R]; R],
+    nodes: [T; R],
+    resolvent: Resolvent<T, R>,
+    relaxations: Vec<Relaxations<T>>,
+    /// Those of the step at hand first.
+    steps: Vec<Step<T, R>>,
+    /// z_j, sixteen at a time, coordinate after coordinate.
+    sums: Vec<Sum<T>>,
+    /// x_{k−1} and, for two derivatives, the last stage of (∂X)_{k−1}, of every coordinate.
+    last: Vec<[T; 2]>,
+    /// The term of the step to come for every coordinate, if that is as long as the step before.
+    terms: Vec<[T; R]>,
+    terms_are_known: bool,
+    /// Whether the step at hand is as long as the one before.
+    steady: bool,
+    /// Time of the samples so far, and what rounding took from it.
+    elapsed: [T; 2],
+    len: usize,
+    unit: Arch,
+}
+
+/// Kind of the saved state.
+const TAG: [u8; 4] = *b"vrat";
+
+/// Lengths of steps that are kept: a pair of halves with the whole, before and after a change of length.
+const KEPT: usize = 4;
+
+/// What a step may differ from the lengths of a table by, relative to them: rounding of grids.
+const SLACK: f64 = 1e-6;
+
+/// Sixteen rates.
+#[derive(Clone, Copy, Debug)]
+struct Relaxations<T> {
+    /// λ
+    rates: Row<T>,
+    /// 1/λ
+    times: Row<T>,
+    /// c
+    coefficients: Row<T>,
+}
+
+/// What the relaxations are worth in steps of one length.
+#[derive(Clone, Debug)]
+struct Step<T, const R: usize> {
+    length: T,
+    /// (A⁻¹/h)^β
+    leading: [[T; R]; R],
+    blocks: Vec<Operators<T, R>>,
+}
+
+/// The same of sixteen of them.
+#[derive(Clone, Copy, Debug)]
+struct Operators<T, const R: usize> {
+    /// c (I + hλA)⁻¹ 1, stage by stage.
+    outputs: [Row<T>; R],
+    /// e_Rᵀ (I + hλA)⁻¹
+    inputs: [Row<T>; R],
+    /// 1 − R(−hλ)
+    decrement: Row<T>,
+}
+
+/// Sixteen z_j, and what rounding took from them.
+#[derive(Clone, Copy, Debug)]
+struct Sum<T> {
+    whole: Row<T>,
+    rest: Row<T>,
+}
+
+/// Sums over rates for each stage, in as many vectors as a row has; those beyond stay zero.
+type Totals<T, V, const R: usize> = [[<T as crate::lanes::Lanes>::Reals<V>; CHUNK]; R];
+
+impl<T: Scalar> Relaxations<T> {
+    fn new(rates: &[T], coefficients: &[T]) -> Self {
+        let row =
+            |numbers: &[T]| Row(core::array::from_fn(|lane| numbers.get(lane).copied().unwrap_or(T::zero())));
+        let rates = row(rates);
+        // Of a rate of 0 any number that is large enough for the smaller of it and 1 to be 1.
+        let time = |rate: T| match rate > T::SMALLEST_NORMAL {
+            true => T::one() / rate,
+            false => T::max_value().unwrap_or(T::one()),
+        };
+        Self { rates, times: Row(rates.0.map(time)), coefficients: row(coefficients) }
+    }
+}
+
+impl<T: Scalar, const R: usize> Operators<T, R> {
+    fn zeros() -> Self {
+        Self { outputs: [Row::zeros(); R], inputs: [Row::zeros(); R], decrement: Row::zeros() }
+    }
+
+    /// Those of a length and its reciprocal.
+    ///
+    /// Polynomials are forms of x = hλ and 1, up to x = 1, and of 1 and 1/x beyond, so that nothing overflows.
+    #[inline(always)]
+    fn set<V: Simd>(
+        &mut self,
+        unit: V,
+        resolvent: &Resolvent<T, R>,
+        relaxations: &Relaxations<T>,
+        [length, reciprocal]: [T; 2],
+    ) {
+        let [length, reciprocal, one] =
+            [length, reciprocal, T::one()].map(|number| T::in_lanes(unit, number));
+        let rates = relaxations.rates.parts::<V>().iter().zip(relaxations.times.parts::<V>());
+        for (part, ((&rate, &time), &c)) in rates.zip(relaxations.coefficients.parts::<V>()).enumerate() {
+            let high = T::smaller(unit, one, T::times(unit, length, rate));
+            let low = T::smaller(unit, one, T::times(unit, reciprocal, time));
+            // high^k low^{R−1−k}
+            let mut powers = [one; R];
+            for k in 1..R {
+                for (i, power) in powers.iter_mut().enumerate() {
+                    *power = T::times(unit, if i >= k { high } else { low }, *power);
+                }
+            }
+            let above = form(unit, &powers, resolvent.determinant().iter().copied());
+            let determinant = T::plus_product(unit, high, above, T::times(unit, low, powers[0]));
+            let inverse = T::quotient(unit, one, determinant);
+            let lost = form(unit, &powers, resolvent.decrement().iter().copied());
+            self.decrement.parts_mut::<V>()[part] = T::times(unit, T::times(unit, high, inverse), lost);
+            let factor = T::times(unit, low, inverse);
+            let scaled = T::times(unit, c, factor);
+            for a in 0..R {
+                let output = form(unit, &powers, resolvent.columns().iter().map(|numbers| numbers[a]));
+                let input = form(unit, &powers, resolvent.rows().iter().map(|numbers| numbers[a]));
+                self.outputs[a].parts_mut::<V>()[part] = T::times(unit, scaled, output);
+                self.inputs[a].parts_mut::<V>()[part] = T::times(unit, factor, input);
+            }
+        }
+    }
+
+    /// Lets the sums relax, and takes h A Y into them.
+    #[inline(always)]
+    fn absorb<V: Simd>(&self, unit: V, sum: &mut Sum<T>, sample: &[T::Reals<V>; R]) {
+        let sums = sum.whole.parts_mut::<V>().iter_mut().zip(sum.rest.parts_mut::<V>());
+        for (part, ((whole, rest), &decrement)) in sums.zip(self.decrement.parts::<V>()).enumerate() {
+            let before = *whole;
+            let mut change = *rest;
+            for (inputs, &number) in self.inputs.iter().zip(sample) {
+                change = T::plus_product(unit, inputs.parts::<V>()[part], number, change);
+            }
+            change = T::minus_product(unit, decrement, before, change);
+            *whole = T::plus(unit, before, change);
+            *rest = T::minus(unit, change, T::minus(unit, *whole, before));
+        }
+    }
+
+    /// Adds what the sums are worth.
+    #[inline(always)]
+    fn emit<V: Simd>(&self, unit: V, sum: &Sum<T>, totals: &mut Totals<T, V, R>) {
+        for (totals, outputs) in totals.iter_mut().zip(&self.outputs) {
+            let parts = outputs.parts::<V>().iter().zip(sum.whole.parts::<V>());
+            for (total, (&output, &whole)) in totals.iter_mut().zip(parts) {
+                *total = T::plus_product(unit, output, whole, *total);
+            }
+        }
+    }
+}
+
+impl<T: Scalar, const R: usize> Step<T, R> {
+    /// The memory term: what the sums are worth, and less what a sample that stays on its way brings,
+    /// W₀ (1 x + h c v).
+    #[inline(always)]
+    fn term<V: Simd>(&self, unit: V, totals: &Totals<T, V, R>, stay: [T; R]) -> [T; R] {
+        let mut term = totals.map(|totals| sum_of_lanes::<T, V>(unit, totals));
+        for (term, row) in term.iter_mut().zip(&self.leading) {
+            *term -= dot(row, &stay);
+        }
+        term
+    }
+}
+
+/// Σ_k coefficient_k powers_k
+#[inline(always)]
+fn form<T: Scalar, V: Simd, const R: usize>(
+    unit: V,
+    powers: &[T::Reals<V>; R],
+    coefficients: impl Iterator<Item = T>,
+) -> T::Reals<V> {
+    let mut sum = T::in_lanes(unit, T::zero());
+    for (coefficient, &power) in coefficients.zip(powers) {
+        sum = T::plus_product(unit, T::in_lanes(unit, coefficient), power, sum);
+    }
+    sum
+}
+
+/// Halves are added to each other until one number is left: the same sums for vectors of any width.
+#[inline(always)]
+fn sum_of_lanes<T: Scalar, V: Simd>(unit: V, mut totals: [T::Reals<V>; CHUNK]) -> T {
+    let mut row = Row::zeros();
+    let mut parts = row.parts::<V>().len();
+    let mut lanes = CHUNK / parts;
+    while parts > 1 {
+        parts /= 2;
+        for part in 0..parts {
+            totals[part] = T::plus(unit, totals[part], totals[part + parts]);
+        }
+    }
+    row.parts_mut::<V>()[0] = totals[0];
+    while lanes > 1 {
+        lanes /= 2;
+        for lane in 0..lanes {
+            row.0[lane] = row.0[lane] + row.0[lane + lanes];
+        }
+    }
+    row.0[0]
+}
+
+#[inline(always)]
+fn dot<T: Scalar, const R: usize>(row: &[T; R], vector: &[T; R]) -> T {
+    row.iter().zip(vector).fold(T::zero(), |sum, (&a, &x)| sum + a * x)
+}
+
+impl<T: Scalar, const R: usize> VectorVariableSteps<T, R> {
+    /// A memory on `coordinates` coordinates without samples.
+    ///
+    /// # Errors
+    /// If the table is not one for R stages, its numbers are not finite or out of range, or there are no
+    /// coordinates.
+    pub fn new(
+        method: &RungeKutta<R>,
+        table: &RateTable<&[T]>,
+        coordinates: usize,
+    ) -> Result<Self, ParameterError> {
+        table.check(R)?;
+        if coordinates == 0 {
+            return Err(ParameterError { parameter: "coordinates", value: 0.0, allowed: "at least 1" });
+        }
+        let numbers = table.leading.iter().chain(table.rates).chain(table.coefficients);
+        let chunks = table.rates.chunks(CHUNK).zip(table.coefficients.chunks(CHUNK));
+        let relaxations: Vec<_> = chunks.map(|(rates, c)| Relaxations::new(rates, c)).collect();
+        let blocks = relaxations.len();
+        let step = Step {
+            length: T::zero(),
+            leading: [[T::zero(); R]; R],
+            blocks: vec![Operators::zeros(); blocks],
+        };
+        Ok(Self {
+            shortest: table.shortest,
+            horizon: table.horizon,
+            scaling: T::of(-table.exponent),
+            derivatives: table.exponent.ceil().max(0.0) as usize,
+            fingerprint: fingerprint(numbers),
+            leading: core::array::from_fn(|a| core::array::from_fn(|b| table.leading[a * R + b])),
+            matrix: method.matrix().map(|row| row.map(T::of)),
+            inverse: method.inverse()?.map(|row| row.map(T::of)),
+            nodes: method.quadrature().nodes().map(T::of),
+            resolvent: Resolvent::new(method),
+            relaxations,
+            steps: vec![step; KEPT],
+            sums: vec![Sum { whole: Row::zeros(), rest: Row::zeros() }; blocks * coordinates],
+            last: vec![[T::zero(); 2]; coordinates],
+            terms: vec![[T::zero(); R]; coordinates],
+            terms_are_known: false,
+            steady: false,
+            elapsed: [T::zero(); 2],
+            len: 0,
+            unit: Arch::new(),
+        })
+    }
+
+    /// What its state begins with.
+    fn shape(&self) -> Shape<3> {
+        [
+            ("coordinates", self.last.len() as u64),
+            ("stages", R as u64),
+            ("fingerprint of the rates", self.fingerprint),
+        ]
+    }
+
+    fn read(&self, from: &mut StateReader<'_>) -> Result<(usize, [T; 2]), StateError> {
+        from.header::<T, 3>(TAG, &self.shape())?;
+        let len = from.count_up_to("samples", usize::MAX)?;
+        Ok((len, [from.number()?, from.number()?]))
+    }
+
+    /// The time after a step of the given length, in two parts.
+    fn elapsed_after(&self, length: T) -> [T; 2] {
+        let [before, lost] = self.elapsed;
+        let whole = length + lost;
+        let after = before + whole;
+        [after, whole - (after - before)]
+    }
+
+    /// The step at hand, if its length is known.
+    fn step(&self) -> Result<&Step<T, R>, MemoryError> {
+        self.steps.first().filter(|step| step.length > T::zero()).ok_or(MemoryError::StepLength)
+    }
+
+    /// A sample that stays on its way.
+    #[inline(always)]
+    fn stay(derivatives: usize, length: T, nodes: &[T; R], [x, v]: [T; 2]) -> [T; R] {
+        nodes.map(|node| match derivatives {
+            0 => T::zero(),
+            1 => x,
+            _ => x + length * node * v,
+        })
+    }
+
+    /// Forms the terms of the step at hand.
+    #[inline(always)]
+    fn form_terms<V: Simd>(&mut self, unit: V) {
+        let (step, blocks) = (&self.steps[0], self.relaxations.len());
+        for (index, (term, &last)) in self.terms.iter_mut().zip(&self.last).enumerate() {
+            let mut totals = [[T::in_lanes(unit, T::zero()); CHUNK]; R];
+            for (block, sum) in step.blocks.iter().zip(&self.sums[index * blocks..]) {
+                block.emit(unit, sum, &mut totals);
+            }
+            *term = step.term(unit, &totals, Self::stay(self.derivatives, step.length, &self.nodes, last));
+        }
+        self.terms_are_known = true;
+    }
+
+    /// Takes a sample, and forms the terms of the next one if the steps keep their length.
+    #[inline(always)]
+    fn take<V: Simd>(&mut self, unit: V, sample: &[T]) {
+        let (step, blocks, steady) = (&self.steps[0], self.relaxations.len(), self.steady);
+        let coordinates = sample.as_chunks::<R>().0.iter().zip(&mut self.last).zip(&mut self.terms);
+        for (index, ((values, [x, v]), term)) in coordinates.enumerate() {
+            let rise = values.map(|value| value - *x);
+            *x = values[R - 1];
+            // h A Y
+            let integrated = match self.derivatives {
+                0 => self.matrix.map(|row| dot(&row, values) * step.length),
+                1 => rise,
+                _ => {
+                    let slopes = self.inverse.map(|row| dot(&row, &rise) / step.length);
+                    let before = core::mem::replace(v, slopes[R - 1]);
+                    slopes.map(|slope| slope - before)
+                }
+            };
+            let integrated = integrated.map(|number| T::in_lanes(unit, number));
+            let sums = self.sums[index * blocks..].iter_mut();
+            if !steady {
+                for (block, sum) in step.blocks.iter().zip(sums) {
+                    block.absorb(unit, sum, &integrated);
+                }
+                continue;
+            }
+            let mut totals = [[T::in_lanes(unit, T::zero()); CHUNK]; R];
+            for (block, sum) in step.blocks.iter().zip(sums) {
+                block.absorb(unit, sum, &integrated);
+                block.emit(unit, sum, &mut totals);
+            }
+            *term =
+                step.term(unit, &totals, Self::stay(self.derivatives, step.length, &self.nodes, [*x, *v]));
+        }
+        self.terms_are_known = steady;
+    }
+}
+
+/// Forms the operators of the step at hand: a call that is compiled once for every vector unit.
+struct SetOperators<'a, T: Scalar, const R: usize>(&'a mut VectorVariableSteps<T, R>);
+
+impl<T: Scalar, const R: usize> WithSimd for SetOperators<'_, T, R> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<V: Simd>(self, unit: V) {
+        let Self(memory) = self;
+        let step = &mut memory.steps[0];
+        let lengths = [step.length, T::one() / step.length];
+        for (block, relaxations) in step.blocks.iter_mut().zip(&memory.relaxations) {
+            block.set(unit, &memory.resolvent, relaxations, lengths);
+        }
+    }
+}
+
+/// The same for the terms.
+struct FormTerms<'a, T: Scalar, const R: usize>(&'a mut VectorVariableSteps<T, R>);
+
+impl<T: Scalar, const R: usize> WithSimd for FormTerms<'_, T, R> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<V: Simd>(self, unit: V) {
+        self.0.form_terms(unit);
+    }
+}
+
+/// And for a sample.
+struct Take<'a, T: Scalar, const R: usize>(&'a mut VectorVariableSteps<T, R>, &'a [T]);
+
+impl<T: Scalar, const R: usize> WithSimd for Take<'_, T, R> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<V: Simd>(self, unit: V) {
+        self.0.take(unit, self.1);
+    }
+}
+
+impl<T: Scalar, const R: usize> Memory<T> for VectorVariableSteps<T, R> {
+    fn channels(&self) -> usize {
+        self.last.len() * R
+    }
+
+    fn stages(&self) -> usize {
+        R
+    }
+
+    fn leading(&self) -> &[T] {
+        self.steps[0].leading.as_flattened()
+    }
+
+    fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Takes steps from the table's shortest on, as long as they end by its horizon.
+    fn begin_step(&mut self, length: T) -> Result<(), MemoryError> {
+        let (shortest, horizon) = (self.shortest * (1.0 - SLACK), self.horizon * (1.0 + SLACK));
+        let in_range = length.to_f64() >= shortest && self.elapsed_after(length)[0].to_f64() <= horizon;
+        if in_range && length == self.steps[0].length {
+            self.steady = true;
+            return Ok(());
+        }
+        // Whatever is not a number is not in range.
+        if !in_range {
+            return Err(MemoryError::StepLength);
+        }
+        let kept = self.steps.iter().position(|step| step.length == length);
+        if kept.is_none() {
+            let scale = length.power(self.scaling);
+            if !scale.is_finite() {
+                return Err(MemoryError::StepLength);
+            }
+            // In the place of the one that has not been needed for longest.
+            if let Some(step) = self.steps.last_mut() {
+                step.length = length;
+                step.leading = self.leading.map(|row| row.map(|number| number * scale));
+            }
+        }
+        self.steps[..=kept.unwrap_or(KEPT - 1)].rotate_right(1);
+        (self.steady, self.terms_are_known) = (false, false);
+        if kept.is_none() {
+            self.unit.dispatch(SetOperators(self));
+        }
+        Ok(())
+    }
+
+    fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
+        check_channels(self.channels(), term.len())?;
+        self.step()?;
+        if !self.terms_are_known {
+            self.unit.dispatch(FormTerms(self));
+        }
+        term.copy_from_slice(self.terms.as_flattened());
+        Ok(())
+    }
+
+    fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
+        check_channels(self.channels(), sample.len())?;
+        let length = self.step()?.length;
+        self.unit.dispatch(Take(self, sample));
+        // Without another length the next step has this one.
+        self.steady = true;
+        self.elapsed = self.elapsed_after(length);
+        self.len += 1;
+        Ok(())
+    }
+
+    fn clear(&mut self) {
+        self.sums.fill(Sum { whole: Row::zeros(), rest: Row::zeros() });
+        self.last.fill([T::zero(); 2]);
+        // No step is at hand until one is announced.
+        self.steps.iter_mut().for_each(|step| step.length = T::zero());
+        (self.steady, self.terms_are_known) = (false, false);
+        (self.elapsed, self.len) = ([T::zero(); 2], 0);
+    }
+
+    fn bytes(&self) -> usize {
+        let blocks = |step: &Step<T, R>| size_of_val(step) + size_of_val(step.blocks.as_slice());
+        size_of::<Self>()
+            + size_of_val(self.relaxations.as_slice())
+            + self.steps.iter().map(blocks).sum::<usize>()
+            + size_of_val(self.sums.as_slice())
+            + size_of_val(self.last.as_slice())
+            + size_of_val(self.terms.as_slice())
+    }
+
+    fn state_bytes(&self) -> usize {
+        let numbers = 2 + 2 * CHUNK * self.sums.len() + 2 * self.last.len();
+        header_bytes(4) + T::BYTES * numbers
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        to.header::<T, 3>(TAG, &self.shape())?;
+        to.count(self.len as u64)?;
+        to.numbers(&self.elapsed)?;
+        for sum in &self.sums {
+            to.numbers(sum.whole.0.iter().chain(&sum.rest.0))?;
+        }
+        to.numbers(self.last.as_flattened())
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.read(from)?;
+        from.skip::<T>(2 * CHUNK * self.sums.len() + 2 * self.last.len())
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.check_state(&mut from.clone())?;
+        (self.len, self.elapsed) = self.read(from)?;
+        for sum in &mut self.sums {
+            from.numbers(sum.whole.0.iter_mut().chain(&mut sum.rest.0))?;
+        }
+        from.numbers(self.last.as_flattened_mut())?;
+        self.terms_are_known = false;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn memory<T: Scalar, const R: usize>(method: &RungeKutta<R>) -> VectorVariableSteps<T, R> {
+        let rates: Vec<T> = (0..20).map(|j| T::of(if j == 0 { 0.0 } else { 10f64.powi(j - 12) })).collect();
+        let coefficients: Vec<T> = (0..20).map(|j| T::of(1.0 + f64::from(j))).collect();
+        let leading: Vec<T> = (0..R * R).map(|i| T::of(i as f64)).collect();
+        let table = RateTable {
+            exponent: 1.5,
+            leading: leading.as_slice(),
+            rates: &rates,
+            coefficients: &coefficients,
+            shortest: 1e-9,
+            horizon: 1e9,
+        };
+        VectorVariableSteps::new(method, &table, 1).unwrap()
+    }
+
+    /// The operators against (I + xA) g = 1 and (I + xA)ᵀ u = e_R, for x from 10⁻¹⁶ to 10¹⁵.
+    fn assert_operators<T: Scalar, const R: usize>(method: &RungeKutta<R>) {
+        let mut memory = memory::<T, R>(method);
+        for length in [1e-4, 0.3, 1e8] {
+            memory.begin_step(T::of(length)).unwrap();
+            let (tolerance, length) = (16.0 * T::EPSILON.to_f64(), T::of(length).to_f64());
+            for (block, relaxations) in memory.steps[0].blocks.iter().zip(&memory.relaxations) {
+                for lane in 0..CHUNK {
+                    let c = relaxations.coefficients.0[lane].to_f64();
+                    if c == 0.0 {
+                        assert!(block.outputs.iter().all(|row| row.0[lane].to_f64() == 0.0));
+                        continue;
+                    }
+                    let x = length * relaxations.rates.0[lane].to_f64();
+                    let g = block.outputs.map(|row| row.0[lane].to_f64() / c);
+                    let u = block.inputs.map(|row| row.0[lane].to_f64());
+                    for i in 0..R {
+                        let (mut left, mut size) = (g[i] - 1.0, 1.0);
+                        let (mut right, mut right_size) = (u[i] - f64::from(u8::from(i == R - 1)), 1.0);
+                        for j in 0..R {
+                            let (forth, back) =
+                                (x * method.matrix()[i][j] * g[j], x * method.matrix()[j][i] * u[j]);
+                            (left, right) = (left + forth, right + back);
+                            (size, right_size) = (size + forth.abs(), right_size + back.abs());
+                        }
+                        assert!(left.abs() < tolerance * size, "{R} stages, x = {x:e}: {left:e}");
+                        assert!(right.abs() < tolerance * right_size, "{R} stages, x = {x:e}: {right:e}");
+                    }
+                    let decrement = block.decrement.0[lane].to_f64();
+                    assert!((decrement - (1.0 - g[R - 1])).abs() < tolerance);
+                    if x < 1e-9 {
+                        assert!((decrement - x).abs() <= (tolerance + x) * x, "{decrement:e} for x = {x:e}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn operators_solve_their_equations_at_any_rate() {
+        assert_operators::<f64, 1>(&RungeKutta::radau_iia().unwrap());
+        assert_operators::<f64, 2>(&RungeKutta::radau_iia().unwrap());
+        assert_operators::<f64, 3>(&RungeKutta::radau_iia().unwrap());
+        assert_operators::<f64, 2>(&RungeKutta::lobatto_iiic().unwrap());
+        assert_operators::<f64, 3>(&RungeKutta::lobatto_iiic().unwrap());
+        assert_operators::<f64, 4>(&RungeKutta::lobatto_iiic().unwrap());
+        assert_operators::<f32, 3>(&RungeKutta::radau_iia().unwrap());
+        assert_operators::<f32, 4>(&RungeKutta::lobatto_iiic().unwrap());
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[test]
+    fn the_width_of_vectors_changes_no_bit() {
+        use pulp::x86::{V3, V4};
+        let units = [V3::try_new().map(Arch::V3), V4::try_new().map(Arch::V4)];
+        let terms = units.into_iter().flatten().map(|unit| {
+            let mut memory =
+                VectorVariableSteps { unit, ..memory::<f64, 3>(&RungeKutta::radau_iia().unwrap()) };
+            let mut terms = Vec::new();
+            for k in 0..40 {
+                memory.begin_step([0.3, 0.3, 1e-3, 7.0][k / 5 % 4]).unwrap();
+                let mut term = [0.0; 3];
+                memory.next_term(&mut term).unwrap();
+                memory.push(&[k as f64, 1.0 / (1.0 + k as f64), (k as f64).sin()]).unwrap();
+                terms.extend(term.map(f64::to_bits));
+            }
+            terms
+        });
+        let terms: Vec<_> = terms.collect();
+        assert!(terms.windows(2).all(|pair| pair[0] == pair[1]));
+    }
+}
