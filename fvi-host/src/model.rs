@@ -21,7 +21,7 @@ pub use band::BandFactors;
 pub use channel_damping::{ChannelDamping, Directions, HostTerm};
 pub use elements::Elements;
 pub use energies::{EnergiesAlong, EnergyRoom, States};
-pub use force_moments::ForceMoments;
+pub use force_moments::{ForceMoments, StepLengths};
 pub use loads::Loads;
 pub use mechanics::{Model, SingleModel, matrix, moment, vector};
 pub use one_point::{OnePoint, OnePointRoom};

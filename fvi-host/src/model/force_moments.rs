@@ -16,9 +16,11 @@ pub struct ForceMoments {
     force: CompiledForce<f64>,
     rough: RoughArguments,
     coordinates: usize,
+    lengths: StepLengths,
     /// The step size that the reaches are for.
     step_size: f64,
-    /// For each argument, up to how many steps from its zero the nodes are not enough.
+    /// For each argument, up to how many steps from its zero the nodes are not enough; without end where it
+    /// costs less to look at each step.
     reaches: Vec<f64>,
     registers: Vec<f64>,
     values: Vec<f64>,
@@ -26,6 +28,16 @@ pub struct ForceMoments {
     breaks: Vec<f64>,
     /// Σ of the pieces, (S + 1)·N numbers.
     total: Vec<f64>,
+}
+
+/// What is known of the steps to come. It decides on the cost of their moments, and a run that goes on from a
+/// checkpoint has them as one that was not interrupted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StepLengths {
+    /// All of one length.
+    Equal,
+    /// Of any.
+    Any,
 }
 
 /// A break so close to an end of the step is the end.
@@ -59,12 +71,13 @@ const KRONROD: [(f64, f64, f64); 8] = [
 
 impl ForceMoments {
     /// For a force with one expression for each coordinate; `None` if it is smooth in time.
-    pub fn new(components: &[Expression]) -> Option<Self> {
+    pub fn new(components: &[Expression], lengths: StepLengths) -> Option<Self> {
         let rough = RoughArguments::of(components)?;
         let count = rough.arguments().len();
         Some(Self {
             force: CompiledForce::compile(components),
             coordinates: components.len(),
+            lengths,
             step_size: f64::NAN,
             reaches: vec![f64::INFINITY; count],
             registers: Vec::new(),
@@ -81,7 +94,9 @@ impl ForceMoments {
         let (start, length) = (rule.start.to_f64(), rule.length.to_f64());
         if self.step_size != length {
             self.step_size = length;
-            self.find_reaches(rule);
+            if self.lengths == StepLengths::Equal {
+                self.find_reaches(rule);
+            }
         }
         let near_root = self.find_breaks(start, length)?;
         let rough = self.integrate(rule, start, length, near_root) && self.total.iter().any(|&e| e != 0.0);
@@ -346,7 +361,8 @@ mod tests {
     }
 
     fn force(text: &str) -> Option<ForceMoments> {
-        ForceMoments::new(&[Expression::parse(text, &Symbols::new().with_time()).unwrap()])
+        let expression = Expression::parse(text, &Symbols::new().with_time()).unwrap();
+        ForceMoments::new(&[expression], StepLengths::Equal)
     }
 
     /// ∫₀¹ F dτ and ∫₀¹ τ F dτ over a step, from excess and nodes on straight lines.
@@ -397,6 +413,13 @@ mod tests {
         // With cubic polynomials the nodes are exact for linear forces: the excess falls like the distance to
         // the power −2.
         assert!(root.excess(&rule(&radau.view(), 1e5, 0.01)).is_none());
+        // The same without reaches, which are not looked for where each step has another length.
+        let mut graded = ForceMoments { lengths: StepLengths::Any, ..force("sqrt(t)").unwrap() };
+        for (start, length) in [(0.0, 0.01), (0.1, 0.02), (1e5, 0.01)] {
+            let found = graded.excess(&rule(&radau.view(), start, length)).map(<[f64]>::to_vec);
+            assert_eq!(found.as_deref(), root.excess(&rule(&radau.view(), start, length)));
+        }
+        assert_eq!(graded.reaches, [f64::INFINITY]);
         // A jump at a grid point is seen from both sides by the nodes.
         let mut pulse = force("8*step(1 - t)").unwrap();
         assert!(pulse.excess(&rule(&radau.view(), 0.9, 0.1)).is_none());

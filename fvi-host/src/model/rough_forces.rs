@@ -1,6 +1,6 @@
 //! What acts on a system and is rough in time: forces, loads and samples whose moments are taken exactly.
 
-use super::force_moments::ForceMoments;
+use super::force_moments::{ForceMoments, StepLengths};
 use super::signal_moments::SignalMoments;
 use crate::scenario::{Amplitude, ForceQuadrature, Load, Record, SampledInput, Scenario, Scheme};
 use fvi_core::{NodalRule, Real};
@@ -37,6 +37,7 @@ impl RoughForces {
             return None;
         }
         let (mut expressions, mut records) = (Vec::new(), Vec::new());
+        let lengths = if scenario.time.grid.is_some() { StepLengths::Any } else { StepLengths::Equal };
         let motions = scenario.copies();
         let shared = system.loads.iter().map(|load| (load, 0..motions));
         let of_cases = scenario.cases.iter().enumerate();
@@ -46,14 +47,14 @@ impl RoughForces {
             let rough = RoughLoad { load: load.clone(), motions };
             match &load.amplitude {
                 Amplitude::Expression(amplitude) => {
-                    expressions.extend(ForceMoments::new(from_ref(amplitude)).map(|m| (m, rough)));
+                    expressions.extend(ForceMoments::new(from_ref(amplitude), lengths).map(|m| (m, rough)));
                 }
                 Amplitude::Record(record) => {
                     records.push((SignalMoments::new(record.clone()), rough));
                 }
             }
         }
-        let force = ForceMoments::new(system.force.as_deref().unwrap_or_default());
+        let force = ForceMoments::new(system.force.as_deref().unwrap_or_default(), lengths);
         let input = scenario.input.clone().map(SignalMoments::new);
         let is_rough = force.is_some() || input.is_some() || !(expressions.is_empty() && records.is_empty());
         let coordinates = system.coordinates();
