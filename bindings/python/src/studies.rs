@@ -74,6 +74,7 @@ pub(crate) fn converge<'py>(
     first: u32,
     last: u32,
     intervals: usize,
+    from: f64,
     engine: Option<&str>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<(Bound<'py, PyList>, Option<String>)> {
@@ -83,7 +84,7 @@ pub(crate) fn converge<'py>(
             let scenario = read(&source, engine)?;
             let stop = AtomicBool::new(false);
             let mut watch = Watch::new(progress);
-            let grids = Grids { levels: first..=last, intervals };
+            let grids = Grids { levels: first..=last, intervals, from };
             let result = measure(&scenario, &grids, &stop, |made, all| {
                 if !watch.tick(made, all) {
                     stop.store(true, Ordering::Relaxed);
@@ -96,6 +97,7 @@ pub(crate) fn converge<'py>(
                 ConvergeError::Input(error) => source.failure(&error),
                 ConvergeError::NoRoom(_) => Failure::NoRoom(format!("levels: {error}")),
                 ConvergeError::TooManySteps { .. } => Failure::argument("levels", last, &error.to_string()),
+                ConvergeError::From(error) => Failure::argument("from_time", from, error.allowed),
                 other => Failure::Failed(other.to_string()),
             })
         })

@@ -21,6 +21,9 @@ pub struct ConvergeArguments {
     /// Parts of the scenario's time whose ends are grid points on every level, such as the jumps of a force
     #[arg(long, value_name = "INTERVALS", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     intervals: u32,
+    /// Time from which on errors count: next to a singular start they are larger than the order promises
+    #[arg(long, value_name = "TIME", default_value_t = 0.0)]
+    from: f64,
     /// Where the files go (default: `out/` and the name of the scenario)
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -42,7 +45,7 @@ impl ConvergeArguments {
         let directory = self.out.unwrap_or_else(|| default_directory(&self.scenario, "converge"));
         let directory = OutputDirectory::claim(&directory)?;
         let stop = stop::flag();
-        let grids = Grids { levels: self.levels, intervals: self.intervals as usize };
+        let grids = Grids { levels: self.levels, intervals: self.intervals as usize, from: self.from };
         let mut progress = None;
         let result = converge(&scenario, &grids, &stop, |made, all| {
             progress.get_or_insert_with(|| Progress::new(all, "steps", self.quiet)).update(made);
@@ -54,6 +57,7 @@ impl ConvergeArguments {
             ConvergeError::Input(error) => CommandError::Input(error),
             ConvergeError::Stopped => CommandError::Stopped("stopped; nothing was written".to_owned()),
             ConvergeError::NoRoom(_) => CommandError::NoRoom(format!("--levels: {error}")),
+            ConvergeError::From(error) => CommandError::Argument(error),
             other => CommandError::Failed(other.to_string()),
         })?;
         warn(convergence.warning());

@@ -8,6 +8,7 @@ use crate::results::room::{NoRoom, require};
 use crate::scenario::{Action, GridRule, MOST_STEPS, ReferenceRow, ReferenceSource, Scenario};
 use crate::simulation::motion::{Failure, Motion};
 use crate::simulation::{GridState, Precision};
+use fvi_core::ParameterError;
 use serde::Serialize;
 use std::ops::RangeInclusive;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -20,6 +21,9 @@ pub struct Grids {
     pub levels: RangeInclusive<u32>,
     /// Number of parts that every grid respects, so that a jump between two of them stays a grid point.
     pub intervals: usize,
+    /// Errors count from this time on: next to a singular start they may be larger than the order of a scheme
+    /// promises.
+    pub from: f64,
 }
 
 /// What errors are measured of.
@@ -117,6 +121,9 @@ pub enum ConvergeError {
         /// The level.
         level: u32,
     },
+    /// Errors are to count from a time on that is no time of the scenario.
+    #[error(transparent)]
+    From(ParameterError),
     /// It was stopped.
     #[error("stopped")]
     Stopped,
@@ -144,6 +151,11 @@ pub fn converge(
     stop: &AtomicBool,
     mut progress: impl FnMut(usize, usize),
 ) -> Result<Convergence, ConvergeError> {
+    let from = grids.from;
+    if !(0.0..=scenario.time.end()).contains(&from) {
+        let allowed = "a time from 0 to the end of the scenario";
+        return Err(ConvergeError::From(ParameterError { parameter: "from", value: from, allowed }));
+    }
     let steps_of = |level: u32| {
         let power = 1_usize.checked_shl(level).filter(|&power| power >> level == 1);
         power
@@ -210,10 +222,14 @@ pub fn converge(
         let on_grid = scenario.in_steps(steps);
         let stride = 1_usize << (finest - level);
         let mut errors = ReferenceErrors::default();
+        let early = from * (1.0 - 1e-12);
         let outcome = run_on(&on_grid, stop, |index, state| {
+            count();
+            if state.time < early {
+                return;
+            }
             let row = known_at(&on_grid, index, fine_states.get(index * stride), known);
             errors.compare(state, &row);
-            count();
         });
         let (seconds, failure) = match outcome {
             Ok(Outcome::Done { seconds }) => (seconds, None),

@@ -149,6 +149,50 @@ fn levels_that_make_no_sense_are_bad_input() {
 }
 
 #[test]
+fn errors_next_to_a_singular_start_need_not_count() {
+    let place = Workplace::new();
+    place.write(
+        "released.toml",
+        r#"
+        [system]
+        mass = [1.0]
+        potential = "0.5*q0^2"
+        [[system.damping]]
+        order = 0.7
+        coefficient = [0.5]
+        [initial]
+        position = [1.0]
+        momentum = [0.0]
+        [scheme]
+        kind = "galerkin"
+        degree = 2
+        [convolution]
+        family = "bdf"
+        order = 4
+        [time]
+        step = 0.125
+        end = 4.0
+        "#,
+    );
+    let orders = |from: &str| {
+        let output =
+            place.fvi(&["converge", "released.toml", "--levels", "6..8", "--from", from, "--out", "out"]);
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        ["position_order", "momentum_order", "energy_order"]
+            .map(|name| *numbers(&place, name).last().unwrap())
+    };
+    assert!(orders("0").iter().all(|&order| order < 3.0));
+    let orders = orders("1");
+    assert!(orders.iter().all(|order| (order - 4.0).abs() < 0.2), "{orders:?}");
+    for from in ["-1", "4.5", "nan"] {
+        let from = format!("--from={from}");
+        let output = place.fvi(&["converge", "released.toml", &from, "--out", "none"]);
+        assert_eq!(output.status.code(), Some(2), "{from}");
+        assert!(text(&output.stderr).contains("from"), "{}", text(&output.stderr));
+    }
+}
+
+#[test]
 fn known_values_that_no_level_meets_are_bad_input() {
     let place = Workplace::new();
     place.write("known.csv", "t,q0\n0.3,1\n");

@@ -18,6 +18,7 @@ def converge(
     levels: tuple[int, int] = (4, 11),
     *,
     intervals: int = 1,
+    from_time: float = 0.0,
     engine: str | None = None,
     progress: Progress | None = None,
     overrides: Mapping[str, Any] | None = None,
@@ -33,6 +34,8 @@ def converge(
         First and last level i: the time of the scenario is cut into `intervals`·2^i steps.
     intervals : int
         Parts that every grid respects, so that jumps between them stay on the grid.
+    from_time : float
+        Errors count from this time on: next to a singular start they are larger than the order promises.
     engine, progress, overrides, **keys
         As in `run`.
 
@@ -59,7 +62,7 @@ def converge(
     if first > last or last > 40:
         raise InputError(f"levels = {levels}: not allowed; allowed: 0 ≤ first ≤ last ≤ 40", "levels", str(levels))
     given = source(scenario, by_path(overrides, keys))
-    rows, warning = _fvi.converge(given, first, last, _arrays.whole("intervals", intervals, 1), engine, progress)
+    rows, warning = _fvi.converge(given, first, last, _arrays.whole("intervals", intervals, 1), _arrays.real("from_time", from_time), engine, progress)
     if warning:
         warnings.warn(warning, stacklevel=2)
     return Table(rows)

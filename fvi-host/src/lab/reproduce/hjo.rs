@@ -62,9 +62,9 @@ pub(super) const EXHIBITS: [Exhibit; 9] = [
 ];
 
 /// h = 16/2^i, i = 4…11, on [0, 16].
-const OSCILLATOR_GRIDS: Grids = Grids { levels: 4..=11, intervals: 1 };
+const OSCILLATOR_GRIDS: Grids = Grids { levels: 4..=11, intervals: 1, from: 0.0 };
 /// h = 2^−i, i = 1…8, on [0, 1].
-const PLATE_GRIDS: Grids = Grids { levels: 1..=8, intervals: 1 };
+const PLATE_GRIDS: Grids = Grids { levels: 1..=8, intervals: 1, from: 0.0 };
 
 /// Errors of q with BDF 1, 2 and 3, on every grid of the paper.
 fn bdf_curves(

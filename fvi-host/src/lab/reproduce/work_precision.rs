@@ -68,7 +68,7 @@ impl Comparison {
 
     fn measure_method(&self, method: Method, stop: &AtomicBool) -> Result<Measured, ReproduceError> {
         let finest = if method.is_at_stages() { self.stages } else { self.main_nodes };
-        let grids = Grids { levels: 1..=finest, intervals: self.intervals };
+        let grids = Grids { levels: 1..=finest, intervals: self.intervals, from: 0.0 };
         let scenario = method.on(self.scenario.clone());
         let mut runs: Vec<Run> = Vec::new();
         for repeat in 0..REPEATS {

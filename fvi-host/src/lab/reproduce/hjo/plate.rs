@@ -79,7 +79,7 @@ struct Causes {
 
 impl Causes {
     fn measure(scheme: Scheme, stop: &AtomicBool) -> Result<Self, ReproduceError> {
-        let grids = Grids { levels: 1..=11, intervals: 1 };
+        let grids = Grids { levels: 1..=11, intervals: 1, from: 0.0 };
         let curve = |label: &str, power, coefficient, order| {
             bdf_curve(label, &power_plate(power, coefficient)?, scheme, order, &grids, stop)
         };

@@ -117,7 +117,7 @@ impl Duel {
 }
 
 /// Step sizes 1/8 … 1/256 on [0, 30]; the paper does not print its own.
-const GRIDS: Grids = Grids { levels: 3..=8, intervals: 30 };
+const GRIDS: Grids = Grids { levels: 3..=8, intervals: 30, from: 0.0 };
 const STEP_SIZES: &str = "h = 1/8 … 1/256 on [0, 30]";
 
 /// Why the slope depends on the step sizes.
