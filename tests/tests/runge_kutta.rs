@@ -2,15 +2,19 @@
 //! values.
 
 use std::collections::HashMap;
+use std::path::Path;
 
 use fvi_core::{
     Approach, Derivative::Caputo, Derivative::RiemannLiouville, Instant, Mass, NodeGalerkin, Quadratic,
     RungeKutta, System, TimeForce,
 };
+use fvi_host::language::Document;
 use fvi_host::numerics::runge_kutta_weights::RungeKuttaWeights;
+use fvi_host::scenario::Scenario;
 use fvi_host::simulation::stability::{
     DampingForm, Discretisation, LinearDamping, LinearSystem, Verdict, check_stability,
 };
+use fvi_host::simulation::{GridState, Precision, Simulation};
 use fvi_tests::convergence::observed_order;
 use fvi_tests::manufactured::manufactured_errors;
 use fvi_tests::motion::{Motion, diagonal, integrate};
@@ -387,5 +391,63 @@ fn the_limit_of_the_step_with_damping_at_the_stages_is_sharp() {
         assert_sharp(limit::<1, 1>(&RungeKutta::radau_iia().unwrap(), damping_order), "Radau 1");
         assert_sharp(limit::<2, 2>(&RungeKutta::radau_iia().unwrap(), damping_order), "Radau 2");
         assert_sharp(limit::<3, 3>(&RungeKutta::radau_iia().unwrap(), damping_order), "Radau 3");
+    }
+}
+
+/// Largest errors of q and p over all grid points of q″ + D^{3/2} q + q = f with the solution t^ν.
+fn errors_on_a_power(power: f64, steps: usize) -> [f64; 2] {
+    let text = format!(
+        r#"
+        [system]
+        mass = [1.0]
+        potential = "0.5*q0^2"
+        force = ["nu*(nu - 1)*t^(nu - 2) + gamma(nu + 1)/gamma(nu - 1/2)*t^(nu - 3/2) + t^nu"]
+        parameters = {{ nu = {power:?} }}
+        [[system.damping]]
+        order = 1.5
+        coefficient = [1.0]
+        [initial]
+        position = [0.0]
+        momentum = [0.0]
+        [scheme]
+        kind = "galerkin"
+        degree = 3
+        [convolution]
+        family = "radau-iia"
+        stages = 3
+        [time]
+        step = {:?}
+        steps = {steps}
+        "#,
+        1.0 / steps as f64
+    );
+    let scenario = Scenario::from_document(Document::new("power.toml", Path::new("."), &text)).unwrap();
+    let mut simulation = Simulation::new(&scenario, Precision::F64).unwrap();
+    let mut state = GridState { position: vec![0.0], momentum: vec![0.0], ..GridState::default() };
+    let mut errors = [0.0_f64; 2];
+    for _ in 0..steps {
+        simulation.step(&[]).unwrap();
+        simulation.read(&mut state);
+        let exact = [state.time.powf(power), power * state.time.powf(power - 1.0)];
+        for (error, (found, exact)) in
+            errors.iter_mut().zip([state.position[0], state.momentum[0]].into_iter().zip(exact))
+        {
+            *error = error.max((found - exact).abs());
+        }
+    }
+    errors
+}
+
+#[test]
+fn forces_like_roots_of_time_leave_the_error_that_exact_moments_leave() {
+    for row in reference::read("power_plate.csv") {
+        let (power, steps) = (row["power"], row["steps"] as usize);
+        let found = errors_on_a_power(power, steps);
+        for (found, expected) in found.into_iter().zip([row["position"], row["momentum"]]) {
+            assert!(
+                (found - expected).abs() < 1e-3 * expected,
+                "t^{power}, {steps} steps: {found:e} and {expected:e}"
+            );
+        }
     }
 }

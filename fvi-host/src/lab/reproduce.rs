@@ -16,6 +16,7 @@ mod motion;
 mod node_form;
 mod page;
 mod problems;
+mod roots_of_time;
 mod runge_kutta_orders;
 mod table;
 mod work_precision;
@@ -132,6 +133,7 @@ pub fn exhibits() -> Vec<Exhibit> {
         jo::EXHIBITS.as_slice(),
         hjo::EXHIBITS.as_slice(),
         node_form::EXHIBITS.as_slice(),
+        roots_of_time::EXHIBITS.as_slice(),
         runge_kutta_orders::EXHIBITS.as_slice(),
         work_precision::EXHIBITS.as_slice(),
         any_length::EXHIBITS.as_slice(),

@@ -142,6 +142,8 @@ fn guide(curves: &[ErrorCurve], slope: f64) -> Option<Series> {
     let (smallest, largest) = (extreme(|point| point.1, f64::min)?, extreme(|point| point.1, f64::max)?);
     let distance = libm::pow(largest / smallest, 0.11).max(3.0);
     let lowest = points().map(|&(h, error)| error / libm::pow(h, slope)).reduce(f64::min)?;
+    // Steep lines are cut where they would stretch the axis.
+    let from = from.max(libm::pow(smallest / lowest, 1.0 / slope)).min(0.5 * to);
     let label =
         if slope.fract() == 0.0 { format!("h{}", superscript(slope as i64)) } else { format!("h^{slope}") };
     Some(Series::slope(label, slope, (from, lowest / distance * libm::pow(from, slope)), from, to))

@@ -84,6 +84,7 @@ pub(super) fn power_plate(power: f64, coefficient: f64) -> Result<Scenario, Inpu
         end = 1.0
         [reference]
         position = ["t^nu"]
+        momentum = ["nu*t^(nu - 1)"]
         "#
     );
     Scenario::from_document(Document::new("plate with the solution t^nu", Path::new(""), &text))

@@ -133,10 +133,18 @@ impl Ticks {
         let stride = number.div_ceil(count.max(1)).max(1) as i64;
         let mut bold: Vec<(f64, String)> = Vec::new();
         let mut light = Vec::new();
+        // With few decades in view the digits between them carry labels too, as many as there is room for.
+        let labelled = |digit: i32| number <= 2 && (digit == 2 || digit == 5 || high - low < 0.8);
         for decade in (low.floor() as i64)..=(high.ceil() as i64) {
             if decades.contains(&decade) {
                 if decade % stride == 0 {
-                    bold.push((decade as f64, power_of_ten(decade)));
+                    let label = match decade {
+                        -3..0 if number <= 2 => {
+                            format!("{:.*}", decade.unsigned_abs() as usize, 10.0_f64.powi(decade as i32))
+                        }
+                        _ => power_of_ten(decade),
+                    };
+                    bold.push((decade as f64, label));
                 } else {
                     light.push(decade as f64);
                 }
@@ -146,9 +154,7 @@ impl Ticks {
                 if place < low || place > high {
                     continue;
                 }
-                // With few decades in view the digits between them carry labels too.
-                let labelled = number <= 1 || (number <= 2 && (digit == 2 || digit == 5));
-                if labelled {
+                if labelled(digit) {
                     let label = match decade {
                         -3..0 => format!("{:.*}", decade.unsigned_abs() as usize, 10.0_f64.powf(place)),
                         0..=3 => format!("{:.0}", 10.0_f64.powf(place)),
@@ -299,6 +305,7 @@ mod tests {
         assert_eq!(labels(&axis, 1e-3, 1e2), ["10⁻³", "10⁻²", "10⁻¹", "1", "10", "10²"]);
         assert_eq!(labels(&axis, 1e-12, 1.0), ["10⁻¹²", "10⁻⁹", "10⁻⁶", "10⁻³", "1"]);
         assert_eq!(labels(&axis, 0.012, 0.04), ["0.02", "0.03", "0.04"]);
+        assert_eq!(labels(&axis, 0.03, 0.5), ["0.05", "0.1", "0.2", "0.5"]);
         assert!(labels(&axis, 1e-6, 1e-5).contains(&"2·10⁻⁶".to_owned()));
         assert_eq!(axis.place(0.0), None);
         assert_eq!(axis.place(f64::NAN), None);

@@ -45,8 +45,9 @@ pub(super) fn exhibit(stop: &AtomicBool) -> Result<Findings, ReproduceError> {
                 let made = Problem::root().run(scheme, &graded(steps, exponent), stop)?;
                 points.push((1.0 / steps as f64, of(&made)));
             }
-            points.retain(|point| point.1 > FLOOR);
-            Ok::<_, ReproduceError>(ErrorCurve::new(label, points))
+            let rounding = points.iter().position(|point| point.1 < FLOOR);
+            points.truncate(rounding.unwrap_or(points.len()));
+            Ok::<_, ReproduceError>(ErrorCurve::new(label, points).above_rounding())
         };
         WAYS.iter().map(curve).collect::<Result<Vec<_>, _>>()
     });
