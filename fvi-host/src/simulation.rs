@@ -66,6 +66,8 @@ trait Stepper {
     fn read(&mut self, state: &mut GridState);
     /// The energies of the motions under load cases, whose sum that was.
     fn energies(&self, energies: &mut Vec<f64>);
+    /// Whether steps of a grid leave the energy out where no row is written.
+    fn has_energies_of_rows_only(&self) -> bool;
     fn engines(&self) -> Vec<Engine>;
     fn overruns(&self) -> Option<usize>;
     fn memory_bytes(&self) -> usize;
@@ -209,6 +211,11 @@ impl Simulation {
     /// none without cases.
     pub fn read_energies(&self, energies: &mut Vec<f64>) {
         self.stepper.energies(energies);
+    }
+
+    /// [`advance`](Self::advance) computes the energy after multiples of so many steps, and at the end.
+    pub(crate) fn energies_every(&self, scenario: &Scenario) -> usize {
+        if self.stepper.has_energies_of_rows_only() { scenario.output.every } else { 1 }
     }
 
     /// Writes the present state into `state` but for the energy, which stays.
@@ -355,7 +362,9 @@ impl<T: Elementary + Engines, X: ScenarioSpace<T>> Machine<T, X> {
             .build()
             .map_err(|error| refused(scenario, &error))?;
         let pieces = scenario.is_looked_into().then(<[Piece<T>; 2]>::default);
+        let is_compared = scenario.reference.as_ref().is_some_and(|reference| reference.knows()[2]);
         let energies = match is_dear {
+            true if is_compared => Energies::EveryStep,
             true => Energies::Rows,
             false if integrator.system().has_plain_energy() => Energies::Together,
             false => Energies::EveryStep,
@@ -707,6 +716,10 @@ impl<T: Elementary + Engines, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
     fn energies(&self, energies: &mut Vec<f64>) {
         energies.clear();
         energies.extend(X::energies(self.integrator.system()).iter().map(|energy| energy.to_f64()));
+    }
+
+    fn has_energies_of_rows_only(&self) -> bool {
+        self.energies == Energies::Rows
     }
 
     fn engines(&self) -> Vec<Engine> {

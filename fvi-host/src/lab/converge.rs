@@ -5,7 +5,7 @@ use crate::results::measure::{ErrorMeasure, ReferenceErrors};
 #[cfg(feature = "pictures")]
 use crate::results::picture::{Axis, Chart, Series, Style};
 use crate::results::room::{NoRoom, require};
-use crate::scenario::{Action, GridRule, MOST_STEPS, ReferenceRow, ReferenceSource, Scenario};
+use crate::scenario::{Action, GridRule, MOST_STEPS, Reference, ReferenceRow, Scenario};
 use crate::simulation::motion::{Failure, Motion};
 use crate::simulation::{GridState, Precision};
 use fvi_core::ParameterError;
@@ -164,7 +164,7 @@ pub fn converge(
             .ok_or(ConvergeError::TooManySteps { level })
     };
     let finest = *grids.levels.end();
-    let known = known_quantities(scenario);
+    let known = scenario.reference.as_ref().map_or([false; 3], Reference::knows);
     let finer = if known == [true; 3] { None } else { Some(steps_of(finest + FINER)?) };
     let mut all = finer.unwrap_or(0);
     for level in grids.levels.clone() {
@@ -247,24 +247,6 @@ pub fn converge(
         _ => Against::Reference,
     });
     Ok(Convergence { against, levels })
-}
-
-/// Which quantities the reference knows at some time, in the order of [`Quantity::ALL`].
-fn known_quantities(scenario: &Scenario) -> [bool; 3] {
-    let Some(reference) = &scenario.reference else { return [false; 3] };
-    match &reference.source {
-        ReferenceSource::Expressions { position, momentum, energy } => {
-            [position.is_some(), momentum.is_some(), energy.is_some()]
-        }
-        ReferenceSource::Table { rows, .. } => {
-            let some = |list: &[Option<f64>]| list.iter().any(Option::is_some);
-            [
-                rows.iter().any(|row| some(&row.position)),
-                rows.iter().any(|row| some(&row.momentum)),
-                rows.iter().any(|row| row.energy.is_some()),
-            ]
-        }
-    }
 }
 
 /// What is known at a grid point: from the reference where it knows the quantity at all, from the finer run

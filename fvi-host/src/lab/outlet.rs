@@ -164,7 +164,7 @@ impl Outlet {
             writer.push(&View::from(row).shown(scenario)).map_err(failed)?;
         }
         let drawn = chosen.iter().map(|&index| (passage.position(index), passage.momentum(index)));
-        traces.take(stretch.times(), drawn, passage.energies);
+        traces.take(stretch.times(), drawn, (passage.energies, stretch.with_energy()));
         let Some(snapshots) = snapshots else { return Ok(()) };
         let whole: Vec<usize> = (0..passage.places.len()).collect();
         for index in stretch.multiples(snapshots.every()) {
@@ -172,6 +172,11 @@ impl Outlet {
             snapshots.take(time, &position, &momentum);
         }
         Ok(())
+    }
+
+    /// Takes the energy of the last state, which was left out on the way.
+    pub(crate) fn take_last_energy(&mut self, last: &GridState) {
+        self.traces.take_energy(last.time, last.energy);
     }
 
     /// How far the trajectory has got.

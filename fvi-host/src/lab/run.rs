@@ -320,16 +320,20 @@ pub fn run(
         Outlet::remove_files(directory.path())?;
     }
     run.motion.complete();
+    let without_last_energy = run.motion.stretch().lacks_last_energy();
     let mut summary = run.summary(end);
     summary.notes = notes;
     let (mut drawn, mut own_files) = (Ok(()), Vec::new());
-    for (case, outlet) in outlets.into_iter().enumerate() {
+    for (case, mut outlet) in outlets.into_iter().enumerate() {
         let mut files = Vec::new();
         let of_case = (!scenario.cases.is_empty()).then(|| summary.of_case(&scenario, case));
         if of_case.is_some() {
             remove(&outlet.directory().join(SUMMARY))?;
         }
         let one = of_case.as_ref().unwrap_or(&summary);
+        if without_last_energy {
+            outlet.take_last_energy(&one.last);
+        }
         // The record is written even if a picture cannot be.
         drawn = drawn.and(outlet.finish(&one.scenario, &one.last, &mut files)?);
         match of_case {
@@ -695,8 +699,10 @@ impl<'s> Run<'s> {
             self.newton_iterations_most = self.newton_iterations_most.max(iterations);
         }
         self.largest.take(stretch);
-        for (largest, &energy) in self.largest_energies.iter_mut().zip(self.motion.energies()) {
-            *largest = larger(*largest, energy.abs());
+        if !stretch.lacks_last_energy() {
+            for (largest, &energy) in self.largest_energies.iter_mut().zip(self.motion.energies()) {
+                *largest = larger(*largest, energy.abs());
+            }
         }
         let Some(reference) = reference else { return };
         let chosen = scenario.time.adaptive().is_some() || self.ended.is_some();
@@ -775,8 +781,10 @@ impl<'s> Run<'s> {
     }
 
     fn summary(self, end: RunEnd) -> RunSummary {
-        let (seconds, overruns, largest) = (self.seconds(), self.overruns(), self.largest.clone());
+        let (seconds, overruns) = (self.seconds(), self.overruns());
         let (last, seen) = (self.state().clone(), self.watch.seen().clone());
+        let warned = small_beside_scale(self.scenario, &self.largest);
+        let largest = Largest { energy: larger(self.largest.energy, last.energy.abs()), ..self.largest };
         let (scenario, motion) = (self.scenario, self.motion);
         let simulation = motion.simulation();
         RunSummary {
@@ -808,9 +816,14 @@ impl<'s> Run<'s> {
             newton_iterations_most: self.newton_iterations_most,
             last,
             events: seen.happened.iter().map(|happened| of_written(scenario, happened)).collect(),
-            largest: self.largest,
+            largest,
             cases: Vec::new(),
-            energies: motion.energies().iter().copied().zip(self.largest_energies).collect(),
+            energies: motion
+                .energies()
+                .iter()
+                .zip(self.largest_energies)
+                .map(|(&energy, largest)| (energy, larger(largest, energy.abs())))
+                .collect(),
             starting_condition: Some(&scenario.convolution.starting)
                 .filter(|exponents| !exponents.is_empty())
                 .map(|exponents| starting_condition(exponents))
@@ -820,7 +833,7 @@ impl<'s> Run<'s> {
                 .into_iter()
                 .chain(self.errors.warning())
                 .chain(motion.warning().map(str::to_owned))
-                .chain(small_beside_scale(scenario, &largest))
+                .chain(warned)
                 .chain(events_not_told(&seen))
                 .chain(self.elsewhere)
                 .collect(),

@@ -116,7 +116,11 @@ impl Largest {
     pub(crate) fn take(&mut self, stretch: &Stretch) {
         raise(&mut self.position, stretch.positions());
         raise(&mut self.momentum, stretch.momenta());
-        self.energy = larger(self.energy, largest(stretch.energies()));
+        let energies = stretch.energies();
+        self.energy = match stretch.with_energy() {
+            None => larger(self.energy, largest(energies)),
+            Some(known) => known.fold(self.energy, |most, index| larger(most, energies[index].abs())),
+        };
     }
 }
 
@@ -148,7 +152,7 @@ mod tests {
     fn largest_values_are_those_of_all_states() {
         let mut largest = Largest::default();
         for sign in [1.0, -1.0] {
-            let mut stretch = Stretch::new(1, false);
+            let mut stretch = Stretch::new(1, false, 1);
             stretch.begin(0);
             for number in [1.0, -3.0, 2.0] {
                 let (position, momentum) = (vec![sign * number], vec![0.5]);

@@ -30,12 +30,13 @@ impl RunTraces {
             && self.phase.iter().all(PathTrace::is_sound)
     }
 
-    /// Takes in times, the coordinates that are drawn, and energies at them.
+    /// Takes in times, the coordinates that are drawn, and the energies at all of them or at those that are
+    /// known.
     pub(crate) fn take<'a>(
         &mut self,
         times: &[f64],
         mut coordinates: impl Iterator<Item = (&'a [f64], &'a [f64])>,
-        energies: &[f64],
+        (energies, with_energy): (&[f64], Option<impl Iterator<Item = usize>>),
     ) {
         for envelope in &mut self.coordinates {
             let Some((position, momentum)) = coordinates.next() else { break };
@@ -44,6 +45,14 @@ impl RunTraces {
                 phase.push_all(position, momentum);
             }
         }
-        self.energy.push_all(times, energies);
+        let Some(with_energy) = with_energy else { return self.energy.push_all(times, energies) };
+        for index in with_energy {
+            self.take_energy(times[index], energies[index]);
+        }
+    }
+
+    /// Takes in an energy by itself.
+    pub(crate) fn take_energy(&mut self, time: f64, energy: f64) {
+        self.energy.push_all(&[time], &[energy]);
     }
 }

@@ -121,6 +121,23 @@ impl Reference {
         }
     }
 
+    /// Whether position, momentum and energy are known at some time.
+    pub fn knows(&self) -> [bool; 3] {
+        match &self.source {
+            ReferenceSource::Expressions { position, momentum, energy } => {
+                [position.is_some(), momentum.is_some(), energy.is_some()]
+            }
+            ReferenceSource::Table { rows, .. } => {
+                let some = |list: &[Option<f64>]| list.iter().any(Option::is_some);
+                [
+                    rows.iter().any(|row| some(&row.position)),
+                    rows.iter().any(|row| some(&row.momentum)),
+                    rows.iter().any(|row| row.energy.is_some()),
+                ]
+            }
+        }
+    }
+
     /// The known solution at grid point `index`; `None` where nothing is known.
     pub fn at_grid_point(&self, index: usize, grid: &TimeGrid, coordinates: usize) -> Option<ReferenceRow> {
         if grid.grid.is_none() {

@@ -69,7 +69,8 @@ impl<'s> Motion<'s> {
             || scenario.is_looked_into()
             || !scenario.cases.is_empty()
             || scenario.system.own_terms.is_some();
-        let mut stretch = Stretch::new(scenario.coordinates() * scenario.copies(), one_by_one);
+        let every = if adaptive.is_some() { 1 } else { simulation.energies_every(scenario) };
+        let mut stretch = Stretch::new(scenario.coordinates() * scenario.copies(), one_by_one, every);
         stretch.push_state(&state, 0);
         let next = state.clone();
         Ok(Self { scenario, simulation, guard, adaptive, steps: 0, state, stretch, next, energies })

@@ -26,12 +26,14 @@ pub(crate) struct Stretch {
     positions: Vec<f64>,
     momenta: Vec<f64>,
     iterations: Vec<u32>,
+    /// Energies are those of the states after multiples of so many steps.
+    energies_every: usize,
 }
 
 impl Stretch {
     /// Room for states of so many coordinates: for one where every step is looked at by itself, else for
-    /// many.
-    pub(crate) fn new(coordinates: usize, one_by_one: bool) -> Self {
+    /// many. The energies of those after multiples of `energies_every` steps will be known.
+    pub(crate) fn new(coordinates: usize, one_by_one: bool, energies_every: usize) -> Self {
         let room = if one_by_one { 1 } else { (NUMBERS / coordinates.max(1)).clamp(1, STEPS) };
         let column = || vec![0.0; room];
         let columns = || vec![0.0; room * coordinates];
@@ -44,6 +46,7 @@ impl Stretch {
             positions: columns(),
             momenta: columns(),
             iterations: vec![0; room],
+            energies_every,
         }
     }
 
@@ -122,9 +125,21 @@ impl Stretch {
         &self.times[..self.len]
     }
 
-    /// E.
+    /// E; where it was left out, an earlier one.
     pub(crate) fn energies(&self) -> &[f64] {
         &self.energies[..self.len]
+    }
+
+    /// The states whose energy is known, and takes part in pictures and largest values; `None`: all of them.
+    /// The last state of a run may have one and not be among these: a run that is carried further has none
+    /// there.
+    pub(crate) fn with_energy(&self) -> Option<impl Iterator<Item = usize> + use<>> {
+        (self.energies_every > 1).then(|| self.multiples(self.energies_every))
+    }
+
+    /// Whether the last state is none of those [`with_energy`](Self::with_energy).
+    pub(crate) fn lacks_last_energy(&self) -> bool {
+        self.with_energy().is_some_and(|known| known.last() != self.len.checked_sub(1))
     }
 
     /// Each coordinate of q.
@@ -188,7 +203,7 @@ mod tests {
             let x = index as f64;
             GridState { time: x, position: vec![x, -x], momentum: vec![0.5 * x, 7.0], energy: x * x }
         };
-        let mut stretch = Stretch::new(2, false);
+        let mut stretch = Stretch::new(2, false, 1);
         stretch.begin(10);
         (10..15).for_each(|index| stretch.push_state(&state(index), 3));
         let mut found = state(0);
@@ -211,9 +226,9 @@ mod tests {
 
     #[test]
     fn large_states_are_looked_at_one_by_one() {
-        assert_eq!(Stretch::new(1, false).room(), STEPS);
-        assert_eq!(Stretch::new(64, false).room(), 16);
-        assert_eq!(Stretch::new(5000, false).room(), 1);
-        assert_eq!(Stretch::new(1, true).room(), 1);
+        assert_eq!(Stretch::new(1, false, 1).room(), STEPS);
+        assert_eq!(Stretch::new(64, false, 1).room(), 16);
+        assert_eq!(Stretch::new(5000, false, 1).room(), 1);
+        assert_eq!(Stretch::new(1, true, 1).room(), 1);
     }
 }

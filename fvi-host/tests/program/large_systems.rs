@@ -97,6 +97,30 @@ fn a_run_that_goes_on_has_the_bytes_of_one_that_was_not_interrupted() {
 }
 
 #[test]
+fn energies_are_those_of_their_steps_where_not_every_one_is_written() {
+    let place = place();
+    let scenario = CHAIN.replace("snapshots = 10\n", "");
+    let all = place.run(&scenario, &[]);
+    let mut table = "t,energy\n".to_owned();
+    for (time, energy) in all.column("t").iter().zip(all.column("energy")) {
+        writeln!(table, "{time},{energy}").unwrap();
+    }
+    place.write("energies.csv", &table);
+    // The energies of all grid points are compared with those of the reference, whatever is written.
+    let few = format!("{scenario}every = 7\n[reference]\nfile = \"energies.csv\"\n");
+    let errors = &place.run(&few, &[]).summary["errors"]["energy"];
+    assert_eq!((&errors["compared"], &errors["largest"]), (&41.into(), &0.0.into()));
+    // A run that is carried further from between two rows has the pictures and the largest energy of one that
+    // went there at once.
+    let few = format!("{scenario}every = 7\n");
+    let largest = place.run(&few, &[]).summary["largest"].clone();
+    let picture = fs::read(place.path("out/energy.svg")).unwrap();
+    place.run(&few, &["--steps", "17"]);
+    assert_eq!(place.run(&few, &["--resume"]).summary["largest"], largest);
+    assert!(fs::read(place.path("out/energy.svg")).unwrap() == picture);
+}
+
+#[test]
 fn bad_matrices_and_keys_are_refused_by_name() {
     let place = place();
     place.write("skew.mtx", "%%MatrixMarket matrix coordinate real general\n150 150 2\n1 2 1.0\n2 1 1.5\n");
