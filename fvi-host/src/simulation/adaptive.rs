@@ -195,13 +195,14 @@ impl<'s> AdaptiveSteps<'s> {
         // Two halves that show beside the time.
         let shortest = (2.0 * self.rule.shortest).max(32.0 * self.epsilon * time);
         let longest = self.rule.longest.map_or(f64::INFINITY, |longest| 2.0 * longest);
-        let mut worst = None;
+        let (mut worst, mut tried) = (None, 0.5 * shortest);
         for _ in 0..MOST_ATTEMPTS {
             let proposed = self.progress.control.proposed().clamp(shortest, longest.max(shortest));
             let next_break = self.breaks.after(time, time + 1.25 * proposed);
             let left = next_break - time;
+            // Nothing shorter than the shortest may be left, for which the memory has no rates.
             let (length, at_break) = match proposed {
-                proposed if proposed > 0.9 * left => (left, true),
+                proposed if proposed > 0.9 * left || left < 2.0 * shortest => (left, true),
                 proposed if proposed > 0.5 * left => (0.5 * left, false),
                 proposed => (proposed, false),
             };
@@ -235,15 +236,16 @@ impl<'s> AdaptiveSteps<'s> {
                 Err(AttemptError::Step(reason)) => reason.to_string(),
                 _ => format!("the error is {:.1e} times the tolerance", error.unwrap_or(f64::INFINITY)),
             });
-            if length <= shortest {
+            tried = half;
+            if length <= shortest || (at_break && length < 2.0 * shortest) {
                 break;
             }
         }
         Err(format!(
-            "{}, with steps of {:.1e} even, the shortest (`time.shortest`): a jump of a force belongs on a grid point \
+            "{}, with steps of {:.1e} even, the shortest here (`time.shortest`): a jump of a force belongs on a grid point \
              (`time.must_hit`), and a tolerance above what rounding leaves",
             worst.unwrap_or_default(),
-            0.5 * shortest
+            tried
         ))
     }
 

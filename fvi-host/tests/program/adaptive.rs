@@ -194,6 +194,24 @@ fn a_run_that_is_interrupted_goes_on_with_the_same_bits() {
 }
 
 #[test]
+fn no_step_is_shorter_than_the_shortest() {
+    // Pairs of no length from 2·0.3 on but the whole fill [0, 1]; what is too rough for them is said.
+    for (shortest, steps) in [(0.3, 2), (0.2, 4), (0.24, 4), (0.05, 6)] {
+        let mut time = adaptive(1.0, 0.1);
+        time["shortest"] = json!(shortest);
+        let (summary, rows) = rows(&scenario(0.5, 1.0, "0", time));
+        assert_eq!(summary.end, RunEnd::Completed, "{shortest}");
+        let least = rows.windows(2).map(|pair| pair[1][0] - pair[0][0]).fold(f64::INFINITY, f64::min);
+        assert!(least >= shortest, "{shortest}: {least}");
+        assert!(rows.len() <= steps + 1 && rows.last().unwrap()[0] == 1.0, "{shortest}: {}", rows.len());
+    }
+    let mut time = adaptive(1.0, 1e-10);
+    time["shortest"] = json!(0.3);
+    let RunEnd::Failed { reason, .. } = rows(&scenario(0.5, 1.0, "0", time)).0.end else { panic!() };
+    assert!(reason.starts_with("the error is ") && reason.contains("with steps of 5.0e-1 even"), "{reason}");
+}
+
+#[test]
 fn a_motion_that_blows_up_ends_with_what_was_computed() {
     let place = Workplace::new();
     place.write(
