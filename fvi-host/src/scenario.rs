@@ -224,9 +224,11 @@ impl Scenario {
         })
     }
 
-    /// The same scenario over the same time in another number of steps.
+    /// The same scenario over the same time in another number of steps, after each of which its whole state is
+    /// wanted.
     pub fn in_steps(&self, steps: usize) -> Self {
         let mut scenario = self.clone();
+        scenario.output.every = 1;
         scenario.time = self.time.in_steps(steps);
         if let Some(input) = &mut scenario.input {
             input.place_on(&scenario.time);
@@ -240,6 +242,7 @@ impl Scenario {
     /// [`Problem::OutOfRange`] about `history.horizon`, if that is given and ends earlier; about `time`, if
     /// there are too many steps.
     pub fn ending_after(&self, steps: usize) -> Result<Self, InputError> {
+        self.require_equal_steps()?;
         let refused = |key, allowed: String| Err(self.error_at(key, Problem::OutOfRange { allowed }));
         if steps > MOST_STEPS || !self.time.time(steps).is_finite() {
             return refused("time", format!("at most {MOST_STEPS} steps, and an end that is a finite time"));
@@ -250,14 +253,19 @@ impl Scenario {
                 format!("at least {}, for {steps} steps", steps.saturating_add(1)),
             );
         }
-        if self.time.grid.is_some() {
-            let allowed = "\"uniform\" here: the other grids end where they say".to_owned();
-            let with = "another end".to_owned();
-            return Err(self.error_at("time.grid", Problem::Incompatible { with, allowed }));
-        }
         let mut scenario = self.clone();
         scenario.time.steps = steps;
         Ok(scenario)
+    }
+
+    /// Refuses another end for a grid that has its own.
+    fn require_equal_steps(&self) -> Result<(), InputError> {
+        if self.time.grid.is_none() {
+            return Ok(());
+        }
+        let allowed = "\"uniform\" here: the other grids end where they say".to_owned();
+        let problem = Problem::Incompatible { with: "another end".to_owned(), allowed };
+        Err(self.error_at("time.grid", problem))
     }
 
     /// The same scenario, which ends at another time.
@@ -265,6 +273,7 @@ impl Scenario {
     /// # Errors
     /// If the time is no grid time, and those of [`ending_after`](Self::ending_after).
     pub fn ending_at(&self, end: f64) -> Result<Self, InputError> {
+        self.require_equal_steps()?;
         let steps =
             if end >= 0.0 { time::steps_to(end, self.time.step) } else { Err("an end ≥ 0".to_owned()) };
         let refused = |allowed| {

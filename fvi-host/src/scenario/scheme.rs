@@ -124,13 +124,18 @@ impl Default for Convolution {
 
 impl Scheme {
     pub(super) fn read(table: &Table<'_>) -> Result<Self, InputError> {
-        let kind = table.required("kind")?.choice(&[
-            ("low-order", SchemeKind::LowOrder),
-            ("galerkin", SchemeKind::Galerkin),
-            ("collocation", SchemeKind::Collocation),
-            ("explicit-euler", SchemeKind::ExplicitEuler),
-            ("implicit-euler", SchemeKind::ImplicitEuler),
-        ])?;
+        // A degree says that another scheme is meant than the one without a name.
+        let named = table.optional("kind").is_some() || table.optional("degree").is_some();
+        let kind = match named.then(|| table.required("kind")).transpose()? {
+            None => SchemeKind::LowOrder,
+            Some(kind) => kind.choice(&[
+                ("low-order", SchemeKind::LowOrder),
+                ("galerkin", SchemeKind::Galerkin),
+                ("collocation", SchemeKind::Collocation),
+                ("explicit-euler", SchemeKind::ExplicitEuler),
+                ("implicit-euler", SchemeKind::ImplicitEuler),
+            ])?,
+        };
         match kind {
             SchemeKind::LowOrder => {
                 table.allow(&["kind", "kappa"])?;

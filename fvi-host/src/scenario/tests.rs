@@ -86,6 +86,8 @@ fn the_record_of_the_inputs_holds_values_and_defaults() {
     let text = GOOD.replacen("[scheme]\nkind = \"low-order\"\nkappa = 0.3\n", "", 1);
     let record = serde_json::to_value(read(&text).unwrap()).unwrap();
     assert_eq!(record["scheme"]["kind"], "low-order");
+    let text = GOOD.replacen("kind = \"low-order\"\n", "", 1);
+    assert_eq!(read(&text).unwrap().scheme, Scheme::LowOrder { kappa: 0.3 });
     assert_eq!(record["scheme"]["kappa"], 0.5);
     assert_eq!(record["convolution"]["family"], "bdf");
     assert_eq!(record["convolution"]["at"], "nodes");

@@ -194,6 +194,12 @@ fn grids_that_make_no_sense_are_refused() {
     let output = place.fvi(&["run", "good.toml", "--engine", "direct"]);
     assert_eq!(output.status.code(), Some(2));
     assert!(text(&output.stderr).contains("its weights are for equal steps"), "{}", text(&output.stderr));
+    for arguments in [["--until", "0.5"], ["--steps", "2"]] {
+        let output = place.fvi(&[&["run", "good.toml"], arguments.as_slice()].concat());
+        assert_eq!(output.status.code(), Some(2));
+        let message = text(&output.stderr);
+        assert!(message.contains("good.toml:") && message.contains("the other grids end where"), "{message}");
+    }
     let family = "kind = \"collocation\"\n[convolution]\nfamily = \"bdf\"";
     place.write("bdf.toml", &good("step = 0.1\nend = 1.0", family));
     let output = place.fvi(&["run", "bdf.toml"]);
