@@ -185,6 +185,7 @@ fn sweeps_that_cannot_be_made_are_refused_before_anything_runs() {
         ("system.damping[0].ordre", "system.damping[0].order", "did you mean `system.damping[0].order`?"),
         ("system.damping[1].order", "system.damping[0].order", "`system.damping` has 1 entries"),
         ("time.stepp", "system.damping[0].order", "did you mean `time.step`?"),
+        ("system.parameters.K", "system.parameters.k", "did you mean `system.parameters.k`?"),
         ("to = 2.1", "to = 1.9", "system.damping[0].order = 2.1"),
         ("count = 0", "count = 7", "sweep.toml:4"),
         ("[]", "[1.0, 4.0, 1e5]", "at least one value"),
@@ -199,6 +200,14 @@ fn sweeps_that_cannot_be_made_are_refused_before_anything_runs() {
         assert!(message.contains(said), "{wrong}: {message}");
         assert!(!place.path("out").exists());
     }
+    let place = place("scenario = \"scenario.toml\"\n[axes]\n\"system.stiffness[0]\" = [1.0, 2.0]\n");
+    let structure = "[system]\nmass = [1.0]\nstiffness = [1.0]\n[time]\nstep = 0.1\nsteps = 5\n";
+    let load = "pattern = { coordinate = 0 }\namplitude = \"1\"\n";
+    place.write("scenario.toml", &format!("{structure}[[case]]\nname = \"a\"\n[[case.load]]\n{load}"));
+    let output = place.fvi(&["sweep", "sweep.toml"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).contains("does not go together with a sweep"), "{}", text(&output.stderr));
+    assert!(!place.path("out").exists());
 }
 
 #[test]

@@ -106,6 +106,7 @@ impl Sweep {
         plain: &toml::Table,
     ) -> Result<Self, InputError> {
         root.allow(&KEYS)?;
+        base.require_one_motion("a sweep")?;
         let title = root.optional("title").map(|value| value.text().map(str::to_owned)).transpose()?;
         let values = base.document().values()?;
         let sampling_table = root.optional("sampling").map(|value| value.table()).transpose()?;
@@ -186,6 +187,13 @@ impl Sweep {
     /// their first values.
     fn check_axis(&self, index: usize, place: &Value<'_>) -> Result<(), InputError> {
         let axis = &self.axes[index];
+        // A scenario may hold parameters that it does not use; one that it does not hold, it does not use.
+        if let Some(name) = axis.path.strip_prefix("system.parameters.")
+            && !self.base.document().has(&axis.path)
+        {
+            let reason = format!("the scenario has no parameter `{name}`");
+            return Err(self.no_such_key(place, &axis.path, Some(reason)));
+        }
         let elements = if place.is_list() { place.list("a list of values")? } else { Vec::new() };
         let mut values: Vec<(Option<&Value<'_>>, toml::Value)> = match (&axis.values, &self.sampling) {
             (Values::List(list), _) => {
