@@ -12,6 +12,8 @@ use crate::space::{Block, Space};
 pub struct Fixed<const N: usize>;
 
 impl<T: Real, const N: usize> Space<T> for Fixed<N> {
+    const KNOWN_SIZE: bool = true;
+
     type Vector = SVector<T, N>;
     type Block = Coefficients<T, N>;
 

@@ -226,6 +226,31 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> CollocationEqua
         &mut self,
         accelerations: &[T],
         residual: &mut [T],
+        matrix: Option<&mut E>,
+    ) {
+        if X::KNOWN_SIZE {
+            self.write_residual(accelerations, residual, matrix);
+        } else {
+            self.call_residual(accelerations, residual, matrix);
+        }
+    }
+
+    /// [`write_residual`](Self::write_residual), compiled once.
+    #[inline(never)]
+    fn call_residual<E: Equations<T, X::Block>>(
+        &mut self,
+        accelerations: &[T],
+        residual: &mut [T],
+        matrix: Option<&mut E>,
+    ) {
+        self.write_residual(accelerations, residual, matrix);
+    }
+
+    #[inline(always)]
+    fn write_residual<E: Equations<T, X::Block>>(
+        &mut self,
+        accelerations: &[T],
+        residual: &mut [T],
         mut matrix: Option<&mut E>,
     ) {
         let (tables, h) = (self.tables, self.step.size);

@@ -181,8 +181,6 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         G: Mechanics<T, X>,
         D: Damping<T, X>,
     {
-        let (position, momentum) = (X::slice(&state.position), X::slice(&state.momentum));
-        let coordinates = position.len();
         let rule = NodalRule {
             start: step.time,
             length: step.size,
@@ -193,10 +191,57 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
             tests: self.tests,
         };
         let rough = !self.drifts() && mechanics.excess(&rule, work.excess);
-        let count = if rough { (self.degree() + 1) * coordinates } else { 0 };
+        let count = if rough { (self.degree() + 1) * X::slice(&state.position).len() } else { 0 };
         if let Some(one) = self.one_node() {
             return one.solve(work, mechanics, damping, step, state, count);
         }
+        if X::KNOWN_SIZE {
+            self.solve_for_any_nodes(work, mechanics, damping, step, state, count)
+        } else {
+            self.call_solve_for_any_nodes(work, mechanics, damping, step, state, count)
+        }
+    }
+
+    /// [`solve_for_any_nodes`](Self::solve_for_any_nodes), compiled once.
+    #[inline(never)]
+    fn call_solve_for_any_nodes<X, E, G, D>(
+        &self,
+        work: &mut Workspace<'_, T, X, E>,
+        mechanics: &mut G,
+        damping: Option<&D>,
+        step: &Step<'_, T>,
+        state: &State<X::Vector>,
+        moments: usize,
+    ) -> Result<u32, StepError>
+    where
+        X: Space<T>,
+        E: Equations<T, X::Block>,
+        G: Mechanics<T, X>,
+        D: Damping<T, X>,
+    {
+        self.solve_for_any_nodes(work, mechanics, damping, step, state, moments)
+    }
+
+    /// As [`solve`](Self::solve), for any number of unknown nodes and points. The first `moments` numbers of
+    /// `work.excess` are moments of the force that the nodes lack.
+    #[inline(always)]
+    fn solve_for_any_nodes<X, E, G, D>(
+        &self,
+        work: &mut Workspace<'_, T, X, E>,
+        mechanics: &mut G,
+        damping: Option<&D>,
+        step: &Step<'_, T>,
+        state: &State<X::Vector>,
+        moments: usize,
+    ) -> Result<u32, StepError>
+    where
+        X: Space<T>,
+        E: Equations<T, X::Block>,
+        G: Mechanics<T, X>,
+        D: Damping<T, X>,
+    {
+        let (position, momentum) = (X::slice(&state.position), X::slice(&state.momentum));
+        let coordinates = position.len();
         // From here on `scratch` holds one vector for products, and whatever the damping needs.
         if mechanics.is_linear() && damping.is_some() && !self.drifts() {
             // No guess is needed, and a stiff motion at speed would be guessed so far off that its place is
@@ -216,7 +261,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
                 }
             }
         }
-        let excess = work.excess.get(..count).unwrap_or(&[]);
+        let excess = work.excess.get(..moments).unwrap_or(&[]);
         let mut equations = StepEquations {
             lagrangian: self,
             mechanics,
@@ -305,7 +350,22 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> StepEquations<'
     /// Places the stages and writes G_i to `forces`; adds −h Σ_i b_i ℓ_ν(c_i) ∂G_i/∂e^μ to the matrix if
     /// there is one.
     #[inline(always)]
-    fn forces<E: Equations<T, X::Block>>(&mut self, increments: &[T], mut matrix: Option<&mut E>) {
+    fn forces<E: Equations<T, X::Block>>(&mut self, increments: &[T], matrix: Option<&mut E>) {
+        if X::KNOWN_SIZE {
+            self.write_forces(increments, matrix)
+        } else {
+            self.call_forces(increments, matrix)
+        }
+    }
+
+    /// [`write_forces`](Self::write_forces), compiled once.
+    #[inline(never)]
+    fn call_forces<E: Equations<T, X::Block>>(&mut self, increments: &[T], matrix: Option<&mut E>) {
+        self.write_forces(increments, matrix);
+    }
+
+    #[inline(always)]
+    fn write_forces<E: Equations<T, X::Block>>(&mut self, increments: &[T], mut matrix: Option<&mut E>) {
         let (lagrangian, h) = (self.lagrangian, self.step.size);
         let (coordinates, degree) = (self.position.len(), lagrangian.degree());
         lagrangian.place_stages(increments, self.stages, coordinates);

@@ -15,6 +15,8 @@ pub struct Dense {
 }
 
 impl<T: Real> Space<T> for Dense {
+    const KNOWN_SIZE: bool = false;
+
     type Vector = Vec<T>;
     type Block = Matrix<T>;
 

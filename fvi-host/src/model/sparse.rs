@@ -84,6 +84,8 @@ impl SparseSpace {
 }
 
 impl<T: Real> Space<T> for SparseSpace {
+    const KNOWN_SIZE: bool = false;
+
     type Vector = Vec<T>;
     type Block = Matrix<T>;
 
