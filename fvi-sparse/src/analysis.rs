@@ -19,8 +19,12 @@ pub struct Analysis {
 const ROOT: u32 = u32::MAX;
 
 impl Analysis {
-    /// Analyses a symmetric pattern of fewer than 2³¹ places.
+    /// Analyses a symmetric pattern of fewer than 2³¹ places; each pattern once, however often it is asked for.
     pub fn new(pattern: &Pattern) -> Self {
+        pattern.analysis.get_or_init(|| Self::of(pattern)).clone()
+    }
+
+    fn of(pattern: &Pattern) -> Self {
         let order = order(pattern);
         let parents = elimination_tree(pattern, &order, &inverse(&order));
         let later = postorder(&parents);
@@ -103,8 +107,8 @@ fn fill(pattern: &Pattern, order: &[u32], limit: u64) -> Option<u64> {
 
 /// The rows in an order that keeps the factor sparse.
 fn minimum_degree(pattern: &Pattern) -> Vec<u32> {
-    let narrow = |numbers: &[usize]| numbers.iter().map(|&number| number as i32).collect::<Vec<i32>>();
-    let (starts, columns) = (narrow(pattern.starts()), narrow(pattern.columns()));
+    let starts: Vec<i32> = pattern.starts().iter().map(|&start| start as i32).collect();
+    let columns: Vec<i32> = pattern.columns().iter().map(|&column| column as i32).collect();
     match amd::order(pattern.size() as i32, &starts, &columns, &amd::Control::default()) {
         Ok((order, ..)) => order.into_iter().map(|row| row as u32).collect(),
         // Not for a pattern with rows in order; any order serves.
@@ -120,7 +124,7 @@ fn earlier<'a>(
 ) -> impl Iterator<Item = (usize, impl Iterator<Item = usize> + 'a)> + 'a {
     order.iter().enumerate().map(move |(own, &row)| {
         let columns = pattern.columns()[pattern.row(row as usize)].iter();
-        (own, columns.map(move |&column| place[column] as usize).filter(move |&other| other < own))
+        (own, columns.map(move |&column| place[column as usize] as usize).filter(move |&other| other < own))
     })
 }
 
@@ -283,7 +287,7 @@ fn places(pattern: &Pattern, order: Vec<u32>, place: Vec<u32>, first: Vec<u32>) 
         };
         for &own in &order[ends[0] as usize..end as usize] {
             for &column in &pattern.columns()[pattern.row(own as usize)] {
-                take(place[column], &mut rows);
+                take(place[column as usize], &mut rows);
             }
         }
         for child in std::mem::take(&mut before[block]) {

@@ -62,7 +62,7 @@ const COMPARED: usize = 3;
 /// The graph of groups of rows with the same places, or nearly, and the rows of each.
 fn groups(pattern: &Pattern) -> (Graph, Vec<Vec<u32>>) {
     let places = |row: usize| &pattern.columns()[pattern.row(row)];
-    let mut known: HashMap<&[usize], u32> = HashMap::new();
+    let mut known: HashMap<&[u32], u32> = HashMap::new();
     let mut members: Vec<Vec<u32>> = Vec::new();
     let mut group_of: Vec<u32> = Vec::with_capacity(pattern.size());
     for row in 0..pattern.size() {
@@ -71,8 +71,8 @@ fn groups(pattern: &Pattern) -> (Graph, Vec<Vec<u32>>) {
             let first = members[group as usize].first().map_or(&[][..], |&first| places(first as usize));
             common(own, first) as f64 >= ALIKE * own.len().max(first.len()) as f64
         };
-        let before = &own[..own.partition_point(|&column| column < row)];
-        let near = before.iter().rev().take(COMPARED).map(|&column| group_of[column]);
+        let before = &own[..own.partition_point(|&column| (column as usize) < row)];
+        let near = before.iter().rev().take(COMPARED).map(|&column| group_of[column as usize]);
         let group = known.get(own).copied().or_else(|| near.clone().find(alike));
         let group = group.unwrap_or(members.len() as u32);
         if group as usize == members.len() {
@@ -83,7 +83,8 @@ fn groups(pattern: &Pattern) -> (Graph, Vec<Vec<u32>>) {
         group_of.push(group);
     }
     let graph = Graph::of(members.iter().enumerate().map(|(own, rows)| {
-        let others = rows.iter().flat_map(|&row| places(row as usize)).map(|&column| group_of[column]);
+        let others =
+            rows.iter().flat_map(|&row| places(row as usize)).map(|&column| group_of[column as usize]);
         let mut others: Vec<u32> = others.filter(|&other| other as usize != own).collect();
         others.sort_unstable();
         others.dedup();
@@ -93,7 +94,7 @@ fn groups(pattern: &Pattern) -> (Graph, Vec<Vec<u32>>) {
 }
 
 /// How many numbers two ascending lists have in common.
-fn common(one: &[usize], other: &[usize]) -> usize {
+fn common(one: &[u32], other: &[u32]) -> usize {
     let mut rest = other.iter().peekable();
     one.iter()
         .filter(|&&number| {

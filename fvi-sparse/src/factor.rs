@@ -114,7 +114,7 @@ fn eliminate(blocks: &Blocks, pattern: &Pattern, values: &[f64], numbers: &mut [
         for (index, &row) in blocks.order[columns.clone()].iter().enumerate() {
             let slots = pattern.row(row as usize);
             for (&column, &value) in pattern.columns()[slots.clone()].iter().zip(&values[slots]) {
-                let place = blocks.place[column] as usize;
+                let place = blocks.place[column as usize] as usize;
                 if place >= columns.start + index {
                     own[index * height + local[place] as usize] += value;
                 }
@@ -231,13 +231,13 @@ mod tests {
         let rows = pattern.rows().enumerate();
         let values = rows
             .flat_map(|(row, slots)| slots.map(move |slot| (row, slot)))
-            .map(|(row, slot)| value(row, pattern.columns()[slot]))
+            .map(|(row, slot)| value(row, pattern.columns()[slot] as usize))
             .collect();
         (pattern, values)
     }
 
     fn product(pattern: &Pattern, values: &[f64], x: &[f64]) -> Vec<f64> {
-        let entry = |slot: usize| values[slot] * x[pattern.columns()[slot]];
+        let entry = |slot: usize| values[slot] * x[pattern.columns()[slot] as usize];
         pattern.rows().map(|slots| slots.map(entry).sum()).collect()
     }
 
@@ -294,7 +294,7 @@ mod tests {
             let rows = pattern.rows().enumerate();
             let values: Vec<f64> = rows
                 .flat_map(|(row, slots)| slots.map(move |slot| (row, slot)))
-                .map(|(row, slot)| if pattern.columns()[slot] == row { n as f64 } else { 0.5 })
+                .map(|(row, slot)| if pattern.columns()[slot] as usize == row { n as f64 } else { 0.5 })
                 .collect();
             let known: Vec<f64> = (0..n).map(|i| 1.0 / (1.0 + i as f64)).collect();
             let mut x = product(&pattern, &values, &known);

@@ -1,18 +1,32 @@
 //! Where the entries of a sparse matrix may be.
 
+use crate::analysis::Analysis;
 use core::ops::Range;
+use std::sync::OnceLock;
 
 /// The places of a sparse square matrix, row by row, columns ascending.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default)]
 pub struct Pattern {
     /// Where each row begins, and where the last one ends.
     starts: Vec<usize>,
-    columns: Vec<usize>,
-    /// The same in half the bytes, for products, which are as fast as the matrix is fetched.
-    narrow: Vec<u32>,
+    /// Narrow numbers: products are as fast as the matrix is fetched.
+    columns: Vec<u32>,
+    /// Whether each row has the columns of the row before.
+    repeats: Vec<bool>,
     /// Largest distance of a place from the diagonal.
     band: usize,
+    /// How its matrices are eliminated, once that has been asked for.
+    pub(crate) analysis: OnceLock<Analysis>,
 }
+
+/// The same places.
+impl PartialEq for Pattern {
+    fn eq(&self, other: &Self) -> bool {
+        self.starts == other.starts && self.columns == other.columns
+    }
+}
+
+impl Eq for Pattern {}
 
 impl Pattern {
     /// The pattern of the given places, in any order, repetitions allowed; each index is less than `rows`.
@@ -27,13 +41,15 @@ impl Pattern {
             starts[row + 1] += starts[row];
         }
         let band = places.iter().map(|&(row, column)| row.abs_diff(column)).max().unwrap_or(0);
-        Self::with_columns(starts, places.into_iter().map(|(_, column)| column).collect(), band)
+        Self::with_columns(starts, places.into_iter().map(|(_, column)| column as u32).collect(), band)
     }
 
-    fn with_columns(starts: Vec<usize>, columns: Vec<usize>, band: usize) -> Self {
+    fn with_columns(starts: Vec<usize>, columns: Vec<u32>, band: usize) -> Self {
         debug_assert!(starts.len() <= 1 << 32, "columns are numbers of 32 bits");
-        let narrow = columns.iter().map(|&column| column as u32).collect();
-        Self { starts, columns, narrow, band }
+        let row = |ends: &[usize]| &columns[ends[0]..ends[1]];
+        let repeated = starts.windows(3).map(|ends| row(&ends[..2]) == row(&ends[1..]));
+        let repeats = core::iter::once(false).chain(repeated).take(starts.len() - 1).collect();
+        Self { starts, columns, repeats, band, analysis: OnceLock::new() }
     }
 
     /// The pattern of rows given one after another, each with its columns ascending and less than the number
@@ -41,9 +57,9 @@ impl Pattern {
     pub fn from_rows<R: IntoIterator<Item = usize>>(rows: impl IntoIterator<Item = R>) -> Self {
         let (mut starts, mut columns, mut band) = (vec![0], Vec::new(), 0);
         for (row, places) in rows.into_iter().enumerate() {
-            columns.extend(places);
+            columns.extend(places.into_iter().map(|column| column as u32));
             for &column in &columns[starts[row]..] {
-                band = band.max(row.abs_diff(column));
+                band = band.max(row.abs_diff(column as usize));
             }
             starts.push(columns.len());
         }
@@ -53,7 +69,7 @@ impl Pattern {
     /// Where in the values the entry of a place lies; the place must be one of the pattern's.
     pub fn slot(&self, row: usize, column: usize) -> usize {
         let start = self.starts[row];
-        start + self.columns[start..self.starts[row + 1]].partition_point(|&other| other < column)
+        start + self.columns[start..self.starts[row + 1]].partition_point(|&other| (other as usize) < column)
     }
 
     /// Number of rows, and of columns.
@@ -87,13 +103,14 @@ impl Pattern {
     }
 
     /// The column of each slot.
-    pub fn columns(&self) -> &[usize] {
+    pub fn columns(&self) -> &[u32] {
         &self.columns
     }
 
-    /// The column of each slot, in half the bytes.
-    pub(crate) fn narrow_columns(&self) -> &[u32] {
-        &self.narrow
+    /// How many rows from this one on, of so many, have the same columns.
+    pub(crate) fn alike(&self, row: usize, most: usize) -> usize {
+        let later = self.repeats.get(row + 1..).unwrap_or(&[]);
+        1 + later.iter().take(most - 1).take_while(|&&repeats| repeats).count()
     }
 
     /// Where each row begins, and where the last one ends.
@@ -103,6 +120,8 @@ impl Pattern {
 
     /// Bytes on the heap.
     pub fn bytes(&self) -> usize {
-        (self.starts.len() + self.columns.len()) * size_of::<usize>() + self.narrow.len() * size_of::<u32>()
+        size_of_val(self.starts.as_slice())
+            + size_of_val(self.columns.as_slice())
+            + size_of_val(self.repeats.as_slice())
     }
 }

@@ -52,24 +52,60 @@ struct Product<'a, T> {
     x: &'a [T],
 }
 
+/// Rows with the same columns that go through a vector together: the unknowns of one node of a mesh in space.
+const TOGETHER: usize = 3;
+
 impl<T: Copy + Default + Add<Output = T> + Mul<Output = T>> Product<'_, T> {
     /// The rows from `first` on, for up to W vectors.
     fn rows<const W: usize>(&self, first: usize, mut y: Vec<&mut [T]>) {
+        let count = y.first().map_or(0, |rows| rows.len());
+        // With several vectors there are sums enough.
+        let most = if W > 2 { 1 } else { TOGETHER };
+        let mut index = 0;
+        while index < count {
+            let alike = self.pattern.alike(first + index, most.min(count - index));
+            match alike {
+                1 => self.run::<W, 1>(first, index, &mut y),
+                2 => self.run::<W, 2>(first, index, &mut y),
+                _ => self.run::<W, TOGETHER>(first, index, &mut y),
+            }
+            index += alike;
+        }
+    }
+
+    /// R rows with the same columns from one on, each with two sums: of its even places, and of its odd ones.
+    #[inline(always)]
+    fn run<const W: usize, const R: usize>(&self, first: usize, index: usize, y: &mut [&mut [T]]) {
         let size = self.pattern.size();
         // A vector that is not there stands for the first one, and its sums are not used.
-        let starts: [usize; W] = core::array::from_fn(|index| if index < y.len() { index * size } else { 0 });
-        let count = y.first().map_or(0, |rows| rows.len());
-        for index in 0..count {
-            let slots = self.pattern.row(first + index);
-            let entries = self.pattern.narrow_columns()[slots.clone()].iter().zip(&self.values[slots]);
-            let mut sums = [T::default(); W];
-            for (&column, &entry) in entries {
-                for (sum, start) in sums.iter_mut().zip(starts) {
-                    *sum = *sum + entry * self.x[start + column as usize];
+        let x: [&[T]; W] = core::array::from_fn(|vector| {
+            let start = if vector < y.len() { vector * size } else { 0 };
+            &self.x[start..start + size]
+        });
+        let columns = &self.pattern.columns()[self.pattern.row(first + index)];
+        let rows: [&[T]; R] =
+            core::array::from_fn(|row| &self.values[self.pattern.row(first + index + row)][..columns.len()]);
+        let mut sums = [[[T::default(); 2]; W]; R];
+        let mut add = |place: usize, column: u32, half: usize| {
+            for (vector, x) in x.iter().enumerate() {
+                let x = x[column as usize];
+                for (sums, row) in sums.iter_mut().zip(rows) {
+                    sums[vector][half] = sums[vector][half] + row[place] * x;
                 }
             }
-            for (y, sum) in y.iter_mut().zip(sums) {
-                y[index] = y[index] + sum * self.factor;
+        };
+        let (pairs, last) = columns.as_chunks::<2>();
+        for (pair, &[even, odd]) in pairs.iter().enumerate() {
+            add(2 * pair, even, 0);
+            add(2 * pair + 1, odd, 1);
+        }
+        if let [column] = last {
+            add(columns.len() - 1, *column, 0);
+        }
+        for (row, sums) in sums.iter().enumerate() {
+            for (y, [even, odd]) in y.iter_mut().zip(sums) {
+                let place = &mut y[index + row];
+                *place = *place + (*even + *odd) * self.factor;
             }
         }
     }
@@ -96,8 +132,31 @@ mod tests {
             let mut alone = x.to_vec();
             pattern.multiply_add(&values, 0.5, x, &mut alone, 1);
             assert!(alone == together, "vector {index}");
-            let known: f64 = pattern.row(7).map(|slot| values[slot] * x[pattern.columns()[slot]]).sum();
+            let known: f64 =
+                pattern.row(7).map(|slot| values[slot] * x[pattern.columns()[slot] as usize]).sum();
             assert!((alone[7] - x[7] - 0.5 * known).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn rows_with_the_same_columns_are_multiplied_as_any_others() {
+        // Nodes of four, three, two and one unknowns, each coupled with itself and the next.
+        let ends = [0, 4, 7, 9, 10, 13, 17];
+        let node = |row: usize| ends.iter().rposition(|&end| end <= row).unwrap_or(0);
+        let n = 17;
+        let near = |row: usize| (0..n).filter(move |&column| node(row).abs_diff(node(column)) <= 1);
+        let pattern = Pattern::from_rows((0..n).map(near));
+        let values: Vec<f64> = (0..pattern.len()).map(|slot| (slot as f64 * 0.3).sin()).collect();
+        for count in [1, 2, 3, 8] {
+            let x: Vec<f64> = (0..count * n).map(|index| (index as f64 * 0.7).cos()).collect();
+            let mut y = vec![1.0; count * n];
+            pattern.multiply_add(&values, 2.0, &x, &mut y, 1);
+            for (x, y) in x.chunks(n).zip(y.chunks(n)) {
+                for (row, slots) in pattern.rows().enumerate() {
+                    let sum: f64 = slots.map(|slot| values[slot] * x[pattern.columns()[slot] as usize]).sum();
+                    assert!((y[row] - 1.0 - 2.0 * sum).abs() < 1e-14, "{count} {row}: {} {sum}", y[row]);
+                }
+            }
         }
     }
 }

@@ -477,7 +477,9 @@ fn cantilever_and_plate_move_as_their_exact_modes_to_the_order_of_the_scheme() {
             let SymmetricMatrix::Sparse(entries) = matrix else { panic!("a file") };
             let mut dense = DMatrix::zeros(n, n);
             for (row, slots) in entries.pattern.rows().enumerate() {
-                slots.for_each(|slot| dense[(row, entries.pattern.columns()[slot])] = entries.values[slot]);
+                slots.for_each(|slot| {
+                    dense[(row, entries.pattern.columns()[slot] as usize)] = entries.values[slot]
+                });
             }
             dense
         };

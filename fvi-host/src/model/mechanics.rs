@@ -9,6 +9,7 @@ use super::energies::{EnergiesAlong, EnergyRoom, States, write_plain};
 use super::loads::Loads;
 use super::own::Own;
 use super::rough_forces::RoughForces;
+use super::shared::Shared;
 use super::space::{Matrix, MatrixSpace, Sparse};
 use crate::language::expression::{Elementary, Moment};
 use crate::model::tape::{CompiledForce, CompiledPotential, OwnRegisters};
@@ -39,6 +40,8 @@ pub struct Model<T> {
     force: CompiledForce<T>,
     /// Whether there is a force at all.
     forced: bool,
+    /// Whether the matrix from files, or the rows, are all that pulls.
+    is_constant: bool,
     /// What is rough in time, so that its moments are taken exactly.
     rough: Option<RoughForces>,
     /// What code supplies.
@@ -110,23 +113,24 @@ impl<T: Elementary> Model<T> {
         let of_own =
             own.iter().flat_map(|_| (0..size).flat_map(|row| (0..size).map(move |column| (row, column))));
         let places: Vec<_> = of_potential.flat_map(both).chain(of_force).chain(of_own).collect();
-        let pattern = with_base(size, base.as_ref(), places);
+        let pattern = with_base(size, base.as_ref(), &places);
         let slots = |&(row, column): &(usize, usize)| (pattern.slot(row, column), pattern.slot(column, row));
         let hessian_slots: Vec<_> = curved.iter().map(slots).collect();
         let jacobian_slots: Vec<_> = turned.iter().map(|&(row, column)| pattern.slot(row, column)).collect();
         elements.iter_mut().for_each(|elements| elements.settle(&pattern));
-        let mut constant = Sparse::zero(Arc::clone(&pattern));
-        add_base(base.as_ref(), &mut constant);
+        let mut values = of_base(base.as_ref(), &pattern);
         for &(row, column, entry) in &springs {
             let (slot, mirrored) = slots(&(row, column));
-            constant.values[slot] += entry;
+            values.own()[slot] += entry;
             if row != column {
-                constant.values[mirrored] += entry;
+                values.own()[mirrored] += entry;
             }
         }
         for &(row, column, entry) in &pushed {
-            constant.values[pattern.slot(row, column)] -= entry;
+            values.own()[pattern.slot(row, column)] -= entry;
         }
+        let constant = Sparse { pattern: Arc::clone(&pattern), values, threads: 1 };
+        let is_constant = places.is_empty() && potential.is_none() && force.is_zero() && elements.is_empty();
         let entries = vec![T::zero(); hessian_slots.len().max(jacobian_slots.len())];
         Ok(Self {
             mass,
@@ -140,6 +144,7 @@ impl<T: Elementary> Model<T> {
             quadratic: Matrix::symmetric(size, springs.iter().copied()),
             linear,
             potential,
+            is_constant,
             forced: !force.is_zero(),
             rough: RoughForces::of(scenario),
             own,
@@ -232,23 +237,28 @@ impl<T: Elementary, X: MatrixSpace<T>> Mechanics<T, X> for Model<T> {
         let Matrix::Sparse(stiffness) = stiffness else {
             return Mechanics::<T, X>::pull(self, instant, position, pull);
         };
-        stiffness.values.copy_from_slice(&self.constant.values);
         self.quadratic_pull(position, pull);
+        if self.is_constant {
+            stiffness.values = self.constant.values.clone();
+            return self.subtract_loads(instant, pull);
+        }
+        let values = stiffness.values.own();
+        values.copy_from_slice(&self.constant.values);
         if let Some(potential) = &self.potential {
             let hessian = &mut self.entries[..self.hessian_slots.len()];
             potential.add_rest_derivatives_again(&mut self.rest_registers, position, pull, hessian);
             for (&(slot, mirrored), &mut entry) in self.hessian_slots.iter().zip(hessian) {
-                stiffness.values[slot] += entry;
+                values[slot] += entry;
                 if slot != mirrored {
-                    stiffness.values[mirrored] += entry;
+                    values[mirrored] += entry;
                 }
             }
         }
         if let Some(own) = &mut self.own {
-            own.add_linearisation(moment(instant), position, pull, &mut stiffness.values);
+            own.add_linearisation(moment(instant), position, pull, values);
         }
         for elements in &mut self.elements {
-            elements.add_rest_derivatives(position, pull, &mut stiffness.values);
+            elements.add_rest_derivatives(position, pull, values);
         }
         self.subtract_loads(instant, pull);
         if !self.forced {
@@ -259,7 +269,7 @@ impl<T: Elementary, X: MatrixSpace<T>> Mechanics<T, X> for Model<T> {
         self.force.derivatives(moment(instant), position, registers, pushed, jacobian);
         pull.iter_mut().zip(pushed).for_each(|(pull, force)| *pull -= *force);
         for (&slot, &mut entry) in self.jacobian_slots.iter().zip(jacobian) {
-            stiffness.values[slot] -= entry;
+            values[slot] -= entry;
         }
     }
 
@@ -361,44 +371,39 @@ impl<T: Elementary> Model<T> {
 }
 
 /// The pattern of the scenario's stiffness and these places.
-fn with_base<T: Real>(
-    size: usize,
-    base: Option<&Matrix<T>>,
-    mut places: Vec<(usize, usize)>,
-) -> Arc<Pattern> {
+fn with_base<T: Real>(size: usize, base: Option<&Matrix<T>>, places: &[(usize, usize)]) -> Arc<Pattern> {
     match base {
         Some(Matrix::Sparse(base)) if places.is_empty() => Arc::clone(&base.pattern),
         Some(Matrix::Sparse(base)) => {
-            let more = Pattern::new(size, places);
+            let more = Pattern::new(size, places.to_vec());
             Arc::new(Pattern::from_rows(base.pattern.rows().zip(more.rows()).map(|(own, other)| {
                 let own = &base.pattern.columns()[own];
                 let mut columns = [own, &more.columns()[other]].concat();
                 columns.sort_unstable();
                 columns.dedup();
-                columns
+                columns.into_iter().map(|column| column as usize).collect::<Vec<_>>()
             })))
         }
         Some(base) => {
-            places.extend(base.entries().into_iter().map(|(row, column, _)| (row, column)));
-            Arc::new(Pattern::new(size, places))
+            let own = base.entries().into_iter().map(|(row, column, _)| (row, column));
+            Arc::new(Pattern::new(size, own.chain(places.iter().copied()).collect()))
         }
-        None => Arc::new(Pattern::new(size, places)),
+        None => Arc::new(Pattern::new(size, places.to_vec())),
     }
 }
 
-fn add_base<T: Real>(base: Option<&Matrix<T>>, constant: &mut Sparse<T>) {
-    match base {
-        Some(Matrix::Sparse(base)) if base.pattern == constant.pattern => {
-            constant.values.copy_from_slice(&base.values);
-        }
-        Some(base) => {
-            for (row, column, entry) in base.entries() {
-                let slot = constant.pattern.slot(row, column);
-                constant.values[slot] += entry;
-            }
-        }
-        None => {}
+/// The scenario's stiffness by the slots of a pattern that has all its places.
+fn of_base<T: Real>(base: Option<&Matrix<T>>, pattern: &Pattern) -> Shared<T> {
+    if let Some(Matrix::Sparse(base)) = base
+        && *base.pattern == *pattern
+    {
+        return base.values.clone();
     }
+    let mut values = vec![T::zero(); pattern.len()];
+    for (row, column, entry) in base.map(Matrix::entries).unwrap_or_default() {
+        values[pattern.slot(row, column)] += entry;
+    }
+    Shared::Own(values)
 }
 
 /// A symmetric matrix of a scenario in the precision of `T`.
@@ -407,7 +412,7 @@ pub fn matrix<T: Real>(matrix: &SymmetricMatrix) -> Matrix<T> {
         SymmetricMatrix::Diagonal(entries) => Matrix::Diagonal(vector(entries)),
         SymmetricMatrix::Dense(entries) => Matrix::Dense(vector(entries.as_slice())),
         SymmetricMatrix::Sparse(entries) => {
-            let (pattern, values) = (Arc::clone(&entries.pattern), vector(&entries.values));
+            let (pattern, values) = (Arc::clone(&entries.pattern), Shared::of(&entries.values));
             Matrix::Sparse(Sparse { pattern, values, threads: 1 })
         }
     }

@@ -1,6 +1,7 @@
 //! Vectors and matrices of as many coordinates as a scenario has.
 
 use super::band::{self, BandFactors};
+use super::shared::Shared;
 use crate::numerics::semidefinite::check_positive_semidefinite;
 use fvi_core::{Block, Equations, MatrixError, Real, Singular, Space};
 use fvi_core::{is_positive_definite_in_place, keep_factors, substitute_kept};
@@ -75,7 +76,7 @@ pub struct Sparse<T> {
     /// Where they are.
     pub pattern: Arc<Pattern>,
     /// One number for each place of the pattern.
-    pub values: Vec<T>,
+    pub values: Shared<T>,
     /// Threads that a product may take.
     pub threads: usize,
 }
@@ -83,7 +84,7 @@ pub struct Sparse<T> {
 impl<T: Real> Sparse<T> {
     /// The zero matrix with a pattern.
     pub fn zero(pattern: Arc<Pattern>) -> Self {
-        let values = vec![T::zero(); pattern.len()];
+        let values = Shared::Own(vec![T::zero(); pattern.len()]);
         Self { pattern, values, threads: 1 }
     }
 
@@ -113,7 +114,7 @@ impl<T: Real> Sparse<T> {
         if band != 1 || self.pattern.len() + 2 != 3 * size {
             return None;
         }
-        let ([diagonal, right, middle @ .., left, last], true) = (self.values.as_slice(), size > 1) else {
+        let ([diagonal, right, middle @ .., left, last], true) = (&*self.values, size > 1) else {
             return None;
         };
         Some(Tridiagonal { first: [*diagonal, *right], middle: middle.as_chunks().0, last: [*left, *last] })
@@ -195,16 +196,14 @@ impl<T: Real> Matrix<T> {
             }
             return Self::Dense(dense);
         }
-        let mut sparse = Sparse::zero(Arc::new(pattern));
+        let mut values = vec![T::zero(); pattern.len()];
         for (row, column, entry) in lower {
-            let slot = sparse.pattern.slot(row, column);
-            sparse.values[slot] += entry;
+            values[pattern.slot(row, column)] += entry;
             if row != column {
-                let mirrored = sparse.pattern.slot(column, row);
-                sparse.values[mirrored] += entry;
+                values[pattern.slot(column, row)] += entry;
             }
         }
-        Self::Sparse(sparse)
+        Self::Sparse(Sparse { pattern: Arc::new(pattern), values: Shared::Own(values), threads: 1 })
     }
 
     /// The same matrix, whose products may take so many threads; the bits are the same.
@@ -248,7 +247,9 @@ impl<T: Real> Matrix<T> {
             Self::Sparse(sparse) => {
                 let rows = sparse.pattern.rows().enumerate();
                 let places = rows.flat_map(|(row, slots)| slots.map(move |slot| (row, slot)));
-                places.map(|(row, slot)| (row, sparse.pattern.columns()[slot], sparse.values[slot])).collect()
+                places
+                    .map(|(row, slot)| (row, sparse.pattern.columns()[slot] as usize, sparse.values[slot]))
+                    .collect()
             }
         }
     }
@@ -306,7 +307,7 @@ impl<T: Real> Block<T> for Matrix<T> {
                 for (index, slots) in sparse.pattern.rows().enumerate() {
                     let numbers = &mut target[(row + index) * width + column..];
                     for slot in slots {
-                        numbers[sparse.pattern.columns()[slot]] += sparse.values[slot] * factor;
+                        numbers[sparse.pattern.columns()[slot] as usize] += sparse.values[slot] * factor;
                     }
                 }
             }

@@ -28,14 +28,22 @@ pub struct Elimination {
 impl Elimination {
     /// Analyses the places at which the sum of these matrices can have entries.
     pub fn of<T: Real>(coordinates: usize, blocks: &[&Matrix<T>]) -> Self {
-        let mut pattern = Pattern::from_rows((0..coordinates).map(|row| [row]));
-        for block in blocks {
+        let sparse = blocks.iter().filter_map(|block| match block {
+            Matrix::Sparse(sparse) => Some(&sparse.pattern),
+            _ => None,
+        });
+        // Often the stiffness has all places, and has been analysed.
+        let widest = sparse.max_by_key(|pattern| pattern.len());
+        let none = || Arc::new(Pattern::new(coordinates, Vec::new()));
+        let mut pattern = widest.map_or_else(none, Arc::clone);
+        let diagonal = Matrix::Diagonal(vec![T::zero(); coordinates]);
+        for block in blocks.iter().copied().chain([&diagonal]) {
             if let Some(wider) = widened(&pattern, block) {
-                pattern = wider;
+                pattern = Arc::new(wider);
             }
         }
         let analysis = Analysis::new(&pattern);
-        Self { pattern: Arc::new(pattern), analysis }
+        Self { pattern, analysis }
     }
 
     /// Bytes of the factor.
@@ -213,7 +221,7 @@ impl<T: Real> Equations<T, Matrix<T>> for SparseEquations {
         for (row, slots) in self.pattern.rows().enumerate() {
             let mut places = self.pattern.columns()[slots.clone()].iter().zip(&mut self.values[slots]);
             for_each_entry(block, row, |column, entry| {
-                if let Some((_, place)) = places.find(|(place, _)| **place == column) {
+                if let Some((_, place)) = places.find(|(place, _)| **place as usize == column) {
                     *place += factor * entry.to_f64();
                 }
             });
@@ -298,22 +306,28 @@ fn for_each_entry<T: Real>(block: &Matrix<T>, row: usize, mut visit: impl FnMut(
         Matrix::Sparse(sparse) => {
             let slots = sparse.pattern.row(row);
             let entries = sparse.pattern.columns()[slots.clone()].iter().zip(&sparse.values[slots]);
-            entries.for_each(|(&column, &entry)| visit(column, entry));
+            entries.for_each(|(&column, &entry)| visit(column as usize, entry));
         }
     }
 }
 
 /// The pattern with the places of a block; `None` if it has them all.
-fn widened<T: Real>(pattern: &Pattern, block: &Matrix<T>) -> Option<Pattern> {
+fn widened<T: Real>(pattern: &Arc<Pattern>, block: &Matrix<T>) -> Option<Pattern> {
+    if let Matrix::Sparse(sparse) = block
+        && Arc::ptr_eq(&sparse.pattern, pattern)
+    {
+        return None;
+    }
     let missing = pattern.rows().enumerate().any(|(row, slots)| {
         let mut places = pattern.columns()[slots].iter();
         let mut missing = false;
-        for_each_entry(block, row, |column, _| missing |= !places.any(|&place| place == column));
+        for_each_entry(block, row, |column, _| missing |= !places.any(|&place| place as usize == column));
         missing
     });
     missing.then(|| {
         let rows = pattern.rows().enumerate().map(|(row, slots)| {
-            let mut places = pattern.columns()[slots].to_vec();
+            let mut places: Vec<usize> =
+                pattern.columns()[slots].iter().map(|&column| column as usize).collect();
             for_each_entry(block, row, |column, _| places.push(column));
             places.sort_unstable();
             places.dedup();

@@ -27,13 +27,20 @@ pub fn check_positive_semidefinite(
         return Ok(());
     }
     let lift = largest * rounding * 64.0 * kept.len() as f64;
+    let diagonal = |row: usize| pattern.columns()[pattern.row(row)].binary_search(&(row as u32)).is_ok();
+    // With all rows the pattern is analysed once for all its matrices.
+    if kept.len() == pattern.size() && (0..pattern.size()).all(diagonal) {
+        let mut lifted = values.to_vec();
+        (0..pattern.size()).for_each(|row| lifted[pattern.slot(row, row)] += lift);
+        return Analysis::new(pattern).factor(pattern, &lifted).map(|_| ());
+    }
     let (mut rows, mut lifted) = (Vec::with_capacity(kept.len()), Vec::with_capacity(values.len()));
     for (new, &row) in kept.iter().enumerate() {
         let slots = pattern.row(row);
         let entries = pattern.columns()[slots.clone()].iter().zip(&values[slots]);
         let mut entries: Vec<(usize, f64)> = entries
-            .filter(|&(&column, _)| number[column] != usize::MAX)
-            .map(|(&column, &entry)| (number[column], entry))
+            .filter(|&(&column, _)| number[column as usize] != usize::MAX)
+            .map(|(&column, &entry)| (number[column as usize], entry))
             .collect();
         match entries.binary_search_by_key(&new, |&(column, _)| column) {
             Ok(place) => entries[place].1 += lift,

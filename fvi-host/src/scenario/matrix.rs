@@ -1,6 +1,6 @@
 //! Symmetric matrices of a scenario: a list of diagonal entries, or rows.
 
-use super::sparse_matrix::{SparseMatrix, wrong_size};
+use super::sparse_matrix::{KnownMatrices, SparseMatrix, wrong_size};
 use crate::language::document::Value;
 use crate::language::error::{InputError, Problem};
 use nalgebra::DMatrix;
@@ -34,7 +34,7 @@ impl SymmetricMatrix {
             Self::Dense(matrix) => matrix.diagonal().iter().copied().collect(),
             Self::Sparse(matrix) => {
                 let entry = |row: usize, slot: usize| {
-                    (matrix.pattern.columns()[slot] == row).then(|| matrix.values[slot])
+                    (matrix.pattern.columns()[slot] as usize == row).then(|| matrix.values[slot])
                 };
                 let rows = matrix.pattern.rows().enumerate();
                 rows.map(|(row, slots)| slots.into_iter().find_map(|slot| entry(row, slot)).unwrap_or(0.0))
@@ -88,10 +88,15 @@ impl SymmetricMatrix {
     }
 
     /// Reads numbers (a diagonal), rows of numbers, or the name of a file, for as many coordinates as there
-    /// are; without a number the positive definite matrix that says how many.
-    pub(super) fn read(value: &Value<'_>, coordinates: Option<usize>) -> Result<Self, InputError> {
+    /// are; without a number the positive definite matrix that says how many. Files that have been read
+    /// before are among the `known`.
+    pub(super) fn read(
+        value: &Value<'_>,
+        coordinates: Option<usize>,
+        known: &mut KnownMatrices,
+    ) -> Result<Self, InputError> {
         if value.is_text() {
-            return SparseMatrix::read(value, coordinates).map(Self::Sparse);
+            return known.read(value, coordinates).map(Self::Sparse);
         }
         let matrix = Self::read_rows(value)?;
         match coordinates {

@@ -28,7 +28,7 @@ impl SparseMatrix {
     /// positive definite one that says how many there are.
     ///
     /// What is made of it has room for each row, and a file promises as many rows as it likes.
-    pub(super) fn read(value: &Value<'_>, coordinates: Option<usize>) -> Result<Self, InputError> {
+    fn read(value: &Value<'_>, coordinates: Option<usize>) -> Result<Self, InputError> {
         let file = value.matrix_file()?;
         if file.rows != file.columns {
             let reason =
@@ -49,7 +49,7 @@ impl SparseMatrix {
         }
         let mut matrix = Self::of_file(file);
         matrix.make_symmetric().map_err(|reason| value.file_error(reason))?;
-        matrix.source = value.text().ok().map(|name| value.document().resolve(name).display().to_string());
+        matrix.source = source(value);
         Ok(matrix)
     }
 
@@ -117,7 +117,7 @@ impl SparseMatrix {
         let values = Arc::make_mut(&mut self.values);
         let find = |row: usize, column: usize| {
             let slots = pattern.row(row);
-            let found = pattern.columns()[slots.clone()].binary_search(&column).ok()?;
+            let found = pattern.columns()[slots.clone()].binary_search(&(column as u32)).ok()?;
             Some(slots.start + found)
         };
         let largest: Vec<f64> = pattern
@@ -126,7 +126,7 @@ impl SparseMatrix {
             .collect();
         for (row, slots) in pattern.rows().enumerate() {
             for slot in slots {
-                let column = pattern.columns()[slot];
+                let column = pattern.columns()[slot] as usize;
                 let mirrored = find(column, row);
                 let (one, other) = (values[slot], mirrored.map_or(0.0, |mirrored| values[mirrored]));
                 if (one - other).abs() > ASYMMETRY * largest[row].min(largest[column]) {
@@ -142,17 +142,15 @@ impl SparseMatrix {
             }
         }
         // An entry that is rounding, without a mirror image.
-        if pattern
-            .rows()
-            .enumerate()
-            .any(|(row, slots)| slots.into_iter().any(|slot| find(pattern.columns()[slot], row).is_none()))
-        {
+        if pattern.rows().enumerate().any(|(row, slots)| {
+            slots.into_iter().any(|slot| find(pattern.columns()[slot] as usize, row).is_none())
+        }) {
             let entries: Vec<(u32, u32, f64)> = pattern
                 .rows()
                 .enumerate()
                 .flat_map(|(row, slots)| slots.map(move |slot| (row, slot)))
-                .filter(|&(row, slot)| find(pattern.columns()[slot], row).is_some())
-                .map(|(row, slot)| (row as u32, pattern.columns()[slot] as u32, values[slot]))
+                .filter(|&(row, slot)| find(pattern.columns()[slot] as usize, row).is_some())
+                .map(|(row, slot)| (row as u32, pattern.columns()[slot], values[slot]))
                 .collect();
             *self = Self::of_entries(pattern.size(), || entries.iter().copied());
         }
@@ -165,13 +163,6 @@ impl SparseMatrix {
         self
     }
 
-    /// Takes over a pattern that is equal to its own, to have it once in memory.
-    pub(super) fn share_pattern(&mut self, other: &Self) {
-        if self.pattern == other.pattern {
-            self.pattern = Arc::clone(&other.pattern);
-        }
-    }
-
     /// Number of rows.
     pub fn size(&self) -> usize {
         self.pattern.size()
@@ -181,7 +172,7 @@ impl SparseMatrix {
     pub fn write_times(&self, vector: &[f64], product: &mut [f64]) {
         for (place, slots) in product.iter_mut().zip(self.pattern.rows()) {
             let entries = self.pattern.columns()[slots.clone()].iter().zip(&self.values[slots]);
-            *place = entries.map(|(&column, entry)| entry * vector[column]).sum();
+            *place = entries.map(|(&column, entry)| entry * vector[column as usize]).sum();
         }
     }
 
@@ -212,6 +203,36 @@ impl SparseMatrix {
     }
 }
 
+/// Matrices from files of one scenario: a file is read once, and places that are equal are held, and analysed,
+/// once.
+#[derive(Default)]
+pub(super) struct KnownMatrices(Vec<SparseMatrix>);
+
+impl KnownMatrices {
+    /// As [`SparseMatrix::read`].
+    pub(super) fn read(
+        &mut self,
+        value: &Value<'_>,
+        coordinates: Option<usize>,
+    ) -> Result<SparseMatrix, InputError> {
+        let source = source(value);
+        if let Some(known) = self.0.iter().find(|known| known.source == source) {
+            return Ok(known.clone());
+        }
+        let mut matrix = SparseMatrix::read(value, coordinates)?;
+        if let Some(known) = self.0.iter().find(|known| known.pattern == matrix.pattern) {
+            matrix.pattern = Arc::clone(&known.pattern);
+        }
+        self.0.push(matrix.clone());
+        Ok(matrix)
+    }
+}
+
+/// The file that a value names.
+fn source(value: &Value<'_>) -> Option<String> {
+    value.text().ok().map(|name| value.document().resolve(name).display().to_string())
+}
+
 /// The error about a matrix that has not as many rows as there are coordinates.
 pub(super) fn wrong_size(rows: usize, count: usize, value: &Value<'_>) -> InputError {
     value.error(Problem::WrongShape {
@@ -229,7 +250,7 @@ impl Serialize for SparseMatrix {
         let row = |slots: core::ops::Range<usize>| {
             let mut row = vec![0.0; self.size()];
             for slot in slots {
-                row[self.pattern.columns()[slot]] = self.values[slot];
+                row[self.pattern.columns()[slot] as usize] = self.values[slot];
             }
             row
         };

@@ -4,7 +4,7 @@ use super::element::Element;
 use super::load::Load;
 use super::matrix::SymmetricMatrix;
 use super::own_terms::SharedTerms;
-use super::sparse_matrix::SparseMatrix;
+use super::sparse_matrix::{KnownMatrices, SparseMatrix};
 use crate::language::document::{Table, Value};
 use crate::language::error::{InputError, Problem};
 use crate::language::expression::{Expression, Symbols};
@@ -103,7 +103,8 @@ impl System {
             "load",
         ])?;
         let mass_value = table.required("mass")?;
-        let mass = SymmetricMatrix::read(&mass_value, None)?;
+        let mut known = KnownMatrices::default();
+        let mass = SymmetricMatrix::read(&mass_value, None, &mut known)?;
         let count = mass.size();
         if count == 0 {
             return Err(mass_value.error(Problem::WrongShape {
@@ -111,9 +112,9 @@ impl System {
                 found: "none".to_owned(),
             }));
         }
-        let mut mass = mass.positive_definite(&mass_value)?;
-        let mut stiffness = match table.optional("stiffness") {
-            Some(value) => Some(SymmetricMatrix::read(&value, Some(count))?),
+        let mass = mass.positive_definite(&mass_value)?;
+        let stiffness = match table.optional("stiffness") {
+            Some(value) => Some(SymmetricMatrix::read(&value, Some(count), &mut known)?),
             None => None,
         };
         let parameters = match table.optional("parameters") {
@@ -148,19 +149,14 @@ impl System {
                 .collect::<Result<_, _>>()?,
             None => Vec::new(),
         };
-        let mut damping: Vec<Damping> = match table.optional("damping") {
+        let damping = match table.optional("damping") {
             Some(value) => value
                 .list("a list of tables, each headed [[system.damping]]")?
                 .iter()
-                .map(|term| Damping::read(&term.table()?, count))
+                .map(|term| Damping::read(&term.table()?, count, &mut known))
                 .collect::<Result<_, _>>()?,
             None => Vec::new(),
         };
-        let matrices = [&mut mass]
-            .into_iter()
-            .chain(&mut stiffness)
-            .chain(damping.iter_mut().map(|term| &mut term.coefficient));
-        share_patterns(matrices);
         Ok(Self {
             mass,
             stiffness,
@@ -196,7 +192,7 @@ impl System {
 }
 
 impl Damping {
-    fn read(table: &Table<'_>, count: usize) -> Result<Self, InputError> {
+    fn read(table: &Table<'_>, count: usize, known: &mut KnownMatrices) -> Result<Self, InputError> {
         table.allow(&["order", "coefficient", "scale", "attached", "strength", "derivative"])?;
         let order_value = table.required("order")?;
         let order = order_value.number()?;
@@ -209,7 +205,7 @@ impl Damping {
             if let Some(strength) = table.optional("strength") {
                 return Err(belongs(&strength, "strength", "attached"));
             }
-            let mut coefficient = SymmetricMatrix::read(&value, Some(count))?;
+            let mut coefficient = SymmetricMatrix::read(&value, Some(count), known)?;
             if let Some(scale) = &scale {
                 coefficient = coefficient.scaled(scale.number()?);
             }
@@ -335,17 +331,6 @@ fn belongs(value: &Value<'_>, key: &str, other: &str) -> InputError {
         with: "the other keys of this term".to_owned(),
         allowed: format!("`{key}` belongs to `{other}`"),
     })
-}
-
-/// Matrices with entries in the same places hold these once.
-fn share_patterns<'a>(matrices: impl Iterator<Item = &'a mut SymmetricMatrix>) {
-    let mut known: Vec<SparseMatrix> = Vec::new();
-    for matrix in matrices {
-        if let SymmetricMatrix::Sparse(sparse) = matrix {
-            known.iter().for_each(|other| sparse.share_pattern(other));
-            known.push(sparse.clone());
-        }
-    }
 }
 
 fn read_parameters(value: &Value<'_>) -> Result<BTreeMap<String, f64>, InputError> {

@@ -98,7 +98,7 @@ fn dense(matrix: &SymmetricMatrix) -> DMatrix<f64> {
             let mut dense = DMatrix::zeros(entries.size(), entries.size());
             for (row, slots) in entries.pattern.rows().enumerate() {
                 for slot in slots {
-                    dense[(row, entries.pattern.columns()[slot])] = entries.values[slot];
+                    dense[(row, entries.pattern.columns()[slot] as usize)] = entries.values[slot];
                 }
             }
             dense
