@@ -4,6 +4,7 @@ pub mod files;
 pub(crate) mod growing_file;
 mod levels;
 pub mod measure;
+pub(crate) mod npz_rows;
 pub(crate) mod numpy;
 pub mod output_directory;
 #[cfg(feature = "pictures")]
@@ -13,6 +14,6 @@ pub mod room;
 pub(crate) mod run_pictures;
 pub(crate) mod run_traces;
 pub(crate) mod sections;
-pub mod snapshots;
+pub(crate) mod snapshots;
 pub mod trace;
 pub mod trajectory;

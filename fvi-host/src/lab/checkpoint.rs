@@ -12,12 +12,13 @@ mod interval;
 pub(crate) use interval::Timer;
 pub use interval::{CheckpointEvery, IntervalError};
 
+use crate::lab::outlet::{OutletMark, case_directories};
 use crate::results::files::{self, FileError};
 use crate::results::measure::{ErrorMeasure, Largest};
 use crate::results::output_directory::OutputDirectory;
 use crate::results::run_traces::RunTraces;
 use crate::results::sections::{self, Damage};
-use crate::results::trajectory::{Format, TrajectoryMark, TrajectoryWriter};
+use crate::results::trajectory::Format;
 use crate::simulation::adaptive::Progress as Chosen;
 use crate::simulation::energy_guard::Gathered;
 use crate::simulation::events::Seen;
@@ -26,7 +27,7 @@ pub(crate) use identity::Identity;
 use serde::{Deserialize, Serialize};
 use std::fs::{self, File};
 use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// The newest checkpoint.
 pub const CHECKPOINT: &str = "checkpoint.fvi";
@@ -38,7 +39,7 @@ const PREVIOUS_PICTURES: &str = "checkpoint.previous.pictures.fvi";
 /// The line end tells files that were taken for text on the way.
 const MAGIC: [u8; 8] = *b"fvi\r\n\x1a\nC";
 const PICTURES_MAGIC: [u8; 8] = *b"fvi\r\n\x1a\nP";
-const FORMAT: u32 = 5;
+const FORMAT: u32 = 6;
 
 /// Why a run cannot go on from what is in its directory. Nothing has been changed.
 #[derive(Debug, thiserror::Error)]
@@ -100,8 +101,8 @@ pub enum CheckpointError {
 pub(crate) struct Progress {
     pub(crate) steps: usize,
     /// Of each load case; one without.
-    pub(crate) trajectories: Vec<TrajectoryMark>,
-    /// The names of the load cases, whose directories the trajectories lie in.
+    pub(crate) files: Vec<OutletMark>,
+    /// The names of the load cases, whose directories the files lie in.
     pub(crate) cases: Vec<String>,
     /// The largest energy of each.
     pub(crate) largest_energies: Vec<f64>,
@@ -125,7 +126,7 @@ pub(crate) struct Progress {
 impl Progress {
     /// The format of the trajectories.
     pub(crate) fn format(&self) -> Format {
-        self.trajectories.first().map_or_else(Format::default, |mark| mark.format)
+        self.files.first().map_or_else(Format::default, |mark| mark.trajectory.format)
     }
 }
 
@@ -197,7 +198,7 @@ impl Checkpoint {
         let found = [(PICTURES, true), (PREVIOUS_PICTURES, false)].into_iter().find_map(|(name, newest)| {
             let bytes = fs::read(directory.join(name)).ok()?;
             let pictures = parse_pictures(&bytes, progress.steps, coordinates).ok()?;
-            (pictures.len() == progress.trajectories.len()).then_some((pictures, newest))
+            (pictures.len() == progress.files.len()).then_some((pictures, newest))
         });
         let Some((pictures, newest)) = found else {
             let reason = format!(
@@ -208,15 +209,12 @@ impl Checkpoint {
             return Err(damaged(&reason));
         };
         let directories = case_directories(directory.path(), progress.cases.iter().map(String::as_str));
-        if directories.len() != progress.trajectories.len() {
+        if directories.len() != progress.files.len() {
             return Err(damaged(&Unreadable::Content));
         }
-        for (directory, mark) in directories.iter().zip(&progress.trajectories) {
-            if !TrajectoryWriter::can_resume(directory, mark) {
-                let file = directory.join(mark.format.file());
-                let reason = format!("neither {0}.part nor {0} holds its rows", file.display());
-                return Err(damaged(&reason));
-            }
+        let mut files = directories.iter().zip(&progress.files);
+        if let Some(missing) = files.find_map(|(directory, mark)| mark.missing(directory)) {
+            return Err(damaged(&missing));
         }
         let generations = Generations { state: true, pictures: newest };
         let file = path.display().to_string();
@@ -370,12 +368,6 @@ impl Generations {
 
 fn directory_of(directory: &OutputDirectory) -> &Path {
     if directory.path().as_os_str().is_empty() { Path::new(".") } else { directory.path() }
-}
-
-/// The directories of the load cases with these names; without cases the run's own.
-pub(crate) fn case_directories<'a>(directory: &Path, names: impl Iterator<Item = &'a str>) -> Vec<PathBuf> {
-    let directories: Vec<_> = names.map(|name| directory.join(name)).collect();
-    if directories.is_empty() { vec![directory.to_owned()] } else { directories }
 }
 
 /// Renames a file that need not be there.

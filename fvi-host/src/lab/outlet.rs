@@ -1,18 +1,19 @@
 //! Where a motion goes: its trajectory, the traces of its pictures and its snapshots, in a directory of its
 //! own where there are load cases.
 
-use crate::lab::checkpoint::case_directories;
 #[cfg(feature = "pictures")]
 use crate::results::files::write_text;
 use crate::results::files::{FileError, remove};
-#[cfg(feature = "pictures")]
-use crate::results::picture::Map;
+use crate::results::growing_file::Mark;
 use crate::results::run_traces::RunTraces;
+#[cfg(feature = "pictures")]
+use crate::results::snapshots;
 use crate::results::snapshots::Snapshots;
 use crate::results::trajectory::{Format, TrajectoryMark, TrajectoryWriter};
 use crate::scenario::Scenario;
 use crate::simulation::GridState;
 use crate::simulation::stretch::Stretch;
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -82,6 +83,31 @@ impl<'a> Passage<'a> {
     }
 }
 
+/// How far the files of one motion have got.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct OutletMark {
+    pub(crate) trajectory: TrajectoryMark,
+    /// Of each array; empty without snapshots.
+    pub(crate) snapshots: Vec<Mark>,
+}
+
+impl OutletMark {
+    /// What is wrong with the files in a directory, of which those that were marked are wanted; nothing is
+    /// changed.
+    pub(crate) fn missing(&self, directory: &Path) -> Option<String> {
+        let rows = TrajectoryWriter::can_resume(directory, &self.trajectory);
+        let snapshots = directory.join(SNAPSHOTS);
+        let states = self.snapshots.is_empty() || Snapshots::can_resume(&snapshots, &self.snapshots);
+        let file = directory.join(self.trajectory.format.file());
+        let (file, parts) = match (rows, states) {
+            (true, true) => return None,
+            (false, _) => (file.display(), format!("{}.part", file.display())),
+            (true, false) => (snapshots.display(), "the parts beside it".to_owned()),
+        };
+        Some(format!("neither {parts} nor {file} holds its rows"))
+    }
+}
+
 /// The files of one motion.
 pub(crate) struct Outlet {
     directory: PathBuf,
@@ -108,7 +134,12 @@ impl Outlet {
             std::fs::create_dir_all(&directory).map_err(FileError::at(&directory))?;
             let writer = TrajectoryWriter::create(&directory, format, &chosen, scenario.output.every)
                 .map_err(FileError::at(&path))?;
-            Ok(Self::with(scenario, directory, writer, RunTraces::new(chosen.len())))
+            let path = directory.join(SNAPSHOTS);
+            let create = |every| Snapshots::create(&path, every, scenario.coordinates());
+            let snapshots =
+                scenario.output.snapshots.map(create).transpose().map_err(FileError::at(&path))?;
+            let (chosen, traces) = (chosen.clone(), RunTraces::new(chosen.len()));
+            Ok(Self { directory, chosen, writer, traces, snapshots })
         };
         Self::directories(scenario, directory).into_iter().map(open).collect()
     }
@@ -120,28 +151,27 @@ impl Outlet {
     pub(crate) fn resume_all(
         scenario: &Scenario,
         directory: &Path,
-        marks: &[TrajectoryMark],
+        marks: &[OutletMark],
         traces: Vec<RunTraces>,
         index: usize,
     ) -> Result<Vec<Self>, FileError> {
         let (count, every) = (scenario.written_coordinates().len(), scenario.output.every);
         let directories = Self::directories(scenario, directory).into_iter();
-        let resume = |((directory, mark), traces): ((PathBuf, &TrajectoryMark), RunTraces)| {
-            let path = directory.join(mark.format.file());
-            let writer = TrajectoryWriter::resume(&directory, mark, count, every, index)
+        let resume = |((directory, mark), traces): ((PathBuf, &OutletMark), RunTraces)| {
+            let path = directory.join(mark.trajectory.format.file());
+            let writer = TrajectoryWriter::resume(&directory, &mark.trajectory, count, every, index)
                 .map_err(FileError::at(&path))?;
-            Ok(Self::with(scenario, directory, writer, traces))
+            let path = directory.join(SNAPSHOTS);
+            let resume = |every| Snapshots::resume(&path, every, scenario.coordinates(), &mark.snapshots);
+            let snapshots =
+                scenario.output.snapshots.map(resume).transpose().map_err(FileError::at(&path))?;
+            Ok(Self { directory, chosen: scenario.written_coordinates(), writer, traces, snapshots })
         };
         directories.zip(marks).zip(traces).map(resume).collect()
     }
 
     fn directories(scenario: &Scenario, directory: &Path) -> Vec<PathBuf> {
         case_directories(directory, scenario.cases.iter().map(|case| case.name.as_str()))
-    }
-
-    fn with(scenario: &Scenario, directory: PathBuf, writer: TrajectoryWriter, traces: RunTraces) -> Self {
-        let snapshots = scenario.output.snapshots.map(|every| Snapshots::new(every, scenario.coordinates()));
-        Self { directory, chosen: scenario.written_coordinates(), writer, traces, snapshots }
     }
 
     /// Takes a stretch of the motion, and the states between its last two that were asked for.
@@ -169,7 +199,9 @@ impl Outlet {
         let whole: Vec<usize> = (0..passage.places.len()).collect();
         for index in stretch.multiples(snapshots.every()) {
             let GridState { time, position, momentum, .. } = passage.state(index, &whole);
-            snapshots.take(time, &position, &momentum);
+            snapshots
+                .take(time, &position, &momentum)
+                .map_err(|error| FileError::at(&directory.join(SNAPSHOTS))(error))?;
         }
         Ok(())
     }
@@ -179,18 +211,23 @@ impl Outlet {
         self.traces.take_energy(last.time, last.energy);
     }
 
-    /// How far the trajectory has got.
+    /// How far the files have got.
     ///
     /// # Errors
-    /// If its rows cannot be written.
-    pub(crate) fn mark(&mut self) -> Result<TrajectoryMark, FileError> {
+    /// If rows cannot be written.
+    pub(crate) fn mark(&mut self) -> Result<OutletMark, FileError> {
         let path = self.directory.join(self.writer.format().file());
-        self.writer.mark().map_err(FileError::at(&path))
+        let trajectory = self.writer.mark().map_err(FileError::at(&path))?;
+        let path = self.directory.join(SNAPSHOTS);
+        let snapshots = self.snapshots.as_mut().map(Snapshots::mark).transpose();
+        let snapshots = snapshots.map_err(FileError::at(&path))?.unwrap_or_default();
+        Ok(OutletMark { trajectory, snapshots })
     }
 
     /// Has the rows kept for a run that goes on.
     pub(crate) fn keep(&mut self) {
         self.writer.keep();
+        self.snapshots.iter_mut().for_each(Snapshots::keep);
     }
 
     /// What the pictures are drawn from.
@@ -219,19 +256,21 @@ impl Outlet {
         writer.finish(&View::from(last).shown(scenario)).map_err(FileError::at(&path))?;
         remove(&directory.join(format.other().file()))?;
         files.push(format.file());
-        match &snapshots {
+        let path = directory.join(SNAPSHOTS);
+        let kept = snapshots.is_some();
+        match snapshots {
             Some(snapshots) => {
-                snapshots.write(&directory.join(SNAPSHOTS))?;
+                snapshots.finish().map_err(FileError::at(&path))?;
                 files.push(SNAPSHOTS);
             }
-            None => remove(&directory.join(SNAPSHOTS))?,
+            None => remove(&path)?,
         }
         #[cfg(not(feature = "pictures"))]
-        let (drawn, _) = (Ok(()), traces);
+        let (drawn, ..) = (Ok(()), traces, kept);
         #[cfg(feature = "pictures")]
         let drawn = traces.draw(scenario, last.time, &directory, files);
         #[cfg(feature = "pictures")]
-        let drawn = drawn.and(write_map(scenario, snapshots.as_ref(), &directory.join(MAP), files));
+        let drawn = drawn.and(write_map(scenario, kept.then_some(&path), &directory.join(MAP), files));
         Ok(drawn)
     }
 
@@ -248,17 +287,23 @@ impl Outlet {
     }
 }
 
+/// The directories of the load cases with these names; without cases the run's own.
+pub(crate) fn case_directories<'a>(directory: &Path, names: impl Iterator<Item = &'a str>) -> Vec<PathBuf> {
+    let directories: Vec<_> = names.map(|name| directory.join(name)).collect();
+    if directories.is_empty() { vec![directory.to_owned()] } else { directories }
+}
+
 /// Draws the snapshots, or removes the map of an earlier run.
 #[cfg(feature = "pictures")]
 fn write_map(
     scenario: &Scenario,
-    snapshots: Option<&Snapshots>,
+    archive: Option<&PathBuf>,
     path: &Path,
     files: &mut Vec<&'static str>,
 ) -> Result<(), FileError> {
-    let Some(snapshots) = snapshots else { return remove(path) };
-    let (times, positions) = snapshots.positions();
-    let map = Map::new(scenario.heading(), times, positions, scenario.coordinates());
+    let Some(archive) = archive else { return remove(path) };
+    let map = snapshots::map(archive, scenario.heading(), scenario.coordinates());
+    let map = map.map_err(FileError::at(archive))?;
     write_text(path, &map.to_svg())?;
     files.push(MAP);
     Ok(())

@@ -3,16 +3,14 @@
 use crate::lab::checkpoint::{
     self, CHECKPOINT, Checkpoint, CheckpointError, CheckpointEvery, Identity, Progress, Timer,
 };
-use crate::lab::outlet::{Outlet, Passage, View};
-use crate::language::{InputError, Problem};
+use crate::lab::outlet::{Outlet, OutletMark, Passage, View};
+use crate::language::InputError;
 use crate::memory::Tables;
 use crate::numerics::starting::starting_condition;
 use crate::results::files::{FileError, remove, write_json};
 use crate::results::measure::{Largest, ReferenceErrors, larger};
 use crate::results::output_directory::OutputDirectory;
-use crate::results::room::require;
-use crate::results::snapshots::Snapshots;
-use crate::results::trajectory::{Format, TrajectoryMark};
+use crate::results::trajectory::Format;
 use crate::scenario::{Engine, Scenario};
 use crate::simulation::adaptive::Counts;
 use crate::simulation::events::{Happened, Seen, Watch};
@@ -238,7 +236,6 @@ pub fn run(
     stop: &AtomicBool,
     mut progress: impl FnMut(usize),
 ) -> Result<RunSummary, RunError> {
-    check_snapshots(scenario, options)?;
     let mut scenario = scenario.clone();
     let mut found = None;
     let mut claimed = None;
@@ -270,7 +267,7 @@ pub fn run(
     match found {
         Some(checkpoint) => {
             notes.extend(checkpoint.notes);
-            let (marks, traces) = (checkpoint.progress.trajectories, checkpoint.traces);
+            let (marks, traces) = (checkpoint.progress.files, checkpoint.traces);
             outlets = Outlet::resume_all(&scenario, directory.path(), &marks, traces, run.steps() + 1)?;
             generations = checkpoint.generations;
         }
@@ -386,21 +383,6 @@ fn small_beside_scale(scenario: &Scenario, largest: &Largest) -> Option<String> 
              the size of the positions"
         )
     })
-}
-
-/// Refuses more snapshots than fit into memory, and those of which a run that goes on would have the later
-/// ones only.
-fn check_snapshots(scenario: &Scenario, options: &RunOptions) -> Result<(), InputError> {
-    let Some(every) = scenario.output.snapshots else { return Ok(()) };
-    let steps = scenario.time.steps_known().unwrap_or_default();
-    let refused = |reason: String| scenario.error_at("output.snapshots", Problem::Unusable { reason });
-    if options.resume {
-        return Err(refused(
-            "a run with snapshots cannot be gone on with: they are kept in memory until its end".to_owned(),
-        ));
-    }
-    let bytes = Snapshots::bytes(every, scenario.coordinates(), steps);
-    require(bytes.saturating_mul(scenario.copies())).map_err(|no_room| refused(no_room.to_string()))
 }
 
 /// A run that writes nothing by itself: whoever makes it sees its states, and has its record at the end.
@@ -729,10 +711,10 @@ impl<'s> Run<'s> {
     }
 
     /// How far it has got.
-    fn progress(&self, trajectories: Vec<TrajectoryMark>) -> Progress {
+    fn progress(&self, files: Vec<OutletMark>) -> Progress {
         Progress {
             steps: self.steps(),
-            trajectories,
+            files,
             cases: self.scenario.cases.iter().map(|case| case.name.clone()).collect(),
             largest_energies: self.largest_energies.clone(),
             newton_iterations: self.newton_iterations,

@@ -1,74 +1,74 @@
 //! `snapshots.npz`: the whole state at some grid points, as NumPy reads it.
 
-use crate::results::files::{FileError, write};
-use crate::results::numpy::{Kind, begin_array, head};
-use std::io::{self, Cursor, Write};
+use crate::results::growing_file::Mark;
+use crate::results::npz_rows::{self, Arrays, NpzRows};
+#[cfg(feature = "pictures")]
+use crate::results::picture::Map;
+use std::io;
 use std::path::Path;
-use zip::ZipWriter;
 
-/// States gathered along a run.
-#[derive(Clone, Debug, Default)]
-pub struct Snapshots {
+/// States gathered along a run, in files: `t`, and `q` and `p` with a row for each time.
+pub(crate) struct Snapshots {
     every: usize,
-    coordinates: usize,
-    times: Vec<f64>,
-    positions: Vec<f64>,
-    momenta: Vec<f64>,
+    rows: NpzRows,
 }
 
 impl Snapshots {
-    /// Every how many steps a state of this many coordinates is kept.
-    pub fn new(every: usize, coordinates: usize) -> Self {
-        Self { every: every.max(1), coordinates, ..Self::default() }
+    /// The file for states of so many coordinates, every how many steps.
+    pub(crate) fn create(path: &Path, every: usize, coordinates: usize) -> io::Result<Self> {
+        let rows = NpzRows::create(path, Arrays::States, coordinates)?;
+        Ok(Self { every: every.max(1), rows })
     }
 
-    /// Bytes that all of them take over a number of steps.
-    pub fn bytes(every: usize, coordinates: usize, steps: usize) -> usize {
-        // The archive is put together in memory.
-        (steps / every.max(1) + 1).saturating_mul(2 * coordinates + 1).saturating_mul(2 * size_of::<f64>())
+    /// Goes on behind marks.
+    pub(crate) fn resume(path: &Path, every: usize, coordinates: usize, marks: &[Mark]) -> io::Result<Self> {
+        let rows = NpzRows::resume(path, Arrays::States, coordinates, marks)?;
+        Ok(Self { every: every.max(1), rows })
+    }
+
+    /// Whether what was marked is still there. Nothing is changed.
+    pub(crate) fn can_resume(path: &Path, marks: &[Mark]) -> bool {
+        npz_rows::can_resume(path, Arrays::States, marks)
     }
 
     /// Every how many steps a state is kept.
-    pub fn every(&self) -> usize {
+    pub(crate) fn every(&self) -> usize {
         self.every
     }
 
     /// Keeps a state.
-    pub fn take(&mut self, time: f64, position: &[f64], momentum: &[f64]) {
-        self.times.push(time);
-        self.positions.extend(position);
-        self.momenta.extend(momentum);
+    pub(crate) fn take(&mut self, time: f64, position: &[f64], momentum: &[f64]) -> io::Result<()> {
+        self.rows.push([&[time], position, momentum, &[]])
     }
 
-    /// Times, and the positions at them one after another.
-    pub fn positions(&self) -> (&[f64], &[f64]) {
-        (&self.times, &self.positions)
+    /// Has everything on the disk; returns how far the arrays have got.
+    pub(crate) fn mark(&mut self) -> io::Result<Vec<Mark>> {
+        self.rows.mark()
     }
 
-    /// Writes an archive with `t`, and `q` and `p` with a row for each time.
+    /// From now on the parts stay when this is dropped.
+    pub(crate) fn keep(&mut self) {
+        self.rows.keep();
+    }
+
+    /// Puts the archive into its place.
     ///
     /// # Errors
     /// If that fails; the file that was there before then still is.
-    pub(crate) fn write(&self, path: &Path) -> Result<(), FileError> {
-        let bytes = self.archive().map_err(FileError::at(path))?;
-        write(path, |file| file.write_all(&bytes))
+    pub(crate) fn finish(self) -> io::Result<()> {
+        self.rows.finish()
     }
+}
 
-    fn archive(&self) -> io::Result<Vec<u8>> {
-        let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
-        let width = Some(self.coordinates);
-        for (name, columns, numbers) in
-            [("t", None, &self.times), ("q", width, &self.positions), ("p", width, &self.momenta)]
-        {
-            begin_array(&mut archive, name)?;
-            archive.write_all(&head(Kind::Number, self.times.len() as u64, columns))?;
-            for numbers in numbers.chunks(1 << 13) {
-                let bytes: Vec<u8> = numbers.iter().flat_map(|number| number.to_le_bytes()).collect();
-                archive.write_all(&bytes)?;
-            }
-        }
-        Ok(archive.finish().map_err(io::Error::other)?.into_inner())
+/// The map of the positions in an archive.
+#[cfg(feature = "pictures")]
+pub(crate) fn map(path: &Path, heading: &str, coordinates: usize) -> io::Result<Map> {
+    let times = npz_rows::read_rows(path, "t", 1)?.collect::<io::Result<Vec<_>>>()?.concat();
+    let mut map = Map::new(heading, &times, coordinates);
+    for (index, row) in npz_rows::read_rows(path, "q", coordinates)?.enumerate() {
+        map.take(index, &row?);
     }
+    Ok(map)
 }
 
 #[cfg(test)]
@@ -79,11 +79,22 @@ mod tests {
     fn numpy_arrays_hold_the_states() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("snapshots.npz");
-        let mut snapshots = Snapshots::new(2, 2);
-        for x in [0.0, 2.0] {
-            snapshots.take(0.5 * x, &[x, -x], &[2.0 * x, 0.0]);
-        }
-        snapshots.write(&path).unwrap();
+        let mut snapshots = Snapshots::create(&path, 2, 2).unwrap();
+        let take = |snapshots: &mut Snapshots, x: f64| {
+            snapshots.take(0.5 * x, &[x, -x], &[2.0 * x, 0.0]).unwrap();
+        };
+        take(&mut snapshots, 0.0);
+        let marks = snapshots.mark().unwrap();
+        snapshots.keep();
+        // What comes behind the marks is made again.
+        take(&mut snapshots, 7.0);
+        drop(snapshots);
+        assert!(Snapshots::can_resume(&path, &marks) && !path.exists());
+        let mut snapshots = Snapshots::resume(&path, 2, 2, &marks).unwrap();
+        take(&mut snapshots, 2.0);
+        snapshots.finish().unwrap();
+        let rows: Vec<_> = npz_rows::read_rows(&path, "q", 2).unwrap().map(Result::unwrap).collect();
+        assert_eq!(rows, [[0.0, 0.0], [2.0, -2.0]]);
         let mut archive = zip::ZipArchive::new(std::fs::File::open(path).unwrap()).unwrap();
         let mut array = |name: &str| {
             let mut bytes = Vec::new();

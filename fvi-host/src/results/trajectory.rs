@@ -1,10 +1,8 @@
 //! `trajectory.csv` or `trajectory.npz`: one row for each grid point, streamed.
 
-mod npz;
-
 use crate::results::growing_file::{GrowingFile, Mark};
+use crate::results::npz_rows::{self, Arrays, NpzRows};
 use crate::simulation::GridState;
-use npz::NpzRows;
 use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::{self, Read, Write};
@@ -81,7 +79,9 @@ impl TrajectoryWriter {
                 writeln!(file, "t{names},energy")?;
                 Rows::Csv(file)
             }
-            Format::Npz => Rows::Npz(Box::new(NpzRows::create(&path, coordinates.len())?)),
+            Format::Npz => {
+                Rows::Npz(Box::new(NpzRows::create(&path, Arrays::WithEnergies, coordinates.len())?))
+            }
         };
         Ok(Self { rows, every: every.max(1), index: 0, written: true })
     }
@@ -91,7 +91,7 @@ impl TrajectoryWriter {
     /// # Errors
     /// If a file cannot be created.
     pub(crate) fn npz(path: &Path, coordinates: usize, every: usize) -> io::Result<Self> {
-        let rows = Rows::Npz(Box::new(NpzRows::create(path, coordinates)?));
+        let rows = Rows::Npz(Box::new(NpzRows::create(path, Arrays::WithEnergies, coordinates)?));
         Ok(Self { rows, every: every.max(1), index: 0, written: true })
     }
 
@@ -109,7 +109,9 @@ impl TrajectoryWriter {
         let path = directory.join(mark.format.file());
         let rows = match (mark.format, mark.files.as_slice()) {
             (Format::Csv, [csv]) => Rows::Csv(GrowingFile::resume(&path, 0, csv, || whole(&path))?),
-            (Format::Npz, marks) => Rows::Npz(Box::new(NpzRows::resume(&path, coordinates, marks)?)),
+            (Format::Npz, marks) => {
+                Rows::Npz(Box::new(NpzRows::resume(&path, Arrays::WithEnergies, coordinates, marks)?))
+            }
             _ => return Err(io::ErrorKind::InvalidData.into()),
         };
         Ok(Self { rows, every: every.max(1), index, written: mark.written })
@@ -120,7 +122,7 @@ impl TrajectoryWriter {
         let path = directory.join(mark.format.file());
         match (mark.format, mark.files.as_slice()) {
             (Format::Csv, [csv]) => GrowingFile::can_resume(&path, 0, csv, || whole(&path)),
-            (Format::Npz, marks) => npz::can_resume(&path, marks),
+            (Format::Npz, marks) => npz_rows::can_resume(&path, Arrays::WithEnergies, marks),
             _ => false,
         }
     }
@@ -165,7 +167,7 @@ impl TrajectoryWriter {
     fn write(&mut self, state: &GridState) -> io::Result<()> {
         match &mut self.rows {
             Rows::Csv(file) => write_row(file, state),
-            Rows::Npz(rows) => rows.push(state),
+            Rows::Npz(rows) => rows.push([&[state.time], &state.position, &state.momentum, &[state.energy]]),
         }
     }
 

@@ -85,15 +85,24 @@ fn chosen_coordinates_snapshots_and_a_map_are_written() {
 #[test]
 fn a_run_that_goes_on_has_the_bytes_of_one_that_was_not_interrupted() {
     let place = place();
-    let scenario = CHAIN.replace("snapshots = 10\n", "");
-    place.run(&scenario, &[]);
-    let file = fs::read(place.path("out/trajectory.csv")).unwrap();
-    for (steps, arguments) in [("steps = 17", [].as_slice()), ("steps = 40", &["--resume"])] {
-        place.write("scenario.toml", &scenario.replace("steps = 40", steps));
+    place.run(CHAIN, &[]);
+    // A pause in the middle of a snapshot's steps, and at one.
+    for (steps, arguments) in
+        [("steps = 17", [].as_slice()), ("steps = 20", &["--resume"]), ("steps = 40", &["--resume"])]
+    {
+        place.write("scenario.toml", &CHAIN.replace("steps = 40", steps));
         let output = place.fvi(&[&["run", "scenario.toml", "--out", "parts"], arguments].concat());
         assert!(output.status.success(), "{}", text(&output.stderr));
     }
-    assert!(fs::read(place.path("parts/trajectory.csv")).unwrap() == file);
+    for file in ["trajectory.csv", "snapshots.npz", "map.svg"] {
+        let of = |directory: &str| fs::read(place.path(directory).join(file)).unwrap();
+        assert!(of("parts") == of("out"), "{file}");
+    }
+    // Snapshots that are gone cannot be gone on with.
+    fs::remove_file(place.path("parts/snapshots.npz")).unwrap();
+    let output = place.fvi(&["run", "scenario.toml", "--out", "parts", "--resume"]);
+    assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("snapshots.npz"), "{}", text(&output.stderr));
 }
 
 #[test]
@@ -264,7 +273,7 @@ fn load_cases_leave_the_files_of_runs_of_their_own() {
 #[test]
 fn load_cases_go_on_after_an_interruption() {
     let place = place();
-    let scenario = format!("{}{CASES}", CHAIN.replace("snapshots = 10\n", ""));
+    let scenario = format!("{CHAIN}{CASES}");
     let run = |out: &str, steps: &str, arguments: &[&str]| {
         place.write("scenario.toml", &scenario.replace("steps = 40", steps));
         let output = place.fvi(&[&["run", "scenario.toml", "--out", out], arguments].concat());
@@ -274,7 +283,7 @@ fn load_cases_go_on_after_an_interruption() {
     run("parts", "steps = 17", &[]);
     run("parts", "steps = 40", &["--resume"]);
     for case in ["near", "far-and-near"] {
-        for file in ["trajectory.csv", "coordinates.svg"] {
+        for file in ["trajectory.csv", "coordinates.svg", "snapshots.npz", "map.svg"] {
             let of = |directory: &str| fs::read(place.path(directory).join(case).join(file)).unwrap();
             assert!(of("out") == of("parts"), "{case}: {file}");
         }

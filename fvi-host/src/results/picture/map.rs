@@ -8,6 +8,8 @@ pub struct Map {
     title: String,
     /// First and last time.
     times: (f64, f64),
+    /// Number of times.
+    count: usize,
     coordinates: usize,
     /// Cells, one column after another, each from the first coordinate on.
     cells: Vec<f64>,
@@ -22,22 +24,25 @@ const MOST: usize = 160;
 const SHADES: i32 = 12;
 
 impl Map {
-    /// The map of rows of `coordinates` numbers, one for each time; each cell shows the number in it that is
-    /// farthest from zero.
-    pub fn new(title: &str, times: &[f64], rows: &[f64], coordinates: usize) -> Self {
-        let (width, height) = (times.len().clamp(1, MOST), coordinates.clamp(1, MOST));
-        let mut cells = vec![0.0_f64; width * height];
-        for (index, row) in rows.chunks_exact(coordinates.max(1)).enumerate() {
-            let column = index * width / times.len().max(1);
-            for (coordinate, &number) in row.iter().enumerate() {
-                let cell = &mut cells[column * height + coordinate * height / coordinates];
-                if number.abs() > cell.abs() {
-                    *cell = number;
-                }
+    /// The map of so many coordinates at these times, which are still zero.
+    pub fn new(title: &str, times: &[f64], coordinates: usize) -> Self {
+        let (count, height) = (times.len(), coordinates.clamp(1, MOST));
+        let cells = vec![0.0_f64; count.clamp(1, MOST) * height];
+        let ends = (times.first().copied().unwrap_or(0.0), times.last().copied().unwrap_or(0.0));
+        Self { title: title.to_owned(), times: ends, count, coordinates, cells, height }
+    }
+
+    /// Takes the coordinates at a time; each cell shows the number in it that is farthest from zero.
+    pub fn take(&mut self, index: usize, row: &[f64]) {
+        let width = self.cells.len() / self.height;
+        let column = index * width / self.count.max(1);
+        let Some(cells) = self.cells.chunks_exact_mut(self.height).nth(column) else { return };
+        for (coordinate, &number) in row.iter().enumerate().take(self.coordinates) {
+            let cell = &mut cells[coordinate * self.height / self.coordinates];
+            if number.abs() > cell.abs() {
+                *cell = number;
             }
         }
-        let ends = (times.first().copied().unwrap_or(0.0), times.last().copied().unwrap_or(0.0));
-        Self { title: title.to_owned(), times: ends, coordinates, cells, height }
     }
 
     /// The picture.
@@ -120,12 +125,16 @@ mod tests {
     #[test]
     fn each_cell_shows_what_is_farthest_from_zero() {
         let times: Vec<f64> = (0..3).map(f64::from).collect();
-        let map = Map::new("chain", &times, &[0.0, 1.0, 0.0, -4.0, 0.0, 2.0], 2);
+        let mut map = Map::new("chain", &times, 2);
+        for (index, row) in [[0.0, 1.0], [0.0, -4.0], [0.0, 2.0]].iter().enumerate() {
+            map.take(index, row);
+        }
         assert_eq!((map.height, map.cells.as_slice()), (2, [0.0, 1.0, 0.0, -4.0, 0.0, 2.0].as_slice()));
         let svg = map.to_svg();
         assert!(svg.contains(&colour(-SHADES)) && svg.contains("chain: position"), "{svg}");
         let many: Vec<f64> = (0..1000).map(f64::from).collect();
-        let fine = Map::new("chain", &many, &vec![1.0; 1000 * 500], 500);
+        let mut fine = Map::new("chain", &many, 500);
+        (0..1000).for_each(|index| fine.take(index, &[1.0; 500]));
         assert_eq!((fine.cells.len(), fine.height), (MOST * MOST, MOST));
         assert!(fine.cells.iter().all(|&cell| cell == 1.0));
     }
