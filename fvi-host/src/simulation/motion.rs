@@ -66,6 +66,7 @@ impl<'s> Motion<'s> {
         simulation.read_energies(&mut energies);
         // Steps are made together where nothing looks into them, and nothing else waits for each of them.
         let one_by_one = adaptive.is_some()
+            || guard.asks_for_energies()
             || scenario.is_looked_into()
             || !scenario.cases.is_empty()
             || scenario.system.own_terms.is_some();
@@ -161,7 +162,21 @@ impl<'s> Motion<'s> {
             });
             held.unwrap_or(&[])
         };
-        if let Some((index, grown)) = self.guard.take_along(&self.stretch, begin, input_over) {
+        let grown = match self.guard.asks_for_energies() {
+            false => self.guard.take_along(&self.stretch, begin, input_over),
+            true if self.stretch.len() == 1 => {
+                self.stretch.read(0, &mut self.next);
+                let (simulation, room) = (&mut self.simulation, &mut self.state);
+                let energy = || {
+                    simulation.read(room);
+                    room.energy
+                };
+                let grown = self.guard.take_asking(input_over(0, begin), &self.next, energy);
+                grown.map(|grown| (0, grown))
+            }
+            true => None,
+        };
+        if let Some((index, grown)) = grown {
             self.stretch.truncate(index + 1);
             (failure, failed) = (Some(grown), index);
         }

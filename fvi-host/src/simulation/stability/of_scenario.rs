@@ -1,6 +1,6 @@
 //! The check of a scenario's step.
 
-use super::large::{check_large, is_unconditional};
+use super::large::{self, check_large};
 use super::{DampingForm, Discretisation, LinearDamping, LinearSystem, Verdict, check_stability};
 use crate::language::{InputError, Problem};
 use crate::model::Model;
@@ -44,7 +44,7 @@ pub(crate) fn check_large_step(scenario: &Scenario) -> Result<(), InputError> {
     let damped = !scenario.system.damping.is_empty();
     if scenario.time.allow_unstable
         || scenario.time.adaptive().is_some()
-        || is_unconditional(&discretisation, damped)
+        || large::is_unconditional(&discretisation, damped)
     {
         return Ok(());
     }
@@ -63,6 +63,17 @@ pub(crate) fn check_large_step(scenario: &Scenario) -> Result<(), InputError> {
             Err(scenario.error_at("time.step", Problem::Unstable { largest_step, advice }))
         }
     }
+}
+
+/// Whether no step makes motions of the scenario grow: a linear one by a scheme that is stable at every step.
+pub(crate) fn is_unconditional(scenario: &Scenario) -> bool {
+    let system = &scenario.system;
+    let damped = !system.damping.is_empty();
+    let linear = system.potential.is_none()
+        && system.elements.is_empty()
+        && system.force.is_none()
+        && system.own_terms.is_none();
+    linear && discretisation(scenario).is_some_and(|scheme| large::is_unconditional(&scheme, damped))
 }
 
 /// What to change about a scheme whose step is too long.
