@@ -19,7 +19,8 @@ pub struct Analysis {
 const ROOT: u32 = u32::MAX;
 
 impl Analysis {
-    /// Analyses a symmetric pattern of fewer than 2³¹ places; each pattern once, however often it is asked for.
+    /// Analyses a symmetric pattern of fewer than 2³¹ places; each pattern once, however often it is asked
+    /// for.
     pub fn new(pattern: &Pattern) -> Self {
         pattern.analysis.get_or_init(|| Self::of(pattern)).clone()
     }

@@ -203,8 +203,8 @@ impl SparseMatrix {
     }
 }
 
-/// Matrices from files of one scenario: a file is read once, and places that are equal are held, and analysed,
-/// once.
+/// Matrices from files of one scenario: a file is read once, and places that are equal are held, and
+/// analysed, once.
 #[derive(Default)]
 pub(super) struct KnownMatrices(Vec<SparseMatrix>);
 
