@@ -6,6 +6,7 @@ mod breaks;
 mod choice;
 pub mod energy_guard;
 pub mod events;
+mod momentum_offset;
 pub mod motion;
 pub(crate) mod not_finite;
 #[cfg(test)]
@@ -30,6 +31,7 @@ use fvi_core::{
     MemoryError, Mismatch, Real, Sample, Scheme, StateError, StateReader, StateWriter, StepError,
 };
 use fvi_fft::Engines;
+use momentum_offset::MomentumOffset;
 use nalgebra::DMatrix;
 use piece::{Piece, Place};
 use serde::Serialize;
@@ -315,8 +317,10 @@ struct Machine<T: Elementary + Engines, X: ScenarioSpace<T>> {
     input: X::Vector,
     /// Whether the input of the last step was not zero.
     pushed: bool,
-    /// The mean of the momenta before and after the last kick, where that is what is reported.
-    mean: Option<X::Vector>,
+    /// The momentum that is reported where that is not the state's: the mean of those before and after the last
+    /// kick, or what is left without the offset.
+    reported: Option<X::Vector>,
+    offset: MomentumOffset<T>,
     /// The last two steps, the later one first, where they are to be looked into.
     pieces: Option<[Piece<T>; 2]>,
     energies: Energies,
@@ -353,8 +357,10 @@ impl<T: Elementary + Engines, X: ScenarioSpace<T>> Machine<T, X> {
         let input = space.zeros();
         let kicked = scenario.convolution.at == DampedAt::MainNodes;
         let is_dear = space.energy_is_dear();
-        let mean = (kicked && scenario.output.momentum == ReportedMomentum::Mean).then(|| space.zeros());
-        let kick = mean.is_some().then(|| Kick { next: space.zeros(), last: space.zeros() });
+        let offset = MomentumOffset::of(scenario, nodes, |term| resisting(&terms[term], &position, &space));
+        let mean = kicked && scenario.output.momentum == ReportedMomentum::Mean;
+        let kick = mean.then(|| Kick { next: space.zeros(), last: space.zeros() });
+        let reported = (mean || !offset.is_empty()).then(|| space.zeros());
         let integrator = IntegratorBuilder::in_space(space, system, scheme, T::of(scenario.time.step))
             .damping(DampingTerms { terms, kick })
             .position(position)
@@ -370,7 +376,8 @@ impl<T: Elementary + Engines, X: ScenarioSpace<T>> Machine<T, X> {
             false => Energies::EveryStep,
         };
         let energy_room = EnergyRoom::default();
-        Ok(Self { integrator, input, pushed: false, mean, pieces, energies, energy_room, energy: 0.0 })
+        let energy = 0.0;
+        Ok(Self { integrator, input, pushed: false, reported, offset, pieces, energies, energy_room, energy })
     }
 }
 
@@ -425,23 +432,29 @@ impl<T: Elementary + Engines, X: ScenarioSpace<T>> Machine<T, X> {
 
     /// Brings the momentum that is reported up to date, where that is not the one of the state.
     #[inline(always)]
-    fn take_mean(&mut self) {
-        let (Some(mean), Some(kick)) = (&mut self.mean, &self.integrator.damping().kick) else { return };
-        let (half, state) = (self.integrator.step_size() / T::of(2.0), self.integrator.state());
-        let momenta = X::slice_mut(mean).iter_mut().zip(X::slice(&state.momentum)).zip(X::slice(&kick.last));
+    fn take_momentum(&mut self) {
+        let Some(reported) = &mut self.reported else { return };
+        let (reported, state) = (X::slice_mut(reported), self.integrator.state());
+        let step_size = self.integrator.step_size();
+        let Some(kick) = &self.integrator.damping().kick else {
+            reported.copy_from_slice(X::slice(&state.momentum));
+            return self.offset.take_off(self.integrator.time().to_f64(), step_size.to_f64(), reported);
+        };
+        let half = step_size / T::of(2.0);
+        let momenta = reported.iter_mut().zip(X::slice(&state.momentum)).zip(X::slice(&kick.last));
         momenta.for_each(|((mean, &after), &force)| *mean = after + half * force);
     }
 
     /// The momentum that is reported.
     #[inline(always)]
     fn momentum(&self) -> &[T] {
-        X::slice(self.mean.as_ref().unwrap_or(&self.integrator.state().momentum))
+        X::slice(self.reported.as_ref().unwrap_or(&self.integrator.state().momentum))
     }
 
     /// Computes the energy of the state with the momentum that is reported.
     fn take_energy(&mut self) {
-        let energy = match &self.mean {
-            Some(mean) => self.integrator.energy_with(mean),
+        let energy = match &self.reported {
+            Some(momentum) => self.integrator.energy_with(momentum),
             None => self.integrator.energy(),
         };
         self.energy = energy.to_f64();
@@ -524,6 +537,21 @@ fn damping_term<T: Elementary + Engines, X: ScenarioSpace<T>>(
         let path = format!("system.damping[{index}]");
         scenario.error_at(&path, Problem::Precision { reason: error.to_string() })
     })
+}
+
+/// ρ x of a term whose kernel is of plain numbers.
+fn resisting<T: Elementary + Engines, X: ScenarioSpace<T>>(
+    term: &X::Term<HostMemory<T>>,
+    vector: &X::Vector,
+    space: &X,
+) -> Vec<T> {
+    let vector = X::slice(vector);
+    let mut scratch = space.zeros();
+    let mut force = vec![T::zero(); vector.len()];
+    term.add_leading(vector, &mut force, X::slice_mut(&mut scratch));
+    let leading = term.memory().leading().first().copied().unwrap_or(T::one());
+    force.iter_mut().for_each(|number| *number /= leading);
+    force
 }
 
 /// Any number of damping terms, each with a memory of its own.
@@ -676,7 +704,7 @@ impl<T: Elementary + Engines, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
                     break;
                 }
             };
-            self.take_mean();
+            self.take_momentum();
             let count = step + 1;
             let row = || count == scenario.time.steps || count.is_multiple_of(scenario.output.every);
             match self.energies {
@@ -698,7 +726,7 @@ impl<T: Elementary + Engines, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
     }
 
     fn read_without_energy(&mut self, grid: &mut GridState) {
-        self.take_mean();
+        self.take_momentum();
         grid.time = self.integrator.time().to_f64();
         let write = |places: &mut [f64], numbers: &[T]| {
             places.iter_mut().zip(numbers).for_each(|(place, number)| *place = number.to_f64());

@@ -535,15 +535,15 @@ impl History {
 }
 
 /// Which momentum is reported where the fractional force acts at the main nodes, as a kick at the end of
-/// every step.
+/// every step, or where its start leaves an offset in it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ReportedMomentum {
     /// The mean of the momenta before and after the kick of t_k, p_k + (h/2) Σ_m ρ_m (D^{β_m} q)_k: of order
-    /// 2.
+    /// 2. Damped at several nodes, Riemann–Liouville from q₀ ≠ 0: less a known offset of order 2.
     #[default]
     Mean,
-    /// The one after it, the papers': of order 1.
+    /// The one after it, the papers': of order 1. Damped at nodes, that of the discrete Lagrangian.
     OneSided,
 }
 
@@ -552,8 +552,7 @@ pub enum ReportedMomentum {
 pub struct OutputOptions {
     /// Every how many steps a row of the trajectory is written; the last row always is.
     pub every: usize,
-    /// The momentum that trajectories, summaries, pictures and errors show. Where nothing acts at the main
-    /// nodes there is one momentum only.
+    /// The momentum that trajectories, summaries, pictures and errors show. Most schemes have one only.
     pub momentum: ReportedMomentum,
     /// The coordinates that are columns of the trajectory and curves of the pictures; absent: all.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -193,6 +193,57 @@ fn errors_next_to_a_singular_start_need_not_count() {
 }
 
 #[test]
+fn momenta_have_the_order_of_positions_under_the_singular_force_of_a_start() {
+    let place = Workplace::new();
+    // A damper between two masses, and a second one that resists the first in Caputo's sense.
+    let scenario = |damping: &str, momentum: &str| {
+        format!(
+            r#"
+            [system]
+            mass = [1.0, 2.0]
+            potential = "0.5*q0^2 + 0.25*(q1 - q0)^2"
+            [[system.damping]]
+            order = 0.6
+            {damping}
+            derivative = "riemann-liouville"
+            [[system.damping]]
+            order = 0.3
+            coefficient = [0.2, 0.0]
+            [initial]
+            position = [1.0, -0.5]
+            momentum = [0.0, 0.0]
+            [scheme]
+            kind = "galerkin"
+            degree = 2
+            [convolution]
+            family = "bdf"
+            order = 4
+            [time]
+            step = 0.125
+            end = 4.0
+            [output]
+            momentum = "{momentum}"
+            "#
+        )
+    };
+    let rows = "coefficient = [[0.5, -0.5], [-0.5, 0.5]]";
+    let attached = "attached = [[1.0], [-1.0]]\nstrength = [0.5]";
+    for (damping, momentum, expected) in
+        [(rows, "mean", 4.0), (attached, "mean", 4.0), (rows, "one-sided", 2.0)]
+    {
+        place.write("dampers.toml", &scenario(damping, momentum));
+        let output =
+            place.fvi(&["converge", "dampers.toml", "--levels", "7..9", "--from", "1", "--out", "out"]);
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        for name in ["momentum_order", "energy_order"] {
+            let order = *numbers(&place, name).last().unwrap();
+            assert!((order - expected).abs() < 0.2, "{damping}, {momentum}: {name} {order}");
+        }
+        assert!((numbers(&place, "position_order").last().unwrap() - 4.0).abs() < 0.2);
+    }
+}
+
+#[test]
 fn known_values_that_no_level_meets_are_bad_input() {
     let place = Workplace::new();
     place.write("known.csv", "t,q0\n0.3,1\n");

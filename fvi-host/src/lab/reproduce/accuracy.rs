@@ -109,8 +109,8 @@ fn compute(stop: &AtomicBool) -> Result<Findings, ReproduceError> {
         "Orders are the slopes over the three finest of the grids h = 1/8 … 1/512 whose error is above 100 u h^(−max(1, β)), u the unit of rounding; – stands where no step of \
          these is stable, or fewer than two errors are above that. BDF 5 and 6 begin with a transient that dies out like 0.71ᵏ and 0.86ᵏ with \
          the number k of steps: at t = 1 their errors fall faster than their order while k is small. The momentum of the main nodes is the \
-         mean of those before and after the kick. For Riemann–Liouville damping with q(0) ≠ 0 and two nodes and more the momentum holds an offset of \
-         order 2 that is known (`node-form.md`).",
+         mean of those before and after the kick. For Riemann–Liouville damping with q(0) ≠ 0 and two nodes and more an offset of \
+         order 2 that is known is taken off the momentum (`node-form.md`).",
     ))
 }
 

@@ -113,18 +113,6 @@ impl Method {
         !matches!(self.family, ConvolutionFamily::Bdf { .. })
     }
 
-    /// Number of nodes that damping acts at with plain weights; `None` where it acts otherwise.
-    pub(super) fn gauss_points(&self) -> Option<usize> {
-        match self.scheme {
-            Scheme::Galerkin { quadrature: Some(Quadrature::Gauss(points)), .. }
-                if self.at == DampedAt::Nodes =>
-            {
-                Some(points)
-            }
-            _ => None,
-        }
-    }
-
     /// A scenario with this method in place of its own, and the momentum after the kick where there is one.
     pub(super) fn on(&self, mut scenario: Scenario) -> Scenario {
         scenario.scheme = self.scheme;
