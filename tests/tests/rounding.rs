@@ -117,8 +117,8 @@ fn energy_with_rounded_forces(step_size: f32, steps: usize, position: f32) -> f6
 
 #[test]
 fn a_million_steps_in_single_precision_lose_no_energy_of_their_own() {
-    // What is left is the rounding of the increments h v and of the forces h F: a random walk whose steps grow
-    // with h. That of the forces nobody can take away in single precision.
+    // What is left is the rounding of the increments h v and of the forces h F: a random walk whose steps
+    // grow with h. That of the forces nobody can take away in single precision.
     for (step_size, allowed, least) in [(0.001, 1e-7, 0.0), (0.01, 1e-6, 0.0), (0.05, 1e-5, 4e-7)] {
         let positions = [1.0, 1.1, 0.9, 0.77].into_iter();
         let errors = positions.map(|position| {
