@@ -19,6 +19,7 @@ use crate::results::output_directory::OutputDirectory;
 use crate::results::run_traces::RunTraces;
 use crate::results::sections::{self, Damage};
 use crate::results::trajectory::Format;
+use crate::scenario::TimeGrid;
 use crate::simulation::adaptive::Progress as Chosen;
 use crate::simulation::energy_guard::Gathered;
 use crate::simulation::events::Seen;
@@ -226,11 +227,16 @@ impl Checkpoint {
         &mut self,
         wanted: &Identity,
         format: Format,
-        end: usize,
+        grid: &TimeGrid,
         accept: bool,
     ) -> Result<(), CheckpointError> {
-        let file = self.file.clone();
+        let (file, end) = (self.file.clone(), grid.steps);
         let mut differences = self.identity.differences(wanted);
+        let now = self.progress.chosen.as_ref().map_or_else(|| grid.time(self.progress.steps), Chosen::time);
+        if let Some(time) = self.identity.missing_time(wanted, now) {
+            differences
+                .push(format!("`output.times` has {time} here, which is past, and had no such time there"));
+        }
         if format != self.progress.format() {
             let (here, there) = (format.file(), self.progress.format().file());
             differences.push(format!("it writes {here} here and wrote {there} there"));

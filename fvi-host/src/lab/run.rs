@@ -256,7 +256,7 @@ pub fn run(
     let identity = Identity::new(&scenario, options.precision, run.motion.simulation().engines());
     if let Some(checkpoint) = &mut found {
         let format = options.format.unwrap_or(checkpoint.progress.format());
-        checkpoint.check(&identity, format, scenario.time.steps, options.accept_other_machine)?;
+        checkpoint.check(&identity, format, &scenario.time, options.accept_other_machine)?;
         run.go_on(checkpoint).map_err(|error| checkpoint.misfit(error))?;
     }
     let directory = match claimed {

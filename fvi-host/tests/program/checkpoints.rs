@@ -301,6 +301,62 @@ fn every_flipped_byte_and_every_truncation_of_a_checkpoint_is_noticed() {
 }
 
 #[test]
+fn rows_that_do_not_go_with_those_that_are_there_are_refused() {
+    let base = json!({
+        "system": {
+            "mass": [1.0, 1.0],
+            "stiffness": [1.0, 2.0],
+            "damping": [{ "order": 0.5, "coefficient": [0.1, 0.1] }],
+        },
+        "initial": { "position": [1.0, 0.5], "momentum": [0.0, 0.0] },
+        "convolution": { "at": "main-nodes" },
+        "time": { "step": 0.05, "steps": 100 },
+    });
+    let with = |output: Value| {
+        let mut scenario = base.clone();
+        scenario["output"] = output;
+        Scenario::from_value(&scenario).unwrap()
+    };
+    let times = json!({ "times": [0.51, 0.77, 3.3, 4.4] });
+    for (there, here, said) in [
+        (
+            json!({}),
+            json!({ "coordinates": [1, 0] }),
+            "`output.coordinates[0]` is 1 here and was absent there",
+        ),
+        (
+            json!({ "coordinates": [0] }),
+            json!({ "coordinates": [1] }),
+            "`output.coordinates[0]` is 1 here and was 0",
+        ),
+        (
+            json!({}),
+            json!({ "momentum": "one-sided" }),
+            "`output.momentum` is \"one-sided\" here and was \"mean\"",
+        ),
+        (times.clone(), json!({ "times": [0.51, 0.78, 3.3] }), "`output.times` has 0.78 here"),
+        (json!({}), json!({ "snapshots": 5 }), "`output.snapshots` is 5 here and was absent there"),
+        (json!({}), times.clone(), "`output.times` has 0.51 here"),
+    ] {
+        let place = tempfile::tempdir().unwrap();
+        let options = every_ten(place.path());
+        run_until(&with(there), &options, Some((57, Interruption::Kill))).unwrap();
+        let before = results(place.path());
+        let error = run_until(&with(here), &options, None).unwrap_err();
+        assert!(matches!(error, RunError::Checkpoint(_)) && error.to_string().contains(said), "{error}");
+        assert!(results(place.path()) == before);
+    }
+    // Rows that are still to come may be others.
+    let place = tempfile::tempdir().unwrap();
+    let (options, undisturbed) = (every_ten(&place.path().join("parts")), place.path().join("undisturbed"));
+    run_until(&with(json!({ "times": [0.51, 0.77, 3.3] })), &options, Some((57, Interruption::Kill)))
+        .unwrap();
+    assert!(run_until(&with(times.clone()), &options, None).unwrap());
+    run_until(&with(times), &RunOptions::new(&undisturbed), None).unwrap();
+    assert_same(&options.directory, &undisturbed);
+}
+
+#[test]
 fn another_run_is_refused_with_what_differs() {
     let place = tempfile::tempdir().unwrap();
     let options = every_ten(place.path());

@@ -17,22 +17,27 @@ pub(crate) struct Identity {
     pub(crate) planned: usize,
     /// Precision, format and the scenario as used: every value by its path, long lists by their checksum.
     values: BTreeMap<String, String>,
+    /// `output.times`, their bits: as decimals they might come back with another last one.
+    #[serde(default)]
+    times: Vec<u64>,
 }
 
 /// Lists up to this length are told apart entry by entry.
 const SHORT: usize = 16;
 
-/// Parts of a scenario in which run and checkpoint may differ: where it ends, what is written, how many
-/// threads share the work.
-const FREE: [&str; 4] = ["time.steps", "time.end", "output", "history.threads"];
+/// Parts of a scenario in which run and checkpoint may differ: where it ends, how often rows are written, how
+/// many threads share the work. What the rows hold is that of those that are there.
+const FREE: [&str; 5] = ["time.steps", "time.end", "output.every", "output.times", "history.threads"];
 
 impl Identity {
     /// That of a run with these engines.
     pub(crate) fn new(scenario: &Scenario, precision: Precision, engines: &[Engine]) -> Self {
         let mut values = BTreeMap::new();
         flatten("", &json(scenario), &mut values);
-        values
-            .retain(|path, _| !FREE.iter().any(|free| path == free || path.starts_with(&format!("{free}."))));
+        let is_part_of = |path: &str, whole: &str| {
+            path.strip_prefix(whole).is_some_and(|rest| rest.is_empty() || rest.starts_with(['.', '[']))
+        };
+        values.retain(|path, _| !FREE.iter().any(|free| is_part_of(path, free)));
         values.insert("precision".to_owned(), json(&precision).to_string());
         let same_everywhere = [Engine::Direct, Engine::ExponentialSumCore];
         let vector_units = engines
@@ -44,7 +49,14 @@ impl Identity {
             vector_units,
             planned: scenario.history.planned.unwrap_or(scenario.time.steps.saturating_add(1)),
             values,
+            times: scenario.output.times.iter().map(|time| time.to_bits()).collect(),
         }
+    }
+
+    /// The first of the times of the wanted run up to `now` whose row the other has not written.
+    pub(super) fn missing_time(&self, wanted: &Self, now: f64) -> Option<f64> {
+        let past = wanted.times.iter().filter(|&&time| f64::from_bits(time) <= now);
+        past.copied().find(|time| !self.times.contains(time)).map(f64::from_bits)
     }
 
     /// In what the run that is wanted differs.
