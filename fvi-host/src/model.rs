@@ -26,6 +26,7 @@ pub use force_moments::{ForceMoments, StepLengths};
 pub use loads::Loads;
 pub use mechanics::{Model, SingleModel, matrix, moment, vector};
 pub use one_point::{OnePoint, OnePointRoom};
+pub(crate) use rough_forces::RoughForces;
 pub use scenario_space::{Remembers, ScenarioSpace};
 pub use scheme::{AnyScheme, DenseOutput, Room};
 pub use shared::Shared;

@@ -9,7 +9,7 @@ use std::slice::from_ref;
 
 /// The forces of a scenario that jump, have kinks or roots, or come as samples.
 #[derive(Clone, Debug)]
-pub(super) struct RoughForces {
+pub(crate) struct RoughForces {
     coordinates: usize,
     /// Motions integrated together, one for each load case.
     motions: usize,
@@ -29,7 +29,7 @@ struct RoughLoad {
 
 impl RoughForces {
     /// For the schemes that take the work of forces by a quadrature; `None` if all is smooth.
-    pub(super) fn of(scenario: &Scenario) -> Option<Self> {
+    pub(crate) fn of(scenario: &Scenario) -> Option<Self> {
         let system = &scenario.system;
         let by_moments = system.force_quadrature == ForceQuadrature::Moments
             && matches!(scenario.scheme, Scheme::LowOrder { .. } | Scheme::Galerkin { .. });
@@ -63,7 +63,7 @@ impl RoughForces {
 
     /// Writes by how much the moments exceed what the nodes give, ν = 0…S, N numbers each and for each
     /// motion, and returns whether they do.
-    pub(super) fn excess<T: Real>(&mut self, rule: &NodalRule<'_, T>, excess: &mut [T]) -> bool {
+    pub(crate) fn excess<T: Real>(&mut self, rule: &NodalRule<'_, T>, excess: &mut [T]) -> bool {
         let everywhere = [
             self.force.as_mut().and_then(|force| force.excess(rule)),
             self.input.as_mut().and_then(|input| input.excess(rule)),

@@ -1,13 +1,14 @@
 //! Watches a run for energy that nothing has put in.
 
 use crate::language::expression::Moment;
-use crate::model::Loads;
 use crate::model::tape::CompiledForce;
+use crate::model::{Loads, RoughForces};
 use crate::numerics::column::{highest, lowest};
 use crate::scenario::{Derivative, OnEnergyGrowth, Scenario, SharedTerms, SymmetricMatrix};
 use crate::simulation::GridState;
 use crate::simulation::stability::{self, discretisation};
 use crate::simulation::stretch::Stretch;
+use fvi_core::NodalRule;
 use serde::{Deserialize, Serialize};
 
 /// How far the energy may rise, as a multiple of all that was there or put in.
@@ -25,8 +26,9 @@ const FACTOR: f64 = 1000.0;
 ///
 /// up to the error of the scheme. The guard trips where E_k − E₀ passes a thousand times T₀ + max(|U₀|,
 /// U₀ − min U) + W_k, with the kinetic energy T and the potential U: a rise that no constant in U, fall into
-/// a well or resonance explains. Forces are taken at the nodes of the scheme, and the larger of Δq and h v at
-/// both ends of the step for the way that they act along. The memory of a Riemann–Liouville derivative pushes
+/// a well or resonance explains. Forces are taken at the nodes of the scheme, with what their moments exceed
+/// those of a node by where they are rough between nodes, and the larger of Δq and h v at both ends of the step
+/// for the way that they act along. The memory of a Riemann–Liouville derivative pushes
 /// with up to |ρ q₀| t^{−β}, that of Caputo's for β > 1 with up to |ρ v₀| t^{1−β}; for β = 0 it is a spring
 /// and holds ½ q₀ᵀρ q₀.
 ///
@@ -55,6 +57,8 @@ pub struct EnergyGuard {
     /// The velocity at the end of the step.
     new_velocity: Vec<f64>,
     force: Option<Forces>,
+    /// What acts between nodes, and its moments in a step.
+    rough: Option<(RoughForces, Vec<f64>)>,
     /// Forces in code, and the largest of a step.
     own: Option<(SharedTerms, Vec<f64>)>,
     /// Where in a step the scheme looks at forces.
@@ -135,6 +139,7 @@ impl EnergyGuard {
             new_velocity: velocity.clone(),
             velocity,
             force,
+            rough: RoughForces::of(scenario).map(|rough| (rough, vec![0.0; 2 * scenario.coordinates()])),
             own,
             nodes: discretisation(scenario).map_or_else(|| vec![0.0, 1.0], |scheme| scheme.nodes),
             warning: None,
@@ -180,6 +185,7 @@ impl EnergyGuard {
             velocity: Vec::new(),
             new_velocity: Vec::new(),
             force: None,
+            rough: None,
             own: None,
             nodes: Vec::new(),
             warning: None,
@@ -344,6 +350,23 @@ impl EnergyGuard {
             work +=
                 fading * push.iter().enumerate().map(|(index, push)| push.abs() * way(index)).sum::<f64>();
         }
+        if let (Some((rough, excess)), Some(&node)) = (&mut self.rough, self.nodes.first()) {
+            // Whatever the scheme has there: ∫F is F at its first node and the sum of these two moments.
+            let (shapes, tests) = ([node], [1.0 - node]);
+            let rule = NodalRule {
+                start: self.time,
+                length: step,
+                weights: &[1.0],
+                nodes: &[node],
+                points: &[1.0],
+                shapes: &shapes,
+                tests: &tests,
+            };
+            if rough.excess(&rule, excess) {
+                let moments = excess.iter().enumerate();
+                work += moments.map(|(index, moment)| moment.abs() * way(index % from.len())).sum::<f64>();
+            }
+        }
         if let Some((terms, largest)) = &mut self.own {
             // Those of the step's own looks at them, so that it costs no further ones.
             terms.with(|terms| terms.take_largest_force(largest));
@@ -492,6 +515,17 @@ mod tests {
         assert_eq!(trips(kicked, [0.0, 0.0], half, time), None);
         // A stiff spring, every step a turn by nearly π.
         assert_eq!(trips("potential = \"1e10*q0^2\"", [1.0, 0.0], half, time), None);
+        // What begins between the nodes of a step, and what is over before the next.
+        for force in ["step(t - 0.17)", "max(t - 0.17, 0)", "step(t - 0.17)*step(0.19 - t)"] {
+            let late = format!("potential = \"0.5*q0^2\"\nforce = [\"{force}\"]");
+            for kappa in ["kappa = 0.5", "kappa = 1.0", "kappa = 0.0"] {
+                assert_eq!(
+                    trips(&late, [0.0, 0.0], kappa, "step = 0.1\nsteps = 100"),
+                    None,
+                    "{force}, {kappa}"
+                );
+            }
+        }
         // The memory of a Riemann–Liouville derivative pushes a system without a spring.
         let pushed =
             "[[system.damping]]\norder = 1.5\ncoefficient = [0.5]\nderivative = \"riemann-liouville\"";

@@ -84,3 +84,28 @@ fn a_record_acts_like_the_polygon_that_it_is() {
         assert!(distance(&nodal, &expected) > 1e-5, "{:e}", distance(&nodal, &expected));
     }
 }
+
+#[test]
+fn what_begins_between_the_nodes_of_a_step_sets_a_system_at_rest_going() {
+    let place = Workplace::new();
+    place.write("record.csv", "t,a\n0.17,0\n0.3,1\n0.5,0\n");
+    let load = |amplitude: &str| {
+        format!("[[system.load]]\npattern = {{ coordinate = 0 }}\namplitude = {amplitude}\n")
+    };
+    for (force, input) in [
+        ("force = [\"step(t - 0.17)\"]\n".to_owned(), ""),
+        (load("\"max(t - 0.17, 0)\""), ""),
+        (load("{ file = \"record.csv\" }"), ""),
+        (String::new(), "[input]\nsamples = [1.0]\ntimes = [0.17]\n"),
+    ] {
+        let run = place.run(
+            &format!(
+                "[system]\nmass = [1.0]\nstiffness = [1.0]\n{force}{input}[initial]\nposition = [0.0]\nvelocity = [0.0]\n\
+                 [time]\nstep = 0.1\nsteps = 20\n"
+            ),
+            &[],
+        );
+        assert_eq!(run.summary["status"], "completed", "{force}{input}");
+        assert!(run.rows[1][1] == 0.0 && run.rows[2][1] > 0.0, "{force}{input}: {:?}", &run.rows[..3]);
+    }
+}
