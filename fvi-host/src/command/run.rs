@@ -112,7 +112,10 @@ impl RunArguments {
     }
 }
 
-/// The run in one line.
+/// Coordinates of the last state that are shown on the terminal.
+const MOST_SHOWN: usize = 8;
+
+/// The run in one line, of the coordinates those that are written.
 fn result_line(scenario: &Scenario, summary: &RunSummary, directory: &Path) -> String {
     let last = &summary.last;
     if !summary.cases.is_empty() {
@@ -127,9 +130,14 @@ fn result_line(scenario: &Scenario, summary: &RunSummary, directory: &Path) -> S
             directory.display(),
         );
     }
+    let chosen = scenario.written_coordinates();
     let list = |numbers: &[f64]| {
-        let numbers: Vec<String> = numbers.iter().map(|number| format!("{number:.9}")).collect();
-        if numbers.len() == 1 { numbers.concat() } else { format!("[{}]", numbers.join(", ")) }
+        let shown = chosen.iter().take(MOST_SHOWN).filter_map(|&index| numbers.get(index));
+        let mut shown: Vec<String> = shown.map(|number| format!("{number:.9}")).collect();
+        if chosen.len() > MOST_SHOWN {
+            shown.push("…".to_owned());
+        }
+        if chosen.len() == 1 { shown.concat() } else { format!("[{}]", shown.join(", ")) }
     };
     let mut errors = String::new();
     if let Some(measured) = &summary.errors {

@@ -106,6 +106,19 @@ fn a_run_that_goes_on_has_the_bytes_of_one_that_was_not_interrupted() {
 }
 
 #[test]
+fn the_line_of_result_shows_the_coordinates_that_are_written() {
+    let place = place();
+    for (coordinates, shown) in [("[149, 0]", 2), ("[7]", 1), ("[0, 1, 2, 3, 4, 5, 6, 7, 8, 9]", 9)] {
+        place.write("scenario.toml", &CHAIN.replace("[149, 0]", coordinates));
+        let output = place.fvi(&["run", "scenario.toml", "--out", "out", "--steps", "0"]);
+        let line = text(&output.stdout);
+        let positions = line.split("q = ").nth(1).unwrap().split(", p = ").next().unwrap();
+        assert_eq!(positions.split(", ").count(), shown, "{line}");
+        assert_eq!(positions.ends_with("…]"), shown > 8, "{line}");
+    }
+}
+
+#[test]
 fn energies_are_those_of_their_steps_where_not_every_one_is_written() {
     let place = place();
     let scenario = CHAIN.replace("snapshots = 10\n", "");
