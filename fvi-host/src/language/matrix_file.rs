@@ -275,6 +275,9 @@ fn sparse_npz(bytes: &[u8]) -> Result<FileMatrix, String> {
     let letters = format.rsplit(|&byte| byte == b'\n').next().unwrap_or_default();
     let format: String =
         letters.iter().filter(|byte| byte.is_ascii_lowercase()).map(|&byte| char::from(byte)).collect();
+    if !["csr", "csc", "coo"].contains(&format.as_str()) {
+        return Err(format!("a sparse matrix of the format `{format}`; allowed: csr, csc, coo"));
+    }
     let shape = archive.list("shape")?;
     let &[rows, columns] = shape.as_slice() else {
         return Err(format!("shape.npy: {} numbers instead of two", shape.len()));
@@ -295,8 +298,7 @@ fn sparse_npz(bytes: &[u8]) -> Result<FileMatrix, String> {
             return Ok(FileMatrix { rows, columns, entries: entries.collect(), half: false });
         }
         "csr" => (rows, columns),
-        "csc" => (columns, rows),
-        other => return Err(format!("a sparse matrix of the format `{other}`; allowed: csr, csc, coo")),
+        _ => (columns, rows),
     };
     let indices = archive.indices("indices", minor)?;
     same_length(&data, indices.len())?;

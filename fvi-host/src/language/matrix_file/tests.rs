@@ -120,6 +120,14 @@ fn sparse_archives_of_each_format_hold_the_same_matrix() {
 }
 
 #[test]
+fn another_format_is_refused_whatever_its_data_look_like() {
+    for format in ["bsr", "dia"] {
+        let reason = read("k.npz", &sparse(format, &[("shape.npy", &[2.0, 2.0])], false)).unwrap_err();
+        assert!(reason.contains(&format!("the format `{format}`; allowed: csr, csc, coo")), "{reason}");
+    }
+}
+
+#[test]
 fn forged_archives_are_refused() {
     let shape: (&str, &[f64]) = ("shape.npy", &[2.0, 2.0]);
     for (members, said) in [
