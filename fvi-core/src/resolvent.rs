@@ -18,7 +18,6 @@ pub struct Resolvent<T, const R: usize> {
     columns: [[T; R]; R],
     rows: [[T; R]; R],
     determinant: [T; R],
-    decrement: [T; R],
     /// b
     weights: [T; R],
 }
@@ -41,13 +40,8 @@ impl<T: Real, const R: usize> Resolvent<T, R> {
         let mut columns = [[T::zero(); R]; R];
         let mut rows = [[T::zero(); R]; R];
         let mut determinant = [T::zero(); R];
-        let mut decrement = [0.0; R];
         let places = columns.iter_mut().zip(&mut rows).zip(&mut determinant);
         for (k, ((column, row), coefficient)) in places.enumerate() {
-            // p_k is there from the round before, but for the first.
-            if let Some(difference) = k.checked_sub(1).and_then(|before| decrement.get_mut(before)) {
-                *difference -= adjugate.last().map_or(0.0, |row| row.iter().sum());
-            }
             for (place, numbers) in column.iter_mut().zip(&adjugate) {
                 *place = T::of(numbers.iter().sum());
             }
@@ -58,14 +52,13 @@ impl<T: Real, const R: usize> Resolvent<T, R> {
             let trace: f64 = product.iter().enumerate().filter_map(|(i, row)| row.get(i)).sum();
             let p = trace / (k + 1) as f64;
             *coefficient = T::of(p);
-            decrement.iter_mut().skip(k).take(1).for_each(|difference| *difference = p);
             adjugate = product.map(|row| row.map(|number| -number));
             for (index, row) in adjugate.iter_mut().enumerate() {
                 row.iter_mut().skip(index).take(1).for_each(|diagonal| *diagonal += p);
             }
         }
         let weights = method.quadrature().weights().map(T::of);
-        Self { columns, rows, determinant, decrement: decrement.map(T::of), weights }
+        Self { columns, rows, determinant, weights }
     }
 
     /// B_k 1 for k = 0…R−1: (I + xA)⁻¹ 1 = Σ_k B_k 1 x^k / p(x).
@@ -85,8 +78,13 @@ impl<T: Real, const R: usize> Resolvent<T, R> {
 
     /// d_1 … d_R with 1 − R(−x) = Σ_k d_k x^k / p(x), R the stability function. For Radau IIA and Lobatto IIIC
     /// none is negative: nothing cancels.
-    pub fn decrement(&self) -> &[T; R] {
-        &self.decrement
+    pub fn decrement(&self) -> [T; R] {
+        let mut decrement = self.determinant;
+        // R(−x) is the last of (I + xA)⁻¹ 1.
+        for (difference, column) in decrement.iter_mut().zip(self.columns.iter().skip(1)) {
+            *difference -= column.last().copied().unwrap_or(T::zero());
+        }
+        decrement
     }
 
     /// In powers of x up to 1 and of 1/x beyond, so that nothing overflows; by the same operations for every
@@ -164,7 +162,7 @@ mod tests {
             }
             assert!((decrement - (1.0 - column[R - 1])).abs() < 1e-15);
             let p = |numbers: &[f64; R]| numbers.iter().rev().fold(0.0, |sum, number| (sum + number) * x);
-            let by_polynomials = p(resolvent.decrement()) / (1.0 + p(resolvent.determinant()));
+            let by_polynomials = p(&resolvent.decrement()) / (1.0 + p(resolvent.determinant()));
             assert!((by_polynomials - decrement).abs() <= 1e-15 * decrement, "{by_polynomials} {decrement}");
             assert!(resolvent.decrement().iter().all(|&number| number >= 0.0));
             if x == 1e-9 {

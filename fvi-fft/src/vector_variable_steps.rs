@@ -137,6 +137,7 @@ impl<T: Scalar, const R: usize> Operators<T, R> {
         &mut self,
         unit: V,
         resolvent: &Resolvent<T, R>,
+        decrement: [T; R],
         relaxations: &Relaxations<T>,
         [length, reciprocal]: [T; 2],
     ) {
@@ -156,7 +157,7 @@ impl<T: Scalar, const R: usize> Operators<T, R> {
             let above = form(unit, &powers, resolvent.determinant().iter().copied());
             let determinant = T::plus_product(unit, high, above, T::times(unit, low, powers[0]));
             let inverse = T::quotient(unit, one, determinant);
-            let lost = form(unit, &powers, resolvent.decrement().iter().copied());
+            let lost = form(unit, &powers, decrement.into_iter());
             self.decrement.parts_mut::<V>()[part] = T::times(unit, T::times(unit, high, inverse), lost);
             let factor = T::times(unit, low, inverse);
             let scaled = T::times(unit, c, factor);
@@ -400,8 +401,9 @@ impl<T: Scalar, const R: usize> WithSimd for SetOperators<'_, T, R> {
         let Self(memory) = self;
         let step = &mut memory.steps[0];
         let lengths = [step.length, T::one() / step.length];
+        let decrement = memory.resolvent.decrement();
         for (block, relaxations) in step.blocks.iter_mut().zip(&memory.relaxations) {
-            block.set(unit, &memory.resolvent, relaxations, lengths);
+            block.set(unit, &memory.resolvent, decrement, relaxations, lengths);
         }
     }
 }
