@@ -181,8 +181,8 @@ fn errors_next_to_a_singular_start_need_not_count() {
         ["position_order", "momentum_order", "energy_order"]
             .map(|name| *numbers(&place, name).last().unwrap())
     };
-    // The energy above all, by some h next to the start.
-    assert!(orders("0")[2] < 2.5);
+    // The force is not smooth there, so that the momentum suffers first.
+    assert!(orders("0")[1] < 2.5);
     let orders = orders("1");
     assert!(orders.iter().all(|order| (order - 4.0).abs() < 0.2), "{orders:?}");
     for from in ["-1", "4.5", "nan"] {
