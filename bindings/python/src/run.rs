@@ -6,6 +6,7 @@ use crate::terms::{Callables, ErrorSlot, PythonTerms};
 use crate::watch::Watch;
 use fvi_host::lab::checkpoint::IntervalError;
 use fvi_host::lab::run::{Run, RunError, RunOptions, RunSummary, run as run_into_files};
+use fvi_host::language::Problem;
 use fvi_host::results::room::require;
 use fvi_host::results::trajectory::Format;
 use fvi_host::scenario::{Engine, Scenario, SharedTerms};
@@ -26,8 +27,8 @@ type Motion<'py> = (
     String,
 );
 
-/// Runs a scenario and keeps the rows that `fvi run` would write, for each load case; one motion without
-/// cases.
+/// Runs a scenario and keeps the rows that `fvi run` would write: those of its one motion, or with `cases`
+/// those of each load case.
 #[pyfunction]
 #[pyo3(signature = (source, *, engine = None, precision = "f64", progress = None, terms = None, cases = false))]
 pub(crate) fn run<'py>(
@@ -41,7 +42,7 @@ pub(crate) fn run<'py>(
 ) -> PyResult<(Vec<Motion<'py>>, Option<PyErr>)> {
     let engine = engine.map(self::engine).transpose()?;
     let precision = self::precision(precision)?;
-    let read = || if cases { read_cases(&source, engine) } else { read(&source, engine) };
+    let read = || if cases { read_its_cases(&source, engine) } else { read(&source, engine) };
     let (names, motions, raised) = match terms {
         // Code of the caller's is called several times a step: the interpreter hands over between its
         // instructions anyway.
@@ -144,6 +145,15 @@ pub(crate) fn read(source: &Source, engine: Option<Engine>) -> Outcome<Scenario>
     scenario
         .require_one_motion("functions that return one motion; `run_cases` takes them")
         .map_err(|error| source.failure(&error))?;
+    Ok(scenario)
+}
+
+/// The scenario of a source, which must have load cases.
+fn read_its_cases(source: &Source, engine: Option<Engine>) -> Outcome<Scenario> {
+    let scenario = read_cases(source, engine)?;
+    if scenario.cases.is_empty() {
+        return Err(source.failure(&scenario.error_at("case", Problem::MissingKey { key: "case".to_owned() })));
+    }
     Ok(scenario)
 }
 

@@ -87,6 +87,8 @@ def test_the_numbers_are_those_of_the_program(tmp_path):
         ({"a b": []}, {}, "cases[0].name"),
         ({"a": [], "A": []}, {}, "cases[1].name"),
         ({"a": [3]}, {}, "cases['a'][0]"),
+        ({"a": None}, {}, "cases['a']"),
+        ({"a": fvi.Load([0.0, 1.0], ([0.0, 2.0, 1.0], [0.0, 1.0, 1.0]))}, {}, "cases['a'][0].amplitude[0][2]"),
         ({"a": fvi.Load([1.0], "t")}, {}, "cases['a'][0].pattern"),
         ({"a": fvi.Load([1.0, 1.0], "t + ")}, {}, "cases[0].load[0].amplitude"),
         ({"a": []}, {"potential": "q0^4"}, "potential"),
@@ -105,6 +107,8 @@ def test_functions_of_one_motion_name_the_one_that_takes_cases(tmp_path):
     file.write_text(SCENARIO)
     with pytest.raises(fvi.InputError, match="run_cases"):
         fvi.run(file)
+    with pytest.raises(fvi.InputError, match="the key `case` is missing"):
+        fvi.run_cases({"system": {"mass": [1.0]}, "initial": {"position": [0.0], "velocity": [1.0]}, "time": {"step": 0.1, "end": 1.0}})
     assert list(fvi.run_cases(file, precision="f32", every=50)) == ["top", "both"]
 
 

@@ -210,3 +210,39 @@ def test_jacobians_are_read_row_by_row_however_they_lie_in_memory():
         iterations.add(r.summary["newton_iterations"])
     # A wrong Jacobian would need more of them.
     assert len(iterations) == 1
+
+
+@pytest.mark.parametrize(
+    "call, key",
+    [
+        (lambda missing: fvi.derivative(missing, order=0.5, step=0.1), "x"),
+        (lambda missing: fvi.integrate(mass=[1.0, 1.0], position=missing, step=0.1, steps=3), "position"),
+        (lambda missing: fvi.integrate(mass=missing, position=0.0, step=0.1, steps=3), "mass"),
+        (lambda missing: fvi.Memory(exponent=0.5, step=0.1, channels=2).push(missing), "sample"),
+    ],
+)
+def test_a_number_that_is_masked_is_none(call, key):
+    with pytest.raises(fvi.InputError) as caught:
+        call(np.ma.array([1.0, 2.0], mask=[False, True]))
+    assert caught.value.key == key
+    call(np.ma.array([1.0, 2.0]))
+
+
+@pytest.mark.parametrize("key", ["damping", "loads", "elements", "events"])
+@pytest.mark.parametrize("given", [0.5, "text"])
+def test_what_is_no_list_is_named(key, given):
+    with pytest.raises(fvi.InputError) as caught:
+        fvi.integrate(mass=[1.0], position=[1.0], step=0.1, steps=3, **{key: given})
+    assert caught.value.key == key
+
+
+def test_axes_and_levels_are_whole_numbers():
+    samples = np.ones((3, 4))
+    for axis in (1.0, (0, 1), None):
+        with pytest.raises(fvi.InputError) as caught:
+            fvi.derivative(samples, order=0.5, step=0.1, axis=axis)
+        assert caught.value.key == "axis"
+    for levels in (3, (3,), (3, 4, 5), (3.0, 4.0)):
+        with pytest.raises(fvi.InputError) as caught:
+            fvi.converge(PENDULUM, levels)
+        assert caught.value.key == "levels"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ LARGEST = 2**63 - 1
 
 def numbers(name: str, given: Any) -> FloatArray:
     """An argument as an array of finite numbers in double precision, converted where it is something else."""
+    if isinstance(given, np.ma.MaskedArray) and np.ma.is_masked(given):
+        raise InputError(f"{name}: a masked array, in which numbers are missing; all are needed", name, "masked")
     array = np.asarray(given)
     if array.dtype.kind not in "fiub":
         described = "objects" if array.dtype.kind == "O" else f"values of type {array.dtype}"
@@ -28,6 +31,15 @@ def numbers(name: str, given: Any) -> FloatArray:
         subject = f"{name}[{', '.join(map(str, place))}]" if place else name
         raise InputError(f"{subject} = {value}: not allowed; allowed: a finite number", name, value)
     return array
+
+
+def several(name: str, given: Any, kinds: type | tuple[type, ...], wanted: str) -> Iterable[Any]:
+    """One argument of some kinds, or several of them."""
+    if isinstance(given, kinds):
+        return [given]
+    if isinstance(given, (str, bytes)) or not isinstance(given, Iterable):
+        raise InputError(f"{name} = {given!r}: {wanted} is needed, or a list of them", name, repr(given))
+    return given
 
 
 def vector(name: str, given: Any, size: int) -> FloatArray:

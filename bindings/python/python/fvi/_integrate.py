@@ -425,10 +425,8 @@ def _time(step: Any, steps: Any, end: Any, grid: Any) -> dict[str, Any]:
 
 def _loads(given: Any, argument: str, key: str, size: int, files: Files) -> list[dict[str, Any]]:
     """The entries of loads under a key of the scenario; the records of their amplitudes go to `files`."""
-    if isinstance(given, (Load, Mapping)):
-        given = [given]
     loads = []
-    for index, load in enumerate(given):
+    for index, load in enumerate(_arrays.several(argument, given, (Load, Mapping), "a fvi.Load")):
         place = f"{argument}[{index}]"
         if isinstance(load, Load):
             load = {"pattern": load.pattern, "amplitude": load.amplitude}
@@ -456,15 +454,18 @@ def _record(name: str, given: Sequence[Any]) -> bytes:
     if times.ndim != 1 or times.shape != values.shape:
         shapes = f"{times.shape} and {values.shape}"
         raise InputError(f"{name}: shapes {shapes} instead of two of the same length", name, shapes)
+    early = np.flatnonzero(np.diff(times) <= 0.0)
+    if early.size > 0:
+        index = int(early[0]) + 1
+        value = str(times[index])
+        raise InputError(f"{name}[0][{index}] = {value}: not allowed; allowed: times that increase", f"{name}[0][{index}]", value)
     rows = (f"{time!r},{value!r}\n" for time, value in zip(times.tolist(), values.tolist()))
     return ("t,a\n" + "".join(rows)).encode()
 
 
 def _elements(system: dict[str, Any], given: Any) -> None:
     """Puts elements into a system."""
-    if isinstance(given, (Element, Mapping)):
-        given = [given]
-    for index, element in enumerate(given):
+    for index, element in enumerate(_arrays.several("elements", given, (Element, Mapping), "a fvi.Element")):
         place = f"elements[{index}]"
         if isinstance(element, Element):
             element = {"potential": element.potential, "coordinates": element.coordinates}
@@ -475,10 +476,8 @@ def _elements(system: dict[str, Any], given: Any) -> None:
 
 def _events(given: Any) -> list[dict[str, Any]]:
     """Events as a scenario has them."""
-    if isinstance(given, (Event, Mapping)):
-        given = [given]
     entries = []
-    for index, event in enumerate(given):
+    for index, event in enumerate(_arrays.several("events", given, (Event, Mapping), "a fvi.Event")):
         place = f"events[{index}]"
         if isinstance(event, Event):
             event = {"when": event.when, "direction": event.direction, "action": event.action}
@@ -560,10 +559,8 @@ def _symmetric(name: str, given: Any) -> Any:
 
 
 def _damping(given: Any, size: int) -> list[dict[str, Any]]:
-    if isinstance(given, (Damping, Mapping)):
-        given = [given]
     terms = []
-    for index, term in enumerate(given):
+    for index, term in enumerate(_arrays.several("damping", given, (Damping, Mapping), "a fvi.Damping")):
         place = f"damping[{index}]"
         if isinstance(term, Damping):
             term = {field.name: getattr(term, field.name) for field in fields(term)}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 import re
 from typing import Any
 
@@ -96,6 +97,10 @@ def derivative(
     formula = int(match[1])
     if start not in ("caputo", "riemann-liouville"):
         raise InputError(f'start = {start!r}: not allowed; allowed: "caputo", "riemann-liouville"', "start", repr(start))
+    try:
+        axis = operator.index(axis)
+    except TypeError:
+        raise InputError(f"axis = {axis!r}: not allowed; allowed: a whole number", "axis", repr(axis)) from None
     if not -samples.ndim <= axis < samples.ndim:
         raise InputError(f"axis = {axis}: not allowed; allowed: an axis of x, which has {samples.ndim}", "axis", str(axis))
     moved = np.moveaxis(samples, axis, 0)

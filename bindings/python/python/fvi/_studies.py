@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from fvi import _arrays, _fvi
@@ -58,6 +58,8 @@ def converge(
     >>> bool(abs(table["position_order"][-1] - 2) < 0.1)
     True
     """
+    if not isinstance(levels, Iterable) or len(levels := tuple(levels)) != 2:
+        raise InputError(f"levels = {levels!r}: not allowed; allowed: the first and the last level", "levels", repr(levels))
     first, last = (_arrays.whole("levels", level) for level in levels)
     if first > last or last > 40:
         raise InputError(f"levels = {levels}: not allowed; allowed: 0 ≤ first ≤ last ≤ 40", "levels", str(levels))
