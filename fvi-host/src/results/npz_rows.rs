@@ -143,6 +143,7 @@ pub(crate) fn can_resume(path: &Path, arrays: Arrays, marks: &[Mark]) -> bool {
 }
 
 /// The numbers of an array of a finished archive, `columns` at a time.
+#[cfg_attr(not(feature = "pictures"), expect(dead_code, reason = "maps are drawn from them"))]
 pub(crate) fn read_rows(
     path: &Path,
     name: &str,
