@@ -6,7 +6,7 @@ use crate::model::{Loads, RoughForces};
 use crate::numerics::column::{highest, lowest};
 use crate::scenario::{Derivative, OnEnergyGrowth, Scenario, SharedTerms, SymmetricMatrix};
 use crate::simulation::GridState;
-use crate::simulation::stability::{self, discretisation};
+use crate::simulation::stability;
 use crate::simulation::stretch::Stretch;
 use fvi_core::NodalRule;
 use serde::{Deserialize, Serialize};
@@ -26,11 +26,10 @@ const FACTOR: f64 = 1000.0;
 ///
 /// up to the error of the scheme. The guard trips where E_k − E₀ passes a thousand times T₀ + max(|U₀|,
 /// U₀ − min U) + W_k, with the kinetic energy T and the potential U: a rise that no constant in U, fall into
-/// a well or resonance explains. Forces are taken at the nodes of the scheme, with what their moments exceed
-/// those of a node by where they are rough between nodes, and the larger of Δq and h v at both ends of the step
-/// for the way that they act along. The memory of a Riemann–Liouville derivative pushes
-/// with up to |ρ q₀| t^{−β}, that of Caputo's for β > 1 with up to |ρ v₀| t^{1−β}; for β = 0 it is a spring
-/// and holds ½ q₀ᵀρ q₀.
+/// a well or resonance explains. Forces are taken at the nodes of the scheme, with what is added where they
+/// are rough between nodes, and the larger of Δq and h v at both ends of the step for the way that they act
+/// along. The memory of a Riemann–Liouville derivative pushes with up to |ρ q₀| t^{−β}, that of Caputo's for
+/// β > 1 with up to |ρ v₀| t^{1−β}; for β = 0 it is a spring and holds ½ q₀ᵀρ q₀.
 ///
 /// With a mass matrix from a file velocities would cost a solution of equations each. The diagonal matrix L
 /// of the sums of |m_ij| over rows stands for it: M ≤ L, so that ½ pᵀL⁻¹p is no more than T. The energy is
@@ -141,7 +140,7 @@ impl EnergyGuard {
             force,
             rough: RoughForces::of(scenario).map(|rough| (rough, vec![0.0; 2 * scenario.coordinates()])),
             own,
-            nodes: discretisation(scenario).map_or_else(|| vec![0.0, 1.0], |scheme| scheme.nodes),
+            nodes: stability::force_nodes(scenario),
             warning: None,
             heights: Vec::new(),
             state: start.clone(),

@@ -13,7 +13,7 @@ mod winding;
 use characteristic::Characteristic;
 use fvi_core::{BdfOrder, ParameterError};
 use nalgebra::{Cholesky, DMatrix};
-pub(crate) use of_scenario::{check_large_step, check_step, discretisation, is_unconditional};
+pub(crate) use of_scenario::{check_large_step, check_step, force_nodes, is_unconditional};
 use parts::{Part, parts};
 use winding::Count;
 

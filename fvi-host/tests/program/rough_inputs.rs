@@ -108,4 +108,11 @@ fn what_begins_between_the_nodes_of_a_step_sets_a_system_at_rest_going() {
         assert_eq!(run.summary["status"], "completed", "{force}{input}");
         assert!(run.rows[1][1] == 0.0 && run.rows[2][1] > 0.0, "{force}{input}: {:?}", &run.rows[..3]);
     }
+    // By collocation, of whose stages one meets the pulse.
+    let run = place.run(
+        "[system]\nmass = [1.0]\nforce = [\"step(t - 0.11)*step(0.12 - t)\"]\n[initial]\nposition = [0.0]\n\
+         velocity = [0.0]\n[scheme]\nkind = \"collocation\"\n[time]\nstep = 0.1\nsteps = 20\n",
+        &[],
+    );
+    assert!(run.rows[2][1] > 0.0, "{:?}", &run.rows[..3]);
 }

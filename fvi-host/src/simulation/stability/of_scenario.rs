@@ -119,7 +119,7 @@ fn dense(matrix: &SymmetricMatrix) -> DMatrix<f64> {
 
 /// The scheme of a scenario; `None` for the Euler methods, for collocation, which is L-stable, and for shapes
 /// that do not exist.
-pub(crate) fn discretisation(scenario: &Scenario) -> Option<Discretisation> {
+fn discretisation(scenario: &Scenario) -> Option<Discretisation> {
     let (degree, kappa) = match scenario.scheme {
         Scheme::LowOrder { kappa } => (1, Some(kappa)),
         Scheme::Galerkin { degree, .. } => (degree, None),
@@ -138,21 +138,33 @@ pub(crate) fn discretisation(scenario: &Scenario) -> Option<Discretisation> {
             };
             (form, rule)
         }
-        ConvolutionFamily::RadauIia { stages } => match stages {
-            1 => stages_of(&RungeKutta::<1>::radau_iia().ok()?),
-            2 => stages_of(&RungeKutta::<2>::radau_iia().ok()?),
-            3 => stages_of(&RungeKutta::<3>::radau_iia().ok()?),
-            _ => return None,
-        },
-        ConvolutionFamily::LobattoIiic { stages } => match stages {
-            2 => stages_of(&RungeKutta::<2>::lobatto_iiic().ok()?),
-            3 => stages_of(&RungeKutta::<3>::lobatto_iiic().ok()?),
-            4 => stages_of(&RungeKutta::<4>::lobatto_iiic().ok()?),
-            _ => return None,
-        },
+        family => stages_of_family(family)?,
     };
     let (nodes, weights) = rule;
     Some(Discretisation { degree, nodes, weights, form })
+}
+
+/// Where in a step the scheme of a scenario looks at forces.
+pub(crate) fn force_nodes(scenario: &Scenario) -> Vec<f64> {
+    let stages = || match scenario.scheme {
+        Scheme::Collocation => stages_of_family(scenario.convolution.family).map(|(_, (nodes, _))| nodes),
+        _ => None,
+    };
+    let nodes = discretisation(scenario).map(|scheme| scheme.nodes);
+    nodes.or_else(stages).unwrap_or_else(|| vec![0.0, 1.0])
+}
+
+/// The stages of a Runge–Kutta family.
+fn stages_of_family(family: ConvolutionFamily) -> Option<(DampingForm, Rule)> {
+    Some(match family {
+        ConvolutionFamily::RadauIia { stages: 1 } => stages_of(&RungeKutta::<1>::radau_iia().ok()?),
+        ConvolutionFamily::RadauIia { stages: 2 } => stages_of(&RungeKutta::<2>::radau_iia().ok()?),
+        ConvolutionFamily::RadauIia { stages: 3 } => stages_of(&RungeKutta::<3>::radau_iia().ok()?),
+        ConvolutionFamily::LobattoIiic { stages: 2 } => stages_of(&RungeKutta::<2>::lobatto_iiic().ok()?),
+        ConvolutionFamily::LobattoIiic { stages: 3 } => stages_of(&RungeKutta::<3>::lobatto_iiic().ok()?),
+        ConvolutionFamily::LobattoIiic { stages: 4 } => stages_of(&RungeKutta::<4>::lobatto_iiic().ok()?),
+        _ => return None,
+    })
 }
 
 /// Nodes and weights.
