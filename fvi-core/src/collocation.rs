@@ -76,11 +76,11 @@ impl<T: Real, const N: usize, const R: usize> Scheme<T, Fixed<N>> for Collocatio
         NodeStorage::empty()
     }
 
-    fn behind(storage: &Self::Storage) -> &[T] {
+    fn carried(storage: &Self::Storage) -> &[T] {
         storage.behind.as_flattened()
     }
 
-    fn behind_mut(storage: &mut Self::Storage) -> &mut [T] {
+    fn carried_mut(storage: &mut Self::Storage) -> &mut [T] {
         storage.behind.as_flattened_mut()
     }
 
@@ -151,7 +151,8 @@ impl<T: Real> CollocationTables<'_, T> {
             let stays = equations.damping.leading_is_constant();
             if work.kept.length != step.size {
                 equations.residual(work.increments, work.residual, Some(&mut *work.matrix));
-                work.matrix.keep(&mut work.kept.solver).map_err(|_| StepError::SingularJacobian)?;
+                let inertia = (T::zero(), equations.mechanics.mass());
+                work.matrix.keep(&mut work.kept.solver, inertia).map_err(|_| StepError::SingularJacobian)?;
                 work.kept.length = if stays { step.size } else { T::zero() };
             }
             for _ in 0..LINEAR_CORRECTIONS {
@@ -164,12 +165,12 @@ impl<T: Real> CollocationTables<'_, T> {
             }
             LINEAR_CORRECTIONS
         } else {
-            let linearise = |accelerations: &[T], residual: &mut [T], matrix: &mut E| {
-                equations.residual(accelerations, residual, Some(matrix));
+            let balance = |accelerations: &[T], residual: &mut [T], matrix: Option<&mut E>| {
+                equations.residual(accelerations, residual, matrix);
             };
             // What is below the rounding of positions does not show in an acceleration.
             let offset = size(X::slice(position)) / (step.size * step.size);
-            newton(work.increments, work.residual, offset, work.matrix, linearise)?.iterations
+            newton(work.increments, work.residual, offset, work.matrix, balance)?.iterations
         };
         self.place_stages(work.increments, X::slice(&velocity), step.size, work.stages);
         let rise = vectors(work.stages, coordinates).last().unwrap_or(&[]);

@@ -110,6 +110,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         combine(kick, work.known, |impulse, force| -impulse - force * step.size);
         let found = Outcome { increments: rise, rise, kick };
         conclude(damping, step, &at_end, &found, state, work.behind, work.scratch)?;
+        combine(work.pull, work.forces, |_, force| force);
         Ok(iterations)
     }
 
@@ -151,6 +152,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         kick.iter_mut().for_each(|number| *number = -*number);
         let found = Outcome { increments: work.stages, rise, kick };
         conclude(damping, step, self.nodes, &found, state, work.behind, work.scratch)?;
+        combine(work.pull, work.forces, |_, force| force);
         Ok(iterations)
     }
 
@@ -181,16 +183,18 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         G: Mechanics<T, X>,
         D: Damping<T, X>,
     {
-        let rule = NodalRule {
-            start: step.time,
-            length: step.size,
-            weights: self.weights,
-            nodes: self.nodes,
-            points: self.control_points,
-            shapes: self.shapes,
-            tests: self.tests,
+        let rough = !self.drifts() && mechanics.is_rough() && {
+            let rule = NodalRule {
+                start: step.time,
+                length: step.size,
+                weights: self.weights,
+                nodes: self.nodes,
+                points: self.control_points,
+                shapes: self.shapes,
+                tests: self.tests,
+            };
+            mechanics.excess(&rule, work.excess)
         };
-        let rough = !self.drifts() && mechanics.excess(&rule, work.excess);
         let count = if rough { (self.degree() + 1) * X::slice(&state.position).len() } else { 0 };
         if let Some(one) = self.one_node() {
             return one.solve(work, mechanics, damping, step, state, count);
@@ -285,7 +289,9 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
                 equations.residual::<E>(work.increments, work.residual, None);
             } else {
                 equations.residual(work.increments, work.residual, Some(&mut *work.matrix));
-                work.matrix.keep(&mut work.kept.solver).map_err(|_| StepError::SingularJacobian)?;
+                // A symmetric change of what several nodes share is none of the mass.
+                let inertia = (T::zero(), equations.mechanics.mass());
+                work.matrix.keep(&mut work.kept.solver, inertia).map_err(|_| StepError::SingularJacobian)?;
                 work.kept.length = if stays { step.size } else { T::zero() };
             }
             equations.correct(work.increments, work.residual, work.matrix, &work.kept.solver);
@@ -307,10 +313,10 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
             }
             1
         } else {
-            let linearise = |increments: &[T], residual: &mut [T], matrix: &mut E| {
-                equations.residual(increments, residual, Some(matrix));
+            let balance = |increments: &[T], residual: &mut [T], matrix: Option<&mut E>| {
+                equations.residual(increments, residual, matrix);
             };
-            newton(work.increments, work.residual, size(position), work.matrix, linearise)?.iterations
+            newton(work.increments, work.residual, size(position), work.matrix, balance)?.iterations
         };
         if !equations.mechanics.is_linear() || self.drifts() {
             equations.forces::<E>(work.increments, None);
@@ -615,6 +621,7 @@ mod tests {
             known: known.as_flattened_mut(),
             scratch: &mut [0.0; 32],
             behind: &mut [0.0; 32],
+            pull: &mut [],
             excess: &mut [0.0; 32],
             point: &mut SVector::zeros(),
             stiffness: &mut system.stiffness(),

@@ -290,6 +290,7 @@ macro_rules! in_place {
             known: known.as_flattened_mut(),
             scratch: scratch.as_flattened_mut(),
             behind: $behind,
+            pull: &mut [],
             excess: excess.as_flattened_mut(),
             point: &mut point,
             stiffness: &mut stiffness,

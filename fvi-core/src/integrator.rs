@@ -329,7 +329,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
 
     /// Number of bytes that [`save`](Integrator::save) writes at present.
     pub fn state_bytes(&self) -> usize {
-        let numbers = 1 + 4 * self.space.coordinates() + S::behind(&self.storage).len();
+        let numbers = 1 + 4 * self.space.coordinates() + S::carried(&self.storage).len();
         header_bytes(4) + numbers * T::BYTES + self.damping.state_bytes()
     }
 
@@ -347,7 +347,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         for vector in [position, momentum, &rounding.position, &rounding.momentum] {
             to.numbers(X::slice(vector))?;
         }
-        to.numbers(S::behind(&self.storage))?;
+        to.numbers(S::carried(&self.storage))?;
         self.damping.save(to)
     }
 
@@ -373,7 +373,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         }
         // What the scheme keeps otherwise is for the leading weights of the damping as it was.
         let mut storage = self.scheme.storage(&self.space, &self.mechanics);
-        ahead.numbers(S::behind_mut(&mut storage))?;
+        ahead.numbers(S::carried_mut(&mut storage))?;
         self.damping.restore(&mut ahead)?;
         (self.state, self.storage, self.anchor) = (state, storage, anchor);
         *from = ahead;

@@ -2,24 +2,131 @@
 //!
 //! Matrices of n×n numbers lie row by row in a slice.
 
+use core::array::from_fn;
+
 use nalgebra::SMatrix;
 
 use crate::real::Real;
 
+/// Numbers that are taken at a time. A loop over vectors whose length is not known before run time also finds
+/// out whether they overlap, and has loops of its own for what is left over: small vectors spend more on that
+/// than on their arithmetic.
+const LANES: usize = 8;
+
+/// Whether it is worth taking several: microcontrollers have no vectors of such numbers.
+const IN_ROWS: bool = cfg!(target_pointer_width = "64");
+
+/// The first `len` numbers as rows, and what is left of them.
+#[inline(always)]
+fn rows<T>(numbers: &[T], len: usize) -> (&[[T; LANES]], &[T]) {
+    let numbers = numbers.get(..len).unwrap_or_default();
+    if IN_ROWS { numbers.as_chunks() } else { (&[], numbers) }
+}
+
+/// As [`rows`], to change them.
+#[inline(always)]
+fn rows_mut<T>(numbers: &mut [T], len: usize) -> (&mut [[T; LANES]], &mut [T]) {
+    let numbers = numbers.get_mut(..len).unwrap_or_default();
+    if IN_ROWS { numbers.as_chunks_mut() } else { (&mut [], numbers) }
+}
+
 /// target ← of(target, x), number by number.
 #[inline(always)]
 pub(crate) fn combine<T: Real>(target: &mut [T], x: &[T], of: impl Fn(T, T) -> T) {
+    let len = target.len().min(x.len());
+    let ((targets, target), (xs, x)) = (rows_mut(target, len), rows(x, len));
+    for (targets, &xs) in targets.iter_mut().zip(xs) {
+        let old = *targets;
+        *targets = from_fn(|lane| of(lane_of(&old, lane), lane_of(&xs, lane)));
+        by_itself();
+    }
     for (target, &x) in target.iter_mut().zip(x) {
         *target = of(*target, x);
     }
 }
 
-/// target ← of(x, y), number by number.
+/// target ← of(target, x, y), number by number.
 #[inline(always)]
-pub(crate) fn combine_two<T: Real>(target: &mut [T], x: &[T], y: &[T], of: impl Fn(T, T) -> T) {
-    for (target, (&x, &y)) in target.iter_mut().zip(x.iter().zip(y)) {
-        *target = of(x, y);
+pub fn combine_two<T: Real>(target: &mut [T], x: &[T], y: &[T], of: impl Fn(T, T, T) -> T) {
+    let len = target.len().min(x.len()).min(y.len());
+    let ((targets, target), (xs, x), (ys, y)) = (rows_mut(target, len), rows(x, len), rows(y, len));
+    for (targets, (&xs, &ys)) in targets.iter_mut().zip(xs.iter().zip(ys)) {
+        let old = *targets;
+        *targets = from_fn(|lane| of(lane_of(&old, lane), lane_of(&xs, lane), lane_of(&ys, lane)));
+        by_itself();
     }
+    for (target, (&x, &y)) in target.iter_mut().zip(x.iter().zip(y)) {
+        *target = of(*target, x, y);
+    }
+}
+
+/// (a, b) ← of(a, b, x), number by number.
+#[inline(always)]
+pub(crate) fn combine_pair<T: Real>((a, b): (&mut [T], &mut [T]), x: &[T], of: impl Fn(T, T, T) -> (T, T)) {
+    let len = a.len().min(b.len()).min(x.len());
+    let ((rows_of_a, a), (rows_of_b, b), (xs, x)) = (rows_mut(a, len), rows_mut(b, len), rows(x, len));
+    for ((a, b), &x) in rows_of_a.iter_mut().zip(rows_of_b).zip(xs) {
+        let (old_a, old_b) = (*a, *b);
+        let pairs: [(T, T); LANES] =
+            from_fn(|lane| of(lane_of(&old_a, lane), lane_of(&old_b, lane), lane_of(&x, lane)));
+        (*a, *b) = (pairs.map(|(a, _)| a), pairs.map(|(_, b)| b));
+        by_itself();
+    }
+    for ((a, b), &x) in a.iter_mut().zip(b).zip(x) {
+        (*a, *b) = of(*a, *b, x);
+    }
+}
+
+/// Joins numbers, and what has been joined of others, to `start`, in no particular order.
+#[inline(always)]
+pub(crate) fn fold<T: Real>(numbers: &[T], start: T, join: impl Fn(T, T) -> T) -> T {
+    let (rows, rest) = rows(numbers, numbers.len());
+    let mut joined = start;
+    if !rows.is_empty() {
+        let mut lanes = [start; LANES];
+        for row in rows {
+            lanes = from_fn(|lane| join(lane_of(&lanes, lane), lane_of(row, lane)));
+            by_itself();
+        }
+        joined = join_lanes(&lanes, &join);
+    }
+    rest.iter().fold(joined, |joined, &number| join(joined, number))
+}
+
+/// `start` and zero times every number of x + y: zero if all are finite, else not a number.
+#[inline(always)]
+pub(crate) fn add_zeros<T: Real>(start: T, x: &[T], y: &[T]) -> T {
+    let len = x.len().min(y.len());
+    let ((xs, x), (ys, y)) = (rows(x, len), rows(y, len));
+    let mut sum = start;
+    if !xs.is_empty() {
+        let mut lanes = [start; LANES];
+        for (x, y) in xs.iter().zip(ys) {
+            lanes = from_fn(|lane| lane_of(&lanes, lane) + (lane_of(x, lane) + lane_of(y, lane)) * T::zero());
+            by_itself();
+        }
+        sum = join_lanes(&lanes, |sum, lane| sum + lane);
+    }
+    x.iter().zip(y).fold(sum, |sum, (&x, &y)| sum + (x + y) * T::zero())
+}
+
+/// Joins halves, of which the compiler makes vectors.
+#[inline(always)]
+fn join_lanes<T: Real>(lanes: &[T; LANES], join: impl Fn(T, T) -> T) -> T {
+    let four: [T; 4] = from_fn(|lane| join(lane_of(lanes, lane), lane_of(lanes, lane + 4)));
+    let [a, b, c, d] = four;
+    join(join(a, c), join(b, d))
+}
+
+#[inline(always)]
+fn lane_of<T: Real>(row: &[T; LANES], lane: usize) -> T {
+    row.get(lane).copied().unwrap_or(T::zero())
+}
+
+/// Keeps the compiler from taking several rows together, for which it would turn them into columns.
+#[inline(always)]
+fn by_itself() {
+    core::hint::black_box(());
 }
 
 /// target += factor · x, number by number.

@@ -1,7 +1,7 @@
 //! The equations of one step: their matrix, and Newton's method converged to rounding.
 
-use crate::linear::{Singular, keep_factors, solve, substitute_kept};
-use crate::real::{Real, all_finite};
+use crate::linear::{Singular, add_multiple, fold, keep_factors, solve, substitute, substitute_kept};
+use crate::real::Real;
 use crate::scheme::StepError;
 use crate::space::Block;
 
@@ -30,14 +30,32 @@ pub trait Equations<T: Real, B: Block<T>> {
     /// [`Singular`].
     fn solve(&mut self, vector: &mut [T]) -> Result<(), Singular>;
 
-    /// Prepares solutions for this matrix. It may be overwritten.
+    /// Whether [`solve`](Equations::solve) has left factors for [`solve_again`](Equations::solve_again).
+    #[inline(always)]
+    fn has_factors(&self) -> bool {
+        false
+    }
+
+    /// Replaces `vector` by the solution with the matrix that was solved last, where it has left its factors.
+    #[inline(always)]
+    fn solve_again(&mut self, _vector: &mut [T]) {}
+
+    /// Prepares solutions for this matrix, of which `inertia` is the part that the mass M has in the blocks
+    /// on the diagonal: factor · M. The matrix may be overwritten.
     ///
     /// # Errors
     /// [`Singular`].
-    fn keep(&mut self, kept: &mut Self::Kept) -> Result<(), Singular>;
+    fn keep(&mut self, kept: &mut Self::Kept, inertia: (T, &B)) -> Result<(), Singular>;
 
     /// Replaces `vector` by the solution, with what [`keep`](Equations::keep) prepared.
     fn solve_kept(&mut self, kept: &Self::Kept, vector: &mut [T]);
+
+    /// Whether one correction by [`solve_kept`](Equations::solve_kept) solves the equations of a matrix that
+    /// differs from this one by no more than a symmetric change of the mass by rounding does.
+    #[inline(always)]
+    fn is_solved_at_once(&self, _kept: &Self::Kept) -> bool {
+        false
+    }
 
     /// Whether the residual that [`solve_kept`](Equations::solve_kept) has left with these increments on this
     /// position is worth another correction. What is not may be set to zero.
@@ -116,7 +134,18 @@ impl<T: Real, const N: usize, const S: usize, B: Block<T>> Equations<T, B> for S
     }
 
     #[inline(always)]
-    fn keep(&mut self, kept: &mut Factors<T, N, S>) -> Result<(), Singular> {
+    fn has_factors(&self) -> bool {
+        true
+    }
+
+    #[inline(always)]
+    fn solve_again(&mut self, vector: &mut [T]) {
+        let factors = self.entries.as_flattened().as_flattened().as_flattened();
+        substitute(factors, self.pivots.as_flattened(), vector);
+    }
+
+    #[inline(always)]
+    fn keep(&mut self, kept: &mut Factors<T, N, S>, _: (T, &B)) -> Result<(), Singular> {
         let entries = self.entries.as_flattened_mut().as_flattened_mut().as_flattened_mut();
         let factors = kept.entries.as_flattened_mut().as_flattened_mut().as_flattened_mut();
         let pivots = self.pivots.as_flattened_mut();
@@ -134,12 +163,13 @@ impl<T: Real, const N: usize, const S: usize, B: Block<T>> Equations<T, B> for S
     }
 }
 
-/// Largest absolute value.
+/// Largest absolute value; not a number if one is not finite.
 #[inline(always)]
 pub(crate) fn size<T: Real>(numbers: &[T]) -> T {
-    numbers.iter().fold(T::zero(), |largest, number| {
+    fold(numbers, T::zero(), |largest, number| {
         let size = number.abs();
-        if size > largest { size } else { largest }
+        // The difference of what is not finite is not a number, nor is what is added to that.
+        (if size > largest { size } else { largest }) + (number - number)
     })
 }
 
@@ -154,12 +184,15 @@ pub(crate) struct Converged<T> {
 
 /// Solves residual(x) = 0 from the guess `unknowns`, and leaves the last correction in `correction`.
 ///
-/// `linearise` writes the residual at x and its Jacobian. The iteration ends when a correction is no larger
-/// than the rounding of numbers of size `offset` + |x| (the unknowns are increments on something of size
-/// `offset`), or when the next one would be: corrections shrink by a factor that falls from each to the next.
-/// It also ends, once corrections are below the square root of that rounding, when they stop shrinking: then
-/// rounding in the residual makes them. Near the smallest normal number rounding no longer shrinks with the
-/// numbers, so neither does the bound.
+/// `balance` writes the residual at x, and its Jacobian where it is given a matrix. Corrections are Newton's;
+/// after each of them that is small comes one with the same factors, which takes a residual only: two such
+/// corrections together converge to third order (\[Kelley95\] §5.4.3). The iteration ends when a correction
+/// is no larger than the rounding of numbers of size `offset` + |x| (the unknowns are increments on something
+/// of size `offset`), or when the next one would be: corrections shrink by a factor that falls from each to
+/// the next, and at most doubles where the factors are those of the one before. It also ends, once corrections
+/// are below the square root of that rounding, when they stop shrinking: then rounding in the residual makes
+/// them. Near the smallest normal number rounding no longer shrinks with the numbers, so neither does the
+/// bound.
 ///
 /// # Errors
 /// [`StepError::NotFinite`], [`StepError::SingularJacobian`] or [`StepError::NotConverged`].
@@ -169,37 +202,48 @@ pub(crate) fn newton<T: Real, B: Block<T>, E: Equations<T, B>>(
     correction: &mut [T],
     offset: T,
     matrix: &mut E,
-    mut linearise: impl FnMut(&[T], &mut [T], &mut E),
+    mut balance: impl FnMut(&[T], &mut [T], Option<&mut E>),
 ) -> Result<Converged<T>, StepError> {
     let floor = T::SMALLEST_NORMAL / T::EPSILON;
     let mut previous: Option<T> = None;
     let mut residual_size = T::zero();
+    // Whether the factors of the last correction are taken once more.
+    let mut again = false;
     for iteration in 1..=MAX_ITERATIONS {
-        linearise(unknowns, correction, matrix);
+        balance(unknowns, correction, if again { None } else { Some(&mut *matrix) });
         residual_size = size(correction);
-        if !all_finite(correction) {
+        if !residual_size.is_finite() {
             return Err(StepError::NotFinite);
         }
-        matrix.solve(correction).map_err(|_| StepError::SingularJacobian)?;
-        if !all_finite(correction) {
+        if again {
+            matrix.solve_again(correction);
+        } else {
+            matrix.solve(correction).map_err(|_| StepError::SingularJacobian)?;
+        }
+        let change = size(correction);
+        if !change.is_finite() {
             return Err(StepError::NotFinite);
         }
-        for (unknown, &correction) in unknowns.iter_mut().zip(&*correction) {
-            *unknown -= correction;
-        }
-        let (change, scale) = (size(correction), offset + size(unknowns) + floor);
+        add_multiple(unknowns, -T::one(), correction);
+        let scale = offset + size(unknowns) + floor;
         // Far from the solution corrections shrink by chance.
-        let ratio = previous.map(|previous| change / previous.min(T::of(NEAR) * scale));
+        let near = T::of(NEAR) * scale;
+        let ratio = previous.map(|previous| change / previous.min(near));
+        // By which factor the next correction is smaller, at most.
+        let shrinkage = ratio.map(|ratio| if again { ratio + ratio } else { ratio });
         let resolved = change <= T::of(2.0) * T::EPSILON * scale;
-        let settled = ratio.is_some_and(|ratio| ratio * change <= T::of(0.125) * T::EPSILON * scale);
+        let settled = shrinkage.is_some_and(|factor| factor * change <= T::of(0.125) * T::EPSILON * scale);
         let stalled =
             previous.is_some_and(|previous| change >= previous) && change <= T::EPSILON.sqrt() * scale;
         if resolved || settled || stalled {
-            // What is left is quadratic in the correction, as this residual was in the one before.
-            let residual = ratio.map(|ratio| residual_size * ratio * ratio);
+            // What is left after a correction of Newton's is quadratic in it, as this residual was in the one
+            // before; after one with its factors it is smaller by the shrinkage.
+            let left = shrinkage.map(|factor| if again { factor } else { factor * factor });
+            let residual = left.map(|left| residual_size * left);
             return Ok(Converged { iterations: iteration, residual });
         }
         previous = Some(change);
+        again = !again && change <= near && matrix.has_factors();
     }
     Err(StepError::NotConverged { iterations: MAX_ITERATIONS, residual: residual_size.to_f64() })
 }
@@ -208,18 +252,21 @@ pub(crate) fn newton<T: Real, B: Block<T>, E: Equations<T, B>>(
 mod tests {
     use super::*;
     use crate::coefficients::Coefficients;
+    use core::cell::Cell;
 
     fn scalar(guess: f64, f: impl Fn(f64) -> (f64, f64)) -> Result<(f64, u32), StepError> {
         let mut unknown = [guess];
         let mut matrix = StepMatrix::<f64, 1, 1>::zero();
-        let linearise = |x: &[f64], residual: &mut [f64], matrix: &mut StepMatrix<f64, 1, 1>| {
+        let balance = |x: &[f64], residual: &mut [f64], matrix: Option<&mut StepMatrix<f64, 1, 1>>| {
             let (value, slope) = f(x[0]);
             residual[0] = value;
-            Equations::<f64, Coefficients<f64, 1>>::clear(matrix);
-            matrix.add(0, 0, slope, &Coefficients::Diagonal([1.0].into()));
+            if let Some(matrix) = matrix {
+                Equations::<f64, Coefficients<f64, 1>>::clear(matrix);
+                matrix.add(0, 0, slope, &Coefficients::Diagonal([1.0].into()));
+            }
         };
         let converged =
-            newton::<_, Coefficients<f64, 1>, _>(&mut unknown, &mut [0.0], 0.0, &mut matrix, linearise)?;
+            newton::<_, Coefficients<f64, 1>, _>(&mut unknown, &mut [0.0], 0.0, &mut matrix, balance)?;
         Ok((unknown[0], converged.iterations))
     }
 
@@ -227,7 +274,26 @@ mod tests {
     fn a_root_is_found_to_the_last_digit() {
         let (root, iterations) = scalar(1.0, |x| (x * x - 2.0, 2.0 * x)).unwrap();
         assert!((root - 2f64.sqrt()).abs() <= f64::EPSILON);
-        assert!(iterations <= 5, "{iterations}");
+        assert!(iterations <= 6, "{iterations}");
+    }
+
+    #[test]
+    fn factors_of_a_small_correction_serve_the_next_one() {
+        let slopes = Cell::new(0);
+        let mut matrix = StepMatrix::<f64, 1, 1>::zero();
+        let balance = |x: &[f64], residual: &mut [f64], matrix: Option<&mut StepMatrix<f64, 1, 1>>| {
+            residual[0] = x[0] * x[0] - 2.0;
+            if let Some(matrix) = matrix {
+                slopes.set(slopes.get() + 1);
+                Equations::<f64, Coefficients<f64, 1>>::clear(matrix);
+                matrix.add(0, 0, 2.0 * x[0], &Coefficients::Diagonal([1.0].into()));
+            }
+        };
+        let (mut unknown, mut correction) = ([2f64.sqrt() + 1e-6], [0.0]);
+        let converged =
+            newton::<_, Coefficients<f64, 1>, _>(&mut unknown, &mut correction, 0.0, &mut matrix, balance);
+        assert_eq!(converged.map(|converged| converged.iterations), Ok(2));
+        assert!((unknown[0] - 2f64.sqrt()).abs() <= f64::EPSILON && slopes.get() == 1, "{unknown:?}");
     }
 
     #[test]
@@ -274,11 +340,14 @@ mod tests {
         let (mut eliminated, mut kept) = ([1.0, -2.0, 0.5, 4.0], [1.0, -2.0, 0.5, 4.0]);
         let mut factors = Factors::zero();
         let mut copy = matrix;
-        Equations::<f64, Coefficients<f64, 2>>::keep(&mut copy, &mut factors).unwrap();
+        copy.keep(&mut factors, (1.0, &block)).unwrap();
         Equations::<f64, Coefficients<f64, 2>>::solve_kept(&mut copy, &factors, &mut kept);
         Equations::<f64, Coefficients<f64, 2>>::solve(&mut matrix, &mut eliminated).unwrap();
         for (a, b) in eliminated.into_iter().zip(kept) {
             assert!((a - b).abs() < 1e-14, "{eliminated:?} {kept:?}");
         }
+        let mut again = [1.0, -2.0, 0.5, 4.0];
+        Equations::<f64, Coefficients<f64, 2>>::solve_again(&mut matrix, &mut again);
+        assert_eq!(again, eliminated);
     }
 }

@@ -70,11 +70,11 @@ impl<T: Real, const N: usize, const S: usize, const Q: usize> Scheme<T, Fixed<N>
         NodeStorage::empty()
     }
 
-    fn behind(storage: &Self::Storage) -> &[T] {
+    fn carried(storage: &Self::Storage) -> &[T] {
         storage.behind.as_flattened()
     }
 
-    fn behind_mut(storage: &mut Self::Storage) -> &mut [T] {
+    fn carried_mut(storage: &mut Self::Storage) -> &mut [T] {
         storage.behind.as_flattened_mut()
     }
 

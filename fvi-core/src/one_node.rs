@@ -54,7 +54,7 @@ impl<T: Real> OneNode<T> {
         G: Mechanics<T, X>,
         D: Damping<T, X>,
     {
-        let Workspace { increments, residual, stages, forces, known, scratch, excess, .. } = work;
+        let Workspace { increments, residual, stages, forces, known, scratch, excess, pull, .. } = work;
         let (position, momentum) = (X::slice(&state.position), X::slice(&state.momentum));
         let excess = excess.get(..moments).unwrap_or(&[]);
         let (linear, drifts) = (mechanics.is_linear(), self.test == T::zero());
@@ -62,14 +62,23 @@ impl<T: Real> OneNode<T> {
             // No guess is needed, and a stiff motion at speed would be guessed so far off that its place is
             // lost in rounding.
             increments.fill(T::zero());
+        } else if drifts {
+            // What would be a guess is the result.
+            mechanics.velocity(momentum, increments);
+            scale(increments, step.size);
+        } else if pull.is_empty() {
+            mechanics.drift(momentum, increments);
+            scale(increments, step.size);
         } else {
-            // Where nothing is solved for, the guess is the result.
-            if drifts {
-                mechanics.velocity(momentum, increments);
-            } else {
-                mechanics.drift(momentum, increments);
-            }
-            increments.iter_mut().for_each(|place| *place *= step.size);
+            // The solution for the G of the last step, no coordinate going more than twice as far as it would
+            // without forces: where they are stiff those of the last step say nothing.
+            let impulse = step.size * self.weight * self.test;
+            combine_two(stages, momentum, pull, |_, p, pull| {
+                let change = pull * impulse;
+                if change.abs() > p.abs() { p } else { p - change }
+            });
+            mechanics.drift(stages, increments);
+            scale(increments, -(step.size / self.kinetic));
         }
         let mut equation = Equation {
             numbers: self,
@@ -96,7 +105,8 @@ impl<T: Real> OneNode<T> {
             } else {
                 equation.look(increments, true);
                 equation.write_matrix(&mut *work.matrix);
-                work.matrix.keep(&mut work.kept.solver).map_err(|_| StepError::SingularJacobian)?;
+                let inertia = (self.kinetic / step.size, equation.mechanics.mass());
+                work.matrix.keep(&mut work.kept.solver, inertia).map_err(|_| StepError::SingularJacobian)?;
                 work.kept.length = if stays { step.size } else { T::zero() };
             }
             equation.balance(increments, residual);
@@ -105,10 +115,12 @@ impl<T: Real> OneNode<T> {
             // The rounding of the solver is the same at every step, so that it would add up to growth or
             // decay. A second correction, with the force that is wanted anyway, leaves nothing of it.
             equation.look(increments, false);
-            equation.balance(increments, residual);
-            if work.matrix.is_unsettled(&work.kept.solver, increments, position, residual) {
-                work.matrix.solve_kept(&work.kept.solver, residual);
-                take_off(increments, residual);
+            if !work.matrix.is_solved_at_once(&work.kept.solver) {
+                equation.balance(increments, residual);
+                if work.matrix.is_unsettled(&work.kept.solver, increments, position, residual) {
+                    work.matrix.solve_kept(&work.kept.solver, residual);
+                    take_off(increments, residual);
+                }
             }
             // The node is the sample where the force acts at it.
             if damping.is_some() {
@@ -116,12 +128,14 @@ impl<T: Real> OneNode<T> {
             }
             1
         } else {
-            let linearise = |increments: &[T], residual: &mut [T], matrix: &mut E| {
-                equation.look(increments, true);
+            let balance = |increments: &[T], residual: &mut [T], matrix: Option<&mut E>| {
+                equation.look(increments, matrix.is_some());
                 equation.balance(increments, residual);
-                equation.write_matrix(matrix);
+                if let Some(matrix) = matrix {
+                    equation.write_matrix(matrix);
+                }
             };
-            let converged = newton(increments, residual, size(position), &mut *work.matrix, linearise)?;
+            let converged = newton(increments, residual, size(position), &mut *work.matrix, balance)?;
             // The force at the end is the last one and its linear change, where what that leaves is rounding.
             let rounding = T::of(0.25) * T::EPSILON * step.size * self.weight * size(equation.force);
             if converged.residual.is_some_and(|left| left <= rounding) {
@@ -138,6 +152,12 @@ impl<T: Real> OneNode<T> {
         }
         Ok(iterations)
     }
+}
+
+/// x ← factor · x
+#[inline(always)]
+fn scale<T: Real>(x: &mut [T], factor: T) {
+    x.iter_mut().for_each(|x| *x *= factor);
 }
 
 /// x ← x − `correction`
@@ -173,7 +193,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> Equation<'_, T,
     #[inline(always)]
     fn look(&mut self, increments: &[T], linearise: bool) {
         self.place_stage(increments);
-        combine_two(X::slice_mut(self.point), self.position, self.stage, |q, stage| q + stage);
+        combine_two(X::slice_mut(self.point), self.position, self.stage, |_, q, stage| q + stage);
         let instant = Instant::in_step(self.step.time, self.numbers.node, self.step.size);
         if linearise {
             self.mechanics.linearise(instant, self.point, self.force, self.stiffness);

@@ -2,6 +2,8 @@
 
 use nalgebra::RealField;
 
+use crate::linear::fold;
+
 /// Floating-point scalar of the state and of the memory: `f32` or `f64`.
 ///
 /// Functions that reach the state are taken from `libm`, never from the platform, so that a host and a
@@ -83,5 +85,5 @@ real!(f64, u64, libm::pow);
 #[inline]
 pub(crate) fn all_finite<T: Real>(numbers: &[T]) -> bool {
     // Zero times what is infinite or not a number is not a number, and stays so in sums.
-    numbers.iter().fold(T::zero(), |sum, &number| sum + number * T::zero()) == T::zero()
+    fold(numbers, T::zero(), |sum, number| sum + number * T::zero()) == T::zero()
 }

@@ -3,6 +3,7 @@
 use core::fmt;
 
 use crate::damping::{Damping, Sample};
+use crate::linear::{add_zeros, combine_pair, combine_two};
 use crate::memory::MemoryError;
 use crate::real::Real;
 use crate::space::{Space, vectors, vectors_mut};
@@ -82,15 +83,16 @@ pub trait Scheme<T: Real, X: Space<T>> {
     /// What the memory stores of each step.
     fn sampling(&self) -> Sampling<'_, T>;
 
-    /// q_k − X_{k−1,i}, how far the nodes of the last sample lie behind the position, one node after another:
-    /// the part of the storage that belongs to the state. Empty where the memory stores the main nodes.
-    fn behind(storage: &Self::Storage) -> &[T] {
+    /// The part of the storage that belongs to the state: q_k − X_{k−1,i}, how far the nodes of the last
+    /// sample lie behind the position, one node after another, where the memory stores nodes; and whatever
+    /// else the bits of the next step depend on.
+    fn carried(storage: &Self::Storage) -> &[T] {
         let _ = storage;
         &[]
     }
 
-    /// [`behind`](Scheme::behind), to be written.
-    fn behind_mut(storage: &mut Self::Storage) -> &mut [T] {
+    /// [`carried`](Scheme::carried), to be written.
+    fn carried_mut(storage: &mut Self::Storage) -> &mut [T] {
         let _ = storage;
         &mut []
     }
@@ -124,8 +126,8 @@ pub struct Outcome<'a, T> {
 }
 
 /// The last part of every step: checks that the new position and momentum are finite, stores the sample and
-/// only then moves on, with `behind` ([`Scheme::behind`]). `scratch` has room for the sample and one vector
-/// more.
+/// only then moves on, with `behind`, which says how far the nodes of the last sample lie behind the
+/// position. `scratch` has room for the sample and one vector more.
 ///
 /// # Errors
 /// [`StepError::NotFinite`] or [`StepError::Memory`]; nothing has changed.
@@ -140,19 +142,15 @@ pub fn conclude<T: Real, X: Space<T>, D: Damping<T, X>>(
     scratch: &mut [T],
 ) -> Result<(), StepError> {
     let (position, momentum) = (X::slice_mut(&mut state.position), X::slice_mut(&mut state.momentum));
-    // Zero times what is infinite or not a number is not a number, and stays so in sums.
-    let moved = |sum: T, (&from, &by): (&T, &T)| sum + (from + by) * T::zero();
-    let sum = position.iter().zip(found.rise).fold(T::zero(), moved);
-    if momentum.iter().zip(found.kick).fold(sum, moved) != T::zero() {
+    let sum = add_zeros(T::zero(), position, found.rise);
+    if add_zeros(sum, momentum, found.kick) != T::zero() {
         return Err(StepError::NotFinite);
     }
     let sample = Sample { from: position, behind, time: step.time, length: step.size, fractions };
     damping.push(&sample, found.increments, scratch)?;
     let increments = vectors(found.increments, position.len());
     for (behind, increment) in vectors_mut(behind, position.len()).zip(increments) {
-        for (place, (&rise, &e)) in behind.iter_mut().zip(found.rise.iter().zip(increment)) {
-            *place = rise - e;
-        }
+        combine_two(behind, found.rise, increment, |_, rise, e| rise - e);
     }
     add_compensated(position, X::slice_mut(&mut state.rounding.position), found.rise);
     add_compensated(momentum, X::slice_mut(&mut state.rounding.momentum), found.kick);
@@ -162,12 +160,11 @@ pub fn conclude<T: Real, X: Space<T>, D: Damping<T, X>>(
 /// Adds `change` to `number` + `rest`, and leaves in `rest` what does not fit.
 #[inline(always)]
 fn add_compensated<T: Real>(numbers: &mut [T], rests: &mut [T], changes: &[T]) {
-    for ((number, rest), &change) in numbers.iter_mut().zip(rests).zip(changes) {
-        let change = change + *rest;
-        let sum = *number + change;
-        *rest = change - (sum - *number);
-        *number = sum;
-    }
+    combine_pair((numbers, rests), changes, |number, rest, change| {
+        let change = change + rest;
+        let sum = number + change;
+        (sum, change - (sum - number))
+    });
 }
 
 /// Why a step failed. State and memory are as before the step.

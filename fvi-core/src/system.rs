@@ -303,6 +303,12 @@ pub trait Mechanics<T: Real, X: Space<T>> {
         stiffness: &mut X::Block,
     );
 
+    /// Whether [`excess`](Mechanics::excess) need be asked at all.
+    #[inline(always)]
+    fn is_rough(&self) -> bool {
+        true
+    }
+
     /// Writes by how much the exact moments of the part of F that depends on time alone exceed those that the
     /// quadrature takes,
     ///

@@ -21,9 +21,12 @@ pub struct Workspace<'a, T: Real, X: Space<T>, E: Equations<T, X::Block>> {
     pub known: &'a mut [T],
     /// R·N numbers, and N more where R > 1.
     pub scratch: &'a mut [T],
-    /// q_k − X_{k−1,i}, R·N numbers, kept from step to step ([`Scheme::behind`](crate::Scheme::behind));
+    /// q_k − X_{k−1,i}, R·N numbers, kept from step to step ([`Scheme::carried`](crate::Scheme::carried));
     /// empty where the memory stores the main nodes.
     pub behind: &'a mut [T],
+    /// What pulled at the node of the last step, N numbers that are carried along too, for the guess at where
+    /// a single node will be; empty where the guess is a drift.
+    pub pull: &'a mut [T],
     /// What exact moments of the force exceed the nodes by ([`Mechanics::excess`](crate::Mechanics::excess)):
     /// (S + 1)·N numbers at least.
     pub excess: &'a mut [T],

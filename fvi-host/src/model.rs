@@ -1,6 +1,7 @@
 //! A scenario's system and scheme as the core wants them: any number of coordinates, expressions compiled.
 
 mod band;
+mod chain;
 mod channel_damping;
 mod elements;
 mod energies;
@@ -19,6 +20,7 @@ mod sparse;
 pub mod tape;
 
 pub use band::BandFactors;
+pub use chain::ChainFactors;
 pub use channel_damping::{ChannelDamping, Directions, HostTerm};
 pub use elements::Elements;
 pub use energies::{EnergiesAlong, EnergyRoom, States};

@@ -13,106 +13,11 @@ use fvi_core::{Real, Singular, add_multiple};
 /// [`Singular`], as [`fvi_core::solve`].
 pub(super) fn solve<T: Real>(matrix: &mut [T], band: usize, vector: &mut [T]) -> Result<(), Singular> {
     match band {
-        1 => solve_tridiagonal(matrix, vector),
+        1 => solve_narrow::<T, 2, 3>(matrix, vector),
         2 => solve_narrow::<T, 3, 5>(matrix, vector),
         3 => solve_narrow::<T, 4, 7>(matrix, vector),
         band => solve_wide(matrix, band, vector),
     }
-}
-
-/// [`solve`] for a band of one.
-///
-/// As long as the pivots are on the diagonal, which they are where it outweighs what is beside it, three
-/// numbers go from row to row; from the first one on that is not, whole rows do.
-fn solve_tridiagonal<T: Real>(matrix: &mut [T], vector: &mut [T]) -> Result<(), Singular> {
-    let (n, zero) = (vector.len(), T::zero());
-    let (Some(&first), Some(&start)) = (matrix.first(), vector.first()) else { return Ok(()) };
-    let (mut pivot, mut number, mut above) = (first, start, zero);
-    // The place of the diagonal.
-    let mut place = 0;
-    for column in 0..n - 1 {
-        let (Some([_, upper]), Some([lower, next]), Some([finished, later])) = (
-            matrix.get(place..).and_then(|row| row.first_chunk().copied()),
-            matrix.get(place + n..).and_then(|row| row.first_chunk().copied()),
-            vector.get_mut(column..).and_then(<[T]>::first_chunk_mut),
-        ) else {
-            return Err(Singular);
-        };
-        let size = pivot.abs();
-        if lower.abs() > size {
-            return solve_tridiagonal_from(matrix, vector, column, ([pivot, upper, zero], number, above));
-        }
-        if !pivot.is_finite() || size <= above * T::EPSILON || size == zero {
-            return Err(Singular);
-        }
-        *finished = number;
-        matrix[place] = pivot;
-        let factor = lower / pivot;
-        above = upper.abs();
-        pivot = next - factor * upper;
-        number = *later - factor * number;
-        place += n + 1;
-    }
-    if !pivot.is_finite() || pivot.abs() <= above * T::EPSILON || pivot == zero {
-        return Err(Singular);
-    }
-    let mut solution = number / pivot;
-    let Some((last, numbers)) = vector.split_last_mut() else { return Ok(()) };
-    *last = solution;
-    for number in numbers.iter_mut().rev() {
-        place -= n + 1;
-        let Some(&[diagonal, upper]) = matrix.get(place..).and_then(<[T]>::first_chunk) else { break };
-        solution = (*number - upper * solution) / diagonal;
-        *number = solution;
-    }
-    Ok(())
-}
-
-/// [`solve`] for a band of one from a column on, with the two rows that the elimination of a column changes
-/// in registers: the `row` on the diagonal with its number, and the entry `above` it.
-fn solve_tridiagonal_from<T: Real>(
-    matrix: &mut [T],
-    vector: &mut [T],
-    from: usize,
-    (mut row, mut number, mut above): ([T; 3], T, T),
-) -> Result<(), Singular> {
-    let (n, zero) = (vector.len(), T::zero());
-    // The entry of the rows above in the next column.
-    let mut beyond = zero;
-    for column in from..n {
-        let (mut below, mut below_number) = ([zero; 3], zero);
-        if column + 1 < n {
-            let entries = &matrix[(column + 1) * n + column..(column + 2) * n];
-            below = [entries[0], entries[1], entries.get(2).copied().unwrap_or(zero)];
-            below_number = vector[column + 1];
-        }
-        if below[0].abs() > row[0].abs() {
-            (row, below, number, below_number) = (below, row, below_number, number);
-        }
-        let pivot = row[0];
-        let size = pivot.abs();
-        let singular = size <= above * T::EPSILON || size <= below[0].abs() * T::EPSILON;
-        if !pivot.is_finite() || singular || size == zero {
-            return Err(Singular);
-        }
-        let place = &mut matrix[column * n + column..(column + 1) * n];
-        place.iter_mut().zip(row).for_each(|(place, entry)| *place = entry);
-        vector[column] = number;
-        above = if row[1].abs() > beyond { row[1].abs() } else { beyond };
-        beyond = row[2].abs();
-        let factor = below[0] / pivot;
-        number = below_number - factor * number;
-        row = [below[1] - factor * row[1], below[2] - factor * row[2], zero];
-    }
-    for row in (0..n).rev() {
-        let entries = &matrix[row * n + row..(row + 1) * n];
-        let mut number = vector[row];
-        for (&entry, &x) in entries.iter().take(3).zip(&vector[row..]).skip(1).rev() {
-            number -= entry * x;
-        }
-        vector[row] = number / entries[0];
-    }
-    Ok(())
 }
 
 /// [`solve`] for a band that the compiler knows: the `ROWS` = band + 1 rows that the elimination of a column
@@ -274,9 +179,6 @@ impl<T: Real> BandFactors<T> {
     /// Replaces `vector` by the solution: the bits of [`fvi_core::substitute_kept`] without its operations on
     /// zeros.
     pub(super) fn solve(&self, vector: &mut [T]) {
-        if self.band == 1 && self.lifts.is_empty() {
-            return self.solve_tridiagonal(vector);
-        }
         let stride = 1 + self.band + self.upper;
         for (row, column) in self.columns.chunks_exact(stride).enumerate() {
             if let Some(&lift) = self.lifts.get(row) {
@@ -292,20 +194,6 @@ impl<T: Real> BandFactors<T> {
                 number += entry * -x;
             }
             known[row] = number * column[0];
-        }
-    }
-
-    fn solve_tridiagonal(&self, vector: &mut [T]) {
-        let columns = self.columns.as_chunks::<3>().0;
-        let mut carried = T::zero();
-        for (number, &[_, multiplier, _]) in vector.iter_mut().zip(columns) {
-            *number += carried;
-            carried = multiplier * -*number;
-        }
-        let mut solution = T::zero();
-        for (number, &[reciprocal, _, entry]) in vector.iter_mut().zip(columns).rev() {
-            solution = (*number + entry * -solution) * reciprocal;
-            *number = solution;
         }
     }
 }

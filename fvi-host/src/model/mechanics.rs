@@ -53,7 +53,8 @@ pub struct Model<T> {
     /// Slots of the entries of the force's Jacobian.
     jacobian_slots: Vec<usize>,
     registers: Vec<T>,
-    /// Those of the derivatives of the potential's rest.
+    /// Those of the gradient of the potential's rest, and those of both its derivatives.
+    pull_registers: OwnRegisters<T>,
     rest_registers: OwnRegisters<T>,
     /// N numbers.
     pushed: Vec<T>,
@@ -153,6 +154,7 @@ impl<T: Elementary> Model<T> {
             hessian_slots,
             jacobian_slots,
             registers: Vec::new(),
+            pull_registers: OwnRegisters::default(),
             rest_registers: OwnRegisters::default(),
             pushed: vec![T::zero(); size * scenario.copies()],
             entries,
@@ -165,10 +167,15 @@ impl<T: Elementary> Model<T> {
     }
 
     /// Subtracts the loads of the system, and of the case that each motion is under.
+    #[inline(always)]
     fn subtract_loads(&mut self, instant: Instant<T>, pull: &mut [T]) {
-        if self.loads.is_empty() && self.cases.is_empty() {
-            return;
+        if !(self.loads.is_empty() && self.cases.is_empty()) {
+            self.subtract_loads_there_are(instant, pull);
         }
+    }
+
+    #[inline(never)]
+    fn subtract_loads_there_are(&mut self, instant: Instant<T>, pull: &mut [T]) {
         let size = self.mass.size().max(1);
         for pull in pull.chunks_mut(size) {
             self.loads.add(moment(instant), instant.time, -T::one(), pull);
@@ -180,11 +187,16 @@ impl<T: Elementary> Model<T> {
 
     /// K q + b.
     fn quadratic_pull(&self, position: &[T], pull: &mut [T]) {
-        pull.fill(T::zero());
-        if let Some(base) = &self.base {
-            base.multiply_add(T::one(), position, pull);
+        match (&self.base, &self.quadratic) {
+            (None, Matrix::Sparse(quadratic)) => quadratic.multiply(position, pull),
+            (base, quadratic) => {
+                pull.fill(T::zero());
+                if let Some(base) = base {
+                    base.multiply_add(T::one(), position, pull);
+                }
+                quadratic.multiply_add(T::one(), position, pull);
+            }
         }
-        self.quadratic.multiply_add(T::one(), position, pull);
         for &(coordinate, entry) in &self.linear {
             pull[coordinate] += entry;
         }
@@ -214,7 +226,7 @@ impl<T: Elementary, X: MatrixSpace<T>> Mechanics<T, X> for Model<T> {
     fn pull(&mut self, instant: Instant<T>, position: &Vec<T>, pull: &mut [T]) {
         self.quadratic_pull(position, pull);
         if let Some(potential) = &self.potential {
-            potential.add_rest_gradient(position, &mut self.registers, pull);
+            potential.add_rest_gradient_again(&mut self.pull_registers, position, pull);
         }
         self.elements.iter_mut().for_each(|elements| elements.add_rest_gradient(position, pull));
         self.subtract_loads(instant, pull);
@@ -275,6 +287,10 @@ impl<T: Elementary, X: MatrixSpace<T>> Mechanics<T, X> for Model<T> {
 
     fn stiffness(&self) -> Matrix<T> {
         Matrix::Sparse(self.constant.clone())
+    }
+
+    fn is_rough(&self) -> bool {
+        self.rough.is_some()
     }
 
     fn excess(&mut self, rule: &NodalRule<'_, T>, excess: &mut [T]) -> bool {

@@ -5,6 +5,7 @@ use super::scenario_space::{Remembers, ScenarioSpace, derivative};
 use super::scheme::{AnyScheme, DenseOutput};
 use crate::language::expression::Elementary;
 use crate::scenario::{self, DampedAt, Scenario};
+use core::ops::Range;
 use fvi_core::{
     Block, Coefficients, Damping, DampingError, DampingTerm, DiscreteLagrangian, Factors, Fixed, Kept,
     Kernel, MatrixError, Mechanics, Memory, ParameterError, Real, Sampling, Scheme, State, Step, StepError,
@@ -61,8 +62,11 @@ impl<T: Elementary> OnePoint<T> {
 #[derive(Clone, Debug)]
 pub struct OnePointRoom<T> {
     kept: Kept<Factors<T, 1, 1>, T>,
-    /// q_k − X_{k−1}, where the memory stores the quadrature node.
-    behind: Option<T>,
+    /// q_k − X_{k−1}, and what pulled there.
+    carried: [T; 2],
+    /// Which of them there are: the first where the memory stores the quadrature node, the second where the
+    /// system is not linear.
+    present: Range<usize>,
     /// q_{k+1} − q_k of the last step.
     increment: [T; 1],
 }
@@ -70,20 +74,21 @@ pub struct OnePointRoom<T> {
 impl<T: Real> Scheme<T, Fixed<1>> for OnePoint<T> {
     type Storage = OnePointRoom<T>;
 
-    fn storage<G: Mechanics<T, Fixed<1>>>(&self, _: &Fixed<1>, _: &G) -> OnePointRoom<T> {
+    fn storage<G: Mechanics<T, Fixed<1>>>(&self, _: &Fixed<1>, mechanics: &G) -> OnePointRoom<T> {
         OnePointRoom {
             kept: Kept::nothing(Factors::zero()),
-            behind: (self.at == DampedAt::Nodes).then(T::zero),
+            carried: [T::zero(); 2],
+            present: usize::from(self.at != DampedAt::Nodes)..2 - usize::from(mechanics.is_linear()),
             increment: [T::zero()],
         }
     }
 
-    fn behind(room: &OnePointRoom<T>) -> &[T] {
-        room.behind.as_slice()
+    fn carried(room: &OnePointRoom<T>) -> &[T] {
+        &room.carried[room.present.clone()]
     }
 
-    fn behind_mut(room: &mut OnePointRoom<T>) -> &mut [T] {
-        room.behind.as_mut_slice()
+    fn carried_mut(room: &mut OnePointRoom<T>) -> &mut [T] {
+        &mut room.carried[room.present.clone()]
     }
 
     fn sampling(&self) -> Sampling<'_, T> {
@@ -105,6 +110,7 @@ impl<T: Real> Scheme<T, Fixed<1>> for OnePoint<T> {
         let number = || [T::zero()];
         let (mut increments, mut residual, mut stages, mut forces) = (number(), number(), number(), number());
         let (mut known, mut scratch, mut excess) = (number(), [T::zero(); 2], [T::zero(); 2]);
+        let (behind, pull) = room.carried.split_at_mut(1);
         let mut work = Workspace::<T, Fixed<1>, StepMatrix<T, 1, 1>> {
             increments: &mut increments,
             residual: &mut residual,
@@ -112,7 +118,8 @@ impl<T: Real> Scheme<T, Fixed<1>> for OnePoint<T> {
             forces: &mut forces,
             known: &mut known,
             scratch: &mut scratch,
-            behind: room.behind.as_mut_slice(),
+            behind: if room.present.start == 0 { behind } else { &mut [] },
+            pull: if room.present.end == 2 { pull } else { &mut [] },
             excess: &mut excess,
             point: &mut SVector::zeros(),
             stiffness: &mut mechanics.stiffness(),

@@ -216,7 +216,10 @@ pub struct Room<T: Real, X: MatrixSpace<T>> {
     forces: Vec<T>,
     known: Vec<T>,
     scratch: Vec<T>,
-    behind: Vec<T>,
+    /// How far the nodes of the last sample lie behind the position, and behind it what pulled there.
+    carried: Vec<T>,
+    /// Numbers of the first.
+    behind: usize,
     excess: Vec<T>,
     point: Vec<T>,
     stiffness: Matrix<T>,
@@ -231,6 +234,9 @@ impl<T: Real, X: MatrixSpace<T>> Scheme<T, X> for AnyScheme<T> {
         let (size, degree, points) = (space.coordinates(), self.control_points.len(), self.nodes.len());
         let samples = Scheme::<T, X>::sampling(self).nodes();
         let numbers = |count: usize| vec![T::zero(); count * size];
+        let behind = if self.form == Form::Nodes { points } else { 0 };
+        // Of a linear system nothing is guessed.
+        let guessed = !mechanics.is_linear() && self.of_one_point().is_some();
         Room {
             increments: numbers(degree),
             residual: numbers(degree),
@@ -239,7 +245,8 @@ impl<T: Real, X: MatrixSpace<T>> Scheme<T, X> for AnyScheme<T> {
             known: numbers(samples),
             scratch: numbers(samples + 1),
             excess: numbers(degree + 1),
-            behind: numbers(if self.form == Form::Nodes { points } else { 0 }),
+            carried: numbers(behind + usize::from(guessed)),
+            behind: behind * size,
             point: numbers(1),
             stiffness: mechanics.stiffness(),
             matrix: space.equations(degree),
@@ -247,12 +254,12 @@ impl<T: Real, X: MatrixSpace<T>> Scheme<T, X> for AnyScheme<T> {
         }
     }
 
-    fn behind(room: &Room<T, X>) -> &[T] {
-        &room.behind
+    fn carried(room: &Room<T, X>) -> &[T] {
+        &room.carried
     }
 
-    fn behind_mut(room: &mut Room<T, X>) -> &mut [T] {
-        &mut room.behind
+    fn carried_mut(room: &mut Room<T, X>) -> &mut [T] {
+        &mut room.carried
     }
 
     fn sampling(&self) -> Sampling<'_, T> {
@@ -270,6 +277,7 @@ impl<T: Real, X: MatrixSpace<T>> Scheme<T, X> for AnyScheme<T> {
         step: &Step<'_, T>,
         state: &mut State<Vec<T>>,
     ) -> Result<u32, StepError> {
+        let (behind, pull) = room.carried.split_at_mut(room.behind);
         let mut work = Workspace::<T, X, _> {
             increments: &mut room.increments,
             residual: &mut room.residual,
@@ -277,7 +285,8 @@ impl<T: Real, X: MatrixSpace<T>> Scheme<T, X> for AnyScheme<T> {
             forces: &mut room.forces,
             known: &mut room.known,
             scratch: &mut room.scratch,
-            behind: &mut room.behind,
+            behind,
+            pull,
             excess: &mut room.excess,
             point: &mut room.point,
             stiffness: &mut room.stiffness,

@@ -1,10 +1,11 @@
 //! Vectors and matrices of as many coordinates as a scenario has.
 
 use super::band::{self, BandFactors};
+use super::chain::{Chain, ChainFactors};
 use super::shared::Shared;
 use crate::numerics::semidefinite::check_positive_semidefinite;
 use fvi_core::{Block, Equations, MatrixError, Real, Singular, Space};
-use fvi_core::{is_positive_definite_in_place, keep_factors, substitute_kept};
+use fvi_core::{combine_two, is_positive_definite_in_place, keep_factors, substitute, substitute_kept};
 use fvi_sparse::Pattern;
 use std::sync::Arc;
 
@@ -107,6 +108,22 @@ impl<T: Real> Sparse<T> {
         }
     }
 
+    /// Whether the columns of every row are its neighbours and itself.
+    pub(super) fn is_tridiagonal(&self) -> bool {
+        self.tridiagonal().is_some()
+    }
+
+    /// out ← A x
+    pub(super) fn multiply(&self, x: &[T], out: &mut [T]) {
+        match self.tridiagonal() {
+            Some(rows) if x.len() == self.pattern.size() => rows.multiply(x, out, |out, row| *out = row),
+            _ => {
+                out.fill(T::zero());
+                self.multiply_add(T::one(), x, out);
+            }
+        }
+    }
+
     /// The entries without their columns, where those are the neighbours of the row and itself: chains are
     /// common.
     fn tridiagonal(&self) -> Option<Tridiagonal<'_, T>> {
@@ -129,35 +146,23 @@ struct Tridiagonal<'a, T> {
 }
 
 impl<T: Real> Tridiagonal<'_, T> {
-    fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]) {
+    /// Hands each number of A x to `put`, with its place.
+    #[inline(always)]
+    fn multiply(&self, x: &[T], out: &mut [T], put: impl Fn(&mut T, T)) {
         let ([x0, x1, x_from_third @ ..], [.., left, last]) = (x, x) else { return };
         let [out_first, out_middle @ .., out_last] = out else { return };
         let row = |[a, b]: [T; 2], x: T, y: T| a * x + b * y;
-        *out_first += row(self.first, *x0, *x1) * factor;
+        put(out_first, row(self.first, *x0, *x1));
         let (mut x, mut y) = (*x0, *x1);
         for ((out, &[l, d, r]), &z) in out_middle.iter_mut().zip(self.middle).zip(x_from_third) {
-            *out += (l * x + d * y + r * z) * factor;
+            put(out, l * x + d * y + r * z);
             (x, y) = (y, z);
         }
-        *out_last += row(self.last, *left, *last) * factor;
+        put(out_last, row(self.last, *left, *last));
     }
 
-    /// Adds factor times the matrix to the part of a dense one that begins with `target`, whose rows are
-    /// `width` numbers.
-    fn add_to(&self, factor: T, target: &mut [T], width: usize) {
-        fn add<T: Real, const COUNT: usize>(target: &mut [T], place: usize, factor: T, entries: &[T; COUNT]) {
-            let places = target.get_mut(place..).and_then(<[T]>::first_chunk_mut::<COUNT>);
-            for (place, &entry) in places.into_iter().flatten().zip(entries) {
-                *place += entry * factor;
-            }
-        }
-        add(target, 0, factor, &self.first);
-        let mut place = width;
-        for entries in self.middle {
-            add(target, place, factor, entries);
-            place += width + 1;
-        }
-        add(target, place, factor, &self.last);
+    fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]) {
+        self.multiply(x, out, |out, row| *out += row * factor);
     }
 }
 
@@ -257,9 +262,7 @@ impl<T: Real> Matrix<T> {
 
 #[inline(always)]
 fn multiply_add_diagonal<T: Real>(diagonal: &[T], factor: T, x: &[T], out: &mut [T]) {
-    for ((out, &entry), &x) in out.iter_mut().zip(diagonal).zip(x) {
-        *out += entry * x * factor;
-    }
+    combine_two(out, diagonal, x, |out, entry, x| out + entry * x * factor);
 }
 
 fn multiply_add_dense<T: Real>(columns: &[T], factor: T, x: &[T], out: &mut [T]) {
@@ -301,9 +304,6 @@ impl<T: Real> Block<T> for Matrix<T> {
                 }
             }
             Self::Sparse(sparse) => {
-                if let Some(rows) = sparse.tridiagonal() {
-                    return rows.add_to(factor, &mut target[row * width + column..], width);
-                }
                 for (index, slots) in sparse.pattern.rows().enumerate() {
                     let numbers = &mut target[(row + index) * width + column..];
                     for slot in slots {
@@ -350,12 +350,16 @@ impl<T: Real> Block<T> for Matrix<T> {
 /// The equations of a step as a dense matrix, of which only a band may be in use.
 #[derive(Clone, Debug)]
 pub struct DenseEquations<T> {
-    /// Row by row.
+    /// The matrix, as long as its entries lie on the diagonal and beside it.
+    chain: Option<Chain<T>>,
+    /// Row by row; nothing while there is a chain.
     entries: Vec<T>,
     /// Largest distance from the diagonal at which something was added.
     band: usize,
     coordinates: usize,
     pivots: Vec<usize>,
+    /// Whether the matrix that was solved last has left factors.
+    has_factors: bool,
 }
 
 /// What solves [`DenseEquations`] while they stay the same.
@@ -366,6 +370,8 @@ pub enum DenseFactors<T> {
     Whole(Vec<T>),
     /// The factors within a band.
     Banded(BandFactors<T>),
+    /// The factors of a chain.
+    Chain(ChainFactors<T>),
 }
 
 impl<T> Default for DenseFactors<T> {
@@ -377,22 +383,65 @@ impl<T> Default for DenseFactors<T> {
 impl<T: Real> DenseEquations<T> {
     /// For N coordinates and S nodes.
     pub fn new(coordinates: usize, nodes: usize) -> Self {
-        let size = coordinates * nodes;
-        Self { entries: vec![T::zero(); size * size], band: 0, coordinates, pivots: vec![0; size] }
+        let pivots = vec![0; coordinates * nodes];
+        let chain = (nodes == 1 && is_banded(coordinates, 1)).then(|| Chain::zero(coordinates));
+        let mut equations =
+            Self { chain, entries: Vec::new(), band: 0, coordinates, pivots, has_factors: false };
+        if equations.chain.is_none() {
+            equations.make_room();
+        }
+        equations
+    }
+
+    fn make_room(&mut self) {
+        let size = self.pivots.len();
+        self.entries.resize(size * size, T::zero());
+    }
+
+    /// Whether elimination within the band is the shorter one.
+    fn is_banded(&self) -> bool {
+        is_banded(self.pivots.len(), self.band)
+    }
+
+    /// Puts the entries of a chain in the place of those of any matrix.
+    #[cold]
+    fn spread(&mut self, chain: &Chain<T>) {
+        self.make_room();
+        self.band = self.band.max(1);
+        let size = self.pivots.len();
+        // What elimination may have filled.
+        for row in 0..size {
+            self.entries[row * size + row.saturating_sub(1)..row * size + (row + 3).min(size)]
+                .fill(T::zero());
+        }
+        chain.for_each(|row, column, entry| self.entries[row * size + column] = entry);
+    }
+
+    /// Factors the chain, if there is one and the pivots may stay on its diagonal; otherwise its entries are
+    /// those of a matrix with a band. Returns whether there are factors.
+    fn factor_chain(&mut self) -> Result<bool, Singular> {
+        let Some(mut chain) = self.chain.take() else { return Ok(false) };
+        let factored = chain.factor();
+        if factored == Ok(false) {
+            self.spread(&chain);
+        }
+        self.chain = Some(chain);
+        factored
     }
 }
 
-impl<T> DenseEquations<T> {
-    /// Whether elimination within the band is the shorter one.
-    fn is_banded(&self) -> bool {
-        self.pivots.len() > 3 && 3 * self.band < self.pivots.len()
-    }
+/// Whether elimination within a band is shorter than that of a matrix of so many rows.
+fn is_banded(size: usize, band: usize) -> bool {
+    size > 3 && 3 * band < size
 }
 
 impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
     type Kept = DenseFactors<T>;
 
     fn clear(&mut self) {
+        if let Some(chain) = &mut self.chain {
+            return chain.clear();
+        }
         let (n, band) = (self.pivots.len(), self.band);
         // A small matrix is cleared faster than its band is found.
         if !self.is_banded() || n <= 16 {
@@ -408,20 +457,48 @@ impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
     }
 
     fn add(&mut self, row: usize, column: usize, factor: T, block: &Matrix<T>) {
+        if let Some(mut chain) = self.chain.take() {
+            if chain.add(factor, block) {
+                self.chain = Some(chain);
+                return;
+            }
+            self.spread(&chain);
+        }
         self.band = self.band.max(row.abs_diff(column) * self.coordinates + block.band());
         let (row, column) = (row * self.coordinates, column * self.coordinates);
         block.add_to(factor, &mut self.entries, self.pivots.len(), row, column);
     }
 
     fn solve(&mut self, vector: &mut [T]) -> Result<(), Singular> {
+        self.has_factors = self.factor_chain()?;
+        if self.has_factors {
+            self.solve_again(vector);
+            return Ok(());
+        }
         if self.is_banded() {
             return band::solve(&mut self.entries, self.band, vector);
         }
+        self.has_factors = true;
         fvi_core::solve(&mut self.entries, &mut self.pivots, vector)
     }
 
-    fn keep(&mut self, kept: &mut DenseFactors<T>) -> Result<(), Singular> {
+    fn has_factors(&self) -> bool {
+        self.has_factors
+    }
+
+    fn solve_again(&mut self, vector: &mut [T]) {
+        match &self.chain {
+            Some(chain) => chain.solve(vector),
+            None => substitute(&self.entries, &self.pivots, vector),
+        }
+    }
+
+    fn keep(&mut self, kept: &mut DenseFactors<T>, inertia: (T, &Matrix<T>)) -> Result<(), Singular> {
         let n = self.pivots.len();
+        if let (true, Some(chain)) = (self.factor_chain()?, &self.chain) {
+            *kept = DenseFactors::Chain(chain.kept(inertia));
+            return Ok(());
+        }
         if self.is_banded() {
             *kept = DenseFactors::Banded(BandFactors::of(&mut self.entries, n, self.band)?);
             return Ok(());
@@ -438,6 +515,11 @@ impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
         match kept {
             DenseFactors::Whole(factors) => substitute_kept(factors, &self.pivots, vector),
             DenseFactors::Banded(factors) => factors.solve(vector),
+            DenseFactors::Chain(factors) => factors.solve(vector),
         }
+    }
+
+    fn is_solved_at_once(&self, kept: &DenseFactors<T>) -> bool {
+        matches!(kept, DenseFactors::Chain(factors) if factors.is_gentle())
     }
 }

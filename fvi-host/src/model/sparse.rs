@@ -241,7 +241,17 @@ impl<T: Real> Equations<T, Matrix<T>> for SparseEquations {
         Ok(())
     }
 
-    fn keep(&mut self, kept: &mut Option<Factored>) -> Result<(), Singular> {
+    fn has_factors(&self) -> bool {
+        self.last.is_some()
+    }
+
+    fn solve_again(&mut self, vector: &mut [T]) {
+        if let Some((_, factored)) = &self.last {
+            factored.solve(&mut self.buffer, vector);
+        }
+    }
+
+    fn keep(&mut self, kept: &mut Option<Factored>, _: (T, &Matrix<T>)) -> Result<(), Singular> {
         *kept = None;
         *kept = Some(self.factored()?);
         self.values = Vec::new();
@@ -369,7 +379,7 @@ mod tests {
             let (mut found, mut kept, mut expected) = (right.clone(), right.clone(), right);
             Equations::<f64, Matrix<f64>>::solve(&mut sparse, &mut found).unwrap();
             let mut factored = None;
-            Equations::<f64, Matrix<f64>>::keep(&mut sparse, &mut factored).unwrap();
+            sparse.keep(&mut factored, (0.0, &Matrix::Diagonal(Vec::new()))).unwrap();
             Equations::<f64, Matrix<f64>>::solve_kept(&mut sparse, &factored, &mut kept);
             dense.solve(&mut expected).unwrap();
             for (found, expected) in found.iter().chain(&kept).zip(expected.iter().cycle()) {
@@ -387,7 +397,7 @@ mod tests {
         Equations::<f64, _>::clear(&mut equations);
         equations.add(0, 0, -1.0, &stiffness);
         let mut kept = None;
-        Equations::<f64, Matrix<f64>>::keep(&mut equations, &mut kept).unwrap();
+        equations.keep(&mut kept, (0.0, &Matrix::Diagonal(Vec::new()))).unwrap();
         let increments: Vec<f64> = (0..2 * size).map(|i| 1e3 * (1.0 + i as f64).sin()).collect();
         let unsettled = |increments: &[f64], residual: &mut [f64]| {
             Equations::<f64, Matrix<f64>>::is_unsettled(&equations, &kept, increments, &[0.0; 10], residual)

@@ -84,12 +84,12 @@ impl<T: Elementary> Mechanics<T, Fixed<1>> for SingleModel<T> {
     #[inline(always)]
     fn pull(&mut self, instant: Instant<T>, position: &SVector<T, 1>, pull: &mut [T]) {
         pull.iter_mut().zip(position).for_each(|(pull, &q)| *pull = self.quadratic * q + self.linear);
-        let Model { potential, force, forced, registers, pushed, .. } = &mut self.model;
+        let Model { potential, force, forced, registers, pull_registers, pushed, .. } = &mut self.model;
         let position = position.as_slice();
         if !self.is_linear
             && let Some(potential) = potential
         {
-            potential.add_rest_gradient(position, registers, pull);
+            potential.add_rest_gradient_again(pull_registers, position, pull);
         }
         if *forced {
             force.value(moment(instant), position, registers, pushed);
@@ -129,6 +129,11 @@ impl<T: Elementary> Mechanics<T, Fixed<1>> for SingleModel<T> {
     #[inline(always)]
     fn stiffness(&self) -> Coefficients<T, 1> {
         Coefficients::Diagonal([T::zero()].into())
+    }
+
+    #[inline(always)]
+    fn is_rough(&self) -> bool {
+        self.model.rough.is_some()
     }
 
     #[inline(always)]

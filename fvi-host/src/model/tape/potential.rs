@@ -126,6 +126,19 @@ impl<T: Elementary> CompiledPotential<T> {
         }
     }
 
+    /// As [`add_rest_gradient`](Self::add_rest_gradient), with registers that serve nothing else.
+    #[inline]
+    pub(in crate::model) fn add_rest_gradient_again(
+        &self,
+        registers: &mut OwnRegisters<T>,
+        position: &[T],
+        gradient: &mut [T],
+    ) {
+        if let Some(rest) = &self.rest {
+            rest.gradient.evaluate_again(registers, position, gradient, &mut []);
+        }
+    }
+
     /// Writes ∇U(q), of both parts together, and the entries of the rest's Hessian in the order of
     /// [`pattern`](Self::pattern).
     pub fn derivatives(&self, position: &[T], registers: &mut Vec<T>, gradient: &mut [T], hessian: &mut [T]) {

@@ -14,11 +14,12 @@ use super::graph::{Graph, Origin, Value};
 use super::operation::{Operation, scale};
 use crate::language::expression::{Elementary, Function, Moment};
 use core::ops::Range;
+use std::collections::HashMap;
 
 /// Operations in a window: their values take 8 KB in double precision.
 const WINDOW: usize = 1024;
 
-/// Operations of a run from which on it is worth preparing.
+/// Operations of a run from which on it is worth preparing, and those with the same constant worth a run.
 const SHORT: usize = 4;
 
 /// Registers of a program that is interpreted operation by operation: an index below a power of two needs no
@@ -27,7 +28,7 @@ const SMALL: usize = 64;
 
 /// Numbers of a row that are taken at a time. What lies behind the last one of a run is computed too, and
 /// overwritten.
-const STRIDE: usize = 4;
+const STRIDE: usize = 8;
 
 /// A program with inputs t and q and two lists of outputs.
 #[derive(Clone, Debug)]
@@ -59,7 +60,8 @@ struct Run {
     target: usize,
     count: usize,
     operands: usize,
-    /// Where the numbers lie that operations on two numbers read: the left ones, the right ones.
+    /// Where the numbers lie that operations on two numbers read: the left ones, the right ones. Operations
+    /// on one read those on either side.
     places: [Places; 2],
 }
 
@@ -104,6 +106,7 @@ enum Kind {
     Subtract,
     Multiply,
     Scale,
+    Sine,
     SineAndCosine,
     Other(Operation),
 }
@@ -116,6 +119,7 @@ impl Kind {
             Work::One(Operation::Subtract) => Self::Subtract,
             Work::One(Operation::Multiply) => Self::Multiply,
             Work::One(Operation::Scale) => Self::Scale,
+            Work::One(Operation::Call(Function::Sin)) => Self::Sine,
             Work::One(operation) => Self::Other(operation),
             Work::SineAndCosine => Self::SineAndCosine,
         }
@@ -222,7 +226,9 @@ impl<T: Elementary> Program<T> {
         }
         for window in &self.windows {
             for run in &self.runs[window.runs.clone()] {
-                run.evaluate(registers, &self.operands[run.operands..]);
+                if !run.evaluate_rows(registers) {
+                    run.evaluate(registers, &self.operands[run.operands..]);
+                }
             }
             for &(from, to) in &self.exports[window.exports.clone()] {
                 registers[to as usize] = registers[from as usize];
@@ -287,6 +293,7 @@ impl Single {
             Kind::Subtract => x - y,
             Kind::Multiply => x * y,
             Kind::Scale => scale(x, y),
+            Kind::Sine => x.sine(),
             Kind::Other(operation) => operation.of([x, y, z]),
             Kind::SineAndCosine => {
                 let (sine, cosine) = x.sine_cosine();
@@ -312,7 +319,21 @@ impl Run {
         Some(operands.zip(targets).map(|(read, target)| Single::new(self.work, target, read)).collect())
     }
 
-    #[inline]
+    /// Computes it, if its numbers lie in rows; whether they do.
+    #[inline(always)]
+    fn evaluate_rows<T: Elementary>(&self, registers: &mut [T]) -> bool {
+        match self.work {
+            Work::One(Operation::Negate) => self.rows(registers, |x, _| -x),
+            Work::One(Operation::Add) => self.rows(registers, |x, y| x + y),
+            Work::One(Operation::Subtract) => self.rows(registers, |x, y| x - y),
+            Work::One(Operation::Multiply) => self.rows(registers, |x, y| x * y),
+            Work::One(Operation::Scale) => self.rows(registers, scale),
+            _ => false,
+        }
+    }
+
+    // Out of line: it would burden the registers of the rows.
+    #[inline(never)]
     fn evaluate<T: Elementary>(&self, registers: &mut [T], operands: &[u32]) {
         if self.work == Work::RunningSum {
             let pairs = &operands.as_chunks::<2>().0[..self.count];
@@ -323,15 +344,6 @@ impl Run {
                 registers[place] = sum;
             }
             return;
-        }
-        if let Work::One(operation) = self.work {
-            match operation {
-                Operation::Multiply if self.rows(registers, |x, y| x * y) => return,
-                Operation::Add if self.rows(registers, |x, y| x + y) => return,
-                Operation::Subtract if self.rows(registers, |x, y| x - y) => return,
-                Operation::Scale if self.rows(registers, scale) => return,
-                _ => {}
-            }
         }
         // What a run reads was written before: it lies in front of what it writes.
         let (known, new) = registers.split_at_mut(self.target);
@@ -394,12 +406,10 @@ impl Run {
         let mut start = 0;
         while start < self.count {
             let target = self.target + start;
-            let (Some(values), Some(places)) =
-                (values(registers, start), registers.get_mut(target..target + STRIDE))
-            else {
-                return;
-            };
-            places.copy_from_slice(&values);
+            // One question after the other: asked together, the values would go by way of the stack.
+            let Some(values) = values(registers, start) else { return };
+            let Some(places) = registers.get_mut(target..).and_then(<[T]>::first_chunk_mut) else { return };
+            *places = values;
             start += STRIDE;
         }
     }
@@ -408,7 +418,7 @@ impl Run {
 /// Some numbers from a register on.
 #[inline(always)]
 fn at<T: Copy>(registers: &[T], place: usize) -> Option<[T; STRIDE]> {
-    registers.get(place..place + STRIDE).and_then(|numbers| numbers.try_into().ok())
+    registers.get(place..).and_then(<[T]>::first_chunk).copied()
 }
 
 #[inline]
@@ -437,6 +447,8 @@ struct Schedule {
     windows: Vec<Vec<Value>>,
     /// Of each value of the graph that is computed: its window.
     window_of: Vec<Option<u32>>,
+    /// Of each value whose operation has a run with others of the same constant: that constant.
+    constant_of: Vec<Option<Value>>,
 }
 
 impl Schedule {
@@ -444,6 +456,7 @@ impl Schedule {
         let order = needed(graph, outputs);
         let mut window_of = vec![None; graph.len()];
         let mut level_of = vec![0_u32; graph.len()];
+        let mut constant_of = vec![None; graph.len()];
         let mut windows = Vec::new();
         for (index, window) in order.chunks(WINDOW).enumerate() {
             let index = Some(u32::try_from(index).expect("fewer windows than values"));
@@ -456,18 +469,45 @@ impl Schedule {
                 level_of[value.0 as usize] = level.unwrap_or(0);
                 window_of[value.0 as usize] = index;
             }
+            let kind = |value: Value| (level_of[value.0 as usize], operation(graph, value));
+            let mut alike = HashMap::new();
+            for &value in window {
+                if let Some((constant, _)) = constant_and_other(graph, value) {
+                    alike.entry((kind(value), constant)).or_insert_with(Vec::new).push(value);
+                }
+            }
+            for ((_, constant), values) in alike {
+                let many = values.len() >= SHORT;
+                values.iter().for_each(|value| constant_of[value.0 as usize] = many.then_some(constant));
+            }
             let mut window = window.to_vec();
             // Equal operations by their operands: sines and cosines of the same numbers then match.
             window.sort_by_key(|&value| {
-                let first = operands(graph, value).next();
-                (level_of[value.0 as usize], operation(graph, value), first)
+                let constant = constant_of[value.0 as usize];
+                let first = match (constant, constant_and_other(graph, value)) {
+                    (Some(_), Some((_, other))) => Some(other),
+                    _ => operands(graph, value).next(),
+                };
+                (kind(value), constant, first)
             });
             windows.push(window);
         }
         if windows.is_empty() {
             windows.push(Vec::new());
         }
-        Self { windows, window_of }
+        Self { windows, window_of, constant_of }
+    }
+}
+
+/// The constant and the other operand of a product or a sum with a constant.
+fn constant_and_other(graph: &Graph, value: Value) -> Option<(Value, Value)> {
+    let Origin::Computed(Operation::Multiply | Operation::Add, [left, right, _]) = graph.origin(value) else {
+        return None;
+    };
+    match (graph.number(left), graph.number(right)) {
+        (Some(_), None) => Some((left, right)),
+        (None, Some(_)) => Some((right, left)),
+        _ => None,
     }
 }
 
@@ -579,11 +619,12 @@ impl<'a, T: Elementary> Assembly<'a, T> {
             });
         }
         for run in &mut self.program.runs {
-            if let Work::One(operation) = run.work
-                && operation.arity() == 2
-            {
-                let read = self.program.operands[run.operands..][..2 * run.count].iter().copied();
-                run.places = [Places::of(read.clone().step_by(2)), Places::of(read.skip(1).step_by(2))];
+            let Work::One(operation) = run.work else { continue };
+            let (arity, last) = (operation.arity(), operation.arity() - 1);
+            if arity <= 2 {
+                let read = self.program.operands[run.operands..][..arity * run.count].iter().copied();
+                run.places =
+                    [Places::of(read.clone().step_by(arity)), Places::of(read.skip(last).step_by(arity))];
             }
         }
         let longest = schedule.windows.iter().map(Vec::len).max().unwrap_or(0);
@@ -596,7 +637,7 @@ impl<'a, T: Elementary> Assembly<'a, T> {
     fn singles(&self) -> Option<Vec<Single>> {
         let runs = &self.program.runs;
         let operations: usize = runs.iter().map(|run| run.count).sum();
-        let few = self.program.windows.len() == 1 && self.program.registers <= SMALL;
+        let few = self.program.windows.len() == 1 && self.program.registers <= SMALL + (STRIDE - 1);
         if !few || operations >= SHORT * runs.len() {
             return None;
         }
@@ -658,8 +699,14 @@ impl<'a, T: Elementary> Assembly<'a, T> {
         let home = window.first().and_then(|value| self.schedule.window_of[value.0 as usize]);
         let first_run = self.program.runs.len();
         let mut target = first;
+        let mut constant_of_run = None;
         for &value in window {
-            let Origin::Computed(operation, all) = self.graph.origin(value) else { continue };
+            let Origin::Computed(operation, mut all) = self.graph.origin(value) else { continue };
+            let constant = self.schedule.constant_of[value.0 as usize];
+            if let (Some(_), Some((constant, other))) = (constant, constant_and_other(self.graph, value)) {
+                (all[0], all[1]) = (other, constant);
+            }
+            let goes_on = std::mem::replace(&mut constant_of_run, constant) == constant;
             let start = self.program.operands.len();
             let mut latest = 0;
             for operand in &all[..operation.arity()] {
@@ -674,7 +721,9 @@ impl<'a, T: Elementary> Assembly<'a, T> {
             }
             // One more of the run, unless it reads what the run writes.
             match self.program.runs[first_run..].last_mut() {
-                Some(run) if run.work == Work::One(operation) && (latest as usize) < run.target => {
+                Some(run)
+                    if run.work == Work::One(operation) && goes_on && (latest as usize) < run.target =>
+                {
                     run.count += 1
                 }
                 // The next term of a sum: it adds to what was computed last.

@@ -1,0 +1,207 @@
+//! Equations in which every unknown meets its neighbours only: those of chains.
+
+use super::space::Matrix;
+use fvi_core::{Real, Singular};
+
+/// A matrix with entries on the diagonal and beside it, and what elimination makes of it.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Chain<T> {
+    /// Each row: left of the diagonal, on it, right of it. The first number and the last stay zero.
+    rows: Vec<[T; 3]>,
+    factors: ChainFactors<T>,
+}
+
+/// A = L D U with ones on the diagonals of L and U, where no rows need change places.
+#[derive(Clone, Debug, Default)]
+pub struct ChainFactors<T> {
+    /// Each row: the entry of L, the reciprocal of that of D, the entry of U.
+    rows: Vec<[T; 3]>,
+    /// Whether A is symmetric and definite, and its diagonal no more than twice that of the mass in it.
+    is_gentle: bool,
+}
+
+impl<T: Real> Chain<T> {
+    /// The zero matrix for so many unknowns.
+    pub(super) fn zero(size: usize) -> Self {
+        Self { rows: vec![[T::zero(); 3]; size], factors: ChainFactors::default() }
+    }
+
+    /// Sets all entries to zero.
+    pub(super) fn clear(&mut self) {
+        self.rows.as_flattened_mut().fill(T::zero());
+    }
+
+    /// Adds factor · `block`, if its entries lie on the diagonal and beside it; returns whether they do.
+    pub(super) fn add(&mut self, factor: T, block: &Matrix<T>) -> bool {
+        match block {
+            Matrix::Diagonal(diagonal) => {
+                for ([_, own, _], &entry) in self.rows.iter_mut().zip(diagonal) {
+                    *own += entry * factor;
+                }
+                true
+            }
+            Matrix::Sparse(sparse) if sparse.is_tridiagonal() => {
+                // The same order, without the first number and the last.
+                let places = self.rows.as_flattened_mut().get_mut(1..).unwrap_or(&mut []);
+                fvi_core::add_multiple(places, factor, &sparse.values);
+                true
+            }
+            _ => false,
+        }
+    }
+
+    /// Hands each entry to `take` as (row, column, entry).
+    pub(super) fn for_each(&self, mut take: impl FnMut(usize, usize, T)) {
+        let last = self.rows.len().saturating_sub(1);
+        for (row, &[left, own, right]) in self.rows.iter().enumerate() {
+            if row > 0 {
+                take(row, row - 1, left);
+            }
+            take(row, row, own);
+            if row < last {
+                take(row, row + 1, right);
+            }
+        }
+    }
+
+    /// Factors the matrix for [`solve`](Self::solve); returns whether the pivots may stay on the diagonal.
+    ///
+    /// # Errors
+    /// [`Singular`], as [`fvi_core::factor`].
+    pub(super) fn factor(&mut self) -> Result<bool, Singular> {
+        let (rows, factors) = (&self.rows, &mut self.factors.rows);
+        factors.resize(rows.len(), [T::zero(); 3]);
+        let (mut reciprocal, mut before, mut above) = (T::zero(), T::zero(), T::zero());
+        for (place, &[left, own, right]) in factors.iter_mut().zip(rows) {
+            let lower = left * reciprocal;
+            // Larger than its pivot, or not a number.
+            if !(lower.abs() <= T::one()) {
+                return Ok(false);
+            }
+            let pivot = own - before * left;
+            let size = pivot.abs();
+            if !pivot.is_finite() || size <= above * T::EPSILON || size == T::zero() {
+                // Another row may do better.
+                return if left == T::zero() && right == T::zero() { Err(Singular) } else { Ok(false) };
+            }
+            reciprocal = T::one() / pivot;
+            before = right * reciprocal;
+            above = right.abs();
+            *place = [lower, reciprocal, before];
+        }
+        Ok(true)
+    }
+
+    /// Replaces `vector` by the solution with the factors that were made last.
+    pub(super) fn solve(&self, vector: &mut [T]) {
+        self.factors.solve(vector);
+    }
+
+    /// The factors that were made last; `inertia` is the part of the mass in the matrix.
+    pub(super) fn kept(&self, (factor, mass): (T, &Matrix<T>)) -> ChainFactors<T> {
+        let symmetric = self.rows.windows(2).all(|rows| match rows {
+            [[_, _, right], [left, _, _]] => left == right,
+            _ => true,
+        });
+        let signs = || self.factors.rows.iter().map(|&[_, reciprocal, _]| reciprocal > T::zero());
+        let definite = signs().all(|sign| sign) || !signs().any(|sign| sign);
+        let light = match mass {
+            Matrix::Diagonal(masses) => self
+                .rows
+                .iter()
+                .zip(masses)
+                .all(|(&[_, own, _], &mass)| own.abs() <= T::of(2.0) * (factor * mass).abs()),
+            _ => false,
+        };
+        ChainFactors { rows: self.factors.rows.clone(), is_gentle: symmetric && definite && light }
+    }
+}
+
+impl<T: Real> ChainFactors<T> {
+    /// Replaces `vector` by the solution.
+    pub(super) fn solve(&self, vector: &mut [T]) {
+        let mut carried = T::zero();
+        for (number, &[lower, _, _]) in vector.iter_mut().zip(&self.rows) {
+            carried = *number - lower * carried;
+            *number = carried;
+        }
+        let mut solution = T::zero();
+        for (number, &[_, reciprocal, upper]) in vector.iter_mut().zip(&self.rows).rev() {
+            solution = *number * reciprocal - upper * solution;
+            *number = solution;
+        }
+    }
+
+    /// Whether solutions are those of a matrix A + E with E as small as rounding makes the entries of the
+    /// mass.
+    ///
+    /// Of a symmetric matrix L and U are each other's transposes to the bit, so that E is symmetric, and
+    /// where it is definite |E_ij| is a few ε |A_ij| (\[Higham02\] §9.6). The midpoint rule with A + E is
+    /// that of the mass M + h E.
+    pub(super) fn is_gentle(&self) -> bool {
+        self.is_gentle
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::space::Matrix;
+
+    /// ½ q_0² + Σ ½ (q_i − q_{i−1})², and a mass of so much.
+    fn chain(size: usize, mass: f64, skew: f64) -> Chain<f64> {
+        let springs = (0..size).map(|row| (row, row, 2.0)).chain((1..size).map(|row| (row, row - 1, -1.0)));
+        let Matrix::Sparse(mut springs) = Matrix::symmetric(size, springs) else { panic!("a sparse matrix") };
+        springs.values.own()[1] += skew;
+        let mut chain = Chain::zero(size);
+        assert!(chain.add(1.0, &Matrix::Diagonal(vec![mass; size])));
+        assert!(chain.add(0.5, &Matrix::Sparse(springs)));
+        chain
+    }
+
+    fn dense(chain: &Chain<f64>, size: usize) -> Vec<f64> {
+        let mut entries = vec![0.0; size * size];
+        chain.for_each(|row, column, entry| entries[row * size + column] = entry);
+        entries
+    }
+
+    #[test]
+    fn solutions_are_those_of_the_whole_matrix() {
+        for skew in [0.0, 0.3] {
+            let mut chain = chain(9, 1.5, skew);
+            let mut found: Vec<f64> = (0..9).map(|index| 1.0 - 0.3 * f64::from(index)).collect();
+            let mut expected = found.clone();
+            fvi_core::solve(&mut dense(&chain, 9), &mut [0; 9], &mut expected).unwrap();
+            assert_eq!(chain.factor(), Ok(true));
+            chain.solve(&mut found);
+            for (found, expected) in found.iter().zip(&expected) {
+                assert!((found - expected).abs() < 1e-14, "{found} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn one_correction_is_enough_where_the_mass_outweighs_symmetric_springs() {
+        let unit = Matrix::Diagonal(vec![1.0; 9]);
+        let gentle = |mass: f64, skew: f64, inertia: f64| {
+            let mut chain = chain(9, mass, skew);
+            assert_eq!(chain.factor(), Ok(true));
+            chain.kept((inertia, &unit)).is_gentle()
+        };
+        assert!(gentle(1.5, 0.0, 1.5) && gentle(-3.5, 0.0, -3.5));
+        // A step longer than the periods, a force that is none of a potential, a mass of another kind.
+        assert!(!gentle(0.5, 0.0, 0.5) && !gentle(1.5, 0.1, 1.5));
+        let mut chain = chain(9, 1.5, 0.0);
+        chain.factor().unwrap();
+        assert!(!chain.kept((1.5, &Matrix::Dense(vec![0.0; 81]))).is_gentle());
+    }
+
+    #[test]
+    fn rows_that_must_change_places_are_left_to_others() {
+        let mut chain = chain(9, -0.999, 0.0);
+        assert_eq!(chain.factor(), Ok(false));
+        let mut nothing = Chain::<f64>::zero(5);
+        assert_eq!(nothing.factor(), Err(Singular));
+        assert!(!nothing.add(1.0, &Matrix::Dense(vec![1.0; 25])));
+    }
+}
