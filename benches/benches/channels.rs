@@ -1,9 +1,10 @@
 //! Exponential sums for many channels: nanoseconds for each channel and step, and bytes of state for each
 //! channel.
 //!
-//! `cargo bench -p fvi-benches --bench channels` prints a table. The answers are compared first. Times are
-//! minima over rounds of one chunk, in which the memories take turns, so that what else the machine does
-//! meets all of them.
+//! `cargo bench -p fvi-benches --bench channels` prints a table for docs/large.md. The answers are compared
+//! first. Times are minima over rounds of one chunk, in which the memories take turns, so that what else the
+//! machine does meets all of them. Two lines below say how fast one and two threads copy memory here: with
+//! many channels the state is fetched from there, and two threads gain no more than copies do.
 
 use fvi_core::{BdfOrder, ExponentialTable, Memory};
 use fvi_fft::{ChunkedExponentialSum, WideExponentialSum};
@@ -29,11 +30,33 @@ fn table(tolerance: f64) -> ExponentialTable<Aligned<f64>> {
     ExponentialKernel::bdf_on_increments(order, 0.6, 1.0, 1 << 20, tolerance).expect("a table").table()
 }
 
+/// GB/s, read and written, of so many threads that copy numbers from one half of memory of theirs to the
+/// other, together far more than caches hold; the best of some rounds.
+fn copies(threads: usize, rounds: usize) -> f64 {
+    const NUMBERS: usize = 1 << 25;
+    let mut numbers = vec![1.0; NUMBERS];
+    let mut best = f64::INFINITY;
+    for _ in 0..rounds {
+        let begin = Instant::now();
+        std::thread::scope(|scope| {
+            for part in numbers.chunks_mut(NUMBERS / threads) {
+                scope.spawn(|| {
+                    let (from, to) = part.split_at_mut(part.len() / 2);
+                    to.copy_from_slice(std::hint::black_box(from));
+                });
+            }
+        });
+        best = best.min(begin.elapsed().as_secs_f64());
+    }
+    (NUMBERS * size_of::<f64>()) as f64 / best * 1e-9
+}
+
 fn main() {
     let rounds = if std::env::args().any(|argument| argument == "--bench") { 12 } else { 1 };
     let (exact, loose) = (table(SMALLEST_TOLERANCE), table(2.5e-7));
-    println!("BDF 2, D^0.6 on increments, horizon 2^20");
-    println!("{:>9} {:32} {:>8} {:>12} {:>12}", "channels", "memory", "bytes", "ns", "of the first");
+    println!("BDF 2, D^0.6 on increments, horizon 2^20\n");
+    println!("| channels | memory | bytes a channel | ns a channel and step | of the first |");
+    println!("|---|---|---|---|---|");
     let counts: &[usize] = if rounds > 1 { &[64, 128, 1_000, 10_000, 100_000] } else { &[1_000] };
     for &channels in counts {
         let wide = |threads| {
@@ -84,7 +107,10 @@ fn main() {
         let slowest = contenders.first().map_or(1.0, |contender| contender.best);
         for Contender { name, memory, best, .. } in &contenders {
             let (bytes, time) = (memory.bytes() / channels, 1e9 * best);
-            println!("{channels:>9} {name:32} {bytes:>8} {time:>12.2} {:>12.2}", best / slowest);
+            println!("| {channels} | {name} | {bytes} | {time:.2} | {:.2} |", best / slowest);
         }
     }
+    let [one, two] = [1, 2].map(|threads| copies(threads, rounds));
+    println!("\ncopies on one thread: {one:.1} GB/s");
+    println!("copies on two threads: {two:.1} GB/s, {:.2} times as fast", two / one);
 }

@@ -3,6 +3,7 @@
 use crate::Pattern;
 use crate::threads::share;
 use core::ops::{Add, Mul};
+use pulp::{Arch, Simd, WithSimd};
 
 /// Vectors that go through a matrix together.
 const WIDEST: usize = 8;
@@ -23,74 +24,117 @@ impl Pattern {
             return;
         }
         for (x, y) in x.chunks(WIDEST * size).zip(y.chunks_mut(WIDEST * size)) {
-            let matrix = Product { pattern: self, values, factor, x };
-            let count = x.len() / size;
-            let threads = (self.len() * count / SHARE).clamp(1, threads.max(1));
-            // A thread that is held up leaves parts to the others.
-            let rows = if threads > 1 { size.div_ceil(4 * threads) } else { size };
-            let mut parts: Vec<(usize, Vec<&mut [T]>)> =
-                (0..size).step_by(rows).map(|first| (first, Vec::with_capacity(count))).collect();
-            for y in y.chunks_mut(size) {
-                parts.iter_mut().zip(y.chunks_mut(rows)).for_each(|((_, part), rows)| part.push(rows));
-            }
-            share(threads, parts.into_iter(), |(first, y)| match count {
+            match x.len() / size {
                 0 => {}
-                1 => matrix.rows::<1>(first, y),
-                2 => matrix.rows::<2>(first, y),
-                3 | 4 => matrix.rows::<4>(first, y),
-                _ => matrix.rows::<WIDEST>(first, y),
-            });
+                1 => self.multiply_add_some::<T, 1>(values, factor, x.as_chunks().0, y, threads),
+                2 => self.multiply_add_some::<T, 2>(values, factor, &side_by_side(x, size), y, threads),
+                3 | 4 => self.multiply_add_some::<T, 4>(values, factor, &side_by_side(x, size), y, threads),
+                _ => self.multiply_add_some::<T, WIDEST>(values, factor, &side_by_side(x, size), y, threads),
+            }
         }
+    }
+
+    /// The same for up to W vectors, whose numbers for a row lie side by side in x.
+    fn multiply_add_some<T, const W: usize>(
+        &self,
+        values: &[T],
+        factor: T,
+        x: &[[T; W]],
+        y: &mut [T],
+        threads: usize,
+    ) where
+        T: Copy + Default + Add<Output = T> + Mul<Output = T> + Send + Sync,
+    {
+        let size = self.size();
+        let count = y.len() / size;
+        let threads = (self.len() * count / SHARE).clamp(1, threads.max(1));
+        // A thread that is held up leaves parts to the others.
+        let rows = if threads > 1 { size.div_ceil(4 * threads) } else { size };
+        let mut parts: Vec<(usize, Vec<&mut [T]>)> =
+            (0..size).step_by(rows).map(|first| (first, Vec::with_capacity(count))).collect();
+        for y in y.chunks_mut(size) {
+            parts.iter_mut().zip(y.chunks_mut(rows)).for_each(|((_, part), rows)| part.push(rows));
+        }
+        let (matrix, unit) = (Matrix { pattern: self, values, factor }, Arch::new());
+        share(threads, parts.into_iter(), |(first, y)| unit.dispatch(Product { matrix, x, first, y }));
     }
 }
 
-/// A matrix, its factor, and what it is multiplied with.
-struct Product<'a, T> {
+/// Up to W vectors of so many numbers, one behind the other, with their numbers for a row side by side, behind
+/// them zeros.
+fn side_by_side<T: Copy + Default, const W: usize>(x: &[T], size: usize) -> Vec<[T; W]> {
+    let mut sides = vec![[T::default(); W]; size];
+    for (vector, x) in x.chunks_exact(size).enumerate() {
+        sides.iter_mut().zip(x).for_each(|(side, &x)| side[vector] = x);
+    }
+    sides
+}
+
+/// A matrix and its factor.
+#[derive(Clone, Copy)]
+struct Matrix<'a, T> {
     pattern: &'a Pattern,
     values: &'a [T],
     factor: T,
-    x: &'a [T],
 }
 
-/// Rows with the same columns that go through a vector together: the unknowns of one node of a mesh in space.
-const TOGETHER: usize = 3;
+/// The product of the rows from `first` on, compiled once for every vector unit.
+struct Product<'a, 'y, T, const W: usize> {
+    matrix: Matrix<'a, T>,
+    x: &'a [[T; W]],
+    first: usize,
+    /// These rows of each vector.
+    y: Vec<&'y mut [T]>,
+}
 
-impl<T: Copy + Default + Add<Output = T> + Mul<Output = T>> Product<'_, T> {
-    /// The rows from `first` on, for up to W vectors.
-    fn rows<const W: usize>(&self, first: usize, mut y: Vec<&mut [T]>) {
+impl<T, const W: usize> WithSimd for Product<'_, '_, T, W>
+where
+    T: Copy + Default + Add<Output = T> + Mul<Output = T>,
+{
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { matrix, x, first, mut y } = self;
         let count = y.first().map_or(0, |rows| rows.len());
         // With several vectors there are sums enough.
         let most = if W > 2 { 1 } else { TOGETHER };
         let mut index = 0;
         while index < count {
-            let alike = self.pattern.alike(first + index, most.min(count - index));
+            let alike = matrix.pattern.alike(first + index, most.min(count - index));
             match alike {
-                1 => self.run::<W, 1>(first, index, &mut y),
-                2 => self.run::<W, 2>(first, index, &mut y),
-                _ => self.run::<W, TOGETHER>(first, index, &mut y),
+                1 => matrix.run::<W, 1>(x, first, index, &mut y),
+                2 => matrix.run::<W, 2>(x, first, index, &mut y),
+                _ => matrix.run::<W, TOGETHER>(x, first, index, &mut y),
             }
             index += alike;
         }
     }
+}
 
+/// Rows with the same columns that go through a vector together: the unknowns of one node of a mesh in space.
+const TOGETHER: usize = 3;
+
+impl<T: Copy + Default + Add<Output = T> + Mul<Output = T>> Matrix<'_, T> {
     /// R rows with the same columns from one on, each with two sums: of its even places, and of its odd ones.
     #[inline(always)]
-    fn run<const W: usize, const R: usize>(&self, first: usize, index: usize, y: &mut [&mut [T]]) {
-        let size = self.pattern.size();
-        // A vector that is not there stands for the first one, and its sums are not used.
-        let x: [&[T]; W] = core::array::from_fn(|vector| {
-            let start = if vector < y.len() { vector * size } else { 0 };
-            &self.x[start..start + size]
-        });
+    fn run<const W: usize, const R: usize>(
+        &self,
+        x: &[[T; W]],
+        first: usize,
+        index: usize,
+        y: &mut [&mut [T]],
+    ) {
         let columns = &self.pattern.columns()[self.pattern.row(first + index)];
         let rows: [&[T]; R] =
             core::array::from_fn(|row| &self.values[self.pattern.row(first + index + row)][..columns.len()]);
-        let mut sums = [[[T::default(); 2]; W]; R];
+        let mut sums = [[[T::default(); W]; 2]; R];
         let mut add = |place: usize, column: u32, half: usize| {
-            for (vector, x) in x.iter().enumerate() {
-                let x = x[column as usize];
-                for (sums, row) in sums.iter_mut().zip(rows) {
-                    sums[vector][half] = sums[vector][half] + row[place] * x;
+            let x = x[column as usize];
+            for (sums, row) in sums.iter_mut().zip(rows) {
+                let entry = row[place];
+                for (sum, x) in sums[half].iter_mut().zip(x) {
+                    *sum = *sum + entry * x;
                 }
             }
         };
@@ -102,10 +146,10 @@ impl<T: Copy + Default + Add<Output = T> + Mul<Output = T>> Product<'_, T> {
         if let [column] = last {
             add(columns.len() - 1, *column, 0);
         }
-        for (row, sums) in sums.iter().enumerate() {
-            for (y, [even, odd]) in y.iter_mut().zip(sums) {
+        for (row, [even, odd]) in sums.iter().enumerate() {
+            for ((y, &even), &odd) in y.iter_mut().zip(even).zip(odd) {
                 let place = &mut y[index + row];
-                *place = *place + (*even + *odd) * self.factor;
+                *place = *place + (even + odd) * self.factor;
             }
         }
     }

@@ -5,7 +5,8 @@
 
 FVI is the program, DIRECTORY has the matrices of `make.py cantilever DIRECTORY CELLS` or gets them; 144 cells along the length, which are 97 200
 coordinates, and 100 steps by default. Prints a table for docs/large.md: seconds on the clock and on the processors for each step, without
-those before the first one, what 10 000 steps take at that, and the most memory in use.
+those before the first one, what 10 000 steps take at that, and the most memory in use. Last a run that is interrupted half-way goes on, and
+must leave the bytes of one that was not.
 """
 
 import json
@@ -69,6 +70,23 @@ def run(program, directory, name, steps, order=0.6, cases=0, threads=2):
     return (more - spent) / made, (later - seconds) / made, peak, summary
 
 
+def goes_on(program, directory, steps):
+    """Whether a run that stops half-way and goes on leaves the same files."""
+    files = ("trajectory.csv", "snapshots.npz", "map.svg")
+    text = SCENARIO.format(order=0.6, loads=LOAD.format(table="system", frequency=0.01), steps=steps, threads=2)
+    text += f"snapshots = {max(1, steps // 4)}\n"
+    (directory / "measure.toml").write_text(text)
+
+    def made(name, *more):
+        command = [program, "run", "measure.toml", "--out", str(directory / "out" / name), "--quiet", *more]
+        subprocess.run(command, cwd=directory, check=True)
+        return [(directory / "out" / name / file).read_bytes() for file in files]
+
+    whole = made("whole")
+    made("halves", "--steps", str(steps // 2))
+    return made("halves", "--steps", str(steps), "--resume") == whole
+
+
 def main():
     if len(sys.argv) < 3:
         sys.exit(__doc__)
@@ -97,6 +115,9 @@ def main():
     print(f"memory: {one[0] / classical[0]:.2f} times the processor time of classical damping, {one[1] / classical[1]:.2f} times that on the clock")
     cases = found["eight load cases"]
     print(f"eight load cases: {cases[0] / one[0]:.2f} times one, {cases[1] / one[1]:.2f} times on the clock")
+    same = goes_on(program, directory, min(steps, 20))
+    print(f"a run that stops half-way and goes on leaves {'the same' if same else 'OTHER'} bytes")
+    sys.exit(0 if same else 1)
 
 
 if __name__ == "__main__":
