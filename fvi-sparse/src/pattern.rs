@@ -11,8 +11,6 @@ pub struct Pattern {
     starts: Vec<usize>,
     /// Narrow numbers: products are as fast as the matrix is fetched.
     columns: Vec<u32>,
-    /// Whether each row has the columns of the row before.
-    repeats: Vec<bool>,
     /// Largest distance of a place from the diagonal.
     band: usize,
     /// How its matrices are eliminated, once that has been asked for.
@@ -46,10 +44,7 @@ impl Pattern {
 
     fn with_columns(starts: Vec<usize>, columns: Vec<u32>, band: usize) -> Self {
         debug_assert!(starts.len() <= 1 << 32, "columns are numbers of 32 bits");
-        let row = |ends: &[usize]| &columns[ends[0]..ends[1]];
-        let repeated = starts.windows(3).map(|ends| row(&ends[..2]) == row(&ends[1..]));
-        let repeats = core::iter::once(false).chain(repeated).take(starts.len() - 1).collect();
-        Self { starts, columns, repeats, band, analysis: OnceLock::new() }
+        Self { starts, columns, band, analysis: OnceLock::new() }
     }
 
     /// The pattern of rows given one after another, each with its columns ascending and less than the number
@@ -107,12 +102,6 @@ impl Pattern {
         &self.columns
     }
 
-    /// How many rows from this one on, of so many, have the same columns.
-    pub(crate) fn alike(&self, row: usize, most: usize) -> usize {
-        let later = self.repeats.get(row + 1..).unwrap_or(&[]);
-        1 + later.iter().take(most - 1).take_while(|&&repeats| repeats).count()
-    }
-
     /// Where each row begins, and where the last one ends.
     pub fn starts(&self) -> &[usize] {
         &self.starts
@@ -120,8 +109,6 @@ impl Pattern {
 
     /// Bytes on the heap.
     pub fn bytes(&self) -> usize {
-        size_of_val(self.starts.as_slice())
-            + size_of_val(self.columns.as_slice())
-            + size_of_val(self.repeats.as_slice())
+        size_of_val(self.starts.as_slice()) + size_of_val(self.columns.as_slice())
     }
 }
