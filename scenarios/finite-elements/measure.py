@@ -90,7 +90,7 @@ def goes_on(program, directory, steps):
 def main():
     if len(sys.argv) < 3:
         sys.exit(__doc__)
-    program, directory = str(Path(sys.argv[1]).resolve()), Path(sys.argv[2])
+    program, directory = str(Path(sys.argv[1]).resolve()), Path(sys.argv[2]).resolve()
     cells = int(sys.argv[3]) if len(sys.argv) > 3 else 144
     steps = int(sys.argv[4]) if len(sys.argv) > 4 else 100
     if not (directory / "cantilever-K.npz").exists():
