@@ -3,8 +3,9 @@
 use nalgebra::{SMatrix, SVector};
 
 use crate::error::MatrixError;
+use crate::linear::all_finite;
 use crate::linear::is_positive_definite;
-use crate::real::{Real, all_finite};
+use crate::real::Real;
 use crate::space::{Block, Space};
 
 /// N coordinates, N known at compile time; everything lies in place.

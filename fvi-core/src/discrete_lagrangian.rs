@@ -1,10 +1,11 @@
 //! One step of a discrete Lagrangian on polynomials, whatever its degree, its quadrature and the space.
 
 use crate::damping::Damping;
+use crate::linear::all_finite;
 use crate::linear::{add_multiple, combine};
 use crate::newton::{Equations, newton, size};
 use crate::one_node::OneNode;
-use crate::real::{Real, all_finite};
+use crate::real::Real;
 use crate::scheme::{Outcome, State, Step, StepError, conclude};
 use crate::space::{Block, Space, vectors, vectors_mut};
 use crate::system::{Instant, Mechanics, NodalRule};

@@ -93,6 +93,13 @@ pub(crate) fn fold<T: Real>(numbers: &[T], start: T, join: impl Fn(T, T) -> T) -
     rest.iter().fold(joined, |joined, &number| join(joined, number))
 }
 
+/// Whether every number of the slice is finite.
+#[inline]
+pub(crate) fn all_finite<T: Real>(numbers: &[T]) -> bool {
+    // Zero times what is infinite or not a number is not a number, and stays so in sums.
+    fold(numbers, T::zero(), |sum, number| sum + number * T::zero()) == T::zero()
+}
+
 /// `start` and zero times every number of x + y: zero if all are finite, else not a number.
 #[inline(always)]
 pub(crate) fn add_zeros<T: Real>(start: T, x: &[T], y: &[T]) -> T {

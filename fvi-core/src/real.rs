@@ -2,8 +2,6 @@
 
 use nalgebra::RealField;
 
-use crate::linear::fold;
-
 /// Floating-point scalar of the state and of the memory: `f32` or `f64`.
 ///
 /// Functions that reach the state are taken from `libm`, never from the platform, so that a host and a
@@ -80,10 +78,3 @@ macro_rules! real {
 
 real!(f32, u32, libm::powf);
 real!(f64, u64, libm::pow);
-
-/// Whether every number of the slice is finite.
-#[inline]
-pub(crate) fn all_finite<T: Real>(numbers: &[T]) -> bool {
-    // Zero times what is infinite or not a number is not a number, and stays so in sums.
-    fold(numbers, T::zero(), |sum, number| sum + number * T::zero()) == T::zero()
-}

@@ -143,7 +143,7 @@ fn product<const R: usize>(a: &[[f64; R]; R], b: &[[f64; R]; R]) -> [[f64; R]; R
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::real::all_finite;
+    use crate::linear::all_finite;
 
     fn assert_resolvent<const R: usize>(method: &RungeKutta<R>) {
         let resolvent = Resolvent::<f64, R>::new(method);

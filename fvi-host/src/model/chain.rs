@@ -1,6 +1,5 @@
 //! Equations in which every unknown meets its neighbours only: those of chains.
 
-use super::space::Matrix;
 use fvi_core::{Real, Singular};
 
 /// A matrix with entries on the diagonal and beside it, and what elimination makes of it.
@@ -31,23 +30,18 @@ impl<T: Real> Chain<T> {
         self.rows.as_flattened_mut().fill(T::zero());
     }
 
-    /// Adds factor · `block`, if its entries lie on the diagonal and beside it; returns whether they do.
-    pub(super) fn add(&mut self, factor: T, block: &Matrix<T>) -> bool {
-        match block {
-            Matrix::Diagonal(diagonal) => {
-                for ([_, own, _], &entry) in self.rows.iter_mut().zip(diagonal) {
-                    *own += entry * factor;
-                }
-                true
-            }
-            Matrix::Sparse(sparse) if sparse.is_tridiagonal() => {
-                // The same order, without the first number and the last.
-                let places = self.rows.as_flattened_mut().get_mut(1..).unwrap_or(&mut []);
-                fvi_core::add_multiple(places, factor, &sparse.values);
-                true
-            }
-            _ => false,
+    /// Adds factor times a diagonal.
+    pub(super) fn add_diagonal(&mut self, factor: T, diagonal: &[T]) {
+        for ([_, own, _], &entry) in self.rows.iter_mut().zip(diagonal) {
+            *own += entry * factor;
         }
+    }
+
+    /// Adds factor times entries on the diagonal and beside it, row by row.
+    pub(super) fn add_rows(&mut self, factor: T, entries: &[T]) {
+        // The same order, without the first number and the last.
+        let places = self.rows.as_flattened_mut().get_mut(1..).unwrap_or(&mut []);
+        fvi_core::add_multiple(places, factor, entries);
     }
 
     /// Hands each entry to `take` as (row, column, entry).
@@ -97,22 +91,19 @@ impl<T: Real> Chain<T> {
         self.factors.solve(vector);
     }
 
-    /// The factors that were made last; `inertia` is the part of the mass in the matrix.
-    pub(super) fn kept(&self, (factor, mass): (T, &Matrix<T>)) -> ChainFactors<T> {
+    /// The factors that were made last; factor times the masses, where those are a
+    /// diagonal, is the part of the mass in the matrix.
+    pub(super) fn kept(&self, factor: T, masses: Option<&[T]>) -> ChainFactors<T> {
         let symmetric = self.rows.windows(2).all(|rows| match rows {
             [[_, _, right], [left, _, _]] => left == right,
             _ => true,
         });
         let signs = || self.factors.rows.iter().map(|&[_, reciprocal, _]| reciprocal > T::zero());
         let definite = signs().all(|sign| sign) || !signs().any(|sign| sign);
-        let light = match mass {
-            Matrix::Diagonal(masses) => self
-                .rows
-                .iter()
-                .zip(masses)
-                .all(|(&[_, own, _], &mass)| own.abs() <= T::of(2.0) * (factor * mass).abs()),
-            _ => false,
-        };
+        let light = masses.is_some_and(|masses| {
+            let mut rows = self.rows.iter().zip(masses);
+            rows.all(|(&[_, own, _], &mass)| own.abs() <= T::of(2.0) * (factor * mass).abs())
+        });
         ChainFactors { rows: self.factors.rows.clone(), is_gentle: symmetric && definite && light }
     }
 }
@@ -146,16 +137,14 @@ impl<T: Real> ChainFactors<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::space::Matrix;
 
-    /// ½ q_0² + Σ ½ (q_i − q_{i−1})², and a mass of so much.
+    /// Springs between walls, and a mass of so much.
     fn chain(size: usize, mass: f64, skew: f64) -> Chain<f64> {
-        let springs = (0..size).map(|row| (row, row, 2.0)).chain((1..size).map(|row| (row, row - 1, -1.0)));
-        let Matrix::Sparse(mut springs) = Matrix::symmetric(size, springs) else { panic!("a sparse matrix") };
-        springs.values.own()[1] += skew;
+        let mut springs: Vec<f64> = (0..size).flat_map(|_| [-1.0, 2.0, -1.0]).collect();
+        springs[2] += skew;
         let mut chain = Chain::zero(size);
-        assert!(chain.add(1.0, &Matrix::Diagonal(vec![mass; size])));
-        assert!(chain.add(0.5, &Matrix::Sparse(springs)));
+        chain.add_diagonal(1.0, &vec![mass; size]);
+        chain.add_rows(0.5, &springs[1..3 * size - 1]);
         chain
     }
 
@@ -182,18 +171,17 @@ mod tests {
 
     #[test]
     fn one_correction_is_enough_where_the_mass_outweighs_symmetric_springs() {
-        let unit = Matrix::Diagonal(vec![1.0; 9]);
         let gentle = |mass: f64, skew: f64, inertia: f64| {
             let mut chain = chain(9, mass, skew);
             assert_eq!(chain.factor(), Ok(true));
-            chain.kept((inertia, &unit)).is_gentle()
+            chain.kept(inertia, Some(&[1.0; 9])).is_gentle()
         };
         assert!(gentle(1.5, 0.0, 1.5) && gentle(-3.5, 0.0, -3.5));
         // A step longer than the periods, a force that is none of a potential, a mass of another kind.
         assert!(!gentle(0.5, 0.0, 0.5) && !gentle(1.5, 0.1, 1.5));
         let mut chain = chain(9, 1.5, 0.0);
         chain.factor().unwrap();
-        assert!(!chain.kept((1.5, &Matrix::Dense(vec![0.0; 81]))).is_gentle());
+        assert!(!chain.kept(1.5, None).is_gentle());
     }
 
     #[test]
@@ -202,6 +190,5 @@ mod tests {
         assert_eq!(chain.factor(), Ok(false));
         let mut nothing = Chain::<f64>::zero(5);
         assert_eq!(nothing.factor(), Err(Singular));
-        assert!(!nothing.add(1.0, &Matrix::Dense(vec![1.0; 25])));
     }
 }

@@ -457,11 +457,14 @@ impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
     }
 
     fn add(&mut self, row: usize, column: usize, factor: T, block: &Matrix<T>) {
-        if let Some(mut chain) = self.chain.take() {
-            if chain.add(factor, block) {
-                self.chain = Some(chain);
-                return;
+        match (&mut self.chain, block) {
+            (Some(chain), Matrix::Diagonal(diagonal)) => return chain.add_diagonal(factor, diagonal),
+            (Some(chain), Matrix::Sparse(sparse)) if sparse.is_tridiagonal() => {
+                return chain.add_rows(factor, &sparse.values);
             }
+            _ => {}
+        }
+        if let Some(chain) = self.chain.take() {
             self.spread(&chain);
         }
         self.band = self.band.max(row.abs_diff(column) * self.coordinates + block.band());
@@ -496,7 +499,11 @@ impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
     fn keep(&mut self, kept: &mut DenseFactors<T>, inertia: (T, &Matrix<T>)) -> Result<(), Singular> {
         let n = self.pivots.len();
         if let (true, Some(chain)) = (self.factor_chain()?, &self.chain) {
-            *kept = DenseFactors::Chain(chain.kept(inertia));
+            let masses = match inertia.1 {
+                Matrix::Diagonal(masses) => Some(masses.as_slice()),
+                _ => None,
+            };
+            *kept = DenseFactors::Chain(chain.kept(inertia.0, masses));
             return Ok(());
         }
         if self.is_banded() {
