@@ -9,8 +9,8 @@ use crate::real::Real;
 /// them. [`Fixed`](crate::Fixed) keeps everything in place and needs no allocator. A host brings a space
 /// whose N is known at run time only.
 pub trait Space<T: Real>: Clone {
-    /// Whether the compiler knows N. Steps are written out for it then; otherwise they are made of calls, which
-    /// cost little beside loops over any number of coordinates and are compiled once.
+    /// Whether the compiler knows N. Steps are written out for it then; otherwise they are made of calls,
+    /// which cost little beside loops over any number of coordinates and are compiled once.
     const KNOWN_SIZE: bool;
 
     /// N numbers.

@@ -218,9 +218,9 @@ impl Bound {
     pub const fn of(engine: Engine) -> Self {
         match engine {
             Engine::Direct => Self { steady: 8.0, changing: 10.0 },
-            Engine::BlockFft | Engine::RealTime => Self { steady: 13.0, changing: 22.0 },
-            Engine::ExponentialSum => Self { steady: 15.0, changing: 20.0 },
-            Engine::ExponentialSumCore => Self { steady: 22.0, changing: 30.0 },
+            Engine::BlockFft | Engine::RealTime => Self { steady: 16.0, changing: 22.0 },
+            Engine::ExponentialSum => Self { steady: 28.0, changing: 44.0 },
+            Engine::ExponentialSumCore => Self { steady: 48.0, changing: 40.0 },
             // Its table's tolerance, 10⁻¹³, and not rounding; `variable_steps.rs` has its tests.
             Engine::AnyStep => Self { steady: 1000.0, changing: 1000.0 },
         }

@@ -75,6 +75,29 @@ fn weights_of_every_order_hold_the_requested_tolerance() {
 }
 
 #[test]
+fn exponents_next_to_whole_numbers_have_tables() {
+    for order in 1..=6 {
+        for exponent in [1e-15, 1.0 - 1e-15, 1.0 + 1e-15, 2.0 - 1e-15, 2.0f64.next_down()] {
+            let order = BdfOrder::new(order).unwrap();
+            let exact = ConvolutionWeights::bdf(order, exponent, 1.0).unwrap();
+            let sums = exact.clone().on_increments();
+            for (make, exact) in [
+                (ExponentialKernel::bdf as fn(_, _, _, _, _) -> _, exact),
+                (ExponentialKernel::bdf_on_increments, sums),
+            ] {
+                let kernel = make(order, exponent, 1.0, 1_000_000, SMALLEST_TOLERANCE);
+                let kernel = kernel.unwrap_or_else(|error| panic!("{order:?}, {exponent:e}: {error}"));
+                for (n, exact) in exact.take(1000).enumerate() {
+                    let error = (kernel.weight(n) - exact).abs();
+                    let allowed = 2.0 * SMALLEST_TOLERANCE * exact.abs();
+                    assert!(error <= allowed, "{order:?}, {exponent:e}, n = {n}: {error:e} of {exact:e}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
 fn every_weight_is_within_the_smallest_tolerance_for_every_order_and_exponent() {
     // Lag by lag, where the search for a table looks at few of them.
     const LAGS: usize = 1000;

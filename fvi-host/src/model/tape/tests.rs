@@ -348,9 +348,12 @@ proptest! {
         let (value, gradient, hessian) = expression.hessian(Moment::inside(0.0), &SVector::from(q));
         let found = compiled(&text, q);
         prop_assert!(agree(found.0, value, 0.0), "{} {} {}", text, found.0, value);
+        // Forward differentiation goes through what is no number even where it does not matter: √(−1) to the
+        // power 0.
+        prop_assume!(gradient.iter().chain(&hessian).all(|number| number.is_finite()));
         // A quadratic part that is split off is rounded elsewhere, a difference of two large ones badly.
         let size = gradient.amax().max(hessian.amax());
-        prop_assume!(size.is_finite() && size < 1e6);
+        prop_assume!(size < 1e6);
         for (found, expected) in found.1.iter().chain(&found.2).zip(gradient.iter().chain(&hessian)) {
             prop_assert!(agree(*found, *expected, 1e-13 * size.max(1.0)), "{} {} {}", text, found, expected);
         }
