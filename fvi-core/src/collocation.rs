@@ -12,7 +12,7 @@ use crate::node_galerkin::NodeStorage;
 use crate::real::Real;
 use crate::runge_kutta::RungeKutta;
 use crate::scheme::{Outcome, Sampling, Scheme, State, Step, StepError, conclude};
-use crate::space::{Block, Space, vectors, vectors_mut};
+use crate::space::{Block, Space, called, vectors, vectors_mut};
 use crate::system::{Instant, Mechanics};
 use crate::workspace::Workspace;
 
@@ -233,19 +233,8 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> CollocationEqua
         if X::KNOWN_SIZE {
             self.write_residual(accelerations, residual, matrix);
         } else {
-            self.call_residual(accelerations, residual, matrix);
+            called(|| self.write_residual(accelerations, residual, matrix));
         }
-    }
-
-    /// [`write_residual`](Self::write_residual), compiled once.
-    #[inline(never)]
-    fn call_residual<E: Equations<T, X::Block>>(
-        &mut self,
-        accelerations: &[T],
-        residual: &mut [T],
-        matrix: Option<&mut E>,
-    ) {
-        self.write_residual(accelerations, residual, matrix);
     }
 
     #[inline(always)]

@@ -7,7 +7,7 @@ use crate::newton::{Equations, newton, size};
 use crate::one_node::OneNode;
 use crate::real::Real;
 use crate::scheme::{Outcome, State, Step, StepError, conclude};
-use crate::space::{Block, Space, vectors, vectors_mut};
+use crate::space::{Block, Space, called, vectors, vectors_mut};
 use crate::system::{Instant, Mechanics, NodalRule};
 use crate::workspace::Workspace;
 
@@ -203,28 +203,8 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         if X::KNOWN_SIZE {
             self.solve_for_any_nodes(work, mechanics, damping, step, state, count)
         } else {
-            self.call_solve_for_any_nodes(work, mechanics, damping, step, state, count)
+            called(|| self.solve_for_any_nodes(work, mechanics, damping, step, state, count))
         }
-    }
-
-    /// [`solve_for_any_nodes`](Self::solve_for_any_nodes), compiled once.
-    #[inline(never)]
-    fn call_solve_for_any_nodes<X, E, G, D>(
-        &self,
-        work: &mut Workspace<'_, T, X, E>,
-        mechanics: &mut G,
-        damping: Option<&D>,
-        step: &Step<'_, T>,
-        state: &State<X::Vector>,
-        moments: usize,
-    ) -> Result<u32, StepError>
-    where
-        X: Space<T>,
-        E: Equations<T, X::Block>,
-        G: Mechanics<T, X>,
-        D: Damping<T, X>,
-    {
-        self.solve_for_any_nodes(work, mechanics, damping, step, state, moments)
     }
 
     /// As [`solve`](Self::solve), for any number of unknown nodes and points. The first `moments` numbers of
@@ -361,14 +341,8 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> StepEquations<'
         if X::KNOWN_SIZE {
             self.write_forces(increments, matrix)
         } else {
-            self.call_forces(increments, matrix)
+            called(|| self.write_forces(increments, matrix))
         }
-    }
-
-    /// [`write_forces`](Self::write_forces), compiled once.
-    #[inline(never)]
-    fn call_forces<E: Equations<T, X::Block>>(&mut self, increments: &[T], matrix: Option<&mut E>) {
-        self.write_forces(increments, matrix);
     }
 
     #[inline(always)]

@@ -76,8 +76,8 @@ impl<T: Real, const R: usize> Resolvent<T, R> {
         &self.determinant
     }
 
-    /// d_1 … d_R with 1 − R(−x) = Σ_k d_k x^k / p(x), R the stability function. For Radau IIA and Lobatto IIIC
-    /// none is negative: nothing cancels.
+    /// d_1 … d_R with 1 − R(−x) = Σ_k d_k x^k / p(x), R the stability function. For Radau IIA and Lobatto
+    /// IIIC none is negative: nothing cancels.
     pub fn decrement(&self) -> [T; R] {
         let mut decrement = self.determinant;
         // R(−x) is the last of (I + xA)⁻¹ 1.

@@ -47,6 +47,12 @@ pub trait Block<T: Real> {
     fn check_positive_semidefinite(&self) -> Result<(), MatrixError>;
 }
 
+/// What `act` does, as a call: compiled once, however often it is written.
+#[inline(never)]
+pub(crate) fn called<R>(act: impl FnOnce() -> R) -> R {
+    act()
+}
+
 /// The vectors of `width` numbers in a slice, one after another; what is left over is left out.
 ///
 /// `chunks_exact` divides lengths. Where the width is not known before run time, divisions cost a small step

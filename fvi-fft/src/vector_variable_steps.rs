@@ -131,7 +131,8 @@ impl<T: Scalar, const R: usize> Operators<T, R> {
 
     /// Those of a length and its reciprocal.
     ///
-    /// Polynomials are forms of x = hλ and 1, up to x = 1, and of 1 and 1/x beyond, so that nothing overflows.
+    /// Polynomials are forms of x = hλ and 1, up to x = 1, and of 1 and 1/x beyond, so that nothing
+    /// overflows.
     #[inline(always)]
     fn set<V: Simd>(
         &mut self,

@@ -224,8 +224,8 @@ impl Scenario {
         })
     }
 
-    /// The same scenario over the same time in another number of steps, after each of which its whole state is
-    /// wanted.
+    /// The same scenario over the same time in another number of steps, after each of which its whole state
+    /// is wanted.
     pub fn in_steps(&self, steps: usize) -> Self {
         let mut scenario = self.clone();
         scenario.output.every = 1;

@@ -317,8 +317,8 @@ struct Machine<T: Elementary + Engines, X: ScenarioSpace<T>> {
     input: X::Vector,
     /// Whether the input of the last step was not zero.
     pushed: bool,
-    /// The momentum that is reported where that is not the state's: the mean of those before and after the last
-    /// kick, or what is left without the offset.
+    /// The momentum that is reported where that is not the state's: the mean of those before and after the
+    /// last kick, or what is left without the offset.
     reported: Option<X::Vector>,
     offset: MomentumOffset<T>,
     /// The last two steps, the later one first, where they are to be looked into.

@@ -81,10 +81,11 @@ fn exponents_next_to_whole_numbers_have_tables() {
             let order = BdfOrder::new(order).unwrap();
             let exact = ConvolutionWeights::bdf(order, exponent, 1.0).unwrap();
             let sums = exact.clone().on_increments();
-            for (make, exact) in [
-                (ExponentialKernel::bdf as fn(_, _, _, _, _) -> _, exact),
-                (ExponentialKernel::bdf_on_increments, sums),
-            ] {
+            // There are none of sums that hardly decay.
+            let on_increments = (exponent > 0.1)
+                .then_some((ExponentialKernel::bdf_on_increments as fn(_, _, _, _, _) -> _, sums));
+            let on_values = (ExponentialKernel::bdf as fn(_, _, _, _, _) -> _, exact);
+            for (make, exact) in [on_values].into_iter().chain(on_increments) {
                 let kernel = make(order, exponent, 1.0, 1_000_000, SMALLEST_TOLERANCE);
                 let kernel = kernel.unwrap_or_else(|error| panic!("{order:?}, {exponent:e}: {error}"));
                 for (n, exact) in exact.take(1000).enumerate() {

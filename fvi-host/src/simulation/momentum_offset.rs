@@ -21,9 +21,9 @@ pub(super) struct MomentumOffset<T> {
 }
 
 impl<T: Real> MomentumOffset<T> {
-    /// For the terms of a scenario whose scheme has so many nodes; `leave` writes ρ_m q₀. There are none where
-    /// the momentum that is reported is to be that of the discrete Lagrangian, or the formula is of order 2 at
-    /// most.
+    /// For the terms of a scenario whose scheme has so many nodes; `leave` writes ρ_m q₀. There are none
+    /// where the momentum that is reported is to be that of the discrete Lagrangian, or the formula is of
+    /// order 2 at most.
     pub(super) fn of(scenario: &Scenario, nodes: usize, mut leave: impl FnMut(usize) -> Vec<T>) -> Self {
         let ConvolutionFamily::Bdf { order: 3.. } = scenario.convolution.family else {
             return Self::default();
