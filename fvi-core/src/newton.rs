@@ -164,6 +164,7 @@ impl<T: Real, const N: usize, const S: usize, B: Block<T>> Equations<T, B> for S
 }
 
 /// Largest absolute value; not a number if one is not finite.
+#[expect(clippy::eq_op, reason = "x − x tells a finite number from others")]
 #[inline(always)]
 pub(crate) fn size<T: Real>(numbers: &[T]) -> T {
     fold(numbers, T::zero(), |largest, number| {

@@ -2,7 +2,7 @@
 
 use fvi_core::{BdfOrder, ConvolutionWeights, ExponentialSum, ExponentialTable, Memory, MemoryError};
 use fvi_fft::{ChunkedExponentialSum, Engines, Vectorised};
-use fvi_host::numerics::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
+use fvi_host::numerics::exponential_table::{ExponentialKernel, ExponentialKernelError, SMALLEST_TOLERANCE};
 use fvi_tests::reference;
 
 /// Exponents of the quadrature: everywhere in (−1, 2), and near whole numbers.
@@ -74,6 +74,8 @@ fn weights_of_every_order_hold_the_requested_tolerance() {
     }
 }
 
+type Make = fn(BdfOrder, f64, f64, usize, f64) -> Result<ExponentialKernel, ExponentialKernelError>;
+
 #[test]
 fn exponents_next_to_whole_numbers_have_tables() {
     for order in 1..=6 {
@@ -82,9 +84,9 @@ fn exponents_next_to_whole_numbers_have_tables() {
             let exact = ConvolutionWeights::bdf(order, exponent, 1.0).unwrap();
             let sums = exact.clone().on_increments();
             // There are none of sums that hardly decay.
-            let on_increments = (exponent > 0.1)
-                .then_some((ExponentialKernel::bdf_on_increments as fn(_, _, _, _, _) -> _, sums));
-            let on_values = (ExponentialKernel::bdf as fn(_, _, _, _, _) -> _, exact);
+            let on_increments =
+                (exponent > 0.1).then_some((ExponentialKernel::bdf_on_increments as Make, sums));
+            let on_values = (ExponentialKernel::bdf as Make, exact);
             for (make, exact) in [on_values].into_iter().chain(on_increments) {
                 let kernel = make(order, exponent, 1.0, 1_000_000, SMALLEST_TOLERANCE);
                 let kernel = kernel.unwrap_or_else(|error| panic!("{order:?}, {exponent:e}: {error}"));
