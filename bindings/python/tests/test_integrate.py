@@ -192,7 +192,7 @@ def test_single_numbers_float32_and_strided_arrays_are_converted():
         (dict(damping=[fvi.Damping(0.5, attached=[[1.0], [0.0], [0.0]], strength=[1.0])]), "damping[0].attached"),
         (dict(loads=fvi.Load([1.0], "t")), "loads[0].pattern"),
         (dict(loads=fvi.Load([1.0, 0.0], ([0.0, 1.0], [2.0]))), "loads[0].amplitude"),
-        (dict(loads=fvi.Load([1.0, 0.0], ([0.0, 0.0], [2.0, 1.0]))), "loads[0].amplitude.file"),
+        (dict(loads=fvi.Load([1.0, 0.0], ([0.0, 0.0], [2.0, 1.0]))), "loads[0].amplitude[0][1]"),
         (dict(loads=[3]), "loads[0]"),
         (dict(elements=fvi.Element("x1^2", [[0, 5]])), "elements[0].coordinates[0][1]"),
         (dict(elements=fvi.Element("x1^2", [[0.5, 1]])), "elements[0].coordinates[0][0]"),
