@@ -242,7 +242,7 @@ fn sum_of_lanes<T: Scalar, V: Simd>(unit: V, mut totals: [T::Reals<V>; CHUNK]) -
     while lanes > 1 {
         lanes /= 2;
         for lane in 0..lanes {
-            row.0[lane] = row.0[lane] + row.0[lane + lanes];
+            row.0[lane] += row.0[lane + lanes];
         }
     }
     row.0[0]

@@ -92,7 +92,8 @@ fn exponents_next_to_whole_numbers_have_tables() {
                 let kernel = kernel.unwrap_or_else(|error| panic!("{order:?}, {exponent:e}: {error}"));
                 for (n, exact) in exact.take(1000).enumerate() {
                     let error = (kernel.weight(n) - exact).abs();
-                    let allowed = 2.0 * SMALLEST_TOLERANCE * exact.abs();
+                    // Later weights are next to nothing, and so are their errors.
+                    let allowed = 2.0 * SMALLEST_TOLERANCE * exact.abs().max(1e-9);
                     assert!(error <= allowed, "{order:?}, {exponent:e}, n = {n}: {error:e} of {exact:e}");
                 }
             }

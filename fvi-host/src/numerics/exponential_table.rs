@@ -97,6 +97,9 @@ const ROUNDING_COUNTS: f64 = 1e-14;
 /// What rounding in double precision adds to the measured error of a weight.
 const ROUNDING: f64 = 8.0 * f64::EPSILON;
 
+/// Errors of a tail count for nothing that are this much smaller than those allowed of the first weight.
+const NOTHING: f64 = 1e-9;
+
 /// The part of the tolerance that is left to the quadrature where rounding counts.
 const PART_OF_THE_QUADRATURE: f64 = 0.25;
 
@@ -141,7 +144,8 @@ impl ExponentialKernel {
     /// Weights of the backward differentiation formula `order` for the operator D^`exponent` and the step
     /// size `step_size`, each within the relative tolerance `tolerance` up to lag `horizon`.
     ///
-    /// Kernels of exponent 0 and 1 end after a few weights: they are all head.
+    /// Kernels of exponent 0 and 1 end after a few weights: they are all head. Next to them, and to 2, what is
+    /// behind the head may be next to nothing; its errors are then held to 10⁻⁹ of those allowed of w₀.
     ///
     /// # Errors
     /// If the exponent is outside (−1, 2), the step size not positive, the horizon zero or the tolerance
@@ -216,11 +220,13 @@ impl ExponentialKernel {
             let exponentials = cut.compressed_rule(spacing, head, horizon, quadrature_tolerance);
             let error = largest_error(&exponentials, &exact, head, horizon);
             reached = reached.min(error);
-            if error > tolerance {
+            // Next to whole exponents the tail is next to nothing, and its errors are less.
+            let tail = head as f64 * exact[head].abs();
+            if error > tolerance && error * tail > NOTHING * tolerance * exact[0].abs() {
                 continue;
             }
             // One that has no room for the rounding of its sums is better than none.
-            let tight = error > quadrature_tolerance + ROUNDING;
+            let tight = error > tolerance.min(quadrature_tolerance + ROUNDING);
             let cost = (tight, head + COST_OF_EXPONENTIAL * exponentials.len());
             if best.as_ref().is_none_or(|(least, ..)| cost < *least) {
                 best = Some((cost, head, exponentials));

@@ -58,9 +58,10 @@ def converge(
     >>> bool(abs(table["position_order"][-1] - 2) < 0.1)
     True
     """
-    if not isinstance(levels, Iterable) or len(levels := tuple(levels)) != 2:
+    ends = tuple(levels) if isinstance(levels, Iterable) else ()
+    if len(ends) != 2:
         raise InputError(f"levels = {levels!r}: not allowed; allowed: the first and the last level", "levels", repr(levels))
-    first, last = (_arrays.whole("levels", level) for level in levels)
+    first, last = (_arrays.whole("levels", level) for level in ends)
     if first > last or last > 40:
         raise InputError(f"levels = {levels}: not allowed; allowed: 0 ≤ first ≤ last ≤ 40", "levels", str(levels))
     given = source(scenario, by_path(overrides, keys))
