@@ -144,8 +144,8 @@ impl ExponentialKernel {
     /// Weights of the backward differentiation formula `order` for the operator D^`exponent` and the step
     /// size `step_size`, each within the relative tolerance `tolerance` up to lag `horizon`.
     ///
-    /// Kernels of exponent 0 and 1 end after a few weights: they are all head. Next to them, and to 2, what is
-    /// behind the head may be next to nothing; its errors are then held to 10⁻⁹ of those allowed of w₀.
+    /// Kernels of exponent 0 and 1 end after a few weights: they are all head. Next to them, and to 2, what
+    /// is behind the head may be next to nothing; its errors are then held to 10⁻⁹ of those allowed of w₀.
     ///
     /// # Errors
     /// If the exponent is outside (−1, 2), the step size not positive, the horizon zero or the tolerance
