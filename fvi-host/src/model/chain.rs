@@ -69,7 +69,7 @@ impl<T: Real> Chain<T> {
         for (place, &[left, own, right]) in factors.iter_mut().zip(rows) {
             let lower = left * reciprocal;
             // Larger than its pivot, or not a number.
-            if !(lower.abs() <= T::one()) {
+            if lower.abs() > T::one() || !lower.is_finite() {
                 return Ok(false);
             }
             let pivot = own - before * left;
