@@ -14,6 +14,8 @@
 //! | [`lab`] | runs, orders of convergence, comparisons, reproductions, two-point problems |
 //! | `command` | the program `fvi` |
 //!
+//! The first three are those of `fvi-scenario`, the next three those of `fvi-simulation`.
+//!
 //! The feature `program` brings the last, with what it needs of a terminal; `pictures` brings those of runs
 //! and studies and the reproduction of the papers. Both are on by default.
 #![forbid(unsafe_code)]
@@ -21,13 +23,10 @@
 #[cfg(feature = "program")]
 pub mod command;
 pub mod lab;
-pub mod language;
-pub mod memory;
-pub mod model;
-pub mod numerics;
 pub mod results;
-pub mod scenario;
-pub mod simulation;
+
+pub use fvi_scenario::{language, numerics, scenario};
+pub use fvi_simulation::{memory, model, simulation};
 
 /// The examples of the page that introduces the crate.
 #[cfg(doctest)]

@@ -6,42 +6,48 @@ use crate::simulation::Precision;
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
 
-impl ValueEnum for Engine {
+/// A word of a crate below, as a value of the command line.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Choice<T>(pub(super) T);
+
+impl ValueEnum for Choice<Engine> {
     fn value_variants<'a>() -> &'a [Self] {
         &[
-            Self::Direct,
-            Self::BlockFft,
-            Self::RealTime,
-            Self::ExponentialSum,
-            Self::ExponentialSumCore,
-            Self::AnyStep,
+            Self(Engine::Direct),
+            Self(Engine::BlockFft),
+            Self(Engine::RealTime),
+            Self(Engine::ExponentialSum),
+            Self(Engine::ExponentialSumCore),
+            Self(Engine::AnyStep),
         ]
     }
 
     fn to_possible_value(&self) -> Option<PossibleValue> {
-        let help = match self {
-            Self::Direct => "The plain sum over a ring of samples",
-            Self::BlockFft => "Block transforms, amortised",
-            Self::RealTime => "Block transforms spread evenly over the steps",
-            Self::ExponentialSum => "A short head and decaying exponentials, in chunks and vector code",
-            Self::ExponentialSumCore => {
+        let help = match self.0 {
+            Engine::Direct => "The plain sum over a ring of samples",
+            Engine::BlockFft => "Block transforms, amortised",
+            Engine::RealTime => "Block transforms spread evenly over the steps",
+            Engine::ExponentialSum => "A short head and decaying exponentials, in chunks and vector code",
+            Engine::ExponentialSumCore => {
                 "The same by the core's own memory, a sample at a time: what firmware runs, with its bits"
             }
-            Self::AnyStep => "Exponentials in continuous time: Runge–Kutta quadrature on steps of any length",
+            Engine::AnyStep => {
+                "Exponentials in continuous time: Runge–Kutta quadrature on steps of any length"
+            }
         };
-        Some(PossibleValue::new(self.name()).help(help))
+        Some(PossibleValue::new(self.0.name()).help(help))
     }
 }
 
-impl ValueEnum for Precision {
+impl ValueEnum for Choice<Precision> {
     fn value_variants<'a>() -> &'a [Self] {
-        &[Self::F64, Self::F32]
+        &[Self(Precision::F64), Self(Precision::F32)]
     }
 
     fn to_possible_value(&self) -> Option<PossibleValue> {
-        let (name, help) = match self {
-            Self::F64 => ("f64", "Double precision"),
-            Self::F32 => ("f32", "Single precision, the twin of a microcontroller"),
+        let (name, help) = match self.0 {
+            Precision::F64 => ("f64", "Double precision"),
+            Precision::F32 => ("f32", "Single precision, the twin of a microcontroller"),
         };
         Some(PossibleValue::new(name).help(help))
     }
@@ -67,8 +73,8 @@ mod tests {
 
     #[test]
     fn the_options_take_the_words_of_files() {
-        let words = |engine: &Engine| engine.to_possible_value().unwrap().get_name().to_owned();
-        let options: Vec<String> = Engine::value_variants().iter().map(words).collect();
+        let words = |engine: &Choice<Engine>| engine.to_possible_value().unwrap().get_name().to_owned();
+        let options: Vec<String> = Choice::<Engine>::value_variants().iter().map(words).collect();
         assert_eq!(options, Engine::NAMES.map(|(name, _)| name));
     }
 }

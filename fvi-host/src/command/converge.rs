@@ -1,5 +1,6 @@
 //! `fvi converge`: error and order over a sequence of step sizes.
 
+use super::choices::Choice;
 use super::progress::Progress;
 use super::{CommandError, default_directory, stop, terminal, warn};
 use crate::lab::converge::{ConvergeError, Grids, converge};
@@ -29,7 +30,7 @@ pub struct ConvergeArguments {
     out: Option<PathBuf>,
     /// The memory engine, in place of the scenario's
     #[arg(long, value_enum)]
-    engine: Option<Engine>,
+    engine: Option<Choice<Engine>>,
     /// Neither progress nor table on the terminal
     #[arg(long)]
     quiet: bool,
@@ -38,7 +39,7 @@ pub struct ConvergeArguments {
 impl ConvergeArguments {
     pub(super) fn execute(self) -> Result<(), CommandError> {
         let mut scenario = Scenario::read(&self.scenario)?;
-        if let Some(engine) = self.engine {
+        if let Some(Choice(engine)) = self.engine {
             scenario.history.choose(engine);
         }
         warn(scenario.warnings());

@@ -1,5 +1,6 @@
 //! `fvi run`: integrate a scenario.
 
+use super::choices::Choice;
 use super::progress::Progress;
 use super::{CommandError, default_directory, stop, terminal, warn};
 use crate::lab::checkpoint::CheckpointEvery;
@@ -20,10 +21,10 @@ pub struct RunArguments {
     out: Option<PathBuf>,
     /// The memory engine, in place of the scenario's
     #[arg(long, value_enum)]
-    engine: Option<Engine>,
+    engine: Option<Choice<Engine>>,
     /// What to compute in
     #[arg(long, value_enum, default_value_t)]
-    precision: Precision,
+    precision: Choice<Precision>,
     /// The format of the trajectory: a table of text, or NumPy arrays (default: csv)
     #[arg(long, value_enum)]
     format: Option<Format>,
@@ -51,7 +52,7 @@ pub struct RunArguments {
 impl RunArguments {
     pub(super) fn execute(self) -> Result<(), CommandError> {
         let mut scenario = Scenario::read(&self.scenario)?;
-        if let Some(engine) = self.engine {
+        if let Some(Choice(engine)) = self.engine {
             scenario.history.choose(engine);
         }
         if let Some(end) = self.until {
@@ -69,7 +70,7 @@ impl RunArguments {
             None => Progress::of_unknown("steps", self.quiet),
         };
         let options = RunOptions {
-            precision: self.precision,
+            precision: self.precision.0,
             format: self.format,
             checkpoints: self.checkpoint_every.unwrap_or_default(),
             resume: self.resume,

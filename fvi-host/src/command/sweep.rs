@@ -1,5 +1,6 @@
 //! `fvi sweep`: one scenario with many values of some of its keys.
 
+use super::choices::Choice;
 use super::progress::Progress;
 use super::{CommandError, default_directory, stop, terminal};
 use crate::lab::sweep::{Shard, Sweep, SweepError, SweepOptions, SweepSummary, gather, sweep};
@@ -28,7 +29,7 @@ pub struct SweepArguments {
     gather: bool,
     /// What to compute in
     #[arg(long, value_enum, default_value_t)]
-    precision: Precision,
+    precision: Choice<Precision>,
     /// Neither progress nor result on the terminal
     #[arg(long)]
     quiet: bool,
@@ -47,7 +48,7 @@ impl SweepArguments {
         };
         let begin = Instant::now();
         let options = SweepOptions {
-            precision: self.precision,
+            precision: self.precision.0,
             jobs: self.jobs,
             shard,
             ..SweepOptions::new(&directory)

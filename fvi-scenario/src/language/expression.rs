@@ -1,0 +1,271 @@
+//! Expressions of scenario files, with their exact gradient and Hessian.
+//!
+//! An expression is parsed once against the names it may use ([`Symbols`]); parameters and everything else
+//! that is constant are folded in `f64`. It is then evaluated in `f32` or `f64` together with as many
+//! derivatives as are asked for, by second-order forward differentiation: exact up to rounding, no
+//! difference quotients. Every function comes from `libm`, so that a host and a microcontroller agree.
+//!
+//! Grammar, loosest binding first:
+//!
+//! ```text
+//! sum      = product { ("+" | "−") product }
+//! product  = signed { ("*" | "/") signed }
+//! signed   = { "+" | "−" } power                  −q0^2 is −(q0^2)
+//! power    = primary [ "^" signed ]               2^3^2 is 2^(3^2), 2^-1 is ½
+//! primary  = number | name | function "(" sum { "," sum } ")" | "(" sum ")"
+//! ```
+//!
+//! **Sides of a jump.** Inside the argument of `step` and `sign` the time is taken slightly before or
+//! slightly after a grid point when the point is approached from that side (see [`Moment`]); everywhere
+//! else it is exactly the time of the point.
+
+mod elementary;
+mod function;
+mod jet;
+mod syntax;
+mod tree;
+
+pub use elementary::Elementary;
+pub use function::Function;
+pub use syntax::nearest;
+pub use syntax::{ExpressionError, ExpressionFault};
+
+use fvi_core::Real;
+use jet::{FirstOrder, Jet, SecondOrder};
+use nalgebra::{SMatrix, SVector};
+use std::collections::HashMap;
+pub use tree::{Kind, LARGEST_MULTIPLIED, Node, Operator, power};
+
+/// The names an expression may use besides numbers, functions and `pi`.
+#[derive(Clone, Debug, Default)]
+pub struct Symbols {
+    time: bool,
+    variables: Vec<String>,
+    /// Where each variable stands in `variables`: a chain of N coordinates names them some 4N times.
+    indices: HashMap<String, usize>,
+    parameters: Vec<(String, f64)>,
+}
+
+impl Symbols {
+    /// No names at all: constant expressions.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Adds the time `t`.
+    pub fn with_time(mut self) -> Self {
+        self.time = true;
+        self
+    }
+
+    /// Adds variables; their order is the order of the derivatives.
+    pub fn with_variables(mut self, names: impl IntoIterator<Item = String>) -> Self {
+        for name in names {
+            self.indices.entry(name.clone()).or_insert(self.variables.len());
+            self.variables.push(name);
+        }
+        self
+    }
+
+    /// Adds the coordinates `q0`, `q1`, …
+    pub fn with_coordinates(self, count: usize) -> Self {
+        self.with_variables((0..count).map(|index| format!("q{index}")))
+    }
+
+    /// Adds a named constant.
+    ///
+    /// # Errors
+    /// Why the name cannot be a parameter: it is not a name, or it means something already.
+    pub fn with_parameter(mut self, name: &str, value: f64) -> Result<Self, ParameterNameError> {
+        let mut letters = name.chars();
+        let well_formed =
+            letters.next().is_some_and(syntax::starts_name) && letters.all(syntax::continues_name);
+        if !well_formed {
+            return Err(ParameterNameError::NotAName);
+        }
+        if function::Function::named(name).is_some() {
+            return Err(ParameterNameError::Function);
+        }
+        if name == "pi" {
+            return Err(ParameterNameError::Constant);
+        }
+        if name == "t" {
+            return Err(ParameterNameError::Time);
+        }
+        let numbered = name
+            .strip_prefix('q')
+            .is_some_and(|rest| !rest.is_empty() && rest.bytes().all(|digit| digit.is_ascii_digit()));
+        if numbered || self.indices.contains_key(name) {
+            return Err(ParameterNameError::Variable);
+        }
+        self.parameters.push((name.to_owned(), value));
+        Ok(self)
+    }
+
+    fn resolve(&self, name: &str) -> Option<Node> {
+        if name == "pi" {
+            return Some(Node::number(core::f64::consts::PI));
+        }
+        if name == "t" && self.time {
+            return Some(Node::time());
+        }
+        if let Some(&index) = self.indices.get(name) {
+            return Some(Node::variable(index));
+        }
+        self.parameters.iter().find(|(known, _)| known == name).map(|&(_, value)| Node::number(value))
+    }
+
+    /// Every name that may stand alone.
+    fn names(&self) -> impl Iterator<Item = &str> {
+        let variables = self.variables.iter().map(String::as_str);
+        self.time.then_some("t").into_iter().chain(variables).chain(self.others())
+    }
+
+    /// The names for messages: of many variables only the first two and the last.
+    fn names_in_brief(&self) -> Vec<&str> {
+        const MANY: usize = 8;
+        let variables: Vec<&str> = match self.variables.as_slice() {
+            [first, second, between @ .., last] if between.len() + 3 > MANY => vec![first, second, "…", last],
+            variables => variables.iter().map(String::as_str).collect(),
+        };
+        self.time.then_some("t").into_iter().chain(variables).chain(self.others()).collect()
+    }
+
+    fn others(&self) -> impl Iterator<Item = &str> {
+        self.parameters.iter().map(|(name, _)| name.as_str()).chain(["pi"])
+    }
+}
+
+/// Why a name cannot be a parameter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ParameterNameError {
+    /// Not of the form letter, letters, digits and underscores.
+    #[error("a name starts with a letter and goes on with letters, digits and _")]
+    NotAName,
+    /// The name of a function.
+    #[error("it is the name of a function")]
+    Function,
+    /// `pi`.
+    #[error("it is the name of the constant π")]
+    Constant,
+    /// `t`.
+    #[error("it is the name of the time")]
+    Time,
+    /// `q0`, `q1`, … or another variable.
+    #[error("it is the name of a coordinate")]
+    Variable,
+}
+
+/// A time as an expression sees it: the point itself, and the side from which jumps at it are seen.
+///
+/// Grid times k·h and the times of jumps written in a file are both rounded, so that a jump at a grid point
+/// may be computed to lie on either side of it. The time in the argument of `step` and `sign` is therefore
+/// moved by 8 units of rounding, far more than both roundings and far less than a step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Moment<T> {
+    /// The time itself.
+    pub time: T,
+    /// The time, moved to the side from which it is approached.
+    pub sided: T,
+}
+
+impl<T: Real> Moment<T> {
+    /// The time strictly inside a step: jumps are seen where they are computed to be.
+    pub fn inside(time: T) -> Self {
+        Self { time, sided: time }
+    }
+
+    /// The time at the right end of a step, from inside it: a jump there has not happened yet.
+    pub fn from_left(time: T) -> Self {
+        Self { time, sided: time - time.abs() * Self::nudge() }
+    }
+
+    /// The time at the left end of a step, from inside it: a jump there has happened. At t = 0, before which
+    /// nothing lies, it is the time itself.
+    pub fn from_right(time: T) -> Self {
+        Self { time, sided: time + time.abs() * Self::nudge() }
+    }
+
+    /// The same in double precision.
+    pub fn in_double(&self) -> Moment<f64> {
+        Moment { time: self.time.to_f64(), sided: self.sided.to_f64() }
+    }
+
+    /// The time at which a force that jumps is to be looked at: within rounding of the time, on the side that
+    /// is meant.
+    pub fn sided(&self) -> T {
+        self.sided
+    }
+
+    fn nudge() -> T {
+        T::EPSILON * T::of(8.0)
+    }
+}
+
+/// A parsed expression.
+#[derive(Clone, Debug)]
+pub struct Expression {
+    root: Node,
+    text: String,
+}
+
+impl Expression {
+    /// Parses `text`; names mean what `symbols` says.
+    ///
+    /// # Errors
+    /// [`ExpressionError`] with what is wrong and where in `text`.
+    pub fn parse(text: &str, symbols: &Symbols) -> Result<Self, ExpressionError> {
+        Ok(Self { root: syntax::parse(text, symbols)?, text: text.to_owned() })
+    }
+
+    /// The text it was parsed from.
+    pub fn text(&self) -> &str {
+        &self.text
+    }
+
+    /// Whether any variable occurs in it (after constants are folded).
+    pub fn has_variables(&self) -> bool {
+        self.root.varies()
+    }
+
+    /// What it says, as a tree.
+    pub fn root(&self) -> &Node {
+        &self.root
+    }
+
+    /// The value at a moment and a point. `variables` in the order of [`Symbols::with_variables`].
+    pub fn value<T: Elementary>(&self, moment: Moment<T>, variables: &[T]) -> T {
+        self.root.evaluate::<T, T>(moment.time, moment.sided, variables)
+    }
+
+    /// Value and gradient with respect to the variables.
+    pub fn gradient<T: Elementary, const N: usize>(
+        &self,
+        moment: Moment<T>,
+        point: &SVector<T, N>,
+    ) -> (T, SVector<T, N>) {
+        let variables: [FirstOrder<T, N>; N] = core::array::from_fn(|i| FirstOrder::variable(point[i], i));
+        let jet: FirstOrder<T, N> = self.root.evaluate(moment.time, moment.sided, &variables);
+        (jet.value(), jet.gradient)
+    }
+
+    /// Value, gradient and (symmetric) Hessian with respect to the variables.
+    pub fn hessian<T: Elementary, const N: usize>(
+        &self,
+        moment: Moment<T>,
+        point: &SVector<T, N>,
+    ) -> (T, SVector<T, N>, SMatrix<T, N, N>) {
+        let variables: [SecondOrder<T, N>; N] = core::array::from_fn(|i| SecondOrder::variable(point[i], i));
+        let jet: SecondOrder<T, N> = self.root.evaluate(moment.time, moment.sided, &variables);
+        (jet.value(), jet.gradient, jet.hessian)
+    }
+}
+
+impl serde::Serialize for Expression {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(&self.text)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,183 @@
+//! The functions of expressions, each with its first two derivatives.
+
+use super::Elementary;
+use super::jet::Jet;
+use core::cmp::Ordering;
+
+/// A function of one or two arguments.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Function {
+    /// 0 below zero, 1 from zero on.
+    Step,
+    /// −1, 0 or 1.
+    Sign,
+    /// The absolute value.
+    Abs,
+    /// The square root.
+    Sqrt,
+    /// eˣ.
+    Exp,
+    /// The natural logarithm.
+    Log,
+    /// The sine, of radians.
+    Sin,
+    /// The cosine, of radians.
+    Cos,
+    /// The tangent, of radians.
+    Tan,
+    /// The hyperbolic sine.
+    Sinh,
+    /// The hyperbolic cosine.
+    Cosh,
+    /// The hyperbolic tangent.
+    Tanh,
+    /// Γ(x).
+    Gamma,
+    /// The smaller of two numbers.
+    Min,
+    /// The larger of two numbers.
+    Max,
+}
+
+const NAMES: [(&str, Function); 15] = [
+    ("step", Function::Step),
+    ("sign", Function::Sign),
+    ("min", Function::Min),
+    ("max", Function::Max),
+    ("abs", Function::Abs),
+    ("sqrt", Function::Sqrt),
+    ("exp", Function::Exp),
+    ("log", Function::Log),
+    ("sin", Function::Sin),
+    ("cos", Function::Cos),
+    ("tan", Function::Tan),
+    ("sinh", Function::Sinh),
+    ("cosh", Function::Cosh),
+    ("tanh", Function::Tanh),
+    ("gamma", Function::Gamma),
+];
+
+impl Function {
+    pub(super) fn named(name: &str) -> Option<Self> {
+        NAMES.iter().find(|(known, _)| *known == name).map(|&(_, function)| function)
+    }
+
+    pub(super) fn names() -> impl Iterator<Item = &'static str> {
+        NAMES.iter().map(|&(name, _)| name)
+    }
+
+    pub(super) fn arguments(self) -> usize {
+        match self {
+            Self::Min | Self::Max => 2,
+            _ => 1,
+        }
+    }
+
+    /// Whether it jumps, so that the side from which its argument is approached matters.
+    pub(super) fn jumps(self) -> bool {
+        matches!(self, Self::Step | Self::Sign)
+    }
+
+    /// The value at `x` of a function of one argument.
+    #[inline]
+    pub fn at<T: Elementary>(self, x: T) -> T {
+        self.apply(x)
+    }
+
+    /// The function of `x`. The two-argument functions are [`choose`](Self::choose)n between instead.
+    ///
+    /// At a kink or jump the derivatives are those of neither side: `abs` has 0 at 0, `step` and `sign` have
+    /// 0 everywhere.
+    pub(crate) fn apply<T: Elementary, J: Jet<T>>(self, x: J) -> J {
+        let v = x.value();
+        let (zero, one, two) = (T::zero(), T::one(), T::one() + T::one());
+        match self {
+            Self::Step => J::constant(step(v)),
+            Self::Sign => J::constant(sign(v)),
+            Self::Abs => x.chain(v.abs(), || (sign(v), zero)),
+            Self::Sqrt => {
+                let root = v.square_root();
+                x.chain(root, || {
+                    let slope = one / (two * root);
+                    (slope, -slope / (two * v))
+                })
+            }
+            Self::Exp => {
+                let power = v.exponential();
+                x.chain(power, || (power, power))
+            }
+            Self::Log => x.chain(v.logarithm(), || (one / v, -one / (v * v))),
+            Self::Sin => {
+                let sine = v.sine();
+                x.chain(sine, || (v.cosine(), -sine))
+            }
+            Self::Cos => {
+                let cosine = v.cosine();
+                x.chain(cosine, || (-v.sine(), -cosine))
+            }
+            Self::Tan => {
+                let tangent = v.tangent();
+                x.chain(tangent, || {
+                    let slope = one + tangent * tangent;
+                    (slope, two * tangent * slope)
+                })
+            }
+            Self::Sinh => {
+                let sine = v.hyperbolic_sine();
+                x.chain(sine, || (v.hyperbolic_cosine(), sine))
+            }
+            Self::Cosh => {
+                let cosine = v.hyperbolic_cosine();
+                x.chain(cosine, || (v.hyperbolic_sine(), cosine))
+            }
+            Self::Tanh => {
+                let tangent = v.hyperbolic_tangent();
+                x.chain(tangent, || {
+                    // 1/cosh² keeps its digits where 1 − tanh² has lost them all.
+                    let cosine = v.hyperbolic_cosine();
+                    let slope = one / (cosine * cosine);
+                    (slope, -two * tangent * slope)
+                })
+            }
+            Self::Gamma => {
+                let gamma = v.gamma_function();
+                x.chain(gamma, || {
+                    // Γ′ = Γψ, Γ″ = Γ(ψ² + ψ′).
+                    let (first, second) = (v.digamma_function(), v.trigamma_function());
+                    (gamma * first, gamma * (first * first + second))
+                })
+            }
+            Self::Min | Self::Max => x,
+        }
+    }
+
+    /// `min` or `max` of two numbers with their derivatives: those of the one that is taken.
+    ///
+    /// Not-a-number is handed on from either side.
+    pub(super) fn choose<T: Elementary, J: Jet<T>>(self, left: J, right: J) -> J {
+        match left.value().partial_cmp(&right.value()) {
+            None => left.add(right),
+            Some(Ordering::Greater) if self == Self::Min => right,
+            Some(Ordering::Less) if self == Self::Max => right,
+            Some(_) => left,
+        }
+    }
+}
+
+/// 1 for x ≥ 0, else 0.
+fn step<T: Elementary>(x: T) -> T {
+    match x.partial_cmp(&T::zero()) {
+        None => x,
+        Some(Ordering::Less) => T::zero(),
+        Some(_) => T::one(),
+    }
+}
+
+/// −1, 0 or 1.
+fn sign<T: Elementary>(x: T) -> T {
+    match x.partial_cmp(&T::zero()) {
+        None | Some(Ordering::Equal) => x,
+        Some(Ordering::Less) => -T::one(),
+        Some(Ordering::Greater) => T::one(),
+    }
+}

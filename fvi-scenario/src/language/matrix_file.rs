@@ -1,0 +1,338 @@
+//! Matrices and vectors in files: Matrix Market, SciPy's sparse NPZ, NumPy arrays.
+
+use super::npy::{self, Array};
+use std::io::{Cursor, Read};
+
+/// A matrix as its entries, in the order of the file; repeated places are summed.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct FileMatrix {
+    pub rows: usize,
+    pub(crate) columns: usize,
+    /// (row, column, entry), from 0.
+    pub(crate) entries: Vec<(u32, u32, f64)>,
+    /// Whether the file holds one triangle and means both.
+    pub(crate) half: bool,
+}
+
+/// Most rows or columns.
+const MOST: usize = 1 << 31;
+
+/// Reads a matrix from the bytes of a file; the ending of its name says what they are.
+///
+/// # Errors
+/// What is wrong, in words, with the line or the member of the archive.
+pub(crate) fn read(name: &str, bytes: &[u8]) -> Result<FileMatrix, String> {
+    let matrix = match ending(name).as_str() {
+        "mtx" => matrix_market(bytes)?,
+        "npz" => sparse_npz(bytes)?,
+        "npy" => of_array(npy::read(bytes)?)?,
+        _ => {
+            return Err(
+                "the name must end in .mtx (Matrix Market), .npz (scipy.sparse.save_npz) or .npy".to_owned()
+            );
+        }
+    };
+    for &(row, column, entry) in &matrix.entries {
+        if !entry.is_finite() {
+            return Err(format!("row {row}, column {column} (from 0): {entry} is not a finite number"));
+        }
+    }
+    Ok(matrix)
+}
+
+/// A vector in a file: its length, and its entries that need not be zero. The length is what the file
+/// promises, not what it holds.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct FileVector {
+    pub(crate) length: usize,
+    entries: Vec<(usize, f64)>,
+}
+
+impl FileVector {
+    /// All numbers; takes room for the length.
+    pub(crate) fn numbers(self) -> Vec<f64> {
+        let mut numbers = vec![0.0; self.length];
+        for (place, entry) in self.entries {
+            numbers[place] += entry;
+        }
+        numbers
+    }
+}
+
+/// Reads a vector: a `.npy` array, or a `.mtx` file with one column or one row.
+///
+/// # Errors
+/// As [`read`].
+pub(crate) fn read_vector(name: &str, bytes: &[u8]) -> Result<FileVector, String> {
+    let matrix = read(name, bytes)?;
+    let length = match (matrix.rows, matrix.columns) {
+        (length, 1) | (1, length) => length,
+        (rows, columns) => return Err(format!("{rows} × {columns} numbers where a vector is wanted")),
+    };
+    let entries = matrix.entries.iter().map(|&(row, column, entry)| (row.max(column) as usize, entry));
+    Ok(FileVector { length, entries: entries.collect() })
+}
+
+fn ending(name: &str) -> String {
+    name.rsplit_once('.').map(|(_, ending)| ending.to_ascii_lowercase()).unwrap_or_default()
+}
+
+/// The entries of an array that are not zero; a list is a column.
+fn of_array(array: Array) -> Result<FileMatrix, String> {
+    let (rows, columns) = match *array.shape.as_slice() {
+        [rows] => (rows, 1),
+        [rows, columns] => (rows, columns),
+        ref other => {
+            return Err(format!("an array of the shape {other:?} where a vector or matrix is wanted"));
+        }
+    };
+    check_size(rows, columns)?;
+    let places = array.numbers.into_iter().enumerate().filter(|&(_, entry)| entry != 0.0);
+    let entries =
+        places.map(|(index, entry)| ((index / columns) as u32, (index % columns) as u32, entry)).collect();
+    Ok(FileMatrix { rows, columns, entries, half: false })
+}
+
+fn check_size(rows: usize, columns: usize) -> Result<(), String> {
+    if rows.max(columns) > MOST {
+        return Err(format!("{rows} × {columns} entries are more than can be used"));
+    }
+    Ok(())
+}
+
+/// How a Matrix Market file stores what it means.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Layout {
+    Coordinates,
+    Columns,
+}
+
+/// Reads a Matrix Market file; comments and blank lines may stand anywhere.
+fn matrix_market(bytes: &[u8]) -> Result<FileMatrix, String> {
+    let text = std::str::from_utf8(bytes).map_err(|error| {
+        let line = bytes[..error.valid_up_to()].iter().filter(|&&byte| byte == b'\n').count() + 1;
+        format!("line {line}: not text in UTF-8")
+    })?;
+    let mut lines = text.lines().enumerate().map(|(index, line)| (index + 1, line.trim()));
+    let (_, head) = lines.next().unwrap_or((1, ""));
+    let words: Vec<String> = head.split_whitespace().map(str::to_ascii_lowercase).collect();
+    let words: Vec<&str> = words.iter().map(String::as_str).collect();
+    let ["%%matrixmarket", "matrix", layout, field, symmetry] = words.as_slice() else {
+        return Err(
+            "line 1: not `%%MatrixMarket matrix coordinate|array real|integer general|symmetric`".to_owned()
+        );
+    };
+    let layout = match *layout {
+        "coordinate" => Layout::Coordinates,
+        "array" => Layout::Columns,
+        other => return Err(format!("line 1: `{other}`; allowed: coordinate, array")),
+    };
+    if !["real", "integer", "double"].contains(field) {
+        return Err(format!("line 1: entries of the kind `{field}`; allowed: real, integer"));
+    }
+    let half = match *symmetry {
+        "general" => false,
+        "symmetric" => true,
+        other => return Err(format!("line 1: `{other}`; allowed: general, symmetric")),
+    };
+    let mut lines = lines.filter(|(_, line)| !line.is_empty() && !line.starts_with('%'));
+    let (line, sizes) = lines.next().ok_or("the line with the numbers of rows and columns is missing")?;
+    let sizes: Vec<usize> = sizes
+        .split_whitespace()
+        .map(|word| {
+            word.parse()
+                .map_err(|_| format!("line {line}: `{word}` is not a number of rows, columns or entries"))
+        })
+        .collect::<Result<_, _>>()?;
+    let (rows, columns, count) = match (layout, sizes.as_slice()) {
+        (Layout::Coordinates, &[rows, columns, count]) => (rows, columns, count),
+        (Layout::Columns, &[rows, columns]) if half => {
+            (rows, columns, rows.saturating_mul(rows.saturating_add(1)) / 2)
+        }
+        (Layout::Columns, &[rows, columns]) => (rows, columns, rows.saturating_mul(columns)),
+        _ => {
+            return Err(format!(
+                "line {line}: the numbers of rows, columns and (coordinate) entries are wanted"
+            ));
+        }
+    };
+    check_size(rows, columns)?;
+    if half && rows != columns {
+        return Err(format!("line {line}: a symmetric matrix of {rows} rows and {columns} columns"));
+    }
+    // No more room than the text can fill: two bytes for the shortest entry and its end.
+    let mut entries = Vec::with_capacity(count.min(text.len() / 2 + 1));
+    let (mut row, mut column) = (0, 0);
+    for (line, words) in lines {
+        let mut words = words.split_whitespace();
+        let mut index = |most: usize| -> Result<usize, String> {
+            let word = words.next().unwrap_or_default();
+            let found = word.parse::<usize>().ok().filter(|index| (1..=most).contains(index));
+            found
+                .map(|index| index - 1)
+                .ok_or_else(|| format!("line {line}: `{word}` is not an index from 1 to {most}"))
+        };
+        let place = match layout {
+            Layout::Coordinates => (index(rows)?, index(columns)?),
+            Layout::Columns => (row, column),
+        };
+        let word = words.next().unwrap_or_default();
+        let entry = word.parse::<f64>().ok().filter(|entry| entry.is_finite()).ok_or_else(|| {
+            format!("line {line}: `{}` is not a finite number", super::excerpt::excerpt(word))
+        })?;
+        if let Some(word) = words.next() {
+            return Err(format!("line {line}: `{}` is too much", super::excerpt::excerpt(word)));
+        }
+        if entries.len() == count {
+            return Err(format!("line {line}: more than {count} entries"));
+        }
+        if half && place.1 > place.0 {
+            return Err(format!("line {line}: an entry above the diagonal of a symmetric matrix"));
+        }
+        entries.push((place.0 as u32, place.1 as u32, entry));
+        if layout == Layout::Columns {
+            row += 1;
+            if row == rows {
+                column += 1;
+                row = if half { column } else { 0 };
+            }
+        }
+    }
+    if entries.len() != count {
+        return Err(format!("{} entries instead of {count}: the file ends too early", entries.len()));
+    }
+    if layout == Layout::Columns {
+        entries.retain(|&(.., entry)| entry != 0.0);
+    }
+    Ok(FileMatrix { rows, columns, entries, half })
+}
+
+/// An archive of arrays as `numpy.savez` writes it, compressed or not.
+struct Archive<'a>(zip::ZipArchive<Cursor<&'a [u8]>>);
+
+/// A deflated member cannot hold more than this many times its own length.
+const DENSEST: u64 = 1040;
+
+impl Archive<'_> {
+    fn bytes(&mut self, member: &str) -> Result<Vec<u8>, String> {
+        let mut file = self.0.by_name(member).map_err(|error| format!("{member}: {error}"))?;
+        let (said, stored) = (file.size(), file.compressed_size());
+        if said > stored.saturating_mul(DENSEST).saturating_add(DENSEST) {
+            return Err(format!("{member}: {stored} bytes cannot hold the {said} that are promised"));
+        }
+        let length = usize::try_from(said).map_err(|_| format!("{member}: {said} bytes"))?;
+        let mut bytes = Vec::new();
+        bytes.try_reserve_exact(length).map_err(|_| format!("{member}: no room for {said} bytes"))?;
+        let read = file.by_ref().take(said.saturating_add(1)).read_to_end(&mut bytes);
+        read.map_err(|error| format!("{member}: {error}"))?;
+        if bytes.len() != length {
+            return Err(format!("{member}: not the {said} bytes that are promised"));
+        }
+        Ok(bytes)
+    }
+
+    fn array(&mut self, name: &str) -> Result<Array, String> {
+        let member = format!("{name}.npy");
+        npy::read(&self.bytes(&member)?).map_err(|reason| format!("{member}: {reason}"))
+    }
+
+    /// A list of numbers.
+    fn list(&mut self, name: &str) -> Result<Vec<f64>, String> {
+        let array = self.array(name)?;
+        if array.shape.len() == 1 {
+            Ok(array.numbers)
+        } else {
+            Err(format!("{name}.npy: a list is wanted, the shape is {:?}", array.shape))
+        }
+    }
+
+    /// A list of indices below `end`.
+    fn indices(&mut self, name: &str, end: usize) -> Result<Vec<u32>, String> {
+        let list = self.list(name)?.into_iter().enumerate();
+        list.map(|(place, index)| {
+            if is_whole(index) && index < end as f64 {
+                Ok(index as u32)
+            } else {
+                Err(format!(
+                    "{name}.npy: entry {place} is {index}, not an index from 0 to {}",
+                    end as f64 - 1.0
+                ))
+            }
+        })
+        .collect()
+    }
+}
+
+/// Reads what `scipy.sparse.save_npz` writes: compressed rows, compressed columns or coordinates.
+fn sparse_npz(bytes: &[u8]) -> Result<FileMatrix, String> {
+    let archive =
+        zip::ZipArchive::new(Cursor::new(bytes)).map_err(|error| format!("not a ZIP archive: {error}"))?;
+    let mut archive = Archive(archive);
+    // A text of one to three letters: bytes, or four bytes for each letter.
+    let format = archive
+        .bytes("format.npy")
+        .map_err(|reason| format!("{reason} (a file of scipy.sparse.save_npz is wanted)"))?;
+    let letters = format.rsplit(|&byte| byte == b'\n').next().unwrap_or_default();
+    let format: String =
+        letters.iter().filter(|byte| byte.is_ascii_lowercase()).map(|&byte| char::from(byte)).collect();
+    if !["csr", "csc", "coo"].contains(&format.as_str()) {
+        return Err(format!("a sparse matrix of the format `{format}`; allowed: csr, csc, coo"));
+    }
+    let shape = archive.list("shape")?;
+    let &[rows, columns] = shape.as_slice() else {
+        return Err(format!("shape.npy: {} numbers instead of two", shape.len()));
+    };
+    if !is_whole(rows) || !is_whole(columns) {
+        return Err(format!("shape.npy: {rows} rows and {columns} columns"));
+    }
+    let (rows, columns) = (rows as usize, columns as usize);
+    check_size(rows, columns)?;
+    let data = archive.list("data")?;
+    let (major, minor) = match format.as_str() {
+        "coo" => {
+            let (row, column) = (archive.indices("row", rows)?, archive.indices("col", columns)?);
+            let places = same_length(&data, row.len())?;
+            same_length(&data, column.len())?;
+            let entries =
+                row.into_iter().zip(column).zip(places).map(|((row, column), &entry)| (row, column, entry));
+            return Ok(FileMatrix { rows, columns, entries: entries.collect(), half: false });
+        }
+        "csr" => (rows, columns),
+        _ => (columns, rows),
+    };
+    let indices = archive.indices("indices", minor)?;
+    same_length(&data, indices.len())?;
+    let ends = archive.list("indptr")?;
+    let fits = ends.len() == major + 1
+        && ends.first() == Some(&0.0)
+        && ends.last() == Some(&(data.len() as f64))
+        && ends.iter().all(|&end| is_whole(end))
+        && ends.is_sorted();
+    if !fits {
+        return Err(format!(
+            "indptr.npy: not {} ascending whole numbers from 0 to {}",
+            major + 1,
+            data.len()
+        ));
+    }
+    let mut entries = Vec::with_capacity(data.len());
+    for (outer, ends) in ends.windows(2).enumerate() {
+        let range = ends[0] as usize..ends[1] as usize;
+        for (&inner, &entry) in indices[range.clone()].iter().zip(&data[range]) {
+            let (row, column) = if format == "csr" { (outer as u32, inner) } else { (inner, outer as u32) };
+            entries.push((row, column, entry));
+        }
+    }
+    Ok(FileMatrix { rows, columns, entries, half: false })
+}
+
+fn is_whole(number: f64) -> bool {
+    number >= 0.0 && number.fract() == 0.0
+}
+
+fn same_length(data: &[f64], length: usize) -> Result<&[f64], String> {
+    if data.len() == length { Ok(data) } else { Err(format!("{} entries and {length} indices", data.len())) }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,13 @@
+//! Numerical mathematics that needs an allocator or is done once: tables for memories, weights, benchmarks.
+
+pub mod aligned;
+pub mod column;
+pub mod exponential_table;
+pub mod growing_ring;
+mod inverse;
+pub mod podlubny_matrix;
+pub mod rate_table;
+pub mod runge_kutta_weights;
+pub mod semidefinite;
+pub mod starting;
+pub mod starting_defects;

@@ -1,0 +1,65 @@
+//! Looks along a column of numbers, several of them at a time.
+
+/// Numbers that are looked at side by side.
+const LANES: usize = 8;
+
+/// Joins the numbers of a column to `start`, in no particular order.
+#[inline(always)]
+fn fold(numbers: &[f64], start: f64, join: impl Fn(f64, f64) -> f64) -> f64 {
+    let (rows, rest) = numbers.as_chunks::<LANES>();
+    let mut lanes = [start; LANES];
+    for row in rows {
+        for (lane, &number) in lanes.iter_mut().zip(row) {
+            *lane = join(*lane, number);
+        }
+    }
+    lanes.iter().chain(rest).fold(start, |joined, &number| join(joined, number))
+}
+
+/// The lowest number, infinity if there is none. What is not a number is passed over.
+pub fn lowest(numbers: &[f64]) -> f64 {
+    fold(numbers, f64::INFINITY, |low, number| if number < low { number } else { low })
+}
+
+/// The highest number, minus infinity if there is none. What is not a number is passed over.
+pub fn highest(numbers: &[f64]) -> f64 {
+    fold(numbers, f64::NEG_INFINITY, |high, number| if number > high { number } else { high })
+}
+
+/// The largest absolute value, zero if there is none. What is not a number is passed over.
+pub fn largest(numbers: &[f64]) -> f64 {
+    fold(numbers, 0.0, |largest, number| if number.abs() > largest { number.abs() } else { largest })
+}
+
+/// Whether all numbers are finite.
+pub fn is_finite(numbers: &[f64]) -> bool {
+    // Zero times what is infinite or not a number is not a number, and stays so in sums.
+    fold(numbers, 0.0, |sum, number| sum + 0.0 * number) == 0.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn looks_see_every_place_of_a_column() {
+        for count in [1, 7, 8, 9, 16, 30] {
+            for place in 0..count {
+                let column = |number: f64| {
+                    let mut column = vec![-1.0; count];
+                    column[place] = number;
+                    column
+                };
+                assert_eq!(lowest(&column(-2.5)), -2.5, "{place} of {count}");
+                assert_eq!(highest(&column(0.5)), 0.5, "{place} of {count}");
+                assert_eq!(largest(&column(-3.0)), 3.0, "{place} of {count}");
+                assert!(is_finite(&column(f64::MAX)));
+                for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+                    assert!(!is_finite(&column(bad)), "{bad} at {place} of {count}");
+                }
+            }
+        }
+        assert_eq!((lowest(&[]), highest(&[]), largest(&[])), (f64::INFINITY, f64::NEG_INFINITY, 0.0));
+        assert_eq!(lowest(&[f64::NAN, 2.0]), 2.0);
+    }
+}

@@ -1,0 +1,374 @@
+//! Scenario files: everything a run is made from, read and checked.
+//!
+//! A [`Scenario`] is what the TOML file says after defaults are filled in and every value is checked; it
+//! knows nothing of how it is run. Its serialised form is the record of the inputs as used.
+
+mod adaptive;
+mod case;
+mod element;
+mod event;
+mod grid;
+mod initial;
+mod load;
+mod matrix;
+mod own_terms;
+mod reference;
+mod sampled_input;
+mod scheme;
+mod sparse_matrix;
+mod system;
+mod time;
+mod warnings;
+
+pub use adaptive::Adaptive;
+pub use case::Case;
+pub use element::Element;
+pub use event::{Action, Direction, Event};
+pub use grid::{Grid, GridRule};
+pub use initial::InitialState;
+pub use load::{Amplitude, Load, Pattern, Record};
+pub use matrix::SymmetricMatrix;
+pub use own_terms::{OwnTerms, SharedTerms};
+pub use reference::{Reference, ReferenceRow, ReferenceSource};
+pub use sampled_input::SampledInput;
+pub use scheme::{Convolution, ConvolutionFamily, DampedAt, Quadrature, Scheme};
+pub use sparse_matrix::SparseMatrix;
+pub use system::{Attached, Damping, Derivative, ForceQuadrature, System};
+pub use time::{
+    Engine, History, MOST_STEPS, OnEnergyGrowth, OutputOptions, Overflow, ReportedMomentum, States, TimeGrid,
+};
+
+use crate::language::document::{Document, Table};
+use crate::language::expression::Moment;
+use crate::language::{InputError, Problem};
+use serde::Serialize;
+use std::path::Path;
+
+/// Coordinates of a large system up to which all are columns of the trajectory by default.
+const MOST_COLUMNS: usize = 64;
+
+/// A scenario with all its values checked.
+#[derive(Clone, Debug, Serialize)]
+pub struct Scenario {
+    /// What it is, in words; heads the pictures.
+    pub title: Option<String>,
+    /// The mechanical system.
+    pub system: System,
+    /// Where it starts.
+    pub initial: InitialState,
+    /// How it is integrated.
+    pub scheme: Scheme,
+    /// How the fractional derivatives are discretised.
+    pub convolution: Convolution,
+    /// The time grid.
+    pub time: TimeGrid,
+    /// The memory engine.
+    pub history: History,
+    /// What is written.
+    pub output: OutputOptions,
+    /// A force given by samples, held between them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub input: Option<SampledInput>,
+    /// What the solution is known to be.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reference: Option<Reference>,
+    /// Load cases, integrated together; none: one motion under the loads of the system.
+    #[serde(rename = "case", skip_serializing_if = "Vec::is_empty")]
+    pub cases: Vec<Case>,
+    /// What is watched for on the way.
+    #[serde(rename = "event", skip_serializing_if = "Vec::is_empty")]
+    pub events: Vec<Event>,
+    #[serde(skip)]
+    document: Document,
+}
+
+impl Scenario {
+    /// Reads and checks a scenario file.
+    ///
+    /// # Errors
+    /// The first thing in the file that cannot be used, with its place.
+    pub fn read(path: &Path) -> Result<Self, InputError> {
+        Self::from_document(Document::read(path)?)
+    }
+
+    /// Checks a scenario that is at hand.
+    ///
+    /// # Errors
+    /// The first thing in the document that cannot be used, with its place.
+    pub fn from_document(document: Document) -> Result<Self, InputError> {
+        let scenario = document.with_root(|root| Self::from_root(&root, &document))?;
+        scenario.check_start()?;
+        scenario.check_cases()?;
+        Ok(scenario)
+    }
+
+    /// A scenario made in code: any value that serialises to the keys of a scenario file, a [`Scenario`]
+    /// among them.
+    ///
+    /// ```
+    /// # use fvi_scenario::scenario::Scenario;
+    /// let scenario = Scenario::from_value(&serde_json::json!({
+    ///     "system": {
+    ///         "mass": [1.0],
+    ///         "potential": "1 - cos(q0)",
+    ///         "damping": [{ "order": 0.5, "coefficient": [0.1] }],
+    ///     },
+    ///     "initial": { "position": [2.0], "momentum": [0.0] },
+    ///     "time": { "step": 0.01, "steps": 1000 },
+    /// }))?;
+    /// assert_eq!(scenario.coordinates(), 1);
+    /// # Ok::<(), fvi_scenario::language::InputError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// The first thing that cannot be used, with its place in the file that would say the same.
+    pub fn from_value(value: &impl Serialize) -> Result<Self, InputError> {
+        Self::from_document(Document::of_value("scenario", Path::new(""), value)?)
+    }
+
+    /// The scenario with a potential and forces in code beside those that it writes.
+    pub fn with_own_terms(mut self, terms: SharedTerms) -> Self {
+        self.system.own_terms = Some(terms);
+        self
+    }
+
+    fn from_root(root: &Table<'_>, document: &Document) -> Result<Self, InputError> {
+        root.allow(&[
+            "title",
+            "system",
+            "initial",
+            "scheme",
+            "convolution",
+            "time",
+            "history",
+            "output",
+            "input",
+            "reference",
+            "case",
+            "event",
+        ])?;
+        let title = root.optional("title").map(|value| value.text().map(str::to_owned)).transpose()?;
+        let system_table = root.required("system")?.table()?;
+        let system = System::read(&system_table)?;
+        let count = system.coordinates();
+        let initial = match root.optional("initial") {
+            Some(value) => InitialState::read(&value.table()?, &system)?,
+            None => InitialState::at_rest(count),
+        };
+        let scheme = match root.optional("scheme") {
+            Some(value) => Scheme::read(&value.table()?)?,
+            None => Scheme::default(),
+        };
+        let convolution = match root.optional("convolution") {
+            Some(value) => Convolution::read(&value.table()?, &scheme)?,
+            None => Convolution::default_for(&scheme),
+        };
+        let scheme = scheme.with_quadrature_for(convolution.family);
+        let start = Adaptive::start(&system, &initial);
+        let time = TimeGrid::read(&root.required("time")?.table()?, start, document)?;
+        if time.grid.is_some() && matches!(convolution.family, ConvolutionFamily::Bdf { .. }) {
+            return Err(grid::check_family(&root.required("time")?.table()?));
+        }
+        if let (Some(value), false) = (root.optional("convolution"), time.allow_unstable) {
+            convolution.check_exponents(&value.table()?, &system)?;
+        }
+        let history = match root.optional("history") {
+            Some(value) => History::read(&value.table()?, convolution.family, &time)?,
+            None => History::default(),
+        };
+        let output = match root.optional("output") {
+            Some(value) => OutputOptions::read(&value.table()?, &scheme, count, &time)?,
+            None => OutputOptions::default_for(&scheme),
+        };
+        if system.is_large() && count > MOST_COLUMNS && output.coordinates.is_none() {
+            let reason = format!(
+                "`output.coordinates` must say which of the {count} coordinates are written: more than {MOST_COLUMNS} are not by default"
+            );
+            return Err(document.error_at("output.coordinates", Problem::Unusable { reason }));
+        }
+        let input = match root.optional("input") {
+            Some(value) => Some(SampledInput::read(&value.table()?, count, &time, document)?),
+            None => None,
+        };
+        let reference = match root.optional("reference") {
+            Some(value) => Some(Reference::read(&value.table()?, &system, (&time, &output), document)?),
+            None => None,
+        };
+        let cases = match root.optional("case") {
+            Some(value) => Case::read_all(&value, &system)?,
+            None => Vec::new(),
+        };
+        let events = match root.optional("event") {
+            Some(value) => value
+                .list("a list of tables, each headed [[event]]")?
+                .iter()
+                .map(|event| Event::read(&event.table()?, &system, &scheme))
+                .collect::<Result<_, _>>()?,
+            None => Vec::new(),
+        };
+        let document = document.clone();
+        Ok(Self {
+            title,
+            system,
+            initial,
+            scheme,
+            convolution,
+            time,
+            history,
+            output,
+            input,
+            reference,
+            cases,
+            events,
+            document,
+        })
+    }
+
+    /// The same scenario over the same time in another number of steps, after each of which its whole state
+    /// is wanted.
+    pub fn in_steps(&self, steps: usize) -> Self {
+        let mut scenario = self.clone();
+        scenario.output.every = 1;
+        scenario.time = self.time.in_steps(steps);
+        if let Some(input) = &mut scenario.input {
+            input.place_on(&scenario.time);
+        }
+        scenario
+    }
+
+    /// The same scenario, which ends after another number of steps.
+    ///
+    /// # Errors
+    /// [`Problem::OutOfRange`] about `history.horizon`, if that is given and ends earlier; about `time`, if
+    /// there are too many steps.
+    pub fn ending_after(&self, steps: usize) -> Result<Self, InputError> {
+        self.require_equal_steps()?;
+        let refused = |key, allowed: String| Err(self.error_at(key, Problem::OutOfRange { allowed }));
+        if steps > MOST_STEPS || !self.time.time(steps).is_finite() {
+            return refused("time", format!("at most {MOST_STEPS} steps, and an end that is a finite time"));
+        }
+        if self.history.horizon.is_some_and(|horizon| horizon <= steps) {
+            return refused(
+                "history.horizon",
+                format!("at least {}, for {steps} steps", steps.saturating_add(1)),
+            );
+        }
+        let mut scenario = self.clone();
+        scenario.time.steps = steps;
+        Ok(scenario)
+    }
+
+    /// Refuses another end for a grid that has its own.
+    fn require_equal_steps(&self) -> Result<(), InputError> {
+        if self.time.grid.is_none() {
+            return Ok(());
+        }
+        let allowed = "\"uniform\" here: the other grids end where they say".to_owned();
+        let problem = Problem::Incompatible { with: "another end".to_owned(), allowed };
+        Err(self.error_at("time.grid", problem))
+    }
+
+    /// The same scenario, which ends at another time.
+    ///
+    /// # Errors
+    /// If the time is no grid time, and those of [`ending_after`](Self::ending_after).
+    pub fn ending_at(&self, end: f64) -> Result<Self, InputError> {
+        self.require_equal_steps()?;
+        let steps =
+            if end >= 0.0 { time::steps_to(end, self.time.step) } else { Err("an end ≥ 0".to_owned()) };
+        let refused = |allowed| {
+            self.error_at(
+                "time.step",
+                Problem::Incompatible { with: format!("an end at t = {end}"), allowed },
+            )
+        };
+        self.ending_after(steps.map_err(refused)?)
+    }
+
+    /// Whether there is no reference or it can be compared with at one grid point at least.
+    pub fn meets_reference(&self) -> bool {
+        self.reference.as_ref().is_none_or(|reference| reference.meets(&self.time, &self.output))
+    }
+
+    /// Whether the motion is wanted between grid points.
+    pub fn is_looked_into(&self) -> bool {
+        !self.output.times.is_empty() || !self.events.is_empty()
+    }
+
+    /// The file it was read from.
+    pub fn document(&self) -> &Document {
+        &self.document
+    }
+
+    /// Number of coordinates N.
+    pub fn coordinates(&self) -> usize {
+        self.system.coordinates()
+    }
+
+    /// The coordinates that are written and drawn.
+    pub fn written_coordinates(&self) -> Vec<usize> {
+        self.output.coordinates.clone().unwrap_or_else(|| (0..self.coordinates()).collect())
+    }
+
+    /// The title, or the file's name without its ending.
+    pub fn heading(&self) -> &str {
+        self.title.as_deref().unwrap_or_else(|| {
+            Path::new(self.document.name()).file_stem().and_then(|stem| stem.to_str()).unwrap_or("run")
+        })
+    }
+
+    /// An error about the value at `path`, such as `history.engine`, in this scenario's file.
+    pub fn error_at(&self, path: &str, problem: Problem) -> InputError {
+        self.document.error_at(path, problem)
+    }
+
+    /// An error about the first of these values that is in the file, or about the first of them if none is.
+    pub fn error_at_first(&self, paths: &[&str], problem: Problem) -> InputError {
+        let path = paths.iter().find(|path| self.document.has(path)).or(paths.first());
+        self.document.error_at(path.copied().unwrap_or_default(), problem)
+    }
+
+    /// Refuses a potential or force that is not finite where the run begins.
+    fn check_start(&self) -> Result<(), InputError> {
+        let place = match self.initial.position.as_slice() {
+            few if few.len() <= 64 => format!("t = 0, q = {few:?}"),
+            _ => "t = 0".to_owned(),
+        };
+        if let Some(potential) = &self.system.potential
+            && !potential.value(Moment::inside(0.0), &self.initial.position).is_finite()
+        {
+            return Err(
+                self.error_at("system.potential", Problem::NotFinite { what: "the potential", place })
+            );
+        }
+        let common = self.system.loads.iter().enumerate();
+        let common = common.map(|(index, load)| (format!("system.load[{index}]"), load));
+        let of_cases = self.cases.iter().enumerate().flat_map(|(case, Case { loads, .. })| {
+            let loads = loads.iter().enumerate();
+            loads.map(move |(index, load)| (format!("case[{case}].load[{index}]"), load))
+        });
+        for (path, load) in common.chain(of_cases) {
+            if let Amplitude::Expression(amplitude) = &load.amplitude
+                && !amplitude.value::<f64>(Moment::inside(0.0), &[]).is_finite()
+                && !amplitude.value::<f64>(Moment::inside(0.5 * self.time.step), &[]).is_finite()
+            {
+                let problem = Problem::NotFinite { what: "the amplitude", place: "t = 0".to_owned() };
+                return Err(self.error_at(&format!("{path}.amplitude"), problem));
+            }
+        }
+        for (index, force) in self.system.force.iter().flatten().enumerate() {
+            // A force may be singular at t = 0 alone, where schemes with interior nodes never look; only a
+            // force that is not a number there because of its coordinates is certain to fail.
+            let value = force.value(Moment::inside(0.0), &self.initial.position);
+            let later = force.value(Moment::inside(0.5 * self.time.step), &self.initial.position);
+            if !value.is_finite() && !later.is_finite() {
+                let problem = Problem::NotFinite { what: "the force", place };
+                return Err(self.error_at(&format!("system.force[{index}]"), problem));
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,51 @@
+//! Potential and forces that code supplies where a file has expressions.
+
+use crate::language::expression::Moment;
+use std::fmt;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// A potential U(q) and a force F(t, q) in code; they are added to those that a scenario writes.
+///
+/// All numbers are in double precision, whatever the run computes in. A call that fails writes a NaN, which
+/// ends the step it is made for, and keeps the reason to itself.
+pub trait OwnTerms: Send {
+    /// U(q).
+    fn potential(&mut self, position: &[f64]) -> f64;
+
+    /// Adds ∇U(q) − F(t, q).
+    fn add_pull(&mut self, moment: Moment<f64>, position: &[f64], pull: &mut [f64]);
+
+    /// Adds ∇U(q) − F(t, q), and its derivative ∂²U/∂q² − ∂F/∂q to `stiffness`, row by row.
+    fn add_linearisation(
+        &mut self,
+        moment: Moment<f64>,
+        position: &[f64],
+        pull: &mut [f64],
+        stiffness: &mut [f64],
+    );
+
+    /// Writes the largest |F_i| that was seen since this was last called, and forgets it.
+    fn take_largest_force(&mut self, largest: &mut [f64]);
+}
+
+/// Terms in code that the parts of a run share.
+#[derive(Clone)]
+pub struct SharedTerms(Arc<Mutex<dyn OwnTerms>>);
+
+impl SharedTerms {
+    /// To share.
+    pub fn new(terms: impl OwnTerms + 'static) -> Self {
+        Self(Arc::new(Mutex::new(terms)))
+    }
+
+    /// Calls them.
+    pub fn with<R>(&self, call: impl FnOnce(&mut dyn OwnTerms) -> R) -> R {
+        call(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+impl fmt::Debug for SharedTerms {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("SharedTerms(…)")
+    }
+}

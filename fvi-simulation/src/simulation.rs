@@ -1,0 +1,777 @@
+//! A scenario in motion: the integrator behind a face without type parameters.
+
+pub mod adaptive;
+mod available_memory;
+mod breaks;
+mod choice;
+pub mod energy_guard;
+pub mod events;
+mod momentum_offset;
+pub mod motion;
+pub(crate) mod not_finite;
+#[cfg(test)]
+mod one_coordinate_tests;
+mod piece;
+pub mod stability;
+mod step_control;
+pub mod stretch;
+
+use crate::language::error::Cause;
+use crate::language::expression::Elementary;
+use crate::language::{InputError, Problem};
+use crate::memory::{EngineError, HostMemory, MemoryRequest, Tables};
+use crate::model::{
+    Dense, DenseOutput, EnergiesAlong, EnergyRoom, Matrix, Model, OnePoint, Remembers, ScenarioSpace, States,
+};
+use crate::scenario::{self, ConvolutionFamily, DampedAt, Engine, ReportedMomentum, Scenario};
+use choice::sparse_space;
+pub use choice::{Solver, SolverChoice};
+use fvi_core::{
+    Damping, Fixed, Instant, Integrator, IntegratorBuilder, IntegratorError, MatrixError, Mechanics, Memory,
+    MemoryError, Mismatch, Real, Sample, Scheme, StateError, StateReader, StateWriter, StepError,
+};
+use fvi_fft::Engines;
+use momentum_offset::MomentumOffset;
+use nalgebra::DMatrix;
+use piece::{Piece, Place};
+use serde::Serialize;
+use stretch::Stretch;
+
+/// The scalar a simulation computes in.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Precision {
+    /// Double precision.
+    #[default]
+    F64,
+    /// Single precision, the twin of a microcontroller.
+    F32,
+}
+
+/// A scenario in motion, whatever its number of coordinates.
+pub struct Simulation {
+    stepper: Box<dyn Stepper>,
+    engines: Vec<Engine>,
+    precision: Precision,
+    solver: Solver,
+}
+
+/// What the integrator of any scalar can do.
+trait Stepper {
+    fn step(&mut self, input: &[f64]) -> Result<u32, StepError>;
+    fn step_over(&mut self, length: f64, end: f64, input: &[f64]) -> Result<u32, StepError>;
+    fn advance(&mut self, scenario: &Scenario, steps: usize, stretch: &mut Stretch) -> Result<(), StepError>;
+    fn look_into(&mut self, time: f64, state: &mut GridState);
+    /// Time, position and momentum.
+    fn read_without_energy(&mut self, state: &mut GridState);
+    /// These and the energy.
+    fn read(&mut self, state: &mut GridState);
+    /// The energies of the motions under load cases, whose sum that was.
+    fn energies(&self, energies: &mut Vec<f64>);
+    /// Whether steps of a grid leave the energy out where no row is written.
+    fn has_energies_of_rows_only(&self) -> bool;
+    fn engines(&self) -> Vec<Engine>;
+    fn overruns(&self) -> Option<usize>;
+    fn memory_bytes(&self) -> usize;
+    fn state_bytes(&self) -> usize;
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError>;
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError>;
+}
+
+/// The state at a grid point, in double precision whatever it was computed in. With load cases position and
+/// momentum are those of all motions, one behind the other, and the energy is their sum.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct GridState {
+    /// t_k.
+    pub time: f64,
+    /// q_k.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub position: Vec<f64>,
+    /// p_k: where the fractional force acts at the main nodes, the mean of the momenta before and after its
+    /// kick, or the one after, as `output.momentum` says.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub momentum: Vec<f64>,
+    /// ½ p_kᵀM⁻¹p_k + U(q_k) with this p_k.
+    pub energy: f64,
+}
+
+impl Simulation {
+    /// The simulation at t = 0, after the checks that need the whole scenario.
+    ///
+    /// # Errors
+    /// If settings of the scenario do not go together, or the step is too long to be stable.
+    pub fn new(scenario: &Scenario, precision: Precision) -> Result<Self, InputError> {
+        Self::with_solver(scenario, precision, SolverChoice::default())
+    }
+
+    /// As [`new`](Self::new), with the solver of the step's equations chosen by the caller.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new), and if the scheme does not go with the solver.
+    pub fn with_solver(
+        scenario: &Scenario,
+        precision: Precision,
+        choice: SolverChoice,
+    ) -> Result<Self, InputError> {
+        Self::sharing(scenario, precision, choice, &Tables::default())
+    }
+
+    /// As [`with_solver`](Self::with_solver), with the tables of its memories shared with other simulations.
+    ///
+    /// # Errors
+    /// As [`with_solver`](Self::with_solver).
+    pub fn sharing(
+        scenario: &Scenario,
+        precision: Precision,
+        choice: SolverChoice,
+        tables: &Tables,
+    ) -> Result<Self, InputError> {
+        let stepper: Box<dyn Stepper>;
+        let mut solver = Solver::Dense;
+        if let Some(space) = sparse_space(scenario, choice)? {
+            stability::check_large_step(scenario)?;
+            let plan = space.plan();
+            solver = Solver::Sparse { places: plan.places(), factor_bytes: plan.factor_bytes() };
+            stepper = match precision {
+                Precision::F64 => Box::new(Machine::<f64, _>::new(space, scenario, tables)?),
+                Precision::F32 => Box::new(Machine::<f32, _>::new(space, scenario, tables)?),
+            };
+        } else {
+            check_stability(scenario)?;
+            let space = Dense { coordinates: scenario.coordinates() };
+            stepper = match precision {
+                Precision::F64 if choice == SolverChoice::Automatic && OnePoint::<f64>::serves(scenario) => {
+                    Box::new(Machine::<f64, Fixed<1>>::new(Fixed, scenario, tables)?)
+                }
+                Precision::F64 => Box::new(Machine::<f64, _>::new(space, scenario, tables)?),
+                Precision::F32 => Box::new(Machine::<f32, _>::new(space, scenario, tables)?),
+            };
+        }
+        let engines = stepper.engines();
+        Ok(Self { stepper, engines, precision, solver })
+    }
+
+    /// Whether no motion near the start grows at the step of the scenario, as far as the check of the step
+    /// tells.
+    ///
+    /// # Errors
+    /// If the check cannot be made.
+    pub fn is_predicted_stable(scenario: &Scenario) -> Result<bool, InputError> {
+        let mut scenario = scenario.clone();
+        scenario.time.allow_unstable = false;
+        match check_stability(&scenario) {
+            Ok(()) => Ok(true),
+            Err(error) if matches!(error.problem(), Problem::Unstable { .. }) => Ok(false),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// One step with an input held over it (empty: none); returns the iterations of Newton's method.
+    ///
+    /// # Errors
+    /// [`StepError`]; the simulation is as it was.
+    pub fn step(&mut self, input: &[f64]) -> Result<u32, StepError> {
+        self.stepper.step(input)
+    }
+
+    /// One step of any length to the time `end`, on a grid whose steps differ.
+    ///
+    /// # Errors
+    /// [`StepError`]; the simulation is as it was.
+    pub fn step_over(&mut self, length: f64, end: f64, input: &[f64]) -> Result<u32, StepError> {
+        self.stepper.step_over(length, end, input)
+    }
+
+    /// Makes so many steps of the scenario's grid, and puts the states after them into the stretch, which is
+    /// empty and says how many were made before. Where an energy costs as much as a step the one of the
+    /// newest row that is written stands for those behind it.
+    ///
+    /// # Errors
+    /// [`StepError`] of the step behind the last one that is in the stretch; the simulation is as it was
+    /// before that step.
+    pub(crate) fn advance(
+        &mut self,
+        scenario: &Scenario,
+        steps: usize,
+        stretch: &mut Stretch,
+    ) -> Result<(), StepError> {
+        self.stepper.advance(scenario, steps, stretch)
+    }
+
+    /// Writes the state at a time within the last two steps into `state`, by the scheme's own polynomial;
+    /// before the first step and after the last the present state.
+    pub fn look_into(&mut self, time: f64, state: &mut GridState) {
+        self.stepper.look_into(time, state);
+    }
+
+    /// Writes the present state into `state`, whose vectors have one place for each coordinate.
+    pub fn read(&mut self, state: &mut GridState) {
+        self.stepper.read(state);
+    }
+
+    /// Writes the energies of the motions under load cases, whose sum has been [`read`](Self::read) last;
+    /// none without cases.
+    pub fn read_energies(&self, energies: &mut Vec<f64>) {
+        self.stepper.energies(energies);
+    }
+
+    /// [`advance`](Self::advance) computes the energy after multiples of so many steps, and at the end.
+    pub(crate) fn energies_every(&self, scenario: &Scenario) -> usize {
+        if self.stepper.has_energies_of_rows_only() { scenario.output.every } else { 1 }
+    }
+
+    /// Writes the present state into `state` but for the energy, which stays.
+    pub fn read_without_energy(&mut self, state: &mut GridState) {
+        self.stepper.read_without_energy(state);
+    }
+
+    /// How the equations of a step are solved.
+    pub fn solver(&self) -> Solver {
+        self.solver
+    }
+
+    /// The engine of each damping term.
+    pub fn engines(&self) -> &[Engine] {
+        &self.engines
+    }
+
+    /// What it computes in.
+    pub fn precision(&self) -> Precision {
+        self.precision
+    }
+
+    /// Blocks that `real-time` memories had not done when they were due; `None` without such a memory.
+    pub fn overruns(&self) -> Option<usize> {
+        self.stepper.overruns()
+    }
+
+    /// Bytes of all memories.
+    pub fn memory_bytes(&self) -> usize {
+        self.stepper.memory_bytes()
+    }
+
+    /// The state: step, position, momentum, and what the memories remember.
+    ///
+    /// # Errors
+    /// [`StateError`] if a memory cannot be saved.
+    pub fn save(&self) -> Result<Vec<u8>, StateError> {
+        let mut bytes = vec![0; self.stepper.state_bytes()];
+        let mut writer = StateWriter::new(&mut bytes);
+        self.stepper.save(&mut writer)?;
+        let length = writer.written();
+        bytes.truncate(length);
+        Ok(bytes)
+    }
+
+    /// Takes over a state that a simulation of the same scenario saved; the steps that follow have the bits
+    /// of that one's.
+    ///
+    /// # Errors
+    /// [`StateError`] if the bytes are no such state; the simulation is of no use then.
+    pub fn restore(&mut self, bytes: &[u8]) -> Result<(), StateError> {
+        let mut reader = StateReader::new(bytes);
+        self.stepper.restore(&mut reader)?;
+        reader.finish()
+    }
+}
+
+/// Coordinates up to which all motions are looked at for whether they grow, not the fastest only.
+const ALL_MOTIONS: usize = 256;
+
+/// The check of the step of a system in the dense space.
+fn check_stability(scenario: &Scenario) -> Result<(), InputError> {
+    if scenario.coordinates() > ALL_MOTIONS {
+        return stability::check_large_step(scenario);
+    }
+    stability::check_step(scenario, &stiffness(scenario)?)
+}
+
+/// ∂²U/∂q² − ∂F/∂q at the initial position in the middle of the first step.
+fn stiffness(scenario: &Scenario) -> Result<DMatrix<f64>, InputError> {
+    let mut model = Model::<f64>::new(scenario).map_err(|error| bad_mass(scenario, &error))?;
+    let size = scenario.coordinates();
+    let instant = Instant::in_step(0.0, 0.5, scenario.time.step);
+    let mut pull = vec![0.0; size];
+    let mut stiffness = Mechanics::<f64, Dense>::stiffness(&model);
+    Mechanics::<f64, Dense>::linearise(
+        &mut model,
+        instant,
+        &scenario.initial.position,
+        &mut pull,
+        &mut stiffness,
+    );
+    let mut dense = DMatrix::zeros(size, size);
+    for (row, column, entry) in Matrix::entries(&stiffness) {
+        dense[(row, column)] = entry;
+    }
+    Ok(dense)
+}
+
+fn bad_mass(scenario: &Scenario, error: &MatrixError) -> InputError {
+    scenario.error_at("system.mass", Problem::Precision { reason: error.to_string() })
+}
+
+/// The integrator of a scenario in one precision and space.
+struct Machine<T: Elementary + Engines, X: ScenarioSpace<T>> {
+    integrator: Integrator<T, X, X::System, X::Scheme, DampingTerms<T, X>>,
+    input: X::Vector,
+    /// Whether the input of the last step was not zero.
+    pushed: bool,
+    /// The momentum that is reported where that is not the state's: the mean of those before and after the
+    /// last kick, or what is left without the offset.
+    reported: Option<X::Vector>,
+    offset: MomentumOffset<T>,
+    /// The last two steps, the later one first, where they are to be looked into.
+    pieces: Option<[Piece<T>; 2]>,
+    energies: Energies,
+    energy_room: EnergyRoom<T>,
+    /// The energy that was computed last.
+    energy: f64,
+}
+
+/// When the energies of a grid's states are computed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Energies {
+    /// Those of a stretch together.
+    Together,
+    /// After every step.
+    EveryStep,
+    /// Where a row is written.
+    Rows,
+}
+
+impl<T: Elementary + Engines, X: ScenarioSpace<T>> Machine<T, X> {
+    /// Puts system, scheme and memories together.
+    fn new(space: X, scenario: &Scenario, tables: &Tables) -> Result<Self, InputError> {
+        let scheme = space.scheme(scenario).map_err(|error| {
+            let allowed = format!("{} ({} given)", error.allowed, error.parameter);
+            scenario.error_at("scheme", Problem::OutOfRange { allowed })
+        })?;
+        let nodes = scheme.sampling().nodes();
+        let terms = scenario.system.damping.iter().enumerate();
+        let terms = terms.map(|(index, term)| damping_term(scenario, &space, nodes, (index, term), tables));
+        let terms = terms.collect::<Result<Vec<_>, _>>()?;
+        let system = space.system(scenario).map_err(|error| bad_mass(scenario, &error))?;
+        let position = space.vector(&scenario.initial.position);
+        let momentum = space.vector(&scenario.initial.momentum);
+        let input = space.zeros();
+        let kicked = scenario.convolution.at == DampedAt::MainNodes;
+        let is_dear = space.energy_is_dear();
+        let offset = MomentumOffset::of(scenario, nodes, |term| resisting(&terms[term], &position, &space));
+        let mean = kicked && scenario.output.momentum == ReportedMomentum::Mean;
+        let kick = mean.then(|| Kick { next: space.zeros(), last: space.zeros() });
+        let reported = (mean || !offset.is_empty()).then(|| space.zeros());
+        let integrator = IntegratorBuilder::in_space(space, system, scheme, T::of(scenario.time.step))
+            .damping(DampingTerms { terms, kick })
+            .position(position)
+            .momentum(momentum)
+            .build()
+            .map_err(|error| refused(scenario, &error))?;
+        let pieces = scenario.is_looked_into().then(<[Piece<T>; 2]>::default);
+        let is_compared = scenario.reference.as_ref().is_some_and(|reference| reference.knows()[2]);
+        let energies = match is_dear {
+            true if is_compared => Energies::EveryStep,
+            true => Energies::Rows,
+            false if integrator.system().has_plain_energy() => Energies::Together,
+            false => Energies::EveryStep,
+        };
+        let energy_room = EnergyRoom::default();
+        let energy = 0.0;
+        Ok(Self { integrator, input, pushed: false, reported, offset, pieces, energies, energy_room, energy })
+    }
+}
+
+impl<T: Elementary + Engines, X: ScenarioSpace<T>> Machine<T, X> {
+    /// Takes in the input, and notes where the step begins.
+    fn prepare(&mut self, input: &[f64]) {
+        if !input.is_empty() || self.pushed {
+            self.pushed = !input.is_empty();
+            for (index, place) in X::slice_mut(&mut self.input).iter_mut().enumerate() {
+                *place = input.get(index).map_or(T::zero(), |&number| T::of(number));
+            }
+        }
+        if let Some(pieces) = &mut self.pieces {
+            let state = self.integrator.state();
+            pieces.swap(0, 1);
+            pieces[0].begin(
+                self.integrator.time().to_f64(),
+                X::slice(&state.position),
+                X::slice(&state.momentum),
+            );
+        }
+    }
+
+    /// Writes a position and a momentum with their energy.
+    fn write(&mut self, position: &[T], momentum: &[T], state: &mut GridState) {
+        for (numbers, vector) in [(&mut state.position, position), (&mut state.momentum, momentum)] {
+            numbers.iter_mut().zip(vector).for_each(|(place, number)| *place = number.to_f64());
+        }
+        let of_space = |integrator: &Integrator<T, X, X::System, X::Scheme, DampingTerms<T, X>>, of: &[T]| {
+            let mut vector = integrator.state().position.clone();
+            X::slice_mut(&mut vector).clone_from_slice(of);
+            vector
+        };
+        let (position, momentum) =
+            (of_space(&self.integrator, position), of_space(&self.integrator, momentum));
+        state.energy = self.integrator.energy_of(&position, &momentum).to_f64();
+    }
+
+    /// Makes the step of a grid that follows so many others.
+    #[inline(always)]
+    fn step_on_grid(&mut self, scenario: &Scenario, step: usize) -> Result<u32, StepError> {
+        self.prepare(scenario.input.as_ref().and_then(|input| input.at_step(step)).unwrap_or(&[]));
+        let made = match &scenario.time.grid {
+            None => self.integrator.step_under(if self.pushed { X::slice(&self.input) } else { &[] }),
+            Some(_) => {
+                let (begin, end) = (scenario.time.time(step), scenario.time.time(step + 1));
+                self.integrator.step_over(T::of(end - begin), T::of(end), &self.input)
+            }
+        };
+        self.keep_piece(made)
+    }
+
+    /// Brings the momentum that is reported up to date, where that is not the one of the state.
+    #[inline(always)]
+    fn take_momentum(&mut self) {
+        let Some(reported) = &mut self.reported else { return };
+        let (reported, state) = (X::slice_mut(reported), self.integrator.state());
+        let step_size = self.integrator.step_size();
+        let Some(kick) = &self.integrator.damping().kick else {
+            reported.copy_from_slice(X::slice(&state.momentum));
+            return self.offset.take_off(self.integrator.time().to_f64(), step_size.to_f64(), reported);
+        };
+        let half = step_size / T::of(2.0);
+        let momenta = reported.iter_mut().zip(X::slice(&state.momentum)).zip(X::slice(&kick.last));
+        momenta.for_each(|((mean, &after), &force)| *mean = after + half * force);
+    }
+
+    /// The momentum that is reported.
+    #[inline(always)]
+    fn momentum(&self) -> &[T] {
+        X::slice(self.reported.as_ref().unwrap_or(&self.integrator.state().momentum))
+    }
+
+    /// Computes the energy of the state with the momentum that is reported.
+    fn take_energy(&mut self) {
+        let energy = match &self.reported {
+            Some(momentum) => self.integrator.energy_with(momentum),
+            None => self.integrator.energy(),
+        };
+        self.energy = energy.to_f64();
+    }
+
+    /// Keeps what the step has found that may be looked into.
+    fn keep_piece(&mut self, made: Result<u32, StepError>) -> Result<u32, StepError> {
+        if let (Ok(_), Some([piece, _])) = (&made, &mut self.pieces) {
+            piece.end(self.integrator.time().to_f64(), X::Scheme::solution(self.integrator.storage()));
+        }
+        made
+    }
+}
+
+/// The numbers in double precision.
+#[inline(always)]
+fn in_double<T: Real>(numbers: &[T]) -> impl Iterator<Item = f64> {
+    numbers.iter().map(|number| number.to_f64())
+}
+
+fn refused(scenario: &Scenario, error: &IntegratorError) -> InputError {
+    let path = match error {
+        IntegratorError::InitialState => "initial",
+        _ if scenario.time.grid.is_some() => "time.grid",
+        _ => "time.step",
+    };
+    scenario.error_at(path, Problem::Precision { reason: error.to_string() })
+}
+
+/// What the memory of a damping term is wanted for.
+fn memory_request<'a>(
+    scenario: &'a Scenario,
+    (channels, nodes): (usize, usize),
+    term: &scenario::Damping,
+) -> MemoryRequest<'a> {
+    MemoryRequest {
+        convolution: &scenario.convolution,
+        exponent: term.order,
+        step_size: scenario.time.step,
+        end: scenario.time.grid.as_ref().map(|grid| grid.end()),
+        // Plain weights act on the sequence of every node by itself, matrix weights on all nodes together.
+        coordinates: match scenario.convolution.family {
+            ConvolutionFamily::Bdf { .. } => channels * nodes,
+            _ => channels,
+        },
+        motions: scenario.copies(),
+        samples: scenario.time.steps.saturating_add(1),
+        given: false,
+        history: &scenario.history,
+    }
+}
+
+fn damping_term<T: Elementary + Engines, X: ScenarioSpace<T>>(
+    scenario: &Scenario,
+    space: &X,
+    nodes: usize,
+    (index, term): (usize, &scenario::Damping),
+    tables: &Tables,
+) -> Result<X::Term<HostMemory<T>>, InputError> {
+    let request = memory_request(scenario, (space.channels(term), nodes), term);
+    let refused = |error: EngineError| match error {
+        EngineError::Table(_) => scenario
+            .error_at_first(&["history.tolerance", "history.engine"], Problem::Engine(Cause::new(error))),
+        EngineError::TableEnds { .. } => scenario
+            .error_at_first(&["history.horizon", "history.engine"], Problem::Engine(Cause::new(error))),
+        EngineError::NoRoom { .. } => scenario.error_at_first(
+            &["history.engine", "time.steps", "time.end"],
+            Problem::Engine(Cause::new(error)),
+        ),
+        EngineError::Unsuited { .. } => {
+            scenario.error_at_first(&["history.engine", "time.grid"], Problem::Engine(Cause::new(error)))
+        }
+        EngineError::Parameter(_) => {
+            scenario.error_at(&format!("system.damping[{index}].order"), Problem::Engine(Cause::new(error)))
+        }
+    };
+    let kernel = request.kernel().map_err(|error| refused(error.into()))?;
+    let memory = request.build_with(tables).map_err(refused)?;
+    space.term(term, kernel, memory).map_err(|error| {
+        let path = format!("system.damping[{index}]");
+        scenario.error_at(&path, Problem::Precision { reason: error.to_string() })
+    })
+}
+
+/// ρ x of a term whose kernel is of plain numbers.
+fn resisting<T: Elementary + Engines, X: ScenarioSpace<T>>(
+    term: &X::Term<HostMemory<T>>,
+    vector: &X::Vector,
+    space: &X,
+) -> Vec<T> {
+    let vector = X::slice(vector);
+    let mut scratch = space.zeros();
+    let mut force = vec![T::zero(); vector.len()];
+    term.add_leading(vector, &mut force, X::slice_mut(&mut scratch));
+    let leading = term.memory().leading().first().copied().unwrap_or(T::one());
+    force.iter_mut().for_each(|number| *number /= leading);
+    force
+}
+
+/// Any number of damping terms, each with a memory of its own.
+struct DampingTerms<T: Elementary + Engines, X: ScenarioSpace<T>> {
+    terms: Vec<X::Term<HostMemory<T>>>,
+    kick: Option<Kick<X::Vector>>,
+}
+
+/// The fractional force Σ_m ρ_m (D^{β_m} q)_k at the main nodes: the momentum p_k of such a scheme is the one
+/// after its kick.
+struct Kick<V> {
+    /// What is known of the next one.
+    next: V,
+    /// The last one; zero at t = 0, where there is none.
+    last: V,
+}
+
+impl<T: Elementary + Engines, X: ScenarioSpace<T>> Damping<T, X> for DampingTerms<T, X> {
+    fn check(&self, coordinates: usize, nodes: usize, step_size: T) -> Result<(), Mismatch> {
+        self.terms[..].check(coordinates, nodes, step_size)
+    }
+
+    fn begin(&mut self, position: &[T], velocity: &[T]) {
+        self.terms[..].begin(position, velocity);
+    }
+
+    #[inline(always)]
+    fn add_known(
+        &mut self,
+        sample: &Sample<'_, T>,
+        known: &mut [T],
+        scratch: &mut [T],
+    ) -> Result<(), MemoryError> {
+        self.terms[..].add_known(sample, known, scratch)?;
+        if let Some(kick) = &mut self.kick {
+            X::slice_mut(&mut kick.next).iter_mut().zip(known).for_each(|(next, known)| *next = *known);
+        }
+        Ok(())
+    }
+
+    #[inline(always)]
+    fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
+        self.terms[..].add_leading(increments, force, scratch);
+    }
+
+    fn visit_leading(&self, nodes: usize, visit: impl FnMut(usize, usize, T, &X::Block)) {
+        self.terms[..].visit_leading(nodes, visit);
+    }
+
+    fn leading_is_constant(&self) -> bool {
+        self.terms[..].leading_is_constant()
+    }
+
+    #[inline(always)]
+    fn push(
+        &mut self,
+        sample: &Sample<'_, T>,
+        increments: &[T],
+        scratch: &mut [T],
+    ) -> Result<(), MemoryError> {
+        // The leading weight of starting weights is another one after the push.
+        if let Some(kick) = &mut self.kick {
+            self.terms[..].add_leading(increments, X::slice_mut(&mut kick.next), scratch);
+        }
+        self.terms[..].push(sample, increments, scratch)?;
+        if let Some(Kick { next, last }) = &mut self.kick {
+            std::mem::swap(next, last);
+            X::slice_mut(next).fill(T::zero());
+        }
+        Ok(())
+    }
+
+    fn state_bytes(&self) -> usize {
+        let kick = self.kick.as_ref().map_or(0, |kick| X::slice(&kick.last).len() * T::BYTES);
+        kick + self.terms[..].state_bytes()
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        if let Some(kick) = &self.kick {
+            to.numbers(X::slice(&kick.last))?;
+        }
+        self.terms[..].save(to)
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        if let Some(kick) = &self.kick {
+            from.skip::<T>(X::slice(&kick.last).len())?;
+        }
+        self.terms[..].check_state(from)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.check_state(&mut from.clone())?;
+        if let Some(kick) = &mut self.kick {
+            from.numbers(X::slice_mut(&mut kick.last))?;
+        }
+        self.terms[..].restore(from)
+    }
+}
+
+impl<T: Elementary + Engines, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
+    fn step(&mut self, input: &[f64]) -> Result<u32, StepError> {
+        self.prepare(input);
+        let made = self.integrator.step(&self.input);
+        self.keep_piece(made)
+    }
+
+    fn step_over(&mut self, length: f64, end: f64, input: &[f64]) -> Result<u32, StepError> {
+        self.prepare(input);
+        let made = self.integrator.step_over(T::of(length), T::of(end), &self.input);
+        self.keep_piece(made)
+    }
+
+    fn look_into(&mut self, time: f64, state: &mut GridState) {
+        let Some([last, before]) = &self.pieces else { return };
+        state.time = time;
+        if last.solution.is_empty() {
+            self.read(state);
+            return;
+        }
+        let (piece, end) = if time > last.from { (last, None) } else { (before, Some(last)) };
+        match (piece.place(time), end) {
+            (Place::End, None) => self.read(state),
+            (Place::End, Some(next)) => {
+                let (position, momentum) = (next.position.clone(), next.momentum.clone());
+                self.write(&position, &momentum, state);
+            }
+            (Place::Inside(fraction), _) => {
+                let (mut position, mut momentum) = (piece.position.clone(), piece.momentum.clone());
+                self.integrator.scheme().look_into(
+                    &piece.solution,
+                    self.integrator.system(),
+                    (T::of(piece.to - piece.from), T::of(fraction)),
+                    &mut position,
+                    &mut momentum,
+                );
+                self.write(&position, &momentum, state);
+            }
+        }
+    }
+
+    fn advance(&mut self, scenario: &Scenario, steps: usize, stretch: &mut Stretch) -> Result<(), StepError> {
+        let before = stretch.first() - 1;
+        let mut made = Ok(());
+        for step in before..before + steps {
+            let iterations = match self.step_on_grid(scenario, step) {
+                Ok(iterations) => iterations,
+                Err(error) => {
+                    made = Err(error);
+                    break;
+                }
+            };
+            self.take_momentum();
+            let count = step + 1;
+            let row = || count == scenario.time.steps || count.is_multiple_of(scenario.output.every);
+            match self.energies {
+                Energies::EveryStep => self.take_energy(),
+                Energies::Rows if row() => self.take_energy(),
+                Energies::Rows | Energies::Together => {}
+            }
+            let position = in_double(X::slice(&self.integrator.state().position));
+            let time = self.integrator.time().to_f64();
+            stretch.push((time, self.energy), position, in_double(self.momentum()), iterations);
+        }
+        if self.energies == Energies::Together {
+            let stride = stretch.room();
+            let (positions, momenta, energies) = stretch.with_energies_mut();
+            let states = States { positions, momenta, stride };
+            self.integrator.system().write_energies(&states, &mut self.energy_room, energies);
+        }
+        made
+    }
+
+    fn read_without_energy(&mut self, grid: &mut GridState) {
+        self.take_momentum();
+        grid.time = self.integrator.time().to_f64();
+        let write = |places: &mut [f64], numbers: &[T]| {
+            places.iter_mut().zip(numbers).for_each(|(place, number)| *place = number.to_f64());
+        };
+        write(&mut grid.position, X::slice(&self.integrator.state().position));
+        write(&mut grid.momentum, self.momentum());
+    }
+
+    fn read(&mut self, grid: &mut GridState) {
+        self.read_without_energy(grid);
+        self.take_energy();
+        grid.energy = self.energy;
+    }
+
+    fn energies(&self, energies: &mut Vec<f64>) {
+        energies.clear();
+        energies.extend(X::energies(self.integrator.system()).iter().map(|energy| energy.to_f64()));
+    }
+
+    fn has_energies_of_rows_only(&self) -> bool {
+        self.energies == Energies::Rows
+    }
+
+    fn engines(&self) -> Vec<Engine> {
+        self.integrator.damping().terms.iter().map(|term| term.memory().engine()).collect()
+    }
+
+    fn overruns(&self) -> Option<usize> {
+        let terms = self.integrator.damping().terms.iter();
+        terms.filter_map(|term| term.memory().overruns()).reduce(|sum, more| sum + more)
+    }
+
+    fn memory_bytes(&self) -> usize {
+        self.integrator.damping().terms.iter().map(|term| term.memory().bytes()).sum()
+    }
+
+    fn state_bytes(&self) -> usize {
+        self.integrator.state_bytes()
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        self.integrator.save(to)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.integrator.restore(from)
+    }
+}

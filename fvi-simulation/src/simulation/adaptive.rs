@@ -1,0 +1,354 @@
+//! Steps chosen on the way, so that the error stays near a tolerance.
+
+use super::breaks::Breaks;
+use super::step_control::StepControl;
+use super::{GridState, Precision, Simulation};
+use crate::language::{InputError, Problem};
+use crate::scenario::{Adaptive, ConvolutionFamily, Scenario, Scheme};
+use fvi_core::{StateError, StepError};
+use serde::{Deserialize, Serialize};
+
+/// How much of the difference of two halves and the whole is taken for the error of the halves.
+///
+/// Of a smooth motion the error is 1/(2^k − 1) of it, of a singular start up to a quarter. Errors add up
+/// while nothing damps them: the rest is for that.
+const SHARE: f64 = 2.0;
+
+/// The first attempt where nothing says how long it may be, as a share of the end, times √tolerance.
+const FIRST: f64 = 1e-3;
+
+/// Attempts at one step before the run is given up.
+const MOST_ATTEMPTS: usize = 60;
+
+/// Steps by pairs: two halves are made, and the whole at once to compare them with.
+///
+/// The memory goes both ways too, so that what it loses in a step is part of the difference. The halves stay.
+/// An attempt whose difference is too large is taken back by the saved state, to the last bit.
+pub(crate) struct AdaptiveSteps<'s> {
+    scenario: &'s Scenario,
+    rule: Adaptive,
+    breaks: Breaks,
+    progress: Progress,
+    /// How far steps are told apart: rounding of the precision.
+    epsilon: f64,
+    /// Of momenta that counts as one.
+    momentum_scale: Vec<f64>,
+    /// State before the pair, and between its halves.
+    saved: Vec<u8>,
+    saved_between: Vec<u8>,
+    whole: GridState,
+    end: GridState,
+    /// By the polynomial of the whole step, where steps are looked into.
+    inside: Option<GridState>,
+    /// What positions and momenta inside a step count for.
+    share_inside: [f64; 2],
+    /// Of the error in the length of the step: at its end, and inside of it.
+    orders: [f64; 2],
+    /// Whether the simulation is at the end of the pair, whose second half is not shown yet.
+    ahead: bool,
+    /// Iterations of Newton's method in that half.
+    iterations_ahead: u32,
+}
+
+/// What a later run needs to go on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Progress {
+    control: StepControl,
+    /// The second half of the pair at hand, where the first has been shown: its length and its end.
+    second: Option<(f64, f64)>,
+    time: f64,
+    /// Largest values so far of position and momentum.
+    largest: [Vec<f64>; 2],
+    pub(crate) counts: Counts,
+}
+
+impl Progress {
+    /// The time of the state that was shown last.
+    pub fn time(&self) -> f64 {
+        self.time
+    }
+}
+
+/// What was made of attempts.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Counts {
+    /// Attempts at pairs of steps that were rejected.
+    pub rejected: usize,
+    /// Attempts at pairs.
+    pub attempts: usize,
+    /// The shortest step made.
+    pub smallest: f64,
+    /// The longest step made.
+    pub largest: f64,
+}
+
+impl<'s> AdaptiveSteps<'s> {
+    /// `None` for a scenario whose steps are known beforehand.
+    ///
+    /// # Errors
+    /// If the tolerance is below what the precision reaches.
+    pub(crate) fn new(
+        scenario: &'s Scenario,
+        precision: Precision,
+        start: &GridState,
+    ) -> Result<Option<Self>, InputError> {
+        let Some(&rule) = scenario.time.adaptive() else { return Ok(None) };
+        let epsilon = match precision {
+            Precision::F64 => f64::EPSILON,
+            Precision::F32 => f64::from(f32::EPSILON),
+        };
+        let smallest = Adaptive::smallest_tolerance(epsilon);
+        if rule.tolerance < smallest {
+            let allowed =
+                format!("at least {smallest:.1e} in single precision, whose rounding decides below");
+            return Err(scenario.error_at("time.tolerance", Problem::OutOfRange { allowed }));
+        }
+        let first = rule.first.map_or(FIRST * rule.tolerance.sqrt() * rule.end, |first| 2.0 * first);
+        let orders = [order(scenario) + 1.0, order_inside(scenario)];
+        let control = StepControl::new(orders[0], first.max(2.0 * rule.shortest));
+        let largest =
+            [&start.position, &start.momentum].map(|numbers| numbers.iter().map(|x| x.abs()).collect());
+        let counts = Counts { rejected: 0, attempts: 0, smallest: f64::INFINITY, largest: 0.0 };
+        let progress = Progress { control, second: None, time: 0.0, largest, counts };
+        Ok(Some(Self {
+            breaks: Breaks::of(scenario, rule.shortest),
+            momentum_scale: scenario.system.mass.diagonal().iter().map(|mass| rule.scale * mass).collect(),
+            scenario,
+            rule,
+            progress,
+            epsilon,
+            saved: Vec::new(),
+            saved_between: Vec::new(),
+            whole: start.clone(),
+            end: start.clone(),
+            inside: scenario.is_looked_into().then(|| start.clone()),
+            // The polynomial of half the step is as much better. Galerkin's has momenta of a low order, which
+            // are not held to the tolerance.
+            share_inside: match scenario.scheme {
+                Scheme::Collocation => [libm::pow(2.0, -orders[1]); 2],
+                _ => [libm::pow(2.0, -orders[1]), 0.0],
+            },
+            orders,
+            ahead: false,
+            iterations_ahead: 0,
+        }))
+    }
+
+    /// Whether the end has been reached.
+    pub(crate) fn is_done(&self) -> bool {
+        self.progress.second.is_none() && self.progress.time >= self.rule.end
+    }
+
+    /// What a later run needs to go on from the state that was shown last.
+    pub(crate) fn progress(&self) -> &Progress {
+        &self.progress
+    }
+
+    /// Goes on from there.
+    pub(crate) fn go_on(&mut self, progress: Progress) {
+        (self.progress, self.ahead) = (progress, false);
+    }
+
+    /// The state of the simulation that was shown last, as bytes.
+    ///
+    /// # Errors
+    /// [`StateError`] if a memory cannot be saved.
+    pub(crate) fn save(&self, simulation: &Simulation) -> Result<Vec<u8>, StateError> {
+        if self.ahead { Ok(self.saved_between.clone()) } else { simulation.save() }
+    }
+
+    /// Shows the next state; returns the iterations of Newton's method that led to it.
+    ///
+    /// # Errors
+    /// Why no further step can be made; the simulation is as it was.
+    pub(crate) fn advance(
+        &mut self,
+        simulation: &mut Simulation,
+        next: &mut GridState,
+    ) -> Result<u32, String> {
+        if let Some((length, end)) = self.progress.second {
+            if !self.ahead {
+                let input = self.input(end - 0.5 * length);
+                self.iterations_ahead =
+                    simulation.step_over(length, end, input).map_err(|error: StepError| error.to_string())?;
+                simulation.read(&mut self.end);
+                self.end.time = end;
+            }
+            next.clone_from(&self.end);
+            (self.progress.second, self.progress.time, self.ahead) = (None, end, false);
+            return Ok(self.iterations_ahead);
+        }
+        self.attempt(simulation, next)
+    }
+
+    /// The input that is held over the pair that a time is in.
+    fn input(&self, time: f64) -> &'s [f64] {
+        let scenario: &'s Scenario = self.scenario;
+        scenario.input.as_ref().and_then(|input| input.from_time(time)).unwrap_or(&[])
+    }
+
+    /// Makes pairs until one is good enough, and shows the state between its halves.
+    fn attempt(&mut self, simulation: &mut Simulation, middle: &mut GridState) -> Result<u32, String> {
+        let time = self.progress.time;
+        let input = self.input(time);
+        self.saved = simulation.save().map_err(|error| error.to_string())?;
+        // Two halves that show beside the time.
+        let shortest = (2.0 * self.rule.shortest).max(32.0 * self.epsilon * time);
+        let longest = self.rule.longest.map_or(f64::INFINITY, |longest| 2.0 * longest);
+        let (mut worst, mut tried) = (None, 0.5 * shortest);
+        for _ in 0..MOST_ATTEMPTS {
+            let proposed = self.progress.control.proposed().clamp(shortest, longest.max(shortest));
+            let next_break = self.breaks.after(time, time + 1.25 * proposed);
+            let left = next_break - time;
+            // Nothing shorter than the shortest may be left, for which the memory has no rates.
+            let (length, at_break) = match proposed {
+                proposed if proposed > 0.9 * left || left < 2.0 * shortest => (left, true),
+                proposed if proposed > 0.5 * left => (0.5 * left, false),
+                proposed => (proposed, false),
+            };
+            let end = if at_break { next_break } else { time + length };
+            let half = 0.5 * (end - time);
+            let (between, length) = (time + half, end - time);
+            self.progress.counts.attempts += 1;
+            let made = self.make_pair(simulation, (half, between, end), input, middle);
+            let error = match made {
+                Ok(_) => Some(self.error(middle)),
+                Err(AttemptError::Step(_)) => None,
+                Err(AttemptError::State(error)) => return Err(error.to_string()),
+            };
+            if let (Ok(iterations), Some(error)) = (&made, error.filter(|&error| error <= 1.0)) {
+                self.progress.control.accept(length, error, at_break);
+                let counts = &mut self.progress.counts;
+                (counts.smallest, counts.largest) = (counts.smallest.min(half), counts.largest.max(half));
+                for (largest, now) in
+                    self.progress.largest.iter_mut().zip([&self.end.position, &self.end.momentum])
+                {
+                    largest.iter_mut().zip(now).for_each(|(most, x)| *most = most.max(x.abs()));
+                }
+                (self.progress.second, self.progress.time, self.ahead) = (Some((half, end)), between, true);
+                return Ok(*iterations);
+            }
+            self.progress.counts.rejected += 1;
+            simulation.restore(&self.saved).map_err(|error| error.to_string())?;
+            // Whatever is not a number counts as a failure.
+            self.progress.control.reject(length, error.filter(|error| error.is_finite()));
+            worst = Some(match made {
+                Err(AttemptError::Step(reason)) => reason.to_string(),
+                _ => format!("the error is {:.1e} times the tolerance", error.unwrap_or(f64::INFINITY)),
+            });
+            tried = half;
+            if length <= shortest || (at_break && length < 2.0 * shortest) {
+                break;
+            }
+        }
+        Err(format!(
+            "{}, with steps of {:.1e} even, the shortest here (`time.shortest`): a jump of a force belongs on a grid point \
+             (`time.must_hit`), and a tolerance above what rounding leaves",
+            worst.unwrap_or_default(),
+            tried
+        ))
+    }
+
+    /// Makes the whole step, goes back, and makes the halves. Leaves the simulation at the end.
+    fn make_pair(
+        &mut self,
+        simulation: &mut Simulation,
+        (half, between, end): (f64, f64, f64),
+        input: &[f64],
+        middle: &mut GridState,
+    ) -> Result<u32, AttemptError> {
+        simulation.step_over(2.0 * half, end, input)?;
+        simulation.read_without_energy(&mut self.whole);
+        if let Some(inside) = &mut self.inside {
+            simulation.look_into(between, inside);
+        }
+        simulation.restore(&self.saved)?;
+        let iterations = simulation.step_over(half, between, input)?;
+        simulation.read(middle);
+        middle.time = between;
+        self.saved_between = simulation.save()?;
+        self.iterations_ahead = simulation.step_over(half, end, input)?;
+        simulation.read(&mut self.end);
+        self.end.time = end;
+        Ok(iterations)
+    }
+
+    /// The error of the halves in units of the tolerance: the largest of all positions and momenta, at the
+    /// end and inside.
+    fn error(&self, middle: &GridState) -> f64 {
+        let at_end = SHARE * self.largest_difference(&self.whole, &self.end, [1.0; 2]);
+        let inside = self.inside.as_ref().map_or(0.0, |inside| {
+            let error = self.largest_difference(inside, middle, self.share_inside);
+            // As a function of the length like the other.
+            libm::pow(error, self.orders[0] / self.orders[1])
+        });
+        if inside > at_end || inside.is_nan() { inside } else { at_end }
+    }
+
+    /// The largest difference of two states in units of the tolerance, positions and momenta counted by their
+    /// shares.
+    fn largest_difference(&self, one: &GridState, other: &GridState, shares: [f64; 2]) -> f64 {
+        let Self { rule, progress, momentum_scale, .. } = self;
+        let [positions, momenta] = &progress.largest;
+        let relative = |one: f64, other: f64, most: f64, scale: f64| {
+            (one - other).abs() / most.max(other.abs()).max(scale)
+        };
+        let positions = one.position.iter().zip(&other.position).zip(positions);
+        let momenta = one.momentum.iter().zip(&other.momentum).zip(momenta).zip(momentum_scale);
+        let positions =
+            positions.map(|((&one, &other), &most)| shares[0] * relative(one, other, most, rule.scale));
+        let momenta =
+            momenta.map(|(((&one, &other), &most), &scale)| shares[1] * relative(one, other, most, scale));
+        // Not a number beats every number.
+        let beats = |error: f64, largest: f64| error > largest || error.is_nan();
+        let largest = positions
+            .chain(momenta)
+            .fold(0.0, |largest: f64, error| if beats(error, largest) { error } else { largest });
+        largest / rule.tolerance
+    }
+}
+
+/// Why an attempt cannot be judged.
+enum AttemptError {
+    Step(StepError),
+    State(StateError),
+}
+
+impl From<StepError> for AttemptError {
+    fn from(error: StepError) -> Self {
+        Self::Step(error)
+    }
+}
+
+impl From<StateError> for AttemptError {
+    fn from(error: StateError) -> Self {
+        Self::State(error)
+    }
+}
+
+/// The order of the scheme on smooth motions.
+fn order(scenario: &Scenario) -> f64 {
+    let of_quadrature = match scenario.convolution.family {
+        ConvolutionFamily::RadauIia { stages } => 2 * stages - 1,
+        ConvolutionFamily::LobattoIiic { stages } => 2 * stages - 2,
+        ConvolutionFamily::Bdf { order } => order,
+    };
+    let order = match scenario.scheme {
+        Scheme::Galerkin { degree, .. } => of_quadrature.min(2 * degree),
+        _ => of_quadrature,
+    };
+    order as f64
+}
+
+/// The order of the error inside a step in its length.
+fn order_inside(scenario: &Scenario) -> f64 {
+    let stages = match scenario.convolution.family {
+        ConvolutionFamily::RadauIia { stages } | ConvolutionFamily::LobattoIiic { stages } => stages,
+        ConvolutionFamily::Bdf { .. } => 1,
+    };
+    match scenario.scheme {
+        // Of velocities; positions have one more.
+        Scheme::Galerkin { degree, .. } => degree as f64 + 1.0,
+        _ => stages as f64 + 1.0,
+    }
+}

@@ -1,0 +1,533 @@
+//! Watches a run for energy that nothing has put in.
+
+use crate::language::expression::Moment;
+use crate::model::tape::CompiledForce;
+use crate::model::{Loads, RoughForces};
+use crate::numerics::column::{highest, lowest};
+use crate::scenario::{Derivative, OnEnergyGrowth, Scenario, SharedTerms, SymmetricMatrix};
+use crate::simulation::GridState;
+use crate::simulation::stability;
+use crate::simulation::stretch::Stretch;
+use fvi_core::NodalRule;
+use serde::{Deserialize, Serialize};
+
+/// How far the energy may rise, as a multiple of all that was there or put in.
+const FACTOR: f64 = 1000.0;
+
+/// Compares the energy of a run with what there was at the start and what forces have put in since.
+///
+/// The check of the step before the run is that of the motion linearised at the start. Where the potential is
+/// not quadratic a step can be too long elsewhere, and the energy then grows by itself. Damping only takes
+/// energy, so
+///
+/// ```text
+/// E_k − E₀ ≤ W_k ,    W_k = Σ h |F·v| + Σ h |u·v| + what the start does to the memory
+/// ```
+///
+/// up to the error of the scheme. The guard trips where E_k − E₀ passes a thousand times T₀ + max(|U₀|,
+/// U₀ − min U) + W_k, with the kinetic energy T and the potential U: a rise that no constant in U, fall into
+/// a well or resonance explains. Forces are taken at the nodes of the scheme, with what is added where they
+/// are rough between nodes, and the larger of Δq and h v at both ends of the step for the way that they act
+/// along. The memory of a Riemann–Liouville derivative pushes with up to |ρ q₀| t^{−β}, that of Caputo's for
+/// β > 1 with up to |ρ v₀| t^{1−β}; for β = 0 it is a spring and holds ½ q₀ᵀρ q₀.
+///
+/// With a mass matrix from a file velocities would cost a solution of equations each. The diagonal matrix L
+/// of the sums of |m_ij| over rows stands for it: M ≤ L, so that ½ pᵀL⁻¹p is no more than T. The energy is
+/// asked for only where that alone passes a thousand times what is explained.
+pub struct EnergyGuard {
+    reaction: OnEnergyGrowth,
+    inverse_mass: SymmetricMatrix,
+    /// Whether that is of a larger, diagonal mass in place of the system's.
+    is_lumped: bool,
+    /// What the start does to the memory: forces |f| t^{−e} of each coordinate.
+    pushes: Vec<(Vec<f64>, f64)>,
+    first_energy: f64,
+    first_potential: f64,
+    lowest_potential: f64,
+    /// T₀ and the springs of order 0.
+    stored: f64,
+    /// Whether anything from outside or from the start can do work at all; without it positions and
+    /// velocities need not be kept.
+    is_driven: bool,
+    work: f64,
+    time: f64,
+    position: Vec<f64>,
+    velocity: Vec<f64>,
+    /// The velocity at the end of the step.
+    new_velocity: Vec<f64>,
+    force: Option<Forces>,
+    /// What acts between nodes, and its moments in a step.
+    rough: Option<(RoughForces, Vec<f64>)>,
+    /// Forces in code, and the largest of a step.
+    own: Option<(SharedTerms, Vec<f64>)>,
+    /// Where in a step the scheme looks at forces.
+    nodes: Vec<f64>,
+    warning: Option<String>,
+    /// Twice the kinetic energies of a stretch, then its potential energies.
+    heights: Vec<f64>,
+    /// A state of a stretch.
+    state: GridState,
+}
+
+/// What a guard has gathered since the start.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Gathered {
+    lowest_potential: f64,
+    work: f64,
+    warning: Option<String>,
+}
+
+impl EnergyGuard {
+    /// A guard for a run of the scenario from this state.
+    pub fn new(scenario: &Scenario, start: &GridState) -> Self {
+        // What is linear is covered by the check of the step.
+        if !scenario.cases.is_empty() {
+            return Self::blind();
+        }
+        let inverse_mass = match &scenario.system.mass {
+            SymmetricMatrix::Diagonal(masses) => {
+                SymmetricMatrix::Diagonal(masses.iter().map(|mass| 1.0 / mass).collect())
+            }
+            SymmetricMatrix::Dense(mass) => {
+                let zero = || nalgebra::DMatrix::zeros(mass.nrows(), mass.nrows());
+                SymmetricMatrix::Dense(mass.clone().lu().try_inverse().unwrap_or_else(zero))
+            }
+            // Linear motions that no step makes grow.
+            SymmetricMatrix::Sparse(_) if stability::is_unconditional(scenario) => return Self::blind(),
+            SymmetricMatrix::Sparse(mass) => SymmetricMatrix::Diagonal(
+                mass.pattern
+                    .rows()
+                    .map(|slots| mass.values[slots].iter().map(|entry| entry.abs()).sum::<f64>().recip())
+                    .collect(),
+            ),
+        };
+        let is_lumped = matches!(scenario.system.mass, SymmetricMatrix::Sparse(_));
+        let velocity = inverse_mass.times(&start.momentum);
+        let kinetic = 0.5 * dot(&start.momentum, &velocity);
+        let (mut pushes, mut springs) = (Vec::new(), 0.0);
+        for term in &scenario.system.damping {
+            let pulled = term.coefficient.times(&start.position);
+            match term.derivative {
+                Derivative::Caputo if term.order == 0.0 => springs += 0.5 * dot(&pulled, &start.position),
+                Derivative::Caputo if term.order > 1.0 => {
+                    pushes.push((term.coefficient.times(&velocity), term.order - 1.0));
+                }
+                Derivative::Caputo => {}
+                Derivative::RiemannLiouville => pushes.push((pulled, term.order)),
+            }
+        }
+        // What pushes nothing need not be followed.
+        pushes.retain(|(push, _)| push.iter().any(|&push| push != 0.0));
+        let force = Forces::of(scenario);
+        let own = scenario.system.own_terms.clone().map(|terms| (terms, vec![0.0; scenario.coordinates()]));
+        let is_driven = force.is_some() || own.is_some() || scenario.input.is_some() || !pushes.is_empty();
+        let potential = start.energy - kinetic;
+        Self {
+            reaction: scenario.time.on_energy_growth(),
+            inverse_mass,
+            is_lumped,
+            pushes,
+            first_energy: start.energy,
+            first_potential: potential,
+            lowest_potential: potential,
+            stored: kinetic + springs,
+            is_driven,
+            work: 0.0,
+            time: start.time,
+            position: start.position.clone(),
+            new_velocity: velocity.clone(),
+            velocity,
+            force,
+            rough: RoughForces::of(scenario).map(|rough| (rough, vec![0.0; 2 * scenario.coordinates()])),
+            own,
+            nodes: stability::force_nodes(scenario),
+            warning: None,
+            heights: Vec::new(),
+            state: start.clone(),
+        }
+    }
+
+    /// What it has gathered.
+    pub(crate) fn gathered(&self) -> Gathered {
+        let Self { lowest_potential, work, warning, .. } = self;
+        Gathered { lowest_potential: *lowest_potential, work: *work, warning: warning.clone() }
+    }
+
+    /// Goes on from a later state with what another guard of the same run had gathered until then.
+    pub(crate) fn go_on(&mut self, gathered: Gathered, state: &GridState) {
+        Gathered { lowest_potential: self.lowest_potential, work: self.work, warning: self.warning } =
+            gathered;
+        if self.position.is_empty() {
+            // It watches nothing.
+            return;
+        }
+        self.time = state.time;
+        self.position.copy_from_slice(&state.position);
+        self.inverse_mass.write_times(&state.momentum, &mut self.velocity);
+    }
+
+    /// A guard that never trips.
+    fn blind() -> Self {
+        Self {
+            reaction: OnEnergyGrowth::Ignore,
+            inverse_mass: SymmetricMatrix::Diagonal(Vec::new()),
+            is_lumped: false,
+            pushes: Vec::new(),
+            first_energy: 0.0,
+            first_potential: 0.0,
+            lowest_potential: 0.0,
+            stored: 0.0,
+            is_driven: false,
+            work: 0.0,
+            time: 0.0,
+            position: Vec::new(),
+            velocity: Vec::new(),
+            new_velocity: Vec::new(),
+            force: None,
+            rough: None,
+            own: None,
+            nodes: Vec::new(),
+            warning: None,
+            heights: Vec::new(),
+            state: GridState::default(),
+        }
+    }
+
+    /// Takes in the states of a stretch, whose first step began at the time `begin`; `input` is held over the
+    /// step to each of them, which began at the given time. Returns the state at which the run must stop, if
+    /// it must, and why.
+    pub(crate) fn take_along<'a>(
+        &mut self,
+        stretch: &Stretch,
+        begin: f64,
+        input: impl Fn(usize, f64) -> &'a [f64],
+    ) -> Option<(usize, String)> {
+        if self.is_done() || self.take_without_rise(stretch) {
+            return None;
+        }
+        let mut state = std::mem::take(&mut self.state);
+        let mut from = begin;
+        let found = (0..stretch.len()).find_map(|index| {
+            stretch.read(index, &mut state);
+            let reason = self.take(input(index, from), &state);
+            from = state.time;
+            reason.map(|reason| (index, reason))
+        });
+        self.state = state;
+        found
+    }
+
+    /// Takes in the states of a stretch if nothing drives the motion and the energy of none is out of bounds;
+    /// returns whether.
+    ///
+    /// The bound grows with the fall of the potential: what is below the bound before the stretch is so after
+    /// every step.
+    fn take_without_rise(&mut self, stretch: &Stretch) -> bool {
+        let SymmetricMatrix::Diagonal(inverse) = &self.inverse_mass else { return false };
+        // Beyond the bound, or not a number.
+        let within = highest(stretch.energies()) - self.first_energy <= FACTOR * self.explained();
+        if self.is_driven || !within {
+            return false;
+        }
+        self.heights.clear();
+        self.heights.resize(stretch.len(), 0.0);
+        for (momentum, inverse) in stretch.momenta().zip(inverse) {
+            self.heights.iter_mut().zip(momentum).for_each(|(sum, p)| *sum += p * (inverse * p));
+        }
+        self.heights.iter_mut().zip(stretch.energies()).for_each(|(height, energy)| {
+            *height = energy - 0.5 * *height;
+        });
+        self.lowest_potential = self.lowest_potential.min(lowest(&self.heights));
+        true
+    }
+
+    /// Whether there is nothing more to look for.
+    fn is_done(&self) -> bool {
+        self.reaction == OnEnergyGrowth::Ignore || self.warning.is_some()
+    }
+
+    /// How much energy start and forces explain.
+    fn explained(&self) -> f64 {
+        let fall = self.first_potential - self.lowest_potential;
+        self.stored + self.first_potential.abs().max(fall) + self.work
+    }
+
+    /// Whether the energies of its states are not known, and asked for where they matter.
+    pub(crate) fn asks_for_energies(&self) -> bool {
+        self.is_lumped
+    }
+
+    /// As [`take`](Self::take), for a state whose energy is computed only if it matters.
+    pub(crate) fn take_asking(
+        &mut self,
+        input: &[f64],
+        state: &GridState,
+        energy: impl FnOnce() -> f64,
+    ) -> Option<String> {
+        if self.is_done() {
+            return None;
+        }
+        let kinetic = self.follow(input, state);
+        if kinetic <= FACTOR * self.explained() || kinetic.is_nan() {
+            return None;
+        }
+        self.judge(kinetic, energy(), state.time)
+    }
+
+    /// Takes in the state after a step with this input; returns why the run must stop, if it must.
+    pub fn take(&mut self, input: &[f64], state: &GridState) -> Option<String> {
+        if self.is_done() {
+            return None;
+        }
+        let kinetic = self.follow(input, state);
+        self.judge(kinetic, state.energy, state.time)
+    }
+
+    /// Follows the motion to a state, and the work on the way; returns the kinetic energy.
+    fn follow(&mut self, input: &[f64], state: &GridState) -> f64 {
+        let kinetic = match &self.inverse_mass {
+            // Velocities are not wanted by themselves.
+            SymmetricMatrix::Diagonal(inverse) if !self.is_driven => {
+                0.5 * state.momentum.iter().zip(inverse).map(|(p, inverse)| p * (inverse * p)).sum::<f64>()
+            }
+            inverse => {
+                inverse.write_times(&state.momentum, &mut self.new_velocity);
+                0.5 * dot(&state.momentum, &self.new_velocity)
+            }
+        };
+        if self.is_driven {
+            self.work += self.work_of_step(input, state);
+            self.time = state.time;
+            self.position.copy_from_slice(&state.position);
+            std::mem::swap(&mut self.velocity, &mut self.new_velocity);
+        }
+        kinetic
+    }
+
+    /// Compares the energy with what explains it.
+    fn judge(&mut self, kinetic: f64, energy: f64, time: f64) -> Option<String> {
+        self.lowest_potential = self.lowest_potential.min(energy - kinetic);
+        let explained = self.explained();
+        if energy - self.first_energy <= FACTOR * explained || energy.is_nan() {
+            return None;
+        }
+        self.react(energy, time, explained)
+    }
+
+    /// What is done about an energy that nothing explains.
+    #[cold]
+    fn react(&mut self, energy: f64, time: f64, explained: f64) -> Option<String> {
+        let reason = format!(
+            "the energy has risen from {:.3e} to {energy:.3e} at t = {time}; start and forces explain no more than {explained:.3e}: \
+             the step seems too long there (`time.energy_guard`)",
+            self.first_energy
+        );
+        match self.reaction {
+            OnEnergyGrowth::Stop => Some(reason),
+            OnEnergyGrowth::Warn | OnEnergyGrowth::Ignore => {
+                self.warning = Some(reason);
+                None
+            }
+        }
+    }
+
+    /// What there is to warn of.
+    pub fn warning(&self) -> Option<&str> {
+        self.warning.as_deref()
+    }
+
+    /// A bound on the work over the step to `state`.
+    fn work_of_step(&mut self, input: &[f64], state: &GridState) -> f64 {
+        let (from, to, step) = (&self.position, &state.position, state.time - self.time);
+        let way = |index: usize| {
+            let fastest = self.velocity[index].abs().max(self.new_velocity[index].abs());
+            (to[index] - from[index]).abs().max(step * fastest)
+        };
+        let mut work: f64 = input.iter().enumerate().map(|(index, push)| push.abs() * way(index)).sum();
+        for (push, exponent) in &self.pushes {
+            let fading = libm::pow(state.time, -exponent);
+            work +=
+                fading * push.iter().enumerate().map(|(index, push)| push.abs() * way(index)).sum::<f64>();
+        }
+        if let (Some((rough, excess)), Some(&node)) = (&mut self.rough, self.nodes.first()) {
+            // Whatever the scheme has there: ∫F is F at its first node and the sum of these two moments.
+            let (shapes, tests) = ([node], [1.0 - node]);
+            let rule = NodalRule {
+                start: self.time,
+                length: step,
+                weights: &[1.0],
+                nodes: &[node],
+                points: &[1.0],
+                shapes: &shapes,
+                tests: &tests,
+            };
+            if rough.excess(&rule, excess) {
+                let moments = excess.iter().enumerate();
+                work += moments.map(|(index, moment)| moment.abs() * way(index % from.len())).sum::<f64>();
+            }
+        }
+        if let Some((terms, largest)) = &mut self.own {
+            // Those of the step's own looks at them, so that it costs no further ones.
+            terms.with(|terms| terms.take_largest_force(largest));
+            work += largest.iter().enumerate().map(|(index, force)| force * way(index)).sum::<f64>();
+        }
+        let Some(Forces { force, loads, registers, place, value, largest }) = &mut self.force else {
+            return work;
+        };
+        largest.fill(0.0);
+        for &node in &self.nodes {
+            let moment = match node {
+                0.0 => Moment::from_right(self.time),
+                1.0 => Moment::from_left(state.time),
+                _ => Moment::inside(self.time + node * step),
+            };
+            for ((place, from), to) in place.iter_mut().zip(from).zip(to) {
+                *place = from + node * (to - from);
+            }
+            value.fill(0.0);
+            if !force.is_zero() {
+                force.value(moment, place, registers, value);
+            }
+            loads.add(moment, self.time + node * step, 1.0, value);
+            for (largest, value) in largest.iter_mut().zip(&*value) {
+                *largest = largest.max(value.abs());
+            }
+        }
+        work + largest.iter().enumerate().map(|(index, force)| force * way(index)).sum::<f64>()
+    }
+}
+
+/// The external forces, and room for looking at them.
+struct Forces {
+    force: CompiledForce<f64>,
+    loads: Loads<f64>,
+    registers: Vec<f64>,
+    place: Vec<f64>,
+    value: Vec<f64>,
+    largest: Vec<f64>,
+}
+
+impl Forces {
+    /// The forces of a scenario, if there are any.
+    fn of(scenario: &Scenario) -> Option<Self> {
+        let components = scenario.system.force.as_deref().unwrap_or_default();
+        let loads = Loads::new(&scenario.system.loads);
+        if components.is_empty() && loads.is_empty() {
+            return None;
+        }
+        let zeros = || vec![0.0; scenario.coordinates()];
+        let force = CompiledForce::compile(components);
+        Some(Self { force, loads, registers: Vec::new(), place: zeros(), value: zeros(), largest: zeros() })
+    }
+}
+
+fn dot(left: &[f64], right: &[f64]) -> f64 {
+    left.iter().zip(right).map(|(left, right)| left * right).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::language::Document;
+    use crate::simulation::motion::Motion;
+    use crate::simulation::{Precision, Simulation};
+    use std::path::Path;
+
+    /// Runs a scenario of one coordinate; the step at which the guard trips.
+    fn trips(system: &str, start: [f64; 2], scheme: &str, time: &str) -> Option<usize> {
+        let [q, p] = start;
+        let text = format!(
+            "[system]\nmass = [1.0]\n{system}\n[initial]\nposition = [{q:?}]\nmomentum = [{p:?}]\n\
+             [scheme]\nkind = \"low-order\"\n{scheme}\n[time]\n{time}\n"
+        );
+        let scenario = Scenario::from_document(Document::new("test.toml", Path::new(""), &text)).unwrap();
+        let mut simulation = Simulation::new(&scenario, Precision::F64).unwrap();
+        let mut state = GridState { position: vec![0.0], momentum: vec![0.0], ..GridState::default() };
+        simulation.read(&mut state);
+        let mut guard = EnergyGuard::new(&scenario, &state);
+        (0..scenario.time.steps).find(|_| {
+            simulation.step(&[]).unwrap();
+            simulation.read(&mut state);
+            guard.take(&[], &state).is_some()
+        })
+    }
+
+    #[test]
+    fn a_step_that_is_too_long_away_from_the_start_is_caught() {
+        // At q = 3 the spring pushes outwards, at the bottom h ω = 3.2.
+        let pendulum = "potential = \"1000*(1-cos(q0))\"";
+        assert!(trips(pendulum, [3.0, 0.0], "kappa = 0.0", "step = 0.1\nsteps = 3000").is_some());
+        assert_eq!(trips(pendulum, [3.0, 0.0], "kappa = 0.0", "step = 0.01\nsteps = 3000"), None);
+    }
+
+    #[test]
+    fn masses_from_files_are_watched_like_rows() {
+        let place = tempfile::tempdir().unwrap();
+        let entries = "1 1 1.0\n2 1 0.2\n2 2 1.0\n";
+        let file = format!("%%MatrixMarket matrix coordinate real symmetric\n2 2 3\n{entries}");
+        std::fs::write(place.path().join("mass.mtx"), file).unwrap();
+        let steps = |mass: &str, system: &str, start: &str, step: f64, every: usize| {
+            let text = format!(
+                "[system]\nmass = {mass}\n{system}\n[initial]\nposition = {start}\nmomentum = [0.0, 0.0]\n[scheme]\nkind = \"low-order\"\n\
+                 kappa = 0.0\n[time]\nstep = {step}\nsteps = 3000\n[output]\nevery = {every}\n"
+            );
+            let document = Document::new("test.toml", place.path(), &text);
+            let scenario = Scenario::from_document(document).unwrap();
+            let mut motion = Motion::start(&scenario, Precision::F64).unwrap();
+            while !motion.is_done() {
+                if let Err(failure) = motion.advance() {
+                    assert!(failure.reason.contains("energy has risen"), "{}", failure.reason);
+                    break;
+                }
+            }
+            motion.steps()
+        };
+        let (rows, file) = ("[[1.0, 0.2], [0.2, 1.0]]", "\"mass.mtx\"");
+        let pendulums = "potential = \"1000*(2 - cos(q0) - cos(q1))\"";
+        // The energy may rise by some more before the lower bound of its kinetic part tells.
+        let (dense, sparse) =
+            (steps(rows, pendulums, "[3.0, 3.0]", 0.1, 1), steps(file, pendulums, "[3.0, 3.0]", 0.1, 700));
+        assert!(dense < 3000 && (dense..dense + 200).contains(&sparse), "{dense} {sparse}");
+        assert_eq!(steps(file, pendulums, "[3.0, 3.0]", 0.01, 700), 3000);
+        // A fall from where U = 0, and a resonance.
+        let well = "potential = \"q0^4 + q1^4 - 50*(q0^2 + q1^2)\"";
+        assert_eq!(steps(file, well, "[1e-9, 1e-9]", 0.01, 700), 3000);
+        let driven = "stiffness = \"mass.mtx\"\nforce = [\"sin(t)\", \"sin(t)\"]";
+        assert_eq!(steps(file, driven, "[0.0, 0.0]", 0.05, 700), 3000);
+    }
+
+    #[test]
+    fn energy_that_is_explained_is_let_pass() {
+        // Resonance, a fall from an unstable equilibrium where U = 0, a constant in U, a kick on a system at
+        // rest.
+        let half = "kappa = 0.5";
+        let time = "step = 0.05\nsteps = 4000";
+        let driven = "potential = \"0.5*q0^2\"\nforce = [\"sin(t)\"]";
+        assert_eq!(trips(driven, [0.0, 0.0], half, time), None);
+        assert_eq!(trips("potential = \"-0.5*q0^2\"", [1e-6, 0.0], half, "step = 0.05\nsteps = 600"), None);
+        assert_eq!(
+            trips("potential = \"q0^4 - 50*q0^2\"", [1e-9, 0.0], half, "step = 0.01\nsteps = 3000"),
+            None
+        );
+        assert_eq!(trips("potential = \"10 - 10*cos(q0) + 1e6\"", [1.0, 0.0], half, time), None);
+        let kicked = "potential = \"0.5*q0^2\"\nforce = [\"1e6*exp(-(100*(t-1.025))^2)\"]";
+        assert_eq!(trips(kicked, [0.0, 0.0], half, time), None);
+        // A stiff spring, every step a turn by nearly π.
+        assert_eq!(trips("potential = \"1e10*q0^2\"", [1.0, 0.0], half, time), None);
+        // What begins between the nodes of a step, and what is over before the next.
+        for force in ["step(t - 0.17)", "max(t - 0.17, 0)", "step(t - 0.17)*step(0.19 - t)"] {
+            let late = format!("potential = \"0.5*q0^2\"\nforce = [\"{force}\"]");
+            for kappa in ["kappa = 0.5", "kappa = 1.0", "kappa = 0.0"] {
+                assert_eq!(
+                    trips(&late, [0.0, 0.0], kappa, "step = 0.1\nsteps = 100"),
+                    None,
+                    "{force}, {kappa}"
+                );
+            }
+        }
+        // The memory of a Riemann–Liouville derivative pushes a system without a spring.
+        let pushed =
+            "[[system.damping]]\norder = 1.5\ncoefficient = [0.5]\nderivative = \"riemann-liouville\"";
+        assert_eq!(trips(pushed, [1.0, 0.0], half, "step = 0.01\nsteps = 2000"), None);
+    }
+}

@@ -1,0 +1,356 @@
+//! A run under way: the simulation with the scenario's input, its state, and what watches it.
+
+use crate::language::InputError;
+use crate::memory::Tables;
+use crate::scenario::Scenario;
+use crate::simulation::adaptive::{AdaptiveSteps, Counts, Progress};
+use crate::simulation::energy_guard::{EnergyGuard, Gathered};
+use crate::simulation::not_finite::{first_not_finite, reason, start};
+use crate::simulation::stretch::Stretch;
+use crate::simulation::{GridState, Precision, Simulation};
+use fvi_core::StateError;
+
+/// A scenario on its way from grid point to grid point.
+///
+/// The one loop body of all that runs scenarios: a stretch of steps with their sampled inputs, then a look at
+/// whether their states are finite, and one at their energies.
+pub struct Motion<'s> {
+    scenario: &'s Scenario,
+    simulation: Simulation,
+    guard: EnergyGuard,
+    /// What chooses the steps, where they are chosen on the way.
+    adaptive: Option<AdaptiveSteps<'s>>,
+    steps: usize,
+    /// The state after them.
+    state: GridState,
+    /// The states that were made last.
+    stretch: Stretch,
+    next: GridState,
+    /// Of the motions under load cases.
+    energies: Vec<f64>,
+}
+
+/// Why a motion ends before its time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Failure {
+    /// The step that failed, from 0: from t_step to t_{step+1}.
+    pub step: usize,
+    /// The time at its beginning.
+    pub time: f64,
+    /// Why.
+    pub reason: String,
+}
+
+impl<'s> Motion<'s> {
+    /// The scenario at t = 0.
+    ///
+    /// # Errors
+    /// If the simulation cannot be made, or its state or energy is not finite in its precision.
+    pub fn start(scenario: &'s Scenario, precision: Precision) -> Result<Self, InputError> {
+        Self::sharing(scenario, precision, &Tables::default())
+    }
+
+    /// As [`start`](Self::start), with the tables of its memories shared with other motions.
+    ///
+    /// # Errors
+    /// As [`start`](Self::start).
+    pub fn sharing(
+        scenario: &'s Scenario,
+        precision: Precision,
+        tables: &Tables,
+    ) -> Result<Self, InputError> {
+        let (simulation, state) = start(scenario, precision, tables)?;
+        let guard = EnergyGuard::new(scenario, &state);
+        let adaptive = AdaptiveSteps::new(scenario, precision, &state)?;
+        let mut energies = Vec::new();
+        simulation.read_energies(&mut energies);
+        // Steps are made together where nothing looks into them, and nothing else waits for each of them.
+        let one_by_one = adaptive.is_some()
+            || guard.asks_for_energies()
+            || scenario.is_looked_into()
+            || !scenario.cases.is_empty()
+            || scenario.system.own_terms.is_some();
+        let every = if adaptive.is_some() { 1 } else { simulation.energies_every(scenario) };
+        let mut stretch = Stretch::new(scenario.coordinates() * scenario.copies(), one_by_one, every);
+        stretch.push_state(&state, 0);
+        let next = state.clone();
+        Ok(Self { scenario, simulation, guard, adaptive, steps: 0, state, stretch, next, energies })
+    }
+
+    /// What watches it has gathered.
+    pub fn gathered(&self) -> Gathered {
+        self.guard.gathered()
+    }
+
+    /// The state as bytes.
+    ///
+    /// # Errors
+    /// [`StateError`] if a memory cannot be saved.
+    pub fn save(&self) -> Result<Vec<u8>, StateError> {
+        match &self.adaptive {
+            Some(adaptive) => adaptive.save(&self.simulation),
+            None => self.simulation.save(),
+        }
+    }
+
+    /// What steps that are chosen on the way need to go on.
+    pub fn chosen(&self) -> Option<Progress> {
+        self.adaptive.as_ref().map(|adaptive| adaptive.progress().clone())
+    }
+
+    /// What was made of attempts at steps, where they are chosen on the way.
+    pub fn counts(&self) -> Option<Counts> {
+        self.adaptive.as_ref().map(|adaptive| adaptive.progress().counts)
+    }
+
+    /// Goes on after so many steps with the state and what was gathered that another motion of the scenario
+    /// had then.
+    ///
+    /// # Errors
+    /// [`StateError`] if the bytes are no such state; the motion is of no use then.
+    pub fn go_on(
+        &mut self,
+        steps: usize,
+        state: &[u8],
+        gathered: Gathered,
+        chosen: Option<Progress>,
+    ) -> Result<(), StateError> {
+        self.simulation.restore(state)?;
+        self.simulation.read(&mut self.state);
+        self.simulation.read_energies(&mut self.energies);
+        if let (Some(adaptive), Some(chosen)) = (&mut self.adaptive, chosen) {
+            self.state.time = chosen.time();
+            adaptive.go_on(chosen);
+        }
+        self.steps = steps;
+        self.stretch.begin(steps);
+        self.stretch.push_state(&self.state, 0);
+        self.guard.go_on(gathered, &self.state);
+        Ok(())
+    }
+
+    /// Makes the next step; returns the iterations of Newton's method.
+    ///
+    /// # Errors
+    /// [`Failure`]. A step that could not be made leaves the motion as it was. One at whose end the energy
+    /// has grown without a cause has been made, and [`steps`](Self::steps) counts it.
+    pub fn advance(&mut self) -> Result<u32, Failure> {
+        self.advance_along(1)?;
+        Ok(self.stretch.iterations().iter().sum())
+    }
+
+    /// Makes some of the next steps, no more than `most`; [`stretch`](Self::stretch) has the states after
+    /// them.
+    ///
+    /// # Errors
+    /// [`Failure`] of the step behind the last state of the stretch; or of the step to that state, if the
+    /// energy has grown without a cause at its end.
+    pub fn advance_along(&mut self, most: usize) -> Result<(), Failure> {
+        let (before, begin) = (self.steps, self.state.time);
+        self.stretch.begin(before + 1);
+        let mut failure = self.make_steps(most).err();
+        if let Some((index, what)) = first_not_finite(&self.stretch, &mut self.next) {
+            self.stretch.truncate(index);
+            failure = Some(reason(what));
+        }
+        let mut failed = self.stretch.len();
+        let (input, on_grid) = (self.scenario.input.as_ref(), self.adaptive.is_none());
+        let input_over = |index: usize, time: f64| {
+            let held = input.and_then(|input| match on_grid {
+                true => input.at_step(before + index),
+                false => input.from_time(time),
+            });
+            held.unwrap_or(&[])
+        };
+        let grown = match self.guard.asks_for_energies() {
+            false => self.guard.take_along(&self.stretch, begin, input_over),
+            true if self.stretch.len() == 1 => {
+                self.stretch.read(0, &mut self.next);
+                let (simulation, room) = (&mut self.simulation, &mut self.state);
+                let energy = || {
+                    simulation.read(room);
+                    room.energy
+                };
+                let grown = self.guard.take_asking(input_over(0, begin), &self.next, energy);
+                grown.map(|grown| (0, grown))
+            }
+            true => None,
+        };
+        if let Some((index, grown)) = grown {
+            self.stretch.truncate(index + 1);
+            (failure, failed) = (Some(grown), index);
+        }
+        if let Some(last) = self.stretch.len().checked_sub(1) {
+            self.steps = before + self.stretch.len();
+            self.stretch.read(last, &mut self.state);
+        }
+        let Some(reason) = failure else { return Ok(()) };
+        let time = failed.checked_sub(1).map_or(begin, |index| self.stretch.times()[index]);
+        Err(Failure { step: before + failed, time, reason })
+    }
+
+    /// Makes steps and puts their states into the empty stretch; the error says why the one behind them could
+    /// not be made.
+    fn make_steps(&mut self, most: usize) -> Result<(), String> {
+        let Self { scenario, simulation, adaptive, stretch, next, .. } = self;
+        let left = scenario.time.steps.saturating_sub(self.steps);
+        match adaptive {
+            Some(_) if left == 0 => {
+                let steps = self.steps;
+                return Err(format!("more than {steps} steps; `time.tolerance` asks for too many"));
+            }
+            Some(adaptive) => {
+                let iterations = adaptive.advance(simulation, next)?;
+                stretch.push_state(next, iterations);
+            }
+            None => {
+                let steps = most.min(stretch.room()).min(left);
+                simulation.advance(scenario, steps, stretch).map_err(|error| error.to_string())?;
+            }
+        }
+        simulation.read_energies(&mut self.energies);
+        Ok(())
+    }
+
+    /// Whether the end has been reached.
+    pub fn is_done(&self) -> bool {
+        match &self.adaptive {
+            Some(adaptive) => adaptive.is_done(),
+            None => self.steps >= self.scenario.time.steps,
+        }
+    }
+
+    /// Brings the energy up to date with the state, where it was left out.
+    pub fn complete(&mut self) {
+        self.simulation.read(&mut self.next);
+        // A step to what is not finite has taken the simulation further than the motion; so has the second
+        // half of a pair.
+        if self.next.time == self.state.time {
+            self.state.energy = self.next.energy;
+            self.simulation.read_energies(&mut self.energies);
+        }
+    }
+
+    /// The states that were made last: the first at the beginning, then those after the steps made together.
+    pub fn stretch(&self) -> &Stretch {
+        &self.stretch
+    }
+
+    /// Shows a state in place of the last one of the [`stretch`](Self::stretch); the motion stays where it
+    /// is.
+    pub fn show(&mut self, state: &GridState) {
+        self.stretch.replace_last(state);
+    }
+
+    /// Steps made.
+    pub fn steps(&self) -> usize {
+        self.steps
+    }
+
+    /// The state after them.
+    pub fn state(&self) -> &GridState {
+        &self.state
+    }
+
+    /// The energies of the motions under load cases, of which the state's is the sum; none without cases.
+    pub fn energies(&self) -> &[f64] {
+        &self.energies
+    }
+
+    /// Writes the state at a time within the last step, by the scheme's own polynomial.
+    pub fn look_into(&mut self, time: f64, state: &mut GridState) {
+        self.simulation.look_into(time, state);
+    }
+
+    /// What moves.
+    pub fn simulation(&self) -> &Simulation {
+        &self.simulation
+    }
+
+    /// What the guard of the energy has to warn of.
+    pub fn warning(&self) -> Option<&str> {
+        self.guard.warning()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario::Scenario;
+    use serde_json::{Value, json};
+
+    fn scenario(system: Value, more: Value) -> Scenario {
+        let mut value = json!({
+            "system": system,
+            "initial": { "position": [2.0], "momentum": [0.3] },
+            "scheme": { "kind": "low-order", "kappa": 0.5 },
+            "time": { "step": 0.05, "steps": 300 },
+        });
+        let (all, more) = (value.as_object_mut().unwrap(), more.as_object().unwrap().clone());
+        all.extend(more);
+        Scenario::from_value(&value).unwrap()
+    }
+
+    /// Steps made, the state after them, and the iterations of the last.
+    type Stepped = (usize, GridState, u32);
+
+    /// All states of a motion, made `most` steps at a time, and how it ended.
+    fn states(scenario: &Scenario, most: usize) -> (Vec<Stepped>, Option<Failure>, Option<String>) {
+        let mut motion = Motion::start(scenario, Precision::F64).unwrap();
+        let mut states = Vec::new();
+        let mut state = motion.state().clone();
+        let mut failure = None;
+        while !motion.is_done() && failure.is_none() {
+            failure = motion.advance_along(most).err();
+            let stretch = motion.stretch();
+            for (index, &iterations) in stretch.iterations().iter().enumerate() {
+                stretch.read(index, &mut state);
+                states.push((stretch.first() + index, state.clone(), iterations));
+            }
+            assert_eq!(states.last().map_or(0, |last| last.0), motion.steps());
+            assert!(states.last().is_none_or(|last| last.1 == *motion.state()));
+        }
+        (states, failure, motion.warning().map(str::to_owned))
+    }
+
+    #[test]
+    fn steps_made_together_are_those_made_one_by_one() {
+        let damping = json!([{ "order": 0.5, "coefficient": [0.3] }]);
+        let pendulum = json!({ "mass": [1.7], "potential": "9*(1 - cos(q0))", "damping": damping });
+        let driven = json!({ "mass": [1.7], "potential": "q0^2", "force": ["sin(t)"], "damping": damping });
+        let matrix = json!({ "mass": [[1.7]], "potential": "q0^2 + q0^4" });
+        // To where the potential is no number, 1.4 s away.
+        let edge = json!({ "mass": [1.0], "potential": "-3*q0 + 0*sqrt(9 - q0)" });
+        // At the top the spring pushes outwards, at the bottom the step is too long.
+        let growing = json!({ "mass": [1.0], "potential": "1000*(1 - cos(q0))" });
+        let long = |reaction: &str| {
+            json!({
+                "initial": { "position": [3.0], "momentum": [0.0] },
+                "scheme": { "kind": "low-order", "kappa": 0.0 },
+                "time": { "step": 0.1, "steps": 3000, "energy_guard": reaction },
+            })
+        };
+        let input = json!({ "input": { "period": 0.35, "samples": [1.0, -2.0, 0.5] } });
+        let mean = json!({ "convolution": { "order": 1, "at": "main-nodes" }, "output": { "every": 7 } });
+        let cases = [
+            (scenario(pendulum.clone(), json!({})), None),
+            (scenario(pendulum.clone(), mean), None),
+            (scenario(pendulum, input), None),
+            (scenario(driven, json!({})), None),
+            (scenario(matrix, json!({})), None),
+            (scenario(edge, json!({})), Some("finite")),
+            (scenario(growing.clone(), long("stop")), Some("the energy has risen")),
+            (scenario(growing, long("warn")), None),
+        ];
+        for (scenario, ending) in cases {
+            let one_by_one = states(&scenario, 1);
+            assert_eq!(one_by_one.1.as_ref().map(|failure| failure.step > 3), ending.map(|_| true));
+            if let (Some(failure), Some(ending)) = (&one_by_one.1, ending) {
+                assert!(failure.reason.contains(ending), "{failure:?}");
+            }
+            for most in [2, 17, usize::MAX] {
+                assert_eq!(states(&scenario, most), one_by_one, "{most}");
+            }
+        }
+    }
+}

@@ -1,0 +1,239 @@
+//! States after consecutive steps, kept so that looks go along them.
+
+use super::GridState;
+
+/// Most steps that are made before anyone looks at their states.
+const STEPS: usize = 64;
+
+/// Numbers of positions that a stretch holds at most: what is looked at is still in the fastest cache.
+const NUMBERS: usize = 1024;
+
+/// States after consecutive steps: times, energies and every coordinate by themselves, step after step.
+///
+/// A run makes the steps of a stretch and then looks at all of its states, which costs less than to look
+/// after every step: each look goes along one column.
+#[derive(Clone, Debug)]
+pub struct Stretch {
+    /// Steps that there is room for.
+    room: usize,
+    /// States that there are.
+    len: usize,
+    /// Steps made until the first of them.
+    first: usize,
+    times: Vec<f64>,
+    energies: Vec<f64>,
+    /// One column of `room` numbers behind the other.
+    positions: Vec<f64>,
+    momenta: Vec<f64>,
+    iterations: Vec<u32>,
+    /// Energies are those of the states after multiples of so many steps.
+    energies_every: usize,
+}
+
+impl Stretch {
+    /// Room for states of so many coordinates: for one where every step is looked at by itself, else for
+    /// many. The energies of those after multiples of `energies_every` steps will be known.
+    pub fn new(coordinates: usize, one_by_one: bool, energies_every: usize) -> Self {
+        let room = if one_by_one { 1 } else { (NUMBERS / coordinates.max(1)).clamp(1, STEPS) };
+        let column = || vec![0.0; room];
+        let columns = || vec![0.0; room * coordinates];
+        Self {
+            room,
+            len: 0,
+            first: 0,
+            times: column(),
+            energies: column(),
+            positions: columns(),
+            momenta: columns(),
+            iterations: vec![0; room],
+            energies_every,
+        }
+    }
+
+    /// Steps that there is room for.
+    pub(crate) fn room(&self) -> usize {
+        self.room
+    }
+
+    /// Empties it for states of which the first is that after so many steps.
+    pub fn begin(&mut self, first: usize) {
+        (self.first, self.len) = (first, 0);
+    }
+
+    /// Leaves the first so many states.
+    pub(crate) fn truncate(&mut self, len: usize) {
+        self.len = self.len.min(len);
+    }
+
+    /// Takes a state; one beyond the room is left out.
+    #[inline(always)]
+    pub(crate) fn push(
+        &mut self,
+        (time, energy): (f64, f64),
+        position: impl Iterator<Item = f64>,
+        momentum: impl Iterator<Item = f64>,
+        iterations: u32,
+    ) {
+        let (index, room) = (self.len, self.room);
+        let columns = self.times.get_mut(index).zip(self.energies.get_mut(index));
+        let (Some((time_place, energy_place)), Some(iterations_place)) =
+            (columns, self.iterations.get_mut(index))
+        else {
+            return;
+        };
+        (*time_place, *energy_place, *iterations_place) = (time, energy, iterations);
+        put(&mut self.positions, (index, room), position);
+        put(&mut self.momenta, (index, room), momentum);
+        self.len += 1;
+    }
+
+    /// Takes a state.
+    pub fn push_state(&mut self, state: &GridState, iterations: u32) {
+        let (position, momentum) = (state.position.iter().copied(), state.momentum.iter().copied());
+        self.push((state.time, state.energy), position, momentum, iterations);
+    }
+
+    /// Shows a state in place of the last one.
+    pub(crate) fn replace_last(&mut self, state: &GridState) {
+        let Some(last) = self.len.checked_sub(1) else { return };
+        self.len = last;
+        self.push_state(state, self.iterations[last]);
+    }
+
+    /// How many states there are.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Steps made until the first state.
+    pub fn first(&self) -> usize {
+        self.first
+    }
+
+    /// The states after a multiple of so many steps, by their indices.
+    pub fn multiples(&self, every: usize) -> impl Iterator<Item = usize> + use<> {
+        let every = every.max(1);
+        let next = match self.first % every {
+            0 => 0,
+            past => every - past,
+        };
+        (next..self.len).step_by(every)
+    }
+
+    /// t.
+    pub fn times(&self) -> &[f64] {
+        &self.times[..self.len]
+    }
+
+    /// E; where it was left out, an earlier one.
+    pub fn energies(&self) -> &[f64] {
+        &self.energies[..self.len]
+    }
+
+    /// The states whose energy is known, and takes part in pictures and largest values; `None`: all of them.
+    /// The last state of a run may have one and not be among these: a run that is carried further has none
+    /// there.
+    pub fn with_energy(&self) -> Option<impl Iterator<Item = usize> + use<>> {
+        (self.energies_every > 1).then(|| self.multiples(self.energies_every))
+    }
+
+    /// Whether the last state is none of those [`with_energy`](Self::with_energy).
+    pub fn lacks_last_energy(&self) -> bool {
+        self.with_energy().is_some_and(|known| known.last() != self.len.checked_sub(1))
+    }
+
+    /// Each coordinate of q.
+    pub fn positions(&self) -> impl Iterator<Item = &[f64]> {
+        self.positions.chunks_exact(self.room).map(|column| &column[..self.len])
+    }
+
+    /// Each coordinate of p.
+    pub fn momenta(&self) -> impl Iterator<Item = &[f64]> {
+        self.momenta.chunks_exact(self.room).map(|column| &column[..self.len])
+    }
+
+    /// A coordinate of q.
+    pub fn position(&self, coordinate: usize) -> &[f64] {
+        &self.positions[coordinate * self.room..][..self.len]
+    }
+
+    /// A coordinate of p.
+    pub fn momentum(&self, coordinate: usize) -> &[f64] {
+        &self.momenta[coordinate * self.room..][..self.len]
+    }
+
+    /// Iterations of Newton's method in the step to each state.
+    pub fn iterations(&self) -> &[u32] {
+        &self.iterations[..self.len]
+    }
+
+    /// All columns, the energies to be written: (q, p, E), the coordinates each [`room`](Self::room) numbers
+    /// apart.
+    pub(crate) fn with_energies_mut(&mut self) -> (&[f64], &[f64], &mut [f64]) {
+        (&self.positions, &self.momenta, &mut self.energies[..self.len])
+    }
+
+    /// Writes a state, whose vectors have one place for each coordinate.
+    pub fn read(&self, index: usize, state: &mut GridState) {
+        state.time = self.times[index];
+        state.energy = self.energies[index];
+        state.position.iter_mut().zip(self.positions()).for_each(|(place, column)| *place = column[index]);
+        state.momentum.iter_mut().zip(self.momenta()).for_each(|(place, column)| *place = column[index]);
+    }
+}
+
+/// Puts numbers to places that lie `stride` apart.
+#[inline(always)]
+fn put(places: &mut [f64], (first, stride): (usize, usize), numbers: impl Iterator<Item = f64>) {
+    let mut next = first;
+    for number in numbers {
+        let Some(place) = places.get_mut(next) else { return };
+        *place = number;
+        next += stride;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn states_come_back_as_they_were() {
+        let state = |index: usize| {
+            let x = index as f64;
+            GridState { time: x, position: vec![x, -x], momentum: vec![0.5 * x, 7.0], energy: x * x }
+        };
+        let mut stretch = Stretch::new(2, false, 1);
+        stretch.begin(10);
+        (10..15).for_each(|index| stretch.push_state(&state(index), 3));
+        let mut found = state(0);
+        for index in 0..5 {
+            stretch.read(index, &mut found);
+            assert_eq!(found, state(10 + index));
+        }
+        assert_eq!(
+            (stretch.position(1), stretch.iterations()),
+            (&[-10.0, -11.0, -12.0, -13.0, -14.0][..], &[3; 5][..])
+        );
+        assert_eq!(stretch.multiples(4).collect::<Vec<_>>(), [2]);
+        assert_eq!(stretch.multiples(1).count(), 5);
+        stretch.replace_last(&state(3));
+        stretch.read(4, &mut found);
+        assert_eq!(found, state(3));
+        stretch.truncate(2);
+        assert_eq!((stretch.len(), stretch.energies()), (2, &[100.0, 121.0][..]));
+    }
+
+    #[test]
+    fn large_states_are_looked_at_one_by_one() {
+        assert_eq!(Stretch::new(1, false, 1).room(), STEPS);
+        assert_eq!(Stretch::new(64, false, 1).room(), 16);
+        assert_eq!(Stretch::new(5000, false, 1).room(), 1);
+        assert_eq!(Stretch::new(1, true, 1).room(), 1);
+    }
+}
