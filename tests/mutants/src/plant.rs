@@ -1,0 +1,351 @@
+//! Rewrites sources so that one program holds all mutants, of which an environment variable chooses one.
+//!
+//! `a + b` becomes
+//! `match (a, b) { (x, y) => if original { x + y } else if … { x - y } else { x * y } }`: operands are evaluated
+//! once and in their order, so that sites nest without growing. Constants, and calls of constant functions from
+//! there, which the compiler computes, stay as they are.
+
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::fs;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use proc_macro2::Span;
+use syn::spanned::Spanned;
+use syn::visit::{self, Visit};
+use syn::{BinOp, Expr, UnOp};
+
+use crate::mutant::{Mutant, Place};
+
+/// Where code is rewritten, by bytes.
+struct Site {
+    /// Empty where something is put in between.
+    range: Range<usize>,
+    kind: Kind,
+    /// Positions of its mutants in the list.
+    mutants: Vec<usize>,
+}
+
+enum Kind {
+    Body,
+    Arm,
+    Guard,
+    Unary { operator: String, operand: Range<usize> },
+    Binary { left: Range<usize>, operator: String, right: Range<usize> },
+}
+
+impl Kind {
+    /// Of sites that begin together, the outermost comes first.
+    fn rank(&self) -> u8 {
+        match self {
+            Self::Body | Self::Arm => 0,
+            Self::Guard => 1,
+            Self::Unary { .. } | Self::Binary { .. } => 2,
+        }
+    }
+}
+
+struct Finder<'m> {
+    wanted: HashMap<(&'m str, Place), Vec<usize>>,
+    sites: Vec<Site>,
+}
+
+fn place(span: Span) -> Place {
+    (span.start().line, span.start().column + 1)
+}
+
+impl<'m> Finder<'m> {
+    fn add(&mut self, genre: &'m str, at: Span, range: Range<usize>, kind: Kind) {
+        if let Some(mutants) = self.wanted.remove(&(genre, place(at))) {
+            self.sites.push(Site { range, kind, mutants });
+        }
+    }
+
+    fn body(&mut self, block: &syn::Block) {
+        if let Some(first) = block.stmts.first() {
+            let start = first.span().byte_range().start;
+            self.add("FnValue", first.span(), start..start, Kind::Body);
+        }
+    }
+}
+
+/// Is this a condition, or a part of one, that binds names?
+fn binds(expression: &Expr) -> bool {
+    match expression {
+        Expr::Let(_) => true,
+        Expr::Binary(pair) => binds(&pair.left) || binds(&pair.right),
+        _ => false,
+    }
+}
+
+impl<'a> Visit<'a> for Finder<'_> {
+    fn visit_item_const(&mut self, _: &'a syn::ItemConst) {}
+    fn visit_impl_item_const(&mut self, _: &'a syn::ImplItemConst) {}
+    fn visit_trait_item_const(&mut self, _: &'a syn::TraitItemConst) {}
+    fn visit_item_static(&mut self, _: &'a syn::ItemStatic) {}
+    fn visit_expr_const(&mut self, _: &'a syn::ExprConst) {}
+    fn visit_type(&mut self, _: &'a syn::Type) {}
+    fn visit_generic_argument(&mut self, _: &'a syn::GenericArgument) {}
+    fn visit_pat(&mut self, _: &'a syn::Pat) {}
+
+    fn visit_expr_repeat(&mut self, repeat: &'a syn::ExprRepeat) {
+        self.visit_expr(&repeat.expr);
+    }
+
+    fn visit_item_fn(&mut self, item: &'a syn::ItemFn) {
+        self.body(&item.block);
+        visit::visit_item_fn(self, item);
+    }
+
+    fn visit_impl_item_fn(&mut self, item: &'a syn::ImplItemFn) {
+        self.body(&item.block);
+        visit::visit_impl_item_fn(self, item);
+    }
+
+    fn visit_trait_item_fn(&mut self, item: &'a syn::TraitItemFn) {
+        if let Some(block) = &item.default {
+            self.body(block);
+        }
+        visit::visit_trait_item_fn(self, item);
+    }
+
+    fn visit_arm(&mut self, arm: &'a syn::Arm) {
+        let end = arm.pat.span().byte_range().end;
+        self.add("MatchArm", arm.span(), end..end, Kind::Arm);
+        if let Some((_, guard)) = arm.guard.as_ref().filter(|(_, guard)| !binds(guard)) {
+            self.add("MatchArmGuard", guard.span(), guard.span().byte_range(), Kind::Guard);
+        }
+        visit::visit_arm(self, arm);
+    }
+
+    fn visit_expr_unary(&mut self, unary: &'a syn::ExprUnary) {
+        let operator = match unary.op {
+            UnOp::Neg(_) => "-",
+            _ => "!",
+        };
+        let kind = Kind::Unary { operator: operator.to_owned(), operand: unary.expr.span().byte_range() };
+        self.add("UnaryOperator", unary.op.span(), unary.span().byte_range(), kind);
+        visit::visit_expr_unary(self, unary);
+    }
+
+    fn visit_expr_binary(&mut self, pair: &'a syn::ExprBinary) {
+        let range = pair.span().byte_range();
+        let [left, right] = [&pair.left, &pair.right].map(|side| side.span().byte_range());
+        let operator = pair.op.span().source_text().unwrap_or_default();
+        if !matches!(pair.op, BinOp::And(_) | BinOp::Or(_)) || !(binds(&pair.left) || binds(&pair.right)) {
+            let kind = Kind::Binary { left, operator, right };
+            self.add("BinaryOperator", pair.op.span(), range, kind);
+        }
+        visit::visit_expr_binary(self, pair);
+    }
+}
+
+/// A source file, what is rewritten there, and the numbers that its mutants get.
+struct Rewriting<'m> {
+    text: &'m str,
+    sites: &'m [Site],
+    mutants: &'m [Mutant],
+    /// Position in the list by number less one; the numbers of one site follow each other.
+    numbers: &'m mut Vec<usize>,
+}
+
+impl Rewriting<'_> {
+    /// The text of a range, with the sites in it from number `from` on.
+    fn render(&mut self, range: Range<usize>, from: usize) -> String {
+        let (mut out, mut at) = (String::new(), range.start);
+        for number in from..self.sites.len() {
+            let site = &self.sites[number].range;
+            if site.start >= at && site.end <= range.end {
+                out.push_str(&self.text[at..site.start]);
+                at = site.end;
+                out.push_str(&self.site(number));
+            }
+        }
+        out.push_str(&self.text[at..range.end]);
+        out
+    }
+
+    fn site(&mut self, number: usize) -> String {
+        let Site { range, kind, mutants } = &self.sites[number];
+        let (mutants, inside) = (mutants.clone(), number + 1);
+        let (first, count) = (self.numbers.len() + 1, mutants.len());
+        self.numbers.extend(&mutants);
+        let original = format!("crate::__mutants::original({first}, {count})");
+        let replacement = |of: usize| self.mutants[mutants[of]].replacement.clone();
+        let chosen = |of: usize| format!("crate::__mutants::chosen({})", first + of);
+        // Each mutant has a line of its own, by which it is found where the compiler refuses it.
+        let either = |this: &str, others: Vec<String>| {
+            let mut text = format!("if {original} {{ {this} }}\n");
+            for (of, other) in others.iter().enumerate() {
+                if of + 1 < count {
+                    text += &format!("else if {} {{ {other} }}\n", chosen(of));
+                } else {
+                    text += &format!("else {{ /* {} */ {other} }}\n", chosen(of));
+                }
+            }
+            text
+        };
+        match kind {
+            Kind::Body => {
+                let replaced =
+                    (0..count).map(|of| format!("\nif {} {{ return {} }}", chosen(of), replacement(of)));
+                format!("if !{original} {{ {}\n }}\n", replaced.collect::<String>())
+            }
+            Kind::Arm => format!(" if {original}"),
+            Kind::Guard => {
+                let others = (0..count).map(replacement).collect();
+                let this = self.render(range.clone(), inside);
+                format!("({})", either(&this, others))
+            }
+            Kind::Unary { operator, operand } => {
+                let operand = self.render(operand.clone(), inside);
+                let choice = either(&format!("{operator}__x"), vec!["__x".to_owned()]);
+                format!("(match ({operand}) {{ __x => {choice} }})")
+            }
+            Kind::Binary { left, operator, right } => {
+                let others: Vec<String> = (0..count).map(replacement).collect();
+                let [left, right] = [left, right].map(|side| self.render(side.clone(), inside));
+                let with = |left: &str, right: &str| {
+                    let this = format!("{left} {operator} {right}");
+                    either(&this, others.iter().map(|other| format!("{left} {other} {right}")).collect())
+                };
+                match operator.as_str() {
+                    "&&" => {
+                        format!(
+                            "(match ({left}) {{ __x => if __x == {original} {{ {right} }} else {{ __x }} }})"
+                        )
+                    }
+                    "||" => {
+                        format!(
+                            "(match ({left}) {{ __x => if __x != {original} {{ {right} }} else {{ __x }} }})"
+                        )
+                    }
+                    "==" | "!=" | "<" | ">" | "<=" | ">=" => {
+                        format!(
+                            "(match (&({left}), &({right})) {{ (__x, __y) => {} }})",
+                            with("*__x", "*__y")
+                        )
+                    }
+                    assigning if assigning.ends_with('=') => {
+                        let choice = with("*__x", "__y");
+                        format!("(match ({right}) {{ __y => match &mut ({left}) {{ __x => {choice} }} }})")
+                    }
+                    _ => format!("(match ({left}, {right}) {{ (__x, __y) => {} }})", with("__x", "__y")),
+                }
+            }
+        }
+    }
+}
+
+/// A tree of sources, and its copy.
+pub struct Tree {
+    pub sources: PathBuf,
+    pub copy: PathBuf,
+    /// All files of the tree.
+    pub files: Vec<String>,
+}
+
+/// Writes the copy, with mutants, and says which of them has which number, from one on. Those that are not in
+/// code that runs, or in a form that is not known here, have none.
+pub fn plant(tree: &Tree, mutants: &[Mutant], refused: &BTreeSet<usize>) -> Vec<usize> {
+    let mut numbers = Vec::new();
+    let changed: BTreeSet<&str> = mutants.iter().map(|mutant| mutant.file.as_str()).collect();
+    let mut texts: BTreeMap<String, String> = BTreeMap::new();
+    for &file in &changed {
+        let text = fs::read_to_string(tree.sources.join(file)).expect("a source file");
+        let mut wanted: HashMap<(&str, Place), Vec<usize>> = HashMap::new();
+        for (at, mutant) in mutants.iter().enumerate() {
+            // A `return` of another type would not be of the opaque one.
+            let opaque = mutant.genre == "FnValue" && mutant.returns.contains("impl ");
+            if mutant.file == file && !opaque && !refused.contains(&at) {
+                wanted.entry((&mutant.genre, mutant.start)).or_default().push(at);
+            }
+        }
+        let mut finder = Finder { wanted, sites: Vec::new() };
+        finder.visit_file(&syn::parse_file(&text).expect("a source file in Rust"));
+        let mut sites = finder.sites;
+        sites.sort_by_key(|site| (site.range.start, site.kind.rank(), usize::MAX - site.range.end));
+        let mut rewriting = Rewriting { text: &text, sites: &sites, mutants, numbers: &mut numbers };
+        texts.insert(file.to_owned(), rewriting.render(0..text.len(), 0));
+    }
+    let crates: BTreeSet<&str> = changed.iter().filter_map(|file| file.split('/').next()).collect();
+    for name in crates {
+        let root = format!("{name}/src/lib.rs");
+        let read = || fs::read_to_string(tree.sources.join(&root)).expect("the root of a crate");
+        let text = texts.remove(&root).unwrap_or_else(read).replace("#![forbid(unsafe_code)]", "");
+        let switch = SWITCH.replace("COUNT", &(numbers.len() + 1).to_string());
+        texts.insert(root, format!("{HEAD}{text}{switch}"));
+    }
+    for file in &tree.files {
+        match texts.get(file) {
+            Some(text) => write(&tree.copy.join(file), text.as_bytes()),
+            // Listed, but removed.
+            None => {
+                fs::read(tree.sources.join(file)).map_or((), |bytes| write(&tree.copy.join(file), &bytes))
+            }
+        }
+    }
+    numbers
+}
+
+/// What has not changed is left alone, so that it is not compiled again.
+fn write(path: &Path, bytes: &[u8]) {
+    if fs::read(path).ok().as_deref() != Some(bytes) {
+        fs::create_dir_all(path.parent().expect("a folder")).expect("a copy that can be written");
+        fs::write(path, bytes).expect("a copy that can be written");
+    }
+}
+
+const HEAD: &str = "#![feature(core_intrinsics, const_eval_select)]\n#![allow(internal_features)]\n";
+
+/// Which mutant runs, or that sites write down that they were reached.
+const SWITCH: &str = r#"
+#[doc(hidden)]
+#[allow(missing_docs)]
+pub mod __mutants {
+    extern crate std;
+    use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
+
+    const UNKNOWN: u32 = u32::MAX;
+    const RECORDS: u32 = u32::MAX - 1;
+    static ACTIVE: AtomicU32 = AtomicU32::new(UNKNOWN);
+    static SEEN: [AtomicBool; COUNT] = [const { AtomicBool::new(false) }; COUNT];
+
+    #[inline(always)]
+    pub const fn original(first: u32, count: u32) -> bool {
+        core::intrinsics::const_eval_select((first, count), compiled, running)
+    }
+
+    #[inline(always)]
+    pub const fn chosen(number: u32) -> bool {
+        !original(number, 1)
+    }
+
+    const fn compiled(_: u32, _: u32) -> bool {
+        true
+    }
+
+    #[inline(always)]
+    fn running(first: u32, count: u32) -> bool {
+        let active = ACTIVE.load(Relaxed);
+        if active < RECORDS { active.wrapping_sub(first) >= count } else { slow(first, count) }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn slow(first: u32, count: u32) -> bool {
+        if ACTIVE.load(Relaxed) == UNKNOWN {
+            let number = std::env::var("MUTANT").ok().and_then(|number| number.parse().ok()).unwrap_or(0);
+            ACTIVE.store(if std::env::var_os("MUTANTS_RECORD").is_some() { RECORDS } else { number }, Relaxed);
+            return running(first, count);
+        }
+        if !SEEN[first as usize].load(Relaxed) && !SEEN[first as usize].swap(true, Relaxed) {
+            use std::io::Write;
+            let path = std::env::var_os("MUTANTS_RECORD").unwrap_or_default();
+            let file = std::fs::OpenOptions::new().append(true).create(true).open(path);
+            let _ = file.and_then(|mut file| file.write_all(std::format!("{first}\n").as_bytes()));
+        }
+        true
+    }
+}
+"#;
