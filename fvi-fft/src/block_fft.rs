@@ -63,6 +63,9 @@ const RATIO: usize = 8;
 /// A level is the top if the whole run has at most this many of its blocks.
 const TOP_BLOCKS: usize = 32;
 
+/// Runs up to this length have the same levels, and so the same bits, however long they are.
+const SHORT_RUN: usize = FIRST_BLOCK * RATIO * TOP_BLOCKS;
+
 impl<T: Scalar> BlockFft<T> {
     /// A memory for at most `capacity` samples; all spectra are computed here.
     ///
@@ -75,7 +78,7 @@ impl<T: Scalar> BlockFft<T> {
     ) -> Result<Self, ParameterError> {
         let stages = check_shape(&kernel, channels)?;
         let unit = Arch::new();
-        let cover = Cover::for_run(FIRST_BLOCK, RATIO, TOP_BLOCKS, capacity);
+        let cover = Cover::for_run(FIRST_BLOCK, RATIO, TOP_BLOCKS, capacity.max(SHORT_RUN));
         let planes = take_planes(&mut kernel, capacity.max(2 * cover.block(0)));
         let mut scratch = Vec::new();
         let shape = LevelShape { block: 0, leaf: LEAF, stages, channels, reach: 0, outputs: 1 };

@@ -110,10 +110,13 @@ pub enum EngineError {
     },
 }
 
-/// Number of samples up to which the plain sum serves by default.
-///
-/// So long a run spends tens of milliseconds in the sum, about as much as making a table of exponentials
-/// takes; step for step the fast engines are ahead much earlier (`fvi compare-engines`).
+/// Number of samples up to which the plain sum serves by default: its cost is that of the whole history at
+/// each step, but it needs no transforms.
+const PLAIN: usize = 256;
+
+/// Number of samples up to which transforms in blocks serve by default. Step for step a sum of exponentials
+/// costs half of them (`fvi compare-engines`), but its table takes tens of milliseconds, twice as long as
+/// all the steps of so short a run.
 const CROSSOVER: usize = 16_384;
 
 /// Channels up to which that holds, and numbers of a history that are few at any number of channels: with
@@ -224,8 +227,11 @@ impl MemoryRequest<'_> {
         }
         let channels = self.channels_of_one();
         let few = channels <= FEW || self.planned().saturating_mul(channels) <= SMALL;
-        if (self.planned() <= CROSSOVER && few) || self.history.capacity.is_some() {
+        if (self.planned() <= PLAIN && few) || self.history.capacity.is_some() {
             return self.memory(Engine::Direct, tables);
+        }
+        if self.planned() <= CROSSOVER && few {
+            return self.memory(Engine::BlockFft, tables);
         }
         match self.memory(Engine::ExponentialSum, tables) {
             Err(EngineError::Table(_)) => self.memory(Engine::BlockFft, tables),
@@ -630,6 +636,38 @@ mod tests {
             memory.push(&[0.0, 0.0]).unwrap();
         }
         assert_eq!(memory.next_term(&mut [0.0; 2]), Err(MemoryError::Full { capacity: 6 }));
+    }
+
+    #[test]
+    fn the_number_of_samples_and_channels_chooses_the_engine() {
+        let (convolution, history) = (first_order(), History::default());
+        for (samples, coordinates, engine) in [
+            (256, 2, Engine::Direct),
+            (257, 2, Engine::BlockFft),
+            (16_384, 64, Engine::BlockFft),
+            (16_385, 2, Engine::ExponentialSum),
+            (16_384, 65, Engine::ExponentialSum),
+        ] {
+            let request = MemoryRequest { samples, coordinates, ..request(&convolution, &history) };
+            assert_eq!(request.build::<f64>().unwrap().engine(), engine, "{samples} × {coordinates}");
+        }
+    }
+
+    #[test]
+    fn runs_that_are_no_longer_than_the_transforms_have_one_history() {
+        let (convolution, history) = (first_order(), History::default());
+        let build =
+            |samples| MemoryRequest { samples, ..request(&convolution, &history) }.build::<f64>().unwrap();
+        let (mut short, mut long) = (build(1500), build(16_384));
+        let (mut found, mut expected) = ([f64::NAN; 2], [f64::NAN; 2]);
+        for k in 0..1500_u16 {
+            short.next_term(&mut found).unwrap();
+            long.next_term(&mut expected).unwrap();
+            assert_eq!(found.map(f64::to_bits), expected.map(f64::to_bits), "k = {k}");
+            let sample = [(0.37 * f64::from(k)).sin(), 1.0 / (1.0 + f64::from(k))];
+            short.push(&sample).unwrap();
+            long.push(&sample).unwrap();
+        }
     }
 
     #[test]

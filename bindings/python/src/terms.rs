@@ -4,7 +4,6 @@ use crate::errors::{Failure, Outcome};
 use fvi_host::language::expression::Moment;
 use fvi_host::scenario::OwnTerms;
 use numpy::{PyArray1, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
-use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyFloat, PyList, PyTuple};
@@ -242,12 +241,13 @@ fn numbers(name: &str, returned: &Bound<'_, PyAny>, count: usize, to: &mut Vec<f
     }
     to.clear();
     let py = returned.py();
-    let array = match returned.cast::<PyArrayDyn<f64>>() {
+    // Subclasses may mean something else by the same bytes, such as numbers that are missing.
+    let array = match returned.cast_exact::<PyArrayDyn<f64>>() {
         Ok(array) => array.clone(),
         Err(_) => {
-            static ASARRAY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-            let asarray = ASARRAY.import(py, "numpy", "asarray")?;
-            asarray.call1((returned, intern!(py, "float64")))?.cast_into::<PyArrayDyn<f64>>()?
+            static REAL: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+            let real = REAL.import(py, "fvi._arrays", "returned")?;
+            real.call1((name, returned))?.cast_into::<PyArrayDyn<f64>>()?
         }
     };
     if array.len() != count || (count > 1 && array.ndim() == 0) {

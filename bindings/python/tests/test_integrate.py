@@ -251,6 +251,26 @@ def test_numbers_that_are_none_fail_the_step():
     assert caught.value.result.t[-1] == pytest.approx(2.0)
 
 
+@pytest.mark.parametrize(
+    "answer",
+    [[0.0j, 1.0 + 0.5j], np.array([0.0, 1.0j]), np.ma.masked_array([0.0, 1.0], [False, True])],
+    ids=["list of complex numbers", "complex array", "masked array"],
+)
+def test_no_part_of_what_a_function_returns_is_dropped(answer):
+    with pytest.raises(fvi.InputError, match=r"^force.*(complex128|masked)") as caught:
+        fvi.integrate(stiffness=STIFFNESS, force=lambda t: answer, **COMMON)
+    assert caught.value.key == "force"
+
+
+def test_functions_may_return_numbers_of_other_kinds():
+    from fractions import Fraction
+
+    plain = fvi.integrate(stiffness=STIFFNESS, force=lambda t: [0.5, 2.0], **COMMON)
+    for answer in ([Fraction(1, 2), Fraction(2)], np.array([0.5, 2.0], dtype=np.float32), (0.5, 2), np.matrix([0.5, 2.0])):
+        other = fvi.integrate(stiffness=STIFFNESS, force=lambda t, answer=answer: answer, **COMMON)
+        assert np.array_equal(other.q, plain.q)
+
+
 def test_a_force_in_code_that_drives_is_no_growth_from_nothing():
     r = fvi.integrate(mass=[1.0], position=[0.0], stiffness=[1.0], force=lambda t: [50.0 * np.sin(t)], step=0.02, end=40.0)
     assert r.success and r.energy[-1] > 1e4

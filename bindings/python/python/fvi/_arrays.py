@@ -18,8 +18,7 @@ LARGEST = 2**63 - 1
 
 def numbers(name: str, given: Any) -> FloatArray:
     """An argument as an array of finite numbers in double precision, converted where it is something else."""
-    if isinstance(given, np.ma.MaskedArray) and np.ma.is_masked(given):
-        raise InputError(f"{name}: a masked array, in which numbers are missing; all are needed", name, "masked")
+    refuse_masked(name, given)
     array = np.asarray(given)
     if array.dtype.kind not in "fiub":
         described = "objects" if array.dtype.kind == "O" else f"values of type {array.dtype}"
@@ -31,6 +30,21 @@ def numbers(name: str, given: Any) -> FloatArray:
         subject = f"{name}[{', '.join(map(str, place))}]" if place else name
         raise InputError(f"{subject} = {value}: not allowed; allowed: a finite number", name, value)
     return array
+
+
+def refuse_masked(name: str, given: Any) -> None:
+    """Raises InputError for an array with numbers that are missing."""
+    if isinstance(given, np.ma.MaskedArray) and np.ma.is_masked(given):
+        raise InputError(f"{name}: a masked array, in which numbers are missing; all are needed", name, "masked")
+
+
+def returned(name: str, given: Any) -> FloatArray:
+    """What a user's function has returned, in double precision; numbers of other libraries are converted, NaN may be among them."""
+    refuse_masked(name, given)
+    array = np.asarray(given)
+    if array.dtype.kind not in "fiubO":
+        raise InputError(f"{name} has returned values of type {array.dtype}; real numbers are needed", name, str(array.dtype))
+    return np.asarray(array, dtype=np.float64)
 
 
 def several(name: str, given: Any, kinds: type | tuple[type, ...], wanted: str) -> Iterable[Any]:

@@ -2,7 +2,7 @@
 
 use crate::language::{Document, InputError};
 use crate::scenario::{
-    Convolution, ConvolutionFamily, DampedAt, Quadrature, ReportedMomentum, Scenario, Scheme,
+    Convolution, ConvolutionFamily, DampedAt, Engine, Quadrature, ReportedMomentum, Scenario, Scheme,
 };
 use std::path::Path;
 
@@ -21,26 +21,40 @@ macro_rules! repository {
     };
 }
 
+/// A problem with its history in plain sums, which have the same bits on every machine: what is on the pages
+/// can be compared number by number.
+fn on_plain_sums(document: Document) -> Result<Scenario, InputError> {
+    let mut scenario = Scenario::from_document(document)?;
+    scenario.history.choose(Engine::Direct);
+    Ok(scenario)
+}
+
+/// The same problem with the memory engine that `fvi run` takes by default.
+pub(super) fn on_default_engine(mut scenario: Scenario) -> Scenario {
+    scenario.history.engine = None;
+    scenario
+}
+
 /// q̈ + 0.2 q̇ + q = 0, q(0) = 1, q̇(0) = ½ as a fractional oscillator with α = ½, midpoint rule: \[JO\] eq.
 /// 67.
 pub(super) fn jo_oscillator() -> Result<Scenario, InputError> {
-    Scenario::from_document(repository!("damped-oscillator-jo.toml"))
+    on_plain_sums(repository!("damped-oscillator-jo.toml"))
 }
 
 /// q̈ + 0.2 q̇ + q = 0, q(0) = 0, q̇(0) = 1.2 on [0, 16] as a fractional oscillator with α = ½: \[HJO\] eq.
 /// 39.
 pub(super) fn hjo_oscillator() -> Result<Scenario, InputError> {
-    Scenario::from_document(repository!("damped-oscillator-hjo.toml"))
+    on_plain_sums(repository!("damped-oscillator-hjo.toml"))
 }
 
 /// The plate under a pulse on [0, 30], midpoint rule: \[JO\] eq. 68.
 pub(super) fn pulse_plate() -> Result<Scenario, InputError> {
-    Scenario::from_document(with_pulse_reference(repository!("bagley-torvik-pulse.toml")))
+    on_plain_sums(with_pulse_reference(repository!("bagley-torvik-pulse.toml")))
 }
 
 /// The same with Radau IIA quadrature, far more accurate than anything it is compared with.
 pub(super) fn accurate_pulse_plate() -> Result<Scenario, InputError> {
-    Scenario::from_document(with_pulse_reference(repository!("bagley-torvik-pulse-radau.toml")))
+    on_plain_sums(with_pulse_reference(repository!("bagley-torvik-pulse-radau.toml")))
 }
 
 fn with_pulse_reference(document: Document) -> Document {
@@ -49,17 +63,17 @@ fn with_pulse_reference(document: Document) -> Document {
 
 /// A pendulum on a viscoelastic hinge, released from 2 rad, on [0, 20].
 pub(super) fn pendulum() -> Result<Scenario, InputError> {
-    Scenario::from_document(repository!("pendulum.toml"))
+    on_plain_sums(repository!("pendulum.toml"))
 }
 
 /// q̈ + D^{1/2} q + q = f with the solution t³ on [0, 1]: \[HJO\] eq. 41a.
 pub(super) fn cube_plate() -> Result<Scenario, InputError> {
-    Scenario::from_document(repository!("bagley-torvik-cubic.toml"))
+    on_plain_sums(repository!("bagley-torvik-cubic.toml"))
 }
 
 /// q̈ + D^{3/2} q + q = f with the solution t^{5/2} on [0, 1]: \[HJO\] eq. 41b.
 pub(super) fn root_plate() -> Result<Scenario, InputError> {
-    Scenario::from_document(repository!("bagley-torvik-root.toml"))
+    on_plain_sums(repository!("bagley-torvik-root.toml"))
 }
 
 /// q̈ + ρ D^{3/2} q + q = f with the solution t^ν on [0, 1]; ρ = 0 switches the memory off.
@@ -87,7 +101,7 @@ pub(super) fn power_plate(power: f64, coefficient: f64) -> Result<Scenario, Inpu
         momentum = ["nu*t^(nu - 1)"]
         "#
     );
-    Scenario::from_document(Document::new("plate with the solution t^nu", Path::new(""), &text))
+    on_plain_sums(Document::new("plate with the solution t^nu", Path::new(""), &text))
 }
 
 /// The midpoint rule: the low-order scheme with κ = ½.

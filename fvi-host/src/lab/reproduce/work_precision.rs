@@ -4,7 +4,7 @@
 use super::error_curve::ErrorCurve;
 use super::methods::{Look, MAIN_NODES, Method, NODES, RUNGE_KUTTA};
 use super::motion::Motion;
-use super::problems::{cube_plate, on_grid, pendulum, pulse_plate};
+use super::problems::{cube_plate, on_default_engine, on_grid, pendulum, pulse_plate};
 use super::table::{Cell, Column, Format, Table};
 use super::{Exhibit, Findings, ReproduceError};
 use crate::lab::converge::{Grids, converge};
@@ -194,7 +194,7 @@ fn all_runs(measured: &[Measured]) -> Table {
 fn plate(stop: &AtomicBool) -> Result<Findings, ReproduceError> {
     let comparison = Comparison {
         title: "Plate under a pulse: error against work",
-        scenario: pulse_plate()?,
+        scenario: on_default_engine(pulse_plate()?),
         // The pulse ends at t = 1, a grid point on every level.
         intervals: 30,
         main_nodes: 8,
@@ -207,7 +207,7 @@ fn plate(stop: &AtomicBool) -> Result<Findings, ReproduceError> {
 fn cubic(stop: &AtomicBool) -> Result<Findings, ReproduceError> {
     let comparison = Comparison {
         title: "Solution t³: error against work",
-        scenario: cube_plate()?,
+        scenario: on_default_engine(cube_plate()?),
         intervals: 2,
         main_nodes: 12,
         stages: 9,
@@ -217,7 +217,7 @@ fn cubic(stop: &AtomicBool) -> Result<Findings, ReproduceError> {
 }
 
 fn swinging(stop: &AtomicBool) -> Result<Findings, ReproduceError> {
-    let (scenario, uncertainty) = with_fine_reference(pendulum()?, REFERENCE_STEPS, stop)?;
+    let (scenario, uncertainty) = with_fine_reference(on_default_engine(pendulum()?), REFERENCE_STEPS, stop)?;
     let comparison = Comparison {
         title: "Pendulum on a viscoelastic hinge: error against work",
         scenario,
