@@ -79,7 +79,7 @@ impl<T: Scalar> BlockFft<T> {
         let stages = check_shape(&kernel, channels)?;
         let unit = Arch::new();
         let cover = Cover::for_run(FIRST_BLOCK, RATIO, TOP_BLOCKS, capacity.max(SHORT_RUN));
-        let planes = take_planes(&mut kernel, capacity.max(2 * cover.block(0)));
+        let planes = take_planes(&mut kernel, cover.lags(capacity));
         let mut scratch = Vec::new();
         let shape = LevelShape { block: 0, leaf: LEAF, stages, channels, reach: 0, outputs: 1 };
         let levels = Level::for_run(&cover, capacity, &shape, &planes, &mut scratch, unit);

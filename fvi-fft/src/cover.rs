@@ -94,6 +94,14 @@ impl Cover {
         }
     }
 
+    /// Number of lags that the blocks of a run reach over. The last ones may lie beyond the run: they meet no
+    /// sample, but the spectra in which they are would have other last bits without them.
+    pub(crate) fn lags(&self, length: usize) -> usize {
+        let ends = (0..self.levels()).map(|level| (self.reach(level, length), self.block(level)));
+        let ends = ends.take_while(|&(reach, _)| reach >= 2).map(|(reach, block)| (reach + 1) * block);
+        ends.fold(length.max(2 * self.block(0)), usize::max)
+    }
+
     /// Adds the level above the last one of a growing cover.
     pub(crate) fn grow(&mut self) {
         if let Some(ratio) = self.beyond {
