@@ -3,44 +3,13 @@
 use core::fmt;
 
 use crate::coefficients::{Coefficients, Fixed};
-use crate::error::{MatrixError, ParameterError};
+use crate::damped_motion::{DampedMotion, DampingError, Derivative, Mismatch, Sample};
 use crate::kernel::Kernel;
 use crate::linear::add_multiple;
-use crate::memory::{ActsOn, Memory, MemoryError};
+use crate::memory::{Memory, MemoryError};
 use crate::real::Real;
-use crate::saving::{Shape, StateError, StateReader, StateWriter, header_bytes};
+use crate::saving::{StateError, StateReader, StateWriter};
 use crate::space::{Block, Space, vectors, vectors_mut};
-
-/// On what the fractional derivative acts.
-///
-/// The two types agree where the terms left out vanish (\[JO\] eq. 4). With q₀ ≠ 0 and 0 < β < 1 the
-/// Riemann–Liouville type has the force ρ q₀ t^{−β}/Γ(1−β), singular at t = 0.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Derivative {
-    /// On q itself.
-    RiemannLiouville,
-    /// On q − q₀ for 0 < β ≤ 1, on q − q₀ − v₀ t for 1 < β < 2, with v₀ = M⁻¹ p₀; on q itself for β = 0.
-    Caputo,
-}
-
-/// The sample to come, as far as it is known before the step is solved: R nodes of step k, at q_k + e_1, …,
-/// q_k + e_R and the times t_k + c_1 h, …, t_k + c_R h.
-///
-/// Vectors of R·N numbers have one node after another.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sample<'a, T> {
-    /// Main node q_k at the beginning of the step.
-    pub from: &'a [T],
-    /// q_k − X_{k−1,i}: how far the nodes of the sample before lie behind q_k, R·N numbers. Empty where they
-    /// end at q_k, as main nodes do.
-    pub behind: &'a [T],
-    /// t_k.
-    pub time: T,
-    /// h; zero for the first main node, to which no step leads.
-    pub length: T,
-    /// c_1, …, c_R.
-    pub fractions: &'a [T],
-}
 
 /// Damping with memory: anything between no damping and many terms.
 ///
@@ -131,105 +100,33 @@ pub trait Damping<T: Real, X: Space<T>> {
     }
 }
 
-/// Why a damping does not go with an integrator.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[non_exhaustive]
-pub enum Mismatch {
-    /// A memory has another number of channels or stages than the system and the scheme need.
-    Shape {
-        /// Channels needed, N·R.
-        channels_needed: usize,
-        /// Channels of the memory.
-        channels: usize,
-        /// Stages needed, R.
-        stages_needed: usize,
-        /// Stages of the memory's kernel.
-        stages: usize,
-    },
-    /// The kernel is for another step size.
-    StepSize {
-        /// The step size of the kernel.
-        kernel: f64,
-        /// The step size of the integrator.
-        integrator: f64,
-    },
-}
-
-impl fmt::Display for Mismatch {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Shape { channels_needed, channels, stages_needed, stages } => write!(
-                f,
-                "a memory has {channels} channels and {stages} stages where {channels_needed} and {stages_needed} are needed"
-            ),
-            Self::StepSize { kernel, integrator } => write!(
-                f,
-                "a damping term has the kernel of step size {kernel}, the integrator makes steps of {integrator}"
-            ),
-        }
-    }
-}
-
-impl core::error::Error for Mismatch {}
-
-/// Why a damping term cannot be made.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[non_exhaustive]
-pub enum DampingError {
-    /// The damping order is outside [0, 2).
-    Order(ParameterError),
-    /// The coefficients are not finite, not symmetric or not positive semidefinite.
-    Coefficients(MatrixError),
-    /// The memory is not one of the kernel.
-    Kernel(ParameterError),
-}
-
-impl fmt::Display for DampingError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Order(error) => error.fmt(f),
-            Self::Coefficients(error) => write!(f, "damping coefficient: {error}"),
-            Self::Kernel(error) => error.fmt(f),
-        }
-    }
-}
-
-impl core::error::Error for DampingError {
-    fn source(&self) -> Option<&(dyn core::error::Error + 'static)> {
-        Some(match self {
-            Self::Order(error) | Self::Kernel(error) => error,
-            Self::Coefficients(error) => error,
-        })
-    }
-}
-
 /// One damping term ρ D₋^β q with its memory.
 ///
 /// ρ is symmetric positive semidefinite; β = 2α is the damping order, 0 ≤ β < 2 (α is the order in the
-/// Lagrangian). The [`Kernel`] of the memory says what β and the step size are.
-///
-/// The memory has one channel for each coordinate and node. A kernel of plain numbers acts on the sequence of
-/// every node by itself; one of R×R matrices couples the R nodes. The memory says which differences of the
-/// motion it wants ([`ActsOn`]); they come from the solved increments e_i, and those of Caputo's type begin
-/// with zero where those of Riemann–Liouville's begin with q₀. Source: \[JO\] eq. 1, 34a; \[HJO\] eq. 34a,
-/// 35.
-#[derive(Clone, Copy, Debug)]
+/// Lagrangian). The [`Kernel`] of the memory says what β and the step size are; [`DampedMotion`] what the
+/// memory is told. Source: \[JO\] eq. 1, 34a; \[HJO\] eq. 34a, 35.
+#[derive(Clone)]
 pub struct DampingTerm<T: Real, X: Space<T>, M> {
     coefficients: X::Block,
-    start: Subtraction,
-    initial_position: X::Vector,
-    initial_velocity: X::Vector,
-    /// Of the kernel; zero if the caller vouches for it.
-    step_size: T,
-    memory: M,
+    motion: DampedMotion<T, X, M>,
 }
 
-/// Part of the motion on which a term does not act.
-#[derive(Clone, Copy, Debug)]
-enum Subtraction {
-    Nothing,
-    Position,
-    PositionAndVelocity,
+impl<T: Real, X: Space<T>, M: Copy> Copy for DampingTerm<T, X, M>
+where
+    X::Block: Copy,
+    DampedMotion<T, X, M>: Copy,
+{
+}
+
+impl<T: Real, X: Space<T>, M> fmt::Debug for DampingTerm<T, X, M>
+where
+    X::Block: fmt::Debug,
+    DampedMotion<T, X, M>: fmt::Debug,
+{
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { coefficients, motion } = self;
+        f.debug_struct("DampingTerm").field("coefficients", coefficients).field("motion", motion).finish()
+    }
 }
 
 impl<T: Real, const N: usize, M: Memory<T>> DampingTerm<T, Fixed<N>, M> {
@@ -260,121 +157,28 @@ impl<T: Real, X: Space<T>, M: Memory<T>> DampingTerm<T, X, M> {
         kernel: Kernel,
         coefficients: X::Block,
         derivative: Derivative,
-        mut memory: M,
+        memory: M,
     ) -> Result<Self, DampingError> {
-        let damping_order = kernel.exponent();
-        ParameterError::check(
-            (0.0..2.0).contains(&damping_order),
-            "damping order",
-            damping_order,
-            "at least 0 and less than 2",
-        )
-        .map_err(DampingError::Order)?;
         coefficients.check_positive_semidefinite().map_err(DampingError::Coefficients)?;
-        kernel.check(&mut memory).map_err(DampingError::Kernel)?;
-        let start = match derivative {
-            Derivative::RiemannLiouville => Subtraction::Nothing,
-            Derivative::Caputo if damping_order == 0.0 => Subtraction::Nothing,
-            Derivative::Caputo if damping_order <= 1.0 => Subtraction::Position,
-            Derivative::Caputo => Subtraction::PositionAndVelocity,
-        };
-        let (initial_position, initial_velocity) = (space.zeros(), space.zeros());
-        let step_size = kernel.step_size().map_or(T::zero(), T::of);
-        Ok(Self { coefficients, start, initial_position, initial_velocity, step_size, memory })
+        let motion = DampedMotion::new(space, &[kernel], derivative, memory)?;
+        Ok(Self { coefficients, motion })
     }
 }
 
 impl<T: Real, X: Space<T>, M> DampingTerm<T, X, M> {
     /// The memory.
     pub fn memory(&self) -> &M {
-        &self.memory
-    }
-}
-
-impl<T: Real, X: Space<T>, M: Memory<T>> DampingTerm<T, X, M> {
-    /// What its state begins with.
-    fn shape(&self) -> Shape<3> {
-        let left_out = match self.start {
-            Subtraction::Nothing => 0,
-            Subtraction::Position => 1,
-            Subtraction::PositionAndVelocity => 2,
-        };
-        let coordinates = X::slice(&self.initial_position).len() as u64;
-        let acts_on = self.memory.acts_on() as u64;
-        [("coordinates", coordinates), ("kind of derivative", left_out), ("kind of samples", acts_on)]
-    }
-
-    /// Adds `factor` times what node j of the sample would give to the memory's signal if it lay at q_k.
-    ///
-    /// With the increment e_j added that is what the memory stores. Of increments and rises nothing is
-    /// subtracted that the solver does not know by itself.
-    #[inline(always)]
-    fn add_offset(&self, sample: &Sample<'_, T>, j: usize, factor: T, out: &mut [T]) {
-        let velocity = X::slice(&self.initial_velocity);
-        let into = sample.fractions.get(j).map_or(T::zero(), |&fraction| fraction * sample.length);
-        let first = self.memory.is_empty();
-        let (position, lapse) = match self.memory.acts_on() {
-            ActsOn::Values => {
-                let time = sample.time + into;
-                let numbers = sample.from.iter().zip(X::slice(&self.initial_position).iter().zip(velocity));
-                for (out, (&position, (&initial, &velocity))) in out.iter_mut().zip(numbers) {
-                    *out += factor
-                        * match self.start {
-                            Subtraction::Nothing => position,
-                            Subtraction::Position => position - initial,
-                            Subtraction::PositionAndVelocity => position - initial - velocity * time,
-                        };
-                }
-                return;
-            }
-            ActsOn::Increments | ActsOn::Rises if first => {
-                let from_rest = !matches!(self.start, Subtraction::Nothing);
-                (if from_rest { &[] } else { sample.from }, sample.time + into)
-            }
-            ActsOn::Increments => {
-                (vectors(sample.behind, sample.from.len()).nth(j).unwrap_or(&[]), sample.length)
-            }
-            ActsOn::Rises => (&[][..], into),
-        };
-        add_multiple(out, factor, position);
-        if let Subtraction::PositionAndVelocity = self.start {
-            add_multiple(out, -(factor * lapse), velocity);
-        }
-    }
-
-    /// W_ij, i and j from 0, of a sample with `nodes` nodes.
-    #[inline(always)]
-    fn leading(&self, nodes: usize, i: usize, j: usize) -> T {
-        let stages = self.memory.stages();
-        let index = if stages == nodes {
-            i * stages + j
-        } else if i == j {
-            0
-        } else {
-            return T::zero();
-        };
-        self.memory.leading().get(index).copied().unwrap_or(T::zero())
+        self.motion.memory()
     }
 }
 
 impl<T: Real, X: Space<T>, M: Memory<T>> Damping<T, X> for DampingTerm<T, X, M> {
     fn check(&self, coordinates: usize, nodes: usize, step_size: T) -> Result<(), Mismatch> {
-        let (channels, stages) = (self.memory.channels(), self.memory.stages());
-        let channels_needed = coordinates * nodes;
-        if channels != channels_needed || (stages != nodes && stages != 1) {
-            return Err(Mismatch::Shape { channels_needed, channels, stages_needed: nodes, stages });
-        }
-        if self.step_size != T::zero() && self.step_size != step_size {
-            let (kernel, integrator) = (self.step_size.to_f64(), step_size.to_f64());
-            return Err(Mismatch::StepSize { kernel, integrator });
-        }
-        Ok(())
+        self.motion.check(coordinates, nodes, step_size)
     }
 
     fn begin(&mut self, position: &[T], velocity: &[T]) {
-        self.memory.clear();
-        copy(X::slice_mut(&mut self.initial_position), position);
-        copy(X::slice_mut(&mut self.initial_velocity), velocity);
+        self.motion.begin(position, velocity);
     }
 
     #[inline(always)]
@@ -384,30 +188,17 @@ impl<T: Real, X: Space<T>, M: Memory<T>> Damping<T, X> for DampingTerm<T, X, M> 
         known: &mut [T],
         scratch: &mut [T],
     ) -> Result<(), MemoryError> {
-        if self.step_size != T::zero() && self.step_size != sample.length {
-            return Err(MemoryError::StepLength);
-        }
-        self.memory.begin_step(sample.length)?;
         let (coordinates, nodes) = (sample.from.len(), sample.fractions.len());
         let (term, rest) = scratch.split_at_mut_checked(coordinates * nodes).unwrap_or_default();
-        self.memory.next_term(term)?;
+        self.motion.memory_terms(sample, term)?;
         if nodes == 1 {
-            self.add_offset(sample, 0, self.leading(1, 0, 0), term);
+            self.motion.complete(0, sample, term);
             self.coefficients.multiply_add(T::one(), term, known);
             return Ok(());
         }
         let sum = rest.get_mut(..coordinates).unwrap_or(&mut []);
         for (i, known) in vectors_mut(known, coordinates).enumerate() {
-            // Node i of every coordinate.
-            for (sum, stages) in sum.iter_mut().zip(vectors(term, nodes)) {
-                *sum = stages.get(i).copied().unwrap_or(T::zero());
-            }
-            for j in 0..nodes {
-                let weight = self.leading(nodes, i, j);
-                if weight != T::zero() {
-                    self.add_offset(sample, j, weight, sum);
-                }
-            }
+            self.motion.complete_node((0, i), sample, term, sum);
             self.coefficients.multiply_add(T::one(), sum, known);
         }
         Ok(())
@@ -415,16 +206,16 @@ impl<T: Real, X: Space<T>, M: Memory<T>> Damping<T, X> for DampingTerm<T, X, M> 
 
     #[inline(always)]
     fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
-        let coordinates = X::slice(&self.initial_position).len();
+        let coordinates = self.motion.coordinates();
         if increments.len() == coordinates {
-            return self.coefficients.multiply_add(self.leading(1, 0, 0), increments, force);
+            return self.coefficients.multiply_add(self.motion.leading(0, 1, 0, 0), increments, force);
         }
         let sum = scratch.get_mut(..coordinates).unwrap_or(&mut []);
         let nodes = vectors(increments, coordinates).count();
         for (i, force) in vectors_mut(force, coordinates).enumerate() {
             sum.fill(T::zero());
             for (j, increment) in vectors(increments, coordinates).enumerate() {
-                add_multiple(sum, self.leading(nodes, i, j), increment);
+                add_multiple(sum, self.motion.leading(0, nodes, i, j), increment);
             }
             self.coefficients.multiply_add(T::one(), sum, force);
         }
@@ -432,19 +223,12 @@ impl<T: Real, X: Space<T>, M: Memory<T>> Damping<T, X> for DampingTerm<T, X, M> 
 
     #[inline(always)]
     fn visit_leading(&self, nodes: usize, mut visit: impl FnMut(usize, usize, T, &X::Block)) {
-        for i in 0..nodes {
-            for j in 0..nodes {
-                let weight = self.leading(nodes, i, j);
-                if weight != T::zero() {
-                    visit(i, j, weight, &self.coefficients);
-                }
-            }
-        }
+        self.motion.visit_leading(0, nodes, |i, j, weight| visit(i, j, weight, &self.coefficients));
     }
 
     #[inline(always)]
     fn leading_is_constant(&self) -> bool {
-        self.memory.leading_is_constant()
+        self.motion.memory().leading_is_constant()
     }
 
     #[inline(always)]
@@ -454,65 +238,24 @@ impl<T: Real, X: Space<T>, M: Memory<T>> Damping<T, X> for DampingTerm<T, X, M> 
         increments: &[T],
         scratch: &mut [T],
     ) -> Result<(), MemoryError> {
-        let (coordinates, nodes) = (sample.from.len(), sample.fractions.len());
-        let (stored, rest) = scratch.split_at_mut_checked(coordinates * nodes).unwrap_or_default();
-        if nodes == 1 {
-            let ends_at_node = sample.behind.is_empty() && !self.memory.is_empty();
-            let without_drift = !matches!(self.start, Subtraction::PositionAndVelocity);
-            if self.memory.acts_on() == ActsOn::Increments && ends_at_node && without_drift {
-                // The increments themselves are the sample.
-                return self.memory.push(increments);
-            }
-            copy(stored, increments);
-            self.add_offset(sample, 0, T::one(), stored);
-            return self.memory.push(stored);
-        }
-        let node = rest.get_mut(..coordinates).unwrap_or(&mut []);
-        for (stage, increment) in vectors(increments, coordinates).enumerate() {
-            copy(node, increment);
-            self.add_offset(sample, stage, T::one(), node);
-            for (stages, &number) in vectors_mut(stored, nodes).zip(&*node) {
-                if let Some(place) = stages.get_mut(stage) {
-                    *place = number;
-                }
-            }
-        }
-        self.memory.push(stored)
+        self.motion.push(sample, increments, scratch)
     }
 
     fn state_bytes(&self) -> usize {
-        let coordinates = X::slice(&self.initial_position).len();
-        header_bytes(3) + 2 * coordinates * T::BYTES + self.memory.state_bytes()
+        self.motion.state_bytes()
     }
 
     fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
-        to.header::<T, 3>(TAG, &self.shape())?;
-        to.numbers(X::slice(&self.initial_position))?;
-        to.numbers(X::slice(&self.initial_velocity))?;
-        self.memory.save(to)
+        self.motion.save(to)
     }
 
     fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        from.header::<T, 3>(TAG, &self.shape())?;
-        from.skip::<T>(2 * X::slice(&self.initial_position).len())?;
-        self.memory.check_state(from)
+        self.motion.check_state(from)
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.check_state(&mut from.clone())?;
-        from.header::<T, 3>(TAG, &self.shape())?;
-        from.numbers(X::slice_mut(&mut self.initial_position))?;
-        from.numbers(X::slice_mut(&mut self.initial_velocity))?;
-        self.memory.restore(from)
+        self.motion.restore(from)
     }
-}
-
-/// Kind of the saved state.
-const TAG: [u8; 4] = *b"damp";
-
-#[inline]
-fn copy<T: Copy>(target: &mut [T], source: &[T]) {
-    target.iter_mut().zip(source).for_each(|(place, &number)| *place = number);
 }
 
 impl<T: Real, X: Space<T>> Damping<T, X> for () {

@@ -470,7 +470,7 @@ mod tests {
     use super::*;
     use crate::coefficients::Coefficients;
     use crate::coefficients::Fixed;
-    use crate::damping::{Mismatch, Sample};
+    use crate::damped_motion::{Mismatch, Sample};
     use crate::galerkin::Galerkin;
     use crate::memory::MemoryError;
     use crate::newton::{Factors, StepMatrix};

@@ -3,7 +3,8 @@
 use core::fmt;
 
 use crate::coefficients::Fixed;
-use crate::damping::{Damping, Mismatch, Sample};
+use crate::damped_motion::{Mismatch, Sample};
+use crate::damping::Damping;
 use crate::error::{ParameterError, check_step_size};
 use crate::linear::all_finite;
 use crate::memory::MemoryError;

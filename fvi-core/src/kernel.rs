@@ -205,19 +205,25 @@ impl Kernel {
         })
     }
 
-    /// Checks that the first weights of a memory are those of this kernel, and clears it.
+    /// Checks that the first weights of a memory's kernel of this index are those of this one, and clears the
+    /// memory.
     ///
     /// # Errors
     /// If they are not.
     #[inline(always)]
-    pub(crate) fn check<T: Real>(&self, memory: &mut impl Memory<T>) -> Result<(), ParameterError> {
+    pub(crate) fn check<T: Real>(
+        &self,
+        memory: &mut impl Memory<T>,
+        index: usize,
+    ) -> Result<(), ParameterError> {
         // Inlined, so that a program with given weights links nothing of what follows.
-        if matches!(self.rule, Rule::Given) { Ok(()) } else { self.check_rule(memory) }
+        if matches!(self.rule, Rule::Given) { Ok(()) } else { self.check_rule(memory, index) }
     }
 
-    fn check_rule<T: Real>(&self, memory: &mut impl Memory<T>) -> Result<(), ParameterError> {
+    fn check_rule<T: Real>(&self, memory: &mut impl Memory<T>, index: usize) -> Result<(), ParameterError> {
         let Some(step_size) = self.step_size else { return Ok(()) };
-        let found = memory.leading();
+        let planes = memory.stages() * memory.stages();
+        let found = memory.leading().get(index * planes..).unwrap_or(&[]);
         let (found, right) = match self.rule {
             Rule::Given => return Ok(()),
             Rule::Bdf(order) => (
@@ -263,10 +269,11 @@ impl Kernel {
 const TRIED: usize = 16;
 
 /// The weight w₁ of a memory of plain numbers, by trying it out: how it answers to a one. `None` where
-/// nothing can be said: weights that vary, too many channels, no room.
+/// nothing can be said: weights that vary, too many channels, several kernels, no room.
 fn second_weight<T: Real>(memory: &mut impl Memory<T>) -> Option<T> {
     let channels = memory.channels();
-    if memory.stages() != 1 || channels > TRIED || !memory.leading_is_constant() {
+    let plain = memory.stages() == 1 && memory.kernels() == 1;
+    if !plain || channels > TRIED || !memory.leading_is_constant() {
         return None;
     }
     let mut numbers = [T::one(); TRIED];
@@ -330,13 +337,13 @@ mod tests {
         let right = kernel(1, 0.5, 0.01);
         assert!(right.full_memory::<f32, 1, 16>(&SINGLE).is_ok());
         let mut memory = right.full_memory::<f64, 1, 16>(&WEIGHTS).unwrap();
-        assert_eq!(right.check(&mut memory), Ok(()));
+        assert_eq!(right.check(&mut memory, 0), Ok(()));
         for wrong in [kernel(2, 0.5, 0.01), kernel(1, 0.51, 0.01)] {
             assert!(wrong.full_memory::<f64, 1, 16>(&WEIGHTS).is_err(), "{wrong:?}");
-            assert!(wrong.check(&mut memory).is_err(), "{wrong:?}");
+            assert!(wrong.check(&mut memory, 0).is_err(), "{wrong:?}");
         }
-        assert!(kernel(1, 0.5, 0.02).check(&mut memory).is_err());
-        assert_eq!(Kernel::given(1.5).unwrap().check(&mut memory), Ok(()));
+        assert!(kernel(1, 0.5, 0.02).check(&mut memory, 0).is_err());
+        assert_eq!(Kernel::given(1.5).unwrap().check(&mut memory, 0), Ok(()));
     }
 
     #[test]
@@ -347,8 +354,8 @@ mod tests {
         let increments = kernel.full_memory::<f64, 1, 16>(&SUMS).unwrap();
         assert_eq!((values.acts_on(), increments.acts_on()), (ActsOn::Values, ActsOn::Increments));
         for (memory, taken_for) in [(values, ActsOn::Increments), (increments, ActsOn::Values)] {
-            assert_eq!(kernel.check(&mut memory.clone()), Ok(()));
-            let error = kernel.check(&mut memory.acting_on(taken_for)).unwrap_err();
+            assert_eq!(kernel.check(&mut memory.clone(), 0), Ok(()));
+            let error = kernel.check(&mut memory.acting_on(taken_for), 0).unwrap_err();
             assert_eq!(error.parameter, "second weight of the memory");
         }
     }
@@ -363,8 +370,8 @@ mod tests {
             FixedStages::new(&leading, 2, scale, [FixedRing::new(), FixedRing::new()], Overflow::Refuse)
                 .unwrap()
         };
-        assert_eq!(kernel.check(&mut memory(1.0)), Ok(()));
-        assert!(kernel.check(&mut memory(2.0)).is_err());
+        assert_eq!(kernel.check(&mut memory(1.0), 0), Ok(()));
+        assert!(kernel.check(&mut memory(2.0), 0).is_err());
     }
 
     type FixedRing = heapless::Deque<f64, 4>;

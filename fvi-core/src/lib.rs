@@ -10,6 +10,7 @@ extern crate std;
 
 mod coefficients;
 mod collocation;
+mod damped_motion;
 mod damping;
 mod direct;
 mod discrete_lagrangian;
@@ -45,7 +46,8 @@ mod workspace;
 
 pub use coefficients::{Coefficients, Fixed};
 pub use collocation::{Collocation, CollocationTables};
-pub use damping::{Damping, DampingError, DampingTerm, Derivative, Mismatch, Sample};
+pub use damped_motion::{DampedMotion, DampingError, Derivative, Mismatch, Sample};
+pub use damping::{Damping, DampingTerm};
 pub use direct::{Direct, FixedDirect, MAX_STAGES, Overflow, Ring};
 pub use discrete_lagrangian::DiscreteLagrangian;
 pub use double_double::DoubleDouble;

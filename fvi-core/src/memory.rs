@@ -55,6 +55,14 @@ pub trait Memory<T> {
         1
     }
 
+    /// Number of kernels that act on the same samples, each with terms of its own.
+    ///
+    /// Where there are several, [`leading`](Memory::leading) and [`next_term`](Memory::next_term) have the
+    /// numbers of one kernel after those of the other.
+    fn kernels(&self) -> usize {
+        1
+    }
+
     /// What the samples are: which differences of the motion the kernel is for.
     ///
     /// A damping term asks, and pushes what it is told; for the memory itself a sample is a sample.
@@ -62,7 +70,7 @@ pub trait Memory<T> {
         ActsOn::Values
     }
 
-    /// Leading weight W₀, S×S numbers, row by row.
+    /// Leading weight W₀, S×S numbers, row by row, of each kernel.
     fn leading(&self) -> &[T];
 
     /// Whether W₀ of all later samples is that of the sample to come as long as their steps are: not where
@@ -95,7 +103,7 @@ pub trait Memory<T> {
         Ok(())
     }
 
-    /// Writes r_k = Σ_{n≥1} W_n x_{k−n} to `term`, one number per channel.
+    /// Writes r_k = Σ_{n≥1} W_n x_{k−n} to `term`, one number per channel and kernel.
     ///
     /// # Errors
     /// [`MemoryError::Full`] if x_k would not fit, [`MemoryError::ChannelMismatch`] if `term` has the wrong
@@ -196,6 +204,10 @@ impl<T, M: Memory<T> + ?Sized> Memory<T> for &mut M {
 
     fn stages(&self) -> usize {
         (**self).stages()
+    }
+
+    fn kernels(&self) -> usize {
+        (**self).kernels()
     }
 
     fn acts_on(&self) -> ActsOn {

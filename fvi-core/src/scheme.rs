@@ -2,7 +2,8 @@
 
 use core::fmt;
 
-use crate::damping::{Damping, Sample};
+use crate::damped_motion::Sample;
+use crate::damping::Damping;
 use crate::linear::{add_zeros, combine_pair, combine_two};
 use crate::memory::MemoryError;
 use crate::real::Real;

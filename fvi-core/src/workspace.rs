@@ -1,6 +1,7 @@
 //! The room of a step.
 
-use crate::damping::{Damping, Sample};
+use crate::damped_motion::Sample;
+use crate::damping::Damping;
 use crate::newton::Equations;
 use crate::real::Real;
 use crate::scheme::{State, Step, StepError};

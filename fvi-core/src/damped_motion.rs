@@ -1,0 +1,536 @@
+//! The motion that a damping acts on, and the memory that is told it.
+
+use core::fmt;
+
+use crate::error::{MatrixError, ParameterError};
+use crate::kernel::Kernel;
+use crate::linear::add_multiple;
+use crate::memory::{ActsOn, Memory, MemoryError};
+use crate::real::Real;
+use crate::saving::{Shape, StateError, StateReader, StateWriter, header_bytes};
+use crate::space::{Space, vectors, vectors_mut};
+
+/// On what the fractional derivative acts.
+///
+/// The two types agree where the terms left out vanish (\[JO\] eq. 4). With q₀ ≠ 0 and 0 < β < 1 the
+/// Riemann–Liouville type has the force ρ q₀ t^{−β}/Γ(1−β), singular at t = 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Derivative {
+    /// On q itself.
+    RiemannLiouville,
+    /// On q − q₀ for 0 < β ≤ 1, on q − q₀ − v₀ t for 1 < β < 2, with v₀ = M⁻¹ p₀; on q itself for β = 0.
+    Caputo,
+}
+
+/// The sample to come, as far as it is known before the step is solved: R nodes of step k, at q_k + e_1, …,
+/// q_k + e_R and the times t_k + c_1 h, …, t_k + c_R h.
+///
+/// Vectors of R·N numbers have one node after another.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample<'a, T> {
+    /// Main node q_k at the beginning of the step.
+    pub from: &'a [T],
+    /// q_k − X_{k−1,i}: how far the nodes of the sample before lie behind q_k, R·N numbers. Empty where they
+    /// end at q_k, as main nodes do.
+    pub behind: &'a [T],
+    /// t_k.
+    pub time: T,
+    /// h; zero for the first main node, to which no step leads.
+    pub length: T,
+    /// c_1, …, c_R.
+    pub fractions: &'a [T],
+}
+
+/// A motion X as the memory of its damping is told it, and the derivatives D^β X that the memory knows: all
+/// of a damping term but its coefficient.
+///
+/// The memory has one channel for each coordinate and node. A kernel of plain numbers acts on the sequence of
+/// every node by itself; one of R×R matrices couples the R nodes. The memory says which differences of the
+/// motion it wants ([`ActsOn`]); they come from the solved increments e_i, and those of Caputo's type begin
+/// with zero where those of Riemann–Liouville's begin with q₀. A memory of several kernels
+/// ([`Memory::kernels`]) gives as many derivatives, for dampings of different orders on the same coordinates.
+///
+/// With the nodes of the sample to come at q_k + e_1, …, q_k + e_R and the weights W of a kernel
+///
+/// ```text
+/// (D^β X)_i = known_i + Σ_j W_ij e_j .
+/// ```
+///
+/// Source: \[JO\] eq. 1, 34a; \[HJO\] eq. 34a, 35.
+#[derive(Clone, Copy, Debug)]
+pub struct DampedMotion<T: Real, X: Space<T>, M> {
+    start: Subtraction,
+    initial_position: X::Vector,
+    initial_velocity: X::Vector,
+    /// Of the kernels; zero if the caller vouches for it.
+    step_size: T,
+    memory: M,
+}
+
+/// Part of the motion on which the derivatives do not act.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Subtraction {
+    Nothing,
+    Position,
+    PositionAndVelocity,
+}
+
+impl Subtraction {
+    fn of(derivative: Derivative, damping_order: f64) -> Self {
+        match derivative {
+            Derivative::RiemannLiouville => Self::Nothing,
+            Derivative::Caputo if damping_order == 0.0 => Self::Nothing,
+            Derivative::Caputo if damping_order <= 1.0 => Self::Position,
+            Derivative::Caputo => Self::PositionAndVelocity,
+        }
+    }
+}
+
+impl<T: Real, X: Space<T>, M: Memory<T>> DampedMotion<T, X, M> {
+    /// The motion on a memory of the given kernels, those of s^β.
+    ///
+    /// # Errors
+    /// If a β is outside [0, 2), two of them leave out other parts of the motion or have other steps, or the
+    /// memory is not one of the kernels.
+    #[inline(always)]
+    pub fn new(
+        space: &X,
+        kernels: &[Kernel],
+        derivative: Derivative,
+        mut memory: M,
+    ) -> Result<Self, DampingError> {
+        let (mut start, mut step_size) = (None, None);
+        for (index, kernel) in kernels.iter().enumerate() {
+            let damping_order = kernel.exponent();
+            let order = |accepted, allowed| {
+                ParameterError::check(accepted, "damping order", damping_order, allowed)
+                    .map_err(DampingError::Order)
+            };
+            order((0.0..2.0).contains(&damping_order), "at least 0 and less than 2")?;
+            let own = Subtraction::of(derivative, damping_order);
+            let same = *start.get_or_insert(own) == own;
+            order(
+                same,
+                "of Caputo's type all 0, all up to 1 or all above where a memory has several kernels",
+            )?;
+            let same = *step_size.get_or_insert(kernel.step_size()) == kernel.step_size();
+            let (steps, step) = ("step size", kernel.step_size().unwrap_or(f64::NAN));
+            ParameterError::check(same, steps, step, "that of the memory's other kernels")
+                .map_err(DampingError::Kernel)?;
+            kernel.check(&mut memory, index).map_err(DampingError::Kernel)?;
+        }
+        let (found, allowed) = (kernels.len(), "as many as the memory has");
+        ParameterError::check(memory.kernels() == found && found > 0, "kernels", found as f64, allowed)
+            .map_err(DampingError::Kernel)?;
+        Ok(Self {
+            start: start.unwrap_or(Subtraction::Nothing),
+            initial_position: space.zeros(),
+            initial_velocity: space.zeros(),
+            step_size: step_size.flatten().map_or(T::zero(), T::of),
+            memory,
+        })
+    }
+
+    /// Checks that the memory fits N coordinates and R nodes, and the kernels the step size.
+    ///
+    /// # Errors
+    /// [`Mismatch`] if one does not.
+    pub fn check(&self, coordinates: usize, nodes: usize, step_size: T) -> Result<(), Mismatch> {
+        let (channels, stages) = (self.memory.channels(), self.memory.stages());
+        let channels_needed = coordinates * nodes;
+        if channels != channels_needed || (stages != nodes && stages != 1) {
+            return Err(Mismatch::Shape { channels_needed, channels, stages_needed: nodes, stages });
+        }
+        if self.step_size != T::zero() && self.step_size != step_size {
+            let (kernel, integrator) = (self.step_size.to_f64(), step_size.to_f64());
+            return Err(Mismatch::StepSize { kernel, integrator });
+        }
+        Ok(())
+    }
+
+    /// Forgets everything and notes how the motion starts.
+    pub fn begin(&mut self, position: &[T], velocity: &[T]) {
+        self.memory.clear();
+        copy(X::slice_mut(&mut self.initial_position), position);
+        copy(X::slice_mut(&mut self.initial_velocity), velocity);
+    }
+
+    /// Asks the memory for its terms, R·N numbers for each kernel: what is known but for the offsets.
+    ///
+    /// # Errors
+    /// [`MemoryError::Full`] if the sample to come could not be stored, [`MemoryError::StepLength`] if the
+    /// kernels are for another step size.
+    #[inline(always)]
+    pub fn memory_terms(&mut self, sample: &Sample<'_, T>, terms: &mut [T]) -> Result<(), MemoryError> {
+        if self.step_size != T::zero() && self.step_size != sample.length {
+            return Err(MemoryError::StepLength);
+        }
+        self.memory.begin_step(sample.length)?;
+        self.memory.next_term(terms)
+    }
+
+    /// Makes the memory's terms of a kernel, for a sample of one node, what is known of its derivative.
+    #[inline(always)]
+    pub fn complete(&self, kernel: usize, sample: &Sample<'_, T>, term: &mut [T]) {
+        self.add_offset(sample, 0, self.leading(kernel, 1, 0, 0), term);
+    }
+
+    /// Writes known_i of a (kernel, node i), for a sample of several nodes, from the memory's terms of that
+    /// kernel.
+    #[inline(always)]
+    pub fn complete_node(
+        &self,
+        (kernel, i): (usize, usize),
+        sample: &Sample<'_, T>,
+        term: &[T],
+        known: &mut [T],
+    ) {
+        let nodes = sample.fractions.len();
+        // Node i of every coordinate.
+        for (known, stages) in known.iter_mut().zip(vectors(term, nodes)) {
+            *known = stages.get(i).copied().unwrap_or(T::zero());
+        }
+        for j in 0..nodes {
+            let weight = self.leading(kernel, nodes, i, j);
+            if weight != T::zero() {
+                self.add_offset(sample, j, weight, known);
+            }
+        }
+    }
+
+    /// W_ij of a kernel, i and j from 0, for a sample of `nodes` nodes.
+    #[inline(always)]
+    pub fn leading(&self, kernel: usize, nodes: usize, i: usize, j: usize) -> T {
+        let stages = self.memory.stages();
+        let index = if stages == nodes {
+            i * stages + j
+        } else if i == j {
+            0
+        } else {
+            return T::zero();
+        };
+        let index = kernel * (stages * stages) + index;
+        self.memory.leading().get(index).copied().unwrap_or(T::zero())
+    }
+
+    /// Shows every W_ij of a kernel that is not zero, as (i, j, W_ij).
+    #[inline(always)]
+    pub fn visit_leading(&self, kernel: usize, nodes: usize, mut visit: impl FnMut(usize, usize, T)) {
+        for i in 0..nodes {
+            for j in 0..nodes {
+                let weight = self.leading(kernel, nodes, i, j);
+                if weight != T::zero() {
+                    visit(i, j, weight);
+                }
+            }
+        }
+    }
+
+    /// Stores the sample, whose increments e_1, …, e_R are known now. `scratch` has R·N numbers, and N more
+    /// where R > 1.
+    ///
+    /// # Errors
+    /// [`MemoryError::Full`]; not after a successful [`memory_terms`](Self::memory_terms).
+    #[inline(always)]
+    pub fn push(
+        &mut self,
+        sample: &Sample<'_, T>,
+        increments: &[T],
+        scratch: &mut [T],
+    ) -> Result<(), MemoryError> {
+        let (coordinates, nodes) = (sample.from.len(), sample.fractions.len());
+        let (stored, rest) = scratch.split_at_mut_checked(coordinates * nodes).unwrap_or_default();
+        if nodes == 1 {
+            let ends_at_node = sample.behind.is_empty() && !self.memory.is_empty();
+            let without_drift = !matches!(self.start, Subtraction::PositionAndVelocity);
+            if self.memory.acts_on() == ActsOn::Increments && ends_at_node && without_drift {
+                // The increments themselves are the sample.
+                return self.memory.push(increments);
+            }
+            copy(stored, increments);
+            self.add_offset(sample, 0, T::one(), stored);
+            return self.memory.push(stored);
+        }
+        let node = rest.get_mut(..coordinates).unwrap_or(&mut []);
+        for (stage, increment) in vectors(increments, coordinates).enumerate() {
+            copy(node, increment);
+            self.add_offset(sample, stage, T::one(), node);
+            for (stages, &number) in vectors_mut(stored, nodes).zip(&*node) {
+                if let Some(place) = stages.get_mut(stage) {
+                    *place = number;
+                }
+            }
+        }
+        self.memory.push(stored)
+    }
+
+    /// Adds `factor` times what node j of the sample would give to the memory's signal if it lay at q_k.
+    ///
+    /// With the increment e_j added that is what the memory stores. Of increments and rises nothing is
+    /// subtracted that the solver does not know by itself.
+    #[inline(always)]
+    fn add_offset(&self, sample: &Sample<'_, T>, j: usize, factor: T, out: &mut [T]) {
+        let velocity = X::slice(&self.initial_velocity);
+        let into = sample.fractions.get(j).map_or(T::zero(), |&fraction| fraction * sample.length);
+        let first = self.memory.is_empty();
+        let (position, lapse) = match self.memory.acts_on() {
+            ActsOn::Values => {
+                let time = sample.time + into;
+                let numbers = sample.from.iter().zip(X::slice(&self.initial_position).iter().zip(velocity));
+                for (out, (&position, (&initial, &velocity))) in out.iter_mut().zip(numbers) {
+                    *out += factor
+                        * match self.start {
+                            Subtraction::Nothing => position,
+                            Subtraction::Position => position - initial,
+                            Subtraction::PositionAndVelocity => position - initial - velocity * time,
+                        };
+                }
+                return;
+            }
+            ActsOn::Increments | ActsOn::Rises if first => {
+                let from_rest = !matches!(self.start, Subtraction::Nothing);
+                (if from_rest { &[] } else { sample.from }, sample.time + into)
+            }
+            ActsOn::Increments => {
+                (vectors(sample.behind, sample.from.len()).nth(j).unwrap_or(&[]), sample.length)
+            }
+            ActsOn::Rises => (&[][..], into),
+        };
+        add_multiple(out, factor, position);
+        if let Subtraction::PositionAndVelocity = self.start {
+            add_multiple(out, -(factor * lapse), velocity);
+        }
+    }
+
+    /// What its state begins with.
+    fn shape(&self) -> Shape<3> {
+        let left_out = match self.start {
+            Subtraction::Nothing => 0,
+            Subtraction::Position => 1,
+            Subtraction::PositionAndVelocity => 2,
+        };
+        let acts_on = self.memory.acts_on() as u64;
+        let coordinates = self.coordinates() as u64;
+        [("coordinates", coordinates), ("kind of derivative", left_out), ("kind of samples", acts_on)]
+    }
+
+    /// Number of bytes that [`save`](Self::save) writes at present.
+    pub fn state_bytes(&self) -> usize {
+        header_bytes(3) + 2 * self.coordinates() * T::BYTES + self.memory.state_bytes()
+    }
+
+    /// Writes the state; see [`Damping::save`](crate::Damping::save).
+    ///
+    /// # Errors
+    /// As there.
+    pub fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        to.header::<T, 3>(TAG, &self.shape())?;
+        to.numbers(X::slice(&self.initial_position))?;
+        to.numbers(X::slice(&self.initial_velocity))?;
+        self.memory.save(to)
+    }
+
+    /// Reads past a state; see [`Damping::check_state`](crate::Damping::check_state).
+    ///
+    /// # Errors
+    /// As there.
+    pub fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        from.header::<T, 3>(TAG, &self.shape())?;
+        from.skip::<T>(2 * self.coordinates())?;
+        self.memory.check_state(from)
+    }
+
+    /// Takes over a saved state; see [`Damping::restore`](crate::Damping::restore).
+    ///
+    /// # Errors
+    /// As there.
+    pub fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.check_state(&mut from.clone())?;
+        from.header::<T, 3>(TAG, &self.shape())?;
+        from.numbers(X::slice_mut(&mut self.initial_position))?;
+        from.numbers(X::slice_mut(&mut self.initial_velocity))?;
+        self.memory.restore(from)
+    }
+}
+
+impl<T: Real, X: Space<T>, M> DampedMotion<T, X, M> {
+    /// The memory.
+    pub fn memory(&self) -> &M {
+        &self.memory
+    }
+
+    /// Number of coordinates N.
+    #[inline(always)]
+    pub fn coordinates(&self) -> usize {
+        X::slice(&self.initial_position).len()
+    }
+}
+
+/// Why a damping does not go with an integrator.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Mismatch {
+    /// A memory has another number of channels or stages than the system and the scheme need.
+    Shape {
+        /// Channels needed, N·R.
+        channels_needed: usize,
+        /// Channels of the memory.
+        channels: usize,
+        /// Stages needed, R.
+        stages_needed: usize,
+        /// Stages of the memory's kernel.
+        stages: usize,
+    },
+    /// The kernel is for another step size.
+    StepSize {
+        /// The step size of the kernel.
+        kernel: f64,
+        /// The step size of the integrator.
+        integrator: f64,
+    },
+}
+
+impl fmt::Display for Mismatch {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Shape { channels_needed, channels, stages_needed, stages } => write!(
+                f,
+                "a memory has {channels} channels and {stages} stages where {channels_needed} and {stages_needed} are needed"
+            ),
+            Self::StepSize { kernel, integrator } => write!(
+                f,
+                "a damping term has the kernel of step size {kernel}, the integrator makes steps of {integrator}"
+            ),
+        }
+    }
+}
+
+impl core::error::Error for Mismatch {}
+
+/// Why a damping term cannot be made.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum DampingError {
+    /// The damping order is outside [0, 2).
+    Order(ParameterError),
+    /// The coefficients are not finite, not symmetric or not positive semidefinite.
+    Coefficients(MatrixError),
+    /// The memory is not one of the kernel.
+    Kernel(ParameterError),
+}
+
+impl fmt::Display for DampingError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Order(error) => error.fmt(f),
+            Self::Coefficients(error) => write!(f, "damping coefficient: {error}"),
+            Self::Kernel(error) => error.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for DampingError {
+    fn source(&self) -> Option<&(dyn core::error::Error + 'static)> {
+        Some(match self {
+            Self::Order(error) | Self::Kernel(error) => error,
+            Self::Coefficients(error) => error,
+        })
+    }
+}
+
+/// Kind of the saved state.
+const TAG: [u8; 4] = *b"damp";
+
+#[inline]
+fn copy<T: Copy>(target: &mut [T], source: &[T]) {
+    target.iter_mut().zip(source).for_each(|(place, &number)| *place = number);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::coefficients::Fixed;
+    use crate::memory::check_channels;
+    use crate::weights::{BdfOrder, leading_bdf_weight};
+
+    /// Two kernels on one channel that remember nothing.
+    struct Leading([f64; 2]);
+
+    impl Memory<f64> for Leading {
+        fn channels(&self) -> usize {
+            1
+        }
+
+        fn kernels(&self) -> usize {
+            2
+        }
+
+        fn leading(&self) -> &[f64] {
+            &self.0
+        }
+
+        fn len(&self) -> usize {
+            0
+        }
+
+        fn next_term(&mut self, term: &mut [f64]) -> Result<(), MemoryError> {
+            term.fill(0.0);
+            check_channels(2, term.len())
+        }
+
+        fn push(&mut self, _: &[f64]) -> Result<(), MemoryError> {
+            Ok(())
+        }
+
+        fn clear(&mut self) {}
+
+        fn bytes(&self) -> usize {
+            16
+        }
+    }
+
+    fn kernel(exponent: f64, step_size: f64) -> Kernel {
+        Kernel::bdf(BdfOrder::GRUNWALD_LETNIKOV, exponent, step_size).unwrap()
+    }
+
+    fn motion(
+        kernels: &[Kernel],
+        derivative: Derivative,
+    ) -> Result<DampedMotion<f64, Fixed<1>, Leading>, DampingError> {
+        let leading = [0.3, 1.4]
+            .map(|exponent| leading_bdf_weight(BdfOrder::GRUNWALD_LETNIKOV, exponent, 0.1).unwrap());
+        DampedMotion::new(&Fixed, kernels, derivative, Leading(leading))
+    }
+
+    #[test]
+    fn every_kernel_of_a_memory_has_its_own_leading_weight() {
+        let kernels = [kernel(0.3, 0.1), kernel(1.4, 0.1)];
+        let mut motion = motion(&kernels, Derivative::RiemannLiouville).unwrap();
+        motion.begin(&[2.0], &[0.0]);
+        let sample = Sample { from: &[2.0], behind: &[], time: 0.0, length: 0.1, fractions: &[0.5] };
+        let mut terms = [f64::NAN; 2];
+        motion.memory_terms(&sample, &mut terms).unwrap();
+        for (index, (term, exponent)) in terms.iter_mut().zip([0.3, 1.4]).enumerate() {
+            motion.complete(index, &sample, core::slice::from_mut(term));
+            let weight = motion.leading(index, 1, 0, 0);
+            assert!((weight * libm::pow(0.1, exponent) - 1.0).abs() < 1e-14, "{exponent}: {weight}");
+            assert_eq!(*term, 2.0 * weight);
+        }
+    }
+
+    #[test]
+    fn kernels_that_cannot_share_samples_are_refused() {
+        let refused = |kernels: &[Kernel], derivative| match motion(kernels, derivative).err() {
+            Some(DampingError::Order(error) | DampingError::Kernel(error)) => error.parameter,
+            _ => "",
+        };
+        let (low, high) = (kernel(0.3, 0.1), kernel(1.4, 0.1));
+        assert_eq!(refused(&[low, high], Derivative::Caputo), "damping order");
+        let liouville = Derivative::RiemannLiouville;
+        assert_eq!(refused(&[low, high], liouville), "");
+        assert_eq!(refused(&[low, kernel(1.4, 0.2)], liouville), "step size");
+        assert_eq!(refused(&[high, low], liouville), "leading weight of the memory");
+        assert_eq!(refused(&[low], liouville), "kernels");
+        assert_eq!(refused(&[low, high, Kernel::given(0.5).unwrap()], liouville), "step size");
+    }
+}
