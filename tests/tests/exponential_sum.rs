@@ -127,6 +127,57 @@ fn every_weight_is_within_the_smallest_tolerance_for_every_order_and_exponent() 
 }
 
 #[test]
+fn kernels_that_share_their_rates_hold_the_tolerance_with_a_few_more() {
+    const LAGS: usize = 1500;
+    let groups: [&[f64]; 6] =
+        [&[0.3, 0.6], &[0.11, 1.9], &[0.999, 1.001], &[0.2, 0.5, 0.8, 1.4], &[-0.9, -0.1, 0.05], &[0.5, 0.5]];
+    for order in [1, 2, 6] {
+        for exponents in groups {
+            for tolerance in [1e-6, SMALLEST_TOLERANCE] {
+                let formula = BdfOrder::new(order).unwrap();
+                let on_increments = exponents[0] > 0.0;
+                let make = |exponents: &[f64]| {
+                    ExponentialKernel::sharing_rates(
+                        formula,
+                        exponents,
+                        on_increments,
+                        1.0,
+                        1 << 20,
+                        tolerance,
+                    )
+                    .unwrap()
+                };
+                let shared = make(exponents);
+                let rates = |kernel: &ExponentialKernel| -> Vec<f64> {
+                    kernel.exponentials().iter().map(|exponential| exponential.rate).collect()
+                };
+                let mut most = 0;
+                for (kernel, &exponent) in shared.iter().zip(exponents) {
+                    assert_eq!(rates(kernel), rates(&shared[0]));
+                    assert_eq!(kernel.head().len(), shared[0].head().len());
+                    most = most.max(make(&[exponent])[0].exponentials().len());
+                    let weights = ConvolutionWeights::bdf(formula, exponent, 1.0).unwrap();
+                    let weights = if on_increments { weights.on_increments() } else { weights };
+                    let exact: Vec<f64> = weights.take(LAGS + 1).collect();
+                    let tail = exact[kernel.head().len()].abs() * kernel.head().len() as f64;
+                    for (n, exact_weight) in exact.iter().enumerate() {
+                        let error = (kernel.weight(n) - exact_weight).abs();
+                        let held = error <= tolerance * exact_weight.abs()
+                            || error / exact_weight.abs() * tail <= 1e-9 * tolerance * exact[0];
+                        assert!(held, "{order}, {exponents:?}, {tolerance:e}, {exponent}: {error:e} at {n}");
+                    }
+                }
+                let count = shared[0].exponentials().len();
+                assert!(count <= most + 16, "{order}, {exponents:?}, {tolerance:e}: {count}, {most} alone");
+            }
+        }
+    }
+    let whole =
+        ExponentialKernel::sharing_rates(BdfOrder::new(2).unwrap(), &[0.5, 1.0], true, 1.0, 1000, 1e-6);
+    assert!(matches!(whole, Err(ExponentialKernelError::Parameter(error)) if error.value == 1.0));
+}
+
+#[test]
 fn the_recursion_keeps_the_accuracy_of_the_weights() {
     let lags: Vec<usize> = [1, 2, 8, 9, 10, 100, 1000, 9999, 100_000, 299_999].into();
     for (order, exponent) in [(1, 0.3), (1, 0.5), (1, 1.9), (1, -0.5), (3, 0.5), (6, 1.5), (2, 1.0)] {

@@ -17,6 +17,10 @@
 //!
 //! For a memory on increments the kernel is divided by 1 − z = −m: the same rates, other coefficients.
 //!
+//! Kernels of several β can share their rates: the trapezoidal rule is the same up to its coefficients, and
+//! the nodes of one Gauss rule, that of the geometric mean of their measures, serve all of them with the
+//! coefficients that integrate polynomials exactly against each.
+//!
 //! Sources: \[HJO\] eq. 18–22, 30; the Gauss rule of a discrete measure by Lanczos' algorithm,
 //! \[GolubWelsch69\], \[Gautschi04\]; quadrature for sums of exponentials, \[BeylkinMonzon10\], \[McLean18\].
 
@@ -25,6 +29,7 @@ use fvi_core::{BdfOrder, ConvolutionWeights, ExponentialTable, ParameterError, R
 use fvi_fft::baseline::CompensatedSum;
 use nalgebra::DMatrix;
 use std::f64::consts::PI;
+use std::ops::Range;
 
 /// Convolution-quadrature weights as a head and decaying exponentials.
 ///
@@ -113,8 +118,9 @@ const LONGEST_HEAD: usize = HEADS[HEADS.len() - 1];
 /// before.
 const DEARER_HEADS: usize = 2;
 
-/// Multiply–adds per step of an exponential; a weight of the head has one.
-const COST_OF_EXPONENTIAL: usize = 2;
+/// Multiply–adds per step of an exponential beside those that it has for each kernel; a weight of the head
+/// has one for each.
+const COST_OF_EXPONENTIAL: usize = 1;
 
 /// Running sums of rates below this are kept in two parts: they would gather the rounding errors of 1/rate
 /// steps.
@@ -157,7 +163,7 @@ impl ExponentialKernel {
         horizon: usize,
         tolerance: f64,
     ) -> Result<Self, ExponentialKernelError> {
-        Self::of(Cut { order, exponent, on_increments: false }, step_size, horizon, tolerance)
+        Self::one(Cut { order, exponent, on_increments: false }, step_size, horizon, tolerance)
     }
 
     /// The same for a memory on increments: the sums of the weights
@@ -177,72 +183,106 @@ impl ExponentialKernel {
             let allowed = "greater than 0 and less than 2 for weights on increments";
             return Err(ParameterError { parameter: "exponent", value: exponent, allowed }.into());
         }
-        Self::of(Cut { order, exponent, on_increments: true }, step_size, horizon, tolerance)
+        Self::one(Cut { order, exponent, on_increments: true }, step_size, horizon, tolerance)
     }
 
-    fn of(cut: Cut, step_size: f64, horizon: usize, tolerance: f64) -> Result<Self, ExponentialKernelError> {
-        let Cut { order, exponent, on_increments } = cut;
-        let exact_weights = |step_size: f64| -> Result<ConvolutionWeights, ParameterError> {
-            let weights = ConvolutionWeights::bdf(order, exponent, step_size)?;
-            Ok(if on_increments { weights.on_increments() } else { weights })
-        };
-        let range = |accepted, parameter, value, allowed| match accepted {
-            true => Ok(()),
-            false => Err(ParameterError { parameter, value, allowed }),
-        };
-        range(horizon > 0, "horizon", horizon as f64, "at least 1")?;
-        range(
-            (SMALLEST_TOLERANCE..=0.1).contains(&tolerance),
-            "tolerance",
-            tolerance,
-            "at least 4e-15 and at most 0.1",
-        )?;
-        let all_head = |length: usize| -> Result<Self, ExponentialKernelError> {
-            let head = exact_weights(step_size)?.take(length).collect();
-            Ok(Self { head, exponentials: Vec::new(), horizon, tolerance })
-        };
-        if exponent == 0.0 || exponent == 1.0 {
-            let length = exponent as usize * order.get() + usize::from(!on_increments);
-            return Ok(Self { horizon: usize::MAX, ..all_head(length)? });
+    /// Kernels of several exponents that share length of the head and rates, as [`bdf`](Self::bdf) or
+    /// [`bdf_on_increments`](Self::bdf_on_increments) makes them one by one; there are a few more
+    /// exponentials than in the largest alone.
+    ///
+    /// # Errors
+    /// As there, and for exponents 0 and 1, which have no exponentials.
+    pub fn sharing_rates(
+        order: BdfOrder,
+        exponents: &[f64],
+        on_increments: bool,
+        step_size: f64,
+        horizon: usize,
+        tolerance: f64,
+    ) -> Result<Vec<Self>, ExponentialKernelError> {
+        let whole = |exponent: f64| exponent == 1.0 || (on_increments && exponent <= 0.0) || exponent == 0.0;
+        if let Some(&exponent) = exponents.iter().find(|&&exponent| whole(exponent)) {
+            let allowed = "neither 0 nor 1, and greater than 0 for weights on increments";
+            return Err(ParameterError { parameter: "exponent", value: exponent, allowed }.into());
         }
-        let exact: Vec<f64> =
-            exact_weights(1.0)?.take(MEASURED_HEADS * LONGEST_HEAD.min(horizon) + 2).collect();
+        let cuts: Vec<_> = exponents.iter().map(|&exponent| Cut { order, exponent, on_increments }).collect();
+        Self::of(&cuts, step_size, horizon, tolerance)
+    }
+
+    fn one(cut: Cut, step_size: f64, horizon: usize, tolerance: f64) -> Result<Self, ExponentialKernelError> {
+        if cut.exponent == 0.0 || cut.exponent == 1.0 {
+            check_range(horizon, tolerance)?;
+            let length = cut.exponent as usize * cut.order.get() + usize::from(!cut.on_increments);
+            let head = cut.exact_weights(step_size)?.take(length).collect();
+            return Ok(Self { head, exponentials: Vec::new(), horizon: usize::MAX, tolerance });
+        }
+        let mut made = Self::of(&[cut], step_size, horizon, tolerance)?;
+        made.pop().ok_or(ExponentialKernelError::ToleranceMissed { tolerance, reached: f64::INFINITY })
+    }
+
+    /// One kernel for each cut, with common rates.
+    fn of(
+        cuts: &[Cut],
+        step_size: f64,
+        horizon: usize,
+        tolerance: f64,
+    ) -> Result<Vec<Self>, ExponentialKernelError> {
+        check_range(horizon, tolerance)?;
+        let weights = |step_size: f64, count: usize| -> Result<Vec<Vec<f64>>, ParameterError> {
+            cuts.iter().map(|cut| Ok(cut.exact_weights(step_size)?.take(count).collect())).collect()
+        };
+        let kernels = |head: usize, tails: Vec<Nodes>| -> Result<Vec<Self>, ExponentialKernelError> {
+            let of_kernels = weights(step_size, head)?.into_iter().zip(tails);
+            let kernel = |(head, exponentials)| Self { head, exponentials, horizon, tolerance };
+            Ok(of_kernels.map(kernel).collect())
+        };
+        let exact = weights(1.0, MEASURED_HEADS * LONGEST_HEAD.min(horizon) + 2)?;
         let part = if tolerance < ROUNDING_COUNTS { PART_OF_THE_QUADRATURE } else { 1.0 };
         let quadrature_tolerance = part * tolerance;
-        let spacing = cut.spacing(quadrature_tolerance);
-        let mut best: Option<((bool, usize), usize, Vec<Exponential>)> = None;
+        let mut best: Option<((bool, usize), usize, Vec<Nodes>)> = None;
         let mut reached = f64::INFINITY;
         let mut dearer = 0;
         for head in HEADS {
             if head > horizon || dearer == DEARER_HEADS {
                 break;
             }
-            let exponentials = cut.compressed_rule(spacing, head, horizon, quadrature_tolerance);
-            let error = largest_error(&exponentials, &exact, head, horizon);
-            reached = reached.min(error);
+            let rules = compressed_rules(cuts, head, horizon, quadrature_tolerance);
+            let errors: Vec<f64> = rules
+                .iter()
+                .zip(&exact)
+                .map(|(exponentials, exact)| largest_error(exponentials, exact, head, horizon))
+                .collect();
+            let largest = errors.iter().copied().fold(0.0, f64::max);
+            reached = reached.min(largest);
             // Next to whole exponents the tail is next to nothing, and its errors are less.
-            let tail = head as f64 * exact[head].abs();
-            if error > tolerance && error * tail > NOTHING * tolerance * exact[0].abs() {
+            let missed = |(&error, exact): (&f64, &Vec<f64>)| {
+                let tail = head as f64 * exact[head].abs();
+                error > tolerance && error * tail > NOTHING * tolerance * exact[0].abs()
+            };
+            if errors.iter().zip(&exact).any(missed) {
                 continue;
             }
             // One that has no room for the rounding of its sums is better than none.
-            let tight = error > tolerance.min(quadrature_tolerance + ROUNDING);
-            let cost = (tight, head + COST_OF_EXPONENTIAL * exponentials.len());
-            if best.as_ref().is_none_or(|(least, ..)| cost < *least) {
-                best = Some((cost, head, exponentials));
+            let tight = largest > tolerance.min(quadrature_tolerance + ROUNDING);
+            let exponentials = rules.first().map_or(0, Vec::len);
+            let cost = cuts.len() * (head + exponentials) + COST_OF_EXPONENTIAL * exponentials;
+            if best.as_ref().is_none_or(|(least, ..)| (tight, cost) < *least) {
+                best = Some(((tight, cost), head, rules));
                 dearer = 0;
             } else if !tight {
                 dearer += 1;
             }
         }
         match best {
-            Some(((_, cost), head, exponentials)) if cost <= horizon => {
-                let unit = step_size.power(-exponent);
-                let scaled = |e: Exponential| Exponential { coefficient: e.coefficient * unit, ..e };
-                let exponentials = exponentials.into_iter().map(scaled).collect();
-                Ok(Self { exponentials, ..all_head(head)? })
+            Some(((_, cost), head, rules)) if cost <= cuts.len() * horizon => {
+                let scaled = |(cut, exponentials): (&Cut, Nodes)| {
+                    let unit = step_size.power(-cut.exponent);
+                    let scaled = |e: Exponential| Exponential { coefficient: e.coefficient * unit, ..e };
+                    exponentials.into_iter().map(scaled).collect()
+                };
+                kernels(head, cuts.iter().zip(rules).map(scaled).collect())
             }
-            _ if horizon < LONGEST_HEAD => all_head(horizon + 1),
+            _ if horizon < LONGEST_HEAD => kernels(horizon + 1, vec![Vec::new(); cuts.len()]),
             _ => Err(ExponentialKernelError::ToleranceMissed { tolerance, reached }),
         }
     }
@@ -298,6 +338,16 @@ impl ExponentialKernel {
     }
 }
 
+fn check_range(horizon: usize, tolerance: f64) -> Result<(), ParameterError> {
+    let range = |accepted, parameter, value, allowed| match accepted {
+        true => Ok(()),
+        false => Err(ParameterError { parameter, value, allowed }),
+    };
+    range(horizon > 0, "horizon", horizon as f64, "at least 1")?;
+    let accepted = (SMALLEST_TOLERANCE..=0.1).contains(&tolerance);
+    range(accepted, "tolerance", tolerance, "at least 4e-15 and at most 0.1")
+}
+
 /// The check of a table must not be less accurate than the table, so the sum is compensated.
 fn sum_of_exponentials(exponentials: &[Exponential], n: usize) -> f64 {
     let terms = exponentials.iter().map(|e| e.coefficient * libm::exp(-e.rate * n as f64));
@@ -334,6 +384,12 @@ struct Cut {
 type Nodes = Vec<Exponential>;
 
 impl Cut {
+    /// The weights themselves.
+    fn exact_weights(self, step_size: f64) -> Result<ConvolutionWeights, ParameterError> {
+        let weights = ConvolutionWeights::bdf(self.order, self.exponent, step_size)?;
+        Ok(if self.on_increments { weights.on_increments() } else { weights })
+    }
+
     /// The power of m that the function is like at the branch point: β or β − 1.
     fn power(self) -> f64 {
         self.exponent - if self.on_increments { 1.0 } else { 0.0 }
@@ -368,18 +424,21 @@ impl Cut {
         fine
     }
 
-    /// The trapezoidal rule for lags n ≥ `head`, slowest node first, up to the common factor
+    /// Rate from which on nodes have died away at the end of a head.
+    fn fastest(self, head: usize, tolerance: f64) -> f64 {
+        ((2.0 / tolerance).ln() + 2.0 + 1.5 * self.power()) / head as f64
+    }
+
+    /// The trapezoidal rule up to this rate, slowest node first, without the common factor
     /// [`jump`](Self::jump).
     ///
     /// Nodes so slow that they stand still up to the horizon, a geometric series, are one node of rate 0.
-    fn trapezoidal_rule(self, spacing: f64, head: usize, horizon: usize, tolerance: f64) -> Nodes {
-        let exponent = self.power();
-        let fastest = ((2.0 / tolerance).ln() + 2.0 + 1.5 * exponent) / head as f64;
+    fn trapezoidal_rule(self, spacing: f64, fastest: f64, horizon: usize, tolerance: f64) -> Nodes {
         let standing = 0.01 * tolerance / horizon as f64;
         let first = libm::log(libm::expm1(fastest));
         let count = ((first - standing.ln()) / spacing).ceil().max(1.0) as usize;
         let slowest = libm::exp(first - count as f64 * spacing);
-        let ratio = 1.0 + exponent;
+        let ratio = 1.0 + self.power();
         // d Σ_{k≥1} (slowest e^{−kd})^{1+β}
         let rest = spacing * slowest.power(ratio) / libm::expm1(spacing * ratio);
         let node = |k: usize| {
@@ -392,83 +451,154 @@ impl Cut {
             .chain((0..=count).rev().map(node))
             .collect()
     }
+}
 
-    /// The rule with its slowest and fastest nodes compressed, for lags `head` to `horizon`.
-    fn compressed_rule(self, spacing: f64, head: usize, horizon: usize, tolerance: f64) -> Vec<Exponential> {
-        let nodes = self.trapezoidal_rule(spacing, head, horizon, tolerance);
-        let allowed = (0.25 * tolerance).max(4.0 * f64::EPSILON);
-        let weights: Vec<(usize, f64)> =
-            lags(head, horizon).map(|n| (n, sum_of_exponentials(&nodes, n))).collect();
-        let agrees = |group: &[Exponential], rule: &[Exponential]| {
-            weights.iter().all(|&(n, weight)| {
-                let difference = sum_of_exponentials(group, n) - sum_of_exponentials(rule, n);
+/// The rules of kernels with common rates, their slowest and fastest nodes compressed, for lags `head` to
+/// `horizon`.
+fn compressed_rules(cuts: &[Cut], head: usize, horizon: usize, tolerance: f64) -> Vec<Nodes> {
+    let spacing = cuts.iter().map(|cut| cut.spacing(tolerance)).fold(f64::INFINITY, f64::min);
+    let fastest = cuts.iter().map(|cut| cut.fastest(head, tolerance)).fold(0.0, f64::max);
+    let rule = |cut: &Cut| cut.trapezoidal_rule(spacing, fastest, horizon, tolerance);
+    let rules: Vec<Nodes> = cuts.iter().map(rule).collect();
+    let Some(nodes) = rules.first() else { return rules };
+    let allowed = (0.25 * tolerance).max(4.0 * f64::EPSILON);
+    let weights: Vec<(usize, Vec<f64>)> = lags(head, horizon)
+        .map(|n| (n, rules.iter().map(|nodes| sum_of_exponentials(nodes, n)).collect()))
+        .collect();
+    let agrees = |groups: &[&[Exponential]], rules: &[Nodes]| {
+        weights.iter().all(|(n, weights)| {
+            groups.iter().zip(rules).zip(weights).all(|((group, rule), weight)| {
+                let difference = sum_of_exponentials(group, *n) - sum_of_exponentials(rule, *n);
                 difference.abs() <= allowed * weight
             })
-        };
-        let slow = |reach: f64| {
-            let count = nodes.partition_point(|node| node.rate * horizon as f64 <= reach);
-            let group = nodes.get(..count).unwrap_or(&[]);
-            shortest_rule(group, slow_gauss_rules(group), &agrees)
-        };
-        let fast = |reach: f64| {
-            let count = nodes.partition_point(|node| node.rate * head as f64 <= reach);
-            let group = nodes.get(count..).unwrap_or(&[]);
-            shortest_rule(group, fast_gauss_rules(group, head), &agrees)
-        };
-        // Of the reaches, the one that saves most.
-        let most = |rules: Vec<(usize, Nodes)>| {
-            rules.into_iter().max_by_key(|(replaced, rule)| replaced - rule.len()).unwrap_or_default()
-        };
-        let (slow_count, slow_rule) = most(SLOW_REACHES.map(slow).into());
-        let (fast_count, fast_rule) = most(FAST_REACHES.map(fast).into());
-        let middle = nodes.get(slow_count..nodes.len() - fast_count).unwrap_or(&[]);
-        let mut rule = [&slow_rule, middle, &fast_rule].concat();
-        rule.iter_mut().for_each(|node| node.coefficient *= self.jump());
+        })
+    };
+    let part = |range: Range<usize>| -> Vec<&[Exponential]> {
+        rules.iter().map(|nodes| nodes.get(range.clone()).unwrap_or(&[])).collect()
+    };
+    let slow = |reach: f64| {
+        let groups = part(0..nodes.partition_point(|node| node.rate * horizon as f64 <= reach));
+        shortest_rules(&groups, slow_gauss_rules(&groups), &agrees)
+    };
+    let fast = |reach: f64| {
+        let groups = part(nodes.partition_point(|node| node.rate * head as f64 <= reach)..nodes.len());
+        shortest_rules(&groups, fast_gauss_rules(&groups, head), &agrees)
+    };
+    // Of the reaches, the one that saves most.
+    let most = |rules: Vec<(usize, Vec<Nodes>)>| {
+        let saved = |(replaced, rules): &(usize, Vec<Nodes>)| replaced - rules.first().map_or(0, Vec::len);
+        rules.into_iter().max_by_key(saved).unwrap_or_default()
+    };
+    let (slow_count, slow_rules) = most(SLOW_REACHES.map(slow).into());
+    let (fast_count, fast_rules) = most(FAST_REACHES.map(fast).into());
+    let middle = part(slow_count..nodes.len() - fast_count);
+    let joined = |(index, cut): (usize, &Cut)| {
+        let mut rule = [&slow_rules[index], middle[index], &fast_rules[index]].concat();
+        rule.iter_mut().for_each(|node| node.coefficient *= cut.jump());
         rule
-    }
+    };
+    cuts.iter().enumerate().map(joined).collect()
 }
 
-/// Number of nodes replaced and the shortest Gauss rule that agrees with them, or the nodes themselves.
-fn shortest_rule(
-    group: &[Exponential],
-    gauss_rule: impl Fn(usize) -> Nodes,
-    agrees: &impl Fn(&[Exponential], &[Exponential]) -> bool,
-) -> (usize, Nodes) {
-    let sizes = 1..group.len().min(LONGEST_RULE + 1);
-    let rule = sizes.map(gauss_rule).find(|rule| agrees(group, rule));
-    (group.len(), rule.unwrap_or_else(|| group.to_vec()))
+/// Number of nodes replaced and the shortest Gauss rules that agree with them, or the nodes themselves.
+fn shortest_rules(
+    groups: &[&[Exponential]],
+    gauss_rules: impl Fn(usize) -> Vec<Nodes>,
+    agrees: &impl Fn(&[&[Exponential]], &[Nodes]) -> bool,
+) -> (usize, Vec<Nodes>) {
+    let count = groups.first().map_or(0, |group| group.len());
+    let sizes = 1..count.min(LONGEST_RULE + 1);
+    let rules = sizes.map(gauss_rules).find(|rules| agrees(groups, rules));
+    (count, rules.unwrap_or_else(|| groups.iter().map(|group| group.to_vec()).collect()))
 }
 
-/// Gauss rules of the measure in the rate, by size: e^{−sn} is nearly a polynomial in s where s n is
+/// Gauss rules of the measures in the rate, by size: e^{−sn} is nearly a polynomial in s where s n is
 /// moderate.
-fn slow_gauss_rules(group: &[Exponential]) -> impl Fn(usize) -> Nodes {
-    let unit = group.last().map_or(1.0, |node| node.rate);
-    let measure: Vec<(f64, f64)> = group.iter().map(|node| (node.rate / unit, node.coefficient)).collect();
-    let jacobi = JacobiMatrix::of(&measure);
+fn slow_gauss_rules(groups: &[&[Exponential]]) -> impl Fn(usize) -> Vec<Nodes> {
+    let unit = groups.first().and_then(|group| group.last()).map_or(1.0, |node| node.rate);
+    let measure =
+        |group: &&[Exponential]| group.iter().map(|node| (node.rate / unit, node.coefficient)).collect();
+    let measures = Measures::of(groups.iter().map(measure).collect());
     move |size| {
-        let rule = jacobi.gauss_rule(size).into_iter();
-        rule.map(|(x, c)| Exponential { rate: x.max(0.0) * unit, coefficient: c }).collect()
+        let node = |&(x, c): &(f64, f64)| Exponential { rate: x.max(0.0) * unit, coefficient: c };
+        measures.gauss_rules(size).iter().map(|rule| rule.iter().map(node).collect()).collect()
     }
 }
 
-/// Gauss rules of the measure in t = e^{−s}, by size, weighted as it stands behind the head: e^{−s(n−n₀)} is
-/// a power of t.
-fn fast_gauss_rules(group: &[Exponential], head: usize) -> impl Fn(usize) -> Nodes {
+/// Gauss rules of the measures in t = e^{−s}, by size, weighted as they stand behind the head: e^{−s(n−n₀)}
+/// is a power of t.
+fn fast_gauss_rules(groups: &[&[Exponential]], head: usize) -> impl Fn(usize) -> Vec<Nodes> {
     let behind = head as f64;
-    let unit = group.first().map_or(1.0, |node| libm::exp(-node.rate));
-    let measure: Vec<(f64, f64)> = group
-        .iter()
-        .map(|node| (libm::exp(-node.rate) / unit, node.coefficient * libm::exp(-node.rate * behind)))
-        .collect();
-    let jacobi = JacobiMatrix::of(&measure);
+    let first = groups.first().and_then(|group| group.first());
+    let unit = first.map_or(1.0, |node| libm::exp(-node.rate));
+    let place = |node: &Exponential| {
+        (libm::exp(-node.rate) / unit, node.coefficient * libm::exp(-node.rate * behind))
+    };
+    let measures = Measures::of(groups.iter().map(|group| group.iter().map(place).collect()).collect());
     move |size| {
-        let node = |(t, c): (f64, f64)| {
+        let node = |&(t, c): &(f64, f64)| {
             let rate = -libm::log(t.max(f64::EPSILON) * unit);
             Exponential { rate, coefficient: c * libm::exp(rate * behind) }
         };
-        let mut rule: Nodes = jacobi.gauss_rule(size).into_iter().map(node).collect();
-        rule.sort_by(|a, b| a.rate.total_cmp(&b.rate));
-        rule
+        let sorted = |rule: &Vec<(f64, f64)>| {
+            let mut rule: Nodes = rule.iter().map(node).collect();
+            rule.sort_by(|a, b| a.rate.total_cmp(&b.rate));
+            rule
+        };
+        measures.gauss_rules(size).iter().map(sorted).collect()
+    }
+}
+
+/// Discrete positive measures on the same places, and what Gauss rules on common nodes need of them.
+struct Measures {
+    jacobi: JacobiMatrix,
+    /// For each of several measures, the integrals of the orthonormal polynomials of their mean.
+    integrals: Vec<Vec<f64>>,
+}
+
+impl Measures {
+    /// Of lists of (place, mass).
+    fn of(measures: Vec<Vec<(f64, f64)>>) -> Self {
+        let (first, count) = match &measures[..] {
+            [] => return Self { jacobi: JacobiMatrix::of(&[]), integrals: Vec::new() },
+            [one] => return Self { jacobi: JacobiMatrix::of(one), integrals: Vec::new() },
+            [first, ..] => (first, measures.len() as f64),
+        };
+        let mass = |measure: &[(f64, f64)]| measure.iter().map(|(_, mass)| *mass).sum::<f64>();
+        let masses: Vec<f64> = measures.iter().map(|measure| mass(measure)).collect();
+        // The geometric mean of the shares: of powers of the rate it is the one of the mean exponent.
+        let mean = |(index, &(place, _)): (usize, &(f64, f64))| {
+            let shares = measures.iter().zip(&masses).map(|(measure, mass)| (measure[index].1 / mass).ln());
+            (place, (shares.sum::<f64>() / count).exp())
+        };
+        let mean: Vec<(f64, f64)> = first.iter().enumerate().map(mean).collect();
+        let (jacobi, basis) = JacobiMatrix::with_basis(&mean);
+        // The basis has p_j √m of the mean's masses m.
+        let integral = |measure: &[(f64, f64)], row: &[f64]| -> f64 {
+            let parts = measure.iter().zip(&mean).zip(row);
+            parts.map(|(((_, mass), (_, mean)), basis)| basis * (mass / mean.sqrt())).sum()
+        };
+        let integrals =
+            measures.iter().map(|measure| basis.iter().map(|row| integral(measure, row)).collect());
+        let integrals = integrals.collect();
+        Self { jacobi, integrals }
+    }
+
+    /// For each measure the rule on the nodes of the Gauss rule of `size` nodes that integrates polynomials
+    /// below the degree `size` exactly: for a single one the Gauss rule itself.
+    fn gauss_rules(&self, size: usize) -> Vec<Vec<(f64, f64)>> {
+        if self.integrals.is_empty() {
+            return vec![self.jacobi.gauss_rule(size)];
+        }
+        let nodes = self.jacobi.nodes(size);
+        let of_measure = |integrals: &Vec<f64>| -> Vec<(f64, f64)> {
+            let coefficient = |vector: &[f64]| -> f64 {
+                let sum = vector.iter().zip(integrals).map(|(entry, integral)| entry * integral);
+                vector.first().map_or(0.0, |first| first * self.jacobi.mass.sqrt()) * sum.sum::<f64>()
+            };
+            nodes.iter().map(|(place, vector)| (*place, coefficient(vector))).collect()
+        };
+        self.integrals.iter().map(of_measure).collect()
     }
 }
 
@@ -484,6 +614,12 @@ impl JacobiMatrix {
     /// For a measure of (place, mass), as far as rules of [`LONGEST_RULE`] nodes need it: Lanczos' algorithm
     /// on the diagonal matrix of places, started from the square roots of the masses and reorthogonalised.
     pub(super) fn of(measure: &[(f64, f64)]) -> Self {
+        Self::with_basis(measure).0
+    }
+
+    /// The same, and Lanczos' vectors: the orthonormal polynomials at the places times the roots of the
+    /// masses.
+    fn with_basis(measure: &[(f64, f64)]) -> (Self, Vec<Vec<f64>>) {
         let mass = measure.iter().map(|(_, mass)| *mass).collect::<CompensatedSum>().total();
         let mut jacobi = Self { mass, diagonal: Vec::new(), beside: Vec::new() };
         let dot = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
@@ -504,11 +640,17 @@ impl JacobiMatrix {
             next.iter_mut().for_each(|next| *next /= norm);
             current = next;
         }
-        jacobi
+        (jacobi, basis)
     }
 
     /// The Gauss rule of `size` nodes, (place, mass) in ascending order.
     pub(super) fn gauss_rule(&self, size: usize) -> Vec<(f64, f64)> {
+        let mass = |vector: &[f64]| vector.first().map_or(0.0, |first| self.mass * first.powi(2));
+        self.nodes(size).iter().map(|(place, vector)| (*place, mass(vector))).collect()
+    }
+
+    /// The nodes of the Gauss rule of `size` nodes in ascending order, each with its eigenvector.
+    fn nodes(&self, size: usize) -> Vec<(f64, Vec<f64>)> {
         let size = size.min(self.diagonal.len());
         let mut leading = DMatrix::zeros(size, size);
         for k in 0..size {
@@ -519,9 +661,9 @@ impl JacobiMatrix {
             }
         }
         let eigen = leading.symmetric_eigen();
-        let node = |k: usize| (eigen.eigenvalues[k], self.mass * eigen.eigenvectors[(0, k)].powi(2));
-        let mut rule: Vec<(f64, f64)> = (0..size).map(node).collect();
-        rule.sort_by(|a, b| a.0.total_cmp(&b.0));
-        rule
+        let node = |k: usize| (eigen.eigenvalues[k], eigen.eigenvectors.column(k).iter().copied().collect());
+        let mut nodes: Vec<(f64, Vec<f64>)> = (0..size).map(node).collect();
+        nodes.sort_by(|a, b| a.0.total_cmp(&b.0));
+        nodes
     }
 }
