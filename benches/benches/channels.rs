@@ -5,9 +5,12 @@
 //! first. Times are minima over rounds of one chunk, in which the memories take turns, so that what else the
 //! machine does meets all of them. Two lines below say how fast one and two threads copy memory here: with
 //! many channels the state is fetched from there, and two threads gain no more than copies do.
+//!
+//! A second table is about dampings of different orders on the same coordinates: a memory each, against one
+//! whose exponentials they share.
 
 use fvi_core::{BdfOrder, ExponentialTable, Memory};
-use fvi_fft::{ChunkedExponentialSum, WideExponentialSum};
+use fvi_fft::{ChunkedExponentialSum, Scalar, WideExponentialSum};
 use fvi_host::numerics::aligned::Aligned;
 use fvi_host::numerics::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
 use std::time::Instant;
@@ -17,17 +20,54 @@ const ROUND: usize = 64;
 
 /// Memories that take turns.
 struct Contender {
-    name: &'static str,
-    memory: Box<dyn Memory<f64>>,
-    /// Against the first one, relative to the largest term.
+    name: String,
+    /// One for all kernels, or one for each.
+    memories: Vec<Box<dyn Memory<f64>>>,
+    /// Against the first contender, relative to the largest term.
     allowed: f64,
     best: f64,
-    term: Vec<f64>,
+    /// Of all kernels, one behind the other.
+    terms: Vec<f64>,
 }
 
-fn table(tolerance: f64) -> ExponentialTable<Aligned<f64>> {
+impl Contender {
+    fn new(
+        name: impl Into<String>,
+        memories: impl IntoIterator<Item = Box<dyn Memory<f64>>>,
+        allowed: f64,
+    ) -> Self {
+        let memories: Vec<_> = memories.into_iter().collect();
+        let count = memories.iter().map(|memory| memory.kernels() * memory.channels()).sum();
+        Self { name: name.into(), memories, allowed, best: f64::INFINITY, terms: vec![0.0; count] }
+    }
+
+    fn step(&mut self, sample: &[f64]) {
+        let mut rest = &mut self.terms[..];
+        for memory in &mut self.memories {
+            let (terms, others) = rest.split_at_mut(memory.kernels() * sample.len());
+            memory.next_term(terms).expect("room");
+            rest = others;
+        }
+        self.memories.iter_mut().for_each(|memory| memory.push(sample).expect("room"));
+    }
+
+    fn bytes(&self) -> usize {
+        self.memories.iter().map(|memory| memory.bytes()).sum()
+    }
+}
+
+type Table = ExponentialTable<Aligned<f64>>;
+
+/// Tables of kernels that share their exponentials; of one, its own.
+fn tables(exponents: &[f64], tolerance: f64) -> Vec<Table> {
     let order = BdfOrder::new(2).expect("an order");
-    ExponentialKernel::bdf_on_increments(order, 0.6, 1.0, 1 << 20, tolerance).expect("a table").table()
+    let kernels = ExponentialKernel::sharing_rates(order, exponents, true, 1.0, 1 << 20, tolerance);
+    kernels.expect("tables").iter().map(ExponentialKernel::table).collect()
+}
+
+fn wide<P: Scalar>(tables: &[Table], channels: usize, threads: usize) -> Box<dyn Memory<f64>> {
+    let tables: Vec<_> = tables.iter().map(ExponentialTable::borrow).collect();
+    Box::new(WideExponentialSum::<f64, P>::of_kernels(&tables, channels).expect("tables").on_threads(threads))
 }
 
 /// GB/s, read and written, of so many threads that copy numbers from one half of memory of theirs to the
@@ -51,63 +91,98 @@ fn copies(threads: usize, rounds: usize) -> f64 {
     (NUMBERS * size_of::<f64>()) as f64 / best * 1e-9
 }
 
-fn main() {
-    let rounds = if std::env::args().any(|argument| argument == "--bench") { 12 } else { 1 };
-    let (exact, loose) = (table(SMALLEST_TOLERANCE), table(2.5e-7));
-    println!("BDF 2, D^0.6 on increments, horizon 2^20\n");
-    println!("| channels | memory | bytes a channel | ns a channel and step | of the first |");
-    println!("|---|---|---|---|---|");
-    let counts: &[usize] = if rounds > 1 { &[64, 128, 1_000, 10_000, 100_000] } else { &[1_000] };
-    for &channels in counts {
-        let wide = |threads| {
-            WideExponentialSum::<f64>::new(&exact.borrow(), channels).expect("a table").on_threads(threads)
-        };
-        let single = WideExponentialSum::<f64, f32>::new(&loose.borrow(), channels).expect("a table");
-        let chunked = ChunkedExponentialSum::<f64, 1>::new(&exact.borrow(), channels).expect("a table");
-        let contender = |name, memory: Box<dyn Memory<f64>>, allowed| Contender {
-            name,
-            memory,
-            allowed,
-            best: f64::INFINITY,
-            term: vec![0.0; channels],
-        };
-        let mut contenders = vec![
-            contender("chunked", Box::new(chunked), 0.0),
-            contender("wide", Box::new(wide(1)), 1e-13),
-            contender("wide, two threads", Box::new(wide(2)), 1e-13),
-            contender("wide, f32 states, 5e-7", Box::new(single), 1e-6),
-        ];
-        let mut sample = vec![0.0; channels];
-        let mut k = 0;
-        for _ in 0..=rounds {
-            let first = k;
-            for contender in &mut contenders {
-                let mut spent = 0.0;
-                k = first;
-                for _ in 0..ROUND {
-                    for (channel, number) in sample.iter_mut().enumerate() {
-                        *number = ((k * 7 + channel) % 101) as f64 - 50.0;
-                    }
-                    let begin = Instant::now();
-                    contender.memory.next_term(&mut contender.term).expect("room");
-                    contender.memory.push(&sample).expect("room");
-                    spent += begin.elapsed().as_secs_f64();
-                    k += 1;
+/// Lets the contenders take turns on so many channels, compares what they say and prints what it took.
+fn compare(channels: usize, rounds: usize, mut contenders: Vec<Contender>) {
+    let mut sample = vec![0.0; channels];
+    let mut k = 0;
+    for _ in 0..=rounds {
+        let first = k;
+        for contender in &mut contenders {
+            let mut spent = 0.0;
+            k = first;
+            for _ in 0..ROUND {
+                for (channel, number) in sample.iter_mut().enumerate() {
+                    *number = ((k * 7 + channel) % 101) as f64 - 50.0;
                 }
-                contender.best = contender.best.min(spent / (ROUND * channels) as f64);
+                let begin = Instant::now();
+                contender.step(&sample);
+                spent += begin.elapsed().as_secs_f64();
+                k += 1;
             }
-            let (first, others) = contenders.split_first().expect("several");
-            let largest = first.term.iter().fold(0.0, |largest: f64, term| largest.max(term.abs()));
-            for other in others {
-                let apart = first.term.iter().zip(&other.term).map(|(a, b)| (a - b).abs());
+            contender.best = contender.best.min(spent / (ROUND * channels) as f64);
+        }
+        let (first, others) = contenders.split_first().expect("several");
+        for other in others {
+            for (first, other_terms) in first.terms.chunks(channels).zip(other.terms.chunks(channels)) {
+                let largest = first.iter().fold(0.0, |largest: f64, term| largest.max(term.abs()));
+                let apart = first.iter().zip(other_terms).map(|(a, b)| (a - b).abs());
                 let apart = apart.fold(0.0, f64::max);
                 assert!(apart <= other.allowed * largest, "{}: {apart:e} of {largest:e}", other.name);
             }
         }
-        let slowest = contenders.first().map_or(1.0, |contender| contender.best);
-        for Contender { name, memory, best, .. } in &contenders {
-            let (bytes, time) = (memory.bytes() / channels, 1e9 * best);
-            println!("| {channels} | {name} | {bytes} | {time:.2} | {:.2} |", best / slowest);
+    }
+    let slowest = contenders.first().map_or(1.0, |contender| contender.best);
+    for contender in &contenders {
+        let (bytes, time) = (contender.bytes() / channels, 1e9 * contender.best);
+        let Contender { name, best, .. } = contender;
+        println!("| {channels} | {name} | {bytes} | {time:.2} | {:.2} |", best / slowest);
+    }
+}
+
+fn main() {
+    let measured = std::env::args().any(|argument| argument == "--bench");
+    let rounds = if measured { 12 } else { 1 };
+    let counts: &[usize] = if measured { &[64, 128, 1_000, 10_000, 100_000] } else { &[1_000] };
+    let head = || {
+        println!("| channels | memory | bytes a channel | ns a channel and step | of the first |");
+        println!("|---|---|---|---|---|");
+    };
+    println!("BDF 2, D^0.6 on increments, horizon 2^20\n");
+    head();
+    let (exact, loose) = (tables(&[0.6], SMALLEST_TOLERANCE), tables(&[0.6], 2.5e-7));
+    for &channels in counts {
+        let chunked = ChunkedExponentialSum::<f64, 1>::new(&exact[0].borrow(), channels).expect("a table");
+        let one = |memory: Box<dyn Memory<f64>>| [memory];
+        let contenders = vec![
+            Contender::new("chunked", one(Box::new(chunked)), 0.0),
+            Contender::new("wide", one(wide::<f64>(&exact, channels, 1)), 1e-13),
+            Contender::new("wide, two threads", one(wide::<f64>(&exact, channels, 2)), 1e-13),
+            Contender::new("wide, f32 states, 5e-7", one(wide::<f32>(&loose, channels, 1)), 1e-6),
+        ];
+        compare(channels, rounds, contenders);
+    }
+    println!("\nSeveral terms on the same coordinates\n");
+    head();
+    for exponents in [&[0.3, 0.6][..], &[0.3, 0.6, 1.4]] {
+        let count = exponents.len();
+        let own = |tolerance| -> Vec<_> {
+            exponents.iter().map(|&exponent| tables(&[exponent], tolerance)).collect()
+        };
+        let (own_exact, own_loose) = (own(SMALLEST_TOLERANCE), own(2.5e-7));
+        let (exact, loose) = (tables(exponents, SMALLEST_TOLERANCE), tables(exponents, 2.5e-7));
+        for &channels in counts.iter().filter(|&&channels| channels >= 1_000) {
+            let each = own_exact.iter().map(|tables| wide::<f64>(tables, channels, 1));
+            let each_single = own_loose.iter().map(|tables| wide::<f32>(tables, channels, 1));
+            let contenders = vec![
+                Contender::new(format!("{count} terms, a memory each"), each, 0.0),
+                Contender::new(
+                    format!("{count} terms, one memory"),
+                    [wide::<f64>(&exact, channels, 1)],
+                    1e-13,
+                ),
+                Contender::new(
+                    format!("{count} terms, one memory, two threads"),
+                    [wide::<f64>(&exact, channels, 2)],
+                    1e-13,
+                ),
+                Contender::new(format!("{count} terms, a memory each, f32 states, 5e-7"), each_single, 1e-6),
+                Contender::new(
+                    format!("{count} terms, one memory, f32 states, 5e-7"),
+                    [wide::<f32>(&loose, channels, 1)],
+                    1e-6,
+                ),
+            ];
+            compare(channels, rounds, contenders);
         }
     }
     let [one, two] = [1, 2].map(|threads| copies(threads, rounds));

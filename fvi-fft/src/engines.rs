@@ -44,12 +44,12 @@ pub trait Engines: Scalar {
         channels: usize,
     ) -> Result<Engine<Self>, ParameterError>;
 
-    /// [`WideExponentialSum::new`] on so many threads
+    /// [`WideExponentialSum::of_kernels`] on so many threads
     ///
     /// # Errors
     /// As there.
     fn wide_exponential_sum(
-        table: &ExponentialTable<&[f64]>,
+        tables: &[ExponentialTable<&[f64]>],
         channels: usize,
         threads: usize,
     ) -> Result<Engine<Self>, ParameterError>;
@@ -59,7 +59,7 @@ pub trait Engines: Scalar {
     /// # Errors
     /// As there.
     fn wide_exponential_sum_in_f32(
-        table: &ExponentialTable<&[f64]>,
+        tables: &[ExponentialTable<&[f64]>],
         channels: usize,
         threads: usize,
     ) -> Result<Engine<Self>, ParameterError>;
@@ -114,19 +114,21 @@ macro_rules! engines {
             }
 
             fn wide_exponential_sum(
-                table: &ExponentialTable<&[f64]>,
+                tables: &[ExponentialTable<&[f64]>],
                 channels: usize,
                 threads: usize,
             ) -> Result<Engine<Self>, ParameterError> {
-                Ok(Box::new(WideExponentialSum::<Self>::new(table, channels)?.on_threads(threads)))
+                let memory = WideExponentialSum::<Self>::of_kernels(tables, channels)?;
+                Ok(Box::new(memory.on_threads(threads)))
             }
 
             fn wide_exponential_sum_in_f32(
-                table: &ExponentialTable<&[f64]>,
+                tables: &[ExponentialTable<&[f64]>],
                 channels: usize,
                 threads: usize,
             ) -> Result<Engine<Self>, ParameterError> {
-                Ok(Box::new(WideExponentialSum::<Self, f32>::new(table, channels)?.on_threads(threads)))
+                let memory = WideExponentialSum::<Self, f32>::of_kernels(tables, channels)?;
+                Ok(Box::new(memory.on_threads(threads)))
             }
         }
     )*};

@@ -29,7 +29,7 @@ pub use scalar::Scalar;
 pub use vector_variable_steps::VectorVariableSteps;
 pub use vectorised::Vectorised;
 pub use weights::{WeightTable, Weights};
-pub use wide_exponential_sum::WideExponentialSum;
+pub use wide_exponential_sum::{WIDE_KERNELS, WideExponentialSum};
 
 /// What the last bits of these memories depend on besides their numbers: the processor's family, and whether
 /// its vector units round multiply–adds once.

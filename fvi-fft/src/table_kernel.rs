@@ -35,14 +35,32 @@ impl<'a, const S: usize> TableKernel<'a, S> {
 
     /// Leaves out what has died away at lag n and beyond.
     pub(crate) fn keep_what_lasts(&mut self, n: usize) {
+        keep_what_lasts(core::slice::from_mut(self), n);
+    }
+
+    /// For each exponential, whether it has not died away at lag n.
+    fn lasting(&self, n: usize) -> Vec<bool> {
         let size = |entry: &dyn Fn(usize, usize) -> f64| {
             (0..S * S).map(|place| entry(place / S, place % S).abs()).fold(0.0, f64::max)
         };
         let weight = size(&|a, b| self.weight(a, b, n));
         let left = n - self.head_len();
-        self.terms.retain(|term| {
+        let lasts = |term: &ExponentialTerm<f64, S>| {
             let part = size(&|a, b| term.output[a] * term.input[b]) * power(term, left).abs();
             power(term, n).abs() > FADED || part > NEGLIGIBLE * weight
+        };
+        self.terms.iter().map(lasts).collect()
+    }
+}
+
+/// Leaves out of kernels with the same exponentials what has died away in all of them at lag n and beyond.
+pub(crate) fn keep_what_lasts<const S: usize>(kernels: &mut [TableKernel<'_, S>], n: usize) {
+    let lasting: Vec<Vec<bool>> = kernels.iter().map(|kernel| kernel.lasting(n)).collect();
+    for kernel in kernels {
+        let mut index = 0;
+        kernel.terms.retain(|_| {
+            index += 1;
+            lasting.iter().any(|lasting| lasting[index - 1])
         });
     }
 }

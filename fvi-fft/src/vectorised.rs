@@ -29,6 +29,10 @@ impl<T, M: Memory<T>> Memory<T> for Vectorised<M> {
         self.memory.stages()
     }
 
+    fn kernels(&self) -> usize {
+        self.memory.kernels()
+    }
+
     fn acts_on(&self) -> ActsOn {
         self.memory.acts_on()
     }

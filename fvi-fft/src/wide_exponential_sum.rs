@@ -4,13 +4,13 @@
 use std::sync::{Mutex, PoisonError};
 
 use fvi_core::{
-    ActsOn, ExponentialTable, Memory, MemoryError, ParameterError, Shape, StateError, StateReader,
-    StateWriter, check_channels, fingerprint, header_bytes,
+    ActsOn, ExponentialTable, ExponentialTerm, Memory, MemoryError, ParameterError, Shape, StateError,
+    StateReader, StateWriter, check_channels, fingerprint, header_bytes,
 };
 use pulp::{Arch, Simd, WithSimd};
 
 use crate::scalar::Scalar;
-use crate::table_kernel::{TableKernel, loss, power};
+use crate::table_kernel::{TableKernel, keep_what_lasts, loss, power};
 
 /// The exponential-sum memory for hundreds of channels and more: r_k = Σ_{n=1}^{k} w_n x_{k−n} for the plain
 /// kernel of an [`ExponentialTable`], on every channel alike.
@@ -29,9 +29,12 @@ use crate::table_kernel::{TableKernel, loss, power};
 /// two products with small matrices. Thirty-two channels lie side by side, and each number of theirs is
 /// formed by the same operations whatever their place and the number of threads.
 ///
+/// Several kernels with the same exponentials and other coefficients, of dampings of different orders on the
+/// same coordinates, share the samples and the sums: only the places of known terms are each one's own.
+///
 /// Weights are those of the table; terms agree with [`ChunkedExponentialSum`](crate::ChunkedExponentialSum)
-/// to rounding. One channel takes M + J numbers and four bytes for each of the slow exponentials, whose sums
-/// would gather the errors of many chunks.
+/// to rounding. One channel of K kernels takes K M + J numbers and four bytes for each of the slow
+/// exponentials, whose sums would gather the errors of many chunks.
 ///
 /// `T` is the scalar of samples, terms and arithmetic, `P` that of the state between the chunks. With `f32`
 /// in place of `f64` the state is half as large, and a term has an error of some 10⁻⁷ Σ|w||x|.
@@ -40,7 +43,7 @@ use crate::table_kernel::{TableKernel, loss, power};
 pub struct WideExponentialSum<T: Scalar, P: Scalar = T> {
     acts_on: ActsOn,
     horizon: usize,
-    /// Tells the table from others.
+    /// Tells the tables from others.
     fingerprint: u64,
     len: usize,
     channels: usize,
@@ -52,6 +55,9 @@ pub struct WideExponentialSum<T: Scalar, P: Scalar = T> {
 
 /// Kind of the saved state.
 const TAG: [u8; 4] = *b"wide";
+
+/// Most kernels of a [`WideExponentialSum`].
+pub const WIDE_KERNELS: usize = 4;
 
 /// Channels that lie side by side.
 const LANES: usize = 32;
@@ -76,24 +82,21 @@ struct Lanes<N>([N; LANES]);
 
 /// The state of neighbouring channels.
 struct Tile<P> {
-    /// Samples of this chunk, behind them what is known of the terms of those to come.
+    /// Samples of this chunk, behind them what is known of the first kernel's terms at those to come; then
+    /// the terms of each further kernel at all places.
     places: Vec<Lanes<P>>,
     sums: Vec<Lanes<P>>,
     /// What rounding took away from the slow sums, the first ones: the upper half of a number.
     rests: Vec<Lanes<u32>>,
 }
 
-/// The kernel, as a chunk needs it.
+/// The kernels, as a chunk needs them.
 struct Plan<T> {
     /// M.
     chunk: usize,
-    leading: [T; 1],
-    /// w₀ … w₇.
-    near: [T; GROUP],
-    /// For each eight terms of a chunk, what the samples of the chunk before them add.
-    within: Vec<Vec<[T; GROUP]>>,
-    /// For each eight terms of the next chunk, what the sums and the samples of this one add.
-    onward: Vec<[Vec<[T; GROUP]>; 2]>,
+    /// w₀ of each kernel.
+    leading: Vec<T>,
+    kernels: Vec<KernelPlan<T>>,
     /// For each eight sums, what the samples of a chunk add.
     inward: Vec<Vec<[T; GROUP]>>,
     /// For each sum 1 − (1 − μ)^M.
@@ -102,50 +105,89 @@ struct Plan<T> {
     slow: usize,
 }
 
-impl<T: Scalar> Plan<T> {
-    fn new(mut kernel: TableKernel<'_, 1>, chunk: usize) -> Self {
-        let head = kernel.head_len();
-        let weights: Vec<T> = (0..2 * chunk).map(|n| T::of(kernel.weight(0, 0, n))).collect();
-        let near = core::array::from_fn(|n| if n == 0 { T::zero() } else { weights[n] });
-        kernel.keep_what_lasts(chunk + 1);
-        kernel.terms.sort_by(|a, b| a.decay.total_cmp(&b.decay));
-        let terms = &kernel.terms;
+/// What is a kernel's own.
+struct KernelPlan<T> {
+    /// w₀ … w₇.
+    near: [T; GROUP],
+    /// For each eight terms of a chunk, what the samples of the chunk before them add.
+    within: Vec<Vec<[T; GROUP]>>,
+    /// For each eight terms of the next chunk, what the sums and the samples of this one add.
+    onward: Vec<[Vec<[T; GROUP]>; 2]>,
+}
+
+impl<T: Scalar> KernelPlan<T> {
+    /// For the weights up to lag 2M of a kernel, and its exponentials that last.
+    fn new(weights: &[T], terms: &[ExponentialTerm<f64, 1>], head: usize) -> Self {
+        let chunk = weights.len() / 2;
         let group = |of: &dyn Fn(usize) -> T| core::array::from_fn(of);
         let within = |first: usize| (0..first).map(|m| group(&|i| weights[first + i - m])).collect();
         let emit = |first: usize| {
             let coefficient = |left: usize| {
-                move |term: &fvi_core::ExponentialTerm<f64, 1>| {
+                move |term: &ExponentialTerm<f64, 1>| {
                     T::of(term.output[0] * term.input[0] * power(term, left))
                 }
             };
             terms.iter().map(|term| group(&|i| coefficient(chunk + 1 + first + i - head)(term))).collect()
         };
         let direct = |first: usize| (0..chunk).map(|m| group(&|i| weights[chunk + first + i - m])).collect();
+        let firsts = || (0..chunk).step_by(GROUP);
+        Self {
+            near: core::array::from_fn(|n| if n == 0 { T::zero() } else { weights[n] }),
+            within: firsts().map(within).collect(),
+            onward: firsts().map(|first| [emit(first), direct(first)]).collect(),
+        }
+    }
+
+    /// Bytes of the tables.
+    fn bytes(&self) -> usize {
+        let tables = self.within.iter().chain(self.onward.iter().flatten());
+        size_of::<Self>() + tables.map(|table| size_of_val(table.as_slice())).sum::<usize>()
+    }
+}
+
+impl<T: Scalar> Plan<T> {
+    /// For tables that differ in their coefficients only.
+    fn new(tables: &[ExponentialTable<&[f64]>], chunk: usize) -> Self {
+        let mut kernels: Vec<_> = tables.iter().map(TableKernel::<1>::new).collect();
+        let weights = |kernel: &TableKernel<'_, 1>| -> Vec<T> {
+            (0..2 * chunk).map(|n| T::of(kernel.weight(0, 0, n))).collect()
+        };
+        let weights: Vec<_> = kernels.iter().map(weights).collect();
+        keep_what_lasts(&mut kernels, chunk + 1);
+        for kernel in &mut kernels {
+            kernel.terms.sort_by(|a, b| a.decay.total_cmp(&b.decay));
+        }
+        let terms = kernels.first().map_or(&[][..], |kernel| &kernel.terms);
         let absorb = |first: usize| {
             let number =
                 |j: usize, m: usize| terms.get(j).map_or(T::zero(), |term| T::of(power(term, chunk - 1 - m)));
-            (0..chunk).map(|m| group(&|i| number(first + i, m))).collect()
+            (0..chunk).map(|m| core::array::from_fn(|i| number(first + i, m))).collect()
         };
-        let firsts = || (0..chunk).step_by(GROUP);
+        let own = |(kernel, weights): (&TableKernel<'_, 1>, &Vec<T>)| {
+            KernelPlan::new(weights, &kernel.terms, kernel.head_len())
+        };
         Self {
             chunk,
-            leading: [weights[0]],
-            near,
-            within: firsts().map(within).collect(),
-            onward: firsts().map(|first| [emit(first), direct(first)]).collect(),
+            leading: weights.iter().map(|weights| weights[0]).collect(),
+            kernels: kernels.iter().zip(&weights).map(own).collect(),
             inward: (0..terms.len()).step_by(GROUP).map(absorb).collect(),
             losses: terms.iter().map(|term| T::of(loss(term, chunk))).collect(),
             slow: terms.iter().take_while(|term| loss(term, chunk) < FAST).count(),
         }
     }
 
+    /// Places of a tile.
+    fn places(&self) -> usize {
+        self.kernels.len() * self.chunk
+    }
+
     /// Multiply–adds for each channel at a place of the chunk.
     fn cost(&self, place: usize) -> usize {
-        let behind = place + 1;
+        let (behind, kernels, sums) = (place + 1, self.kernels.len(), self.losses.len());
         if behind == self.chunk {
-            self.chunk * (self.chunk + 2 * self.losses.len())
+            self.chunk * (kernels * (self.chunk + sums) + sums)
         } else if behind.is_multiple_of(GROUP) {
-            GROUP * behind
+            kernels * GROUP * behind
         } else {
             GROUP
         }
@@ -153,8 +195,9 @@ impl<T: Scalar> Plan<T> {
 
     /// Bytes of the tables.
     fn bytes(&self) -> usize {
-        let groups = |table: &Vec<[T; GROUP]>| size_of_val(table.as_slice());
-        self.within.iter().chain(self.onward.iter().flatten()).chain(&self.inward).map(groups).sum::<usize>()
+        let inward = self.inward.iter().map(|table| size_of_val(table.as_slice()));
+        self.kernels.iter().map(KernelPlan::bytes).chain(inward).sum::<usize>()
+            + size_of_val(self.leading.as_slice())
             + size_of_val(self.losses.as_slice())
     }
 }
@@ -226,27 +269,30 @@ impl<P: Scalar> Tile<P> {
     fn new<T: Scalar>(plan: &Plan<T>) -> Self {
         let zero = Lanes([P::zero(); LANES]);
         Self {
-            places: vec![zero; plan.chunk],
+            places: vec![zero; plan.places()],
             sums: vec![zero; plan.losses.len()],
             rests: vec![Lanes([0; LANES]); plan.slow],
         }
     }
 
-    /// The terms at a place: what is known of them, and what the newest samples add.
+    /// The terms of each kernel at a place: what is known of them, and what the newest samples add.
     #[inline(always)]
-    fn terms<T: Scalar, V: Simd>(&self, unit: V, plan: &Plan<T>, place: usize, terms: &mut [T]) {
+    fn terms<T: Scalar, V: Simd>(&self, unit: V, plan: &Plan<T>, place: usize, terms: OfKernels<'_, T>) {
         let newest = self.places.get(place - place % GROUP..place).unwrap_or(&[]);
-        let mut sums = self.places.get(place).map_or(Lanes([T::zero(); LANES]), converted);
-        let weights = plan.near.iter().skip(1).take(newest.len()).rev();
-        for (row, &weight) in newest.iter().zip(weights) {
-            let row: Lanes<T> = converted(row);
-            let weight = T::in_lanes(unit, weight);
-            let parts = T::reals_mut::<V>(&mut sums.0).iter_mut().zip(T::reals::<V>(&row.0));
-            for (sum, &number) in parts {
-                *sum = T::plus_product(unit, weight, number, *sum);
+        let known = self.places.iter().skip(place).step_by(plan.chunk);
+        for ((kernel, known), terms) in plan.kernels.iter().zip(known).zip(terms) {
+            let mut sums: Lanes<T> = converted(known);
+            let weights = kernel.near.iter().skip(1).take(newest.len()).rev();
+            for (row, &weight) in newest.iter().zip(weights) {
+                let row: Lanes<T> = converted(row);
+                let weight = T::in_lanes(unit, weight);
+                let parts = T::reals_mut::<V>(&mut sums.0).iter_mut().zip(T::reals::<V>(&row.0));
+                for (sum, &number) in parts {
+                    *sum = T::plus_product(unit, weight, number, *sum);
+                }
             }
+            terms.iter_mut().zip(sums.0).for_each(|(term, sum)| *term = sum);
         }
-        terms.iter_mut().zip(sums.0).for_each(|(term, sum)| *term = sum);
     }
 
     /// Stores samples at a place of the chunk, and does what falls due behind them.
@@ -280,15 +326,16 @@ impl<P: Scalar> Tile<P> {
         behind: usize,
         scratch: &mut Scratch<T>,
     ) {
-        let (samples, terms) = self.places.split_at_mut(behind);
-        let Scratch { samples: unpacked_samples, results, .. } = scratch;
-        unpacked_samples.clear();
-        unpacked_samples.extend(samples.iter().map(converted));
-        let Some(weights) = plan.within.get(behind / GROUP) else { return };
-        combine(unit, [(weights, unpacked_samples)], results);
-        for (term, result) in terms.iter_mut().zip(results) {
-            for (term, result) in term.0.iter_mut().zip(result.0) {
-                *term = P::of((T::of(term.to_f64()) + result).to_f64());
+        let Scratch { samples, results, .. } = scratch;
+        samples.clear();
+        samples.extend(self.places.iter().take(behind).map(converted));
+        for (kernel, terms) in plan.kernels.iter().zip(self.places.chunks_mut(plan.chunk)) {
+            let Some(weights) = kernel.within.get(behind / GROUP) else { return };
+            combine(unit, [(weights, samples)], results);
+            for (term, result) in terms.iter_mut().skip(behind).zip(&*results) {
+                for (term, result) in term.0.iter_mut().zip(result.0) {
+                    *term = P::of((T::of(term.to_f64()) + result).to_f64());
+                }
             }
         }
     }
@@ -298,10 +345,12 @@ impl<P: Scalar> Tile<P> {
     fn turn<T: Scalar, V: Simd>(&mut self, unit: V, plan: &Plan<T>, scratch: &mut Scratch<T>) {
         let Scratch { samples, sums, results } = scratch;
         samples.clear();
-        samples.extend(self.places.iter().map(converted));
+        samples.extend(self.places.iter().take(plan.chunk).map(converted));
         sums.clear();
         sums.extend(self.sums.iter().map(converted));
-        for ([far, near], terms) in plan.onward.iter().zip(self.places.chunks_mut(GROUP)) {
+        let groups = plan.kernels.iter().flat_map(|kernel| &kernel.onward);
+        // Whole groups: chunks are.
+        for ([far, near], terms) in groups.zip(self.places.chunks_mut(GROUP)) {
             combine(unit, [(far, sums), (near, samples)], results);
             terms.iter_mut().zip(&*results).for_each(|(term, result)| *term = converted(result));
         }
@@ -352,12 +401,26 @@ fn share<I: Send>(threads: usize, parts: impl Iterator<Item = I> + Send, work: i
     });
 }
 
+/// The terms of some channels, for each kernel; empty for those that there are not.
+type OfKernels<'a, T> = [&'a mut [T]; WIDE_KERNELS];
+
+/// Takes the terms of so many channels, or of all that are left, from the front.
+#[inline(always)]
+fn take_first<'a, T>(rest: &mut OfKernels<'a, T>, channels: usize) -> OfKernels<'a, T> {
+    let mut taken = OfKernels::default();
+    for (taken, rest) in taken.iter_mut().zip(rest) {
+        let all = core::mem::take(rest);
+        (*taken, *rest) = all.split_at_mut(channels.min(all.len()));
+    }
+    taken
+}
+
 /// A call that is compiled once for every vector unit.
 struct Terms<'a, T: Scalar, P> {
     plan: &'a Plan<T>,
     place: usize,
     tiles: &'a [Tile<P>],
-    terms: &'a mut [T],
+    terms: OfKernels<'a, T>,
 }
 
 impl<T: Scalar, P: Scalar> WithSimd for Terms<'_, T, P> {
@@ -365,8 +428,9 @@ impl<T: Scalar, P: Scalar> WithSimd for Terms<'_, T, P> {
 
     #[inline(always)]
     fn with_simd<V: Simd>(self, unit: V) {
-        for (tile, terms) in self.tiles.iter().zip(self.terms.chunks_mut(LANES)) {
-            tile.terms(unit, self.plan, self.place, terms);
+        let mut rest = self.terms;
+        for tile in self.tiles {
+            tile.terms(unit, self.plan, self.place, take_first(&mut rest, LANES));
         }
     }
 }
@@ -397,19 +461,47 @@ impl<T: Scalar, P: Scalar> WideExponentialSum<T, P> {
     /// # Errors
     /// If [`ExponentialTable::check`] refuses the table, it has more than one stage, or there is no channel.
     pub fn new(table: &ExponentialTable<&[f64]>, channels: usize) -> Result<Self, ParameterError> {
-        if table.stages != 1 {
-            let allowed = "1: this memory is for kernels of plain numbers";
-            return Err(ParameterError { parameter: "stages", value: table.stages as f64, allowed });
+        Self::of_kernels(&[*table], channels)
+    }
+
+    /// A memory for the kernels of tables that share their exponentials: one head length, the same μ in the
+    /// same places.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new), and if the tables do not share them, there is none or more than
+    /// [`WIDE_KERNELS`].
+    pub fn of_kernels(tables: &[ExponentialTable<&[f64]>], channels: usize) -> Result<Self, ParameterError> {
+        let refused = |parameter, value, allowed| Err(ParameterError { parameter, value, allowed });
+        let (Some(first), 1..=WIDE_KERNELS) = (tables.first(), tables.len()) else {
+            return refused("tables", tables.len() as f64, "1 to 4");
+        };
+        for table in tables {
+            if table.stages != 1 {
+                let allowed = "1: this memory is for kernels of plain numbers";
+                return refused("stages", table.stages as f64, allowed);
+            }
+            table.check()?;
+            if table.head.len() != first.head.len() {
+                return refused("head weights", table.head.len() as f64, "as many as the first table has");
+            }
+            let (own, of_first) = (table.terms::<1>().count(), first.terms::<1>().count());
+            if own != of_first {
+                return refused("exponentials", own as f64, "as many as the first table has");
+            }
+            let mut pairs = table.terms::<1>().zip(first.terms::<1>());
+            if let Some((own, _)) = pairs.find(|(own, of_first)| own.decay != of_first.decay) {
+                return refused("decay", own.decay, "that of the first table, in its place");
+            }
         }
-        table.check()?;
         if channels == 0 {
-            return Err(ParameterError { parameter: "channels", value: 0.0, allowed: "at least 1" });
+            return refused("channels", 0.0, "at least 1");
         }
-        let plan = Plan::new(TableKernel::new(table), Self::chunk(table));
+        let plan = Plan::new(tables, Self::chunk(first));
+        let numbers = tables.iter().flat_map(|table| table.head.iter().chain(table.exponentials));
         Ok(Self {
             acts_on: ActsOn::Values,
-            horizon: table.horizon,
-            fingerprint: fingerprint(table.head.iter().chain(table.exponentials)),
+            horizon: tables.iter().map(|table| table.horizon).min().unwrap_or(0),
+            fingerprint: fingerprint(numbers),
             len: 0,
             channels,
             tiles: (0..channels.div_ceil(LANES)).map(|_| Tile::new(&plan)).collect(),
@@ -438,7 +530,7 @@ impl<T: Scalar, P: Scalar> WideExponentialSum<T, P> {
 
     /// Bytes of the state of a channel.
     pub fn channel_bytes(&self) -> usize {
-        (self.plan.chunk + self.plan.losses.len()) * size_of::<P>() + self.plan.slow * size_of::<u32>()
+        (self.plan.places() + self.plan.losses.len()) * size_of::<P>() + self.plan.slow * size_of::<u32>()
     }
 
     /// What its state begins with.
@@ -458,8 +550,7 @@ impl<T: Scalar, P: Scalar> WideExponentialSum<T, P> {
     }
 
     #[inline]
-    fn check(&self, channels: usize) -> Result<(), MemoryError> {
-        check_channels(self.channels, channels)?;
+    fn check_room(&self) -> Result<(), MemoryError> {
         let capacity = self.horizon;
         if self.len >= capacity { Err(MemoryError::Full { capacity }) } else { Ok(()) }
     }
@@ -485,6 +576,10 @@ impl<T: Scalar, P: Scalar> Memory<T> for WideExponentialSum<T, P> {
         self.channels
     }
 
+    fn kernels(&self) -> usize {
+        self.plan.kernels.len()
+    }
+
     fn acts_on(&self) -> ActsOn {
         self.acts_on
     }
@@ -498,16 +593,21 @@ impl<T: Scalar, P: Scalar> Memory<T> for WideExponentialSum<T, P> {
     }
 
     fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
-        self.check(term.len())?;
+        let kernels = self.plan.kernels.len();
+        check_channels(kernels * self.channels, term.len())?;
+        self.check_room()?;
         let (plan, unit, place) = (&self.plan, self.unit, self.len % self.plan.chunk);
-        let (threads, part) = self.shares(GROUP);
-        let parts = self.tiles.chunks(part).zip(term.chunks_mut(part * LANES));
+        let (threads, part) = self.shares(kernels * GROUP);
+        let mut rest = OfKernels::default();
+        rest.iter_mut().zip(term.chunks_mut(self.channels)).for_each(|(rest, terms)| *rest = terms);
+        let parts = self.tiles.chunks(part).map(|tiles| (tiles, take_first(&mut rest, part * LANES)));
         share(threads, parts, |(tiles, terms)| unit.dispatch(Terms { plan, place, tiles, terms }));
         Ok(())
     }
 
     fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
-        self.check(sample.len())?;
+        check_channels(self.channels, sample.len())?;
+        self.check_room()?;
         let place = self.len % self.plan.chunk;
         let (threads, part) = self.shares(self.plan.cost(place));
         let (plan, unit) = (&self.plan, self.unit);
@@ -531,7 +631,7 @@ impl<T: Scalar, P: Scalar> Memory<T> for WideExponentialSum<T, P> {
     }
 
     fn state_bytes(&self) -> usize {
-        let numbers = (self.plan.chunk + self.plan.losses.len()) * P::BYTES + self.plan.slow * T::BYTES;
+        let numbers = (self.plan.places() + self.plan.losses.len()) * P::BYTES + self.plan.slow * T::BYTES;
         header_bytes(4) + self.channels * numbers
     }
 

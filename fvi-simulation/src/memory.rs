@@ -16,7 +16,7 @@ use fvi_core::{
     ActsOn, BdfOrder, ConvolutionWeights, Direct, ExponentialSum, ExponentialTable, Memory, MemoryError,
     ParameterError, RungeKutta, StateError, StateReader, StateWriter,
 };
-use fvi_fft::{Engines, VectorVariableSteps, Vectorised, Weights, WideExponentialSum};
+use fvi_fft::{Engines, VectorVariableSteps, Vectorised, WIDE_KERNELS, Weights, WideExponentialSum};
 
 /// A memory engine chosen at run time.
 pub struct HostMemory<T> {
@@ -132,6 +132,9 @@ const LONGEST_CHUNK: usize = 64;
 /// increments hardly decay: there is no exponential sum for them.
 pub const LEAST_ON_INCREMENTS: f64 = 0.1;
 
+/// Most kernels that share a memory.
+pub const MOST_SHARING: usize = WIDE_KERNELS;
+
 /// The part of the tolerance that is left to the table where a state in single precision takes the rest.
 const PART_OF_THE_TABLE: f64 = 0.5;
 
@@ -173,6 +176,42 @@ impl MemoryRequest<'_> {
         let (engine, acts_on, order) = (memory.engine(), memory.acts_on, BdfOrder::new(order)?);
         let corrected = StartingCorrection::new(memory, order, self.exponent, self.step_size, exponents)?;
         Ok(HostMemory::new(Box::new(corrected), engine, acts_on))
+    }
+
+    /// Whether the kernel may have one memory with another, as far as kernels decide: both have exponentials,
+    /// and want the same samples.
+    pub fn may_share_with(&self, other: &Self) -> bool {
+        let whole = |request: &Self| request.exponent == 0.0 || request.exponent == 1.0;
+        !whole(self) && !whole(other) && self.acts_on() == other.acts_on()
+    }
+
+    /// One memory for the kernels of these exponents, that of the request the first: the samples and one set
+    /// of exponentials for all of them. `None` where it would be another engine than sums of exponentials for
+    /// many channels, or no common table reaches the tolerance: then each has a memory of its own.
+    pub fn build_sharing<T: Engines>(&self, exponents: &[f64], tables: &Tables) -> Option<HostMemory<T>> {
+        let ConvolutionFamily::Bdf { order } = self.convolution.family else { return None };
+        if !self.convolution.starting.is_empty() || self.engine() != Engine::ExponentialSum {
+            return None;
+        }
+        let (order, tolerance) = (BdfOrder::new(order).ok()?, self.table_tolerance());
+        let (horizon, on_increments) = (self.horizon().ok()?, self.acts_on() != ActsOn::Values);
+        let others = exponents.iter().map(|exponent| exponent.to_bits());
+        let key: Vec<u64> = self.key(horizon as u64, tolerance).into_iter().chain(others).collect();
+        let make = || {
+            let step_size = self.step_size;
+            Ok(ExponentialKernel::sharing_rates(
+                order,
+                exponents,
+                on_increments,
+                step_size,
+                horizon,
+                tolerance,
+            )?)
+        };
+        let kernels = tables.get(&key, make).ok()?;
+        let kernels: Vec<_> = kernels.iter().map(ExponentialKernel::table::<f64>).collect();
+        let kernels: Vec<_> = kernels.iter().map(ExponentialTable::borrow).collect();
+        Some(self.host(self.side_by_side(&kernels)?.ok()?, Engine::ExponentialSum))
     }
 
     /// What the memory acts on: differences, as far as there is something to gain. The identity, β = 0, and
@@ -219,23 +258,33 @@ impl MemoryRequest<'_> {
 
     /// The memory without starting weights.
     fn without_starting<T: Engines>(&self, tables: &Tables) -> Result<HostMemory<T>, EngineError> {
-        if let Some(engine) = self.history.engine {
-            return self.memory(engine, tables);
+        let engine = self.engine();
+        match self.memory(engine, tables) {
+            Err(EngineError::Table(_)) if self.history.engine.is_none() => {
+                self.memory(Engine::BlockFft, tables)
+            }
+            other => other,
         }
-        if self.end.is_some() {
-            return self.memory(Engine::AnyStep, tables);
-        }
+    }
+
+    /// The engine asked for, or the fastest that is exact to rounding, as far as there is a table for it.
+    fn engine(&self) -> Engine {
         let channels = self.channels_of_one();
         let few = channels <= FEW || self.planned().saturating_mul(channels) <= SMALL;
-        if (self.planned() <= PLAIN && few) || self.history.capacity.is_some() {
-            return self.memory(Engine::Direct, tables);
+        match self.history.engine {
+            Some(engine) => engine,
+            None if self.end.is_some() => Engine::AnyStep,
+            None if (self.planned() <= PLAIN && few) || self.history.capacity.is_some() => Engine::Direct,
+            None if self.planned() <= CROSSOVER && few => Engine::BlockFft,
+            None => Engine::ExponentialSum,
         }
-        if self.planned() <= CROSSOVER && few {
-            return self.memory(Engine::BlockFft, tables);
-        }
-        match self.memory(Engine::ExponentialSum, tables) {
-            Err(EngineError::Table(_)) => self.memory(Engine::BlockFft, tables),
-            other => other,
+    }
+
+    /// Relative error of a weight in a table of exponentials.
+    fn table_tolerance(&self) -> f64 {
+        match (self.history.tolerance, self.history.states) {
+            (Some(tolerance), Some(States::F32)) => PART_OF_THE_TABLE * tolerance,
+            (tolerance, _) => tolerance.unwrap_or(EXACT),
         }
     }
 
@@ -288,10 +337,7 @@ impl MemoryRequest<'_> {
             }
             Engine::BlockFft | Engine::RealTime => self.transforms(engine, weights(self.step_size)?, 1),
             Engine::ExponentialSum | Engine::ExponentialSumCore => {
-                let tolerance = match (self.history.tolerance, self.history.states) {
-                    (Some(tolerance), Some(States::F32)) => PART_OF_THE_TABLE * tolerance,
-                    (tolerance, _) => tolerance.unwrap_or(EXACT),
-                };
+                let tolerance = self.table_tolerance();
                 let make = match self.acts_on() {
                     ActsOn::Values => ExponentialKernel::bdf,
                     _ => ExponentialKernel::bdf_on_increments,
@@ -406,14 +452,24 @@ impl MemoryRequest<'_> {
         &self,
         table: &ExponentialTable<&[f64]>,
     ) -> Result<HostMemory<T>, EngineError> {
+        match self.side_by_side(&[*table]) {
+            Some(memory) => Ok(self.host(memory?, Engine::ExponentialSum)),
+            None => self.exponential_sum(table),
+        }
+    }
+
+    /// The layout for many channels, where these are many.
+    fn side_by_side<T: Engines>(
+        &self,
+        tables: &[ExponentialTable<&[f64]>],
+    ) -> Option<Result<fvi_fft::Engine<T>, ParameterError>> {
         let (channels, threads) = (self.coordinates, self.history.threads());
-        let few = self.channels_of_one() < MANY || WideExponentialSum::<T>::chunk(table) > LONGEST_CHUNK;
-        let memory = match self.history.states {
-            Some(States::F32) => T::wide_exponential_sum_in_f32(table, channels, threads)?,
-            _ if few => return self.exponential_sum(table),
-            _ => T::wide_exponential_sum(table, channels, threads)?,
-        };
-        Ok(self.host(memory, Engine::ExponentialSum))
+        let chunk = tables.first().map_or(0, WideExponentialSum::<T>::chunk);
+        match self.history.states {
+            Some(States::F32) => Some(T::wide_exponential_sum_in_f32(tables, channels, threads)),
+            _ if self.channels_of_one() < MANY || chunk > LONGEST_CHUNK => None,
+            _ => Some(T::wide_exponential_sum(tables, channels, threads)),
+        }
     }
 
     /// The core's own memory, a sample at a time, on a table rounded as one of firmware is.
@@ -524,6 +580,10 @@ impl<T> Memory<T> for HostMemory<T> {
 
     fn stages(&self) -> usize {
         self.stages
+    }
+
+    fn kernels(&self) -> usize {
+        self.memory.kernels()
     }
 
     fn acts_on(&self) -> ActsOn {

@@ -19,7 +19,7 @@ pub mod stretch;
 use crate::language::error::Cause;
 use crate::language::expression::Elementary;
 use crate::language::{InputError, Problem};
-use crate::memory::{EngineError, HostMemory, MemoryRequest, Tables};
+use crate::memory::{EngineError, HostMemory, MOST_SHARING, MemoryRequest, Tables};
 use crate::model::{
     Dense, DenseOutput, EnergiesAlong, EnergyRoom, Matrix, Model, OnePoint, Remembers, ScenarioSpace, States,
 };
@@ -52,6 +52,7 @@ pub enum Precision {
 pub struct Simulation {
     stepper: Box<dyn Stepper>,
     engines: Vec<Engine>,
+    shared: Vec<Vec<usize>>,
     precision: Precision,
     solver: Solver,
 }
@@ -71,6 +72,8 @@ trait Stepper {
     /// Whether steps of a grid leave the energy out where no row is written.
     fn has_energies_of_rows_only(&self) -> bool;
     fn engines(&self) -> Vec<Engine>;
+    /// The terms of each memory that serves several.
+    fn shared(&self) -> Vec<Vec<usize>>;
     fn overruns(&self) -> Option<usize>;
     fn memory_bytes(&self) -> usize;
     fn state_bytes(&self) -> usize;
@@ -147,8 +150,8 @@ impl Simulation {
                 Precision::F32 => Box::new(Machine::<f32, _>::new(space, scenario, tables)?),
             };
         }
-        let engines = stepper.engines();
-        Ok(Self { stepper, engines, precision, solver })
+        let (engines, shared) = (stepper.engines(), stepper.shared());
+        Ok(Self { stepper, engines, shared, precision, solver })
     }
 
     /// Whether no motion near the start grows at the step of the scenario, as far as the check of the step
@@ -233,6 +236,11 @@ impl Simulation {
     /// The engine of each damping term.
     pub fn engines(&self) -> &[Engine] {
         &self.engines
+    }
+
+    /// The damping terms, by their numbers from 0, of each memory that serves several.
+    pub fn shared(&self) -> &[Vec<usize>] {
+        &self.shared
     }
 
     /// What it computes in.
@@ -348,21 +356,20 @@ impl<T: Elementary + Engines, X: ScenarioSpace<T>> Machine<T, X> {
             scenario.error_at("scheme", Problem::OutOfRange { allowed })
         })?;
         let nodes = scheme.sampling().nodes();
-        let terms = scenario.system.damping.iter().enumerate();
-        let terms = terms.map(|(index, term)| damping_term(scenario, &space, nodes, (index, term), tables));
-        let terms = terms.collect::<Result<Vec<_>, _>>()?;
+        let (terms, served) = damping_terms(scenario, &space, nodes, tables)?;
         let system = space.system(scenario).map_err(|error| bad_mass(scenario, &error))?;
         let position = space.vector(&scenario.initial.position);
         let momentum = space.vector(&scenario.initial.momentum);
         let input = space.zeros();
         let kicked = scenario.convolution.at == DampedAt::MainNodes;
         let is_dear = space.energy_is_dear();
+        // With several nodes terms have memories of their own.
         let offset = MomentumOffset::of(scenario, nodes, |term| resisting(&terms[term], &position, &space));
         let mean = kicked && scenario.output.momentum == ReportedMomentum::Mean;
         let kick = mean.then(|| Kick { next: space.zeros(), last: space.zeros() });
         let reported = (mean || !offset.is_empty()).then(|| space.zeros());
         let integrator = IntegratorBuilder::in_space(space, system, scheme, T::of(scenario.time.step))
-            .damping(DampingTerms { terms, kick })
+            .damping(DampingTerms { terms, served, kick })
             .position(position)
             .momentum(momentum)
             .build()
@@ -507,36 +514,88 @@ fn memory_request<'a>(
     }
 }
 
-fn damping_term<T: Elementary + Engines, X: ScenarioSpace<T>>(
+/// The damping terms of a scenario on their memories, and which of the scenario's terms each of them serves:
+/// where several follow the same coordinates with sums of exponentials for many channels, they have one
+/// memory.
+fn damping_terms<T: Elementary + Engines, X: ScenarioSpace<T>>(
     scenario: &Scenario,
     space: &X,
     nodes: usize,
-    (index, term): (usize, &scenario::Damping),
     tables: &Tables,
-) -> Result<X::Term<HostMemory<T>>, InputError> {
-    let request = memory_request(scenario, (space.channels(term), nodes), term);
-    let refused = |error: EngineError| match error {
-        EngineError::Table(_) => scenario
-            .error_at_first(&["history.tolerance", "history.engine"], Problem::Engine(Cause::new(error))),
-        EngineError::TableEnds { .. } => scenario
-            .error_at_first(&["history.horizon", "history.engine"], Problem::Engine(Cause::new(error))),
-        EngineError::NoRoom { .. } => scenario.error_at_first(
-            &["history.engine", "time.steps", "time.end"],
-            Problem::Engine(Cause::new(error)),
-        ),
-        EngineError::Unsuited { .. } => {
-            scenario.error_at_first(&["history.engine", "time.grid"], Problem::Engine(Cause::new(error)))
-        }
-        EngineError::Parameter(_) => {
-            scenario.error_at(&format!("system.damping[{index}].order"), Problem::Engine(Cause::new(error)))
-        }
+) -> Result<(Vec<X::Term<HostMemory<T>>>, Vec<Vec<usize>>), InputError> {
+    let damping = &scenario.system.damping;
+    let request = |index: usize| {
+        let term = &damping[index];
+        memory_request(scenario, (space.channels(term), nodes), term)
     };
-    let kernel = request.kernel().map_err(|error| refused(error.into()))?;
-    let memory = request.build_with(tables).map_err(refused)?;
-    space.term(term, kernel, memory).map_err(|error| {
-        let path = format!("system.damping[{index}]");
+    let alike = |one: usize, other: usize| {
+        nodes == 1
+            && request(one).may_share_with(&request(other))
+            && space.follow_alike(&damping[one], &damping[other])
+    };
+    let mut groups: Vec<Vec<usize>> = Vec::new();
+    for index in 0..damping.len() {
+        let known = groups.iter_mut().find(|group| group.len() < MOST_SHARING && alike(group[0], index));
+        match known {
+            Some(group) => group.push(index),
+            None => groups.push(vec![index]),
+        }
+    }
+    let (mut terms, mut served) = (Vec::new(), Vec::new());
+    for group in groups {
+        let orders: Vec<f64> = group.iter().map(|&index| damping[index].order).collect();
+        let shared = match group[..] {
+            [first, _, ..] => request(first).build_sharing(&orders, tables),
+            _ => None,
+        };
+        if let Some(memory) = shared {
+            terms.push(term_on(scenario, space, &group, request, memory)?);
+            served.push(group);
+            continue;
+        }
+        for index in group {
+            let memory =
+                request(index).build_with(tables).map_err(|error| refused_memory(scenario, index, error))?;
+            terms.push(term_on(scenario, space, &[index], request, memory)?);
+            served.push(vec![index]);
+        }
+    }
+    Ok((terms, served))
+}
+
+/// Terms of a scenario on a memory of their kernels.
+fn term_on<'a, T: Elementary + Engines, X: ScenarioSpace<T>>(
+    scenario: &Scenario,
+    space: &X,
+    indices: &[usize],
+    request: impl Fn(usize) -> MemoryRequest<'a>,
+    memory: HostMemory<T>,
+) -> Result<X::Term<HostMemory<T>>, InputError> {
+    let with_kernel = |&index: &usize| {
+        let kernel =
+            request(index).kernel().map_err(|error| refused_memory(scenario, index, error.into()))?;
+        Ok((&scenario.system.damping[index], kernel))
+    };
+    let terms = indices.iter().map(with_kernel).collect::<Result<Vec<_>, InputError>>()?;
+    space.term(&terms, memory).map_err(|error| {
+        let path = format!("system.damping[{}]", indices[0]);
         scenario.error_at(&path, Problem::Precision { reason: error.to_string() })
     })
+}
+
+/// The error about a term whose memory cannot be made.
+fn refused_memory(scenario: &Scenario, index: usize, error: EngineError) -> InputError {
+    let places: &[&str] = match error {
+        EngineError::Table(_) => &["history.tolerance", "history.engine"],
+        EngineError::TableEnds { .. } => &["history.horizon", "history.engine"],
+        EngineError::NoRoom { .. } => &["history.engine", "time.steps", "time.end"],
+        EngineError::Unsuited { .. } => &["history.engine", "time.grid"],
+        EngineError::Parameter(_) => {
+            let path = format!("system.damping[{index}].order");
+            return scenario.error_at(&path, Problem::Engine(Cause::new(error)));
+        }
+    };
+    scenario.error_at_first(places, Problem::Engine(Cause::new(error)))
 }
 
 /// ρ x of a term whose kernel is of plain numbers.
@@ -554,9 +613,11 @@ fn resisting<T: Elementary + Engines, X: ScenarioSpace<T>>(
     force
 }
 
-/// Any number of damping terms, each with a memory of its own.
+/// Any number of damping terms on their memories.
 struct DampingTerms<T: Elementary + Engines, X: ScenarioSpace<T>> {
     terms: Vec<X::Term<HostMemory<T>>>,
+    /// The scenario's terms that each of them serves.
+    served: Vec<Vec<usize>>,
     kick: Option<Kick<X::Vector>>,
 }
 
@@ -751,7 +812,18 @@ impl<T: Elementary + Engines, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
     }
 
     fn engines(&self) -> Vec<Engine> {
-        self.integrator.damping().terms.iter().map(|term| term.memory().engine()).collect()
+        let DampingTerms { terms, served, .. } = self.integrator.damping();
+        let of_memory = |(term, served): (&X::Term<HostMemory<T>>, &Vec<usize>)| {
+            let engine = term.memory().engine();
+            served.iter().map(move |&index| (index, engine)).collect::<Vec<_>>()
+        };
+        let mut engines: Vec<_> = terms.iter().zip(served).flat_map(of_memory).collect();
+        engines.sort_by_key(|&(index, _)| index);
+        engines.into_iter().map(|(_, engine)| engine).collect()
+    }
+
+    fn shared(&self) -> Vec<Vec<usize>> {
+        self.integrator.damping().served.iter().filter(|served| served.len() > 1).cloned().collect()
     }
 
     fn overruns(&self) -> Option<usize> {

@@ -1,6 +1,9 @@
 //! Every engine for arbitrary kernels gives the plain sum to rounding and keeps the contract of a memory.
 
-use fvi_core::{BdfOrder, Direct, ExponentialTable, Memory, Overflow, Real, Tiled};
+use fvi_core::{
+    BdfOrder, Direct, ExponentialTable, Memory, MemoryError, Overflow, Real, StateError, StateReader,
+    StateWriter, Tiled, check_channels,
+};
 use fvi_fft::baseline::{Hls, Naive, OfflineFft, Signal, memory_term};
 use fvi_fft::{BlockFft, Engines, Pacing, RealTime, WeightTable, WideExponentialSum};
 use fvi_host::numerics::aligned::Aligned;
@@ -86,6 +89,90 @@ fn wide_exponential_sum<T: Engines>(
     capacity: usize,
 ) -> Box<dyn Memory<T>> {
     Box::new(WideExponentialSum::<T>::new(&wide_table(kernel, capacity).borrow(), channels).unwrap())
+}
+
+/// One of several kernels of a memory, as a memory by itself.
+struct OneOf<T: Engines, P: Engines = T> {
+    memory: WideExponentialSum<T, P>,
+    kernel: usize,
+    leading: [T; 1],
+    terms: Vec<T>,
+}
+
+impl<T: Engines, P: Engines> Memory<T> for OneOf<T, P> {
+    fn channels(&self) -> usize {
+        self.memory.channels()
+    }
+
+    fn leading(&self) -> &[T] {
+        &self.leading
+    }
+
+    fn len(&self) -> usize {
+        self.memory.len()
+    }
+
+    fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
+        check_channels(self.channels(), term.len())?;
+        self.terms.resize(self.memory.kernels() * term.len(), T::of(f64::NAN));
+        self.memory.next_term(&mut self.terms)?;
+        term.copy_from_slice(&self.terms[self.kernel * term.len()..][..term.len()]);
+        Ok(())
+    }
+
+    fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
+        self.memory.push(sample)
+    }
+
+    fn clear(&mut self) {
+        self.memory.clear();
+    }
+
+    fn bytes(&self) -> usize {
+        self.memory.bytes()
+    }
+
+    fn state_bytes(&self) -> usize {
+        self.memory.state_bytes()
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        self.memory.save(to)
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.memory.check_state(from)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.memory.restore(from)
+    }
+}
+
+/// The kernel as the second of three that share their exponentials.
+fn shared_wide_exponential_sum<T: Engines>(
+    kernel: TestKernel,
+    channels: usize,
+    capacity: usize,
+) -> Box<dyn Memory<T>> {
+    let tables = sharing_tables(kernel, capacity, SMALLEST_TOLERANCE);
+    let tables: Vec<_> = tables.iter().map(ExponentialTable::borrow).collect();
+    let memory = WideExponentialSum::<T>::of_kernels(&tables, channels).unwrap();
+    Box::new(OneOf { leading: [memory.leading()[1]], kernel: 1, terms: Vec::new(), memory })
+}
+
+fn sharing_tables(
+    kernel: TestKernel,
+    capacity: usize,
+    tolerance: f64,
+) -> Vec<ExponentialTable<Aligned<f64>>> {
+    let TestKernel::Quadrature { order, exponent } = kernel else { panic!("{kernel:?} has no exponentials") };
+    let exponents = if exponent > 0.0 { [0.8, exponent, 0.2] } else { [-0.2, exponent, -0.8] };
+    let order = BdfOrder::new(order).unwrap();
+    let horizon = capacity.max(1 << 20);
+    let kernels =
+        ExponentialKernel::sharing_rates(order, &exponents, exponent > 0.0, 1.0, horizon, tolerance);
+    kernels.unwrap().iter().map(ExponentialKernel::table).collect()
 }
 
 fn wide_table(kernel: TestKernel, capacity: usize) -> ExponentialTable<Aligned<f64>> {
@@ -280,13 +367,23 @@ engine!(
     LONG
 );
 
+engine!(
+    shared_wide_exponential_sum_memory,
+    shared_wide_exponential_sum,
+    Bound::of(Engine::ExponentialSum),
+    short_runs_of_decaying_numbers,
+    [SECOND_ORDER],
+    DECAYING_LONG,
+    LONG
+);
+
 /// The bits of every term, with so many threads; channels enough for them to take part.
-fn bits_on_threads(threads: usize) -> Vec<u64> {
+fn bits_on_threads(tables: &[ExponentialTable<Aligned<f64>>], threads: usize) -> Vec<u64> {
     let (channels, length) = (20_011, 70);
-    let table = wide_table(SECOND_ORDER, length);
-    let memory = WideExponentialSum::<f64>::new(&table.borrow(), channels).unwrap();
+    let tables: Vec<_> = tables.iter().map(ExponentialTable::borrow).collect();
+    let memory = WideExponentialSum::<f64>::of_kernels(&tables, channels).unwrap();
     let mut memory = memory.on_threads(threads);
-    let (mut term, mut bits) = (vec![0.0; channels], Vec::new());
+    let (mut term, mut bits) = (vec![0.0; tables.len() * channels], Vec::new());
     for k in 0..length {
         memory.next_term(&mut term).unwrap();
         bits.extend(term.iter().step_by(97).map(|number| number.to_bits()));
@@ -300,8 +397,29 @@ fn bits_on_threads(threads: usize) -> Vec<u64> {
 
 #[test]
 fn threads_leave_every_bit_of_a_wide_memory_as_it_is() {
-    let alone = bits_on_threads(1);
-    assert!(alone == bits_on_threads(2) && alone == bits_on_threads(5));
+    for tables in [vec![wide_table(SECOND_ORDER, 70)], sharing_tables(SECOND_ORDER, 70, SMALLEST_TOLERANCE)] {
+        let alone = bits_on_threads(&tables, 1);
+        assert!(alone == bits_on_threads(&tables, 2) && alone == bits_on_threads(&tables, 5));
+    }
+}
+
+#[test]
+fn kernels_without_common_exponentials_are_refused() {
+    let of = |tables: &[ExponentialTable<Aligned<f64>>]| {
+        let tables: Vec<_> = tables.iter().map(ExponentialTable::borrow).collect();
+        WideExponentialSum::<f64>::of_kernels(&tables, 3).err().map(|error| error.parameter)
+    };
+    let table = |exponent| wide_table(TestKernel::Quadrature { order: 2, exponent }, 1);
+    assert_eq!(of(&[table(0.3), table(0.6)]), Some("exponentials"));
+    let mut other = table(0.3);
+    other.exponentials = other.exponentials.as_ref().iter().map(|number| 0.5 * number).collect();
+    assert_eq!(of(&[table(0.3), other]), Some("decay"));
+    let mut longer = table(0.3);
+    longer.head = [longer.head.as_ref(), &[0.0]].concat().into_iter().collect();
+    assert_eq!(of(&[table(0.3), longer]), Some("head weights"));
+    assert_eq!(of(&[]), Some("tables"));
+    assert_eq!(of(&vec![table(0.3); 5]), Some("tables"));
+    assert_eq!(of(&vec![table(0.3); 4]), None);
 }
 
 /// In single precision between the chunks, an error of a few times its rounding, relative to Σ|w||x|, and
@@ -324,6 +442,13 @@ fn a_wide_memory_with_a_state_in_single_precision_stays_within_the_tolerance() {
             let (error, k) = largest_error(&mut memory, kernel, signal, length, 100);
             let relative = error * f64::EPSILON / 2.0;
             assert!(relative < 5e-7, "{kernel:?}, {signal:?}: {relative:e} at k = {k}");
+            let tables = sharing_tables(kernel, 1, 2.5e-7);
+            let tables: Vec<_> = tables.iter().map(ExponentialTable::borrow).collect();
+            let memory = WideExponentialSum::<f64, f32>::of_kernels(&tables, 1).unwrap();
+            let mut shared = OneOf { leading: [memory.leading()[1]], kernel: 1, terms: Vec::new(), memory };
+            let (error, k) = largest_error(&mut shared, kernel, signal, length, 100);
+            let relative = error * f64::EPSILON / 2.0;
+            assert!(relative < 5e-7, "shared {kernel:?}, {signal:?}: {relative:e} at k = {k}");
         }
     }
 }

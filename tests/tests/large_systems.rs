@@ -2,7 +2,7 @@
 //! same.
 
 use fvi_host::language::Document;
-use fvi_host::scenario::{Scenario, SymmetricMatrix};
+use fvi_host::scenario::{Engine, Scenario, States, SymmetricMatrix};
 use fvi_host::simulation::{GridState, Precision, Simulation, Solver, SolverChoice};
 use nalgebra::DMatrix;
 use serde_json::json;
@@ -205,6 +205,69 @@ fn the_sparse_way_leads_where_the_dense_one_does() {
     }
 }
 
+/// A chain with five kinds of damping everywhere and two at its ends.
+fn chain_of_many_dampings() -> Scenario {
+    let chain = Chain { n: 140 };
+    let mut rows = String::from("%%MatrixMarket matrix coordinate real general\n140 100 100\n");
+    (1..=100).for_each(|column| writeln!(rows, "{} {column} 1.0", column + 20).unwrap());
+    let term = |order: f64, rest: &str| format!("[[system.damping]]\norder = {order}\n{rest}\n");
+    let everywhere = "coefficient = 'K.mtx'\nscale = 0.002";
+    let dampers = format!("attached = 'B.mtx'\nstrength = {:?}", vec![0.3; 100]);
+    let terms = [
+        term(0.6, everywhere),
+        term(1.5, &format!("{everywhere}\nderivative = 'caputo'")),
+        term(0.5, &dampers),
+        term(0.25, everywhere),
+        term(1.0, everywhere),
+        term(0.8, &dampers),
+        term(1.2, &format!("{everywhere}\nderivative = 'caputo'")),
+        term(0.7, &format!("{everywhere}\nderivative = 'riemann-liouville'")),
+        term(0.9, "coefficient = 'M.mtx'"),
+    ];
+    let mut position = chain.shape(3);
+    position.iter_mut().enumerate().for_each(|(i, q)| *q += 0.1 * (i as f64).sin());
+    let text = format!(
+        "[system]\nmass = 'M.mtx'\nstiffness = 'K.mtx'\n{}[initial]\nposition = {position:?}\nvelocity = {:?}\n\
+         [convolution]\nat = 'nodes'\norder = 2\n[time]\nstep = 0.02\nsteps = 150\n[output]\ncoordinates = [0]\n",
+        terms.concat(),
+        chain.shape(2),
+    );
+    let n = (chain.n + 1) as f64;
+    let document = Document::new("dampings", Path::new(""), &text)
+        .with_attached("B.mtx", rows)
+        .with_attached("M.mtx", chain.file(4.0 / 6.0, 1.0 / 6.0))
+        .with_attached("K.mtx", chain.file(2.0 * n * n, -n * n));
+    Scenario::from_document(document).unwrap()
+}
+
+/// Terms that follow the same numbers share a memory; whole orders, other derivatives and other places do not
+/// join them. The motion is that of memories that are plain sums.
+#[test]
+fn dampings_of_several_orders_on_the_same_coordinates_share_a_memory() {
+    let mut scenario = chain_of_many_dampings();
+    // So short a run would have plain sums.
+    scenario.history.choose(Engine::ExponentialSum);
+    let simulation = Simulation::new(&scenario, Precision::F64).unwrap();
+    assert_eq!(simulation.shared(), [vec![0, 3, 8], vec![1, 6], vec![2, 5]]);
+    assert_eq!(simulation.engines(), [Engine::ExponentialSum; 9]);
+    let last = |scenario: &Scenario| states(scenario, SolverChoice::Automatic).pop().unwrap();
+    let shared = last(&scenario);
+    scenario.history.choose(Engine::Direct);
+    let simulation = Simulation::new(&scenario, Precision::F64).unwrap();
+    assert!(simulation.shared().is_empty());
+    let plain = last(&scenario);
+    let largest = plain.position.iter().fold(0.0, |largest: f64, q| largest.max(q.abs()));
+    let error = apart(&shared.position, &plain.position);
+    assert!(error < 1e-11 * largest, "{error:e} of {largest:e}");
+    // In single precision, to its tolerance.
+    scenario.history.choose(Engine::ExponentialSum);
+    scenario.history.states = Some(States::F32);
+    scenario.history.tolerance = Some(1e-6);
+    let single = last(&scenario);
+    let error = apart(&single.position, &plain.position);
+    assert!(error > 0.0 && error < 1e-6 * largest, "{error:e} of {largest:e}");
+}
+
 #[test]
 fn engines_agree_on_a_large_chain() {
     let chain = Chain { n: 150 };
@@ -213,7 +276,6 @@ fn engines_agree_on_a_large_chain() {
         scenario.history.choose(engine);
         states(&scenario, SolverChoice::Automatic).pop().unwrap().position
     };
-    use fvi_host::scenario::Engine;
     let direct = of(Engine::Direct);
     for engine in [Engine::ExponentialSum, Engine::BlockFft, Engine::RealTime, Engine::ExponentialSumCore] {
         let error = apart(&of(engine), &direct);

@@ -95,6 +95,9 @@ pub struct RunSummary {
     pub solver: Solver,
     /// The engine of each damping term.
     pub engine: Vec<Engine>,
+    /// The damping terms, by their numbers from 0, of each memory that serves several.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub shared_memory: Vec<Vec<usize>>,
     /// Blocks that the `real-time` engine had not done when they were due.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub overruns: Option<usize>,
@@ -776,6 +779,7 @@ impl<'s> Run<'s> {
             precision: simulation.precision(),
             solver: simulation.solver(),
             engine: simulation.engines().to_vec(),
+            shared_memory: simulation.shared().to_vec(),
             overruns,
             memory_bytes: simulation.memory_bytes(),
             preparation_seconds: self.preparation_seconds,

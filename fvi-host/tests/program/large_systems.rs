@@ -12,6 +12,10 @@ stiffness = "K.mtx"
 order = 0.6
 coefficient = "K.mtx"
 scale = 0.02
+[[system.damping]]
+order = 0.3
+coefficient = "K.mtx"
+scale = 0.01
 [[system.load]]
 pattern = { coordinate = 149, value = 2.0 }
 amplitude = { file = "record.csv" }
@@ -20,6 +24,8 @@ kind = "low-order"
 [convolution]
 at = "nodes"
 order = 2
+[history]
+engine = "exponential-sum"
 [time]
 step = 0.05
 steps = 40
@@ -59,6 +65,9 @@ fn chosen_coordinates_snapshots_and_a_map_are_written() {
     assert!(run.column("q0").iter().all(|q| q.abs() < 1e-9));
     assert!(run.column("energy")[40] > 0.0);
     assert_eq!(run.summary["solver"]["kind"], "sparse");
+    // Both dampings follow all coordinates.
+    assert_eq!(run.summary["engine"], serde_json::json!(["exponential-sum", "exponential-sum"]));
+    assert_eq!(run.summary["shared_memory"], serde_json::json!([[0, 1]]));
     assert_eq!(run.summary["last"]["position"].as_array().unwrap().len(), 150);
     let files = run.summary["files"].as_array().unwrap();
     for name in ["trajectory.csv", "snapshots.npz", "coordinates.svg", "energy.svg", "map.svg"] {

@@ -3,59 +3,59 @@
 use super::space::{Dense, Matrix, MatrixSpace};
 use crate::scenario::Attached;
 use fvi_core::{
-    Block, Damping, DampingError, DampingTerm, Derivative, Kernel, Memory, MemoryError, Mismatch, Real,
-    Sample, StateError, StateReader, StateWriter, add_multiple,
+    Block, DampedMotion, Damping, DampingError, DampingTerm, Derivative, Kernel, Memory, MemoryError,
+    Mismatch, Real, Sample, StateError, StateReader, StateWriter, add_multiple,
 };
+use std::ops::Range;
 
-/// One damping term ρ D^β q whose memory has K channels s = G q.
+/// Damping terms Σ_m ρ_m D^{β_m} q whose memory has K channels s = G q.
 ///
 /// ```text
-/// ρ D^β q = H D^β (G q) ,      ρ = H G
+/// ρ_m D^{β_m} q = H_m D^{β_m} (G q) ,      ρ_m = H_m G
 /// ```
 ///
 /// G picks the coordinates whose rows of ρ are not empty, or is Bᵀ of dampers ρ = B C Bᵀ, one column each. It
-/// is linear, so what remembers G q is a term of its own, with the coefficient 1, in the space of the
-/// channels.
+/// is linear, so what remembers is the motion G q in the space of the channels. Terms of different orders
+/// with the same G have one memory, of as many kernels.
 pub struct ChannelDamping<T: Real, M> {
-    rho: Matrix<T>,
+    terms: Vec<Coefficient<T>>,
     directions: Directions<T>,
     /// K, times the number of motions.
     count: usize,
-    channels: DampingTerm<T, Dense, M>,
+    channels: DampedMotion<T, Dense, M>,
     /// G of the sample and of what is known about it.
     from: Vec<T>,
     behind: Vec<T>,
     increments: Vec<T>,
+    /// What is known of the derivatives: K numbers for each node and term.
     known: Vec<T>,
     scratch: Vec<T>,
     /// N numbers.
     vector: Vec<T>,
 }
 
+/// ρ of a term.
+pub struct Coefficient<T> {
+    /// The matrix.
+    pub rho: Matrix<T>,
+    /// The diagonal of C, of dampers.
+    pub strength: Vec<T>,
+}
+
 /// What the memory follows.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Directions<T> {
-    /// These coordinates; the rows of all others are empty.
+    /// These coordinates, in ascending order; the rows of all others are empty.
     Coordinates(Vec<usize>),
-    /// Bᵀ q, C the strengths.
-    Columns {
-        /// The columns of B, each as (coordinate, number).
-        columns: Vec<Vec<(usize, T)>>,
-        /// The diagonal of C.
-        strength: Vec<T>,
-    },
+    /// Bᵀ q: the columns of B, each as (coordinate, number).
+    Columns(Vec<Vec<(usize, T)>>),
 }
 
 impl<T: Real> Directions<T> {
-    /// The coordinates at which a matrix has entries.
-    pub fn of_matrix(rho: &Matrix<T>) -> Self {
-        let mut coordinates: Vec<usize> = match rho {
-            Matrix::Sparse(sparse) => {
-                let rows = sparse.pattern.rows().enumerate();
-                rows.filter(|(_, slots)| !slots.is_empty()).map(|(row, _)| row).collect()
-            }
-            other => (0..other.size()).collect(),
-        };
+    /// The coordinates at which a matrix has entries, `rows` being the places of each row.
+    pub fn of_rows(rows: impl Iterator<Item = Range<usize>>) -> Self {
+        let filled = rows.enumerate().filter(|(_, slots)| !slots.is_empty());
+        let mut coordinates: Vec<usize> = filled.map(|(row, _)| row).collect();
         // A matrix without entries damps nothing; its memory has a channel all the same.
         if coordinates.is_empty() {
             coordinates.push(0);
@@ -66,17 +66,14 @@ impl<T: Real> Directions<T> {
     /// The columns of dampers.
     pub fn of_dampers(attached: &Attached) -> Self {
         let entry = |&(coordinate, number): &(u32, f64)| (coordinate as usize, T::of(number));
-        Self::Columns {
-            columns: attached.columns.iter().map(|column| column.iter().map(entry).collect()).collect(),
-            strength: attached.strength.iter().map(|&strength| T::of(strength)).collect(),
-        }
+        Self::Columns(attached.columns.iter().map(|column| column.iter().map(entry).collect()).collect())
     }
 
     /// K.
     pub fn count(&self) -> usize {
         match self {
             Self::Coordinates(coordinates) => coordinates.len(),
-            Self::Columns { columns, .. } => columns.len(),
+            Self::Columns(columns) => columns.len(),
         }
     }
 
@@ -88,10 +85,12 @@ impl<T: Real> Directions<T> {
 
     fn take_one(&self, x: &[T], out: &mut [T]) {
         match self {
+            // All of them.
+            Self::Coordinates(_) if x.len() == out.len() => out.copy_from_slice(x),
             Self::Coordinates(coordinates) => {
                 out.iter_mut().zip(coordinates).for_each(|(place, &coordinate)| *place = x[coordinate]);
             }
-            Self::Columns { columns, .. } => {
+            Self::Columns(columns) => {
                 for (place, column) in out.iter_mut().zip(columns) {
                     *place = column.iter().fold(T::zero(), |sum, &(coordinate, b)| sum + b * x[coordinate]);
                 }
@@ -100,9 +99,11 @@ impl<T: Real> Directions<T> {
     }
 
     /// out += H s for each motion; `vector` has as many numbers as `out`.
-    fn give(&self, rho: &Matrix<T>, s: &[T], vector: &mut [T], out: &mut [T]) {
+    fn give(&self, coefficient: &Coefficient<T>, s: &[T], vector: &mut [T], out: &mut [T]) {
+        let Coefficient { rho, strength } = coefficient;
         let (size, count) = (rho.size().max(1), self.count().max(1));
         match self {
+            Self::Coordinates(_) if size == count => rho.multiply_add(T::one(), s, out),
             Self::Coordinates(coordinates) => {
                 vector.fill(T::zero());
                 for (s, vector) in s.chunks_exact(count).zip(vector.chunks_exact_mut(size)) {
@@ -110,7 +111,7 @@ impl<T: Real> Directions<T> {
                 }
                 rho.multiply_add(T::one(), vector, out);
             }
-            Self::Columns { columns, strength } => {
+            Self::Columns(columns) => {
                 for (s, out) in s.chunks_exact(count).zip(out.chunks_exact_mut(size)) {
                     for ((column, &strength), &number) in columns.iter().zip(strength).zip(s) {
                         column.iter().for_each(|&(coordinate, b)| out[coordinate] += b * (strength * number));
@@ -121,42 +122,53 @@ impl<T: Real> Directions<T> {
     }
 }
 
+impl<T: Real> Coefficient<T> {
+    /// ρ, and the strengths of dampers.
+    pub fn new(rho: Matrix<T>, attached: Option<&Attached>) -> Self {
+        let strength = attached.map_or(&[][..], |attached| &attached.strength);
+        Self { rho, strength: strength.iter().map(|&strength| T::of(strength)).collect() }
+    }
+}
+
 impl<T: Real, M: Memory<T>> ChannelDamping<T, M> {
-    /// The term on a memory of the kernel with K channels for each node, and for each motion where `copies`
-    /// are integrated together; ρ, checked before, is positive semidefinite.
+    /// The terms, one for each kernel, on a memory of these with K channels for each node, and for each
+    /// motion where `copies` are integrated together; every ρ, checked before, is positive semidefinite.
     ///
     /// # Errors
-    /// If the memory is not one of the kernel.
+    /// If the memory is not one of the kernels.
     pub fn new(
-        kernel: Kernel,
-        (rho, directions, copies): (Matrix<T>, Directions<T>, usize),
+        kernels: &[Kernel],
+        (terms, directions, copies): (Vec<Coefficient<T>>, Directions<T>, usize),
         derivative: Derivative,
         memory: M,
     ) -> Result<Self, DampingError> {
         let count = copies * directions.count();
-        let space = Dense { coordinates: count };
-        let unit = Matrix::Diagonal(vec![T::one(); count]);
+        let size = terms.first().map_or(0, |term| term.rho.size());
         Ok(Self {
-            channels: DampingTerm::in_space(&space, kernel, unit, derivative, memory)?,
+            channels: DampedMotion::new(&Dense { coordinates: count }, kernels, derivative, memory)?,
             from: vec![T::zero(); count],
             behind: Vec::new(),
             increments: Vec::new(),
             known: Vec::new(),
             scratch: Vec::new(),
-            vector: vec![T::zero(); copies * rho.size()],
-            rho,
+            vector: vec![T::zero(); copies * size],
+            terms,
             directions,
             count,
         })
     }
 
+    /// N.
+    fn coordinates(&self) -> usize {
+        self.terms.first().map_or(0, |term| term.rho.size())
+    }
+
     /// Takes over G of the sample, and makes room.
     fn take(&mut self, sample: &Sample<'_, T>) {
-        let (count, nodes, coordinates) = (self.count, sample.fractions.len(), self.rho.size());
+        let (count, nodes, coordinates) = (self.count, sample.fractions.len(), self.coordinates());
         self.directions.take(sample.from, coordinates, &mut self.from);
         take_each(&self.directions, sample.behind, coordinates, &mut self.behind);
-        self.known.clear();
-        self.known.resize(count * nodes, T::zero());
+        self.known.resize(count * nodes * self.terms.len(), T::zero());
         self.scratch.resize(count * (nodes + 1), T::zero());
     }
 }
@@ -174,18 +186,32 @@ impl<T: Real, X: MatrixSpace<T>, M: Memory<T>> Damping<T, X> for ChannelDamping<
 
     fn begin(&mut self, position: &[T], velocity: &[T]) {
         let mut start = vec![T::zero(); self.count];
-        self.directions.take(position, self.rho.size(), &mut self.from);
-        self.directions.take(velocity, self.rho.size(), &mut start);
+        self.directions.take(position, self.coordinates(), &mut self.from);
+        self.directions.take(velocity, self.coordinates(), &mut start);
         self.channels.begin(&self.from, &start);
     }
 
     fn add_known(&mut self, sample: &Sample<'_, T>, known: &mut [T], _: &mut [T]) -> Result<(), MemoryError> {
         self.take(sample);
-        let of_channels = Sample { from: &self.from, behind: &self.behind, ..*sample };
-        self.channels.add_known(&of_channels, &mut self.known, &mut self.scratch)?;
-        let of_nodes = self.known.chunks_exact(self.count.max(1));
-        for (known, numbers) in known.chunks_exact_mut(sample.from.len().max(1)).zip(of_nodes) {
-            self.directions.give(&self.rho, numbers, &mut self.vector, known);
+        let Self {
+            terms, directions, count, channels, from, behind, known: of_terms, scratch, vector, ..
+        } = self;
+        let of_channels = Sample { from, behind, ..*sample };
+        channels.memory_terms(&of_channels, of_terms)?;
+        let nodes = sample.fractions.len();
+        let coordinates = sample.from.len().max(1);
+        let of_terms = of_terms.chunks_exact_mut((*count * nodes).max(1));
+        for (kernel, (term, numbers)) in terms.iter().zip(of_terms).enumerate() {
+            if nodes == 1 {
+                channels.complete(kernel, &of_channels, numbers);
+                directions.give(term, numbers, vector, known);
+                continue;
+            }
+            for (node, known) in known.chunks_exact_mut(coordinates).enumerate() {
+                let sum = &mut scratch[..*count];
+                channels.complete_node((kernel, node), &of_channels, numbers, sum);
+                directions.give(term, sum, vector, known);
+            }
         }
         Ok(())
     }
@@ -194,28 +220,32 @@ impl<T: Real, X: MatrixSpace<T>, M: Memory<T>> Damping<T, X> for ChannelDamping<
         let coordinates = self.vector.len().max(1);
         let nodes = increments.len() / coordinates;
         let sum = &mut scratch[..coordinates];
-        for (own, force) in force.chunks_exact_mut(coordinates).enumerate() {
-            sum.fill(T::zero());
-            self.channels.visit_leading(nodes, |i, j, weight, _| {
-                if i == own {
-                    add_multiple(sum, weight, &increments[j * coordinates..(j + 1) * coordinates]);
-                }
-            });
-            self.rho.multiply_add(T::one(), sum, force);
+        for (kernel, term) in self.terms.iter().enumerate() {
+            for (own, force) in force.chunks_exact_mut(coordinates).enumerate() {
+                sum.fill(T::zero());
+                self.channels.visit_leading(kernel, nodes, |i, j, weight| {
+                    if i == own {
+                        add_multiple(sum, weight, &increments[j * coordinates..(j + 1) * coordinates]);
+                    }
+                });
+                term.rho.multiply_add(T::one(), sum, force);
+            }
         }
     }
 
     fn visit_leading(&self, nodes: usize, mut visit: impl FnMut(usize, usize, T, &Matrix<T>)) {
-        self.channels.visit_leading(nodes, |i, j, weight, _| visit(i, j, weight, &self.rho));
+        for (kernel, term) in self.terms.iter().enumerate() {
+            self.channels.visit_leading(kernel, nodes, |i, j, weight| visit(i, j, weight, &term.rho));
+        }
     }
 
     fn leading_is_constant(&self) -> bool {
-        self.channels.leading_is_constant()
+        self.channels.memory().leading_is_constant()
     }
 
     fn push(&mut self, sample: &Sample<'_, T>, increments: &[T], _: &mut [T]) -> Result<(), MemoryError> {
         self.take(sample);
-        take_each(&self.directions, increments, self.rho.size(), &mut self.increments);
+        take_each(&self.directions, increments, self.coordinates(), &mut self.increments);
         let of_channels = Sample { from: &self.from, behind: &self.behind, ..*sample };
         self.channels.push(&of_channels, &self.increments, &mut self.scratch)
     }
@@ -237,13 +267,13 @@ impl<T: Real, X: MatrixSpace<T>, M: Memory<T>> Damping<T, X> for ChannelDamping<
     }
 }
 
-/// A damping term of a scenario: of all coordinates, or of some directions.
+/// A damping term of a scenario, of all coordinates, or terms of some directions.
 // A scenario has a handful of them, and histories of kilobytes for each.
 #[expect(clippy::large_enum_variant)]
 pub enum HostTerm<T: Real, X: MatrixSpace<T>, M> {
     /// One channel for each coordinate.
     Everywhere(DampingTerm<T, X, M>),
-    /// One channel for each direction.
+    /// One channel for each direction, for one term or more.
     Channels(ChannelDamping<T, M>),
 }
 

@@ -187,12 +187,17 @@ impl<T: Elementary> ScenarioSpace<T> for Fixed<1> {
         1
     }
 
+    fn follow_alike(&self, _: &scenario::Damping, _: &scenario::Damping) -> bool {
+        // One coordinate's exponentials are few, and steps of a known size know terms one by one.
+        false
+    }
+
     fn term<M: Memory<T>>(
         &self,
-        term: &scenario::Damping,
-        kernel: Kernel,
+        terms: &[(&scenario::Damping, Kernel)],
         memory: M,
     ) -> Result<DampingTerm<T, Self, M>, DampingError> {
+        let (term, kernel) = terms[0];
         let mut rho = [T::zero()];
         matrix(&term.coefficient).multiply_add(T::one(), &[T::one()], &mut rho);
         DampingTerm::new(kernel, Coefficients::Diagonal(rho.into()), derivative(term), memory)

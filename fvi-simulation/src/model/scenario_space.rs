@@ -1,6 +1,6 @@
 //! What a space needs for scenarios to run in it.
 
-use super::channel_damping::{ChannelDamping, Directions, HostTerm};
+use super::channel_damping::{ChannelDamping, Coefficient, Directions, HostTerm};
 use super::energies::EnergiesAlong;
 use super::mechanics::{Model, matrix, vector};
 use super::scheme::{AnyScheme, DenseOutput};
@@ -63,15 +63,17 @@ pub trait ScenarioSpace<T: Elementary>: Space<T> {
     /// Number of channels that the memory of a term has for each node.
     fn channels(&self, term: &scenario::Damping) -> usize;
 
-    /// A damping term on a memory of the kernel.
+    /// Whether the memories of two terms would follow the same numbers, so that they may have one.
+    fn follow_alike(&self, one: &scenario::Damping, other: &scenario::Damping) -> bool;
+
+    /// Damping terms on a memory of their kernels. Where there are several they follow the same numbers.
     ///
     /// # Errors
     /// If the coefficients are not positive semidefinite in the precision of `T`, or the memory is not one of
-    /// the kernel.
+    /// the kernels.
     fn term<M: Memory<T>>(
         &self,
-        term: &scenario::Damping,
-        kernel: Kernel,
+        terms: &[(&scenario::Damping, Kernel)],
         memory: M,
     ) -> Result<Self::Term<M>, DampingError>;
 }
@@ -100,9 +102,14 @@ pub(super) fn derivative(term: &scenario::Damping) -> Derivative {
 fn directions<T: Elementary>(term: &scenario::Damping) -> Option<Directions<T>> {
     match (&term.attached, &term.coefficient) {
         (Some(attached), _) => Some(Directions::of_dampers(attached)),
-        (None, SymmetricMatrix::Sparse(_)) => Some(Directions::of_matrix(&matrix::<T>(&term.coefficient))),
+        (None, SymmetricMatrix::Sparse(entries)) => Some(Directions::of_rows(entries.pattern.rows())),
         (None, _) => None,
     }
+}
+
+/// The same, every coordinate by its number.
+fn all_directions<T: Elementary>(term: &scenario::Damping) -> Directions<T> {
+    directions(term).unwrap_or_else(|| Directions::Coordinates((0..term.coefficient.size()).collect()))
 }
 
 macro_rules! scenarios_in {
@@ -151,20 +158,32 @@ macro_rules! scenarios_in {
                 for_one * ScenarioSpace::<T>::copies(self)
             }
 
+            fn follow_alike(&self, one: &scenario::Damping, other: &scenario::Damping) -> bool {
+                let same_derivative = one.derivative == other.derivative
+                    && (derivative(one) == Derivative::RiemannLiouville || (one.order > 1.0) == (other.order > 1.0));
+                same_derivative && all_directions::<T>(one) == all_directions::<T>(other)
+            }
+
             fn term<M: Memory<T>>(
                 &self,
-                term: &scenario::Damping,
-                kernel: Kernel,
+                terms: &[(&scenario::Damping, Kernel)],
                 memory: M,
             ) -> Result<Self::Term<M>, DampingError> {
-                let rho: Matrix<T> = matrix(&term.coefficient).on_threads(ScenarioSpace::<T>::threads(self));
-                let Some(directions) = directions(term) else {
-                    return DampingTerm::in_space(self, kernel, rho, derivative(term), memory)
-                        .map(HostTerm::Everywhere);
+                let rho = |term: &scenario::Damping| -> Matrix<T> {
+                    matrix(&term.coefficient).on_threads(ScenarioSpace::<T>::threads(self))
                 };
+                let (first, kernel) = terms[0];
+                if terms.len() == 1 && directions::<T>(first).is_none() {
+                    return DampingTerm::in_space(self, kernel, rho(first), derivative(first), memory)
+                        .map(HostTerm::Everywhere);
+                }
                 let copies = ScenarioSpace::<T>::copies(self);
-                ChannelDamping::new(kernel, (rho, directions, copies), derivative(term), memory)
-                    .map(HostTerm::Channels)
+                let coefficient =
+                    |&(term, _): &(&scenario::Damping, Kernel)| Coefficient::new(rho(term), term.attached.as_ref());
+                let coefficients = terms.iter().map(coefficient).collect();
+                let kernels: Vec<Kernel> = terms.iter().map(|(_, kernel)| *kernel).collect();
+                let shape = (coefficients, all_directions(first), copies);
+                ChannelDamping::new(&kernels, shape, derivative(first), memory).map(HostTerm::Channels)
             }
         }
     };
