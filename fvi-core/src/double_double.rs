@@ -106,6 +106,14 @@ mod tests {
     }
 
     #[test]
+    fn what_cancellation_leaves_is_kept_whole() {
+        let beside =
+            |whole: f64, part: i32| DoubleDouble::exact(whole).add(DoubleDouble::exact(2f64.powi(part)));
+        let left = beside(1.0, -60).add(beside(-1.0, -120));
+        assert_eq!((left.to_f64(), left.low()), (2f64.powi(-60), 2f64.powi(-120)));
+    }
+
+    #[test]
     fn products_carry_their_rounding_error() {
         // (1 + 2⁻⁵²)² = 1 + 2⁻⁵¹ + 2⁻¹⁰⁴, and the last term is what f64 loses.
         let a = 1.0 + f64::EPSILON;

@@ -376,7 +376,45 @@ pub(crate) fn invert_rows<const R: usize>(matrix: &[[f64; R]; R]) -> Result<[[f6
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::noise::noise;
     use nalgebra::matrix;
+
+    #[test]
+    fn one_number_that_is_not_finite_is_noticed_wherever_it_lies() {
+        for length in 0..40 {
+            let good = noise(length);
+            assert!(all_finite(&good) && add_zeros(0.0, &good, &good) == 0.0, "{length} numbers");
+            for place in 0..length {
+                for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+                    let mut numbers = good.clone();
+                    numbers[place] = bad;
+                    assert!(!all_finite(&numbers), "{bad} at {place} of {length}");
+                    assert!(add_zeros(0.0, &good, &numbers).is_nan(), "{bad} at {place} of {length}");
+                    assert!(add_zeros(0.0, &numbers, &good).is_nan(), "{bad} at {place} of {length}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn numbers_whose_product_is_beyond_range_are_finite() {
+        let large = [1e200; 19];
+        assert!(all_finite(&large) && add_zeros(0.0, &large, &large) == 0.0);
+    }
+
+    #[test]
+    fn every_number_is_joined_once() {
+        for length in 0..40 {
+            let numbers = noise(length);
+            let sum = fold(&numbers, 0.0, |sum, number| sum + number);
+            assert!((sum - numbers.iter().sum::<f64>()).abs() < 1e-14, "{length} numbers");
+            for largest in 0..length {
+                let mut numbers = numbers.clone();
+                numbers[largest] = 2.0;
+                assert_eq!(fold(&numbers, -1.0, f64::max), 2.0, "at {largest} of {length}");
+            }
+        }
+    }
 
     #[test]
     fn elimination_changes_rows_where_it_must() {

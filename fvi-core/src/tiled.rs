@@ -320,6 +320,16 @@ mod tests {
     }
 
     #[test]
+    fn tables_that_end_among_many_blocks_lose_nothing() {
+        // With forty blocks several are added with every push, some of them on either side of the end.
+        for reach in [70, 100, 155] {
+            let weights = noise(reach);
+            let tiled = Tiled::<f64, 2, 40>::new(&weights, 1.0, Overflow::Refuse).unwrap();
+            agree(tiled, FixedDirect::<f64, 2, 320>::full_memory(&weights, 1.0).unwrap(), 320);
+        }
+    }
+
+    #[test]
     fn short_memory_forgets_beyond_all_blocks_but_one() {
         let weights = noise(300);
         let tiled = Tiled::<f64, 2, 5>::new(&weights, 1.0, Overflow::Forget).unwrap();

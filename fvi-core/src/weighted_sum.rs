@@ -118,6 +118,18 @@ mod tests {
     }
 
     #[test]
+    fn many_equal_terms_keep_their_digits_in_single_precision() {
+        let count = 1 << 18;
+        let (weights, samples) = (std::vec![1.0f32; count + 1], std::vec![0.1f32; count]);
+        for cut in [0, 5000, count] {
+            let (newer, older) = samples.split_at(cut);
+            let sum = f64::from(weighted_sum(&weights, newer, older));
+            let error = sum / (count as f64 * f64::from(0.1f32)) - 1.0;
+            assert!(error.abs() < 1e-5, "cut at {cut}: {error:e}");
+        }
+    }
+
+    #[test]
     fn lags_beyond_the_table_count_as_zero() {
         let (weights, samples) = (noise(40), noise(100));
         let long: Vec<f64> = weights.iter().copied().chain([0.0; 61]).collect();

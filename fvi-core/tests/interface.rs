@@ -364,3 +364,299 @@ fn room_and_digits_that_are_left_can_be_asked_for() {
     // What a double leaves of one third: 1/3 − 6004799503160661·2⁻⁵⁴ = 2⁻⁵⁴/3.
     assert!((third.low() - 0.5f64.powi(54) / 3.0).abs() < 1e-32, "{:e}", third.low());
 }
+
+/// Weights W_n of a table, entry (a, b), by its definition.
+fn weight_of(table: &ExponentialTable<Vec<f64>>, n: usize, a: usize, b: usize) -> f64 {
+    let stages = table.stages;
+    let head = table.head.len() / (stages * stages);
+    if n < head {
+        return table.head[(a * stages + b) * head + n];
+    }
+    let rows = if stages == 1 { 2 } else { 1 + 2 * stages };
+    let blocks = table.exponentials.chunks(4 * rows);
+    let terms = blocks.flat_map(|block| {
+        (0..4).map(move |lane| {
+            let entry = |row: usize| block[4 * row + lane];
+            let input = if stages == 1 { 1.0 } else { entry(1 + stages + b) };
+            (1.0 - entry(0)).powi((n - head) as i32) * entry(1 + a) * input
+        })
+    });
+    terms.sum()
+}
+
+/// Numbers in (−1, 1) that look random, the same in every run.
+fn numbers(count: usize, seed: f64) -> Vec<f64> {
+    (0..count).map(|k| (seed + 12.9898 * k as f64 + 0.01 * (k * k) as f64).sin()).collect()
+}
+
+fn exponentials(stages: usize, head: usize, blocks: usize) -> ExponentialTable<Vec<f64>> {
+    let rows = if stages == 1 { 2 } else { 1 + 2 * stages };
+    let mut exponentials = numbers(4 * rows * blocks, 2.0);
+    for block in exponentials.chunks_mut(4 * rows) {
+        block[..4].iter_mut().for_each(|decay| *decay = 0.5 * decay.abs());
+    }
+    let slow_blocks = blocks.saturating_sub(1);
+    ExponentialTable {
+        stages,
+        head: numbers(head * stages * stages, 1.0),
+        exponentials,
+        slow_blocks,
+        horizon: 60,
+    }
+}
+
+#[test]
+fn an_exponential_sum_is_the_sum_of_its_weights_for_any_head_blocks_stages_and_channels() {
+    for (stages, head, blocks, coordinates) in [
+        (1, 1, 0, 1),
+        (1, 2, 1, 1),
+        (1, 3, 2, 2),
+        (1, 6, 3, 1),
+        (1, 11, 3, 3),
+        (2, 2, 1, 1),
+        (2, 7, 3, 2),
+        (3, 3, 2, 2),
+        (4, 5, 1, 1),
+    ] {
+        let table = exponentials(stages, head, blocks);
+        let channels = stages * coordinates;
+        let state = vec![f64::NAN; table.borrow::<f64>().state_len(channels)];
+        let mut memory = ExponentialSum::new(table.clone(), 0.5, channels, state).unwrap();
+        let case = format!("{stages} stages, head of {head}, {blocks} blocks, {coordinates} coordinates");
+        assert_eq!((memory.stages(), memory.channels()), (stages, channels), "{case}");
+        for (place, &weight) in memory.leading().iter().enumerate() {
+            assert_eq!(weight, 0.5 * weight_of(&table, 0, place / stages, place % stages), "{case}");
+        }
+        // A second time after it is cleared.
+        for _ in 0..2 {
+            let mut samples: Vec<Vec<f64>> = Vec::new();
+            for k in 0..60 {
+                let mut term = vec![f64::NAN; channels];
+                memory.next_term(&mut term).unwrap();
+                for (channel, &found) in term.iter().enumerate() {
+                    let (group, a) = (channel / stages * stages, channel % stages);
+                    let products = (1..=k).flat_map(|n| (0..stages).map(move |b| (n, b)));
+                    let plain = products
+                        .filter(|&(n, _)| blocks > 0 || n < head)
+                        .map(|(n, b)| 0.5 * weight_of(&table, n, a, b) * samples[k - n][group + b])
+                        .sum::<f64>();
+                    assert!((found - plain).abs() < 1e-12, "{case}, step {k}: {found} and {plain}");
+                }
+                samples.push(numbers(channels, 100.0 + k as f64));
+                memory.push(&samples[k]).unwrap();
+            }
+            let full = Err(MemoryError::Full { capacity: 60 });
+            assert_eq!((memory.push(&samples[0]), memory.next_term(&mut vec![0.0; channels])), (full, full));
+            memory.clear();
+        }
+    }
+}
+
+#[test]
+fn tables_of_exponentials_with_a_wrong_shape_are_refused() {
+    for stages in 1..=4 {
+        let good = exponentials(stages, 3, 2);
+        let refused =
+            |table: ExponentialTable<Vec<f64>>| table.borrow::<f64>().check().map_err(|e| e.parameter);
+        assert_eq!(refused(good.clone()), Ok(()), "{stages}");
+        let shorter = |head: &[f64], by: usize| head[..head.len() - by].to_vec();
+        let ragged = ExponentialTable { head: shorter(&good.head, 1), ..good.clone() };
+        // One weight is enough without exponentials only.
+        let single = ExponentialTable { head: good.head[..stages * stages].to_vec(), ..good.clone() };
+        if stages > 1 {
+            assert_eq!(refused(ragged), Err("head weights"), "{stages}");
+        }
+        assert_eq!(refused(single.clone()), Err("head weights"), "{stages}");
+        assert_eq!(refused(ExponentialTable { exponentials: vec![], slow_blocks: 0, ..single }), Ok(()));
+        let empty = ExponentialTable { head: vec![], ..good.clone() };
+        assert_eq!(refused(empty), Err("head weights"));
+        let cut = ExponentialTable { exponentials: shorter(&good.exponentials, 4), ..good.clone() };
+        assert_eq!(refused(cut), Err("numbers of exponentials"), "{stages}");
+        assert_eq!(refused(ExponentialTable { slow_blocks: 2, ..good.clone() }), Ok(()));
+        assert_eq!(refused(ExponentialTable { slow_blocks: 3, ..good }), Err("slow blocks"));
+    }
+}
+
+#[test]
+fn slow_exponentials_keep_small_samples_in_single_precision() {
+    // An integral in disguise: W_n = 1 for every n, by one exponential that forgets nothing.
+    let table = ExponentialTable {
+        stages: 1,
+        head: vec![1.0f32, 1.0],
+        exponentials: vec![0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
+        slow_blocks: 1,
+        horizon: 1_000_000,
+    };
+    let state = vec![0.0; table.borrow::<f32>().state_len(1)];
+    let mut memory = ExponentialSum::new(table, 1.0, 1, state).unwrap();
+    for _ in 0..200_000 {
+        memory.push(&[0.1]).unwrap();
+    }
+    let mut term = [0.0];
+    memory.next_term(&mut term).unwrap();
+    let error = f64::from(term[0]) / (200_000.0 * f64::from(0.1f32)) - 1.0;
+    assert!(error.abs() < 4.0 * f64::from(f32::EPSILON), "{error:e}");
+}
+
+#[test]
+fn memories_count_their_bytes_with_the_table_that_they_use() {
+    let table = size_of_val(&VALUES);
+    let direct = FixedDirect::<f64, 2, 8>::full_memory(&VALUES, 1.0).unwrap();
+    assert_eq!(direct.bytes(), size_of_val(&direct) + table);
+    let tiled = Tiled::<f64, 2, 4>::new(&VALUES, 1.0, Overflow::Refuse).unwrap();
+    assert_eq!(tiled.bytes(), size_of_val(&tiled) + table);
+    let exponentials = exponentials(1, 3, 2);
+    let numbers = exponentials.head.len() + exponentials.exponentials.len();
+    let length = exponentials.borrow::<f64>().state_len(2);
+    let sum = ExponentialSum::new(exponentials, 1.0, 2, vec![0.0; length]).unwrap();
+    assert_eq!(sum.bytes(), size_of_val(&sum) - size_of::<Vec<f64>>() + 8 * (numbers + length));
+}
+
+#[test]
+fn a_state_is_taken_by_a_memory_of_the_same_kernel_that_lacks_no_sample() {
+    fn saved(memory: &impl Memory<f64>) -> Vec<u8> {
+        let mut bytes = vec![0; memory.state_bytes()];
+        memory.save(&mut StateWriter::new(&mut bytes)).unwrap();
+        bytes
+    }
+    fn fed<M: Memory<f64>>(mut memory: M) -> M {
+        (0..6).for_each(|k| memory.push(&[f64::from(k)]).unwrap());
+        memory
+    }
+    let tiled = |scale, overflow| Tiled::<f64, 1, 4>::new(&VALUES, scale, overflow).unwrap();
+    let bytes = saved(&fed(tiled(1.0, Overflow::Refuse)));
+    let mut twice = tiled(2.0, Overflow::Refuse);
+    let refused = twice.restore(&mut StateReader::new(&bytes)).unwrap_err();
+    assert!(matches!(refused, StateError::Mismatch { what: "fingerprint of the kernel", .. }), "{refused}");
+    let refused = tiled(1.0, Overflow::Forget).restore(&mut StateReader::new(&bytes)).unwrap_err();
+    assert!(matches!(refused, StateError::Mismatch { what: "refusal of an overflow", .. }), "{refused}");
+    assert!(tiled(1.0, Overflow::Refuse).restore(&mut StateReader::new(&bytes)).is_ok());
+
+    // One weight that differs makes another kernel.
+    for place in 1..16 {
+        let mut others = VALUES;
+        others[place] *= 1.5;
+        let mut other = Tiled::<f64, 1, 4>::new(&others, 2.0, Overflow::Refuse).unwrap();
+        let bytes = saved(&tiled(2.0, Overflow::Refuse));
+        assert!(other.restore(&mut StateReader::new(&bytes)).is_err(), "weight {place}");
+    }
+
+    // A ring of four has forgotten what one of eight needs, not the other way round.
+    let four = || FixedDirect::<f64, 1, 4>::short_memory(&VALUES, 1.0).unwrap();
+    let eight = || FixedDirect::<f64, 1, 8>::short_memory(&VALUES, 1.0).unwrap();
+    let lacking = eight().restore(&mut StateReader::new(&saved(&fed(four()))));
+    assert_eq!(lacking, Err(StateError::Mismatch { what: "kept samples", expected: 6, found: 4 }));
+    let mut taken = four();
+    taken.restore(&mut StateReader::new(&saved(&fed(eight())))).unwrap();
+    assert_eq!(terms(taken, 3), terms(fed(four()), 3));
+}
+
+#[test]
+fn exponents_outside_the_range_make_no_kernel() {
+    let method = RungeKutta::<2>::radau_iia().unwrap();
+    for outside in [-1.0, 2.0, -3.0, 7.0, f64::NAN] {
+        assert_eq!(Kernel::given(outside).unwrap_err().parameter, "exponent", "{outside}");
+        assert_eq!(Kernel::bdf(GRUNWALD, outside, 0.1).unwrap_err().parameter, "exponent", "{outside}");
+        assert_eq!(Kernel::runge_kutta(&method, outside, 0.1).unwrap_err().parameter, "exponent");
+    }
+    for inside in [-0.999, 0.0, 1.999] {
+        assert!(Kernel::given(inside).is_ok() && Kernel::bdf(GRUNWALD, inside, 0.1).is_ok());
+    }
+}
+
+#[test]
+fn the_leading_weight_of_a_step_half_as_long_is_larger_by_the_power_of_two() {
+    for p in 1..=6 {
+        let weight = |h| leading_bdf_weight(BdfOrder::new(p).unwrap(), 0.75, h).unwrap();
+        let ratio = weight(0.05) / weight(0.1);
+        assert!((ratio - 2f64.powf(0.75)).abs() < 1e-14, "{ratio}");
+    }
+}
+
+#[test]
+fn a_whole_derivative_looks_back_as_far_as_its_order() {
+    for p in 1..=6 {
+        let weights = ConvolutionWeights::bdf(BdfOrder::new(p).unwrap(), 1.0, 0.1).unwrap();
+        let sums: Vec<f64> = weights.clone().on_increments().take(40).collect();
+        assert!(sums[..p].iter().all(|&weight| weight != 0.0), "p = {p}: {sums:?}");
+        assert!(sums[p..].iter().all(|&weight| weight == 0.0), "p = {p}: {sums:?}");
+        assert!(weights.skip(p + 1).take(40).all(|weight| weight == 0.0), "p = {p}");
+    }
+}
+
+/// Whether a damping term takes a memory with this leading weight for one of the kernel.
+fn takes<const S: usize>(kernel: Kernel, leading: &[f64]) -> bool {
+    let rings = [const { Deque::<f64, 4>::new() }; S];
+    let memory = Direct::new(leading, S, 1.0, rings, Overflow::Refuse).unwrap();
+    let rho = Coefficients::Diagonal([1.0].into());
+    DampingTerm::<f64, Fixed<1>, _>::new(kernel, rho, Derivative::Caputo, memory).is_ok()
+}
+
+#[test]
+fn kernels_of_every_method_are_told_by_the_determinant_of_their_leading_weight() {
+    // W₀ = (A⁻¹/h)^β. The stability function of R stages is a Padé approximant: det A = (R−1)!/(2R−1)! for
+    // Radau IIA and (R−2)!/(2R−2)! for Lobatto IIIC.
+    fn check<const S: usize>(method: &RungeKutta<S>, determinant: f64) {
+        let (beta, h) = (0.5f64, 0.25f64);
+        let kernel = Kernel::runge_kutta(method, beta, h).unwrap();
+        let right = (determinant * h.powi(S as i32)).powf(-beta);
+        // Lower triangular, the rows turned by one place: an even permutation for one and three stages.
+        let matrix = |determinant: f64| {
+            let mut leading = vec![0.0; S * S];
+            for row in 0..S {
+                leading[(row + 1) % S * S + row] = if row == 0 { determinant } else { 1.0 };
+            }
+            leading
+        };
+        let sign = if S % 2 == 1 { 1.0 } else { -1.0 };
+        assert!(takes::<S>(kernel, &matrix(sign * right)), "{S} stages");
+        for wrong in [-sign * right, sign * right * 1.001, sign / right, 0.0] {
+            assert!(!takes::<S>(kernel, &matrix(wrong)), "{S} stages: {wrong} for {right}");
+        }
+    }
+    check(&RungeKutta::<1>::radau_iia().unwrap(), 1.0);
+    check(&RungeKutta::<2>::radau_iia().unwrap(), 1.0 / 6.0);
+    check(&RungeKutta::<3>::radau_iia().unwrap(), 1.0 / 60.0);
+    check(&RungeKutta::<2>::lobatto_iiic().unwrap(), 1.0 / 2.0);
+    check(&RungeKutta::<3>::lobatto_iiic().unwrap(), 1.0 / 24.0);
+    check(&RungeKutta::<4>::lobatto_iiic().unwrap(), 1.0 / 360.0);
+}
+
+#[test]
+fn kernels_of_three_stages_mix_them_by_their_planes_and_scale() {
+    // Entry (i, j) of W₁ is 10 i + j + 11, of W₂ ten times that.
+    let planes: Vec<f64> = (0..9)
+        .flat_map(|plane| {
+            let entry = f64::from(10 * (plane / 3) + plane % 3 + 11);
+            [0.0, entry, 10.0 * entry]
+        })
+        .collect();
+    let rings = [const { Deque::<f64, 8>::new() }; 3];
+    let mut memory = Direct::new(&planes[..], 3, 0.5, rings, Overflow::Refuse).unwrap();
+    assert_eq!(memory.stages(), 3);
+    memory.push(&[0.0, 0.0, 2.0]).unwrap();
+    memory.push(&[2.0, 0.0, 0.0]).unwrap();
+    let mut term = [0.0; 3];
+    memory.next_term(&mut term).unwrap();
+    assert_eq!(term, [11.0 + 130.0, 21.0 + 230.0, 31.0 + 330.0]);
+}
+
+#[test]
+fn the_inverse_of_a_method_undoes_its_matrix() {
+    fn check<const S: usize>(method: &RungeKutta<S>) {
+        let inverse = method.inverse().unwrap();
+        for (row, numbers) in method.matrix().iter().enumerate() {
+            for column in 0..S {
+                let product: f64 = numbers.iter().zip(&inverse).map(|(a, line)| a * line[column]).sum();
+                let unit = f64::from(u8::from(row == column));
+                assert!((product - unit).abs() < 1e-13, "{S} stages, ({row}, {column}): {product}");
+            }
+        }
+    }
+    check(&RungeKutta::<1>::radau_iia().unwrap());
+    check(&RungeKutta::<2>::radau_iia().unwrap());
+    check(&RungeKutta::<3>::radau_iia().unwrap());
+    check(&RungeKutta::<2>::lobatto_iiic().unwrap());
+    check(&RungeKutta::<3>::lobatto_iiic().unwrap());
+    check(&RungeKutta::<4>::lobatto_iiic().unwrap());
+}

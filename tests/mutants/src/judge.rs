@@ -26,13 +26,16 @@ pub struct Test {
     reaches: BTreeSet<usize>,
 }
 
+/// Bytes of each test's stack: with all mutants in it a function needs more than its own.
+const STACK: &str = "268435456";
+
 fn command(program: &Program) -> Command {
     let mut command = Command::new(&program.path);
     command
         .current_dir(&program.folder)
         .stdout(Stdio::null())
         .stderr(Stdio::null())
-        .env("RUST_BACKTRACE", "0");
+        .envs([("RUST_BACKTRACE", "0"), ("RUST_MIN_STACK", STACK)]);
     command
 }
 

@@ -60,7 +60,7 @@ fn main() {
             }
             let verdict = judge::judge(&planted.programs, &recorded, first, number);
             if verdict >= Verdict::Survived && !explained.contains_key(&names[at]) {
-                println!("{verdict:?}: {} | {}", mutants[at].name, names[at]);
+                println!("{verdict:?}: {}\t{}", mutants[at].name, names[at]);
             }
             // Own tests may reach what those across the crates do not.
             let before = verdicts.get(&at).copied().unwrap_or(verdict);
@@ -87,7 +87,7 @@ fn main() {
         for of in [mutant.file.as_str(), TOTAL] {
             *counts.entry(of).or_default().entry(verdict).or_default() += 1;
         }
-        writeln!(lists.entry(verdict).or_default(), "{} | {}", mutant.name, names[at]).expect("text");
+        writeln!(lists.entry(verdict).or_default(), "{}\t{}", mutant.name, names[at]).expect("text");
     }
     for (verdict, names) in &lists {
         fs::write(out.join(verdict.replace(' ', "-").replace(',', "")), names).expect("a folder for results");
