@@ -356,7 +356,7 @@ impl<T: Elementary + Engines, X: ScenarioSpace<T>> Machine<T, X> {
             scenario.error_at("scheme", Problem::OutOfRange { allowed })
         })?;
         let nodes = scheme.sampling().nodes();
-        let (terms, served) = damping_terms(scenario, &space, nodes, tables)?;
+        let mut damping = damping_terms(scenario, &space, nodes, tables)?;
         let system = space.system(scenario).map_err(|error| bad_mass(scenario, &error))?;
         let position = space.vector(&scenario.initial.position);
         let momentum = space.vector(&scenario.initial.momentum);
@@ -364,12 +364,13 @@ impl<T: Elementary + Engines, X: ScenarioSpace<T>> Machine<T, X> {
         let kicked = scenario.convolution.at == DampedAt::MainNodes;
         let is_dear = space.energy_is_dear();
         // With several nodes terms have memories of their own.
-        let offset = MomentumOffset::of(scenario, nodes, |term| resisting(&terms[term], &position, &space));
+        let offset =
+            MomentumOffset::of(scenario, nodes, |term| resisting(&damping.terms[term], &position, &space));
         let mean = kicked && scenario.output.momentum == ReportedMomentum::Mean;
-        let kick = mean.then(|| Kick { next: space.zeros(), last: space.zeros() });
+        damping.kick = mean.then(|| Kick { next: space.zeros(), last: space.zeros() });
         let reported = (mean || !offset.is_empty()).then(|| space.zeros());
         let integrator = IntegratorBuilder::in_space(space, system, scheme, T::of(scenario.time.step))
-            .damping(DampingTerms { terms, served, kick })
+            .damping(damping)
             .position(position)
             .momentum(momentum)
             .build()
@@ -522,7 +523,7 @@ fn damping_terms<T: Elementary + Engines, X: ScenarioSpace<T>>(
     space: &X,
     nodes: usize,
     tables: &Tables,
-) -> Result<(Vec<X::Term<HostMemory<T>>>, Vec<Vec<usize>>), InputError> {
+) -> Result<DampingTerms<T, X>, InputError> {
     let damping = &scenario.system.damping;
     let request = |index: usize| {
         let term = &damping[index];
@@ -560,7 +561,7 @@ fn damping_terms<T: Elementary + Engines, X: ScenarioSpace<T>>(
             served.push(vec![index]);
         }
     }
-    Ok((terms, served))
+    Ok(DampingTerms { terms, served, kick: None })
 }
 
 /// Terms of a scenario on a memory of their kernels.

@@ -268,8 +268,6 @@ impl<T: Real, X: MatrixSpace<T>, M: Memory<T>> Damping<T, X> for ChannelDamping<
 }
 
 /// A damping term of a scenario, of all coordinates, or terms of some directions.
-// A scenario has a handful of them, and histories of kilobytes for each.
-#[expect(clippy::large_enum_variant)]
 pub enum HostTerm<T: Real, X: MatrixSpace<T>, M> {
     /// One channel for each coordinate.
     Everywhere(DampingTerm<T, X, M>),
