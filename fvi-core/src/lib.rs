@@ -58,8 +58,8 @@ pub use galerkin::{Galerkin, Tables};
 pub use integrator::{Integrator, IntegratorBuilder, IntegratorError};
 pub use kernel::{Kernel, Rule, Symbol};
 pub use linear::{
-    Singular, add_multiple, combine_two, factor, invert_factored, is_positive_definite_in_place,
-    keep_factors, solve, substitute, substitute_kept,
+    Singular, add_multiple, combine_four, combine_two, factor, invert_factored,
+    is_positive_definite_in_place, keep_factors, solve, substitute, substitute_kept,
 };
 pub use memory::{ActsOn, Memory, MemoryError, check_channels};
 pub use newton::{Equations, Factors, StepMatrix};

@@ -60,6 +60,74 @@ pub fn combine_two<T: Real>(target: &mut [T], x: &[T], y: &[T], of: impl Fn(T, T
     }
 }
 
+/// target ← of(a, b, c, d), number by number.
+#[inline(always)]
+pub fn combine_four<T: Real>(
+    target: &mut [T],
+    (a, b): (&[T], &[T]),
+    (c, d): (&[T], &[T]),
+    of: impl Fn(T, T, T, T) -> T,
+) {
+    let len = target.len().min(a.len()).min(b.len()).min(c.len()).min(d.len());
+    let (targets, target) = rows_mut(target, len);
+    let ((rows_of_a, a), (rows_of_b, b)) = (rows(a, len), rows(b, len));
+    let ((rows_of_c, c), (rows_of_d, d)) = (rows(c, len), rows(d, len));
+    let sources = rows_of_a.iter().zip(rows_of_b).zip(rows_of_c.iter().zip(rows_of_d));
+    for (targets, ((a, b), (c, d))) in targets.iter_mut().zip(sources) {
+        *targets = from_fn(|lane| of(lane_of(a, lane), lane_of(b, lane), lane_of(c, lane), lane_of(d, lane)));
+        by_itself();
+    }
+    for (target, ((&a, &b), (&c, &d))) in target.iter_mut().zip(a.iter().zip(b).zip(c.iter().zip(d))) {
+        *target = of(a, b, c, d);
+    }
+}
+
+/// (a, b) ← of(x, y), number by number.
+#[inline(always)]
+pub(crate) fn fill_pair<T: Real>(
+    (a, b): (&mut [T], &mut [T]),
+    (x, y): (&[T], &[T]),
+    of: impl Fn(T, T) -> (T, T),
+) {
+    let len = a.len().min(b.len()).min(x.len()).min(y.len());
+    let ((rows_of_a, a), (rows_of_b, b)) = (rows_mut(a, len), rows_mut(b, len));
+    let ((xs, x), (ys, y)) = (rows(x, len), rows(y, len));
+    for ((a, b), (x, y)) in rows_of_a.iter_mut().zip(rows_of_b).zip(xs.iter().zip(ys)) {
+        let pairs: [(T, T); LANES] = from_fn(|lane| of(lane_of(x, lane), lane_of(y, lane)));
+        (*a, *b) = (pairs.map(|(a, _)| a), pairs.map(|(_, b)| b));
+        by_itself();
+    }
+    for ((a, b), (&x, &y)) in a.iter_mut().zip(b).zip(x.iter().zip(y)) {
+        (*a, *b) = of(x, y);
+    }
+}
+
+/// target ← target − x, number by number; the sizes of x and of the target then, by `join`, which joins a
+/// number to the largest so far.
+#[inline(always)]
+pub(crate) fn subtract_and_fold<T: Real>(target: &mut [T], x: &[T], join: impl Fn(T, T) -> T) -> (T, T) {
+    let len = target.len().min(x.len());
+    let ((targets, target), (xs, x)) = (rows_mut(target, len), rows(x, len));
+    let (mut of_x, mut of_target) = (T::zero(), T::zero());
+    if !targets.is_empty() {
+        let (mut lanes_of_x, mut lanes) = ([T::zero(); LANES], [T::zero(); LANES]);
+        for (targets, x) in targets.iter_mut().zip(xs) {
+            let old = *targets;
+            let new: [T; LANES] = from_fn(|lane| lane_of(&old, lane) - lane_of(x, lane));
+            lanes_of_x = from_fn(|lane| join(lane_of(&lanes_of_x, lane), lane_of(x, lane)));
+            lanes = from_fn(|lane| join(lane_of(&lanes, lane), lane_of(&new, lane)));
+            *targets = new;
+            by_itself();
+        }
+        (of_x, of_target) = (join_lanes(&lanes_of_x, &join), join_lanes(&lanes, &join));
+    }
+    for (target, &x) in target.iter_mut().zip(x) {
+        *target -= x;
+        (of_x, of_target) = (join(of_x, x), join(of_target, *target));
+    }
+    (of_x, of_target)
+}
+
 /// (a, b) ← of(a, b, x), number by number.
 #[inline(always)]
 pub(crate) fn combine_pair<T: Real>((a, b): (&mut [T], &mut [T]), x: &[T], of: impl Fn(T, T, T) -> (T, T)) {

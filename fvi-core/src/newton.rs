@@ -1,6 +1,6 @@
 //! The equations of one step: their matrix, and Newton's method converged to rounding.
 
-use crate::linear::{Singular, add_multiple, fold, keep_factors, solve, substitute, substitute_kept};
+use crate::linear::{Singular, fold, keep_factors, solve, substitute, substitute_kept, subtract_and_fold};
 use crate::real::Real;
 use crate::scheme::StepError;
 use crate::space::Block;
@@ -164,14 +164,18 @@ impl<T: Real, const N: usize, const S: usize, B: Block<T>> Equations<T, B> for S
 }
 
 /// Largest absolute value; not a number if one is not finite.
-#[expect(clippy::eq_op, reason = "x − x tells a finite number from others")]
 #[inline(always)]
 pub(crate) fn size<T: Real>(numbers: &[T]) -> T {
-    fold(numbers, T::zero(), |largest, number| {
-        let size = number.abs();
-        // The difference of what is not finite is not a number, nor is what is added to that.
-        (if size > largest { size } else { largest }) + (number - number)
-    })
+    fold(numbers, T::zero(), larger)
+}
+
+/// The larger of a size and that of a number; not a number if that is not finite.
+#[expect(clippy::eq_op, reason = "x − x tells a finite number from others")]
+#[inline(always)]
+fn larger<T: Real>(largest: T, number: T) -> T {
+    let size = number.abs();
+    // The difference of what is not finite is not a number, nor is what is added to that.
+    (if size > largest { size } else { largest }) + (number - number)
 }
 
 /// How Newton's method came to its end.
@@ -221,12 +225,11 @@ pub(crate) fn newton<T: Real, B: Block<T>, E: Equations<T, B>>(
         } else {
             matrix.solve(correction).map_err(|_| StepError::SingularJacobian)?;
         }
-        let change = size(correction);
+        let (change, extent) = subtract_and_fold(unknowns, correction, larger);
         if !change.is_finite() {
             return Err(StepError::NotFinite);
         }
-        add_multiple(unknowns, -T::one(), correction);
-        let scale = offset + size(unknowns) + floor;
+        let scale = offset + extent + floor;
         // Far from the solution corrections shrink by chance.
         let near = T::of(NEAR) * scale;
         let ratio = previous.map(|previous| change / previous.min(near));

@@ -2,7 +2,7 @@
 //! over unknowns and nodes.
 
 use crate::damping::Damping;
-use crate::linear::{combine, combine_two};
+use crate::linear::{combine, combine_two, fill_pair};
 use crate::newton::{Equations, newton, size};
 use crate::real::Real;
 use crate::scheme::{State, Step, StepError};
@@ -58,7 +58,8 @@ impl<T: Real> OneNode<T> {
         let (position, momentum) = (X::slice(&state.position), X::slice(&state.momentum));
         let excess = excess.get(..moments).unwrap_or(&[]);
         let (linear, drifts) = (mechanics.is_linear(), self.test == T::zero());
-        if linear && damping.is_some() && !drifts {
+        let from_rest = linear && damping.is_some() && !drifts;
+        if from_rest {
             // No guess is needed, and a stiff motion at speed would be guessed so far off that its place is
             // lost in rounding.
             increments.fill(T::zero());
@@ -101,9 +102,9 @@ impl<T: Real> OneNode<T> {
         } else if linear {
             let stays = damping.is_none_or(|damping| damping.leading_is_constant());
             if work.kept.length == step.size {
-                equation.look(increments, false);
+                equation.look_first(increments, from_rest, false);
             } else {
-                equation.look(increments, true);
+                equation.look_first(increments, from_rest, true);
                 equation.write_matrix(&mut *work.matrix);
                 let inertia = (self.kinetic / step.size, equation.mechanics.mass());
                 work.matrix.keep(&mut work.kept.solver, inertia).map_err(|_| StepError::SingularJacobian)?;
@@ -120,11 +121,11 @@ impl<T: Real> OneNode<T> {
                 if work.matrix.is_unsettled(&work.kept.solver, increments, position, residual) {
                     work.matrix.solve_kept(&work.kept.solver, residual);
                     take_off(increments, residual);
+                    // The node is the sample where the force acts at it.
+                    if damping.is_some() {
+                        equation.place_stage(increments);
+                    }
                 }
-            }
-            // The node is the sample where the force acts at it.
-            if damping.is_some() {
-                equation.place_stage(increments);
             }
             1
         } else {
@@ -192,8 +193,28 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> Equation<'_, T,
     /// Places the node and finds G, with its derivative if that is wanted.
     #[inline(always)]
     fn look(&mut self, increments: &[T], linearise: bool) {
-        self.place_stage(increments);
-        combine_two(X::slice_mut(self.point), self.position, self.stage, |_, q, stage| q + stage);
+        let shape = self.numbers.shape;
+        let places = (&mut *self.stage, X::slice_mut(self.point));
+        fill_pair(places, (increments, self.position), |e, q| (e * shape, q + e * shape));
+        self.find_force(linearise);
+        if let Some(damping) = self.damping {
+            damping.add_leading(self.stage, self.force, self.scratch);
+        }
+    }
+
+    /// As [`look`](Self::look), without what increments add that are zero.
+    #[inline(always)]
+    fn look_first(&mut self, increments: &[T], are_zero: bool, linearise: bool) {
+        if !are_zero {
+            return self.look(increments, linearise);
+        }
+        combine(X::slice_mut(self.point), self.position, |_, q| q);
+        self.find_force(linearise);
+    }
+
+    /// Finds G at the node, but for what the increments add to the damping.
+    #[inline(always)]
+    fn find_force(&mut self, linearise: bool) {
         let instant = Instant::in_step(self.step.time, self.numbers.node, self.step.size);
         if linearise {
             self.mechanics.linearise(instant, self.point, self.force, self.stiffness);
@@ -202,9 +223,8 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> Equation<'_, T,
         }
         // There may be fewer numbers of the input.
         self.force.iter_mut().zip(self.step.input).for_each(|(force, &input)| *force -= input);
-        if let Some(damping) = self.damping {
+        if self.damping.is_some() {
             combine(self.force, self.known, |force, known| force + known);
-            damping.add_leading(self.stage, self.force, self.scratch);
         }
     }
 
@@ -232,9 +252,8 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> Equation<'_, T,
         let h = self.step.size;
         let factor = h * self.numbers.weight * self.numbers.test;
         // What nearly cancels comes first: it is exact, and what is left is as small as its rounding.
-        combine(residual, self.momentum, |_, p| p);
-        self.mechanics.mass().multiply_add(self.numbers.kinetic / h, increments, residual);
-        combine(residual, self.force, |place, force| place - force * factor);
+        let known = (self.momentum, (factor, &*self.force));
+        self.mechanics.mass().balance(known, (self.numbers.kinetic / h, increments), residual);
         // Of the moments those of the first shape.
         residual.iter_mut().zip(self.excess).for_each(|(place, &moment)| *place += moment * h);
     }

@@ -1,6 +1,7 @@
 //! Where the coordinates of a system live: how vectors and matrices are stored.
 
 use crate::error::MatrixError;
+use crate::linear::combine;
 use crate::real::Real;
 
 /// Storage for N coordinates.
@@ -35,6 +36,14 @@ pub trait Space<T: Real>: Clone {
 pub trait Block<T: Real> {
     /// out += factor · (B x).
     fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]);
+
+    /// out ← `start` + factor · (B x) − `by` · `force`: what an equation of momenta leaves.
+    #[inline(always)]
+    fn balance(&self, (start, (by, force)): (&[T], (T, &[T])), (factor, x): (T, &[T]), out: &mut [T]) {
+        combine(out, start, |_, start| start);
+        self.multiply_add(factor, x, out);
+        combine(out, force, |out, force| out - force * by);
+    }
 
     /// Adds factor · B to the N×N part of a dense matrix that begins at the given row and column. The matrix
     /// lies row by row, `width` numbers each.
