@@ -13,6 +13,7 @@ pub struct Pattern {
     columns: Vec<u32>,
     /// Largest distance of a place from the diagonal.
     band: usize,
+    is_chain: bool,
     /// How its matrices are eliminated, once that has been asked for.
     pub(crate) analysis: OnceLock<Analysis>,
 }
@@ -44,7 +45,9 @@ impl Pattern {
 
     fn with_columns(starts: Vec<usize>, columns: Vec<u32>, band: usize) -> Self {
         debug_assert!(starts.len() <= 1 << 32, "columns are numbers of 32 bits");
-        Self { starts, columns, band, analysis: OnceLock::new() }
+        let rows = starts.len().saturating_sub(1);
+        let is_chain = rows > 1 && band == 1 && columns.len() + 2 == 3 * rows;
+        Self { starts, columns, band, is_chain, analysis: OnceLock::new() }
     }
 
     /// The pattern of rows given one after another, each with its columns ascending and less than the number
@@ -85,6 +88,11 @@ impl Pattern {
     /// Largest distance of a place from the diagonal.
     pub fn band(&self) -> usize {
         self.band
+    }
+
+    /// Whether the columns of every row are its neighbours and itself, of two rows or more.
+    pub fn is_chain(&self) -> bool {
+        self.is_chain
     }
 
     /// Each row as its range of slots.

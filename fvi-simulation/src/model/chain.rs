@@ -19,6 +19,52 @@ pub struct ChainFactors<T> {
     is_gentle: bool,
 }
 
+/// A matrix with entries on the diagonal and beside it, for products: pairs of rows are computed together.
+#[derive(Clone, Debug)]
+pub(super) struct PairedRows<T> {
+    first: [T; 2],
+    /// Of two rows each: the entries left of the diagonal, on it, right of it.
+    pairs: Vec<[[T; 2]; 3]>,
+    /// The row that has no partner.
+    single: Option<[T; 3]>,
+    last: [T; 2],
+}
+
+impl<T: Real> PairedRows<T> {
+    /// From the first row, those between, and the last.
+    pub(super) fn new(first: [T; 2], middle: &[[T; 3]], last: [T; 2]) -> Self {
+        let (pairs, single) = middle.as_chunks::<2>();
+        let column = |[upper, lower]: &[[T; 3]; 2], place: usize| [upper[place], lower[place]];
+        let pairs = pairs.iter().map(|pair| [0, 1, 2].map(|place| column(pair, place))).collect();
+        Self { first, pairs, single: single.first().copied(), last }
+    }
+
+    /// out ← A x, if these are as many numbers as A has rows; whether they are.
+    pub(super) fn multiply(&self, x: &[T], out: &mut [T]) -> bool {
+        let rows = 2 + 2 * self.pairs.len() + usize::from(self.single.is_some());
+        let ([x0, x1, ..], [.., before, number]) = (x, x) else { return false };
+        let [out_first, out @ .., out_last] = out else { return false };
+        if x.len() != rows || out.len() + 2 != rows {
+            return false;
+        }
+        *out_first = self.first[0] * *x0 + self.first[1] * *x1;
+        *out_last = self.last[0] * *before + self.last[1] * *number;
+        let (outs, out) = out.as_chunks_mut::<2>();
+        let mut row = 0;
+        for ([left, own, right], out) in self.pairs.iter().zip(outs) {
+            let Some(&[a, b, c, d]) = x.get(row..).and_then(<[T]>::first_chunk) else { return false };
+            *out = [left[0] * a + own[0] * b + right[0] * c, left[1] * b + own[1] * c + right[1] * d];
+            row += 2;
+            // Each pair is a vector by itself.
+            core::hint::black_box(());
+        }
+        if let (Some([left, own, right]), [out], Some([a, b, c, ..])) = (self.single, out, x.get(row..)) {
+            *out = left * *a + own * *b + right * *c;
+        }
+        true
+    }
+}
+
 impl<T: Real> Chain<T> {
     /// The zero matrix for so many unknowns.
     pub(super) fn zero(size: usize) -> Self {
@@ -182,6 +228,25 @@ mod tests {
         let mut chain = chain(9, 1.5, 0.0);
         chain.factor().unwrap();
         assert!(!chain.kept(1.5, None).is_gentle());
+    }
+
+    #[test]
+    fn products_of_paired_rows_are_those_of_the_whole_matrix() {
+        for size in [2, 3, 8, 9] {
+            let chain = chain(size, 1.5, 0.3);
+            let entries = dense(&chain, size);
+            let row = |row: usize, first: usize| [0, 1].map(|place| entries[row * size + first + place]);
+            let middle: Vec<_> = (1..size - 1).map(|row| chain.rows[row]).collect();
+            let rows = PairedRows::new(row(0, 0), &middle, row(size - 1, size - 2));
+            let x: Vec<f64> = (0..size).map(|index| 1.0 - 0.3 * index as f64).collect();
+            let (mut found, mut longer) = (vec![f64::NAN; size], vec![0.0; size + 1]);
+            assert!(rows.multiply(&x, &mut found));
+            let products = entries.chunks_exact(size).map(|row| row.iter().zip(&x).map(|(a, x)| a * x).sum());
+            for (found, expected) in found.iter().zip(products.collect::<Vec<f64>>()) {
+                assert!((found - expected).abs() < 1e-14, "{found} {expected} of {size}");
+            }
+            assert!(!rows.multiply(&x, &mut longer) && !rows.multiply(&longer.clone(), &mut longer));
+        }
     }
 
     #[test]

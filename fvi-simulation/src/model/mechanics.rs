@@ -4,6 +4,7 @@ mod single;
 
 pub use single::SingleModel;
 
+use super::chain::PairedRows;
 use super::elements::Elements;
 use super::energies::{EnergiesAlong, EnergyRoom, States, write_plain};
 use super::loads::Loads;
@@ -14,7 +15,8 @@ use super::space::{Matrix, MatrixSpace, Sparse};
 use crate::language::expression::{Elementary, Moment};
 use crate::model::tape::{CompiledForce, CompiledPotential, OwnRegisters};
 use crate::scenario::{Scenario, SymmetricMatrix};
-use fvi_core::{Approach, Block, Instant, MatrixError, Mechanics, NodalRule, Real, factor, invert_factored};
+use fvi_core::{Approach, Block, Instant, MatrixError, Mechanics, NodalRule, Real};
+use fvi_core::{combine_two, factor, invert_factored};
 use fvi_sparse::{Analysis, Factor, Pattern};
 use std::sync::Arc;
 
@@ -36,6 +38,8 @@ pub struct Model<T> {
     potential: Option<CompiledPotential<T>>,
     /// K of the quadratic part ½ qᵀKq + bᵀq of the potential.
     quadratic: Matrix<T>,
+    /// The same, where it is that of a chain, and no other stiffness beside it.
+    paired_rows: Option<PairedRows<T>>,
     linear: Vec<(usize, T)>,
     force: CompiledForce<T>,
     /// Whether there is a force at all.
@@ -49,7 +53,7 @@ pub struct Model<T> {
     /// Values of the stiffness that never change, by slot.
     constant: Sparse<T>,
     /// Slots of the entries of the potential's Hessian, and of their mirror images.
-    hessian_slots: Vec<(usize, usize)>,
+    hessian_slots: Vec<(u32, u32)>,
     /// Slots of the entries of the force's Jacobian.
     jacobian_slots: Vec<usize>,
     registers: Vec<T>,
@@ -58,7 +62,7 @@ pub struct Model<T> {
     rest_registers: OwnRegisters<T>,
     /// N numbers.
     pushed: Vec<T>,
-    /// Entries of a Hessian or Jacobian.
+    /// Entries of a Jacobian.
     entries: Vec<T>,
 }
 
@@ -116,7 +120,11 @@ impl<T: Elementary> Model<T> {
         let places: Vec<_> = of_potential.flat_map(both).chain(of_force).chain(of_own).collect();
         let pattern = with_base(size, base.as_ref(), &places);
         let slots = |&(row, column): &(usize, usize)| (pattern.slot(row, column), pattern.slot(column, row));
-        let hessian_slots: Vec<_> = curved.iter().map(slots).collect();
+        let narrow = |place: (usize, usize)| {
+            let narrow = |slot: usize| u32::try_from(slot).expect("fewer slots than 2³²");
+            (narrow(place.0), narrow(place.1))
+        };
+        let hessian_slots: Vec<_> = curved.iter().map(slots).map(narrow).collect();
         let jacobian_slots: Vec<_> = turned.iter().map(|&(row, column)| pattern.slot(row, column)).collect();
         elements.iter_mut().for_each(|elements| elements.settle(&pattern));
         let mut values = of_base(base.as_ref(), &pattern);
@@ -132,17 +140,23 @@ impl<T: Elementary> Model<T> {
         }
         let constant = Sparse { pattern: Arc::clone(&pattern), values, threads: 1 };
         let is_constant = places.is_empty() && potential.is_none() && force.is_zero() && elements.is_empty();
-        let entries = vec![T::zero(); hessian_slots.len().max(jacobian_slots.len())];
+        let entries = vec![T::zero(); jacobian_slots.len()];
+        let quadratic = Matrix::symmetric(size, springs.iter().copied());
+        let paired_rows = match (&base, &quadratic) {
+            (None, Matrix::Sparse(sparse)) => sparse.paired_rows(),
+            _ => None,
+        };
         Ok(Self {
             mass,
             inverse_mass,
             threads,
             base,
+            paired_rows,
             elements,
             loads: Loads::new(&system.loads),
             cases: scenario.cases.iter().map(|case| Loads::new(&case.loads)).collect(),
             energies: Vec::new(),
-            quadratic: Matrix::symmetric(size, springs.iter().copied()),
+            quadratic,
             linear,
             potential,
             is_constant,
@@ -187,15 +201,12 @@ impl<T: Elementary> Model<T> {
 
     /// K q + b.
     fn quadratic_pull(&self, position: &[T], pull: &mut [T]) {
-        match (&self.base, &self.quadratic) {
-            (None, Matrix::Sparse(quadratic)) => quadratic.multiply(position, pull),
-            (base, quadratic) => {
-                pull.fill(T::zero());
-                if let Some(base) = base {
-                    base.multiply_add(T::one(), position, pull);
-                }
-                quadratic.multiply_add(T::one(), position, pull);
+        if !self.paired_rows.as_ref().is_some_and(|rows| rows.multiply(position, pull)) {
+            pull.fill(T::zero());
+            if let Some(base) = &self.base {
+                base.multiply_add(T::one(), position, pull);
             }
+            self.quadratic.multiply_add(T::one(), position, pull);
         }
         for &(coordinate, entry) in &self.linear {
             pull[coordinate] += entry;
@@ -208,6 +219,7 @@ impl<T: Elementary, X: MatrixSpace<T>> Mechanics<T, X> for Model<T> {
         &self.mass
     }
 
+    #[inline]
     fn velocity(&self, momentum: &[T], velocity: &mut [T]) {
         self.write_velocity(momentum, velocity);
     }
@@ -257,14 +269,8 @@ impl<T: Elementary, X: MatrixSpace<T>> Mechanics<T, X> for Model<T> {
         let values = stiffness.values.own();
         values.copy_from_slice(&self.constant.values);
         if let Some(potential) = &self.potential {
-            let hessian = &mut self.entries[..self.hessian_slots.len()];
-            potential.add_rest_derivatives_again(&mut self.rest_registers, position, pull, hessian);
-            for (&(slot, mirrored), &mut entry) in self.hessian_slots.iter().zip(hessian) {
-                values[slot] += entry;
-                if slot != mirrored {
-                    values[mirrored] += entry;
-                }
-            }
+            let places = (self.hessian_slots.as_slice(), &mut *values);
+            potential.add_rest_derivatives_again(&mut self.rest_registers, position, pull, places);
         }
         if let Some(own) = &mut self.own {
             own.add_linearisation(moment(instant), position, pull, values);
@@ -369,9 +375,7 @@ impl<T: Elementary> Model<T> {
     fn write_velocity(&self, momentum: &[T], velocity: &mut [T]) {
         match &self.inverse_mass {
             InverseMass::Matrix(Matrix::Diagonal(inverse)) if inverse.len() == momentum.len() => {
-                for ((place, &inverse), &p) in velocity.iter_mut().zip(inverse).zip(momentum) {
-                    *place = inverse * p;
-                }
+                combine_two(velocity, inverse, momentum, |_, inverse, p| inverse * p);
             }
             InverseMass::Matrix(inverse) => {
                 velocity.fill(T::zero());

@@ -1,11 +1,12 @@
 //! Vectors and matrices of as many coordinates as a scenario has.
 
 use super::band::{self, BandFactors};
-use super::chain::{Chain, ChainFactors};
+use super::chain::{Chain, ChainFactors, PairedRows};
 use super::shared::Shared;
 use crate::numerics::semidefinite::check_positive_semidefinite;
 use fvi_core::{Block, Equations, MatrixError, Real, Singular, Space};
-use fvi_core::{combine_two, is_positive_definite_in_place, keep_factors, substitute, substitute_kept};
+use fvi_core::{add_multiple, combine_four, combine_two, is_positive_definite_in_place};
+use fvi_core::{keep_factors, substitute, substitute_kept};
 use fvi_sparse::Pattern;
 use std::sync::Arc;
 
@@ -110,30 +111,21 @@ impl<T: Real> Sparse<T> {
 
     /// Whether the columns of every row are its neighbours and itself.
     pub(super) fn is_tridiagonal(&self) -> bool {
-        self.tridiagonal().is_some()
+        self.pattern.is_chain()
     }
 
-    /// out ← A x
-    pub(super) fn multiply(&self, x: &[T], out: &mut [T]) {
-        match self.tridiagonal() {
-            Some(rows) if x.len() == self.pattern.size() => rows.multiply(x, out, |out, row| *out = row),
-            _ => {
-                out.fill(T::zero());
-                self.multiply_add(T::one(), x, out);
-            }
-        }
+    /// The rows of a chain, for products.
+    pub(super) fn paired_rows(&self) -> Option<PairedRows<T>> {
+        self.tridiagonal().map(|rows| PairedRows::new(rows.first, rows.middle, rows.last))
     }
 
     /// The entries without their columns, where those are the neighbours of the row and itself: chains are
     /// common.
     fn tridiagonal(&self) -> Option<Tridiagonal<'_, T>> {
-        let (size, band) = (self.pattern.size(), self.pattern.band());
-        if band != 1 || self.pattern.len() + 2 != 3 * size {
+        if !self.pattern.is_chain() {
             return None;
         }
-        let ([diagonal, right, middle @ .., left, last], true) = (&*self.values, size > 1) else {
-            return None;
-        };
+        let [diagonal, right, middle @ .., left, last] = &*self.values else { return None };
         Some(Tridiagonal { first: [*diagonal, *right], middle: middle.as_chunks().0, last: [*left, *last] })
     }
 }
@@ -146,9 +138,9 @@ struct Tridiagonal<'a, T> {
 }
 
 impl<T: Real> Tridiagonal<'_, T> {
-    /// Hands each number of A x to `put`, with its place.
-    #[inline(always)]
-    fn multiply(&self, x: &[T], out: &mut [T], put: impl Fn(&mut T, T)) {
+    /// out ← out + factor · A x
+    fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]) {
+        let put = |out: &mut T, row: T| *out += row * factor;
         let ([x0, x1, x_from_third @ ..], [.., left, last]) = (x, x) else { return };
         let [out_first, out_middle @ .., out_last] = out else { return };
         let row = |[a, b]: [T; 2], x: T, y: T| a * x + b * y;
@@ -159,10 +151,6 @@ impl<T: Real> Tridiagonal<'_, T> {
             (x, y) = (y, z);
         }
         put(out_last, row(self.last, *left, *last));
-    }
-
-    fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]) {
-        self.multiply(x, out, |out, row| *out += row * factor);
     }
 }
 
@@ -273,6 +261,22 @@ fn multiply_add_dense<T: Real>(columns: &[T], factor: T, x: &[T], out: &mut [T])
 }
 
 impl<T: Real> Block<T> for Matrix<T> {
+    #[inline]
+    fn balance(&self, (start, (by, force)): (&[T], (T, &[T])), (factor, x): (T, &[T]), out: &mut [T]) {
+        match self {
+            Self::Diagonal(diagonal) if diagonal.len() == x.len() => {
+                combine_four(out, (start, diagonal), (x, force), |start, entry, x, force| {
+                    start + entry * x * factor - force * by
+                });
+            }
+            _ => {
+                out.copy_from_slice(start);
+                self.multiply_add(factor, x, out);
+                add_multiple(out, -by, force);
+            }
+        }
+    }
+
     #[inline]
     fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]) {
         match self {

@@ -107,17 +107,16 @@ impl<T: Elementary> Mechanics<T, Fixed<1>> for SingleModel<T> {
         stiffness: &mut Coefficients<T, 1>,
     ) {
         pull.iter_mut().zip(position).for_each(|(pull, &q)| *pull = self.quadratic * q + self.linear);
-        let mut curvature = self.constant;
+        let mut curvature = [self.constant];
         let Model {
             potential, force, forced, registers, rest_registers, pushed, entries, hessian_slots, ..
         } = &mut self.model;
         let position = position.as_slice();
         if let Some(potential) = potential {
-            potential.add_rest_derivatives_again(rest_registers, position, pull, entries);
-            for &entry in entries.iter().take(hessian_slots.len()) {
-                curvature += entry;
-            }
+            let places = (hessian_slots.as_slice(), &mut curvature[..]);
+            potential.add_rest_derivatives_again(rest_registers, position, pull, places);
         }
+        let [mut curvature] = curvature;
         if *forced {
             force.derivatives(moment(instant), position, registers, pushed, entries);
             pull.iter_mut().zip(pushed).for_each(|(pull, force)| *pull -= *force);

@@ -135,7 +135,7 @@ impl<T: Elementary> CompiledPotential<T> {
         gradient: &mut [T],
     ) {
         if let Some(rest) = &self.rest {
-            rest.gradient.evaluate_again(registers, position, gradient, &mut []);
+            rest.gradient.evaluate_again(registers, position, gradient, (&[], &mut []));
         }
     }
 
@@ -160,17 +160,18 @@ impl<T: Elementary> CompiledPotential<T> {
         }
     }
 
-    /// As [`add_rest_derivatives`](Self::add_rest_derivatives), with registers that serve nothing else.
+    /// As [`add_rest_derivatives`](Self::add_rest_derivatives), with registers that serve nothing else; the
+    /// entries are added to the values of a matrix, each at its slot and at that of its mirror image.
     #[inline]
     pub(in crate::model) fn add_rest_derivatives_again(
         &self,
         registers: &mut OwnRegisters<T>,
         position: &[T],
         gradient: &mut [T],
-        hessian: &mut [T],
+        slots_and_values: (&[(u32, u32)], &mut [T]),
     ) {
         if let Some(rest) = &self.rest {
-            rest.derivatives.evaluate_again(registers, position, gradient, hessian);
+            rest.derivatives.evaluate_again(registers, position, gradient, slots_and_values);
         }
     }
 }

@@ -60,33 +60,150 @@ struct Run {
     target: usize,
     count: usize,
     operands: usize,
-    /// Where the numbers lie that operations on two numbers read: the left ones, the right ones. Operations
-    /// on one read those on either side.
-    places: [Places; 2],
+    /// The same as an operation on rows.
+    row: Option<Row>,
+}
+
+/// Equal operations on numbers in neighbouring registers, as vectors.
+#[derive(Clone, Copy, Debug)]
+struct Row {
+    kind: RowKind,
+    count: u32,
+    target: u32,
+    /// Where the left numbers begin, and the right ones; operations on one number read those on the left.
+    left: u32,
+    right: u32,
+}
+
+/// What a row does. Where the numbers of one side are all the same one, that is told by `By` and `Of`: one
+/// number on the right, one on the left.
+#[derive(Clone, Copy, Debug)]
+enum RowKind {
+    Negate,
+    Add,
+    AddBy,
+    AddOf,
+    Subtract,
+    SubtractBy,
+    SubtractOf,
+    Multiply,
+    MultiplyBy,
+    MultiplyOf,
+    Scale,
+    ScaleBy,
+    ScaleOf,
 }
 
 /// Where the numbers lie that a run reads at one side of its operations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Places {
-    /// In neighbouring registers from this one on: as vectors.
-    Row(usize),
+    /// In neighbouring registers from this one on.
+    Row(u32),
     /// All in one.
-    One(usize),
-    /// Here and there.
-    Scattered,
+    One(u32),
 }
 
 impl Places {
-    fn of(mut registers: impl Iterator<Item = u32> + Clone) -> Self {
-        let Some(first) = registers.clone().next() else { return Self::Scattered };
+    fn of(mut registers: impl Iterator<Item = u32> + Clone) -> Option<Self> {
+        let first = registers.clone().next()?;
         if registers.clone().zip(first..).all(|(register, next)| register == next) {
-            Self::Row(first as usize)
+            Some(Self::Row(first))
         } else if registers.all(|register| register == first) {
-            Self::One(first as usize)
+            Some(Self::One(first))
         } else {
-            Self::Scattered
+            None
         }
     }
+}
+
+impl Row {
+    /// The run as a row, if its numbers lie like that.
+    fn of(run: &Run, operands: &[u32]) -> Option<Self> {
+        use RowKind as R;
+        let Work::One(operation) = run.work else { return None };
+        let [rows, by, of] = match operation {
+            Operation::Negate => [R::Negate; 3],
+            Operation::Add => [R::Add, R::AddBy, R::AddOf],
+            Operation::Subtract => [R::Subtract, R::SubtractBy, R::SubtractOf],
+            Operation::Multiply => [R::Multiply, R::MultiplyBy, R::MultiplyOf],
+            Operation::Scale => [R::Scale, R::ScaleBy, R::ScaleOf],
+            _ => return None,
+        };
+        let arity = operation.arity();
+        let read = operands[run.operands..][..arity * run.count].iter().copied();
+        let left = Places::of(read.clone().step_by(arity))?;
+        let right = Places::of(read.skip(arity - 1).step_by(arity))?;
+        let (kind, left, right) = match (left, right) {
+            (Places::Row(left), Places::Row(right)) => (rows, left, right),
+            (Places::Row(left), Places::One(right)) => (by, left, right),
+            (Places::One(left), Places::Row(right)) => (of, left, right),
+            (Places::One(_), Places::One(_)) => return None,
+        };
+        let narrow = |number: usize| u32::try_from(number).ok();
+        Some(Self { kind, count: narrow(run.count)?, target: narrow(run.target)?, left, right })
+    }
+
+    #[inline(always)]
+    fn evaluate<T: Elementary>(&self, registers: &mut [T]) {
+        match self.kind {
+            RowKind::Negate => self.rows(registers, |x, _| -x),
+            RowKind::Add => self.rows(registers, |x, y| x + y),
+            RowKind::AddBy => self.by(registers, |x, y| x + y),
+            RowKind::AddOf => self.of_one(registers, |x, y| x + y),
+            RowKind::Subtract => self.rows(registers, |x, y| x - y),
+            RowKind::SubtractBy => self.by(registers, |x, y| x - y),
+            RowKind::SubtractOf => self.of_one(registers, |x, y| x - y),
+            RowKind::Multiply => self.rows(registers, |x, y| x * y),
+            RowKind::MultiplyBy => self.by(registers, |x, y| x * y),
+            RowKind::MultiplyOf => self.of_one(registers, |x, y| x * y),
+            RowKind::Scale => self.rows(registers, scale),
+            RowKind::ScaleBy => self.by(registers, scale),
+            RowKind::ScaleOf => self.of_one(registers, scale),
+        }
+    }
+
+    #[inline(always)]
+    fn rows<T: Copy>(&self, registers: &mut [T], of: impl Fn(T, T) -> T) {
+        self.put(registers, |registers, start| {
+            let x = at(registers, self.left, start)?;
+            let y = at(registers, self.right, start)?;
+            Some(core::array::from_fn(|index| of(x[index], y[index])))
+        });
+    }
+
+    #[inline(always)]
+    fn by<T: Copy>(&self, registers: &mut [T], of: impl Fn(T, T) -> T) {
+        let Some(&y) = registers.get(self.right as usize) else { return };
+        self.put(registers, |registers, start| Some(at(registers, self.left, start)?.map(|x| of(x, y))));
+    }
+
+    #[inline(always)]
+    fn of_one<T: Copy>(&self, registers: &mut [T], of: impl Fn(T, T) -> T) {
+        let Some(&x) = registers.get(self.left as usize) else { return };
+        self.put(registers, |registers, start| Some(at(registers, self.right, start)?.map(|y| of(x, y))));
+    }
+
+    /// Writes the values of the row, some at a time; `values` makes those from an index on.
+    #[inline(always)]
+    fn put<T: Copy>(&self, registers: &mut [T], values: impl Fn(&[T], u32) -> Option<[T; STRIDE]>) {
+        let mut start = 0;
+        while start < self.count {
+            // One question after the other: asked together, the values would go by way of the stack.
+            let Some(values) = values(registers, start) else { return };
+            let target = self.target as usize + start as usize;
+            let Some(places) = registers.get_mut(target..target + STRIDE) else { return };
+            let Some(places) = places.first_chunk_mut() else { return };
+            *places = values;
+            start += STRIDE as u32;
+        }
+    }
+}
+
+/// Some numbers from a register on.
+#[inline(always)]
+fn at<T: Copy>(registers: &[T], first: u32, start: u32) -> Option<[T; STRIDE]> {
+    let place = first as usize + start as usize;
+    registers.get(place..place + STRIDE)?.first_chunk().copied()
 }
 
 /// One operation of a run.
@@ -188,25 +305,36 @@ impl<T: Elementary> Program<T> {
         if let [time, sided, ..] = others {
             (*time, *sided) = (moment.time, moment.sided);
         }
-        self.execute(registers, position, sums, entries);
+        self.execute(registers, position, sums, |place, value| entries[place] = value);
     }
 
-    /// As [`evaluate`](Self::evaluate) at t = 0. The registers have served this program before, or none: its
-    /// constants are in them.
-    #[inline]
+    /// As [`evaluate`](Self::evaluate) at t = 0, but that each entry is added to the values of a matrix at
+    /// its slot, and at that of its mirror image if it has another. The registers have served this program
+    /// before, or none: its constants are in them.
     pub(super) fn evaluate_again(
         &self,
         registers: &mut OwnRegisters<T>,
         position: &[T],
         sums: &mut [T],
-        entries: &mut [T],
+        (slots, values): (&[(u32, u32)], &mut [T]),
     ) {
         let registers = &mut registers.0;
         if registers.is_empty() {
-            registers.resize(self.room(), T::zero());
-            registers[..self.constants.len()].copy_from_slice(&self.constants);
+            self.prepare(registers);
         }
-        self.execute(registers, position, sums, entries);
+        self.execute(registers, position, sums, |place, value| {
+            let (slot, mirrored) = slots[place];
+            values[slot as usize] += value;
+            if slot != mirrored {
+                values[mirrored as usize] += value;
+            }
+        });
+    }
+
+    #[cold]
+    fn prepare(&self, registers: &mut Vec<T>) {
+        registers.resize(self.room(), T::zero());
+        registers[..self.constants.len()].copy_from_slice(&self.constants);
     }
 
     /// Registers that an evaluation needs.
@@ -216,25 +344,32 @@ impl<T: Elementary> Program<T> {
 
     /// Evaluates at a position, with constants and time in their registers.
     #[inline(always)]
-    fn execute(&self, registers: &mut [T], position: &[T], sums: &mut [T], entries: &mut [T]) {
+    fn execute(&self, registers: &mut [T], position: &[T], sums: &mut [T], mut set: impl FnMut(usize, T)) {
         let variables = self.constants.len() + 2;
         copy(&mut registers[variables..variables + self.coordinates], position);
         if !self.singles.is_empty() {
             let Some(registers) = registers.first_chunk_mut::<SMALL>() else { return };
             self.singles.iter().for_each(|single| single.evaluate(registers));
-            return hand_out(registers, (&self.sums, sums), (&self.entries, entries));
+            return hand_out(registers, (&self.sums, sums), (&self.entries, &mut set));
         }
+        self.execute_windows(registers, sums, set);
+    }
+
+    // Out of line: what it keeps at hand would burden the few operations of others.
+    #[inline(never)]
+    fn execute_windows(&self, registers: &mut [T], sums: &mut [T], mut set: impl FnMut(usize, T)) {
         for window in &self.windows {
             for run in &self.runs[window.runs.clone()] {
-                if !run.evaluate_rows(registers) {
-                    run.evaluate(registers, &self.operands[run.operands..]);
+                match &run.row {
+                    Some(row) => row.evaluate(registers),
+                    None => run.evaluate(registers, &self.operands[run.operands..]),
                 }
             }
             for &(from, to) in &self.exports[window.exports.clone()] {
                 registers[to as usize] = registers[from as usize];
             }
-            let (added, set) = (&self.sums[window.sums.clone()], &self.entries[window.entries.clone()]);
-            hand_out(registers, (added, sums), (set, entries));
+            let (added, written) = (&self.sums[window.sums.clone()], &self.entries[window.entries.clone()]);
+            hand_out(registers, (added, sums), (written, &mut set));
         }
     }
 }
@@ -249,18 +384,18 @@ impl<T> Default for OwnRegisters<T> {
     }
 }
 
-/// Adds registers to sums, and writes others to entries.
+/// Adds registers to sums, and hands others to `set`.
 #[inline(always)]
 fn hand_out<T: Elementary>(
     registers: &[T],
     (added, sums): (&[(u32, u32)], &mut [T]),
-    (set, entries): (&[(u32, u32)], &mut [T]),
+    (written, set): (&[(u32, u32)], &mut impl FnMut(usize, T)),
 ) {
     for &(from, to) in added {
         sums[to as usize] += registers[from as usize];
     }
-    for &(from, to) in set {
-        entries[to as usize] = registers[from as usize];
+    for &(from, to) in written {
+        set(to as usize, registers[from as usize]);
     }
 }
 
@@ -271,6 +406,11 @@ fn copy<T: Copy>(place: &mut [T], numbers: &[T]) {
         return place.copy_from_slice(numbers);
     }
     // Calling the copy of the platform takes longer than a few numbers do.
+    let ((fours, place), (of_fours, numbers)) = (place.as_chunks_mut::<4>(), numbers.as_chunks::<4>());
+    for (four, &numbers) in fours.iter_mut().zip(of_fours) {
+        *four = numbers;
+        core::hint::black_box(());
+    }
     for (place, &number) in place.iter_mut().zip(numbers) {
         *place = number;
         core::hint::black_box(());
@@ -319,19 +459,6 @@ impl Run {
         Some(operands.zip(targets).map(|(read, target)| Single::new(self.work, target, read)).collect())
     }
 
-    /// Computes it, if its numbers lie in rows; whether they do.
-    #[inline(always)]
-    fn evaluate_rows<T: Elementary>(&self, registers: &mut [T]) -> bool {
-        match self.work {
-            Work::One(Operation::Negate) => self.rows(registers, |x, _| -x),
-            Work::One(Operation::Add) => self.rows(registers, |x, y| x + y),
-            Work::One(Operation::Subtract) => self.rows(registers, |x, y| x - y),
-            Work::One(Operation::Multiply) => self.rows(registers, |x, y| x * y),
-            Work::One(Operation::Scale) => self.rows(registers, scale),
-            _ => false,
-        }
-    }
-
     // Out of line: it would burden the registers of the rows.
     #[inline(never)]
     fn evaluate<T: Elementary>(&self, registers: &mut [T], operands: &[u32]) {
@@ -376,49 +503,6 @@ impl Run {
             },
         }
     }
-}
-
-impl Run {
-    /// Computes operations on two numbers, if those lie in rows; whether they do.
-    #[inline(always)]
-    fn rows<T: Copy>(&self, registers: &mut [T], of: impl Fn(T, T) -> T) -> bool {
-        match self.places {
-            [Places::Row(x), Places::Row(y)] => self.row(registers, |registers, start| {
-                let (x, y) = (at(registers, x + start)?, at(registers, y + start)?);
-                Some(core::array::from_fn(|index| of(x[index], y[index])))
-            }),
-            [Places::Row(x), Places::One(y)] => self.row(registers, |registers, start| {
-                let (x, y) = (at(registers, x + start)?, *registers.get(y)?);
-                Some(x.map(|x| of(x, y)))
-            }),
-            [Places::One(x), Places::Row(y)] => self.row(registers, |registers, start| {
-                let (x, y) = (*registers.get(x)?, at(registers, y + start)?);
-                Some(y.map(|y| of(x, y)))
-            }),
-            _ => return false,
-        }
-        true
-    }
-
-    /// Writes the values of the run, some at a time; `values` makes those from an index on.
-    #[inline(always)]
-    fn row<T: Copy>(&self, registers: &mut [T], values: impl Fn(&[T], usize) -> Option<[T; STRIDE]>) {
-        let mut start = 0;
-        while start < self.count {
-            let target = self.target + start;
-            // One question after the other: asked together, the values would go by way of the stack.
-            let Some(values) = values(registers, start) else { return };
-            let Some(places) = registers.get_mut(target..).and_then(<[T]>::first_chunk_mut) else { return };
-            *places = values;
-            start += STRIDE;
-        }
-    }
-}
-
-/// Some numbers from a register on.
-#[inline(always)]
-fn at<T: Copy>(registers: &[T], place: usize) -> Option<[T; STRIDE]> {
-    registers.get(place..).and_then(<[T]>::first_chunk).copied()
 }
 
 #[inline]
@@ -619,13 +703,7 @@ impl<'a, T: Elementary> Assembly<'a, T> {
             });
         }
         for run in &mut self.program.runs {
-            let Work::One(operation) = run.work else { continue };
-            let (arity, last) = (operation.arity(), operation.arity() - 1);
-            if arity <= 2 {
-                let read = self.program.operands[run.operands..][..arity * run.count].iter().copied();
-                run.places =
-                    [Places::of(read.clone().step_by(arity)), Places::of(read.skip(last).step_by(arity))];
-            }
+            run.row = Row::of(run, &self.program.operands);
         }
         let longest = schedule.windows.iter().map(Vec::len).max().unwrap_or(0);
         self.program.registers = lasting as usize + longest + (STRIDE - 1);
@@ -741,7 +819,7 @@ impl<'a, T: Elementary> Assembly<'a, T> {
                     target: target as usize,
                     count: 1,
                     operands: start,
-                    places: [Places::Scattered; 2],
+                    row: None,
                 }),
             }
             self.passing[value.0 as usize] = target;
