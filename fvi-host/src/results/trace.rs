@@ -2,7 +2,7 @@
 //! checkpoints.
 
 use super::levels::{Level, Levels, has_level, moved};
-use crate::numerics::column::{highest, is_finite, lowest};
+use crate::numerics::column::{extremes, is_finite};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
@@ -48,7 +48,7 @@ impl Open {
 
     /// Takes points, at least one.
     fn take_all(&mut self, times: &[f64], values: &[f64]) {
-        let (low, high) = (lowest(values), highest(values));
+        let (low, high) = extremes(values);
         let first = |wanted: f64| times.iter().zip(values).find(|&(_, &value)| value == wanted);
         if low < self.lowest.1 {
             self.lowest = first(low).map_or(self.lowest, |(&time, &value)| (time, value));
@@ -307,7 +307,8 @@ impl PathTrace {
     pub fn push_all(&mut self, xs: &[f64], ys: &[f64]) {
         let Some([low, high]) = self.extent else { return self.push_each(xs, ys) };
         let within = |numbers: &[f64], low: f64, high: f64| {
-            is_finite(numbers) && lowest(numbers) >= low && highest(numbers) <= high
+            let (lowest, highest) = extremes(numbers);
+            is_finite(numbers) && lowest >= low && highest <= high
         };
         if !within(xs, low.0, high.0) || !within(ys, low.1, high.1) {
             return self.push_each(xs, ys);

@@ -13,17 +13,47 @@ fn fold(numbers: &[f64], start: f64, join: impl Fn(f64, f64) -> f64) -> f64 {
             *lane = join(*lane, number);
         }
     }
-    lanes.iter().chain(rest).fold(start, |joined, &number| join(joined, number))
+    rest.iter().fold(joined(lanes, &join), |joined, &number| join(joined, number))
+}
+
+/// Joins what lanes hold: halves, of which the compiler makes vectors.
+#[inline(always)]
+fn joined(lanes: [f64; LANES], join: impl Fn(f64, f64) -> f64) -> f64 {
+    let four: [f64; LANES / 2] = core::array::from_fn(|lane| join(lanes[lane], lanes[lane + LANES / 2]));
+    let [a, b, c, d] = four;
+    join(join(a, c), join(b, d))
+}
+
+#[inline(always)]
+fn lower(low: f64, number: f64) -> f64 {
+    if number < low { number } else { low }
+}
+
+#[inline(always)]
+fn higher(high: f64, number: f64) -> f64 {
+    if number > high { number } else { high }
+}
+
+/// The [`lowest`] number and the [`highest`].
+pub fn extremes(numbers: &[f64]) -> (f64, f64) {
+    let (rows, rest) = numbers.as_chunks::<LANES>();
+    let (mut lows, mut highs) = ([f64::INFINITY; LANES], [f64::NEG_INFINITY; LANES]);
+    for row in rows {
+        lows = core::array::from_fn(|lane| lower(lows[lane], row[lane]));
+        highs = core::array::from_fn(|lane| higher(highs[lane], row[lane]));
+    }
+    let ends = (joined(lows, lower), joined(highs, higher));
+    rest.iter().fold(ends, |(low, high), &number| (lower(low, number), higher(high, number)))
 }
 
 /// The lowest number, infinity if there is none. What is not a number is passed over.
 pub fn lowest(numbers: &[f64]) -> f64 {
-    fold(numbers, f64::INFINITY, |low, number| if number < low { number } else { low })
+    fold(numbers, f64::INFINITY, lower)
 }
 
 /// The highest number, minus infinity if there is none. What is not a number is passed over.
 pub fn highest(numbers: &[f64]) -> f64 {
-    fold(numbers, f64::NEG_INFINITY, |high, number| if number > high { number } else { high })
+    fold(numbers, f64::NEG_INFINITY, higher)
 }
 
 /// The largest absolute value, zero if there is none. What is not a number is passed over.
@@ -53,6 +83,8 @@ mod tests {
                 assert_eq!(lowest(&column(-2.5)), -2.5, "{place} of {count}");
                 assert_eq!(highest(&column(0.5)), 0.5, "{place} of {count}");
                 assert_eq!(largest(&column(-3.0)), 3.0, "{place} of {count}");
+                assert_eq!(extremes(&column(-2.5)).0, -2.5, "{place} of {count}");
+                assert_eq!(extremes(&column(0.5)).1, 0.5, "{place} of {count}");
                 assert!(is_finite(&column(f64::MAX)));
                 for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
                     assert!(!is_finite(&column(bad)), "{bad} at {place} of {count}");
