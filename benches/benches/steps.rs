@@ -1,13 +1,14 @@
 //! Time of a step as `fvi run` makes it, against the same scheme written by hand for one system: closed-form
-//! gradient and Hessian, plain arrays, the same memory.
+//! gradient and Hessian, plain arrays, the same memory, and the same sums, whose rounding errors are kept. A
+//! third one is plain: it updates position and momentum without keeping what rounding takes away.
 //!
-//! Both start from the same state; what they end at is compared before anything is timed. They are timed in
-//! turn, so that both meet the same moods of the machine, and the fastest turn of each counts.
+//! All start from the same state; what they end at is compared before anything is timed. They are timed in
+//! turn, so that all meet the same moods of the machine, and the fastest turn of each counts.
 //! `cargo bench -p fvi-benches --bench steps`, with a name behind `--` for the systems that contain it.
 //!
-//! `-- --only run|nodes|hand SYSTEM STEPS` makes that many steps of one of them and nothing else, for tools
-//! that count instructions: `.ci/steps` writes `docs/steps.md` with it. Systems are `pendulum`, `linear-N`
-//! and `nonlinear-N`.
+//! `-- --only PATH SYSTEM STEPS` makes that many steps of one of them and nothing else, for tools that count
+//! instructions: `.ci/steps` writes `docs/steps.md` with it. Paths are `run`, `hand` and `plain`, and `nodes`
+//! and `hand-nodes`, damped at the quadrature node; systems are `pendulum`, `linear-N` and `nonlinear-N`.
 
 use std::hint::black_box;
 use std::path::Path;
@@ -39,13 +40,13 @@ fn main() {
     let words: Vec<String> = std::env::args().skip(1).collect();
     if let Some(place) = words.iter().position(|word| word == "--only") {
         let [path, system, steps] = &words[place + 1..place + 4] else {
-            panic!("--only run|nodes|hand SYSTEM STEPS")
+            panic!("--only run|hand|plain|nodes|hand-nodes SYSTEM STEPS")
         };
         return only(path, system, steps.parse().expect("a number of steps"));
     }
     let wanted: Vec<String> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
     let chosen = |name: &str| wanted.is_empty() || wanted.iter().any(|word| name.contains(word));
-    println!("ns for a step                 fvi run  in the loop  by hand  ratio  (allowed)");
+    println!("ns for a step                 fvi run  in the loop  by hand  ratio  (allowed)    plain  ratio");
     let mut linear = Vec::new();
     let oscillator = |n: usize| (LinearChain::new(n), linear_chain(n));
     let cases = [(1, 1_000_000, 1.5), (8, 200_000, 1.5), (64, 20_000, 2.0)];
@@ -81,8 +82,7 @@ fn main() {
     }
 }
 
-/// Makes the steps of one system by one path: by `run`, by `hand`, or by `nodes`, a run damped at the
-/// quadrature node.
+/// Makes the steps of one system by one path.
 fn only(path: &str, system: &str, steps: usize) {
     let size = |kind: &str| system.strip_prefix(kind).map(|n| n.parse::<usize>().expect("a number"));
     if let Some(n) = size("linear-") {
@@ -95,22 +95,39 @@ fn only(path: &str, system: &str, steps: usize) {
 }
 
 fn steps_of<S: ByHand>(path: &str, scenario: &Scenario, system: S) {
-    if path == "hand" {
-        let mut motion = Motion::new(scenario, system);
-        for _ in 0..scenario.time.steps {
-            motion.step();
-            black_box(motion.energy());
+    match path {
+        "hand" => return steps_by_hand(Motion::<_, false, true>::new(scenario, system), scenario.time.steps),
+        "plain" => {
+            return steps_by_hand(Motion::<_, false, false>::new(scenario, system), scenario.time.steps);
         }
-        return;
+        "hand-nodes" => {
+            let scenario = damped_at_nodes(scenario);
+            return steps_by_hand(Motion::<_, true, true>::new(&scenario, system), scenario.time.steps);
+        }
+        _ => {}
     }
-    let mut scenario = scenario.clone();
-    if path == "nodes" {
-        scenario.convolution.at = DampedAt::Nodes;
-    }
+    let scenario = if path == "nodes" { damped_at_nodes(scenario) } else { scenario.clone() };
     let directory = std::env::temp_dir().join(format!("fvi-bench-steps-{}", std::process::id()));
     run(&scenario, &RunOptions::new(&directory), &AtomicBool::new(false), |_| ()).expect("a run");
     // What is left there is of no use to anyone.
     let _ = std::fs::remove_dir_all(directory);
+}
+
+fn steps_by_hand<S: ByHand, const AT_NODES: bool, const COMPENSATED: bool>(
+    mut motion: Motion<S, AT_NODES, COMPENSATED>,
+    steps: usize,
+) {
+    for _ in 0..steps {
+        motion.step();
+        black_box(motion.energy());
+    }
+}
+
+/// The same with its damping at the quadrature node.
+fn damped_at_nodes(scenario: &Scenario) -> Scenario {
+    let mut scenario = scenario.clone();
+    scenario.convolution.at = DampedAt::Nodes;
+    scenario
 }
 
 /// A chain between two walls, each spring linear.
@@ -178,9 +195,11 @@ trait ByHand: Clone {
     fn energy(&self, q: &[f64]) -> f64;
     /// ∇U(q).
     fn gradient(&self, q: &[f64], gradient: &mut [f64]);
-    /// Solves the equations of the midpoint rule for the increment, from the guess in it; leaves ∇U at the
-    /// midpoint in the room.
-    fn solve(&mut self, q: &[f64], p: &[f64], increment: &mut [f64], room: &mut Room);
+    /// Prepares what is the same in every step, for a force `slope` · e at the node.
+    fn prepare(&mut self, _slope: f64) {}
+    /// Solves the equations of the midpoint rule for the increment e, from the guess in it; leaves ∇U at the
+    /// midpoint in the room. Where damping acts at the node, its force is there: known + slope · e.
+    fn solve<const AT_NODES: bool>(&mut self, q: &[f64], p: &[f64], increment: &mut [f64], room: &mut Room);
 }
 
 /// Room for the vectors of a step.
@@ -189,6 +208,16 @@ struct Room {
     middle: Vec<f64>,
     gradient: Vec<f64>,
     residual: Vec<f64>,
+    known: Vec<f64>,
+    slope: f64,
+}
+
+impl Room {
+    /// The force of damping at the node.
+    #[inline(always)]
+    fn damping<const AT_NODES: bool>(&self, i: usize, increment: f64) -> f64 {
+        if AT_NODES { self.known[i] + self.slope * increment } else { 0.0 }
+    }
 }
 
 /// (largest correction, bound of rounding) as the library's Newton iteration takes them.
@@ -209,11 +238,16 @@ impl ByHand for Pendulum {
         gradient[0] = GRAVITY * libm::sin(q[0]);
     }
 
-    fn solve(&mut self, q: &[f64], p: &[f64], increment: &mut [f64], room: &mut Room) {
+    #[inline(always)]
+    fn solve<const AT_NODES: bool>(&mut self, q: &[f64], p: &[f64], increment: &mut [f64], room: &mut Room) {
         loop {
             let (sine, cosine) = libm::sincos(q[0] + 0.5 * increment[0]);
-            let residual = p[0] - increment[0] / STEP - 0.5 * STEP * GRAVITY * sine;
-            let slope = -1.0 / STEP - 0.25 * STEP * GRAVITY * cosine;
+            let mut residual = p[0] - increment[0] / STEP - 0.5 * STEP * GRAVITY * sine;
+            let mut slope = -1.0 / STEP - 0.25 * STEP * GRAVITY * cosine;
+            if AT_NODES {
+                residual -= 0.5 * STEP * room.damping::<true>(0, increment[0]);
+                slope -= 0.5 * STEP * room.slope;
+            }
             room.residual[0] = residual / slope;
             increment[0] -= room.residual[0];
             if at_rest(&room.residual, increment, q) {
@@ -226,18 +260,14 @@ impl ByHand for Pendulum {
 
 #[derive(Clone)]
 struct LinearChain {
-    /// (1 + h²K/4)⁻¹, which is symmetric.
+    coordinates: usize,
+    /// (1 + h²K/4 + h²/2 slope)⁻¹, which is symmetric.
     inverse: Vec<f64>,
 }
 
 impl LinearChain {
     fn new(coordinates: usize) -> Self {
-        let matrix = DMatrix::from_fn(coordinates, coordinates, |row, column| match row.abs_diff(column) {
-            0 => 1.0 + 0.25 * STEP * STEP * 2.0 * STIFFNESS,
-            1 => -0.25 * STEP * STEP * STIFFNESS,
-            _ => 0.0,
-        });
-        Self { inverse: matrix.try_inverse().expect("definite").as_slice().to_vec() }
+        Self { coordinates, inverse: Vec::new() }
     }
 }
 
@@ -245,6 +275,16 @@ impl ByHand for LinearChain {
     fn energy(&self, q: &[f64]) -> f64 {
         let ends = q[0] * q[0] + q[q.len() - 1] * q[q.len() - 1];
         0.5 * STIFFNESS * q.windows(2).fold(ends, |sum, q| sum + (q[1] - q[0]) * (q[1] - q[0]))
+    }
+
+    fn prepare(&mut self, slope: f64) {
+        let n = self.coordinates;
+        let matrix = DMatrix::from_fn(n, n, |row, column| match row.abs_diff(column) {
+            0 => 1.0 + 0.25 * STEP * STEP * 2.0 * STIFFNESS + 0.5 * STEP * STEP * slope,
+            1 => -0.25 * STEP * STEP * STIFFNESS,
+            _ => 0.0,
+        });
+        self.inverse = matrix.try_inverse().expect("definite").as_slice().to_vec();
     }
 
     #[inline]
@@ -256,9 +296,13 @@ impl ByHand for LinearChain {
         }
     }
 
-    fn solve(&mut self, q: &[f64], p: &[f64], increment: &mut [f64], room: &mut Room) {
-        // (1 + h²K/4) e = h p − h²K q/2.
+    #[inline(always)]
+    fn solve<const AT_NODES: bool>(&mut self, q: &[f64], p: &[f64], increment: &mut [f64], room: &mut Room) {
+        // (1 + h²K/4 + h²/2 slope) e = h p − h²/2 (K q + known).
         self.gradient(q, &mut room.gradient);
+        if AT_NODES {
+            room.gradient.iter_mut().zip(&room.known).for_each(|(pull, known)| *pull += known);
+        }
         for ((place, &p), &pull) in room.residual.iter_mut().zip(p).zip(&room.gradient) {
             *place = STEP * p - 0.5 * STEP * STEP * pull;
         }
@@ -307,7 +351,8 @@ impl ByHand for NonlinearChain {
         }
     }
 
-    fn solve(&mut self, q: &[f64], p: &[f64], increment: &mut [f64], room: &mut Room) {
+    #[inline(always)]
+    fn solve<const AT_NODES: bool>(&mut self, q: &[f64], p: &[f64], increment: &mut [f64], room: &mut Room) {
         let n = q.len();
         loop {
             for i in 0..n {
@@ -316,7 +361,7 @@ impl ByHand for NonlinearChain {
             room.gradient.fill(0.0);
             room.gradient[0] = 4.0 * room.middle[0];
             let quarter = 0.25 * STEP * STEP;
-            self.diagonal.fill(1.0);
+            self.diagonal.fill(if AT_NODES { 1.0 + 0.5 * STEP * STEP * room.slope } else { 1.0 });
             self.diagonal[0] += quarter * 4.0;
             for i in 1..n {
                 let stretch = room.middle[i] - room.middle[i - 1];
@@ -330,7 +375,8 @@ impl ByHand for NonlinearChain {
                 self.beside[i] = -stiffness;
             }
             for i in 0..n {
-                room.residual[i] = increment[i] - STEP * p[i] + 0.5 * STEP * STEP * room.gradient[i];
+                let force = room.gradient[i] + room.damping::<AT_NODES>(i, increment[i]);
+                room.residual[i] = increment[i] - STEP * p[i] + 0.5 * STEP * STEP * force;
             }
             for i in 1..n {
                 let factor = self.beside[i] / self.diagonal[i - 1];
@@ -356,19 +402,25 @@ impl ByHand for NonlinearChain {
     }
 }
 
-/// The midpoint rule with its fractional force at the end of the step, \[JO\] eq. 63–66, for one system.
-struct Motion<S> {
+/// The midpoint rule for one system, with its fractional force at the end of the step, \[JO\] eq. 63–66, or
+/// at the quadrature node.
+struct Motion<S, const AT_NODES: bool, const COMPENSATED: bool> {
     system: S,
     memory: HostMemory<f64>,
     position: Vec<f64>,
     momentum: Vec<f64>,
+    /// What rounding has taken from position and momentum.
+    rests: [Vec<f64>; 2],
     increment: Vec<f64>,
+    /// q_k − X_{k−1}: how far the last node lies behind.
+    behind: Vec<f64>,
+    sample: Vec<f64>,
     term: Vec<f64>,
     room: Room,
 }
 
-impl<S: ByHand> Motion<S> {
-    fn new(scenario: &Scenario, system: S) -> Self {
+impl<S: ByHand, const AT_NODES: bool, const COMPENSATED: bool> Motion<S, AT_NODES, COMPENSATED> {
+    fn new(scenario: &Scenario, mut system: S) -> Self {
         let coordinates = scenario.coordinates();
         let memory = MemoryRequest {
             end: None,
@@ -383,33 +435,76 @@ impl<S: ByHand> Motion<S> {
         };
         let zeros = || vec![0.0; coordinates];
         let mut memory = memory.build().expect("a memory");
-        memory.push(&zeros()).expect("room");
-        let (position, momentum) = (scenario.initial.position.clone(), zeros());
-        let room = Room { middle: zeros(), gradient: zeros(), residual: zeros() };
-        let (increment, term) = (zeros(), zeros());
-        Self { system, memory, position, momentum, increment, term, room }
+        let mut slope = 0.0;
+        if AT_NODES {
+            slope = 0.5 * DAMPING * memory.leading()[0];
+        } else {
+            memory.push(&zeros()).expect("room");
+        }
+        system.prepare(slope);
+        Self {
+            system,
+            memory,
+            position: scenario.initial.position.clone(),
+            momentum: zeros(),
+            rests: [zeros(), zeros()],
+            increment: zeros(),
+            behind: zeros(),
+            sample: zeros(),
+            term: zeros(),
+            room: Room { middle: zeros(), gradient: zeros(), residual: zeros(), known: zeros(), slope },
+        }
     }
 
     fn step(&mut self) {
         self.memory.next_term(&mut self.term).expect("room");
-        for (e, &p) in self.increment.iter_mut().zip(&self.momentum) {
+        let leading = self.memory.leading()[0];
+        let Self { system, position, momentum, rests, increment, behind, sample, term, room, .. } = self;
+        if AT_NODES {
+            for (known, (term, behind)) in room.known.iter_mut().zip(term.iter().zip(&*behind)) {
+                *known = DAMPING * (term + leading * behind);
+            }
+        }
+        for (e, &p) in increment.iter_mut().zip(&*momentum) {
             *e = STEP * p;
         }
-        let Self { system, position, momentum, increment, room, .. } = self;
-        system.solve(position, momentum, increment, room);
-        // The memory takes the increments of q − q₀.
-        let leading = self.memory.leading()[0];
-        for i in 0..position.len() {
-            position[i] += increment[i];
-            let damping = DAMPING * (self.term[i] + leading * increment[i]);
-            momentum[i] -= STEP * (room.gradient[i] + damping);
+        system.solve::<AT_NODES>(position, momentum, increment, room);
+        let [position_rest, momentum_rest] = rests;
+        let positions = position.iter_mut().zip(position_rest);
+        let momenta = momentum.iter_mut().zip(momentum_rest);
+        let forces = room.gradient.iter().zip(if AT_NODES { &room.known } else { &*term });
+        for ((((q, q_rest), (p, p_rest)), (pull, known)), &e) in
+            positions.zip(momenta).zip(forces).zip(&*increment)
+        {
+            let damping = if AT_NODES { known + room.slope * e } else { DAMPING * (known + leading * e) };
+            add::<COMPENSATED>(q, q_rest, e);
+            add::<COMPENSATED>(p, p_rest, -STEP * (pull + damping));
         }
-        self.memory.push(&self.increment).expect("room");
+        if AT_NODES {
+            // The memory takes the increments of X − q₀, of which this is the next one.
+            for ((sample, behind), e) in sample.iter_mut().zip(behind).zip(&*increment) {
+                (*sample, *behind) = (*behind + 0.5 * e, 0.5 * e);
+            }
+        }
+        // That of the main nodes takes the increments of q − q₀.
+        self.memory.push(if AT_NODES { sample } else { increment }).expect("room");
     }
 
     fn energy(&self) -> f64 {
         let kinetic: f64 = self.momentum.iter().map(|p| p * p).sum();
         0.5 * kinetic + self.system.energy(&self.position)
+    }
+}
+
+/// Adds `change` to `number`, if wanted with what rounding has left of earlier changes.
+#[inline(always)]
+fn add<const COMPENSATED: bool>(number: &mut f64, rest: &mut f64, change: f64) {
+    if COMPENSATED {
+        let change = change + *rest;
+        let sum = *number + change;
+        (*number, *rest) = (sum, change - (sum - *number));
+    } else {
+        *number += change;
     }
 }
 
@@ -444,8 +539,8 @@ fn in_the_loop(scenario: &Scenario) -> f64 {
     })
 }
 
-fn by_hand<S: ByHand>(scenario: &Scenario, system: S) -> f64 {
-    let mut motion = Motion::new(scenario, system);
+fn by_hand<S: ByHand, const AT_NODES: bool, const COMPENSATED: bool>(scenario: &Scenario, system: S) -> f64 {
+    let mut motion = Motion::<S, AT_NODES, COMPENSATED>::new(scenario, system);
     fastest_stretch(scenario.time.steps, || {
         motion.step();
         black_box(motion.energy());
@@ -478,27 +573,46 @@ fn compare<S: ByHand>(
     allowed: f64,
 ) -> f64 {
     let scenario = scenario(coordinates, steps, potential);
-    check(&scenario, system.clone());
+    let nodes = damped_at_nodes(&scenario);
+    check::<_, false, true>(&scenario, system.clone());
+    check::<_, false, false>(&scenario, system.clone());
+    check::<_, true, true>(&nodes, system.clone());
     let directory = std::env::temp_dir().join(format!("fvi-bench-steps-{}", std::process::id()));
-    let mut fastest = [f64::INFINITY; 3];
+    let mut fastest = [f64::INFINITY; 6];
     for _ in 0..TURNS {
-        let times =
-            [in_a_run(&scenario, &directory), in_the_loop(&scenario), by_hand(&scenario, system.clone())];
+        let times = [
+            in_a_run(&scenario, &directory),
+            in_the_loop(&scenario),
+            by_hand::<_, false, true>(&scenario, system.clone()),
+            by_hand::<_, false, false>(&scenario, system.clone()),
+            in_a_run(&nodes, &directory),
+            by_hand::<_, true, true>(&nodes, system.clone()),
+        ];
         for (fastest, time) in fastest.iter_mut().zip(times) {
             *fastest = fastest.min(time);
         }
     }
     // What is left there is of no use to anyone.
     let _ = std::fs::remove_dir_all(directory);
-    let [run, steps, hand] = fastest;
-    println!("{name:<28} {run:>8.1} {steps:>12.1} {hand:>8.1} {:>6.2}  ({allowed})", run / hand);
+    let [run, steps, hand, plain, nodes, hand_nodes] = fastest;
+    println!(
+        "{name:<28} {run:>8.1} {steps:>12.1} {hand:>8.1} {:>6.2}  ({allowed}) {plain:>11.1} {:>6.2}",
+        run / hand,
+        run / plain
+    );
+    println!(
+        "{:<28} {nodes:>8.1} {hand_nodes:>21.1} {:>6.2}  {:.2} of the main nodes' (1.1)",
+        "  damped at the node",
+        nodes / hand_nodes,
+        nodes / run
+    );
     run
 }
 
 /// Both must have made the same motion after a thousand steps, to rounding.
-fn check<S: ByHand>(scenario: &Scenario, system: S) {
+fn check<S: ByHand, const AT_NODES: bool, const COMPENSATED: bool>(scenario: &Scenario, system: S) {
     let (mut simulation, mut state) = simulation(scenario);
-    let mut motion = Motion::new(scenario, system);
+    let mut motion = Motion::<S, AT_NODES, COMPENSATED>::new(scenario, system);
     for _ in 0..1000.min(scenario.time.steps) {
         simulation.step(&[]).expect("a step");
         motion.step();
