@@ -168,9 +168,10 @@ fn every_file_of_tests_is_part_of_a_program() {
 #[test]
 fn comments_are_no_wider_than_the_code() {
     const WIDTH: usize = 110;
-    let folders =
-        ["fvi-core", "fvi-fft", "fvi-sparse", "fvi-host", "benches", "tests", "firmware", "bindings"];
-    let (mut folders, mut comments) = (folders.map(|folder| workspace().join(folder)).to_vec(), 0);
+    let crates = ["fvi-core", "fvi-fft", "fvi-sparse", "fvi-scenario", "fvi-simulation", "fvi-host"];
+    let folders = crates.into_iter().chain(["benches", "tests", "firmware", "bindings"]);
+    let mut folders: Vec<PathBuf> = folders.map(|folder| workspace().join(folder)).collect();
+    let mut comments = 0;
     while let Some(folder) = folders.pop() {
         for entry in fs::read_dir(&folder).unwrap() {
             let path = entry.unwrap().path();

@@ -1,9 +1,9 @@
 //! Rewrites sources so that one program holds all mutants, of which an environment variable chooses one.
 //!
 //! `a + b` becomes
-//! `match (a, b) { (x, y) => if original { x + y } else if … { x - y } else { x * y } }`: operands are evaluated
-//! once and in their order, so that sites nest without growing. Constants, and calls of constant functions from
-//! there, which the compiler computes, stay as they are.
+//! `match (a, b) { (x, y) => if original { x + y } else if … { x - y } else { x * y } }`: operands are
+//! evaluated once and in their order, so that sites nest without growing. Constants, and calls of constant
+//! functions from there, which the compiler computes, stay as they are.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fs;
