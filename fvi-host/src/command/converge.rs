@@ -51,7 +51,7 @@ impl ConvergeArguments {
         let result = converge(&scenario, &grids, &stop, |made, all| {
             progress.get_or_insert_with(|| Progress::new(all, "steps", self.quiet)).update(made);
         });
-        if let Some(mut progress) = progress {
+        if let Some(progress) = progress {
             progress.finish();
         }
         let convergence = result.map_err(|error| match error {

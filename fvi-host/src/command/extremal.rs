@@ -1,11 +1,13 @@
 //! `fvi extremal`: solve a two-point fractional Euler–Lagrange problem.
 
-use super::progress::ProgressLine;
 use super::{CommandError, default_directory, terminal, warn};
 use crate::lab::two_point::{ExtremalSummary, GridError, OutputError, ProblemFile, Status, solve_and_write};
 use crate::language::visible::visible_line;
 use crate::results::output_directory::OutputDirectory;
+use indicatif::{ProgressBar, ProgressDrawTarget};
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 /// Arguments of `fvi extremal`.
 #[derive(Debug, clap::Args)]
@@ -25,15 +27,14 @@ impl ExtremalArguments {
         let file = ProblemFile::read(&self.problem)?;
         let directory = self.out.unwrap_or_else(|| default_directory(&self.problem, "extremal"));
         let directory = OutputDirectory::claim(&directory)?;
-        let mut progress = ProgressLine::new(self.quiet);
-        let summary = solve_and_write(&file, &directory, &mut |steps, residual| {
-            progress.update(|_| format!("{steps} Newton steps, relative residual {residual:.1e}"))
-        })
-        .map_err(|error| match error {
-            OutputError::File(error) => CommandError::File(error),
-            OutputError::NoRoom { .. } => CommandError::NoRoom(error.to_string()),
-            other => CommandError::Failed(other.to_string()),
-        })?;
+        let mut progress = Progress::new(!self.quiet && std::io::stderr().is_terminal());
+        let summary =
+            solve_and_write(&file, &directory, &mut |steps, residual| progress.update(steps, residual))
+                .map_err(|error| match error {
+                    OutputError::File(error) => CommandError::File(error),
+                    OutputError::NoRoom { .. } => CommandError::NoRoom(error.to_string()),
+                    other => CommandError::Failed(other.to_string()),
+                })?;
         progress.finish();
         warn(summary.errors.last().filter(|error| error.undefined > 0).map(|error| {
             format!("reference: it is not finite at {} grid points, which are not compared", error.undefined)
@@ -76,4 +77,34 @@ fn result_line(file: &ProblemFile, summary: &ExtremalSummary, directory: &Path) 
         summary.seconds,
         directory.display(),
     )
+}
+
+/// A line on a terminal that appears once a solution has taken about a second.
+struct Progress {
+    start: Instant,
+    wanted: bool,
+    spinner: Option<ProgressBar>,
+}
+
+impl Progress {
+    fn new(wanted: bool) -> Self {
+        Self { start: Instant::now(), wanted, spinner: None }
+    }
+
+    fn update(&mut self, steps: usize, residual: f64) {
+        if !self.wanted || self.start.elapsed() < Duration::from_secs(1) {
+            return;
+        }
+        let spinner = self
+            .spinner
+            .get_or_insert_with(|| ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr()));
+        spinner.set_message(format!("{steps} Newton steps, relative residual {residual:.1e}"));
+        spinner.tick();
+    }
+
+    fn finish(&self) {
+        if let Some(spinner) = &self.spinner {
+            spinner.finish_and_clear();
+        }
+    }
 }
