@@ -262,11 +262,25 @@ def test_no_part_of_what_a_function_returns_is_dropped(answer):
     assert caught.value.key == "force"
 
 
+def test_parameters_with_defaults_are_a_functions_own():
+    plain = fvi.integrate(stiffness=STIFFNESS, force=["0.5*sin(t)", "2*q0"], **COMMON)
+    # As functions in a loop are written; the position is no amplitude.
+    time_alone = fvi.integrate(stiffness=STIFFNESS, force=lambda t, a=0.5: [a * np.sin(t), 0.0], **COMMON)
+    assert np.allclose(
+        time_alone.q, fvi.integrate(stiffness=STIFFNESS, force=["0.5*sin(t)", "0"], **COMMON).q, rtol=0.0, atol=1e-12
+    )
+    for force in (
+        lambda t, q, a=0.5: [a * np.sin(t), 2.0 * q[0]],
+        lambda *arguments: [0.5 * np.sin(arguments[0]), 2.0 * arguments[1][0]],
+    ):
+        assert np.allclose(fvi.integrate(stiffness=STIFFNESS, force=force, **COMMON).q, plain.q, rtol=0.0, atol=1e-9)
+
+
 def test_functions_may_return_numbers_of_other_kinds():
     from fractions import Fraction
 
     plain = fvi.integrate(stiffness=STIFFNESS, force=lambda t: [0.5, 2.0], **COMMON)
-    for answer in ([Fraction(1, 2), Fraction(2)], np.array([0.5, 2.0], dtype=np.float32), (0.5, 2), np.matrix([0.5, 2.0])):
+    for answer in ([Fraction(1, 2), Fraction(2)], np.array([0.5, 2.0], dtype=np.float32), (0.5, 2)):
         other = fvi.integrate(stiffness=STIFFNESS, force=lambda t, answer=answer: answer, **COMMON)
         assert np.array_equal(other.q, plain.q)
 

@@ -47,7 +47,7 @@ class Force:
     Parameters
     ----------
     value : callable
-        F(t, q), N numbers; or F(t), if it takes one argument.
+        F(t, q), N numbers; or F(t), if the time is all that it needs: parameters with defaults are its own.
     jacobian : callable, optional
         ∂F/∂q, N×N numbers, as a function of t and q. Without it differences of the force serve, where it takes a position.
 
@@ -528,10 +528,11 @@ def _takes_position(function: Function) -> bool:
     except (TypeError, ValueError):
         return True
     try:
-        signature.bind(0.0, None)
+        signature.bind(0.0)
     except TypeError:
-        return False
-    return True
+        return True
+    # A second parameter that has a default, as in ``lambda t, a=a: …``, is the function's own.
+    return any(parameter.kind is inspect.Parameter.VAR_POSITIONAL for parameter in signature.parameters.values())
 
 
 def _symmetric(name: str, given: Any) -> Any:
