@@ -115,6 +115,44 @@ fn between_grid_points_the_polynomial_has_its_order() {
     }
 }
 
+/// min(u, w + 3 − β) for positions and min(u, w + 2 − β) for momenta, u the order of the Runge–Kutta method and
+/// w its stage order, as on equal steps: no grid gives back what the quadrature of D^β loses at the stages.
+#[test]
+fn on_graded_steps_galerkin_schemes_have_the_orders_of_equal_steps() {
+    let lobatto = |stages: usize| json!({ "family": "lobatto-iiic", "stages": stages });
+    for (convolution, degree, method, stage) in [
+        (radau(2), 2, 3.0, 2.0),
+        (radau(3), 3, 5.0, 3.0),
+        (lobatto(3), 2, 4.0, 2.0),
+        (lobatto(4), 3, 6.0, 3.0),
+    ] {
+        for order in [0.4, 1.4] {
+            let runs = [96, 192, 1536].map(|steps| {
+                let scheme = json!({ "kind": "galerkin", "degree": degree });
+                let mut scenario = pendulum(order, (scheme, convolution.clone()));
+                scenario["time"] = json!({ "grid": "graded", "end": 4.0, "steps": steps, "exponent": 4.0 });
+                rows(&scenario)
+            });
+            let of = [|state: &GridState| state.position[0], |state: &GridState| state.momentum[0]];
+            for (of, lost) in of.into_iter().zip([3.0, 2.0]) {
+                let errors = [&runs[0], &runs[1]].map(|run| {
+                    let each = (runs[2].len() - 1) / (run.len() - 1);
+                    let finer = runs[2].iter().step_by(each);
+                    run.iter()
+                        .zip(finer)
+                        .fold(0.0_f64, |largest, (one, fine)| largest.max((of(one) - of(fine)).abs()))
+                });
+                let (measured, expected) =
+                    ((errors[0] / errors[1]).log2(), f64::min(method, stage + lost - order));
+                assert!(
+                    (measured - expected).abs() < 0.35,
+                    "{convolution}, β = {order}: {measured} for {expected}, {errors:?}"
+                );
+            }
+        }
+    }
+}
+
 #[test]
 fn on_no_grid_does_damping_put_energy_in() {
     let mut times = vec![0.0];
