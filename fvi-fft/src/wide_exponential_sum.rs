@@ -1,12 +1,11 @@
 //! The exponential-sum memory for many channels: vectors of neighbouring channels, and a state that is
 //! visited once in a chunk of samples.
 
-use std::sync::{Mutex, PoisonError};
-
 use fvi_core::{
     ActsOn, ExponentialTable, ExponentialTerm, Memory, MemoryError, ParameterError, Shape, StateError,
     StateReader, StateWriter, check_channels, fingerprint, header_bytes,
 };
+use fvi_threads::share;
 use pulp::{Arch, Simd, WithSimd};
 
 use crate::scalar::Scalar;
@@ -72,8 +71,12 @@ const SHORTEST_CHUNK: usize = 32;
 /// What an exponential loses in a chunk from which on its sum forgets fast enough for rounding not to gather.
 const FAST: f64 = 0.125;
 
-/// Multiply–adds for which another thread is worth while.
-const SHARE: usize = 400_000;
+/// About what a multiply–add takes, and a number that is read or written, in picoseconds.
+const MULTIPLY_ADD: usize = 25;
+const FETCH: usize = 60;
+
+/// Picoseconds of work for which another thread is worth while: some times what it takes to wake one up.
+const SHARE: usize = 25_000_000;
 
 /// Numbers of neighbouring channels, on whole cache lines.
 #[derive(Clone, Copy)]
@@ -181,16 +184,23 @@ impl<T: Scalar> Plan<T> {
         self.kernels.len() * self.chunk
     }
 
-    /// Multiply–adds for each channel at a place of the chunk.
-    fn cost(&self, place: usize) -> usize {
+    /// About what the terms at a place of the chunk take for each channel, in picoseconds.
+    fn cost_of_terms(&self, place: usize) -> usize {
+        let (kernels, newest) = (self.kernels.len(), place % GROUP);
+        MULTIPLY_ADD * kernels * newest + FETCH * (2 * kernels + newest)
+    }
+
+    /// About what a sample at a place of the chunk takes for each channel, in picoseconds.
+    fn cost_of_sample(&self, place: usize) -> usize {
         let (behind, kernels, sums) = (place + 1, self.kernels.len(), self.losses.len());
-        if behind == self.chunk {
-            self.chunk * (kernels * (self.chunk + sums) + sums)
+        let (products, fetched) = if behind == self.chunk {
+            (self.chunk * (kernels * (self.chunk + sums) + sums), (1 + kernels) * self.chunk + 2 * sums)
         } else if behind.is_multiple_of(GROUP) {
-            kernels * GROUP * behind
+            (kernels * GROUP * behind, behind + 2 * kernels * GROUP)
         } else {
-            GROUP
-        }
+            (0, 2)
+        };
+        MULTIPLY_ADD * products + FETCH * fetched
     }
 
     /// Bytes of the tables.
@@ -379,28 +389,6 @@ impl<P: Scalar> Tile<P> {
     }
 }
 
-/// Hands parts of the work to so many threads; each takes the next as it is done with one. Threads that
-/// cannot be had leave their share to the others.
-fn share<I: Send>(threads: usize, parts: impl Iterator<Item = I> + Send, work: impl Fn(I) + Sync) {
-    let parts = Mutex::new(parts);
-    let next = || parts.lock().unwrap_or_else(PoisonError::into_inner).next();
-    let run = || {
-        while let Some(part) = next() {
-            work(part);
-        }
-    };
-    if threads < 2 {
-        return run();
-    }
-    std::thread::scope(|scope| {
-        for _ in 1..threads {
-            // An error means that this machine has no more threads to give.
-            let _ = std::thread::Builder::new().spawn_scoped(scope, run);
-        }
-        run();
-    });
-}
-
 /// The terms of some channels, for each kernel; empty for those that there are not.
 type OfKernels<'a, T> = [&'a mut [T]; WIDE_KERNELS];
 
@@ -555,11 +543,11 @@ impl<T: Scalar, P: Scalar> WideExponentialSum<T, P> {
         if self.len >= capacity { Err(MemoryError::Full { capacity }) } else { Ok(()) }
     }
 
-    /// Threads, and tiles in a part of the work, for so many multiply–adds a channel.
+    /// Threads, and tiles in a part of the work, for so many picoseconds a channel.
     fn shares(&self, cost: usize) -> (usize, usize) {
         let threads = (cost * self.channels / SHARE).clamp(1, self.threads);
-        // A thread that is held up leaves parts to the others.
-        const PARTS: usize = 4;
+        // A thread that begins late leaves parts to the others.
+        const PARTS: usize = 16;
         let parts = if threads > 1 { PARTS * threads } else { 1 };
         (threads, self.tiles.len().div_ceil(parts))
     }
@@ -597,7 +585,7 @@ impl<T: Scalar, P: Scalar> Memory<T> for WideExponentialSum<T, P> {
         check_channels(kernels * self.channels, term.len())?;
         self.check_room()?;
         let (plan, unit, place) = (&self.plan, self.unit, self.len % self.plan.chunk);
-        let (threads, part) = self.shares(kernels * GROUP);
+        let (threads, part) = self.shares(plan.cost_of_terms(place));
         let mut rest = OfKernels::default();
         rest.iter_mut().zip(term.chunks_mut(self.channels)).for_each(|(rest, terms)| *rest = terms);
         let parts = self.tiles.chunks(part).map(|tiles| (tiles, take_first(&mut rest, part * LANES)));
@@ -609,7 +597,7 @@ impl<T: Scalar, P: Scalar> Memory<T> for WideExponentialSum<T, P> {
         check_channels(self.channels, sample.len())?;
         self.check_room()?;
         let place = self.len % self.plan.chunk;
-        let (threads, part) = self.shares(self.plan.cost(place));
+        let (threads, part) = self.shares(self.plan.cost_of_sample(place));
         let (plan, unit) = (&self.plan, self.unit);
         let parts = self.tiles.chunks_mut(part).zip(sample.chunks(part * LANES));
         share(threads, parts, |(tiles, samples)| unit.dispatch(Take { plan, place, tiles, samples }));

@@ -26,7 +26,6 @@ mod pattern;
 mod product;
 mod separator;
 mod solve;
-mod threads;
 
 pub use analysis::Analysis;
 pub use factor::{Factor, FactorError};

@@ -1,8 +1,8 @@
 //! y ← y + c A x.
 
 use crate::Pattern;
-use crate::threads::share;
 use core::ops::{Add, Mul};
+use fvi_threads::share;
 use pulp::{Arch, Simd, WithSimd};
 
 /// Vectors that go through a matrix together.
@@ -56,7 +56,7 @@ impl Pattern {
             parts.iter_mut().zip(y.chunks_mut(rows)).for_each(|((_, part), rows)| part.push(rows));
         }
         let (matrix, unit) = (Matrix { pattern: self, values, factor }, Arch::new());
-        share(threads, parts.into_iter(), |(first, y)| unit.dispatch(Product { matrix, x, first, y }));
+        share(threads, parts, |(first, y)| unit.dispatch(Product { matrix, x, first, y }));
     }
 }
 

@@ -3,8 +3,8 @@
 use crate::Factor;
 use crate::blocks::{Blocks, Subtree};
 use crate::kernels::{products, subtract_columns};
-use crate::threads::share;
 use core::ops::Range;
+use fvi_threads::share;
 use pulp::{Arch, Simd, WithSimd};
 
 /// Numbers of a factor, times right-hand sides, for which another thread is worth while.
@@ -53,7 +53,7 @@ impl Factor {
         let subtrees = &blocks.subtrees;
         let mut crowns: Vec<Crown<'_, W>> =
             subtrees.parts.iter().map(|part| Crown::new(blocks, part, &sorted)).collect();
-        share(threads, crowns.iter_mut(), |crown| {
+        share(threads, &mut crowns, |crown| {
             let Subtree { blocks: range, columns } = crown.part;
             let work = Work { blocks, numbers, start: columns.start };
             unit.dispatch(Forward { work, range: range.clone(), vectors: &mut crown.vectors });
@@ -71,7 +71,7 @@ impl Factor {
         for crown in &mut crowns {
             crown.take_up(blocks, &sorted);
         }
-        share(threads, crowns.iter_mut(), |crown| {
+        share(threads, &mut crowns, |crown| {
             let Subtree { blocks: range, columns } = crown.part;
             let work = Work { blocks, numbers, start: columns.start };
             unit.dispatch(Backward { work, range: range.clone(), vectors: &mut crown.vectors });

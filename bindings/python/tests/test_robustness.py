@@ -153,6 +153,20 @@ def test_processes_of_multiprocessing_get_the_same_bits(method):
         assert pool.map(_square, orders) == [_square(order) for order in orders]
 
 
+def _many_channels(_):
+    memory = fvi.Memory(exponent=0.5, step=0.1, channels=20_000, length=100, engine="exponential-sum")
+    for k in range(70):
+        memory.push(np.sin(0.1 * k + np.arange(20_000)))
+    return memory.next_term()[::999].tolist()
+
+
+def test_a_forked_process_has_threads_of_its_own():
+    # Its parent has threads that share the work; only their names get across.
+    expected = _many_channels(None)
+    with multiprocessing.get_context("fork").Pool(2) as pool:
+        assert pool.map_async(_many_channels, range(2)).get(timeout=120) == [expected, expected]
+
+
 @pytest.mark.parametrize(
     "call",
     [
