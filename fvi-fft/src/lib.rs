@@ -8,6 +8,8 @@ mod cover;
 mod engines;
 mod lanes;
 mod level;
+#[cfg(test)]
+mod memory_tests;
 mod near;
 mod plans;
 mod real_time;
