@@ -58,11 +58,11 @@ pub use galerkin::{Galerkin, Tables};
 pub use integrator::{Integrator, IntegratorBuilder, IntegratorError};
 pub use kernel::{Kernel, Rule, Symbol};
 pub use linear::{
-    Singular, add_multiple, combine_four, combine_two, factor, invert_factored,
+    Singular, add_multiple, combine, combine_four, combine_pair, combine_two, factor, invert_factored,
     is_positive_definite_in_place, keep_factors, solve, substitute, substitute_kept,
 };
 pub use memory::{ActsOn, Memory, MemoryError, check_channels};
-pub use newton::{Equations, Factors, StepMatrix};
+pub use newton::{Converged, Corrections, Equations, Factors, StepMatrix};
 pub use node_galerkin::{NodeGalerkin, NodeStorage};
 pub use operator::{FractionalOperator, OperatorError, Start, left_operator, right_operator};
 pub use quadrature::{Quadrature, gauss_rule, lobatto_rule};

@@ -32,7 +32,7 @@ fn rows_mut<T>(numbers: &mut [T], len: usize) -> (&mut [[T; LANES]], &mut [T]) {
 
 /// target ← of(target, x), number by number.
 #[inline(always)]
-pub(crate) fn combine<T: Real>(target: &mut [T], x: &[T], of: impl Fn(T, T) -> T) {
+pub fn combine<T: Real>(target: &mut [T], x: &[T], of: impl Fn(T, T) -> T) {
     let len = target.len().min(x.len());
     let ((targets, target), (xs, x)) = (rows_mut(target, len), rows(x, len));
     for (targets, &xs) in targets.iter_mut().zip(xs) {
@@ -130,7 +130,7 @@ pub(crate) fn subtract_and_fold<T: Real>(target: &mut [T], x: &[T], join: impl F
 
 /// (a, b) ← of(a, b, x), number by number.
 #[inline(always)]
-pub(crate) fn combine_pair<T: Real>((a, b): (&mut [T], &mut [T]), x: &[T], of: impl Fn(T, T, T) -> (T, T)) {
+pub fn combine_pair<T: Real>((a, b): (&mut [T], &mut [T]), x: &[T], of: impl Fn(T, T, T) -> (T, T)) {
     let len = a.len().min(b.len()).min(x.len());
     let ((rows_of_a, a), (rows_of_b, b), (xs, x)) = (rows_mut(a, len), rows_mut(b, len), rows(x, len));
     for ((a, b), &x) in rows_of_a.iter_mut().zip(rows_of_b).zip(xs) {

@@ -180,56 +180,64 @@ fn larger<T: Real>(largest: T, number: T) -> T {
 
 /// How Newton's method came to its end.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Converged<T> {
+pub struct Converged<T> {
     /// Corrections made.
-    pub(crate) iterations: u32,
+    pub iterations: u32,
     /// About how large the residual is at the end, rounding apart; `None` where nothing tells.
-    pub(crate) residual: Option<T>,
+    pub residual: Option<T>,
 }
 
-/// Solves residual(x) = 0 from the guess `unknowns`, and leaves the last correction in `correction`.
+/// Newton's method but for its equations: which corrections take the factors of the one before, and which of
+/// them is the last.
 ///
-/// `balance` writes the residual at x, and its Jacobian where it is given a matrix. Corrections are
-/// Newton's; after each of them that is small comes one with the same factors, which takes a residual only:
-/// two such corrections together converge to third order (\[Kelley95\] §5.4.3). The iteration ends when a
-/// correction is no larger than the rounding of numbers of size `offset` + |x| (the unknowns are increments
-/// on something of size `offset`), or when the next one would be: corrections shrink by a factor that falls
-/// from each to the next, and at most doubles where the factors are those of the one before. It also ends,
-/// once corrections are below the square root of that rounding, when they stop shrinking: then rounding in
-/// the residual makes them. Near the smallest normal number rounding no longer shrinks with the numbers, so
-/// neither does the bound.
-///
-/// # Errors
-/// [`StepError::NotFinite`], [`StepError::SingularJacobian`] or [`StepError::NotConverged`].
-#[inline(always)]
-pub(crate) fn newton<T: Real, B: Block<T>, E: Equations<T, B>>(
-    unknowns: &mut [T],
-    correction: &mut [T],
+/// Corrections are Newton's; after each of them that is small comes one with the same factors, which takes a
+/// residual only: two such corrections together converge to third order (\[Kelley95\] §5.4.3). The iteration
+/// ends when a correction is no larger than the rounding of numbers of size `offset` + |x| (the unknowns x are
+/// increments on something of size `offset`), or when the next one would be: corrections shrink by a factor
+/// that falls from each to the next, and at most doubles where the factors are those of the one before. It
+/// also ends, once corrections are below the square root of that rounding, when they stop shrinking: then
+/// rounding in the residual makes them. Near the smallest normal number rounding no longer shrinks with the
+/// numbers, so neither does the bound.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Corrections<T> {
     offset: T,
-    matrix: &mut E,
-    mut balance: impl FnMut(&[T], &mut [T], Option<&mut E>),
-) -> Result<Converged<T>, StepError> {
-    let floor = T::SMALLEST_NORMAL / T::EPSILON;
-    let mut previous: Option<T> = None;
-    let mut residual_size = T::zero();
-    // Whether the factors of the last correction are taken once more.
-    let mut again = false;
-    for iteration in 1..=MAX_ITERATIONS {
-        balance(unknowns, correction, if again { None } else { Some(&mut *matrix) });
-        residual_size = size(correction);
-        if !residual_size.is_finite() {
-            return Err(StepError::NotFinite);
-        }
-        if again {
-            matrix.solve_again(correction);
-        } else {
-            matrix.solve(correction).map_err(|_| StepError::SingularJacobian)?;
-        }
-        let (change, extent) = subtract_and_fold(unknowns, correction, larger);
+    count: u32,
+    previous: Option<T>,
+    again: bool,
+}
+
+impl<T: Real> Corrections<T> {
+    /// None made yet.
+    #[inline(always)]
+    pub fn new(offset: T) -> Self {
+        Self { offset, count: 0, previous: None, again: false }
+    }
+
+    /// Whether the next correction takes the factors of the last one.
+    #[inline(always)]
+    pub fn takes_factors_again(&self) -> bool {
+        self.again
+    }
+
+    /// Judges a correction: the size of the residual that it is for, its own size, and that of the unknowns
+    /// after it; `keeps_factors` says whether another one could take its factors. Returns how the iteration
+    /// has ended, if it has.
+    ///
+    /// # Errors
+    /// [`StepError::NotFinite`] or [`StepError::NotConverged`].
+    #[inline(always)]
+    pub fn judge(
+        &mut self,
+        residual: T,
+        (change, extent): (T, T),
+        keeps_factors: bool,
+    ) -> Result<Option<Converged<T>>, StepError> {
         if !change.is_finite() {
             return Err(StepError::NotFinite);
         }
-        let scale = offset + extent + floor;
+        self.count += 1;
+        let (previous, again) = (self.previous, self.again);
+        let scale = self.offset + extent + T::SMALLEST_NORMAL / T::EPSILON;
         // Far from the solution corrections shrink by chance.
         let near = T::of(NEAR) * scale;
         let ratio = previous.map(|previous| change / previous.min(near));
@@ -243,13 +251,54 @@ pub(crate) fn newton<T: Real, B: Block<T>, E: Equations<T, B>>(
             // What is left after a correction of Newton's is quadratic in it, as this residual was in the one
             // before; after one with its factors it is smaller by the shrinkage.
             let left = shrinkage.map(|factor| if again { factor } else { factor * factor });
-            let residual = left.map(|left| residual_size * left);
-            return Ok(Converged { iterations: iteration, residual });
+            return Ok(Some(Converged {
+                iterations: self.count,
+                residual: left.map(|left| residual * left),
+            }));
         }
-        previous = Some(change);
-        again = !again && change <= near && matrix.has_factors();
+        if self.count == MAX_ITERATIONS {
+            let residual = residual.to_f64();
+            return Err(StepError::NotConverged { iterations: MAX_ITERATIONS, residual });
+        }
+        self.previous = Some(change);
+        self.again = !again && change <= near && keeps_factors;
+        Ok(None)
     }
-    Err(StepError::NotConverged { iterations: MAX_ITERATIONS, residual: residual_size.to_f64() })
+}
+
+/// Solves residual(x) = 0 from the guess `unknowns`, and leaves the last correction in `correction`;
+/// [`Corrections`] says how.
+///
+/// `balance` writes the residual at x, and its Jacobian where it is given a matrix.
+///
+/// # Errors
+/// [`StepError::NotFinite`], [`StepError::SingularJacobian`] or [`StepError::NotConverged`].
+#[inline(always)]
+pub(crate) fn newton<T: Real, B: Block<T>, E: Equations<T, B>>(
+    unknowns: &mut [T],
+    correction: &mut [T],
+    offset: T,
+    matrix: &mut E,
+    mut balance: impl FnMut(&[T], &mut [T], Option<&mut E>),
+) -> Result<Converged<T>, StepError> {
+    let mut corrections = Corrections::new(offset);
+    loop {
+        let again = corrections.takes_factors_again();
+        balance(unknowns, correction, if again { None } else { Some(&mut *matrix) });
+        let residual = size(correction);
+        if !residual.is_finite() {
+            return Err(StepError::NotFinite);
+        }
+        if again {
+            matrix.solve_again(correction);
+        } else {
+            matrix.solve(correction).map_err(|_| StepError::SingularJacobian)?;
+        }
+        let sizes = subtract_and_fold(unknowns, correction, larger);
+        if let Some(converged) = corrections.judge(residual, sizes, matrix.has_factors())? {
+            return Ok(converged);
+        }
+    }
 }
 
 #[cfg(test)]

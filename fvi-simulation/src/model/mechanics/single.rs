@@ -59,6 +59,27 @@ impl<T: Elementary> SingleModel<T> {
     }
 }
 
+impl<T: Elementary> SingleModel<T> {
+    /// F.
+    #[inline(never)]
+    fn push(&mut self, instant: Instant<T>, q: T) -> T {
+        let Model { force, registers, .. } = &mut self.model;
+        let mut pushed = [T::zero()];
+        force.value(moment(instant), &[q], registers, &mut pushed);
+        pushed[0]
+    }
+
+    /// Takes F off the pull, and its derivative off the stiffness.
+    #[inline(never)]
+    fn linearise_push(&mut self, instant: Instant<T>, q: T, (pull, mut stiffness): (T, T)) -> (T, T) {
+        let Model { force, registers, entries, .. } = &mut self.model;
+        let mut pushed = [T::zero()];
+        force.derivatives(moment(instant), &[q], registers, &mut pushed, entries);
+        entries.iter().take(force.pattern().len()).for_each(|&entry| stiffness -= entry);
+        (pull - pushed[0], stiffness)
+    }
+}
+
 impl<T: Elementary> EnergiesAlong<T> for SingleModel<T> {
     fn has_plain_energy(&self) -> bool {
         // Of expressions alone, and a single mass is its own diagonal.
@@ -78,27 +99,27 @@ impl<T: Elementary> Mechanics<T, Fixed<1>> for SingleModel<T> {
 
     #[inline(always)]
     fn velocity(&self, momentum: &[T], velocity: &mut [T]) {
-        velocity.iter_mut().zip(momentum).for_each(|(velocity, &p)| *velocity = self.inverse_mass * p);
+        if let ([velocity], [p]) = (velocity, momentum) {
+            *velocity = self.inverse_mass * *p;
+        }
     }
 
     #[inline(always)]
     fn pull(&mut self, instant: Instant<T>, position: &SVector<T, 1>, pull: &mut [T]) {
-        pull.iter_mut().zip(position).for_each(|(pull, &q)| *pull = self.quadratic * q + self.linear);
-        let Model { potential, force, forced, registers, pull_registers, pushed, .. } = &mut self.model;
-        let position = position.as_slice();
+        let [pull] = pull else { return };
+        let q = position[0];
+        *pull = self.quadratic * q + self.linear;
         if !self.is_linear
-            && let Some(potential) = potential
+            && let Some(potential) = &self.model.potential
         {
-            potential.add_rest_gradient_again(pull_registers, position, pull);
+            *pull = potential.add_rest_slope(&mut self.model.pull_registers, q, *pull);
         }
-        if *forced {
-            force.value(moment(instant), position, registers, pushed);
-            pull.iter_mut().zip(pushed).for_each(|(pull, force)| *pull -= *force);
+        if self.model.forced {
+            *pull -= self.push(instant, q);
         }
     }
 
-    // Linear systems look at it once: not worth its place in every caller.
-    #[inline]
+    #[inline(always)]
     fn linearise(
         &mut self,
         instant: Instant<T>,
@@ -106,23 +127,18 @@ impl<T: Elementary> Mechanics<T, Fixed<1>> for SingleModel<T> {
         pull: &mut [T],
         stiffness: &mut Coefficients<T, 1>,
     ) {
-        pull.iter_mut().zip(position).for_each(|(pull, &q)| *pull = self.quadratic * q + self.linear);
-        let mut curvature = [self.constant];
-        let Model {
-            potential, force, forced, registers, rest_registers, pushed, entries, hessian_slots, ..
-        } = &mut self.model;
-        let position = position.as_slice();
-        if let Some(potential) = potential {
-            let places = (hessian_slots.as_slice(), &mut curvature[..]);
-            potential.add_rest_derivatives_again(rest_registers, position, pull, places);
+        let [pull] = pull else { return };
+        let q = position[0];
+        let mut numbers = (self.quadratic * q + self.linear, self.constant);
+        if let Some(potential) = &self.model.potential {
+            let registers = &mut self.model.rest_registers;
+            numbers = potential.add_rest_slope_and_curvature(registers, q, numbers);
         }
-        let [mut curvature] = curvature;
-        if *forced {
-            force.derivatives(moment(instant), position, registers, pushed, entries);
-            pull.iter_mut().zip(pushed).for_each(|(pull, force)| *pull -= *force);
-            entries.iter().take(force.pattern().len()).for_each(|&entry| curvature -= entry);
+        if self.model.forced {
+            numbers = self.linearise_push(instant, q, numbers);
         }
-        *stiffness = Coefficients::Diagonal([curvature].into());
+        *pull = numbers.0;
+        *stiffness = Coefficients::Diagonal([numbers.1].into());
     }
 
     #[inline(always)]

@@ -22,9 +22,11 @@ const WINDOW: usize = 1024;
 /// Operations of a run from which on it is worth preparing, and those with the same constant worth a run.
 const SHORT: usize = 4;
 
-/// Registers of a program that is interpreted operation by operation: an index below a power of two needs no
-/// check.
+/// Registers, at most, of a program that is interpreted operation by operation.
 const SMALL: usize = 64;
+
+/// Room for them: an index of eight bits needs no check.
+const ALL_OF_A_BYTE: usize = 256;
 
 /// Numbers of a row that are taken at a time. What lies behind the last one of a run is computed too, and
 /// overwritten.
@@ -210,9 +212,13 @@ fn at<T: Copy>(registers: &[T], first: u32, start: u32) -> Option<[T; STRIDE]> {
 #[derive(Clone, Copy, Debug)]
 struct Single {
     kind: Kind,
-    target: u32,
-    /// Beyond the arity, repetitions.
-    operands: [u32; 3],
+    target: u8,
+    /// The registers it reads; beyond the arity, repetitions.
+    x: u8,
+    y: u8,
+    z: u8,
+    /// What [`Kind::Other`] stands for.
+    other: Operation,
 }
 
 /// What is told apart with one look; the most frequent operations have a kind of their own.
@@ -225,7 +231,7 @@ enum Kind {
     Scale,
     Sine,
     SineAndCosine,
-    Other(Operation),
+    Other,
 }
 
 impl Kind {
@@ -237,7 +243,7 @@ impl Kind {
             Work::One(Operation::Multiply) => Self::Multiply,
             Work::One(Operation::Scale) => Self::Scale,
             Work::One(Operation::Call(Function::Sin)) => Self::Sine,
-            Work::One(operation) => Self::Other(operation),
+            Work::One(_) => Self::Other,
             Work::SineAndCosine => Self::SineAndCosine,
         }
     }
@@ -331,6 +337,37 @@ impl<T: Elementary> Program<T> {
         });
     }
 
+    /// As [`evaluate_again`](Self::evaluate_again) with one variable: adds all outputs of the first kind to
+    /// `sum`, those of the second to `entry`.
+    // Out of line: a call takes less than what it would do to the numbers of its callers.
+    #[inline(never)]
+    pub(super) fn evaluate_single(
+        &self,
+        registers: &mut OwnRegisters<T>,
+        variable: T,
+        (sum, entry): (T, T),
+    ) -> (T, T) {
+        let registers = &mut registers.0;
+        if registers.is_empty() {
+            self.prepare(registers);
+        }
+        let place = self.constants.len() + 2;
+        let Some(few) = registers.first_chunk_mut::<ALL_OF_A_BYTE>().filter(|_| !self.singles.is_empty())
+        else {
+            return self.evaluate_single_windows(registers, variable, (sum, entry));
+        };
+        few[place % ALL_OF_A_BYTE] = variable;
+        self.singles.iter().for_each(|single| single.evaluate(few));
+        (add_outputs(few, &self.sums, sum), add_outputs(few, &self.entries, entry))
+    }
+
+    #[inline(never)]
+    fn evaluate_single_windows(&self, registers: &mut [T], variable: T, (sum, mut entry): (T, T)) -> (T, T) {
+        let mut sums = [sum];
+        self.execute(registers, &[variable], &mut sums, |_, value| entry += value);
+        (sums[0], entry)
+    }
+
     #[cold]
     fn prepare(&self, registers: &mut Vec<T>) {
         registers.resize(self.room(), T::zero());
@@ -339,7 +376,7 @@ impl<T: Elementary> Program<T> {
 
     /// Registers that an evaluation needs.
     fn room(&self) -> usize {
-        if self.singles.is_empty() { self.registers } else { SMALL }
+        if self.singles.is_empty() { self.registers } else { ALL_OF_A_BYTE }
     }
 
     /// Evaluates at a position, with constants and time in their registers.
@@ -348,7 +385,7 @@ impl<T: Elementary> Program<T> {
         let variables = self.constants.len() + 2;
         copy(&mut registers[variables..variables + self.coordinates], position);
         if !self.singles.is_empty() {
-            let Some(registers) = registers.first_chunk_mut::<SMALL>() else { return };
+            let Some(registers) = registers.first_chunk_mut::<ALL_OF_A_BYTE>() else { return };
             self.singles.iter().for_each(|single| single.evaluate(registers));
             return hand_out(registers, (&self.sums, sums), (&self.entries, &mut set));
         }
@@ -399,6 +436,16 @@ fn hand_out<T: Elementary>(
     }
 }
 
+/// A number and outputs added to it, of which there mostly is one.
+#[inline(always)]
+fn add_outputs<T: Elementary>(registers: &[T; ALL_OF_A_BYTE], outputs: &[(u32, u32)], start: T) -> T {
+    let register = |from: u32| registers[from as usize % ALL_OF_A_BYTE];
+    match outputs {
+        &[(from, _)] => start + register(from),
+        _ => outputs.iter().fold(start, |sum, &(from, _)| sum + register(from)),
+    }
+}
+
 /// Copies numbers to a place of the same length.
 #[inline(always)]
 fn copy<T: Copy>(place: &mut [T], numbers: &[T]) {
@@ -418,26 +465,31 @@ fn copy<T: Copy>(place: &mut [T], numbers: &[T]) {
 }
 
 impl Single {
-    fn new(work: Work, target: u32, read: &[u32]) -> Self {
-        let operands = core::array::from_fn(|index| read[index.min(read.len() - 1)]);
-        Self { kind: Kind::of(work), target, operands }
+    fn new(work: Work, target: u32, read: &[u32]) -> Option<Self> {
+        let narrow = |register: u32| u8::try_from(register).ok();
+        let operand = |index: usize| narrow(read[index.min(read.len() - 1)]);
+        let other = match work {
+            Work::One(operation) => operation,
+            Work::SineAndCosine | Work::RunningSum => Operation::Add,
+        };
+        let [x, y, z] = [operand(0)?, operand(1)?, operand(2)?];
+        Some(Self { kind: Kind::of(work), target: narrow(target)?, x, y, z, other })
     }
 
     #[inline(always)]
-    fn evaluate<T: Elementary>(&self, registers: &mut [T; SMALL]) {
-        let [x, y, z] = self.operands.map(|register| registers[register as usize % SMALL]);
-        let target = self.target as usize;
-        registers[target % SMALL] = match self.kind {
+    fn evaluate<T: Elementary>(&self, registers: &mut [T; ALL_OF_A_BYTE]) {
+        let (x, y) = (registers[usize::from(self.x)], registers[usize::from(self.y)]);
+        registers[usize::from(self.target)] = match self.kind {
             Kind::Negate => -x,
             Kind::Add => x + y,
             Kind::Subtract => x - y,
             Kind::Multiply => x * y,
             Kind::Scale => scale(x, y),
             Kind::Sine => x.sine(),
-            Kind::Other(operation) => operation.of([x, y, z]),
+            Kind::Other => self.other.of([x, y, registers[usize::from(self.z)]]),
             Kind::SineAndCosine => {
                 let (sine, cosine) = x.sine_cosine();
-                registers[(target + 1) % SMALL] = cosine;
+                registers[usize::from(self.target.wrapping_add(1))] = cosine;
                 sine
             }
         };
@@ -456,7 +508,7 @@ impl Run {
         };
         let operands = operands[self.operands..].chunks_exact(arity).take(self.count);
         let targets = u32::try_from(self.target).ok()?..;
-        Some(operands.zip(targets).map(|(read, target)| Single::new(self.work, target, read)).collect())
+        operands.zip(targets).map(|(read, target)| Single::new(self.work, target, read)).collect()
     }
 
     // Out of line: it would burden the registers of the rows.
