@@ -40,6 +40,7 @@ impl<T: Real> PairedRows<T> {
     }
 
     /// out ← A x, if these are as many numbers as A has rows; whether they are.
+    #[inline(always)]
     pub(super) fn multiply(&self, x: &[T], out: &mut [T]) -> bool {
         let rows = 2 + 2 * self.pairs.len() + usize::from(self.single.is_some());
         let ([x0, x1, ..], [.., before, number]) = (x, x) else { return false };

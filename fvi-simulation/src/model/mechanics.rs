@@ -46,6 +46,8 @@ pub struct Model<T> {
     forced: bool,
     /// Whether the matrix from files, or the rows, are all that pulls.
     is_constant: bool,
+    /// Whether the paired rows are.
+    pulls_by_paired_rows: bool,
     /// What is rough in time, so that its moments are taken exactly.
     rough: Option<RoughForces>,
     /// What code supplies.
@@ -96,7 +98,7 @@ impl<T: Elementary> Model<T> {
             .flat_map(|potential| potential.quadratic().stiffness.iter().map(entry))
             .chain(elements.iter().flat_map(Elements::springs))
             .collect();
-        let linear = potential
+        let linear: Vec<_> = potential
             .iter()
             .flat_map(|potential| potential.quadratic().linear.iter())
             .map(|&(coordinate, entry)| (coordinate as usize, entry))
@@ -146,12 +148,21 @@ impl<T: Elementary> Model<T> {
             (None, Matrix::Sparse(sparse)) => sparse.paired_rows(),
             _ => None,
         };
+        let pulls_by_paired_rows = paired_rows.is_some()
+            && linear.is_empty()
+            && potential.as_ref().is_none_or(CompiledPotential::is_quadratic)
+            && elements.is_empty()
+            && system.loads.is_empty()
+            && scenario.cases.is_empty()
+            && own.is_none()
+            && force.is_zero();
         Ok(Self {
             mass,
             inverse_mass,
             threads,
             base,
             paired_rows,
+            pulls_by_paired_rows,
             elements,
             loads: Loads::new(&system.loads),
             cases: scenario.cases.iter().map(|case| Loads::new(&case.loads)).collect(),
@@ -236,6 +247,12 @@ impl<T: Elementary, X: MatrixSpace<T>> Mechanics<T, X> for Model<T> {
     }
 
     fn pull(&mut self, instant: Instant<T>, position: &Vec<T>, pull: &mut [T]) {
+        if self.pulls_by_paired_rows
+            && let Some(rows) = &self.paired_rows
+            && rows.multiply(position, pull)
+        {
+            return;
+        }
         self.quadratic_pull(position, pull);
         if let Some(potential) = &self.potential {
             potential.add_rest_gradient_again(&mut self.pull_registers, position, pull);

@@ -1,5 +1,7 @@
 //! The schemes of scenarios: any degree, any quadrature, known at run time.
 
+mod linear;
+
 use super::space::{Matrix, MatrixSpace};
 use crate::scenario::{ConvolutionFamily, DampedAt, Quadrature, Scenario, Scheme as ScenarioScheme};
 use fvi_core::{
@@ -7,6 +9,7 @@ use fvi_core::{
     Mechanics, ParameterError, Real, RungeKutta, Sampling, Scheme, Space, State, Step, StepError, Tables,
     Workspace, add_multiple, gauss_rule, lobatto_rule,
 };
+use linear::Line;
 
 /// Any of the core's schemes, its tables on the heap.
 #[derive(Clone, Debug)]
@@ -277,6 +280,9 @@ impl<T: Real, X: MatrixSpace<T>> Scheme<T, X> for AnyScheme<T> {
         step: &Step<'_, T>,
         state: &mut State<Vec<T>>,
     ) -> Result<u32, StepError> {
+        if let Some(line) = Line::of(self, room, mechanics, step) {
+            return line.step(room, mechanics, damping, step, state);
+        }
         let (behind, pull) = room.carried.split_at_mut(room.behind);
         let mut work = Workspace::<T, X, _> {
             increments: &mut room.increments,
