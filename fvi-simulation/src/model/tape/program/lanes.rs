@@ -41,6 +41,15 @@ impl<T: Elementary> Program<T> {
         }
         let variables = self.constants.len() + 2;
         place(&mut registers[variables..variables + self.coordinates]);
+        #[cfg(target_arch = "x86_64")]
+        if let Some(wide) = pulp::x86::V3::try_new() {
+            return wide.vectorize(Execute { program: self, registers });
+        }
+        self.execute_along(registers)
+    }
+
+    #[inline(always)]
+    fn execute_along(&self, registers: &mut [Lanes<T>]) -> Lanes<T> {
         let mut sum = [T::zero(); LANES];
         for window in &self.windows {
             for run in &self.runs[window.runs.clone()] {
@@ -57,11 +66,30 @@ impl<T: Elementary> Program<T> {
     }
 }
 
+/// The program on registers that are prepared, for the vectors of the unit that calls it.
+#[cfg(target_arch = "x86_64")]
+struct Execute<'a, T> {
+    program: &'a Program<T>,
+    registers: &'a mut [Lanes<T>],
+}
+
+#[cfg(target_arch = "x86_64")]
+impl<T: Elementary> pulp::NullaryFnOnce for Execute<'_, T> {
+    type Output = Lanes<T>;
+
+    #[inline(always)]
+    fn call(self) -> Lanes<T> {
+        self.program.execute_along(self.registers)
+    }
+}
+
+#[inline(always)]
 fn add<T: Elementary>(sum: &mut Lanes<T>, terms: &Lanes<T>) {
     sum.iter_mut().zip(terms).for_each(|(sum, &term)| *sum += term);
 }
 
 impl Run {
+    #[inline(always)]
     fn evaluate_along<T: Elementary>(&self, registers: &mut [Lanes<T>], operands: &[u32]) {
         if self.work == Work::RunningSum {
             let pairs = &operands.as_chunks::<2>().0[..self.count];
