@@ -192,12 +192,12 @@ pub struct Converged<T> {
 ///
 /// Corrections are Newton's; after each of them that is small comes one with the same factors, which takes a
 /// residual only: two such corrections together converge to third order (\[Kelley95\] §5.4.3). The iteration
-/// ends when a correction is no larger than the rounding of numbers of size `offset` + |x| (the unknowns x are
-/// increments on something of size `offset`), or when the next one would be: corrections shrink by a factor
-/// that falls from each to the next, and at most doubles where the factors are those of the one before. It
-/// also ends, once corrections are below the square root of that rounding, when they stop shrinking: then
-/// rounding in the residual makes them. Near the smallest normal number rounding no longer shrinks with the
-/// numbers, so neither does the bound.
+/// ends when a correction is no larger than the rounding of numbers of size `offset` + |x| (the unknowns x
+/// are increments on something of size `offset`), or when the next one would be: corrections shrink by a
+/// factor that falls from each to the next, and at most doubles where the factors are those of the one
+/// before. It also ends, once corrections are below the square root of that rounding, when they stop
+/// shrinking: then rounding in the residual makes them. Near the smallest normal number rounding no longer
+/// shrinks with the numbers, so neither does the bound.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Corrections<T> {
     offset: T,
