@@ -47,7 +47,7 @@ pub struct WideExponentialSum<T: Scalar, P: Scalar = T> {
     len: usize,
     channels: usize,
     plan: Plan<T>,
-    tiles: Vec<Tile<P>>,
+    state: State<P>,
     threads: usize,
     unit: Arch,
 }
@@ -83,13 +83,16 @@ const SHARE: usize = 25_000_000;
 #[repr(align(64))]
 struct Lanes<N>([N; LANES]);
 
-/// The state of neighbouring channels.
-struct Tile<P> {
-    /// Samples of this chunk, behind them what is known of the first kernel's terms at those to come; then
-    /// the terms of each further kernel at all places.
-    places: Vec<Lanes<P>>,
+/// The state of tiles of neighbouring channels. What a step needs of a tile lies beside what it needs of the
+/// next, so that it reads memory from one end to the other.
+struct State<P> {
+    /// For each eight places of a chunk, eight rows of every tile. The first kernel has the samples of this
+    /// chunk, and behind them what is known of its terms at those to come; behind all of its groups are those
+    /// of each further kernel, with its terms at all places.
+    groups: Vec<Vec<Lanes<P>>>,
+    /// The rows of the first tile, then those of the second, and so on.
     sums: Vec<Lanes<P>>,
-    /// What rounding took away from the slow sums, the first ones: the upper half of a number.
+    /// What rounding took away from the slow sums, the first ones of a tile: the upper half of a number.
     rests: Vec<Lanes<u32>>,
 }
 
@@ -184,6 +187,11 @@ impl<T: Scalar> Plan<T> {
         self.kernels.len() * self.chunk
     }
 
+    /// Groups of eight places that a kernel has.
+    fn groups(&self) -> usize {
+        self.chunk / GROUP
+    }
+
     /// About what the terms at a place of the chunk take for each channel, in picoseconds.
     fn cost_of_terms(&self, place: usize) -> usize {
         let (kernels, newest) = (self.kernels.len(), place % GROUP);
@@ -256,93 +264,132 @@ fn combine<T: Scalar, V: Simd, const N: usize>(
     products: [Product<'_, T>; N],
     results: &mut [Lanes<T>; GROUP],
 ) {
-    let parts = T::reals::<V>(&results[0].0).len();
-    for part in 0..parts {
-        let mut sums = [T::in_lanes(unit, T::zero()); GROUP];
+    // Two vectors of each sum where there are registers for them: a coefficient is fetched once for both.
+    if V::REGISTER_COUNT < 32 {
+        combine_vectors::<T, V, N, 1>(unit, products, results);
+    } else {
+        combine_vectors::<T, V, N, 2>(unit, products, results);
+    }
+}
+
+/// The same, W vectors of each sum at a time.
+#[inline(always)]
+fn combine_vectors<T: Scalar, V: Simd, const N: usize, const W: usize>(
+    unit: V,
+    products: [Product<'_, T>; N],
+    results: &mut [Lanes<T>; GROUP],
+) {
+    let vectors = T::reals::<V>(&results[0].0).len();
+    for part in (0..vectors).step_by(W) {
+        let mut sums = [[T::in_lanes(unit, T::zero()); W]; GROUP];
         for (coefficients, rows) in products {
             for (coefficients, row) in coefficients.iter().zip(rows) {
-                let Some(&row) = T::reals::<V>(&row.0).get(part) else { return };
-                for (sum, &coefficient) in sums.iter_mut().zip(coefficients) {
-                    *sum = T::plus_product(unit, T::in_lanes(unit, coefficient), row, *sum);
+                let Some(row) = T::reals::<V>(&row.0).get(part..part + W) else { return };
+                for (sums, &coefficient) in sums.iter_mut().zip(coefficients) {
+                    let coefficient = T::in_lanes(unit, coefficient);
+                    for (sum, &number) in sums.iter_mut().zip(row) {
+                        *sum = T::plus_product(unit, coefficient, number, *sum);
+                    }
                 }
             }
         }
-        for (result, sum) in results.iter_mut().zip(sums) {
-            if let Some(place) = T::reals_mut::<V>(&mut result.0).get_mut(part) {
-                *place = sum;
+        for (result, sums) in results.iter_mut().zip(sums) {
+            if let Some(places) = T::reals_mut::<V>(&mut result.0).get_mut(part..part + W) {
+                places.copy_from_slice(&sums);
             }
         }
     }
 }
 
-impl<P: Scalar> Tile<P> {
-    fn new<T: Scalar>(plan: &Plan<T>) -> Self {
+/// The rows of a tile, of which a slice has so many for each.
+#[inline(always)]
+fn rows<N>(slice: &[N], tile: usize, count: usize) -> &[N] {
+    slice.get(tile * count..(tile + 1) * count).unwrap_or(&[])
+}
+
+/// The same, to be changed.
+#[inline(always)]
+fn rows_mut<N>(slice: &mut [N], tile: usize, count: usize) -> &mut [N] {
+    slice.get_mut(tile * count..(tile + 1) * count).unwrap_or(&mut [])
+}
+
+/// Stores samples of a tile in their row of its group.
+#[inline(always)]
+fn store<T: Scalar, P: Scalar>(row: Option<&mut Lanes<P>>, samples: &[T]) {
+    if let Some(row) = row {
+        let numbers = row.0.iter_mut().zip(samples);
+        numbers.for_each(|(number, sample)| *number = P::of(sample.to_f64()));
+    }
+}
+
+impl<P: Scalar> State<P> {
+    fn new<T: Scalar>(plan: &Plan<T>, tiles: usize) -> Self {
         let zero = Lanes([P::zero(); LANES]);
         Self {
-            places: vec![zero; plan.places()],
-            sums: vec![zero; plan.losses.len()],
-            rests: vec![Lanes([0; LANES]); plan.slow],
+            groups: (0..plan.places() / GROUP).map(|_| vec![zero; tiles * GROUP]).collect(),
+            sums: vec![zero; tiles * plan.losses.len()],
+            rests: vec![Lanes([0; LANES]); tiles * plan.slow],
         }
     }
 
-    /// The terms of each kernel at a place: what is known of them, and what the newest samples add.
+    fn tiles(&self) -> usize {
+        self.groups.first().map_or(0, |group| group.len() / GROUP)
+    }
+
+    /// All of it, in parts of so many tiles.
+    fn parts<T: Scalar>(&mut self, plan: &Plan<T>, tiles: usize) -> Vec<Part<'_, P>> {
+        let count = self.tiles().div_ceil(tiles);
+        let part =
+            |_| Part { groups: Vec::with_capacity(plan.places() / GROUP), sums: &mut [], rests: &mut [] };
+        let mut parts: Vec<_> = (0..count).map(part).collect();
+        for group in &mut self.groups {
+            let rows = group.chunks_mut(tiles * GROUP);
+            parts.iter_mut().zip(rows).for_each(|(part, rows)| part.groups.push(rows));
+        }
+        // There may be none.
+        let sums = self.sums.chunks_mut((tiles * plan.losses.len()).max(1));
+        parts.iter_mut().zip(sums).for_each(|(part, sums)| part.sums = sums);
+        let rests = self.rests.chunks_mut((tiles * plan.slow).max(1));
+        parts.iter_mut().zip(rests).for_each(|(part, rests)| part.rests = rests);
+        parts
+    }
+}
+
+/// Some tiles of the state.
+struct Part<'a, P> {
+    groups: Vec<&'a mut [Lanes<P>]>,
+    sums: &'a mut [Lanes<P>],
+    rests: &'a mut [Lanes<u32>],
+}
+
+impl<P: Scalar> Part<'_, P> {
+    /// The samples of the first groups.
     #[inline(always)]
-    fn terms<T: Scalar, V: Simd>(&self, unit: V, plan: &Plan<T>, place: usize, terms: OfKernels<'_, T>) {
-        let newest = self.places.get(place - place % GROUP..place).unwrap_or(&[]);
-        let known = self.places.iter().skip(place).step_by(plan.chunk);
-        for ((kernel, known), terms) in plan.kernels.iter().zip(known).zip(terms) {
-            let mut sums: Lanes<T> = converted(known);
-            let weights = kernel.near.iter().skip(1).take(newest.len()).rev();
-            for (row, &weight) in newest.iter().zip(weights) {
-                let row: Lanes<T> = converted(row);
-                let weight = T::in_lanes(unit, weight);
-                let parts = T::reals_mut::<V>(&mut sums.0).iter_mut().zip(T::reals::<V>(&row.0));
-                for (sum, &number) in parts {
-                    *sum = T::plus_product(unit, weight, number, *sum);
-                }
-            }
-            terms.iter_mut().zip(sums.0).for_each(|(term, sum)| *term = sum);
+    fn samples<T: Scalar>(&self, tile: usize, groups: usize, samples: &mut Vec<Lanes<T>>) {
+        samples.clear();
+        for group in self.groups.iter().take(groups) {
+            samples.extend(rows(group, tile, GROUP).iter().map(converted));
         }
     }
 
-    /// Stores samples at a place of the chunk, and does what falls due behind them.
-    #[inline(always)]
-    fn take<T: Scalar, V: Simd>(
-        &mut self,
-        unit: V,
-        plan: &Plan<T>,
-        place: usize,
-        samples: &[T],
-        scratch: &mut Scratch<T>,
-    ) {
-        if let Some(row) = self.places.get_mut(place) {
-            let numbers = row.0.iter_mut().zip(samples);
-            numbers.for_each(|(number, sample)| *number = P::of(sample.to_f64()));
-        }
-        let behind = place + 1;
-        if behind == plan.chunk {
-            self.turn(unit, plan, scratch);
-        } else if behind.is_multiple_of(GROUP) {
-            self.catch_up(unit, plan, behind, scratch);
-        }
-    }
-
-    /// Adds the samples of the chunk to its next eight terms.
+    /// Adds the samples of the first groups of a chunk to the terms of the next one.
     #[inline(always)]
     fn catch_up<T: Scalar, V: Simd>(
         &mut self,
         unit: V,
         plan: &Plan<T>,
-        behind: usize,
+        tile: usize,
+        next: usize,
         scratch: &mut Scratch<T>,
     ) {
         let Scratch { samples, results, .. } = scratch;
-        samples.clear();
-        samples.extend(self.places.iter().take(behind).map(converted));
-        for (kernel, terms) in plan.kernels.iter().zip(self.places.chunks_mut(plan.chunk)) {
-            let Some(weights) = kernel.within.get(behind / GROUP) else { return };
+        self.samples(tile, next, samples);
+        for (kernel, groups) in plan.kernels.iter().zip(self.groups.chunks_mut(plan.groups())) {
+            let (Some(weights), Some(terms)) = (kernel.within.get(next), groups.get_mut(next)) else {
+                return;
+            };
             combine(unit, [(weights, samples)], results);
-            for (term, result) in terms.iter_mut().skip(behind).zip(&*results) {
+            for (term, result) in rows_mut(terms, tile, GROUP).iter_mut().zip(&*results) {
                 for (term, result) in term.0.iter_mut().zip(result.0) {
                     *term = P::of((T::of(term.to_f64()) + result).to_f64());
                 }
@@ -352,22 +399,22 @@ impl<P: Scalar> Tile<P> {
 
     /// Ends a chunk: its samples give way to the terms of the next one, and join the sums.
     #[inline(always)]
-    fn turn<T: Scalar, V: Simd>(&mut self, unit: V, plan: &Plan<T>, scratch: &mut Scratch<T>) {
-        let Scratch { samples, sums, results } = scratch;
-        samples.clear();
-        samples.extend(self.places.iter().take(plan.chunk).map(converted));
-        sums.clear();
-        sums.extend(self.sums.iter().map(converted));
+    fn turn<T: Scalar, V: Simd>(&mut self, unit: V, plan: &Plan<T>, tile: usize, scratch: &mut Scratch<T>) {
+        let Scratch { samples, sums: wholes, results } = scratch;
+        self.samples(tile, plan.groups(), samples);
+        let sums = rows_mut(self.sums, tile, plan.losses.len());
+        wholes.clear();
+        wholes.extend(sums.iter().map(converted));
         let groups = plan.kernels.iter().flat_map(|kernel| &kernel.onward);
-        // Whole groups: chunks are.
-        for ([far, near], terms) in groups.zip(self.places.chunks_mut(GROUP)) {
-            combine(unit, [(far, sums), (near, samples)], results);
-            terms.iter_mut().zip(&*results).for_each(|(term, result)| *term = converted(result));
+        for ([far, near], terms) in groups.zip(&mut self.groups) {
+            combine(unit, [(far, wholes), (near, samples)], results);
+            let terms = rows_mut(terms, tile, GROUP).iter_mut();
+            terms.zip(&*results).for_each(|(term, result)| *term = converted(result));
         }
-        let mut rests = self.rests.iter_mut();
+        let mut rests = rows_mut(self.rests, tile, plan.slow).iter_mut();
         let groups = plan.inward.iter().zip(plan.losses.chunks(GROUP));
         for ((coefficients, losses), (sums, wholes)) in
-            groups.zip(self.sums.chunks_mut(GROUP).zip(sums.chunks(GROUP)))
+            groups.zip(sums.chunks_mut(GROUP).zip(wholes.chunks(GROUP)))
         {
             combine(unit, [(coefficients, samples)], results);
             let rows = sums.iter_mut().zip(wholes).zip(losses.iter().zip(&*results));
@@ -403,11 +450,13 @@ fn take_first<'a, T>(rest: &mut OfKernels<'a, T>, channels: usize) -> OfKernels<
     taken
 }
 
-/// A call that is compiled once for every vector unit.
+/// The terms at a place of the chunk, what is known of them and what the newest samples add: a call that is
+/// compiled once for every vector unit.
 struct Terms<'a, T: Scalar, P> {
     plan: &'a Plan<T>,
     place: usize,
-    tiles: &'a [Tile<P>],
+    /// Of each kernel, the group that the place is in.
+    groups: [&'a [Lanes<P>]; WIDE_KERNELS],
     terms: OfKernels<'a, T>,
 }
 
@@ -416,29 +465,53 @@ impl<T: Scalar, P: Scalar> WithSimd for Terms<'_, T, P> {
 
     #[inline(always)]
     fn with_simd<V: Simd>(self, unit: V) {
-        let mut rest = self.terms;
-        for tile in self.tiles {
-            tile.terms(unit, self.plan, self.place, take_first(&mut rest, LANES));
+        let Self { plan, groups, mut terms, .. } = self;
+        let place = self.place % GROUP;
+        for tile in 0..groups[0].len() / GROUP {
+            let newest = rows(groups[0], tile, GROUP).get(..place).unwrap_or(&[]);
+            let of_tile = take_first(&mut terms, LANES);
+            for ((kernel, group), terms) in plan.kernels.iter().zip(groups).zip(of_tile) {
+                let Some(known) = rows(group, tile, GROUP).get(place) else { return };
+                let mut sums: Lanes<T> = converted(known);
+                let weights = kernel.near.iter().skip(1).take(newest.len()).rev();
+                for (row, &weight) in newest.iter().zip(weights) {
+                    let row: Lanes<T> = converted(row);
+                    let weight = T::in_lanes(unit, weight);
+                    let parts = T::reals_mut::<V>(&mut sums.0).iter_mut().zip(T::reals::<V>(&row.0));
+                    for (sum, &number) in parts {
+                        *sum = T::plus_product(unit, weight, number, *sum);
+                    }
+                }
+                terms.iter_mut().zip(sums.0).for_each(|(term, sum)| *term = sum);
+            }
         }
     }
 }
 
-/// The other one.
-struct Take<'a, T: Scalar, P> {
+/// A sample that completes a group, and what falls due behind it: another such call.
+struct Due<'a, T: Scalar, P> {
     plan: &'a Plan<T>,
     place: usize,
-    tiles: &'a mut [Tile<P>],
+    part: Part<'a, P>,
     samples: &'a [T],
 }
 
-impl<T: Scalar, P: Scalar> WithSimd for Take<'_, T, P> {
+impl<T: Scalar, P: Scalar> WithSimd for Due<'_, T, P> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<V: Simd>(self, unit: V) {
+        let Self { plan, place, mut part, samples } = self;
         let mut scratch = Scratch::new();
-        for (tile, samples) in self.tiles.iter_mut().zip(self.samples.chunks(LANES)) {
-            tile.take(unit, self.plan, self.place, samples, &mut scratch);
+        let next = place / GROUP + 1;
+        for (tile, samples) in samples.chunks(LANES).enumerate() {
+            let group = part.groups.get_mut(place / GROUP);
+            store(group.and_then(|group| rows_mut(group, tile, GROUP).last_mut()), samples);
+            if next == plan.groups() {
+                part.turn(unit, plan, tile, &mut scratch);
+            } else {
+                part.catch_up(unit, plan, tile, next, &mut scratch);
+            }
         }
     }
 }
@@ -492,7 +565,7 @@ impl<T: Scalar, P: Scalar> WideExponentialSum<T, P> {
             fingerprint: fingerprint(numbers),
             len: 0,
             channels,
-            tiles: (0..channels.div_ceil(LANES)).map(|_| Tile::new(&plan)).collect(),
+            state: State::new(&plan, channels.div_ceil(LANES)),
             plan,
             threads: 1,
             unit: Arch::new(),
@@ -549,13 +622,7 @@ impl<T: Scalar, P: Scalar> WideExponentialSum<T, P> {
         // A thread that begins late leaves parts to the others.
         const PARTS: usize = 16;
         let parts = if threads > 1 { PARTS * threads } else { 1 };
-        (threads, self.tiles.len().div_ceil(parts))
-    }
-
-    /// The tiles, with the number of channels in each.
-    fn filled(&self) -> impl Iterator<Item = (&Tile<P>, usize)> {
-        let channels = self.channels;
-        self.tiles.iter().enumerate().map(move |(index, tile)| (tile, (channels - index * LANES).min(LANES)))
+        (threads, self.state.tiles().div_ceil(parts))
     }
 }
 
@@ -588,8 +655,16 @@ impl<T: Scalar, P: Scalar> Memory<T> for WideExponentialSum<T, P> {
         let (threads, part) = self.shares(plan.cost_of_terms(place));
         let mut rest = OfKernels::default();
         rest.iter_mut().zip(term.chunks_mut(self.channels)).for_each(|(rest, terms)| *rest = terms);
-        let parts = self.tiles.chunks(part).map(|tiles| (tiles, take_first(&mut rest, part * LANES)));
-        share(threads, parts, |(tiles, terms)| unit.dispatch(Terms { plan, place, tiles, terms }));
+        let groups = self.state.groups.iter().skip(place / GROUP).step_by(plan.groups());
+        let parts = (0..self.state.tiles()).step_by(part).map(|first| {
+            let mut of_part = [&[][..]; WIDE_KERNELS];
+            for (rows, group) in of_part.iter_mut().zip(groups.clone()) {
+                *rows = group.get(first * GROUP..).unwrap_or(&[]);
+                *rows = rows.get(..part * GROUP).unwrap_or(rows);
+            }
+            (of_part, take_first(&mut rest, part * LANES))
+        });
+        share(threads, parts, |(groups, terms)| unit.dispatch(Terms { plan, place, groups, terms }));
         Ok(())
     }
 
@@ -598,24 +673,31 @@ impl<T: Scalar, P: Scalar> Memory<T> for WideExponentialSum<T, P> {
         self.check_room()?;
         let place = self.len % self.plan.chunk;
         let (threads, part) = self.shares(self.plan.cost_of_sample(place));
-        let (plan, unit) = (&self.plan, self.unit);
-        let parts = self.tiles.chunks_mut(part).zip(sample.chunks(part * LANES));
-        share(threads, parts, |(tiles, samples)| unit.dispatch(Take { plan, place, tiles, samples }));
+        let (plan, unit, samples) = (&self.plan, self.unit, sample.chunks(part * LANES));
+        if (place + 1).is_multiple_of(GROUP) {
+            let parts = self.state.parts(plan, part).into_iter().zip(samples);
+            share(threads, parts, |(part, samples)| unit.dispatch(Due { plan, place, part, samples }));
+        } else if let Some(group) = self.state.groups.get_mut(place / GROUP) {
+            share(threads, group.chunks_mut(part * GROUP).zip(samples), |(group, samples)| {
+                for (rows, samples) in group.chunks_mut(GROUP).zip(samples.chunks(LANES)) {
+                    store(rows.get_mut(place % GROUP), samples);
+                }
+            });
+        }
         self.len += 1;
         Ok(())
     }
 
     fn clear(&mut self) {
         self.len = 0;
-        let plan = &self.plan;
-        self.tiles.fill_with(|| Tile::new(plan));
+        self.state = State::new(&self.plan, self.state.tiles());
     }
 
     fn bytes(&self) -> usize {
         size_of::<Self>()
             + self.plan.bytes()
-            + self.tiles.len() * LANES * self.channel_bytes()
-            + size_of_val(self.tiles.as_slice())
+            + self.state.tiles() * LANES * self.channel_bytes()
+            + size_of_val(self.state.groups.as_slice())
     }
 
     fn state_bytes(&self) -> usize {
@@ -626,11 +708,14 @@ impl<T: Scalar, P: Scalar> Memory<T> for WideExponentialSum<T, P> {
     fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
         to.header::<T, 3>(TAG, &self.shape())?;
         to.count(self.len as u64)?;
-        for (tile, channels) in self.filled() {
-            for row in tile.places.iter().chain(&tile.sums) {
+        let (state, sums, slow) = (&self.state, self.plan.losses.len(), self.plan.slow);
+        for tile in 0..state.tiles() {
+            let channels = (self.channels - tile * LANES).min(LANES);
+            let places = state.groups.iter().flat_map(|group| rows(group, tile, GROUP));
+            for row in places.chain(rows(&state.sums, tile, sums)) {
                 to.numbers(row.0.iter().take(channels))?;
             }
-            for row in &tile.rests {
+            for row in rows(&state.rests, tile, slow) {
                 to.numbers(row.0.map(of_upper_half::<T>).iter().take(channels))?;
             }
         }
@@ -645,13 +730,14 @@ impl<T: Scalar, P: Scalar> Memory<T> for WideExponentialSum<T, P> {
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         self.check_state(&mut from.clone())?;
         self.len = self.count(from)?;
-        let channels = self.channels;
-        for (index, tile) in self.tiles.iter_mut().enumerate() {
-            let channels = (channels - index * LANES).min(LANES);
-            for row in tile.places.iter_mut().chain(&mut tile.sums) {
+        let (state, sums, slow) = (&mut self.state, self.plan.losses.len(), self.plan.slow);
+        for tile in 0..state.tiles() {
+            let channels = (self.channels - tile * LANES).min(LANES);
+            let places = state.groups.iter_mut().flat_map(|group| rows_mut(group, tile, GROUP));
+            for row in places.chain(rows_mut(&mut state.sums, tile, sums)) {
                 from.numbers(row.0.iter_mut().take(channels))?;
             }
-            for row in &mut tile.rests {
+            for row in rows_mut(&mut state.rests, tile, slow) {
                 for half in row.0.iter_mut().take(channels) {
                     *half = upper_half(from.number::<T>()?);
                 }
