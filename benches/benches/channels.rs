@@ -2,12 +2,14 @@
 //! channel.
 //!
 //! `cargo bench -p fvi-benches --bench channels` prints a table for docs/large.md. The answers are compared
-//! first. Times are minima over rounds of one chunk, in which the memories take turns, so that what else the
-//! machine does meets all of them. Two lines below say how fast one and two threads copy memory here: with
-//! many channels the state is fetched from there, and two threads gain no more than copies do.
+//! first. Times are minima over rounds of two chunks, in which the memories take turns, so that what else the
+//! machine does meets all of them.
 //!
 //! A second table is about dampings of different orders on the same coordinates: a memory each, against one
-//! whose exponentials they share.
+//! whose exponentials they share. A third one is about threads: one and two take turns at each step, and what
+//! they take is compared round by round, over all steps and at the ends of chunks alone, which are mostly
+//! arithmetic. Beside it stand the bytes that a step reads and writes, by count, and what that makes in a
+//! second; the last two lines say how fast one and two threads copy memory here.
 
 use fvi_core::{BdfOrder, ExponentialTable, Memory};
 use fvi_fft::{ChunkedExponentialSum, Scalar, WideExponentialSum};
@@ -89,6 +91,66 @@ fn copies(threads: usize, rounds: usize) -> f64 {
         best = best.min(begin.elapsed().as_secs_f64());
     }
     (NUMBERS * size_of::<f64>()) as f64 / best * 1e-9
+}
+
+/// Bytes that a step of a memory of one kernel reads and writes for each channel, on average over a chunk:
+/// the whole state at its end, samples and terms at the end of each eight places, and the newest samples, what
+/// is known of the term, and the caller's numbers at each place.
+fn traffic(chunk: usize, state: usize, number: usize) -> f64 {
+    let groups: usize = (1..chunk / 8).map(|group| 8 * group + 16).sum();
+    let (at_ends, always) = (2 * state + groups * number, 5.5 * number as f64 + 16.0);
+    at_ends as f64 / chunk as f64 + always
+}
+
+/// The smallest, the middle and the largest of some numbers.
+fn spread(mut numbers: Vec<f64>) -> [f64; 3] {
+    numbers.sort_by(f64::total_cmp);
+    [0, numbers.len() / 2, numbers.len() - 1].map(|index| numbers[index])
+}
+
+/// Lets one and two threads take turns at each step, compares their bits and prints what it took.
+fn compare_threads<P: Scalar>(name: &str, table: &[Table], channels: usize, rounds: usize) {
+    let mut memories = [1, 2].map(|threads| wide::<P>(table, channels, threads));
+    let chunk = WideExponentialSum::<f64, P>::chunk(&table[0].borrow());
+    let mut terms = [vec![0.0; channels], vec![0.0; channels]];
+    let mut sample = vec![0.0; channels];
+    let (mut all, mut ends, mut per_step) = (Vec::new(), Vec::new(), [f64::INFINITY; 2]);
+    // The first round fetches pages.
+    for round in 0..=rounds {
+        let (mut spent, mut at_end) = ([0.0; 2], [0.0; 2]);
+        for place in 0..chunk {
+            for (channel, number) in sample.iter_mut().enumerate() {
+                *number = (((round * chunk + place) * 7 + channel) % 101) as f64 - 50.0;
+            }
+            for turn in 0..2 {
+                // Neither is always the second to read the sample.
+                let which = (turn + place) % 2;
+                let begin = Instant::now();
+                memories[which].next_term(&mut terms[which]).expect("room");
+                memories[which].push(&sample).expect("room");
+                let time = begin.elapsed().as_secs_f64();
+                spent[which] += time;
+                if place + 1 == chunk {
+                    at_end[which] += time;
+                }
+            }
+            assert!(terms[0] == terms[1], "{name}: bits differ");
+        }
+        if round > 0 {
+            all.push(spent[0] / spent[1]);
+            ends.push(at_end[0] / at_end[1]);
+            per_step.iter_mut().zip(spent).for_each(|(best, spent)| *best = best.min(spent));
+        }
+    }
+    let ([low, middle, high], [_, end, _]) = (spread(all), spread(ends));
+    let [one, two] = per_step.map(|best| 1e9 * best / (chunk * channels) as f64);
+    let bytes = traffic(chunk, memories[0].bytes() / channels, size_of::<P>());
+    println!(
+        "| {channels} | {name} | {one:.2} | {two:.2} | {middle:.2} ({low:.2}–{high:.2}) | {end:.2} | {bytes:.0} | \
+         {:.0} | {:.0} |",
+        bytes / one,
+        bytes / two
+    );
 }
 
 /// Lets the contenders take turns on so many channels, compares what they say and prints what it took.
@@ -184,6 +246,18 @@ fn main() {
             ];
             compare(channels, rounds, contenders);
         }
+    }
+    println!("\nOne and two threads, ns a channel and step\n");
+    println!(
+        "| channels | states | one | two | times as fast (of all rounds) | at ends of chunks | bytes | GB/s | \
+         GB/s, two |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|");
+    let counts: &[usize] = if measured { &[1_000, 2_500, 10_000, 100_000, 1_000_000] } else { &[1_000] };
+    for &channels in counts {
+        let rounds = if measured { (2_000_000 / channels).clamp(7, 200) } else { 1 };
+        compare_threads::<f64>("f64", &exact, channels, rounds);
+        compare_threads::<f32>("f32, 5e-7", &loose, channels, rounds);
     }
     let [one, two] = [1, 2].map(|threads| copies(threads, rounds));
     println!("\ncopies on one thread: {one:.1} GB/s");
