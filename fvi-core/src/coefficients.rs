@@ -156,4 +156,20 @@ mod tests {
         let no_diagonal = Coefficients::Dense(matrix![0.0, 1.0; 1.0, 0.0]);
         assert_eq!(no_diagonal.check_positive_semidefinite(), Err(MatrixError::NotPositiveSemidefinite));
     }
+
+    #[test]
+    fn symmetry_and_definiteness_allow_for_rounding_and_no_more() {
+        let off = |factor: f64| {
+            let (a, b) = (1e-3, 1e-3 * (1.0 + factor * f64::EPSILON));
+            Coefficients::Dense(matrix![1.0, a; b, 1.0]).check_symmetric()
+        };
+        assert_eq!(off(3.0), Ok(()));
+        assert_eq!(off(6.0), Err(MatrixError::NotSymmetric { row: 1, column: 0 }));
+        // A negative direction of rounding's size is none; the room is 64 u for each coordinate.
+        let negative =
+            |part: f64| Coefficients::Diagonal(vector![1.0, -part, 1.0, 1.0]).check_positive_semidefinite();
+        assert_eq!(negative(100.0 * f64::EPSILON), Ok(()));
+        assert_eq!(negative(240.0 * f64::EPSILON), Ok(()));
+        assert_eq!(negative(270.0 * f64::EPSILON), Err(MatrixError::NotPositiveSemidefinite));
+    }
 }

@@ -419,4 +419,82 @@ mod tests {
         assert_eq!(memory.push(&[1.0, 2.0]), mismatch);
         assert_eq!(memory.next_term(&mut [1.0, 2.0]), mismatch);
     }
+
+    #[test]
+    fn three_stages_are_those_of_the_double_sum() {
+        const LENGTH: usize = 7;
+        let planes = crate::noise::noise(9 * LENGTH);
+        let rings: [Deque<f64, 8>; 6] = [const { Deque::new() }; 6];
+        let mut memory = Direct::new(&planes[..], 3, 0.5, rings, Overflow::Refuse).unwrap();
+        assert_eq!((memory.channels(), memory.stages(), memory.capacity()), (6, 3, 8));
+        let leading: [f64; 9] = core::array::from_fn(|plane| 0.5 * planes[plane * LENGTH]);
+        assert_eq!(memory.leading(), leading);
+        let samples = crate::noise::noise(6 * 8);
+        for (k, sample) in samples.chunks(6).enumerate() {
+            let mut term = [f64::NAN; 6];
+            memory.next_term(&mut term).unwrap();
+            for (channel, term) in term.into_iter().enumerate() {
+                let (group, row) = (channel / 3 * 3, channel % 3);
+                let weight = |n: usize, b: usize| planes[(3 * row + b) * LENGTH + n];
+                let part = |n: usize| -> f64 {
+                    (0..3).map(|b| weight(n, b) * samples[6 * (k - n) + group + b]).sum()
+                };
+                let expected = 0.5 * (1..=k.min(LENGTH - 1)).map(part).sum::<f64>();
+                assert!((term - expected).abs() < 1e-15, "{k}, {channel}: {term} {expected}");
+            }
+            memory.push(sample).unwrap();
+        }
+    }
+
+    #[test]
+    fn bytes_are_those_of_the_object_its_weights_and_its_rings() {
+        let memory = FixedDirect::<f64, 3, 10>::full_memory(&WEIGHTS, 1.0).unwrap();
+        assert_eq!(memory.bytes(), size_of_val(&memory) + 5 * 8);
+        assert_eq!(Ring::<f64>::bytes(&Deque::<f64, 10>::new()), size_of::<Deque<f64, 10>>());
+        let rings = std::vec![Deque::<f64, 10>::new(); 3];
+        let elsewhere = Direct::new(&WEIGHTS[..], 1, 1.0, rings, Overflow::Refuse).unwrap();
+        let object = size_of_val(&elsewhere) - size_of::<std::vec::Vec<Deque<f64, 10>>>();
+        assert_eq!(elsewhere.bytes(), object + 5 * 8 + 3 * size_of::<Deque<f64, 10>>());
+    }
+
+    #[test]
+    fn a_state_lacks_no_sample() {
+        for (overflow, steps) in [(Overflow::Refuse, 3), (Overflow::Forget, 9)] {
+            let build = || {
+                let rings: [Deque<f64, 4>; 2] = [const { Deque::new() }; 2];
+                Direct::new(&WEIGHTS[..], 1, 1.0, rings, overflow).unwrap()
+            };
+            let mut memory = build();
+            for k in 0..steps {
+                memory.push(&[f64::from(k), 1.0]).unwrap();
+            }
+            let mut bytes = [0; 200];
+            let bytes = bytes.get_mut(..memory.state_bytes()).unwrap();
+            memory.save(&mut StateWriter::new(bytes)).unwrap();
+            let mut restored = build();
+            let mut reader = StateReader::new(bytes);
+            assert_eq!((restored.restore(&mut reader), reader.finish()), (Ok(()), Ok(())));
+            let (mut found, mut expected) = ([0.0; 2], [1.0; 2]);
+            restored.next_term(&mut found).unwrap();
+            memory.next_term(&mut expected).unwrap();
+            assert_eq!(found, expected);
+            // The first ring's count lies behind the header and the number of samples.
+            let place = header_bytes(4);
+            let kept = bytes[place];
+            bytes[place] = kept - 1;
+            let (expected, found) = (u64::from(kept), u64::from(kept) - 1);
+            let mismatch = Err(StateError::Mismatch { what: "kept samples", expected, found });
+            assert_eq!(restored.check_state(&mut StateReader::new(bytes)), mismatch);
+            assert_eq!(restored.restore(&mut StateReader::new(bytes)), mismatch);
+            let mut again = [0.0; 2];
+            restored.next_term(&mut again).unwrap();
+            assert_eq!(again, [found_first(&mut memory), again[1]]);
+        }
+    }
+
+    fn found_first(memory: &mut impl Memory<f64>) -> f64 {
+        let mut term = [f64::NAN; 2];
+        memory.next_term(&mut term).unwrap();
+        term[0]
+    }
 }

@@ -841,4 +841,203 @@ mod tests {
             assert!(memory(1.0, 2.0).restore(&mut StateReader::new(&bytes)).is_err());
         }
     }
+
+    /// Plain numbers: head weights, then exponentials that stay, fade, change their sign or last one step.
+    fn numbers<T: Real>(head: usize, blocks: usize) -> (Vec<T>, Vec<T>) {
+        let head = (0..head).map(|n| T::of(libm::cos(0.7 * n as f64))).collect();
+        let decay = |j: usize| [1e-4, 0.02, 0.3, 0.9, 1.0, 1.2, 0.5, 0.07][j % 8] * (1.0 - 0.01 * j as f64);
+        let block = |block: usize| {
+            let decays = (4 * block..4 * block + 4).map(move |j| T::of(decay(j)));
+            decays.chain((0..4).map(move |lane| T::of(0.1 + 0.2 * (block + lane) as f64)))
+        };
+        (head, (0..blocks).flat_map(block).collect())
+    }
+
+    fn assert_double_sum(head: usize, blocks: usize, slow_blocks: usize, channels: usize) {
+        let (head, exponentials) = numbers::<f64>(head, blocks);
+        let (head, exponentials) = (&head[..], &exponentials[..]);
+        let table = ExponentialTable { stages: 1, head, exponentials, slow_blocks, horizon: 70 };
+        let weight = |n: usize| match head.get(n) {
+            Some(&weight) => weight,
+            None => {
+                let left = (n - head.len()) as f64;
+                table.terms::<1>().map(|term| libm::pow(1.0 - term.decay, left) * term.output[0]).sum()
+            }
+        };
+        let state = vec![f64::NAN; table.state_len(channels)];
+        let mut memory = ExponentialSum::new(table, -0.5, channels, state).unwrap();
+        assert_eq!((memory.channels(), memory.stages()), (channels, 1));
+        let samples: Vec<Vec<f64>> =
+            (0..70).map(|k| (0..channels).map(|c| libm::sin(0.3 * k as f64 + c as f64)).collect()).collect();
+        let mut bits = Vec::new();
+        for round in 0..2 {
+            assert_eq!(memory.leading(), [-0.5 * head[0]]);
+            for (k, sample) in samples.iter().enumerate() {
+                let mut term = vec![f64::NAN; channels];
+                memory.next_term(&mut term).unwrap();
+                for (channel, &term) in term.iter().enumerate() {
+                    let sum: f64 = (1..=k).map(|n| -0.5 * weight(n) * samples[k - n][channel]).sum();
+                    let error = (term - sum).abs();
+                    let of = (head.len(), blocks, slow_blocks, channels);
+                    assert!(error < 1e-12, "{of:?}, k = {k}, channel {channel}: {term} {sum}");
+                }
+                // A memory that was cleared begins again with the same bits.
+                let found: Vec<u64> = term.iter().map(|number| number.to_bits()).collect();
+                if round == 0 {
+                    bits.push(found);
+                } else {
+                    assert_eq!(bits[k], found);
+                }
+                memory.push(sample).unwrap();
+            }
+            let full = Err(MemoryError::Full { capacity: 70 });
+            assert_eq!((memory.push(&samples[0]), memory.len()), (full, 70));
+            assert_eq!(memory.next_term(&mut vec![0.0; channels]), full);
+            memory.clear();
+            assert!(memory.is_empty());
+        }
+        let wrong = Err(MemoryError::ChannelMismatch { expected: channels, found: channels + 1 });
+        let mut long = vec![0.0; channels + 1];
+        assert_eq!((memory.push(&long.clone()), memory.next_term(&mut long)), (wrong, wrong));
+    }
+
+    #[test]
+    fn plain_numbers_give_the_double_sum() {
+        for head in [2, 3, 4, 5, 9, 12] {
+            for (blocks, slow_blocks) in [(0, 0), (1, 1), (2, 0), (3, 0), (3, 2), (5, 5)] {
+                for channels in [1, 3] {
+                    assert_double_sum(head, blocks, slow_blocks, channels);
+                }
+            }
+        }
+        assert_double_sum(1, 0, 0, 2);
+    }
+
+    #[test]
+    fn three_stages_give_the_double_sum() {
+        let head: Vec<f64> = (0..36).map(|n| libm::cos(0.7 * f64::from(n))).collect();
+        let exponentials: Vec<f64> = (0..56).map(|n| 0.05 + 0.02 * f64::from(n % 20)).collect();
+        let (head, exponentials) = (&head[..], &exponentials[..]);
+        let table = ExponentialTable { stages: 3, head, exponentials, slow_blocks: 1, horizon: 100 };
+        let mut memory = ExponentialSum::new(table, 2.0, 6, vec![0.0; table.state_len(6)]).unwrap();
+        let leading: [f64; 9] = core::array::from_fn(|plane| 2.0 * head[4 * plane]);
+        assert_eq!((memory.leading(), memory.channels(), memory.stages()), (&leading[..], 6, 3));
+        let weight = |n: usize, a: usize, b: usize| match head[(3 * a + b) * 4..][..4].get(n) {
+            Some(&weight) => weight,
+            None => {
+                let left = (n - 4) as f64;
+                let part = |term: ExponentialTerm<f64, 3>| {
+                    libm::pow(1.0 - term.decay, left) * term.output[a] * term.input[b]
+                };
+                table.terms::<3>().map(part).sum()
+            }
+        };
+        let samples: Vec<[f64; 6]> =
+            (0..40).map(|k| core::array::from_fn(|c| libm::sin(0.3 * k as f64 + c as f64))).collect();
+        for (k, sample) in samples.iter().enumerate() {
+            let mut term = [f64::NAN; 6];
+            memory.next_term(&mut term).unwrap();
+            for (channel, term) in term.into_iter().enumerate() {
+                let (group, a) = (channel / 3 * 3, channel % 3);
+                let part = |n: usize| -> f64 {
+                    (0..3).map(|b| 2.0 * weight(n, a, b) * samples[k - n][group + b]).sum()
+                };
+                let sum: f64 = (1..=k).map(part).sum();
+                assert!((term - sum).abs() < 1e-12, "k = {k}, channel {channel}: {term} {sum}");
+            }
+            memory.push(sample).unwrap();
+        }
+    }
+
+    #[test]
+    fn a_sum_that_hardly_forgets_keeps_its_digits_in_single_precision() {
+        let table = ExponentialTable {
+            stages: 1,
+            head: &[1.0f32, 1.0][..],
+            exponentials: &[1e-7, 1e-6, 1e-5, 1e-4, 1.0, 1.0, 1.0, 1.0],
+            slow_blocks: 1,
+            horizon: 1_000_000,
+        };
+        let mut memory = ExponentialSum::new(table, 1.0, 1, vec![0.0; table.state_len(1)]).unwrap();
+        let x = 0.1f32;
+        for _ in 0..200_000 {
+            memory.push(&[x]).unwrap();
+        }
+        let mut term = [f32::NAN];
+        memory.next_term(&mut term).unwrap();
+        let sum = |term: ExponentialTerm<f32, 1>| {
+            let decay = f64::from(term.decay);
+            -libm::expm1(199_999.0 * libm::log1p(-decay)) / decay
+        };
+        let expected = f64::from(x) * (1.0 + table.terms::<1>().map(sum).sum::<f64>());
+        let error = (f64::from(term[0]) / expected - 1.0).abs();
+        assert!(error < 2e-6, "{error:e}");
+    }
+
+    #[test]
+    fn tables_whose_parts_do_not_fit_are_refused() {
+        let numbers = [0.5; 64];
+        let refused = |stages: usize, head: usize, exponentials: usize, slow_blocks: usize| {
+            let (head, exponentials) = (&numbers[..head], &numbers[..exponentials]);
+            let table = ExponentialTable { stages, head, exponentials, slow_blocks, horizon: 1 };
+            table.check().err().map(|error| error.parameter)
+        };
+        // Two weights of each entry before exponentials, and one without.
+        assert_eq!((refused(1, 2, 8, 1), refused(1, 1, 0, 0), refused(2, 4, 0, 0)), (None, None, None));
+        for (stages, head, exponentials) in
+            [(1, 1, 8), (1, 0, 0), (2, 4, 20), (2, 3, 0), (2, 10, 20), (3, 9, 28)]
+        {
+            assert_eq!(refused(stages, head, exponentials, 0), Some("head weights"), "{stages}, {head}");
+        }
+        assert_eq!((refused(1, 2, 16, 2), refused(1, 2, 16, 3)), (None, Some("slow blocks")));
+        assert_eq!((refused(0, 4, 0, 0), refused(5, 25, 0, 0)), (Some("stages"), Some("stages")));
+        let len = |stages: usize, head: usize, exponentials: usize, channels: usize| {
+            let (head, exponentials) = (&numbers[..head], &numbers[..exponentials]);
+            ExponentialTable { stages, head, exponentials, slow_blocks: 0, horizon: 1 }.state_len(channels)
+        };
+        // 2J C/S + (2n₀ − 1) C + S²
+        assert_eq!((len(1, 5, 16, 3), len(2, 12, 40, 6)), (16 * 3 + 9 * 3 + 1, 16 * 3 + 5 * 6 + 4));
+        assert_eq!((len(1, 1, 0, 2), len(0, 0, 0, 2)), (2 * 2 + 1, 0));
+        let table = ExponentialTable {
+            stages: 1,
+            head: &numbers[..2],
+            exponentials: &numbers[..8],
+            slow_blocks: 0,
+            horizon: 1,
+        };
+        let made = |channels, state| {
+            ExponentialSum::new(table, 1.0, channels, vec![0.0; state]).err().map(|error| error.parameter)
+        };
+        assert_eq!((made(1, 12), made(1, 11), made(0, 1)), (None, Some("state length"), Some("channels")));
+    }
+
+    #[test]
+    fn a_saved_state_goes_on_with_the_same_bits() {
+        for (head, slow_blocks, channels) in [(2, 0, 1), (9, 3, 2)] {
+            let (head, exponentials) = numbers::<f32>(head, 3);
+            let (head, exponentials) = (&head[..], &exponentials[..]);
+            let table = ExponentialTable { stages: 1, head, exponentials, slow_blocks, horizon: 60 };
+            let build =
+                || ExponentialSum::new(table, 1.0, channels, vec![0.0; table.state_len(channels)]).unwrap();
+            let mut memory = build();
+            let sample = |k: usize| vec![libm::sinf(k as f32); channels];
+            for k in 0..50 {
+                let mut bytes = vec![0; memory.state_bytes()];
+                let mut writer = StateWriter::new(&mut bytes);
+                memory.save(&mut writer).unwrap();
+                assert_eq!(writer.written(), memory.state_bytes());
+                let mut restored = build();
+                let mut reader = StateReader::new(&bytes);
+                assert_eq!((restored.restore(&mut reader), reader.finish()), (Ok(()), Ok(())));
+                assert_eq!(
+                    (restored.len(), restored.oldest, restored.settling),
+                    (k, memory.oldest, memory.settling)
+                );
+                assert!(restored.check_state(&mut StateReader::new(&bytes[1..])).is_err());
+                assert!(restored.check_state(&mut StateReader::new(&bytes[..bytes.len() - 1])).is_err());
+                assert_eq!(restored.state, memory.state);
+                memory.push(&sample(k)).unwrap();
+            }
+        }
+    }
 }

@@ -376,4 +376,116 @@ mod tests {
 
     type FixedRing = heapless::Deque<f64, 4>;
     type FixedStages<'w> = crate::direct::Direct<f64, &'w [f64], [FixedRing; 2], FixedRing>;
+
+    #[test]
+    fn determinants_count_the_rows_that_were_exchanged() {
+        assert_eq!(determinant([[3.0]]), 3.0);
+        assert_eq!(determinant([[0.0, 1.0], [1.0, 0.0]]), -1.0);
+        assert_eq!(determinant([[0.0, 0.0, 2.0], [3.0, 0.0, 0.0], [0.0, 4.0, 0.0]]), 24.0);
+        assert_eq!(determinant([[1.0, 2.0], [2.0, 4.0]]), 0.0);
+        let mut diagonal = [0.0f32; 16];
+        for (index, place) in diagonal.iter_mut().step_by(5).enumerate() {
+            *place = 2.0 + index as f32;
+        }
+        assert_eq!(determinant_of(&diagonal, 4), 120.0);
+        assert_eq!(determinant_of(&[2.0, 0.0, 0.0, 0.0, 0.0, 3.0, 0.0, 4.0, 0.0f64], 3), -24.0);
+        assert_eq!(determinant_of(&[0.5f64], 1), 0.5);
+        assert_eq!(determinant_of(&[0.5f64; 25], 5), 0.0);
+    }
+
+    #[test]
+    fn orders_outside_the_range_are_refused() {
+        let method = RungeKutta::<2>::radau_iia().unwrap();
+        for exponent in [-1.0, -1.5, 2.0, 2.5, f64::NAN] {
+            assert_eq!(Kernel::given(exponent).unwrap_err().parameter, "exponent");
+            assert!(Kernel::any_step(&method, exponent).is_err(), "{exponent}");
+            assert!(Kernel::runge_kutta(&method, exponent, 0.1).is_err(), "{exponent}");
+            assert!(Kernel::bdf(BdfOrder::GRUNWALD_LETNIKOV, exponent, 0.1).is_err(), "{exponent}");
+        }
+        assert_eq!(Kernel::given(1.75).unwrap().exponent(), 1.75);
+        assert_eq!(Kernel::any_step(&method, -0.5).unwrap().step_size(), None);
+        assert!(Kernel::runge_kutta(&method, 0.5, 0.0).is_err());
+    }
+
+    #[test]
+    fn tables_may_be_rounded_but_not_wrong() {
+        static SINGLE: [f32; 8] = monic_bdf_table_f32(BdfOrder::GRUNWALD_LETNIKOV, 0.3);
+        static FIRST: [f64; 8] = monic_bdf_table(BdfOrder::GRUNWALD_LETNIKOV, 1.0);
+        for step_size in [1e-6, 0.01, 30.0] {
+            let kernel = |exponent| Kernel::bdf(BdfOrder::GRUNWALD_LETNIKOV, exponent, step_size).unwrap();
+            let mut memory = kernel(0.3).full_memory::<f32, 1, 8>(&SINGLE).unwrap();
+            assert_eq!(kernel(0.3).check(&mut memory, 0), Ok(()));
+            // Weights that are zero are zero.
+            assert!(kernel(1.0).full_memory::<f64, 1, 8>(&FIRST).is_ok());
+            let mut table: [f64; 8] = monic_bdf_table(BdfOrder::GRUNWALD_LETNIKOV, 0.3);
+            assert!(kernel(0.3).full_memory::<f64, 1, 8>(&table).is_ok());
+            table[6] *= 1.0 + 1e-12;
+            assert!(kernel(0.3).full_memory::<f64, 1, 8>(&table).is_err());
+        }
+    }
+
+    /// A memory that has more to it than plain weights.
+    struct Special {
+        memory: FixedDirect<'static, f64, 2, 16>,
+        stages: usize,
+        varies: bool,
+    }
+
+    impl Memory<f64> for Special {
+        fn channels(&self) -> usize {
+            self.memory.channels()
+        }
+
+        fn stages(&self) -> usize {
+            self.stages
+        }
+
+        fn acts_on(&self) -> ActsOn {
+            self.memory.acts_on()
+        }
+
+        fn leading(&self) -> &[f64] {
+            self.memory.leading()
+        }
+
+        fn leading_is_constant(&self) -> bool {
+            !self.varies
+        }
+
+        fn len(&self) -> usize {
+            self.memory.len()
+        }
+
+        fn next_term(&mut self, term: &mut [f64]) -> Result<(), crate::MemoryError> {
+            self.memory.next_term(term)
+        }
+
+        fn push(&mut self, sample: &[f64]) -> Result<(), crate::MemoryError> {
+            self.memory.push(sample)
+        }
+
+        fn clear(&mut self) {
+            self.memory.clear();
+        }
+
+        fn bytes(&self) -> usize {
+            self.memory.bytes()
+        }
+    }
+
+    #[test]
+    fn memories_of_plain_weights_with_up_to_sixteen_channels_are_tried_out() {
+        let kernel = Kernel::bdf(BdfOrder::GRUNWALD_LETNIKOV, 0.5, 0.01).unwrap();
+        let wrong = ActsOn::Increments;
+        let mut sixteen = kernel.full_memory::<f64, 16, 4>(&WEIGHTS).unwrap().acting_on(wrong);
+        assert_eq!(kernel.check(&mut sixteen, 0).unwrap_err().parameter, "second weight of the memory");
+        let mut seventeen = kernel.full_memory::<f64, 17, 4>(&WEIGHTS).unwrap().acting_on(wrong);
+        assert_eq!(kernel.check(&mut seventeen, 0), Ok(()));
+        // Of weights that vary, or are matrices, the second says nothing.
+        for (stages, varies, accepted) in [(1, false, false), (1, true, true), (2, false, true)] {
+            let memory = kernel.full_memory(&WEIGHTS).unwrap().acting_on(wrong);
+            let mut special = Special { memory, stages, varies };
+            assert_eq!(kernel.check(&mut special, 0).is_ok(), accepted, "{stages} stages, {varies}");
+        }
+    }
 }

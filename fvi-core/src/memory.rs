@@ -274,3 +274,165 @@ impl<T, M: Memory<T> + ?Sized> Memory<T> for &mut M {
 pub fn check_channels(expected: usize, found: usize) -> Result<(), MemoryError> {
     if expected == found { Ok(()) } else { Err(MemoryError::ChannelMismatch { expected, found }) }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A memory of two kernels with answers of its own to everything, and one that leaves all to the trait.
+    #[derive(Default)]
+    struct Answers {
+        steps: std::vec::Vec<f64>,
+        samples: usize,
+    }
+
+    struct Silent;
+
+    impl Memory<f64> for Answers {
+        fn channels(&self) -> usize {
+            6
+        }
+
+        fn stages(&self) -> usize {
+            3
+        }
+
+        fn kernels(&self) -> usize {
+            2
+        }
+
+        fn acts_on(&self) -> ActsOn {
+            ActsOn::Rises
+        }
+
+        fn leading(&self) -> &[f64] {
+            &[5.0; 18]
+        }
+
+        fn leading_is_constant(&self) -> bool {
+            false
+        }
+
+        fn len(&self) -> usize {
+            self.samples
+        }
+
+        fn begin_step(&mut self, length: f64) -> Result<(), MemoryError> {
+            if length <= 0.0 {
+                return Err(MemoryError::StepLength);
+            }
+            self.steps.push(length);
+            Ok(())
+        }
+
+        fn next_term(&mut self, term: &mut [f64]) -> Result<(), MemoryError> {
+            check_channels(12, term.len())?;
+            term.fill(7.0);
+            Ok(())
+        }
+
+        fn push(&mut self, sample: &[f64]) -> Result<(), MemoryError> {
+            check_channels(6, sample.len())?;
+            self.samples += 1;
+            Ok(())
+        }
+
+        fn clear(&mut self) {
+            self.samples = 0;
+        }
+
+        fn bytes(&self) -> usize {
+            77
+        }
+
+        fn overruns(&self) -> Option<usize> {
+            Some(8)
+        }
+
+        fn state_bytes(&self) -> usize {
+            9
+        }
+
+        fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+            to.bytes(&[1; 9])
+        }
+
+        fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+            from.bytes(9).map(|_| ())
+        }
+
+        fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+            self.samples = 4;
+            from.bytes(9).map(|_| ())
+        }
+    }
+
+    impl Memory<f64> for Silent {
+        fn channels(&self) -> usize {
+            1
+        }
+
+        fn leading(&self) -> &[f64] {
+            &[0.0]
+        }
+
+        fn len(&self) -> usize {
+            3
+        }
+
+        fn next_term(&mut self, _: &mut [f64]) -> Result<(), MemoryError> {
+            Ok(())
+        }
+
+        fn push(&mut self, _: &[f64]) -> Result<(), MemoryError> {
+            Ok(())
+        }
+
+        fn clear(&mut self) {}
+
+        fn bytes(&self) -> usize {
+            0
+        }
+    }
+
+    /// Through a type parameter, which is a reference here.
+    fn assert_answers(mut memory: impl Memory<f64>) {
+        assert_eq!((memory.channels(), memory.stages(), memory.kernels()), (6, 3, 2));
+        assert_eq!((memory.acts_on(), memory.leading_is_constant()), (ActsOn::Rises, false));
+        assert_eq!((memory.leading(), memory.bytes(), memory.overruns()), (&[5.0; 18][..], 77, Some(8)));
+        assert_eq!((memory.len(), memory.is_empty()), (0, true));
+        assert_eq!(memory.begin_step(0.0), Err(MemoryError::StepLength));
+        assert_eq!(memory.begin_step(0.25), Ok(()));
+        let mut term = [0.0; 12];
+        assert_eq!((memory.next_term(&mut term), term), (Ok(()), [7.0; 12]));
+        assert_eq!(memory.push(&[0.0]), Err(MemoryError::ChannelMismatch { expected: 6, found: 1 }));
+        assert_eq!((memory.push(&[0.0; 6]), memory.len(), memory.is_empty()), (Ok(()), 1, false));
+        let mut bytes = [0; 9];
+        assert_eq!((memory.save(&mut StateWriter::new(&mut bytes)), bytes), (Ok(()), [1; 9]));
+        assert_eq!(memory.state_bytes(), 9);
+        assert!(memory.check_state(&mut StateReader::new(&bytes[1..])).is_err());
+        assert_eq!((memory.restore(&mut StateReader::new(&bytes)), memory.len()), (Ok(()), 4));
+        assert!(memory.restore(&mut StateReader::new(&bytes[1..])).is_err());
+        memory.clear();
+        assert_eq!(memory.len(), 0);
+    }
+
+    #[test]
+    fn a_reference_to_a_memory_is_that_memory() {
+        let mut memory = Answers::default();
+        assert_answers(&mut memory);
+        assert_eq!(memory.steps, [0.25]);
+    }
+
+    #[test]
+    fn a_memory_of_one_kernel_for_equal_steps_needs_to_say_nothing() {
+        let mut memory = Silent;
+        assert_eq!((memory.stages(), memory.kernels(), memory.acts_on()), (1, 1, ActsOn::Values));
+        assert!(memory.leading_is_constant() && !memory.is_empty());
+        assert_eq!((memory.begin_step(0.1), memory.overruns(), memory.state_bytes()), (Ok(()), None, 0));
+        let unsupported = Err(StateError::Unsupported);
+        assert_eq!(memory.save(&mut StateWriter::new(&mut [])), unsupported);
+        assert_eq!(memory.check_state(&mut StateReader::new(&[])), unsupported);
+        assert_eq!(memory.restore(&mut StateReader::new(&[])), unsupported);
+    }
+}

@@ -318,4 +318,81 @@ mod tests {
         assert_eq!(operator.push(2.0), Ok(2.0));
         assert_eq!(operator.push(2.0), Err(MemoryError::Full { capacity: 2 }.into()));
     }
+
+    #[test]
+    fn the_right_operator_looks_ahead_and_is_the_adjoint_of_the_left_one() {
+        let (f, g) = ([1.0, -2.0, 0.5, 4.0], [3.0, 0.25, -1.0, 2.0]);
+        let (mut left, mut right) = ([f64::NAN; 4], [f64::NAN; 4]);
+        left_operator(&WEIGHTS, &f, &mut left);
+        right_operator(&WEIGHTS, &g, &mut right);
+        // 2 g_k − 3/2 g_{k+1} + 1/4 g_{k+2}
+        assert_eq!(right, [5.375, 2.5, -5.0, 4.0]);
+        let product = |a: [f64; 4], b: [f64; 4]| -> f64 { a.into_iter().zip(b).map(|(a, b)| a * b).sum() };
+        assert_eq!(product(g, left), product(right, f));
+    }
+
+    /// On D⁰, which gives back what it acts on.
+    fn identity(
+        start: Start<f64>,
+    ) -> FractionalOperator<f64, crate::VariableStepMemory<f64, 1, std::vec::Vec<f64>, std::vec::Vec<f64>>>
+    {
+        let method = crate::RungeKutta::<1>::radau_iia().unwrap();
+        let none = || std::vec::Vec::new();
+        let table = crate::RateTable {
+            exponent: 0.0,
+            leading: std::vec![1.0],
+            rates: none(),
+            coefficients: none(),
+            shortest: 1e-3,
+            horizon: 1e3,
+        };
+        let state = std::vec![0.0; table.borrow::<f64>().state_len(1, 1)];
+        let memory = crate::VariableStepMemory::new(&method, table, 1, state).unwrap();
+        FractionalOperator::new(memory, start).unwrap()
+    }
+
+    #[test]
+    fn samples_at_any_times_lose_their_start_and_their_slope() {
+        let starts = [Start::RiemannLiouville, Start::Caputo, Start::CaputoWithSlope { slope: 0.5 }];
+        // The first interval leads to the first sample, whose time is zero.
+        let samples = [(0.25, 3.0), (1.0, 4.0), (2.5, -1.0), (0.125, 8.0)];
+        let expected =
+            [[3.0, 4.0, -1.0, 8.0], [0.0, 1.0, -4.0, 5.0], [0.0, 1.0 - 0.5, -4.0 - 1.75, 5.0 - 0.5 * 3.625]];
+        for (start, expected) in starts.into_iter().zip(expected) {
+            let mut operator = identity(start);
+            for round in 0..2 {
+                for ((interval, sample), expected) in samples.into_iter().zip(expected) {
+                    assert_eq!(operator.push_after(interval, sample), Ok(expected), "{start:?}, {round}");
+                }
+                operator.clear();
+                assert!(operator.memory().is_empty());
+            }
+            operator.push_after(0.25, 3.0).unwrap();
+            operator.push_after(1.0, 4.0).unwrap();
+            let mut bytes = std::vec![0; operator.state_bytes()];
+            operator.save(&mut StateWriter::new(&mut bytes)).unwrap();
+            let mut restored = identity(start);
+            let mut reader = StateReader::new(&bytes);
+            restored.restore(&mut reader).unwrap();
+            assert_eq!(reader.finish(), Ok(()));
+            assert_eq!(restored.push_after(2.5, -1.0), Ok(expected[2]));
+            let other = Start::CaputoWithSlope { slope: 0.75 };
+            assert!(identity(other).restore(&mut StateReader::new(&bytes)).is_err());
+        }
+    }
+
+    #[test]
+    fn a_rise_wants_equal_steps_and_a_slope_wants_times() {
+        let refused = Err(OperatorError::Memory(MemoryError::StepLength));
+        assert_eq!(identity(Start::CaputoWithRise { rise: 0.5 }).push_after(0.1, 1.0), refused);
+        assert_eq!(identity(Start::CaputoWithSlope { slope: 0.5 }).push(1.0), refused);
+        let mut operator = identity(Start::Caputo);
+        assert_eq!(operator.push_after(1e-4, 1.0), refused);
+        assert_eq!(operator.push_after(0.1, f64::NAN), Err(OperatorError::NotFinite));
+        assert_eq!(operator.push_after(0.1, 2.0), Ok(0.0));
+        let memory = FixedDirect::<f64, 1, 3>::full_memory(&WEIGHTS, 1.0).unwrap();
+        let mut on_increments =
+            FractionalOperator::new(memory.acting_on(ActsOn::Increments), Start::Caputo).unwrap();
+        assert_eq!(on_increments.push_after(0.1, 1.0), refused);
+    }
 }

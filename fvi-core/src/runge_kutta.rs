@@ -179,4 +179,24 @@ mod tests {
         assert!(RungeKutta::<1>::lobatto_iiic().is_err());
         assert!(RungeKutta::<5>::lobatto_iiic().is_err());
     }
+
+    fn assert_inverse<const R: usize>(method: &RungeKutta<R>) {
+        let inverse = method.inverse().unwrap();
+        for (i, row) in method.matrix().iter().enumerate() {
+            for j in 0..R {
+                let entry: f64 = row.iter().zip(&inverse).map(|(a, inverse)| a * inverse[j]).sum();
+                let identity = f64::from(u8::from(i == j));
+                assert!((entry - identity).abs() < 1e-13, "{R} stages, {i}, {j}: {entry}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_inverse_undoes_the_matrix() {
+        assert_inverse(&RungeKutta::<1>::radau_iia().unwrap());
+        assert_inverse(&RungeKutta::<2>::radau_iia().unwrap());
+        assert_inverse(&RungeKutta::<3>::radau_iia().unwrap());
+        assert_inverse(&RungeKutta::<2>::lobatto_iiic().unwrap());
+        assert_inverse(&RungeKutta::<4>::lobatto_iiic().unwrap());
+    }
 }

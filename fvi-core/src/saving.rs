@@ -384,4 +384,18 @@ mod tests {
         assert_ne!(of(0.5), of(0.5 + f64::EPSILON));
         assert_ne!(fingerprint(&[1.0, 2.0]), fingerprint(&[2.0, 1.0]));
     }
+
+    #[test]
+    fn fingerprints_stay_what_they_are_in_states_that_were_saved() {
+        assert_eq!(fingerprint::<f64>(&[]), 0xcbf2_9ce4_8422_2325);
+        // FNV-1a over whole words, the high half of each product folded onto the low one.
+        let by_hand = |numbers: &[u64]| {
+            numbers.iter().fold(0xcbf2_9ce4_8422_2325u64, |hash, bits| {
+                let product = (u128::from(hash ^ bits) * 0x0100_0000_01b3 % (1 << 64)) as u64;
+                product ^ (product / (1 << 32))
+            })
+        };
+        assert_eq!(fingerprint(&[1.0f64, -0.1]), by_hand(&[1.0f64.to_bits(), (-0.1f64).to_bits()]));
+        assert_eq!(fingerprint(&[0.3f32]), by_hand(&[u64::from(0.3f32.to_bits())]));
+    }
 }

@@ -364,4 +364,50 @@ mod tests {
         assert_eq!(memory.push(&[1.0, 2.0]), mismatch);
         assert_eq!(memory.next_term(&mut [1.0, 2.0]), mismatch);
     }
+
+    #[test]
+    fn states_of_another_kernel_or_kind_of_overflow_are_refused() {
+        let save = |memory: &dyn Memory<f64>| {
+            let mut bytes = std::vec![0; memory.state_bytes()];
+            let mut writer = StateWriter::new(&mut bytes);
+            memory.save(&mut writer).unwrap();
+            assert_eq!(writer.written(), memory.state_bytes());
+            bytes
+        };
+        let weights = noise(100);
+        // Scales of few bits and of many: neither kernel nor scale may hide what the other says.
+        for scale in [1.0, 0.0, f64::from_bits(1), f64::MAX] {
+            let mut own = Tiled::<f64, 2, 8>::new(&weights, scale, Overflow::Refuse).unwrap();
+            own.push(&[1.0, 2.0]).unwrap();
+            let bytes = save(&own);
+            let restored = |weights: &[f64], scale: f64, overflow| {
+                let mut memory = Tiled::<f64, 2, 8>::new(weights, scale, overflow).unwrap();
+                match memory.restore(&mut StateReader::new(&bytes)) {
+                    Err(StateError::Mismatch { what, .. }) => what,
+                    other => other.map_or("another error", |()| "restored"),
+                }
+            };
+            assert_eq!(restored(&weights, scale, Overflow::Refuse), "restored");
+            assert_eq!(restored(&weights, scale, Overflow::Forget), "refusal of an overflow");
+            assert_eq!(restored(&weights, 2.0, Overflow::Refuse), "fingerprint of the kernel");
+            for n in 0..32 {
+                let mut other = weights.clone();
+                other[n] *= 1.0 + f64::EPSILON;
+                assert_eq!(restored(&other, scale, Overflow::Refuse), "fingerprint of the kernel", "{n}");
+            }
+            let mut wide = Tiled::<f64, 3, 8>::new(&weights, scale, Overflow::Refuse).unwrap();
+            assert!(wide.restore(&mut StateReader::new(&bytes)).is_err());
+            let mut long = Tiled::<f64, 2, 9>::new(&weights, scale, Overflow::Refuse).unwrap();
+            assert!(long.restore(&mut StateReader::new(&bytes)).is_err());
+            assert!(own.check_state(&mut StateReader::new(&bytes[..bytes.len() - 1])).is_err());
+        }
+    }
+
+    #[test]
+    fn bytes_are_those_of_the_object_and_its_weights() {
+        let weights = noise(100);
+        let memory = Tiled::<f64, 2, 8>::new(&weights, 1.0, Overflow::Refuse).unwrap();
+        assert_eq!(memory.bytes(), size_of_val(&memory) + 100 * 8);
+        assert_eq!(memory.state_bytes(), header_bytes(5) + 2 * 10 * 8 * 8);
+    }
 }

@@ -604,4 +604,195 @@ mod tests {
         }
         assert!(make().restore(&mut StateReader::new(&bytes[1..])).is_err());
     }
+
+    /// The definition, with an inverse for each rate: what `derivative` is to give.
+    struct Definition<const R: usize> {
+        table: RateTable<Vec<f64>>,
+        method: RungeKutta<R>,
+        sums: Vec<f64>,
+        last: f64,
+        speed: f64,
+    }
+
+    impl<const R: usize> Definition<R> {
+        fn derivative(&mut self, length: f64, sample: [f64; R]) -> [f64; R] {
+            use nalgebra::{SMatrix, SVector};
+            let matrix = SMatrix::<f64, R, R>::from_fn(|a, b| self.method.matrix()[a][b]);
+            let x = SVector::<f64, R>::from(sample);
+            let ones = SVector::<f64, R>::repeat(1.0);
+            let nodes = SVector::<f64, R>::from(*self.method.quadrature().nodes());
+            let slopes = matrix.try_inverse().unwrap() * (x - ones * self.last) / length;
+            let (stay, integrated) = match self.table.exponent {
+                exponent if exponent <= 0.0 => (ones * 0.0, matrix * x * length),
+                exponent if exponent <= 1.0 => (ones * self.last, x - ones * self.last),
+                _ => (ones * self.last + nodes * (length * self.speed), slopes - ones * self.speed),
+            };
+            let leading = SMatrix::<f64, R, R>::from_row_slice(&self.table.leading);
+            let mut value = leading * (x - stay) * length.powf(-self.table.exponent);
+            let rates = self.table.rates.iter().zip(&self.table.coefficients);
+            for ((&rate, &c), sum) in rates.zip(&mut self.sums) {
+                let resolvent = (SMatrix::identity() + matrix * (length * rate)).try_inverse().unwrap();
+                value += resolvent * ones * (c * *sum);
+                *sum = (resolvent * (ones * *sum + integrated))[R - 1];
+            }
+            (self.last, self.speed) = (sample[R - 1], slopes[R - 1]);
+            value.into()
+        }
+    }
+
+    fn eight_rates(exponent: f64, stages: usize) -> RateTable<Vec<f64>> {
+        let leading = (0..stages * stages).map(|i| libm::cos(i as f64) + 2.0).collect();
+        let rates = vec![0.0, 0.03, 0.5, 2.0, 3.0, 40.0, 500.0, 2e4];
+        table(exponent, leading, rates, vec![0.7, 1.0, -0.4, 3.0, 0.5, 2.0, -8.0, 90.0])
+    }
+
+    fn assert_definition<const R: usize>(method: &RungeKutta<R>) {
+        for exponent in [-0.5, 0.0, 0.5, 1.0, 1.5] {
+            let mut memory = memory(method, eight_rates(exponent, R), 2);
+            assert_eq!((memory.channels(), memory.stages(), memory.len()), (2 * R, R, 0));
+            let mut definitions = [0, 1].map(|_| Definition {
+                table: eight_rates(exponent, R),
+                method: method.clone(),
+                sums: vec![0.0; 8],
+                last: 0.0,
+                speed: 0.0,
+            });
+            for (k, length) in [0.3, 0.3, 0.01, 2.0, 2.0, 0.3, 1e-3].into_iter().enumerate() {
+                let sample: [[f64; R]; 2] = core::array::from_fn(|coordinate| {
+                    core::array::from_fn(|a| libm::sin((3 * k + a + 5 * coordinate) as f64))
+                });
+                memory.begin_step(length).unwrap();
+                let mut found = vec![f64::NAN; 2 * R];
+                memory.next_term(&mut found).unwrap();
+                for ((found, sample), definition) in found.chunks_mut(R).zip(&sample).zip(&mut definitions) {
+                    let expected = definition.derivative(length, *sample);
+                    let size = expected.iter().fold(1.0, |size: f64, number| size.max(number.abs()));
+                    for ((found, row), expected) in
+                        found.iter_mut().zip(memory.leading().chunks(R)).zip(expected)
+                    {
+                        *found += row.iter().zip(sample).map(|(w, x)| w * x).sum::<f64>();
+                        let error = (*found - expected).abs();
+                        assert!(error <= 1e-12 * size, "β = {exponent}, {R} stages, step {k}: {error:e}");
+                    }
+                }
+                memory.push(sample.as_flattened()).unwrap();
+            }
+            let wrong = Err(MemoryError::ChannelMismatch { expected: 2 * R, found: 1 });
+            assert_eq!((memory.next_term(&mut [0.0]), memory.push(&[0.0])), (wrong, wrong));
+        }
+    }
+
+    #[test]
+    fn any_grid_has_the_derivative_that_the_definition_says() {
+        assert_definition(&RungeKutta::<2>::radau_iia().unwrap());
+        assert_definition(&RungeKutta::<3>::radau_iia().unwrap());
+        assert_definition(&RungeKutta::<4>::lobatto_iiic().unwrap());
+    }
+
+    #[test]
+    fn a_hundred_thousand_roundings_do_not_gather_in_single_precision() {
+        // The half integral of a constant, but for one relaxation that hardly forgets: z_k = Σ h x.
+        let method = RungeKutta::<1>::radau_iia().unwrap();
+        let (leading, coefficients) = ([0.0f32], [1.0f32, 0.0, 0.0, 0.0]);
+        let table = RateTable {
+            exponent: -0.5,
+            leading: &leading[..],
+            rates: &[0.0f32; 4][..],
+            coefficients: &coefficients[..],
+            shortest: 1e-3,
+            horizon: 1e5,
+        };
+        let mut memory =
+            VariableStepMemory::new(&method, table, 1, vec![0.0; table.state_len(1, 1)]).unwrap();
+        let (length, x) = (0.1f32, 0.3f32);
+        for _ in 0..100_000 {
+            memory.begin_step(length).unwrap();
+            memory.push(&[x]).unwrap();
+        }
+        let time = 1e5 * f64::from(length);
+        assert!((f64::from(memory.elapsed()) / time - 1.0).abs() < 1e-7, "{}", memory.elapsed());
+        let mut term = [f32::NAN];
+        memory.next_term(&mut term).unwrap();
+        let expected = time * f64::from(x);
+        assert!((f64::from(term[0]) / expected - 1.0).abs() < 2e-7, "{term:?} {expected}");
+    }
+
+    #[test]
+    fn lengths_may_miss_the_table_by_the_rounding_of_a_grid() {
+        let method = RungeKutta::<1>::radau_iia().unwrap();
+        let table = || RateTable { shortest: 0.25, horizon: 10.0, ..eight_rates(0.5, 1) };
+        let mut memory = memory(&method, table(), 1);
+        for (length, accepted) in [
+            (0.25 * (1.0 - 5e-7), true),
+            (0.25 * (1.0 - 2e-6), false),
+            (10.0 * (1.0 + 5e-7), true),
+            (10.0 * (1.0 + 2e-6), false),
+        ] {
+            assert_eq!(memory.begin_step(length).is_ok(), accepted, "{length}");
+        }
+        memory.begin_step(6.0).unwrap();
+        memory.push(&[1.0]).unwrap();
+        assert_eq!(memory.begin_step(4.0 + 1e-4), Err(MemoryError::StepLength));
+        assert_eq!(memory.begin_step(4.0), Ok(()));
+        assert!(RateTable { exponent: -1.0, ..table() }.borrow::<f64>().check(1).is_err());
+    }
+
+    #[test]
+    fn a_cleared_memory_begins_again_with_a_step() {
+        let method = RungeKutta::<2>::radau_iia().unwrap();
+        let run = |memory: &mut VariableStepMemory<f64, 2, Vec<f64>, Vec<f64>>| {
+            [0.5, 0.5, 0.125].map(|length| derivative(memory, length, [length, 1.0]).map(f64::to_bits))
+        };
+        let mut memory = memory(&method, eight_rates(1.5, 2), 1);
+        let first = run(&mut memory);
+        memory.clear();
+        assert_eq!((memory.len(), memory.elapsed()), (0, 0.0));
+        assert_eq!(memory.next_term(&mut [0.0; 2]), Err(MemoryError::StepLength));
+        assert_eq!(run(&mut memory), first);
+    }
+
+    #[test]
+    fn states_of_other_rates_coordinates_and_lengths_are_refused() {
+        let method = RungeKutta::<2>::radau_iia().unwrap();
+        let mut own = memory(&method, eight_rates(0.5, 2), 3);
+        derive_all(&mut own);
+        let mut bytes = vec![0; own.state_bytes()];
+        let mut writer = StateWriter::new(&mut bytes);
+        own.save(&mut writer).unwrap();
+        assert_eq!(writer.written(), own.state_bytes());
+        let mut reader = StateReader::new(&bytes);
+        assert_eq!((own.check_state(&mut reader), reader.finish()), (Ok(()), Ok(())));
+        for cut in [0, 30, 40, 50, bytes.len() - 1] {
+            let truncated = own.check_state(&mut StateReader::new(&bytes[..cut]));
+            assert!(matches!(truncated, Err(StateError::Truncated { .. })), "{cut}");
+            assert!(own.restore(&mut StateReader::new(&bytes[..cut])).is_err(), "{cut}");
+        }
+        let mut rates = eight_rates(0.5, 2);
+        rates.rates[3] *= 1.5;
+        for (mut other, what) in [
+            (memory(&method, eight_rates(0.5, 2), 2), "coordinates"),
+            (memory(&method, rates, 3), "fingerprint of the rates"),
+        ] {
+            let refused = other.restore(&mut StateReader::new(&bytes)).unwrap_err();
+            assert!(
+                matches!(refused, StateError::Mismatch { what: found, .. } if found == what),
+                "{refused}"
+            );
+        }
+    }
+
+    fn derive_all(memory: &mut VariableStepMemory<f64, 2, Vec<f64>, Vec<f64>>) {
+        memory.begin_step(0.5).unwrap();
+        memory.push(&vec![1.0; memory.channels()]).unwrap();
+    }
+
+    #[test]
+    fn bytes_are_those_of_the_object_the_table_and_the_state() {
+        let method = RungeKutta::<2>::radau_iia().unwrap();
+        let memory = memory(&method, eight_rates(0.5, 2), 3);
+        // 8 rates and coefficients and 4 leading numbers; 5 numbers a rate, 4, and 2 · 8 + 2 for each coordinate.
+        let numbers = 20 + 5 * 8 + 4 + 3 * 18;
+        assert_eq!(memory.bytes(), size_of_val(&memory) - size_of::<Vec<f64>>() + 8 * numbers);
+        assert_eq!(memory.state_bytes(), header_bytes(4) + 8 * (2 + 3 * 18));
+    }
 }

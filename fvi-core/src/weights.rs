@@ -397,4 +397,26 @@ mod tests {
         assert!(BdfOrder::new(0).is_err());
         assert!(BdfOrder::new(7).is_err());
     }
+
+    #[test]
+    fn the_leading_weight_is_a_power_of_the_leading_coefficient_over_the_step() {
+        let second = BdfOrder::new(2).unwrap();
+        // γ₂(0) = 3/2
+        assert!(
+            (leading_bdf_weight(second, 0.5, 0.01).unwrap() - 150f64.sqrt()).abs() < 1e-14 * 150f64.sqrt()
+        );
+        assert_eq!(leading_bdf_weight(BdfOrder::GRUNWALD_LETNIKOV, 1.0, 0.25), Ok(4.0));
+        assert_eq!(leading_bdf_weight(BdfOrder::GRUNWALD_LETNIKOV, -0.5, 4.0), Ok(2.0));
+    }
+
+    #[test]
+    fn sums_of_a_first_difference_end_where_the_formula_does() {
+        for p in 1..=6 {
+            let order = BdfOrder::new(p).unwrap();
+            let sums: Vec<f64> =
+                ConvolutionWeights::bdf(order, 1.0, 1.0).unwrap().on_increments().take(20).collect();
+            assert!(sums[..p].iter().all(|&sum| sum != 0.0), "p = {p}: {sums:?}");
+            assert!(sums[p..].iter().all(|&sum| sum == 0.0), "p = {p}: {sums:?}");
+        }
+    }
 }
