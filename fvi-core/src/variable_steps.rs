@@ -652,7 +652,7 @@ mod tests {
             assert_eq!((memory.channels(), memory.stages(), memory.len()), (2 * R, R, 0));
             let mut definitions = [0, 1].map(|_| Definition {
                 table: eight_rates(exponent, R),
-                method: method.clone(),
+                method: *method,
                 sums: vec![0.0; 8],
                 last: 0.0,
                 speed: 0.0,

@@ -590,4 +590,46 @@ mod tests {
         assert_eq!(parameter(ExponentialTable { exponentials: &[3.0; 8], ..halves() }, 1), Some("decay"));
         assert_eq!(parameter(halves(), 0), Some("channels"));
     }
+
+    fn assert_shortfall<T: Scalar>() {
+        for decay in [1e-6, 0.003, 0.07, 0.3, 0.62, 0.9] {
+            let term = ExponentialTerm { decay, output: [1.0], input: [1.0] };
+            let sum = |factor: f64, squared: f64| {
+                let (mut even, mut odd) = (1.0, 1.0);
+                for _ in 1..CHUNK / 2 {
+                    (even, odd) = (squared * even + 1.0, squared * odd + 1.0);
+                }
+                factor * even + odd
+            };
+            let rounded = |number: f64| T::of(number).to_f64();
+            let right = sum(1.0 - decay, (1.0 - decay) * (1.0 - decay));
+            let found = sum(rounded(power(&term, 1)), rounded(power(&term, 2)));
+            let expected = (right - found) / right;
+            let error = (shortfall::<T, 1>(&term) - expected).abs();
+            assert!(error < 2e-14, "{decay}: {expected:e}, {error:e}");
+        }
+        let alternating = ExponentialTerm { decay: 1.3, output: [1.0], input: [1.0] };
+        assert_eq!(shortfall::<T, 1>(&alternating), 0.0);
+    }
+
+    #[test]
+    fn rounded_factors_make_a_constant_fall_short_by_what_is_made_up_for() {
+        assert_shortfall::<f32>();
+    }
+
+    #[test]
+    fn the_step_without_vector_units_gives_the_same_terms() {
+        let memory = || ChunkedExponentialSum::<f64, 1>::new(&halves(), 1).unwrap();
+        let (mut portable, mut other) = (memory(), memory());
+        portable.unit = Arch::Scalar;
+        for k in 0..60 {
+            let (mut found, mut expected) = ([f64::NAN], [f64::NAN]);
+            portable.next_term(&mut found).unwrap();
+            other.next_term(&mut expected).unwrap();
+            assert!((found[0] - expected[0]).abs() <= 1e-14, "{k}: {found:?} {expected:?}");
+            let sample = [(0.7 * f64::from(k)).sin()];
+            portable.push(&sample).unwrap();
+            other.push(&sample).unwrap();
+        }
+    }
 }

@@ -207,4 +207,22 @@ mod tests {
             assert_eq!(largest, cover.reach(level, 2000));
         }
     }
+
+    #[test]
+    fn a_run_has_the_lags_of_its_blocks() {
+        for cover in covers() {
+            for length in [1, 9, 100, 333, 1000] {
+                let mut lags = length.max(2 * cover.block(0));
+                for k in 0..length {
+                    for level in 0..cover.levels() {
+                        let m = k / cover.block(level);
+                        if let Some(first) = cover.inputs(level, m).next() {
+                            lags = lags.max((m - first + 1) * cover.block(level));
+                        }
+                    }
+                }
+                assert_eq!(cover.lags(length), lags, "{cover:?}, {length}");
+            }
+        }
+    }
 }

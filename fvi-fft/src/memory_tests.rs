@@ -725,7 +725,7 @@ fn bytes_count_the_numbers_that_a_memory_keeps() {
     let weights = arbitrary::<f64>(2, 500);
     let table = WeightTable::matrices(&weights, 2);
     let naive = Naive::planned(table, 4, 500).unwrap();
-    assert_bytes("naive", &naive, 4 + 4 * 500 + 4 * 500, 32 + size_of::<Naive<f64>>() + 8000);
+    assert_bytes("naive", &naive, 4 + 4 * 500 + 4 * 500, size_of::<Naive<f64>>() + 200);
     assert!(naive.bytes() >= 8 * (4 + 4 * 500 + 4 * 500) + size_of::<Naive<f64>>());
     let mut textbook = Hls::planned(table, 4, 500).unwrap();
     let before = textbook.bytes();
@@ -735,4 +735,99 @@ fn bytes_count_the_numbers_that_a_memory_keeps() {
     }
     // Two rows of 512 complex numbers.
     assert!(textbook.bytes() - before >= 2 * 512 * 16);
+}
+
+#[test]
+fn states_of_other_kernels_and_channels_are_refused() {
+    fn refused<T: Scalar>(memory: &mut dyn Memory<T>, other: &dyn Memory<T>) -> (&'static str, u64, u64) {
+        match memory.restore(&mut StateReader::new(&saved(other))) {
+            Err(StateError::Mismatch { what, expected, found }) => (what, expected, found),
+            result => panic!("{result:?}"),
+        }
+    }
+    let weights: &[f64] = arbitrary(2, 50).leak();
+    let others: &[f64] = weights.iter().map(|weight| 1.5 * weight).collect::<Vec<_>>().leak();
+    let made =
+        |weights, channels| BlockFft::planned(WeightTable::matrices(weights, 2), channels, 50).unwrap();
+    assert_eq!(refused(&mut made(weights, 6), &made(weights, 4)), ("channels", 6, 4));
+    assert_eq!(refused(&mut made(weights, 6), &made(others, 6)).0, "fingerprint of the kernel");
+    let (table, mut other) = (Exponentials::new(2, 9, 50), Exponentials::new(2, 9, 50));
+    other.head[3] += 1.0;
+    let made = |table: &Exponentials, channels| {
+        ChunkedExponentialSum::<f64, 2>::new(&table.table(), channels).unwrap()
+    };
+    assert_eq!(refused(&mut made(&table, 6), &made(&table, 4)), ("channels", 6, 4));
+    assert_eq!(refused(&mut made(&table, 6), &made(&other, 6)).0, "fingerprint of the kernel");
+    let (table, mut other) = (Exponentials::new(1, 9, 50), Exponentials::new(1, 9, 50));
+    other.head[3] += 1.0;
+    let made =
+        |table: &Exponentials, channels| WideExponentialSum::<f64>::new(&table.table(), channels).unwrap();
+    assert_eq!(refused(&mut made(&table, 6), &made(&table, 4)), ("channels", 6, 4));
+    assert_eq!(refused(&mut made(&table, 6), &made(&other, 6)).0, "fingerprint of the kernel");
+    let coarse = WideExponentialSum::<f64, f32>::new(&table.table(), 6).unwrap();
+    assert_eq!(refused(&mut made(&table, 6), &coarse), ("bytes of a number of the state", 8, 4));
+}
+
+#[test]
+fn a_closure_and_a_recursion_are_kernels() {
+    let order = fvi_core::BdfOrder::new(2).unwrap();
+    let recursion = fvi_core::ConvolutionWeights::bdf(order, 0.5, 0.1).unwrap();
+    let weights: Vec<f64> = recursion.clone().take(300).collect();
+    let mut asked = 0;
+    let closure = |first: usize, numbers: &mut [f64]| {
+        assert_eq!(first, asked);
+        asked += numbers.len();
+        for (number, weight) in numbers.iter_mut().zip(weights.iter().skip(first)) {
+            *number = *weight;
+        }
+    };
+    let mut memories: [Engine<f64>; 2] = [
+        Box::new(Naive::planned(closure, 1, 300).unwrap()),
+        Box::new(BlockFft::planned(recursion, 1, 300).unwrap()),
+    ];
+    for memory in &mut memories {
+        assert_plain_sum("kernel", &mut **memory, &weights, 300, &SHORT[..1], 100.0);
+    }
+    drop(memories);
+    // As many as the run can meet, in stretches.
+    let mut counted = 0;
+    let long = |_: usize, numbers: &mut [f64]| {
+        counted += numbers.len();
+        numbers.fill(1.0);
+    };
+    Naive::planned(long, 1, 1500).unwrap();
+    assert_eq!((asked, counted), (300, 1500));
+    let mut empty = Hls::planned(WeightTable::scalars(&[2.0f64]), 1, 0).unwrap();
+    assert_eq!(empty.leading(), [2.0]);
+    assert_eq!(empty.next_term(&mut [0.0]), Err(MemoryError::Full { capacity: 0 }));
+}
+
+#[test]
+fn a_sum_that_hardly_forgets_keeps_its_digits_in_single_precision() {
+    let mut table = Exponentials::new(1, 2, 200_000);
+    table.head = vec![1.0, 1.0];
+    table.exponentials = vec![1e-7, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0];
+    for (name, mut memory) in sums_of_exponentials::<f32>(&table, 1).into_iter().take(2) {
+        for _ in 0..100_000 {
+            memory.push(&[0.1]).unwrap();
+        }
+        let mut term = [f32::NAN];
+        memory.next_term(&mut term).unwrap();
+        let expected = f64::from(0.1f32) * (1.0 - (99_999.0 * (-1e-7f64).ln_1p()).exp_m1() / 1e-7);
+        let error = (f64::from(term[0]) / expected - 1.0).abs();
+        // Twenty-eight units: a constant is rounded the same way in every chunk.
+        assert!(error < 28.0 * f64::from(f32::EPSILON) / 2.0, "{name}: {error:e}");
+    }
+}
+
+#[test]
+fn the_vector_units_are_named_as_they_are_used() {
+    let name = crate::vector_units();
+    if cfg!(target_arch = "x86_64") {
+        assert!(name.starts_with("x86-64 with"), "{name}");
+        let fused = !matches!(pulp::Arch::new(), pulp::Arch::Scalar);
+        assert_eq!(name.ends_with("with fused multiply–add"), fused, "{name}");
+    } else {
+        assert!(!name.starts_with("x86-64") && !name.is_empty(), "{name}");
+    }
 }

@@ -356,6 +356,19 @@ mod tests {
             assert_eq!(term[0].to_bits(), *expected, "k = {k}");
             memory.push(&[(0.37 * k as f64).sin()]).unwrap();
         }
-        assert!(memory.overruns() > 0);
+        assert!(memory.overruns() > 1);
+        assert_eq!(Memory::overruns(&memory), Some(memory.overruns()));
+    }
+
+    #[test]
+    fn nine_tenths_of_the_budget_would_not_do() {
+        for length in [4000, 65_536] {
+            let mut memory = RealTime::planned(weight, 1, length, Pacing::Paced).unwrap();
+            memory.budget = memory.budget * 9 / 10;
+            for _ in 0..length {
+                memory.push(&[1.0]).unwrap();
+            }
+            assert!(memory.overruns() > 0, "length {length}");
+        }
     }
 }

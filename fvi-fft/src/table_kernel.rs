@@ -85,3 +85,27 @@ pub(crate) fn loss<const S: usize>(term: &ExponentialTerm<f64, S>, n: usize) -> 
         false => 1.0 - power(term, n),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    use fvi_core::DoubleDouble;
+
+    #[test]
+    fn powers_and_what_they_lose_are_accurate_relative_to_themselves() {
+        for decay in [1e-12, 1e-9, 1e-4, 0.03, 0.1, 0.3, 0.45, 0.49, 0.7, 1.3] {
+            let term = ExponentialTerm { decay, output: [1.0], input: [1.0] };
+            let factor = DoubleDouble::exact(1.0).add(DoubleDouble::exact(-decay));
+            let mut exact = DoubleDouble::ONE;
+            for n in 1..=100 {
+                exact = exact.multiply(factor);
+                let error = (power(&term, n) / exact.to_f64() - 1.0).abs();
+                assert!(error < 5e-16, "power {n} of 1 − {decay}: {error:e}");
+                let lost = DoubleDouble::exact(1.0).add(exact.scale(-1.0)).to_f64();
+                let error = (loss(&term, n) / lost - 1.0).abs();
+                assert!(error < 2e-15, "loss {n} of 1 − {decay}: {error:e}");
+            }
+        }
+    }
+}

@@ -461,4 +461,29 @@ mod tests {
             }
         }
     }
+
+    #[test]
+    fn roots_of_unity_keep_their_digits_and_their_symmetries() {
+        let root = |numerator| root_of_unity::<f64>(numerator, 4096);
+        for a in (0..=1024).filter(|&a| a != 512) {
+            let (here, mirrored, turned) = (root(a), root(1024 - a), root(a + 1024));
+            assert_eq!((here.re, here.im), (mirrored.im, mirrored.re), "{a}");
+            assert_eq!((turned.re, turned.im), (-here.im, here.re), "{a}");
+            assert_eq!(root(a + 2048), -here, "{a}");
+            assert!((here.norm() - 1.0).abs() < 4e-16, "{a}");
+        }
+        assert_eq!(root(1).im, (TAU / 4096.0).sin());
+        assert_eq!(root(1024), Complex::new(0.0, 1.0));
+    }
+
+    #[test]
+    fn pieces_cost_their_butterflies_and_leaves_forth_and_back() {
+        // 1024 → 256 → 64: two passes of 256 butterflies in pieces of 64, four products each twice; 16 leaves.
+        let transform = Transform::<f64>::new(1024, 128, &mut Plans::new(), Arch::new());
+        assert_eq!(transform.pieces(), 2 * 4 + 16);
+        let costs: Vec<usize> = (0..24).map(|piece| transform.forward_cost(piece)).collect();
+        assert_eq!((&costs[..8], &costs[8..]), (&[512; 8][..], &[384; 16][..]));
+        let back: Vec<usize> = (0..24).rev().map(|piece| transform.inverse_cost(piece)).collect();
+        assert_eq!(back, costs);
+    }
 }

@@ -644,4 +644,170 @@ mod tests {
         let terms: Vec<_> = terms.collect();
         assert!(terms.windows(2).all(|pair| pair[0] == pair[1]));
     }
+
+    fn rate_table<T: Scalar>(exponent: f64, stages: usize) -> RateTable<Vec<T>> {
+        let of = |numbers: Vec<f64>| numbers.into_iter().map(T::of).collect::<Vec<T>>();
+        RateTable {
+            exponent,
+            leading: of((0..stages * stages).map(|i| 2.0 + (i as f64).cos()).collect()),
+            rates: of((0..20)
+                .map(|j| if j == 0 { 0.0 } else { 10f64.powf(0.5 * f64::from(j) - 4.0) })
+                .collect()),
+            coefficients: of((0..20).map(|j| 1.0 + f64::from(j)).collect()),
+            shortest: 1e-6,
+            horizon: 1e6,
+        }
+    }
+
+    const LENGTHS: [f64; 14] = [0.3, 0.3, 0.3, 0.01, 0.02, 0.01, 2.0, 2.0, 0.3, 5.0, 1e-3, 7.0, 0.3, 0.3];
+
+    fn sample<const R: usize>(k: usize, coordinates: usize) -> Vec<f64> {
+        (0..coordinates * R).map(|channel| (3.0 * k as f64 + channel as f64).sin()).collect()
+    }
+
+    fn assert_core<const R: usize>(method: &RungeKutta<R>) {
+        for exponent in [-0.5, 0.0, 0.5, 1.0, 1.5] {
+            let table = rate_table::<f64>(exponent, R);
+            let view = table.borrow();
+            let mut memory = VectorVariableSteps::new(method, &view, 2).unwrap();
+            let state = vec![0.0; view.state_len(2, R)];
+            let mut core = fvi_core::VariableStepMemory::new(method, view, 2, state).unwrap();
+            assert_eq!((memory.channels(), memory.stages(), memory.is_empty()), (2 * R, R, true));
+            for round in 0..2 {
+                for (k, length) in LENGTHS.into_iter().enumerate() {
+                    core.begin_step(length).unwrap();
+                    // A step as long as the one before needs no announcement.
+                    if round == 0 || k == 0 || length != LENGTHS[k - 1] {
+                        memory.begin_step(length).unwrap();
+                    }
+                    assert_eq!(memory.leading(), core.leading());
+                    let (mut found, mut expected) = (vec![f64::NAN; 2 * R], vec![f64::NAN; 2 * R]);
+                    memory.next_term(&mut found).unwrap();
+                    core.next_term(&mut expected).unwrap();
+                    let size = expected.iter().fold(1.0, |size: f64, number| size.max(number.abs()));
+                    for (found, expected) in found.iter().zip(&expected) {
+                        let error = (found - expected).abs();
+                        assert!(error <= 1e-10 * size, "β = {exponent}, {R} stages, step {k}: {error:e}");
+                    }
+                    memory.push(&sample::<R>(k, 2)).unwrap();
+                    core.push(&sample::<R>(k, 2)).unwrap();
+                    assert_eq!(memory.len(), k + 1);
+                }
+                memory.clear();
+                core.clear();
+                assert!(memory.is_empty());
+                assert_eq!(memory.next_term(&mut vec![0.0; 2 * R]), Err(MemoryError::StepLength));
+                assert_eq!(memory.push(&vec![0.0; 2 * R]), Err(MemoryError::StepLength));
+            }
+            let wrong = Err(MemoryError::ChannelMismatch { expected: 2 * R, found: 1 });
+            assert_eq!((memory.next_term(&mut [0.0]), memory.push(&[0.0])), (wrong, wrong));
+        }
+    }
+
+    #[test]
+    fn terms_are_those_of_the_core_on_any_grid() {
+        assert_core::<1>(&RungeKutta::radau_iia().unwrap());
+        assert_core::<3>(&RungeKutta::radau_iia().unwrap());
+        assert_core::<2>(&RungeKutta::lobatto_iiic().unwrap());
+    }
+
+    #[test]
+    fn a_saved_state_goes_on_with_the_same_bits_and_others_are_refused() {
+        let method = RungeKutta::<2>::radau_iia().unwrap();
+        let table = rate_table::<f64>(1.5, 2);
+        let build = |coordinates| VectorVariableSteps::new(&method, &table.borrow(), coordinates).unwrap();
+        let mut memory = build(3);
+        // Two numbers of time; two parts of 20 rates, filled up to 32, and two numbers for each coordinate.
+        assert_eq!(memory.state_bytes(), header_bytes(4) + 8 * (2 + 3 * (2 * 32 + 2)));
+        for (k, length) in LENGTHS.into_iter().enumerate() {
+            let mut bytes = vec![0; memory.state_bytes()];
+            let mut writer = StateWriter::new(&mut bytes);
+            memory.save(&mut writer).unwrap();
+            assert_eq!(writer.written(), memory.state_bytes());
+            let mut restored = build(3);
+            for cut in [0, 4, 36, 44, 60, bytes.len() - 1] {
+                assert!(restored.check_state(&mut StateReader::new(&bytes[..cut])).is_err(), "{cut}");
+                assert!(restored.restore(&mut StateReader::new(&bytes[..cut])).is_err(), "{cut}");
+            }
+            let (mut checked, mut reader) = (StateReader::new(&bytes), StateReader::new(&bytes));
+            assert_eq!((restored.check_state(&mut checked), checked.finish()), (Ok(()), Ok(())));
+            assert_eq!((restored.restore(&mut reader), reader.finish()), (Ok(()), Ok(())));
+            assert_eq!((restored.len(), restored.elapsed), (k, memory.elapsed));
+            let refused = build(2).restore(&mut StateReader::new(&bytes));
+            let mismatch = StateError::Mismatch { what: "coordinates", expected: 2, found: 3 };
+            assert_eq!(refused, Err(mismatch));
+            let other = rate_table::<f64>(1.5, 2);
+            let other = RateTable { coefficients: other.rates.clone(), ..other };
+            let mut other = VectorVariableSteps::new(&method, &other.borrow(), 3).unwrap();
+            assert!(matches!(other.restore(&mut StateReader::new(&bytes)), Err(StateError::Mismatch { .. })));
+            let mut terms = [[f64::NAN; 6]; 2];
+            for (memory, term) in [&mut memory, &mut restored].into_iter().zip(&mut terms) {
+                memory.begin_step(length).unwrap();
+                memory.next_term(term).unwrap();
+            }
+            assert_eq!(terms[0].map(f64::to_bits), terms[1].map(f64::to_bits), "{k}");
+            memory.push(&sample::<2>(k, 3)).unwrap();
+        }
+    }
+
+    #[test]
+    fn lengths_may_miss_the_table_by_the_rounding_of_a_grid() {
+        let method = RungeKutta::<1>::radau_iia().unwrap();
+        let table = RateTable { shortest: 0.25, horizon: 10.0, ..rate_table::<f64>(0.5, 1) };
+        let mut memory = VectorVariableSteps::new(&method, &table.borrow(), 1).unwrap();
+        for (length, accepted) in [
+            (0.25 * (1.0 - 5e-7), true),
+            (0.25 * (1.0 - 2e-6), false),
+            (10.0 * (1.0 + 5e-7), true),
+            (10.0 * (1.0 + 2e-6), false),
+            (f64::NAN, false),
+        ] {
+            assert_eq!(memory.begin_step(length).is_ok(), accepted, "{length}");
+        }
+        memory.begin_step(6.0).unwrap();
+        memory.push(&[1.0]).unwrap();
+        assert_eq!(memory.begin_step(4.0 + 1e-4), Err(MemoryError::StepLength));
+        assert_eq!(memory.begin_step(4.0), Ok(()));
+        assert_eq!(
+            VectorVariableSteps::new(&method, &table.borrow(), 0).unwrap_err().parameter,
+            "coordinates"
+        );
+    }
+
+    #[test]
+    fn a_hundred_thousand_roundings_do_not_gather_in_single_precision() {
+        // A relaxation that forgets nothing, under the half integral: z_k = Σ h x.
+        let method = RungeKutta::<1>::radau_iia().unwrap();
+        let table = RateTable {
+            exponent: -0.5,
+            leading: &[0.0f32][..],
+            rates: &[0.0; 4],
+            coefficients: &[1.0, 0.0, 0.0, 0.0],
+            shortest: 1e-3,
+            horizon: 1e5,
+        };
+        let mut memory = VectorVariableSteps::new(&method, &table, 1).unwrap();
+        let (length, x) = (0.1f32, 0.3f32);
+        memory.begin_step(length).unwrap();
+        for _ in 0..100_000 {
+            memory.push(&[x]).unwrap();
+        }
+        let time = 1e5 * f64::from(length);
+        assert!((f64::from(memory.elapsed[0]) / time - 1.0).abs() < 1e-7, "{:?}", memory.elapsed);
+        let mut term = [f32::NAN];
+        memory.next_term(&mut term).unwrap();
+        let expected = time * f64::from(x);
+        assert!((f64::from(term[0]) / expected - 1.0).abs() < 2e-7, "{term:?} {expected}");
+    }
+
+    #[test]
+    fn bytes_are_those_of_rates_operators_and_sums() {
+        let method = RungeKutta::<2>::radau_iia().unwrap();
+        let memory = VectorVariableSteps::new(&method, &rate_table::<f64>(0.5, 2).borrow(), 3).unwrap();
+        // Rows of 16 numbers in two blocks: rates, operators of four lengths, sums; then numbers a coordinate.
+        let rows = 2 * (3 + 4 * 5 + 2 * 3);
+        let steps = 4 * size_of::<Step<f64, 2>>();
+        let numbers = 16 * rows + 2 * 3 + 2 * 3;
+        assert_eq!(memory.bytes(), size_of::<VectorVariableSteps<f64, 2>>() + steps + 8 * numbers);
+    }
 }

@@ -76,3 +76,38 @@ pub fn memory_term<T: Real>(
         })
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_large_numbers_hide_comes_back_when_they_go() {
+        assert_eq!([1e16, 1.0, 1.0, -1e16].into_iter().collect::<CompensatedSum>().total(), 2.0);
+        assert_eq!([1.0, 1e100, 1.0, -1e100].into_iter().collect::<CompensatedSum>().total(), 2.0);
+        let mut sum = CompensatedSum::default();
+        // (1 + 2⁻³⁰)² = 1 + 2⁻²⁹ + 2⁻⁶⁰
+        let near_one = 1.0 + 2f64.powi(-30);
+        sum.add_product(near_one, near_one);
+        sum.add_product(-near_one, near_one);
+        sum.add_product(near_one, near_one);
+        sum.add(-1.0);
+        sum.add(-2f64.powi(-29));
+        assert_eq!(sum.total(), 2f64.powi(-60));
+        let small: CompensatedSum = (0..1000).map(|_| 1e-20).collect();
+        let mut sum = CompensatedSum::default();
+        sum.add(1.0);
+        (0..1000).for_each(|_| sum.add(1e-20));
+        sum.add(-1.0);
+        assert!((sum.total() / small.total() - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_term_of_two_stages_by_hand() {
+        // W₁ = (1 2; 3 −4), W₂ = (5 6; 7 8); x₀ = (1, −1), x₁ = (10, 100).
+        let weights = [9.0, 9.0, 9.0, 9.0, 1.0, 2.0, 3.0, -4.0, 5.0, 6.0, 7.0, 8.0];
+        let terms = memory_term(&weights, 2, &[1.0, -1.0, 10.0, 100.0], 2, 2);
+        assert_eq!(terms.iter().map(|term| term.sum).collect::<Vec<_>>(), [209.0, -371.0]);
+        assert_eq!(terms.iter().map(|term| term.absolute).collect::<Vec<_>>(), [221.0, 445.0]);
+    }
+}

@@ -53,3 +53,35 @@ impl Noise {
         (bits >> 11) as f64 / (1u64 << 52) as f64 - 1.0
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn signals_are_a_wave_and_noise_under_an_envelope() {
+        let [stationary, decaying, growing, constant] =
+            Signal::ALL.map(|signal| signal.samples::<f64>(2, 50));
+        assert_eq!(constant, [0.1; 100]);
+        let mut noise = Noise(1);
+        for index in 0..100 {
+            let (progress, channel) = ((index / 2) as f64 / 50.0, (index % 2) as f64);
+            let number = noise.next();
+            assert!((-1.0..1.0).contains(&number));
+            let expected = (20.0 * progress + channel).sin() + number;
+            assert!((stationary[index] - expected).abs() < 1e-15, "{index}");
+            let fallen = expected * 10f64.powf(-8.0 * progress);
+            assert!((decaying[index] - fallen).abs() <= 1e-14 * fallen.abs(), "{index}");
+            let risen = expected * 10f64.powf(8.0 * progress - 8.0);
+            assert!((growing[index] - risen).abs() <= 1e-14 * risen.abs(), "{index}");
+        }
+    }
+
+    #[test]
+    fn noise_is_split_mix() {
+        let mut noise = Noise(1);
+        for bits in [0x910a_2dec_8902_5cc1_u64, 0xbeeb_8da1_658e_ec67] {
+            assert_eq!(noise.next(), (bits >> 11) as f64 / 2f64.powi(52) - 1.0);
+        }
+    }
+}
