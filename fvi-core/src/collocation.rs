@@ -379,4 +379,16 @@ mod tests {
             }
         }
     }
+
+    #[test]
+    fn accelerations_need_no_more_digits_than_show_in_the_position() {
+        let scheme = Collocation::new(&RungeKutta::<2>::radau_iia().unwrap());
+        let iterations = |h| {
+            let system = System { mass: Mass::diagonal([1.0]).unwrap(), potential: Pendulum, force: NoForce };
+            let mut integrator = Integrator::builder(system, scheme, h).position([2.0]).build().unwrap();
+            integrator.step(&[0.0].into()).unwrap()
+        };
+        // h² a is rounding of q where h² is below it.
+        assert_eq!((iterations(1e-9), iterations(1e-3)), (1, 2));
+    }
 }

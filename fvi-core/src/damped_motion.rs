@@ -450,8 +450,11 @@ fn copy<T: Copy>(target: &mut [T], source: &[T]) {
 mod tests {
     use super::*;
     use crate::coefficients::Fixed;
+    use crate::direct::FixedDirect;
     use crate::memory::check_channels;
+    use crate::told::Told;
     use crate::weights::{BdfOrder, leading_bdf_weight};
+    use std::vec::Vec;
 
     /// Two kernels on one channel that remember nothing.
     struct Leading([f64; 2]);
@@ -532,5 +535,230 @@ mod tests {
         assert_eq!(refused(&[high, low], liouville), "leading weight of the memory");
         assert_eq!(refused(&[low], liouville), "kernels");
         assert_eq!(refused(&[low, high, Kernel::given(0.5).unwrap()], liouville), "step size");
+    }
+
+    /// A motion of two coordinates with q(0) = (2, −1) and q̇(0) = (3, 0.5).
+    fn position(time: f64) -> [f64; 2] {
+        [2.0 + 3.0 * time - 2.0 * time * time, -1.0 + 0.5 * time + time.powi(3)]
+    }
+
+    /// What derivatives do not act on.
+    fn left_out(derivative: Derivative, exponent: f64, time: f64) -> [f64; 2] {
+        match derivative {
+            Derivative::RiemannLiouville => [0.0; 2],
+            Derivative::Caputo if exponent == 0.0 => [0.0; 2],
+            Derivative::Caputo if exponent <= 1.0 => [2.0, -1.0],
+            Derivative::Caputo => [2.0 + 3.0 * time, -1.0 + 0.5 * time],
+        }
+    }
+
+    /// Tells a memory four samples of the motion, with two kernels on it, and compares what it is told, and
+    /// what is known of the derivatives, with the definitions. Nodes lie at `fractions` of the steps; without
+    /// them samples are main nodes.
+    fn assert_told(
+        stages: usize,
+        fractions: Option<&[f64]>,
+        acts_on: ActsOn,
+        derivative: Derivative,
+        exponent: f64,
+    ) {
+        let (h, nodes) = (0.5, fractions.map_or(1, <[f64]>::len));
+        let case = std::format!("{stages} stages, {fractions:?}, {acts_on:?}, {derivative:?}, {exponent}");
+        // An entry that is zero is not shown.
+        let leading = [3.0, 0.5, 0.0, -2.0, 1.5, -0.25, 0.75, 4.0][..2 * stages * stages].to_vec();
+        let weight = |kernel: usize, i: usize, j: usize| match (stages == nodes, i == j) {
+            (true, _) => leading[kernel * stages * stages + i * stages + j],
+            (false, true) => leading[kernel],
+            (false, false) => 0.0,
+        };
+        let terms: Vec<f64> = (0..4 * nodes).map(|place| 0.25 * place as f64 - 1.0).collect();
+        let memory = Told {
+            stages,
+            leading: leading.clone(),
+            leading_is_constant: true,
+            acts_on,
+            terms: terms.clone(),
+            capacity: 9,
+            samples: Vec::new(),
+        };
+        let kernels = [Kernel::given(exponent).unwrap(); 2];
+        let mut motion = DampedMotion::<f64, Fixed<2>, _>::new(&Fixed, &kernels, derivative, memory).unwrap();
+        motion.begin(&[9.0; 2], &[9.0; 2]);
+        let mut scratch = std::vec![f64::NAN; 2 * nodes + if nodes > 1 { 2 } else { 0 }];
+        for _ in 0..2 {
+            let sample =
+                Sample { from: &[9.0; 2], behind: &[], time: 0.0, length: h, fractions: &[1.0; 2][..nodes] };
+            motion.push(&sample, &std::vec![1.0; 2 * nodes], &mut scratch).unwrap();
+        }
+        // It forgets what was.
+        motion.begin(&position(0.0), &[3.0, 0.5]);
+        let acted_on = |time: f64| {
+            let (motion, less) = (position(time), left_out(derivative, exponent, time));
+            [motion[0] - less[0], motion[1] - less[1]]
+        };
+        for k in 0..4 {
+            let (start, length, fractions) = match (fractions, k) {
+                (Some(fractions), _) => (h * k as f64, h, fractions),
+                // Main nodes: the first is where the motion begins, the others are ends of steps.
+                (None, 0) => (0.0, 0.0, &[0.0][..]),
+                (None, _) => (h * (k - 1) as f64, h, &[1.0][..]),
+            };
+            let from = position(start);
+            let times = fractions.iter().map(|fraction| start + fraction * length);
+            let increments: Vec<f64> = times
+                .clone()
+                .flat_map(|time| [position(time)[0] - from[0], position(time)[1] - from[1]])
+                .collect();
+            let of_last = |time: f64| if k == 0 { from } else { position(time - h) };
+            let behind: Vec<f64> = times
+                .clone()
+                .flat_map(|time| [from[0] - of_last(time)[0], from[1] - of_last(time)[1]])
+                .collect();
+            let behind = if motion_at_main_nodes(fractions, length) { &[][..] } else { &behind };
+            let sample = Sample { from: &from, behind, time: start, length, fractions };
+            // Coordinate by coordinate, the nodes of each side by side.
+            let expected: Vec<f64> = (0..2)
+                .flat_map(|coordinate| times.clone().map(move |time| (coordinate, time)))
+                .map(|(coordinate, time)| {
+                    let value = acted_on(time)[coordinate];
+                    match acts_on {
+                        _ if k == 0 => value,
+                        ActsOn::Values => value,
+                        ActsOn::Increments => value - acted_on(time - h)[coordinate],
+                        ActsOn::Rises => value - acted_on(start)[coordinate],
+                    }
+                })
+                .collect();
+            let mut found = std::vec![f64::NAN; terms.len()];
+            motion.memory_terms(&sample, &mut found).unwrap();
+            for (kernel, found) in found.chunks_mut(2 * nodes).enumerate() {
+                let term = &terms[2 * nodes * kernel..][..2 * nodes];
+                let mut shown = std::vec![0.0; nodes * nodes];
+                motion.visit_leading(kernel, nodes, |i, j, weight| shown[i * nodes + j] = weight);
+                for i in 0..nodes {
+                    let mut known = [f64::NAN; 2];
+                    if nodes == 1 {
+                        motion.complete(kernel, &sample, found);
+                        known.copy_from_slice(found);
+                    } else {
+                        motion.complete_node((kernel, i), &sample, found, &mut known);
+                    }
+                    for (coordinate, known) in known.iter().enumerate() {
+                        let (mut left, mut right) = (*known, term[coordinate * nodes + i]);
+                        for j in 0..nodes {
+                            left += shown[i * nodes + j] * increments[2 * j + coordinate];
+                            right += weight(kernel, i, j) * expected[coordinate * nodes + j];
+                        }
+                        assert!((left - right).abs() < 1e-13, "{case}, sample {k}: {left} and {right}");
+                    }
+                }
+            }
+            motion.push(&sample, &increments, &mut scratch).unwrap();
+            assert_eq!(motion.memory().samples.len(), k + 1, "{case}");
+            for (&told, expected) in motion.memory().samples[k].iter().zip(expected) {
+                assert!((told - expected).abs() < 1e-14, "{case}, sample {k}: {told}, not {expected}");
+            }
+        }
+    }
+
+    fn motion_at_main_nodes(fractions: &[f64], length: f64) -> bool {
+        fractions == [1.0] || length == 0.0
+    }
+
+    #[test]
+    fn a_memory_is_told_the_differences_that_it_wants_of_what_derivatives_act_on() {
+        for acts_on in [ActsOn::Values, ActsOn::Increments, ActsOn::Rises] {
+            let (liouville, caputo) = (Derivative::RiemannLiouville, Derivative::Caputo);
+            for (derivative, exponent) in [
+                (liouville, 0.5),
+                (liouville, 1.5),
+                (caputo, 0.0),
+                (caputo, 0.5),
+                (caputo, 1.0),
+                (caputo, 1.5),
+            ] {
+                // The rise of a step that ends at a main node is its increment.
+                if acts_on != ActsOn::Rises {
+                    assert_told(1, None, acts_on, derivative, exponent);
+                }
+                assert_told(1, Some(&[0.5]), acts_on, derivative, exponent);
+                assert_told(1, Some(&[0.25, 1.0]), acts_on, derivative, exponent);
+                assert_told(2, Some(&[0.25, 1.0]), acts_on, derivative, exponent);
+            }
+        }
+    }
+
+    #[test]
+    fn channels_stages_and_steps_must_be_those_of_the_scheme() {
+        let told = |stages: usize, channels: usize| Told {
+            stages,
+            leading: std::vec![1.0; stages * stages],
+            leading_is_constant: true,
+            acts_on: ActsOn::Values,
+            terms: std::vec![0.0; channels],
+            capacity: 1,
+            samples: Vec::new(),
+        };
+        let check = |stages, channels, coordinates, nodes| {
+            let kernels = [Kernel::given(0.5).unwrap()];
+            let memory = told(stages, channels);
+            let motion =
+                DampedMotion::<f64, Fixed<2>, _>::new(&Fixed, &kernels, Derivative::Caputo, memory).unwrap();
+            motion.check(coordinates, nodes, 0.1)
+        };
+        // Plain numbers act on any nodes, matrices on as many as they have rows.
+        assert_eq!((check(1, 2, 2, 1), check(1, 6, 2, 3), check(3, 6, 2, 3)), (Ok(()), Ok(()), Ok(())));
+        for (stages, channels, coordinates, nodes) in [(1, 3, 2, 1), (3, 3, 2, 3), (2, 6, 2, 3), (2, 2, 2, 1)]
+        {
+            let needed = Mismatch::Shape {
+                channels_needed: coordinates * nodes,
+                channels,
+                stages_needed: nodes,
+                stages,
+            };
+            assert_eq!(check(stages, channels, coordinates, nodes), Err(needed));
+        }
+        let kernels = [kernel(0.3, 0.1), kernel(1.4, 0.1)];
+        let motion = motion(&kernels, Derivative::RiemannLiouville).unwrap();
+        assert_eq!(motion.check(1, 1, 0.1), Ok(()));
+        assert_eq!(motion.check(1, 1, 0.2), Err(Mismatch::StepSize { kernel: 0.1, integrator: 0.2 }));
+    }
+
+    #[test]
+    fn a_saved_motion_is_taken_whole_or_not_at_all() {
+        let build = |derivative, start: f64| {
+            let memory = FixedDirect::<f64, 3, 4>::full_memory(&[1.0, 0.5, 0.25, 0.125], 1.0).unwrap();
+            let kernels = [Kernel::given(0.5).unwrap()];
+            let mut motion =
+                DampedMotion::<f64, Fixed<3>, _>::new(&Fixed, &kernels, derivative, memory).unwrap();
+            motion.begin(&[start, 2.0, 3.0], &[0.5, start, 0.25]);
+            motion
+        };
+        let saved = |motion: &DampedMotion<f64, Fixed<3>, FixedDirect<'_, f64, 3, 4>>| {
+            let mut bytes = std::vec![0; motion.state_bytes()];
+            let mut writer = StateWriter::new(&mut bytes);
+            motion.save(&mut writer).unwrap();
+            assert_eq!(writer.written(), motion.state_bytes());
+            bytes
+        };
+        let mut first = build(Derivative::Caputo, 1.0);
+        let sample = Sample { from: &[1.0; 3], behind: &[], time: 0.0, length: 0.0, fractions: &[0.0] };
+        first.push(&sample, &[0.5, 1.0, 2.0], &mut [0.0; 3]).unwrap();
+        let bytes = saved(&first);
+        let mut second = build(Derivative::Caputo, 7.0);
+        let before = saved(&second);
+        for length in 0..bytes.len() {
+            let cut = &bytes[..length];
+            assert!(second.check_state(&mut StateReader::new(cut)).is_err(), "{length} bytes");
+            assert!(second.restore(&mut StateReader::new(cut)).is_err(), "{length} bytes");
+            assert_eq!(saved(&second), before, "{length} bytes");
+        }
+        let mut reader = StateReader::new(&bytes);
+        second.check_state(&mut reader).unwrap();
+        reader.finish().unwrap();
+        second.restore(&mut StateReader::new(&bytes)).unwrap();
+        assert_eq!(saved(&second), bytes);
+        let refused = build(Derivative::RiemannLiouville, 1.0).restore(&mut StateReader::new(&bytes));
+        assert_eq!(refused, Err(StateError::Mismatch { what: "kind of derivative", expected: 0, found: 1 }));
     }
 }

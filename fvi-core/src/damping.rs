@@ -503,3 +503,254 @@ macro_rules! handing_on {
 
 handing_on!({const K: usize} [D; K], [D], self => self.as_slice(), self.as_mut_slice());
 handing_on!(&mut [D], [D], self => &**self, &mut **self);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::direct::FixedDirect;
+    use crate::memory::ActsOn;
+    use crate::told::Told;
+    use nalgebra::matrix;
+    use std::vec::Vec;
+
+    type Term<M> = DampingTerm<f64, Fixed<2>, M>;
+
+    fn term<M: Memory<f64>>(rho: [[f64; 2]; 2], memory: M) -> Term<M> {
+        let [[a, b], [c, d]] = rho;
+        let kernel = Kernel::given(0.5).unwrap();
+        let rho = Coefficients::Dense(matrix![a, b; c, d]);
+        DampingTerm::new(kernel, rho, Derivative::RiemannLiouville, memory).unwrap()
+    }
+
+    const RHO: [[[f64; 2]; 2]; 2] = [[[2.0, 0.5], [0.5, 1.0]], [[1.0, -0.25], [-0.25, 3.0]]];
+
+    /// A memory of two coordinates on one or two nodes, by a kernel of plain numbers or of matrices.
+    fn told(nodes: usize, leading: &[f64], first_term: f64) -> Told {
+        Told {
+            stages: nodes,
+            leading: leading.to_vec(),
+            leading_is_constant: true,
+            acts_on: ActsOn::Values,
+            terms: (0..2 * nodes).map(|place| first_term + 0.5 * place as f64).collect(),
+            capacity: 9,
+            samples: Vec::new(),
+        }
+    }
+
+    const FROM: [f64; 2] = [1.5, -2.0];
+    const INCREMENTS: [f64; 4] = [0.25, 0.5, -1.0, 2.0];
+
+    fn sample(nodes: usize) -> Sample<'static, f64> {
+        let fractions = if nodes == 1 { &[1.0][..] } else { &[0.5, 1.0] };
+        Sample { from: &FROM, behind: &[], time: 0.0, length: 0.5, fractions }
+    }
+
+    /// What a damping exerts on the nodes of the sample, node by node, by its forces; and the derivative of
+    /// that, row by row, by what it shows.
+    fn exerted(damping: &mut impl Damping<f64, Fixed<2>>, nodes: usize) -> (Vec<f64>, Vec<f64>) {
+        let room = 2 * nodes + if nodes > 1 { 2 } else { 0 };
+        let (mut force, mut scratch) = (std::vec![0.0; 2 * nodes], std::vec![f64::NAN; room]);
+        damping.add_known(&sample(nodes), &mut force, &mut scratch).unwrap();
+        damping.add_leading(&INCREMENTS[..2 * nodes], &mut force, &mut scratch);
+        let mut derivative = std::vec![0.0; 4 * nodes * nodes];
+        damping.visit_leading(nodes, |i, j, weight, rho| {
+            rho.add_to(weight, &mut derivative, 2 * nodes, 2 * i, 2 * j);
+        });
+        (force, derivative)
+    }
+
+    /// The same for one term from ρ, the terms of its memory, and its leading weight.
+    fn defined(rho: [[f64; 2]; 2], memory: &Told) -> (Vec<f64>, Vec<f64>) {
+        let nodes = memory.stages;
+        let (mut force, mut derivative) = (std::vec![0.0; 2 * nodes], std::vec![0.0; 4 * nodes * nodes]);
+        for i in 0..nodes {
+            for (row, numbers) in rho.iter().enumerate() {
+                for (column, rho) in numbers.iter().enumerate() {
+                    let mut sum = memory.terms[column * nodes + i];
+                    for j in 0..nodes {
+                        let weight = memory.leading[i * nodes + j];
+                        sum += weight * (FROM[column] + INCREMENTS[2 * j + column]);
+                        derivative[(2 * i + row) * 2 * nodes + 2 * j + column] = rho * weight;
+                    }
+                    force[2 * i + row] += rho * sum;
+                }
+            }
+        }
+        (force, derivative)
+    }
+
+    fn sum(
+        (mut force, mut derivative): (Vec<f64>, Vec<f64>),
+        other: &(Vec<f64>, Vec<f64>),
+    ) -> (Vec<f64>, Vec<f64>) {
+        force.iter_mut().zip(&other.0).for_each(|(sum, number)| *sum += number);
+        derivative.iter_mut().zip(&other.1).for_each(|(sum, number)| *sum += number);
+        (force, derivative)
+    }
+
+    #[test]
+    fn several_dampings_exert_the_sum_of_what_each_does() {
+        // Numbers of few digits: sums are exact.
+        for (nodes, leading) in
+            [(1, [&[4.0][..], &[0.5]]), (2, [&[4.0, 0.5, 1.5, 2.0], &[1.0, 0.25, 0.0, 8.0]])]
+        {
+            let memories = [told(nodes, leading[0], 1.0), told(nodes, leading[1], -3.0)];
+            let term = |which: usize| term(RHO[which], memories[which].clone());
+            let parts = [0, 1].map(|which| defined(RHO[which], &memories[which]));
+            assert_eq!(exerted(&mut term(0), nodes), parts[0]);
+            assert_eq!(exerted(&mut term(1), nodes), parts[1]);
+            let [one, other] = parts;
+            let both = sum(one, &other);
+            assert_eq!(exerted(&mut (term(0), term(1)), nodes), both, "a pair");
+            assert_eq!(exerted(&mut [term(0), term(1)], nodes), both, "an array");
+            assert_eq!(exerted(&mut &mut [term(0), term(1)][..], nodes), both, "a slice");
+            assert_eq!(exerted(&mut ((), (term(1), term(0))), nodes), both, "three");
+        }
+    }
+
+    /// That every one of two memories is told what happens, and that one that refuses is heard. `samples`
+    /// says how many samples each has.
+    fn assert_both_are_asked<D: Damping<f64, Fixed<2>>>(
+        with: impl Fn(Told, Told) -> D,
+        samples: impl Fn(&D) -> [usize; 2],
+    ) {
+        let good = || told(1, &[1.0], 0.0);
+        let full = || Told { capacity: 0, ..good() };
+        let wide = || Told { terms: std::vec![0.0; 3], ..good() };
+        let changing = || Told { leading_is_constant: false, ..good() };
+        let (mut known, mut scratch) = ([0.0; 2], [0.0; 2]);
+
+        assert_eq!(with(good(), good()).check(2, 1, 0.5), Ok(()));
+        assert!(with(wide(), good()).check(2, 1, 0.5).is_err());
+        assert!(with(good(), wide()).check(2, 1, 0.5).is_err());
+
+        assert!(with(good(), good()).leading_is_constant());
+        assert!(!with(changing(), good()).leading_is_constant());
+        assert!(!with(good(), changing()).leading_is_constant());
+
+        let refused = Err(MemoryError::Full { capacity: 0 });
+        for mut damping in [with(full(), good()), with(good(), full())] {
+            assert_eq!(damping.add_known(&sample(1), &mut known, &mut scratch), refused);
+            assert_eq!(damping.push(&sample(1), &INCREMENTS[..2], &mut scratch), refused);
+        }
+
+        let mut damping = with(good(), good());
+        damping.push(&sample(1), &INCREMENTS[..2], &mut scratch).unwrap();
+        assert_eq!(samples(&damping), [1, 1]);
+        damping.begin(&FROM, &[0.0; 2]);
+        assert_eq!(samples(&damping), [0, 0]);
+    }
+
+    #[test]
+    fn several_dampings_are_asked_one_after_the_other() {
+        let term = |memory| term(RHO[0], memory);
+        let count = |term: &Term<Told>| term.memory().len();
+        assert_both_are_asked(|one, other| (term(one), term(other)), |pair| [count(&pair.0), count(&pair.1)]);
+        assert_both_are_asked(
+            |one, other| [term(one), term(other)],
+            |pair| [count(&pair[0]), count(&pair[1])],
+        );
+        assert_both_are_asked(
+            |one, other| &mut *std::vec![term(one), term(other)].leak(),
+            |pair| [count(&pair[0]), count(&pair[1])],
+        );
+        assert!(Damping::<f64, Fixed<2>>::leading_is_constant(&()));
+    }
+
+    #[test]
+    fn a_damping_names_its_parts() {
+        let shown = std::format!("{:?}", term(RHO[0], told(1, &[1.0], 0.0)));
+        for part in ["DampingTerm", "coefficients: Dense", "motion: DampedMotion"] {
+            assert!(shown.contains(part), "{shown}");
+        }
+    }
+
+    type Saved<'a> = Term<FixedDirect<'a, f64, 2, 4>>;
+
+    fn bytes(damping: &impl Damping<f64, Fixed<2>>) -> Vec<u8> {
+        let mut bytes = std::vec![0; damping.state_bytes()];
+        let mut writer = StateWriter::new(&mut bytes);
+        damping.save(&mut writer).unwrap();
+        assert_eq!(writer.written(), damping.state_bytes());
+        bytes
+    }
+
+    /// That no beginning of a state is taken, not even by the first of the dampings.
+    fn assert_taken_whole<D: Damping<f64, Fixed<2>>>(of: impl Fn(Saved<'static>, Saved<'static>) -> D) {
+        let fed = |count: usize, start: f64| {
+            let memory = FixedDirect::full_memory(&[1.0, 0.5, 0.25, 0.125], 1.0).unwrap();
+            let mut damping = term(RHO[0], memory);
+            Damping::begin(&mut damping, &[start, 0.0], &[0.0, start]);
+            for _ in 0..count {
+                Damping::push(&mut damping, &sample(1), &INCREMENTS[..2], &mut [0.0; 2]).unwrap();
+            }
+            damping
+        };
+        let state = bytes(&of(fed(1, 1.0), fed(3, 2.0)));
+        let mut damping = of(fed(2, 3.0), fed(0, 4.0));
+        let before = bytes(&damping);
+        for length in 0..state.len() {
+            let cut = &state[..length];
+            assert!(damping.check_state(&mut StateReader::new(cut)).is_err(), "{length} bytes");
+            assert!(damping.restore(&mut StateReader::new(cut)).is_err(), "{length} bytes");
+            assert_eq!(bytes(&damping), before, "{length} bytes");
+        }
+        let mut reader = StateReader::new(&state);
+        damping.check_state(&mut reader).unwrap();
+        reader.finish().unwrap();
+        damping.restore(&mut StateReader::new(&state)).unwrap();
+        assert_eq!(bytes(&damping), state);
+    }
+
+    #[test]
+    fn saved_dampings_are_taken_whole_or_not_at_all() {
+        assert_taken_whole(|one, _| one);
+        assert_taken_whole(|one, other| (one, other));
+        assert_taken_whole(|one, other| [one, other]);
+        assert_taken_whole(|one, other| &mut *std::vec![one, other].leak());
+    }
+
+    /// A force ρ q̇ of the step at hand, and nothing else that is offered.
+    struct Viscous;
+
+    impl Damping<f64, Fixed<1>> for Viscous {
+        fn check(&self, _: usize, _: usize, _: f64) -> Result<(), Mismatch> {
+            Ok(())
+        }
+
+        fn begin(&mut self, _: &[f64], _: &[f64]) {}
+
+        fn add_known(
+            &mut self,
+            _: &Sample<'_, f64>,
+            _: &mut [f64],
+            _: &mut [f64],
+        ) -> Result<(), MemoryError> {
+            Ok(())
+        }
+
+        fn add_leading(&self, increments: &[f64], force: &mut [f64], _: &mut [f64]) {
+            add_multiple(force, 10.0, increments);
+        }
+
+        fn visit_leading(&self, _: usize, mut visit: impl FnMut(usize, usize, f64, &Coefficients<f64, 1>)) {
+            visit(0, 0, 10.0, &Coefficients::Diagonal([1.0].into()));
+        }
+
+        fn leading_is_constant(&self) -> bool {
+            true
+        }
+
+        fn push(&mut self, _: &Sample<'_, f64>, _: &[f64], _: &mut [f64]) -> Result<(), MemoryError> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_damping_of_ones_own_that_cannot_be_saved_says_so() {
+        assert_eq!(Viscous.state_bytes(), 0);
+        assert_eq!(Viscous.save(&mut StateWriter::new(&mut [])), Err(StateError::Unsupported));
+        assert_eq!(Viscous.check_state(&mut StateReader::new(&[])), Err(StateError::Unsupported));
+        assert_eq!(Viscous.restore(&mut StateReader::new(&[])), Err(StateError::Unsupported));
+    }
+}

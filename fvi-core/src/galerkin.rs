@@ -364,4 +364,22 @@ mod tests {
         error(1, (coarse.state().position[0], coarse.state().momentum[0]));
         error(4, (fine.state().position[0], fine.state().momentum[0]));
     }
+
+    #[test]
+    fn lagrange_polynomials_have_their_values_and_slopes() {
+        // ℓ₁ = 4 τ (1 − τ) on 0, ½, 1.
+        assert_eq!(lagrange(&[0.0, 0.5, 1.0], 1, 0.25), (0.75, 2.0));
+        assert_eq!(lagrange(&[0.0, 1.0], 0, 0.25), (0.75, -1.0));
+    }
+
+    #[test]
+    fn kappa_lies_between_the_ends_of_a_step() {
+        for outside in [-0.1, 1.1, f64::NAN] {
+            let refused = Galerkin::<f64, 1, 1>::low_order(outside).map_err(|error| error.parameter);
+            assert_eq!(refused, Err("kappa"), "{outside}");
+        }
+        assert!(
+            Galerkin::<f64, 1, 1>::low_order(0.0).is_ok() && Galerkin::<f64, 1, 1>::low_order(1.0).is_ok()
+        );
+    }
 }

@@ -408,3 +408,99 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         &self.damping
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::galerkin::Galerkin;
+    use crate::system::{Instant, Mass, Quadratic, TimeForce};
+    use nalgebra::{SVector, vector};
+    use std::vec::Vec;
+
+    type Thrust = fn(Instant<f64>) -> SVector<f64, 1>;
+
+    type Pushed = Integrator<
+        f64,
+        Fixed<1>,
+        System<f64, 1, Quadratic<f64, 1>, TimeForce<Thrust>>,
+        Galerkin<f64, 1, 1>,
+        (),
+    >;
+
+    /// A spring of 8 on a mass of 2 that is pushed by the force 2 t.
+    fn plant() -> System<f64, 1, Quadratic<f64, 1>, TimeForce<Thrust>> {
+        let force = TimeForce((|instant| vector![2.0 * instant.time]) as Thrust);
+        System { mass: Mass::diagonal([2.0]).unwrap(), potential: Quadratic::diagonal([8.0]).unwrap(), force }
+    }
+
+    /// The step that κ = 0 makes: q rises by h p / m, and p loses h times the pull at its end.
+    fn by_hand((time, q, p): (f64, f64, f64), h: f64, input: f64) -> (f64, f64, f64) {
+        let (end, q) = (time + h, q + h * p / 2.0);
+        (end, q, p - h * (8.0 * q - 2.0 * end - input))
+    }
+
+    #[test]
+    fn steps_follow_each_other_in_time_whatever_their_length() {
+        let mut integrator = Integrator::builder(plant(), Galerkin::low_order(0.0).unwrap(), 0.25)
+            .position([1.0])
+            .momentum([0.5])
+            .build()
+            .unwrap();
+        assert_eq!(integrator.step_size(), 0.25);
+        let mut state = (0.0, 1.0, 0.5);
+        let (input, mut steps) = ([1.5].into(), 0);
+        let mut assert_at = |integrator: &mut Pushed, (time, q, p): (f64, f64, f64)| {
+            steps += 1;
+            let found = integrator.state();
+            assert_eq!((found.step, integrator.time()), (steps, time));
+            assert!(
+                (found.position[0] - q).abs() < 1e-14 && (found.momentum[0] - p).abs() < 1e-14,
+                "step {steps}"
+            );
+            let energy = |q: f64, p: f64| p * p / 4.0 + 4.0 * q * q;
+            assert!((integrator.energy() - energy(q, p)).abs() < 1e-13, "step {steps}");
+            assert_eq!(integrator.energy_with(&[2.0].into()), energy(integrator.state().position[0], 2.0));
+            assert_eq!(integrator.energy_of(&[0.5].into(), &[2.0].into()), 2.0);
+        };
+        for _ in 0..3 {
+            assert_eq!(integrator.step(&input), Ok(0));
+            state = by_hand(state, 0.25, 1.5);
+            assert_at(&mut integrator, state);
+        }
+        assert_eq!(integrator.step_by(0.125, &input), Ok(0));
+        state = by_hand(state, 0.125, 1.5);
+        assert_at(&mut integrator, state);
+        assert_eq!(integrator.step_to(1.5, &input), Ok(0));
+        state = by_hand(state, 0.625, 1.5);
+        assert_at(&mut integrator, state);
+        // Without an input there is none, and equal steps go on from where the others ended.
+        for _ in 0..3 {
+            assert_eq!(integrator.step_under(&[]), Ok(0));
+            state = by_hand(state, 0.25, 0.0);
+            assert_at(&mut integrator, state);
+        }
+    }
+
+    #[test]
+    fn steps_that_are_solved_for_say_how_often_they_were_corrected() {
+        let mut integrator = Integrator::builder(plant(), Galerkin::low_order(0.5).unwrap(), 0.25)
+            .position([1.0])
+            .build()
+            .unwrap();
+        assert_eq!(integrator.step_by(0.125, &[0.0].into()), Ok(1));
+    }
+
+    #[test]
+    fn a_state_for_another_step_size_is_refused() {
+        let build =
+            |h| Integrator::builder(plant(), Galerkin::low_order(0.5).unwrap(), h).position([1.0]).build();
+        let mut bytes: Vec<u8> = std::vec![0; build(0.5).unwrap().state_bytes()];
+        build(0.5).unwrap().save(&mut StateWriter::new(&mut bytes)).unwrap();
+        assert_eq!(build(0.5).unwrap().restore(&mut StateReader::new(&bytes)), Ok(()));
+        let refused = build(0.25).unwrap().restore(&mut StateReader::new(&bytes));
+        assert!(
+            matches!(refused, Err(StateError::Mismatch { what: "bits of the step size", .. })),
+            "{refused:?}"
+        );
+    }
+}

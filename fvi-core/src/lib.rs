@@ -37,8 +37,12 @@ mod saving;
 mod scheme;
 mod space;
 mod stability;
+#[cfg(test)]
+mod step_tests;
 mod system;
 mod tiled;
+#[cfg(test)]
+mod told;
 mod variable_steps;
 mod weighted_sum;
 mod weights;

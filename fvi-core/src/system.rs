@@ -448,4 +448,106 @@ mod tests {
         // ½ (2·0.5² − 2·0.5 + 3) + ½ (4·3² + 0.5·2²)
         assert!((system.energy(&vector![3.0, 2.0], &momentum) - (1.25 + 19.0)).abs() < 1e-14);
     }
+
+    /// A spring and a force that follows the position.
+    struct Follower;
+
+    impl Force<f64, 2> for Follower {
+        fn value(&self, instant: Instant<f64>, q: &SVector<f64, 2>) -> SVector<f64, 2> {
+            vector![instant.time * q[1], 0.25 * q[0]]
+        }
+
+        fn jacobian(&self, instant: Instant<f64>, _: &SVector<f64, 2>) -> SMatrix<f64, 2, 2> {
+            matrix![0.0, instant.time; 0.25, 0.0]
+        }
+    }
+
+    #[test]
+    fn systems_are_linear_where_forces_do_not_follow_the_position() {
+        let (mass, potential) = (Mass::diagonal([1.0; 2]).unwrap(), Quadratic::diagonal([4.0, 0.5]).unwrap());
+        fn is_linear<F: Force<f64, 2>>(system: &System<f64, 2, Quadratic<f64, 2>, F>) -> bool {
+            Mechanics::<f64, Fixed<2>>::is_linear(system)
+        }
+        assert!(is_linear(&System { mass, potential, force: NoForce }));
+        let of_time = TimeForce(|instant: Instant<f64>| vector![instant.time, 1.0]);
+        assert!(is_linear(&System { mass, potential, force: of_time }));
+        assert!(!is_linear(&System { mass, potential, force: Follower }));
+    }
+
+    #[test]
+    fn the_stiffness_is_the_derivative_of_the_pull() {
+        let (mass, potential) = (Mass::diagonal([1.0; 2]).unwrap(), Quadratic::diagonal([4.0, 0.5]).unwrap());
+        let mut system = System { mass, potential, force: Follower };
+        let instant = Instant::in_step(3.0, 0.5, 0.5);
+        let (mut pull, mut stiffness) = ([0.0; 2], Mechanics::<f64, Fixed<2>>::stiffness(&system));
+        system.linearise(instant, &vector![1.0, 2.0], &mut pull, &mut stiffness);
+        // K q − F, K − ∂F/∂q
+        assert_eq!(pull, [4.0 - 6.5, 1.0 - 0.25]);
+        assert_eq!(stiffness.to_matrix(), matrix![4.0, -3.25; -0.25, 0.5]);
+        assert_eq!(
+            Mechanics::<f64, Fixed<2>>::energy(&mut system, &vector![1.0, 2.0], &vector![2.0, 0.0]),
+            5.0
+        );
+    }
+
+    /// A free mass, and nothing that need not be said.
+    struct Free(Coefficients<f64, 1>);
+
+    impl Mechanics<f64, Fixed<1>> for Free {
+        fn mass(&self) -> &Coefficients<f64, 1> {
+            &self.0
+        }
+
+        fn velocity(&self, momentum: &[f64], velocity: &mut [f64]) {
+            velocity.iter_mut().zip(momentum).for_each(|(v, p)| *v = p / 2.0);
+        }
+
+        fn pull(&mut self, _: Instant<f64>, _: &SVector<f64, 1>, pull: &mut [f64]) {
+            pull.fill(0.0);
+        }
+
+        fn linearise(
+            &mut self,
+            _: Instant<f64>,
+            _: &SVector<f64, 1>,
+            _: &mut [f64],
+            _: &mut Coefficients<f64, 1>,
+        ) {
+        }
+
+        fn stiffness(&self) -> Coefficients<f64, 1> {
+            Coefficients::Diagonal([0.0].into())
+        }
+
+        fn is_linear(&self) -> bool {
+            true
+        }
+
+        fn energy(&mut self, _: &SVector<f64, 1>, momentum: &SVector<f64, 1>) -> f64 {
+            momentum[0] * momentum[0] / 4.0
+        }
+    }
+
+    #[test]
+    fn what_a_system_need_not_say_is_what_most_of_them_are() {
+        let mut free = Free(Coefficients::Diagonal([2.0].into()));
+        let mut velocity = [f64::NAN];
+        free.drift(&[3.0], &mut velocity);
+        assert_eq!(velocity, [1.5]);
+        let (weights, nodes) = (&[1.0][..], &[0.5][..]);
+        let rule = NodalRule {
+            start: 0.0,
+            length: 0.5,
+            weights,
+            nodes,
+            points: &[1.0],
+            shapes: nodes,
+            tests: nodes,
+        };
+        let mut excess = [7.0; 2];
+        assert!(free.is_rough() && !free.excess(&rule, &mut excess));
+        assert_eq!(excess, [7.0; 2]);
+        let mut moments = [SVector::zeros(); 2];
+        assert!(Follower.depends_on_position() && !Follower.moments(0.0, 0.5, &[1.0], &mut moments));
+    }
 }
