@@ -115,8 +115,9 @@ fn between_grid_points_the_polynomial_has_its_order() {
     }
 }
 
-/// min(u, w + 3 − β) for positions and min(u, w + 2 − β) for momenta, u the order of the Runge–Kutta method and
-/// w its stage order, as on equal steps: no grid gives back what the quadrature of D^β loses at the stages.
+/// min(u, w + 3 − β) for positions and min(u, w + 2 − β) for momenta, u the order of the Runge–Kutta method
+/// and w its stage order, as on equal steps: no grid gives back what the quadrature of D^β loses at the
+/// stages.
 #[test]
 fn on_graded_steps_galerkin_schemes_have_the_orders_of_equal_steps() {
     let lobatto = |stages: usize| json!({ "family": "lobatto-iiic", "stages": stages });
