@@ -403,4 +403,27 @@ mod tests {
         Equations::<f64, Coefficients<f64, 2>>::solve_again(&mut matrix, &mut again);
         assert_eq!(again, eliminated);
     }
+
+    #[test]
+    fn corrections_end_where_the_next_one_would_be_rounding() {
+        let near = |found: Option<Converged<f64>>, iterations: u32, left: f64| {
+            let found = found.unwrap();
+            let residual = found.residual.unwrap();
+            assert!((residual / left - 1.0).abs() < 1e-12 && found.iterations == iterations, "{found:?}");
+        };
+        // On a position of size 64 a correction is small up to 1. After a larger one the matrix is a new one,
+        // and what is left shrinks with the square of 10⁻⁸.
+        let mut corrections = Corrections::new(64.0);
+        assert_eq!(corrections.judge(1.0, (2.0, 0.0), true), Ok(None));
+        assert!(!corrections.takes_factors_again());
+        near(corrections.judge(1e-3, (1e-8, 0.0), true).unwrap(), 2, 1e-3 * 1e-16);
+        // After a small one the factors serve again, and corrections shrink by no more than twice the ratio.
+        let mut corrections = Corrections::new(64.0);
+        assert_eq!(corrections.judge(1.0, (0.5, 0.0), true), Ok(None));
+        assert!(corrections.takes_factors_again());
+        near(corrections.judge(1e-3, (1e-8, 0.0), true).unwrap(), 2, 1e-3 * 4e-8);
+        // A first correction that is rounding tells nothing of what it leaves.
+        let first = Corrections::new(64.0).judge(1e-3, (1e-14, 0.0), true);
+        assert_eq!(first, Ok(Some(Converged { iterations: 1, residual: None })));
+    }
 }

@@ -20,7 +20,7 @@ use crate::node_galerkin::NodeGalerkin;
 use crate::quadrature::Quadrature;
 use crate::runge_kutta::RungeKutta;
 use crate::scheme::{Sampling, Scheme, State, Step, StepError};
-use crate::system::{Force, Instant, Mass, Mechanics, Potential, System};
+use crate::system::{Force, Instant, Mass, Mechanics, NoForce, Potential, System};
 use crate::workspace::{Kept, Workspace};
 
 type V = SVector<f64, 2>;
@@ -30,6 +30,7 @@ type M = SMatrix<f64, 2, 2>;
 const EXACT: f64 = 1e-12;
 
 const H: f64 = 0.2;
+const MASS: Coefficients<f64, 2> = Coefficients::Dense(matrix![2.0, 0.5; 0.5, 1.0]);
 const INPUT: V = V::new(0.3, -0.2);
 const START: V = V::new(0.4, -0.3);
 const MOMENTUM: V = V::new(1.2, 0.5);
@@ -109,7 +110,7 @@ impl Force<f64, 2> for Load {
 type Plant = System<f64, 2, Springs, Load>;
 
 fn plant(factor: f64, quartic: f64, force: Load) -> Plant {
-    let mass = Mass::new(Coefficients::Dense(matrix![2.0, 0.5; 0.5, 1.0])).unwrap();
+    let mass = Mass::new(MASS).unwrap();
     System { mass, potential: Springs { factor, quartic }, force }
 }
 
@@ -180,18 +181,21 @@ impl Numbers {
     }
 }
 
-/// Equations whose solver makes an error of 10⁻⁸ and has no factors to take again.
-struct Inexact<const S: usize>(StepMatrix<f64, 2, S>);
+/// Equations whose solver makes an error of 10⁻⁸ and has no factors to take again; and which factor the mass
+/// has in them.
+struct Inexact<const S: usize>(StepMatrix<f64, 2, S>, f64);
 
 impl<const S: usize> Equations<f64, Coefficients<f64, 2>> for Inexact<S> {
     type Kept = Factors<f64, 2, S>;
 
     fn clear(&mut self) {
         Equations::<f64, Coefficients<f64, 2>>::clear(&mut self.0);
+        self.1 = 0.0;
     }
 
     fn add(&mut self, row: usize, column: usize, factor: f64, block: &Coefficients<f64, 2>) {
         self.0.add(row, column, factor, block);
+        self.1 += if *block == MASS { factor } else { 0.0 };
     }
 
     fn solve(&mut self, vector: &mut [f64]) -> Result<(), Singular> {
@@ -199,6 +203,7 @@ impl<const S: usize> Equations<f64, Coefficients<f64, 2>> for Inexact<S> {
     }
 
     fn keep(&mut self, kept: &mut Self::Kept, inertia: (f64, &Coefficients<f64, 2>)) -> Result<(), Singular> {
+        assert!(inertia.0 == if S == 1 && inertia.0 != 0.0 { self.1 } else { 0.0 });
         self.0.keep(kept, inertia)
     }
 
@@ -264,7 +269,7 @@ impl<const S: usize> Scheme<f64, Fixed<2>> for Any<S> {
             excess: &mut room(S + 1),
             point: &mut V::zeros(),
             stiffness: &mut mechanics.stiffness(),
-            matrix: &mut Inexact(StepMatrix::zero()),
+            matrix: &mut Inexact(StepMatrix::zero(), 0.0),
             kept: &mut storage.kept,
         };
         let view = self.numbers.view();
@@ -635,4 +640,76 @@ fn collocation_solves_its_equations() {
             assert_steps("collocation", Collocation::new(&method), plant, &terms, (2, 2, EXACT), next);
         }
     });
+}
+
+/// −g·q, as a potential that does not say that its derivative is the same everywhere.
+struct Slope(V);
+
+impl Potential<f64, 2> for Slope {
+    fn value(&self, q: &V) -> f64 {
+        -self.0.dot(q)
+    }
+
+    fn gradient(&self, _: &V) -> V {
+        -self.0
+    }
+
+    fn hessian(&self, _: &V) -> M {
+        M::zeros()
+    }
+}
+
+/// Corrections of each of three steps down a slope, the second of which is given its length.
+fn corrections<const S: usize>(scheme: Any<S>, slope: V, momentum: V) -> [u32; 3] {
+    let system = System { mass: Mass::new(MASS).unwrap(), potential: Slope(slope), force: NoForce };
+    let mut none = damping(&[], 1, 1);
+    let mut integrator = Integrator::builder(system, scheme, 0.25)
+        .damping(&mut none[..])
+        .position(START)
+        .momentum(momentum)
+        .build()
+        .unwrap();
+    let none = V::zeros();
+    [
+        integrator.step(&none).unwrap(),
+        integrator.step_by(0.25, &none).unwrap(),
+        integrator.step(&none).unwrap(),
+    ]
+}
+
+#[test]
+fn a_step_begins_with_the_best_guess_there_is() {
+    let any = |at_nodes, guess| Any::<1> {
+        numbers: Numbers::one_node([0.8, 0.25, 0.7, 0.35, -1.3]),
+        at_nodes,
+        guess,
+    };
+    let midpoint = |guess| {
+        let numbers = Numbers::of(Galerkin::<f64, 1, 1>::low_order(0.5).unwrap().view());
+        Any::<1> { numbers, at_nodes: false, guess }
+    };
+    let parabolas = |at_nodes| {
+        let gauss = Galerkin::<f64, 2, 2>::new(&Quadrature::gauss().unwrap()).unwrap();
+        Any::<2> { numbers: Numbers::of(gauss.view()), at_nodes, guess: false }
+    };
+    // A mass without forces goes on as it did: the first correction is rounding.
+    for at_nodes in [false, true] {
+        assert_eq!(corrections(parabolas(at_nodes), V::zeros(), MOMENTUM), [1, 1, 1]);
+        let numbers = Numbers::of(Galerkin::<f64, 1, 1>::low_order(0.5).unwrap().view());
+        assert_eq!(
+            corrections(Any::<1> { numbers, at_nodes, guess: false }, V::zeros(), MOMENTUM),
+            [1, 1, 1]
+        );
+    }
+    // Down a slope the pull of the last step says where the mass will be.
+    let slope = vector![0.5, 0.25];
+    for at_nodes in [false, true] {
+        assert_eq!(corrections(any(at_nodes, false), slope, MOMENTUM), [2, 2, 2]);
+        assert_eq!(corrections(any(at_nodes, true), slope, MOMENTUM), [2, 1, 1]);
+    }
+    // Not where it would turn the mass round: p = −0.375 g is −0.125 g after a step, just as large as h ℓ₀ g;
+    // p = −0.3125 g is less after the first step, and more after the second.
+    let steep = vector![64.0, 32.0];
+    assert_eq!(corrections(midpoint(true), steep, -0.375 * steep), [2, 1, 1]);
+    assert_eq!(corrections(midpoint(true), steep, -0.3125 * steep), [2, 2, 1]);
 }
