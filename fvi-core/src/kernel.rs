@@ -488,4 +488,56 @@ mod tests {
             assert_eq!(kernel.check(&mut special, 0).is_ok(), accepted, "{stages} stages, {varies}");
         }
     }
+
+    /// A memory of several kernels that is asked for their leading weights only.
+    struct Leading<'a>(&'a [f64]);
+
+    impl Memory<f64> for Leading<'_> {
+        fn channels(&self) -> usize {
+            2
+        }
+
+        fn stages(&self) -> usize {
+            2
+        }
+
+        fn kernels(&self) -> usize {
+            self.0.len() / 4
+        }
+
+        fn leading(&self) -> &[f64] {
+            self.0
+        }
+
+        fn len(&self) -> usize {
+            0
+        }
+
+        fn next_term(&mut self, _: &mut [f64]) -> Result<(), crate::MemoryError> {
+            Ok(())
+        }
+
+        fn push(&mut self, _: &[f64]) -> Result<(), crate::MemoryError> {
+            Ok(())
+        }
+
+        fn clear(&mut self) {}
+
+        fn bytes(&self) -> usize {
+            0
+        }
+    }
+
+    #[test]
+    fn each_of_several_kernels_is_compared_with_its_own_leading_weight() {
+        let method = RungeKutta::<2>::radau_iia().unwrap();
+        let first = Kernel::runge_kutta(&method, 1.0, 0.5).unwrap();
+        let second = Kernel::runge_kutta(&method, 1.0, 0.25).unwrap();
+        // A⁻¹/h
+        let mut memory = Leading(&[3.0, 1.0, -9.0, 5.0, 6.0, 2.0, -18.0, 10.0]);
+        assert_eq!((first.check(&mut memory, 0), second.check(&mut memory, 1)), (Ok(()), Ok(())));
+        for (kernel, index) in [(first, 1), (second, 0), (first, 2)] {
+            assert!(kernel.check(&mut memory, index).is_err(), "{index}");
+        }
+    }
 }

@@ -212,4 +212,35 @@ mod tests {
         assert_limit(limit(&two, 0.0, 3.0, 1.0, 1), 4.0 / (3.0 * 2.0));
         assert_limit(limit(&three, 0.0, 3.0, 1.5, 2), (4.0 / (3.0 * 8.0f64)).powi(2));
     }
+
+    #[test]
+    fn the_fastest_of_several_motions_sets_the_limit() {
+        fn limit_of<const S: usize, const Q: usize>(
+            scheme: &Galerkin<f64, S, Q>,
+            stiffness: nalgebra::SMatrix<f64, 2, 2>,
+            coefficients: nalgebra::SMatrix<f64, 2, 2>,
+        ) -> Stability {
+            let term = ExplicitDamping {
+                coefficients: Coefficients::Dense(coefficients),
+                damping_order: 1.0,
+                bdf_order: BdfOrder::GRUNWALD_LETNIKOV,
+            };
+            check_stability(scheme, &Mass::diagonal([1.0, 1.0]).unwrap(), &stiffness, &[term], 100.0).unwrap()
+        }
+        let one = Galerkin::<f64, 1, 1>::low_order(0.0).unwrap();
+        let two = Galerkin::<f64, 2, 2>::new(&Quadrature::gauss().unwrap()).unwrap();
+        let three = Galerkin::<f64, 3, 3>::new(&Quadrature::gauss().unwrap()).unwrap();
+        // Eigenvalues 9 and 4, along the axes in either order, and 9 and 1 across them.
+        for springs in [matrix![9.0, 0.0; 0.0, 4.0], matrix![4.0, 0.0; 0.0, 9.0], matrix![5.0, 4.0; 4.0, 5.0]]
+        {
+            let zero = matrix![0.0, 0.0; 0.0, 0.0];
+            assert_limit(limit_of(&one, springs, zero), 2.0 / 3.0);
+            assert_limit(limit_of(&two, springs, zero), 12f64.sqrt() / 3.0);
+            assert_limit(limit_of(&three, springs, zero), 10f64.sqrt() / 3.0);
+            // As dampings: 4/h² = 9 · 2/h.
+            assert_limit(limit_of(&one, zero, springs), 2.0 / 9.0);
+            assert_limit(limit_of(&two, zero, springs), 2.0 / 9.0);
+            assert_limit(limit_of(&three, zero, springs), 2.0 / 9.0);
+        }
+    }
 }

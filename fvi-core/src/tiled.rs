@@ -410,4 +410,19 @@ mod tests {
         assert_eq!(memory.bytes(), size_of_val(&memory) + 100 * 8);
         assert_eq!(memory.state_bytes(), header_bytes(5) + 2 * 10 * 8 * 8);
     }
+
+    #[test]
+    fn a_state_says_whether_its_memory_refuses() {
+        let weights = noise(9);
+        for (overflow, said) in [(Overflow::Refuse, 1), (Overflow::Forget, 0)] {
+            let memory = Tiled::<f64, 1, 3>::new(&weights, 1.0, overflow).unwrap();
+            let mut bytes = [0; header_bytes(5) + 5 * 8 * 8];
+            memory.save(&mut StateWriter::new(&mut bytes)).unwrap();
+            // Tag, size of a number, channels and blocks stand before it.
+            assert_eq!(
+                bytes[5..29],
+                [[1, 0, 0, 0, 0, 0, 0, 0], [3, 0, 0, 0, 0, 0, 0, 0], [said, 0, 0, 0, 0, 0, 0, 0]].concat()
+            );
+        }
+    }
 }

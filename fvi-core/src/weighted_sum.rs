@@ -139,4 +139,17 @@ mod tests {
         );
         assert_eq!(weighted_sum(&[], &[], &samples), 0.0);
     }
+
+    #[test]
+    fn a_block_of_lags_is_summed_by_itself() {
+        // The ones at the end of the first block, lags 2047 and 2048, meet before the 2⁵³ behind it, beside
+        // which each of them alone would be lost.
+        let (mut weights, samples) = (std::vec![0.0; 2050], std::vec![1.0; 2049]);
+        (weights[2047], weights[2048], weights[2049]) = (1.0, 1.0, 2f64.powi(53));
+        assert_eq!(weighted_sum(&weights, &samples, &[]), 2f64.powi(53) + 2.0);
+        // Lags 2049 and 2050 likewise, behind a block of 2⁵³.
+        let (mut weights, samples) = (std::vec![0.0; 2051], std::vec![1.0; 2050]);
+        (weights[2048], weights[2049], weights[2050]) = (2f64.powi(53), 1.0, 1.0);
+        assert_eq!(weighted_sum(&weights, &samples, &[]), 2f64.powi(53) + 2.0);
+    }
 }
