@@ -831,3 +831,19 @@ fn the_vector_units_are_named_as_they_are_used() {
         assert!(!name.starts_with("x86-64") && !name.is_empty(), "{name}");
     }
 }
+
+#[test]
+fn a_slow_exponential_however_small_is_what_lasts() {
+    let mut table = Exponentials::new(1, 2, 400);
+    table.head = vec![1.0, 1.0];
+    table.exponentials = vec![0.5, 1e-6, 0.0, 0.0, 1.0, 1e-22, 0.0, 0.0];
+    for (name, mut memory) in sums_of_exponentials::<f64>(&table, 1) {
+        let mut term = [f64::NAN];
+        for k in 0..300 {
+            memory.push(&[if k == 0 { 1.0 } else { 0.0 }]).unwrap();
+        }
+        memory.next_term(&mut term).unwrap();
+        let weight = 1e-22 * (298.0 * (-1e-6f64).ln_1p()).exp();
+        assert!((term[0] / weight - 1.0).abs() < 1e-13, "{name}: {term:?}");
+    }
+}
