@@ -14,6 +14,7 @@ use fvi_tests::conformance::{
     Bound, Constructor, TestKernel, agrees_with_the_plain_sum, goes_on_where_it_was_saved, host_memory,
     keeps_the_contract, largest_error,
 };
+use std::sync::{Arc, Mutex};
 
 const FINEST_BLOCK: usize = 64;
 
@@ -86,9 +87,10 @@ fn core_exponential_sum<T: Engines>(
 fn wide_exponential_sum<T: Engines>(
     kernel: TestKernel,
     channels: usize,
-    capacity: usize,
+    _capacity: usize,
 ) -> Box<dyn Memory<T>> {
-    Box::new(WideExponentialSum::<T>::new(&wide_table(kernel, capacity).borrow(), channels).unwrap())
+    let tables = tables(kernel, Sharing::Alone, SMALLEST_TOLERANCE);
+    Box::new(WideExponentialSum::<T>::new(&tables[0].borrow(), channels).unwrap())
 }
 
 /// One of several kernels of a memory, as a memory by itself.
@@ -153,34 +155,63 @@ impl<T: Engines, P: Engines> Memory<T> for OneOf<T, P> {
 fn shared_wide_exponential_sum<T: Engines>(
     kernel: TestKernel,
     channels: usize,
-    capacity: usize,
+    _capacity: usize,
 ) -> Box<dyn Memory<T>> {
-    let tables = sharing_tables(kernel, capacity, SMALLEST_TOLERANCE);
-    let tables: Vec<_> = tables.iter().map(ExponentialTable::borrow).collect();
-    let memory = WideExponentialSum::<T>::of_kernels(&tables, channels).unwrap();
-    Box::new(OneOf { leading: [memory.leading()[1]], kernel: 1, terms: Vec::new(), memory })
+    Box::new(second_of_three::<T, T>(kernel, channels, SMALLEST_TOLERANCE))
 }
 
-fn sharing_tables(
+fn second_of_three<T: Engines, P: Engines>(
     kernel: TestKernel,
-    capacity: usize,
+    channels: usize,
     tolerance: f64,
-) -> Vec<ExponentialTable<Aligned<f64>>> {
-    let TestKernel::Quadrature { order, exponent } = kernel else { panic!("{kernel:?} has no exponentials") };
-    let exponents = if exponent > 0.0 { [0.8, exponent, 0.2] } else { [-0.2, exponent, -0.8] };
-    let order = BdfOrder::new(order).unwrap();
-    let horizon = capacity.max(1 << 20);
-    let kernels =
-        ExponentialKernel::sharing_rates(order, &exponents, exponent > 0.0, 1.0, horizon, tolerance);
-    kernels.unwrap().iter().map(ExponentialKernel::table).collect()
+) -> OneOf<T, P> {
+    let tables = tables(kernel, Sharing::SecondOfThree, tolerance);
+    let tables: Vec<_> = tables.iter().map(ExponentialTable::borrow).collect();
+    let memory = WideExponentialSum::of_kernels(&tables, channels).unwrap();
+    OneOf { leading: [memory.leading()[1]], kernel: 1, terms: Vec::new(), memory }
 }
 
-fn wide_table(kernel: TestKernel, capacity: usize) -> ExponentialTable<Aligned<f64>> {
+/// Whether the exponentials of a kernel are its own or serve two others.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Sharing {
+    Alone,
+    SecondOfThree,
+}
+
+type Tables = Arc<[ExponentialTable<Aligned<f64>>]>;
+
+/// The kernel's table, and those that share its exponentials; for all lengths of the suite. Kept, since a
+/// table takes longer to make than the runs on it.
+fn tables(kernel: TestKernel, sharing: Sharing, tolerance: f64) -> Tables {
+    static MADE: Mutex<Vec<((TestKernel, Sharing, f64), Tables)>> = Mutex::new(Vec::new());
+    let wanted = (kernel, sharing, tolerance);
+    let made =
+        MADE.lock().unwrap().iter().find(|(made, _)| *made == wanted).map(|(_, tables)| tables.clone());
+    made.unwrap_or_else(|| {
+        let tables = make_tables(kernel, sharing, tolerance);
+        MADE.lock().unwrap().push((wanted, tables.clone()));
+        tables
+    })
+}
+
+fn make_tables(kernel: TestKernel, sharing: Sharing, tolerance: f64) -> Tables {
+    const HORIZON: usize = 1 << 20;
     let TestKernel::Quadrature { order, exponent } = kernel else { panic!("{kernel:?} has no exponentials") };
-    let make = if exponent > 0.0 { ExponentialKernel::bdf_on_increments } else { ExponentialKernel::bdf };
-    make(BdfOrder::new(order).unwrap(), exponent, 1.0, capacity.max(1 << 20), SMALLEST_TOLERANCE)
-        .unwrap()
-        .table()
+    let order = BdfOrder::new(order).unwrap();
+    let on_increments = exponent > 0.0;
+    match sharing {
+        Sharing::Alone => {
+            let make =
+                if on_increments { ExponentialKernel::bdf_on_increments } else { ExponentialKernel::bdf };
+            [make(order, exponent, 1.0, HORIZON, tolerance).unwrap().table()].into()
+        }
+        Sharing::SecondOfThree => {
+            let exponents = if on_increments { [0.8, exponent, 0.2] } else { [-0.2, exponent, -0.8] };
+            let kernels =
+                ExponentialKernel::sharing_rates(order, &exponents, on_increments, 1.0, HORIZON, tolerance);
+            kernels.unwrap().iter().map(ExponentialKernel::table).collect()
+        }
+    }
 }
 
 /// Blocks of the tiled memories: 5120 samples.
@@ -324,6 +355,8 @@ const ANY_LONG: [TestKernel; 3] = [HALF_DERIVATIVE, SIXTH_ORDER, NUMBERS];
 const DECAYING: [TestKernel; 2] = [SECOND_ORDER, STAGES];
 const DECAYING_LONG: [TestKernel; 3] = [HALF_DERIVATIVE, HALF_INTEGRAL, SIXTH_ORDER];
 const LONG: &[usize] = &[33_000, 300_000];
+/// For memories that are made for many channels, and take long with one.
+const LONG_ENOUGH: &[usize] = &[33_000, 100_000];
 
 engine!(direct_memory, direct, Bound::of(Engine::Direct), short_runs, ANY, ANY_LONG, &[20_000]);
 engine!(tiled_memory, tiled, Bound::TILED, short_runs_of_plain_numbers, [SECOND_ORDER], ANY_LONG, &[5120]);
@@ -364,7 +397,7 @@ engine!(
     short_runs_of_decaying_numbers,
     [SECOND_ORDER],
     DECAYING_LONG,
-    LONG
+    LONG_ENOUGH
 );
 
 engine!(
@@ -374,7 +407,7 @@ engine!(
     short_runs_of_decaying_numbers,
     [SECOND_ORDER],
     DECAYING_LONG,
-    LONG
+    LONG_ENOUGH
 );
 
 /// The bits of every term, with so many threads; channels enough for them to take part.
@@ -397,7 +430,8 @@ fn bits_on_threads(tables: &[ExponentialTable<Aligned<f64>>], threads: usize) ->
 
 #[test]
 fn threads_leave_every_bit_of_a_wide_memory_as_it_is() {
-    for tables in [vec![wide_table(SECOND_ORDER, 70)], sharing_tables(SECOND_ORDER, 70, SMALLEST_TOLERANCE)] {
+    for sharing in [Sharing::Alone, Sharing::SecondOfThree] {
+        let tables = tables(SECOND_ORDER, sharing, SMALLEST_TOLERANCE);
         let alone = bits_on_threads(&tables, 1);
         assert!(alone == bits_on_threads(&tables, 2) && alone == bits_on_threads(&tables, 5));
     }
@@ -409,7 +443,10 @@ fn kernels_without_common_exponentials_are_refused() {
         let tables: Vec<_> = tables.iter().map(ExponentialTable::borrow).collect();
         WideExponentialSum::<f64>::of_kernels(&tables, 3).err().map(|error| error.parameter)
     };
-    let table = |exponent| wide_table(TestKernel::Quadrature { order: 2, exponent }, 1);
+    let table = |exponent| {
+        let kernel = TestKernel::Quadrature { order: 2, exponent };
+        tables(kernel, Sharing::Alone, SMALLEST_TOLERANCE)[0].clone()
+    };
     assert_eq!(of(&[table(0.3), table(0.6)]), Some("exponentials"));
     let mut other = table(0.3);
     other.exponentials = other.exponentials.as_ref().iter().map(|number| 0.5 * number).collect();
@@ -428,27 +465,18 @@ fn kernels_without_common_exponentials_are_refused() {
 fn a_wide_memory_with_a_state_in_single_precision_stays_within_the_tolerance() {
     for (order, exponent) in [(1, 0.3), (2, 0.6), (2, 1.5), (6, 1.9)] {
         let kernel = TestKernel::Quadrature { order, exponent };
+        let weights = kernel.weights::<f64>(20_000);
+        let alone = tables(kernel, Sharing::Alone, 2.5e-7);
+        let mut alone = WideExponentialSum::<f64, f32>::new(&alone[0].borrow(), 1).unwrap();
+        let mut shared = second_of_three::<f64, f32>(kernel, 1, 2.5e-7);
         for signal in Signal::ALL {
-            let length = 20_000;
-            let table = ExponentialKernel::bdf_on_increments(
-                BdfOrder::new(order).unwrap(),
-                exponent,
-                1.0,
-                1 << 20,
-                2.5e-7,
-            )
-            .unwrap();
-            let mut memory = WideExponentialSum::<f64, f32>::new(&table.table().borrow(), 1).unwrap();
-            let (error, k) = largest_error(&mut memory, kernel, signal, length, 100);
-            let relative = error * f64::EPSILON / 2.0;
-            assert!(relative < 5e-7, "{kernel:?}, {signal:?}: {relative:e} at k = {k}");
-            let tables = sharing_tables(kernel, 1, 2.5e-7);
-            let tables: Vec<_> = tables.iter().map(ExponentialTable::borrow).collect();
-            let memory = WideExponentialSum::<f64, f32>::of_kernels(&tables, 1).unwrap();
-            let mut shared = OneOf { leading: [memory.leading()[1]], kernel: 1, terms: Vec::new(), memory };
-            let (error, k) = largest_error(&mut shared, kernel, signal, length, 100);
-            let relative = error * f64::EPSILON / 2.0;
-            assert!(relative < 5e-7, "shared {kernel:?}, {signal:?}: {relative:e} at k = {k}");
+            let memories: [&mut dyn Memory<f64>; 2] = [&mut alone, &mut shared];
+            for (memory, name) in memories.into_iter().zip(["alone", "shared"]) {
+                memory.clear();
+                let (error, k) = largest_error(memory, &weights, signal, 100);
+                let relative = error * f64::EPSILON / 2.0;
+                assert!(relative < 5e-7, "{name} {kernel:?}, {signal:?}: {relative:e} at k = {k}");
+            }
         }
     }
 }
@@ -492,7 +520,7 @@ fn baselines_agree_with_the_plain_sum_in_norm() {
             Box::new(Hls::planned(table, 2 * stages, 3000).unwrap()),
         ];
         for memory in &mut memories {
-            let (error, k) = largest_error(&mut **memory, kernel, Signal::Stationary, 3000, 100);
+            let (error, k) = largest_error(&mut **memory, &weights, Signal::Stationary, 100);
             assert!(error < 300.0, "{stages} stages: {error} u at k = {k}");
         }
     }
@@ -520,8 +548,8 @@ fn the_textbook_loses_small_terms_where_block_fft_keeps_them() {
     let table = WeightTable::scalars(&weights);
     let mut textbook = Hls::planned(table, 1, 20_000).unwrap();
     let mut blocks = BlockFft::planned(table, 1, 20_000).unwrap();
-    let (lost, _) = largest_error(&mut textbook, kernel, Signal::Decaying, 20_000, 40);
-    let (kept, _) = largest_error(&mut blocks, kernel, Signal::Decaying, 20_000, 40);
+    let (lost, _) = largest_error(&mut textbook, &weights, Signal::Decaying, 40);
+    let (kept, _) = largest_error(&mut blocks, &weights, Signal::Decaying, 40);
     assert!(
         lost > 1000.0 && kept <= Bound::of(Engine::BlockFft).changing,
         "textbook {lost} u, block-fft {kept} u"
