@@ -1,15 +1,17 @@
 //! Everything a controller calls, compiled without `std`. The panic handler calls a function that does not
 //! exist: if the optimiser cannot prove it unreachable, its name stays among the undefined symbols of the
 //! library.
+//!
+//! With the feature `seeded-panic` it is the negative control, built the same way: a function that can panic, and
+//! none of the others, which take long to compile.
 #![no_std]
 
-mod engines;
-mod schemes;
+#[cfg(not(feature = "seeded-panic"))]
+mod everything;
+#[cfg(feature = "seeded-panic")]
+mod seeded;
 
 use core::panic::PanicInfo;
-
-use engines::Unknown;
-use fvi_core::{BdfOrder, ConvolutionWeights};
 
 unsafe extern "C" {
     fn fvi_reachable_panic() -> !;
@@ -18,46 +20,4 @@ unsafe extern "C" {
 #[panic_handler]
 fn panic(_: &PanicInfo<'_>) -> ! {
     unsafe { fvi_reachable_panic() }
-}
-
-/// Samples that the rings hold.
-const HISTORY: usize = 64;
-
-/// Numbers of a table: whole planes for any number of stages.
-const TABLE: usize = 144;
-
-/// Runs everything on numbers that the compiler does not know.
-#[unsafe(no_mangle)]
-pub extern "C" fn probe(numbers: &[f64; 8], order: usize, stages: usize, channels: usize) -> f64 {
-    let [mass, rho, beta, h, kappa, ..] = *numbers;
-    let all = || -> Option<f64> {
-        let bdf_order = BdfOrder::new(order).ok()?;
-        let mut table = [0.0; TABLE];
-        let mut single = [0f32; TABLE];
-        ConvolutionWeights::bdf(bdf_order, beta, h).ok()?.fill(&mut table);
-        ConvolutionWeights::bdf(bdf_order, beta, h).ok()?.fill(&mut single);
-        let (samples, single_samples) = ([mass, rho, beta, h], [mass as f32; 4]);
-        let double = Unknown { table: &table, samples: &samples, scale: kappa, stages, channels };
-        let float =
-            Unknown { table: &single, samples: &single_samples, scale: kappa as f32, stages, channels };
-        Some(
-            engines::weights(bdf_order, beta, h)?
-                + engines::rules(stages)?
-                + engines::engines(&double)?
-                + f64::from(engines::engines(&float)?)
-                + schemes::of_one_node(&table, numbers)?
-                + f64::from(schemes::of_one_node(&single, numbers)?)
-                + schemes::of_higher_degree(&table, numbers)?
-                + schemes::stability(numbers, bdf_order)?,
-        )
-    };
-    all().unwrap_or(-1.0)
-}
-
-/// An index that may be out of bounds: its panic must show.
-#[cfg(feature = "seeded-panic")]
-#[unsafe(no_mangle)]
-pub extern "C" fn seeded(index: usize) -> f64 {
-    const NUMBERS: [f64; HISTORY] = [1.0; HISTORY];
-    NUMBERS[index]
 }

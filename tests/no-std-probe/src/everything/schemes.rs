@@ -9,7 +9,7 @@ use fvi_core::{
 use heapless::Deque;
 use nalgebra::{SMatrix, SVector};
 
-use crate::HISTORY;
+use super::HISTORY;
 
 /// Quartic springs in every coordinate, without calls to the platform.
 struct Springs;

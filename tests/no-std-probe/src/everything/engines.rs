@@ -7,11 +7,11 @@ use fvi_core::{
 };
 use heapless::Deque;
 
-use crate::HISTORY;
+use super::HISTORY;
 
 /// What the caller hands in.
 pub struct Unknown<'a, T> {
-    /// A table of [`TABLE`](crate::TABLE) numbers.
+    /// A table of [`TABLE`](super::TABLE) numbers.
     pub table: &'a [T],
     pub samples: &'a [T],
     pub scale: T,
