@@ -47,14 +47,14 @@ fn memory((mut memory, signal): (Box<dyn Memory<f64>>, Vec<f64>)) -> f64 {
     term[0]
 }
 
-fn offline_transform() -> (OfflineFft<f64>, Vec<f64>, Vec<f64>) {
+fn offline_transform() -> (OfflineFft, Vec<f64>, Vec<f64>) {
     let offline = OfflineFft::new(WeightTable::scalars(&weights()), STEPS).expect("a length");
     (offline, noise(STEPS), vec![0.0; STEPS])
 }
 
 #[library_benchmark]
 #[bench::known_data(setup = offline_transform)]
-fn offline_fft((mut offline, signal, mut terms): (OfflineFft<f64>, Vec<f64>, Vec<f64>)) -> Vec<f64> {
+fn offline_fft((mut offline, signal, mut terms): (OfflineFft, Vec<f64>, Vec<f64>)) -> Vec<f64> {
     offline.convolve(black_box(&signal), &mut terms);
     terms
 }

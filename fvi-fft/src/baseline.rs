@@ -1,5 +1,7 @@
 //! What engines are compared with: a reference of twice the precision on telling signals, what people write
 //! first, what the textbook says, and the bound of data known beforehand.
+//!
+//! What is timed against the engines is in double precision only, so that it is compiled here, as they are.
 
 mod compensated_sum;
 mod hls;

@@ -198,7 +198,7 @@ fn a_transform_of_everything_gives_the_terms_again_and_again() {
         }
     }
     // Two spectra of 513 complex numbers, 1024 real ones, scratch.
-    let least = size_of::<OfflineFft<f64>>() + (2 * 513 + 512) * 16;
+    let least = size_of::<OfflineFft>() + (2 * 513 + 512) * 16;
     assert!((least..least + 32_768).contains(&offline.bytes()), "{}", offline.bytes());
     assert_eq!(OfflineFft::new(WeightTable::scalars(&weights), 0).err().unwrap().parameter, "length");
     assert_eq!(OfflineFft::new(WeightTable::matrices(&weights, 2), 9).err().unwrap().parameter, "channels");
@@ -725,11 +725,11 @@ fn bytes_count_the_numbers_that_a_memory_keeps() {
     let weights = arbitrary::<f64>(2, 500);
     let table = WeightTable::matrices(&weights, 2);
     let naive = Naive::planned(table, 4, 500).unwrap();
-    assert_bytes("naive", &naive, 4 + 4 * 500 + 4 * 500, size_of::<Naive<f64>>() + 200);
-    assert!(naive.bytes() >= 8 * (4 + 4 * 500 + 4 * 500) + size_of::<Naive<f64>>());
+    assert_bytes("naive", &naive, 4 + 4 * 500 + 4 * 500, size_of::<Naive>() + 200);
+    assert!(naive.bytes() >= 8 * (4 + 4 * 500 + 4 * 500) + size_of::<Naive>());
     let mut textbook = Hls::planned(table, 4, 500).unwrap();
     let before = textbook.bytes();
-    assert!(before >= 8 * 12 * 500 + size_of::<Hls<f64>>() && before < 8 * 16 * 500 + 1000, "{before}");
+    assert!(before >= 8 * 12 * 500 + size_of::<Hls>() && before < 8 * 16 * 500 + 1000, "{before}");
     for _ in 0..400 {
         textbook.push(&[0.0; 4]).unwrap();
     }

@@ -4,7 +4,6 @@ use fvi_core::{Memory, MemoryError, ParameterError, check_channels};
 use rustfft::num_complex::Complex;
 
 use crate::plans::Plans;
-use crate::scalar::Scalar;
 use crate::weights::{Weights, check_shape, take_planes};
 
 /// Binary splitting with three complex transforms a block and nothing kept between blocks: O(log² k) a step.
@@ -17,31 +16,31 @@ use crate::weights::{Weights, check_shape, take_planes};
 /// decaying signals the result is not exact to rounding.
 ///
 /// Source: \[HLS\].
-pub struct Hls<T: Scalar> {
+pub struct Hls {
     stages: usize,
     capacity: usize,
-    leading: Vec<T>,
+    leading: Vec<f64>,
     /// For each entry of the matrices, row by row, its weights.
-    planes: Vec<Vec<T>>,
+    planes: Vec<Vec<f64>>,
     /// All samples, one row per channel.
-    signal: Vec<Vec<T>>,
+    signal: Vec<Vec<f64>>,
     /// Memory terms as far as they are known, one row per channel.
-    terms: Vec<Vec<T>>,
-    plans: Plans<T>,
-    samples: Vec<Complex<T>>,
-    weights: Vec<Complex<T>>,
+    terms: Vec<Vec<f64>>,
+    plans: Plans<f64>,
+    samples: Vec<Complex<f64>>,
+    weights: Vec<Complex<f64>>,
 }
 
 /// Largest block that is summed directly.
 const DIRECT: usize = 32;
 
-impl<T: Scalar> Hls<T> {
+impl Hls {
     /// A memory for at most `capacity` samples.
     ///
     /// # Errors
     /// If `channels` is zero or no multiple of the kernel's stages.
     pub fn planned(
-        mut kernel: impl Weights<T>,
+        mut kernel: impl Weights<f64>,
         channels: usize,
         capacity: usize,
     ) -> Result<Self, ParameterError> {
@@ -53,7 +52,7 @@ impl<T: Scalar> Hls<T> {
             leading: planes.iter().map(|plane| plane[0]).collect(),
             planes,
             signal: (0..channels).map(|_| Vec::with_capacity(capacity)).collect(),
-            terms: vec![vec![T::zero(); capacity]; channels],
+            terms: vec![vec![0.0; capacity]; channels],
             plans: Plans::new(),
             samples: Vec::new(),
             weights: Vec::new(),
@@ -79,8 +78,8 @@ impl<T: Scalar> Hls<T> {
             return;
         }
         let length = 2 * block;
-        let zero = Complex::new(T::zero(), T::zero());
-        let complex = |&number: &T| Complex::new(number, T::zero());
+        let zero = Complex::new(0.0, 0.0);
+        let complex = |&number: &f64| Complex::new(number, 0.0);
         self.samples.clear();
         self.samples.extend(samples.iter().map(complex));
         self.samples.resize(length, zero);
@@ -90,7 +89,7 @@ impl<T: Scalar> Hls<T> {
         let plan = self.plans.plan(length);
         plan.forward.process(&mut self.samples);
         plan.forward.process(&mut self.weights);
-        let scale = T::of(1.0 / length as f64);
+        let scale = 1.0 / length as f64;
         for (sample, weight) in self.samples.iter_mut().zip(&self.weights) {
             *sample = *sample * *weight * scale;
         }
@@ -101,7 +100,7 @@ impl<T: Scalar> Hls<T> {
     }
 }
 
-impl<T: Scalar> Memory<T> for Hls<T> {
+impl Memory<f64> for Hls {
     fn channels(&self) -> usize {
         self.signal.len()
     }
@@ -110,7 +109,7 @@ impl<T: Scalar> Memory<T> for Hls<T> {
         self.stages
     }
 
-    fn leading(&self) -> &[T] {
+    fn leading(&self) -> &[f64] {
         &self.leading
     }
 
@@ -118,7 +117,7 @@ impl<T: Scalar> Memory<T> for Hls<T> {
         self.signal[0].len()
     }
 
-    fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
+    fn next_term(&mut self, term: &mut [f64]) -> Result<(), MemoryError> {
         check_channels(self.channels(), term.len())?;
         self.check_room()?;
         let k = self.len();
@@ -128,7 +127,7 @@ impl<T: Scalar> Memory<T> for Hls<T> {
         Ok(())
     }
 
-    fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
+    fn push(&mut self, sample: &[f64]) -> Result<(), MemoryError> {
         check_channels(self.channels(), sample.len())?;
         self.check_room()?;
         for (row, &number) in self.signal.iter_mut().zip(sample) {
@@ -150,12 +149,13 @@ impl<T: Scalar> Memory<T> for Hls<T> {
 
     fn clear(&mut self) {
         self.signal.iter_mut().for_each(Vec::clear);
-        self.terms.iter_mut().for_each(|row| row.fill(T::zero()));
+        self.terms.iter_mut().for_each(|row| row.fill(0.0));
     }
 
     fn bytes(&self) -> usize {
-        let rows = |rows: &[Vec<T>]| rows.iter().map(|row| row.capacity() * size_of::<T>()).sum::<usize>();
-        let complex = (self.samples.capacity() + self.weights.capacity()) * size_of::<Complex<T>>();
+        let rows =
+            |rows: &[Vec<f64>]| rows.iter().map(|row| row.capacity() * size_of::<f64>()).sum::<usize>();
+        let complex = (self.samples.capacity() + self.weights.capacity()) * size_of::<Complex<f64>>();
         size_of::<Self>() + rows(&self.planes) + rows(&self.signal) + rows(&self.terms) + complex
     }
 }

@@ -2,28 +2,27 @@
 
 use fvi_core::{Memory, MemoryError, ParameterError, check_channels};
 
-use crate::scalar::Scalar;
 use crate::weights::{Weights, check_shape, take_planes};
 
 /// r_k = Σ_{n=1}^{k} W_n x_{k−n}, summed in this order with one accumulator a channel: O(k) a step.
 #[derive(Clone, Debug)]
-pub struct Naive<T> {
+pub struct Naive {
     stages: usize,
     capacity: usize,
-    leading: Vec<T>,
+    leading: Vec<f64>,
     /// For each entry of the matrices, row by row, its weights.
-    planes: Vec<Vec<T>>,
+    planes: Vec<Vec<f64>>,
     /// All samples, one row per channel.
-    signal: Vec<Vec<T>>,
+    signal: Vec<Vec<f64>>,
 }
 
-impl<T: Scalar> Naive<T> {
+impl Naive {
     /// A memory for at most `capacity` samples.
     ///
     /// # Errors
     /// If `channels` is zero or no multiple of the kernel's stages.
     pub fn planned(
-        mut kernel: impl Weights<T>,
+        mut kernel: impl Weights<f64>,
         channels: usize,
         capacity: usize,
     ) -> Result<Self, ParameterError> {
@@ -43,7 +42,7 @@ impl<T: Scalar> Naive<T> {
     }
 }
 
-impl<T: Scalar> Memory<T> for Naive<T> {
+impl Memory<f64> for Naive {
     fn channels(&self) -> usize {
         self.signal.len()
     }
@@ -52,7 +51,7 @@ impl<T: Scalar> Memory<T> for Naive<T> {
         self.stages
     }
 
-    fn leading(&self) -> &[T] {
+    fn leading(&self) -> &[f64] {
         &self.leading
     }
 
@@ -60,12 +59,12 @@ impl<T: Scalar> Memory<T> for Naive<T> {
         self.signal[0].len()
     }
 
-    fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
+    fn next_term(&mut self, term: &mut [f64]) -> Result<(), MemoryError> {
         check_channels(self.channels(), term.len())?;
         self.check_room()?;
         for (channel, number) in term.iter_mut().enumerate() {
             let (stage, group) = (channel % self.stages, channel - channel % self.stages);
-            *number = T::zero();
+            *number = 0.0;
             for other in 0..self.stages {
                 let weights = &self.planes[stage * self.stages + other][1..];
                 for (&sample, &weight) in self.signal[group + other].iter().rev().zip(weights) {
@@ -76,7 +75,7 @@ impl<T: Scalar> Memory<T> for Naive<T> {
         Ok(())
     }
 
-    fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
+    fn push(&mut self, sample: &[f64]) -> Result<(), MemoryError> {
         check_channels(self.channels(), sample.len())?;
         self.check_room()?;
         for (row, &number) in self.signal.iter_mut().zip(sample) {
@@ -90,7 +89,8 @@ impl<T: Scalar> Memory<T> for Naive<T> {
     }
 
     fn bytes(&self) -> usize {
-        let rows = |rows: &[Vec<T>]| rows.iter().map(|row| row.capacity() * size_of::<T>()).sum::<usize>();
+        let rows =
+            |rows: &[Vec<f64>]| rows.iter().map(|row| row.capacity() * size_of::<f64>()).sum::<usize>();
         size_of::<Self>() + size_of_val(self.leading.as_slice()) + rows(&self.planes) + rows(&self.signal)
     }
 }

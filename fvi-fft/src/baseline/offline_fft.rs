@@ -13,33 +13,33 @@ use crate::weights::{Weights, check_shape, take_planes};
 ///
 /// Not a memory: every sample must be known at the start. Near and far lags share the transform, so it is not
 /// exact to rounding either; it is here for its time.
-pub struct OfflineFft<T: Scalar> {
+pub struct OfflineFft {
     length: usize,
-    forward: Arc<dyn RealToComplex<T>>,
-    inverse: Arc<dyn ComplexToReal<T>>,
-    kernel: Vec<Complex<T>>,
-    padded: Vec<T>,
-    spectrum: Vec<Complex<T>>,
-    scratch: Vec<Complex<T>>,
+    forward: Arc<dyn RealToComplex<f64>>,
+    inverse: Arc<dyn ComplexToReal<f64>>,
+    kernel: Vec<Complex<f64>>,
+    padded: Vec<f64>,
+    spectrum: Vec<Complex<f64>>,
+    scratch: Vec<Complex<f64>>,
 }
 
-impl<T: Scalar> OfflineFft<T> {
+impl OfflineFft {
     /// The convolution of `length` samples of one channel with a kernel of plain numbers.
     ///
     /// # Errors
     /// If the kernel has several stages or the length is zero.
-    pub fn new(mut kernel: impl Weights<T>, length: usize) -> Result<Self, ParameterError> {
+    pub fn new(mut kernel: impl Weights<f64>, length: usize) -> Result<Self, ParameterError> {
         check_shape(&kernel, 1)?;
         if length == 0 {
             return Err(ParameterError { parameter: "length", value: 0.0, allowed: "at least 1" });
         }
         let size = (2 * length).next_power_of_two();
-        let (forward, inverse) = T::real_transforms(size);
+        let (forward, inverse) = f64::real_transforms(size);
         let mut padded = take_planes(&mut kernel, length).remove(0);
-        let scale = T::of(1.0 / size as f64);
+        let scale = 1.0 / size as f64;
         padded.iter_mut().for_each(|weight| *weight *= scale);
-        padded[0] = T::zero();
-        padded.resize(size, T::zero());
+        padded[0] = 0.0;
+        padded.resize(size, 0.0);
         let spectrum = forward.make_output_vec();
         let scratch = forward.get_scratch_len().max(inverse.get_scratch_len());
         let mut offline = Self {
@@ -47,7 +47,7 @@ impl<T: Scalar> OfflineFft<T> {
             kernel: Vec::new(),
             padded,
             spectrum,
-            scratch: vec![Complex::new(T::zero(), T::zero()); scratch],
+            scratch: vec![Complex::new(0.0, 0.0); scratch],
             forward,
             inverse,
         };
@@ -67,16 +67,16 @@ impl<T: Scalar> OfflineFft<T> {
     ///
     /// # Panics
     /// If a slice is shorter than the length.
-    pub fn convolve(&mut self, signal: &[T], terms: &mut [T]) {
+    pub fn convolve(&mut self, signal: &[f64], terms: &mut [f64]) {
         self.padded[..self.length].copy_from_slice(&signal[..self.length]);
-        self.padded[self.length..].fill(T::zero());
+        self.padded[self.length..].fill(0.0);
         self.transform();
         for (number, weight) in self.spectrum.iter_mut().zip(&self.kernel) {
             *number *= *weight;
         }
         // The ends of a real spectrum are real; the transform insists on the sign of zero.
         let last = self.spectrum.len() - 1;
-        (self.spectrum[0].im, self.spectrum[last].im) = (T::zero(), T::zero());
+        (self.spectrum[0].im, self.spectrum[last].im) = (0.0, 0.0);
         let scratch = &mut self.scratch[..self.inverse.get_scratch_len()];
         let _ = self.inverse.process_with_scratch(&mut self.spectrum, &mut self.padded, scratch);
         terms[..self.length].copy_from_slice(&self.padded[..self.length]);
@@ -85,6 +85,6 @@ impl<T: Scalar> OfflineFft<T> {
     /// Bytes of tables and buffers.
     pub fn bytes(&self) -> usize {
         let complex = self.kernel.len() + self.spectrum.len() + self.scratch.len();
-        size_of::<Self>() + complex * size_of::<Complex<T>>() + self.padded.len() * size_of::<T>()
+        size_of::<Self>() + complex * size_of::<Complex<f64>>() + self.padded.len() * size_of::<f64>()
     }
 }

@@ -48,6 +48,8 @@ pub struct TrajectoryWriter {
     index: usize,
     /// Whether the newest row is in the file.
     written: bool,
+    /// Room for a row of text.
+    line: String,
 }
 
 enum Rows {
@@ -83,7 +85,7 @@ impl TrajectoryWriter {
                 Rows::Npz(Box::new(NpzRows::create(&path, Arrays::WithEnergies, coordinates.len())?))
             }
         };
-        Ok(Self { rows, every: every.max(1), index: 0, written: true })
+        Ok(Self::behind(rows, every, 0, true))
     }
 
     /// A writer to a file of NumPy arrays of any name.
@@ -92,7 +94,7 @@ impl TrajectoryWriter {
     /// If a file cannot be created.
     pub(crate) fn npz(path: &Path, coordinates: usize, every: usize) -> io::Result<Self> {
         let rows = Rows::Npz(Box::new(NpzRows::create(path, Arrays::WithEnergies, coordinates)?));
-        Ok(Self { rows, every: every.max(1), index: 0, written: true })
+        Ok(Self::behind(rows, every, 0, true))
     }
 
     /// A writer that goes on behind a mark with grid point `index`.
@@ -114,7 +116,11 @@ impl TrajectoryWriter {
             }
             _ => return Err(io::ErrorKind::InvalidData.into()),
         };
-        Ok(Self { rows, every: every.max(1), index, written: mark.written })
+        Ok(Self::behind(rows, every, index, mark.written))
+    }
+
+    fn behind(rows: Rows, every: usize, index: usize, written: bool) -> Self {
+        Self { rows, every: every.max(1), index, written, line: String::new() }
     }
 
     /// Whether what was marked is still there. Nothing is changed.
@@ -166,7 +172,11 @@ impl TrajectoryWriter {
 
     fn write(&mut self, state: &GridState) -> io::Result<()> {
         match &mut self.rows {
-            Rows::Csv(file) => write_row(file, state),
+            Rows::Csv(file) => {
+                self.line.clear();
+                state.append_row(&mut self.line);
+                file.write_all(self.line.as_bytes())
+            }
             Rows::Npz(rows) => rows.push([&[state.time], &state.position, &state.momentum, &[state.energy]]),
         }
     }
@@ -208,14 +218,6 @@ impl TrajectoryWriter {
 
 fn whole(path: &PathBuf) -> io::Result<Box<dyn Read>> {
     Ok(Box::new(File::open(path)?))
-}
-
-fn write_row(file: &mut impl Write, state: &GridState) -> io::Result<()> {
-    write!(file, "{:.16e}", state.time)?;
-    for number in state.position.iter().chain(&state.momentum).chain([&state.energy]) {
-        write!(file, ",{number:.16e}")?;
-    }
-    file.write_all(b"\n")
 }
 
 #[cfg(test)]
