@@ -2,8 +2,8 @@
 //! exist: if the optimiser cannot prove it unreachable, its name stays among the undefined symbols of the
 //! library.
 //!
-//! With the feature `seeded-panic` it is the negative control, built the same way: a function that can panic, and
-//! none of the others, which take long to compile.
+//! With the feature `seeded-panic` it is the negative control, built the same way: a function that can
+//! panic, and none of the others, which take long to compile.
 #![no_std]
 
 #[cfg(not(feature = "seeded-panic"))]
