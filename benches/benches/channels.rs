@@ -94,8 +94,8 @@ fn copies(threads: usize, rounds: usize) -> f64 {
 }
 
 /// Bytes that a step of a memory of one kernel reads and writes for each channel, on average over a chunk:
-/// the whole state at its end, samples and terms at the end of each eight places, and the newest samples, what
-/// is known of the term, and the caller's numbers at each place.
+/// the whole state at its end, samples and terms at the end of each eight places, and the newest samples,
+/// what is known of the term, and the caller's numbers at each place.
 fn traffic(chunk: usize, state: usize, number: usize) -> f64 {
     let groups: usize = (1..chunk / 8).map(|group| 8 * group + 16).sum();
     let (at_ends, always) = (2 * state + groups * number, 5.5 * number as f64 + 16.0);

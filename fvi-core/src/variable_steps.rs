@@ -790,7 +790,7 @@ mod tests {
     fn bytes_are_those_of_the_object_the_table_and_the_state() {
         let method = RungeKutta::<2>::radau_iia().unwrap();
         let memory = memory(&method, eight_rates(0.5, 2), 3);
-        // 8 rates and coefficients and 4 leading numbers; 5 numbers a rate, 4, and 2 · 8 + 2 for each coordinate.
+        // 8 rates and coefficients, 4 leading numbers; 5 numbers a rate, 4, and 2 · 8 + 2 a coordinate.
         let numbers = 20 + 5 * 8 + 4 + 3 * 18;
         assert_eq!(memory.bytes(), size_of_val(&memory) - size_of::<Vec<f64>>() + 8 * numbers);
         assert_eq!(memory.state_bytes(), header_bytes(4) + 8 * (2 + 3 * 18));

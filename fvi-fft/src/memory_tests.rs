@@ -675,7 +675,7 @@ fn assert_bytes(name: &str, memory: &dyn Memory<f64>, numbers: usize, overhead: 
 
 #[test]
 fn bytes_count_the_numbers_that_a_memory_keeps() {
-    // Leading weights, the tables d of them from chunk to chunk, blocks of sixteen exponentials and the state.
+    // Leading weights, their tables d from chunk to chunk, blocks of sixteen exponentials and the state.
     let (rows, stages) = (|rows: usize| 16 * rows, 4);
     let exponentials = Exponentials::new(stages, 40, 400);
     let memory = ChunkedExponentialSum::<f64, 4>::new(&exponentials.table(), 3 * stages).unwrap();
@@ -704,7 +704,7 @@ fn bytes_count_the_numbers_that_a_memory_keeps() {
     let (channels, stages, capacity) = (4, 2, 2048);
     let near = stages * stages * (1 + rows(128 + 16)) + rows(channels);
     let [block_fft, growing, paced, _] = transform_engines::<f64>(channels, stages, capacity);
-    // Spectra of weights and of samples at distances from 2 on, a sum, a polynomial, twists; one output block.
+    // Spectra of weights and samples at distances from 2 on, a sum, a polynomial, twists; one output block.
     let level = |block: usize, reach: usize, outputs: usize| {
         let spectra = (reach - 1) * (stages * stages + channels) + 3;
         2 * block * spectra + outputs * channels * block

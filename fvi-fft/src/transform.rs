@@ -478,7 +478,7 @@ mod tests {
 
     #[test]
     fn pieces_cost_their_butterflies_and_leaves_forth_and_back() {
-        // 1024 → 256 → 64: two passes of 256 butterflies in pieces of 64, four products each twice; 16 leaves.
+        // 1024 → 256 → 64: 2 passes of 256 butterflies in pieces of 64, four products each, twice; 16 leaves.
         let transform = Transform::<f64>::new(1024, 128, &mut Plans::new(), Arch::new());
         assert_eq!(transform.pieces(), 2 * 4 + 16);
         let costs: Vec<usize> = (0..24).map(|piece| transform.forward_cost(piece)).collect();

@@ -804,7 +804,7 @@ mod tests {
     fn bytes_are_those_of_rates_operators_and_sums() {
         let method = RungeKutta::<2>::radau_iia().unwrap();
         let memory = VectorVariableSteps::new(&method, &rate_table::<f64>(0.5, 2).borrow(), 3).unwrap();
-        // Rows of 16 numbers in two blocks: rates, operators of four lengths, sums; then numbers a coordinate.
+        // Rows of 16 numbers in 2 blocks: rates, operators of four lengths, sums; then numbers a coordinate.
         let rows = 2 * (3 + 4 * 5 + 2 * 3);
         let steps = 4 * size_of::<Step<f64, 2>>();
         let numbers = 16 * rows + 2 * 3 + 2 * 3;
