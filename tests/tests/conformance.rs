@@ -407,7 +407,7 @@ engine!(
     short_runs_of_decaying_numbers,
     [SECOND_ORDER],
     DECAYING_LONG,
-    LONG_ENOUGH
+    &[33_000]
 );
 
 /// The bits of every term, with so many threads; channels enough for them to take part.
