@@ -183,7 +183,8 @@ type Tables = Arc<[ExponentialTable<Aligned<f64>>]>;
 /// The kernel's table, and those that share its exponentials; for all lengths of the suite. Kept, since a
 /// table takes longer to make than the runs on it.
 fn tables(kernel: TestKernel, sharing: Sharing, tolerance: f64) -> Tables {
-    static MADE: Mutex<Vec<((TestKernel, Sharing, f64), Tables)>> = Mutex::new(Vec::new());
+    type Wanted = (TestKernel, Sharing, f64);
+    static MADE: Mutex<Vec<(Wanted, Tables)>> = Mutex::new(Vec::new());
     let wanted = (kernel, sharing, tolerance);
     let made =
         MADE.lock().unwrap().iter().find(|(made, _)| *made == wanted).map(|(_, tables)| tables.clone());
