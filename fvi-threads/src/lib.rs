@@ -108,10 +108,13 @@ mod tests {
     #[test]
     fn work_side_by_side_and_within_other_work_has_threads_of_its_own() {
         let together = Barrier::new(4);
-        share(2, 0..2, |_| share(2, 0..2, |_| drop(together.wait())));
+        let meet = |_| {
+            together.wait();
+        };
+        share(2, 0..2, |_| share(2, 0..2, meet));
         thread::scope(|scope| {
             for _ in 0..2 {
-                scope.spawn(|| share(2, 0..2, |_| drop(together.wait())));
+                scope.spawn(|| share(2, 0..2, meet));
             }
         });
     }
