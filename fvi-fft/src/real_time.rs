@@ -360,8 +360,8 @@ mod tests {
         assert_eq!(Memory::overruns(&memory), Some(memory.overruns()));
     }
 
-    /// The budget is no larger than it must be for the worst lengths. At others, such as 1000 and 16 384, nine
-    /// tenths of it do.
+    /// The budget is no larger than it must be for the worst lengths. At others, such as 1000 and 16 384,
+    /// nine tenths of it do.
     #[test]
     fn at_some_lengths_nine_tenths_of_the_budget_are_too_little() {
         for length in [4000, 65_536] {
