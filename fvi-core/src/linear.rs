@@ -534,6 +534,57 @@ mod tests {
     }
 
     #[test]
+    fn four_vectors_are_combined_number_by_number() {
+        for length in 0..20 {
+            let [a, b, c, d] =
+                [1.0, 2.0, 3.0, 4.0].map(|first| noise(length).iter().map(|x| first + x).collect());
+            let [a, b, c, d]: [std::vec::Vec<f64>; 4] = [a, b, c, d];
+            let mut found = std::vec![f64::NAN; length];
+            combine_four(&mut found, (&a, &b), (&c, &d), |a, b, c, d| a + 10.0 * b + 100.0 * c + 1000.0 * d);
+            for i in 0..length {
+                assert_eq!(found[i], a[i] + 10.0 * b[i] + 100.0 * c[i] + 1000.0 * d[i], "{i} of {length}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_correction_is_subtracted_and_the_largest_numbers_are_those_before_and_after() {
+        let largest = |numbers: &[f64]| numbers.iter().fold(0.0, |largest: f64, x| largest.max(x.abs()));
+        for length in 0..20 {
+            let (start, correction) = (noise(length), noise(length + 7).split_off(7));
+            let mut found = start.clone();
+            let sizes = subtract_and_fold(&mut found, &correction, |largest: f64, x| largest.max(x.abs()));
+            for i in 0..length {
+                assert_eq!(found[i], start[i] - correction[i], "{i} of {length}");
+            }
+            assert_eq!(sizes, (largest(&correction), largest(&found)), "{length} numbers");
+        }
+    }
+
+    #[test]
+    fn a_pivot_is_held_against_the_whole_of_its_column() {
+        // 1 is nothing beside 10²⁰, in whichever row that is.
+        let mut above = [1.0, 1e20, 0.0, 1.0];
+        assert_eq!(factor(&mut above, &mut [0; 2]), Err(Singular));
+        let mut between = [1.0, 0.0, 1.0, 0.0, 1.0, 1e20, 0.0, 0.0, 1.0];
+        assert_eq!(factor(&mut between, &mut [0; 3]), Err(Singular));
+        // Of rows alike the first is the pivot.
+        let (mut alike, mut pivots) = ([1.0, 2.0, 1.0, 3.0], [9; 2]);
+        factor(&mut alike, &mut pivots).unwrap();
+        assert_eq!(pivots, [0, 1]);
+    }
+
+    #[test]
+    fn what_elimination_leaves_by_rounding_is_not_definite() {
+        // s [1 1; 1 1 + 2ε] behind another coordinate: elimination takes s from s (1 + 2ε).
+        let (s, e) = (1.0 / 1_048_576.0, f64::EPSILON);
+        let mut nearly = [1.0, 0.0, 0.0, 0.0, s, s, 0.0, s, s * (1.0 + 2.0 * e)];
+        assert!(!is_positive_definite_in_place(&mut nearly, 3));
+        let mut clearly = [1.0, 0.0, 0.0, 0.0, s, s, 0.0, s, s * (1.0 + 6.0 * e)];
+        assert!(is_positive_definite_in_place(&mut clearly, 3));
+    }
+
+    #[test]
     fn singular_and_indefinite_matrices_are_told_apart() {
         let singular = matrix![1.0, 2.0; 2.0, 4.0];
         assert_eq!(invert(&singular), Err(Singular));

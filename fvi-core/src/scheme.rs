@@ -217,3 +217,45 @@ impl From<MemoryError> for StepError {
         Self::Memory(error)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Fixed;
+    use nalgebra::{SVector, vector};
+
+    #[test]
+    fn a_step_ends_where_it_was_found_to_and_its_nodes_lie_behind_by_what_they_did_not_rise() {
+        let zeros = SVector::<f64, 2>::zeros();
+        let rounding = Rounding { position: zeros, momentum: zeros };
+        let start = State { step: 3, position: vector![1.0, 2.0], momentum: vector![-1.0, 0.5], rounding };
+        let step = Step { time: 0.5, end: 0.75, size: 0.25, input: &[] };
+        // Two nodes of two coordinates.
+        let increments = [0.25, 0.5, 0.75, 1.0];
+        let found = Outcome { increments: &increments, rise: &[1.0, 4.0], kick: &[0.125, -0.5] };
+        let (mut state, mut behind, mut scratch) = (start, [9.0; 4], [0.0; 4]);
+        conclude::<_, Fixed<2>, _>(
+            &mut (),
+            &step,
+            &[0.2, 0.8],
+            &found,
+            &mut state,
+            &mut behind,
+            &mut scratch,
+        )
+        .unwrap();
+        assert_eq!(state.position, vector![2.0, 6.0]);
+        assert_eq!(state.momentum, vector![-0.875, 0.0]);
+        assert_eq!(behind, [0.75, 3.5, 0.25, 3.0]);
+    }
+
+    #[test]
+    fn what_is_too_small_to_show_is_added_when_it_has_grown() {
+        let (mut number, mut rest) = ([1.0_f32], [0.0_f32]);
+        for _ in 0..1_000_000 {
+            add_compensated(&mut number, &mut rest, &[1e-9]);
+        }
+        // Each of them alone is less than half a unit of 1.
+        assert!((number[0] - 1.001).abs() < 1.5e-7, "{}", number[0]);
+    }
+}
