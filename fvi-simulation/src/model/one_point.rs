@@ -106,8 +106,8 @@ impl<T: Real> Scheme<T, Fixed<1>> for OnePoint<T> {
 }
 
 impl<T: Real> OnePoint<T> {
-    /// A step as [`DiscreteLagrangian::step_damped_at_nodes`] or, where that is not `AT_NODE`,
-    /// [`DiscreteLagrangian::step_damped_at_main_nodes`] makes it, to the bit.
+    /// A step as [`fvi_core::DiscreteLagrangian::step_damped_at_nodes`] or, where that is not `AT_NODE`,
+    /// [`fvi_core::DiscreteLagrangian::step_damped_at_main_nodes`] makes it, to the bit.
     #[inline(always)]
     fn make<const AT_NODE: bool, G: Mechanics<T, Fixed<1>>, D: Damping<T, Fixed<1>>>(
         &self,
