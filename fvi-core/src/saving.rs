@@ -96,6 +96,8 @@ pub enum StateError {
         /// The count in the state.
         found: u64,
     },
+    /// A number of the state is infinite or not a number: these bytes have changed since they were saved.
+    NotFinite,
     /// The object does not offer to save its state.
     Unsupported,
 }
@@ -120,6 +122,7 @@ impl fmt::Display for StateError {
             Self::TooLarge { what, limit, found } => {
                 write!(f, "the saved state has {what} = {found} where at most {limit} are possible")
             }
+            Self::NotFinite => write!(f, "the saved state has a number that is not finite"),
             Self::Unsupported => write!(f, "this object cannot save its state"),
         }
     }
@@ -266,19 +269,19 @@ impl<'a> StateReader<'a> {
     /// The next number.
     ///
     /// # Errors
-    /// [`StateError::Truncated`].
+    /// [`StateError::Truncated`], or [`StateError::NotFinite`].
     pub fn number<T: Real>(&mut self) -> Result<T, StateError> {
         let bits = match T::BYTES {
             4 => u32::from_le_bytes(self.word()?).into(),
             _ => u64::from_le_bytes(self.word()?),
         };
-        Ok(T::of_bits(bits))
+        Some(T::of_bits(bits)).filter(|number| number.is_finite()).ok_or(StateError::NotFinite)
     }
 
     /// The next numbers, to the given places.
     ///
     /// # Errors
-    /// [`StateError::Truncated`].
+    /// [`StateError::Truncated`], or [`StateError::NotFinite`].
     pub fn numbers<'n, T: Real>(
         &mut self,
         places: impl IntoIterator<Item = &'n mut T>,
@@ -289,12 +292,16 @@ impl<'a> StateReader<'a> {
         })
     }
 
-    /// Skips numbers, after a look that there are as many.
+    /// Skips numbers, after a look that there are as many and that they are finite.
     ///
     /// # Errors
-    /// [`StateError::Truncated`].
+    /// [`StateError::Truncated`], or [`StateError::NotFinite`].
     pub fn skip<T: Real>(&mut self, numbers: usize) -> Result<(), StateError> {
-        self.bytes(numbers.saturating_mul(T::BYTES)).map(|_| ())
+        let mut skipped = StateReader { rest: self.bytes(numbers.saturating_mul(T::BYTES))? };
+        while !skipped.rest.is_empty() {
+            skipped.number::<T>()?;
+        }
+        Ok(())
     }
 
     /// Reads a header and compares it with that of the object.
@@ -344,16 +351,16 @@ mod tests {
     fn numbers_keep_every_bit_with_the_least_significant_byte_first() {
         let mut bytes = [0; 24];
         let mut writer = StateWriter::new(&mut bytes);
-        writer.numbers(&[-0.0f32, f32::from_bits(0x7fc0_1234)]).unwrap();
+        writer.numbers(&[-0.0f32, f32::from_bits(0x0080_1234)]).unwrap();
         writer.numbers(&[f64::MIN_POSITIVE]).unwrap();
         writer.count(258).unwrap();
         assert_eq!(writer.bytes(&[1]), Err(StateError::NoRoom { room: 24 }));
         assert_eq!(writer.written(), 24);
-        assert_eq!(bytes[4..8], [0x34, 0x12, 0xc0, 0x7f]);
+        assert_eq!(bytes[4..8], [0x34, 0x12, 0x80, 0x00]);
         assert_eq!(bytes[16..18], [2, 1]);
         let mut reader = StateReader::new(&bytes);
         assert_eq!(reader.number::<f32>().unwrap().to_bits(), (-0.0f32).to_bits());
-        assert_eq!(reader.number::<f32>().unwrap().to_bits(), 0x7fc0_1234);
+        assert_eq!(reader.number::<f32>().unwrap().to_bits(), 0x0080_1234);
         assert_eq!(reader.clone().number(), Ok(f64::MIN_POSITIVE));
         assert_eq!(reader.clone().finish(), Err(StateError::Surplus { bytes: 16 }));
         reader.skip::<f64>(1).unwrap();
@@ -361,6 +368,18 @@ mod tests {
         assert_eq!(reader.clone().count_up_to("steps", 257), Err(too_large));
         assert_eq!(reader.count_up_to("steps", 258), Ok(258));
         assert_eq!(reader.count(), Err(StateError::Truncated { needed: 8, left: 0 }));
+    }
+
+    #[test]
+    fn a_number_that_is_not_finite_is_refused_where_it_is_read_and_where_it_is_skipped() {
+        for changed in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            let mut bytes = [0; 16];
+            StateWriter::new(&mut bytes).numbers(&[1.0, changed]).unwrap();
+            let reader = StateReader::new(&bytes);
+            assert_eq!(reader.clone().skip::<f64>(1), Ok(()));
+            assert_eq!(reader.clone().skip::<f64>(2), Err(StateError::NotFinite), "{changed}");
+            assert_eq!(reader.clone().numbers(&mut [0.0; 2]), Err(StateError::NotFinite), "{changed}");
+        }
     }
 
     #[test]

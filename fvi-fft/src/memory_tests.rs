@@ -481,6 +481,13 @@ impl<T: Scalar> Promise<'_, T> {
                 );
                 assert!(matches!(memory.restore(&mut again), Err(StateError::Truncated { .. })), "{name}");
             }
+            if k > 0 {
+                let mut state = state.clone();
+                // The last numbers of the state, which are the last to be read.
+                state.iter_mut().rev().take(8).for_each(|byte| *byte = 0xff);
+                let refused = memory.restore(&mut StateReader::new(&state));
+                assert_eq!(refused, Err(StateError::NotFinite), "{name}");
+            }
             let forged = |at: usize, byte: u8| {
                 let mut state = state.clone();
                 state[at] ^= byte;

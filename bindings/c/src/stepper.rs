@@ -569,6 +569,9 @@ pub unsafe extern "C" fn fvi_stepper_step(stepper: *mut FviStepper, input: *cons
 
 /// Writes position and momentum, n numbers each, and the number of steps made; each pointer may be NULL.
 ///
+/// Where damping acts at the main nodes, the momentum is the one after the kick at the end of the step, of
+/// order 1; at the node there is one momentum only.
+///
 /// Returns FVI_STATUS_NULL if `stepper` is NULL, FVI_STATUS_MISALIGNED or FVI_STATUS_NOT_INITIALISED.
 ///
 /// # Safety

@@ -102,7 +102,7 @@ static float *emptied;
 static size_t emptied_size;
 
 static void may_empty(const FviMemory *memory, float *buffer, size_t size) {
-    emptied = memory->kind == FVI_EXPONENTIAL_SUM ? buffer : NULL;
+    emptied = (memory->kind & ~(uint32_t)FVI_ON_INCREMENTS) == FVI_EXPONENTIAL_SUM ? buffer : NULL;
     emptied_size = size;
 }
 
@@ -133,10 +133,10 @@ static float kernel[CAPACITY + 1];
 
 static FviMemory memory(int channels, float *buffer, size_t room) {
     FviMemory drawn = {0};
-    drawn.kind = rarely() ? below(9) : below(3);
+    drawn.kind = (rarely() ? below(9) : below(3)) | (below(3) == 0 ? FVI_ON_INCREMENTS : 0);
     drawn.scale = rarely() ? number() : 1.0f;
     drawn.buffer = pointer(buffer);
-    if (drawn.kind == FVI_EXPONENTIAL_SUM) {
+    if ((drawn.kind & ~(uint32_t)FVI_ON_INCREMENTS) == FVI_EXPONENTIAL_SUM) {
         drawn.weights = pointer((void *)(uintptr_t)fvi_head);
         drawn.weight_count = size(FVI_HEAD);
         drawn.exponentials = pointer((void *)(uintptr_t)fvi_exponentials);
@@ -160,7 +160,8 @@ static void make_weights(void) {
     size_t count = below(CAPACITY + 1);
     double step_size = rarely() ? (double)number() : 0.25, exponent = rarely() ? 3.0 * (double)number() : (double)number();
     remember();
-    int status = fvi_weights_bdf(rarely() ? below(UINT32_MAX) : 1 + below(6), exponent, step_size, pointer(world.weights),
+    FviStatus (*const weights)(uint32_t, double, double, float *, size_t) = below(2) ? fvi_weights_bdf : fvi_increment_weights_bdf;
+    int status = weights(rarely() ? below(UINT32_MAX) : 1 + below(6), exponent, step_size, pointer(world.weights),
         rarely() ? SIZE_MAX : count);
     if (is_done(0, status) && fabs(step_size) > 1e-9) {
         expect_finite(0, world.weights, count);
@@ -316,9 +317,17 @@ static size_t kept(size_t written) {
     return below(8) == 0 ? below((uint32_t)written + 1) : written;
 }
 
+/* A bit of it may have changed while it was stored. What such a state leads to is anything, but finite. */
+static void damage(int index) {
+    if (below(10) == 0 && world.written[index] > 0) {
+        world.saved[index][below((uint32_t)world.written[index])] ^= (uint8_t)(1u << below(8));
+    }
+}
+
 static void save_and_restore_operator(void) {
     remember();
     is_done(6, fvi_operator_save(pointer(&world.operators[below(OPERATORS)]), pointer(world.saved[0]), capacity(), pointer(&world.written[0])));
+    damage(0);
     remember();
     is_done(6, fvi_operator_restore(pointer(&world.operators[below(OPERATORS)]), pointer(world.saved[0]), kept(world.written[0])));
 }
@@ -333,6 +342,7 @@ static void save_and_restore_stepper(void) {
     n = n < 0 || rarely() ? (int)below(MOST) : n;
     remember();
     is_done(7, saves[n](pointer(&world.steppers[from]), pointer(world.saved[1]), capacity(), pointer(&world.written[1])));
+    damage(1);
     remember();
     is_done(7, restores[rarely() ? (int)below(MOST) : n](pointer(&world.steppers[to]), pointer(world.saved[1]), kept(world.written[1])));
 }
