@@ -2,10 +2,10 @@
 
 use fvi_core::nalgebra::{SMatrix, SVector};
 use fvi_core::{
-    BdfOrder, Coefficients, ConvolutionWeights, Damping, DampingTerm, Derivative, Direct, ExponentialSum,
-    ExponentialTable, Fixed, FixedDirect, FractionalOperator, Galerkin, Integrator, Kernel, Mass, Memory,
-    MemoryError, NoForce, NodeGalerkin, Overflow, Potential, Quadratic, Real, RungeKutta, Sample, Scheme,
-    Start, StateError, StateReader, StateWriter, System, Tiled,
+    BdfOrder, Coefficients, Collocation, ConvolutionWeights, Damping, DampingTerm, Derivative, Direct,
+    ExponentialSum, ExponentialTable, Fixed, FixedDirect, FractionalOperator, Galerkin, Integrator, Kernel,
+    Mass, Memory, MemoryError, NoForce, NodeGalerkin, Overflow, Potential, Quadratic, Real, RungeKutta,
+    Sample, Scheme, Start, StateError, StateReader, StateWriter, System, Tiled,
 };
 
 const STEPS: usize = 60;
@@ -229,6 +229,9 @@ fn in_any_precision<T: Real>() {
     let rings = || [const { fvi_core::heapless::Deque::<T, 50>::new() }; 4];
     let of_stages = || term(Direct::new(&planes[..], 2, T::one(), rings(), Overflow::Refuse).unwrap());
     an_integrator_goes_on(spring(), stages, of_stages);
+    let collocation = Collocation::<T, 2>::new(&RungeKutta::radau_iia().unwrap());
+    an_integrator_goes_on(spring(), collocation, of_stages);
+    an_integrator_goes_on(Cosine, collocation, of_stages);
 }
 
 #[test]
@@ -253,20 +256,29 @@ fn an_operator_goes_on_with_the_same_bits() {
     let table = weights::<f64>(40);
     let memory = || FixedDirect::<f64, 1, 40>::full_memory(&table, 1.0).unwrap();
     let operator = |start| FractionalOperator::new(memory(), start).unwrap();
-    let (mut first, mut second) = (operator(Start::Caputo), operator(Start::Caputo));
-    for k in 0..10 {
-        first.push(1.0 + f64::from(k)).unwrap();
-        second.push(5.0).unwrap();
-    }
-    let mut bytes = vec![0; first.state_bytes()];
-    first.save(&mut StateWriter::new(&mut bytes)).unwrap();
-    assert!(operator(Start::RiemannLiouville).restore(&mut StateReader::new(&bytes)).is_err());
-    for length in 0..bytes.len() {
-        assert!(second.clone().restore(&mut StateReader::new(&bytes[..length])).is_err());
-    }
-    second.restore(&mut StateReader::new(&bytes)).unwrap();
-    for _ in 0..10 {
-        assert_eq!(first.push(0.7).unwrap().to_bits(), second.push(0.7).unwrap().to_bits());
+    let starts = [Start::RiemannLiouville, Start::Caputo, Start::CaputoWithRise { rise: 0.5 }];
+    for (index, &start) in starts.iter().enumerate() {
+        let (mut first, mut second) = (operator(start), operator(start));
+        for k in 0..10 {
+            first.push(1.0 + f64::from(k)).unwrap();
+            second.push(5.0).unwrap();
+        }
+        let mut bytes = vec![0; first.state_bytes()];
+        first.save(&mut StateWriter::new(&mut bytes)).unwrap();
+        for other in [starts[(index + 1) % 3], Start::CaputoWithRise { rise: 0.25 }] {
+            let refused = operator(other).restore(&mut StateReader::new(&bytes));
+            assert!(
+                matches!(refused, Err(StateError::Mismatch { .. })),
+                "{start:?} as {other:?}: {refused:?}"
+            );
+        }
+        for length in 0..bytes.len() {
+            assert!(second.clone().restore(&mut StateReader::new(&bytes[..length])).is_err());
+        }
+        second.restore(&mut StateReader::new(&bytes)).unwrap();
+        for _ in 0..10 {
+            assert_eq!(first.push(0.7).unwrap().to_bits(), second.push(0.7).unwrap().to_bits(), "{start:?}");
+        }
     }
 }
 
