@@ -471,6 +471,19 @@ mod tests {
     }
 
     #[test]
+    fn a_sum_beyond_range_is_noticed_wherever_it_lies_and_a_difference_is_not_asked_for() {
+        for length in 1..40 {
+            for place in 0..length {
+                let (mut x, mut y) = (noise(length), noise(length));
+                (x[place], y[place]) = (f64::MAX, f64::MAX);
+                assert!(add_zeros(0.0, &x, &y).is_nan(), "{place} of {length}");
+                y[place] = -f64::MAX;
+                assert_eq!(add_zeros(0.0, &x, &y), 0.0, "{place} of {length}");
+            }
+        }
+    }
+
+    #[test]
     fn every_number_is_joined_once() {
         for length in 0..40 {
             let numbers = noise(length);
