@@ -265,9 +265,9 @@ impl<T: Scalar, V: Simd, const S: usize> NullaryFnOnce for Work<'_, T, V, S> {
     }
 }
 
-/// By how much, relative to itself, [`Block::absorb`] with factors of the scalar T makes the sum over a chunk
-/// of a constant too small: the same at every chunk, where errors of the additions change. Sums of changing
-/// sign make nothing pile up.
+/// By how much, relative to itself, [`Block::absorb`] with the factors of a [`Block`] in the scalar T makes
+/// the sum over a chunk of a constant too small: the same at every chunk, where errors of the additions
+/// change. Sums of changing sign make nothing pile up.
 fn shortfall<T: Scalar, const S: usize>(term: &ExponentialTerm<f64, S>) -> f64 {
     let (base, rest) = factor(term);
     if base <= 0.0 {
@@ -275,12 +275,13 @@ fn shortfall<T: Scalar, const S: usize>(term: &ExponentialTerm<f64, S>) -> f64 {
     }
     let square = base * base;
     let square_rest = libm::fma(base, base, -square) + 2.0 * base * rest;
-    let excess = |number: f64, rest: f64| (T::of(number).to_f64() - number) - rest;
-    let excess_of_square = excess(square, square_rest);
+    let stored = |n: usize| T::of(power(term, n)).to_f64();
+    let excess_of_base = (stored(1) - base) - rest;
+    let excess_of_square = (stored(2) - square) - square_rest;
     let (mut sum, mut excess_of_sum, mut power, mut excess_of_power) = (0.0, 0.0, 1.0, 0.0);
     for _ in 0..CHUNK / 2 {
         sum += power * (1.0 + base);
-        excess_of_sum += excess_of_power * (1.0 + base) + power * excess(base, rest);
+        excess_of_sum += excess_of_power * (1.0 + base) + power * excess_of_base;
         excess_of_power = excess_of_power * square + power * excess_of_square;
         power *= square;
     }
@@ -537,6 +538,8 @@ impl<T: Scalar, const S: usize> Memory<T> for ChunkedExponentialSum<T, S> {
 mod tests {
     use super::*;
 
+    use fvi_core::DoubleDouble;
+
     /// Weights 2, 1, 1/2, 1/4, …
     fn halves() -> ExponentialTable<&'static [f64]> {
         ExponentialTable {
@@ -591,22 +594,27 @@ mod tests {
         assert_eq!(parameter(halves(), 0), Some("channels"));
     }
 
+    /// Sixteen samples of 1 with factors f and f₂ for two steps: (f + 1) Σ f₂ⁱ, i < 8.
+    fn sum_of_ones(factor: DoubleDouble, squared: DoubleDouble) -> DoubleDouble {
+        let sum =
+            (1..CHUNK / 2).fold(DoubleDouble::ONE, |sum, _| squared.multiply(sum).add(DoubleDouble::ONE));
+        factor.add(DoubleDouble::ONE).multiply(sum)
+    }
+
     fn assert_shortfall<T: Scalar>() {
-        for decay in [1e-6, 0.003, 0.07, 0.3, 0.62, 0.9] {
+        let exact = DoubleDouble::exact;
+        for decay in [1e-6, 0.003, 0.007, 0.07, 0.1, 0.3, 0.41, 0.62, 0.9] {
             let term = ExponentialTerm { decay, output: [1.0], input: [1.0] };
-            let sum = |factor: f64, squared: f64| {
-                let (mut even, mut odd) = (1.0, 1.0);
-                for _ in 1..CHUNK / 2 {
-                    (even, odd) = (squared * even + 1.0, squared * odd + 1.0);
-                }
-                factor * even + odd
-            };
-            let rounded = |number: f64| T::of(number).to_f64();
-            let right = sum(1.0 - decay, (1.0 - decay) * (1.0 - decay));
-            let found = sum(rounded(power(&term, 1)), rounded(power(&term, 2)));
-            let expected = (right - found) / right;
+            let block = Block::<T, 1>::new(&[term], 0);
+            let stored = |row: &Row<T>| exact(row.0[0].to_f64());
+            let factor = exact(1.0).add(exact(-decay));
+            let right = sum_of_ones(factor, factor.multiply(factor));
+            let found = sum_of_ones(stored(&block.factor), stored(&block.squared));
+            let expected = right.add(found.scale(-1.0)).to_f64() / right.to_f64();
             let error = (shortfall::<T, 1>(&term) - expected).abs();
-            assert!(error < 2e-14, "{decay}: {expected:e}, {error:e}");
+            // What is left out is of second order.
+            let unit = T::EPSILON.to_f64() / 2.0;
+            assert!(error < 8.0 * unit * unit + 1e-29, "{decay}: {expected:e}, {error:e}");
         }
         let alternating = ExponentialTerm { decay: 1.3, output: [1.0], input: [1.0] };
         assert_eq!(shortfall::<T, 1>(&alternating), 0.0);
@@ -615,6 +623,19 @@ mod tests {
     #[test]
     fn rounded_factors_make_a_constant_fall_short_by_what_is_made_up_for() {
         assert_shortfall::<f32>();
+        assert_shortfall::<f64>();
+    }
+
+    #[test]
+    fn bytes_are_those_of_the_object_and_of_every_number() {
+        let table = ExponentialTable { head: &[1.0; 20][..], ..halves() };
+        let memory = ChunkedExponentialSum::<f64, 1>::new(&table, 3).unwrap();
+        // Two chunks hold the head: that is how far weights reach directly, and how many chunks are kept.
+        let (row, distance, blocks) = (8 * CHUNK, 2, 1);
+        let tables = 8 + distance * CHUNK * row + blocks * (3 + 1 + 1 + 16) * row;
+        let coordinate = (3 * row + 2 * size_of::<Vec<f64>>()).next_multiple_of(align_of::<Row<f64>>());
+        let state = coordinate + (distance + 2 * blocks) * row;
+        assert_eq!(memory.bytes(), size_of_val(&memory) + tables + 3 * state);
     }
 
     #[test]
