@@ -360,6 +360,20 @@ mod tests {
         assert_eq!(Memory::overruns(&memory), Some(memory.overruns()));
     }
 
+    #[test]
+    fn the_budget_is_a_twentieth_above_the_largest_jobs() {
+        let budget = |length| RealTime::planned(weight, 1, length, Pacing::Paced).unwrap().budget;
+        // Up to 16 blocks of 64: the last takes from 14, a product of 64 numbers each; two transforms of one
+        // leaf, six operations for each of its 64 numbers.
+        let job = 14 * 64 + 2 * 6 * 64;
+        assert_eq!(budget(1000), job * 105 / 100 / 64 + 1);
+        // Of 4000 samples blocks of 64 take from 6, and those of 256 from 14; these have 64 butterflies, eight
+        // operations each, above four leaves.
+        let finest = 6 * 64 + 2 * 6 * 64;
+        let coarsest = 14 * 256 + 2 * (8 * 64 + 4 * 6 * 64);
+        assert_eq!(budget(4000), (finest * 105 / 100 / 64 + 1) + (coarsest * 105 / 100 / 256 + 1));
+    }
+
     /// The budget is no larger than it must be for the worst lengths. At others, such as 1000 and 16 384,
     /// nine tenths of it do.
     #[test]

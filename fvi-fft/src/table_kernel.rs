@@ -41,7 +41,7 @@ impl<'a, const S: usize> TableKernel<'a, S> {
     /// For each exponential, whether it has not died away at lag n.
     fn lasting(&self, n: usize) -> Vec<bool> {
         let size = |entry: &dyn Fn(usize, usize) -> f64| {
-            (0..S * S).map(|place| entry(place / S, place % S).abs()).fold(0.0, f64::max)
+            (0..S).flat_map(|a| (0..S).map(move |b| entry(a, b).abs())).fold(0.0, f64::max)
         };
         let weight = size(&|a, b| self.weight(a, b, n));
         let left = n - self.head_len();
@@ -91,6 +91,37 @@ mod tests {
     use super::*;
 
     use fvi_core::DoubleDouble;
+
+    /// Which exponentials of a kernel with the head `head` last until lag 34.
+    fn lasting<const S: usize>(head: &[f64], terms: &[(f64, [f64; S], [f64; S])]) -> Vec<bool> {
+        let term =
+            |&(decay, output, input): &(f64, [f64; S], [f64; S])| ExponentialTerm { decay, output, input };
+        TableKernel { head, terms: terms.iter().map(term).collect() }.lasting(34)
+    }
+
+    #[test]
+    fn what_has_faded_and_adds_no_digit_is_left_out() {
+        // Behind a head of two the lag 34 is 32 steps away: a half has become 2⁻³², a tenth 10⁻³².
+        let plain = |decay: f64, size: f64| (decay, [size], [1.0]);
+        let terms = [plain(0.5, 1.0), plain(0.5, 2e-18), plain(0.5, 0.5e-18), plain(0.9, 1.0)];
+        assert_eq!(lasting(&[1.0; 2], &terms), [true, true, false, false]);
+        // The smaller one decays more slowly and is what is left in the end.
+        assert_eq!(lasting(&[1.0; 2], &[plain(0.5, 1.0), plain(1e-6, 1e-30)]), [true, true]);
+    }
+
+    #[test]
+    fn an_exponential_of_matrices_is_as_large_as_its_largest_entry() {
+        let half = |output, input| (0.5, output, input);
+        // The weight's largest entry is that of row 1 and column 0; products, and not factors, are compared.
+        let terms = [
+            half([0.0, 1.0], [1.0, 0.0]),
+            half([2e-9, 0.0], [1e-9, 0.0]),
+            half([0.5e-9, 0.0], [1e-9, 0.0]),
+            half([1e-30, 1e-30], [1e-30, 1e-10]),
+            half([1e-30, 1e-10], [1e-30, 1e-5]),
+        ];
+        assert_eq!(lasting(&[1.0; 8], &terms), [true, true, false, false, true]);
+    }
 
     #[test]
     fn powers_and_what_they_lose_are_accurate_relative_to_themselves() {

@@ -481,6 +481,8 @@ mod tests {
         // 1024 → 256 → 64: 2 passes of 256 butterflies in pieces of 64, four products each, twice; 16 leaves.
         let transform = Transform::<f64>::new(1024, 128, &mut Plans::new(), Arch::new());
         assert_eq!(transform.pieces(), 2 * 4 + 16);
+        // A twist for each number, three constants for the root and for each of its four nodes.
+        assert_eq!(transform.bytes(), (1024 + 3 * (1 + 4)) * 16);
         let costs: Vec<usize> = (0..24).map(|piece| transform.forward_cost(piece)).collect();
         assert_eq!((&costs[..8], &costs[8..]), (&[512; 8][..], &[384; 16][..]));
         let back: Vec<usize> = (0..24).rev().map(|piece| transform.inverse_cost(piece)).collect();

@@ -45,7 +45,7 @@ impl Hls {
         capacity: usize,
     ) -> Result<Self, ParameterError> {
         let stages = check_shape(&kernel, channels)?;
-        let planes = take_planes(&mut kernel, capacity.max(2 * DIRECT));
+        let planes = take_planes(&mut kernel, capacity.max(1));
         Ok(Self {
             stages,
             capacity,
@@ -155,7 +155,8 @@ impl Memory<f64> for Hls {
     fn bytes(&self) -> usize {
         let rows =
             |rows: &[Vec<f64>]| rows.iter().map(|row| row.capacity() * size_of::<f64>()).sum::<usize>();
-        let complex = (self.samples.capacity() + self.weights.capacity()) * size_of::<Complex<f64>>();
+        let complex = [&self.samples, &self.weights].map(Vec::capacity).iter().sum::<usize>();
+        let complex = complex * size_of::<Complex<f64>>();
         size_of::<Self>() + rows(&self.planes) + rows(&self.signal) + rows(&self.terms) + complex
     }
 }

@@ -84,7 +84,7 @@ impl OfflineFft {
 
     /// Bytes of tables and buffers.
     pub fn bytes(&self) -> usize {
-        let complex = self.kernel.len() + self.spectrum.len() + self.scratch.len();
+        let complex = [&self.kernel, &self.spectrum, &self.scratch].map(Vec::len).iter().sum::<usize>();
         size_of::<Self>() + complex * size_of::<Complex<f64>>() + self.padded.len() * size_of::<f64>()
     }
 }
