@@ -5,7 +5,7 @@ use fvi_core::{
     ActsOn, ExponentialTable, ExponentialTerm, Memory, MemoryError, ParameterError, Shape, StateError,
     StateReader, StateWriter, check_channels, fingerprint, header_bytes,
 };
-use fvi_threads::share;
+use fvi_threads::{share, share_if_awake};
 use pulp::{Arch, Simd, WithSimd};
 
 use crate::scalar::Scalar;
@@ -71,12 +71,19 @@ const SHORTEST_CHUNK: usize = 32;
 /// What an exponential loses in a chunk from which on its sum forgets fast enough for rounding not to gather.
 const FAST: f64 = 0.125;
 
-/// About what a multiply–add takes, and a number that is read or written, in picoseconds.
+/// About what a multiply–add takes, and a number of the state that is read or written, and one of the
+/// caller's, in picoseconds.
 const MULTIPLY_ADD: usize = 25;
 const FETCH: usize = 60;
+const FETCH_OUTSIDE: usize = 150;
 
-/// Picoseconds of work for which another thread is worth while: some times what it takes to wake one up.
-const SHARE: usize = 25_000_000;
+/// Picoseconds of work for which another thread is worth while if it is awake, and for which it is woken up:
+/// about what that takes.
+const SHARE: usize = 10_000_000;
+const WAKE: usize = 50_000_000;
+
+/// Picoseconds of work in a part: what threads may have to wait for each other.
+const PART: usize = 20_000_000;
 
 /// Numbers of neighbouring channels, on whole cache lines.
 #[derive(Clone, Copy)]
@@ -195,7 +202,7 @@ impl<T: Scalar> Plan<T> {
     /// About what the terms at a place of the chunk take for each channel, in picoseconds.
     fn cost_of_terms(&self, place: usize) -> usize {
         let (kernels, newest) = (self.kernels.len(), place % GROUP);
-        MULTIPLY_ADD * kernels * newest + FETCH * (2 * kernels + newest)
+        MULTIPLY_ADD * kernels * newest + FETCH * newest + FETCH_OUTSIDE * 4 * kernels
     }
 
     /// About what a sample at a place of the chunk takes for each channel, in picoseconds.
@@ -208,7 +215,7 @@ impl<T: Scalar> Plan<T> {
         } else {
             (0, 2)
         };
-        MULTIPLY_ADD * products + FETCH * fetched
+        MULTIPLY_ADD * products + FETCH * fetched + FETCH_OUTSIDE
     }
 
     /// Bytes of the tables.
@@ -616,13 +623,34 @@ impl<T: Scalar, P: Scalar> WideExponentialSum<T, P> {
         if self.len >= capacity { Err(MemoryError::Full { capacity }) } else { Ok(()) }
     }
 
-    /// Threads, and tiles in a part of the work, for so many picoseconds a channel.
-    fn shares(&self, cost: usize) -> (usize, usize) {
-        let threads = (cost * self.channels / SHARE).clamp(1, self.threads);
+    /// How work of so many picoseconds a channel is shared.
+    fn sharing(&self, cost: usize) -> Sharing {
+        let cost = cost * self.channels;
+        let threads = (cost / SHARE).clamp(1, self.threads);
         // A thread that begins late leaves parts to the others.
         const PARTS: usize = 16;
-        let parts = if threads > 1 { PARTS * threads } else { 1 };
-        (threads, self.state.tiles().div_ceil(parts))
+        let parts = if threads > 1 { (PARTS * threads).max(cost / PART) } else { 1 };
+        Sharing { threads, wake: cost >= WAKE * threads, tiles: self.state.tiles().div_ceil(parts) }
+    }
+}
+
+/// How a piece of work is shared.
+struct Sharing {
+    threads: usize,
+    /// Whether threads are woken up for it.
+    wake: bool,
+    /// Tiles in a part.
+    tiles: usize,
+}
+
+impl Sharing {
+    #[inline]
+    fn share<I: Send>(&self, parts: impl IntoIterator<Item = I>, work: impl Fn(I) + Sync) {
+        if self.wake {
+            share(self.threads, parts, work);
+        } else {
+            share_if_awake(self.threads, parts, work);
+        }
     }
 }
 
@@ -652,7 +680,8 @@ impl<T: Scalar, P: Scalar> Memory<T> for WideExponentialSum<T, P> {
         check_channels(kernels * self.channels, term.len())?;
         self.check_room()?;
         let (plan, unit, place) = (&self.plan, self.unit, self.len % self.plan.chunk);
-        let (threads, part) = self.shares(plan.cost_of_terms(place));
+        let sharing = self.sharing(plan.cost_of_terms(place));
+        let part = sharing.tiles;
         let mut rest = OfKernels::default();
         rest.iter_mut().zip(term.chunks_mut(self.channels)).for_each(|(rest, terms)| *rest = terms);
         let groups = self.state.groups.iter().skip(place / GROUP).step_by(plan.groups());
@@ -664,7 +693,7 @@ impl<T: Scalar, P: Scalar> Memory<T> for WideExponentialSum<T, P> {
             }
             (of_part, take_first(&mut rest, part * LANES))
         });
-        share(threads, parts, |(groups, terms)| unit.dispatch(Terms { plan, place, groups, terms }));
+        sharing.share(parts, |(groups, terms)| unit.dispatch(Terms { plan, place, groups, terms }));
         Ok(())
     }
 
@@ -672,13 +701,14 @@ impl<T: Scalar, P: Scalar> Memory<T> for WideExponentialSum<T, P> {
         check_channels(self.channels, sample.len())?;
         self.check_room()?;
         let place = self.len % self.plan.chunk;
-        let (threads, part) = self.shares(self.plan.cost_of_sample(place));
+        let sharing = self.sharing(self.plan.cost_of_sample(place));
+        let part = sharing.tiles;
         let (plan, unit, samples) = (&self.plan, self.unit, sample.chunks(part * LANES));
         if (place + 1).is_multiple_of(GROUP) {
             let parts = self.state.parts(plan, part).into_iter().zip(samples);
-            share(threads, parts, |(part, samples)| unit.dispatch(Due { plan, place, part, samples }));
+            sharing.share(parts, |(part, samples)| unit.dispatch(Due { plan, place, part, samples }));
         } else if let Some(group) = self.state.groups.get_mut(place / GROUP) {
-            share(threads, group.chunks_mut(part * GROUP).zip(samples), |(group, samples)| {
+            sharing.share(group.chunks_mut(part * GROUP).zip(samples), |(group, samples)| {
                 for (rows, samples) in group.chunks_mut(GROUP).zip(samples.chunks(LANES)) {
                     store(rows.get_mut(place % GROUP), samples);
                 }

@@ -3,15 +3,45 @@
 use std::hint::spin_loop;
 use std::mem;
 use std::process;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
+use std::thread;
+use std::time::{Duration, Instant};
 
 use rayon_core::{ThreadPool, ThreadPoolBuilder};
+
+/// For how long threads that are done stay awake: steps often follow each other within this time, and to wake
+/// a thread up takes 25 to 80 µs, as long as a short step.
+const AWAKE: Duration = Duration::from_micros(500);
+
+/// Threads that work together.
+#[derive(Clone)]
+struct Group {
+    pool: Arc<ThreadPool>,
+    watch: Arc<Watch>,
+}
+
+/// What threads that stay awake look at.
+#[derive(Default)]
+struct Watch {
+    /// How often they were called.
+    calls: AtomicUsize,
+    /// How many stay awake.
+    awake: AtomicUsize,
+}
+
+/// Which threads may be called.
+#[derive(Clone, Copy, PartialEq)]
+pub(crate) enum Call {
+    All,
+    Awake,
+}
 
 /// Threads that nobody needs at the moment, in groups.
 struct Idle {
     /// The process that they belong to.
     process: u32,
-    groups: Vec<Arc<ThreadPool>>,
+    groups: Vec<Group>,
 }
 
 static IDLE: Mutex<Idle> = Mutex::new(Idle { process: 0, groups: Vec::new() });
@@ -37,30 +67,54 @@ fn idle() -> Option<MutexGuard<'static, Idle>> {
 }
 
 /// Threads that belong to one piece of work until it is done.
-pub(crate) struct Helpers(Arc<ThreadPool>);
+pub(crate) struct Helpers(Group);
 
 impl Helpers {
-    /// So many threads, made if none of that number are idle; `None` if this machine has no more to give.
-    pub(crate) fn borrow(threads: usize) -> Option<Self> {
+    /// So many threads, made if none of that number are idle; `None` if this machine has no more to give, or
+    /// if those that are awake were called and some are not.
+    pub(crate) fn borrow(threads: usize, call: Call) -> Option<Self> {
         let take = |mut idle: MutexGuard<'_, Idle>| {
-            let fitting = |group: &Arc<ThreadPool>| group.current_num_threads() == threads;
+            let fitting = |group: &Group| {
+                let awake = || group.watch.awake.load(Ordering::Relaxed) == threads;
+                group.pool.current_num_threads() == threads && (call == Call::All || awake())
+            };
             let place = idle.groups.iter().rposition(fitting)?;
             Some(idle.groups.swap_remove(place))
         };
         let builder = || ThreadPoolBuilder::new().num_threads(threads).thread_name(|_| "fvi".into());
-        let make = || builder().build().ok().map(Arc::new);
-        idle().and_then(take).or_else(make).map(Self)
+        let make = || Some(Group { pool: Arc::new(builder().build().ok()?), watch: Arc::default() });
+        let group = match idle().and_then(take) {
+            None if call == Call::All => make()?,
+            group => group?,
+        };
+        group.watch.calls.fetch_add(1, Ordering::Relaxed);
+        Some(Self(group))
     }
 
     pub(crate) fn pool(&self) -> &ThreadPool {
-        &self.0
+        &self.0.pool
+    }
+
+    /// What a helper does when its work is done: it stays awake until the next call, for some time. Another
+    /// thread that waits for the processor has it first.
+    pub(crate) fn stay_awake(&self) -> impl FnOnce() + Clone + Send + 'static {
+        let watch = Arc::clone(&self.0.watch);
+        let last = watch.calls.load(Ordering::Relaxed);
+        move || {
+            let since = Instant::now();
+            watch.awake.fetch_add(1, Ordering::Relaxed);
+            while watch.calls.load(Ordering::Relaxed) == last && since.elapsed() < AWAKE {
+                thread::yield_now();
+            }
+            watch.awake.fetch_sub(1, Ordering::Relaxed);
+        }
     }
 }
 
 impl Drop for Helpers {
     fn drop(&mut self) {
         if let Some(mut idle) = idle() {
-            idle.groups.push(Arc::clone(&self.0));
+            idle.groups.push(self.0.clone());
         }
     }
 }

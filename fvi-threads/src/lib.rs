@@ -18,7 +18,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use helpers::Helpers;
+use helpers::{Call, Helpers};
 
 /// For how long a thread that is done looks whether the others are, before it sleeps until they are: about
 /// what it takes to fall asleep and wake up.
@@ -34,6 +34,24 @@ const PATIENCE: Duration = Duration::from_micros(20);
 /// # Panics
 /// If a part does.
 pub fn share<I: Send>(threads: usize, parts: impl IntoIterator<Item = I>, work: impl Fn(I) + Sync) {
+    share_among(threads, Call::All, parts, work);
+}
+
+/// The same for a piece of work that takes less than it does to wake a thread up, which may be 80 µs. Threads
+/// that are still awake from another piece share it; if there are not as many, the calling one does it all.
+///
+/// # Panics
+/// If a part does.
+pub fn share_if_awake<I: Send>(threads: usize, parts: impl IntoIterator<Item = I>, work: impl Fn(I) + Sync) {
+    share_among(threads, Call::Awake, parts, work);
+}
+
+fn share_among<I: Send>(
+    threads: usize,
+    call: Call,
+    parts: impl IntoIterator<Item = I>,
+    work: impl Fn(I) + Sync,
+) {
     if threads < 2 {
         return parts.into_iter().for_each(work);
     }
@@ -46,16 +64,19 @@ pub fn share<I: Send>(threads: usize, parts: impl IntoIterator<Item = I>, work: 
             part.into_iter().for_each(&work);
         }
     };
-    let helpers = if threads < 2 { None } else { Helpers::borrow(threads - 1) };
+    let helpers = if threads < 2 { None } else { Helpers::borrow(threads - 1, call) };
     let Some(helpers) = helpers else { return (0..threads.min(1)).for_each(run) };
     let (begun, done) = (AtomicUsize::new(1), AtomicUsize::new(1));
     helpers.pool().in_place_scope(|scope| {
         let (run, begun, done) = (&run, &begun, &done);
         for thread in 1..threads {
+            let stay_awake = helpers.stay_awake();
             scope.spawn(move |_| {
                 begun.fetch_add(1, Ordering::Relaxed);
                 run(thread);
                 done.fetch_add(1, Ordering::Relaxed);
+                // The thread goes on with this by itself; the caller does not wait for it.
+                rayon_core::spawn(stay_awake);
             });
         }
         run(0);
@@ -71,7 +92,7 @@ pub fn share<I: Send>(threads: usize, parts: impl IntoIterator<Item = I>, work: 
 
 #[cfg(test)]
 mod tests {
-    use super::share;
+    use super::{share, share_if_awake};
     use std::collections::HashSet;
     use std::sync::{Barrier, Mutex};
     use std::thread;
@@ -82,7 +103,8 @@ mod tests {
             for count in [0, 1, 2, 6, 100] {
                 let mut done = vec![0; count];
                 share(threads, done.iter_mut().enumerate(), |(index, part)| *part += index + 1);
-                assert_eq!(done, (1..=count).collect::<Vec<_>>(), "{threads} threads");
+                share_if_awake(threads, done.iter_mut(), |part| *part *= 2);
+                assert_eq!(done, (1..=count).map(|index| 2 * index).collect::<Vec<_>>(), "{threads} threads");
             }
         }
     }
@@ -95,6 +117,28 @@ mod tests {
             seen.lock().unwrap()[part] = thread::current().id();
         });
         seen.into_inner().unwrap()
+    }
+
+    /// The threads that do short parts.
+    fn who_is_awake(threads: usize) -> HashSet<thread::ThreadId> {
+        let seen = Mutex::new(HashSet::new());
+        share_if_awake(threads, 0..40, |_| {
+            seen.lock().unwrap().insert(thread::current().id());
+            thread::yield_now();
+        });
+        seen.into_inner().unwrap()
+    }
+
+    #[test]
+    fn short_work_is_shared_with_threads_that_are_awake_and_with_no_others() {
+        // No other test has five: these sleep, or rather are not there yet.
+        assert_eq!(who_is_awake(5), HashSet::from([thread::current().id()]));
+        // On a busy machine they may fall asleep between two calls, but not always.
+        let found = (0..1000).any(|_| {
+            share(5, 0..5, |_| thread::yield_now());
+            who_is_awake(5).len() > 1
+        });
+        assert!(found, "threads do not stay awake");
     }
 
     #[test]
