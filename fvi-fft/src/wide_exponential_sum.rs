@@ -83,7 +83,7 @@ const SHARE: usize = 10_000_000;
 const WAKE: usize = 50_000_000;
 
 /// Picoseconds of work in a part: what threads may have to wait for each other.
-const PART: usize = 20_000_000;
+const PART: usize = 100_000_000;
 
 /// Numbers of neighbouring channels, on whole cache lines.
 #[derive(Clone, Copy)]
@@ -261,41 +261,62 @@ fn of_upper_half<T: Scalar>(half: u32) -> T {
     T::of_bits(u64::from(half) << (8 * T::BYTES - 32))
 }
 
+/// Asks for the numbers of a row, which are needed soon, without waiting for them.
+#[inline(always)]
+fn fetch_ahead<N>(row: &Lanes<N>) {
+    #[cfg(target_arch = "x86_64")]
+    if let Some(unit) = pulp::core_arch::x86::Sse::try_new() {
+        // Rows begin and end with a line of the cache.
+        for numbers in row.0.chunks(align_of::<Lanes<N>>() / size_of::<N>()) {
+            unit._mm_prefetch::<{ core::arch::x86_64::_MM_HINT_T0 }>(numbers.as_ptr().cast());
+        }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = row;
+}
+
 /// Coefficients of eight sums, and the rows that they multiply.
 type Product<'a, T> = (&'a [[T; GROUP]], &'a [Lanes<T>]);
 
-/// results_i = Σ over tables of Σ_j coefficients_{ji} rows_j, for eight i.
+/// results_i = Σ over tables of Σ_j coefficients_{ji} rows_j, for eight i. Beside each eight products one of
+/// the rows ahead is fetched: memory answers while the processor multiplies, and never all at once.
 #[inline(always)]
-fn combine<T: Scalar, V: Simd, const N: usize>(
+fn combine<T: Scalar, P, V: Simd, const N: usize>(
     unit: V,
     products: [Product<'_, T>; N],
     results: &mut [Lanes<T>; GROUP],
+    ahead: &[Lanes<P>],
 ) {
     // Two vectors of each sum where there are registers for them: a coefficient is fetched once for both.
     if V::REGISTER_COUNT < 32 {
-        combine_vectors::<T, V, N, 1>(unit, products, results);
+        combine_vectors::<T, P, V, N, 1>(unit, products, results, ahead);
     } else {
-        combine_vectors::<T, V, N, 2>(unit, products, results);
+        combine_vectors::<T, P, V, N, 2>(unit, products, results, ahead);
     }
 }
 
 /// The same, W vectors of each sum at a time.
 #[inline(always)]
-fn combine_vectors<T: Scalar, V: Simd, const N: usize, const W: usize>(
+fn combine_vectors<T: Scalar, P, V: Simd, const N: usize, const W: usize>(
     unit: V,
     products: [Product<'_, T>; N],
     results: &mut [Lanes<T>; GROUP],
+    ahead: &[Lanes<P>],
 ) {
     let vectors = T::reals::<V>(&results[0].0).len();
+    let mut ahead = ahead.iter();
     for part in (0..vectors).step_by(W) {
         let mut sums = [[T::in_lanes(unit, T::zero()); W]; GROUP];
         for (coefficients, rows) in products {
-            for (coefficients, row) in coefficients.iter().zip(rows) {
-                let Some(row) = T::reals::<V>(&row.0).get(part..part + W) else { return };
-                for (sums, &coefficient) in sums.iter_mut().zip(coefficients) {
-                    let coefficient = T::in_lanes(unit, coefficient);
-                    for (sum, &number) in sums.iter_mut().zip(row) {
-                        *sum = T::plus_product(unit, coefficient, number, *sum);
+            for (coefficients, rows) in coefficients.chunks(GROUP).zip(rows.chunks(GROUP)) {
+                ahead.next().into_iter().for_each(fetch_ahead);
+                for (coefficients, row) in coefficients.iter().zip(rows) {
+                    let Some(row) = T::reals::<V>(&row.0).get(part..part + W) else { return };
+                    for (sums, &coefficient) in sums.iter_mut().zip(coefficients) {
+                        let coefficient = T::in_lanes(unit, coefficient);
+                        for (sum, &number) in sums.iter_mut().zip(row) {
+                            *sum = T::plus_product(unit, coefficient, number, *sum);
+                        }
                     }
                 }
             }
@@ -318,6 +339,14 @@ fn rows<N>(slice: &[N], tile: usize, count: usize) -> &[N] {
 #[inline(always)]
 fn rows_mut<N>(slice: &mut [N], tile: usize, count: usize) -> &mut [N] {
     slice.get_mut(tile * count..(tile + 1) * count).unwrap_or(&mut [])
+}
+
+/// The rows of a tile, to be changed, and those of the next.
+#[inline(always)]
+fn rows_and_next<N>(slice: &mut [N], tile: usize, count: usize) -> (&mut [N], &[N]) {
+    let rest = slice.get_mut(tile * count..).unwrap_or(&mut []);
+    let (rows, next) = rest.split_at_mut(count.min(rest.len()));
+    (rows, next.get(..count).unwrap_or(&[]))
 }
 
 /// Stores samples of a tile in their row of its group.
@@ -395,7 +424,7 @@ impl<P: Scalar> Part<'_, P> {
             let (Some(weights), Some(terms)) = (kernel.within.get(next), groups.get_mut(next)) else {
                 return;
             };
-            combine(unit, [(weights, samples)], results);
+            combine::<T, P, V, 1>(unit, [(weights, samples)], results, &[]);
             for (term, result) in rows_mut(terms, tile, GROUP).iter_mut().zip(&*results) {
                 for (term, result) in term.0.iter_mut().zip(result.0) {
                     *term = P::of((T::of(term.to_f64()) + result).to_f64());
@@ -409,21 +438,22 @@ impl<P: Scalar> Part<'_, P> {
     fn turn<T: Scalar, V: Simd>(&mut self, unit: V, plan: &Plan<T>, tile: usize, scratch: &mut Scratch<T>) {
         let Scratch { samples, sums: wholes, results } = scratch;
         self.samples(tile, plan.groups(), samples);
-        let sums = rows_mut(self.sums, tile, plan.losses.len());
+        let (sums, of_next_tile) = rows_and_next(self.sums, tile, plan.losses.len());
         wholes.clear();
         wholes.extend(sums.iter().map(converted));
         let groups = plan.kernels.iter().flat_map(|kernel| &kernel.onward);
         for ([far, near], terms) in groups.zip(&mut self.groups) {
-            combine(unit, [(far, wholes), (near, samples)], results);
+            combine(unit, [(far, wholes), (near, samples)], results, rows(terms, tile + 1, GROUP));
             let terms = rows_mut(terms, tile, GROUP).iter_mut();
             terms.zip(&*results).for_each(|(term, result)| *term = converted(result));
         }
         let mut rests = rows_mut(self.rests, tile, plan.slow).iter_mut();
         let groups = plan.inward.iter().zip(plan.losses.chunks(GROUP));
+        let mut ahead = of_next_tile.chunks(GROUP);
         for ((coefficients, losses), (sums, wholes)) in
             groups.zip(sums.chunks_mut(GROUP).zip(wholes.chunks(GROUP)))
         {
-            combine(unit, [(coefficients, samples)], results);
+            combine(unit, [(coefficients, samples)], results, ahead.next().unwrap_or(&[]));
             let rows = sums.iter_mut().zip(wholes).zip(losses.iter().zip(&*results));
             for ((sum, whole), (&loss, input)) in rows {
                 let numbers = sum.0.iter_mut().zip(whole.0).zip(input.0);
