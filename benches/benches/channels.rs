@@ -6,10 +6,11 @@
 //! machine does meets all of them.
 //!
 //! A second table is about dampings of different orders on the same coordinates: a memory each, against one
-//! whose exponentials they share. A third one is about threads: one and two take turns at each step, and what
-//! they take is compared round by round, over all steps and at the ends of chunks alone, which are mostly
-//! arithmetic. Beside it stand the bytes that a step reads and writes, by count, and what that makes in a
-//! second; the last two lines say how fast one and two threads copy memory here.
+//! whose exponentials they share. A third one is about threads: one and two take turns, some chunks at a
+//! time, as a run has its memory to itself for as long, and what they take is compared round by round.
+//! Beside it stand the bytes that a step reads and writes, by count, and what that makes in a second; a
+//! fourth table divides both among the steps that end a chunk, end eight places of it, or do neither. The
+//! last two lines say how fast one and two threads copy memory here.
 
 use fvi_core::{BdfOrder, ExponentialTable, Memory};
 use fvi_fft::{ChunkedExponentialSum, Scalar, WideExponentialSum};
@@ -93,13 +94,26 @@ fn copies(threads: usize, rounds: usize) -> f64 {
     (NUMBERS * size_of::<f64>()) as f64 / best * 1e-9
 }
 
-/// Bytes that a step of a memory of one kernel reads and writes for each channel, on average over a chunk:
-/// the whole state at its end, samples and terms at the end of each eight places, and the newest samples,
-/// what is known of the term, and the caller's numbers at each place.
-fn traffic(chunk: usize, state: usize, number: usize) -> f64 {
-    let groups: usize = (1..chunk / 8).map(|group| 8 * group + 16).sum();
-    let (at_ends, always) = (2 * state + groups * number, 5.5 * number as f64 + 16.0);
-    at_ends as f64 / chunk as f64 + always
+/// What the steps of a chunk differ in: whether they end it, end eight places of it, or do neither.
+const KINDS: [&str; 3] = ["between", "ends of eight places", "ends of chunks"];
+
+/// The kind of the step at a place.
+fn kind(place: usize, chunk: usize) -> usize {
+    if place + 1 == chunk { 2 } else { usize::from((place + 1).is_multiple_of(8)) }
+}
+
+/// Bytes that a memory of one kernel reads and writes for each channel in the steps of each kind, together,
+/// of a chunk. Every step reads a sample and writes it, reads what is known of the term and the newest
+/// samples, and writes the term; ends of eight places read the samples of the chunk and add to eight terms;
+/// its end reads and writes the whole state.
+fn traffic(chunk: usize, state: usize, number: usize) -> [f64; 3] {
+    let mut bytes = [0; 3];
+    for place in 0..chunk {
+        let (kind, newest) = (kind(place, chunk), place % 8);
+        bytes[kind] += 16 + (2 + newest) * number;
+        bytes[kind] += [0, (place + 17) * number, 2 * state][kind];
+    }
+    bytes.map(|bytes| bytes as f64)
 }
 
 /// The smallest, the middle and the largest of some numbers.
@@ -108,49 +122,63 @@ fn spread(mut numbers: Vec<f64>) -> [f64; 3] {
     [0, numbers.len() / 2, numbers.len() - 1].map(|index| numbers[index])
 }
 
-/// Lets one and two threads take turns at each step, compares their bits and prints what it took.
-fn compare_threads<P: Scalar>(name: &str, table: &[Table], channels: usize, rounds: usize) {
+/// Steps of a round with one thread, and then with two: some chunks.
+const THREAD_ROUND: usize = 128;
+
+/// Lets one and two threads take turns, compares their bits and prints what it took, and how it is divided
+/// among steps of each kind.
+fn compare_threads<P: Scalar>(name: &str, table: &[Table], channels: usize, rounds: usize) -> Vec<String> {
     let mut memories = [1, 2].map(|threads| wide::<P>(table, channels, threads));
     let chunk = WideExponentialSum::<f64, P>::chunk(&table[0].borrow());
+    assert!(THREAD_ROUND.is_multiple_of(chunk));
     let mut terms = [vec![0.0; channels], vec![0.0; channels]];
     let mut sample = vec![0.0; channels];
-    let (mut all, mut ends, mut per_step) = (Vec::new(), Vec::new(), [f64::INFINITY; 2]);
+    let (mut ratios, mut best) = (Vec::new(), [f64::INFINITY; 2]);
+    // For each kind and number of threads, seconds of each round.
+    let mut of_kinds = [const { [const { Vec::new() }; 2] }; 3];
     // The first round fetches pages.
     for round in 0..=rounds {
-        let (mut spent, mut at_end) = ([0.0; 2], [0.0; 2]);
-        for place in 0..chunk {
-            for (channel, number) in sample.iter_mut().enumerate() {
-                *number = (((round * chunk + place) * 7 + channel) % 101) as f64 - 50.0;
-            }
-            for turn in 0..2 {
-                // Neither is always the second to read the sample.
-                let which = (turn + place) % 2;
+        let mut spent = [0.0; 2];
+        for turn in 0..2 {
+            let which = (turn + round) % 2;
+            let mut of_round = [0.0; 3];
+            for step in 0..THREAD_ROUND {
+                for (channel, number) in sample.iter_mut().enumerate() {
+                    *number = (((round * THREAD_ROUND + step) * 7 + channel) % 101) as f64 - 50.0;
+                }
                 let begin = Instant::now();
                 memories[which].next_term(&mut terms[which]).expect("room");
                 memories[which].push(&sample).expect("room");
-                let time = begin.elapsed().as_secs_f64();
-                spent[which] += time;
-                if place + 1 == chunk {
-                    at_end[which] += time;
-                }
+                of_round[kind(step % chunk, chunk)] += begin.elapsed().as_secs_f64();
             }
-            assert!(terms[0] == terms[1], "{name}: bits differ");
+            spent[which] = of_round.iter().sum();
+            if round > 0 {
+                of_kinds.iter_mut().zip(of_round).for_each(|(kind, seconds)| kind[which].push(seconds));
+            }
         }
+        // The last terms hold all samples.
+        assert!(terms[0] == terms[1], "{name}: bits differ");
         if round > 0 {
-            all.push(spent[0] / spent[1]);
-            ends.push(at_end[0] / at_end[1]);
-            per_step.iter_mut().zip(spent).for_each(|(best, spent)| *best = best.min(spent));
+            ratios.push(spent[0] / spent[1]);
+            best.iter_mut().zip(spent).for_each(|(best, spent)| *best = best.min(spent));
         }
     }
-    let ([low, middle, high], [_, end, _]) = (spread(all), spread(ends));
-    let [one, two] = per_step.map(|best| 1e9 * best / (chunk * channels) as f64);
-    let bytes = traffic(chunk, memories[0].bytes() / channels, size_of::<P>());
+    let [low, middle, high] = spread(ratios);
+    let per_step = |seconds: f64| 1e9 * seconds / (THREAD_ROUND * channels) as f64;
+    let [one, two] = best.map(per_step);
+    let bytes = traffic(chunk, memories[0].bytes() / channels, size_of::<P>()).map(|sum| sum / chunk as f64);
+    let all: f64 = bytes.iter().sum();
     println!(
-        "| {channels} | {name} | {one:.2} | {two:.2} | {middle:.2} ({low:.2}–{high:.2}) | {end:.2} | {bytes:.0} | \
-         {:.0} | {:.0} |",
-        bytes / one,
-        bytes / two
+        "| {channels} | {name} | {one:.2} | {two:.2} | {middle:.2} ({low:.2}–{high:.2}) | {all:.0} | {:.0} | \
+         {:.0} |",
+        all / one,
+        all / two
     );
+    let row = |((kind, bytes), seconds): ((&str, f64), [Vec<f64>; 2])| {
+        let [one, two] = seconds.map(|seconds| per_step(spread(seconds)[1]));
+        format!("| {channels} | {name} | {kind} | {bytes:.0} | {one:.2} | {two:.2} | {:.2} |", one / two)
+    };
+    KINDS.into_iter().zip(bytes).zip(of_kinds).map(row).collect()
 }
 
 /// Lets the contenders take turns on so many channels, compares what they say and prints what it took.
@@ -248,17 +276,19 @@ fn main() {
         }
     }
     println!("\nOne and two threads, ns a channel and step\n");
-    println!(
-        "| channels | states | one | two | times as fast (of all rounds) | at ends of chunks | bytes | GB/s | \
-         GB/s, two |"
-    );
-    println!("|---|---|---|---|---|---|---|---|---|");
+    println!("| channels | states | one | two | times as fast (of all rounds) | bytes | GB/s | GB/s, two |");
+    println!("|---|---|---|---|---|---|---|---|");
     let counts: &[usize] = if measured { &[1_000, 2_500, 10_000, 100_000, 1_000_000] } else { &[1_000] };
+    let mut by_kind = Vec::new();
     for &channels in counts {
-        let rounds = if measured { (2_000_000 / channels).clamp(7, 200) } else { 1 };
-        compare_threads::<f64>("f64", &exact, channels, rounds);
-        compare_threads::<f32>("f32, 5e-7", &loose, channels, rounds);
+        let rounds = if measured { (1_000_000 / channels).clamp(5, 200) } else { 1 };
+        by_kind.extend(compare_threads::<f64>("f64", &exact, channels, rounds));
+        by_kind.extend(compare_threads::<f32>("f32, 5e-7", &loose, channels, rounds));
     }
+    println!("\nTheir parts, for each channel and divided by all steps\n");
+    println!("| channels | states | steps | bytes | one, ns | two, ns | times as fast |");
+    println!("|---|---|---|---|---|---|---|");
+    by_kind.iter().for_each(|row| println!("{row}"));
     let [one, two] = [1, 2].map(|threads| copies(threads, rounds));
     println!("\ncopies on one thread: {one:.1} GB/s");
     println!("copies on two threads: {two:.1} GB/s, {:.2} times as fast", two / one);
