@@ -814,7 +814,7 @@ fn a_closure_and_a_recursion_are_kernels() {
 /// chunk changes it by less than its last digit, and of one that only grows.
 fn assert_slow_sums_keep_their_digits<T: Scalar>() {
     const LENGTH: usize = 40_000;
-    let (never_ends, in_balance) = ((1e-12, 1.0), (1e-4, 4.0));
+    let (never_ends, in_balance) = ((1e-20, 1.0), (1e-4, 4.0));
     let mut table = Exponentials::new(1, 2, LENGTH + 1);
     table.head = vec![1.0, 1.0];
     table.exponentials = vec![never_ends.0, in_balance.0, 0.0, 0.0, never_ends.1, in_balance.1, 0.0, 0.0];
