@@ -25,10 +25,11 @@ pub struct Planted {
     pub unviable: BTreeSet<usize>,
 }
 
-/// Codes of errors that the plain mutant has as well: an operator or a value that the type does not have.
-const OF_TYPES: [&str; 16] = [
+/// Codes of errors that the plain mutant has as well: an operator or a value that the type does not have, or a
+/// constant that has no value.
+const OF_TYPES: [&str; 17] = [
     "E0277", "E0308", "E0369", "E0600", "E0067", "E0368", "E0015", "E0433", "E0425", "E0061", "E0283",
-    "E0282", "E0107", "E0423", "E0599", "E0614",
+    "E0282", "E0107", "E0423", "E0599", "E0614", "E0080",
 ];
 
 /// Plants all mutants but those that are `refused`, and compiles until nothing more is.

@@ -2,15 +2,16 @@
 //!
 //! `a + b` becomes
 //! `match (a, b) { (x, y) => if original { x + y } else if … { x - y } else { x * y } }`: operands are
-//! evaluated once and in their order, so that sites nest without growing. Constants, and calls of constant
-//! functions from there, which the compiler computes, stay as they are.
+//! evaluated once and in their order, so that sites nest without growing. Where code that runs names a
+//! constant of its module that has mutants, it calls a function instead, which chooses one of several
+//! constants. All else that the compiler computes, such as lengths of arrays, stays as it is.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fs;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use proc_macro2::Span;
+use proc_macro2::{Span, TokenTree};
 use syn::spanned::Spanned;
 use syn::visit::{self, Visit};
 use syn::{BinOp, Expr, UnOp};
@@ -30,8 +31,27 @@ enum Kind {
     Body,
     Arm,
     Guard,
-    Unary { operator: String, operand: Range<usize> },
-    Binary { left: Range<usize>, operator: String, right: Range<usize> },
+    Unary {
+        operator: String,
+        operand: Range<usize>,
+    },
+    Binary {
+        left: Range<usize>,
+        operator: String,
+        right: Range<usize>,
+    },
+    /// A structure, of which mutants leave out a field.
+    Fields,
+    /// The whole body of a function that returns an iterator without a name, which mutants make empty.
+    Emptied,
+    /// Behind a constant: the function that chooses.
+    Constant {
+        name: String,
+        of_type: Range<usize>,
+        value: Range<usize>,
+    },
+    /// Where its name stands.
+    Named(String),
 }
 
 impl Kind {
@@ -40,14 +60,29 @@ impl Kind {
         match self {
             Self::Body | Self::Arm => 0,
             Self::Guard => 1,
-            Self::Unary { .. } | Self::Binary { .. } => 2,
+            Self::Unary { .. } | Self::Binary { .. } | Self::Fields => 2,
+            Self::Emptied | Self::Constant { .. } | Self::Named(_) => 3,
         }
     }
 }
 
+/// A constant of a module with mutants, and where it is named in code that runs.
+struct Constant {
+    site: Site,
+    name: String,
+    named: Vec<Range<usize>>,
+}
+
 struct Finder<'m> {
+    mutants: &'m [Mutant],
     wanted: HashMap<(&'m str, Place), Vec<usize>>,
     sites: Vec<Site>,
+    constants: Vec<Constant>,
+}
+
+/// Is the result one that `return` cannot replace, its type having no name?
+fn opaque(mutant: &Mutant) -> bool {
+    mutant.genre == "FnValue" && mutant.returns.contains("impl ")
 }
 
 fn place(span: Span) -> Place {
@@ -63,8 +98,63 @@ impl<'m> Finder<'m> {
 
     fn body(&mut self, block: &syn::Block) {
         if let Some(first) = block.stmts.first() {
-            let start = first.span().byte_range().start;
-            self.add("FnValue", first.span(), start..start, Kind::Body);
+            let Range { start, .. } = first.span().byte_range();
+            let end = block.stmts.last().map_or(start, |last| last.span().byte_range().end);
+            let wanted = self.wanted.get(&("FnValue", place(first.span())));
+            if wanted.is_some_and(|wanted| wanted.iter().any(|&at| opaque(&self.mutants[at]))) {
+                self.add("FnValue", first.span(), start..end, Kind::Emptied);
+            } else {
+                self.add("FnValue", first.span(), start..start, Kind::Body);
+            }
+        }
+    }
+
+    /// The constants that nobody outside of their file can name, with the mutants of their values.
+    fn constants(&mut self, items: &[syn::Item]) {
+        for item in items {
+            let syn::Item::Const(item) = item else { continue };
+            let (span, end) = (item.expr.span(), item.span().byte_range().end);
+            let within = |at: &Place| {
+                (span.start().line, span.start().column) < *at && *at <= (span.end().line, span.end().column)
+            };
+            let keys: Vec<_> = self.wanted.keys().filter(|(_, at)| within(at)).copied().collect();
+            if keys.is_empty() || !matches!(item.vis, syn::Visibility::Inherited) {
+                continue;
+            }
+            let mut mutants: Vec<usize> =
+                keys.iter().flat_map(|key| self.wanted.remove(key).unwrap_or_default()).collect();
+            mutants.sort_by_key(|&at| (self.mutants[at].start, at));
+            let name = item.ident.to_string();
+            let (of_type, value) = (item.ty.span().byte_range(), span.byte_range());
+            let kind = Kind::Constant { name: name.clone(), of_type, value };
+            let site = Site { range: end..end, kind, mutants };
+            self.constants.push(Constant { site, name, named: Vec::new() });
+        }
+    }
+
+    /// All sites. A constant that is named where the compiler computes, too, would have two values.
+    fn sites(mut self, tokens: proc_macro2::TokenStream) -> Vec<Site> {
+        let mut names = BTreeMap::new();
+        count_names(tokens, &mut names);
+        for constant in self.constants {
+            let Constant { site, name, named } = constant;
+            if names.get(&name) == Some(&(1 + named.len())) {
+                let kind = |range| Site { range, kind: Kind::Named(name.clone()), mutants: Vec::new() };
+                self.sites.extend(named.into_iter().map(kind));
+                self.sites.push(site);
+            }
+        }
+        self.sites.sort_by_key(|site| (site.range.start, site.kind.rank(), usize::MAX - site.range.end));
+        self.sites
+    }
+}
+
+fn count_names(tokens: proc_macro2::TokenStream, names: &mut BTreeMap<String, usize>) {
+    for token in tokens {
+        match token {
+            TokenTree::Group(group) => count_names(group.stream(), names),
+            TokenTree::Ident(name) => *names.entry(name.to_string()).or_default() += 1,
+            _ => (),
         }
     }
 }
@@ -118,6 +208,23 @@ impl<'a> Visit<'a> for Finder<'_> {
         visit::visit_arm(self, arm);
     }
 
+    fn visit_expr_path(&mut self, path: &'a syn::ExprPath) {
+        if let Some(name) = path.path.get_ident()
+            && let Some(constant) = self.constants.iter_mut().find(|constant| name == &constant.name)
+        {
+            constant.named.push(path.span().byte_range());
+        }
+    }
+
+    fn visit_expr_struct(&mut self, structure: &'a syn::ExprStruct) {
+        let of_field = |field: &syn::FieldValue| self.wanted.remove(&("StructField", place(field.span())));
+        let mutants: Vec<usize> = structure.fields.iter().filter_map(of_field).flatten().collect();
+        if !mutants.is_empty() {
+            self.sites.push(Site { range: structure.span().byte_range(), kind: Kind::Fields, mutants });
+        }
+        visit::visit_expr_struct(self, structure);
+    }
+
     fn visit_expr_unary(&mut self, unary: &'a syn::ExprUnary) {
         let operator = match unary.op {
             UnOp::Neg(_) => "-",
@@ -165,6 +272,16 @@ impl Rewriting<'_> {
         out
     }
 
+    /// The text of a range with one mutant in it, on a line.
+    fn mutated(&self, range: &Range<usize>, mutant: &Mutant) -> String {
+        let byte = |(line, column): Place| {
+            let before: usize = self.text.split_inclusive('\n').take(line - 1).map(str::len).sum();
+            before + self.text[before..].chars().take(column - 1).map(char::len_utf8).sum::<usize>()
+        };
+        let (before, after) = (range.start..byte(mutant.start), byte(mutant.end)..range.end);
+        [&self.text[before], &mutant.replacement, &self.text[after]].concat().replace('\n', " ")
+    }
+
     fn site(&mut self, number: usize) -> String {
         let Site { range, kind, mutants } = &self.sites[number];
         let (mutants, inside) = (mutants.clone(), number + 1);
@@ -192,6 +309,32 @@ impl Rewriting<'_> {
                 format!("if !{original} {{ {}\n }}\n", replaced.collect::<String>())
             }
             Kind::Arm => format!(" if {original}"),
+            Kind::Named(name) => format!("(*{name}__chosen())"),
+            Kind::Emptied => {
+                let all = self.render(range.clone(), inside);
+                format!(
+                    "{{ let __all = {{ {all} }};\n__all.take(if {original} {{ usize::MAX }} else {{ 0 }}) }}"
+                )
+            }
+            Kind::Fields => {
+                let others = (0..count).map(|of| {
+                    let other = self.mutated(range, &self.mutants[mutants[of]]);
+                    format!("if {} {{ {other} }}\nelse ", chosen(of))
+                });
+                let others: String = others.collect();
+                format!("({others} {{ {} }})", self.render(range.clone(), inside))
+            }
+            Kind::Constant { name, of_type, value } => {
+                let of_type = &self.text[of_type.clone()];
+                let others = (0..count).map(|of| {
+                    let other = self.mutated(value, &self.mutants[mutants[of]]);
+                    format!("if {} {{ const OTHER: {of_type} = {other}; return &OTHER; }}\n", chosen(of))
+                });
+                let others: String = others.collect();
+                let head =
+                    format!("#[allow(non_snake_case)]\nconst fn {name}__chosen() -> &'static {of_type}");
+                format!("\n{head} {{\n{others}&{name} }}\n")
+            }
             Kind::Guard => {
                 let others = (0..count).map(replacement).collect();
                 let this = self.render(range.clone(), inside);
@@ -255,16 +398,16 @@ pub fn plant(tree: &Tree, mutants: &[Mutant], refused: &BTreeSet<usize>) -> Vec<
         let text = fs::read_to_string(tree.sources.join(file)).expect("a source file");
         let mut wanted: HashMap<(&str, Place), Vec<usize>> = HashMap::new();
         for (at, mutant) in mutants.iter().enumerate() {
-            // A `return` of another type would not be of the opaque one.
-            let opaque = mutant.genre == "FnValue" && mutant.returns.contains("impl ");
-            if mutant.file == file && !opaque && !refused.contains(&at) {
+            let plantable = !opaque(mutant) || mutant.replacement == "::std::iter::empty()";
+            if mutant.file == file && plantable && !refused.contains(&at) {
                 wanted.entry((&mutant.genre, mutant.start)).or_default().push(at);
             }
         }
-        let mut finder = Finder { wanted, sites: Vec::new() };
-        finder.visit_file(&syn::parse_file(&text).expect("a source file in Rust"));
-        let mut sites = finder.sites;
-        sites.sort_by_key(|site| (site.range.start, site.kind.rank(), usize::MAX - site.range.end));
+        let mut finder = Finder { mutants, wanted, sites: Vec::new(), constants: Vec::new() };
+        let parsed = syn::parse_file(&text).expect("a source file in Rust");
+        finder.constants(&parsed.items);
+        finder.visit_file(&parsed);
+        let sites = finder.sites(text.parse().expect("a source file in Rust"));
         let mut rewriting = Rewriting { text: &text, sites: &sites, mutants, numbers: &mut numbers };
         texts.insert(file.to_owned(), rewriting.render(0..text.len(), 0));
     }
