@@ -504,8 +504,8 @@ impl<T: Scalar, P: Scalar> WithSimd for Terms<'_, T, P> {
     fn with_simd<V: Simd>(self, unit: V) {
         let Self { plan, groups, mut terms, .. } = self;
         let place = self.place % GROUP;
-        for tile in 0..groups[0].len() / GROUP {
-            let newest = rows(groups[0], tile, GROUP).get(..place).unwrap_or(&[]);
+        for (tile, newest) in groups[0].chunks(GROUP).enumerate() {
+            let newest = newest.get(..place).unwrap_or(&[]);
             let of_tile = take_first(&mut terms, LANES);
             for ((kernel, group), terms) in plan.kernels.iter().zip(groups).zip(of_tile) {
                 let Some(known) = rows(group, tile, GROUP).get(place) else { return };
@@ -812,3 +812,6 @@ impl<T: Scalar, P: Scalar> Memory<T> for WideExponentialSum<T, P> {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests;
