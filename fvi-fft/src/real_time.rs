@@ -367,8 +367,8 @@ mod tests {
         // leaf, six operations for each of its 64 numbers.
         let job = 14 * 64 + 2 * 6 * 64;
         assert_eq!(budget(1000), job * 105 / 100 / 64 + 1);
-        // Of 4000 samples blocks of 64 take from 6, and those of 256 from 14; these have 64 butterflies, eight
-        // operations each, above four leaves.
+        // Of 4000 samples blocks of 64 take from 6, and those of 256 from 14; these have 64 butterflies of
+        // eight operations each above four leaves.
         let finest = 6 * 64 + 2 * 6 * 64;
         let coarsest = 14 * 256 + 2 * (8 * 64 + 4 * 6 * 64);
         assert_eq!(budget(4000), (finest * 105 / 100 / 64 + 1) + (coarsest * 105 / 100 / 256 + 1));
