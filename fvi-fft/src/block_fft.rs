@@ -36,7 +36,7 @@ pub struct BlockFft<T: Scalar> {
     /// All samples, one row per channel.
     signal: Vec<Vec<T>>,
     growth: Option<Growth<T>>,
-    scratch: Vec<Complex<T>>,
+    scratch: Vec<Complex<f64>>,
     unit: Arch,
 }
 
@@ -45,7 +45,7 @@ struct Growth<T: Scalar> {
     source: Box<dyn Weights<T> + Send>,
     /// For each entry of the matrices, row by row, all weights asked for so far.
     planes: Vec<Vec<T>>,
-    plans: Plans<T>,
+    plans: Plans,
 }
 
 /// Kind of the saved state.

@@ -56,7 +56,7 @@ pub(crate) struct LevelShape {
 }
 
 impl<T: Scalar> Level<T> {
-    pub(crate) fn new(shape: &LevelShape, plans: &mut Plans<T>, unit: Arch) -> Self {
+    pub(crate) fn new(shape: &LevelShape, plans: &mut Plans, unit: Arch) -> Self {
         let &LevelShape { block, leaf, stages, channels, reach, outputs } = shape;
         let transform = Transform::new(block, leaf, plans, unit);
         let packets = transform.packets();
@@ -86,7 +86,7 @@ impl<T: Scalar> Level<T> {
         capacity: usize,
         shape: &LevelShape,
         planes: &[Vec<T>],
-        scratch: &mut Vec<Complex<T>>,
+        scratch: &mut Vec<Complex<f64>>,
         unit: Arch,
     ) -> Vec<Self> {
         let mut plans = Plans::new();
@@ -125,7 +125,7 @@ impl<T: Scalar> Level<T> {
 
     /// Makes the spectra of the first missing distance d from the weights of lags ((d−1)B, (d+1)B); weights
     /// beyond the end of a plane count as zero.
-    pub(crate) fn add_distance(&mut self, planes: &[Vec<T>], scratch: &mut [Complex<T>]) {
+    pub(crate) fn add_distance(&mut self, planes: &[Vec<T>], scratch: &mut [Complex<f64>]) {
         let (block, packets) = (self.block, self.transform.packets());
         let first = (self.missing_distance() - 1) * block;
         let scale = T::of(1.0 / block as f64);
@@ -197,7 +197,7 @@ impl<T: Scalar> Level<T> {
         inputs: &Range<usize>,
         task: usize,
         signal: &[Vec<T>],
-        scratch: &mut [Complex<T>],
+        scratch: &mut [Complex<f64>],
     ) {
         let packets = self.transform.packets();
         match self.locate(inputs, task) {

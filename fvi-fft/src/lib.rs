@@ -26,6 +26,7 @@ mod wide_exponential_sum;
 pub use block_fft::BlockFft;
 pub use chunked_exponential_sum::ChunkedExponentialSum;
 pub use engines::{Engine, Engines};
+pub use plans::real_transforms;
 pub use real_time::{Pacing, RealTime};
 pub use scalar::Scalar;
 pub use vector_variable_steps::VectorVariableSteps;

@@ -58,7 +58,7 @@ pub struct RealTime<T: Scalar> {
     near: Near<T>,
     /// All samples, one row per channel.
     signal: Vec<Vec<T>>,
-    scratch: Vec<Complex<T>>,
+    scratch: Vec<Complex<f64>>,
     budget: Work,
     /// Work that may still be spent; negative after a task that cost more than was left.
     credit: Work,

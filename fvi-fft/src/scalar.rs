@@ -1,41 +1,46 @@
-//! What the engines ask of a number, and what is compiled here for each of them.
-
-use std::sync::Arc;
+//! What the engines ask of a number.
 
 use fvi_core::Real;
-use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
-use rustfft::{Fft, FftNum, FftPlanner};
+use rustfft::num_complex::Complex;
+use rustfft::{Fft, FftNum};
 
 use crate::lanes::Lanes;
 
 /// Scalar of the engines: `f32` or `f64`.
 ///
-/// Transforms come from the scalar, and not from a planner with a type parameter, so that what is generic and
-/// large behind them is compiled once, in this crate, and not in every crate that uses it.
+/// Transforms are computed in double precision for both: the library that makes them is the larger part of what
+/// is compiled here, and rounding of spectra then costs single precision no digits.
 pub trait Scalar: Real + FftNum + Lanes {
-    /// Complex transforms of a length, forward and inverse.
-    fn transforms(length: usize) -> [Arc<dyn Fft<Self>>; 2];
+    /// Complex numbers of scratch that [`transform`](Self::transform) needs.
+    fn transform_scratch(plan: &dyn Fft<f64>) -> usize;
 
-    /// Transforms of real data of a length, forward and inverse.
-    fn real_transforms(length: usize) -> (Arc<dyn RealToComplex<Self>>, Arc<dyn ComplexToReal<Self>>);
+    /// Transforms `numbers`, as many as the plan is long, in place.
+    fn transform(plan: &dyn Fft<f64>, numbers: &mut [Complex<Self>], scratch: &mut [Complex<f64>]);
 }
 
-macro_rules! scalars {
-    ($($scalar:ty)*) => {$(
-        impl Scalar for $scalar {
-            fn transforms(length: usize) -> [Arc<dyn Fft<Self>>; 2] {
-                let mut planner = FftPlanner::new();
-                [planner.plan_fft_forward(length), planner.plan_fft_inverse(length)]
-            }
+impl Scalar for f64 {
+    fn transform_scratch(plan: &dyn Fft<f64>) -> usize {
+        plan.get_inplace_scratch_len()
+    }
 
-            fn real_transforms(
-                length: usize,
-            ) -> (Arc<dyn RealToComplex<Self>>, Arc<dyn ComplexToReal<Self>>) {
-                let mut planner = RealFftPlanner::new();
-                (planner.plan_fft_forward(length), planner.plan_fft_inverse(length))
-            }
+    fn transform(plan: &dyn Fft<f64>, numbers: &mut [Complex<f64>], scratch: &mut [Complex<f64>]) {
+        plan.process_with_scratch(numbers, &mut scratch[..plan.get_inplace_scratch_len()]);
+    }
+}
+
+impl Scalar for f32 {
+    fn transform_scratch(plan: &dyn Fft<f64>) -> usize {
+        plan.len() + plan.get_inplace_scratch_len()
+    }
+
+    fn transform(plan: &dyn Fft<f64>, numbers: &mut [Complex<f32>], scratch: &mut [Complex<f64>]) {
+        let (wide, rest) = scratch.split_at_mut(plan.len());
+        for (wide, number) in wide.iter_mut().zip(&*numbers) {
+            *wide = Complex::new(f64::from(number.re), f64::from(number.im));
         }
-    )*};
+        plan.process_with_scratch(wide, &mut rest[..plan.get_inplace_scratch_len()]);
+        for (number, wide) in numbers.iter_mut().zip(&*wide) {
+            *number = Complex::new(wide.re as f32, wide.im as f32);
+        }
+    }
 }
-
-scalars!(f32 f64);

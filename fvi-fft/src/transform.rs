@@ -46,7 +46,7 @@ pub(crate) struct Transform<T: Scalar> {
     leaf: usize,
     passes: Vec<Vec<[Complex<T>; 3]>>,
     twist: Vec<Complex<T>>,
-    plan: Plan<T>,
+    plan: Plan,
     unit: Arch,
 }
 
@@ -56,7 +56,7 @@ const PIECE: usize = 64;
 impl<T: Scalar> Transform<T> {
     /// Transform for blocks of `block` samples with leaves of at most `leaf` ≥ `PIECE`; both powers of two,
     /// at least 16.
-    pub(crate) fn new(block: usize, leaf: usize, plans: &mut Plans<T>, unit: Arch) -> Self {
+    pub(crate) fn new(block: usize, leaf: usize, plans: &mut Plans, unit: Arch) -> Self {
         let mut size = block;
         let mut passes = Vec::new();
         // The constants of a node are powers of e^{2πi a/(4B)}: a node of size M has c = e^{2πi·aM/(4B)}, the
@@ -82,7 +82,7 @@ impl<T: Scalar> Transform<T> {
 
     /// Complex numbers of scratch that a leaf needs.
     pub(crate) fn scratch(&self) -> usize {
-        self.plan.forward.get_inplace_scratch_len().max(self.plan.inverse.get_inplace_scratch_len())
+        T::transform_scratch(self.plan.forward.as_ref()).max(T::transform_scratch(self.plan.inverse.as_ref()))
     }
 
     /// Bytes of tables.
@@ -136,7 +136,7 @@ impl<T: Scalar> Transform<T> {
         samples: &[T],
         spectrum: &mut [Packet<T>],
         polynomial: &mut [Complex<T>],
-        scratch: &mut [Complex<T>],
+        scratch: &mut [Complex<f64>],
     ) {
         match self.locate(piece) {
             Place::Leaf(_) if self.passes.is_empty() => load(samples, polynomial),
@@ -158,7 +158,7 @@ impl<T: Scalar> Transform<T> {
         piece: usize,
         polynomial: &mut [Complex<T>],
         spectrum: &mut [Packet<T>],
-        scratch: &mut [Complex<T>],
+        scratch: &mut [Complex<f64>],
     ) {
         match self.locate(piece) {
             Place::Pass { pass, node, butterflies } => {
@@ -170,8 +170,7 @@ impl<T: Scalar> Transform<T> {
                 let packets = range.start / PACKET..range.end / PACKET;
                 let numbers = &mut polynomial[range.clone()];
                 self.unit.dispatch(Twist { numbers, twist: &self.twist[range] });
-                let used = self.plan.forward.get_inplace_scratch_len();
-                self.plan.forward.process_with_scratch(numbers, &mut scratch[..used]);
+                T::transform(self.plan.forward.as_ref(), numbers, scratch);
                 self.unit.dispatch(Separate { numbers, spectrum: &mut spectrum[packets] });
             }
         }
@@ -185,7 +184,7 @@ impl<T: Scalar> Transform<T> {
         spectrum: &[Packet<T>],
         output: &mut [T],
         polynomial: &mut [Complex<T>],
-        scratch: &mut [Complex<T>],
+        scratch: &mut [Complex<f64>],
     ) {
         match self.locate(self.pieces() - 1 - piece) {
             Place::Leaf(leaf) => {
@@ -193,8 +192,7 @@ impl<T: Scalar> Transform<T> {
                 let packets = range.start / PACKET..range.end / PACKET;
                 let numbers = &mut polynomial[range.clone()];
                 self.unit.dispatch(Gather { numbers, spectrum: &spectrum[packets] });
-                let used = self.plan.inverse.get_inplace_scratch_len();
-                self.plan.inverse.process_with_scratch(numbers, &mut scratch[..used]);
+                T::transform(self.plan.inverse.as_ref(), numbers, scratch);
                 self.unit.dispatch(Untwist { numbers, twist: &self.twist[range] });
                 if self.passes.is_empty() {
                     store(numbers, output);

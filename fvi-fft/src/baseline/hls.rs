@@ -26,7 +26,7 @@ pub struct Hls {
     signal: Vec<Vec<f64>>,
     /// Memory terms as far as they are known, one row per channel.
     terms: Vec<Vec<f64>>,
-    plans: Plans<f64>,
+    plans: Plans,
     samples: Vec<Complex<f64>>,
     weights: Vec<Complex<f64>>,
 }

@@ -6,7 +6,7 @@ use fvi_core::ParameterError;
 use realfft::{ComplexToReal, RealToComplex};
 use rustfft::num_complex::Complex;
 
-use crate::scalar::Scalar;
+use crate::plans::real_transforms;
 use crate::weights::{Weights, check_shape, take_planes};
 
 /// One forward real transform of the known signal, product with the cached kernel spectrum, one inverse.
@@ -34,7 +34,7 @@ impl OfflineFft {
             return Err(ParameterError { parameter: "length", value: 0.0, allowed: "at least 1" });
         }
         let size = (2 * length).next_power_of_two();
-        let (forward, inverse) = f64::real_transforms(size);
+        let (forward, inverse) = real_transforms(size);
         let mut padded = take_planes(&mut kernel, length).remove(0);
         let scale = 1.0 / size as f64;
         padded.iter_mut().for_each(|weight| *weight *= scale);

@@ -1,6 +1,6 @@
 //! Products with triangular Toeplitz matrices.
 
-use fvi_fft::Scalar;
+use fvi_fft::real_transforms;
 use realfft::num_complex::Complex;
 use realfft::{ComplexToReal, RealToComplex};
 use std::fmt;
@@ -113,7 +113,7 @@ struct Transform {
 impl Transform {
     fn new(weights: &[f64]) -> Self {
         let length = (2 * weights.len()).next_power_of_two();
-        let (forward, inverse) = f64::real_transforms(length);
+        let (forward, inverse) = real_transforms(length);
         let scratch_length = forward.get_scratch_len().max(inverse.get_scratch_len());
         let mut transform = Self {
             spectrum: forward.make_output_vec(),
