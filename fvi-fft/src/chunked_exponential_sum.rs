@@ -245,7 +245,12 @@ impl<T: Scalar, const S: usize> WithSimd for Step<'_, T, S> {
 
     #[inline(always)]
     fn with_simd<V: Simd>(self, unit: V) {
-        self.memory.step(unit, self.sample);
+        // Known to the compiler: there is one such step for each memory.
+        if V::IS_SCALAR {
+            self.memory.portable_step(self.sample);
+        } else {
+            self.memory.step(unit, self.sample);
+        }
     }
 }
 
@@ -484,10 +489,7 @@ impl<T: Scalar, const S: usize> Memory<T> for ChunkedExponentialSum<T, S> {
 
     fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
         self.check(sample.len())?;
-        match self.unit {
-            Arch::Scalar => self.portable_step(sample),
-            unit => unit.dispatch(Step { memory: self, sample }),
-        }
+        self.unit.dispatch(Step { memory: self, sample });
         Ok(())
     }
 
