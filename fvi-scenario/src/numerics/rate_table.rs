@@ -80,7 +80,7 @@ pub fn rate_table<T: Real, const R: usize>(
         Vec::new()
     } else {
         Power { mu: exponent.ceil() - exponent, jump: (PI * (exponent - exponent.round())).sin().abs() / PI }
-            .compressed(&matrix, shortest, horizon, tolerance)
+            .compressed(early_responses(&matrix, shortest), [shortest, horizon], tolerance)
     };
     let filled = relaxations.len().next_multiple_of(BLOCK);
     let numbers = |of: &dyn Fn(&Relaxation) -> f64| {
@@ -139,18 +139,18 @@ impl Power {
             .collect()
     }
 
-    /// The rule with its slowest and fastest nodes compressed.
-    fn compressed<const R: usize>(
+    /// The rule with its slowest and fastest nodes compressed, for a method whose shortest step has these
+    /// responses.
+    fn compressed(
         &self,
-        matrix: &SMatrix<f64, R, R>,
-        shortest: f64,
-        horizon: f64,
+        early_responses: Vec<Response>,
+        [shortest, horizon]: [f64; 2],
         tolerance: f64,
     ) -> Vec<Relaxation> {
         let nodes = self.trapezoidal_rule(shortest, horizon, tolerance);
         let allowed = (0.25 * tolerance).max(4.0 * f64::EPSILON);
         let late = Agreement::new(&nodes, allowed, late_responses(horizon));
-        let early = Agreement::new(&nodes, allowed, early_responses(matrix, shortest));
+        let early = Agreement::new(&nodes, allowed, early_responses);
         let slow = |reach: f64| {
             let count = nodes.partition_point(|node| node.rate * horizon <= reach);
             late.shortest_rule(&nodes[..count], Relaxation::slow_rules(&nodes[..count]))
@@ -204,14 +204,17 @@ impl Relaxation {
     }
 }
 
-/// Whether a rule takes the place of some nodes, judged by responses f(λ).
-struct Agreement<F> {
+/// f(λ)
+type Response = Box<dyn Fn(f64) -> f64>;
+
+/// Whether a rule takes the place of some nodes, judged by responses.
+struct Agreement {
     /// Each with the difference that is allowed.
-    responses: Vec<(F, f64)>,
+    responses: Vec<(Response, f64)>,
 }
 
-impl<F: Fn(f64) -> f64> Agreement<F> {
-    fn new(nodes: &[Relaxation], allowed: f64, responses: Vec<F>) -> Self {
+impl Agreement {
+    fn new(nodes: &[Relaxation], allowed: f64, responses: Vec<Response>) -> Self {
         let responses = responses.into_iter().map(|response| {
             let size: f64 = nodes.iter().map(|node| node.coefficient * response(node.rate).abs()).sum();
             (response, allowed * size)
@@ -225,7 +228,7 @@ impl<F: Fn(f64) -> f64> Agreement<F> {
         group: &[Relaxation],
         rules: impl Fn(usize) -> Vec<Relaxation>,
     ) -> (usize, Vec<Relaxation>) {
-        let sum = |nodes: &[Relaxation], response: &F| -> f64 {
+        let sum = |nodes: &[Relaxation], response: &Response| -> f64 {
             nodes.iter().map(|node| node.coefficient * response(node.rate)).sum()
         };
         let wanted: Vec<f64> = self.responses.iter().map(|(response, _)| sum(group, response)).collect();
@@ -242,30 +245,27 @@ impl<F: Fn(f64) -> f64> Agreement<F> {
 
 /// What is left of a relaxation after times up to the horizon: of many short steps e^{−λt}, of two long ones
 /// (1 + λt/2)^{−2}.
-fn late_responses(horizon: f64) -> Vec<Box<dyn Fn(f64) -> f64>> {
+fn late_responses(horizon: f64) -> Vec<Response> {
     let times = (0..24).map(move |k| horizon * 0.5_f64.powi(k));
-    let responses = times.flat_map(|time| -> [Box<dyn Fn(f64) -> f64>; 2] {
+    let responses = times.flat_map(|time| -> [Response; 2] {
         [Box::new(move |rate| (-rate * time).exp()), Box::new(move |rate| (1.0 + 0.5 * rate * time).powi(-2))]
     });
     responses.collect()
 }
 
 /// The entries of (I + h′λA)⁻¹1 · R(−hλ)ⁿ · e_Rᵀ(I + hλA)⁻¹ for the shortest step h, some n and h′ ≥ h.
-fn early_responses<const R: usize>(
-    matrix: &SMatrix<f64, R, R>,
-    shortest: f64,
-) -> Vec<impl Fn(f64) -> f64 + use<R>> {
+fn early_responses<const R: usize>(matrix: &SMatrix<f64, R, R>, shortest: f64) -> Vec<Response> {
     let matrix = *matrix;
     let resolvent = move |x: f64| inverse(&(SMatrix::identity() + matrix * x));
     let shapes = [1.0, 3.0, 30.0].into_iter().flat_map(|ratio| [0, 1, 4].map(|steps| (ratio, steps)));
     let entries = shapes.flat_map(|shape| (0..R * R).map(move |entry| (shape, entry)));
-    let response = move |((ratio, steps), entry): ((f64, i32), usize)| {
-        move |rate: f64| {
+    let response = move |((ratio, steps), entry): ((f64, i32), usize)| -> Response {
+        Box::new(move |rate: f64| {
             let before = resolvent(shortest * rate);
             let here = resolvent(ratio * shortest * rate) * SVector::repeat(1.0);
             let decay = before.row(R - 1).sum();
             here[entry / R] * decay.powi(steps) * before[(R - 1, entry % R)]
-        }
+        })
     };
     entries.map(response).collect()
 }
