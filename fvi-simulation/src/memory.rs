@@ -46,6 +46,28 @@ impl<T> HostMemory<T> {
     }
 }
 
+/// The scalars that there are memories for: what a request leads to is generic and large, and is compiled
+/// here alone.
+pub trait Memories: Engines {
+    /// [`MemoryRequest::build_with`]
+    ///
+    /// # Errors
+    /// As there.
+    fn memory(request: &MemoryRequest<'_>, tables: &Tables) -> Result<HostMemory<Self>, EngineError>;
+}
+
+impl Memories for f32 {
+    fn memory(request: &MemoryRequest<'_>, tables: &Tables) -> Result<HostMemory<f32>, EngineError> {
+        request.made(tables)
+    }
+}
+
+impl Memories for f64 {
+    fn memory(request: &MemoryRequest<'_>, tables: &Tables) -> Result<HostMemory<f64>, EngineError> {
+        request.made(tables)
+    }
+}
+
 /// What a memory is wanted for.
 #[derive(Clone, Debug)]
 pub struct MemoryRequest<'a> {
@@ -158,7 +180,7 @@ impl MemoryRequest<'_> {
     ///
     /// # Errors
     /// [`EngineError`] if the engine asked for cannot serve the kernel.
-    pub fn build<T: Engines>(&self) -> Result<HostMemory<T>, EngineError> {
+    pub fn build<T: Memories>(&self) -> Result<HostMemory<T>, EngineError> {
         self.build_with(&Tables::default())
     }
 
@@ -166,7 +188,11 @@ impl MemoryRequest<'_> {
     ///
     /// # Errors
     /// As [`build`](Self::build).
-    pub fn build_with<T: Engines>(&self, tables: &Tables) -> Result<HostMemory<T>, EngineError> {
+    pub fn build_with<T: Memories>(&self, tables: &Tables) -> Result<HostMemory<T>, EngineError> {
+        T::memory(self, tables)
+    }
+
+    fn made<T: Engines>(&self, tables: &Tables) -> Result<HostMemory<T>, EngineError> {
         let exponents = &self.convolution.starting;
         let memory = self.without_starting(tables)?;
         let ConvolutionFamily::Bdf { order } = self.convolution.family else { return Ok(memory) };

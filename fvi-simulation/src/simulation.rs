@@ -19,7 +19,7 @@ pub mod stretch;
 use crate::language::error::Cause;
 use crate::language::expression::Elementary;
 use crate::language::{InputError, Problem};
-use crate::memory::{EngineError, HostMemory, MOST_SHARING, MemoryRequest, Tables};
+use crate::memory::{EngineError, HostMemory, MOST_SHARING, Memories, MemoryRequest, Tables};
 use crate::model::{
     Dense, DenseOutput, EnergiesAlong, EnergyRoom, Matrix, Model, OnePoint, Remembers, ScenarioSpace, States,
 };
@@ -30,7 +30,6 @@ use fvi_core::{
     Damping, Fixed, Instant, Integrator, IntegratorBuilder, IntegratorError, MatrixError, Mechanics, Memory,
     MemoryError, Mismatch, Real, Sample, Scheme, StateError, StateReader, StateWriter, StepError,
 };
-use fvi_fft::Engines;
 use momentum_offset::MomentumOffset;
 use nalgebra::DMatrix;
 use piece::{Piece, Place};
@@ -335,7 +334,7 @@ fn bad_mass(scenario: &Scenario, error: &MatrixError) -> InputError {
 }
 
 /// The integrator of a scenario in one precision and space.
-struct Machine<T: Elementary + Engines, X: ScenarioSpace<T>> {
+struct Machine<T: Elementary + Memories, X: ScenarioSpace<T>> {
     integrator: Integrator<T, X, X::System, X::Scheme, DampingTerms<T, X>>,
     input: X::Vector,
     /// Whether the input of the last step was not zero.
@@ -363,7 +362,7 @@ enum Energies {
     Rows,
 }
 
-impl<T: Elementary + Engines, X: ScenarioSpace<T>> Machine<T, X> {
+impl<T: Elementary + Memories, X: ScenarioSpace<T>> Machine<T, X> {
     /// Puts system, scheme and memories together.
     fn new(space: X, scenario: &Scenario, tables: &Tables) -> Result<Self, InputError> {
         let scheme = space.scheme(scenario).map_err(|error| {
@@ -404,7 +403,7 @@ impl<T: Elementary + Engines, X: ScenarioSpace<T>> Machine<T, X> {
     }
 }
 
-impl<T: Elementary + Engines, X: ScenarioSpace<T>> Machine<T, X> {
+impl<T: Elementary + Memories, X: ScenarioSpace<T>> Machine<T, X> {
     /// Takes in the input, and notes where the step begins.
     fn prepare(&mut self, input: &[f64]) {
         if !input.is_empty() || self.pushed {
@@ -533,7 +532,7 @@ fn memory_request<'a>(
 /// The damping terms of a scenario on their memories, and which of the scenario's terms each of them serves:
 /// where several follow the same coordinates with sums of exponentials for many channels, they have one
 /// memory.
-fn damping_terms<T: Elementary + Engines, X: ScenarioSpace<T>>(
+fn damping_terms<T: Elementary + Memories, X: ScenarioSpace<T>>(
     scenario: &Scenario,
     space: &X,
     nodes: usize,
@@ -580,7 +579,7 @@ fn damping_terms<T: Elementary + Engines, X: ScenarioSpace<T>>(
 }
 
 /// Terms of a scenario on a memory of their kernels.
-fn term_on<'a, T: Elementary + Engines, X: ScenarioSpace<T>>(
+fn term_on<'a, T: Elementary + Memories, X: ScenarioSpace<T>>(
     scenario: &Scenario,
     space: &X,
     indices: &[usize],
@@ -615,7 +614,7 @@ fn refused_memory(scenario: &Scenario, index: usize, error: EngineError) -> Inpu
 }
 
 /// ρ x of a term whose kernel is of plain numbers.
-fn resisting<T: Elementary + Engines, X: ScenarioSpace<T>>(
+fn resisting<T: Elementary + Memories, X: ScenarioSpace<T>>(
     term: &X::Term<HostMemory<T>>,
     vector: &X::Vector,
     space: &X,
@@ -630,7 +629,7 @@ fn resisting<T: Elementary + Engines, X: ScenarioSpace<T>>(
 }
 
 /// Any number of damping terms on their memories.
-struct DampingTerms<T: Elementary + Engines, X: ScenarioSpace<T>> {
+struct DampingTerms<T: Elementary + Memories, X: ScenarioSpace<T>> {
     terms: Vec<X::Term<HostMemory<T>>>,
     /// The scenario's terms that each of them serves.
     served: Vec<Vec<usize>>,
@@ -646,7 +645,7 @@ struct Kick<V> {
     last: V,
 }
 
-impl<T: Elementary + Engines, X: ScenarioSpace<T>> Damping<T, X> for DampingTerms<T, X> {
+impl<T: Elementary + Memories, X: ScenarioSpace<T>> Damping<T, X> for DampingTerms<T, X> {
     fn check(&self, coordinates: usize, nodes: usize, step_size: T) -> Result<(), Mismatch> {
         self.terms[..].check(coordinates, nodes, step_size)
     }
@@ -729,7 +728,7 @@ impl<T: Elementary + Engines, X: ScenarioSpace<T>> Damping<T, X> for DampingTerm
     }
 }
 
-impl<T: Elementary + Engines, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
+impl<T: Elementary + Memories, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
     fn step(&mut self, input: &[f64]) -> Result<u32, StepError> {
         self.prepare(input);
         let made = self.integrator.step(&self.input);

@@ -3,9 +3,8 @@
 use fvi_core::{
     BdfOrder, ConvolutionWeights, Memory, MemoryError, Real, RungeKutta, StateReader, StateWriter,
 };
-use fvi_fft::Engines;
 use fvi_fft::baseline::{Signal, memory_term};
-use fvi_host::memory::MemoryRequest;
+use fvi_host::memory::{Memories, MemoryRequest};
 use fvi_host::numerics::runge_kutta_weights::RungeKuttaWeights;
 use fvi_host::scenario::{Convolution, ConvolutionFamily, Engine, History};
 
@@ -81,7 +80,7 @@ pub fn radau_iia_weights(exponent: f64) -> RungeKuttaWeights<3> {
 }
 
 /// An engine as a run of the program has it, or `None` for kernels that no run has.
-pub fn host_memory<T: Engines>(
+pub fn host_memory<T: Memories>(
     engine: Engine,
     kernel: TestKernel,
     channels: usize,

@@ -6,6 +6,7 @@ use fvi_core::{
 };
 use fvi_fft::baseline::{Hls, Naive, OfflineFft, Signal, memory_term};
 use fvi_fft::{BlockFft, Engines, Pacing, RealTime, WeightTable, WideExponentialSum};
+use fvi_host::memory::Memories;
 use fvi_host::numerics::aligned::Aligned;
 use fvi_host::numerics::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
 use fvi_host::numerics::growing_ring::GrowingRing;
@@ -22,7 +23,7 @@ const QUADRATURES: [(usize, f64); 10] =
     [(1, 0.3), (1, 0.5), (1, 1.5), (1, 1.9), (1, -0.5), (6, 0.3), (6, 0.5), (6, 1.5), (6, 1.9), (6, -0.5)];
 
 /// The engine of the program for the kernels it offers; for others, the memory below.
-fn direct<T: Engines>(kernel: TestKernel, channels: usize, capacity: usize) -> Box<dyn Memory<T>> {
+fn direct<T: Memories>(kernel: TestKernel, channels: usize, capacity: usize) -> Box<dyn Memory<T>> {
     host_memory(Engine::Direct, kernel, channels, capacity).unwrap_or_else(|| {
         let entries = kernel.stages() * kernel.stages();
         let weights = kernel.weights::<T>(capacity + 1);
@@ -33,7 +34,7 @@ fn direct<T: Engines>(kernel: TestKernel, channels: usize, capacity: usize) -> B
     })
 }
 
-fn block_fft<T: Engines>(kernel: TestKernel, channels: usize, capacity: usize) -> Box<dyn Memory<T>> {
+fn block_fft<T: Memories>(kernel: TestKernel, channels: usize, capacity: usize) -> Box<dyn Memory<T>> {
     host_memory(Engine::BlockFft, kernel, channels, capacity).unwrap_or_else(|| {
         // An empty run still has its leading weight.
         let weights = kernel.weights::<T>(capacity.max(1));
@@ -48,7 +49,7 @@ struct Stream<T> {
     weights: Vec<T>,
 }
 
-impl<T: Engines> fvi_fft::Weights<T> for Stream<T> {
+impl<T: Memories> fvi_fft::Weights<T> for Stream<T> {
     fn stages(&self) -> usize {
         self.stages
     }
@@ -58,12 +59,16 @@ impl<T: Engines> fvi_fft::Weights<T> for Stream<T> {
     }
 }
 
-fn growing_block_fft<T: Engines>(kernel: TestKernel, channels: usize, capacity: usize) -> Box<dyn Memory<T>> {
+fn growing_block_fft<T: Memories>(
+    kernel: TestKernel,
+    channels: usize,
+    capacity: usize,
+) -> Box<dyn Memory<T>> {
     let stream = Stream { stages: kernel.stages(), weights: kernel.weights(4 * capacity.max(FINEST_BLOCK)) };
     Box::new(BlockFft::growing(stream, channels).unwrap())
 }
 
-fn real_time<T: Engines>(kernel: TestKernel, channels: usize, capacity: usize) -> Box<dyn Memory<T>> {
+fn real_time<T: Memories>(kernel: TestKernel, channels: usize, capacity: usize) -> Box<dyn Memory<T>> {
     host_memory(Engine::RealTime, kernel, channels, capacity).unwrap_or_else(|| {
         let weights = kernel.weights::<T>(capacity.max(1));
         let table = WeightTable::matrices(&weights, kernel.stages());
@@ -71,11 +76,11 @@ fn real_time<T: Engines>(kernel: TestKernel, channels: usize, capacity: usize) -
     })
 }
 
-fn exponential_sum<T: Engines>(kernel: TestKernel, channels: usize, capacity: usize) -> Box<dyn Memory<T>> {
+fn exponential_sum<T: Memories>(kernel: TestKernel, channels: usize, capacity: usize) -> Box<dyn Memory<T>> {
     host_memory(Engine::ExponentialSum, kernel, channels, capacity).expect("a kernel of exponentials")
 }
 
-fn core_exponential_sum<T: Engines>(
+fn core_exponential_sum<T: Memories>(
     kernel: TestKernel,
     channels: usize,
     capacity: usize,
@@ -84,7 +89,7 @@ fn core_exponential_sum<T: Engines>(
 }
 
 /// For as few channels as the suite has the program takes another memory, so this one is made from its table.
-fn wide_exponential_sum<T: Engines>(
+fn wide_exponential_sum<T: Memories>(
     kernel: TestKernel,
     channels: usize,
     _capacity: usize,
@@ -152,7 +157,7 @@ impl<T: Engines, P: Engines> Memory<T> for OneOf<T, P> {
 }
 
 /// The kernel as the second of three that share their exponentials.
-fn shared_wide_exponential_sum<T: Engines>(
+fn shared_wide_exponential_sum<T: Memories>(
     kernel: TestKernel,
     channels: usize,
     _capacity: usize,

@@ -4,10 +4,9 @@
 //! `PROPTEST_CASES` sets the number of cases; a long search takes thousands.
 
 use fvi_core::{BdfOrder, ConvolutionWeights, Memory, RungeKutta};
-use fvi_fft::Engines;
 use fvi_fft::baseline::{Signal, memory_term};
 use fvi_host::language::{Document, InputError};
-use fvi_host::memory::{LEAST_ON_INCREMENTS, MemoryRequest};
+use fvi_host::memory::{LEAST_ON_INCREMENTS, Memories, MemoryRequest};
 use fvi_host::numerics::runge_kutta_weights::RungeKuttaWeights;
 use fvi_host::scenario::{Convolution, ConvolutionFamily, Engine, History, Scenario};
 use fvi_host::simulation::{GridState, Precision, Simulation};
@@ -128,7 +127,7 @@ impl Case {
         }
     }
 
-    fn memory<T: Engines>(&self, engine: Engine) -> impl Memory<T> + use<T> {
+    fn memory<T: Memories>(&self, engine: Engine) -> impl Memory<T> + use<T> {
         let request = MemoryRequest {
             end: None,
             convolution: &Convolution {
@@ -150,7 +149,7 @@ impl Case {
     }
 
     /// All memory terms of an engine, one after the other.
-    fn terms<T: Engines>(&self, engine: Engine, samples: &[T]) -> Vec<T> {
+    fn terms<T: Memories>(&self, engine: Engine, samples: &[T]) -> Vec<T> {
         let channels = self.coordinates * self.stages();
         let mut memory = self.memory::<T>(engine);
         let mut terms = vec![T::of(f64::NAN); samples.len()];
@@ -168,7 +167,7 @@ fn compared(length: usize) -> impl Iterator<Item = usize> {
 }
 
 /// All engines against the double sum of the definition.
-fn agree_with_the_double_sum<T: Engines>(case: &Case) -> Result<(), TestCaseError> {
+fn agree_with_the_double_sum<T: Memories>(case: &Case) -> Result<(), TestCaseError> {
     let channels = case.coordinates * case.stages();
     let samples: Vec<T> = case.signal.samples(channels, case.length);
     let weights = case.weights();
