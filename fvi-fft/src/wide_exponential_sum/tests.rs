@@ -11,41 +11,41 @@ const TABLE: ExponentialTable<&[f64]> = ExponentialTable {
     horizon: 100,
 };
 
-fn two_kernels(channels: usize) -> WideExponentialSum<f64, f32> {
-    WideExponentialSum::of_kernels(&[TABLE; 2], channels).unwrap()
+fn three_kernels(channels: usize) -> WideExponentialSum<f64, f32> {
+    WideExponentialSum::of_kernels(&[TABLE; 3], channels).unwrap()
 }
 
 #[test]
 fn bytes_are_those_of_the_object_and_of_every_number() {
     // Two tiles of 32 channels.
-    let memory = two_kernels(40);
+    let memory = three_kernels(40);
     let (chunk, sums, row) = (32, 3, 8 * size_of::<f64>());
-    // Eight weights beside each earlier sample of the chunk; beside each sum, and each sample of the chunk before.
+    // Eight weights beside each earlier sample of the chunk, each sum and each sample of the chunk before.
     let kernel = size_of::<KernelPlan<f64>>() + (8 + 16 + 24) * row + 4 * (sums + chunk) * row;
-    // What each sample adds to up to eight sums; two leading weights; what each sum loses.
-    let plan = 2 * kernel + chunk * row + (2 + sums) * size_of::<f64>();
-    // Two kernels' places, the sums, and the rest of the slow one, each of four bytes.
-    let channel = (2 * chunk + sums + 1) * 4;
+    // What each sample adds to up to eight sums; three leading weights; what each sum loses.
+    let plan = 3 * kernel + chunk * row + (3 + sums) * size_of::<f64>();
+    // Three kernels' places, the sums, and the rest of the slow one, each of four bytes.
+    let channel = (3 * chunk + sums + 1) * 4;
     assert_eq!(memory.channel_bytes(), channel);
-    let groups = 2 * chunk / 8 * size_of::<Vec<Lanes<f32>>>();
+    let groups = 3 * chunk / 8 * size_of::<Vec<Lanes<f32>>>();
     assert_eq!(memory.bytes(), size_of_val(&memory) + plan + 64 * channel + groups);
 }
 
 #[test]
 fn a_step_costs_its_products_and_what_it_reads_and_writes() {
-    let plan = two_kernels(1).plan;
-    // The three newest samples on two terms, each of which is also read and written.
-    let terms = MULTIPLY_ADD * 6 + FETCH * 3 + FETCH_OUTSIDE * 8;
-    assert_eq!([3, 11, 27].map(|place| plan.cost_of_terms(place)), [terms; 3]);
-    assert_eq!(plan.cost_of_terms(8), FETCH_OUTSIDE * 8);
+    let plan = three_kernels(1).plan;
+    // The five newest samples on three terms, each of which is also read and written.
+    let terms = MULTIPLY_ADD * 15 + FETCH * 5 + FETCH_OUTSIDE * 12;
+    assert_eq!([5, 13, 29].map(|place| plan.cost_of_terms(place)), [terms; 3]);
+    assert_eq!(plan.cost_of_terms(8), FETCH_OUTSIDE * 12);
     // Within a group a sample is stored.
     assert_eq!([0, 14].map(|place| plan.cost_of_sample(place)), [FETCH * 2 + FETCH_OUTSIDE; 2]);
-    // Behind sixteen samples the next eight terms of both kernels are formed of them.
-    let due = MULTIPLY_ADD * (2 * 8 * 16) + FETCH * (16 + 2 * (8 + 8)) + FETCH_OUTSIDE;
+    // Behind sixteen samples the next eight terms of each kernel get what they add.
+    let due = MULTIPLY_ADD * (3 * 8 * 16) + FETCH * (16 + 3 * (8 + 8)) + FETCH_OUTSIDE;
     assert_eq!(plan.cost_of_sample(15), due);
-    // At the end 32 terms of both of 32 samples and three sums, and these sums of the samples.
-    let products = 2 * 32 * (32 + 3) + 3 * 32;
-    let numbers = 32 + 2 * 32 + (3 + 3);
+    // At the end 32 terms of each kernel of 32 samples and three sums, and these sums of the samples.
+    let products = 3 * 32 * (32 + 3) + 3 * 32;
+    let numbers = 32 + 3 * 32 + (3 + 3);
     assert_eq!(plan.cost_of_sample(31), MULTIPLY_ADD * products + FETCH * numbers + FETCH_OUTSIDE);
 }
 
@@ -53,7 +53,7 @@ fn a_step_costs_its_products_and_what_it_reads_and_writes() {
 fn work_is_shared_where_it_is_worth_a_thread() {
     // A hundred tiles.
     const CHANNELS: usize = 3200;
-    let memory = two_kernels(CHANNELS).on_threads(4);
+    let memory = three_kernels(CHANNELS).on_threads(4);
     let shared = |memory: &WideExponentialSum<f64, f32>, work: usize| {
         let Sharing { threads, wake, tiles } = memory.sharing(work / CHANNELS);
         (threads, wake, tiles)
@@ -66,6 +66,6 @@ fn work_is_shared_where_it_is_worth_a_thread() {
     assert_eq!(shared(&memory, 4 * WAKE), (4, true, 2));
     // More parts where they would be long.
     assert_eq!(shared(&memory, 100 * PART), (4, true, 1));
-    let alone = two_kernels(CHANNELS).on_threads(0);
+    let alone = three_kernels(CHANNELS).on_threads(0);
     assert_eq!(shared(&alone, 100 * PART), (1, true, 100));
 }

@@ -25,8 +25,8 @@ pub struct Planted {
     pub unviable: BTreeSet<usize>,
 }
 
-/// Codes of errors that the plain mutant has as well: an operator or a value that the type does not have, or a
-/// constant that has no value.
+/// Codes of errors that the plain mutant has as well: an operator or a value that the type does not have, or
+/// a constant that has no value.
 const OF_TYPES: [&str; 17] = [
     "E0277", "E0308", "E0369", "E0600", "E0067", "E0368", "E0015", "E0433", "E0425", "E0061", "E0283",
     "E0282", "E0107", "E0423", "E0599", "E0614", "E0080",
