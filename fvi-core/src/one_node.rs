@@ -271,3 +271,46 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> Equation<'_, T,
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::{Galerkin, Integrator, Mass, NoForce, Potential, System};
+    use nalgebra::{SMatrix, SVector};
+
+    struct Pendulum;
+
+    impl Potential<f64, 1> for Pendulum {
+        fn value(&self, q: &SVector<f64, 1>) -> f64 {
+            1.0 - q[0].cos()
+        }
+
+        fn gradient(&self, q: &SVector<f64, 1>) -> SVector<f64, 1> {
+            [q[0].sin()].into()
+        }
+
+        fn hessian(&self, q: &SVector<f64, 1>) -> SMatrix<f64, 1, 1> {
+            [[q[0].cos()]].into()
+        }
+    }
+
+    #[test]
+    fn what_changes_the_momentum_is_the_force_at_the_node_to_rounding() {
+        for h in [0.3, 0.1, 0.03, 0.01] {
+            let system = System { mass: Mass::diagonal([1.0]).unwrap(), potential: Pendulum, force: NoForce };
+            let scheme = Galerkin::low_order(0.5).unwrap();
+            let mut integrator = Integrator::builder(system, scheme, h).position([2.5]).build().unwrap();
+            let (mut q, mut p) = (2.5, 0.0);
+            for step in 0..20_000 {
+                integrator.step(&[0.0].into()).unwrap();
+                let state = integrator.state();
+                let (next_q, next_p) = (state.position[0], state.momentum[0]);
+                let node: f64 = 0.5 * (q + next_q);
+                let error = next_p - p + h * node.sin();
+                // Of the two momenta, of the node, and of the force itself.
+                let rounding = 0.5 * f64::EPSILON * (p.abs() + next_p.abs() + h * (2.0 * node.abs() + 1.0));
+                assert!(error.abs() < 3.0 * rounding, "h = {h}, step {step}: {}", error / rounding);
+                (q, p) = (next_q, next_p);
+            }
+        }
+    }
+}
