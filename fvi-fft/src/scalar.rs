@@ -44,3 +44,15 @@ impl Scalar for f32 {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::Scalar;
+    use crate::plans::Plans;
+
+    #[test]
+    fn single_precision_needs_room_for_its_numbers_in_double_precision() {
+        let plan = Plans::new().plan(64).forward;
+        assert_eq!(f32::transform_scratch(&*plan), 64 + f64::transform_scratch(&*plan));
+    }
+}
