@@ -77,8 +77,8 @@ const MULTIPLY_ADD: usize = 25;
 const FETCH: usize = 60;
 const FETCH_OUTSIDE: usize = 150;
 
-/// Picoseconds of work for which another thread is worth while if it is awake, and for which it is woken up:
-/// about what that takes.
+/// Picoseconds of work that are worth a thread which is awake, and one that is woken up for it: some times
+/// what it takes to hand over work, and about what it takes to wake up.
 const SHARE: usize = 10_000_000;
 const WAKE: usize = 50_000_000;
 
@@ -656,11 +656,15 @@ impl<T: Scalar, P: Scalar> WideExponentialSum<T, P> {
     /// How work of so many picoseconds a channel is shared.
     fn sharing(&self, cost: usize) -> Sharing {
         let cost = cost * self.channels;
-        let threads = (cost / SHARE).clamp(1, self.threads);
+        let woken = (cost / WAKE).min(self.threads);
+        let wake = woken > 1;
+        // Those that are awake are all that longer work has woken up.
+        let awake = if cost >= SHARE * self.threads { self.threads } else { 1 };
+        let threads = if wake { woken } else { awake };
         // A thread that begins late leaves parts to the others.
         const PARTS: usize = 16;
         let parts = if threads > 1 { (PARTS * threads).max(cost / PART) } else { 1 };
-        Sharing { threads, wake: cost >= WAKE * threads, tiles: self.state.tiles().div_ceil(parts) }
+        Sharing { threads, wake, tiles: self.state.tiles().div_ceil(parts) }
     }
 }
 

@@ -59,13 +59,14 @@ fn work_is_shared_where_it_is_worth_a_thread() {
         (threads, wake, tiles)
     };
     assert_eq!(shared(&memory, SHARE / 2), (1, false, 100));
-    assert_eq!(shared(&memory, SHARE), (1, false, 100));
+    assert_eq!(shared(&memory, 4 * SHARE - CHANNELS), (1, false, 100));
     // Sixteen parts for each thread.
-    assert_eq!(shared(&memory, 3 * SHARE), (3, false, 3));
-    assert_eq!(shared(&memory, 4 * WAKE - CHANNELS), (4, false, 2));
+    assert_eq!(shared(&memory, 4 * SHARE), (4, false, 2));
+    assert_eq!(shared(&memory, 2 * WAKE - CHANNELS), (4, false, 2));
+    assert_eq!(shared(&memory, 2 * WAKE), (2, true, 4));
     assert_eq!(shared(&memory, 4 * WAKE), (4, true, 2));
     // More parts where they would be long.
     assert_eq!(shared(&memory, 100 * PART), (4, true, 1));
     let alone = three_kernels(CHANNELS).on_threads(0);
-    assert_eq!(shared(&alone, 100 * PART), (1, true, 100));
+    assert_eq!(shared(&alone, 100 * PART), (1, false, 100));
 }
