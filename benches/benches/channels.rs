@@ -281,7 +281,7 @@ fn main() {
     let counts: &[usize] = if measured { &[1_000, 2_500, 10_000, 100_000, 1_000_000] } else { &[1_000] };
     let mut by_kind = Vec::new();
     for &channels in counts {
-        let rounds = if measured { (1_000_000 / channels).clamp(5, 200) } else { 1 };
+        let rounds = if measured { (1_000_000 / channels).clamp(3, 200) } else { 1 };
         by_kind.extend(compare_threads::<f64>("f64", &exact, channels, rounds));
         by_kind.extend(compare_threads::<f32>("f32, 5e-7", &loose, channels, rounds));
     }

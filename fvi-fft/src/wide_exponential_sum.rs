@@ -5,7 +5,7 @@ use fvi_core::{
     ActsOn, ExponentialTable, ExponentialTerm, Memory, MemoryError, ParameterError, Shape, StateError,
     StateReader, StateWriter, check_channels, fingerprint, header_bytes,
 };
-use fvi_threads::{share, share_if_awake};
+use fvi_threads::{are_awake, share};
 use pulp::{Arch, Simd, WithSimd};
 
 use crate::scalar::Scalar;
@@ -82,8 +82,10 @@ const FETCH_OUTSIDE: usize = 150;
 const SHARE: usize = 10_000_000;
 const WAKE: usize = 50_000_000;
 
-/// Picoseconds of work in a part: what threads may have to wait for each other.
-const PART: usize = 100_000_000;
+/// Picoseconds of work in a part: what scratch of its own is worth, and for how long threads may have to wait
+/// for each other.
+const SHORTEST_PART: usize = 5_000_000;
+const LONGEST_PART: usize = 100_000_000;
 
 /// Numbers of neighbouring channels, on whole cache lines.
 #[derive(Clone, Copy)]
@@ -653,38 +655,18 @@ impl<T: Scalar, P: Scalar> WideExponentialSum<T, P> {
         if self.len >= capacity { Err(MemoryError::Full { capacity }) } else { Ok(()) }
     }
 
-    /// How work of so many picoseconds a channel is shared.
-    fn sharing(&self, cost: usize) -> Sharing {
+    /// Threads, and tiles in a part of the work, for so many picoseconds a channel. Fewer threads are worth
+    /// while where they have to be woken up.
+    fn shares(&self, cost: usize, awake: impl Fn(usize) -> bool) -> (usize, usize) {
         let cost = cost * self.channels;
-        let woken = (cost / WAKE).min(self.threads);
-        let wake = woken > 1;
-        // Those that are awake are all that longer work has woken up.
-        let awake = if cost >= SHARE * self.threads { self.threads } else { 1 };
-        let threads = if wake { woken } else { awake };
+        let threads = match cost >= SHARE * self.threads && awake(self.threads) {
+            true => self.threads,
+            false => (cost / WAKE).clamp(1, self.threads),
+        };
         // A thread that begins late leaves parts to the others.
         const PARTS: usize = 16;
-        let parts = if threads > 1 { (PARTS * threads).max(cost / PART) } else { 1 };
-        Sharing { threads, wake, tiles: self.state.tiles().div_ceil(parts) }
-    }
-}
-
-/// How a piece of work is shared.
-struct Sharing {
-    threads: usize,
-    /// Whether threads are woken up for it.
-    wake: bool,
-    /// Tiles in a part.
-    tiles: usize,
-}
-
-impl Sharing {
-    #[inline]
-    fn share<I: Send>(&self, parts: impl IntoIterator<Item = I>, work: impl Fn(I) + Sync) {
-        if self.wake {
-            share(self.threads, parts, work);
-        } else {
-            share_if_awake(self.threads, parts, work);
-        }
+        let parts = (PARTS * threads).min(cost / SHORTEST_PART).max(cost / LONGEST_PART);
+        (threads, self.state.tiles().div_ceil(if threads > 1 { parts } else { 1 }))
     }
 }
 
@@ -714,8 +696,7 @@ impl<T: Scalar, P: Scalar> Memory<T> for WideExponentialSum<T, P> {
         check_channels(kernels * self.channels, term.len())?;
         self.check_room()?;
         let (plan, unit, place) = (&self.plan, self.unit, self.len % self.plan.chunk);
-        let sharing = self.sharing(plan.cost_of_terms(place));
-        let part = sharing.tiles;
+        let (threads, part) = self.shares(plan.cost_of_terms(place), are_awake);
         let mut rest = OfKernels::default();
         rest.iter_mut().zip(term.chunks_mut(self.channels)).for_each(|(rest, terms)| *rest = terms);
         let groups = self.state.groups.iter().skip(place / GROUP).step_by(plan.groups());
@@ -727,7 +708,7 @@ impl<T: Scalar, P: Scalar> Memory<T> for WideExponentialSum<T, P> {
             }
             (of_part, take_first(&mut rest, part * LANES))
         });
-        sharing.share(parts, |(groups, terms)| unit.dispatch(Terms { plan, place, groups, terms }));
+        share(threads, parts, |(groups, terms)| unit.dispatch(Terms { plan, place, groups, terms }));
         Ok(())
     }
 
@@ -735,14 +716,13 @@ impl<T: Scalar, P: Scalar> Memory<T> for WideExponentialSum<T, P> {
         check_channels(self.channels, sample.len())?;
         self.check_room()?;
         let place = self.len % self.plan.chunk;
-        let sharing = self.sharing(self.plan.cost_of_sample(place));
-        let part = sharing.tiles;
+        let (threads, part) = self.shares(self.plan.cost_of_sample(place), are_awake);
         let (plan, unit, samples) = (&self.plan, self.unit, sample.chunks(part * LANES));
         if (place + 1).is_multiple_of(GROUP) {
             let parts = self.state.parts(plan, part).into_iter().zip(samples);
-            sharing.share(parts, |(part, samples)| unit.dispatch(Due { plan, place, part, samples }));
+            share(threads, parts, |(part, samples)| unit.dispatch(Due { plan, place, part, samples }));
         } else if let Some(group) = self.state.groups.get_mut(place / GROUP) {
-            sharing.share(group.chunks_mut(part * GROUP).zip(samples), |(group, samples)| {
+            share(threads, group.chunks_mut(part * GROUP).zip(samples), |(group, samples)| {
                 for (rows, samples) in group.chunks_mut(GROUP).zip(samples.chunks(LANES)) {
                     store(rows.get_mut(place % GROUP), samples);
                 }

@@ -21,6 +21,12 @@ struct Group {
     watch: Arc<Watch>,
 }
 
+impl Group {
+    fn has(&self, threads: usize) -> bool {
+        self.pool.current_num_threads() == threads
+    }
+}
+
 /// What threads that stay awake look at.
 #[derive(Default)]
 struct Watch {
@@ -28,13 +34,6 @@ struct Watch {
     calls: AtomicUsize,
     /// How many stay awake.
     awake: AtomicUsize,
-}
-
-/// Which threads may be called.
-#[derive(Clone, Copy, PartialEq)]
-pub(crate) enum Call {
-    All,
-    Awake,
 }
 
 /// Threads that nobody needs at the moment, in groups.
@@ -70,25 +69,23 @@ fn idle() -> Option<MutexGuard<'static, Idle>> {
 pub(crate) struct Helpers(Group);
 
 impl Helpers {
-    /// So many threads, made if none of that number are idle; `None` if this machine has no more to give, or
-    /// if those that are awake were called and some are not.
-    pub(crate) fn borrow(threads: usize, call: Call) -> Option<Self> {
+    /// So many threads, made if none of that number are idle; `None` if this machine has no more to give.
+    pub(crate) fn borrow(threads: usize) -> Option<Self> {
         let take = |mut idle: MutexGuard<'_, Idle>| {
-            let fitting = |group: &Group| {
-                let awake = || group.watch.awake.load(Ordering::Relaxed) == threads;
-                group.pool.current_num_threads() == threads && (call == Call::All || awake())
-            };
-            let place = idle.groups.iter().rposition(fitting)?;
+            let place = idle.groups.iter().rposition(|group| group.has(threads))?;
             Some(idle.groups.swap_remove(place))
         };
         let builder = || ThreadPoolBuilder::new().num_threads(threads).thread_name(|_| "fvi".into());
         let make = || Some(Group { pool: Arc::new(builder().build().ok()?), watch: Arc::default() });
-        let group = match idle().and_then(take) {
-            None if call == Call::All => make()?,
-            group => group?,
-        };
+        let group = idle().and_then(take).or_else(make)?;
         group.watch.calls.fetch_add(1, Ordering::Relaxed);
         Some(Self(group))
+    }
+
+    /// Whether those that would be borrowed are awake.
+    pub(crate) fn are_awake(threads: usize) -> bool {
+        let awake = |group: &Group| group.watch.awake.load(Ordering::Relaxed) == threads;
+        idle().is_some_and(|idle| idle.groups.iter().rfind(|group| group.has(threads)).is_some_and(awake))
     }
 
     pub(crate) fn pool(&self) -> &ThreadPool {

@@ -18,7 +18,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use helpers::{Call, Helpers};
+use helpers::Helpers;
 
 /// For how long a thread that is done looks whether the others are, before it sleeps until they are: about
 /// what it takes to fall asleep and wake up.
@@ -34,24 +34,6 @@ const PATIENCE: Duration = Duration::from_micros(20);
 /// # Panics
 /// If a part does.
 pub fn share<I: Send>(threads: usize, parts: impl IntoIterator<Item = I>, work: impl Fn(I) + Sync) {
-    share_among(threads, Call::All, parts, work);
-}
-
-/// The same for a piece of work that takes less than it does to wake a thread up, which may be 80 µs. Threads
-/// that are still awake from another piece share it; if there are not as many, the calling one does it all.
-///
-/// # Panics
-/// If a part does.
-pub fn share_if_awake<I: Send>(threads: usize, parts: impl IntoIterator<Item = I>, work: impl Fn(I) + Sync) {
-    share_among(threads, Call::Awake, parts, work);
-}
-
-fn share_among<I: Send>(
-    threads: usize,
-    call: Call,
-    parts: impl IntoIterator<Item = I>,
-    work: impl Fn(I) + Sync,
-) {
     if threads < 2 {
         return parts.into_iter().for_each(work);
     }
@@ -64,7 +46,7 @@ fn share_among<I: Send>(
             part.into_iter().for_each(&work);
         }
     };
-    let helpers = if threads < 2 { None } else { Helpers::borrow(threads - 1, call) };
+    let helpers = if threads < 2 { None } else { Helpers::borrow(threads - 1) };
     let Some(helpers) = helpers else { return (0..threads.min(1)).for_each(run) };
     let (begun, done) = (AtomicUsize::new(1), AtomicUsize::new(1));
     helpers.pool().in_place_scope(|scope| {
@@ -90,12 +72,19 @@ fn share_among<I: Send>(
     });
 }
 
+/// Whether the threads that would [`share`] a piece of work are still awake from the last one. Then some ten
+/// microseconds of work are worth sharing; to wake a thread up may take 80 µs.
+pub fn are_awake(threads: usize) -> bool {
+    threads > 1 && Helpers::are_awake(threads - 1)
+}
+
 #[cfg(test)]
 mod tests {
-    use super::{share, share_if_awake};
+    use super::{are_awake, share};
     use std::collections::HashSet;
     use std::sync::{Barrier, Mutex};
     use std::thread;
+    use std::time::Duration;
 
     #[test]
     fn every_part_is_done_once_on_any_number_of_threads() {
@@ -103,8 +92,7 @@ mod tests {
             for count in [0, 1, 2, 6, 100] {
                 let mut done = vec![0; count];
                 share(threads, done.iter_mut().enumerate(), |(index, part)| *part += index + 1);
-                share_if_awake(threads, done.iter_mut(), |part| *part *= 2);
-                assert_eq!(done, (1..=count).map(|index| 2 * index).collect::<Vec<_>>(), "{threads} threads");
+                assert_eq!(done, (1..=count).collect::<Vec<_>>(), "{threads} threads");
             }
         }
     }
@@ -119,26 +107,24 @@ mod tests {
         seen.into_inner().unwrap()
     }
 
-    /// The threads that do short parts.
-    fn who_is_awake(threads: usize) -> HashSet<thread::ThreadId> {
-        let seen = Mutex::new(HashSet::new());
-        share_if_awake(threads, 0..40, |_| {
-            seen.lock().unwrap().insert(thread::current().id());
-            thread::yield_now();
-        });
-        seen.into_inner().unwrap()
-    }
-
     #[test]
-    fn short_work_is_shared_with_threads_that_are_awake_and_with_no_others() {
-        // No other test has five: these sleep, or rather are not there yet.
-        assert_eq!(who_is_awake(5), HashSet::from([thread::current().id()]));
-        // On a busy machine they may fall asleep between two calls, but not always.
+    fn threads_are_awake_for_some_time_after_work_and_not_before() {
+        // No other test has five.
+        assert!(![0, 1, 5].into_iter().any(are_awake));
+        // On a busy machine they may fall asleep before they are looked at, but not always.
         let found = (0..1000).any(|_| {
             share(5, 0..5, |_| thread::yield_now());
-            who_is_awake(5).len() > 1
+            (0..100).any(|_| {
+                thread::yield_now();
+                are_awake(5)
+            })
         });
         assert!(found, "threads do not stay awake");
+        let asleep = (0..1000).any(|_| {
+            thread::sleep(Duration::from_millis(5));
+            !are_awake(5)
+        });
+        assert!(asleep, "threads do not fall asleep");
     }
 
     #[test]

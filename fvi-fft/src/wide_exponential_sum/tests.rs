@@ -54,19 +54,17 @@ fn work_is_shared_where_it_is_worth_a_thread() {
     // A hundred tiles.
     const CHANNELS: usize = 3200;
     let memory = three_kernels(CHANNELS).on_threads(4);
-    let shared = |memory: &WideExponentialSum<f64, f32>, work: usize| {
-        let Sharing { threads, wake, tiles } = memory.sharing(work / CHANNELS);
-        (threads, wake, tiles)
-    };
-    assert_eq!(shared(&memory, SHARE / 2), (1, false, 100));
-    assert_eq!(shared(&memory, 4 * SHARE - CHANNELS), (1, false, 100));
-    // Sixteen parts for each thread.
-    assert_eq!(shared(&memory, 4 * SHARE), (4, false, 2));
-    assert_eq!(shared(&memory, 2 * WAKE - CHANNELS), (4, false, 2));
-    assert_eq!(shared(&memory, 2 * WAKE), (2, true, 4));
-    assert_eq!(shared(&memory, 4 * WAKE), (4, true, 2));
-    // More parts where they would be long.
-    assert_eq!(shared(&memory, 100 * PART), (4, true, 1));
+    let shared = |work: usize, awake| memory.shares(work / CHANNELS, |_| awake);
+    assert_eq!(shared(2 * WAKE - CHANNELS, false), (1, 100));
+    assert_eq!(shared(2 * WAKE, false), (2, 5));
+    assert_eq!(shared(4 * WAKE, false), (4, 3));
+    assert_eq!(shared(4 * SHARE - CHANNELS, true), (1, 100));
+    // No short parts.
+    assert_eq!(shared(4 * SHARE, true), (4, 13));
+    // Sixteen for each thread.
+    assert_eq!(shared(64 * SHORTEST_PART, true), (4, 2));
+    // More where they would be long.
+    assert_eq!(shared(100 * LONGEST_PART, false), (4, 1));
     let alone = three_kernels(CHANNELS).on_threads(0);
-    assert_eq!(shared(&alone, 100 * PART), (1, false, 100));
+    assert_eq!(alone.shares(100 * LONGEST_PART / CHANNELS, |_| false), (1, 100));
 }
