@@ -45,6 +45,8 @@ pub(super) struct Program<T> {
     /// The operations of all runs one by one, where those are too short to be worth their preparations and
     /// the registers are few; else nothing.
     singles: Vec<Single>,
+    /// The same, where one wave is all there is.
+    wave: Option<Wave<T>>,
     /// The registers that the runs read, operation by operation.
     operands: Vec<u32>,
     /// (from, to) of what later windows need.
@@ -221,6 +223,22 @@ struct Single {
     other: Operation,
 }
 
+/// Waves of one variable, of which forces of pendulums are made, as the outputs of a program: one of the
+/// first kind, and of the second one or none.
+#[derive(Clone, Copy, Debug)]
+enum Wave<T> {
+    /// The sine by a factor, of the first kind.
+    Sine(T),
+    /// The sine and the cosine, each by its factor, and which of them is of the first kind.
+    SineAndCosine([T; 2], First),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum First {
+    Sine,
+    Cosine,
+}
+
 /// What is told apart with one look; the most frequent operations have a kind of their own.
 #[derive(Clone, Copy, Debug)]
 enum Kind {
@@ -231,6 +249,12 @@ enum Kind {
     Scale,
     Sine,
     SineAndCosine,
+    /// The product of a sine with the number at y.
+    SineBy,
+    /// The product of another function with the number at y.
+    OtherBy,
+    /// Those of a sine with the number at y, and of the cosine with that at z.
+    SineAndCosineBy,
     Other,
 }
 
@@ -347,6 +371,24 @@ impl<T: Elementary> Program<T> {
         variable: T,
         (sum, entry): (T, T),
     ) -> (T, T) {
+        match self.wave {
+            Some(Wave::Sine(factor)) => (sum + variable.sine() * factor, entry),
+            Some(Wave::SineAndCosine(factors, first)) => {
+                let (sine, cosine) = variable.sine_cosine();
+                let (sine, cosine) = (sine * factors[0], cosine * factors[1]);
+                if first == First::Sine { (sum + sine, entry + cosine) } else { (sum + cosine, entry + sine) }
+            }
+            None => self.evaluate_single_program(registers, variable, (sum, entry)),
+        }
+    }
+
+    #[inline(never)]
+    fn evaluate_single_program(
+        &self,
+        registers: &mut OwnRegisters<T>,
+        variable: T,
+        (sum, entry): (T, T),
+    ) -> (T, T) {
         let registers = &mut registers.0;
         if registers.is_empty() {
             self.prepare(registers);
@@ -366,6 +408,28 @@ impl<T: Elementary> Program<T> {
         let mut sums = [sum];
         self.execute(registers, &[variable], &mut sums, |_, value| entry += value);
         (sums[0], entry)
+    }
+
+    /// The program as a wave, if it is one.
+    fn wave(&self) -> Option<Wave<T>> {
+        let ([single], [(first, _)]) = (&*self.singles, &*self.sums) else { return None };
+        let target = u32::from(single.target);
+        let factor = |register: u8| self.constants.get(usize::from(register)).copied();
+        if self.coordinates != 1 || usize::from(single.x) != self.constants.len() + 2 {
+            return None;
+        }
+        match (single.kind, &*self.entries) {
+            (Kind::SineBy, []) if *first == target => Some(Wave::Sine(factor(single.y)?)),
+            (Kind::SineAndCosineBy, [(second, _)]) => {
+                let factors = [factor(single.y)?, factor(single.z)?];
+                match (first.wrapping_sub(target), second.wrapping_sub(target)) {
+                    (0, 1) => Some(Wave::SineAndCosine(factors, First::Sine)),
+                    (1, 0) => Some(Wave::SineAndCosine(factors, First::Cosine)),
+                    _ => None,
+                }
+            }
+            _ => None,
+        }
     }
 
     #[cold]
@@ -476,6 +540,10 @@ impl Single {
         Some(Self { kind: Kind::of(work), target: narrow(target)?, x, y, z, other })
     }
 
+    fn reads(&self, register: u8) -> bool {
+        [self.x, self.y, self.z].contains(&register)
+    }
+
     #[inline(always)]
     fn evaluate<T: Elementary>(&self, registers: &mut [T; ALL_OF_A_BYTE]) {
         let (x, y) = (registers[usize::from(self.x)], registers[usize::from(self.y)]);
@@ -491,6 +559,14 @@ impl Single {
                 let (sine, cosine) = x.sine_cosine();
                 registers[usize::from(self.target.wrapping_add(1))] = cosine;
                 sine
+            }
+            Kind::SineBy => x.sine() * y,
+            Kind::OtherBy => self.other.of([x, x, x]) * y,
+            Kind::SineAndCosineBy => {
+                let (sine, cosine) = x.sine_cosine();
+                let other = cosine * registers[usize::from(self.z)];
+                registers[usize::from(self.target.wrapping_add(1))] = other;
+                sine * y
             }
         };
     }
@@ -704,6 +780,7 @@ impl<'a, T: Elementary> Assembly<'a, T> {
             windows: Vec::new(),
             runs: Vec::new(),
             singles: Vec::new(),
+            wave: None,
             operands: Vec::new(),
             exports: Vec::new(),
             sums: Vec::new(),
@@ -760,6 +837,7 @@ impl<'a, T: Elementary> Assembly<'a, T> {
         let longest = schedule.windows.iter().map(Vec::len).max().unwrap_or(0);
         self.program.registers = lasting as usize + longest + (STRIDE - 1);
         self.program.singles = self.singles().unwrap_or_default();
+        self.program.wave = self.program.wave();
         self.program
     }
 
@@ -772,7 +850,49 @@ impl<'a, T: Elementary> Assembly<'a, T> {
             return None;
         }
         let singles: Option<Vec<_>> = runs.iter().map(|run| run.singles(&self.program.operands)).collect();
-        singles.map(|singles| singles.concat())
+        singles.map(|singles| self.join_products(singles.concat()))
+    }
+
+    /// Makes one operation of a function, or of a sine with its cosine, and the products with constants for
+    /// which alone it is computed.
+    fn join_products(&self, mut singles: Vec<Single>) -> Vec<Single> {
+        let Program { constants, sums, entries, .. } = &self.program;
+        let is_output =
+            |register: u8| sums.iter().chain(entries).any(|&(output, _)| output == u32::from(register));
+        // The product that alone reads a register, as its target and the register of its constant.
+        let product = |singles: &[Single], register: u8| {
+            let mut readers = singles.iter().filter(|single| single.reads(register));
+            let (reader, none) = (readers.next()?, readers.next());
+            let constant = if reader.x == register { reader.y } else { reader.x };
+            let is_product = matches!(reader.kind, Kind::Multiply) && usize::from(constant) < constants.len();
+            (is_product && none.is_none() && !is_output(register)).then_some((reader.target, constant))
+        };
+        let mut index = 0;
+        while let Some(&Single { kind, target, other, .. }) = singles.get(index) {
+            let joined = match (kind, product(&singles, target), product(&singles, target.wrapping_add(1))) {
+                (Kind::Sine, Some((target, y)), _) => Some((Kind::SineBy, target, 1, y, y)),
+                (Kind::Other, Some((target, y)), _) if matches!(other, Operation::Call(_)) => {
+                    Some((Kind::OtherBy, target, 1, y, y))
+                }
+                (Kind::SineAndCosine, Some((target, y)), Some((next, z)))
+                    if next == target.wrapping_add(1) =>
+                {
+                    Some((Kind::SineAndCosineBy, target, 2, y, z))
+                }
+                _ => None,
+            };
+            if let Some((kind, target, count, y, z)) = joined {
+                let products = target..=target.wrapping_add(count - 1);
+                singles[index] = Single { kind, target, y, z, ..singles[index] };
+                let mut place = 0;
+                singles.retain(|single| {
+                    place += 1;
+                    place <= index + 1 || !products.contains(&single.target)
+                });
+            }
+            index += 1;
+        }
+        singles
     }
 
     /// The register behind the constants, the time and the coordinates.
