@@ -253,19 +253,7 @@ impl<T: Elementary, X: MatrixSpace<T>> Mechanics<T, X> for Model<T> {
         {
             return;
         }
-        self.quadratic_pull(position, pull);
-        if let Some(potential) = &self.potential {
-            potential.add_rest_gradient_again(&mut self.pull_registers, position, pull);
-        }
-        self.elements.iter_mut().for_each(|elements| elements.add_rest_gradient(position, pull));
-        self.subtract_loads(instant, pull);
-        if self.forced {
-            self.force.value(moment(instant), position, &mut self.registers, &mut self.pushed);
-            pull.iter_mut().zip(&self.pushed).for_each(|(pull, &force)| *pull -= force);
-        }
-        if let Some(own) = &mut self.own {
-            own.add_pull(moment(instant), position, pull);
-        }
+        self.pull_of_all(instant, position, pull);
     }
 
     fn linearise(
@@ -374,6 +362,24 @@ impl<T: Elementary> EnergiesAlong<T> for Model<T> {
 }
 
 impl<T: Elementary> Model<T> {
+    /// What everything that there may be pulls. Not where the paired rows alone are inlined.
+    #[inline(never)]
+    fn pull_of_all(&mut self, instant: Instant<T>, position: &[T], pull: &mut [T]) {
+        self.quadratic_pull(position, pull);
+        if let Some(potential) = &self.potential {
+            potential.add_rest_gradient_again(&mut self.pull_registers, position, pull);
+        }
+        self.elements.iter_mut().for_each(|elements| elements.add_rest_gradient(position, pull));
+        self.subtract_loads(instant, pull);
+        if self.forced {
+            self.force.value(moment(instant), position, &mut self.registers, &mut self.pushed);
+            pull.iter_mut().zip(&self.pushed).for_each(|(pull, &force)| *pull -= force);
+        }
+        if let Some(own) = &mut self.own {
+            own.add_pull(moment(instant), position, pull);
+        }
+    }
+
     /// Whether the stiffness is the same at every position and time.
     fn is_linear(&self) -> bool {
         self.own.is_none()
