@@ -405,7 +405,15 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> Machine<T, X> {
 
 impl<T: Elementary + Memories, X: ScenarioSpace<T>> Machine<T, X> {
     /// Takes in the input, and notes where the step begins.
+    #[inline(always)]
     fn prepare(&mut self, input: &[f64]) {
+        if !input.is_empty() || self.pushed || self.pieces.is_some() {
+            self.prepare_there_is(input);
+        }
+    }
+
+    #[inline(never)]
+    fn prepare_there_is(&mut self, input: &[f64]) {
         if !input.is_empty() || self.pushed {
             self.pushed = !input.is_empty();
             for (index, place) in X::slice_mut(&mut self.input).iter_mut().enumerate() {

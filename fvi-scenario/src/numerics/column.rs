@@ -3,9 +3,29 @@
 /// Numbers that are looked at side by side.
 const LANES: usize = 8;
 
+/// Numbers from which on it is worth asking for a vector unit.
+const MANY: usize = 16;
+
+/// Looks with the vectors of the processor where there are many numbers; the bits are the same.
+#[inline(always)]
+fn along<R>(numbers: &[f64], look: impl Fn(&[f64]) -> R) -> R {
+    #[cfg(target_arch = "x86_64")]
+    if numbers.len() >= MANY
+        && let Some(wide) = pulp::x86::V3::try_new()
+    {
+        return wide.vectorize(|| look(numbers));
+    }
+    look(numbers)
+}
+
 /// Joins the numbers of a column to `start`, in no particular order.
 #[inline(always)]
 fn fold(numbers: &[f64], start: f64, join: impl Fn(f64, f64) -> f64) -> f64 {
+    along(numbers, |numbers| fold_in_lanes(numbers, start, &join))
+}
+
+#[inline(always)]
+fn fold_in_lanes(numbers: &[f64], start: f64, join: impl Fn(f64, f64) -> f64) -> f64 {
     let (rows, rest) = numbers.as_chunks::<LANES>();
     let mut lanes = [start; LANES];
     for row in rows {
@@ -36,6 +56,11 @@ fn higher(high: f64, number: f64) -> f64 {
 
 /// The [`lowest`] number and the [`highest`].
 pub fn extremes(numbers: &[f64]) -> (f64, f64) {
+    along(numbers, extremes_in_lanes)
+}
+
+#[inline(always)]
+fn extremes_in_lanes(numbers: &[f64]) -> (f64, f64) {
     let (rows, rest) = numbers.as_chunks::<LANES>();
     let (mut lows, mut highs) = ([f64::INFINITY; LANES], [f64::NEG_INFINITY; LANES]);
     for row in rows {

@@ -58,14 +58,12 @@ pub(super) fn write_plain<T: Elementary>(
         let columns = |numbers| columns_from(numbers, stride, first);
         let mut kinetic = [T::zero(); LANES];
         for (column, &inverse) in columns(states.momenta).zip(inverse_masses) {
-            for (sum, &p) in kinetic.iter_mut().zip(column) {
-                let p = T::of(p);
-                *sum += p * (inverse * p);
-            }
+            let momenta = in_lanes::<T>(column);
+            kinetic = core::array::from_fn(|lane| kinetic[lane] + momenta[lane] * (inverse * momenta[lane]));
         }
         let place = |variables: &mut [[T; LANES]]| {
             for (variable, column) in variables.iter_mut().zip(columns(states.positions)) {
-                variable.iter_mut().zip(column).for_each(|(place, &q)| *place = T::of(q));
+                *variable = in_lanes(column);
             }
         };
         let heights = match potential {
@@ -85,6 +83,15 @@ pub(super) fn write_plain<T: Elementary>(
         for ((energy, kinetic), height) in energies.iter_mut().zip(kinetic).zip(heights) {
             *energy = (T::of(0.5) * kinetic + height).to_f64();
         }
+    }
+}
+
+/// The first numbers of a column, zeros behind its end.
+#[inline(always)]
+fn in_lanes<T: Elementary>(column: &[f64]) -> [T; LANES] {
+    match column.first_chunk::<LANES>() {
+        Some(numbers) => numbers.map(T::of),
+        None => core::array::from_fn(|lane| T::of(column.get(lane).copied().unwrap_or(0.0))),
     }
 }
 
