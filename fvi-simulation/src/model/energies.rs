@@ -58,12 +58,21 @@ pub(super) fn write_plain<T: Elementary>(
         let columns = |numbers| columns_from(numbers, stride, first);
         let mut kinetic = [T::zero(); LANES];
         for (column, &inverse) in columns(states.momenta).zip(inverse_masses) {
-            let momenta = in_lanes::<T>(column);
-            kinetic = core::array::from_fn(|lane| kinetic[lane] + momenta[lane] * (inverse * momenta[lane]));
+            let energy = |p: T| p * (inverse * p);
+            match column.first_chunk::<LANES>() {
+                Some(momenta) => {
+                    kinetic = core::array::from_fn(|lane| kinetic[lane] + energy(T::of(momenta[lane])))
+                }
+                // Of large systems there are few states.
+                None => kinetic.iter_mut().zip(column).for_each(|(sum, &p)| *sum += energy(T::of(p))),
+            }
         }
         let place = |variables: &mut [[T; LANES]]| {
             for (variable, column) in variables.iter_mut().zip(columns(states.positions)) {
-                *variable = in_lanes(column);
+                match column.first_chunk::<LANES>() {
+                    Some(numbers) => *variable = numbers.map(T::of),
+                    None => variable.iter_mut().zip(column).for_each(|(place, &q)| *place = T::of(q)),
+                }
             }
         };
         let heights = match potential {
@@ -83,15 +92,6 @@ pub(super) fn write_plain<T: Elementary>(
         for ((energy, kinetic), height) in energies.iter_mut().zip(kinetic).zip(heights) {
             *energy = (T::of(0.5) * kinetic + height).to_f64();
         }
-    }
-}
-
-/// The first numbers of a column, zeros behind its end.
-#[inline(always)]
-fn in_lanes<T: Elementary>(column: &[f64]) -> [T; LANES] {
-    match column.first_chunk::<LANES>() {
-        Some(numbers) => numbers.map(T::of),
-        None => core::array::from_fn(|lane| T::of(column.get(lane).copied().unwrap_or(0.0))),
     }
 }
 
