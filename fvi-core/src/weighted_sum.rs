@@ -26,8 +26,7 @@ pub(crate) fn weighted_sum<T: Real>(weights: &[T], newer: &[T], older: &[T]) -> 
     let mut sum = BlockedSum { total: T::zero(), lanes: [T::zero(); LANES] };
     sum.add(older_weights, older, newer.len());
     sum.add(newer_weights, newer, 0);
-    // The block of the smallest lags is always whole, so that nothing is left in the accumulators.
-    sum.total
+    sum.total + reduce(sum.lanes)
 }
 
 /// The sum of the lags so far, from the oldest on.
