@@ -310,7 +310,7 @@ proptest! {
     })]
 
     /// ½ pᵀM⁻¹p + ½ qᵀKq never rises above its first value, ωh to 10⁶, ρ to 10¹⁰, but for what rounding heats
-    /// where such a ρ acts on rounded positions: less than 10⁻⁴ in 10⁴ steps. `STIFF_STEPS` says over how
+    /// where such a ρ acts on rounded positions: less than 10⁻³ in 10⁴ steps. `STIFF_STEPS` says over how
     /// many steps.
     #[test]
     fn the_midpoint_rule_from_rest_gains_no_energy_however_stiff(
@@ -342,7 +342,7 @@ proptest! {
         let strongest = rho.iter().flatten().fold(0.0, |largest: f64, entry| largest.max(entry.abs()));
         let spring = strongest * (1.5 / h).powf(damping_order) * size as f64;
         let long = (steps as f64 / 1e4).max(1.0);
-        let allowed = first * (1.0 + 1e-4 * long) + 48.0 * f64::EPSILON * spring;
+        let allowed = first * (1.0 + 1e-3 * long) + 48.0 * f64::EPSILON * spring;
         for step in 0..steps {
             simulation.step(&[]).map_err(|error| TestCaseError::fail(format!("step {step}: {error}")))?;
             simulation.read(&mut state);
