@@ -21,6 +21,10 @@ fn along<R>(numbers: &[f64], look: impl Fn(&[f64]) -> R) -> R {
 /// Joins the numbers of a column to `start`, in no particular order.
 #[inline(always)]
 fn fold(numbers: &[f64], start: f64, join: impl Fn(f64, f64) -> f64) -> f64 {
+    // Of large systems few states are looked at together.
+    if numbers.len() < LANES {
+        return numbers.iter().fold(start, |joined, &number| join(joined, number));
+    }
     along(numbers, |numbers| fold_in_lanes(numbers, start, &join))
 }
 
