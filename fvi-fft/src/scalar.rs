@@ -9,7 +9,7 @@ use crate::lanes::Lanes;
 /// Scalar of the engines: `f32` or `f64`.
 ///
 /// Transforms are computed in double precision for both: the library that makes them is the larger part of
-/// what is compiled here, and rounding of spectra then costs single precision no digits.
+/// what is compiled here, and rounding within a transform then costs single precision no digits.
 pub trait Scalar: Real + FftNum + Lanes {
     /// Complex numbers of scratch that [`transform`](Self::transform) needs.
     fn transform_scratch(plan: &dyn Fft<f64>) -> usize;
