@@ -2,14 +2,14 @@
 //! with small matrices.
 
 use fvi_core::{
-    ActsOn, ExponentialTable, ExponentialTerm, Memory, MemoryError, ParameterError, Shape, StateError,
-    StateReader, StateWriter, check_channels, fingerprint, header_bytes,
+    ActsOn, ExponentialTable, Memory, MemoryError, ParameterError, Shape, StateError, StateReader,
+    StateWriter, check_channels, fingerprint, header_bytes,
 };
 use pulp::{Arch, NullaryFnOnce, Simd, WithSimd};
 
 use crate::row::{CHUNK, Row, add_product};
 use crate::scalar::Scalar;
-use crate::table_kernel::{TableKernel, factor, loss, power};
+use crate::table_kernel::{Exponential, TableKernel};
 
 /// The exponential-sum memory in vector code: r_k = Σ_{n=1}^{k} W_n x_{k−n} for the kernel of an
 /// [`ExponentialTable`].
@@ -120,23 +120,10 @@ impl<T: Scalar, const S: usize> ChunkedExponentialSum<T, S> {
         let mut kernel = TableKernel::new(table);
         let head = kernel.head_len();
         let distance = (head - 1).div_ceil(CHUNK).max(1);
-        let weights: Vec<[[T; S]; S]> = (0..(distance + 1) * CHUNK)
-            .map(|n| core::array::from_fn(|b| core::array::from_fn(|a| T::of(kernel.weight(a, b, n)))))
-            .collect();
-        // Terms of sample m of a chunk in the chunk `chunks` further on.
-        let columns = |chunks: usize| -> Columns<T, S> {
-            let weight = |m: usize, b: usize, a: usize, i: usize| match (chunks * CHUNK + i).checked_sub(m) {
-                None | Some(0) => T::zero(),
-                Some(n) => weights[n][b][a],
-            };
-            core::array::from_fn(|m| {
-                core::array::from_fn(|b| {
-                    core::array::from_fn(|a| Row(core::array::from_fn(|i| weight(m, b, a, i))))
-                })
-            })
-        };
-        let within = columns(0);
-        let between = (1..=distance).rev().map(columns).collect();
+        let weights = |n: usize| kernel.weights(n).into_iter().map(T::of);
+        let weights: Vec<T> = (0..(distance + 1) * CHUNK).flat_map(weights).collect();
+        let within = columns(&weights, 0);
+        let between = (1..=distance).rev().map(|chunks| columns(&weights, chunks)).collect();
         let nearest = distance * CHUNK + 1;
         kernel.keep_what_lasts(nearest);
         let blocks: Vec<Block<T, S>> =
@@ -148,7 +135,7 @@ impl<T: Scalar, const S: usize> ChunkedExponentialSum<T, S> {
             horizon: table.horizon,
             fingerprint: fingerprint(table.head.iter().chain(table.exponentials)),
             len: 0,
-            leading: (0..S * S).map(|entry| weights[0][entry % S][entry / S]).collect(),
+            leading: weights[..S * S].to_vec(),
             within,
             between,
             blocks,
@@ -273,14 +260,14 @@ impl<T: Scalar, V: Simd, const S: usize> NullaryFnOnce for Work<'_, T, V, S> {
 /// By how much, relative to itself, [`Block::absorb`] with the factors of a [`Block`] in the scalar T makes
 /// the sum over a chunk of a constant too small: the same at every chunk, where errors of the additions
 /// change. Sums of changing sign make nothing pile up.
-fn shortfall<T: Scalar, const S: usize>(term: &ExponentialTerm<f64, S>) -> f64 {
-    let (base, rest) = factor(term);
+fn shortfall<T: Scalar>(term: &Exponential) -> f64 {
+    let (base, rest) = term.factor();
     if base <= 0.0 {
         return 0.0;
     }
     let square = base * base;
     let square_rest = libm::fma(base, base, -square) + 2.0 * base * rest;
-    let stored = |n: usize| T::of(power(term, n)).to_f64();
+    let stored = |n: usize| T::of(term.power(n)).to_f64();
     let excess_of_base = (stored(1) - base) - rest;
     let excess_of_square = (stored(2) - square) - square_rest;
     let (mut sum, mut excess_of_sum, mut power, mut excess_of_power) = (0.0, 0.0, 1.0, 0.0);
@@ -293,30 +280,54 @@ fn shortfall<T: Scalar, const S: usize>(term: &ExponentialTerm<f64, S>) -> f64 {
     -excess_of_sum / sum
 }
 
+/// What each sample of a chunk adds to the terms of the chunk `chunks` further on, for the weights of all
+/// lags.
+fn columns<T: Scalar, const S: usize>(weights: &[T], chunks: usize) -> Columns<T, S> {
+    let mut columns = [[[Row::zeros(); S]; S]; CHUNK];
+    for (m, column) in columns.iter_mut().enumerate() {
+        for i in 0..CHUNK {
+            let Some(n @ 1..) = (chunks * CHUNK + i).checked_sub(m) else { continue };
+            for b in 0..S {
+                for a in 0..S {
+                    column[b][a].0[i] = weights[(n * S + a) * S + b];
+                }
+            }
+        }
+    }
+    columns
+}
+
+/// A number of each of up to sixteen exponentials.
+fn lanes<T: Scalar>(terms: &[Exponential], of: &dyn Fn(&Exponential) -> f64) -> Row<T> {
+    let mut row = Row::zeros();
+    row.0.iter_mut().zip(terms).for_each(|(number, term)| *number = T::of(of(term)));
+    row
+}
+
 impl<T: Scalar, const S: usize> Block<T, S> {
     /// The block of up to sixteen exponentials; `left` is how far the nearest lag is behind the first of the
     /// table.
-    fn new(terms: &[ExponentialTerm<f64, S>], left: usize) -> Self {
-        let lanes = |of: &dyn Fn(&ExponentialTerm<f64, S>) -> f64| {
-            Row(core::array::from_fn(|lane| terms.get(lane).map_or(T::zero(), |term| T::of(of(term)))))
+    fn new(terms: &[Exponential], left: usize) -> Self {
+        let mut block = Self {
+            factor: lanes(terms, &|term| term.power(1)),
+            squared: lanes(terms, &|term| term.power(2)),
+            decay: lanes(terms, &|term| term.loss(CHUNK)),
+            inputs: [Row::zeros(); S],
+            outputs: [Row::zeros(); S],
+            powers: [Row::zeros(); LANES],
         };
-        Self {
-            factor: lanes(&|term| power(term, 1)),
-            squared: lanes(&|term| power(term, 2)),
-            decay: lanes(&|term| loss(term, CHUNK)),
-            inputs: core::array::from_fn(|b| {
-                lanes(&|term| {
-                    let joined = if S == 1 { term.output[b] * power(term, left) } else { 1.0 };
-                    let input = term.input[b] * joined;
-                    input + input * shortfall::<T, S>(term)
-                })
-            }),
-            outputs: core::array::from_fn(|a| lanes(&|term| term.output[a] * power(term, left))),
-            powers: core::array::from_fn(|lane| {
-                let power = |i| terms.get(lane).map_or(T::zero(), |term| T::of(power(term, i)));
-                Row(core::array::from_fn(power))
-            }),
+        for stage in 0..S {
+            block.inputs[stage] = lanes(terms, &|term| {
+                let joined = if S == 1 { term.output[stage] * term.power(left) } else { 1.0 };
+                let input = term.input[stage] * joined;
+                input + input * shortfall::<T>(term)
+            });
+            block.outputs[stage] = lanes(terms, &|term| term.output[stage] * term.power(left));
         }
+        for (powers, term) in block.powers.iter_mut().zip(terms) {
+            powers.0.iter_mut().enumerate().for_each(|(i, power)| *power = T::of(term.power(i)));
+        }
+        block
     }
 
     /// Takes a chunk of samples into the sums.
@@ -606,20 +617,20 @@ mod tests {
     fn assert_shortfall<T: Scalar>() {
         let exact = DoubleDouble::exact;
         for decay in [1e-6, 0.003, 0.007, 0.07, 0.1, 0.3, 0.41, 0.62, 0.9] {
-            let term = ExponentialTerm { decay, output: [1.0], input: [1.0] };
-            let block = Block::<T, 1>::new(&[term], 0);
+            let term = Exponential { decay, output: vec![1.0], input: vec![1.0] };
+            let block = Block::<T, 1>::new(core::slice::from_ref(&term), 0);
             let stored = |row: &Row<T>| exact(row.0[0].to_f64());
             let factor = exact(1.0).add(exact(-decay));
             let right = sum_of_ones(factor, factor.multiply(factor));
             let found = sum_of_ones(stored(&block.factor), stored(&block.squared));
             let expected = right.add(found.scale(-1.0)).to_f64() / right.to_f64();
-            let error = (shortfall::<T, 1>(&term) - expected).abs();
+            let error = (shortfall::<T>(&term) - expected).abs();
             // What is left out is of second order.
             let unit = T::EPSILON.to_f64() / 2.0;
             assert!(error < 8.0 * unit * unit + 1e-29, "{decay}: {expected:e}, {error:e}");
         }
-        let alternating = ExponentialTerm { decay: 1.3, output: [1.0], input: [1.0] };
-        assert_eq!(shortfall::<T, 1>(&alternating), 0.0);
+        let alternating = Exponential { decay: 1.3, output: vec![1.0], input: vec![1.0] };
+        assert_eq!(shortfall::<T>(&alternating), 0.0);
     }
 
     #[test]

@@ -3,9 +3,17 @@
 use fvi_core::{ExponentialTable, ExponentialTerm};
 
 /// The weights of a table at any lag.
-pub(crate) struct TableKernel<'a, const S: usize> {
+pub(crate) struct TableKernel<'a> {
+    pub(crate) stages: usize,
     head: &'a [f64],
-    pub(crate) terms: Vec<ExponentialTerm<f64, S>>,
+    pub(crate) terms: Vec<Exponential>,
+}
+
+/// An [`ExponentialTerm`] of any number of stages.
+pub(crate) struct Exponential {
+    pub(crate) decay: f64,
+    pub(crate) output: Vec<f64>,
+    pub(crate) input: Vec<f64>,
 }
 
 /// An exponential is left out where it is below this part of the weight.
@@ -15,22 +23,34 @@ const NEGLIGIBLE: f64 = 1e-18;
 /// decays faster there than weights do, which are like a power of the lag above the minus third.
 const FADED: f64 = 1e-3;
 
-impl<'a, const S: usize> TableKernel<'a, S> {
+impl<'a> TableKernel<'a> {
+    /// The kernel of a table of 1 to 4 stages.
     pub(crate) fn new(table: &ExponentialTable<&'a [f64]>) -> Self {
-        Self { head: table.head, terms: table.terms().collect() }
+        let terms = match table.stages {
+            1 => table.terms::<1>().map(Exponential::new).collect(),
+            2 => table.terms::<2>().map(Exponential::new).collect(),
+            3 => table.terms::<3>().map(Exponential::new).collect(),
+            _ => table.terms::<4>().map(Exponential::new).collect(),
+        };
+        Self { stages: table.stages, head: table.head, terms }
     }
 
     pub(crate) fn head_len(&self) -> usize {
-        self.head.len() / (S * S)
+        self.head.len() / (self.stages * self.stages)
     }
 
-    pub(crate) fn weight(&self, a: usize, b: usize, n: usize) -> f64 {
-        let head = self.head_len();
+    /// W_n, row by row.
+    pub(crate) fn weights(&self, n: usize) -> Vec<f64> {
+        let (stages, head) = (self.stages, self.head_len());
         if n < head {
-            self.head[(a * S + b) * head + n]
-        } else {
-            self.terms.iter().map(|term| term.output[a] * term.input[b] * power(term, n - head)).sum()
+            return self.head.iter().skip(n).step_by(head).copied().collect();
         }
+        let mut weights = vec![0.0; stages * stages];
+        for term in &self.terms {
+            let power = term.power(n - head);
+            weights.iter_mut().zip(term.product()).for_each(|(weight, entry)| *weight += entry * power);
+        }
+        weights
     }
 
     /// Leaves out what has died away at lag n and beyond.
@@ -40,21 +60,19 @@ impl<'a, const S: usize> TableKernel<'a, S> {
 
     /// For each exponential, whether it has not died away at lag n.
     fn lasting(&self, n: usize) -> Vec<bool> {
-        let size = |entry: &dyn Fn(usize, usize) -> f64| {
-            (0..S).flat_map(|a| (0..S).map(move |b| entry(a, b).abs())).fold(0.0, f64::max)
-        };
-        let weight = size(&|a, b| self.weight(a, b, n));
+        let largest = |size: f64, entry: f64| size.max(entry.abs());
+        let weight = self.weights(n).into_iter().fold(0.0, largest);
         let left = n - self.head_len();
-        let lasts = |term: &ExponentialTerm<f64, S>| {
-            let part = size(&|a, b| term.output[a] * term.input[b]) * power(term, left).abs();
-            power(term, n).abs() > FADED || part > NEGLIGIBLE * weight
+        let lasts = |term: &Exponential| {
+            let part = term.product().fold(0.0, largest) * term.power(left).abs();
+            term.power(n).abs() > FADED || part > NEGLIGIBLE * weight
         };
         self.terms.iter().map(lasts).collect()
     }
 }
 
 /// Leaves out of kernels with the same exponentials what has died away in all of them at lag n and beyond.
-pub(crate) fn keep_what_lasts<const S: usize>(kernels: &mut [TableKernel<'_, S>], n: usize) {
+pub(crate) fn keep_what_lasts(kernels: &mut [TableKernel<'_>], n: usize) {
     let lasting: Vec<Vec<bool>> = kernels.iter().map(|kernel| kernel.lasting(n)).collect();
     for kernel in kernels {
         let mut index = 0;
@@ -65,24 +83,35 @@ pub(crate) fn keep_what_lasts<const S: usize>(kernels: &mut [TableKernel<'_, S>]
     }
 }
 
-/// 1 − μ, rounded, and what rounding takes away.
-pub(crate) fn factor<const S: usize>(term: &ExponentialTerm<f64, S>) -> (f64, f64) {
-    let base = 1.0 - term.decay;
-    (base, (1.0 - base) - term.decay)
-}
+impl Exponential {
+    fn new<const S: usize>(term: ExponentialTerm<f64, S>) -> Self {
+        Self { decay: term.decay, output: term.output.to_vec(), input: term.input.to_vec() }
+    }
 
-/// (1 − μ)ⁿ, accurate relative to itself.
-pub(crate) fn power<const S: usize>(term: &ExponentialTerm<f64, S>, n: usize) -> f64 {
-    let (base, rest) = factor(term);
-    let power = libm::pow(base, n as f64);
-    if rest == 0.0 { power } else { power + power * (n as f64 * (rest / base)) }
-}
+    /// u vᵀ, row by row.
+    fn product(&self) -> impl Iterator<Item = f64> {
+        self.output.iter().flat_map(|output| self.input.iter().map(move |input| output * input))
+    }
 
-/// 1 − (1 − μ)ⁿ, which near 0 has the digits that (1 − μ)ⁿ lacks.
-pub(crate) fn loss<const S: usize>(term: &ExponentialTerm<f64, S>, n: usize) -> f64 {
-    match 1.0 - term.decay > 0.0 {
-        true => -libm::expm1(n as f64 * libm::log1p(-term.decay)),
-        false => 1.0 - power(term, n),
+    /// 1 − μ, rounded, and what rounding takes away.
+    pub(crate) fn factor(&self) -> (f64, f64) {
+        let base = 1.0 - self.decay;
+        (base, (1.0 - base) - self.decay)
+    }
+
+    /// (1 − μ)ⁿ, accurate relative to itself.
+    pub(crate) fn power(&self, n: usize) -> f64 {
+        let (base, rest) = self.factor();
+        let power = libm::pow(base, n as f64);
+        if rest == 0.0 { power } else { power + power * (n as f64 * (rest / base)) }
+    }
+
+    /// 1 − (1 − μ)ⁿ, which near 0 has the digits that (1 − μ)ⁿ lacks.
+    pub(crate) fn loss(&self, n: usize) -> f64 {
+        match 1.0 - self.decay > 0.0 {
+            true => -libm::expm1(n as f64 * libm::log1p(-self.decay)),
+            false => 1.0 - self.power(n),
+        }
     }
 }
 
@@ -94,9 +123,10 @@ mod tests {
 
     /// Which exponentials of a kernel with the head `head` last until lag 34.
     fn lasting<const S: usize>(head: &[f64], terms: &[(f64, [f64; S], [f64; S])]) -> Vec<bool> {
-        let term =
-            |&(decay, output, input): &(f64, [f64; S], [f64; S])| ExponentialTerm { decay, output, input };
-        TableKernel { head, terms: terms.iter().map(term).collect() }.lasting(34)
+        let term = |&(decay, output, input): &(f64, [f64; S], [f64; S])| {
+            Exponential::new(ExponentialTerm { decay, output, input })
+        };
+        TableKernel { stages: S, head, terms: terms.iter().map(term).collect() }.lasting(34)
     }
 
     #[test]
@@ -126,15 +156,15 @@ mod tests {
     #[test]
     fn powers_and_what_they_lose_are_accurate_relative_to_themselves() {
         for decay in [1e-12, 1e-9, 1e-4, 0.03, 0.1, 0.3, 0.45, 0.49, 0.7, 1.3] {
-            let term = ExponentialTerm { decay, output: [1.0], input: [1.0] };
+            let term = Exponential { decay, output: vec![1.0], input: vec![1.0] };
             let factor = DoubleDouble::exact(1.0).add(DoubleDouble::exact(-decay));
             let mut exact = DoubleDouble::ONE;
             for n in 1..=100 {
                 exact = exact.multiply(factor);
-                let error = (power(&term, n) / exact.to_f64() - 1.0).abs();
+                let error = (term.power(n) / exact.to_f64() - 1.0).abs();
                 assert!(error < 5e-16, "power {n} of 1 − {decay}: {error:e}");
                 let lost = DoubleDouble::exact(1.0).add(exact.scale(-1.0)).to_f64();
-                let error = (loss(&term, n) / lost - 1.0).abs();
+                let error = (term.loss(n) / lost - 1.0).abs();
                 assert!(error < 2e-15, "loss {n} of 1 − {decay}: {error:e}");
             }
         }

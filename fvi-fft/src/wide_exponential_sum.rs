@@ -2,14 +2,14 @@
 //! visited once in a chunk of samples.
 
 use fvi_core::{
-    ActsOn, ExponentialTable, ExponentialTerm, Memory, MemoryError, ParameterError, Shape, StateError,
-    StateReader, StateWriter, check_channels, fingerprint, header_bytes,
+    ActsOn, ExponentialTable, Memory, MemoryError, ParameterError, Shape, StateError, StateReader,
+    StateWriter, check_channels, fingerprint, header_bytes,
 };
 use fvi_threads::{are_awake, share};
 use pulp::{Arch, Simd, WithSimd};
 
 use crate::scalar::Scalar;
-use crate::table_kernel::{TableKernel, keep_what_lasts, loss, power};
+use crate::table_kernel::{Exponential, TableKernel, keep_what_lasts};
 
 /// The exponential-sum memory for hundreds of channels and more: r_k = Σ_{n=1}^{k} w_n x_{k−n} for the plain
 /// kernel of an [`ExponentialTable`], on every channel alike.
@@ -132,15 +132,13 @@ struct KernelPlan<T> {
 
 impl<T: Scalar> KernelPlan<T> {
     /// For the weights up to lag 2M of a kernel, and its exponentials that last.
-    fn new(weights: &[T], terms: &[ExponentialTerm<f64, 1>], head: usize) -> Self {
+    fn new(weights: &[T], terms: &[Exponential], head: usize) -> Self {
         let chunk = weights.len() / 2;
         let group = |of: &dyn Fn(usize) -> T| core::array::from_fn(of);
         let within = |first: usize| (0..first).map(|m| group(&|i| weights[first + i - m])).collect();
         let emit = |first: usize| {
             let coefficient = |left: usize| {
-                move |term: &ExponentialTerm<f64, 1>| {
-                    T::of(term.output[0] * term.input[0] * power(term, left))
-                }
+                move |term: &Exponential| T::of(term.output[0] * term.input[0] * term.power(left))
             };
             terms.iter().map(|term| group(&|i| coefficient(chunk + 1 + first + i - head)(term))).collect()
         };
@@ -163,9 +161,9 @@ impl<T: Scalar> KernelPlan<T> {
 impl<T: Scalar> Plan<T> {
     /// For tables that differ in their coefficients only.
     fn new(tables: &[ExponentialTable<&[f64]>], chunk: usize) -> Self {
-        let mut kernels: Vec<_> = tables.iter().map(TableKernel::<1>::new).collect();
-        let weights = |kernel: &TableKernel<'_, 1>| -> Vec<T> {
-            (0..2 * chunk).map(|n| T::of(kernel.weight(0, 0, n))).collect()
+        let mut kernels: Vec<_> = tables.iter().map(TableKernel::new).collect();
+        let weights = |kernel: &TableKernel<'_>| -> Vec<T> {
+            (0..2 * chunk).flat_map(|n| kernel.weights(n)).map(T::of).collect()
         };
         let weights: Vec<_> = kernels.iter().map(weights).collect();
         keep_what_lasts(&mut kernels, chunk + 1);
@@ -175,10 +173,10 @@ impl<T: Scalar> Plan<T> {
         let terms = kernels.first().map_or(&[][..], |kernel| &kernel.terms);
         let absorb = |first: usize| {
             let number =
-                |j: usize, m: usize| terms.get(j).map_or(T::zero(), |term| T::of(power(term, chunk - 1 - m)));
+                |j: usize, m: usize| terms.get(j).map_or(T::zero(), |term| T::of(term.power(chunk - 1 - m)));
             (0..chunk).map(|m| core::array::from_fn(|i| number(first + i, m))).collect()
         };
-        let own = |(kernel, weights): (&TableKernel<'_, 1>, &Vec<T>)| {
+        let own = |(kernel, weights): (&TableKernel<'_>, &Vec<T>)| {
             KernelPlan::new(weights, &kernel.terms, kernel.head_len())
         };
         Self {
@@ -186,8 +184,8 @@ impl<T: Scalar> Plan<T> {
             leading: weights.iter().map(|weights| weights[0]).collect(),
             kernels: kernels.iter().zip(&weights).map(own).collect(),
             inward: (0..terms.len()).step_by(GROUP).map(absorb).collect(),
-            losses: terms.iter().map(|term| T::of(loss(term, chunk))).collect(),
-            slow: terms.iter().take_while(|term| loss(term, chunk) < FAST).count(),
+            losses: terms.iter().map(|term| T::of(term.loss(chunk))).collect(),
+            slow: terms.iter().take_while(|term| term.loss(chunk) < FAST).count(),
         }
     }
 
