@@ -112,15 +112,20 @@ type Totals<T, V, const R: usize> = [[<T as crate::lanes::Lanes>::Reals<V>; CHUN
 
 impl<T: Scalar> Relaxations<T> {
     fn new(rates: &[T], coefficients: &[T]) -> Self {
-        let row =
-            |numbers: &[T]| Row(core::array::from_fn(|lane| numbers.get(lane).copied().unwrap_or(T::zero())));
-        let rates = row(rates);
-        // Of a rate of 0 any number that is large enough for the smaller of it and 1 to be 1.
-        let time = |rate: T| match rate > T::SMALLEST_NORMAL {
-            true => T::one() / rate,
-            false => T::max_value().unwrap_or(T::one()),
+        let row = |numbers: &[T]| {
+            let mut row = Row::zeros();
+            row.0.iter_mut().zip(numbers).for_each(|(place, &number)| *place = number);
+            row
         };
-        Self { rates, times: Row(rates.0.map(time)), coefficients: row(coefficients) }
+        let (rates, mut times) = (row(rates), Row::zeros());
+        for (time, &rate) in times.0.iter_mut().zip(&rates.0) {
+            // Of a rate of 0 any number that is large enough for the smaller of it and 1 to be 1.
+            *time = match rate > T::SMALLEST_NORMAL {
+                true => T::one() / rate,
+                false => T::max_value().unwrap_or(T::one()),
+            };
+        }
+        Self { rates, times, coefficients: row(coefficients) }
     }
 }
 
@@ -142,8 +147,8 @@ impl<T: Scalar, const R: usize> Operators<T, R> {
         relaxations: &Relaxations<T>,
         [length, reciprocal]: [T; 2],
     ) {
-        let [length, reciprocal, one] =
-            [length, reciprocal, T::one()].map(|number| T::in_lanes(unit, number));
+        let (length, reciprocal) = (T::in_lanes(unit, length), T::in_lanes(unit, reciprocal));
+        let one = T::in_lanes(unit, T::one());
         let rates = relaxations.rates.parts::<V>().iter().zip(relaxations.times.parts::<V>());
         for (part, ((&rate, &time), &c)) in rates.zip(relaxations.coefficients.parts::<V>()).enumerate() {
             let high = T::smaller(unit, one, T::times(unit, length, rate));
@@ -155,16 +160,16 @@ impl<T: Scalar, const R: usize> Operators<T, R> {
                     *power = T::times(unit, if i >= k { high } else { low }, *power);
                 }
             }
-            let above = form(unit, &powers, resolvent.determinant().iter().copied());
+            let above = form(unit, &powers, |k| resolvent.determinant()[k]);
             let determinant = T::plus_product(unit, high, above, T::times(unit, low, powers[0]));
             let inverse = T::quotient(unit, one, determinant);
-            let lost = form(unit, &powers, decrement.into_iter());
+            let lost = form(unit, &powers, |k| decrement[k]);
             self.decrement.parts_mut::<V>()[part] = T::times(unit, T::times(unit, high, inverse), lost);
             let factor = T::times(unit, low, inverse);
             let scaled = T::times(unit, c, factor);
             for a in 0..R {
-                let output = form(unit, &powers, resolvent.columns().iter().map(|numbers| numbers[a]));
-                let input = form(unit, &powers, resolvent.rows().iter().map(|numbers| numbers[a]));
+                let output = form(unit, &powers, |k| resolvent.columns()[k][a]);
+                let input = form(unit, &powers, |k| resolvent.rows()[k][a]);
                 self.outputs[a].parts_mut::<V>()[part] = T::times(unit, scaled, output);
                 self.inputs[a].parts_mut::<V>()[part] = T::times(unit, factor, input);
             }
@@ -204,9 +209,9 @@ impl<T: Scalar, const R: usize> Step<T, R> {
     /// W₀ (1 x + h c v).
     #[inline(always)]
     fn term<V: Simd>(&self, unit: V, totals: &Totals<T, V, R>, stay: [T; R]) -> [T; R] {
-        let mut term = totals.map(|totals| sum_of_lanes::<T, V>(unit, totals));
-        for (term, row) in term.iter_mut().zip(&self.leading) {
-            *term -= dot(row, &stay);
+        let mut term = [T::zero(); R];
+        for (term, (totals, row)) in term.iter_mut().zip(totals.iter().zip(&self.leading)) {
+            *term = sum_of_lanes::<T, V>(unit, *totals) - dot(row, &stay);
         }
         term
     }
@@ -217,11 +222,11 @@ impl<T: Scalar, const R: usize> Step<T, R> {
 fn form<T: Scalar, V: Simd, const R: usize>(
     unit: V,
     powers: &[T::Reals<V>; R],
-    coefficients: impl Iterator<Item = T>,
+    coefficient: impl Fn(usize) -> T,
 ) -> T::Reals<V> {
     let mut sum = T::in_lanes(unit, T::zero());
-    for (coefficient, &power) in coefficients.zip(powers) {
-        sum = T::plus_product(unit, T::in_lanes(unit, coefficient), power, sum);
+    for (k, &power) in powers.iter().enumerate() {
+        sum = T::plus_product(unit, T::in_lanes(unit, coefficient(k)), power, sum);
     }
     sum
 }
@@ -253,6 +258,15 @@ fn dot<T: Scalar, const R: usize>(row: &[T; R], vector: &[T; R]) -> T {
     row.iter().zip(vector).fold(T::zero(), |sum, (&a, &x)| sum + a * x)
 }
 
+/// The matrix of these entries.
+fn matrix_of<T: Scalar, const R: usize>(entry: impl Fn(usize, usize) -> T) -> [[T; R]; R] {
+    let mut matrix = [[T::zero(); R]; R];
+    for (a, row) in matrix.iter_mut().enumerate() {
+        row.iter_mut().enumerate().for_each(|(b, number)| *number = entry(a, b));
+    }
+    matrix
+}
+
 impl<T: Scalar, const R: usize> VectorVariableSteps<T, R> {
     /// A memory on `coordinates` coordinates without samples.
     ///
@@ -268,6 +282,9 @@ impl<T: Scalar, const R: usize> VectorVariableSteps<T, R> {
         if coordinates == 0 {
             return Err(ParameterError { parameter: "coordinates", value: 0.0, allowed: "at least 1" });
         }
+        let inverse = method.inverse()?;
+        let mut nodes = [T::zero(); R];
+        nodes.iter_mut().zip(method.quadrature().nodes()).for_each(|(node, &c)| *node = T::of(c));
         let numbers = table.leading.iter().chain(table.rates).chain(table.coefficients);
         let chunks = table.rates.chunks(CHUNK).zip(table.coefficients.chunks(CHUNK));
         let relaxations: Vec<_> = chunks.map(|(rates, c)| Relaxations::new(rates, c)).collect();
@@ -283,10 +300,10 @@ impl<T: Scalar, const R: usize> VectorVariableSteps<T, R> {
             scaling: T::of(-table.exponent),
             derivatives: table.exponent.ceil().max(0.0) as usize,
             fingerprint: fingerprint(numbers),
-            leading: core::array::from_fn(|a| core::array::from_fn(|b| table.leading[a * R + b])),
-            matrix: method.matrix().map(|row| row.map(T::of)),
-            inverse: method.inverse()?.map(|row| row.map(T::of)),
-            nodes: method.quadrature().nodes().map(T::of),
+            leading: matrix_of(|a, b| table.leading[a * R + b]),
+            matrix: matrix_of(|a, b| T::of(method.matrix()[a][b])),
+            inverse: matrix_of(|a, b| T::of(inverse[a][b])),
+            nodes,
             resolvent: Resolvent::new(method),
             relaxations,
             steps: vec![step; KEPT],
@@ -332,11 +349,15 @@ impl<T: Scalar, const R: usize> VectorVariableSteps<T, R> {
     /// A sample that stays on its way.
     #[inline(always)]
     fn stay(derivatives: usize, length: T, nodes: &[T; R], [x, v]: [T; 2]) -> [T; R] {
-        nodes.map(|node| match derivatives {
-            0 => T::zero(),
-            1 => x,
-            _ => x + length * node * v,
-        })
+        let mut stay = [T::zero(); R];
+        for (stay, &node) in stay.iter_mut().zip(nodes) {
+            *stay = match derivatives {
+                0 => T::zero(),
+                1 => x,
+                _ => x + length * node * v,
+            };
+        }
+        stay
     }
 
     /// Forms the terms of the step at hand.
@@ -359,29 +380,40 @@ impl<T: Scalar, const R: usize> VectorVariableSteps<T, R> {
         let (step, blocks, steady) = (&self.steps[0], self.relaxations.len(), self.steady);
         let coordinates = sample.as_chunks::<R>().0.iter().zip(&mut self.last).zip(&mut self.terms);
         for (index, ((values, [x, v]), term)) in coordinates.enumerate() {
-            let rise = values.map(|value| value - *x);
+            let mut rise = *values;
+            rise.iter_mut().for_each(|value| *value -= *x);
             *x = values[R - 1];
             // h A Y
-            let integrated = match self.derivatives {
-                0 => self.matrix.map(|row| dot(&row, values) * step.length),
-                1 => rise,
-                _ => {
-                    let slopes = self.inverse.map(|row| dot(&row, &rise) / step.length);
-                    let before = core::mem::replace(v, slopes[R - 1]);
-                    slopes.map(|slope| slope - before)
+            let mut integrated = rise;
+            match self.derivatives {
+                0 => {
+                    for (number, row) in integrated.iter_mut().zip(&self.matrix) {
+                        *number = dot(row, values) * step.length;
+                    }
                 }
-            };
-            let integrated = integrated.map(|number| T::in_lanes(unit, number));
+                1 => {}
+                _ => {
+                    for (slope, row) in integrated.iter_mut().zip(&self.inverse) {
+                        *slope = dot(row, &rise) / step.length;
+                    }
+                    let before = core::mem::replace(v, integrated[R - 1]);
+                    integrated.iter_mut().for_each(|slope| *slope -= before);
+                }
+            }
+            let mut sample = [T::in_lanes(unit, T::zero()); R];
+            for (number, &integrated) in sample.iter_mut().zip(&integrated) {
+                *number = T::in_lanes(unit, integrated);
+            }
             let sums = self.sums[index * blocks..].iter_mut();
             if !steady {
                 for (block, sum) in step.blocks.iter().zip(sums) {
-                    block.absorb(unit, sum, &integrated);
+                    block.absorb(unit, sum, &sample);
                 }
                 continue;
             }
             let mut totals = [[T::in_lanes(unit, T::zero()); CHUNK]; R];
             for (block, sum) in step.blocks.iter().zip(sums) {
-                block.absorb(unit, sum, &integrated);
+                block.absorb(unit, sum, &sample);
                 block.emit(unit, sum, &mut totals);
             }
             *term =
@@ -471,7 +503,7 @@ impl<T: Scalar, const R: usize> Memory<T> for VectorVariableSteps<T, R> {
             // In the place of the one that has not been needed for longest.
             if let Some(step) = self.steps.last_mut() {
                 step.length = length;
-                step.leading = self.leading.map(|row| row.map(|number| number * scale));
+                step.leading = matrix_of(|a, b| self.leading[a][b] * scale);
             }
         }
         self.steps[..=kept.unwrap_or(KEPT - 1)].rotate_right(1);
