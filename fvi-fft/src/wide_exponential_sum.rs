@@ -288,7 +288,7 @@ fn combine<T: Scalar, P, V: Simd, const N: usize>(
     ahead: &[Lanes<P>],
 ) {
     // Two vectors of each sum where there are registers for them: a coefficient is fetched once for both.
-    if V::REGISTER_COUNT < 32 {
+    if const { V::REGISTER_COUNT < 32 } {
         combine_vectors::<T, P, V, N, 1>(unit, products, results, ahead);
     } else {
         combine_vectors::<T, P, V, N, 2>(unit, products, results, ahead);
