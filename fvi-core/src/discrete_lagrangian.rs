@@ -14,7 +14,8 @@ use crate::workspace::Workspace;
 /// Discrete Lagrangian on polynomials of degree S with a quadrature of Q points, as a view of its numbers.
 ///
 /// ```text
-/// L_d = h Σ_i b_i L(q_d(c_i h), q̇_d(c_i h)) ,     q_d(τh) = q_k + Σ_{ν=1}^{S} ℓ_ν(τ) e^ν ,     e^ν = q^ν − q_k
+/// L_d = h Σ_i b_i L(q_d(c_i h), q̇_d(c_i h)) ,     q_d(τh) = q_k + Σ_{ν=1}^{S} ℓ_ν(τ) e^ν ,
+/// e^ν = q^ν − q_k
 /// ```
 ///
 /// The lengths of the slices say what S and Q are. Where they are known at compile time
@@ -76,7 +77,8 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
     /// The step of the fractional variational integrator whose memory stores the main nodes:
     ///
     /// ```text
-    /// p_k = −D₁L_d − f₀ ,    0 = D_νL_d + f_ν (inner nodes) ,    p_{k+1} = D_{S+1}L_d + f_S − h Σ_m ρ_m (D^{β_m} q)_{k+1}
+    /// p_k = −D₁L_d − f₀ ,    0 = D_νL_d + f_ν (inner nodes) ,
+    /// p_{k+1} = D_{S+1}L_d + f_S − h Σ_m ρ_m (D^{β_m} q)_{k+1}
     /// ```
     ///
     /// with the virtual work f_ν = h Σ_i b_i ℓ_ν(c_i) F of the external force. The fractional force involves
@@ -164,7 +166,8 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
     /// equation ν = 0…S−1 is
     ///
     /// ```text
-    /// 0 = δ_{ν0} p_k + (1/h) Σ_μ K_{νμ} M e^μ − h Σ_i b_i ℓ_ν(c_i) G_i ,      K_{νμ} = Σ_i b_i ℓ̇_ν(c_i) ℓ̇_μ(c_i)
+    /// 0 = δ_{ν0} p_k + (1/h) Σ_μ K_{νμ} M e^μ − h Σ_i b_i ℓ_ν(c_i) G_i ,
+    /// K_{νμ} = Σ_i b_i ℓ̇_ν(c_i) ℓ̇_μ(c_i)
     /// ```
     ///
     /// The shapes add to one and their derivatives to zero, so the last equation is p_{k+1} = p_k − h Σ_i b_i

@@ -26,7 +26,8 @@ pub struct ExplicitEuler;
 /// Implicit Euler method.
 ///
 /// ```text
-/// q_{k+1} = q_k + h M⁻¹ p_{k+1} ,     p_{k+1} = p_k − h ∇U(q_{k+1}) + h F(t_{k+1}, q_{k+1}) − h Σ_m ρ_m (D^{β_m} q)_{k+1}
+/// q_{k+1} = q_k + h M⁻¹ p_{k+1} ,
+/// p_{k+1} = p_k − h ∇U(q_{k+1}) + h F(t_{k+1}, q_{k+1}) − h Σ_m ρ_m (D^{β_m} q)_{k+1}
 /// ```
 ///
 /// Source: \[JO\] §5, eq. 44.

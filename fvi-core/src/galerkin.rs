@@ -16,7 +16,8 @@ use crate::workspace::{Kept, Workspace};
 /// Discrete Lagrangian on polynomials of degree S with a quadrature of Q points.
 ///
 /// ```text
-/// L_d = h Σ_i b_i L(q_d(c_i h), q̇_d(c_i h)) ,     q_d(τh) = q_k + Σ_{ν=1}^{S} ℓ_ν(τ) e^ν ,     e^ν = q^ν − q_k
+/// L_d = h Σ_i b_i L(q_d(c_i h), q̇_d(c_i h)) ,     q_d(τh) = q_k + Σ_{ν=1}^{S} ℓ_ν(τ) e^ν ,
+/// e^ν = q^ν − q_k
 /// ```
 ///
 /// through the control points 0 = d₀ < d₁ < … < d_S = 1. Degree 1 with one point at 1 − κ is the low-order
@@ -26,7 +27,8 @@ use crate::workspace::{Kept, Workspace};
 /// nodes:
 ///
 /// ```text
-/// p_k = −D₁L_d − f₀ ,    0 = D_νL_d + f_ν (inner nodes) ,    p_{k+1} = D_{S+1}L_d + f_S − h Σ_m ρ_m (D^{β_m} q)_{k+1}
+/// p_k = −D₁L_d − f₀ ,    0 = D_νL_d + f_ν (inner nodes) ,
+/// p_{k+1} = D_{S+1}L_d + f_S − h Σ_m ρ_m (D^{β_m} q)_{k+1}
 /// ```
 ///
 /// with the virtual work f_ν = h Σ_i b_i ℓ_ν(c_i) F of the external force. Eliminating p gives \[JO\]

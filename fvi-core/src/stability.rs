@@ -41,7 +41,8 @@ pub enum Stability {
 /// on the nodes v, x_1, …, x_{S−1}, −v, and the motion does not grow as long as the quadratic form
 ///
 /// ```text
-/// 2 L_d(v, x_1, …, x_{S−1}, −v) − h Σ_m (γ_p(−1)/h)^{β_m} vᵀ ρ_m v    is positive definite in (v, x_1, …, x_{S−1}).
+/// 2 L_d(v, x_1, …, x_{S−1}, −v) − h Σ_m (γ_p(−1)/h)^{β_m} vᵀ ρ_m v
+///     is positive definite in (v, x_1, …, x_{S−1}).
 /// ```
 ///
 /// For degree 1 this is (4/h²) M − (1−2κ)² K − Σ_m ρ_m (γ_p(−1)/h)^{β_m}. For higher degrees it also asks

@@ -1,7 +1,8 @@
 //! The Bagley–Torvik plate under a pulse, with its whole history in a ring and its weights in flash.
 //!
 //! ```text
-//! q̈ + D^{3/2} q + q = f(t) ,     f = 8 on [0, 1], 0 after ,     q(0) = q̇(0) = 0 ,     h = 0.125 ,   300 steps
+//! q̈ + D^{3/2} q + q = f(t) ,     f = 8 on [0, 1], 0 after ,     q(0) = q̇(0) = 0 ,     h = 0.125 ,
+//! 300 steps
 //! ```
 
 use core::fmt;

@@ -19,7 +19,8 @@ pub struct LinearTerm {
 ///
 /// ```text
 /// Σ_m a_m D^{β_m} y = f(t) ,     y(0) = 0, and y′(0) = 0 where an order exceeds 1
-/// Σ_m a_m B^{(β_m)} Y = F ,      (B^{(β)})_{kj} = h^{−β} (−1)^{k−j} binom(β, k−j) for k ≥ j, 0 above the diagonal
+/// Σ_m a_m B^{(β_m)} Y = F ,
+/// (B^{(β)})_{kj} = h^{−β} (−1)^{k−j} binom(β, k−j) for k ≥ j, 0 above the diagonal
 /// ```
 ///
 /// B^{(β)} is the triangular strip matrix of the backward difference of order β: (1, −1)/h for the first

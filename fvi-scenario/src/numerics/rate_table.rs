@@ -1,7 +1,8 @@
 //! Tables for the memory of steps of any length: a power of the Laplace variable as a sum of relaxations.
 //!
 //! ```text
-//! s^{−μ} = (sin πμ / π) ∫ λ^{1−μ} (s + λ)^{−1} d ln λ ,      t^{μ−1}/Γ(μ) = (sin πμ / π) ∫ λ^{1−μ} e^{−λt} d ln λ
+//! s^{−μ} = (sin πμ / π) ∫ λ^{1−μ} (s + λ)^{−1} d ln λ ,
+//! t^{μ−1}/Γ(μ) = (sin πμ / π) ∫ λ^{1−μ} e^{−λt} d ln λ
 //! ```
 //!
 //! The integrals over ln λ are those of analytic functions that decay at both ends, for which the trapezoidal

@@ -46,7 +46,8 @@ const RESTART: usize = 16;
 /// gives
 ///
 /// ```text
-/// W₀ = h^{−β}/(2πi) ∮ λ^β (λA − I)⁻¹A dλ ,      W_n = −h^{−β}/(2πi) ∮ λ^β R(λ)^{n−1} (λA−I)⁻¹1 · bᵀ(λA−I)⁻¹ dλ
+/// W₀ = h^{−β}/(2πi) ∮ λ^β (λA − I)⁻¹A dλ ,
+/// W_n = −h^{−β}/(2πi) ∮ λ^β R(λ)^{n−1} (λA−I)⁻¹1 · bᵀ(λA−I)⁻¹ dλ
 /// ```
 ///
 /// with the stability function R. A circle serves n = 0 and 1; for the others the contour is collapsed onto

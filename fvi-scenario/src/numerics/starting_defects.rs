@@ -15,7 +15,8 @@ use fvi_core::{BdfOrder, ConvolutionWeights, DoubleDouble, ParameterError};
 ///
 /// ```text
 /// Σ_n n^ν e^{−ns} = Γ(ν+1) s^{−ν−1} + Σ_i ζ(−ν−i) (−s)^i/i! ,      s^μ ↔ k^{−μ−1}/Γ(−μ)
-/// d_k ~ −Σ_{m≥p} c_m Γ(ν+1)/Γ(ν+1−β−m) k^{ν−β−m} − Σ_{j≥0} k^{−β−1−j}/Γ(−β−j) Σ_{i+m=j} c_m ζ(−ν−i) (−1)^i/i! .
+/// d_k ~ −Σ_{m≥p} c_m Γ(ν+1)/Γ(ν+1−β−m) k^{ν−β−m}
+///       − Σ_{j≥0} k^{−β−1−j}/Γ(−β−j) Σ_{i+m=j} c_m ζ(−ν−i) (−1)^i/i! .
 /// ```
 ///
 /// Source: \[Lubich86\] for the error's leading term; \[FS\] ch. VI for expansions of coefficients from those

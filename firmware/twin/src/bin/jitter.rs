@@ -14,7 +14,8 @@ const TOLERANCE: f64 = 1e-6;
 /// D^β on steps of any length by the implicit Euler method, the whole past in a sum.
 ///
 /// ```text
-/// (D^β x)_n = h_n^μ Y_n + Σ_{k<n} K_{nk} h_k Y_k ,      K_{nk} = (sin πμ/π) ∫ λ^{−μ} Π_{i=k}^{n} (1 + h_i λ)^{−1} dλ ,      μ = ⌈β⌉ − β
+/// (D^β x)_n = h_n^μ Y_n + Σ_{k<n} K_{nk} h_k Y_k ,
+/// K_{nk} = (sin πμ/π) ∫ λ^{−μ} Π_{i=k}^{n} (1 + h_i λ)^{−1} dλ ,      μ = ⌈β⌉ − β
 /// ```
 ///
 /// with Y the ⌈β⌉-th difference quotient, ⌈β⌉ ≤ 1, and the integral by the trapezoidal rule in ln λ.

@@ -2,7 +2,8 @@
 //!
 //! ```text
 //! magic (8 bytes), length of the identity (u64), identity, CRC-32 of the three (u32)
-//! each run:  status (u8), steps (u64), values (f64 each), length of the message (u16), message (240 bytes), CRC-32 (u32)
+//! each run:  status (u8), steps (u64), values (f64 each), length of the message (u16), message (240 bytes),
+//!            CRC-32 (u32)
 //! ```
 //!
 //! Integers and numbers have the least significant byte first. A place whose checksum does not fit is one of

@@ -47,7 +47,8 @@ const COARSEST: usize = 16;
 /// );
 /// let grid = Grid::new(0.0, 2.0, 4)?;
 /// let extremal = ExtremalProblem::new(&free, grid, Sigma::Minus, 1.0, &[0.0], &[1.0])?.solve()?;
-/// assert!(extremal.positions.iter().zip([0.0, 0.25, 0.5, 0.75, 1.0]).all(|(q, exact)| (q - exact).abs() < 1e-15));
+/// let mut positions = extremal.positions.iter().zip([0.0, 0.25, 0.5, 0.75, 1.0]);
+/// assert!(positions.all(|(q, exact)| (q - exact).abs() < 1e-15));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub struct ExtremalProblem<'a> {

@@ -7,7 +7,8 @@
 //! time reversed and v of the other sign):
 //!
 //! ```text
-//! Q_k = ĝ_k Q₀ + Σ_{j=1}^{k} g_{k−j} V_j ,   V_N = (Q_N − ĝ_N Q₀)/g₀ + Σ_{j=1}^{N−1} s_j V_j ,   s_j = −ĝ_{N−j} ,   ĝ = g/g₀
+//! Q_k = ĝ_k Q₀ + Σ_{j=1}^{k} g_{k−j} V_j ,   V_N = (Q_N − ĝ_N Q₀)/g₀ + Σ_{j=1}^{N−1} s_j V_j ,
+//! s_j = −ĝ_{N−j} ,   ĝ = g/g₀
 //! r_k = ∂L/∂v(k) + s_k ∂L/∂v(N) + (Jᵀ ∂L/∂x)_k = 0 ,   k = 1…N−1
 //! ```
 //!
