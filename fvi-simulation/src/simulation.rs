@@ -21,7 +21,8 @@ use crate::language::expression::Elementary;
 use crate::language::{InputError, Problem};
 use crate::memory::{EngineError, HostMemory, MOST_SHARING, Memories, MemoryRequest, Tables};
 use crate::model::{
-    Dense, DenseOutput, EnergiesAlong, EnergyRoom, Matrix, Model, OnePoint, Remembers, ScenarioSpace, States,
+    AnySpace, DenseOutput, EnergiesAlong, EnergyRoom, Matrix, Model, OnePoint, Remembers, ScenarioSpace,
+    States,
 };
 use crate::scenario::{self, ConvolutionFamily, DampedAt, Engine, ReportedMomentum, Scenario};
 use choice::sparse_space;
@@ -143,27 +144,28 @@ impl Simulation {
         choice: SolverChoice,
         tables: &Tables,
     ) -> Result<Self, InputError> {
-        let stepper: Box<dyn Stepper>;
-        let mut solver = Solver::Dense;
-        if let Some(space) = sparse_space(scenario, choice)? {
-            stability::check_large_step(scenario)?;
-            let plan = space.plan();
-            solver = Solver::Sparse { places: plan.places(), factor_bytes: plan.factor_bytes() };
-            stepper = match precision {
-                Precision::F64 => Box::new(Machine::<f64, _>::new(space, scenario, tables)?),
-                Precision::F32 => Box::new(Machine::<f32, _>::new(space, scenario, tables)?),
-            };
-        } else {
-            check_stability(scenario)?;
-            let space = Dense { coordinates: scenario.coordinates() };
-            stepper = match precision {
-                Precision::F64 if choice == SolverChoice::Automatic && OnePoint::<f64>::serves(scenario) => {
-                    Box::new(Machine::<f64, Fixed<1>>::new(Fixed, scenario, tables)?)
-                }
-                Precision::F64 => Box::new(Machine::<f64, _>::new(space, scenario, tables)?),
-                Precision::F32 => Box::new(Machine::<f32, _>::new(space, scenario, tables)?),
-            };
-        }
+        let space = match sparse_space(scenario, choice)? {
+            Some(space) => {
+                stability::check_large_step(scenario)?;
+                space
+            }
+            None => {
+                check_stability(scenario)?;
+                AnySpace::dense(scenario.coordinates())
+            }
+        };
+        let solver = space.plan().map_or(Solver::Dense, |plan| Solver::Sparse {
+            places: plan.places(),
+            factor_bytes: plan.factor_bytes(),
+        });
+        let alone = solver == Solver::Dense && choice == SolverChoice::Automatic;
+        let stepper: Box<dyn Stepper> = match precision {
+            Precision::F64 if alone && OnePoint::<f64>::serves(scenario) => {
+                Box::new(Machine::<f64, Fixed<1>>::new(Fixed, scenario, tables)?)
+            }
+            Precision::F64 => Box::new(Machine::<f64, _>::new(space, scenario, tables)?),
+            Precision::F32 => Box::new(Machine::<f32, _>::new(space, scenario, tables)?),
+        };
         let (engines, shared) = (stepper.engines(), stepper.shared());
         Ok(Self { stepper, engines, shared, precision, solver })
     }
@@ -314,14 +316,8 @@ fn stiffness(scenario: &Scenario) -> Result<DMatrix<f64>, InputError> {
     let size = scenario.coordinates();
     let instant = Instant::in_step(0.0, 0.5, scenario.time.step);
     let mut pull = vec![0.0; size];
-    let mut stiffness = Mechanics::<f64, Dense>::stiffness(&model);
-    Mechanics::<f64, Dense>::linearise(
-        &mut model,
-        instant,
-        &scenario.initial.position,
-        &mut pull,
-        &mut stiffness,
-    );
+    let mut stiffness = model.stiffness();
+    model.linearise(instant, &scenario.initial.position, &mut pull, &mut stiffness);
     let mut dense = DMatrix::zeros(size, size);
     for (row, column, entry) in Matrix::entries(&stiffness) {
         dense[(row, column)] = entry;

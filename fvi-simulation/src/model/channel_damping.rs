@@ -1,6 +1,7 @@
 //! Damping of some directions: one channel of the memory for each of them instead of one for each coordinate.
 
-use super::space::{Dense, Matrix, MatrixSpace};
+use super::matrices::Matrix;
+use super::space::AnySpace;
 use crate::scenario::Attached;
 use fvi_core::{
     Block, DampedMotion, Damping, DampingError, DampingTerm, Derivative, Kernel, Memory, MemoryError,
@@ -22,7 +23,7 @@ pub struct ChannelDamping<T: Real, M> {
     directions: Directions<T>,
     /// K, times the number of motions.
     count: usize,
-    channels: DampedMotion<T, Dense, M>,
+    channels: DampedMotion<T, AnySpace, M>,
     /// G of the sample and of what is known about it.
     from: Vec<T>,
     behind: Vec<T>,
@@ -145,7 +146,7 @@ impl<T: Real, M: Memory<T>> ChannelDamping<T, M> {
         let count = copies * directions.count();
         let size = terms.first().map_or(0, |term| term.rho.size());
         Ok(Self {
-            channels: DampedMotion::new(&Dense { coordinates: count }, kernels, derivative, memory)?,
+            channels: DampedMotion::new(&AnySpace::dense(count), kernels, derivative, memory)?,
             from: vec![T::zero(); count],
             behind: Vec::new(),
             increments: Vec::new(),
@@ -179,7 +180,7 @@ fn take_each<T: Real>(directions: &Directions<T>, vectors: &[T], coordinates: us
     directions.take(vectors, coordinates, out);
 }
 
-impl<T: Real, X: MatrixSpace<T>, M: Memory<T>> Damping<T, X> for ChannelDamping<T, M> {
+impl<T: Real, M: Memory<T>> Damping<T, AnySpace> for ChannelDamping<T, M> {
     fn check(&self, _: usize, nodes: usize, step_size: T) -> Result<(), Mismatch> {
         self.channels.check(self.count, nodes, step_size)
     }
@@ -268,14 +269,14 @@ impl<T: Real, X: MatrixSpace<T>, M: Memory<T>> Damping<T, X> for ChannelDamping<
 }
 
 /// A damping term of a scenario, of all coordinates, or terms of some directions.
-pub enum HostTerm<T: Real, X: MatrixSpace<T>, M> {
+pub enum HostTerm<T: Real, M> {
     /// One channel for each coordinate.
-    Everywhere(DampingTerm<T, X, M>),
+    Everywhere(DampingTerm<T, AnySpace, M>),
     /// One channel for each direction, for one term or more.
     Channels(ChannelDamping<T, M>),
 }
 
-impl<T: Real, X: MatrixSpace<T>, M: Memory<T>> HostTerm<T, X, M> {
+impl<T: Real, M: Memory<T>> HostTerm<T, M> {
     /// The memory.
     pub fn memory(&self) -> &M {
         match self {
@@ -295,13 +296,13 @@ macro_rules! either {
     };
 }
 
-impl<T: Real, X: MatrixSpace<T>, M: Memory<T>> Damping<T, X> for HostTerm<T, X, M> {
+impl<T: Real, M: Memory<T>> Damping<T, AnySpace> for HostTerm<T, M> {
     fn check(&self, coordinates: usize, nodes: usize, step_size: T) -> Result<(), Mismatch> {
-        either!(self, term => Damping::<T, X>::check(term, coordinates, nodes, step_size))
+        either!(self, term => term.check(coordinates, nodes, step_size))
     }
 
     fn begin(&mut self, position: &[T], velocity: &[T]) {
-        either!(self, term => Damping::<T, X>::begin(term, position, velocity));
+        either!(self, term => term.begin(position, velocity));
     }
 
     fn add_known(
@@ -310,19 +311,19 @@ impl<T: Real, X: MatrixSpace<T>, M: Memory<T>> Damping<T, X> for HostTerm<T, X, 
         known: &mut [T],
         scratch: &mut [T],
     ) -> Result<(), MemoryError> {
-        either!(self, term => Damping::<T, X>::add_known(term, sample, known, scratch))
+        either!(self, term => term.add_known(sample, known, scratch))
     }
 
     fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
-        either!(self, term => Damping::<T, X>::add_leading(term, increments, force, scratch));
+        either!(self, term => term.add_leading(increments, force, scratch));
     }
 
     fn visit_leading(&self, nodes: usize, visit: impl FnMut(usize, usize, T, &Matrix<T>)) {
-        either!(self, term => Damping::<T, X>::visit_leading(term, nodes, visit));
+        either!(self, term => term.visit_leading(nodes, visit));
     }
 
     fn leading_is_constant(&self) -> bool {
-        either!(self, term => Damping::<T, X>::leading_is_constant(term))
+        either!(self, term => term.leading_is_constant())
     }
 
     fn push(
@@ -331,22 +332,22 @@ impl<T: Real, X: MatrixSpace<T>, M: Memory<T>> Damping<T, X> for HostTerm<T, X, 
         increments: &[T],
         scratch: &mut [T],
     ) -> Result<(), MemoryError> {
-        either!(self, term => Damping::<T, X>::push(term, sample, increments, scratch))
+        either!(self, term => term.push(sample, increments, scratch))
     }
 
     fn state_bytes(&self) -> usize {
-        either!(self, term => Damping::<T, X>::state_bytes(term))
+        either!(self, term => term.state_bytes())
     }
 
     fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
-        either!(self, term => Damping::<T, X>::save(term, to))
+        either!(self, term => term.save(to))
     }
 
     fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        either!(self, term => Damping::<T, X>::check_state(term, from))
+        either!(self, term => term.check_state(from))
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        either!(self, term => Damping::<T, X>::restore(term, from))
+        either!(self, term => term.restore(from))
     }
 }

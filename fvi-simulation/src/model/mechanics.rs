@@ -8,10 +8,11 @@ use super::chain::PairedRows;
 use super::elements::Elements;
 use super::energies::{EnergiesAlong, EnergyRoom, States, write_plain};
 use super::loads::Loads;
+use super::matrices::{Matrix, Sparse};
 use super::own::Own;
 use super::rough_forces::RoughForces;
 use super::shared::Shared;
-use super::space::{Matrix, MatrixSpace, Sparse};
+use super::space::AnySpace;
 use crate::language::expression::{Elementary, Moment};
 use crate::model::tape::{CompiledForce, CompiledPotential, OwnRegisters};
 use crate::scenario::{Scenario, SymmetricMatrix};
@@ -225,7 +226,7 @@ impl<T: Elementary> Model<T> {
     }
 }
 
-impl<T: Elementary, X: MatrixSpace<T>> Mechanics<T, X> for Model<T> {
+impl<T: Elementary> Mechanics<T, AnySpace> for Model<T> {
     fn mass(&self) -> &Matrix<T> {
         &self.mass
     }
@@ -264,7 +265,7 @@ impl<T: Elementary, X: MatrixSpace<T>> Mechanics<T, X> for Model<T> {
         stiffness: &mut Matrix<T>,
     ) {
         let Matrix::Sparse(stiffness) = stiffness else {
-            return Mechanics::<T, X>::pull(self, instant, position, pull);
+            return self.pull(instant, position, pull);
         };
         self.quadratic_pull(position, pull);
         if self.is_constant {

@@ -2,10 +2,10 @@
 
 use super::channel_damping::{ChannelDamping, Coefficient, Directions, HostTerm};
 use super::energies::EnergiesAlong;
+use super::matrices::Matrix;
 use super::mechanics::{Model, matrix, vector};
 use super::scheme::{AnyScheme, DenseOutput};
-use super::space::{Dense, Matrix, MatrixSpace};
-use super::sparse::SparseSpace;
+use super::space::AnySpace;
 use crate::language::expression::Elementary;
 use crate::scenario::{self, Scenario, SymmetricMatrix};
 use fvi_core::{
@@ -84,7 +84,7 @@ pub trait Remembers<M> {
     fn memory(&self) -> &M;
 }
 
-impl<T: Elementary, X: MatrixSpace<T>, M: Memory<T>> Remembers<M> for HostTerm<T, X, M> {
+impl<T: Elementary, M: Memory<T>> Remembers<M> for HostTerm<T, M> {
     fn memory(&self) -> &M {
         HostTerm::memory(self)
     }
@@ -112,82 +112,75 @@ fn all_directions<T: Elementary>(term: &scenario::Damping) -> Directions<T> {
     directions(term).unwrap_or_else(|| Directions::Coordinates((0..term.coefficient.size()).collect()))
 }
 
-macro_rules! scenarios_in {
-    ($space:ty, $own:ident => $copies:expr, $threads:expr, $dear:expr) => {
-        impl<T: Elementary> ScenarioSpace<T> for $space {
-            type System = Model<T>;
-            type Scheme = AnyScheme<T>;
-            type Term<M: Memory<T>> = HostTerm<T, Self, M>;
+impl<T: Elementary> ScenarioSpace<T> for AnySpace {
+    type System = Model<T>;
+    type Scheme = AnyScheme<T>;
+    type Term<M: Memory<T>> = HostTerm<T, M>;
 
-            fn system(&self, scenario: &Scenario) -> Result<Model<T>, MatrixError> {
-                Model::new(scenario)
-            }
+    fn system(&self, scenario: &Scenario) -> Result<Model<T>, MatrixError> {
+        Model::new(scenario)
+    }
 
-            fn scheme(&self, scenario: &Scenario) -> Result<AnyScheme<T>, ParameterError> {
-                AnyScheme::new(scenario)
-            }
+    fn scheme(&self, scenario: &Scenario) -> Result<AnyScheme<T>, ParameterError> {
+        AnyScheme::new(scenario)
+    }
 
-            fn copies(&$own) -> usize {
-                $copies
-            }
+    fn copies(&self) -> usize {
+        AnySpace::copies(self)
+    }
 
-            fn threads(&$own) -> usize {
-                $threads
-            }
+    fn threads(&self) -> usize {
+        AnySpace::threads(self)
+    }
 
-            fn energy_is_dear(&self) -> bool {
-                $dear
-            }
+    fn energy_is_dear(&self) -> bool {
+        self.plan().is_some()
+    }
 
-            fn vector(&self, numbers: &[f64]) -> Vec<T> {
-                vector(numbers).repeat(ScenarioSpace::<T>::copies(self))
-            }
+    fn vector(&self, numbers: &[f64]) -> Vec<T> {
+        vector(numbers).repeat(AnySpace::copies(self))
+    }
 
-            fn energies(system: &Model<T>) -> &[T] {
-                system.energies()
-            }
+    fn energies(system: &Model<T>) -> &[T] {
+        system.energies()
+    }
 
-            fn channels(&self, term: &scenario::Damping) -> usize {
-                let for_one = match (&term.attached, &term.coefficient) {
-                    (Some(attached), _) => attached.columns.len(),
-                    (None, SymmetricMatrix::Sparse(entries)) => {
-                        entries.pattern.rows().filter(|slots| !slots.is_empty()).count().max(1)
-                    }
-                    (None, other) => other.size(),
-                };
-                for_one * ScenarioSpace::<T>::copies(self)
+    fn channels(&self, term: &scenario::Damping) -> usize {
+        let for_one = match (&term.attached, &term.coefficient) {
+            (Some(attached), _) => attached.columns.len(),
+            (None, SymmetricMatrix::Sparse(entries)) => {
+                entries.pattern.rows().filter(|slots| !slots.is_empty()).count().max(1)
             }
+            (None, other) => other.size(),
+        };
+        for_one * AnySpace::copies(self)
+    }
 
-            fn follow_alike(&self, one: &scenario::Damping, other: &scenario::Damping) -> bool {
-                let same_derivative = one.derivative == other.derivative
-                    && (derivative(one) == Derivative::RiemannLiouville || (one.order > 1.0) == (other.order > 1.0));
-                same_derivative && all_directions::<T>(one) == all_directions::<T>(other)
-            }
+    fn follow_alike(&self, one: &scenario::Damping, other: &scenario::Damping) -> bool {
+        let same_derivative = one.derivative == other.derivative
+            && (derivative(one) == Derivative::RiemannLiouville || (one.order > 1.0) == (other.order > 1.0));
+        same_derivative && all_directions::<T>(one) == all_directions::<T>(other)
+    }
 
-            fn term<M: Memory<T>>(
-                &self,
-                terms: &[(&scenario::Damping, Kernel)],
-                memory: M,
-            ) -> Result<Self::Term<M>, DampingError> {
-                let rho = |term: &scenario::Damping| -> Matrix<T> {
-                    matrix(&term.coefficient).on_threads(ScenarioSpace::<T>::threads(self))
-                };
-                let (first, kernel) = terms[0];
-                if terms.len() == 1 && directions::<T>(first).is_none() {
-                    return DampingTerm::in_space(self, kernel, rho(first), derivative(first), memory)
-                        .map(HostTerm::Everywhere);
-                }
-                let copies = ScenarioSpace::<T>::copies(self);
-                let coefficient =
-                    |&(term, _): &(&scenario::Damping, Kernel)| Coefficient::new(rho(term), term.attached.as_ref());
-                let coefficients = terms.iter().map(coefficient).collect();
-                let kernels: Vec<Kernel> = terms.iter().map(|(_, kernel)| *kernel).collect();
-                let shape = (coefficients, all_directions(first), copies);
-                ChannelDamping::new(&kernels, shape, derivative(first), memory).map(HostTerm::Channels)
-            }
+    fn term<M: Memory<T>>(
+        &self,
+        terms: &[(&scenario::Damping, Kernel)],
+        memory: M,
+    ) -> Result<Self::Term<M>, DampingError> {
+        let rho = |term: &scenario::Damping| -> Matrix<T> {
+            matrix(&term.coefficient).on_threads(AnySpace::threads(self))
+        };
+        let (first, kernel) = terms[0];
+        if terms.len() == 1 && directions::<T>(first).is_none() {
+            return DampingTerm::in_space(self, kernel, rho(first), derivative(first), memory)
+                .map(HostTerm::Everywhere);
         }
-    };
+        let copies = AnySpace::copies(self);
+        let coefficient =
+            |&(term, _): &(&scenario::Damping, Kernel)| Coefficient::new(rho(term), term.attached.as_ref());
+        let coefficients = terms.iter().map(coefficient).collect();
+        let kernels: Vec<Kernel> = terms.iter().map(|(_, kernel)| *kernel).collect();
+        let shape = (coefficients, all_directions(first), copies);
+        ChannelDamping::new(&kernels, shape, derivative(first), memory).map(HostTerm::Channels)
+    }
 }
-
-scenarios_in!(Dense, self => 1, 1, false);
-scenarios_in!(SparseSpace, self => SparseSpace::copies(self), SparseSpace::threads(self), true);

@@ -2,7 +2,8 @@
 
 mod linear;
 
-use super::space::{Matrix, MatrixSpace};
+use super::matrices::Matrix;
+use super::space::{AnyEquations, AnyFactors, AnySpace};
 use crate::scenario::{ConvolutionFamily, DampedAt, Quadrature, Scenario, Scheme as ScenarioScheme};
 use fvi_core::{
     Block, CollocationTables, Damping, DiscreteLagrangian, ExplicitEuler, Galerkin, ImplicitEuler, Kept,
@@ -212,7 +213,7 @@ impl Rule {
 }
 
 /// The room of a step, and what a linear system keeps between steps.
-pub struct Room<T: Real, X: MatrixSpace<T>> {
+pub struct Room<T: Real> {
     increments: Vec<T>,
     residual: Vec<T>,
     stages: Vec<T>,
@@ -226,16 +227,17 @@ pub struct Room<T: Real, X: MatrixSpace<T>> {
     excess: Vec<T>,
     point: Vec<T>,
     stiffness: Matrix<T>,
-    matrix: X::Equations,
-    kept: Kept<X::Kept, T>,
+    matrix: AnyEquations<T>,
+    kept: Kept<AnyFactors<T>, T>,
 }
 
-impl<T: Real, X: MatrixSpace<T>> Scheme<T, X> for AnyScheme<T> {
-    type Storage = Room<T, X>;
+impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
+    type Storage = Room<T>;
 
-    fn storage<G: Mechanics<T, X>>(&self, space: &X, mechanics: &G) -> Room<T, X> {
-        let (size, degree, points) = (space.coordinates(), self.control_points.len(), self.nodes.len());
-        let samples = Scheme::<T, X>::sampling(self).nodes();
+    fn storage<G: Mechanics<T, AnySpace>>(&self, space: &AnySpace, mechanics: &G) -> Room<T> {
+        let (size, degree, points) =
+            (Space::<T>::coordinates(space), self.control_points.len(), self.nodes.len());
+        let samples = self.sampling().nodes();
         let numbers = |count: usize| vec![T::zero(); count * size];
         let behind = if self.form == Form::Nodes { points } else { 0 };
         // Of a linear system nothing is guessed.
@@ -253,15 +255,15 @@ impl<T: Real, X: MatrixSpace<T>> Scheme<T, X> for AnyScheme<T> {
             point: numbers(1),
             stiffness: mechanics.stiffness(),
             matrix: space.equations(degree),
-            kept: Kept::nothing(X::Kept::default()),
+            kept: Kept::nothing(AnyFactors::default()),
         }
     }
 
-    fn carried(room: &Room<T, X>) -> &[T] {
+    fn carried(room: &Room<T>) -> &[T] {
         &room.carried
     }
 
-    fn carried_mut(room: &mut Room<T, X>) -> &mut [T] {
+    fn carried_mut(room: &mut Room<T>) -> &mut [T] {
         &mut room.carried
     }
 
@@ -272,9 +274,9 @@ impl<T: Real, X: MatrixSpace<T>> Scheme<T, X> for AnyScheme<T> {
         }
     }
 
-    fn step<G: Mechanics<T, X>, D: Damping<T, X>>(
+    fn step<G: Mechanics<T, AnySpace>, D: Damping<T, AnySpace>>(
         &self,
-        room: &mut Room<T, X>,
+        room: &mut Room<T>,
         mechanics: &mut G,
         damping: &mut D,
         step: &Step<'_, T>,
@@ -284,7 +286,7 @@ impl<T: Real, X: MatrixSpace<T>> Scheme<T, X> for AnyScheme<T> {
             return line.step(room, mechanics, damping, step, state);
         }
         let (behind, pull) = room.carried.split_at_mut(room.behind);
-        let mut work = Workspace::<T, X, _> {
+        let mut work = Workspace::<T, AnySpace, _> {
             increments: &mut room.increments,
             residual: &mut room.residual,
             stages: &mut room.stages,
@@ -338,15 +340,15 @@ pub trait DenseOutput<T: Real, X: Space<T>>: Scheme<T, X> {
     );
 }
 
-impl<T: Real, X: MatrixSpace<T>> DenseOutput<T, X> for AnyScheme<T> {
-    fn solution(room: &Room<T, X>) -> &[T] {
+impl<T: Real> DenseOutput<T, AnySpace> for AnyScheme<T> {
+    fn solution(room: &Room<T>) -> &[T] {
         &room.increments
     }
 
     fn look_into(
         &self,
         solution: &[T],
-        mechanics: &impl Mechanics<T, X>,
+        mechanics: &impl Mechanics<T, AnySpace>,
         (length, fraction): (T, T),
         position: &mut [T],
         momentum: &mut [T],

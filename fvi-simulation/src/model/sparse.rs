@@ -1,22 +1,9 @@
-//! The space of many coordinates: the same vectors and matrices as the dense one, its equations with sparse
-//! factors.
+//! The equations of many coordinates, with sparse factors.
 
-use super::space::{Matrix, MatrixSpace};
-use fvi_core::{Equations, Real, Singular, Space};
+use super::matrices::Matrix;
+use fvi_core::{Equations, Real, Singular};
 use fvi_sparse::{Analysis, Factor, Pattern};
 use std::sync::Arc;
-
-/// The space of N coordinates whose equations are sparse, or of several such motions together.
-///
-/// With C motions of one linear system the vectors have C N numbers, one motion behind the other, and a block
-/// of N rows stands for the matrix that has it C times on its diagonal: one factor serves all motions, in one
-/// pass.
-#[derive(Clone, Debug)]
-pub struct SparseSpace {
-    copies: usize,
-    threads: usize,
-    plan: Arc<Elimination>,
-}
 
 /// How the equations of a step with one unknown node are eliminated, known before the first step.
 #[derive(Clone, Debug)]
@@ -46,6 +33,11 @@ impl Elimination {
         Self { pattern, analysis }
     }
 
+    /// N.
+    pub fn coordinates(&self) -> usize {
+        self.pattern.size()
+    }
+
     /// Bytes of the factor.
     pub fn factor_bytes(&self) -> usize {
         self.analysis.factor_bytes()
@@ -54,81 +46,6 @@ impl Elimination {
     /// Number of places in the matrix.
     pub fn places(&self) -> usize {
         self.pattern.len()
-    }
-}
-
-impl SparseSpace {
-    /// The space in which equations are eliminated by this plan.
-    pub fn new(plan: Elimination) -> Self {
-        Self { copies: 1, threads: 1, plan: Arc::new(plan) }
-    }
-
-    /// The space of so many motions together.
-    #[must_use]
-    pub fn times(self, copies: usize) -> Self {
-        Self { copies, ..self }
-    }
-
-    /// The same space, whose products and solutions may take so many threads; the bits are the same.
-    #[must_use]
-    pub fn on_threads(self, threads: usize) -> Self {
-        Self { threads, ..self }
-    }
-
-    /// How many threads that are.
-    pub fn threads(&self) -> usize {
-        self.threads
-    }
-
-    /// How many motions there are.
-    pub fn copies(&self) -> usize {
-        self.copies
-    }
-
-    /// How equations are eliminated.
-    pub fn plan(&self) -> &Elimination {
-        &self.plan
-    }
-}
-
-impl<T: Real> Space<T> for SparseSpace {
-    const KNOWN_SIZE: bool = false;
-
-    type Vector = Vec<T>;
-    type Block = Matrix<T>;
-
-    fn coordinates(&self) -> usize {
-        self.copies * self.plan.pattern.size()
-    }
-
-    fn zeros(&self) -> Vec<T> {
-        vec![T::zero(); self.copies * self.plan.pattern.size()]
-    }
-
-    fn slice(vector: &Vec<T>) -> &[T] {
-        vector
-    }
-
-    fn slice_mut(vector: &mut Vec<T>) -> &mut [T] {
-        vector
-    }
-}
-
-impl<T: Real> MatrixSpace<T> for SparseSpace {
-    type Kept = Option<Factored>;
-    type Equations = SparseEquations;
-
-    fn equations(&self, nodes: usize) -> SparseEquations {
-        debug_assert_eq!(nodes, 1, "schemes with inner nodes run in the dense space");
-        SparseEquations {
-            pattern: Arc::clone(&self.plan.pattern),
-            analysis: Some(self.plan.analysis.clone()),
-            values: Vec::new(),
-            sign: 0.0,
-            threads: self.threads,
-            last: None,
-            buffer: Vec::new(),
-        }
     }
 }
 
@@ -174,6 +91,19 @@ impl Factored {
 }
 
 impl SparseEquations {
+    /// Room for equations that are eliminated by this plan, on so many threads.
+    pub fn new(plan: &Elimination, threads: usize) -> Self {
+        Self {
+            pattern: Arc::clone(&plan.pattern),
+            analysis: Some(plan.analysis.clone()),
+            values: Vec::new(),
+            sign: 0.0,
+            threads,
+            last: None,
+            buffer: Vec::new(),
+        }
+    }
+
     fn factored(&mut self) -> Result<Factored, Singular> {
         let analysis = self.analysis.get_or_insert_with(|| Analysis::new(&self.pattern));
         match analysis.factor(&self.pattern, &self.values) {
@@ -366,8 +296,7 @@ mod tests {
         // That of the midpoint rule comes with a minus; a pattern that is known and one that grows.
         for (sign, known) in [(1.0, true), (-1.0, true), (-1.0, false)] {
             let blocks = if known { vec![&mass, &stiffness] } else { vec![&mass] };
-            let space = SparseSpace::new(Elimination::of(size, &blocks));
-            let mut sparse = MatrixSpace::<f64>::equations(&space, 1);
+            let mut sparse = SparseEquations::new(&Elimination::of(size, &blocks), 1);
             let mut dense = DenseEquations::new(size, 1);
             Equations::<f64, _>::clear(&mut sparse);
             dense.clear();
@@ -392,8 +321,7 @@ mod tests {
     fn each_motion_is_corrected_again_where_its_residual_is_more_than_rounding() {
         let size = 5;
         let stiffness = chain(size);
-        let space = SparseSpace::new(Elimination::of(size, &[&stiffness])).times(2);
-        let mut equations = MatrixSpace::<f64>::equations(&space, 1);
+        let mut equations = SparseEquations::new(&Elimination::of(size, &[&stiffness]), 1);
         Equations::<f64, _>::clear(&mut equations);
         equations.add(0, 0, -1.0, &stiffness);
         let mut kept = None;
@@ -430,8 +358,7 @@ mod tests {
     #[test]
     fn a_singular_matrix_is_refused() {
         let zero = Matrix::Diagonal(vec![1.0, 0.0, 1.0]);
-        let space = SparseSpace::new(Elimination::of(3, &[&zero]));
-        let mut equations = MatrixSpace::<f64>::equations(&space, 1);
+        let mut equations = SparseEquations::new(&Elimination::of(3, &[&zero]), 1);
         Equations::<f64, _>::clear(&mut equations);
         equations.add(0, 0, 1.0, &zero);
         assert!(Equations::<f64, Matrix<f64>>::solve(&mut equations, &mut [1.0; 3]).is_err());

@@ -1,7 +1,7 @@
 //! Dense or sparse: in which space a scenario runs.
 
 use crate::language::{InputError, Problem};
-use crate::model::{Elimination, Matrix, Model, SparseSpace, matrix};
+use crate::model::{AnySpace, Elimination, Matrix, Model, matrix};
 use crate::scenario::{ConvolutionFamily, Scenario, Scheme};
 use crate::simulation::available_memory::available_memory;
 use fvi_core::Mechanics;
@@ -50,7 +50,7 @@ const MOST_DENSE: usize = 6_000;
 pub(super) fn sparse_space(
     scenario: &Scenario,
     choice: SolverChoice,
-) -> Result<Option<SparseSpace>, InputError> {
+) -> Result<Option<AnySpace>, InputError> {
     let (degree, many) = (degree(scenario), scenario.coordinates() > MANY);
     let pushed = scenario.system.force.iter().flatten().any(|force| force.has_variables());
     let collocation = matches!(scenario.scheme, Scheme::Collocation);
@@ -78,8 +78,8 @@ pub(super) fn sparse_space(
     })?;
     let damping: Vec<Matrix<f64>> =
         scenario.system.damping.iter().map(|term| matrix(&term.coefficient)).collect();
-    let stiffness = Mechanics::<f64, SparseSpace>::stiffness(&model);
-    let mass = Mechanics::<f64, SparseSpace>::mass(&model);
+    let stiffness = model.stiffness();
+    let mass = model.mass();
     let blocks: Vec<_> = [mass, &stiffness].into_iter().chain(&damping).collect();
     let plan = Elimination::of(scenario.coordinates(), &blocks);
     if let Some(available) = available_memory()
@@ -93,7 +93,7 @@ pub(super) fn sparse_space(
         );
         return Err(scenario.error_at("system.mass", Problem::Unusable { reason }));
     }
-    Ok(Some(SparseSpace::new(plan).times(scenario.copies()).on_threads(scenario.history.threads())))
+    Ok(Some(AnySpace::sparse(plan).times(scenario.copies()).on_threads(scenario.history.threads())))
 }
 
 /// How many vectors of coordinates a step solves for.

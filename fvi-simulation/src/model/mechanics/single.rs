@@ -3,7 +3,7 @@
 use super::{Model, moment};
 use crate::language::expression::Elementary;
 use crate::model::energies::{EnergiesAlong, EnergyRoom, States, write_plain};
-use crate::model::space::Matrix;
+use crate::model::matrices::Matrix;
 use crate::scenario::Scenario;
 use fvi_core::{Block, Coefficients, Fixed, Instant, MatrixError, Mechanics, NodalRule, Real};
 use nalgebra::SVector;

@@ -1,7 +1,7 @@
 //! Steps of a linear system on one quadrature node, once its equations are prepared.
 
 use super::{AnyScheme, Form, Room};
-use crate::model::space::MatrixSpace;
+use crate::model::space::AnySpace;
 use fvi_core::{
     Block, Damping, Equations, Instant, Mechanics, Outcome, Real, Sample, State, Step, StepError, combine,
     combine_pair, combine_two, conclude,
@@ -26,9 +26,9 @@ impl<T: Real> Line<T> {
     /// The scheme as such a line, where the step to come is one: its equations are those that the room keeps
     /// a solver of, which solves them at once.
     #[inline(always)]
-    pub(super) fn of<X: MatrixSpace<T>, G: Mechanics<T, X>>(
+    pub(super) fn of<G: Mechanics<T, AnySpace>>(
         scheme: &AnyScheme<T>,
-        room: &Room<T, X>,
+        room: &Room<T>,
         mechanics: &G,
         step: &Step<'_, T>,
     ) -> Option<Self> {
@@ -49,9 +49,9 @@ impl<T: Real> Line<T> {
     }
 
     /// Makes the step.
-    pub(super) fn step<X: MatrixSpace<T>, G: Mechanics<T, X>, D: Damping<T, X>>(
+    pub(super) fn step<G: Mechanics<T, AnySpace>, D: Damping<T, AnySpace>>(
         &self,
-        room: &mut Room<T, X>,
+        room: &mut Room<T>,
         mechanics: &mut G,
         damping: &mut D,
         step: &Step<'_, T>,
@@ -119,7 +119,7 @@ mod tests {
     use super::*;
     use crate::language::Document;
     use crate::memory::MemoryRequest;
-    use crate::model::space::{Dense, Matrix};
+    use crate::model::matrices::Matrix;
     use crate::model::{Model, ScenarioSpace};
     use crate::scenario::Scenario;
     use fvi_core::{DampingTerm, Derivative, Rounding, Scheme};
@@ -142,7 +142,7 @@ mod tests {
     /// of them were such lines.
     fn states(scenario: &Scenario, afresh: bool) -> (Vec<[Vec<f64>; 2]>, usize) {
         let size = scenario.coordinates();
-        let space = Dense { coordinates: size };
+        let space = AnySpace::dense(size);
         let mut model: Model<f64> = ScenarioSpace::<f64>::system(&space, scenario).unwrap();
         let scheme = AnyScheme::<f64>::new(scenario).unwrap();
         let request = MemoryRequest {
@@ -160,13 +160,13 @@ mod tests {
         let rho = Matrix::Diagonal(vec![0.3; size]);
         let mut damping = DampingTerm::in_space(&space, kernel, rho, Derivative::Caputo, memory).unwrap();
         let position = scenario.initial.position.clone();
-        Damping::<f64, Dense>::begin(&mut damping, &position, &vec![0.0; size]);
+        damping.begin(&position, &vec![0.0; size]);
         if scheme.form == Form::MainNodes {
             let sample = Sample { from: &position, behind: &[], time: 0.0, length: 0.0, fractions: &[0.0] };
             let (rest, mut scratch) = (vec![0.0; size], vec![0.0; size]);
-            Damping::<f64, Dense>::push(&mut damping, &sample, &rest, &mut scratch).unwrap();
+            damping.push(&sample, &rest, &mut scratch).unwrap();
         }
-        let mut room = Scheme::<f64, Dense>::storage(&scheme, &space, &model);
+        let mut room = scheme.storage(&space, &model);
         let zeros = || vec![0.0; size];
         let rounding = Rounding { position: zeros(), momentum: zeros() };
         let mut state = State { step: 0, position, momentum: scenario.initial.momentum.clone(), rounding };
@@ -178,7 +178,7 @@ mod tests {
             if afresh {
                 room.kept.length = 0.0;
             }
-            lines += usize::from(Line::of::<Dense, _>(&scheme, &room, &model, &step).is_some());
+            lines += usize::from(Line::of(&scheme, &room, &model, &step).is_some());
             scheme.step(&mut room, &mut model, &mut damping, &step, &mut state).unwrap();
             [state.position.clone(), state.momentum.clone()]
         });

@@ -1,7 +1,7 @@
 //! The check of the step of a large system: by its fastest motions alone.
 
 use super::{DampingForm, Discretisation, LinearDamping, LinearSystem, Verdict, check_stability};
-use crate::model::{Matrix, Model, SparseSpace, matrix};
+use crate::model::{Matrix, Model, matrix};
 use crate::scenario::Scenario;
 use fvi_core::{Block, Instant, Mechanics};
 use nalgebra::{DMatrix, SymmetricEigen};
@@ -35,11 +35,11 @@ pub(super) fn check_large(
 ) -> Verdict {
     let (step, steps) = (scenario.time.step, scenario.time.steps);
     let size = scenario.coordinates();
-    let mut stiffness = Mechanics::<f64, SparseSpace>::stiffness(model);
+    let mut stiffness = model.stiffness();
     let mut pull = vec![0.0; size];
     let instant = Instant::in_step(0.0, 0.5, step);
     let start = &scenario.initial.position;
-    Mechanics::<f64, SparseSpace>::linearise(model, instant, start, &mut pull, &mut stiffness);
+    model.linearise(instant, start, &mut pull, &mut stiffness);
     let fastest = MARGIN * largest_eigenvalue(model, &stiffness, size);
     let damping: Vec<(f64, f64)> = scenario
         .system
@@ -74,7 +74,7 @@ pub(super) fn check_large(
 /// The largest eigenvalue λ of A x = λ M x by the Lanczos iteration in the inner product of M.
 fn largest_eigenvalue(model: &Model<f64>, matrix: &Matrix<f64>, size: usize) -> f64 {
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let mass = Mechanics::<f64, SparseSpace>::mass(model);
+    let mass = model.mass();
     let times = |block: &Matrix<f64>, x: &[f64]| {
         let mut product = vec![0.0; size];
         block.multiply_add(1.0, x, &mut product);
@@ -96,7 +96,7 @@ fn largest_eigenvalue(model: &Model<f64>, matrix: &Matrix<f64>, size: usize) -> 
         let force = times(matrix, &x);
         let alpha = dot(&force, &x);
         let mut next = vec![0.0; size];
-        Mechanics::<f64, SparseSpace>::velocity(model, &force, &mut next);
+        model.velocity(&force, &mut next);
         let beta = beside.last().copied().unwrap_or(0.0);
         for ((next, &x), &before) in next.iter_mut().zip(&x).zip(&before) {
             *next -= alpha * x + beta * before;

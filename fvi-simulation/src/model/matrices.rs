@@ -1,0 +1,486 @@
+//! Matrices of as many coordinates as a scenario has, and equations that are eliminated in a full matrix or
+//! within its band.
+
+use super::band::{self, BandFactors};
+use super::chain::{Chain, ChainFactors, PairedRows};
+use super::shared::Shared;
+use crate::numerics::semidefinite::check_positive_semidefinite;
+use fvi_core::{Block, Equations, MatrixError, Real, Singular};
+use fvi_core::{add_multiple, combine_four, combine_two, is_positive_definite_in_place};
+use fvi_core::{keep_factors, substitute, substitute_kept};
+use fvi_sparse::Pattern;
+use std::sync::Arc;
+
+/// An N×N matrix, stored as it deserves.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Matrix<T> {
+    /// Diagonal entries.
+    Diagonal(Vec<T>),
+    /// All entries, column by column.
+    Dense(Vec<T>),
+    /// Some entries.
+    Sparse(Sparse<T>),
+}
+
+/// The entries of a matrix that need not be zero, row by row.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sparse<T> {
+    /// Where they are.
+    pub pattern: Arc<Pattern>,
+    /// One number for each place of the pattern.
+    pub values: Shared<T>,
+    /// Threads that a product may take.
+    pub threads: usize,
+}
+
+impl<T: Real> Sparse<T> {
+    /// The zero matrix with a pattern.
+    pub fn zero(pattern: Arc<Pattern>) -> Self {
+        let values = Shared::Own(vec![T::zero(); pattern.len()]);
+        Self { pattern, values, threads: 1 }
+    }
+
+    /// out ← out + factor A x, for vectors of as many numbers as A has rows, or of several such motions one
+    /// behind the other.
+    fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]) {
+        // Linear steps begin at increments of zero.
+        if x.iter().all(|&x| x == T::zero()) {
+            return;
+        }
+        let Some(rows) = self.tridiagonal() else {
+            return self.pattern.multiply_add(&self.values, factor, x, out, self.threads);
+        };
+        let size = self.pattern.size();
+        if x.len() == size {
+            return rows.multiply_add(factor, x, out);
+        }
+        for (x, out) in x.chunks_exact(size).zip(out.chunks_exact_mut(size)) {
+            rows.multiply_add(factor, x, out);
+        }
+    }
+
+    /// Whether the columns of every row are its neighbours and itself.
+    pub(super) fn is_tridiagonal(&self) -> bool {
+        self.pattern.is_chain()
+    }
+
+    /// The rows of a chain, for products.
+    pub(super) fn paired_rows(&self) -> Option<PairedRows<T>> {
+        self.tridiagonal().map(|rows| PairedRows::new(rows.first, rows.middle, rows.last))
+    }
+
+    /// The entries without their columns, where those are the neighbours of the row and itself: chains are
+    /// common.
+    fn tridiagonal(&self) -> Option<Tridiagonal<'_, T>> {
+        if !self.pattern.is_chain() {
+            return None;
+        }
+        let [diagonal, right, middle @ .., left, last] = &*self.values else { return None };
+        Some(Tridiagonal { first: [*diagonal, *right], middle: middle.as_chunks().0, last: [*left, *last] })
+    }
+}
+
+/// A matrix with all entries on the diagonal and beside it, row by row.
+struct Tridiagonal<'a, T> {
+    first: [T; 2],
+    middle: &'a [[T; 3]],
+    last: [T; 2],
+}
+
+impl<T: Real> Tridiagonal<'_, T> {
+    /// out ← out + factor · A x
+    fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]) {
+        let put = |out: &mut T, row: T| *out += row * factor;
+        let ([x0, x1, x_from_third @ ..], [.., left, last]) = (x, x) else { return };
+        let [out_first, out_middle @ .., out_last] = out else { return };
+        let row = |[a, b]: [T; 2], x: T, y: T| a * x + b * y;
+        put(out_first, row(self.first, *x0, *x1));
+        let (mut x, mut y) = (*x0, *x1);
+        for ((out, &[l, d, r]), &z) in out_middle.iter_mut().zip(self.middle).zip(x_from_third) {
+            put(out, l * x + d * y + r * z);
+            (x, y) = (y, z);
+        }
+        put(out_last, row(self.last, *left, *last));
+    }
+}
+
+impl<T: Real> Matrix<T> {
+    /// out += factor · (B x) for several motions one behind the other. Not where the diagonal alone is
+    /// inlined.
+    #[inline(never)]
+    fn multiply_add_copies(&self, factor: T, x: &[T], out: &mut [T]) {
+        let size = self.size().max(1);
+        for (x, out) in x.chunks(size).zip(out.chunks_mut(size)) {
+            match self {
+                Self::Diagonal(diagonal) => multiply_add_diagonal(diagonal, factor, x, out),
+                Self::Dense(columns) => multiply_add_dense(columns, factor, x, out),
+                Self::Sparse(sparse) => sparse.multiply_add(factor, x, out),
+            }
+        }
+    }
+
+    /// The entries of a symmetric matrix of `size` rows from those of its lower triangle.
+    pub fn symmetric(size: usize, lower: impl Iterator<Item = (usize, usize, T)> + Clone) -> Self {
+        if lower.clone().all(|(row, column, _)| row == column) {
+            let mut diagonal = vec![T::zero(); size];
+            lower.for_each(|(row, _, entry)| diagonal[row] += entry);
+            return Self::Diagonal(diagonal);
+        }
+        let both = |(row, column, _): (usize, usize, T)| [(row, column), (column, row)];
+        let pattern = Pattern::new(size, lower.clone().flat_map(both).collect());
+        // Half full is as good as full.
+        if 2 * pattern.len() > size * size {
+            let mut dense = vec![T::zero(); size * size];
+            for (row, column, entry) in lower {
+                dense[column * size + row] += entry;
+                if row != column {
+                    dense[row * size + column] += entry;
+                }
+            }
+            return Self::Dense(dense);
+        }
+        let mut values = vec![T::zero(); pattern.len()];
+        for (row, column, entry) in lower {
+            values[pattern.slot(row, column)] += entry;
+            if row != column {
+                values[pattern.slot(column, row)] += entry;
+            }
+        }
+        Self::Sparse(Sparse { pattern: Arc::new(pattern), values: Shared::Own(values), threads: 1 })
+    }
+
+    /// The same matrix, whose products may take so many threads; the bits are the same.
+    #[must_use]
+    pub fn on_threads(self, threads: usize) -> Self {
+        match self {
+            Self::Sparse(sparse) => Self::Sparse(Sparse { threads, ..sparse }),
+            other => other,
+        }
+    }
+
+    /// Number of rows.
+    pub fn size(&self) -> usize {
+        match self {
+            Self::Diagonal(entries) => entries.len(),
+            Self::Dense(entries) => entries.len().isqrt(),
+            Self::Sparse(sparse) => sparse.pattern.size(),
+        }
+    }
+
+    /// Largest distance from the diagonal at which an entry need not be zero.
+    fn band(&self) -> usize {
+        match self {
+            Self::Diagonal(_) => 0,
+            Self::Dense(columns) => columns.len().isqrt().saturating_sub(1),
+            Self::Sparse(sparse) => sparse.pattern.band(),
+        }
+    }
+
+    /// Each entry that need not be zero, as (row, column, entry).
+    pub fn entries(&self) -> Vec<(usize, usize, T)> {
+        match self {
+            Self::Diagonal(diagonal) => {
+                diagonal.iter().enumerate().map(|(index, &entry)| (index, index, entry)).collect()
+            }
+            Self::Dense(columns) => {
+                let size = columns.len().isqrt();
+                let place = |(index, &entry)| (index % size, index / size, entry);
+                columns.iter().enumerate().map(place).collect()
+            }
+            Self::Sparse(sparse) => {
+                let rows = sparse.pattern.rows().enumerate();
+                let places = rows.flat_map(|(row, slots)| slots.map(move |slot| (row, slot)));
+                places
+                    .map(|(row, slot)| (row, sparse.pattern.columns()[slot] as usize, sparse.values[slot]))
+                    .collect()
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn multiply_add_diagonal<T: Real>(diagonal: &[T], factor: T, x: &[T], out: &mut [T]) {
+    combine_two(out, diagonal, x, |out, entry, x| out + entry * x * factor);
+}
+
+fn multiply_add_dense<T: Real>(columns: &[T], factor: T, x: &[T], out: &mut [T]) {
+    for (column, &x) in columns.chunks_exact(out.len().max(1)).zip(x) {
+        // Rounded as the products of other matrices are.
+        out.iter_mut().zip(column).for_each(|(out, &entry)| *out += entry * x * factor);
+    }
+}
+
+impl<T: Real> Block<T> for Matrix<T> {
+    #[inline]
+    fn balance(&self, (start, (by, force)): (&[T], (T, &[T])), (factor, x): (T, &[T]), out: &mut [T]) {
+        match self {
+            Self::Diagonal(diagonal) if diagonal.len() == x.len() => {
+                combine_four(out, (start, diagonal), (x, force), |start, entry, x, force| {
+                    start + entry * x * factor - force * by
+                });
+            }
+            _ => {
+                out.copy_from_slice(start);
+                self.multiply_add(factor, x, out);
+                add_multiple(out, -by, force);
+            }
+        }
+    }
+
+    #[inline]
+    fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]) {
+        match self {
+            Self::Diagonal(diagonal) if diagonal.len() == x.len() => {
+                multiply_add_diagonal(diagonal, factor, x, out);
+            }
+            Self::Sparse(sparse) => sparse.multiply_add(factor, x, out),
+            _ => self.multiply_add_copies(factor, x, out),
+        }
+    }
+
+    fn add_to(&self, factor: T, target: &mut [T], width: usize, row: usize, column: usize) {
+        match self {
+            Self::Diagonal(diagonal) => {
+                let mut place = row * width + column;
+                for &entry in diagonal {
+                    target[place] += entry * factor;
+                    place += width + 1;
+                }
+            }
+            Self::Dense(columns) => {
+                let size = columns.len().isqrt();
+                let rows = target.chunks_exact_mut(width.max(1)).skip(row);
+                for (index, numbers) in rows.take(size).enumerate() {
+                    let entries = columns.iter().skip(index).step_by(size);
+                    for (place, &entry) in numbers[column..].iter_mut().zip(entries) {
+                        *place += entry * factor;
+                    }
+                }
+            }
+            Self::Sparse(sparse) => {
+                for (index, slots) in sparse.pattern.rows().enumerate() {
+                    let numbers = &mut target[(row + index) * width + column..];
+                    for slot in slots {
+                        numbers[sparse.pattern.columns()[slot] as usize] += sparse.values[slot] * factor;
+                    }
+                }
+            }
+        }
+    }
+
+    fn check_positive_semidefinite(&self) -> Result<(), MatrixError> {
+        let entries = self.entries();
+        if !entries.iter().all(|&(.., entry)| entry.is_finite()) {
+            return Err(MatrixError::NotFinite);
+        }
+        let largest = entries.iter().fold(T::zero(), |largest, &(.., entry)| largest.max(entry.abs()));
+        if largest == T::zero() {
+            return Ok(());
+        }
+        if let Self::Diagonal(diagonal) = self {
+            let negative = diagonal.iter().any(|&entry| entry < T::zero());
+            return if negative { Err(MatrixError::NotPositiveSemidefinite) } else { Ok(()) };
+        }
+        if let Self::Sparse(sparse) = self {
+            let values: Vec<f64> = sparse.values.iter().map(|entry| entry.to_f64()).collect();
+            let rounding = T::EPSILON.to_f64();
+            return check_positive_semidefinite(&sparse.pattern, &values, rounding)
+                .map_err(|_| MatrixError::NotPositiveSemidefinite);
+        }
+        let size = self.size();
+        let mut dense = vec![T::zero(); size * size];
+        self.add_to(T::one(), &mut dense, size, 0, 0);
+        // A lift by rounding makes a semidefinite matrix definite.
+        let lift = largest * T::EPSILON * T::from_count(64 * size as u64);
+        (0..size).for_each(|index| dense[index * size + index] += lift);
+        if is_positive_definite_in_place(&mut dense, size) {
+            Ok(())
+        } else {
+            Err(MatrixError::NotPositiveSemidefinite)
+        }
+    }
+}
+
+/// The equations of a step as a dense matrix, of which only a band may be in use.
+#[derive(Clone, Debug)]
+pub struct DenseEquations<T> {
+    /// The matrix, as long as its entries lie on the diagonal and beside it.
+    chain: Option<Chain<T>>,
+    /// Row by row; nothing while there is a chain.
+    entries: Vec<T>,
+    /// Largest distance from the diagonal at which something was added.
+    band: usize,
+    coordinates: usize,
+    pivots: Vec<usize>,
+    /// Whether the matrix that was solved last has left factors.
+    has_factors: bool,
+}
+
+/// What solves [`DenseEquations`] while they stay the same.
+#[derive(Clone, Debug)]
+pub enum DenseFactors<T> {
+    /// The factors, column by column; their pivots stay with the equations, where nothing else is solved
+    /// meanwhile.
+    Whole(Vec<T>),
+    /// The factors within a band.
+    Banded(BandFactors<T>),
+    /// The factors of a chain.
+    Chain(ChainFactors<T>),
+}
+
+impl<T> Default for DenseFactors<T> {
+    fn default() -> Self {
+        Self::Whole(Vec::new())
+    }
+}
+
+impl<T: Real> DenseEquations<T> {
+    /// For N coordinates and S nodes.
+    pub fn new(coordinates: usize, nodes: usize) -> Self {
+        let pivots = vec![0; coordinates * nodes];
+        let chain = (nodes == 1 && is_banded(coordinates, 1)).then(|| Chain::zero(coordinates));
+        let mut equations =
+            Self { chain, entries: Vec::new(), band: 0, coordinates, pivots, has_factors: false };
+        if equations.chain.is_none() {
+            equations.make_room();
+        }
+        equations
+    }
+
+    fn make_room(&mut self) {
+        let size = self.pivots.len();
+        self.entries.resize(size * size, T::zero());
+    }
+
+    /// Whether elimination within the band is the shorter one.
+    fn is_banded(&self) -> bool {
+        is_banded(self.pivots.len(), self.band)
+    }
+
+    /// Puts the entries of a chain in the place of those of any matrix.
+    #[cold]
+    fn spread(&mut self, chain: &Chain<T>) {
+        self.make_room();
+        self.band = self.band.max(1);
+        let size = self.pivots.len();
+        // What elimination may have filled.
+        for row in 0..size {
+            self.entries[row * size + row.saturating_sub(1)..row * size + (row + 3).min(size)]
+                .fill(T::zero());
+        }
+        chain.for_each(|row, column, entry| self.entries[row * size + column] = entry);
+    }
+
+    /// Factors the chain, if there is one and the pivots may stay on its diagonal; otherwise its entries are
+    /// those of a matrix with a band. Returns whether there are factors.
+    fn factor_chain(&mut self) -> Result<bool, Singular> {
+        let Some(mut chain) = self.chain.take() else { return Ok(false) };
+        let factored = chain.factor();
+        if factored == Ok(false) {
+            self.spread(&chain);
+        }
+        self.chain = Some(chain);
+        factored
+    }
+}
+
+/// Whether elimination within a band is shorter than that of a matrix of so many rows.
+fn is_banded(size: usize, band: usize) -> bool {
+    size > 3 && 3 * band < size
+}
+
+impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
+    type Kept = DenseFactors<T>;
+
+    fn clear(&mut self) {
+        if let Some(chain) = &mut self.chain {
+            return chain.clear();
+        }
+        let (n, band) = (self.pivots.len(), self.band);
+        // A small matrix is cleared faster than its band is found.
+        if !self.is_banded() || n <= 16 {
+            return self.entries.fill(T::zero());
+        }
+        // Elimination fills as much again to the right.
+        for row in 0..n {
+            let (first, end) = (row.saturating_sub(band), (row + 2 * band + 1).min(n));
+            for entry in &mut self.entries[row * n + first..row * n + end] {
+                *entry = T::zero();
+            }
+        }
+    }
+
+    fn add(&mut self, row: usize, column: usize, factor: T, block: &Matrix<T>) {
+        match (&mut self.chain, block) {
+            (Some(chain), Matrix::Diagonal(diagonal)) => return chain.add_diagonal(factor, diagonal),
+            (Some(chain), Matrix::Sparse(sparse)) if sparse.is_tridiagonal() => {
+                return chain.add_rows(factor, &sparse.values);
+            }
+            _ => {}
+        }
+        if let Some(chain) = self.chain.take() {
+            self.spread(&chain);
+        }
+        self.band = self.band.max(row.abs_diff(column) * self.coordinates + block.band());
+        let (row, column) = (row * self.coordinates, column * self.coordinates);
+        block.add_to(factor, &mut self.entries, self.pivots.len(), row, column);
+    }
+
+    fn solve(&mut self, vector: &mut [T]) -> Result<(), Singular> {
+        self.has_factors = self.factor_chain()?;
+        if self.has_factors {
+            self.solve_again(vector);
+            return Ok(());
+        }
+        if self.is_banded() {
+            return band::solve(&mut self.entries, self.band, vector);
+        }
+        self.has_factors = true;
+        fvi_core::solve(&mut self.entries, &mut self.pivots, vector)
+    }
+
+    fn has_factors(&self) -> bool {
+        self.has_factors
+    }
+
+    fn solve_again(&mut self, vector: &mut [T]) {
+        match &self.chain {
+            Some(chain) => chain.solve(vector),
+            None => substitute(&self.entries, &self.pivots, vector),
+        }
+    }
+
+    fn keep(&mut self, kept: &mut DenseFactors<T>, inertia: (T, &Matrix<T>)) -> Result<(), Singular> {
+        let n = self.pivots.len();
+        if let (true, Some(chain)) = (self.factor_chain()?, &self.chain) {
+            let masses = match inertia.1 {
+                Matrix::Diagonal(masses) => Some(masses.as_slice()),
+                _ => None,
+            };
+            *kept = DenseFactors::Chain(chain.kept(inertia.0, masses));
+            return Ok(());
+        }
+        if self.is_banded() {
+            *kept = DenseFactors::Banded(BandFactors::of(&mut self.entries, n, self.band)?);
+            return Ok(());
+        }
+        // The factors may fill the matrix.
+        self.band = n;
+        let mut factors = vec![T::zero(); n * n];
+        keep_factors(&mut self.entries, &mut self.pivots, &mut factors)?;
+        *kept = DenseFactors::Whole(factors);
+        Ok(())
+    }
+
+    fn solve_kept(&mut self, kept: &DenseFactors<T>, vector: &mut [T]) {
+        match kept {
+            DenseFactors::Whole(factors) => substitute_kept(factors, &self.pivots, vector),
+            DenseFactors::Banded(factors) => factors.solve(vector),
+            DenseFactors::Chain(factors) => factors.solve(vector),
+        }
+    }
+
+    fn is_solved_at_once(&self, kept: &DenseFactors<T>) -> bool {
+        matches!(kept, DenseFactors::Chain(factors) if factors.is_gentle())
+    }
+}
