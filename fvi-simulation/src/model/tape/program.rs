@@ -6,15 +6,15 @@
 //! values lie in the registers that every window uses, close enough together to stay in the fastest cache;
 //! only what later windows need is copied to a register of its own.
 
+mod assembly;
 mod lanes;
 
 pub(in crate::model) use lanes::{LANES, LaneRegisters};
 
-use super::graph::{Graph, Origin, Value};
+use super::graph::{Graph, Value};
 use super::operation::{Operation, scale};
 use crate::language::expression::{Elementary, Function, Moment};
 use core::ops::Range;
-use std::collections::HashMap;
 
 /// Operations in a window: their values take 8 KB in double precision.
 const WINDOW: usize = 1024;
@@ -35,9 +35,20 @@ const STRIDE: usize = 8;
 /// A program with inputs t and q and two lists of outputs.
 #[derive(Clone, Debug)]
 pub(super) struct Program<T> {
-    /// The registers hold, in this order, the constants, t, t as seen from its side, q, what crosses from
-    /// window to window, and the values of the current window.
     constants: Vec<T>,
+    /// The program, where one wave is all there is.
+    wave: Option<Wave<T>>,
+    plan: Plan,
+}
+
+/// What a program does, whatever the numbers are that it does it with.
+///
+/// The registers hold, in this order, the constants, t, t as seen from its side, q, what crosses from window
+/// to window, and the values of the current window.
+#[derive(Clone, Debug, Default)]
+struct Plan {
+    /// Number of constants.
+    constants: usize,
     coordinates: usize,
     registers: usize,
     windows: Vec<Window>,
@@ -45,8 +56,6 @@ pub(super) struct Program<T> {
     /// The operations of all runs one by one, where those are too short to be worth their preparations and
     /// the registers are few; else nothing.
     singles: Vec<Single>,
-    /// The same, where one wave is all there is.
-    wave: Option<Wave<T>>,
     /// The registers that the runs read, operation by operation.
     operands: Vec<u32>,
     /// (from, to) of what later windows need.
@@ -300,19 +309,20 @@ impl<T: Elementary> Program<T> {
         sums: &[(u32, Value)],
         entries: &[(u32, Value)],
     ) -> Self {
-        let schedule = Schedule::new(graph, sums.iter().chain(entries).map(|&(_, value)| value));
-        Assembly::new(graph, coordinates, &schedule).assemble(sums, entries)
+        let (plan, constants) = Plan::new(graph, coordinates, sums, entries);
+        let constants: Vec<T> = constants.into_iter().map(T::of).collect();
+        Self { wave: plan.wave(&constants), constants, plan }
     }
 
     /// Operations of an evaluation, sums included.
     #[cfg(test)]
     pub(super) fn operations(&self) -> usize {
-        self.runs.iter().map(|run| run.count).sum::<usize>() + self.sums.len()
+        self.plan.runs.iter().map(|run| run.count).sum::<usize>() + self.plan.sums.len()
     }
 
     /// Whether outputs for the same place of `sums` are added in the order in which they were given.
     pub(super) fn keeps_the_order_of_sums(&self) -> bool {
-        self.windows.len() == 1
+        self.plan.windows.len() == 1
     }
 
     /// Adds the first outputs to `sums` and writes the others to `entries`.
@@ -326,7 +336,7 @@ impl<T: Elementary> Program<T> {
         sums: &mut [T],
         entries: &mut [T],
     ) {
-        let room = self.room();
+        let room = self.plan.room();
         if registers.len() < room {
             registers.resize(room, T::zero());
         }
@@ -335,7 +345,7 @@ impl<T: Elementary> Program<T> {
         if let [time, sided, ..] = others {
             (*time, *sided) = (moment.time, moment.sided);
         }
-        self.execute(registers, position, sums, |place, value| entries[place] = value);
+        self.plan.execute(registers, position, sums, |place, value| entries[place] = value);
     }
 
     /// As [`evaluate`](Self::evaluate) at t = 0, but that each entry is added to the values of a matrix at
@@ -352,7 +362,7 @@ impl<T: Elementary> Program<T> {
         if registers.is_empty() {
             self.prepare(registers);
         }
-        self.execute(registers, position, sums, |place, value| {
+        self.plan.execute(registers, position, sums, |place, value| {
             let (slot, mirrored) = slots[place];
             values[slot as usize] += value;
             if slot != mirrored {
@@ -393,29 +403,30 @@ impl<T: Elementary> Program<T> {
         if registers.is_empty() {
             self.prepare(registers);
         }
-        let place = self.constants.len() + 2;
-        let Some(few) = registers.first_chunk_mut::<ALL_OF_A_BYTE>().filter(|_| !self.singles.is_empty())
+        let plan = &self.plan;
+        let Some(few) = registers.first_chunk_mut::<ALL_OF_A_BYTE>().filter(|_| !plan.singles.is_empty())
         else {
-            return self.evaluate_single_windows(registers, variable, (sum, entry));
+            return plan.evaluate_single_windows(registers, variable, (sum, entry));
         };
-        few[place % ALL_OF_A_BYTE] = variable;
-        self.singles.iter().for_each(|single| single.evaluate(few));
-        (add_outputs(few, &self.sums, sum), add_outputs(few, &self.entries, entry))
+        few[plan.first_variable() % ALL_OF_A_BYTE] = variable;
+        plan.singles.iter().for_each(|single| single.evaluate(few));
+        (add_outputs(few, &plan.sums, sum), add_outputs(few, &plan.entries, entry))
     }
 
-    #[inline(never)]
-    fn evaluate_single_windows(&self, registers: &mut [T], variable: T, (sum, mut entry): (T, T)) -> (T, T) {
-        let mut sums = [sum];
-        self.execute(registers, &[variable], &mut sums, |_, value| entry += value);
-        (sums[0], entry)
+    #[cold]
+    fn prepare(&self, registers: &mut Vec<T>) {
+        registers.resize(self.plan.room(), T::zero());
+        registers[..self.constants.len()].copy_from_slice(&self.constants);
     }
+}
 
+impl Plan {
     /// The program as a wave, if it is one.
-    fn wave(&self) -> Option<Wave<T>> {
+    fn wave<T: Elementary>(&self, constants: &[T]) -> Option<Wave<T>> {
         let ([single], [(first, _)]) = (&*self.singles, &*self.sums) else { return None };
         let target = u32::from(single.target);
-        let factor = |register: u8| self.constants.get(usize::from(register)).copied();
-        if self.coordinates != 1 || usize::from(single.x) != self.constants.len() + 2 {
+        let factor = |register: u8| constants.get(usize::from(register)).copied();
+        if self.coordinates != 1 || usize::from(single.x) != self.first_variable() {
             return None;
         }
         match (single.kind, &*self.entries) {
@@ -432,10 +443,9 @@ impl<T: Elementary> Program<T> {
         }
     }
 
-    #[cold]
-    fn prepare(&self, registers: &mut Vec<T>) {
-        registers.resize(self.room(), T::zero());
-        registers[..self.constants.len()].copy_from_slice(&self.constants);
+    /// The register behind the constants and the two times.
+    fn first_variable(&self) -> usize {
+        self.constants + 2
     }
 
     /// Registers that an evaluation needs.
@@ -445,8 +455,14 @@ impl<T: Elementary> Program<T> {
 
     /// Evaluates at a position, with constants and time in their registers.
     #[inline(always)]
-    fn execute(&self, registers: &mut [T], position: &[T], sums: &mut [T], mut set: impl FnMut(usize, T)) {
-        let variables = self.constants.len() + 2;
+    fn execute<T: Elementary>(
+        &self,
+        registers: &mut [T],
+        position: &[T],
+        sums: &mut [T],
+        mut set: impl FnMut(usize, T),
+    ) {
+        let variables = self.first_variable();
         copy(&mut registers[variables..variables + self.coordinates], position);
         if !self.singles.is_empty() {
             let Some(registers) = registers.first_chunk_mut::<ALL_OF_A_BYTE>() else { return };
@@ -458,7 +474,12 @@ impl<T: Elementary> Program<T> {
 
     // Out of line: what it keeps at hand would burden the few operations of others.
     #[inline(never)]
-    fn execute_windows(&self, registers: &mut [T], sums: &mut [T], mut set: impl FnMut(usize, T)) {
+    fn execute_windows<T: Elementary>(
+        &self,
+        registers: &mut [T],
+        sums: &mut [T],
+        mut set: impl FnMut(usize, T),
+    ) {
         for window in &self.windows {
             for run in &self.runs[window.runs.clone()] {
                 match &run.row {
@@ -472,6 +493,18 @@ impl<T: Elementary> Program<T> {
             let (added, written) = (&self.sums[window.sums.clone()], &self.entries[window.entries.clone()]);
             hand_out(registers, (added, sums), (written, &mut set));
         }
+    }
+
+    #[inline(never)]
+    fn evaluate_single_windows<T: Elementary>(
+        &self,
+        registers: &mut [T],
+        variable: T,
+        (sum, mut entry): (T, T),
+    ) -> (T, T) {
+        let mut sums = [sum];
+        self.execute(registers, &[variable], &mut sums, |_, value| entry += value);
+        (sums[0], entry)
     }
 }
 
@@ -651,371 +684,5 @@ fn binary<T: Copy>(known: &[T], new: &mut [T], operands: &[u32], of: impl Fn(T, 
 fn ternary<T: Copy>(known: &[T], new: &mut [T], operands: &[u32], of: impl Fn(T, T, T) -> T) {
     for (new, &[x, y, z]) in new.iter_mut().zip(operands.as_chunks().0) {
         *new = of(known[x as usize], known[y as usize], known[z as usize]);
-    }
-}
-
-/// Which operations are computed, in windows, each window in an order that makes long runs.
-struct Schedule {
-    windows: Vec<Vec<Value>>,
-    /// Of each value of the graph that is computed: its window.
-    window_of: Vec<Option<u32>>,
-    /// Of each value whose operation has a run with others of the same constant: that constant.
-    constant_of: Vec<Option<Value>>,
-}
-
-impl Schedule {
-    fn new(graph: &Graph, outputs: impl Iterator<Item = Value>) -> Self {
-        let order = needed(graph, outputs);
-        let mut window_of = vec![None; graph.len()];
-        let mut level_of = vec![0_u32; graph.len()];
-        let mut constant_of = vec![None; graph.len()];
-        let mut windows = Vec::new();
-        for (index, window) in order.chunks(WINDOW).enumerate() {
-            let index = Some(u32::try_from(index).expect("fewer windows than values"));
-            for &value in window {
-                // How long a value waits for others of its window.
-                let level = operands(graph, value)
-                    .filter(|operand| window_of[operand.0 as usize] == index)
-                    .map(|operand| level_of[operand.0 as usize] + 1)
-                    .max();
-                level_of[value.0 as usize] = level.unwrap_or(0);
-                window_of[value.0 as usize] = index;
-            }
-            let kind = |value: Value| (level_of[value.0 as usize], operation(graph, value));
-            let mut alike = HashMap::new();
-            for &value in window {
-                if let Some((constant, _)) = constant_and_other(graph, value) {
-                    alike.entry((kind(value), constant)).or_insert_with(Vec::new).push(value);
-                }
-            }
-            for ((_, constant), values) in alike {
-                let many = values.len() >= SHORT;
-                values.iter().for_each(|value| constant_of[value.0 as usize] = many.then_some(constant));
-            }
-            let mut window = window.to_vec();
-            // Equal operations by their operands: sines and cosines of the same numbers then match.
-            window.sort_by_key(|&value| {
-                let constant = constant_of[value.0 as usize];
-                let first = match (constant, constant_and_other(graph, value)) {
-                    (Some(_), Some((_, other))) => Some(other),
-                    _ => operands(graph, value).next(),
-                };
-                (kind(value), constant, first)
-            });
-            windows.push(window);
-        }
-        if windows.is_empty() {
-            windows.push(Vec::new());
-        }
-        Self { windows, window_of, constant_of }
-    }
-}
-
-/// The constant and the other operand of a product or a sum with a constant.
-fn constant_and_other(graph: &Graph, value: Value) -> Option<(Value, Value)> {
-    let Origin::Computed(Operation::Multiply | Operation::Add, [left, right, _]) = graph.origin(value) else {
-        return None;
-    };
-    match (graph.number(left), graph.number(right)) {
-        (Some(_), None) => Some((left, right)),
-        (None, Some(_)) => Some((right, left)),
-        _ => None,
-    }
-}
-
-/// The operations that the outputs need, each after its operands and as late as its first use lets it.
-fn needed(graph: &Graph, outputs: impl Iterator<Item = Value>) -> Vec<Value> {
-    let mut order = Vec::new();
-    let mut visited = vec![false; graph.len()];
-    let mut pending: Vec<(Value, bool)> = Vec::new();
-    for output in outputs {
-        pending.push((output, false));
-        while let Some((value, complete)) = pending.pop() {
-            if complete {
-                order.push(value);
-            } else if !visited[value.0 as usize] && operation(graph, value).is_some() {
-                visited[value.0 as usize] = true;
-                pending.push((value, true));
-                let first = pending.len();
-                pending.extend(operands(graph, value).map(|operand| (operand, false)));
-                pending[first..].reverse();
-            }
-        }
-    }
-    order
-}
-
-fn operation(graph: &Graph, value: Value) -> Option<Operation> {
-    match graph.origin(value) {
-        Origin::Computed(operation, _) => Some(operation),
-        _ => None,
-    }
-}
-
-fn operands(graph: &Graph, value: Value) -> impl Iterator<Item = Value> {
-    let (operands, arity) = match graph.origin(value) {
-        Origin::Computed(operation, operands) => (operands, operation.arity()),
-        _ => ([Value(0); 3], 0),
-    };
-    operands.into_iter().take(arity)
-}
-
-/// Gives values their registers and writes the program.
-struct Assembly<'a, T> {
-    graph: &'a Graph,
-    schedule: &'a Schedule,
-    program: Program<T>,
-    /// Of each value of the graph: its register for as long as the program runs, if it has one.
-    lasting: Vec<Option<u32>>,
-    /// Of each value computed: its register while its window lasts.
-    passing: Vec<u32>,
-}
-
-impl<'a, T: Elementary> Assembly<'a, T> {
-    fn new(graph: &'a Graph, coordinates: usize, schedule: &'a Schedule) -> Self {
-        let program = Program {
-            constants: Vec::new(),
-            coordinates,
-            registers: 0,
-            windows: Vec::new(),
-            runs: Vec::new(),
-            singles: Vec::new(),
-            wave: None,
-            operands: Vec::new(),
-            exports: Vec::new(),
-            sums: Vec::new(),
-            entries: Vec::new(),
-        };
-        Self { graph, schedule, program, lasting: vec![None; graph.len()], passing: vec![0; graph.len()] }
-    }
-
-    fn assemble(mut self, sums: &[(u32, Value)], entries: &[(u32, Value)]) -> Program<T> {
-        let schedule = self.schedule;
-        self.place_constants(sums, entries);
-        let first_lasting = self.inputs_end();
-        let mut lasting = first_lasting;
-        for value in schedule.windows.iter().flatten() {
-            for operand in operands(self.graph, *value) {
-                let home = schedule.window_of[operand.0 as usize];
-                let place = &mut self.lasting[operand.0 as usize];
-                if home.is_some() && home != schedule.window_of[value.0 as usize] && place.is_none() {
-                    *place = Some(lasting);
-                    lasting += 1;
-                }
-            }
-        }
-        let sums = self.by_window(sums);
-        let entries = self.by_window(entries);
-        for (index, window) in schedule.windows.iter().enumerate() {
-            let runs = self.program.runs.len();
-            let exports = self.program.exports.len();
-            self.write_runs(window, lasting);
-            for value in window {
-                if let Some(to) = self.lasting[value.0 as usize] {
-                    self.program.exports.push((self.passing[value.0 as usize], to));
-                }
-            }
-            let first = (self.program.sums.len(), self.program.entries.len());
-            for &(place, value) in &sums[index] {
-                let register = self.output(value);
-                self.program.sums.push((register, place));
-            }
-            for &(place, value) in &entries[index] {
-                let register = self.output(value);
-                self.program.entries.push((register, place));
-            }
-            self.program.windows.push(Window {
-                runs: runs..self.program.runs.len(),
-                exports: exports..self.program.exports.len(),
-                sums: first.0..self.program.sums.len(),
-                entries: first.1..self.program.entries.len(),
-            });
-        }
-        for run in &mut self.program.runs {
-            run.row = Row::of(run, &self.program.operands);
-        }
-        let longest = schedule.windows.iter().map(Vec::len).max().unwrap_or(0);
-        self.program.registers = lasting as usize + longest + (STRIDE - 1);
-        self.program.singles = self.singles().unwrap_or_default();
-        self.program.wave = self.program.wave();
-        self.program
-    }
-
-    /// The operations one by one, where a run has fewer than [`SHORT`] of them in the mean.
-    fn singles(&self) -> Option<Vec<Single>> {
-        let runs = &self.program.runs;
-        let operations: usize = runs.iter().map(|run| run.count).sum();
-        let few = self.program.windows.len() == 1 && self.program.registers <= SMALL + (STRIDE - 1);
-        if !few || operations >= SHORT * runs.len() {
-            return None;
-        }
-        let singles: Option<Vec<_>> = runs.iter().map(|run| run.singles(&self.program.operands)).collect();
-        singles.map(|singles| self.join_products(singles.concat()))
-    }
-
-    /// Makes one operation of a function, or of a sine with its cosine, and the products with constants for
-    /// which alone it is computed.
-    fn join_products(&self, mut singles: Vec<Single>) -> Vec<Single> {
-        let Program { constants, sums, entries, .. } = &self.program;
-        let is_output =
-            |register: u8| sums.iter().chain(entries).any(|&(output, _)| output == u32::from(register));
-        // The product that alone reads a register, as its target and the register of its constant.
-        let product = |singles: &[Single], register: u8| {
-            let mut readers = singles.iter().filter(|single| single.reads(register));
-            let (reader, none) = (readers.next()?, readers.next());
-            let constant = if reader.x == register { reader.y } else { reader.x };
-            let is_product = matches!(reader.kind, Kind::Multiply) && usize::from(constant) < constants.len();
-            (is_product && none.is_none() && !is_output(register)).then_some((reader.target, constant))
-        };
-        let mut index = 0;
-        while let Some(&Single { kind, target, other, .. }) = singles.get(index) {
-            let joined = match (kind, product(&singles, target), product(&singles, target.wrapping_add(1))) {
-                (Kind::Sine, Some((target, y)), _) => Some((Kind::SineBy, target, 1, y, y)),
-                (Kind::Other, Some((target, y)), _) if matches!(other, Operation::Call(_)) => {
-                    Some((Kind::OtherBy, target, 1, y, y))
-                }
-                (Kind::SineAndCosine, Some((target, y)), Some((next, z)))
-                    if next == target.wrapping_add(1) =>
-                {
-                    Some((Kind::SineAndCosineBy, target, 2, y, z))
-                }
-                _ => None,
-            };
-            if let Some((kind, target, count, y, z)) = joined {
-                let products = target..=target.wrapping_add(count - 1);
-                singles[index] = Single { kind, target, y, z, ..singles[index] };
-                let mut place = 0;
-                singles.retain(|single| {
-                    place += 1;
-                    place <= index + 1 || !products.contains(&single.target)
-                });
-            }
-            index += 1;
-        }
-        singles
-    }
-
-    /// The register behind the constants, the time and the coordinates.
-    fn inputs_end(&self) -> u32 {
-        let count = self.program.constants.len() + 2 + self.program.coordinates;
-        u32::try_from(count).expect("fewer registers than 2³²")
-    }
-
-    /// Registers for the constants that occur, then for the time and the variables.
-    fn place_constants(&mut self, sums: &[(u32, Value)], entries: &[(u32, Value)]) {
-        let graph = self.graph;
-        let computed = self.schedule.windows.iter().flatten().flat_map(|&value| operands(graph, value));
-        let outputs = sums.iter().chain(entries).map(|&(_, value)| value);
-        let used: Vec<Value> = computed.chain(outputs).collect();
-        for &value in &used {
-            if let Some(number) = graph.number(value)
-                && self.lasting[value.0 as usize].is_none()
-            {
-                let place = u32::try_from(self.program.constants.len()).expect("fewer constants than values");
-                self.lasting[value.0 as usize] = Some(place);
-                self.program.constants.push(T::of(number));
-            }
-        }
-        let time = u32::try_from(self.program.constants.len()).expect("fewer constants than values");
-        for &value in &used {
-            let place = match graph.origin(value) {
-                Origin::Time => time,
-                Origin::SidedTime => time + 1,
-                Origin::Variable(index) => time + 2 + index,
-                Origin::Constant(_) | Origin::Computed(..) => continue,
-            };
-            self.lasting[value.0 as usize] = Some(place);
-        }
-    }
-
-    /// The outputs by the window in which they are computed; those that are inputs with the first.
-    fn by_window(&self, outputs: &[(u32, Value)]) -> Vec<Vec<(u32, Value)>> {
-        let mut sorted = vec![Vec::new(); self.schedule.windows.len()];
-        for &(place, value) in outputs {
-            sorted[self.schedule.window_of[value.0 as usize].unwrap_or(0) as usize].push((place, value));
-        }
-        sorted
-    }
-
-    /// Where an output lies at the end of its window.
-    fn output(&self, value: Value) -> u32 {
-        match self.schedule.window_of[value.0 as usize] {
-            Some(_) => self.passing[value.0 as usize],
-            None => self.lasting[value.0 as usize].unwrap_or(0),
-        }
-    }
-
-    fn write_runs(&mut self, window: &[Value], first: u32) {
-        let home = window.first().and_then(|value| self.schedule.window_of[value.0 as usize]);
-        let first_run = self.program.runs.len();
-        let mut target = first;
-        let mut constant_of_run = None;
-        for &value in window {
-            let Origin::Computed(operation, mut all) = self.graph.origin(value) else { continue };
-            let constant = self.schedule.constant_of[value.0 as usize];
-            if let (Some(_), Some((constant, other))) = (constant, constant_and_other(self.graph, value)) {
-                (all[0], all[1]) = (other, constant);
-            }
-            let goes_on = std::mem::replace(&mut constant_of_run, constant) == constant;
-            let start = self.program.operands.len();
-            let mut latest = 0;
-            for operand in &all[..operation.arity()] {
-                let index = operand.0 as usize;
-                let register = if home.is_some() && self.schedule.window_of[index] == home {
-                    self.passing[index]
-                } else {
-                    self.lasting[index].unwrap_or(0)
-                };
-                latest = latest.max(register);
-                self.program.operands.push(register);
-            }
-            // One more of the run, unless it reads what the run writes.
-            match self.program.runs[first_run..].last_mut() {
-                Some(run)
-                    if run.work == Work::One(operation) && goes_on && (latest as usize) < run.target =>
-                {
-                    run.count += 1
-                }
-                // The next term of a sum: it adds to what was computed last.
-                Some(run)
-                    if operation == Operation::Add
-                        && self.program.operands[start] + 1 == target
-                        && (run.work == Work::RunningSum
-                            || run.work == Work::One(Operation::Add) && run.count == 1) =>
-                {
-                    run.work = Work::RunningSum;
-                    run.count += 1;
-                }
-                _ => self.program.runs.push(Run {
-                    work: Work::One(operation),
-                    target: target as usize,
-                    count: 1,
-                    operands: start,
-                    row: None,
-                }),
-            }
-            self.passing[value.0 as usize] = target;
-            target += 1;
-        }
-        self.join_sines_and_cosines(first_run);
-    }
-
-    /// Makes one run of two where the cosines of the same numbers follow sines.
-    fn join_sines_and_cosines(&mut self, first_run: usize) {
-        let operands = &self.program.operands;
-        let read = |run: &Run| &operands[run.operands..run.operands + run.count];
-        let runs = self.program.runs.split_off(first_run);
-        for run in runs {
-            match self.program.runs[first_run..].last_mut() {
-                Some(last)
-                    if last.work == Work::One(Operation::Call(Function::Sin))
-                        && run.work == Work::One(Operation::Call(Function::Cos))
-                        && read(last) == read(&run) =>
-                {
-                    last.work = Work::SineAndCosine;
-                }
-                _ => self.program.runs.push(run),
-            }
-        }
     }
 }

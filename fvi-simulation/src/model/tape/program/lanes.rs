@@ -2,7 +2,7 @@
 //!
 //! What the interpreter decides for an operation serves all of them.
 
-use super::{Program, Run, Work};
+use super::{Plan, Program, Run, Work};
 use crate::language::expression::{Elementary, Function};
 use crate::model::tape::operation::{Operation, scale};
 
@@ -34,22 +34,24 @@ impl<T: Elementary> Program<T> {
     ) -> Lanes<T> {
         let registers = &mut registers.0;
         if registers.is_empty() {
-            registers.resize(self.registers, [T::zero(); LANES]);
+            registers.resize(self.plan.registers, [T::zero(); LANES]);
             for (register, &constant) in registers.iter_mut().zip(&self.constants) {
                 *register = [constant; LANES];
             }
         }
-        let variables = self.constants.len() + 2;
-        place(&mut registers[variables..variables + self.coordinates]);
+        let variables = self.plan.first_variable();
+        place(&mut registers[variables..variables + self.plan.coordinates]);
         #[cfg(target_arch = "x86_64")]
         if let Some(wide) = pulp::x86::V3::try_new() {
-            return wide.vectorize(Execute { program: self, registers });
+            return wide.vectorize(Execute { plan: &self.plan, registers });
         }
-        self.execute_along(registers)
+        self.plan.execute_along(registers)
     }
+}
 
+impl Plan {
     #[inline(always)]
-    fn execute_along(&self, registers: &mut [Lanes<T>]) -> Lanes<T> {
+    fn execute_along<T: Elementary>(&self, registers: &mut [Lanes<T>]) -> Lanes<T> {
         let mut sum = [T::zero(); LANES];
         for window in &self.windows {
             for run in &self.runs[window.runs.clone()] {
@@ -66,10 +68,10 @@ impl<T: Elementary> Program<T> {
     }
 }
 
-/// The program on registers that are prepared, for the vectors of the unit that calls it.
+/// A plan on registers that are prepared, for the vectors of the unit that calls it.
 #[cfg(target_arch = "x86_64")]
 struct Execute<'a, T> {
-    program: &'a Program<T>,
+    plan: &'a Plan,
     registers: &'a mut [Lanes<T>],
 }
 
@@ -79,7 +81,7 @@ impl<T: Elementary> pulp::NullaryFnOnce for Execute<'_, T> {
 
     #[inline(always)]
     fn call(self) -> Lanes<T> {
-        self.program.execute_along(self.registers)
+        self.plan.execute_along(self.registers)
     }
 }
 
