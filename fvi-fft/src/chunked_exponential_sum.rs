@@ -166,7 +166,7 @@ impl<T: Scalar, const S: usize> ChunkedExponentialSum<T, S> {
 
     /// Numbers of the state.
     fn numbers(&self) -> usize {
-        self.coordinates.iter().map(|coordinate| coordinate.rows().count() * CHUNK).sum()
+        self.coordinates.iter().map(|coordinate| coordinate.rows() * CHUNK).sum()
     }
 
     #[inline]
@@ -395,16 +395,31 @@ impl<T: Scalar, const S: usize> Coordinate<T, S> {
         }
     }
 
-    /// All rows of the state.
-    fn rows(&self) -> impl Iterator<Item = &Row<T>> {
-        let chunks = [&self.terms, &self.next, &self.samples].into_iter().chain(&self.past);
-        chunks.flatten().chain(self.sums.iter().flat_map(|sum| [&sum.whole, &sum.rest]))
+    /// Number of rows of the state.
+    fn rows(&self) -> usize {
+        (3 + self.past.len()) * S + 2 * self.sums.len()
     }
 
-    /// All rows of the state, to be written.
-    fn rows_mut(&mut self) -> impl Iterator<Item = &mut Row<T>> {
-        let chunks = [&mut self.terms, &mut self.next, &mut self.samples].into_iter().chain(&mut self.past);
-        chunks.flatten().chain(self.sums.iter_mut().flat_map(|sum| [&mut sum.whole, &mut sum.rest]))
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        for chunk in [&self.terms, &self.next, &self.samples].into_iter().chain(&self.past) {
+            chunk.iter().try_for_each(|row| to.numbers(&row.0))?;
+        }
+        for sum in &self.sums {
+            to.numbers(&sum.whole.0)?;
+            to.numbers(&sum.rest.0)?;
+        }
+        Ok(())
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        for chunk in [&mut self.terms, &mut self.next, &mut self.samples].into_iter().chain(&mut self.past) {
+            chunk.iter_mut().try_for_each(|row| from.numbers(&mut row.0))?;
+        }
+        for sum in &mut self.sums {
+            from.numbers(&mut sum.whole.0)?;
+            from.numbers(&mut sum.rest.0)?;
+        }
+        Ok(())
     }
 
     /// One piece of the far work of a chunk: first each chunk but the oldest, directly; then the blocks. A
@@ -529,7 +544,7 @@ impl<T: Scalar, const S: usize> Memory<T> for ChunkedExponentialSum<T, S> {
     fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
         to.header::<T, 3>(TAG, &self.shape())?;
         to.count(self.len as u64)?;
-        self.coordinates.iter().flat_map(Coordinate::rows).try_for_each(|row| to.numbers(&row.0))
+        self.coordinates.iter().try_for_each(|coordinate| coordinate.save(to))
     }
 
     fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
@@ -542,8 +557,7 @@ impl<T: Scalar, const S: usize> Memory<T> for ChunkedExponentialSum<T, S> {
         self.len = self.count(from)?;
         let place = self.len % CHUNK;
         self.done = if place == 0 { 0 } else { self.due[place - 1] };
-        let mut rows = self.coordinates.iter_mut().flat_map(Coordinate::rows_mut);
-        rows.try_for_each(|row| from.numbers(&mut row.0))
+        self.coordinates.iter_mut().try_for_each(|coordinate| coordinate.restore(from))
     }
 }
 
