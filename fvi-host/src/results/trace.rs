@@ -2,7 +2,7 @@
 //! checkpoints.
 
 use super::levels::{Level, Levels, has_level, moved};
-use crate::numerics::column::{extremes, is_finite};
+use crate::numerics::column::{extremes, first_place, is_finite};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
@@ -49,12 +49,15 @@ impl Open {
     /// Takes points, at least one.
     fn take_all(&mut self, times: &[f64], values: &[f64]) {
         let (low, high) = extremes(values);
-        let first = |wanted: f64| times.iter().zip(values).find(|&(_, &value)| value == wanted);
+        let first = |wanted: f64| {
+            let index = first_place(values, wanted)?;
+            times.get(index).copied().zip(values.get(index).copied())
+        };
         if low < self.lowest.1 {
-            self.lowest = first(low).map_or(self.lowest, |(&time, &value)| (time, value));
+            self.lowest = first(low).unwrap_or(self.lowest);
         }
         if high > self.highest.1 {
-            self.highest = first(high).map_or(self.highest, |(&time, &value)| (time, value));
+            self.highest = first(high).unwrap_or(self.highest);
         }
         if let (Some(&time), Some(&value)) = (times.last(), values.last()) {
             self.last = (time, value);

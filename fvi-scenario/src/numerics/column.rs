@@ -1,21 +1,23 @@
 //! Looks along a column of numbers, several of them at a time.
 
+use pulp::NullaryFnOnce;
+
 /// Numbers that are looked at side by side.
 const LANES: usize = 8;
 
 /// Numbers from which on it is worth asking for a vector unit.
 const MANY: usize = 16;
 
-/// Looks with the vectors of the processor where there are many numbers; the bits are the same.
+/// Looks along so many numbers with the vectors of the processor, where they are many; the bits are the same.
 #[inline(always)]
-fn along<R>(numbers: &[f64], look: impl Fn(&[f64]) -> R) -> R {
+fn along<L: NullaryFnOnce>(count: usize, look: L) -> L::Output {
     #[cfg(target_arch = "x86_64")]
-    if numbers.len() >= MANY
+    if count >= MANY
         && let Some(wide) = pulp::x86::V3::try_new()
     {
-        return wide.vectorize(|| look(numbers));
+        return wide.vectorize(look);
     }
-    look(numbers)
+    look.call()
 }
 
 /// Joins the numbers of a column to `start`, in no particular order.
@@ -25,7 +27,7 @@ fn fold(numbers: &[f64], start: f64, join: impl Fn(f64, f64) -> f64) -> f64 {
     if numbers.len() < LANES {
         return numbers.iter().fold(start, |joined, &number| join(joined, number));
     }
-    along(numbers, |numbers| fold_in_lanes(numbers, start, &join))
+    along(numbers.len(), || fold_in_lanes(numbers, start, &join))
 }
 
 #[inline(always)]
@@ -60,19 +62,26 @@ fn higher(high: f64, number: f64) -> f64 {
 
 /// The [`lowest`] number and the [`highest`].
 pub fn extremes(numbers: &[f64]) -> (f64, f64) {
-    along(numbers, extremes_in_lanes)
+    along(numbers.len(), Extremes(numbers))
 }
 
-#[inline(always)]
-fn extremes_in_lanes(numbers: &[f64]) -> (f64, f64) {
-    let (rows, rest) = numbers.as_chunks::<LANES>();
-    let (mut lows, mut highs) = ([f64::INFINITY; LANES], [f64::NEG_INFINITY; LANES]);
-    for row in rows {
-        lows = core::array::from_fn(|lane| lower(lows[lane], row[lane]));
-        highs = core::array::from_fn(|lane| higher(highs[lane], row[lane]));
+/// Closures of this size are calls, which have the vectors of every processor.
+struct Extremes<'a>(&'a [f64]);
+
+impl NullaryFnOnce for Extremes<'_> {
+    type Output = (f64, f64);
+
+    #[inline(always)]
+    fn call(self) -> (f64, f64) {
+        let (rows, rest) = self.0.as_chunks::<LANES>();
+        let (mut lows, mut highs) = ([f64::INFINITY; LANES], [f64::NEG_INFINITY; LANES]);
+        for row in rows {
+            lows = core::array::from_fn(|lane| lower(lows[lane], row[lane]));
+            highs = core::array::from_fn(|lane| higher(highs[lane], row[lane]));
+        }
+        let ends = (joined(lows, lower), joined(highs, higher));
+        rest.iter().fold(ends, |(low, high), &number| (lower(low, number), higher(high, number)))
     }
-    let ends = (joined(lows, lower), joined(highs, higher));
-    rest.iter().fold(ends, |(low, high), &number| (lower(low, number), higher(high, number)))
 }
 
 /// The lowest number, infinity if there is none. What is not a number is passed over.
@@ -88,6 +97,17 @@ pub fn highest(numbers: &[f64]) -> f64 {
 /// The largest absolute value, zero if there is none. What is not a number is passed over.
 pub fn largest(numbers: &[f64]) -> f64 {
     fold(numbers, 0.0, |largest, number| if number.abs() > largest { number.abs() } else { largest })
+}
+
+/// Where a number stands first.
+pub fn first_place(numbers: &[f64], wanted: f64) -> Option<usize> {
+    let row = along(numbers.len(), || {
+        let mut rows = numbers.as_chunks::<LANES>().0.iter();
+        rows.position(|row| row.iter().fold(false, |found, &number| found | (number == wanted)))
+    });
+    let start = row.unwrap_or(numbers.len() / LANES) * LANES;
+    let within = numbers.get(start..)?.iter().position(|&number| number == wanted)?;
+    Some(start + within)
 }
 
 /// Whether all numbers are finite.
@@ -114,6 +134,12 @@ mod tests {
                 assert_eq!(largest(&column(-3.0)), 3.0, "{place} of {count}");
                 assert_eq!(extremes(&column(-2.5)).0, -2.5, "{place} of {count}");
                 assert_eq!(extremes(&column(0.5)).1, 0.5, "{place} of {count}");
+                assert_eq!(first_place(&column(0.5), 0.5), Some(place), "of {count}");
+                assert_eq!(
+                    first_place(&column(0.5), -1.0),
+                    [0, 1].into_iter().find(|&p| p != place && p < count)
+                );
+                assert_eq!(first_place(&column(0.5), 2.0), None);
                 assert!(is_finite(&column(f64::MAX)));
                 for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
                     assert!(!is_finite(&column(bad)), "{bad} at {place} of {count}");
