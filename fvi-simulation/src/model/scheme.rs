@@ -163,6 +163,53 @@ impl<T: Real> AnyScheme<T> {
         })
     }
 
+    /// A step of any scheme and any system.
+    // Out of line: with all of this beside them, the steps of a line would have fewer registers.
+    #[inline(never)]
+    fn step_in_general<G: Mechanics<T, AnySpace>, D: Damping<T, AnySpace>>(
+        &self,
+        room: &mut Room<T>,
+        mechanics: &mut G,
+        damping: &mut D,
+        step: &Step<'_, T>,
+        state: &mut State<Vec<T>>,
+    ) -> Result<u32, StepError> {
+        let (behind, pull) = room.carried.split_at_mut(room.behind);
+        let mut work = Workspace::<T, AnySpace, _> {
+            increments: &mut room.increments,
+            residual: &mut room.residual,
+            stages: &mut room.stages,
+            forces: &mut room.forces,
+            known: &mut room.known,
+            scratch: &mut room.scratch,
+            behind,
+            pull,
+            excess: &mut room.excess,
+            point: &mut room.point,
+            stiffness: &mut room.stiffness,
+            matrix: &mut room.matrix,
+            kept: &mut room.kept,
+        };
+        match (self.form, self.of_one_point()) {
+            (Form::MainNodes, Some(lagrangian)) => {
+                lagrangian.step_damped_at_main_nodes(&mut work, mechanics, damping, step, state)
+            }
+            (Form::EndOfStep | Form::Nodes, Some(lagrangian)) => {
+                lagrangian.step_damped_at_nodes(&mut work, mechanics, damping, step, state)
+            }
+            (Form::MainNodes, None) => {
+                self.view().step_damped_at_main_nodes(&mut work, mechanics, damping, step, state)
+            }
+            (Form::EndOfStep | Form::Nodes, None) => {
+                self.view().step_damped_at_nodes(&mut work, mechanics, damping, step, state)
+            }
+            (Form::Collocation, _) => {
+                let Self { square, weights, nodes, .. } = self;
+                CollocationTables { square, weights, nodes }.step(&mut work, mechanics, damping, step, state)
+            }
+        }
+    }
+
     /// Where a variational scheme of one point is damped; `None` for the other schemes.
     pub(super) fn one_point_form(&self) -> Option<DampedAt> {
         match self.form {
@@ -285,40 +332,7 @@ impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
         if let Some(line) = Line::of(self, room, mechanics, step) {
             return line.step(room, mechanics, damping, step, state);
         }
-        let (behind, pull) = room.carried.split_at_mut(room.behind);
-        let mut work = Workspace::<T, AnySpace, _> {
-            increments: &mut room.increments,
-            residual: &mut room.residual,
-            stages: &mut room.stages,
-            forces: &mut room.forces,
-            known: &mut room.known,
-            scratch: &mut room.scratch,
-            behind,
-            pull,
-            excess: &mut room.excess,
-            point: &mut room.point,
-            stiffness: &mut room.stiffness,
-            matrix: &mut room.matrix,
-            kept: &mut room.kept,
-        };
-        match (self.form, self.of_one_point()) {
-            (Form::MainNodes, Some(lagrangian)) => {
-                lagrangian.step_damped_at_main_nodes(&mut work, mechanics, damping, step, state)
-            }
-            (Form::EndOfStep | Form::Nodes, Some(lagrangian)) => {
-                lagrangian.step_damped_at_nodes(&mut work, mechanics, damping, step, state)
-            }
-            (Form::MainNodes, None) => {
-                self.view().step_damped_at_main_nodes(&mut work, mechanics, damping, step, state)
-            }
-            (Form::EndOfStep | Form::Nodes, None) => {
-                self.view().step_damped_at_nodes(&mut work, mechanics, damping, step, state)
-            }
-            (Form::Collocation, _) => {
-                let Self { square, weights, nodes, .. } = self;
-                CollocationTables { square, weights, nodes }.step(&mut work, mechanics, damping, step, state)
-            }
-        }
+        self.step_in_general(room, mechanics, damping, step, state)
     }
 }
 
