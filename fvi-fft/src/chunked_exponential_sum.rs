@@ -654,6 +654,19 @@ mod tests {
     }
 
     #[test]
+    fn a_state_has_the_bytes_that_it_says() {
+        for blocks in [1, 3] {
+            let exponentials = [0.5, 0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0].repeat(blocks);
+            let table = ExponentialTable { exponentials: exponentials.as_slice(), ..halves() };
+            let memory = ChunkedExponentialSum::<f64, 1>::new(&table, 2).unwrap();
+            let mut bytes = vec![0; memory.state_bytes()];
+            let mut to = StateWriter::new(&mut bytes);
+            memory.save(&mut to).unwrap();
+            assert_eq!(to.written(), memory.state_bytes(), "{blocks}");
+        }
+    }
+
+    #[test]
     fn bytes_are_those_of_the_object_and_of_every_number() {
         let table = ExponentialTable { head: &[1.0; 20][..], ..halves() };
         let memory = ChunkedExponentialSum::<f64, 1>::new(&table, 3).unwrap();
