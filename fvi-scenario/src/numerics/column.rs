@@ -65,7 +65,8 @@ pub fn extremes(numbers: &[f64]) -> (f64, f64) {
     along(numbers.len(), Extremes(numbers))
 }
 
-/// Closures of this size are calls, which have the vectors of every processor.
+/// The look for [`extremes`]. A closure of its size would be a call, compiled for the vectors that every
+/// processor has.
 struct Extremes<'a>(&'a [f64]);
 
 impl NullaryFnOnce for Extremes<'_> {
