@@ -3,7 +3,7 @@
 use crate::Pattern;
 use crate::analysis::Analysis;
 use crate::blocks::Blocks;
-use crate::kernels::subtract_product;
+use crate::kernels::Products;
 use core::fmt;
 use pulp::{Arch, Simd, WithSimd};
 
@@ -102,7 +102,7 @@ fn eliminate(blocks: &Blocks, pattern: &Pattern, values: &[f64], numbers: &mut [
     let mut come = vec![0; blocks.count()];
     // Where the rows of the block under way lie in it.
     let mut local = vec![0_u32; blocks.order.len()];
-    let mut product = Vec::new();
+    let (mut product, mut products) = (Vec::new(), Products::default());
     for block in 0..blocks.count() {
         let (columns, rows) = (blocks.columns(block), blocks.rows(block));
         let (width, height) = (columns.len(), columns.len() + rows.len());
@@ -131,7 +131,7 @@ fn eliminate(blocks: &Blocks, pattern: &Pattern, values: &[f64], numbers: &mut [
             let from = &before[blocks.numbers(earlier)][depth + start..];
             product.clear();
             product.resize(owed * count, 0.0);
-            subtract_product(&mut product, owed, (owed, count, depth), (from, from), step);
+            products.subtract(&mut product, owed, (owed, count, depth), (from, from), step);
             for (column, product) in product.chunks_exact(owed).enumerate() {
                 let place = local[below[start + column] as usize] as usize;
                 let target = &mut own[place * height..][..height];
@@ -145,7 +145,7 @@ fn eliminate(blocks: &Blocks, pattern: &Pattern, values: &[f64], numbers: &mut [
                 next[earlier] = std::mem::replace(&mut waiting[later], earlier as u32);
             }
         }
-        factor_block(own, width, height).map_err(|pivot| columns.start + pivot)?;
+        factor_block(own, width, height, &mut products).map_err(|pivot| columns.start + pivot)?;
         if let Some(&row) = rows.first() {
             let later = blocks.block_of[row as usize] as usize;
             next[block] = std::mem::replace(&mut waiting[later], block as u32);
@@ -156,14 +156,14 @@ fn eliminate(blocks: &Blocks, pattern: &Pattern, values: &[f64], numbers: &mut [
 
 /// Factors the lower trapezoid of a block of `width` columns and `height` rows in place.
 #[inline(always)]
-fn factor_block(own: &mut [f64], width: usize, height: usize) -> Result<(), usize> {
+fn factor_block(own: &mut [f64], width: usize, height: usize, products: &mut Products) -> Result<(), usize> {
     let mut first = 0;
     while first < width {
         let end = (first + PANEL).min(width);
         let (done, panel) = own.split_at_mut(first * height);
         if first > 0 {
             let shape = (height - first, end - first, first);
-            subtract_product(&mut panel[first..], height, shape, (&done[first..], &done[first..]), height);
+            products.subtract(&mut panel[first..], height, shape, (&done[first..], &done[first..]), height);
         }
         for column in first..end {
             let (own, right) = panel[(column - first) * height..].split_at_mut(height);

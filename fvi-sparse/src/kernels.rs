@@ -5,72 +5,84 @@
 
 use pulp::Simd;
 
-/// C ← C − A Bᵀ, column by column: C with `rows` rows of which neighbouring columns are `c_step` apart, one
-/// for each of the first `columns` rows of B; A and B with `depth` columns, `step` apart.
-#[inline(always)]
-pub(crate) fn subtract_product(
-    c: &mut [f64],
-    c_step: usize,
-    (rows, columns, depth): (usize, usize, usize),
-    (a, b): (&[f64], &[f64]),
-    step: usize,
-) {
-    let mut column = 0;
-    while column + 4 <= columns {
-        strip::<4>(&mut c[column * c_step..], c_step, (rows, depth), (a, &b[column..]), step);
-        column += 4;
-    }
-    while column < columns {
-        strip::<1>(&mut c[column * c_step..], c_step, (rows, depth), (a, &b[column..]), step);
-        column += 1;
+/// Rows and columns of a product that are found together: as many sums as there are registers for.
+const TILE: (usize, usize) = (8, 4);
+
+/// Rows of A that stay in the cache for all rows of B.
+const ROWS: usize = 64;
+
+/// Room for products of blocks: their numbers in the order in which they are needed.
+#[derive(Default)]
+pub(crate) struct Products {
+    a: Vec<[f64; TILE.0]>,
+    b: Vec<[f64; TILE.1]>,
+}
+
+impl Products {
+    /// C ← C − A Bᵀ: C with `rows` rows of which neighbouring columns are `c_step` apart, one for each of the
+    /// first `columns` rows of B; A and B with `depth` columns, `step` apart.
+    #[inline(always)]
+    pub(crate) fn subtract(
+        &mut self,
+        c: &mut [f64],
+        c_step: usize,
+        (rows, columns, depth): (usize, usize, usize),
+        (a, b): (&[f64], &[f64]),
+        step: usize,
+    ) {
+        if rows == 0 || columns == 0 || depth == 0 {
+            return;
+        }
+        pack(&mut self.b, b, (columns, depth), step);
+        for first in (0..rows).step_by(ROWS) {
+            let count = (rows - first).min(ROWS);
+            pack(&mut self.a, &a[first..], (count, depth), step);
+            for (b, column) in self.b.chunks_exact(depth).zip((0..columns).step_by(TILE.1)) {
+                for (a, row) in self.a.chunks_exact(depth).zip((0..count).step_by(TILE.0)) {
+                    let sums = tile(a, b);
+                    let height = (count - row).min(TILE.0);
+                    for (sums, column) in sums.iter().zip(column..columns) {
+                        let c = &mut c[column * c_step + first + row..][..height];
+                        c.iter_mut().zip(sums).for_each(|(c, &sum)| *c -= sum);
+                    }
+                }
+            }
+        }
     }
 }
 
-/// The same for W columns.
+/// Writes strips of W rows one behind the other, each column by column; rows that are not there are zero.
 #[inline(always)]
-fn strip<const W: usize>(
-    c: &mut [f64],
-    c_step: usize,
+fn pack<const W: usize>(
+    packed: &mut Vec<[f64; W]>,
+    from: &[f64],
     (rows, depth): (usize, usize),
-    (a, b): (&[f64], &[f64]),
     step: usize,
 ) {
-    let mut row = 0;
-    while row + 8 <= rows {
-        tile::<8, W>(&mut c[row..], c_step, depth, (&a[row..], b), step);
-        row += 8;
-    }
-    while row < rows {
-        tile::<1, W>(&mut c[row..], c_step, depth, (&a[row..], b), step);
-        row += 1;
+    packed.clear();
+    packed.resize(rows.div_ceil(W) * depth, [0.0; W]);
+    for (index, column) in from.chunks(step.max(1)).take(depth).enumerate() {
+        let (whole, rest) = column[..rows].as_chunks::<W>();
+        let mut places = packed.iter_mut().skip(index).step_by(depth);
+        places.by_ref().zip(whole).for_each(|(place, numbers)| *place = *numbers);
+        if let Some(place) = places.next() {
+            place[..rest.len()].copy_from_slice(rest);
+        }
     }
 }
 
-/// The same for H rows and W columns.
+/// The product of two strips.
 #[inline(always)]
-fn tile<const H: usize, const W: usize>(
-    c: &mut [f64],
-    c_step: usize,
-    depth: usize,
-    (a, b): (&[f64], &[f64]),
-    step: usize,
-) {
-    let mut sums = [[0.0; H]; W];
-    for (a, b) in a.chunks(step.max(1)).zip(b.chunks(step.max(1))).take(depth) {
-        let (Some(a), Some(b)) = (a.first_chunk::<H>(), b.first_chunk::<W>()) else { return };
+fn tile(a: &[[f64; TILE.0]], b: &[[f64; TILE.1]]) -> [[f64; TILE.0]; TILE.1] {
+    let mut sums = [[0.0; TILE.0]; TILE.1];
+    for (a, b) in a.iter().zip(b) {
         for (sums, &b) in sums.iter_mut().zip(b) {
             for (sum, &a) in sums.iter_mut().zip(a) {
                 *sum += a * b;
             }
         }
     }
-    for (column, sums) in sums.iter().enumerate() {
-        if let Some(c) = c.get_mut(column * c_step..).and_then(|c| c.first_chunk_mut::<H>()) {
-            for (c, &sum) in c.iter_mut().zip(sums) {
-                *c -= sum;
-            }
-        }
-    }
+    sums
 }
 
 /// Whether W numbers fill vectors of the machine: they are then computed with side by side.
@@ -116,19 +128,25 @@ pub(crate) fn subtract_columns<S: Simd, const W: usize>(
     }
 }
 
-/// The products lᵀy of four columns with W vectors, in eight partial sums each.
+/// The products lᵀy of C columns, a multiple of two, with W vectors, in eight partial sums each.
 #[inline(always)]
-pub(crate) fn products<S: Simd, const W: usize>(unit: S, l: [&[f64]; 4], y: &[[f64; W]]) -> [[f64; W]; 4] {
-    let [a, b, c, d] = l;
+pub(crate) fn products<S: Simd, const C: usize, const W: usize>(
+    unit: S,
+    l: [&[f64]; C],
+    y: &[[f64; W]],
+) -> [[f64; W]; C] {
     if W == 1 {
-        return some_products(unit, [a, b, c, d], y);
+        return some_products(unit, l, y);
     }
     // As many sums as there are registers.
-    let ([a, b], [c, d]) = (some_products(unit, [a, b], y), some_products(unit, [c, d], y));
-    [a, b, c, d]
+    let mut products = [[0.0; W]; C];
+    for (products, l) in products.as_chunks_mut::<2>().0.iter_mut().zip(l.as_chunks::<2>().0) {
+        *products = some_products(unit, *l, y);
+    }
+    products
 }
 
-/// The same for C columns.
+/// The same, all columns at once.
 #[inline(always)]
 fn some_products<S: Simd, const C: usize, const W: usize>(
     unit: S,

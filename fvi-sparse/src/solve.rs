@@ -5,13 +5,17 @@ use crate::blocks::{Blocks, Subtree};
 use crate::kernels::{products, subtract_columns};
 use core::ops::Range;
 use fvi_threads::share;
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Arch, NullaryFnOnce, Simd, WithSimd};
 
 /// Numbers of a factor, times right-hand sides, for which another thread is worth while.
 const SHARE: usize = 1 << 20;
 
 /// Right-hand sides that go through the factor together.
 const WIDEST: usize = 8;
+
+/// Numbers of a block below its columns, times right-hand sides, for which another thread is worth while:
+/// those of the trunk follow each other closely.
+const SHARE_BLOCK: usize = 1 << 16;
 
 impl Factor {
     /// Replaces the right-hand side by the solution. Several right-hand sides, one after another, are solved
@@ -55,13 +59,13 @@ impl Factor {
             subtrees.parts.iter().map(|part| Crown::new(blocks, part, &sorted)).collect();
         share(threads, &mut crowns, |crown| {
             let Subtree { blocks: range, columns } = crown.part;
-            let work = Work { blocks, numbers, start: columns.start };
+            let work = Work { blocks, numbers, start: columns.start, threads: 1 };
             unit.dispatch(Forward { work, range: range.clone(), vectors: &mut crown.vectors });
         });
         for crown in &crowns {
             crown.give_up(blocks, &mut sorted);
         }
-        let trunk = Work { blocks, numbers, start: 0 };
+        let trunk = Work { blocks, numbers, start: 0, threads };
         for range in subtrees.trunk(blocks.count()) {
             unit.dispatch(Forward { work: trunk, range, vectors: &mut sorted });
         }
@@ -73,7 +77,7 @@ impl Factor {
         }
         share(threads, &mut crowns, |crown| {
             let Subtree { blocks: range, columns } = crown.part;
-            let work = Work { blocks, numbers, start: columns.start };
+            let work = Work { blocks, numbers, start: columns.start, threads: 1 };
             unit.dispatch(Backward { work, range: range.clone(), vectors: &mut crown.vectors });
         });
         for crown in &crowns {
@@ -135,6 +139,8 @@ struct Work<'a> {
     blocks: &'a Blocks,
     numbers: &'a [f64],
     start: usize,
+    /// That large blocks are divided among; the bits are the same.
+    threads: usize,
 }
 
 /// L y = x, compiled once for every vector unit.
@@ -169,44 +175,39 @@ impl<const W: usize> WithSimd for Backward<'_, W> {
     }
 }
 
-/// Four columns of a block from `first` on, from the row `from` down; those beyond the last are empty of
-/// effect.
-#[inline(always)]
-fn four(numbers: &[f64], height: usize, first: usize, count: usize, from: usize) -> [&[f64]; 4] {
-    core::array::from_fn(|index| {
-        // A column that is not there stands for any other, with the factor zero.
-        let column = first + index.min(count - 1);
-        &numbers[column * height + from..(column + 1) * height]
-    })
-}
+impl<'a> Work<'a> {
+    fn block(&self, block: usize) -> (Range<usize>, &'a [u32], Columns<'a>) {
+        let columns = self.blocks.columns(block);
+        let rows = &self.blocks.subtrees.places[self.blocks.row_places(block)];
+        let (width, height) = (columns.len(), columns.len() + rows.len());
+        let numbers = &self.numbers[self.blocks.numbers(block)];
+        (columns.start - self.start..columns.end - self.start, rows, Columns { numbers, width, height })
+    }
 
-impl Work<'_> {
+    /// Threads for what a block has below its columns.
+    fn threads_for<const W: usize>(&self, columns: &Columns<'_>) -> usize {
+        let work = columns.width * (columns.height - columns.width) * W;
+        (work / SHARE_BLOCK).clamp(1, self.threads)
+    }
+
     /// L y = x in place.
     #[inline(always)]
     fn forward<S: Simd, const W: usize>(&self, unit: S, range: Range<usize>, vectors: &mut [[f64; W]]) {
-        let &Self { blocks, numbers, start } = self;
         let mut below = Vec::new();
         for block in range {
-            let (columns, rows) = (blocks.columns(block), &blocks.subtrees.places[blocks.row_places(block)]);
-            let (width, height) = (columns.len(), columns.len() + rows.len());
-            let numbers = &numbers[blocks.numbers(block)];
+            let (places, rows, columns) = self.block(block);
             below.clear();
             below.resize(rows.len(), [0.0; W]);
-            let top = &mut vectors[columns.start - start..columns.end - start];
-            for first in (0..width).step_by(4) {
-                let group = (width - first).min(4);
-                let end = first + group;
-                let mut x = [[0.0; W]; 4];
-                for (column, x) in (first..end).zip(&mut x) {
-                    let l = &numbers[column * height..][..height];
-                    *x = top[column].map(|number| number / l[column]);
-                    top[column] = *x;
-                    for row in column + 1..end {
-                        top[row].iter_mut().zip(&*x).for_each(|(number, x)| *number -= l[row] * x);
-                    }
+            let top = &mut vectors[places];
+            columns.forward(unit, top);
+            match self.threads_for::<W>(&columns) {
+                1 => columns.subtract(unit, top, 0, &mut below),
+                threads => {
+                    let part = rows.len().div_ceil(PARTS * threads);
+                    share(threads, below.chunks_mut(part).enumerate(), |(index, below)| {
+                        unit.vectorize(Subtract { unit, columns, x: top, first: index * part, below });
+                    });
                 }
-                subtract_columns(unit, &mut top[end..], four(numbers, height, first, group, end), x);
-                subtract_columns(unit, &mut below, four(numbers, height, first, group, width), x);
             }
             for (&row, numbers) in rows.iter().zip(&below) {
                 add(&mut vectors[row as usize], numbers);
@@ -217,32 +218,171 @@ impl Work<'_> {
     /// Lᵀ x = y in place.
     #[inline(always)]
     fn backward<S: Simd, const W: usize>(&self, unit: S, range: Range<usize>, vectors: &mut [[f64; W]]) {
-        let &Self { blocks, numbers, start } = self;
-        let mut below = Vec::new();
+        let (mut below, mut under) = (Vec::new(), Vec::new());
         for block in range.rev() {
-            let (columns, rows) = (blocks.columns(block), &blocks.subtrees.places[blocks.row_places(block)]);
-            let (width, height) = (columns.len(), columns.len() + rows.len());
-            let numbers = &numbers[blocks.numbers(block)];
+            let (places, rows, columns) = self.block(block);
             below.clear();
             below.extend(rows.iter().map(|&row| vectors[row as usize]));
-            let top = &mut vectors[columns.start - start..columns.end - start];
-            for first in (0..width).step_by(4).rev() {
-                let group = (width - first).min(4);
-                let end = first + group;
-                let above = products(unit, four(numbers, height, first, group, end), &top[end..]);
-                let under = products(unit, four(numbers, height, first, group, width), &below);
-                for own in (0..group).rev() {
-                    let column = first + own;
-                    let l = &numbers[column * height..][..height];
-                    for lane in 0..W {
-                        let mut sum = top[column][lane] - above[own][lane] - under[own][lane];
-                        for row in column + 1..end {
-                            sum -= l[row] * top[row][lane];
-                        }
-                        top[column][lane] = sum / l[column];
+            under.clear();
+            under.resize(columns.width, [0.0; W]);
+            match self.threads_for::<W>(&columns) {
+                1 => columns.products(unit, 0, &below, &mut under),
+                threads => {
+                    let part = columns.width.div_ceil(PARTS * threads).next_multiple_of(8);
+                    share(threads, under.chunks_mut(part).enumerate(), |(index, under)| {
+                        unit.vectorize(Products { unit, columns, first: index * part, below: &below, under });
+                    });
+                }
+            }
+            columns.backward(unit, &mut vectors[places], &under);
+        }
+    }
+}
+
+/// Parts of a block for each thread: one that is held up leaves some to the others.
+const PARTS: usize = 2;
+
+/// The columns of a block, of so many rows, the first of which are its own.
+#[derive(Clone, Copy)]
+struct Columns<'a> {
+    numbers: &'a [f64],
+    width: usize,
+    height: usize,
+}
+
+impl<'a> Columns<'a> {
+    /// C columns from `first` on, in these rows; those beyond the last of `count` stand for any other.
+    #[inline(always)]
+    fn some<const C: usize>(&self, first: usize, count: usize, rows: Range<usize>) -> [&'a [f64]; C] {
+        core::array::from_fn(|index| {
+            let column = (first + index.min(count - 1)) * self.height;
+            &self.numbers[column + rows.start..column + rows.end]
+        })
+    }
+
+    /// Solves for the block's own rows with its lower triangle.
+    #[inline(always)]
+    fn forward<S: Simd, const W: usize>(&self, unit: S, top: &mut [[f64; W]]) {
+        for first in (0..self.width).step_by(4) {
+            let group = (self.width - first).min(4);
+            let end = first + group;
+            for column in first..end {
+                let l = &self.numbers[column * self.height..][..self.height];
+                let x = top[column].map(|number| number / l[column]);
+                top[column] = x;
+                for row in column + 1..end {
+                    top[row].iter_mut().zip(x).for_each(|(number, x)| *number -= l[row] * x);
+                }
+            }
+            let x = four(top, first..end);
+            subtract_columns(unit, &mut top[end..], self.some(first, group, end..self.width), x);
+        }
+    }
+
+    /// Takes what the columns have in the rows from number `first` below them off these, with the solution x.
+    #[inline(always)]
+    fn subtract<S: Simd, const W: usize>(
+        &self,
+        unit: S,
+        x: &[[f64; W]],
+        first: usize,
+        below: &mut [[f64; W]],
+    ) {
+        let rows = self.width + first..self.width + first + below.len();
+        for first in (0..self.width).step_by(4) {
+            let group = (self.width - first).min(4);
+            let columns = self.some(first, group, rows.clone());
+            subtract_columns(unit, below, columns, four(x, first..first + group));
+        }
+    }
+
+    /// The products of columns from `first` on with what is below them.
+    #[inline(always)]
+    fn products<S: Simd, const W: usize>(
+        &self,
+        unit: S,
+        first: usize,
+        below: &[[f64; W]],
+        under: &mut [[f64; W]],
+    ) {
+        let rows = self.width..self.height;
+        let mut first = first;
+        // Memory is read faster along more columns, if there are registers for their sums.
+        let (eight, rest) =
+            if W == 1 && S::F64_LANES >= 8 { under.as_chunks_mut::<8>() } else { (&mut [][..], under) };
+        for under in eight {
+            *under = products(unit, self.some::<8>(first, 8, rows.clone()), below);
+            first += 8;
+        }
+        for under in rest.chunks_mut(4) {
+            let sums = products(unit, self.some::<4>(first, under.len(), rows.clone()), below);
+            under.iter_mut().zip(sums).for_each(|(under, sum)| *under = sum);
+            first += 4;
+        }
+    }
+
+    /// Solves for the block's own rows with the upper triangle, given the products with what is below.
+    #[inline(always)]
+    fn backward<S: Simd, const W: usize>(&self, unit: S, top: &mut [[f64; W]], under: &[[f64; W]]) {
+        for first in (0..self.width).step_by(4).rev() {
+            let group = (self.width - first).min(4);
+            let end = first + group;
+            let above = products(unit, self.some::<4>(first, group, end..self.width), &top[end..]);
+            for own in (0..group).rev() {
+                let column = first + own;
+                let l = &self.numbers[column * self.height..][..self.height];
+                for lane in 0..W {
+                    let mut sum = top[column][lane] - above[own][lane] - under[column][lane];
+                    for row in column + 1..end {
+                        sum -= l[row] * top[row][lane];
                     }
+                    top[column][lane] = sum / l[column];
                 }
             }
         }
+    }
+}
+
+/// Up to four of the solutions; zero for those beyond.
+#[inline(always)]
+fn four<const W: usize>(x: &[[f64; W]], range: Range<usize>) -> [[f64; W]; 4] {
+    let mut four = [[0.0; W]; 4];
+    four.iter_mut().zip(&x[range]).for_each(|(four, x)| *four = *x);
+    four
+}
+
+/// [`Columns::subtract`] on another thread.
+struct Subtract<'a, S, const W: usize> {
+    unit: S,
+    columns: Columns<'a>,
+    x: &'a [[f64; W]],
+    first: usize,
+    below: &'a mut [[f64; W]],
+}
+
+impl<S: Simd, const W: usize> NullaryFnOnce for Subtract<'_, S, W> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        self.columns.subtract(self.unit, self.x, self.first, self.below);
+    }
+}
+
+/// [`Columns::products`] on another thread.
+struct Products<'a, S, const W: usize> {
+    unit: S,
+    columns: Columns<'a>,
+    first: usize,
+    below: &'a [[f64; W]],
+    under: &'a mut [[f64; W]],
+}
+
+impl<S: Simd, const W: usize> NullaryFnOnce for Products<'_, S, W> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        self.columns.products(self.unit, self.first, self.below, self.under);
     }
 }
