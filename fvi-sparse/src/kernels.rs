@@ -85,16 +85,15 @@ fn tile(a: &[[f64; TILE.0]], b: &[[f64; TILE.1]]) -> [[f64; TILE.0]; TILE.1] {
     sums
 }
 
-/// Whether W numbers fill vectors of the machine: they are then computed with side by side.
-#[inline(always)]
-const fn fills_vectors<S: Simd, const W: usize>() -> bool {
-    W > 1 && W.is_multiple_of(S::F64_LANES)
-}
-
 /// Number `part` of the vectors that W numbers are.
 #[inline(always)]
 fn vector<S: Simd, const W: usize>(unit: S, numbers: &[f64; W], part: usize) -> S::f64s {
     S::as_simd_f64s(numbers).0.get(part).copied().unwrap_or(unit.splat_f64s(0.0))
+}
+
+/// Right-hand sides that lie side by side fill vectors of every machine.
+const fn one_or_vectors(width: usize) {
+    assert!(width == 1 || width.is_multiple_of(8));
 }
 
 /// y ← y − Σ x_j l_j for four columns, and for W right-hand sides that lie side by side.
@@ -106,7 +105,8 @@ pub(crate) fn subtract_columns<S: Simd, const W: usize>(
     x: [[f64; W]; 4],
 ) {
     let rows = l[0].iter().zip(l[1]).zip(l[2]).zip(l[3]);
-    if !fills_vectors::<S, W>() {
+    const { one_or_vectors(W) };
+    if W == 1 {
         let [p, q, r, s] = x;
         for (y, (((&a, &b), &c), &d)) in y.iter_mut().zip(rows) {
             for lane in 0..W {
@@ -135,20 +135,47 @@ pub(crate) fn products<S: Simd, const C: usize, const W: usize>(
     l: [&[f64]; C],
     y: &[[f64; W]],
 ) -> [[f64; W]; C] {
+    const { one_or_vectors(W) };
     if W == 1 {
-        return some_products(unit, l, y);
+        return products_with_one(unit, l, y.as_flattened()).map(|product| [product; W]);
     }
     // As many sums as there are registers.
     let mut products = [[0.0; W]; C];
     for (products, l) in products.as_chunks_mut::<2>().0.iter_mut().zip(l.as_chunks::<2>().0) {
-        *products = some_products(unit, *l, y);
+        *products = products_with_some(unit, *l, y);
     }
     products
 }
 
-/// The same, all columns at once.
+/// The same with one vector.
 #[inline(always)]
-fn some_products<S: Simd, const C: usize, const W: usize>(
+fn products_with_one<S: Simd, const C: usize>(unit: S, l: [&[f64]; C], y: &[f64]) -> [f64; C] {
+    let (whole, rest) = y.as_chunks::<8>();
+    let columns = l.map(|column| column.as_chunks::<8>().0);
+    // Those of all lanes of as many vectors as eight numbers are.
+    let mut sums = [[unit.splat_f64s(0.0); 8]; C];
+    for (chunk, y) in whole.iter().enumerate() {
+        for (sums, column) in sums.iter_mut().zip(columns) {
+            let Some(l) = column.get(chunk) else { break };
+            let vectors = S::as_simd_f64s(l).0.iter().zip(S::as_simd_f64s(y).0);
+            for (sum, (&l, &y)) in sums.iter_mut().zip(vectors) {
+                *sum = unit.add_f64s(*sum, unit.mul_f64s(l, y));
+            }
+        }
+    }
+    let mut totals = [0.0; C];
+    for ((total, sums), column) in totals.iter_mut().zip(sums).zip(l) {
+        let mut lanes = [0.0; 8];
+        S::as_mut_simd_f64s(&mut lanes).0.iter_mut().zip(sums).for_each(|(lanes, sum)| *lanes = sum);
+        let last = column.iter().skip(y.len() - rest.len()).zip(rest);
+        *total = in_pairs(lanes, |a, b| a + b) + last.fold(0.0, |sum, (&l, &y)| sum + l * y);
+    }
+    totals
+}
+
+/// The same with W vectors.
+#[inline(always)]
+fn products_with_some<S: Simd, const C: usize, const W: usize>(
     unit: S,
     l: [&[f64]; C],
     y: &[[f64; W]],
@@ -156,38 +183,22 @@ fn some_products<S: Simd, const C: usize, const W: usize>(
     let (whole, rest) = y.as_chunks::<8>();
     let columns = l.map(|column| column.as_chunks::<8>().0);
     let mut totals = [[0.0; W]; C];
-    if fills_vectors::<S, W>() {
-        for part in 0..W / S::F64_LANES {
-            let mut sums = [[unit.splat_f64s(0.0); 8]; C];
-            for (chunk, y) in whole.iter().enumerate() {
-                for (sums, column) in sums.iter_mut().zip(columns) {
-                    let Some(l) = column.get(chunk) else { break };
-                    for ((sum, &l), y) in sums.iter_mut().zip(l).zip(y) {
-                        let product = unit.mul_f64s(unit.splat_f64s(l), vector(unit, y, part));
-                        *sum = unit.add_f64s(*sum, product);
-                    }
-                }
-            }
-            for (total, sums) in totals.iter_mut().zip(sums) {
-                if let Some(total) = S::as_mut_simd_f64s(total).0.get_mut(part) {
-                    *total = in_pairs(sums, |a, b| unit.add_f64s(a, b));
-                }
-            }
-        }
-    } else {
-        let mut sums = [[[0.0; W]; 8]; C];
+    for part in 0..W / S::F64_LANES {
+        let mut sums = [[unit.splat_f64s(0.0); 8]; C];
         for (chunk, y) in whole.iter().enumerate() {
             for (sums, column) in sums.iter_mut().zip(columns) {
                 let Some(l) = column.get(chunk) else { break };
                 for ((sum, &l), y) in sums.iter_mut().zip(l).zip(y) {
-                    for lane in 0..W {
-                        sum[lane] += l * y[lane];
-                    }
+                    let product = unit.mul_f64s(unit.splat_f64s(l), vector(unit, y, part));
+                    *sum = unit.add_f64s(*sum, product);
                 }
             }
         }
-        let plus = |a: [f64; W], b: [f64; W]| core::array::from_fn(|lane| a[lane] + b[lane]);
-        totals = sums.map(|sums| in_pairs(sums, plus));
+        for (total, sums) in totals.iter_mut().zip(sums) {
+            if let Some(total) = S::as_mut_simd_f64s(total).0.get_mut(part) {
+                *total = in_pairs(sums, |a, b| unit.add_f64s(a, b));
+            }
+        }
     }
     let first = y.len() - rest.len();
     for (total, column) in totals.iter_mut().zip(l) {
