@@ -96,16 +96,55 @@ const fn one_or_vectors(width: usize) {
     assert!(width == 1 || width.is_multiple_of(8));
 }
 
-/// y ← y − Σ x_j l_j for four columns, and for W right-hand sides that lie side by side.
+/// Numbers in a line of the cache.
+const LINE: usize = 8;
+
+/// Asks for C lines of numbers that are needed soon, those of the `run`-th run of as many, without waiting for
+/// them. Eight right-hand sides compute with a line for so long that memory would rest meanwhile; a single
+/// one takes lines as fast as they come.
+#[inline(always)]
+fn fetch_ahead<const C: usize>(numbers: &[f64], run: usize) {
+    #[cfg(target_arch = "x86_64")]
+    if let (Some(unit), Some(lines)) =
+        (pulp::core_arch::x86::Sse::try_new(), numbers.get(C * LINE * run..C * LINE * (run + 1)))
+    {
+        for line in lines.chunks_exact(LINE) {
+            unit._mm_prefetch::<{ core::arch::x86_64::_MM_HINT_T0 }>(line.as_ptr().cast());
+        }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = (numbers, run);
+}
+
+/// y ← y − Σ x_j l_j for four columns, and for W right-hand sides that lie side by side. With several of
+/// them, as many of the numbers that come `next` are fetched meanwhile.
 #[inline(always)]
 pub(crate) fn subtract_columns<S: Simd, const W: usize>(
     unit: S,
     y: &mut [[f64; W]],
     l: [&[f64]; 4],
     x: [[f64; W]; 4],
+    next: &[f64],
 ) {
-    let rows = l[0].iter().zip(l[1]).zip(l[2]).zip(l[3]);
     const { one_or_vectors(W) };
+    if W == 1 {
+        return subtract_rows(unit, y, l, x);
+    }
+    let (whole, rest) = y.as_chunks_mut::<LINE>();
+    let columns = l.map(|column| column.as_chunks::<LINE>());
+    let [a, b, c, d] = columns.map(|(whole, _)| whole);
+    let rows = a.iter().zip(b).zip(c).zip(d);
+    for (run, (y, (((a, b), c), d))) in whole.iter_mut().zip(rows).enumerate() {
+        fetch_ahead::<4>(next, run);
+        subtract_rows(unit, y, [a, b, c, d], x);
+    }
+    subtract_rows(unit, rest, columns.map(|(_, rest)| rest), x);
+}
+
+/// The same for some rows.
+#[inline(always)]
+fn subtract_rows<S: Simd, const W: usize>(unit: S, y: &mut [[f64; W]], l: [&[f64]; 4], x: [[f64; W]; 4]) {
+    let rows = l[0].iter().zip(l[1]).zip(l[2]).zip(l[3]);
     if W == 1 {
         let [p, q, r, s] = x;
         for (y, (((&a, &b), &c), &d)) in y.iter_mut().zip(rows) {
@@ -128,12 +167,14 @@ pub(crate) fn subtract_columns<S: Simd, const W: usize>(
     }
 }
 
-/// The products lᵀy of C columns, a multiple of two, with W vectors, in eight partial sums each.
+/// The products lᵀy of C columns, a multiple of two, with W vectors, in eight partial sums each; what comes
+/// `next` is fetched as above.
 #[inline(always)]
 pub(crate) fn products<S: Simd, const C: usize, const W: usize>(
     unit: S,
     l: [&[f64]; C],
     y: &[[f64; W]],
+    next: &[f64],
 ) -> [[f64; W]; C] {
     const { one_or_vectors(W) };
     if W == 1 {
@@ -141,8 +182,9 @@ pub(crate) fn products<S: Simd, const C: usize, const W: usize>(
     }
     // As many sums as there are registers.
     let mut products = [[0.0; W]; C];
-    for (products, l) in products.as_chunks_mut::<2>().0.iter_mut().zip(l.as_chunks::<2>().0) {
-        *products = products_with_some(unit, *l, y);
+    let pairs = products.as_chunks_mut::<2>().0.iter_mut().zip(l.as_chunks::<2>().0);
+    for (pair, (products, l)) in pairs.enumerate() {
+        *products = products_with_some(unit, *l, y, next.get(pair * 2 * y.len()..).unwrap_or_default());
     }
     products
 }
@@ -179,6 +221,7 @@ fn products_with_some<S: Simd, const C: usize, const W: usize>(
     unit: S,
     l: [&[f64]; C],
     y: &[[f64; W]],
+    next: &[f64],
 ) -> [[f64; W]; C] {
     let (whole, rest) = y.as_chunks::<8>();
     let columns = l.map(|column| column.as_chunks::<8>().0);
@@ -186,6 +229,9 @@ fn products_with_some<S: Simd, const C: usize, const W: usize>(
     for part in 0..W / S::F64_LANES {
         let mut sums = [[unit.splat_f64s(0.0); 8]; C];
         for (chunk, y) in whole.iter().enumerate() {
+            if part == 0 {
+                fetch_ahead::<C>(next, chunk);
+            }
             for (sums, column) in sums.iter_mut().zip(columns) {
                 let Some(l) = column.get(chunk) else { break };
                 for ((sum, &l), y) in sums.iter_mut().zip(l).zip(y) {

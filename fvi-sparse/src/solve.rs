@@ -130,7 +130,7 @@ impl<'a, const W: usize> Crown<'a, W> {
 
 #[inline(always)]
 fn add<const W: usize>(to: &mut [f64; W], numbers: &[f64; W]) {
-    to.iter_mut().zip(numbers).for_each(|(to, number)| *to += number);
+    *to = core::array::from_fn(|lane| to[lane] + numbers[lane]);
 }
 
 /// Substitution in a run of blocks, on vectors that begin with the column `start`.
@@ -176,12 +176,16 @@ impl<const W: usize> WithSimd for Backward<'_, W> {
 }
 
 impl<'a> Work<'a> {
-    fn block(&self, block: usize) -> (Range<usize>, &'a [u32], Columns<'a>) {
+    /// The columns of a block on the vectors, the places of its rows below them, and its numbers, with those
+    /// of the block that is next.
+    fn block(&self, block: usize, next: usize) -> (Range<usize>, &'a [u32], Columns<'a>) {
         let columns = self.blocks.columns(block);
         let rows = &self.blocks.subtrees.places[self.blocks.row_places(block)];
         let (width, height) = (columns.len(), columns.len() + rows.len());
         let numbers = &self.numbers[self.blocks.numbers(block)];
-        (columns.start - self.start..columns.end - self.start, rows, Columns { numbers, width, height })
+        let following = &self.numbers[self.blocks.number_starts[next]..];
+        let places = columns.start - self.start..columns.end - self.start;
+        (places, rows, Columns { numbers, following, width, height })
     }
 
     /// Threads for what a block has below its columns.
@@ -195,7 +199,7 @@ impl<'a> Work<'a> {
     fn forward<S: Simd, const W: usize>(&self, unit: S, range: Range<usize>, vectors: &mut [[f64; W]]) {
         let mut below = Vec::new();
         for block in range {
-            let (places, rows, columns) = self.block(block);
+            let (places, rows, columns) = self.block(block, block + 1);
             below.clear();
             below.resize(rows.len(), [0.0; W]);
             let top = &mut vectors[places];
@@ -220,7 +224,7 @@ impl<'a> Work<'a> {
     fn backward<S: Simd, const W: usize>(&self, unit: S, range: Range<usize>, vectors: &mut [[f64; W]]) {
         let (mut below, mut under) = (Vec::new(), Vec::new());
         for block in range.rev() {
-            let (places, rows, columns) = self.block(block);
+            let (places, rows, columns) = self.block(block, block.saturating_sub(1));
             below.clear();
             below.extend(rows.iter().map(|&row| vectors[row as usize]));
             under.clear();
@@ -246,11 +250,19 @@ const PARTS: usize = 2;
 #[derive(Clone, Copy)]
 struct Columns<'a> {
     numbers: &'a [f64],
+    /// The numbers that are needed after them, and more.
+    following: &'a [f64],
     width: usize,
     height: usize,
 }
 
 impl<'a> Columns<'a> {
+    /// The numbers that are needed once those before this column have been.
+    #[inline(always)]
+    fn next(&self, column: usize) -> &'a [f64] {
+        if column < self.width { &self.numbers[column * self.height..] } else { self.following }
+    }
+
     /// C columns from `first` on, in these rows; those beyond the last of `count` stand for any other.
     #[inline(always)]
     fn some<const C: usize>(&self, first: usize, count: usize, rows: Range<usize>) -> [&'a [f64]; C] {
@@ -275,7 +287,7 @@ impl<'a> Columns<'a> {
                 }
             }
             let x = four(top, first..end);
-            subtract_columns(unit, &mut top[end..], self.some(first, group, end..self.width), x);
+            subtract_columns(unit, &mut top[end..], self.some(first, group, end..self.width), x, &[]);
         }
     }
 
@@ -292,7 +304,7 @@ impl<'a> Columns<'a> {
         for first in (0..self.width).step_by(4) {
             let group = (self.width - first).min(4);
             let columns = self.some(first, group, rows.clone());
-            subtract_columns(unit, below, columns, four(x, first..first + group));
+            subtract_columns(unit, below, columns, four(x, first..first + group), self.next(first + group));
         }
     }
 
@@ -311,11 +323,12 @@ impl<'a> Columns<'a> {
         let (eight, rest) =
             if W == 1 && S::F64_LANES >= 8 { under.as_chunks_mut::<8>() } else { (&mut [][..], under) };
         for under in eight {
-            *under = products(unit, self.some::<8>(first, 8, rows.clone()), below);
+            *under = products(unit, self.some::<8>(first, 8, rows.clone()), below, self.next(first + 8));
             first += 8;
         }
         for under in rest.chunks_mut(4) {
-            let sums = products(unit, self.some::<4>(first, under.len(), rows.clone()), below);
+            let next = self.next(first + under.len());
+            let sums = products(unit, self.some::<4>(first, under.len(), rows.clone()), below, next);
             under.iter_mut().zip(sums).for_each(|(under, sum)| *under = sum);
             first += 4;
         }
@@ -327,7 +340,7 @@ impl<'a> Columns<'a> {
         for first in (0..self.width).step_by(4).rev() {
             let group = (self.width - first).min(4);
             let end = first + group;
-            let above = products(unit, self.some::<4>(first, group, end..self.width), &top[end..]);
+            let above = products(unit, self.some::<4>(first, group, end..self.width), &top[end..], &[]);
             for own in (0..group).rev() {
                 let column = first + own;
                 let l = &self.numbers[column * self.height..][..self.height];
