@@ -17,7 +17,7 @@ fn rows(scenario: &Value) -> Vec<GridState> {
         rows.push(state.clone());
         Ok::<_, Infallible>(())
     };
-    let Ok(_) = run.rows_to_the_end(&AtomicBool::new(false), row, |_, _| ());
+    let Ok(_) = run.rows_to_the_end(&AtomicBool::new(false), row, |_| ());
     rows
 }
 

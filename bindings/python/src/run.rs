@@ -188,7 +188,8 @@ fn compute(
             }
             Ok::<_, Infallible>(())
         },
-        |steps, _| {
+        |stretch| {
+            let steps = stretch.first() + stretch.len().saturating_sub(1);
             if steps > 0 && !watch.tick(steps, all) {
                 stop.store(true, Ordering::Relaxed);
             }

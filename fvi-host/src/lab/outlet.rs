@@ -74,11 +74,19 @@ impl<'a> Passage<'a> {
 
     /// A state, these coordinates of it.
     pub(crate) fn state(&self, index: usize, chosen: &[usize]) -> GridState {
-        GridState {
-            time: self.stretch.times()[index],
-            position: chosen.iter().map(|&coordinate| self.position(coordinate)[index]).collect(),
-            momentum: chosen.iter().map(|&coordinate| self.momentum(coordinate)[index]).collect(),
-            energy: self.energies[index],
+        let numbers = || vec![0.0; chosen.len()];
+        let mut state = GridState { position: numbers(), momentum: numbers(), ..GridState::default() };
+        self.read(index, chosen, &mut state);
+        state
+    }
+
+    /// Writes it to a state that has places for these coordinates.
+    pub(crate) fn read(&self, index: usize, chosen: &[usize], state: &mut GridState) {
+        let GridState { time, position, momentum, energy } = state;
+        (*time, *energy) = (self.stretch.times()[index], self.energies[index]);
+        let places = position.iter_mut().zip(momentum);
+        for ((q, p), &coordinate) in places.zip(chosen) {
+            (*q, *p) = (self.position(coordinate)[index], self.momentum(coordinate)[index]);
         }
     }
 }

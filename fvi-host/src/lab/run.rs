@@ -15,9 +15,11 @@ use crate::scenario::{Engine, Scenario};
 use crate::simulation::adaptive::Counts;
 use crate::simulation::events::{Happened, Seen, Watch};
 use crate::simulation::motion::{Failure, Motion};
+use crate::simulation::stretch::Stretch;
 use crate::simulation::{GridState, Precision, Solver};
 use fvi_core::StateError;
 use serde::Serialize;
+use std::convert::Infallible;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -497,8 +499,22 @@ impl<'s> Run<'s> {
         Ok(self.summary(end))
     }
 
-    /// As [`to_the_end`](Self::to_the_end); `row` sees the rows of the trajectory, those and so much of each
-    /// as `[output]` says.
+    /// As [`to_the_end`](Self::to_the_end); `take` sees the states of several steps at a time.
+    pub fn stretches_to_the_end(mut self, stop: &AtomicBool, mut take: impl FnMut(&Stretch)) -> RunSummary {
+        let end = self.go(
+            stop,
+            |_| usize::MAX,
+            |run| {
+                take(run.motion.stretch());
+                Ok::<_, Infallible>(())
+            },
+        );
+        let Ok(end) = end;
+        self.summary(end)
+    }
+
+    /// As [`stretches_to_the_end`](Self::stretches_to_the_end); `row` sees the rows of the trajectory, those
+    /// and so much of each as `[output]` says.
     ///
     /// # Errors
     /// Those of `row`. A step that fails is no error but an end, see [`RunEnd`].
@@ -506,7 +522,7 @@ impl<'s> Run<'s> {
         mut self,
         stop: &AtomicBool,
         mut row: impl FnMut(&GridState) -> Result<(), E>,
-        take: impl FnMut(usize, &GridState),
+        take: impl FnMut(&Stretch),
     ) -> Result<RunSummary, E> {
         let end = self.rows(stop, |_, state| row(state), take)?;
         Ok(self.summary(end))
@@ -521,7 +537,7 @@ impl<'s> Run<'s> {
         mut self,
         stop: &AtomicBool,
         row: impl FnMut(usize, &GridState) -> Result<(), E>,
-        take: impl FnMut(usize, &GridState),
+        take: impl FnMut(&Stretch),
     ) -> Result<Vec<RunSummary>, E> {
         let end = self.rows(stop, row, take)?;
         let scenario = self.scenario;
@@ -532,38 +548,39 @@ impl<'s> Run<'s> {
         Ok((0..scenario.copies()).map(|case| summary.of_case(scenario, case)).collect())
     }
 
-    /// Makes the steps; `row` sees the rows of each motion, `take` the number of steps made and the state.
+    /// Makes the steps; `row` sees the rows of each motion, `take` the states.
     fn rows<E>(
         &mut self,
         stop: &AtomicBool,
         mut row: impl FnMut(usize, &GridState) -> Result<(), E>,
-        mut take: impl FnMut(usize, &GridState),
+        mut take: impl FnMut(&Stretch),
     ) -> Result<RunEnd, E> {
         let (scenario, every) = (self.scenario, self.scenario.output.every);
         let on_grid = scenario.output.times.is_empty();
         let copies = scenario.copies();
         let mut last_is_there = true;
-        let (chosen, mut state) = (scenario.written_coordinates(), self.state().clone());
+        let chosen = scenario.written_coordinates();
+        let mut shown = self.view(0).shown(scenario);
         let end = self.go(
             stop,
             |_| usize::MAX,
             |run| {
                 let stretch = run.motion.stretch();
-                for index in 0..stretch.len() {
-                    let steps = stretch.first() + index;
-                    stretch.read(index, &mut state);
-                    if on_grid {
-                        last_is_there = steps.is_multiple_of(every);
-                        if last_is_there {
-                            (0..copies)
-                                .try_for_each(|case| row(case, &run.passage(case).state(index, &chosen)))?;
+                if on_grid {
+                    last_is_there = false;
+                    for index in stretch.multiples(every) {
+                        last_is_there = index + 1 == stretch.len();
+                        for case in 0..copies {
+                            run.passage(case).read(index, &chosen, &mut shown);
+                            row(case, &shown)?;
                         }
                     }
-                    // Load cases have rows at grid points only.
-                    let mut between = run.rows_between().iter();
-                    between.try_for_each(|between| row(0, &View::from(between).shown(scenario)))?;
-                    take(steps, &state);
                 }
+                // Load cases have rows at grid points only.
+                for between in run.rows_between() {
+                    row(0, &View::from(between).shown(scenario))?;
+                }
+                take(stretch);
                 Ok(())
             },
         )?;

@@ -289,11 +289,12 @@ impl Sweep {
             None => None,
         };
         let mut measured = Measured::new(&scenario, self.settled());
-        let summary = under_way.rows_to_the_end(
-            stop,
-            |row| writer.as_mut().map_or(Ok(()), |writer| writer.push(row)),
-            |steps, state| measured.take(steps, state),
-        );
+        let summary = match &mut writer {
+            Some(writer) => {
+                under_way.rows_to_the_end(stop, |row| writer.push(row), |stretch| measured.take(stretch))
+            }
+            None => Ok(under_way.stretches_to_the_end(stop, |stretch| measured.take(stretch))),
+        };
         let path = || self.trajectory_of(run, &options.directory).unwrap_or_default();
         let summary = summary.map_err(|error| FileError::at(&path())(error))?;
         let (status, message) = match &summary.end {

@@ -1,7 +1,8 @@
 //! What a sweep measures of a run beyond its summary.
 
+use crate::numerics::column::{highest, lowest};
 use crate::scenario::Scenario;
-use crate::simulation::GridState;
+use crate::simulation::stretch::Stretch;
 
 /// Gathers along one run.
 #[derive(Clone, Debug)]
@@ -30,18 +31,20 @@ impl Measured {
         Self { settled, energy_at_start: f64::NAN, ranges: Vec::new() }
     }
 
-    pub(super) fn take(&mut self, steps: usize, state: &GridState) {
-        if steps == 0 {
-            self.energy_at_start = state.energy;
-            self.ranges = vec![(f64::INFINITY, f64::NEG_INFINITY); state.position.len()];
+    /// Takes in the states of a stretch, whose numbers are finite.
+    pub(super) fn take(&mut self, stretch: &Stretch) {
+        if stretch.first() == 0 {
+            self.energy_at_start = stretch.energies().first().copied().unwrap_or(f64::NAN);
+            self.ranges = vec![(f64::INFINITY, f64::NEG_INFINITY); stretch.positions().count()];
         }
-        let settled = match self.settled {
-            Settled::Step(first) => steps >= first,
-            Settled::Time(first) => state.time >= first,
+        let first = match self.settled {
+            Settled::Step(first) => first.saturating_sub(stretch.first()),
+            Settled::Time(first) => stretch.times().partition_point(|&time| time < first),
         };
-        if settled {
-            for (range, &q) in self.ranges.iter_mut().zip(&state.position) {
-                *range = (range.0.min(q), range.1.max(q));
+        for (range, column) in self.ranges.iter_mut().zip(stretch.positions()) {
+            let settled = column.get(first..).unwrap_or(&[]);
+            if !settled.is_empty() {
+                *range = (range.0.min(lowest(settled)), range.1.max(highest(settled)));
             }
         }
     }
