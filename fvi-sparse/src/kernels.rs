@@ -99,9 +99,9 @@ const fn one_or_vectors(width: usize) {
 /// Numbers in a line of the cache.
 const LINE: usize = 8;
 
-/// Asks for C lines of numbers that are needed soon, those of the `run`-th run of as many, without waiting for
-/// them. Eight right-hand sides compute with a line for so long that memory would rest meanwhile; a single
-/// one takes lines as fast as they come.
+/// Asks for C lines of numbers that are needed soon, those of the `run`-th run of as many, without waiting
+/// for them. Eight right-hand sides compute with a line for so long that memory would rest meanwhile; a
+/// single one takes lines as fast as they come.
 #[inline(always)]
 fn fetch_ahead<const C: usize>(numbers: &[f64], run: usize) {
     #[cfg(target_arch = "x86_64")]

@@ -152,7 +152,9 @@ pub(crate) fn read(source: &Source, engine: Option<Engine>) -> Outcome<Scenario>
 fn read_its_cases(source: &Source, engine: Option<Engine>) -> Outcome<Scenario> {
     let scenario = read_cases(source, engine)?;
     if scenario.cases.is_empty() {
-        return Err(source.failure(&scenario.error_at("case", Problem::MissingKey { key: "case".to_owned() })));
+        return Err(
+            source.failure(&scenario.error_at("case", Problem::MissingKey { key: "case".to_owned() }))
+        );
     }
     Ok(scenario)
 }
