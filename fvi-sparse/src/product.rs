@@ -63,11 +63,8 @@ impl Pattern {
 /// Up to W vectors of so many numbers, one behind the other, with their numbers for a row side by side;
 /// those of vectors that are not there are zero.
 fn side_by_side<T: Copy + Default, const W: usize>(x: &[T], size: usize) -> Vec<[T; W]> {
-    let mut sides = vec![[T::default(); W]; size];
-    for (vector, x) in x.chunks_exact(size).enumerate() {
-        sides.iter_mut().zip(x).for_each(|(side, &x)| side[vector] = x);
-    }
-    sides
+    let side = |row| core::array::from_fn(|vector| x.get(vector * size + row).copied().unwrap_or_default());
+    (0..size).map(side).collect()
 }
 
 /// A matrix and its factor.

@@ -47,12 +47,10 @@ impl Factor {
     fn solve_side_by_side<const W: usize>(&self, vectors: &mut [f64], threads: usize) {
         let size = self.size();
         let (blocks, numbers) = (self.blocks(), self.numbers());
-        let mut sorted = vec![[0.0; W]; size];
-        for (lane, vector) in vectors.chunks_exact(size).enumerate() {
-            for (place, &row) in sorted.iter_mut().zip(&blocks.order) {
-                place[lane] = vector[row as usize];
-            }
-        }
+        let side = |&row: &u32| {
+            core::array::from_fn(|lane| vectors.get(lane * size + row as usize).copied().unwrap_or_default())
+        };
+        let mut sorted: Vec<[f64; W]> = blocks.order.iter().map(side).collect();
         let unit = Arch::new();
         let subtrees = &blocks.subtrees;
         let mut crowns: Vec<Crown<'_, W>> =

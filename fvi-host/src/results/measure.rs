@@ -114,8 +114,16 @@ pub struct Largest {
 impl Largest {
     /// Takes in the states of a stretch, whose numbers are finite.
     pub(crate) fn take(&mut self, stretch: &Stretch) {
-        raise(&mut self.position, stretch.positions());
-        raise(&mut self.momentum, stretch.momenta());
+        match stretch.alone() {
+            Some((position, momentum)) => {
+                raise_each(&mut self.position, position);
+                raise_each(&mut self.momentum, momentum);
+            }
+            None => {
+                raise(&mut self.position, stretch.positions());
+                raise(&mut self.momentum, stretch.momenta());
+            }
+        }
         let energies = stretch.energies();
         self.energy = match stretch.with_energy() {
             None => larger(self.energy, largest(energies)),
@@ -132,6 +140,12 @@ fn raise<'a>(most: &mut Vec<f64>, columns: impl Iterator<Item = &'a [f64]>) {
         }
         most[index] = larger(most[index], largest(column));
     }
+}
+
+/// Raises each to the absolute value of its number.
+fn raise_each(most: &mut Vec<f64>, numbers: &[f64]) {
+    most.resize(numbers.len(), 0.0);
+    most.iter_mut().zip(numbers).for_each(|(most, number)| *most = larger(*most, number.abs()));
 }
 
 #[cfg(test)]
@@ -151,16 +165,19 @@ mod tests {
     #[test]
     fn largest_values_are_those_of_all_states() {
         let mut largest = Largest::default();
-        for sign in [1.0, -1.0] {
-            let mut stretch = Stretch::new(1, false, 1);
-            stretch.begin(0);
+        for one_by_one in [false, true] {
+            let mut stretch = Stretch::new(1, one_by_one, 1);
             for number in [1.0, -3.0, 2.0] {
-                let (position, momentum) = (vec![sign * number], vec![0.5]);
+                if one_by_one {
+                    stretch.begin(0);
+                }
+                let (position, momentum) = (vec![number], vec![0.5]);
                 stretch.push_state(&GridState { time: 0.0, position, momentum, energy: -number }, 0);
+                largest.take(&stretch);
             }
-            largest.take(&stretch);
+            assert_eq!(largest, Largest { position: vec![3.0], momentum: vec![0.5], energy: 3.0 });
+            largest = Largest::default();
         }
-        assert_eq!(largest, Largest { position: vec![3.0], momentum: vec![0.5], energy: 3.0 });
     }
 
     #[test]

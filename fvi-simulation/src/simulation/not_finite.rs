@@ -84,8 +84,11 @@ pub(crate) fn what_is_not_finite(state: &GridState) -> Option<&'static str> {
 
 /// The first state that is not finite, and what of it is not.
 pub(crate) fn first_not_finite(stretch: &Stretch, scratch: &mut GridState) -> Option<(usize, &'static str)> {
-    let mut columns = stretch.positions().chain(stretch.momenta()).chain([stretch.energies()]);
-    if columns.all(is_finite) {
+    let all_finite = match stretch.alone() {
+        Some((position, momentum)) => [position, momentum, stretch.energies()].into_iter().all(is_finite),
+        None => stretch.positions().chain(stretch.momenta()).chain([stretch.energies()]).all(is_finite),
+    };
+    if all_finite {
         return None;
     }
     (0..stretch.len()).find_map(|index| {

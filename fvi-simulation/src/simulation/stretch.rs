@@ -157,6 +157,11 @@ impl Stretch {
         self.momenta.chunks_exact(self.room).map(|column| &column[..self.len])
     }
 
+    /// q and p of a state that is looked at by itself, as those of large systems are.
+    pub fn alone(&self) -> Option<(&[f64], &[f64])> {
+        (self.room == 1 && self.len == 1).then_some((&self.positions, &self.momenta))
+    }
+
     /// A coordinate of q.
     pub fn position(&self, coordinate: usize) -> &[f64] {
         &self.positions[coordinate * self.room..][..self.len]
@@ -219,6 +224,10 @@ mod tests {
             let numbers = |first: usize| (0..20).map(|place| (first + place) as f64).collect();
             GridState { position: numbers(index), momentum: numbers(30 * index), ..state(index) }
         };
+        let mut single = Stretch::new(2, true, 1);
+        assert_eq!(single.alone(), None);
+        single.push_state(&state(3), 1);
+        assert_eq!(single.alone(), Some((&[3.0, -3.0][..], &[1.5, 7.0][..])));
         let mut large = Stretch::new(20, false, 1);
         large.begin(1);
         (1..40).for_each(|index| large.push_state(&many(index), 3));
@@ -239,6 +248,7 @@ mod tests {
             (stretch.position(1), stretch.iterations()),
             (&[-10.0, -11.0, -12.0, -13.0, -14.0][..], &[3; 5][..])
         );
+        assert_eq!(stretch.alone(), None);
         assert_eq!(stretch.multiples(4).collect::<Vec<_>>(), [2]);
         assert_eq!(stretch.multiples(1).count(), 5);
         stretch.replace_last(&state(3));
