@@ -164,19 +164,20 @@ mod tests {
 
     #[test]
     fn largest_values_are_those_of_all_states() {
-        let mut largest = Largest::default();
         for one_by_one in [false, true] {
-            let mut stretch = Stretch::new(1, one_by_one, 1);
-            for number in [1.0, -3.0, 2.0] {
-                if one_by_one {
-                    stretch.begin(0);
+            let mut largest = Largest::default();
+            for sign in [1.0, -1.0] {
+                let mut stretch = Stretch::new(1, one_by_one, 1);
+                for number in [1.0, -3.0, 2.0] {
+                    if one_by_one {
+                        stretch.begin(0);
+                    }
+                    let (position, momentum) = (vec![sign * number], vec![0.5]);
+                    stretch.push_state(&GridState { time: 0.0, position, momentum, energy: -number }, 0);
+                    largest.take(&stretch);
                 }
-                let (position, momentum) = (vec![number], vec![0.5]);
-                stretch.push_state(&GridState { time: 0.0, position, momentum, energy: -number }, 0);
-                largest.take(&stretch);
             }
             assert_eq!(largest, Largest { position: vec![3.0], momentum: vec![0.5], energy: 3.0 });
-            largest = Largest::default();
         }
     }
 
