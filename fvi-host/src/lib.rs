@@ -11,10 +11,11 @@
 //! | [`model`] | systems compiled to programs and matrices, schemes of any shape |
 //! | [`simulation`] | a scenario in motion; its stability and its energy |
 //! | [`results`] | trajectories, summaries, pictures, the files they go to |
-//! | [`lab`] | runs, orders of convergence, comparisons, reproductions, two-point problems |
+//! | [`lab`] | runs, orders of convergence, sweeps, comparisons, two-point problems |
+//! | `reproduce` | the figures and tables of the papers, computed again |
 //! | `command` | the program `fvi` |
 //!
-//! The first three are those of `fvi-scenario`, the next three those of `fvi-simulation`.
+//! The first three are those of `fvi-scenario`, the next three those of `fvi-simulation`, and two of `fvi-lab`.
 //!
 //! The feature `program` brings the last, with what it needs of a terminal; `pictures` brings those of runs
 //! and studies and the reproduction of the papers. Both are on by default.
@@ -22,9 +23,10 @@
 
 #[cfg(feature = "program")]
 pub mod command;
-pub mod lab;
-pub mod results;
+#[cfg(feature = "pictures")]
+pub mod reproduce;
 
+pub use fvi_lab::{lab, results};
 pub use fvi_scenario::{language, numerics, scenario};
 pub use fvi_simulation::{memory, model, simulation};
 

@@ -6,16 +6,17 @@ use std::path::{Path, PathBuf};
 
 /// The crates of the host, lowest first; each has some of the layers, and those that it has from below under
 /// the same names.
-const HOST: [&str; 3] = ["fvi-scenario/src", "fvi-simulation/src", "fvi-host/src"];
+const HOST: [&str; 4] = ["fvi-scenario/src", "fvi-simulation/src", "fvi-lab/src", "fvi-host/src"];
 
 /// Layers of the host, lowest first; those in one row do not know each other.
-const LAYERS: [&[&str]; 8] = [
+const LAYERS: [&[&str]; 9] = [
     &["language", "numerics"],
     &["scenario"],
     &["memory", "model"],
     &["simulation"],
     &["results"],
     &["lab"],
+    &["reproduce"],
     &["command"],
     &["main", "lib"],
 ];

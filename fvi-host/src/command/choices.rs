@@ -53,15 +53,15 @@ impl ValueEnum for Choice<Precision> {
     }
 }
 
-impl ValueEnum for Format {
+impl ValueEnum for Choice<Format> {
     fn value_variants<'a>() -> &'a [Self] {
-        &[Self::Csv, Self::Npz]
+        &[Self(Format::Csv), Self(Format::Npz)]
     }
 
     fn to_possible_value(&self) -> Option<PossibleValue> {
-        let (name, help) = match self {
-            Self::Csv => ("csv", "trajectory.csv: a row of text for each time"),
-            Self::Npz => ("npz", "trajectory.npz: NumPy arrays t, q, p and energy"),
+        let (name, help) = match self.0 {
+            Format::Csv => ("csv", "trajectory.csv: a row of text for each time"),
+            Format::Npz => ("npz", "trajectory.npz: NumPy arrays t, q, p and energy"),
         };
         Some(PossibleValue::new(name).help(help))
     }

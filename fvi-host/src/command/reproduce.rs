@@ -2,7 +2,7 @@
 
 use super::progress::Progress;
 use super::{CommandError, stop, terminal};
-use crate::lab::reproduce::{Exhibit, Findings, PAGE, ReproduceError, exhibits, write};
+use crate::reproduce::{Exhibit, Findings, PAGE, ReproduceError, exhibits, write};
 use crate::results::output_directory::OutputDirectory;
 use clap::builder::PossibleValuesParser;
 use std::path::PathBuf;

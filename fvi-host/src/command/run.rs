@@ -27,7 +27,7 @@ pub struct RunArguments {
     precision: Choice<Precision>,
     /// The format of the trajectory: a table of text, or NumPy arrays (default: csv)
     #[arg(long, value_enum)]
-    format: Option<Format>,
+    format: Option<Choice<Format>>,
     /// The last time, in place of the scenario's
     #[arg(long, value_name = "TIME", conflicts_with = "steps", allow_negative_numbers = true)]
     until: Option<f64>,
@@ -71,7 +71,7 @@ impl RunArguments {
         };
         let options = RunOptions {
             precision: self.precision.0,
-            format: self.format,
+            format: self.format.map(|Choice(format)| format),
             checkpoints: self.checkpoint_every.unwrap_or_default(),
             resume: self.resume,
             accept_other_machine: self.accept_other_machine,
@@ -82,7 +82,7 @@ impl RunArguments {
                 RunError::Input(error) => CommandError::Input(error),
                 RunError::File(error) => CommandError::File(error),
                 RunError::Checkpoint(error) => CommandError::Checkpoint(error),
-                error @ RunError::Unsaved(_) => CommandError::Failed(error.to_string()),
+                error => CommandError::Failed(error.to_string()),
             })?;
         progress.finish();
         for note in &summary.notes {

@@ -2,8 +2,8 @@
 
 use super::ReproduceError;
 use super::table::{Cell, Column, Format, Table};
-use crate::lab::converge::{Grids, Quantity, converge, order_between, slope, superscript};
-use crate::results::picture::{Axis, Chart, Series, Style};
+use crate::lab::converge::{Grids, Quantity, converge, order_between, slope};
+use crate::results::picture::{Axis, Chart, Series, Style, power};
 use crate::scenario::Scenario;
 use std::sync::atomic::AtomicBool;
 
@@ -145,6 +145,6 @@ fn guide(curves: &[ErrorCurve], slope: f64) -> Option<Series> {
     // Steep lines are cut where they would stretch the axis.
     let from = from.max(libm::pow(smallest / lowest, 1.0 / slope)).min(0.5 * to);
     let label =
-        if slope.fract() == 0.0 { format!("h{}", superscript(slope as i64)) } else { format!("h^{slope}") };
+        if slope.fract() == 0.0 { power("h", slope as i64) } else { format!("h^{slope}") };
     Some(Series::slope(label, slope, (from, lowest / distance * libm::pow(from, slope)), from, to))
 }

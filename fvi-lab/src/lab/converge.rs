@@ -3,7 +3,7 @@
 use crate::language::{InputError, Problem};
 use crate::results::measure::{ErrorMeasure, ReferenceErrors};
 #[cfg(feature = "pictures")]
-use crate::results::picture::{Axis, Chart, Series, Style};
+use crate::results::picture::{Axis, Chart, Series, Style, power};
 use crate::results::room::{NoRoom, require};
 use crate::scenario::{Action, GridRule, MOST_STEPS, Reference, ReferenceRow, Scenario};
 use crate::simulation::motion::{Failure, Motion};
@@ -133,9 +133,18 @@ pub enum ConvergeError {
 const FINER: u32 = 2;
 
 /// How a run on one grid ended.
-pub(crate) enum Outcome {
-    Done { seconds: f64 },
-    Failed { reason: String },
+#[derive(Clone, Debug, PartialEq)]
+pub enum Outcome {
+    /// With its last step.
+    Done {
+        /// What the steps took on the clock, without what was done with their states.
+        seconds: f64,
+    },
+    /// Before, because of a step that failed.
+    Failed {
+        /// Which and why.
+        reason: String,
+    },
 }
 
 /// Runs the scenario on every grid and measures the errors against its reference, and against a finer run of
@@ -280,8 +289,12 @@ fn known_at(scenario: &Scenario, index: usize, fine: Option<&GridState>, known: 
     row
 }
 
-/// Runs a scenario; `take` sees every grid point with its index.
-pub(crate) fn run_on(
+/// Runs a scenario of one motion in double precision; `take` sees every grid point with its index, from the
+/// first one on.
+///
+/// # Errors
+/// [`ConvergeError`]. A step that fails is no error here but an [`Outcome`].
+pub fn run_on(
     scenario: &Scenario,
     stop: &AtomicBool,
     mut take: impl FnMut(usize, &GridState),
@@ -431,8 +444,7 @@ impl Convergence {
         }
         let finest = self.levels.last().map_or(1.0, |level| level.step);
         for (order, through) in orders.into_iter().filter(|(order, _)| *order >= 1) {
-            let label = format!("h{}", superscript(order));
-            chart = chart.with(Series::slope(label, order as f64, through, through.0, finest));
+            chart = chart.with(Series::slope(power("h", order), order as f64, through, through.0, finest));
         }
         chart
     }
@@ -453,11 +465,4 @@ pub fn slope(points: &[(f64, f64)]) -> Option<f64> {
     let covariance: f64 = points.iter().map(|point| (point.0 - x) * (point.1 - y)).sum();
     let variance: f64 = points.iter().map(|point| (point.0 - x).powi(2)).sum();
     Some(covariance / variance).filter(|slope| slope.is_finite())
-}
-
-/// A whole number as a superscript.
-#[cfg(feature = "pictures")]
-pub(crate) fn superscript(number: i64) -> String {
-    const DIGITS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
-    number.to_string().bytes().filter_map(|digit| DIGITS.get(usize::from(digit.checked_sub(b'0')?))).collect()
 }

@@ -6,7 +6,7 @@ mod colour_map;
 mod map;
 
 pub use crate::results::trace::{Envelope, PathTrace};
-pub use axis::{Axis, Scale};
+pub use axis::{Axis, Scale, power};
 pub use chart::{Chart, Marker, PictureError, Series, Style};
 pub use colour_map::ColourMap;
 pub use map::Map;

@@ -251,14 +251,18 @@ fn linear_label(index: i64, step: f64) -> String {
     label.chars().enumerate().flat_map(grouped).collect()
 }
 
-/// 10 with a raised exponent.
-fn power_of_ten(exponent: i64) -> String {
+/// A power as labels show it, with a raised exponent: h², 10⁻³.
+pub fn power(base: &str, exponent: i64) -> String {
     const RAISED: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
     let raise = |letter: char| letter.to_digit(10).map_or('⁻', |digit| RAISED[digit as usize]);
+    base.chars().chain(exponent.to_string().chars().map(raise)).collect()
+}
+
+fn power_of_ten(exponent: i64) -> String {
     match exponent {
         0 => "1".to_owned(),
         1 => "10".to_owned(),
-        _ => format!("10{}", exponent.to_string().chars().map(raise).collect::<String>()),
+        _ => power("10", exponent),
     }
 }
 

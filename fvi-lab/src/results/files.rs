@@ -217,8 +217,10 @@ pub(crate) fn write(
 
 /// Writes to what the user has named: a file as a whole; a device, a pipe or a terminal directly, as a shell
 /// would.
-#[cfg(feature = "program")]
-pub(crate) fn write_out(
+///
+/// # Errors
+/// [`FileError`] if it cannot be opened or written; a file that was there is then as it was.
+pub fn write_out(
     path: &Path,
     content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> Result<(), FileError> {
@@ -242,9 +244,11 @@ pub(crate) fn remove(path: &Path) -> Result<(), FileError> {
     }
 }
 
-/// Writes a text.
-#[cfg(feature = "pictures")]
-pub(crate) fn write_text(path: &Path, text: &str) -> Result<(), FileError> {
+/// Writes a text, whole or not at all.
+///
+/// # Errors
+/// [`FileError`] if it cannot be written; what was there is then as it was.
+pub fn write_text(path: &Path, text: &str) -> Result<(), FileError> {
     write(path, |file| file.write_all(text.as_bytes()))
 }
 
@@ -256,9 +260,12 @@ pub(crate) fn write_json(path: &Path, record: &impl Serialize) -> Result<(), Fil
     })
 }
 
-/// Draws and writes a picture.
+/// Draws a picture and writes it as SVG, whole or not at all.
+///
+/// # Errors
+/// [`FileError`] if it cannot be drawn or written; what was there is then as it was.
 #[cfg(feature = "pictures")]
-pub(crate) fn write_picture(path: &Path, chart: &Chart) -> Result<(), FileError> {
+pub fn write_picture(path: &Path, chart: &Chart) -> Result<(), FileError> {
     let svg = chart.to_svg().map_err(io::Error::other).map_err(FileError::at(path))?;
     write_text(path, &svg)
 }

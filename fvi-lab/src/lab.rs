@@ -1,0 +1,9 @@
+//! What is done with simulations: single runs, studies of convergence, comparisons, two-point problems.
+
+pub mod checkpoint;
+pub mod compare_engines;
+pub mod converge;
+mod outlet;
+pub mod run;
+pub mod sweep;
+pub mod two_point;
