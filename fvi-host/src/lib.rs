@@ -15,7 +15,8 @@
 //! | `reproduce` | the figures and tables of the papers, computed again |
 //! | `command` | the program `fvi` |
 //!
-//! The first three are those of `fvi-scenario`, the next three those of `fvi-simulation`, and two of `fvi-lab`.
+//! The first three are those of `fvi-scenario`, the next one is that of `fvi-memory`, the next two are those
+//! of `fvi-simulation`, and two more those of `fvi-lab`.
 //!
 //! The feature `program` brings the last, with what it needs of a terminal; `pictures` brings those of runs
 //! and studies and the reproduction of the papers. Both are on by default.
@@ -27,8 +28,9 @@ pub mod command;
 pub mod reproduce;
 
 pub use fvi_lab::{lab, results};
+pub use fvi_memory::memory;
 pub use fvi_scenario::{language, numerics, scenario};
-pub use fvi_simulation::{memory, model, simulation};
+pub use fvi_simulation::{model, simulation};
 
 /// The examples of the page that introduces the crate.
 #[cfg(doctest)]

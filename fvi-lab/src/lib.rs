@@ -11,5 +11,6 @@
 pub mod lab;
 pub mod results;
 
+use fvi_memory::memory;
 use fvi_scenario::{language, numerics, scenario};
-use fvi_simulation::{memory, model, simulation};
+use fvi_simulation::{model, simulation};

@@ -613,6 +613,7 @@ fn refused_memory(scenario: &Scenario, index: usize, error: EngineError) -> Inpu
             let path = format!("system.damping[{index}].order");
             return scenario.error_at(&path, Problem::Engine(Cause::new(error)));
         }
+        _ => &["history.engine"],
     };
     scenario.error_at_first(places, Problem::Engine(Cause::new(error)))
 }

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 
 /// The crates of the host, lowest first; each has some of the layers, and those that it has from below under
 /// the same names.
-const HOST: [&str; 4] = ["fvi-scenario/src", "fvi-simulation/src", "fvi-lab/src", "fvi-host/src"];
+const HOST: [&str; 5] =
+    ["fvi-scenario/src", "fvi-memory/src", "fvi-simulation/src", "fvi-lab/src", "fvi-host/src"];
 
 /// Layers of the host, lowest first; those in one row do not know each other.
 const LAYERS: [&[&str]; 9] = [

@@ -1,0 +1,10 @@
+//! Memory engines on a host: one for a request.
+//!
+//! | layer | what it knows |
+//! |---|---|
+//! | [`memory`] | the memory engines of the program |
+#![forbid(unsafe_code)]
+
+pub mod memory;
+
+use fvi_scenario::{numerics, scenario};
