@@ -108,7 +108,7 @@ fn steps_of<S: ByHand>(path: &str, scenario: &Scenario, system: S) {
     }
     let scenario = if path == "nodes" { damped_at_nodes(scenario) } else { scenario.clone() };
     let directory = std::env::temp_dir().join(format!("fvi-bench-steps-{}", std::process::id()));
-    run(&scenario, &RunOptions::new(&directory), &AtomicBool::new(false), |_| ()).expect("a run");
+    run(&scenario, &RunOptions::new(&directory), &AtomicBool::new(false), &mut |_| ()).expect("a run");
     // What is left there is of no use to anyone.
     let _ = std::fs::remove_dir_all(directory);
 }
@@ -552,14 +552,14 @@ fn in_a_run(scenario: &Scenario, directory: &Path) -> f64 {
     let options = RunOptions::new(directory);
     let stretch = (scenario.time.steps / 50).max(1);
     let (mut fastest, mut begin) = (f64::INFINITY, None::<Instant>);
-    let progress = |steps: usize| {
+    let mut progress = |steps: usize| {
         if steps.is_multiple_of(stretch) {
             let now = Instant::now();
             fastest = begin.map_or(fastest, |begin| fastest.min((now - begin).as_secs_f64()));
             begin = Some(now);
         }
     };
-    run(scenario, &options, &AtomicBool::new(false), progress).expect("a run");
+    run(scenario, &options, &AtomicBool::new(false), &mut progress).expect("a run");
     1e9 * fastest / stretch as f64
 }
 

@@ -75,6 +75,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         kernels: vec![(BdfOrder::GRUNWALD_LETNIKOV, 0.5)],
         repetitions: Some(5),
     };
-    print!("{}", text_table(&comparison.run(&contenders, |_| {})?));
+    print!("{}", text_table(&comparison.run(&contenders, &mut |_| {})?));
     Ok(())
 }

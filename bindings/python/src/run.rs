@@ -101,7 +101,7 @@ pub(crate) fn run_in(
             };
             let stop = AtomicBool::new(false);
             let mut watch = Watch::new(progress);
-            let result = run_into_files(&scenario, &options, &stop, |steps| {
+            let result = run_into_files(&scenario, &options, &stop, &mut |steps| {
                 if !watch.tick(steps, scenario.time.steps_known()) {
                     stop.store(true, Ordering::Relaxed);
                 }

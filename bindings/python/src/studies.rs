@@ -85,7 +85,7 @@ pub(crate) fn converge<'py>(
             let stop = AtomicBool::new(false);
             let mut watch = Watch::new(progress);
             let grids = Grids { levels: first..=last, intervals, from };
-            let result = measure(&scenario, &grids, &stop, |made, all| {
+            let result = measure(&scenario, &grids, &stop, &mut |made, all| {
                 if !watch.tick(made, all) {
                     stop.store(true, Ordering::Relaxed);
                 }
@@ -149,7 +149,7 @@ pub(crate) fn compare_engines<'py>(
             }
             let comparison = Comparison { lengths, kernels, repetitions };
             let mut watch = Watch::new(None);
-            let result = comparison.run(&Contender::all(), |_| {
+            let result = comparison.run(&Contender::all(), &mut |_| {
                 watch.tick(0, 1_usize);
             });
             if let Some(error) = watch.into_raised() {

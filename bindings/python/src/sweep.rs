@@ -157,7 +157,7 @@ impl Sweep {
                 let stop = AtomicBool::new(false);
                 let mut watch = Watch::new(progress);
                 let all = options.shard.share(self.sweep.runs());
-                let summary = make_all(&self.sweep, &options, &stop, |done| {
+                let summary = make_all(&self.sweep, &options, &stop, &mut |done| {
                     if !watch.hear(done, all) {
                         stop.store(true, Ordering::Relaxed);
                     }

@@ -57,7 +57,7 @@ impl CompareEnginesArguments {
             repetitions: self.repetitions.map(|count| count as usize),
         };
         let announce = !self.quiet && std::io::stderr().is_terminal();
-        let measurements = comparison.run(&Contender::all(), |task| {
+        let measurements = comparison.run(&Contender::all(), &mut |task| {
             if announce {
                 terminal::mention(&format!("{task}\n"));
             }

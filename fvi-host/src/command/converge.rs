@@ -48,7 +48,7 @@ impl ConvergeArguments {
         let stop = stop::flag();
         let grids = Grids { levels: self.levels, intervals: self.intervals as usize, from: self.from };
         let mut progress = None;
-        let result = converge(&scenario, &grids, &stop, |made, all| {
+        let result = converge(&scenario, &grids, &stop, &mut |made, all| {
             progress.get_or_insert_with(|| Progress::new(all, "steps", self.quiet)).update(made);
         });
         if let Some(progress) = progress {

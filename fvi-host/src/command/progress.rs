@@ -8,6 +8,8 @@ use std::time::{Duration, Instant};
 pub(super) struct Progress {
     /// `None`: unknown.
     all: Option<usize>,
+    /// Pieces between two looks at the clock.
+    stride: usize,
     unit: &'static str,
     start: Instant,
     wanted: bool,
@@ -31,13 +33,13 @@ impl Progress {
 
     fn of(all: Option<usize>, unit: &'static str, quiet: bool) -> Self {
         let wanted = !quiet && std::io::stderr().is_terminal();
-        Self { all, unit, start: Instant::now(), wanted, bar: None }
+        let stride = all.map_or(1, |all| all.div_ceil(MOST_UPDATES).max(1));
+        Self { all, stride, unit, start: Instant::now(), wanted, bar: None }
     }
 
     /// Shows that `done` pieces are done.
     pub(super) fn update(&mut self, done: usize) {
-        let stride = self.all.map_or(1, |all| all.div_ceil(MOST_UPDATES).max(1));
-        if !self.wanted || !done.is_multiple_of(stride) {
+        if !self.wanted || !done.is_multiple_of(self.stride) {
             return;
         }
         if self.bar.is_none() && self.start.elapsed() > Duration::from_secs(1) {

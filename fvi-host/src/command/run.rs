@@ -77,13 +77,14 @@ impl RunArguments {
             accept_other_machine: self.accept_other_machine,
             ..RunOptions::new(&directory)
         };
-        let summary =
-            run(&scenario, &options, &stop, |steps| progress.update(steps)).map_err(|error| match error {
+        let summary = run(&scenario, &options, &stop, &mut |steps| progress.update(steps)).map_err(
+            |error| match error {
                 RunError::Input(error) => CommandError::Input(error),
                 RunError::File(error) => CommandError::File(error),
                 RunError::Checkpoint(error) => CommandError::Checkpoint(error),
                 error => CommandError::Failed(error.to_string()),
-            })?;
+            },
+        )?;
         progress.finish();
         for note in &summary.notes {
             terminal::mention(&format!("note: {}\n", visible(note)));

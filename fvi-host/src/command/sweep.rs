@@ -59,7 +59,7 @@ impl SweepArguments {
             let stop = stop::flag();
             let mut progress = Progress::new(plan.runs(), "runs", self.quiet);
             let summary =
-                sweep(&plan, &options, &stop, |done| progress.update(done)).map_err(command_error)?;
+                sweep(&plan, &options, &stop, &mut |done| progress.update(done)).map_err(command_error)?;
             progress.finish();
             summary
         };

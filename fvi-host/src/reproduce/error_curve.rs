@@ -36,7 +36,7 @@ impl ErrorCurve {
         quantity: Quantity,
         stop: &AtomicBool,
     ) -> Result<Self, ReproduceError> {
-        let convergence = converge(scenario, grids, stop, |_, _| ())?;
+        let convergence = converge(scenario, grids, stop, &mut |_, _| ())?;
         Ok(Self::new(label, convergence.points(quantity)))
     }
 
@@ -144,7 +144,6 @@ fn guide(curves: &[ErrorCurve], slope: f64) -> Option<Series> {
     let lowest = points().map(|&(h, error)| error / libm::pow(h, slope)).reduce(f64::min)?;
     // Steep lines are cut where they would stretch the axis.
     let from = from.max(libm::pow(smallest / lowest, 1.0 / slope)).min(0.5 * to);
-    let label =
-        if slope.fract() == 0.0 { power("h", slope as i64) } else { format!("h^{slope}") };
+    let label = if slope.fract() == 0.0 { power("h", slope as i64) } else { format!("h^{slope}") };
     Some(Series::slope(label, slope, (from, lowest / distance * libm::pow(from, slope)), from, to))
 }

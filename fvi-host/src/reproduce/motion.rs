@@ -27,7 +27,7 @@ impl Motion {
         stop: &AtomicBool,
     ) -> Result<Self, ReproduceError> {
         let mut states = Vec::with_capacity(scenario.time.steps + 1);
-        match run_on(scenario, stop, |_, state| states.push(state.clone()))? {
+        match run_on(scenario, stop, &mut |_, state| states.push(state.clone()))? {
             Outcome::Done { .. } => Ok(Self { label: label.into(), states }),
             Outcome::Failed { reason } => Err(ReproduceError::Run { reason }),
         }

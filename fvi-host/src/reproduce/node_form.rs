@@ -165,7 +165,7 @@ pub(super) fn errors(
     levels: std::ops::RangeInclusive<u32>,
     stop: &AtomicBool,
 ) -> Result<[ErrorCurve; 3], ReproduceError> {
-    let convergence = converge(scenario, &Grids { levels, intervals: 1, from: 0.0 }, stop, |_, _| ())?;
+    let convergence = converge(scenario, &Grids { levels, intervals: 1, from: 0.0 }, stop, &mut |_, _| ())?;
     let less_wrong_than_nothing = |point: &(f64, f64)| point.1 < 1.0;
     Ok(Quantity::ALL.map(|quantity| {
         let points = convergence.points(quantity).into_iter().filter(less_wrong_than_nothing).collect();

@@ -129,7 +129,7 @@ pub(super) fn measure(
         let scenario = problem.scenario(damping_order)?;
         for (index, method) in RUNGE_KUTTA.into_iter().enumerate() {
             let grids = Grids { levels: LEVELS, intervals: 1, from: 0.0 };
-            let convergence = converge(&method.on(scenario.clone()), &grids, stop, |_, _| ())?;
+            let convergence = converge(&method.on(scenario.clone()), &grids, stop, &mut |_, _| ())?;
             let curve = |(quantity, _)| {
                 let above = |point: &(f64, f64)| point.1 > FLOOR;
                 let points = convergence.points(quantity).into_iter().filter(above).collect();

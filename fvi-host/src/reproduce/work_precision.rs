@@ -72,7 +72,7 @@ impl Comparison {
         let scenario = method.on(self.scenario.clone());
         let mut runs: Vec<Run> = Vec::new();
         for repeat in 0..REPEATS {
-            let levels = converge(&scenario, &grids, stop, |_, _| ())?.levels;
+            let levels = converge(&scenario, &grids, stop, &mut |_, _| ())?.levels;
             let usable = levels.iter().filter(|level| {
                 let position = &level.errors.position;
                 level.failure.is_none() && position.largest <= position.reference_largest

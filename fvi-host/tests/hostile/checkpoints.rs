@@ -45,11 +45,11 @@ impl Killed {
         .unwrap();
         let directory = tempfile::tempdir().unwrap();
         let stop = AtomicBool::new(false);
-        run(&scenario, &RunOptions::new(directory.path()), &stop, |_| ()).unwrap();
+        run(&scenario, &RunOptions::new(directory.path()), &stop, &mut |_| ()).unwrap();
         let trajectory = fs::read(directory.path().join("trajectory.csv")).unwrap();
         let directory = tempfile::tempdir().unwrap();
         let killed = catch_unwind(AssertUnwindSafe(|| {
-            run(&scenario, &options(directory.path()), &stop, |steps| {
+            run(&scenario, &options(directory.path()), &stop, &mut |steps| {
                 if steps == 41 {
                     resume_unwind(Box::new("killed"));
                 }
@@ -74,7 +74,7 @@ impl Killed {
             let bytes = bytes.unwrap_or_else(|| fs::read(entry.path()).unwrap());
             fs::write(place.path().join(name), bytes).unwrap();
         }
-        let summary = run(&self.scenario, &options(place.path()), &AtomicBool::new(false), |_| ());
+        let summary = run(&self.scenario, &options(place.path()), &AtomicBool::new(false), &mut |_| ());
         let ended = summary.ok()?.end == RunEnd::Completed;
         Some(ended && fs::read(place.path().join("trajectory.csv")).unwrap() == self.trajectory)
     }

@@ -152,7 +152,7 @@ fn run_until(
         resume: true,
         ..RunOptions::new(directory)
     };
-    run(scenario, &options, &stop, |steps| {
+    run(scenario, &options, &stop, &mut |steps| {
         if last == Some(steps) {
             stop.store(true, Ordering::Relaxed);
         }

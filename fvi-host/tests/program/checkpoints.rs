@@ -35,7 +35,7 @@ fn run_until(
 ) -> Result<bool, RunError> {
     let stop = AtomicBool::new(false);
     let attempt = || {
-        run(scenario, options, &stop, |steps| match at {
+        run(scenario, options, &stop, &mut |steps| match at {
             Some((step, Interruption::Stop)) if steps >= step => stop.store(true, Ordering::Relaxed),
             Some((step, Interruption::Kill)) if steps >= step => {
                 std::panic::resume_unwind(Box::new("killed"))

@@ -100,7 +100,7 @@ fn threads_shards_and_interruptions_leave_the_same_bytes() {
     let mut last = 0;
     for _ in 0..21 {
         let stop = AtomicBool::new(false);
-        let summary = sweep(&plan, &options, &stop, |done| {
+        let summary = sweep(&plan, &options, &stop, &mut |done| {
             if done > last {
                 stop.store(true, Ordering::Relaxed);
             }
@@ -147,7 +147,7 @@ fn all_runs_see_the_files_that_the_sweep_was_read_with_and_have_the_bits_of_sing
     let plan = Sweep::read(&place.path("sweep.toml")).unwrap();
     fs::remove_file(place.path("drive.csv")).unwrap();
     let options = SweepOptions::new(place.path("swept"));
-    let summary = sweep(&plan, &options, &AtomicBool::new(false), |_| ()).unwrap();
+    let summary = sweep(&plan, &options, &AtomicBool::new(false), &mut |_| ()).unwrap();
     assert_eq!((summary.done, summary.failed), (6, 0));
     let table = fs::read_to_string(place.path("swept/results.csv")).unwrap();
     let row: Vec<&str> = table.lines().nth(2).unwrap().split(',').collect();

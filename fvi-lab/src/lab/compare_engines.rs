@@ -192,7 +192,7 @@ impl Comparison {
     pub fn run(
         &self,
         contenders: &[Contender<'_>],
-        mut progress: impl FnMut(&str),
+        progress: &mut dyn FnMut(&str),
     ) -> Result<Vec<EngineMeasurement>, ComparisonError> {
         self.require_room()?;
         let mut measurements = Vec::new();
@@ -551,7 +551,7 @@ mod tests {
 
     #[test]
     fn every_engine_is_measured_and_agrees() {
-        let rows = comparison(&[1, 32, 700]).run(&Contender::all(), |_| {}).unwrap();
+        let rows = comparison(&[1, 32, 700]).run(&Contender::all(), &mut |_| {}).unwrap();
         let engines: Vec<&str> = rows.iter().map(|row| row.engine.as_str()).collect();
         let names = [
             OFFLINE,
@@ -585,7 +585,7 @@ mod tests {
             let kernel = WeightTable::scalars(&weights);
             Ok(Some(Box::new(BlockFft::planned(kernel, 1, task.weights.len())?)))
         });
-        let rows = comparison(&[500]).run(&[wrong], |_| {}).unwrap();
+        let rows = comparison(&[500]).run(&[wrong], &mut |_| {}).unwrap();
         assert!(rows[1].max_error_u > 1000.0);
     }
 
@@ -595,7 +595,7 @@ mod tests {
             let kernel = WeightTable::scalars(task.weights);
             Ok(Some(Box::new(BlockFft::planned(kernel, 1, 10)?)))
         });
-        let error = comparison(&[20]).run(&[small], |_| {}).unwrap_err();
+        let error = comparison(&[20]).run(&[small], &mut |_| {}).unwrap_err();
         assert_eq!(
             error.to_string(),
             "the engine \"small\" failed at step 10: the memory is full: it takes 10 samples"

@@ -158,7 +158,7 @@ pub fn converge(
     scenario: &Scenario,
     grids: &Grids,
     stop: &AtomicBool,
-    mut progress: impl FnMut(usize, usize),
+    progress: &mut dyn FnMut(usize, usize),
 ) -> Result<Convergence, ConvergeError> {
     let from = grids.from;
     if !(0.0..=scenario.time.end()).contains(&from) {
@@ -215,7 +215,7 @@ pub fn converge(
         fine_states.reserve_exact(states);
     }
     if let Some(steps) = finer {
-        let outcome = run_on(&scenario.in_steps(steps), stop, |index, state| {
+        let outcome = run_on(&scenario.in_steps(steps), stop, &mut |index, state| {
             if index.is_multiple_of(1 << FINER) {
                 fine_states.push(state.clone());
             }
@@ -232,7 +232,7 @@ pub fn converge(
         let stride = 1_usize << (finest - level);
         let mut errors = ReferenceErrors::default();
         let early = from * (1.0 - 1e-12);
-        let outcome = run_on(&on_grid, stop, |index, state| {
+        let outcome = run_on(&on_grid, stop, &mut |index, state| {
             count();
             if state.time < early {
                 return;
@@ -297,7 +297,7 @@ fn known_at(scenario: &Scenario, index: usize, fine: Option<&GridState>, known: 
 pub fn run_on(
     scenario: &Scenario,
     stop: &AtomicBool,
-    mut take: impl FnMut(usize, &GridState),
+    take: &mut dyn FnMut(usize, &GridState),
 ) -> Result<Outcome, ConvergeError> {
     scenario.require_one_motion("a study of one motion")?;
     let mut motion = Motion::start(scenario, Precision::F64)?;

@@ -239,7 +239,7 @@ pub fn run(
     scenario: &Scenario,
     options: &RunOptions,
     stop: &AtomicBool,
-    mut progress: impl FnMut(usize),
+    progress: &mut dyn FnMut(usize),
 ) -> Result<RunSummary, RunError> {
     let mut scenario = scenario.clone();
     let mut found = None;
@@ -301,7 +301,7 @@ pub fn run(
                 outlet.take(&scenario, run.rows_between(), &run.passage(case))?;
             }
             let stretch = run.motion.stretch();
-            (stretch.first()..).take(stretch.len()).filter(|&steps| steps > 0).for_each(&mut progress);
+            (stretch.first()..).take(stretch.len()).filter(|&steps| steps > 0).for_each(&mut *progress);
             if timer.is_due(run.steps()) && !run.is_ended() {
                 let begin = Instant::now();
                 write_checkpoint(run, &mut outlets)?;
@@ -500,7 +500,7 @@ impl<'s> Run<'s> {
     }
 
     /// As [`to_the_end`](Self::to_the_end); `take` sees the states of several steps at a time.
-    pub fn stretches_to_the_end(mut self, stop: &AtomicBool, mut take: impl FnMut(&Stretch)) -> RunSummary {
+    pub fn stretches_to_the_end(mut self, stop: &AtomicBool, take: &mut dyn FnMut(&Stretch)) -> RunSummary {
         let end = self.go(
             stop,
             |_| usize::MAX,

@@ -123,7 +123,7 @@ pub fn sweep(
     sweep: &Sweep,
     options: &SweepOptions,
     stop: &AtomicBool,
-    mut progress: impl FnMut(usize),
+    progress: &mut dyn FnMut(usize),
 ) -> Result<SweepSummary, SweepError> {
     OutputDirectory::make(&options.directory)?;
     let identity = sweep.identity(options.precision);
@@ -293,7 +293,7 @@ impl Sweep {
             Some(writer) => {
                 under_way.rows_to_the_end(stop, |row| writer.push(row), |stretch| measured.take(stretch))
             }
-            None => Ok(under_way.stretches_to_the_end(stop, |stretch| measured.take(stretch))),
+            None => Ok(under_way.stretches_to_the_end(stop, &mut |stretch| measured.take(stretch))),
         };
         let path = || self.trajectory_of(run, &options.directory).unwrap_or_default();
         let summary = summary.map_err(|error| FileError::at(&path())(error))?;

@@ -174,7 +174,7 @@ impl Problem {
             );
             let scenario = problem.scenario(scheme, &time, "")?;
             let mut rows = Vec::new();
-            let outcome = run_on(&scenario, stop, |_, state| {
+            let outcome = run_on(&scenario, stop, &mut |_, state| {
                 if times.contains(&state.time) {
                     rows.push(vec![state.time, state.position[0], state.momentum[0]]);
                 }
@@ -288,8 +288,7 @@ impl Problem {
 /// Runs a scenario with a reference.
 pub(super) fn measured(scenario: &Scenario, stop: &AtomicBool) -> Result<Made, ReproduceError> {
     let run = Run::start(scenario, Precision::F64)?;
-    let made = run.to_the_end(stop, |_, _| Ok::<_, std::convert::Infallible>(()));
-    let Ok(summary) = made;
+    let summary = run.stretches_to_the_end(stop, &mut |_| ());
     match summary.end {
         RunEnd::Completed | RunEnd::Event { .. } => {}
         RunEnd::Stopped => return Err(ReproduceError::Stopped),
