@@ -37,7 +37,7 @@ const COARSEST: usize = 16;
 /// A two-point problem: find Q with Q₀ and Q_N given at which L_h^{σ,α} is stationary.
 ///
 /// ```
-/// use fvi_host::lab::two_point::{Closures, ExtremalProblem, Grid, Sigma};
+/// use fvi_lab::lab::two_point::{Closures, ExtremalProblem, Grid, Sigma};
 /// // ½v², the straight line for α = 1
 /// let free = Closures::new(
 ///     1,
