@@ -2,6 +2,7 @@
 
 pub mod aligned;
 pub mod column;
+pub mod dense;
 pub mod exponential_table;
 pub mod growing_ring;
 mod inverse;

@@ -25,6 +25,7 @@
 //! \[GolubWelsch69\], \[Gautschi04\]; quadrature for sums of exponentials, \[BeylkinMonzon10\], \[McLean18\].
 
 use crate::numerics::aligned::Aligned;
+use crate::numerics::dense::symmetric_eigen;
 use fvi_core::{BdfOrder, ConvolutionWeights, ExponentialTable, ParameterError, Real};
 use fvi_fft::baseline::CompensatedSum;
 use nalgebra::DMatrix;
@@ -660,7 +661,7 @@ impl JacobiMatrix {
                 leading[(k + 1, k)] = self.beside[k];
             }
         }
-        let eigen = leading.symmetric_eigen();
+        let eigen = symmetric_eigen(leading);
         let node = |k: usize| (eigen.eigenvalues[k], eigen.eigenvectors.column(k).iter().copied().collect());
         let mut nodes: Vec<(f64, Vec<f64>)> = (0..size).map(node).collect();
         nodes.sort_by(|a, b| a.0.total_cmp(&b.0));

@@ -3,6 +3,7 @@
 use super::sparse_matrix::{KnownMatrices, SparseMatrix, wrong_size};
 use crate::language::document::Value;
 use crate::language::error::{InputError, Problem};
+use crate::numerics::dense::symmetric_eigenvalues;
 use nalgebra::DMatrix;
 use serde::{Serialize, Serializer};
 
@@ -165,7 +166,7 @@ impl SymmetricMatrix {
         match self {
             Self::Diagonal(entries) => (entries.iter().copied().fold(f64::INFINITY, f64::min), 0.0),
             Self::Dense(matrix) => {
-                let eigenvalues = matrix.clone().symmetric_eigenvalues();
+                let eigenvalues = symmetric_eigenvalues(matrix.clone());
                 (eigenvalues.min(), 8.0 * f64::EPSILON * matrix.nrows() as f64 * eigenvalues.amax())
             }
             // Judged by its factor.

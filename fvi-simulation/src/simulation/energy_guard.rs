@@ -4,6 +4,7 @@ use crate::language::expression::Moment;
 use crate::model::tape::CompiledForce;
 use crate::model::{Loads, RoughForces};
 use crate::numerics::column::{highest, lowest};
+use crate::numerics::dense;
 use crate::scenario::{Derivative, OnEnergyGrowth, Scenario, SharedTerms, SymmetricMatrix};
 use crate::simulation::GridState;
 use crate::simulation::stability;
@@ -90,7 +91,7 @@ impl EnergyGuard {
             }
             SymmetricMatrix::Dense(mass) => {
                 let zero = || nalgebra::DMatrix::zeros(mass.nrows(), mass.nrows());
-                SymmetricMatrix::Dense(mass.clone().lu().try_inverse().unwrap_or_else(zero))
+                SymmetricMatrix::Dense(dense::inverse(mass.clone()).unwrap_or_else(zero))
             }
             // Linear motions that no step makes grow.
             SymmetricMatrix::Sparse(_) if stability::is_unconditional(scenario) => return Self::blind(),

@@ -10,6 +10,7 @@ mod polynomials;
 mod symbol;
 mod winding;
 
+use crate::numerics::dense;
 use characteristic::Characteristic;
 use fvi_core::{BdfOrder, ParameterError};
 use nalgebra::{Cholesky, DMatrix};
@@ -83,7 +84,7 @@ impl LinearSystem {
             allowed: "that of a positive definite matrix by which stiffness and damping can be divided",
         };
         let factor = Cholesky::new(mass.clone()).ok_or(refused)?.l();
-        let inverse = factor.lu().try_inverse().ok_or(refused)?;
+        let inverse = dense::inverse(factor).ok_or(refused)?;
         let in_new_coordinates = |matrix: &DMatrix<f64>| &inverse * matrix * inverse.transpose();
         for term in &mut damping {
             term.coefficients = in_new_coordinates(&term.coefficients);

@@ -5,6 +5,7 @@ use super::end_points::EndPoints;
 use super::grid::{Grid, Sigma};
 use super::lagrangian::Lagrangian;
 use super::newton::{Descent, Direction, Formulation, Residual, Stationarity};
+use crate::numerics::dense::symmetric_eigen;
 use nalgebra::{DMatrix, DVector};
 
 /// An eigenvalue is raised to this part of the largest one where only descent is sought.
@@ -170,7 +171,7 @@ impl Descent for Positions<'_> {
 
     /// With the sizes of the eigenvalues of the second derivative in place of the eigenvalues.
     fn steepest(&mut self) -> Vec<f64> {
-        let eigen = self.jacobian.clone().symmetric_eigen();
+        let eigen = symmetric_eigen(self.jacobian.clone());
         let floor = LEAST_CURVATURE * eigen.eigenvalues.amax();
         let mut coefficients = eigen.eigenvectors.tr_mul(&self.gradient);
         for (coefficient, value) in coefficients.iter_mut().zip(&eigen.eigenvalues) {

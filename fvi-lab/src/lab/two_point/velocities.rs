@@ -28,6 +28,7 @@ use super::lagrangian::Lagrangian;
 use super::minres::{self, Limits, inner};
 use super::newton::{Descent, Direction, Formulation, Residual, Stationarity};
 use super::toeplitz::{LowerToeplitz, Product};
+use crate::numerics::dense;
 use nalgebra::{DMatrix, DVector};
 
 /// Reduction of the residual in one solution of the linear system; Newton's method makes up for the rest.
@@ -402,7 +403,7 @@ impl Preconditioner {
         let eigen: Vec<_> = curvatures
             .chunks_exact(4 * d * d)
             .map(|curvature| {
-                DMatrix::from_fn(d, d, |i, j| curvature[(d + i) * 2 * d + d + j]).symmetric_eigen()
+                dense::symmetric_eigen(DMatrix::from_fn(d, d, |i, j| curvature[(d + i) * 2 * d + d + j]))
             })
             .collect();
         let largest =
@@ -422,7 +423,7 @@ impl Preconditioner {
                 *entry += row * row * value;
             }
         }
-        Some(Self { coordinates, inverses, rows, capacitance: capacitance.lu().try_inverse()? })
+        Some(Self { coordinates, inverses, rows, capacitance: dense::inverse(capacitance)? })
     }
 
     /// |A|⁻¹ r.

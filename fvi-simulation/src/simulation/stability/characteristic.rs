@@ -4,6 +4,7 @@ use super::parts::Part;
 use super::polynomials::Polynomials;
 use super::symbol;
 use super::{DampingForm, Discretisation};
+use crate::numerics::dense;
 use nalgebra::{Complex, DMatrix};
 use std::cell::RefCell;
 use std::collections::HashMap;
@@ -53,7 +54,7 @@ impl Characteristic {
             DampingForm::Nodes { order } => Form::Nodes(*order),
             DampingForm::Stages { matrix } => {
                 let size = matrix.nrows();
-                let inverse = matrix.clone().lu().try_inverse().unwrap_or_else(|| DMatrix::zeros(size, size));
+                let inverse = dense::inverse(matrix.clone()).unwrap_or_else(|| DMatrix::zeros(size, size));
                 Form::Stages { inverse }
             }
         };

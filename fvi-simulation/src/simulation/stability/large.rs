@@ -2,9 +2,10 @@
 
 use super::{DampingForm, Discretisation, LinearDamping, LinearSystem, Verdict, check_stability};
 use crate::model::{Matrix, Model, matrix};
+use crate::numerics::dense::symmetric_eigen;
 use crate::scenario::Scenario;
 use fvi_core::{Block, Instant, Mechanics};
-use nalgebra::{DMatrix, SymmetricEigen};
+use nalgebra::DMatrix;
 
 /// Steps of the Lanczos iteration; the largest eigenvalues of stiffness and damping are apart from the
 /// others, and a few per cent are enough.
@@ -116,5 +117,5 @@ fn largest_eigenvalue(model: &Model<f64>, matrix: &Matrix<f64>, size: usize) -> 
         1 => beside[row.min(column)],
         _ => 0.0,
     });
-    SymmetricEigen::new(tridiagonal).eigenvalues.max().max(0.0)
+    symmetric_eigen(tridiagonal).eigenvalues.max().max(0.0)
 }

@@ -1,7 +1,8 @@
 //! A linear system cut into parts that do not act on each other.
 
 use super::LinearSystem;
-use nalgebra::{DMatrix, SymmetricEigen};
+use crate::numerics::dense::{symmetric_eigen, symmetric_eigenvalues};
+use nalgebra::DMatrix;
 
 /// Coupling between coordinates, relative to the largest entry of its matrix, that counts as none.
 const ROUNDING: f64 = 1e-12;
@@ -38,7 +39,7 @@ impl Part {
         let transposed = self.stiffness.transpose();
         let symmetric = (&self.stiffness + &transposed) * 0.5;
         let skew = (&self.stiffness - &transposed) * 0.5;
-        let smallest = symmetric.symmetric_eigenvalues().min();
+        let smallest = symmetric_eigenvalues(symmetric).min();
         let rounding = 1e-14 * self.size() as f64 * self.stiffness.amax();
         let pushing = if -smallest > rounding { -smallest } else { 0.0 };
         let turning = skew.norm();
@@ -78,7 +79,7 @@ fn turn(matrices: &mut [DMatrix<f64>], factor: impl Fn(usize) -> f64) {
         let largest = matrix.amax();
         if largest > 0.0 { sum + matrix * (factor(index) / largest) } else { sum }
     });
-    let vectors = SymmetricEigen::new((&combination + combination.transpose()) * 0.5).eigenvectors;
+    let vectors = symmetric_eigen((&combination + combination.transpose()) * 0.5).eigenvectors;
     for matrix in matrices {
         *matrix = vectors.transpose() * &*matrix * &vectors;
     }
