@@ -3,10 +3,10 @@
 use crate::results::files;
 use crate::results::growing_file::{GrowingFile, Mark};
 use crate::results::numpy::{self, HEAD, Kind};
+use rawzip::{CompressionMethod, RECOMMENDED_BUFFER_SIZE, ZipArchive};
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
-use zip::ZipArchive;
 
 /// Times, positions, momenta and, in some archives, energies, in the order of the archive.
 const NAMES: [&str; 4] = ["t", "q", "p", "energy"];
@@ -95,15 +95,14 @@ impl NpzRows {
 
     /// Puts the arrays together into the archive.
     pub(crate) fn finish(self) -> io::Result<()> {
-        let mut archive = zip::ZipWriter::new(files::begin(&self.path)?);
+        let mut archive = numpy::Archive::new(files::begin(&self.path)?);
         let mut parts = Vec::new();
         for mut array in self.arrays {
             let name = array.name;
             array.file.flush()?;
             array.write_head()?;
             let (mut file, part) = array.file.reread()?;
-            numpy::begin_array(&mut archive, name)?;
-            io::copy(&mut file, &mut archive)?;
+            numpy::write_array(&mut archive, name, |array| io::copy(&mut file, array).map(drop))?;
             parts.push(part);
         }
         files::commit(archive.finish().map_err(io::Error::other)?)?;
@@ -143,7 +142,7 @@ pub(crate) fn can_resume(path: &Path, arrays: Arrays, marks: &[Mark]) -> bool {
 }
 
 /// The numbers of an array of a finished archive, `columns` at a time.
-#[cfg_attr(not(feature = "pictures"), expect(dead_code, reason = "maps are drawn from them"))]
+#[cfg_attr(not(any(feature = "pictures", test)), expect(dead_code, reason = "maps are drawn from them"))]
 pub(crate) fn read_rows(
     path: &Path,
     name: &str,
@@ -166,14 +165,20 @@ fn array_path(path: &Path, name: &str) -> PathBuf {
 
 /// An array of the archive.
 fn member(path: &Path, name: &str) -> io::Result<Box<dyn Read>> {
-    let mut archive = ZipArchive::new(BufReader::new(File::open(path)?)).map_err(io::Error::other)?;
+    let mut file = BufReader::new(File::open(path)?);
+    let mut buffer = vec![0; RECOMMENDED_BUFFER_SIZE];
+    let archive =
+        ZipArchive::from_file(file.get_ref().try_clone()?, &mut buffer).map_err(io::Error::other)?;
     let name = format!("{name}.npy");
-    let (start, size) = {
-        let entry = archive.by_name(&name).map_err(io::Error::other)?;
-        let start = entry.data_start().ok_or(io::ErrorKind::InvalidData)?;
-        (start, entry.size())
-    };
-    let mut file = archive.into_inner();
-    file.seek(SeekFrom::Start(start))?;
-    Ok(Box::new(file.take(size)))
+    let mut entries = archive.entries(&mut buffer);
+    while let Some(entry) = entries.next_entry().map_err(io::Error::other)? {
+        let is_stored = entry.compression_method() == CompressionMethod::STORE;
+        if is_stored && entry.file_path().as_ref() == name.as_bytes() {
+            let content = archive.get_entry(entry.wayfinder()).map_err(io::Error::other)?;
+            let (start, end) = content.compressed_data_range();
+            file.seek(SeekFrom::Start(start))?;
+            return Ok(Box::new(file.take(end.saturating_sub(start))));
+        }
+    }
+    Err(io::ErrorKind::NotFound.into())
 }

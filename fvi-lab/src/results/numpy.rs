@@ -1,8 +1,9 @@
 //! NumPy's files: `.npy` arrays and `.npz` archives of them.
 
-use std::io::{self, Seek, Write};
-use zip::write::SimpleFileOptions;
-use zip::{CompressionMethod, ZipWriter};
+use crate::results::files::NewFile;
+use crc32fast::Hasher;
+use rawzip::{DataDescriptorOutput, ZipArchiveWriter};
+use std::io::{self, BufWriter, Write};
 
 /// Bytes of the head of an array, which has a fixed length so that it can be written anew when rows have
 /// come.
@@ -37,10 +38,41 @@ pub(crate) fn head(kind: Kind, rows: u64, columns: Option<usize>) -> Vec<u8> {
     head
 }
 
-/// Begins an array in an archive, without compression and without a date.
-pub(crate) fn begin_array<W: Write + Seek>(archive: &mut ZipWriter<W>, name: &str) -> io::Result<()> {
-    let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored).large_file(true);
-    archive.start_file(format!("{name}.npy"), options).map_err(io::Error::other)
+/// An archive of arrays that is being written.
+pub(crate) type Archive = ZipArchiveWriter<NewFile>;
+
+/// Writes an array, head included, into an archive, without compression and without a date.
+pub(crate) fn write_array(
+    archive: &mut Archive,
+    name: &str,
+    content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> io::Result<()> {
+    let (entry, _) = archive.new_file(format!("{name}.npy")).start().map_err(io::Error::other)?;
+    let mut summed = BufWriter::new(Summed { inner: entry, checksum: Hasher::new(), bytes: 0 });
+    content(&mut summed)?;
+    let Summed { inner, checksum, bytes } = summed.into_inner().map_err(io::IntoInnerError::into_error)?;
+    inner.finish(DataDescriptorOutput::new(checksum.finalize(), bytes)).map_err(io::Error::other)?;
+    Ok(())
+}
+
+/// Counts what is written, with its checksum.
+struct Summed<W> {
+    inner: W,
+    checksum: Hasher,
+    bytes: u64,
+}
+
+impl<W: Write> Write for Summed<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let count = self.inner.write(bytes)?;
+        self.checksum.update(&bytes[..count]);
+        self.bytes += count as u64;
+        Ok(count)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.inner.flush()
+    }
 }
 
 #[cfg(test)]

@@ -1,7 +1,9 @@
 //! Matrices and vectors in files: Matrix Market, SciPy's sparse NPZ, NumPy arrays.
 
 use super::npy::{self, Array};
-use std::io::{Cursor, Read};
+use flate2::bufread::DeflateDecoder;
+use rawzip::{CompressionMethod, ZipArchive, ZipFileHeaderRecord, ZipSliceArchive};
+use std::io::Read;
 
 /// A matrix as its entries, in the order of the file; repeated places are summed.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -208,22 +210,49 @@ fn matrix_market(bytes: &[u8]) -> Result<FileMatrix, String> {
 }
 
 /// An archive of arrays as `numpy.savez` writes it, compressed or not.
-struct Archive<'a>(zip::ZipArchive<Cursor<&'a [u8]>>);
+struct Archive<'a>(ZipSliceArchive<&'a [u8]>);
 
 /// A deflated member cannot hold more than this many times its own length.
 const DENSEST: u64 = 1040;
 
 impl Archive<'_> {
-    fn bytes(&mut self, member: &str) -> Result<Vec<u8>, String> {
-        let mut file = self.0.by_name(member).map_err(|error| format!("{member}: {error}"))?;
-        let (said, stored) = (file.size(), file.compressed_size());
+    /// What the archive says of a member; of two by one name nobody knows which is meant.
+    fn entry(&self, member: &str) -> Result<ZipFileHeaderRecord<'_>, String> {
+        let mut found = None;
+        for entry in self.0.entries() {
+            let entry = entry.map_err(|error| format!("{member}: {error}"))?;
+            if entry.file_path().as_ref() == member.as_bytes() && found.replace(entry).is_some() {
+                return Err(format!("{member}: the archive has two members of this name"));
+            }
+        }
+        found.ok_or_else(|| format!("{member}: the archive has no member of this name"))
+    }
+
+    fn bytes(&self, member: &str) -> Result<Vec<u8>, String> {
+        let entry = self.entry(member)?;
+        if entry.flags().is_encrypted() {
+            return Err(format!("{member}: it is encrypted"));
+        }
+        let (said, stored) = (entry.uncompressed_size_hint(), entry.compressed_size_hint());
         if said > stored.saturating_mul(DENSEST).saturating_add(DENSEST) {
             return Err(format!("{member}: {stored} bytes cannot hold the {said} that are promised"));
         }
         let length = usize::try_from(said).map_err(|_| format!("{member}: {said} bytes"))?;
         let mut bytes = Vec::new();
         bytes.try_reserve_exact(length).map_err(|_| format!("{member}: no room for {said} bytes"))?;
-        let read = file.by_ref().take(said.saturating_add(1)).read_to_end(&mut bytes);
+        let file = self.0.get_entry(entry.wayfinder()).map_err(|error| format!("{member}: {error}"))?;
+        let content: Box<dyn Read> = match entry.compression_method() {
+            CompressionMethod::STORE => Box::new(file.data()),
+            CompressionMethod::DEFLATE => Box::new(DeflateDecoder::new(file.data())),
+            other => {
+                let method = other.as_u16();
+                return Err(format!(
+                    "{member}: compressed by method {method}; 0 (stored) and 8 (deflated) are read"
+                ));
+            }
+        };
+        // Its checksum is compared at its end.
+        let read = file.verifying_reader(content).take(said.saturating_add(1)).read_to_end(&mut bytes);
         read.map_err(|error| format!("{member}: {error}"))?;
         if bytes.len() != length {
             return Err(format!("{member}: not the {said} bytes that are promised"));
@@ -231,13 +260,13 @@ impl Archive<'_> {
         Ok(bytes)
     }
 
-    fn array(&mut self, name: &str) -> Result<Array, String> {
+    fn array(&self, name: &str) -> Result<Array, String> {
         let member = format!("{name}.npy");
         npy::read(&self.bytes(&member)?).map_err(|reason| format!("{member}: {reason}"))
     }
 
     /// A list of numbers.
-    fn list(&mut self, name: &str) -> Result<Vec<f64>, String> {
+    fn list(&self, name: &str) -> Result<Vec<f64>, String> {
         let array = self.array(name)?;
         if array.shape.len() == 1 {
             Ok(array.numbers)
@@ -247,7 +276,7 @@ impl Archive<'_> {
     }
 
     /// A list of indices below `end`.
-    fn indices(&mut self, name: &str, end: usize) -> Result<Vec<u32>, String> {
+    fn indices(&self, name: &str, end: usize) -> Result<Vec<u32>, String> {
         let list = self.list(name)?.into_iter().enumerate();
         list.map(|(place, index)| {
             if is_whole(index) && index < end as f64 {
@@ -266,8 +295,7 @@ impl Archive<'_> {
 /// Reads what `scipy.sparse.save_npz` writes: compressed rows, compressed columns or coordinates.
 fn sparse_npz(bytes: &[u8]) -> Result<FileMatrix, String> {
     let archive =
-        zip::ZipArchive::new(Cursor::new(bytes)).map_err(|error| format!("not a ZIP archive: {error}"))?;
-    let mut archive = Archive(archive);
+        ZipArchive::from_slice(bytes).map(Archive).map_err(|error| format!("not a ZIP archive: {error}"))?;
     // A text of one to three letters: bytes, or four bytes for each letter.
     let format = archive
         .bytes("format.npy")

@@ -4,7 +4,7 @@ use super::axis::{cell, number};
 use super::plan::Sweep;
 use super::records::{Record, Records, record_of};
 use crate::results::files::{self, FileError};
-use crate::results::numpy::{self, Kind};
+use crate::results::numpy::{self, Archive, Kind};
 use crate::results::output_directory::OutputDirectory;
 use std::io::{self, Write};
 
@@ -64,7 +64,7 @@ pub(super) fn write(
     let path = directory.join(CSV);
     files::write(&path, |file| write_csv(sweep, shards, file))?;
     let path = directory.join(NPZ);
-    let mut archive = zip::ZipWriter::new(files::begin(&path).map_err(FileError::at(&path))?);
+    let mut archive = Archive::new(files::begin(&path).map_err(FileError::at(&path))?);
     write_npz(sweep, shards, &mut archive).map_err(FileError::at(&path))?;
     let file = archive.finish().map_err(io::Error::other).map_err(FileError::at(&path))?;
     files::commit(file).map_err(FileError::at(&path))?;
@@ -99,52 +99,50 @@ fn record(shards: &[Records], run: usize) -> io::Result<Record> {
 }
 
 /// Writes the columns as arrays, one after another: the records are read once for each, and none is held.
-fn write_npz<W: Write + io::Seek>(
-    sweep: &Sweep,
-    shards: &[Records],
-    archive: &mut zip::ZipWriter<W>,
-) -> io::Result<()> {
-    let runs = 0..sweep.runs();
-    begin(archive, "run", Kind::Whole, sweep)?;
-    runs.clone().try_for_each(|run| archive.write_all(&(run as i64).to_le_bytes()))?;
+fn write_npz(sweep: &Sweep, shards: &[Records], archive: &mut Archive) -> io::Result<()> {
+    column(archive, "run", Kind::Whole, sweep, |run| Ok((run as i64).to_le_bytes()))?;
     for (index, axis) in sweep.axes().iter().enumerate() {
         let value = |run: usize| sweep.values_of(run).swap_remove(index);
         if axis.is_numeric() {
-            begin(archive, &axis.path, Kind::Number, sweep)?;
-            for run in runs.clone() {
-                archive.write_all(&number(&value(run)).unwrap_or(f64::NAN).to_le_bytes())?;
-            }
+            let number = |run| Ok(number(&value(run)).unwrap_or(f64::NAN).to_le_bytes());
+            column(archive, &axis.path, Kind::Number, sweep, number)?;
         } else {
             texts(archive, &axis.path, sweep, |run| Ok(cell(&value(run))))?;
         }
     }
     texts(archive, "status", sweep, |run| Ok(record(shards, run)?.status.name().to_owned()))?;
-    begin(archive, "steps", Kind::Whole, sweep)?;
-    for run in runs.clone() {
-        archive.write_all(&(record(shards, run)?.steps as i64).to_le_bytes())?;
-    }
-    for (index, column) in sweep.quantities().columns().iter().enumerate() {
-        begin(archive, column, Kind::Number, sweep)?;
-        for run in runs.clone() {
-            let value = record(shards, run)?.values.get(index).copied().unwrap_or(f64::NAN);
-            archive.write_all(&value.to_le_bytes())?;
-        }
+    column(
+        archive,
+        "steps",
+        Kind::Whole,
+        sweep,
+        |run| Ok((record(shards, run)?.steps as i64).to_le_bytes()),
+    )?;
+    for (index, name) in sweep.quantities().columns().iter().enumerate() {
+        column(archive, name, Kind::Number, sweep, |run| {
+            Ok(record(shards, run)?.values.get(index).copied().unwrap_or(f64::NAN).to_le_bytes())
+        })?;
     }
     texts(archive, "message", sweep, |run| Ok(record(shards, run)?.message))
 }
 
-fn begin<W: Write + io::Seek>(
-    archive: &mut zip::ZipWriter<W>,
+/// An array of a number for each run.
+fn column(
+    archive: &mut Archive,
     name: &str,
     kind: Kind,
     sweep: &Sweep,
+    number: impl Fn(usize) -> io::Result<[u8; 8]>,
 ) -> io::Result<()> {
-    numpy::begin_array(archive, name)?;
-    archive.write_all(&numpy::head(kind, sweep.runs() as u64, None))
+    numpy::write_array(archive, name, |array| {
+        array.write_all(&numpy::head(kind, sweep.runs() as u64, None))?;
+        (0..sweep.runs()).try_for_each(|run| array.write_all(&number(run)?))
+    })
 }
 
-fn texts<W: Write + io::Seek>(
-    archive: &mut zip::ZipWriter<W>,
+/// An array of a text for each run.
+fn texts(
+    archive: &mut Archive,
     name: &str,
     sweep: &Sweep,
     text: impl Fn(usize) -> io::Result<String>,
@@ -153,11 +151,13 @@ fn texts<W: Write + io::Seek>(
     for run in 0..sweep.runs() {
         longest = longest.max(text(run)?.chars().count());
     }
-    begin(archive, name, Kind::Text(longest), sweep)?;
-    for run in 0..sweep.runs() {
-        let text = text(run)?;
-        let letters = text.chars().map(u32::from).chain(std::iter::repeat(0)).take(longest);
-        letters.into_iter().try_for_each(|letter| archive.write_all(&letter.to_le_bytes()))?;
-    }
-    Ok(())
+    numpy::write_array(archive, name, |array| {
+        array.write_all(&numpy::head(Kind::Text(longest), sweep.runs() as u64, None))?;
+        for run in 0..sweep.runs() {
+            let text = text(run)?;
+            let mut letters = text.chars().map(u32::from).chain(std::iter::repeat(0)).take(longest);
+            letters.try_for_each(|letter| array.write_all(&letter.to_le_bytes()))?;
+        }
+        Ok(())
+    })
 }

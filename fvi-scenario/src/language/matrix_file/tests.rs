@@ -1,5 +1,5 @@
 use super::*;
-use std::io::Write;
+use std::io::{Cursor, Write};
 
 fn market(text: &str) -> Result<FileMatrix, String> {
     read("a.mtx", text.as_bytes())
@@ -213,6 +213,55 @@ fn forged_archives_are_refused() {
     assert!(read("k.npz", &whole).is_ok());
     for length in 0..whole.len() {
         assert!(read("k.npz", &whole[..length]).is_err(), "{length} bytes");
+    }
+}
+
+/// An archive of one number, and where the central directory speaks of the array `data`.
+fn of_one_number(names: &[&str], compressed: bool) -> (Vec<u8>, usize) {
+    let numbers: [&[f64]; 4] = [&[0.0], &[0.0, 1.0], &[1.0, 1.0], &[1.0]];
+    let members: Vec<_> = names.iter().copied().zip(numbers.into_iter().cycle()).collect();
+    let bytes = sparse("csr", &members, compressed);
+    let name = bytes.windows(8).rposition(|name| name == b"data.npy").unwrap();
+    (bytes, name - 46)
+}
+
+const CSR: [&str; 4] = ["indices.npy", "indptr.npy", "shape.npy", "data.npy"];
+
+#[test]
+fn members_that_cannot_be_read_as_they_are_meant_are_refused() {
+    let refused = |bytes: &[u8], said: &str| {
+        let reason = read("k.npz", bytes).unwrap_err();
+        assert!(reason.contains(said), "{reason}");
+    };
+    let (mut encrypted, entry) = of_one_number(&CSR, true);
+    encrypted[entry + 8] |= 1;
+    refused(&encrypted, "data.npy: it is encrypted");
+    let (mut packed, entry) = of_one_number(&CSR, true);
+    packed[entry + 10] = 12;
+    refused(&packed, "data.npy: compressed by method 12");
+    // A second member that is renamed, wherever its name stands.
+    let (mut doubled, _) =
+        of_one_number(&["indices.npy", "indptr.npy", "shape.npy", "data.npy", "datb.npy"], false);
+    while let Some(place) = doubled.windows(8).position(|name| name == b"datb.npy") {
+        doubled[place + 3] = b'a';
+    }
+    refused(&doubled, "data.npy: the archive has two members of this name");
+    refused(&of_one_number(&CSR[1..], false).0, "indices.npy: the archive has no member of this name");
+}
+
+#[test]
+fn a_changed_byte_is_noticed_or_changes_nothing() {
+    for compressed in [false, true] {
+        let (whole, _) = of_one_number(&CSR, compressed);
+        let matrix = read("k.npz", &whole).unwrap();
+        for (place, change) in (0..whole.len()).flat_map(|place| [1, 2, 0x80, 0xff].map(|bits| (place, bits)))
+        {
+            let mut bytes = whole.clone();
+            bytes[place] ^= change;
+            if let Ok(found) = read("k.npz", &bytes) {
+                assert_eq!(found, matrix, "byte {place} changed by {change:#x}");
+            }
+        }
     }
 }
 
