@@ -6,6 +6,8 @@ mod breaks;
 mod choice;
 pub mod energy_guard;
 pub mod events;
+#[cfg(test)]
+mod forces_of_time_tests;
 mod momentum_offset;
 pub mod motion;
 pub(crate) mod not_finite;

@@ -2,7 +2,7 @@
 
 use crate::language::document::{Table, Value};
 use crate::language::error::{InputError, Problem};
-use crate::language::expression::{Expression, Symbols};
+use crate::language::expression::{Expression, Moment, Symbols};
 use crate::language::number_table::NumberTable;
 use serde::ser::SerializeMap;
 use serde::{Serialize, Serializer};
@@ -50,12 +50,18 @@ pub struct Record {
 }
 
 impl Record {
-    /// a(t).
-    pub fn at(&self, time: f64) -> f64 {
+    /// a(t). Where it jumps, at its first and after its last row, the side counts that the moment is
+    /// approached from, as in `step`.
+    pub fn at(&self, moment: Moment<f64>) -> f64 {
+        let (first, last) = self.span();
+        if moment.sided < first || moment.sided > last {
+            return 0.0;
+        }
+        let time = moment.time.clamp(first, last);
         let after = self.rows.partition_point(|&(t, _)| t <= time);
         match (after.checked_sub(1).and_then(|before| self.rows.get(before)), self.rows.get(after)) {
             (Some(&(t0, a0)), Some(&(t1, a1))) => a0 + (a1 - a0) * ((time - t0) / (t1 - t0)),
-            (Some(&(t0, a0)), None) if t0 == time => a0,
+            (Some(&(_, a0)), None) => a0,
             _ => 0.0,
         }
     }
@@ -172,7 +178,10 @@ mod tests {
         for (time, amplitude) in
             [(0.4, 0.0), (0.5, 1.0), (0.75, 2.0), (1.0, 3.0), (1.5, 1.0), (2.0, -1.0), (2.1, 0.0)]
         {
-            assert_eq!(record.at(time), amplitude, "t = {time}");
+            assert_eq!(record.at(Moment::inside(time)), amplitude, "t = {time}");
         }
+        // At its ends it jumps, which steps on either side see from their own.
+        assert_eq!([Moment::from_left(0.5), Moment::from_right(0.5)].map(|at| record.at(at)), [0.0, 1.0]);
+        assert_eq!([Moment::from_left(2.0), Moment::from_right(2.0)].map(|at| record.at(at)), [-1.0, 0.0]);
     }
 }

@@ -1,8 +1,9 @@
 //! Exact moments of forces that are rough in time.
 
+use super::moment::moment;
 use crate::language::expression::{Expression, Moment};
 use crate::model::tape::{CompiledForce, RoughArguments};
-use fvi_core::{NodalRule, Real};
+use fvi_core::{Instant, NodalRule, Real};
 
 /// Moments of the part of a force that depends on time alone, where the nodes of a quadrature are not enough.
 ///
@@ -40,8 +41,8 @@ pub enum StepLengths {
     Any,
 }
 
-/// A break so close to an end of the step is the end.
-const EDGE: f64 = 1e-9;
+/// Breaks so close to each other, in parts of a step, are one.
+const APART: f64 = 4.0 * f64::EPSILON;
 
 /// Parts of a step in which the sign of an argument is looked at.
 const LOOKS: usize = 8;
@@ -98,13 +99,13 @@ impl ForceMoments {
                 self.find_reaches(rule);
             }
         }
-        let near_root = self.find_breaks(start, length)?;
+        let near_root = self.find_breaks((start, length), sides_of_step(rule))?;
         let rough = self.integrate(rule, start, length, near_root) && self.total.iter().any(|&e| e != 0.0);
         rough.then_some(self.total.as_slice())
     }
 
     /// Finds the rough points inside a step. `None` if the step is smooth; otherwise whether a root is close.
-    fn find_breaks(&mut self, start: f64, length: f64) -> Option<bool> {
+    fn find_breaks(&mut self, (start, length): (f64, f64), (first, last): (f64, f64)) -> Option<bool> {
         self.breaks.clear();
         let (mut rough, mut near_root) = (false, false);
         let mut curved = false;
@@ -114,7 +115,7 @@ impl ForceMoments {
                 continue;
             };
             let place = (zero - start) / length;
-            let inside = place > EDGE && place < 1.0 - EDGE;
+            let inside = place > first && place < 1.0 - last;
             if inside {
                 self.breaks.push(place);
             }
@@ -140,7 +141,7 @@ impl ForceMoments {
                     if look > 0 && (value < 0.0) != (before < 0.0) {
                         let found = self.bisect(index, before < 0.0, (start, length), (look - 1, look));
                         self.rough.values(start + place * length, &mut self.registers, &mut self.values);
-                        if found > EDGE && found < 1.0 - EDGE {
+                        if found > first && found < 1.0 - last {
                             self.breaks.push(found);
                             rough = true;
                         }
@@ -150,7 +151,7 @@ impl ForceMoments {
             }
         }
         self.breaks.sort_by(f64::total_cmp);
-        self.breaks.dedup_by(|a, b| *a - *b < EDGE);
+        self.breaks.dedup_by(|a, b| *a - *b < APART);
         rough.then_some(near_root)
     }
 
@@ -225,16 +226,8 @@ impl ForceMoments {
             return false;
         }
         let mut largest = 0.0_f64;
-        for (i, &node) in rule.nodes.iter().enumerate() {
-            let node = node.to_f64();
-            let moment = if node == 0.0 {
-                Moment::from_right(start)
-            } else if node == 1.0 {
-                Moment::from_left(start + length)
-            } else {
-                Moment::inside(start + node * length)
-            };
-            self.force.load(moment, &mut self.registers, &mut self.load);
+        for i in 0..rule.nodes.len() {
+            self.force.load(node_moment(rule, i), &mut self.registers, &mut self.load);
             largest = self.load.iter().fold(largest, |largest, number| largest.max(number.abs()));
             subtract_node(rule, i, &self.load, &mut self.total);
         }
@@ -303,10 +296,20 @@ impl ForceMoments {
     }
 }
 
-/// How close to an end of a step, in parts of it, a break is the end: the ends themselves are rounded.
-pub(super) fn edge_of_step<T: Real>(rule: &NodalRule<'_, T>) -> f64 {
-    let rounding = 4.0 * T::EPSILON.to_f64() * rule.start.abs().max(rule.length).to_f64();
-    EDGE.max(rounding / rule.length.to_f64())
+/// How close to the beginning and to the end of a step, in parts of it, a break is one that the nodes there
+/// see from inside the step: see [`Moment`].
+pub(super) fn sides_of_step<T: Real>(rule: &NodalRule<'_, T>) -> (f64, f64) {
+    let length = rule.length.to_f64();
+    let side = |moment: Moment<T>| {
+        let moment = moment.in_double();
+        (moment.sided - moment.time).abs() / length
+    };
+    (side(Moment::from_right(rule.start)), side(Moment::from_left(rule.start + rule.length)))
+}
+
+/// The moment at which a scheme looks at the force in its i-th node.
+pub(super) fn node_moment<T: Real>(rule: &NodalRule<'_, T>, i: usize) -> Moment<f64> {
+    moment(Instant::in_step(rule.start, rule.nodes[i], rule.length)).in_double()
 }
 
 /// Gauss's seven places in a piece of a step, with their weights.

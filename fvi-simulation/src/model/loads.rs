@@ -46,14 +46,14 @@ impl<T: Elementary> Loads<T> {
     }
 
     /// Adds `factor` times the force at this moment.
-    pub fn add(&mut self, moment: Moment<T>, time: T, factor: T, force: &mut [T]) {
+    pub fn add(&mut self, moment: Moment<T>, factor: T, force: &mut [T]) {
         if self.patterns.is_empty() {
             return;
         }
         if !self.amplitudes.is_empty() {
             self.expressions.value(moment, &[], &mut self.registers, &mut self.amplitudes);
         }
-        let recorded = self.records.iter().map(|record| T::of(record.at(time.to_f64())));
+        let recorded = self.records.iter().map(|record| T::of(record.at(moment.in_double())));
         for (pattern, amplitude) in self.patterns.iter().zip(self.amplitudes.iter().copied().chain(recorded))
         {
             let amplitude = amplitude * factor;

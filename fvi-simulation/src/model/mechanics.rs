@@ -9,14 +9,15 @@ use super::elements::Elements;
 use super::energies::{EnergiesAlong, EnergyRoom, States, write_plain};
 use super::loads::Loads;
 use super::matrices::{Matrix, Sparse};
+use super::moment::moment;
 use super::own::Own;
 use super::rough_forces::RoughForces;
 use super::shared::Shared;
 use super::space::AnySpace;
-use crate::language::expression::{Elementary, Moment};
+use crate::language::expression::Elementary;
 use crate::model::tape::{CompiledForce, CompiledPotential, OwnRegisters};
 use crate::scenario::{Scenario, SymmetricMatrix};
-use fvi_core::{Approach, Block, Instant, MatrixError, Mechanics, NodalRule, Real};
+use fvi_core::{Block, Instant, MatrixError, Mechanics, NodalRule, Real};
 use fvi_core::{combine_two, factor, invert_factored};
 use fvi_sparse::{Analysis, Factor, Pattern};
 use std::sync::Arc;
@@ -204,10 +205,10 @@ impl<T: Elementary> Model<T> {
     fn subtract_loads_there_are(&mut self, instant: Instant<T>, pull: &mut [T]) {
         let size = self.mass.size().max(1);
         for pull in pull.chunks_mut(size) {
-            self.loads.add(moment(instant), instant.time, -T::one(), pull);
+            self.loads.add(moment(instant), -T::one(), pull);
         }
         for (loads, pull) in self.cases.iter_mut().zip(pull.chunks_mut(size)) {
-            loads.add(moment(instant), instant.time, -T::one(), pull);
+            loads.add(moment(instant), -T::one(), pull);
         }
     }
 
@@ -508,13 +509,4 @@ fn dense_inverse<T: Real>(mass: &Matrix<T>, size: usize) -> Result<Matrix<T>, Ma
     factor(&mut factors, &mut pivots).map_err(|_| MatrixError::NotPositiveDefinite)?;
     invert_factored(&factors, &pivots, &mut columns);
     Ok(Matrix::Dense(columns))
-}
-
-/// The moment of an instant, as expressions see it.
-pub fn moment<T: Elementary>(instant: Instant<T>) -> Moment<T> {
-    match instant.approach {
-        Approach::Inside => Moment::inside(instant.time),
-        Approach::FromLeft => Moment::from_left(instant.time),
-        Approach::FromRight => Moment::from_right(instant.time),
-    }
 }

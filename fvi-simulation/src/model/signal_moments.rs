@@ -1,7 +1,8 @@
 //! Exact moments of signals that are given piece by piece: samples that are held, and records with straight
 //! lines between rows.
 
-use super::force_moments::{add_shapes, edge_of_step, gauss_places, subtract_node};
+use super::force_moments::{add_shapes, gauss_places, node_moment, sides_of_step, subtract_node};
+use crate::language::expression::Moment;
 use crate::scenario::{Record, SampledInput};
 use fvi_core::{NodalRule, Real};
 
@@ -17,7 +18,10 @@ pub(super) trait Signal {
     fn value(&self, time: f64, values: &mut [f64]);
 
     /// Writes what a scheme takes at a node of the step that begins at `start`.
-    fn at_node(&self, start: f64, time: f64, values: &mut [f64]);
+    fn at_node(&self, start: f64, node: Moment<f64>, values: &mut [f64]);
+
+    /// How close to an end of the step, in parts of it, a break counts there.
+    fn edges<T: Real>(rule: &NodalRule<'_, T>) -> (f64, f64);
 }
 
 impl Signal for SampledInput {
@@ -38,8 +42,15 @@ impl Signal for SampledInput {
     }
 
     /// The sample at the beginning of the step, held over all of it.
-    fn at_node(&self, start: f64, _: f64, values: &mut [f64]) {
+    fn at_node(&self, start: f64, _: Moment<f64>, values: &mut [f64]) {
         self.value(start, values);
+    }
+
+    /// As [`SampledInput::at_step`] counts samples.
+    fn edges<T: Real>(rule: &NodalRule<'_, T>) -> (f64, f64) {
+        let rounding = 4.0 * T::EPSILON.to_f64() * rule.start.abs().max(rule.length).to_f64();
+        let edge = f64::max(1e-9, rounding / rule.length.to_f64());
+        (edge, edge)
     }
 }
 
@@ -55,11 +66,15 @@ impl Signal for Record {
     }
 
     fn value(&self, time: f64, values: &mut [f64]) {
-        values.fill(self.at(time));
+        values.fill(self.at(Moment::inside(time)));
     }
 
-    fn at_node(&self, _: f64, time: f64, values: &mut [f64]) {
-        self.value(time, values);
+    fn at_node(&self, _: f64, node: Moment<f64>, values: &mut [f64]) {
+        values.fill(self.at(node));
+    }
+
+    fn edges<T: Real>(rule: &NodalRule<'_, T>) -> (f64, f64) {
+        sides_of_step(rule)
     }
 }
 
@@ -84,11 +99,11 @@ impl<S: Signal> SignalMoments<S> {
     /// the nodes.
     pub(super) fn excess<T: Real>(&mut self, rule: &NodalRule<'_, T>) -> Option<&[f64]> {
         let (start, length) = (rule.start.to_f64(), rule.length.to_f64());
-        let edge = edge_of_step(rule);
+        let (first, last) = S::edges(rule);
         self.breaks.clear();
         self.breaks.push(0.0);
         let breaks = &mut self.breaks;
-        self.signal.breaks(start + edge * length, start + (1.0 - edge) * length, |time| {
+        self.signal.breaks(start + first * length, start + (1.0 - last) * length, |time| {
             breaks.push((time - start) / length);
         });
         if self.breaks.len() == 1 {
@@ -106,9 +121,9 @@ impl<S: Signal> SignalMoments<S> {
             }
         }
         // A sample within the rounding of the first grid point counts there.
-        let begin = start + edge * length;
-        for (i, &node) in rule.nodes.iter().enumerate() {
-            self.signal.at_node(begin, start + node.to_f64() * length, &mut self.values);
+        let begin = start + first * length;
+        for i in 0..rule.nodes.len() {
+            self.signal.at_node(begin, node_moment(rule, i), &mut self.values);
             subtract_node(rule, i, &self.values, &mut self.total);
         }
         Some(&self.total)

@@ -389,7 +389,7 @@ impl EnergyGuard {
             if !force.is_zero() {
                 force.value(moment, place, registers, value);
             }
-            loads.add(moment, self.time + node * step, 1.0, value);
+            loads.add(moment, 1.0, value);
             for (largest, value) in largest.iter_mut().zip(&*value) {
                 *largest = largest.max(value.abs());
             }

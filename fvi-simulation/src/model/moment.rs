@@ -1,0 +1,13 @@
+//! Instants of steps as expressions see them.
+
+use crate::language::expression::Moment;
+use fvi_core::{Approach, Instant, Real};
+
+/// The moment of an instant, as expressions see it.
+pub fn moment<T: Real>(instant: Instant<T>) -> Moment<T> {
+    match instant.approach {
+        Approach::Inside => Moment::inside(instant.time),
+        Approach::FromLeft => Moment::from_left(instant.time),
+        Approach::FromRight => Moment::from_right(instant.time),
+    }
+}
