@@ -20,10 +20,14 @@ impl InitialState {
         Self { position: vec![0.0; count], momentum: vec![0.0; count] }
     }
 
+    /// Reads the keys; without momentum and velocity it is at rest.
     pub(super) fn read(table: &Table<'_>, system: &System) -> Result<Self, InputError> {
         table.allow(&["position", "momentum", "velocity"])?;
         let count = system.coordinates();
         let position = table.required("position")?.vector(count)?;
+        if table.optional("momentum").or(table.optional("velocity")).is_none() {
+            return Ok(Self { position, ..Self::at_rest(count) });
+        }
         let (is_momentum, value) = table.either("momentum", "velocity")?;
         let given = value.vector(count)?;
         let momentum = if is_momentum { given } else { system.mass.times(&given) };

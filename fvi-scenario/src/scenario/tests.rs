@@ -50,6 +50,12 @@ fn refused(passage: &str, replacement: &str) -> (String, usize, String) {
 }
 
 #[test]
+fn rest_is_where_neither_momentum_nor_velocity_is_given() {
+    let scenario = read(&GOOD.replacen("velocity = [1.0, -1.0]", "", 1)).unwrap();
+    assert_eq!((scenario.initial.position, scenario.initial.momentum), (vec![1.0, 2.0], vec![0.0; 2]));
+}
+
+#[test]
 fn every_key_is_read() {
     let scenario = read(GOOD).unwrap();
     assert_eq!(scenario.heading(), "Two masses");
@@ -172,7 +178,7 @@ fn mistakes_are_told_with_key_line_value_and_what_is_allowed() {
         ("[-1.0, 1.0]]", "[-1.0, 0.5]]", "system.damping[1].coefficient", 13, "not positive semidefinite"),
         ("riemann-liouville", "riemann", "system.damping[1].derivative", 14, "not allowed"),
         ("position = [1.0, 2]", "position = [1.0]", "initial.position", 16, "1 entries instead of 2"),
-        ("velocity = [1.0, -1.0]", "", "initial", 15, "`momentum` or `velocity` is missing"),
+        ("position = [1.0, 2]", "", "initial", 15, "`position` is missing"),
         ("velocity =", "momentum = [0.0, 0.0]\nvelocity =", "initial.velocity", 18, "cannot stand beside"),
         ("kappa = 0.3", "kappa = 1.5", "scheme.kappa", 20, "not allowed"),
         ("kappa = 0.3", "kapa = 0.3", "scheme.kapa", 20, "unknown key"),
