@@ -228,7 +228,7 @@ fn bad_matrices_and_keys_are_refused_by_name() {
     }
 }
 
-/// Two load cases of the chain under a load that they share.
+/// Load cases of the chain under a load that they share, one of them under nothing else.
 const CASES: &str = r#"
 [[case]]
 name = "near"
@@ -243,6 +243,8 @@ amplitude = "step(0.7 - t)"
 [[case.load]]
 pattern = { coordinate = 3, value = 1.0 }
 amplitude = "sin(4*t)"
+[[case]]
+name = "none-of-its-own"
 "#;
 
 /// The chain alone under the loads of one case.
@@ -267,13 +269,16 @@ fn load_cases_leave_the_files_of_runs_of_their_own() {
     place.write("scenario.toml", &format!("{CHAIN}{CASES}"));
     let output = place.fvi(&["run", "scenario.toml", "--out", "out"]);
     assert!(output.status.success(), "{}", text(&output.stderr));
-    assert!(text(&output.stdout).contains("2 load cases (near, far-and-near)"));
+    assert!(text(&output.stdout).contains("3 load cases (near, far-and-near, none-of-its-own)"));
     let summary = |name: &str| -> serde_json::Value {
         serde_json::from_slice(&fs::read(place.path(name)).unwrap()).unwrap()
     };
-    assert_eq!(summary("out/summary.json")["cases"], serde_json::json!(["near", "far-and-near"]));
+    assert_eq!(
+        summary("out/summary.json")["cases"],
+        serde_json::json!(["near", "far-and-near", "none-of-its-own"])
+    );
     assert!(!place.path("out/trajectory.csv").exists() && !place.path("out/snapshots.npz").exists());
-    for case in ["near", "far-and-near"] {
+    for case in ["near", "far-and-near", "none-of-its-own"] {
         place.write("alone.toml", &alone(case));
         let output = place.fvi(&["run", "alone.toml", "--out", "alone"]);
         assert!(output.status.success(), "{}", text(&output.stderr));
@@ -302,9 +307,9 @@ fn load_cases_go_on_after_an_interruption() {
         assert!(output.status.success(), "{}", text(&output.stderr));
     };
     run("out", "steps = 40", &[]);
-    run("parts", "steps = 17", &[]);
+    run("parts", "steps = 17", &["--checkpoint-every", "10"]);
     run("parts", "steps = 40", &["--resume"]);
-    for case in ["near", "far-and-near"] {
+    for case in ["near", "far-and-near", "none-of-its-own"] {
         for file in ["trajectory.csv", "coordinates.svg", "snapshots.npz", "map.svg"] {
             let of = |directory: &str| fs::read(place.path(directory).join(case).join(file)).unwrap();
             assert!(of("out") == of("parts"), "{case}: {file}");

@@ -11,7 +11,7 @@ use serde::Serialize;
 pub struct Case {
     /// The name of its directory.
     pub name: String,
-    /// Its own loads, beside those of the system.
+    /// Its own loads, beside those of the system; it may have none.
     #[serde(rename = "load")]
     pub loads: Vec<Load>,
 }
@@ -49,9 +49,11 @@ impl Case {
         if before.iter().any(|other| other.name.eq_ignore_ascii_case(&name)) {
             return Err(value.out_of_range("a name of its own for each case"));
         }
-        let loads = table
-            .required("load")?
-            .list("a list of tables, each headed [[case.load]]")?
+        let given = table.optional("load");
+        let given =
+            given.map(|value| value.list("a list of tables, each headed [[case.load]]")).transpose()?;
+        let loads = given
+            .unwrap_or_default()
             .iter()
             .map(|load| Load::read(&load.table()?, &system.symbols(), system.coordinates()))
             .collect::<Result<_, _>>()?;
