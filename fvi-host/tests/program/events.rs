@@ -116,6 +116,51 @@ fn a_stop_ends_the_run_with_the_state_there() {
     assert!((last[0] - PI).abs() < 0.3 && last[2].abs() < 1e-14, "{last:?}");
 }
 
+/// The stop is known in the step behind the grid point only; the row of the grid point is there once.
+#[test]
+fn a_stop_at_a_grid_point_has_one_row() {
+    let stop = "[[event]]\nwhen = \"q0\"\naction = \"stop\"\n";
+    let rows = [
+        ("", [0.0, 0.25, 0.5, 0.75, 1.0].as_slice()),
+        ("[output]\nevery = 3", &[0.0, 0.75, 1.0]),
+        ("[output]\ntimes = [0.5, 1.0, 1.1]", &[0.5, 1.0]),
+        ("[output]\ntimes = [0.6, 1.1]", &[0.6, 1.0]),
+    ];
+    for scheme in [COLLOCATION, GAUSS, ""] {
+        for (output, times) in rows {
+            // q = t − 1.
+            let scenario = format!(
+                "[system]\nmass = [1.0]\n[initial]\nposition = [-1.0]\nvelocity = [1.0]\n{scheme}\n\
+                 [time]\nstep = 0.25\nsteps = 8\n{output}\n{stop}"
+            );
+            let run = Workplace::new().run(&scenario, &[]);
+            assert_eq!(run.rows.iter().map(|row| row[0]).collect::<Vec<_>>(), times, "{scheme}{output}");
+            assert_eq!((&run.summary["status"], &run.summary["time"]), (&"event".into(), &1.0.into()));
+            let last = run.rows.last().unwrap();
+            assert!(last[1].abs() < 1e-15 && (last[2] - 1.0).abs() < 1e-15, "{last:?}");
+        }
+    }
+    // A zero that is a rounding beyond the grid point: its rows are not neighbours to the last digit.
+    let thirds = "[system]\nmass = [1.0]\n[initial]\nposition = [-1.0]\nvelocity = [3.0]\n[time]\nstep = 0.1111111111111111\n\
+                  steps = 9\n";
+    let run = Workplace::new().run(&format!("{thirds}{stop}"), &[]);
+    assert_eq!(run.rows.len(), 4, "{:?}", run.rows);
+}
+
+#[test]
+fn a_time_can_end_a_run() {
+    let stop = "[[event]]\nwhen = \"t - 5\"\naction = \"stop\"\n";
+    for (scheme, time) in [
+        (COLLOCATION, "grid = \"adaptive\"\nend = 40.0\ntolerance = 1e-6"),
+        (COLLOCATION, "step = 0.3\nsteps = 40"),
+        ("", "step = 0.1\nsteps = 400"),
+    ] {
+        let run = Workplace::new().run(&oscillator(scheme, time, stop), &[]);
+        assert_eq!((&run.summary["status"], &run.summary["time"]), (&"event".into(), &5.0.into()), "{time}");
+        assert_eq!(run.rows.last().unwrap()[0], 5.0);
+    }
+}
+
 #[test]
 fn a_run_that_is_interrupted_has_the_same_events() {
     // The last function is not a number from the first zero of q on: that is told.
@@ -168,7 +213,7 @@ fn a_run_that_an_event_ends_is_a_success_of_a_sweep() {
 fn events_that_make_no_sense_are_refused() {
     let mistakes = [
         (COLLOCATION, "[[event]]\nwhen = \"q1\"", "event[0].when"),
-        (COLLOCATION, "[[event]]\nwhen = \"t - 1\"", "a function of positions or momenta"),
+        (COLLOCATION, "[[event]]\nwhen = \"pi - 1\"", "a function of t, positions or momenta"),
         (COLLOCATION, "[[event]]\nwhen = \"q0\"\ndirection = \"up\"", "\"rising\", \"falling\", \"both\""),
         (COLLOCATION, "[[event]]\nwhen = \"q0\"\naction = \"print\"", "\"record\", \"stop\""),
         (COLLOCATION, "[[event]]\ndirection = \"both\"", "when"),

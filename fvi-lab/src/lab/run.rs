@@ -566,7 +566,7 @@ impl<'s> Run<'s> {
             |_| usize::MAX,
             |run| {
                 let stretch = run.motion.stretch();
-                if on_grid {
+                if on_grid && !stretch.is_empty() {
                     last_is_there = false;
                     for index in stretch.multiples(every) {
                         last_is_there = index + 1 == stretch.len();
@@ -674,6 +674,7 @@ impl<'s> Run<'s> {
         let (scenario, coordinates) = (self.scenario, self.scenario.coordinates());
         let reference = scenario.reference.as_ref();
         self.between.clear();
+        let before = self.watch.time();
         self.look_for_events();
         let now = self.state().time;
         while let Some(&time) = scenario.output.times.get(self.passed)
@@ -688,12 +689,12 @@ impl<'s> Run<'s> {
             self.passed += 1;
         }
         if let (Some(ended), false) = (&self.ended, scenario.output.times.is_empty())
-            && self.between.last().is_none_or(|last| last.time < ended.time)
+            && scenario.output.times[..self.passed].last().is_none_or(|&last| last < ended.time)
         {
             self.between.push(ended.clone());
         }
         if let Some(ended) = &self.ended {
-            self.motion.show(ended);
+            self.motion.show((ended.time > before).then_some(ended));
         }
         let stretch = self.motion.stretch();
         for &iterations in stretch.iterations() {

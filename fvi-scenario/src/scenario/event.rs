@@ -57,8 +57,8 @@ impl Event {
         let symbols = of_positions.clone().with_variables(names('p'));
         let value = table.required("when")?;
         let when = value.expression(&symbols)?;
-        if !when.has_variables() {
-            return Err(value.out_of_range("a function of positions or momenta; times are known beforehand"));
+        if when.root().as_number().is_some() {
+            return Err(value.out_of_range("a function of t, positions or momenta, which may pass zero"));
         }
         if scheme != &Scheme::Collocation && value.expression(&of_positions).is_err() {
             return Err(value.error(Problem::Incompatible {

@@ -99,6 +99,11 @@ impl Watch {
         self.watched.is_empty()
     }
 
+    /// The time of the state that was looked at last.
+    pub fn time(&self) -> f64 {
+        self.time
+    }
+
     /// What has been seen.
     pub fn seen(&self) -> &Seen {
         &self.seen
@@ -162,7 +167,10 @@ impl Watch {
                         place(variables, &point);
                         event.function.value(Moment::inside(time), variables)
                     };
-                    found.push((zero(value_at, (before, value), (now, event.value)), index, rising));
+                    let time = zero(value_at, (before, value), (now, event.value));
+                    // Times to rounding where the step begins are its beginning, whose state was shown.
+                    let at_beginning = time - from <= 4.0 * f64::EPSILON * from;
+                    found.push((if at_beginning { from } else { time }, index, rising));
                 }
             }
         }

@@ -236,9 +236,9 @@ impl<'s> Motion<'s> {
         &self.stretch
     }
 
-    /// Shows a state in place of the last one of the [`stretch`](Self::stretch); the motion stays where it
-    /// is.
-    pub fn show(&mut self, state: &GridState) {
+    /// Shows a state in place of the last one of the [`stretch`](Self::stretch), or none where it was shown
+    /// before; the motion stays where it is.
+    pub fn show(&mut self, state: Option<&GridState>) {
         self.stretch.replace_last(state);
     }
 

@@ -93,11 +93,13 @@ impl Stretch {
         self.push((state.time, state.energy), position, momentum, iterations);
     }
 
-    /// Shows a state in place of the last one.
-    pub(crate) fn replace_last(&mut self, state: &GridState) {
+    /// Shows a state in place of the last one, or none.
+    pub(crate) fn replace_last(&mut self, state: Option<&GridState>) {
         let Some(last) = self.len.checked_sub(1) else { return };
         self.len = last;
-        self.push_state(state, self.iterations[last]);
+        if let Some(state) = state {
+            self.push_state(state, self.iterations[last]);
+        }
     }
 
     /// How many states there are.
@@ -251,7 +253,7 @@ mod tests {
         assert_eq!(stretch.alone(), None);
         assert_eq!(stretch.multiples(4).collect::<Vec<_>>(), [2]);
         assert_eq!(stretch.multiples(1).count(), 5);
-        stretch.replace_last(&state(3));
+        stretch.replace_last(Some(&state(3)));
         stretch.read(4, &mut found);
         assert_eq!(found, state(3));
         stretch.truncate(2);
