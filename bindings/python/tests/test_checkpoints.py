@@ -36,13 +36,13 @@ def test_an_interrupted_run_goes_on_to_the_same_bits(tmp_path):
 
 
 def test_a_run_that_has_ended_is_carried_further(tmp_path):
-    fvi.run(PENDULUM, out=tmp_path)
+    fvi.run(PENDULUM, out=tmp_path, checkpoint_every="1min")
     further = fvi.run(PENDULUM, steps=900, out=tmp_path, resume=True)
     assert same(further, fvi.run(PENDULUM, steps=900))
 
 
 def test_what_does_not_go_together_is_refused(tmp_path):
-    fvi.run(PENDULUM, out=tmp_path)
+    fvi.run(PENDULUM, out=tmp_path, checkpoint_every="1min")
     with pytest.raises(fvi.InputError):
         fvi.run(PENDULUM, step=0.01, out=tmp_path, resume=True)
     for keys in (dict(resume=True), dict(checkpoint_every=10), dict(out=tmp_path, checkpoint_every="often")):

@@ -398,6 +398,33 @@ fn a_memory_is_not_carried_beyond_its_table() {
     assert!(run_until(&scenario.ending_after(200).unwrap(), &options, None).unwrap());
 }
 
+/// Checkpoints stay where someone asked for them, or where there is something to go on from.
+#[test]
+fn a_short_run_leaves_no_checkpoint_unless_asked_to() {
+    let place = tempfile::tempdir().unwrap();
+    let scenario = oscillator(&[]);
+    let kept = |name: &str, options: &dyn Fn(RunOptions) -> RunOptions, at| {
+        let directory = place.path().join(name);
+        run_until(&scenario, &options(RunOptions::new(&directory)), at).unwrap();
+        ["checkpoint.fvi", "checkpoint.pictures.fvi"].map(|name| directory.join(name).exists())
+    };
+    let as_it_is = |options: RunOptions| options;
+    assert_eq!(kept("short", &as_it_is, None), [false; 2]);
+    assert_eq!(kept("stopped", &as_it_is, Some((57, Interruption::Stop))), [true; 2]);
+    assert_eq!(kept("stopped", &|options| RunOptions { resume: true, ..options }, None), [true; 2]);
+    assert_same(&place.path().join("stopped"), &place.path().join("short"));
+    let hourly = CheckpointEvery::Time(std::time::Duration::from_secs(3600));
+    assert_eq!(kept("asked", &|options| RunOptions { checkpoints: hourly, ..options }, None), [true; 2]);
+    assert_same(&place.path().join("asked"), &place.path().join("short"));
+    // Carried further it begins at its start, and has the rows of one that went on.
+    let further = scenario.ending_after(400).unwrap();
+    for name in ["short", "asked"] {
+        let options = RunOptions { resume: true, ..RunOptions::new(place.path().join(name)) };
+        assert!(run_until(&further, &options, None).unwrap());
+    }
+    assert_same(&place.path().join("asked"), &place.path().join("short"));
+}
+
 #[test]
 fn a_run_begins_anew_where_it_is_not_told_to_go_on() {
     let place = tempfile::tempdir().unwrap();

@@ -1,8 +1,6 @@
 //! One run: from a checked scenario to the files of its output directory.
 
-use crate::lab::checkpoint::{
-    self, CHECKPOINT, Checkpoint, CheckpointError, CheckpointEvery, Identity, Progress, Timer,
-};
+use crate::lab::checkpoint::{self, Checkpoint, CheckpointError, CheckpointEvery, Identity, Progress, Timer};
 use crate::lab::outlet::{Outlet, OutletMark, Passage, View};
 use crate::language::InputError;
 use crate::memory::Tables;
@@ -146,7 +144,7 @@ pub struct RunSummary {
     /// Condition number of the system of the starting weights, if there are any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub starting_condition: Option<f64>,
-    /// The files beside this one.
+    /// The files of results beside this one.
     pub files: Vec<&'static str>,
     /// The inputs as used, defaults filled in.
     pub scenario: Scenario,
@@ -310,10 +308,14 @@ pub fn run(
             Ok::<_, RunError>(())
         },
     )?;
-    // A step that failed would fail again, and the motion is past an event that has ended it.
-    let ends = matches!(end, RunEnd::Failed { .. } | RunEnd::Event { .. });
-    let goes_on = options.checkpoints != CheckpointEvery::Never && !ends;
-    if goes_on {
+    let asked = options.resume || options.checkpoints != CheckpointEvery::Minute || timer.has_written();
+    let goes_on = match end {
+        RunEnd::Completed => asked,
+        RunEnd::Stopped => true,
+        // A step that failed would fail again, and the motion is past an event that has ended it.
+        RunEnd::Failed { .. } | RunEnd::Event { .. } => false,
+    };
+    if goes_on && options.checkpoints != CheckpointEvery::Never {
         write_checkpoint(&run, &mut outlets)?;
     }
     // A summary stands for the files beside it: the old one goes before they do, the new one comes last.
@@ -349,9 +351,6 @@ pub fn run(
     summary.files = own_files;
     if !scenario.cases.is_empty() {
         summary.of_all_cases();
-    }
-    if goes_on {
-        summary.files.push(CHECKPOINT);
     }
     write_json(&directory.join(SUMMARY), &summary)?;
     drawn?;

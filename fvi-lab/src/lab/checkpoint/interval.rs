@@ -3,8 +3,8 @@
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 
-/// How often a run writes checkpoints. One is always written when it ends or is stopped, unless there are
-/// none at all.
+/// How often a run writes checkpoints. One is written when it is stopped, unless there are none at all, and
+/// when it has come to its end, unless it did so within the first minute and nobody asked for any.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum CheckpointEvery {
     /// Every minute; less often where writing one takes more than a hundredth of the time between two.
@@ -76,6 +76,8 @@ pub(crate) struct Timer {
     stride: usize,
     /// How long writing the last checkpoint took.
     cost: Duration,
+    /// Whether one was written.
+    written: bool,
 }
 
 /// The clock is looked at about this often.
@@ -90,7 +92,12 @@ const LEAST_SHARE: u32 = 100;
 impl Timer {
     pub(crate) fn new(every: CheckpointEvery) -> Self {
         let now = Instant::now();
-        Self { every, last: now, looked: now, left: 1, stride: 1, cost: Duration::ZERO }
+        Self { every, last: now, looked: now, left: 1, stride: 1, cost: Duration::ZERO, written: false }
+    }
+
+    /// Whether any was written.
+    pub(crate) fn has_written(&self) -> bool {
+        self.written
     }
 
     /// Whether a checkpoint is due after step `steps`; to be asked wherever one may be written.
@@ -129,7 +136,7 @@ impl Timer {
     pub(crate) fn written(&mut self, begin: Instant) {
         self.last = Instant::now();
         self.looked = self.last;
-        self.cost = self.last - begin;
+        (self.cost, self.written) = (self.last - begin, true);
     }
 }
 
