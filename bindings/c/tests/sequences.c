@@ -30,7 +30,8 @@ static struct {
     FviStepper *address;
     float weights[CAPACITY + 1], result, position[MOST], momentum[MOST];
     uint64_t steps;
-    uint8_t saved[2][2048];
+    /* The largest state is a full buffer and what stands around it, a few hundred bytes. */
+    uint8_t saved[2][NUMBERS * sizeof(float) + 1024];
     size_t written[2];
 } world, before;
 
