@@ -3,7 +3,7 @@
 use core::fmt;
 
 use crate::error::{MatrixError, ParameterError};
-use crate::kernel::Kernel;
+use crate::kernel::{Kernel, Symbol};
 use crate::linear::add_multiple;
 use crate::memory::{ActsOn, Memory, MemoryError};
 use crate::real::Real;
@@ -18,7 +18,8 @@ use crate::space::{Space, vectors, vectors_mut};
 pub enum Derivative {
     /// On q itself.
     RiemannLiouville,
-    /// On q − q₀ for 0 < β ≤ 1, on q − q₀ − v₀ t for 1 < β < 2, with v₀ = M⁻¹ p₀; on q itself for β = 0.
+    /// On q − q₀ for 0 < β ≤ 1, on q − q₀ − v₀ t for 1 < β < 2, with v₀ = M⁻¹ p₀; on q itself for β = 0. A
+    /// symbol other than s^β acts on q − q₀, on q − q₀ − v₀ t where it grows faster than s.
     Caputo,
 }
 
@@ -76,18 +77,18 @@ enum Subtraction {
 }
 
 impl Subtraction {
-    fn of(derivative: Derivative, damping_order: f64) -> Self {
+    fn of(derivative: Derivative, symbol: Symbol) -> Self {
         match derivative {
             Derivative::RiemannLiouville => Self::Nothing,
-            Derivative::Caputo if damping_order == 0.0 => Self::Nothing,
-            Derivative::Caputo if damping_order <= 1.0 => Self::Position,
+            Derivative::Caputo if symbol == (Symbol::Power { exponent: 0.0 }) => Self::Nothing,
+            Derivative::Caputo if symbol.growth() <= 1.0 => Self::Position,
             Derivative::Caputo => Self::PositionAndVelocity,
         }
     }
 }
 
 impl<T: Real, X: Space<T>, M: Memory<T>> DampedMotion<T, X, M> {
-    /// The motion on a memory of the given kernels, those of s^β.
+    /// The motion on a memory of the given kernels.
     ///
     /// # Errors
     /// If a β is outside [0, 2), two of them leave out other parts of the motion or have other steps, or the
@@ -101,13 +102,13 @@ impl<T: Real, X: Space<T>, M: Memory<T>> DampedMotion<T, X, M> {
     ) -> Result<Self, DampingError> {
         let (mut start, mut step_size) = (None, None);
         for (index, kernel) in kernels.iter().enumerate() {
-            let damping_order = kernel.exponent();
+            let damping_order = kernel.symbol().growth();
             let order = |accepted, allowed| {
                 ParameterError::check(accepted, "damping order", damping_order, allowed)
                     .map_err(DampingError::Order)
             };
             order((0.0..2.0).contains(&damping_order), "at least 0 and less than 2")?;
-            let own = Subtraction::of(derivative, damping_order);
+            let own = Subtraction::of(derivative, kernel.symbol());
             let same = *start.get_or_insert(own) == own;
             order(
                 same,

@@ -51,6 +51,18 @@ pub enum Rule {
         /// det A of its matrix.
         determinant: f64,
     },
+    /// Plain weights that their maker knows, of another rule or another symbol.
+    Weights {
+        /// w₀ and w₁, on values.
+        first: [f64; 2],
+    },
+    /// Matrix weights that their maker knows, of another rule or another symbol.
+    MatrixWeights {
+        /// Number of stages R.
+        stages: usize,
+        /// det W₀.
+        determinant: f64,
+    },
     /// Weights that the caller vouches for: measured ones, or of another rule.
     Given,
 }
@@ -64,6 +76,22 @@ pub enum Symbol {
         /// β.
         exponent: f64,
     },
+    /// Another function, which the maker of the weights knows.
+    Other {
+        /// μ, where K(s) is like s^μ for large s.
+        growth: f64,
+    },
+}
+
+impl Symbol {
+    /// μ, where K(s) is like s^μ for large s: the order of a fractional derivative.
+    #[inline(always)]
+    pub fn growth(self) -> f64 {
+        match self {
+            Self::Power { exponent } => exponent,
+            Self::Other { growth } => growth,
+        }
+    }
 }
 
 impl Kernel {
@@ -113,6 +141,40 @@ impl Kernel {
         Ok(Self { rule: Rule::Given, symbol: Symbol::Power { exponent }, step_size: None })
     }
 
+    /// Another symbol, like s^`growth` for large s, by plain weights whose first two on values are `first`: a
+    /// memory with others is refused.
+    ///
+    /// # Errors
+    /// If the growth is outside (−1, 2), or h is not positive and finite, or a weight not finite.
+    pub fn weights(growth: f64, first: [f64; 2], step_size: f64) -> Result<Self, ParameterError> {
+        check_step_size(step_size)?;
+        for weight in first {
+            ParameterError::check(weight.is_finite(), "weight", weight, "finite")?;
+        }
+        Self::other(growth, Rule::Weights { first }, Some(step_size))
+    }
+
+    /// Another symbol, like s^`growth` for large s, by R×R matrix weights, det W₀ = `determinant`: a memory
+    /// with another is refused.
+    ///
+    /// # Errors
+    /// If the growth is outside (−1, 2), or h is not positive and finite, or the determinant not finite.
+    pub fn matrix_weights(
+        growth: f64,
+        stages: usize,
+        determinant: f64,
+        step_size: f64,
+    ) -> Result<Self, ParameterError> {
+        check_step_size(step_size)?;
+        ParameterError::check(determinant.is_finite(), "determinant of W₀", determinant, "finite")?;
+        Self::other(growth, Rule::MatrixWeights { stages, determinant }, Some(step_size))
+    }
+
+    fn other(growth: f64, rule: Rule, step_size: Option<f64>) -> Result<Self, ParameterError> {
+        check_exponent(growth)?;
+        Ok(Self { rule, symbol: Symbol::Other { growth }, step_size })
+    }
+
     /// The rule.
     pub fn rule(&self) -> Rule {
         self.rule
@@ -121,13 +183,6 @@ impl Kernel {
     /// The symbol.
     pub fn symbol(&self) -> Symbol {
         self.symbol
-    }
-
-    /// β of the symbol s^β.
-    #[inline(always)]
-    pub fn exponent(&self) -> f64 {
-        let Symbol::Power { exponent } = self.symbol;
-        exponent
     }
 
     /// h; `None` where the weights are given, or for steps of any length.
@@ -180,15 +235,17 @@ impl Kernel {
     /// w₀ and what the table acts on, after a look at its first weights: they must be w_n/w₀ of this kernel,
     /// or the sums of these.
     fn table<T: Real>(&self, weights: &[T]) -> Result<(T, ActsOn), ParameterError> {
-        let (Rule::Bdf(order), Some(step_size)) = (self.rule, self.step_size) else {
+        let (Rule::Bdf(order), Symbol::Power { exponent }, Some(step_size)) =
+            (self.rule, self.symbol, self.step_size)
+        else {
             return Err(ParameterError {
                 parameter: "kernel",
                 value: f64::NAN,
                 allowed: "one of backward differentiation, whose weights are plain numbers",
             });
         };
-        let leading = leading_bdf_weight(order, self.exponent(), step_size)?;
-        let on_values = ConvolutionWeights::bdf(order, self.exponent(), order.generating_function(0.0))?;
+        let leading = leading_bdf_weight(order, exponent, step_size)?;
+        let on_values = ConvolutionWeights::bdf(order, exponent, order.generating_function(0.0))?;
         let on_increments = on_values.clone().on_increments();
         let wrong = |right: ConvolutionWeights| {
             let unequal = |pair: &(T, f64)| !close(pair.0.to_f64(), pair.1, 64.0 * T::EPSILON.to_f64());
@@ -224,38 +281,47 @@ impl Kernel {
         let Some(step_size) = self.step_size else { return Ok(()) };
         let planes = memory.stages() * memory.stages();
         let found = memory.leading().get(index * planes..).unwrap_or(&[]);
+        let first = || found.first().map_or(f64::NAN, |weight| weight.to_f64());
+        let growth = self.symbol.growth();
         let (found, right) = match self.rule {
             Rule::Given => return Ok(()),
-            Rule::Bdf(order) => (
-                found.first().map_or(f64::NAN, |weight| weight.to_f64()),
-                leading_bdf_weight(order, self.exponent(), step_size)?,
-            ),
+            Rule::Bdf(order) => (first(), leading_bdf_weight(order, growth, step_size)?),
+            Rule::Weights { first: [right, _] } => (first(), right),
             // W₀ = (A⁻¹/h)^β
             Rule::RungeKutta { stages, determinant } => (
                 determinant_of(found, stages),
-                libm::pow(determinant, -self.exponent())
-                    * libm::pow(step_size, -self.exponent() * stages as f64),
+                libm::pow(determinant, -growth) * libm::pow(step_size, -growth * stages as f64),
             ),
+            Rule::MatrixWeights { stages, determinant } => (determinant_of(found, stages), determinant),
         };
         // Determinants lose some digits more.
-        let tolerance = if matches!(self.rule, Rule::Bdf(_)) { 64.0 } else { 4096.0 };
+        let plain = matches!(self.rule, Rule::Bdf(_) | Rule::Weights { .. });
+        let tolerance = if plain { 64.0 } else { 4096.0 };
         ParameterError::check(
             close(found, right, tolerance * T::EPSILON.to_f64()),
             "leading weight of the memory",
             found,
             "that of the damping term's kernel: same rule, same order β, same step",
         )?;
-        let Rule::Bdf(order) = self.rule else { return Ok(()) };
         // Weights on values and on increments have the same first one.
-        let Some(found) = second_weight(memory) else { return Ok(()) };
-        let weights = ConvolutionWeights::bdf(order, self.exponent(), step_size)?;
-        let right = match memory.acts_on() {
-            ActsOn::Values => weights,
-            ActsOn::Increments | ActsOn::Rises => weights.on_increments(),
+        let [on_values, on_increments] = match self.rule {
+            Rule::Bdf(order) => {
+                let weights = ConvolutionWeights::bdf(order, growth, step_size)?;
+                let second = |mut weights: ConvolutionWeights| weights.nth(1).unwrap_or(f64::NAN);
+                [second(weights.clone()), second(weights.on_increments())]
+            }
+            Rule::Weights { first: [leading, second] } => [second, leading + second],
+            _ => return Ok(()),
         };
-        let (found, right) = (found.to_f64(), right.take(2).last().unwrap_or(f64::NAN));
+        let Some(found) = second_weight(memory) else { return Ok(()) };
+        let right = match memory.acts_on() {
+            ActsOn::Values => on_values,
+            ActsOn::Increments | ActsOn::Rises => on_increments,
+        };
+        let found = found.to_f64();
         // Of the size of the leading weight, which it may be the difference of.
-        let error = (found - right).abs() / memory.leading().first().map_or(1.0, |weight| weight.to_f64());
+        let leading = memory.leading().first().map_or(1.0, |weight| weight.to_f64());
+        let error = (found - right).abs() / leading.abs();
         ParameterError::check(
             error <= tolerance * T::EPSILON.to_f64() || found == right,
             "second weight of the memory",
@@ -394,6 +460,29 @@ mod tests {
     }
 
     #[test]
+    fn weights_of_another_symbol_are_told_by_the_first_two_of_them() {
+        let kernel = |first| Kernel::weights(0.5, first, 0.01).unwrap();
+        for weights in [&WEIGHTS, &monic_increment_table(BdfOrder::GRUNWALD_LETNIKOV, 0.5)] {
+            let power = Kernel::bdf(BdfOrder::GRUNWALD_LETNIKOV, 0.5, 0.01).unwrap();
+            let mut memory = power.full_memory::<f64, 1, 16>(weights).unwrap();
+            assert_eq!(kernel([10.0, -5.0]).check(&mut memory, 0), Ok(()));
+            let parameter = |first| kernel(first).check(&mut memory.clone(), 0).unwrap_err().parameter;
+            assert_eq!(parameter([10.1, -5.0]), "leading weight of the memory");
+            assert_eq!(parameter([10.0, -5.1]), "second weight of the memory");
+        }
+        let leading = [3.0, 1.0, -9.0, 5.0];
+        let rings = [FixedRing::new(), FixedRing::new()];
+        let mut memory = FixedStages::new(&leading, 2, 1.0, rings, Overflow::Refuse).unwrap();
+        let matrices = |determinant| Kernel::matrix_weights(0.5, 2, determinant, 0.01).unwrap();
+        assert_eq!(matrices(24.0).check(&mut memory, 0), Ok(()));
+        assert!(matrices(24.1).check(&mut memory, 0).is_err());
+        assert_eq!(Kernel::weights(0.5, [f64::NAN, 0.0], 0.1).unwrap_err().parameter, "weight");
+        assert!(Kernel::weights(2.0, [1.0, 0.0], 0.1).is_err());
+        assert!(Kernel::weights(0.5, [1.0, 0.0], 0.0).is_err());
+        assert!(Kernel::matrix_weights(0.5, 2, f64::INFINITY, 0.1).is_err());
+    }
+
+    #[test]
     fn orders_outside_the_range_are_refused() {
         let method = RungeKutta::<2>::radau_iia().unwrap();
         for exponent in [-1.0, -1.5, 2.0, 2.5, f64::NAN] {
@@ -402,7 +491,7 @@ mod tests {
             assert!(Kernel::runge_kutta(&method, exponent, 0.1).is_err(), "{exponent}");
             assert!(Kernel::bdf(BdfOrder::GRUNWALD_LETNIKOV, exponent, 0.1).is_err(), "{exponent}");
         }
-        assert_eq!(Kernel::given(1.75).unwrap().exponent(), 1.75);
+        assert_eq!(Kernel::given(1.75).unwrap().symbol().growth(), 1.75);
         assert_eq!(Kernel::any_step(&method, -0.5).unwrap().step_size(), None);
         assert!(Kernel::runge_kutta(&method, 0.5, 0.0).is_err());
     }

@@ -1,5 +1,6 @@
 //! Numerical mathematics that needs an allocator or is done once: tables for memories, weights, benchmarks.
 
+pub mod algebra;
 pub mod aligned;
 pub mod column;
 pub mod dense;
