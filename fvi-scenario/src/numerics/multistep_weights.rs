@@ -1,0 +1,239 @@
+//! Weights of convolution quadrature by multistep rules, for any transfer function.
+
+use std::f64::consts::PI;
+
+use super::algebra::Series;
+use super::exponential_table::Exponential;
+use super::principal_cut::PrincipalCut;
+use super::transfer::TransferFunction;
+use fvi_core::{BdfOrder, ConvolutionWeights, DoubleDouble, ParameterError};
+use fvi_fft::real_transforms;
+use nalgebra::Complex;
+
+/// Weights that are taken from the power series, so many that nothing is left of what the integral over the
+/// cut leaves out: |ζ|⁻ⁿ with |ζ| ≥ 1.13 for BDF 6.
+const HEAD: usize = 512;
+
+/// The last of them, which tell whether the integral goes on with them.
+const COMPARED: usize = 64;
+
+/// Relative accuracy of the integral over the cut.
+const TOLERANCE: f64 = 1e-18;
+
+/// Weights between two exact evaluations of an exponential.
+const RESTART: usize = 4;
+
+/// By how much an integral may miss the last weights of the head, relative to them or to this part of w₀.
+const AGREEMENT: f64 = 64.0 * f64::EPSILON;
+const NOTHING: f64 = 1e-5;
+
+/// Points on the circle for each weight.
+const POINTS: usize = 16;
+
+/// The first `count` weights of K(γ_p(z)/h) = Σ w_n zⁿ, or of K(γ_p(z)/h)/(1 − z) on increments.
+///
+/// The first of them are the coefficients of a power series that is computed to about 30 digits. The others
+/// are an integral over the cut of K and its poles, without cancellation, so that each weight is right
+/// relative to itself however small (`principal_cut.rs`). Where K has singularities elsewhere, which the
+/// last weights of the series show, they come from a transform on a circle: right relative to w₀.
+///
+/// # Errors
+/// If h is not positive and finite, or a weight is not finite: then K is singular where γ_p(z)/h lies for
+/// |z| < 1, in the right half-plane.
+pub fn multistep_weights(
+    transfer: &TransferFunction,
+    order: BdfOrder,
+    step_size: f64,
+    on_increments: bool,
+    count: usize,
+) -> Result<Vec<f64>, ParameterError> {
+    if let Some(exponent) = transfer.exponent() {
+        let weights = ConvolutionWeights::bdf(order, exponent, step_size)?;
+        let weights = if on_increments { weights.on_increments() } else { weights };
+        return Ok(weights.take(count).collect());
+    }
+    if !(step_size > 0.0 && step_size.is_finite()) {
+        return Err(ParameterError {
+            parameter: "step size",
+            value: step_size,
+            allowed: "positive and finite",
+        });
+    }
+    let series = transfer.series(&formula_series(order, step_size, count.min(HEAD)));
+    let mut weights = if on_increments { series.sums() } else { series.to_numbers() };
+    let first = weights.first().map_or(0.0, |first| first.abs());
+    let refused = |value| ParameterError {
+        parameter: "weight of the kernel",
+        value,
+        allowed: "finite and bounded: K(s) must be analytic for Re s > 0",
+    };
+    if let Some(&weight) = weights.iter().find(|weight| !weight.is_finite()) {
+        return Err(refused(weight));
+    }
+    // Weights of K(s) = O(s^μ), μ < 2, that is analytic to the right are at most a few times the first.
+    let largest = weights.iter().fold(0.0_f64, |largest, weight| largest.max(weight.abs()));
+    if largest > GROWN * first {
+        return Err(refused(largest));
+    }
+    if count > HEAD {
+        let cut = PrincipalCut::new(transfer, order, step_size, on_increments);
+        let tail = tail_of_cut(&cut, HEAD - COMPARED, count);
+        let agrees = |(found, known): (&f64, &f64)| {
+            (found - known).abs() <= AGREEMENT * known.abs().max(NOTHING * first)
+        };
+        if tail.iter().zip(&weights[HEAD - COMPARED..]).all(agrees) {
+            weights.extend_from_slice(&tail[COMPARED..]);
+        } else {
+            let all = transform(transfer, order, step_size, on_increments, count);
+            weights.extend_from_slice(&all[HEAD..]);
+        }
+    }
+    Ok(weights)
+}
+
+/// The largest weight relative to the first that is taken for one of a kernel without growing parts.
+const GROWN: f64 = 1e6;
+
+/// The series of γ_p(z)/h.
+fn formula_series(order: BdfOrder, step_size: f64, count: usize) -> Series {
+    let inverse = DoubleDouble::ONE.divide(step_size);
+    // Sixty times the coefficients are whole numbers.
+    let coefficient = |scaled: f64| inverse.scale((60.0 * scaled).round()).divide(60.0);
+    let coefficients: Vec<_> = order.coefficients().into_iter().map(coefficient).collect();
+    Series::polynomial(&coefficients, count)
+}
+
+/// Weights from `first` to `count` by the integral over the cut, each relative to itself.
+fn tail_of_cut(cut: &PrincipalCut<'_>, first: usize, count: usize) -> Vec<f64> {
+    let mut nodes = cut.rule(cut.spacing(TOLERANCE), cut.fastest(first, TOLERANCE), count, TOLERANCE);
+    nodes.iter_mut().for_each(|node| node.coefficient *= cut.sign());
+    nodes.extend_from_slice(cut.poles());
+    nodes.sort_by(|a, b| a.rate.total_cmp(&b.rate));
+    // Slowest first: what has died out is dropped for good.
+    let mut alive = nodes.len();
+    let mut terms = vec![0.0; alive];
+    (first..count)
+        .map(|n| {
+            if (n - first).is_multiple_of(RESTART) {
+                for (term, node) in terms.iter_mut().zip(&nodes).take(alive) {
+                    *term = at_lag(node, n);
+                }
+                while alive > 0 && terms[alive - 1].abs() < f64::MIN_POSITIVE {
+                    alive -= 1;
+                }
+            } else {
+                for (term, node) in terms.iter_mut().zip(&nodes).take(alive) {
+                    *term += *term * libm::expm1(-node.rate);
+                }
+            }
+            terms[..alive].iter().rev().sum::<f64>()
+        })
+        .collect()
+}
+
+/// coefficient · e^{−rate n}, with the rounding of the exponent made up for.
+fn at_lag(node: &Exponential, n: usize) -> f64 {
+    let exponent = DoubleDouble::product(-node.rate, n as f64);
+    let power = libm::exp(exponent.to_f64());
+    node.coefficient * (power + power * exponent.low())
+}
+
+/// All weights by Cauchy's integral on a circle inside of |z| = 1.
+fn transform(
+    transfer: &TransferFunction,
+    order: BdfOrder,
+    step_size: f64,
+    on_increments: bool,
+    count: usize,
+) -> Vec<f64> {
+    let length = (POINTS * count).next_power_of_two();
+    // What is folded back from beyond the end is r^length of a weight.
+    let radius = libm::exp(libm::log(1e-20) / length as f64);
+    let coefficients = order.coefficients();
+    let value = |k: usize| {
+        let angle = -2.0 * PI * k as f64 / length as f64;
+        let z = Complex::new(libm::cos(angle), libm::sin(angle)) * radius;
+        let difference = Complex::new(1.0, 0.0) - z;
+        let formula = coefficients.iter().rev().fold(Complex::ZERO, |sum, &a| sum * z + a);
+        let value = transfer.value(formula / step_size);
+        if on_increments { value / difference } else { value }
+    };
+    let mut values: Vec<Complex<f64>> = (0..=length / 2).map(value).collect();
+    // Real for real z, whatever the rounding.
+    for end in [0, length / 2] {
+        values[end].im = 0.0;
+    }
+    let mut weights = vec![0.0; length];
+    let (_, inverse) = real_transforms(length);
+    if inverse.process(&mut values, &mut weights).is_err() {
+        return vec![f64::NAN; count];
+    }
+    let scaled =
+        |(n, weight): (usize, &f64)| weight / length as f64 * libm::exp(-(n as f64) * libm::log(radius));
+    weights.iter().enumerate().take(count).map(scaled).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn forms() -> Vec<TransferFunction> {
+        vec![
+            TransferFunction::tempered(0.5, 0.3).unwrap(),
+            TransferFunction::tempered(1.5, 2.0).unwrap(),
+            TransferFunction::maxwell(0.6, 0.0, 1.5).unwrap(),
+            TransferFunction::maxwell(0.9, 0.4, 0.5).unwrap(),
+            TransferFunction::prony(&[1.0, 0.7], &[1.0, 0.1]).unwrap(),
+            TransferFunction::havriliak_negami(0.7, 0.5, 1.0).unwrap(),
+            TransferFunction::havriliak_negami(1.0, 0.5, 2.0).unwrap(),
+        ]
+    }
+
+    #[test]
+    fn the_integral_over_the_cut_goes_on_where_the_series_ends() {
+        for transfer in forms() {
+            for p in 1..=6 {
+                let order = BdfOrder::new(p).unwrap();
+                for on_increments in [false, true] {
+                    // Longer steps leave the cut of (s + 2)^β no real preimage, and the pole at −10.
+                    for step_size in [1e-3, 0.005, 0.02] {
+                        let (first, length) = (HEAD - COMPARED, HEAD + 100);
+                        let series = transfer.series(&formula_series(order, step_size, length));
+                        let known = if on_increments { series.sums() } else { series.to_numbers() };
+                        let cut = PrincipalCut::new(&transfer, order, step_size, on_increments);
+                        let tail = tail_of_cut(&cut, first, length);
+                        for (n, (found, known)) in (first..).zip(tail.iter().zip(&known[first..])) {
+                            let floor = 1e-19 * series.to_numbers()[0].abs();
+                            assert!(
+                                (found - known).abs() <= 16.0 * f64::EPSILON * known.abs() + floor,
+                                "{transfer}, BDF {p}, h = {step_size}, {on_increments}, {n}: {found:e} {known:e}"
+                            );
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_transform_on_a_circle_gives_the_weights_relative_to_the_first() {
+        for transfer in forms() {
+            let order = BdfOrder::new(2).unwrap();
+            let series = transfer.series(&formula_series(order, 0.05, 300)).to_numbers();
+            let found = transform(&transfer, order, 0.05, false, 300);
+            let error = series.iter().zip(&found).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            assert!(error <= 8.0 * f64::EPSILON * series[0], "{transfer}: {error:e}");
+        }
+    }
+
+    #[test]
+    fn the_weights_of_a_power_are_those_of_the_core() {
+        let order = BdfOrder::new(3).unwrap();
+        let power = TransferFunction::power(0.7).unwrap();
+        let found = multistep_weights(&power, order, 0.1, false, 20).unwrap();
+        let series = power.series(&formula_series(order, 0.1, 20)).to_numbers();
+        for (found, series) in found.iter().zip(series) {
+            assert!((found - series).abs() <= 2.0 * f64::EPSILON * found.abs());
+        }
+    }
+}

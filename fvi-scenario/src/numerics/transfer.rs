@@ -1,0 +1,579 @@
+//! Transfer functions of memories: what a damping force does to the motion, K(s) in the Laplace variable.
+
+use super::algebra::{Algebra, Series};
+use fvi_core::{DoubleDouble, ParameterError};
+use nalgebra::Complex;
+use std::f64::consts::PI;
+use std::fmt;
+use std::sync::Arc;
+
+/// The transfer function K(s) of a damping force −ρ K(D) q.
+///
+/// | constructor | K(s) |
+/// |---|---|
+/// | [`power`](Self::power) | s^β |
+/// | [`tempered`](Self::tempered) | (s + a)^β − a^β |
+/// | [`maxwell`](Self::maxwell) | (τs)^β/(1 + (τs)^{β−α}) |
+/// | [`prony`](Self::prony) | Σ g τ s/(1 + τ s) |
+/// | [`havriliak_negami`](Self::havriliak_negami) | 1 − (1 + (τs)^α)^{−γ} |
+/// | [`formula`](Self::formula) | any formula that is analytic off the negative real axis |
+///
+/// It is the one place that knows a form: its value, its jump across the cut, its poles, how it grows, and
+/// the numbers by which tables and files tell it from others. Powers are principal branches.
+///
+/// Sources: \[Lubich86\] for the operational calculus; \[Mainardi10\] for the materials.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TransferFunction {
+    form: Form,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+enum Form {
+    Power { order: f64 },
+    Tempered { order: f64, rate: f64 },
+    Maxwell { order: f64, inner: f64, time: f64 },
+    Prony { strengths: Vec<f64>, times: Vec<f64> },
+    HavriliakNegami { order: f64, power: f64, time: f64 },
+    Formula { formula: SharedFormula, growth: f64 },
+}
+
+/// A formula in the Laplace variable.
+pub trait Formula: fmt::Debug + Send + Sync {
+    /// K(s) for a complex s off the negative real axis, or on its upper side.
+    fn value(&self, s: Complex<f64>) -> Complex<f64>;
+    /// K of a power series; coefficients that are not numbers where it has none.
+    fn series(&self, s: &Series) -> Series;
+    /// How it is written.
+    fn text(&self) -> &str;
+}
+
+/// A formula that several transfer functions share.
+#[derive(Clone, Debug)]
+struct SharedFormula(Arc<dyn Formula>);
+
+impl PartialEq for SharedFormula {
+    fn eq(&self, other: &Self) -> bool {
+        self.0.text() == other.0.text()
+    }
+}
+
+/// The cut of K on the negative real axis, s = −a − d for d > 0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cut {
+    /// a ≥ 0.
+    pub start: f64,
+    /// ν > −1: the jump begins like d^ν.
+    pub power: f64,
+    /// Half the width of the strip about the real axis in which the jump is an analytic function of ln d.
+    pub strip: f64,
+}
+
+/// A simple pole on the negative real axis: K(s) = `residue`/(s + `rate`) + …
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pole {
+    /// λ > 0.
+    pub rate: f64,
+    /// The residue.
+    pub residue: f64,
+}
+
+/// Where a transfer function is not passive: Im K(iω)/ω < 0 at this angular frequency, or, if that is zero,
+/// Re K(s)/s < 0 at a place s inside the right half-plane.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Active {
+    /// s.
+    pub place: Complex<f64>,
+    /// Re (K(s)/s) |s|/|K(s)|, in [−1, 0).
+    pub resistance: f64,
+}
+
+const POSITIVE: &str = "positive and finite";
+
+fn positive(parameter: &'static str, value: f64) -> Result<(), ParameterError> {
+    check(value > 0.0 && value.is_finite(), parameter, value, POSITIVE)
+}
+
+fn check(
+    accepted: bool,
+    parameter: &'static str,
+    value: f64,
+    allowed: &'static str,
+) -> Result<(), ParameterError> {
+    if accepted { Ok(()) } else { Err(ParameterError { parameter, value, allowed }) }
+}
+
+impl TransferFunction {
+    /// s^β, the fractional derivative; β < 0 is a fractional integral.
+    ///
+    /// # Errors
+    /// If β is outside (−1, 2).
+    pub fn power(order: f64) -> Result<Self, ParameterError> {
+        check(order > -1.0 && order < 2.0, "exponent", order, "greater than −1 and less than 2")?;
+        Ok(Self { form: Form::Power { order } })
+    }
+
+    /// (s + a)^β − a^β, a fractional derivative with a longest relaxation time 1/a.
+    ///
+    /// # Errors
+    /// If β is outside (0, 2) or a negative or not finite.
+    pub fn tempered(order: f64, rate: f64) -> Result<Self, ParameterError> {
+        check(order > 0.0 && order < 2.0, "order", order, "greater than 0 and less than 2")?;
+        check(rate >= 0.0 && rate.is_finite(), "rate", rate, "at least 0 and finite")?;
+        if rate == 0.0 || order == 1.0 {
+            return Self::power(order);
+        }
+        Ok(Self { form: Form::Tempered { order, rate } })
+    }
+
+    /// (τs)^β/(1 + (τs)^{β−α}): a springpot of order β in series with one of order α, the fractional Maxwell
+    /// model; α = 0 is a spring. With a spring beside it the fractional Zener model.
+    ///
+    /// # Errors
+    /// Unless 0 ≤ α < β ≤ 1, and if τ is not positive and finite.
+    pub fn maxwell(order: f64, inner: f64, time: f64) -> Result<Self, ParameterError> {
+        check(order > 0.0 && order <= 1.0, "order", order, "greater than 0 and at most 1")?;
+        check(inner >= 0.0 && inner < order, "inner", inner, "at least 0 and less than the order")?;
+        positive("time", time)?;
+        if order - inner == 1.0 {
+            return Self::prony(&[1.0], &[time]);
+        }
+        Ok(Self { form: Form::Maxwell { order, inner, time } })
+    }
+
+    /// Σ g τ s/(1 + τ s), a Prony series: Maxwell elements side by side.
+    ///
+    /// # Errors
+    /// If there is no term, the numbers of strengths and times differ, a strength is not finite or zero, or a
+    /// time not positive and finite.
+    pub fn prony(strengths: &[f64], times: &[f64]) -> Result<Self, ParameterError> {
+        check(!strengths.is_empty(), "number of strengths", 0.0, "at least 1")?;
+        let count = times.len();
+        check(count == strengths.len(), "number of times", count as f64, "as many as strengths")?;
+        for &strength in strengths {
+            check(strength != 0.0 && strength.is_finite(), "strength", strength, "finite, and not 0")?;
+        }
+        times.iter().try_for_each(|&time| positive("time", time))?;
+        Ok(Self { form: Form::Prony { strengths: strengths.to_vec(), times: times.to_vec() } })
+    }
+
+    /// 1 − (1 + (τs)^α)^{−γ}: Cole–Cole with γ = 1, Cole–Davidson with α = 1.
+    ///
+    /// # Errors
+    /// Unless 0 < α ≤ 1 and γ > 0 and τ > 0, all finite; if α = 1, γ must be at most 1.
+    pub fn havriliak_negami(order: f64, power: f64, time: f64) -> Result<Self, ParameterError> {
+        check(order > 0.0 && order <= 1.0, "order", order, "greater than 0 and at most 1")?;
+        positive("power", power)?;
+        check(order < 1.0 || power <= 1.0, "power", power, "at most 1 with order 1")?;
+        positive("time", time)?;
+        if order == 1.0 && power == 1.0 {
+            return Self::prony(&[1.0], &[time]);
+        }
+        Ok(Self { form: Form::HavriliakNegami { order, power, time } })
+    }
+
+    /// K(s) by a formula that is analytic off the negative real axis.
+    ///
+    /// # Errors
+    /// If it is not a real finite number for positive s, or grows like s² or faster.
+    pub fn formula(formula: Arc<dyn Formula>) -> Result<Self, ParameterError> {
+        for exponent in -60..=60 {
+            let s = libm::exp10(f64::from(exponent));
+            let value = formula.value(Complex::new(s, 0.0));
+            let real = value.re.is_finite() && value.im.abs() <= 1e-9 * value.re.abs();
+            check(real, "symbol at a positive s", s, "a real number for every s > 0")?;
+        }
+        let size = |exponent: f64| formula.value(Complex::new(libm::exp10(exponent), 0.0)).norm();
+        let slope = (libm::log10(size(60.0)) - libm::log10(size(50.0))) / 10.0;
+        // To digits that a formula without a power law at infinity may not have.
+        let growth = (slope * 1e6).round() / 1e6;
+        let allowed = "a symbol that grows more slowly than s²";
+        check(growth.is_finite() && growth < 2.0, "growth of the symbol", growth, allowed)?;
+        let allowed = "a symbol that does not vanish like an integral for large s";
+        check(growth > -1.0, "growth of the symbol", growth, allowed)?;
+        Ok(Self { form: Form::Formula { formula: SharedFormula(formula), growth } })
+    }
+
+    /// β, if this is s^β.
+    pub fn exponent(&self) -> Option<f64> {
+        match self.form {
+            Form::Power { order } => Some(order),
+            _ => None,
+        }
+    }
+
+    /// μ, where K(s) is like s^μ for large s.
+    pub fn growth(&self) -> f64 {
+        match self.form {
+            Form::Power { order } | Form::Tempered { order, .. } => order,
+            Form::Maxwell { inner, .. } => inner,
+            Form::Prony { .. } | Form::HavriliakNegami { .. } => 0.0,
+            Form::Formula { growth, .. } => growth,
+        }
+    }
+
+    /// K(s); on the negative real axis the value on its upper side.
+    pub fn value(&self, s: Complex<f64>) -> Complex<f64> {
+        match &self.form {
+            Form::Formula { formula, .. } => formula.0.value(s),
+            _ => self.of(&s),
+        }
+    }
+
+    /// K of a power series with a positive first coefficient.
+    pub fn series(&self, s: &Series) -> Series {
+        match &self.form {
+            Form::Formula { formula, .. } => formula.0.series(s),
+            _ => self.of(s),
+        }
+    }
+
+    fn of<A: Algebra>(&self, s: &A) -> A {
+        let exact = DoubleDouble::exact;
+        match &self.form {
+            Form::Power { order } => s.power(exact(*order)),
+            // a^β ((1 + s/a)^β − 1) keeps its digits where s is small, (s + a)^β − a^β where it is large.
+            Form::Tempered { order, rate } => {
+                let scale = exact(*rate);
+                let base = s.constant(*rate).power(exact(*order));
+                s.divide(&s.constant(scale.to_f64())).power_beside_one(*order).multiply(&base)
+            }
+            Form::Maxwell { order, inner, time } => {
+                let scaled = s.scale(*time);
+                let between = exact(*order).add(exact(-*inner));
+                let below = scaled.power(between).add(&s.constant(1.0));
+                scaled.power(exact(*order)).divide(&below)
+            }
+            Form::Prony { strengths, times } => {
+                let terms = strengths.iter().zip(times).map(|(&strength, &time)| {
+                    let scaled = s.scale(time);
+                    scaled.scale(strength).divide(&scaled.add(&s.constant(1.0)))
+                });
+                terms.fold(s.constant(0.0), |sum, term| sum.add(&term))
+            }
+            Form::HavriliakNegami { order, power, time } => {
+                s.scale(*time).power(exact(*order)).power_beside_one(-*power).negate()
+            }
+            Form::Formula { .. } => s.constant(f64::NAN),
+        }
+    }
+
+    /// The cut on the negative real axis; `None` if there is none, as for whole powers and sums of poles.
+    /// That of a formula is taken to begin at s = 0.
+    pub fn cut(&self) -> Option<Cut> {
+        let half = 0.5 * PI;
+        match self.form {
+            Form::Power { order } if order.fract() == 0.0 => None,
+            Form::Power { order } => Some(Cut { start: 0.0, power: order, strip: half }),
+            Form::Tempered { order, rate } => Some(Cut { start: rate, power: order, strip: half }),
+            Form::Maxwell { order, inner, .. } => {
+                // Behind the cut 1 + (τs)^{β−α} vanishes at the angle π/(β − α). (τs)^1 itself has no jump.
+                let power = if order == 1.0 { 2.0 - inner } else { order };
+                Some(Cut { start: 0.0, power, strip: half.min(PI / (order - inner) - PI) })
+            }
+            Form::HavriliakNegami { order, power, time } if order == 1.0 => {
+                Some(Cut { start: 1.0 / time, power: -power, strip: half })
+            }
+            Form::HavriliakNegami { order, .. } => {
+                Some(Cut { start: 0.0, power: order, strip: half.min(PI / order - PI) })
+            }
+            Form::Prony { .. } => None,
+            Form::Formula { .. } => {
+                let size = |d: f64| self.jump(d).abs();
+                let (near, far) = (size(1e-40), size(1e-30));
+                let power = (libm::log10(far) - libm::log10(near)) / 10.0;
+                (power.is_finite() && power > -1.0).then_some(Cut { start: 0.0, power, strip: 0.5 * half })
+            }
+        }
+    }
+
+    /// Im K(−a − d + i0)/π behind the start a of the [`cut`](Self::cut).
+    pub fn jump(&self, d: f64) -> f64 {
+        match self.form {
+            Form::Power { order } | Form::Tempered { order, .. } => {
+                libm::pow(d, order) * sine_of_turns(order) / PI
+            }
+            Form::Maxwell { order, inner, time } => {
+                // Im [u/(1 + v)] with u = (τx)^β e^{iπβ}, v = (τx)^{β−α} e^{iπ(β−α)}.
+                let between = order - inner;
+                let (u, v) = (libm::pow(time * d, order), libm::pow(time * d, between));
+                let cosine = sine_of_turns(0.5 - 0.5 * between);
+                let below = (1.0 - v) * (1.0 - v) + 4.0 * v * cosine * cosine;
+                u * (sine_of_turns(order) + v * sine_of_turns(inner)) / below / PI
+            }
+            Form::HavriliakNegami { order, power, time } if order == 1.0 => {
+                libm::pow(time * d, -power) * sine_of_turns(power) / PI
+            }
+            Form::HavriliakNegami { order, power, time } => {
+                let w = libm::pow(time * d, order);
+                let (re, im) = (1.0 + w * sine_of_turns(0.5 - order), w * sine_of_turns(order));
+                libm::pow(libm::hypot(re, im), -power) * libm::sin(power * libm::atan2(im, re)) / PI
+            }
+            Form::Prony { .. } => 0.0,
+            Form::Formula { ref formula, .. } => formula.0.value(Complex::new(-d, 0.0)).im / PI,
+        }
+    }
+
+    /// Simple poles on the negative real axis.
+    pub fn poles(&self) -> Vec<Pole> {
+        match &self.form {
+            // g τ s/(1 + τ s) = g − (g/τ)/(s + 1/τ)
+            Form::Prony { strengths, times } => {
+                let poles = strengths.iter().zip(times);
+                poles.map(|(g, time)| Pole { rate: 1.0 / time, residue: -g / time }).collect()
+            }
+            _ => Vec::new(),
+        }
+    }
+
+    /// Whether there is nothing beside cut and poles: a sum of decaying exponentials.
+    pub fn is_relaxation(&self) -> bool {
+        !matches!(self.form, Form::Formula { .. })
+    }
+
+    /// K(0), the stiffness of the spring that it contains; 0 for s^0, whose spring is the force itself.
+    pub fn at_zero(&self) -> f64 {
+        match &self.form {
+            Form::Formula { formula, .. } => {
+                let at = |exponent: f64| formula.0.value(Complex::new(libm::exp10(exponent), 0.0)).re;
+                let (near, far) = (at(-60.0), at(-50.0));
+                // What falls to nothing is no spring.
+                if (near - far).abs() <= 1e-9 * near.abs() { near } else { 0.0 }
+            }
+            _ => 0.0,
+        }
+    }
+
+    /// Where it is not passive: `None` if R(s) = K(s)/s is positive real, as far as a fine look tells.
+    ///
+    /// The forms with known signs are passive by their formula. Others are looked at on the imaginary axis
+    /// and on rays into the right half-plane, forty places a decade over sixty decades, closer where the real
+    /// part of R is small.
+    pub fn active(&self) -> Option<Active> {
+        match &self.form {
+            Form::Power { order } if *order >= 0.0 => return None,
+            Form::Tempered { .. } | Form::Maxwell { .. } => return None,
+            Form::Prony { strengths, .. } if strengths.iter().all(|&strength| strength > 0.0) => return None,
+            Form::HavriliakNegami { order, power, .. } if order * power <= 1.0 => return None,
+            _ => {}
+        }
+        let resistance = |angle: f64, logarithm: f64| {
+            let size = libm::exp10(logarithm);
+            // On the imaginary axis itself Re K(iω)/(iω) is Im K/ω, without the rounding of a cosine.
+            let s = if angle == 0.5 * PI {
+                Complex::new(0.0, size)
+            } else {
+                Complex::new(size * libm::cos(angle), size * libm::sin(angle))
+            };
+            let ratio = self.value(s) / s;
+            (s, ratio.re / ratio.norm())
+        };
+        const PER_DECADE: i32 = 40;
+        const DECADES: i32 = 30;
+        // Rounding of formulas that cancel.
+        const ROUNDING: f64 = -1e-9;
+        let at = |k: i32| f64::from(k) / f64::from(PER_DECADE);
+        for angle in [0.5 * PI, 0.45 * PI, 0.4 * PI, 0.3 * PI, 0.2 * PI, 0.1 * PI, 0.0] {
+            let mut least: Option<(Complex<f64>, f64)> = None;
+            let mut take = |found: (Complex<f64>, f64)| {
+                // A value that is no number shows nothing: of functions that under- or overflow.
+                if found.1 < least.map_or(f64::INFINITY, |(_, value)| value) {
+                    least = Some(found);
+                }
+            };
+            for k in -DECADES * PER_DECADE..=DECADES * PER_DECADE {
+                let [before, here, after] = [-1, 0, 1].map(|side| resistance(angle, at(k + side)));
+                take(here);
+                if here.1 <= before.1 && here.1 <= after.1 && here.1 < 0.1 {
+                    // A valley: golden sections down to its ground.
+                    let (mut low, mut high) = (at(k - 1), at(k + 1));
+                    for _ in 0..40 {
+                        let (left, right) = (high - 0.618 * (high - low), low + 0.618 * (high - low));
+                        if resistance(angle, left).1 < resistance(angle, right).1 {
+                            high = right;
+                        } else {
+                            low = left;
+                        }
+                    }
+                    take(resistance(angle, 0.5 * (low + high)));
+                }
+            }
+            if let Some((place, resistance)) = least.filter(|(_, value)| *value < ROUNDING) {
+                return Some(Active { place, resistance });
+            }
+        }
+        None
+    }
+
+    /// The name of its form in files.
+    pub fn form(&self) -> &'static str {
+        match self.form {
+            Form::Power { .. } => "power",
+            Form::Tempered { .. } => "tempered",
+            Form::Maxwell { .. } => "maxwell",
+            Form::Prony { .. } => "prony",
+            Form::HavriliakNegami { .. } => "havriliak-negami",
+            Form::Formula { .. } => "symbol",
+        }
+    }
+
+    /// Its parameters with their names in files, in the order of the formula; each name once, with all its
+    /// numbers.
+    pub fn parameters(&self) -> Vec<(&'static str, Vec<f64>)> {
+        let one = |number: f64| vec![number];
+        match &self.form {
+            Form::Power { order } => vec![("order", one(*order))],
+            Form::Tempered { order, rate } => vec![("order", one(*order)), ("rate", one(*rate))],
+            Form::Maxwell { order, inner, time } => {
+                vec![("order", one(*order)), ("inner", one(*inner)), ("time", one(*time))]
+            }
+            Form::Prony { strengths, times } => {
+                vec![("strengths", strengths.clone()), ("times", times.clone())]
+            }
+            Form::HavriliakNegami { order, power, time } => {
+                vec![("order", one(*order)), ("power", one(*power)), ("time", one(*time))]
+            }
+            Form::Formula { .. } => Vec::new(),
+        }
+    }
+
+    /// The text of a formula.
+    pub fn text(&self) -> Option<&str> {
+        match &self.form {
+            Form::Formula { formula, .. } => Some(formula.0.text()),
+            _ => None,
+        }
+    }
+
+    /// Numbers that tell it from every other: equal ones have equal weights.
+    pub fn key(&self) -> Vec<u64> {
+        let form = self.form().bytes().next().map_or(0, u64::from);
+        let numbers = self.parameters().into_iter().flat_map(|(_, numbers)| {
+            std::iter::once(numbers.len() as u64).chain(numbers.into_iter().map(f64::to_bits))
+        });
+        let text = self.text().unwrap_or("").bytes().map(u64::from);
+        std::iter::once(form).chain(numbers).chain(text).collect()
+    }
+}
+
+/// Shown in headings: `s^0.5`, or the form with its parameters.
+impl fmt::Display for TransferFunction {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.form {
+            Form::Power { order } => write!(f, "s^{order}"),
+            Form::Tempered { order, rate } => write!(f, "(s + {rate})^{order} − {rate}^{order}"),
+            Form::Formula { formula, .. } => f.write_str(formula.0.text()),
+            _ => {
+                f.write_str(self.form())?;
+                for (name, numbers) in self.parameters() {
+                    match numbers[..] {
+                        [number] => write!(f, ", {name} {number}")?,
+                        _ => write!(f, ", {name} {numbers:?}")?,
+                    }
+                }
+                Ok(())
+            }
+        }
+    }
+}
+
+/// sin πx, right to rounding near whole numbers.
+fn sine_of_turns(x: f64) -> f64 {
+    let nearest = x.round();
+    let sine = libm::sin(PI * (x - nearest));
+    if nearest.rem_euclid(2.0) == 0.0 { sine } else { -sine }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    pub(crate) fn forms() -> Vec<TransferFunction> {
+        vec![
+            TransferFunction::power(0.5).unwrap(),
+            TransferFunction::power(1.7).unwrap(),
+            TransferFunction::tempered(0.5, 0.3).unwrap(),
+            TransferFunction::tempered(1.5, 2.0).unwrap(),
+            TransferFunction::maxwell(0.6, 0.0, 1.5).unwrap(),
+            TransferFunction::maxwell(0.9, 0.4, 0.5).unwrap(),
+            TransferFunction::maxwell(1.0, 0.3, 0.5).unwrap(),
+            TransferFunction::prony(&[1.0, 0.7], &[1.0, 0.1]).unwrap(),
+            TransferFunction::havriliak_negami(0.7, 0.5, 1.0).unwrap(),
+            TransferFunction::havriliak_negami(1.0, 0.5, 2.0).unwrap(),
+        ]
+    }
+
+    #[test]
+    fn the_jump_is_the_imaginary_part_above_the_cut() {
+        for transfer in forms() {
+            let Some(cut) = transfer.cut() else { continue };
+            for d in [1e-3, 0.2, 1.0, 7.0, 300.0] {
+                let above = transfer.value(Complex::new(-cut.start - d, 0.0));
+                let error = (transfer.jump(d) - above.im / PI).abs();
+                // −a − d has the rounding of a, relative to d.
+                let rounding = 1e-13 * above.im.abs() + 1e-15 * (1.0 + cut.start / d) * above.norm();
+                assert!(error <= rounding, "{transfer}, {d}: {} {above}", transfer.jump(d));
+            }
+            // It begins like d^ν.
+            let ratio = transfer.jump(2e-12) / transfer.jump(1e-12);
+            assert!((ratio.log2() - cut.power).abs() < 1e-3, "{transfer}: {}", ratio.log2());
+        }
+    }
+
+    #[test]
+    fn poles_are_those_of_the_value() {
+        let transfer = TransferFunction::prony(&[1.0, 0.7], &[1.0, 0.1]).unwrap();
+        let direct = |s: f64| s / (1.0 + s) + 0.7 * 0.1 * s / (1.0 + 0.1 * s);
+        for s in [0.1, 1.0, 30.0] {
+            let poles = transfer.poles().iter().map(|pole| pole.residue / (s + pole.rate)).sum::<f64>() + 1.7;
+            assert!((poles - direct(s)).abs() < 1e-15);
+            assert!((transfer.value(Complex::new(s, 0.0)).re - direct(s)).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn special_cases_are_told_by_their_simplest_form() {
+        let power = |order| TransferFunction::power(order).unwrap();
+        assert_eq!(TransferFunction::tempered(0.5, 0.0).unwrap(), power(0.5));
+        assert_eq!(TransferFunction::tempered(1.0, 3.0).unwrap(), power(1.0));
+        let debye = TransferFunction::prony(&[1.0], &[2.0]).unwrap();
+        assert_eq!(TransferFunction::maxwell(1.0, 0.0, 2.0).unwrap(), debye);
+        assert_eq!(TransferFunction::havriliak_negami(1.0, 1.0, 2.0).unwrap(), debye);
+    }
+
+    #[test]
+    fn parameters_outside_their_ranges_are_refused() {
+        let parameter = |made: Result<TransferFunction, ParameterError>| made.unwrap_err().parameter;
+        assert_eq!(parameter(TransferFunction::power(2.0)), "exponent");
+        assert_eq!(parameter(TransferFunction::tempered(0.0, 1.0)), "order");
+        assert_eq!(parameter(TransferFunction::tempered(0.5, -1.0)), "rate");
+        assert_eq!(parameter(TransferFunction::maxwell(1.1, 0.0, 1.0)), "order");
+        assert_eq!(parameter(TransferFunction::maxwell(0.5, 0.5, 1.0)), "inner");
+        assert_eq!(parameter(TransferFunction::maxwell(0.5, 0.0, f64::NAN)), "time");
+        assert_eq!(parameter(TransferFunction::prony(&[], &[])), "number of strengths");
+        assert_eq!(parameter(TransferFunction::prony(&[1.0], &[])), "number of times");
+        assert_eq!(parameter(TransferFunction::prony(&[0.0], &[1.0])), "strength");
+        assert_eq!(parameter(TransferFunction::prony(&[1.0], &[0.0])), "time");
+        assert_eq!(parameter(TransferFunction::havriliak_negami(0.5, -1.0, 1.0)), "power");
+        assert_eq!(parameter(TransferFunction::havriliak_negami(1.0, 1.5, 1.0)), "power");
+    }
+
+    #[test]
+    fn materials_are_passive_and_negative_elements_are_not() {
+        for transfer in forms() {
+            assert_eq!(transfer.active(), None, "{transfer}");
+        }
+        // Re R(iω) of s/(1 + s) − 0.2·s/(1 + s/10)/10 turns negative where the second outlasts the first.
+        let active = TransferFunction::prony(&[1.0, -0.2], &[1.0, 0.1]).unwrap().active().unwrap();
+        assert!(active.place.re == 0.0 && active.place.im > 1.0 && active.resistance < 0.0, "{active:?}");
+        assert!(TransferFunction::havriliak_negami(0.8, 2.8, 1.0).unwrap().active().is_some());
+        assert!(TransferFunction::power(-0.5).unwrap().active().is_some());
+    }
+
+    #[test]
+    fn keys_tell_transfer_functions_apart() {
+        let mut keys: Vec<_> = forms().iter().map(TransferFunction::key).collect();
+        keys.sort();
+        keys.dedup();
+        assert_eq!(keys.len(), forms().len());
+    }
+}
