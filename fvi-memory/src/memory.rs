@@ -8,9 +8,11 @@ pub use tables::Tables;
 use crate::numerics::aligned::Aligned;
 use crate::numerics::exponential_table::{self, ExponentialKernel, ExponentialKernelError};
 use crate::numerics::growing_ring::GrowingRing;
+use crate::numerics::multistep_weights::multistep_weights;
 use crate::numerics::rate_table::rate_table;
 use crate::numerics::runge_kutta_weights::RungeKuttaWeights;
 use crate::numerics::starting::StartingCorrection;
+use crate::numerics::transfer::TransferFunction;
 use crate::scenario::{Convolution, ConvolutionFamily, Engine, History, Overflow, States};
 use fvi_core::{
     ActsOn, BdfOrder, ConvolutionWeights, Direct, ExponentialSum, ExponentialTable, Memory, MemoryError,
@@ -73,8 +75,8 @@ impl Memories for f64 {
 pub struct MemoryRequest<'a> {
     /// How the fractional derivative is discretised.
     pub convolution: &'a Convolution,
-    /// Exponent of the convolution quadrature: the damping order β.
-    pub exponent: f64,
+    /// K(s) of the damping force.
+    pub transfer: &'a TransferFunction,
     /// h; the shortest step where they differ.
     pub step_size: f64,
     /// The last time of a grid whose steps differ; `None` for equal steps.
@@ -200,15 +202,21 @@ impl MemoryRequest<'_> {
             return Ok(memory);
         }
         let (engine, acts_on, order) = (memory.engine(), memory.acts_on, BdfOrder::new(order)?);
-        let corrected = StartingCorrection::new(memory, order, self.exponent, self.step_size, exponents)?;
+        let Some(exponent) = self.transfer.exponent() else {
+            let reason = "`convolution.starting` is for the kernels s^β; leave it out";
+            return Err(EngineError::Unsuited { engine, reason });
+        };
+        let corrected = StartingCorrection::new(memory, order, exponent, self.step_size, exponents)?;
         Ok(HostMemory::new(Box::new(corrected), engine, acts_on))
     }
 
     /// Whether the kernel may have one memory with another, as far as kernels decide: both have exponentials,
     /// and want the same samples.
     pub fn may_share_with(&self, other: &Self) -> bool {
-        let whole = |request: &Self| request.exponent == 0.0 || request.exponent == 1.0;
-        !whole(self) && !whole(other) && self.acts_on() == other.acts_on()
+        let fractional = |request: &Self| {
+            request.transfer.exponent().is_some_and(|exponent| exponent != 0.0 && exponent != 1.0)
+        };
+        fractional(self) && fractional(other) && self.acts_on() == other.acts_on()
     }
 
     /// One memory for the kernels of these exponents, that of the request the first: the samples and one set
@@ -240,11 +248,15 @@ impl MemoryRequest<'_> {
         Some(self.host(self.side_by_side(&kernels)?.ok()?, Engine::ExponentialSum))
     }
 
-    /// What the memory acts on: differences, as far as there is something to gain. The identity, β = 0, and
-    /// integrals act on values.
+    /// What the memory acts on: differences, as far as there is something to gain. Kernels that hardly grow
+    /// for large s, as the identity, integrals and materials with a glass modulus, act on values.
     pub fn acts_on(&self) -> ActsOn {
         match self.convolution.family {
-            _ if self.given || self.exponent < LEAST_ON_INCREMENTS || self.any_step() => ActsOn::Values,
+            _ if self.given || self.any_step() || self.transfer.growth() < LEAST_ON_INCREMENTS => {
+                ActsOn::Values
+            }
+            // The sums of its weights do not fall to nothing.
+            _ if self.transfer.at_zero() != 0.0 => ActsOn::Values,
             ConvolutionFamily::Bdf { .. } => ActsOn::Increments,
             ConvolutionFamily::RadauIia { .. } | ConvolutionFamily::LobattoIiic { .. } => ActsOn::Rises,
         }
@@ -255,7 +267,8 @@ impl MemoryRequest<'_> {
     /// # Errors
     /// If the exponent or the step size is outside its range.
     pub fn kernel(&self) -> Result<fvi_core::Kernel, ParameterError> {
-        let (exponent, step_size) = (self.exponent, self.step_size);
+        let (transfer, step_size) = (self.transfer, self.step_size);
+        let Some(exponent) = transfer.exponent() else { return self.kernel_of_transfer() };
         if self.any_step() {
             // The memory is made from the same family and exponent; there is no one step to compare.
             return fvi_core::Kernel::given(exponent);
@@ -275,6 +288,16 @@ impl MemoryRequest<'_> {
                 _ => fvi_core::Kernel::runge_kutta(&RungeKutta::<4>::lobatto_iiic()?, exponent, step_size),
             },
         }
+    }
+
+    fn kernel_of_transfer(&self) -> Result<fvi_core::Kernel, ParameterError> {
+        let (transfer, step_size) = (self.transfer, self.step_size);
+        let ConvolutionFamily::Bdf { order } = self.convolution.family else {
+            return fvi_core::Kernel::given(transfer.growth());
+        };
+        let weights = multistep_weights(transfer, BdfOrder::new(order)?, step_size, false, 2)?;
+        let first = [0, 1].map(|n| weights.get(n).copied().unwrap_or(0.0));
+        fvi_core::Kernel::weights(transfer.growth(), first, step_size)
     }
 
     /// Whether the memory takes steps of any length.
@@ -341,42 +364,78 @@ impl MemoryRequest<'_> {
         order: BdfOrder,
         tables: &Tables,
     ) -> Result<HostMemory<T>, EngineError> {
-        let weights = |step_size: f64| -> Result<ConvolutionWeights, ParameterError> {
-            let weights = ConvolutionWeights::bdf(order, self.exponent, step_size)?;
-            Ok(if self.acts_on() == ActsOn::Values { weights } else { weights.on_increments() })
-        };
         match engine {
             Engine::AnyStep => {
                 let reason = "it needs a Runge–Kutta family of convolution quadrature";
                 Err(EngineError::Unsuited { engine, reason })
             }
-            Engine::Direct => {
-                let kept = self.kept();
-                // With the step size γ_p(0) the leading weight is 1: the same monic table and scale as in
-                // flash.
-                let mut monic = weights(order.generating_function(0.0))?;
-                let mut table = self.room(engine, kept.saturating_add(1))?;
-                table.resize(kept + 1, T::zero());
-                monic.fill(&mut table);
-                let scale = T::of(fvi_core::leading_bdf_weight(order, self.exponent, self.step_size)?);
-                self.direct(table, 1, scale)
-            }
-            Engine::BlockFft | Engine::RealTime => self.transforms(engine, weights(self.step_size)?, 1),
+            Engine::Direct | Engine::BlockFft | Engine::RealTime => match self.transfer.exponent() {
+                Some(exponent) => self.power_weights(engine, order, exponent),
+                None => self.transfer_weights(engine, order),
+            },
             Engine::ExponentialSum | Engine::ExponentialSumCore => {
                 let tolerance = self.table_tolerance();
-                let make = match self.acts_on() {
-                    ActsOn::Values => ExponentialKernel::bdf,
-                    _ => ExponentialKernel::bdf_on_increments,
-                };
+                let on_increments = self.acts_on() != ActsOn::Values;
                 let horizon = self.horizon()?;
+                let (transfer, step_size) = (self.transfer, self.step_size);
                 let kernel = tables.get(&self.key(horizon as u64, tolerance), || {
-                    Ok(make(order, self.exponent, self.step_size, horizon, tolerance)?)
+                    Ok(ExponentialKernel::of_transfer(
+                        transfer,
+                        order,
+                        on_increments,
+                        step_size,
+                        horizon,
+                        tolerance,
+                    )?)
                 })?;
                 match engine {
                     Engine::ExponentialSumCore => self.core_exponential_sum(kernel.table()),
                     _ => self.exponential_sum_of_numbers(&kernel.table().borrow()),
                 }
             }
+        }
+    }
+
+    /// A memory that sums weights of s^β.
+    fn power_weights<T: Engines>(
+        &self,
+        engine: Engine,
+        order: BdfOrder,
+        exponent: f64,
+    ) -> Result<HostMemory<T>, EngineError> {
+        let weights = |step_size: f64| -> Result<ConvolutionWeights, ParameterError> {
+            let weights = ConvolutionWeights::bdf(order, exponent, step_size)?;
+            Ok(if self.acts_on() == ActsOn::Values { weights } else { weights.on_increments() })
+        };
+        if engine != Engine::Direct {
+            return self.transforms(engine, weights(self.step_size)?, 1);
+        }
+        let kept = self.kept();
+        // With the step size γ_p(0) the leading weight is 1: the same monic table and scale as in flash.
+        let mut monic = weights(order.generating_function(0.0))?;
+        let mut table = self.room(engine, kept.saturating_add(1))?;
+        table.resize(kept + 1, T::zero());
+        monic.fill(&mut table);
+        let scale = T::of(fvi_core::leading_bdf_weight(order, exponent, self.step_size)?);
+        self.direct(table, 1, scale)
+    }
+
+    /// A memory that sums weights of another transfer function.
+    fn transfer_weights<T: Engines>(
+        &self,
+        engine: Engine,
+        order: BdfOrder,
+    ) -> Result<HostMemory<T>, EngineError> {
+        let samples = if engine == Engine::Direct { self.kept() } else { self.samples };
+        let count = samples.saturating_add(1);
+        // The weights in double precision and in that of the run.
+        self.room::<f64>(engine, count.saturating_mul(2))?;
+        let on_increments = self.acts_on() != ActsOn::Values;
+        let weights = multistep_weights(self.transfer, order, self.step_size, on_increments, count)?;
+        let numbers: Vec<T> = weights.into_iter().map(T::of).collect();
+        match engine {
+            Engine::Direct => self.direct(numbers, 1, T::one()),
+            _ => self.transforms(engine, Planes { numbers, stages: 1 }, 1),
         }
     }
 
@@ -387,8 +446,12 @@ impl MemoryRequest<'_> {
         method: &RungeKutta<R>,
         tables: &Tables,
     ) -> Result<HostMemory<T>, EngineError> {
+        let Some(exponent) = self.transfer.exponent() else {
+            let reason = "kernels other than s^β have weights of backward differentiation only: take `convolution.family` = \"bdf\"";
+            return Err(EngineError::Unsuited { engine, reason });
+        };
         if engine == Engine::AnyStep {
-            return self.variable_steps(method, tables);
+            return self.variable_steps(method, exponent, tables);
         }
         let count = match engine {
             Engine::Direct => self.kept().saturating_add(1),
@@ -402,7 +465,7 @@ impl MemoryRequest<'_> {
             _ => RungeKuttaWeights::on_rises,
         };
         let weights = tables
-            .get(&self.key(count as u64, 0.0), || Ok(make(method, self.exponent, self.step_size, count)?))?;
+            .get(&self.key(count as u64, 0.0), || Ok(make(method, exponent, self.step_size, count)?))?;
         match engine {
             Engine::ExponentialSum => return self.exponential_sum(&weights.table().borrow()),
             Engine::ExponentialSumCore => return self.core_exponential_sum(weights.table()),
@@ -420,6 +483,7 @@ impl MemoryRequest<'_> {
     fn variable_steps<T: Engines, const R: usize>(
         &self,
         method: &RungeKutta<R>,
+        exponent: f64,
         tables: &Tables,
     ) -> Result<HostMemory<T>, EngineError> {
         let horizon = match self.end {
@@ -429,7 +493,7 @@ impl MemoryRequest<'_> {
         // Single precision rounds more than that.
         let tolerance = RATE_TOLERANCE.max(0.01 * T::EPSILON.to_f64());
         let table = tables.get(&self.key(horizon.to_bits(), tolerance), || {
-            Ok(rate_table::<T, R>(method, self.exponent, self.step_size, horizon, tolerance)?)
+            Ok(rate_table::<T, R>(method, exponent, self.step_size, horizon, tolerance)?)
         })?;
         let memory = VectorVariableSteps::new(method, &table.borrow(), self.coordinates)?;
         Ok(self.host(Box::new(memory), Engine::AnyStep))
@@ -514,15 +578,15 @@ impl MemoryRequest<'_> {
     }
 
     /// What tells a table of this kernel from others of its type.
-    fn key(&self, reach: u64, tolerance: f64) -> [u64; 7] {
+    fn key(&self, reach: u64, tolerance: f64) -> Vec<u64> {
         let (family, size) = match self.convolution.family {
             ConvolutionFamily::Bdf { order } => (0, order),
             ConvolutionFamily::RadauIia { stages } => (1, stages),
             ConvolutionFamily::LobattoIiic { stages } => (2, stages),
         };
         let on_values = u64::from(self.acts_on() == ActsOn::Values);
-        let (exponent, step_size) = (self.exponent.to_bits(), self.step_size.to_bits());
-        [family, size as u64, on_values, exponent, step_size, reach, tolerance.to_bits()]
+        let numbers = [family, size as u64, on_values, self.step_size.to_bits(), reach, tolerance.to_bits()];
+        numbers.into_iter().chain(self.transfer.key()).collect()
     }
 
     /// Channels of one motion.
@@ -688,15 +752,18 @@ impl<T> Memory<T> for HostMemory<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::LazyLock;
 
     fn first_order() -> Convolution {
         Convolution { family: ConvolutionFamily::Bdf { order: 1 }, ..Convolution::default() }
     }
 
+    static HALF: LazyLock<TransferFunction> = LazyLock::new(|| TransferFunction::power(0.5).unwrap());
+
     fn request<'a>(convolution: &'a Convolution, history: &'a History) -> MemoryRequest<'a> {
         MemoryRequest {
             convolution,
-            exponent: 0.5,
+            transfer: &HALF,
             step_size: 0.25,
             end: None,
             coordinates: 2,

@@ -66,6 +66,7 @@ impl Tables {
 mod tests {
     use super::*;
     use crate::memory::MemoryRequest;
+    use crate::numerics::transfer::TransferFunction;
     use crate::scenario::{Convolution, ConvolutionFamily, Engine, History};
     use fvi_core::Memory;
     use std::cell::Cell;
@@ -140,9 +141,10 @@ mod tests {
                 {
                     let convolution = Convolution { family, ..Convolution::default() };
                     let history = History { tolerance, ..history(engine) };
+                    let transfer = TransferFunction::power(exponent).unwrap();
                     let request = MemoryRequest {
                         convolution: &convolution,
-                        exponent,
+                        transfer: &transfer,
                         step_size,
                         end: None,
                         coordinates: 1,

@@ -270,7 +270,7 @@ impl TransferFunction {
                 let power = if order == 1.0 { 2.0 - inner } else { order };
                 Some(Cut { start: 0.0, power, strip: half.min(PI / (order - inner) - PI) })
             }
-            Form::HavriliakNegami { order, power, time } if order == 1.0 => {
+            Form::HavriliakNegami { order: 1.0, power, time } => {
                 Some(Cut { start: 1.0 / time, power: -power, strip: half })
             }
             Form::HavriliakNegami { order, .. } => {
@@ -300,7 +300,7 @@ impl TransferFunction {
                 let below = (1.0 - v) * (1.0 - v) + 4.0 * v * cosine * cosine;
                 u * (sine_of_turns(order) + v * sine_of_turns(inner)) / below / PI
             }
-            Form::HavriliakNegami { order, power, time } if order == 1.0 => {
+            Form::HavriliakNegami { order: 1.0, power, time } => {
                 libm::pow(time * d, -power) * sine_of_turns(power) / PI
             }
             Form::HavriliakNegami { order, power, time } => {
