@@ -9,6 +9,7 @@ use std::time::Instant;
 use fvi_benches::noise;
 use fvi_core::Memory;
 use fvi_host::memory::{HostMemory, MemoryRequest};
+use fvi_host::numerics::transfer::TransferFunction;
 use fvi_host::scenario::{Convolution, ConvolutionFamily, Engine, History};
 
 const STEPS: usize = 1 << 15;
@@ -37,7 +38,7 @@ impl Run {
         let request = MemoryRequest {
             end: (engine == Engine::AnyStep).then_some(HORIZON as f64),
             convolution: &convolution,
-            exponent: EXPONENT,
+            transfer: &TransferFunction::power(EXPONENT).expect("an exponent"),
             step_size: lengths.iter().copied().fold(f64::INFINITY, f64::min),
             coordinates,
             motions: 1,

@@ -19,6 +19,7 @@ use fvi_core::Memory;
 use fvi_host::lab::run::{RunOptions, run};
 use fvi_host::language::Document;
 use fvi_host::memory::{HostMemory, MemoryRequest};
+use fvi_host::numerics::transfer::TransferFunction;
 use fvi_host::scenario::{DampedAt, Scenario};
 use fvi_host::simulation::{GridState, Precision, Simulation};
 use nalgebra::DMatrix;
@@ -425,7 +426,7 @@ impl<S: ByHand, const AT_NODES: bool, const COMPENSATED: bool> Motion<S, AT_NODE
         let memory = MemoryRequest {
             end: None,
             convolution: &scenario.convolution,
-            exponent: ORDER,
+            transfer: &TransferFunction::power(ORDER).expect("an exponent"),
             step_size: STEP,
             coordinates,
             motions: 1,

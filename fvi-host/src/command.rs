@@ -5,6 +5,7 @@ pub mod compare_engines;
 pub mod converge;
 pub mod exponentials;
 pub mod extremal;
+mod kernel_choice;
 mod listing;
 mod progress;
 pub mod rates;
@@ -69,6 +70,9 @@ pub enum CommandError {
     /// There is no room in memory for what was asked for: exit code 2.
     #[error("{0}")]
     NoRoom(String),
+    /// It does not exist for what was asked for: exit code 2.
+    #[error("{0}")]
+    Unsuited(String),
     /// The computation failed: exit code 1.
     #[error("{0}")]
     Failed(String),
@@ -129,9 +133,12 @@ impl CommandError {
     fn code(&self) -> ExitCode {
         match self {
             Self::File(error) if OutputDirectory::refuses(error) => ExitCode::from(2),
-            Self::Input(_) | Self::Argument(_) | Self::NoRoom(_) | Self::Checkpoint(_) | Self::Sweep(_) => {
-                ExitCode::from(2)
-            }
+            Self::Input(_)
+            | Self::Argument(_)
+            | Self::NoRoom(_)
+            | Self::Unsuited(_)
+            | Self::Checkpoint(_)
+            | Self::Sweep(_) => ExitCode::from(2),
             Self::Failed(_) | Self::File(_) => ExitCode::from(1),
             Self::Stopped(_) => ExitCode::from(stop::STOPPED),
         }

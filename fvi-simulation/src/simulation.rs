@@ -516,11 +516,11 @@ fn refused(scenario: &Scenario, error: &IntegratorError) -> InputError {
 fn memory_request<'a>(
     scenario: &'a Scenario,
     (channels, nodes): (usize, usize),
-    term: &scenario::Damping,
+    term: &'a scenario::Damping,
 ) -> MemoryRequest<'a> {
     MemoryRequest {
         convolution: &scenario.convolution,
-        exponent: term.order,
+        transfer: &term.transfer,
         step_size: scenario.time.step,
         end: scenario.time.grid.as_ref().map(|grid| grid.end()),
         // Plain weights act on the sequence of every node by itself, matrix weights on all nodes together.
@@ -564,9 +564,10 @@ fn damping_terms<T: Elementary + Memories, X: ScenarioSpace<T>>(
     }
     let (mut terms, mut served) = (Vec::new(), Vec::new());
     for group in groups {
-        let orders: Vec<f64> = group.iter().map(|&index| damping[index].order).collect();
+        let exponents: Vec<f64> =
+            group.iter().filter_map(|&index| damping[index].transfer.exponent()).collect();
         let shared = match group[..] {
-            [first, _, ..] => request(first).build_sharing(&orders, tables),
+            [first, _, ..] => request(first).build_sharing(&exponents, tables),
             _ => None,
         };
         if let Some(memory) = shared {
@@ -612,8 +613,9 @@ fn refused_memory(scenario: &Scenario, index: usize, error: EngineError) -> Inpu
         EngineError::NoRoom { .. } => &["history.engine", "time.steps", "time.end"],
         EngineError::Unsuited { .. } => &["history.engine", "time.grid"],
         EngineError::Parameter(_) => {
-            let path = format!("system.damping[{index}].order");
-            return scenario.error_at(&path, Problem::Engine(Cause::new(error)));
+            let paths = ["order", "kernel"].map(|key| format!("system.damping[{index}].{key}"));
+            let places = [paths[0].as_str(), paths[1].as_str()];
+            return scenario.error_at_first(&places, Problem::Engine(Cause::new(error)));
         }
         _ => &["history.engine"],
     };

@@ -6,6 +6,7 @@ use fvi_core::{
 use fvi_fft::baseline::{Signal, memory_term};
 use fvi_host::memory::{Memories, MemoryRequest};
 use fvi_host::numerics::runge_kutta_weights::RungeKuttaWeights;
+use fvi_host::numerics::transfer::TransferFunction;
 use fvi_host::scenario::{Convolution, ConvolutionFamily, Engine, History};
 
 /// A kernel to convolve with.
@@ -97,7 +98,7 @@ pub fn host_memory<T: Memories>(
     let request = MemoryRequest {
         end: None,
         convolution: &Convolution { family, ..Convolution::default() },
-        exponent,
+        transfer: &TransferFunction::power(exponent).expect("an exponent of the suite"),
         step_size: 1.0,
         coordinates: channels / kernel.stages(),
         motions: 1,

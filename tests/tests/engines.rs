@@ -8,6 +8,7 @@ use fvi_fft::baseline::{Signal, memory_term};
 use fvi_host::language::{Document, InputError};
 use fvi_host::memory::{LEAST_ON_INCREMENTS, Memories, MemoryRequest};
 use fvi_host::numerics::runge_kutta_weights::RungeKuttaWeights;
+use fvi_host::numerics::transfer::TransferFunction;
 use fvi_host::scenario::{Convolution, ConvolutionFamily, Engine, History, Scenario};
 use fvi_host::simulation::{GridState, Precision, Simulation};
 use fvi_tests::conformance::Bound;
@@ -135,7 +136,7 @@ impl Case {
                 starting: self.starting.clone(),
                 ..Convolution::default()
             },
-            exponent: self.exponent,
+            transfer: &TransferFunction::power(self.exponent).unwrap(),
             step_size: self.step_size,
             coordinates: self.coordinates,
             motions: 1,

@@ -10,6 +10,7 @@ use fvi_core::{
 };
 use fvi_host::language::Document;
 use fvi_host::numerics::runge_kutta_weights::RungeKuttaWeights;
+use fvi_host::numerics::transfer::TransferFunction;
 use fvi_host::scenario::Scenario;
 use fvi_host::simulation::stability::{
     DampingForm, Discretisation, LinearDamping, LinearSystem, Verdict, check_stability,
@@ -359,7 +360,10 @@ fn limit<const S: usize, const R: usize>(
     method: &RungeKutta<R>,
     damping_order: f64,
 ) -> Option<(f64, [f64; 2])> {
-    let damping = vec![LinearDamping { coefficients: dmatrix![2.0], damping_order }];
+    let damping = vec![LinearDamping {
+        coefficients: dmatrix![2.0],
+        transfer: TransferFunction::power(damping_order).unwrap(),
+    }];
     let system = LinearSystem::new(&dmatrix![1.0], &dmatrix![1.0], damping).unwrap();
     let rule = method.quadrature();
     let discretisation = Discretisation {

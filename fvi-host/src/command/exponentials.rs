@@ -1,6 +1,7 @@
 //! `fvi exponentials`: convolution-quadrature weights as a head and decaying exponentials.
 
 use super::CommandError;
+use super::kernel_choice::KernelChoice;
 use super::listing::{
     ListingFormat, ListingPrecision, check_exponentials, emit, exponentials_listing, parameter_error,
 };
@@ -14,10 +15,8 @@ pub struct ExponentialsArguments {
     /// Order p of the backward differentiation formula, 1 to 6
     #[arg(long, default_value_t = 1)]
     order: usize,
-    /// Exponent of the operator in (−1, 2): positive for derivatives (the damping order), negative for
-    /// integrals
-    #[arg(long, allow_negative_numbers = true)]
-    exponent: f64,
+    #[command(flatten)]
+    kernel: KernelChoice,
     /// Step size h
     #[arg(long, default_value_t = 1.0)]
     step: f64,
@@ -53,16 +52,21 @@ impl ExponentialsArguments {
             }));
         }
         let order = BdfOrder::new(self.order).map_err(parameter_error)?;
-        let make =
-            if self.increments { ExponentialKernel::bdf_on_increments } else { ExponentialKernel::bdf };
-        let kernel = make(order, self.exponent, self.step, self.horizon as usize, self.tolerance).map_err(
-            |error| match error {
-                ExponentialKernelError::Parameter(error) => parameter_error(error),
-                missed => CommandError::Failed(missed.to_string()),
-            },
-        )?;
+        let transfer = self.kernel.transfer()?;
+        let kernel = ExponentialKernel::of_transfer(
+            &transfer,
+            order,
+            self.increments,
+            self.step,
+            self.horizon as usize,
+            self.tolerance,
+        )
+        .map_err(|error| match error {
+            ExponentialKernelError::Parameter(error) => parameter_error(error),
+            missed => CommandError::Failed(missed.to_string()),
+        })?;
         let on = if self.increments { " on increments" } else { "" };
-        let origin = format!("BDF {}, exponent {}{on}, step {}", self.order, self.exponent, self.step);
+        let origin = format!("BDF {}, {}{on}, step {}", self.order, self.kernel.origin(&transfer), self.step);
         // A table has the digits of double precision, whatever its constants would have.
         let precision = match self.format {
             ListingFormat::Csv => ListingPrecision::F64,

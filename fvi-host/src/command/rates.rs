@@ -1,6 +1,7 @@
 //! `fvi rates`: the table of a memory for steps of any length.
 
 use super::CommandError;
+use super::kernel_choice::KernelChoice;
 use super::listing::{ListingPrecision, emit, parameter_error, rates_csv, rates_rust};
 use crate::numerics::rate_table::rate_table;
 use fvi_core::{ParameterError, RateTable, Real, RungeKutta};
@@ -16,10 +17,8 @@ pub struct RatesArguments {
     /// Stages of the method: 1 to 3 (radau-iia), 2 to 4 (lobatto-iiic)
     #[arg(long)]
     stages: usize,
-    /// Exponent of the operator in (−1, 2): positive for derivatives (the damping order), negative for
-    /// integrals
-    #[arg(long, allow_negative_numbers = true)]
-    exponent: f64,
+    #[command(flatten)]
+    kernel: KernelChoice,
     /// The shortest step that will be made
     #[arg(long)]
     shortest: f64,
@@ -99,7 +98,8 @@ impl RatesArguments {
         method: &RungeKutta<R>,
         scalar: &str,
     ) -> Result<String, CommandError> {
-        let Self { exponent, shortest, horizon, tolerance, .. } = *self;
+        let Self { shortest, horizon, tolerance, .. } = *self;
+        let exponent = self.kernel.power("rates for steps of any length")?;
         let table =
             rate_table::<T, R>(method, exponent, shortest, horizon, tolerance).map_err(parameter_error)?;
         let table: RateTable<&[T]> = table.borrow();

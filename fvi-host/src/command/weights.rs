@@ -1,8 +1,11 @@
 //! `fvi weights`: convolution-quadrature weights as a table or as constants.
 
 use super::CommandError;
+use super::kernel_choice::KernelChoice;
 use super::listing::{ListingFormat, emit, parameter_error, write_matrix_weights, write_weights};
+use crate::numerics::multistep_weights::multistep_weights;
 use crate::numerics::runge_kutta_weights::RungeKuttaWeights;
+use crate::numerics::transfer::TransferFunction;
 use crate::results::room::require;
 use fvi_core::{BdfOrder, ConvolutionWeights, ParameterError, RungeKutta};
 use std::path::PathBuf;
@@ -20,10 +23,8 @@ pub struct WeightsArguments {
     /// then
     #[arg(long)]
     stages: Option<usize>,
-    /// Exponent of the operator in (−1, 2): positive for derivatives (the damping order), negative for
-    /// integrals
-    #[arg(long, allow_negative_numbers = true)]
-    exponent: f64,
+    #[command(flatten)]
+    kernel: KernelChoice,
     /// Step size h
     #[arg(long, default_value_t = 1.0)]
     step: f64,
@@ -81,31 +82,47 @@ impl WeightsArguments {
 
     fn bdf(&self) -> Result<(), CommandError> {
         let order = BdfOrder::new(self.order).map_err(parameter_error)?;
+        let transfer = self.kernel.transfer()?;
+        let Some(exponent) = transfer.exponent() else { return self.of_transfer(&transfer, order) };
         let weights = || -> Result<ConvolutionWeights, CommandError> {
-            let weights =
-                ConvolutionWeights::bdf(order, self.exponent, self.step).map_err(parameter_error)?;
+            let weights = ConvolutionWeights::bdf(order, exponent, self.step).map_err(parameter_error)?;
             Ok(if self.increments { weights.on_increments() } else { weights })
         };
         let first: Vec<f64> = weights()?.take(self.count.min(CHECKED)).collect();
         // Behind them the weights fall off like n^(−1−exponent), those on increments like n^(−exponent).
-        let power = self.exponent + if self.increments { 0.0 } else { 1.0 };
+        let power = exponent + if self.increments { 0.0 } else { 1.0 };
         let factor = libm::pow((self.count as f64 / CHECKED as f64).max(1.0), -power);
         let last = first.last().map(|weight| weight * factor);
         self.check(first.iter().copied().chain(last))?;
         let weights = weights()?;
         let on = if self.increments { " on increments" } else { "" };
-        let origin = format!("BDF {}, exponent {}{on}, step {}", self.order, self.exponent, self.step);
+        let origin = format!("BDF {}, exponent {exponent}{on}, step {}", self.order, self.step);
         emit(|out| write_weights(out, weights, self.count, &origin, self.format), self.out.as_deref())
+    }
+
+    /// Weights of a kernel other than s^β, which are made all together.
+    fn of_transfer(&self, transfer: &TransferFunction, order: BdfOrder) -> Result<(), CommandError> {
+        require(self.count.saturating_mul(2 * size_of::<f64>()))
+            .map_err(|error| CommandError::NoRoom(format!("--count: {error}")))?;
+        let weights = multistep_weights(transfer, order, self.step, self.increments, self.count)
+            .map_err(parameter_error)?;
+        let on = if self.increments { " on increments" } else { "" };
+        let origin = format!("BDF {}, {}{on}, step {}", self.order, self.kernel.origin(transfer), self.step);
+        let write = |out: &mut dyn std::io::Write| {
+            write_weights(out, weights.into_iter(), self.count, &origin, self.format)
+        };
+        emit(write, self.out.as_deref())
     }
 
     fn matrices<const R: usize>(
         &self,
         method: Result<RungeKutta<R>, ParameterError>,
     ) -> Result<(), CommandError> {
+        let exponent = self.kernel.power("weights of Runge–Kutta families")?;
         let weights = method
             .and_then(|method| {
                 let make = if self.increments { RungeKuttaWeights::on_rises } else { RungeKuttaWeights::new };
-                make(&method, self.exponent, self.step, self.count)
+                make(&method, exponent, self.step, self.count)
             })
             .map_err(parameter_error)?;
         require(self.count.saturating_mul(R * R * size_of::<f64>()))
@@ -117,7 +134,7 @@ impl WeightsArguments {
             _ => "Radau IIA",
         };
         let on = if self.increments { " on rises" } else { "" };
-        let origin = format!("{name}, {R} stages, exponent {}{on}, step {}", self.exponent, self.step);
+        let origin = format!("{name}, {R} stages, exponent {exponent}{on}, step {}", self.step);
         emit(|out| write_matrix_weights(out, &planes, R, &origin, self.format), self.out.as_deref())
     }
 

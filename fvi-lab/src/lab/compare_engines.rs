@@ -1,6 +1,7 @@
 //! Memory engines side by side: agreement first, then time per step and memory.
 
 use crate::memory::{LEAST_ON_INCREMENTS, MemoryRequest};
+use crate::numerics::transfer::TransferFunction;
 #[cfg(feature = "pictures")]
 use crate::results::files::write_picture;
 use crate::results::files::{FileError, write};
@@ -143,7 +144,7 @@ impl<'a> Contender<'a> {
                     family: ConvolutionFamily::Bdf { order: task.order.get() },
                     ..Convolution::default()
                 },
-                exponent: task.exponent,
+                transfer: &TransferFunction::power(task.exponent)?,
                 step_size: 1.0,
                 coordinates: 1,
                 motions: 1,

@@ -325,9 +325,29 @@ impl TransferFunction {
         }
     }
 
-    /// Whether there is nothing beside cut and poles: a sum of decaying exponentials.
-    pub fn is_relaxation(&self) -> bool {
-        !matches!(self.form, Form::Formula { .. })
+    /// The k-th derivative of L⁻¹\[K\](t) at a time t > 0, by the jump across the cut and the poles; `None` for
+    /// formulas, which may have other singularities.
+    ///
+    /// ```text
+    /// L⁻¹[K](t) = −∫₀^∞ e^{−xt} Im K(−x + i0)/π dx + Σ_poles residue e^{−λt}
+    /// ```
+    pub fn response(&self, time: f64, k: i32) -> Option<f64> {
+        if matches!(self.form, Form::Formula { .. }) {
+            return None;
+        }
+        let decayed = |rate: f64| (-rate).powi(k) * libm::exp(-rate * time);
+        let poles: f64 = self.poles().iter().map(|pole| pole.residue * decayed(pole.rate)).sum();
+        let Some(cut) = self.cut() else { return Some(poles) };
+        // The trapezoidal rule in ln(x t) over all that rounding leaves.
+        let spacing = 2.0 * PI * cut.strip / 42.0;
+        let lowest = -40.0 / (1.0 + cut.power + if cut.start == 0.0 { f64::from(k) } else { 0.0 });
+        let highest = libm::log(60.0);
+        let nodes = ((highest - lowest) / spacing).ceil() as usize;
+        let node = |index: usize| {
+            let d = libm::exp(lowest + spacing * index as f64) / time;
+            d * self.jump(d) * decayed(cut.start + d)
+        };
+        Some(poles - spacing * (0..=nodes).map(node).sum::<f64>())
     }
 
     /// K(0), the stiffness of the spring that it contains; 0 for s^0, whose spring is the force itself.
@@ -528,6 +548,25 @@ mod tests {
             assert!((poles - direct(s)).abs() < 1e-15);
             assert!((transfer.value(Complex::new(s, 0.0)).re - direct(s)).abs() < 1e-15);
         }
+    }
+
+    #[test]
+    fn responses_are_inverse_transforms() {
+        // L⁻¹[s^β] = t^{−β−1}/Γ(−β); with e^{−at} for (s + a)^β.
+        for (order, time) in [(0.5, 0.3), (1.7, 2.0), (0.9, 1e-3)] {
+            let gamma = |x: f64| libm::tgamma(x);
+            let power = |x: f64| libm::pow(time, x);
+            let first = power(-order - 1.0) / gamma(-order);
+            let second = power(-order - 3.0) / gamma(-order - 2.0);
+            let (transfer, rate) = (TransferFunction::power(order).unwrap(), 0.4);
+            assert!((transfer.response(time, 0).unwrap() / first - 1.0).abs() < 1e-12);
+            assert!((transfer.response(time, 2).unwrap() / second - 1.0).abs() < 1e-12);
+            let tempered = TransferFunction::tempered(order, rate).unwrap();
+            let expected = first * libm::exp(-rate * time);
+            assert!((tempered.response(time, 0).unwrap() / expected - 1.0).abs() < 1e-12);
+        }
+        let prony = TransferFunction::prony(&[2.0], &[0.5]).unwrap();
+        assert!((prony.response(0.25, 0).unwrap() + 4.0 * libm::exp(-0.5)).abs() < 1e-15);
     }
 
     #[test]

@@ -102,7 +102,7 @@ impl Adaptive {
             order if order > 1.0 && moves(&initial.momentum) => 2.0 - order,
             _ => 1.0,
         };
-        terms.map(|term| power(term.order)).fold(1.0, f64::min)
+        terms.map(|term| power(term.transfer.growth())).fold(1.0, f64::min)
     }
 
     /// The smallest tolerance in a precision with this rounding unit.

@@ -363,7 +363,7 @@ impl Convolution {
     /// order 0 has no error.
     pub(super) fn highest_exponent(&self, system: &System) -> f64 {
         let ConvolutionFamily::Bdf { order } = self.family else { return f64::INFINITY };
-        let orders = system.damping.iter().map(|term| term.order).filter(|&beta| beta > 0.0);
+        let orders = system.damping.iter().map(|term| term.transfer.growth()).filter(|&beta| beta > 0.0);
         order as f64 + orders.fold(f64::INFINITY, f64::min)
     }
 
@@ -371,6 +371,12 @@ impl Convolution {
     pub(super) fn check_exponents(&self, table: &Table<'_>, system: &System) -> Result<(), InputError> {
         let highest = self.highest_exponent(system);
         let Some(value) = table.optional("starting") else { return Ok(()) };
+        if !self.starting.is_empty() && system.damping.iter().any(|term| term.transfer.exponent().is_none()) {
+            return Err(value.error(Problem::Incompatible {
+                with: "`system.damping.kernel`".to_owned(),
+                allowed: "starting weights beside terms with an `order`".to_owned(),
+            }));
+        }
         match value.list("a list of numbers")?.iter().zip(&self.starting).find(|(_, nu)| **nu > highest) {
             Some((entry, _)) => Err(entry.out_of_range(format!(
                 "exponents up to {highest}, `convolution.order` plus the lowest `system.damping` order: the starting weights of higher \

@@ -1,6 +1,7 @@
 //! `[system]`: mass, potential, force, parameters and damping.
 
 use super::element::Element;
+use super::kernel::read_transfer;
 use super::load::Load;
 use super::matrix::SymmetricMatrix;
 use super::own_terms::SharedTerms;
@@ -8,11 +9,13 @@ use super::sparse_matrix::{KnownMatrices, SparseMatrix};
 use crate::language::document::{Table, Value};
 use crate::language::error::{InputError, Problem};
 use crate::language::expression::{Expression, Symbols};
+use crate::numerics::transfer::TransferFunction;
 use serde::ser::SerializeMap;
 use serde::{Serialize, Serializer};
 use std::collections::BTreeMap;
 
-/// d/dt (M q̇) + K q + ∇U(q) + Σ_e ∇U_e(q) = F(t, q) + Σ_l f_l a_l(t) − Σ_m ρ_m D^{β_m} q.
+/// d/dt (M q̇) + K q + ∇U(q) + Σ_e ∇U_e(q) = F(t, q) + Σ_l f_l a_l(t) − Σ_m ρ_m K_m(D) q, K_m(D) = D^{β_m} or of
+/// another transfer function.
 #[derive(Clone, Debug, Serialize)]
 pub struct System {
     /// M, symmetric positive definite.
@@ -41,11 +44,11 @@ pub struct System {
     pub own_terms: Option<SharedTerms>,
 }
 
-/// One damping term ρ D^β q.
+/// One damping term ρ K(D) q.
 #[derive(Clone, Debug)]
 pub struct Damping {
-    /// β = 2α, the damping order in the equation of motion, 0 ≤ β < 2.
-    pub order: f64,
+    /// K(s): s^β with the damping order β = 2α of the equation of motion, 0 ≤ β < 2, or another kernel.
+    pub transfer: TransferFunction,
     /// ρ, symmetric positive semidefinite.
     pub coefficient: SymmetricMatrix,
     /// What the derivative acts on.
@@ -85,7 +88,8 @@ pub enum ForceQuadrature {
 pub enum Derivative {
     /// On q itself.
     RiemannLiouville,
-    /// On q − q₀ for 0 < β ≤ 1 and on q − q₀ − v₀t for 1 < β < 2.
+    /// On q − q₀ for 0 < β ≤ 1 and on q − q₀ − v₀t for 1 < β < 2; of other kernels on q − q₀ − v₀t where they
+    /// grow faster than s.
     Caputo,
 }
 
@@ -153,7 +157,7 @@ impl System {
             Some(value) => value
                 .list("a list of tables, each headed [[system.damping]]")?
                 .iter()
-                .map(|term| Damping::read(&term.table()?, count, &mut known))
+                .map(|term| Damping::read(&term.table()?, count, &parameters, &mut known))
                 .collect::<Result<_, _>>()?,
             None => Vec::new(),
         };
@@ -192,13 +196,23 @@ impl System {
 }
 
 impl Damping {
-    fn read(table: &Table<'_>, count: usize, known: &mut KnownMatrices) -> Result<Self, InputError> {
-        table.allow(&["order", "coefficient", "scale", "attached", "strength", "derivative"])?;
-        let order_value = table.required("order")?;
-        let order = order_value.number()?;
-        if !(0.0..2.0).contains(&order) {
-            return Err(order_value.out_of_range("a damping order 0 ≤ β < 2"));
-        }
+    fn read(
+        table: &Table<'_>,
+        count: usize,
+        parameters: &BTreeMap<String, f64>,
+        known: &mut KnownMatrices,
+    ) -> Result<Self, InputError> {
+        table.allow(&[
+            "order",
+            "kernel",
+            "allow_active",
+            "coefficient",
+            "scale",
+            "attached",
+            "strength",
+            "derivative",
+        ])?;
+        let transfer = read_transfer(table, parameters)?;
         let scale = table.optional("scale");
         let (given, value) = table.either("coefficient", "attached")?;
         let (coefficient, attached, scale) = if given {
@@ -225,7 +239,7 @@ impl Damping {
             ])?,
             None => Derivative::Caputo,
         };
-        Ok(Self { order, coefficient, derivative, attached, scale })
+        Ok(Self { transfer, coefficient, derivative, attached, scale })
     }
 }
 
@@ -233,7 +247,13 @@ impl Damping {
 impl Serialize for Damping {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut map = serializer.serialize_map(None)?;
-        map.serialize_entry("order", &self.order)?;
+        match self.transfer.exponent() {
+            Some(order) => map.serialize_entry("order", &order)?,
+            None => map.serialize_entry("kernel", &KernelKeys(&self.transfer))?,
+        }
+        if self.transfer.active().is_some() {
+            map.serialize_entry("allow_active", &true)?;
+        }
         match &self.attached {
             Some(attached) => {
                 match &attached.source {
@@ -248,6 +268,27 @@ impl Serialize for Damping {
             map.serialize_entry("scale", &scale)?;
         }
         map.serialize_entry("derivative", &self.derivative)?;
+        map.end()
+    }
+}
+
+/// The keys of a kernel.
+struct KernelKeys<'a>(&'a TransferFunction);
+
+impl Serialize for KernelKeys<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(None)?;
+        match self.0.text() {
+            Some(text) => map.serialize_entry("symbol", text)?,
+            None => map.serialize_entry("form", self.0.form())?,
+        }
+        for (name, numbers) in self.0.parameters() {
+            match (name, &numbers[..]) {
+                ("strengths" | "times", numbers) => map.serialize_entry(name, numbers)?,
+                (_, [number]) => map.serialize_entry(name, number)?,
+                (_, numbers) => map.serialize_entry(name, numbers)?,
+            }
+        }
         map.end()
     }
 }
@@ -333,7 +374,7 @@ fn belongs(value: &Value<'_>, key: &str, other: &str) -> InputError {
     })
 }
 
-fn read_parameters(value: &Value<'_>) -> Result<BTreeMap<String, f64>, InputError> {
+pub(super) fn read_parameters(value: &Value<'_>) -> Result<BTreeMap<String, f64>, InputError> {
     let mut parameters = BTreeMap::new();
     for (name, entry) in value.table()?.entries() {
         Symbols::new()
@@ -345,7 +386,7 @@ fn read_parameters(value: &Value<'_>) -> Result<BTreeMap<String, f64>, InputErro
 }
 
 /// The parameters as names; those that cannot be names were refused when they were read.
-fn symbols_of(parameters: &BTreeMap<String, f64>) -> Symbols {
+pub(super) fn symbols_of(parameters: &BTreeMap<String, f64>) -> Symbols {
     parameters.iter().fold(Symbols::new(), |symbols, (name, &value)| {
         symbols.clone().with_parameter(name, value).unwrap_or(symbols)
     })

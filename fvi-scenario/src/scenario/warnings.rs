@@ -44,35 +44,34 @@ impl Scenario {
     /// like h^(2−β).
     fn singular_force_warning(&self, index: usize, term: &Damping) -> Option<String> {
         let force = term.coefficient.times(&self.initial.position);
+        let beta = term.transfer.growth();
         let at_stages = !matches!(self.convolution.family, ConvolutionFamily::Bdf { .. });
         if term.derivative == Derivative::Caputo
-            || term.order == 0.0
+            || beta == 0.0
             || (self.convolution.at == DampedAt::Nodes && !at_stages)
             || force.iter().all(|&entry| entry == 0.0)
         {
             return None;
         }
-        let linear_damper =
-            term.order == 1.0 && self.convolution.family == (ConvolutionFamily::Bdf { order: 1 });
-        if linear_damper || (at_stages && term.order < 1.0) {
+        let linear_damper = beta == 1.0 && self.convolution.family == (ConvolutionFamily::Bdf { order: 1 });
+        if linear_damper || (at_stages && beta < 1.0) {
             return None;
         }
-        let consequence = if term.order > 1.0 {
+        let consequence = if beta > 1.0 {
             "has no integral over the first step, so that the motion has no limit as `time.step` goes to 0"
                 .to_owned()
-        } else if term.order == 1.0 && at_stages {
+        } else if beta == 1.0 && at_stages {
             "holds the kick −ρ q of a jump to the initial position, which a linear damper does not have"
                 .to_owned()
-        } else if term.order == 1.0 {
+        } else if beta == 1.0 {
             "is counted differently by each `convolution.order`, at every `time.step`; order 1 gives linear damping"
                 .to_owned()
         } else {
-            let order = 1.0 - term.order;
+            let order = 1.0 - beta;
             format!(
                 "is not resolved by the first step: the error falls like h^{order:.3} only; Runge–Kutta quadrature resolves it"
             )
         };
-        let beta = term.order;
         Some(format!(
             "system.damping[{index}].derivative: with an initial position that is not 0 the Riemann–Liouville derivative of \
              order {beta} has a singular part q(0) t^-{beta} which {consequence}; derivative = \"caputo\" has none, and \

@@ -158,7 +158,8 @@ impl<T: Elementary> ScenarioSpace<T> for AnySpace {
 
     fn follow_alike(&self, one: &scenario::Damping, other: &scenario::Damping) -> bool {
         let same_derivative = one.derivative == other.derivative
-            && (derivative(one) == Derivative::RiemannLiouville || (one.order > 1.0) == (other.order > 1.0));
+            && (derivative(one) == Derivative::RiemannLiouville
+                || (one.transfer.growth() > 1.0) == (other.transfer.growth() > 1.0));
         same_derivative && all_directions::<T>(one) == all_directions::<T>(other)
     }
 

@@ -5,11 +5,13 @@ use crate::model::tape::CompiledForce;
 use crate::model::{Loads, RoughForces};
 use crate::numerics::column::{highest, lowest};
 use crate::numerics::dense;
+use crate::numerics::transfer::TransferFunction;
 use crate::scenario::{Derivative, OnEnergyGrowth, Scenario, SharedTerms, SymmetricMatrix};
 use crate::simulation::GridState;
 use crate::simulation::stability;
 use crate::simulation::stretch::Stretch;
 use fvi_core::NodalRule;
+use nalgebra::Complex;
 use serde::{Deserialize, Serialize};
 
 /// How far the energy may rise, as a multiple of all that was there or put in.
@@ -41,7 +43,8 @@ pub struct EnergyGuard {
     /// Whether that is of a larger, diagonal mass in place of the system's.
     is_lumped: bool,
     /// What the start does to the memory: forces |f| t^{−e} of each coordinate.
-    pushes: Vec<(Vec<f64>, f64)>,
+    /// ρ x, K(s) and j: a force like ρ x L⁻¹[K(s)/s^{1+j}](t).
+    pushes: Vec<(Vec<f64>, TransferFunction, f64)>,
     first_energy: f64,
     first_potential: f64,
     lowest_potential: f64,
@@ -109,16 +112,18 @@ impl EnergyGuard {
         for term in &scenario.system.damping {
             let pulled = term.coefficient.times(&start.position);
             match term.derivative {
-                Derivative::Caputo if term.order == 0.0 => springs += 0.5 * dot(&pulled, &start.position),
-                Derivative::Caputo if term.order > 1.0 => {
-                    pushes.push((term.coefficient.times(&velocity), term.order - 1.0));
+                Derivative::Caputo if term.transfer.exponent() == Some(0.0) => {
+                    springs += 0.5 * dot(&pulled, &start.position);
+                }
+                Derivative::Caputo if term.transfer.growth() > 1.0 => {
+                    pushes.push((term.coefficient.times(&velocity), term.transfer.clone(), 1.0));
                 }
                 Derivative::Caputo => {}
-                Derivative::RiemannLiouville => pushes.push((pulled, term.order)),
+                Derivative::RiemannLiouville => pushes.push((pulled, term.transfer.clone(), 0.0)),
             }
         }
         // What pushes nothing need not be followed.
-        pushes.retain(|(push, _)| push.iter().any(|&push| push != 0.0));
+        pushes.retain(|(push, ..)| push.iter().any(|&push| push != 0.0));
         let force = Forces::of(scenario);
         let own = scenario.system.own_terms.clone().map(|terms| (terms, vec![0.0; scenario.coordinates()]));
         let is_driven = force.is_some() || own.is_some() || scenario.input.is_some() || !pushes.is_empty();
@@ -345,8 +350,10 @@ impl EnergyGuard {
             (to[index] - from[index]).abs().max(step * fastest)
         };
         let mut work: f64 = input.iter().enumerate().map(|(index, push)| push.abs() * way(index)).sum();
-        for (push, exponent) in &self.pushes {
-            let fading = libm::pow(state.time, -exponent);
+        for (push, transfer, integrals) in &self.pushes {
+            // About L⁻¹[K(s)/s^{1+j}](t).
+            let rate = Complex::new(1.0 / state.time, 0.0);
+            let fading = transfer.value(rate).norm() * libm::pow(state.time, *integrals);
             work +=
                 fading * push.iter().enumerate().map(|(index, push)| push.abs() * way(index)).sum::<f64>();
         }

@@ -1,13 +1,15 @@
 //! What Riemann–Liouville damping from q₀ ≠ 0 leaves in the momentum of schemes with several nodes.
 
 use crate::numerics::starting_defects::reciprocal_gamma;
+use crate::numerics::transfer::TransferFunction;
 use crate::scenario::{ConvolutionFamily, DampedAt, Derivative, ReportedMomentum, Scenario};
 use fvi_core::Real;
 
 /// By how much the momentum of a discrete Lagrangian that is damped at several quadrature nodes differs from
 /// that of the motion.
 ///
-/// The constant q₀ is sampled alike at all nodes of a step, so that with f_m = q₀ t^{−β_m}/Γ(1−β_m)
+/// The constant q₀ is sampled alike at all nodes of a step, so that with f_m = q₀ t^{−β_m}/Γ(1−β_m), or
+/// q₀ L⁻¹[K_m(s)/s] of another kernel,
 ///
 /// ```text
 /// p_k = p(t_k) + Σ_m ρ_m ((h²/12) f_m′(t_k) − (h⁴/240) f_m‴(t_k)) + … ,
@@ -16,8 +18,8 @@ use fvi_core::Real;
 /// the first terms of −D⁻¹ [(y/sinh y)² − 1] ρ f with y = hD/2: derived in `docs/node-form.md`.
 #[derive(Clone, Debug, Default)]
 pub(super) struct MomentumOffset<T> {
-    /// β_m, and ρ_m q₀.
-    terms: Vec<(f64, Vec<T>)>,
+    /// K_m, and ρ_m q₀.
+    terms: Vec<(TransferFunction, Vec<T>)>,
 }
 
 impl<T: Real> MomentumOffset<T> {
@@ -34,7 +36,7 @@ impl<T: Real> MomentumOffset<T> {
         }
         let terms = scenario.system.damping.iter().enumerate();
         let singular = terms.filter(|(_, term)| term.derivative == Derivative::RiemannLiouville);
-        let terms = singular.map(|(index, term)| (term.order, leave(index)));
+        let terms = singular.map(|(index, term)| (term.transfer.clone(), leave(index)));
         Self { terms: terms.filter(|(_, vector)| vector.iter().any(|&x| x != T::zero())).collect() }
     }
 
@@ -48,10 +50,20 @@ impl<T: Real> MomentumOffset<T> {
             return;
         }
         let ratio = (step_size / time).powi(2);
-        for (order, vector) in &self.terms {
-            let derivative = |m: i32| reciprocal_gamma(1.0 - order - f64::from(m));
-            let size = libm::pow(time, 1.0 - order) * ratio;
-            let factor = T::of(size * (derivative(1) / 12.0 - ratio * derivative(3) / 240.0));
+        for (transfer, vector) in &self.terms {
+            let factor = match transfer.exponent() {
+                Some(order) => {
+                    let derivative = |m: i32| reciprocal_gamma(1.0 - order - f64::from(m));
+                    let size = libm::pow(time, 1.0 - order) * ratio;
+                    size * (derivative(1) / 12.0 - ratio * derivative(3) / 240.0)
+                }
+                None => {
+                    // f′ = L⁻¹[K], which formulas do not tell.
+                    let derivative = |k: i32| transfer.response(time, k).unwrap_or(0.0);
+                    step_size.powi(2) * (derivative(0) / 12.0 - step_size.powi(2) * derivative(2) / 240.0)
+                }
+            };
+            let factor = T::of(factor);
             momentum.iter_mut().zip(vector).for_each(|(place, &x)| *place -= factor * x);
         }
     }

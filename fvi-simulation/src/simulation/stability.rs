@@ -11,6 +11,7 @@ mod symbol;
 mod winding;
 
 use crate::numerics::dense;
+use crate::numerics::transfer::TransferFunction;
 use characteristic::Characteristic;
 use fvi_core::{BdfOrder, ParameterError};
 use nalgebra::{Cholesky, DMatrix};
@@ -52,16 +53,16 @@ pub struct Discretisation {
     pub form: DampingForm,
 }
 
-/// A damping term ρ D^β q.
+/// A damping term ρ K(D) q.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinearDamping {
     /// ρ, symmetric and positive semidefinite.
     pub coefficients: DMatrix<f64>,
-    /// Damping order β = 2α.
-    pub damping_order: f64,
+    /// K(s), passive.
+    pub transfer: TransferFunction,
 }
 
-/// M q̈ + K q + Σ_m ρ_m D^{β_m} q = 0, in coordinates where M is the identity.
+/// M q̈ + K q + Σ_m ρ_m K_m(D) q = 0, in coordinates where M is the identity.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinearSystem {
     stiffness: DMatrix<f64>,
@@ -137,9 +138,9 @@ pub fn check_stability(
     step: f64,
     steps: usize,
 ) -> Verdict {
-    let orders = system.damping.iter().map(|term| term.damping_order).collect();
+    let transfers = system.damping.iter().map(|term| term.transfer.clone()).collect();
     let check = Check {
-        characteristic: Characteristic::new(discretisation, orders),
+        characteristic: Characteristic::new(discretisation, transfers),
         parts: parts(system).into_iter().filter(|part| !is_always_stable(discretisation, part)).collect(),
         end: step * steps.max(1) as f64,
     };
@@ -160,7 +161,8 @@ pub fn check_stability(
 ///
 /// and in |z| < 1 the first term has a positive real part, the others have none that is negative: on the
 /// upper half of |z| = 1, arg 1/w = π/2 and −π/2 ≤ arg γ_p ≤ 0, so arg γ_p^β/w stays within ±π/2 for
-/// 0 ≤ β ≤ 2; it is harmonic, so it does inside too.
+/// 0 ≤ β ≤ 2; it is harmonic, so it does inside too. Every other passive kernel is a positive combination of
+/// resonators, for which the same holds (docs/kernels.md).
 fn is_always_stable(discretisation: &Discretisation, part: &Part) -> bool {
     if !part.is_damped() && part.stiffness.amax() == 0.0 {
         return true;

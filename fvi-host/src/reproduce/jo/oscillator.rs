@@ -7,7 +7,7 @@ use super::super::table::{Column, Format, Table};
 use super::super::{Findings, ReproduceError};
 use super::lagrange_dalembert::{LinearOscillator, positions};
 use crate::lab::converge::{Grids, Quantity};
-use crate::language::InputError;
+use crate::numerics::transfer::TransferFunction;
 use crate::results::picture::{Axis, Chart, Series, Style};
 use crate::scenario::{Scenario, Scheme};
 use std::sync::atomic::AtomicBool;
@@ -15,10 +15,10 @@ use std::sync::atomic::AtomicBool;
 /// The orders in the Lagrangian of figure 4. The text of the paper does not list its own.
 const ALPHAS: [f64; 5] = [0.25, 0.4, 0.5, 0.6, 0.75];
 
-fn with_alpha(alpha: f64) -> Result<Scenario, InputError> {
+fn with_alpha(alpha: f64) -> Result<Scenario, ReproduceError> {
     let mut scenario = jo_oscillator()?;
     for term in &mut scenario.system.damping {
-        term.order = 2.0 * alpha;
+        term.transfer = TransferFunction::power(2.0 * alpha)?;
     }
     Ok(scenario)
 }

@@ -122,6 +122,7 @@ mod tests {
     use crate::memory::MemoryRequest;
     use crate::model::matrices::Matrix;
     use crate::model::{Model, ScenarioSpace};
+    use crate::numerics::transfer::TransferFunction;
     use crate::scenario::Scenario;
     use fvi_core::{DampingTerm, Derivative, Rounding, Scheme};
     use std::path::Path;
@@ -148,7 +149,7 @@ mod tests {
         let scheme = AnyScheme::<f64>::new(scenario).unwrap();
         let request = MemoryRequest {
             convolution: &scenario.convolution,
-            exponent: 0.5,
+            transfer: &TransferFunction::power(0.5).unwrap(),
             step_size: STEP,
             end: None,
             coordinates: size,

@@ -5,6 +5,7 @@ use super::polynomials::Polynomials;
 use super::symbol;
 use super::{DampingForm, Discretisation};
 use crate::numerics::dense;
+use crate::numerics::transfer::TransferFunction;
 use nalgebra::{Complex, DMatrix};
 use std::cell::RefCell;
 use std::collections::HashMap;
@@ -25,11 +26,13 @@ use std::rc::Rc;
 /// nodes:       D_νμ = γ_p(z)^β Σ_i b_i ψ_ν(c_i) φ_μ(c_i)
 /// stages:      D_νμ = Σ_i b_i ψ_ν(c_i) Σ_j (Δ(z)^β)_ij φ_μ(c_j)
 /// ```
+///
+/// Of another transfer function K(s), h² K(γ_p(z)/h) stands in place of h^{2−β} γ_p(z)^β.
 pub(super) struct Characteristic {
     degree: usize,
     polynomials: Polynomials,
     form: Form,
-    orders: Vec<f64>,
+    transfers: Vec<TransferFunction>,
     /// What does not depend on h, by the bits of z: the search for a stable step returns to the same places.
     known: RefCell<HashMap<[u64; 2], Rc<Factors>>>,
 }
@@ -44,11 +47,12 @@ enum Form {
 struct Factors {
     kinetic: DMatrix<Complex<f64>>,
     elastic: DMatrix<Complex<f64>>,
+    /// Of transfer functions other than powers without their value.
     damped: Vec<DMatrix<Complex<f64>>>,
 }
 
 impl Characteristic {
-    pub(super) fn new(discretisation: &Discretisation, orders: Vec<f64>) -> Self {
+    pub(super) fn new(discretisation: &Discretisation, transfers: Vec<TransferFunction>) -> Self {
         let form = match &discretisation.form {
             DampingForm::MainNodes { order } => Form::MainNodes(*order),
             DampingForm::Nodes { order } => Form::Nodes(*order),
@@ -66,7 +70,7 @@ impl Characteristic {
                 &discretisation.weights,
             ),
             form,
-            orders,
+            transfers,
             known: RefCell::default(),
         }
     }
@@ -87,17 +91,30 @@ impl Characteristic {
             }
         };
         let identity = DMatrix::identity(size, size);
-        let powers: Vec<f64> = self.orders.iter().map(|order| libm::pow(step, 2.0 - order)).collect();
+        let scales: Vec<Complex<f64>> =
+            self.transfers.iter().map(|transfer| self.scale(transfer, step, z)).collect();
         for nu in 0..self.degree {
             for mu in 0..self.degree {
                 add(factors.kinetic[(nu, mu)], &identity, nu, mu);
                 add(-factors.elastic[(nu, mu)] * (step * step), &part.stiffness, nu, mu);
-                for ((rho, damped), power) in part.damping.iter().zip(&factors.damped).zip(&powers) {
-                    add(-damped[(nu, mu)] * *power, rho, nu, mu);
+                for ((rho, damped), scale) in part.damping.iter().zip(&factors.damped).zip(&scales) {
+                    add(-damped[(nu, mu)] * *scale, rho, nu, mu);
                 }
             }
         }
         log_determinant(&mut matrix, rows)
+    }
+
+    /// What depends on h of a damping term: h^{2−β}, or h² K(γ_p(z)/h).
+    fn scale(&self, transfer: &TransferFunction, step: f64, z: Complex<f64>) -> Complex<f64> {
+        match (transfer.exponent(), &self.form) {
+            (Some(order), _) => Complex::new(libm::pow(step, 2.0 - order), 0.0),
+            (None, Form::MainNodes(formula) | Form::Nodes(formula)) => {
+                transfer.value(symbol::formula(*formula, z) / step) * (step * step)
+            }
+            // There are no such memories.
+            (None, Form::Stages { .. }) => Complex::new(f64::NAN, 0.0),
+        }
     }
 
     fn factors(&self, z: Complex<f64>) -> Rc<Factors> {
@@ -129,14 +146,18 @@ impl Characteristic {
             })
         };
         let elastic = both(elastic);
-        let damped = self.orders.iter().map(|&order| match &self.form {
+        let damped = self.transfers.iter().map(|transfer| match &self.form {
             Form::MainNodes(formula) => {
                 let mut only = DMatrix::zeros(self.degree, self.degree);
-                only[(0, 0)] = z * symbol::bdf(*formula, order, z);
+                only[(0, 0)] = transfer.exponent().map_or(z, |order| z * symbol::bdf(*formula, order, z));
                 only
             }
-            Form::Nodes(formula) => &elastic * symbol::bdf(*formula, order, z),
+            Form::Nodes(formula) => match transfer.exponent() {
+                Some(order) => &elastic * symbol::bdf(*formula, order, z),
+                None => elastic.clone(),
+            },
             Form::Stages { inverse } => {
+                let order = transfer.exponent().unwrap_or(f64::NAN);
                 let mut tests = wide(values, test);
                 for (mut row, &weight) in tests.row_iter_mut().zip(weights) {
                     row *= Complex::new(weight, 0.0);

@@ -4,6 +4,7 @@
 use super::polynomials::Polynomials;
 use super::*;
 use crate::numerics::runge_kutta_weights::RungeKuttaWeights;
+use crate::numerics::transfer::TransferFunction;
 use fvi_core::{ConvolutionWeights, Quadrature, RungeKutta};
 use nalgebra::{DVector, Dyn, LU, dmatrix};
 use proptest::prelude::*;
@@ -121,7 +122,7 @@ impl<'a> Motion<'a> {
         let weights: Vec<Vec<Vec<f64>>> = system
             .damping
             .iter()
-            .map(|term| (case.weights)(scheme, term.damping_order, step, steps + 1))
+            .map(|term| (case.weights)(scheme, term.transfer.exponent().unwrap(), step, steps + 1))
             .collect();
         let mut matrix = DMatrix::zeros(degree * size, degree * size);
         for row in 0..degree {
@@ -326,7 +327,10 @@ fn verdict_holds(random: &Random) -> Result<(), TestCaseError> {
             // ρ ω^β against ω², some directions undamped.
             let scale = random.strong * random.stiff.powf(1.0 - 0.5 * damping_order);
             let strength = |i: usize| scale * (numbers[5 + 4 * m + i] + 0.3).max(0.0);
-            LinearDamping { coefficients: symmetric(size, &numbers[3 + m..], strength), damping_order }
+            LinearDamping {
+                coefficients: symmetric(size, &numbers[3 + m..], strength),
+                transfer: TransferFunction::power(damping_order).unwrap(),
+            }
         })
         .collect();
     let system = LinearSystem::new(&DMatrix::identity(size, size), &stiffness, damping).unwrap();
@@ -408,7 +412,10 @@ fn slow_growth_above_a_limit_is_seen_in_runs_as_long_as_that_with_the_limit() {
 }
 
 fn one(k: f64, rho: f64, damping_order: f64) -> LinearSystem {
-    let damping = vec![LinearDamping { coefficients: dmatrix![rho], damping_order }];
+    let damping = vec![LinearDamping {
+        coefficients: dmatrix![rho],
+        transfer: TransferFunction::power(damping_order).unwrap(),
+    }];
     LinearSystem::new(&dmatrix![1.0], &dmatrix![k], damping).unwrap()
 }
 
@@ -428,7 +435,10 @@ fn formulas_of_order_five_grow_below_the_alternating_motion() {
     assert_eq!(of(2, 0.05), Verdict::Stable);
     // Two unit masses, their difference on a spring 10⁴ times as stiff.
     let stiffness = dmatrix![10001.0, -10000.0; -10000.0, 10001.0];
-    let damping = vec![LinearDamping { coefficients: DMatrix::identity(2, 2) * 0.01, damping_order: 1.9 }];
+    let damping = vec![LinearDamping {
+        coefficients: DMatrix::identity(2, 2) * 0.01,
+        transfer: TransferFunction::power(1.9).unwrap(),
+    }];
     let system = LinearSystem::new(&DMatrix::identity(2, 2), &stiffness, damping).unwrap();
     let of = |p| check_stability(&midpoint(p).discretisation, &system, 0.02, 1000);
     assert!(matches!(of(5), Verdict::Unstable { .. }));

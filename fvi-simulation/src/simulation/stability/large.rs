@@ -3,6 +3,7 @@
 use super::{DampingForm, Discretisation, LinearDamping, LinearSystem, Verdict, check_stability};
 use crate::model::{Matrix, Model, matrix};
 use crate::numerics::dense::symmetric_eigen;
+use crate::numerics::transfer::TransferFunction;
 use crate::scenario::Scenario;
 use fvi_core::{Block, Instant, Mechanics};
 use nalgebra::DMatrix;
@@ -42,20 +43,20 @@ pub(super) fn check_large(
     let start = &scenario.initial.position;
     model.linearise(instant, start, &mut pull, &mut stiffness);
     let fastest = MARGIN * largest_eigenvalue(model, &stiffness, size);
-    let damping: Vec<(f64, f64)> = scenario
+    let damping: Vec<(f64, &TransferFunction)> = scenario
         .system
         .damping
         .iter()
-        .map(|term| (MARGIN * largest_eigenvalue(model, &matrix(&term.coefficient), size), term.order))
+        .map(|term| (MARGIN * largest_eigenvalue(model, &matrix(&term.coefficient), size), &term.transfer))
         .collect();
     let mut least = None;
     for part in (0..12).map(|halvings| 0.25_f64.powi(halvings)) {
         let one = |entry: f64| DMatrix::from_element(1, 1, entry);
         let terms = damping
             .iter()
-            .map(|&(largest, damping_order)| LinearDamping {
+            .map(|&(largest, transfer)| LinearDamping {
                 coefficients: one(part * largest),
-                damping_order,
+                transfer: transfer.clone(),
             })
             .collect();
         let Ok(system) = LinearSystem::new(&one(1.0), &one(part * fastest), terms) else { continue };

@@ -15,14 +15,13 @@ use nalgebra::{DMatrix, DVector};
 pub(crate) fn check_step(scenario: &Scenario, stiffness: &DMatrix<f64>) -> Result<(), InputError> {
     let Some(discretisation) = discretisation(scenario) else { return Ok(()) };
     // Where steps are chosen on the way, motions that grow make them shorter.
-    if scenario.time.allow_unstable || scenario.time.adaptive().is_some() {
+    if scenario.time.allow_unstable || scenario.time.adaptive().is_some() || may_drive(scenario) {
         return Ok(());
     }
-    let damping = scenario
-        .system
-        .damping
-        .iter()
-        .map(|term| LinearDamping { coefficients: dense(&term.coefficient), damping_order: term.order });
+    let damping = scenario.system.damping.iter().map(|term| LinearDamping {
+        coefficients: dense(&term.coefficient),
+        transfer: term.transfer.clone(),
+    });
     let system =
         LinearSystem::new(&dense(&scenario.system.mass), stiffness, damping.collect()).map_err(|error| {
             scenario.error_at("system.mass", Problem::Precision { reason: error.to_string() })
@@ -44,6 +43,7 @@ pub(crate) fn check_large_step(scenario: &Scenario) -> Result<(), InputError> {
     let damped = !scenario.system.damping.is_empty();
     if scenario.time.allow_unstable
         || scenario.time.adaptive().is_some()
+        || may_drive(scenario)
         || large::is_unconditional(&discretisation, damped)
     {
         return Ok(());
@@ -73,7 +73,14 @@ pub(crate) fn is_unconditional(scenario: &Scenario) -> bool {
         && system.elements.is_empty()
         && system.force.is_none()
         && system.own_terms.is_none();
-    linear && discretisation(scenario).is_some_and(|scheme| large::is_unconditional(&scheme, damped))
+    linear
+        && !may_drive(scenario)
+        && discretisation(scenario).is_some_and(|scheme| large::is_unconditional(&scheme, damped))
+}
+
+/// Whether a kernel of it is not passive: then motions may grow by themselves, at any step.
+fn may_drive(scenario: &Scenario) -> bool {
+    scenario.system.damping.iter().any(|term| term.transfer.active().is_some())
 }
 
 /// What to change about a scheme whose step is too long.

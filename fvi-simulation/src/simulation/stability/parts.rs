@@ -145,10 +145,12 @@ fn order(part: &Part) -> Vec<f64> {
 mod tests {
     use super::super::LinearDamping;
     use super::*;
+    use crate::numerics::transfer::TransferFunction;
     use nalgebra::dmatrix;
 
     fn system(mass: DMatrix<f64>, stiffness: DMatrix<f64>, rho: DMatrix<f64>) -> LinearSystem {
-        let damping = vec![LinearDamping { coefficients: rho, damping_order: 0.5 }];
+        let damping =
+            vec![LinearDamping { coefficients: rho, transfer: TransferFunction::power(0.5).unwrap() }];
         LinearSystem::new(&mass, &stiffness, damping).unwrap()
     }
 

@@ -8,12 +8,17 @@ use nalgebra::{Complex, DMatrix, Schur};
 /// The formulas are A(ϑ)-stable, so γ_p takes no value on the negative real axis there, and the principal
 /// branch is the one that continues γ_p(0)^β > 0.
 pub(super) fn bdf(order: BdfOrder, exponent: f64, z: Complex<f64>) -> Complex<f64> {
+    scalar_power(formula(order, z), exponent)
+}
+
+/// γ_p(z) = Σ_i (1 − z)^i / i.
+pub(super) fn formula(order: BdfOrder, z: Complex<f64>) -> Complex<f64> {
     let difference = Complex::new(1.0, 0.0) - z;
     let mut sum = Complex::ZERO;
     for i in (1..=order.get()).rev() {
         sum = (sum + 1.0 / i as f64) * difference;
     }
-    scalar_power(sum, exponent)
+    sum
 }
 
 /// Δ(z)^β for |z| < 1, with Δ(z) = A⁻¹ − z A⁻¹ 1 bᵀ A⁻¹ and b the last row of A.

@@ -1,0 +1,284 @@
+//! `order` and `kernel` of a damping term: its transfer function.
+
+use super::system::{read_parameters, symbols_of};
+use crate::language::document::{Document, Table, Value};
+use crate::language::error::{InputError, Problem};
+use crate::language::expression::{Expression, Function, Kind, LARGEST_MULTIPLIED, Node, Operator, Symbols};
+use crate::numerics::algebra::{Algebra, Series};
+use crate::numerics::transfer::{Formula, TransferFunction};
+use fvi_core::{DoubleDouble, ParameterError};
+use nalgebra::Complex;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+
+/// The forms of `kernel.form`.
+#[derive(Clone, Copy)]
+enum Form {
+    Power,
+    Tempered,
+    Maxwell,
+    Prony,
+    HavriliakNegami,
+}
+
+/// Reads `order`, or `kernel` in its place.
+///
+/// # Errors
+/// If neither or both are there, or a parameter of the kernel is outside its range, or the kernel is not passive
+/// and `allow_active` is not set.
+pub(super) fn read_transfer(
+    table: &Table<'_>,
+    parameters: &BTreeMap<String, f64>,
+) -> Result<TransferFunction, InputError> {
+    let (is_order, value) = table.either("order", "kernel")?;
+    let allow_active = match table.optional("allow_active") {
+        Some(value) => value.truth()?,
+        None => false,
+    };
+    if is_order {
+        let order = value.number()?;
+        let refused = || value.out_of_range("a damping order 0 ≤ β < 2");
+        if !(0.0..2.0).contains(&order) {
+            return Err(refused());
+        }
+        return TransferFunction::power(order).map_err(|_| refused());
+    }
+    let transfer = read_kernel(&value.table()?, parameters)?;
+    match transfer.active() {
+        Some(active) if !allow_active => {
+            let (place, share) = (active.place, active.resistance);
+            let at = if place.re == 0.0 {
+                format!("ω = {:.4e}, where Im K(iω)/ω is {share:.1e} of |K(iω)|/ω", place.im)
+            } else {
+                format!(
+                    "s = {:.4e} + {:.4e}i, where Re K(s)/s is {share:.1e} of |K(s)/s|",
+                    place.re, place.im
+                )
+            };
+            Err(value.out_of_range(format!(
+                "a passive kernel: this one can drive the motion at {at}; `allow_active = true` admits it"
+            )))
+        }
+        _ => Ok(transfer),
+    }
+}
+
+/// The kernel of a file with a table `[kernel]`, and one `[parameters]` for the expression of a symbol.
+///
+/// # Errors
+/// As in a scenario, but that it need not be passive.
+pub fn kernel_of_file(path: &Path) -> Result<TransferFunction, InputError> {
+    kernel_of_document(&Document::read(path)?)
+}
+
+/// The kernel whose symbol is an expression in s.
+///
+/// # Errors
+/// If the expression cannot be used; the error names it as the document `--symbol`.
+pub fn kernel_of_symbol(text: &str) -> Result<TransferFunction, InputError> {
+    let keys = BTreeMap::from([("kernel", BTreeMap::from([("symbol", text)]))]);
+    kernel_of_document(&Document::of_value("--symbol", Path::new(""), &keys)?)
+}
+
+fn kernel_of_document(document: &Document) -> Result<TransferFunction, InputError> {
+    document.with_root(|root| {
+        root.allow(&["kernel", "parameters"])?;
+        let parameters = match root.optional("parameters") {
+            Some(value) => read_parameters(&value)?,
+            None => BTreeMap::new(),
+        };
+        read_kernel(&root.required("kernel")?.table()?, &parameters)
+    })
+}
+
+/// Reads the table of a kernel.
+///
+/// # Errors
+/// If a key is unknown or missing, or a value outside its range.
+pub(super) fn read_kernel(
+    table: &Table<'_>,
+    parameters: &BTreeMap<String, f64>,
+) -> Result<TransferFunction, InputError> {
+    let (is_form, value) = table.either("form", "symbol")?;
+    if !is_form {
+        table.allow(&["symbol"])?;
+        return read_symbol(&value, parameters);
+    }
+    let form = value.choice(&[
+        ("power", Form::Power),
+        ("tempered", Form::Tempered),
+        ("maxwell", Form::Maxwell),
+        ("prony", Form::Prony),
+        ("havriliak-negami", Form::HavriliakNegami),
+    ])?;
+    let number = |key: &str| table.required(key)?.number();
+    let optional = |key: &str, default: f64| table.optional(key).map_or(Ok(default), |value| value.number());
+    let made = match form {
+        Form::Power => {
+            table.allow(&["form", "order"])?;
+            match number("order")? {
+                order if order < 0.0 => Err(ParameterError {
+                    parameter: "order",
+                    value: order,
+                    allowed: "at least 0 and less than 2",
+                }),
+                order => TransferFunction::power(order)
+                    .map_err(|error| ParameterError { parameter: "order", ..error }),
+            }
+        }
+        Form::Tempered => {
+            table.allow(&["form", "order", "rate"])?;
+            TransferFunction::tempered(number("order")?, number("rate")?)
+        }
+        Form::Maxwell => {
+            table.allow(&["form", "order", "inner", "time"])?;
+            TransferFunction::maxwell(number("order")?, optional("inner", 0.0)?, number("time")?)
+        }
+        Form::Prony => {
+            table.allow(&["form", "strengths", "times"])?;
+            let strengths = table.required("strengths")?.numbers()?;
+            let times_value = table.required("times")?;
+            let times = times_value.numbers()?;
+            if times.len() != strengths.len() {
+                return Err(times_value.error(Problem::WrongShape {
+                    expected: format!("{} numbers, one for each of `strengths`", strengths.len()),
+                    found: times.len().to_string(),
+                }));
+            }
+            TransferFunction::prony(&strengths, &times)
+        }
+        Form::HavriliakNegami => {
+            table.allow(&["form", "order", "power", "time"])?;
+            TransferFunction::havriliak_negami(number("order")?, optional("power", 1.0)?, number("time")?)
+        }
+    };
+    made.map_err(|error| {
+        let key = match error.parameter {
+            "strength" | "number of strengths" => "strengths",
+            // Every entry of `times`, too.
+            "time" if matches!(form, Form::Prony) => "times",
+            parameter => parameter,
+        };
+        let place = table.optional(key).unwrap_or_else(|| value.clone());
+        place.out_of_range(format!("{} {}", error.parameter, error.allowed))
+    })
+}
+
+/// Reads K(s) as an expression in s and the parameters.
+fn read_symbol(
+    value: &Value<'_>,
+    parameters: &BTreeMap<String, f64>,
+) -> Result<TransferFunction, InputError> {
+    if parameters.contains_key("s") {
+        return Err(
+            value.out_of_range("a symbol beside parameters none of which is named `s`, the Laplace variable")
+        );
+    }
+    let symbols: Symbols = symbols_of(parameters).with_variables(["s".to_owned()]);
+    let expression = value.expression(&symbols)?;
+    if let Some(function) = unsuited(expression.root()) {
+        return Err(value.out_of_range(format!(
+            "+ − * / ^, sqrt, exp, log, sinh, cosh and tanh of the complex variable s, not {function}"
+        )));
+    }
+    TransferFunction::formula(Arc::new(Symbol(expression))).map_err(|error| {
+        value.out_of_range(format!("{}; {} is {:e} here", error.allowed, error.parameter, error.value))
+    })
+}
+
+/// A function in it that is not analytic, or has no power series here.
+fn unsuited(node: &Node) -> Option<String> {
+    match node.kind() {
+        Kind::Number(_) | Kind::Variable(_) => None,
+        Kind::Time | Kind::SidedTime => Some("the time".to_owned()),
+        Kind::Negation(inner) => unsuited(inner),
+        Kind::Chain(first, operands) => {
+            unsuited(first).or_else(|| operands.iter().find_map(|(_, operand)| unsuited(operand)))
+        }
+        Kind::Power(sides) => sides.iter().find_map(unsuited),
+        Kind::Choice(..) => Some("min or max".to_owned()),
+        Kind::Call(function, argument) => match function {
+            Function::Sqrt
+            | Function::Exp
+            | Function::Log
+            | Function::Sinh
+            | Function::Cosh
+            | Function::Tanh => unsuited(argument),
+            other => Some(format!("{other:?}").to_lowercase()),
+        },
+    }
+}
+
+/// An expression in s.
+#[derive(Debug)]
+struct Symbol(Expression);
+
+impl Formula for Symbol {
+    fn value(&self, s: Complex<f64>) -> Complex<f64> {
+        evaluate(self.0.root(), &s)
+    }
+
+    fn series(&self, s: &Series) -> Series {
+        evaluate(self.0.root(), s)
+    }
+
+    fn text(&self) -> &str {
+        self.0.text()
+    }
+}
+
+fn evaluate<A: Algebra>(node: &Node, s: &A) -> A {
+    let of = |node: &Node| evaluate(node, s);
+    match node.kind() {
+        Kind::Number(value) => s.constant(*value),
+        Kind::Variable(_) => s.clone(),
+        Kind::Negation(inner) => of(inner).negate(),
+        Kind::Chain(first, operands) => {
+            operands.iter().fold(of(first), |joined, (operator, operand)| match operator {
+                Operator::Add => joined.add(&of(operand)),
+                Operator::Subtract => joined.add(&of(operand).negate()),
+                Operator::Multiply => joined.multiply(&of(operand)),
+                Operator::Divide => joined.divide(&of(operand)),
+            })
+        }
+        Kind::Power(sides) => {
+            let [base, exponent] = sides.as_ref();
+            match exponent.as_number() {
+                Some(exponent) => power(&of(base), exponent),
+                None => of(base).logarithm().multiply(&of(exponent)).exponential(),
+            }
+        }
+        Kind::Call(function, argument) => {
+            let argument = of(argument);
+            let half = |sum: A| sum.scale(0.5);
+            match function {
+                Function::Sqrt => power(&argument, 0.5),
+                Function::Exp => argument.exponential(),
+                Function::Log => argument.logarithm(),
+                Function::Sinh => half(argument.exponential().add(&argument.negate().exponential().negate())),
+                Function::Cosh => half(argument.exponential().add(&argument.negate().exponential())),
+                Function::Tanh => {
+                    // Of arguments to the right, as roots of s are, the exponential is small.
+                    let small = argument.scale(-2.0).exponential();
+                    let one = s.constant(1.0);
+                    one.add(&small.negate()).divide(&one.add(&small))
+                }
+                // Refused when it was read.
+                _ => s.constant(f64::NAN),
+            }
+        }
+        // Refused when it was read.
+        Kind::Time | Kind::SidedTime | Kind::Choice(..) => s.constant(f64::NAN),
+    }
+}
+
+/// Small whole powers by multiplication, which no branch limits.
+fn power<A: Algebra>(base: &A, exponent: f64) -> A {
+    let whole = exponent.abs();
+    if exponent.fract() != 0.0 || whole > f64::from(LARGEST_MULTIPLIED) {
+        return base.power(DoubleDouble::exact(exponent));
+    }
+    let product = (0..whole as usize).fold(base.constant(1.0), |product, _| product.multiply(base));
+    if exponent < 0.0 { base.constant(1.0).divide(&product) } else { product }
+}
