@@ -255,8 +255,8 @@ impl MemoryRequest<'_> {
             _ if self.given || self.any_step() || self.transfer.growth() < LEAST_ON_INCREMENTS => {
                 ActsOn::Values
             }
-            // The sums of its weights do not fall to nothing.
-            _ if self.transfer.at_zero() != 0.0 => ActsOn::Values,
+            // The sums of its weights end at what rounding leaves of the spring.
+            _ if self.transfer.spring() != 0.0 => ActsOn::Values,
             ConvolutionFamily::Bdf { .. } => ActsOn::Increments,
             ConvolutionFamily::RadauIia { .. } | ConvolutionFamily::LobattoIiic { .. } => ActsOn::Rises,
         }

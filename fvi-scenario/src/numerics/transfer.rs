@@ -29,12 +29,35 @@ pub struct TransferFunction {
 
 #[derive(Clone, Debug, PartialEq)]
 enum Form {
-    Power { order: f64 },
-    Tempered { order: f64, rate: f64 },
-    Maxwell { order: f64, inner: f64, time: f64 },
-    Prony { strengths: Vec<f64>, times: Vec<f64> },
-    HavriliakNegami { order: f64, power: f64, time: f64 },
-    Formula { formula: SharedFormula, growth: f64 },
+    Power {
+        order: f64,
+    },
+    Tempered {
+        order: f64,
+        rate: f64,
+    },
+    Maxwell {
+        order: f64,
+        inner: f64,
+        time: f64,
+    },
+    Prony {
+        strengths: Vec<f64>,
+        times: Vec<f64>,
+    },
+    HavriliakNegami {
+        order: f64,
+        power: f64,
+        time: f64,
+    },
+    /// Less its spring.
+    Formula {
+        formula: SharedFormula,
+        growth: f64,
+        spring: f64,
+        relaxation: bool,
+        active: Option<Active>,
+    },
 }
 
 /// A formula in the Laplace variable.
@@ -171,7 +194,8 @@ impl TransferFunction {
         Ok(Self { form: Form::HavriliakNegami { order, power, time } })
     }
 
-    /// K(s) by a formula that is analytic off the negative real axis.
+    /// K(s) by a formula that is analytic off the negative real axis. What it has at s = 0 is split off as a
+    /// [`spring`](Self::spring).
     ///
     /// # Errors
     /// If it is not a real finite number for positive s, or grows like s² or faster.
@@ -190,7 +214,18 @@ impl TransferFunction {
         check(growth.is_finite() && growth < 2.0, "growth of the symbol", growth, allowed)?;
         let allowed = "a symbol that does not vanish like an integral for large s";
         check(growth > -1.0, "growth of the symbol", growth, allowed)?;
-        Ok(Self { form: Form::Formula { formula: SharedFormula(formula), growth } })
+        let at = |exponent: f64| formula.value(Complex::new(libm::exp10(exponent), 0.0)).re;
+        let (near, far) = (at(-60.0), at(-50.0));
+        // What falls to nothing is no spring.
+        let spring = if (near - far).abs() <= 1e-9 * near.abs() { near } else { 0.0 };
+        let formula = SharedFormula(formula);
+        let mut made =
+            Self { form: Form::Formula { formula, growth, spring, relaxation: false, active: None } };
+        let (whole, drives) = (made.is_made_up_by_its_cut(), made.look_for_activity());
+        if let Form::Formula { relaxation, active, .. } = &mut made.form {
+            (*relaxation, *active) = (whole, drives);
+        }
+        Ok(made)
     }
 
     /// β, if this is s^β.
@@ -214,7 +249,7 @@ impl TransferFunction {
     /// K(s); on the negative real axis the value on its upper side.
     pub fn value(&self, s: Complex<f64>) -> Complex<f64> {
         match &self.form {
-            Form::Formula { formula, .. } => formula.0.value(s),
+            Form::Formula { formula, spring, .. } => formula.0.value(s) - spring,
             _ => self.of(&s),
         }
     }
@@ -222,7 +257,7 @@ impl TransferFunction {
     /// K of a power series with a positive first coefficient.
     pub fn series(&self, s: &Series) -> Series {
         match &self.form {
-            Form::Formula { formula, .. } => formula.0.series(s),
+            Form::Formula { formula, spring, .. } => formula.0.series(s).add(&s.constant(-spring)),
             _ => self.of(s),
         }
     }
@@ -325,14 +360,35 @@ impl TransferFunction {
         }
     }
 
+    /// Whether K(s)/s = ∫ (Im K(−x + i0)/π) /(x (s + x)) dx, that is, whether a formula that grows more slowly
+    /// than s has no singularity off its cut, at a few s.
+    fn is_made_up_by_its_cut(&self) -> bool {
+        const SPACING: f64 = 0.05;
+        const REACH: i32 = 1840;
+        let jumps: Vec<(f64, f64)> = (-REACH..=REACH)
+            .map(|k| libm::exp(SPACING * f64::from(k)))
+            .map(|x| (x, SPACING * self.jump(x)))
+            .collect();
+        [1e-4, 0.03, 0.7, 20.0, 1e4].into_iter().all(|s| {
+            let sum: f64 = jumps.iter().map(|(x, jump)| jump / (s + x)).sum();
+            let known = self.value(Complex::new(s, 0.0)).re / s;
+            (sum - known).abs() <= 1e-6 * known.abs()
+        })
+    }
+
+    /// Whether there is nothing beside cut and poles: a sum of decaying exponentials.
+    pub fn is_relaxation(&self) -> bool {
+        !matches!(self.form, Form::Formula { relaxation: false, .. })
+    }
+
     /// The k-th derivative of L⁻¹\[K\](t) at a time t > 0, by the jump across the cut and the poles; `None` for
-    /// formulas, which may have other singularities.
+    /// formulas that have other singularities or grow like s or faster.
     ///
     /// ```text
     /// L⁻¹[K](t) = −∫₀^∞ e^{−xt} Im K(−x + i0)/π dx + Σ_poles residue e^{−λt}
     /// ```
     pub fn response(&self, time: f64, k: i32) -> Option<f64> {
-        if matches!(self.form, Form::Formula { .. }) {
+        if !self.is_relaxation() {
             return None;
         }
         let decayed = |rate: f64| (-rate).powi(k) * libm::exp(-rate * time);
@@ -350,15 +406,11 @@ impl TransferFunction {
         Some(poles - spacing * (0..=nodes).map(node).sum::<f64>())
     }
 
-    /// K(0), the stiffness of the spring that it contains; 0 for s^0, whose spring is the force itself.
-    pub fn at_zero(&self) -> f64 {
-        match &self.form {
-            Form::Formula { formula, .. } => {
-                let at = |exponent: f64| formula.0.value(Complex::new(libm::exp10(exponent), 0.0)).re;
-                let (near, far) = (at(-60.0), at(-50.0));
-                // What falls to nothing is no spring.
-                if (near - far).abs() <= 1e-9 * near.abs() { near } else { 0.0 }
-            }
+    /// K(0) of a formula, the stiffness of the spring beside the memory: [`value`](Self::value) and
+    /// [`series`](Self::series) are without it.
+    pub fn spring(&self) -> f64 {
+        match self.form {
+            Form::Formula { spring, .. } => spring,
             _ => 0.0,
         }
     }
@@ -370,11 +422,19 @@ impl TransferFunction {
     /// part of R is small.
     pub fn active(&self) -> Option<Active> {
         match &self.form {
-            Form::Power { order } if *order >= 0.0 => return None,
-            Form::Tempered { .. } | Form::Maxwell { .. } => return None,
-            Form::Prony { strengths, .. } if strengths.iter().all(|&strength| strength > 0.0) => return None,
-            Form::HavriliakNegami { order, power, .. } if order * power <= 1.0 => return None,
-            _ => {}
+            Form::Power { order } if *order >= 0.0 => None,
+            Form::Tempered { .. } | Form::Maxwell { .. } => None,
+            Form::Prony { strengths, .. } if strengths.iter().all(|&strength| strength > 0.0) => None,
+            Form::HavriliakNegami { order, power, .. } if order * power <= 1.0 => None,
+            Form::Formula { active, .. } => *active,
+            _ => self.look_for_activity(),
+        }
+    }
+
+    fn look_for_activity(&self) -> Option<Active> {
+        if self.spring() < 0.0 {
+            // It pushes away, at rest already.
+            return Some(Active { place: Complex::new(f64::MIN_POSITIVE, 0.0), resistance: -1.0 });
         }
         let resistance = |angle: f64, logarithm: f64| {
             let size = libm::exp10(logarithm);
@@ -400,10 +460,11 @@ impl TransferFunction {
                     least = Some(found);
                 }
             };
-            for k in -DECADES * PER_DECADE..=DECADES * PER_DECADE {
-                let [before, here, after] = [-1, 0, 1].map(|side| resistance(angle, at(k + side)));
-                take(here);
-                if here.1 <= before.1 && here.1 <= after.1 && here.1 < 0.1 {
+            let places = -DECADES * PER_DECADE..=DECADES * PER_DECADE;
+            let looks: Vec<_> = places.clone().map(|k| resistance(angle, at(k))).collect();
+            looks.iter().for_each(|&look| take(look));
+            for (k, looks) in places.skip(1).zip(looks.windows(3)) {
+                if looks[1].1 <= looks[0].1 && looks[1].1 <= looks[2].1 && looks[1].1 < 0.1 {
                     // A valley: golden sections down to its ground.
                     let (mut low, mut high) = (at(k - 1), at(k + 1));
                     for _ in 0..40 {

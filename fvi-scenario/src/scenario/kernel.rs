@@ -282,3 +282,76 @@ fn power<A: Algebra>(base: &A, exponent: f64) -> A {
     let product = (0..whole as usize).fold(base.constant(1.0), |product, _| product.multiply(base));
     if exponent < 0.0 { base.constant(1.0).divide(&product) } else { product }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn symbol(text: &str) -> TransferFunction {
+        kernel_of_symbol(text).unwrap_or_else(|error| panic!("{text}: {error}"))
+    }
+
+    #[test]
+    fn expressions_have_the_values_of_the_forms() {
+        let pairs = [
+            ("s^0.6/(1 + s^0.6)", TransferFunction::maxwell(0.6, 0.0, 1.0)),
+            ("(s + 0.3)^0.5 - 0.3^0.5", TransferFunction::tempered(0.5, 0.3)),
+            ("s/(1 + s) + 0.7*0.1*s/(1 + 0.1*s)", TransferFunction::prony(&[1.0, 0.7], &[1.0, 0.1])),
+            ("1 - (1 + (2*s)^0.7)^-0.5", TransferFunction::havriliak_negami(0.7, 0.5, 2.0)),
+            ("exp(0.4*log(s))", TransferFunction::power(0.4)),
+        ];
+        for (text, form) in pairs {
+            let (expression, form) = (symbol(text), form.unwrap());
+            assert!((expression.growth() - form.growth()).abs() < 1e-6, "{text}");
+            for s in [Complex::new(0.1, 0.0), Complex::new(0.0, 3.0), Complex::new(-2.0, 0.5)] {
+                let error = (expression.value(s) - form.value(s)).norm();
+                assert!(error < 1e-14 * (1.0 + form.value(s).norm()), "{text}, {s}: {error:e}");
+            }
+            let z = Series::polynomial(&[DoubleDouble::exact(1.5), DoubleDouble::exact(-1.0)], 40);
+            let (found, known) = (expression.series(&z).to_numbers(), form.series(&z).to_numbers());
+            let error = found.iter().zip(&known).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            assert!(error < 1e-15, "{text}: {error:e}");
+        }
+    }
+
+    #[test]
+    fn what_a_symbol_has_at_zero_is_a_spring() {
+        let material = symbol("0.5 + 1.5*s^0.6/(1 + s^0.6)");
+        assert!((material.spring() - 0.5).abs() < 1e-15);
+        assert!(material.value(Complex::new(1e-30, 0.0)).norm() < 1e-15);
+        assert!(material.is_relaxation() && material.active().is_none());
+        assert_eq!(symbol("s^0.5").spring(), 0.0);
+        // Poles beside the cut.
+        assert!(!symbol("0.5*s*(s + 0.1)/((s + 0.1)^2 + 4)").is_relaxation());
+        assert!(symbol("-1 + s^0.5").active().is_some());
+    }
+
+    #[test]
+    fn symbols_that_cannot_be_kernels_are_refused_with_the_reason() {
+        for (text, reason) in [
+            ("abs(s)", "not abs"),
+            ("sin(s)", "not sin"),
+            ("max(s, 1)", "not min or max"),
+            ("t*s", "unknown name"),
+            ("s^2", "grows more slowly than s²"),
+            ("s^-1.5", "does not vanish like an integral"),
+            ("sqrt(1 - s)", "a real number for every s > 0"),
+        ] {
+            let error = kernel_of_symbol(text).unwrap_err();
+            let help = miette::Diagnostic::help(&error).map(|help| help.to_string()).unwrap_or_default();
+            assert!(format!("{error} {help}").contains(reason), "{text}: {error} {help}");
+        }
+    }
+
+    #[test]
+    fn kernels_that_are_not_passive_are_found() {
+        for text in ["-s^0.5", "s/(1 - s)", "s^0.5 - 0.3*s^1.5", "s*exp(-s)", "s^0.5*exp(-0.1*s)"] {
+            assert!(kernel_of_symbol(text).is_err() || symbol(text).active().is_some(), "{text}");
+        }
+        for text in
+            ["s^0.5", "s*tanh(sqrt(s))/sqrt(s)", "sqrt(s)/(1 + sqrt(s))", "0.5*s*(s + 0.1)/((s + 0.1)^2 + 4)"]
+        {
+            assert_eq!(symbol(text).active(), None, "{text}");
+        }
+    }
+}

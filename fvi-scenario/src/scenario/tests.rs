@@ -72,7 +72,8 @@ fn every_key_is_read() {
     assert_eq!(scenario.history.capacity, Some(64));
     assert_eq!(scenario.history.overflow, Overflow::Forget);
     assert_eq!(scenario.output.every, 10);
-    let orders: Vec<_> = scenario.system.damping.iter().map(|term| (term.order, term.derivative)).collect();
+    let orders: Vec<_> =
+        scenario.system.damping.iter().map(|term| (term.transfer.growth(), term.derivative)).collect();
     assert_eq!(orders, [(0.5, Derivative::Caputo), (1.5, Derivative::RiemannLiouville)]);
     assert_eq!(scenario.system.damping[0].coefficient, SymmetricMatrix::Diagonal(vec![0.1, 0.2]));
     let row = scenario.reference.unwrap().at_step(10, 0.1, 2).unwrap();

@@ -16,7 +16,7 @@ use super::shared::Shared;
 use super::space::AnySpace;
 use crate::language::expression::Elementary;
 use crate::model::tape::{CompiledForce, CompiledPotential, OwnRegisters};
-use crate::scenario::{Scenario, SymmetricMatrix};
+use crate::scenario::{Derivative, Scenario, SymmetricMatrix, System};
 use fvi_core::{Block, Instant, MatrixError, Mechanics, NodalRule, Real};
 use fvi_core::{combine_two, factor, invert_factored};
 use fvi_sparse::{Analysis, Factor, Pattern};
@@ -29,8 +29,10 @@ pub struct Model<T> {
     inverse_mass: InverseMass<T>,
     /// Threads that products and solutions may take.
     threads: usize,
-    /// K of the scenario.
+    /// K of the scenario, with the springs of its kernels.
     base: Option<Matrix<T>>,
+    /// Where these springs are at rest.
+    anchor: Option<Anchor<T>>,
     elements: Vec<Elements<T>>,
     loads: Loads<T>,
     /// Those of each load case, which acts on a motion of its own.
@@ -95,6 +97,8 @@ impl<T: Elementary> Model<T> {
         let entry = |&(row, column, entry): &(u32, u32, T)| (row as usize, column as usize, entry);
         let mut elements: Vec<_> = system.elements.iter().map(Elements::<T>::new).collect();
         let base: Option<Matrix<T>> = system.stiffness.as_ref().map(|k| matrix(k).on_threads(threads));
+        let base = with_springs_of_kernels(system, base, threads);
+        let anchor = Anchor::of(scenario);
         let springs: Vec<_> = potential
             .iter()
             .flat_map(|potential| potential.quadratic().stiffness.iter().map(entry))
@@ -105,6 +109,7 @@ impl<T: Elementary> Model<T> {
             .flat_map(|potential| potential.quadratic().linear.iter())
             .map(|&(coordinate, entry)| (coordinate as usize, entry))
             .chain(elements.iter().flat_map(Elements::constant_pull))
+            .chain(anchor.iter().flat_map(|anchor| anchor.pulls(scenario.copies())))
             .collect();
         let curved: Vec<_> =
             potential.iter().flat_map(|potential| potential.pattern().iter().map(index)).collect();
@@ -163,6 +168,7 @@ impl<T: Elementary> Model<T> {
             inverse_mass,
             threads,
             base,
+            anchor,
             paired_rows,
             pulls_by_paired_rows,
             elements,
@@ -336,6 +342,12 @@ impl<T: Elementary> Mechanics<T, AnySpace> for Model<T> {
             }
         }
         self.pushed = velocity;
+        if let Some(anchor) = &self.anchor {
+            energy += position.chunks(size).fold(T::zero(), |sum, q| sum + anchor.energy(q));
+            for (energy, q) in self.energies.iter_mut().zip(position.chunks(size)) {
+                *energy += anchor.energy(q);
+            }
+        }
         for elements in &mut self.elements {
             energy += elements.value(position);
         }
@@ -413,6 +425,70 @@ impl<T: Elementary> Model<T> {
             }
         }
     }
+}
+
+/// The place q₀ at which the springs K_m(0) ρ_m of kernels are at rest that act on q − q₀:
+/// ½ (q − q₀)ᵀ C (q − q₀) = ½ qᵀCq − (C q₀)ᵀq + ½ q₀ᵀC q₀ with C = Σ K_m(0) ρ_m.
+#[derive(Clone, Debug)]
+struct Anchor<T> {
+    /// C q₀.
+    pull: Vec<T>,
+    /// ½ q₀ᵀC q₀.
+    energy: T,
+}
+
+impl<T: Real> Anchor<T> {
+    fn of(scenario: &Scenario) -> Option<Self> {
+        let position = &scenario.initial.position;
+        let mut pull = vec![0.0; position.len()];
+        for term in &scenario.system.damping {
+            let spring = term.transfer.spring();
+            if spring != 0.0 && term.derivative == Derivative::Caputo {
+                pull.iter_mut().zip(term.coefficient.times(position)).for_each(|(sum, x)| *sum += spring * x);
+            }
+        }
+        let energy: f64 = 0.5 * pull.iter().zip(position).map(|(pull, q)| pull * q).sum::<f64>();
+        (pull.iter().any(|&pull| pull != 0.0)).then(|| Self { pull: vector(&pull), energy: T::of(energy) })
+    }
+
+    /// (coordinate, entry) of the constant part of the gradient, for motions side by side.
+    fn pulls(&self, copies: usize) -> impl Iterator<Item = (usize, T)> + '_ {
+        let size = self.pull.len();
+        let of_motion = move |motion: usize| {
+            self.pull.iter().enumerate().map(move |(index, &pull)| (motion * size + index, -pull))
+        };
+        (0..copies).flat_map(of_motion)
+    }
+
+    /// What there is beside ½ qᵀCq.
+    fn energy(&self, position: &[T]) -> T {
+        position.iter().zip(&self.pull).fold(self.energy, |sum, (&q, &pull)| sum - q * pull)
+    }
+}
+
+/// K with the springs of kernels added, K + Σ K_m(0) ρ_m.
+fn with_springs_of_kernels<T: Real>(
+    system: &System,
+    base: Option<Matrix<T>>,
+    threads: usize,
+) -> Option<Matrix<T>> {
+    let springs: Vec<(f64, Matrix<T>)> = system
+        .damping
+        .iter()
+        .filter(|term| term.transfer.spring() != 0.0)
+        .map(|term| (term.transfer.spring(), matrix(&term.coefficient)))
+        .collect();
+    if springs.is_empty() {
+        return base;
+    }
+    let lower = |factor: T, matrix: &Matrix<T>| -> Vec<(usize, usize, T)> {
+        let entries = matrix.entries().into_iter().filter(|(row, column, _)| row >= column);
+        entries.map(|(row, column, entry)| (row, column, factor * entry)).collect()
+    };
+    let own = base.iter().flat_map(|base| lower(T::one(), base));
+    let all: Vec<_> =
+        own.chain(springs.iter().flat_map(|(spring, rho)| lower(T::of(*spring), rho))).collect();
+    Some(Matrix::symmetric(system.coordinates(), all.into_iter()).on_threads(threads))
 }
 
 /// The pattern of the scenario's stiffness and these places.

@@ -36,7 +36,8 @@ impl<T: Elementary> SingleModel<T> {
     /// Whether a scenario is such a system, of expressions alone.
     pub fn serves(scenario: &Scenario) -> bool {
         let system = &scenario.system;
-        scenario.coordinates() == 1 && system.own_terms.is_none() && !system.is_large()
+        let springs = system.damping.iter().any(|term| term.transfer.spring() != 0.0);
+        scenario.coordinates() == 1 && system.own_terms.is_none() && !system.is_large() && !springs
     }
 
     /// Compiles the system of a scenario that it [`serves`](Self::serves).
