@@ -1,26 +1,30 @@
 //! Fractional derivatives and integrals of whole sequences.
 
 use crate::errors::{Failure, guarded};
-use crate::memory::{memory, operate, refused};
+use crate::memory::{keys, memory, operate, refused, transfer};
 use crate::run::engine;
 use crate::watch::Watch;
 use crate::weights::convolution;
 use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
 /// Σ_{n=0}^{k} w_n x_{k−n} down every column of an array of finite numbers, by the memory that fits its
 /// length.
 #[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the arguments of the function in Python")]
 pub(crate) fn derivative<'py>(
     py: Python<'py>,
     samples: PyReadonlyArray2<'py, f64>,
-    exponent: f64,
+    exponent: Option<f64>,
+    kernel: Option<&Bound<'py, PyDict>>,
     step: f64,
     order: usize,
     starting: Vec<f64>,
     engine: Option<&str>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let engine = engine.map(self::engine).transpose()?;
+    let kernel = keys(kernel)?;
     let array = samples.as_array();
     let (rows, columns) = array.dim();
     let numbers = samples.as_slice().map_err(|error| Failure::Failed(error.to_string()))?;
@@ -31,7 +35,8 @@ pub(crate) fn derivative<'py>(
             }
             let mut convolution = convolution("bdf", order, None)?;
             convolution.starting = starting;
-            let mut memory = memory(&convolution, exponent, step, columns, rows, engine)?;
+            let transfer = transfer(exponent, kernel)?;
+            let mut memory = memory(&convolution, &transfer, step, columns, rows, engine)?;
             let mut watch = Watch::new(None);
             let mut result = vec![0.0; numbers.len()];
             for (index, (sample, place)) in

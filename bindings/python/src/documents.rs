@@ -69,7 +69,7 @@ pub(crate) enum Tree {
 }
 
 impl Tree {
-    fn of(value: &Bound<'_, PyAny>) -> PyResult<Self> {
+    pub(crate) fn of(value: &Bound<'_, PyAny>) -> PyResult<Self> {
         if value.is_instance_of::<PyBool>() {
             Ok(Self::Truth(value.extract()?))
         } else if value.is_instance_of::<PyInt>() {
@@ -96,7 +96,7 @@ impl Tree {
 impl Tree {
     /// The document that says the same, its keys in their order: a sweep goes through its axes in it. (The
     /// serialiser of the TOML library puts tables behind all other values.)
-    fn to_toml(&self) -> String {
+    pub(crate) fn to_toml(&self) -> String {
         let mut text = String::new();
         if let Self::Table(entries) = self {
             for (key, value) in entries {

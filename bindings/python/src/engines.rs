@@ -1,14 +1,14 @@
 //! Memories and streaming operators as objects.
 
 use crate::errors::{Failure, Outcome, guarded};
-use crate::memory::{memory, refused, restore};
+use crate::memory::{keys, memory, refused, restore, transfer};
 use crate::run::engine;
 use crate::weights::convolution;
 use fvi_core::{FractionalOperator, Memory as _, OperatorError, Start, StateReader, StateWriter};
 use fvi_host::memory::HostMemory;
 use numpy::{IntoPyArray, PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArray1, PyReadonlyArrayDyn};
 use pyo3::prelude::*;
-use pyo3::types::PyBytes;
+use pyo3::types::{PyBytes, PyDict};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -42,10 +42,11 @@ pub(crate) struct Memory {
 #[pymethods]
 impl Memory {
     #[new]
-    #[pyo3(signature = (*, exponent, step, family, order, stages, channels, length, engine))]
+    #[pyo3(signature = (*, exponent, kernel, step, family, order, stages, channels, length, engine))]
     #[expect(clippy::too_many_arguments, reason = "the keywords of the class")]
     fn new(
-        exponent: f64,
+        exponent: Option<f64>,
+        kernel: Option<&Bound<'_, PyDict>>,
         step: f64,
         family: &str,
         order: usize,
@@ -55,9 +56,11 @@ impl Memory {
         engine: Option<&str>,
     ) -> PyResult<Self> {
         let engine = engine.map(self::engine).transpose()?;
+        let kernel = keys(kernel)?;
         guarded(|| {
             let convolution = convolution(family, order, stages)?;
-            let memory = memory(&convolution, exponent, step, channels, length, engine)?;
+            let transfer = transfer(exponent, kernel)?;
+            let memory = memory(&convolution, &transfer, step, channels, length, engine)?;
             let stages = memory.stages();
             Ok(Self { memory: Mutex::new(memory), channels, stages })
         })
@@ -161,7 +164,8 @@ impl Operator {
                 ("caputo", Some(rise)) => Start::CaputoWithRise { rise },
                 _ => Start::RiemannLiouville,
             };
-            let memory = memory(&convolution("bdf", order, None)?, exponent, step, 1, length, engine)?;
+            let transfer = transfer(Some(exponent), None)?;
+            let memory = memory(&convolution("bdf", order, None)?, &transfer, step, 1, length, engine)?;
             let operator = FractionalOperator::new(memory, start).map_err(not_taken)?;
             Ok(Self { operator: Mutex::new(operator) })
         })

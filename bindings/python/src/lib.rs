@@ -24,6 +24,8 @@ mod _fvi {
     #[pymodule_export]
     use super::engines::{Memory, Operator};
     #[pymodule_export]
+    use super::memory::kernel_growth;
+    #[pymodule_export]
     use super::run::{run, run_in};
     #[pymodule_export]
     use super::studies::{compare_engines, converge, extremal};

@@ -1,10 +1,16 @@
 //! Memories of the library for whoever asks in Python.
 
-use crate::errors::{Failure, Outcome};
+use crate::documents::Tree;
+use crate::errors::{Failure, Outcome, guarded};
 use fvi_core::{Memory, MemoryError, StateError, StateReader};
+use fvi_host::language::Document;
 use fvi_host::memory::{EngineError, HostMemory, MemoryRequest};
+use fvi_host::numerics::transfer::TransferFunction;
 use fvi_host::results::room::require;
-use fvi_host::scenario::{Convolution, Engine, History};
+use fvi_host::scenario::{Convolution, Engine, History, kernel_of_document};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use std::path::Path;
 
 /// Takes the sample X_k and writes (W ∗ X)_k = W₀ X_k + Σ_{n≥1} W_n X_{k−n}.
 pub(crate) fn operate(
@@ -30,10 +36,34 @@ pub(crate) fn restore(memory: &mut HostMemory<f64>, state: &[u8]) -> Result<(), 
     memory.restore(&mut StateReader::new(state))
 }
 
+/// s^exponent, or the kernel with these keys: one of the two is there.
+pub(crate) fn transfer(exponent: Option<f64>, kernel: Option<Tree>) -> Outcome<TransferFunction> {
+    match kernel {
+        None => Ok(TransferFunction::power(exponent.unwrap_or(f64::NAN))?),
+        Some(keys) => {
+            let text = Tree::Table(vec![("kernel".to_owned(), keys)]).to_toml();
+            kernel_of_document(&Document::new("kernel", Path::new(""), &text))
+                .map_err(|error| Failure::of_document(&error, false))
+        }
+    }
+}
+
+/// The keys of a kernel.
+pub(crate) fn keys(kernel: Option<&Bound<'_, PyDict>>) -> PyResult<Option<Tree>> {
+    kernel.map(|kernel| Tree::of(kernel.as_any())).transpose()
+}
+
+/// How K(s) grows for large s: like s to this power.
+#[pyfunction]
+pub(crate) fn kernel_growth(kernel: &Bound<'_, PyDict>) -> PyResult<f64> {
+    let keys = keys(Some(kernel))?;
+    guarded(|| Ok(transfer(None, keys)?.growth()))
+}
+
 /// The memory of a kernel for `channels` sequences of `samples` values.
 pub(crate) fn memory(
     convolution: &Convolution,
-    exponent: f64,
+    transfer: &TransferFunction,
     step: f64,
     channels: usize,
     samples: usize,
@@ -46,7 +76,7 @@ pub(crate) fn memory(
     let build = |channels: usize| -> Outcome<HostMemory<f64>> {
         let request = MemoryRequest {
             convolution,
-            exponent,
+            transfer,
             step_size: step,
             end: None,
             coordinates: channels,

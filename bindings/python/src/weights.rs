@@ -1,42 +1,52 @@
 //! Weights of convolution quadrature.
 
 use crate::errors::{Failure, Outcome, guarded};
-use fvi_core::{BdfOrder, ConvolutionWeights, ParameterError, RungeKutta};
+use crate::memory::{keys, transfer};
+use fvi_core::{BdfOrder, ParameterError, RungeKutta};
+use fvi_host::numerics::multistep_weights::multistep_weights;
 use fvi_host::numerics::runge_kutta_weights::RungeKuttaWeights;
 use fvi_host::results::room::require;
 use fvi_host::scenario::{Convolution, ConvolutionFamily, DampedAt};
 use numpy::{IntoPyArray, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
 /// The weights w₀, …, w_{count−1}: numbers for BDF, matrices for Runge–Kutta methods.
 #[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the arguments of the function in Python")]
 pub(crate) fn weights<'py>(
     py: Python<'py>,
     family: &str,
     order: usize,
     stages: Option<usize>,
-    exponent: f64,
+    exponent: Option<f64>,
+    kernel: Option<&Bound<'py, PyDict>>,
     step: f64,
     count: usize,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let kernel = keys(kernel)?;
     let (numbers, stages) = py.detach(|| {
         guarded(|| {
             let convolution = convolution(family, order, stages)?;
+            let transfer = transfer(exponent, kernel)?;
+            let power = || {
+                let allowed = "an exponent with this family; kernels have weights of \"bdf\"";
+                transfer.exponent().ok_or_else(|| Failure::argument("kernel", &transfer, allowed))
+            };
             let (numbers, stages) = match convolution.family {
                 ConvolutionFamily::Bdf { order } => {
                     room(count)?;
-                    let weights = ConvolutionWeights::bdf(BdfOrder::new(order)?, exponent, step)?;
-                    (weights.take(count).collect(), None)
+                    (multistep_weights(&transfer, BdfOrder::new(order)?, step, false, count)?, None)
                 }
                 ConvolutionFamily::RadauIia { stages } => match stages {
-                    1 => (matrices(RungeKutta::<1>::radau_iia(), exponent, step, count)?, Some(1)),
-                    2 => (matrices(RungeKutta::<2>::radau_iia(), exponent, step, count)?, Some(2)),
-                    _ => (matrices(RungeKutta::<3>::radau_iia(), exponent, step, count)?, Some(3)),
+                    1 => (matrices(RungeKutta::<1>::radau_iia(), power()?, step, count)?, Some(1)),
+                    2 => (matrices(RungeKutta::<2>::radau_iia(), power()?, step, count)?, Some(2)),
+                    _ => (matrices(RungeKutta::<3>::radau_iia(), power()?, step, count)?, Some(3)),
                 },
                 ConvolutionFamily::LobattoIiic { stages } => match stages {
-                    2 => (matrices(RungeKutta::<2>::lobatto_iiic(), exponent, step, count)?, Some(2)),
-                    3 => (matrices(RungeKutta::<3>::lobatto_iiic(), exponent, step, count)?, Some(3)),
-                    _ => (matrices(RungeKutta::<4>::lobatto_iiic(), exponent, step, count)?, Some(4)),
+                    2 => (matrices(RungeKutta::<2>::lobatto_iiic(), power()?, step, count)?, Some(2)),
+                    3 => (matrices(RungeKutta::<3>::lobatto_iiic(), power()?, step, count)?, Some(3)),
+                    _ => (matrices(RungeKutta::<4>::lobatto_iiic(), power()?, step, count)?, Some(4)),
                 },
             };
             if numbers.iter().all(|weight| *weight == 0.0 || weight.is_normal()) {

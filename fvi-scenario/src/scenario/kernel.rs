@@ -81,7 +81,11 @@ pub fn kernel_of_symbol(text: &str) -> Result<TransferFunction, InputError> {
     kernel_of_document(&Document::of_value("--symbol", Path::new(""), &keys)?)
 }
 
-fn kernel_of_document(document: &Document) -> Result<TransferFunction, InputError> {
+/// The kernel of a document with a table `[kernel]`, and one `[parameters]` for the expression of a symbol.
+///
+/// # Errors
+/// As in a scenario, but that it need not be passive.
+pub fn kernel_of_document(document: &Document) -> Result<TransferFunction, InputError> {
     document.with_root(|root| {
         root.allow(&["kernel", "parameters"])?;
         let parameters = match root.optional("parameters") {

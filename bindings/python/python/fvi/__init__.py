@@ -13,6 +13,7 @@ integrated by variational schemes whose memory of the whole past is exact to rou
 `integrate_cases`
 `derivative`            fractional derivatives and integrals of samples
 `weights`               weights of convolution quadrature
+`Kernel`                transfer functions in place of s^β
 `Memory`, `Operator`    the engines and the operator D^β, sample by sample
 `sweep`                 one scenario with many values of its keys, here or on a cluster
 `converge`              errors and orders of a scenario over step sizes
@@ -26,6 +27,7 @@ The compiled half releases the interpreter while it computes; results are the bi
 from fvi._errors import InputError, StepError
 from fvi._fvi import __version__
 from fvi._integrate import Damping, Element, Event, Force, Load, Potential, integrate, integrate_cases
+from fvi._kernel import Kernel
 from fvi._memory import Memory, Operator
 from fvi._result import Extremal, Result, Table
 from fvi._run import run, run_cases
@@ -40,6 +42,7 @@ __all__ = [
     "Extremal",
     "Force",
     "InputError",
+    "Kernel",
     "Load",
     "Memory",
     "Operator",

@@ -18,6 +18,7 @@ __all__ = [
     "converge",
     "derivative",
     "extremal",
+    "kernel_growth",
     "run",
     "run_in",
     "vector_units",
@@ -47,10 +48,23 @@ def run_in(
     accept_other_machine: bool = False,
 ) -> tuple[str, BaseException | None]: ...
 def derivative(
-    samples: _Array, exponent: float, step: float, order: int, starting: list[float], engine: str | None
+    samples: _Array,
+    exponent: float | None,
+    kernel: dict[str, Any] | None,
+    step: float,
+    order: int,
+    starting: list[float],
+    engine: str | None,
 ) -> _Array: ...
+def kernel_growth(kernel: dict[str, Any]) -> float: ...
 def weights(
-    family: str, order: int, stages: int | None, exponent: float, step: float, count: int
+    family: str,
+    order: int,
+    stages: int | None,
+    exponent: float | None,
+    kernel: dict[str, Any] | None,
+    step: float,
+    count: int,
 ) -> _Array: ...
 def extremal(source: Any) -> tuple[_Array, _Array, _Array, dict[str, Any]]: ...
 def converge(
@@ -65,7 +79,8 @@ class Memory:
     def __new__(
         cls,
         *,
-        exponent: float,
+        exponent: float | None,
+        kernel: dict[str, Any] | None,
         step: float,
         family: str,
         order: int,

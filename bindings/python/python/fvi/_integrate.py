@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from fvi import _arrays
 from fvi._errors import InputError
+from fvi._kernel import keys_of
 from fvi._result import Result
 from fvi._run import Progress, compute, compute_cases
 from fvi._scenario import MANY, SHORT_NAMES, Files, by_path, source
@@ -63,11 +64,11 @@ class Force:
 
 @dataclass(frozen=True)
 class Damping:
-    """A damping term ρ D^β q.
+    """A damping term ρ D^β q, or ρ K(D) q.
 
     Parameters
     ----------
-    order : float
+    order : float, optional
         β, 0 ≤ β < 2.
     coefficient : array_like or sparse matrix, optional
         ρ: a diagonal or a symmetric positive semidefinite matrix.
@@ -75,13 +76,19 @@ class Damping:
         What the derivative acts on.
     attached, strength : array_like or sparse matrix, optional
         In place of `coefficient`: B, N rows and one column for each damper, and their strengths c ≥ 0; ρ = B diag(c) Bᵀ.
+    kernel : Kernel, optional
+        K in place of `order`.
+    allow_active : bool
+        Whether a kernel that is not passive is taken.
     """
 
-    order: float
+    order: float | None = None
     coefficient: Any = None
     derivative: str = "caputo"
     attached: Any = None
     strength: ArrayLike | None = None
+    kernel: Any = None
+    allow_active: bool | None = None
 
 
 @dataclass(frozen=True)
@@ -570,6 +577,8 @@ def _damping(given: Any, size: int) -> list[dict[str, Any]]:
         entries = {key: value for key, value in dict(term).items() if value is not None}
         if "order" in entries:
             entries["order"] = _arrays.real(f"{place}.order", entries["order"])
+        if "kernel" in entries:
+            entries["kernel"] = keys_of(f"{place}.kernel", entries["kernel"])
         if "coefficient" in entries:
             name = f"{place}.coefficient"
             coefficient = _arrays.matrix(name, entries["coefficient"], size)

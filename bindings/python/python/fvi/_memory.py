@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from fvi import _arrays, _fvi
 from fvi._types import FloatArray
 from fvi._errors import InputError
+from fvi._kernel import exponent_or_kernel
 
 
 def _made_again(kind: Any, arguments: dict[str, Any], state: bytes) -> Any:
@@ -20,7 +21,7 @@ def _made_again(kind: Any, arguments: dict[str, Any], state: bytes) -> Any:
 class Memory(_fvi.Memory):
     """A memory: the convolution of a kernel with samples that arrive one by one.
 
-    For the weights W₀, W₁, … of s^exponent and the samples x₀, x₁, …
+    For the weights W₀, W₁, … of s^exponent, or of another kernel, and the samples x₀, x₁, …
 
         (W ∗ x)_k = W₀ x_k + r_k ,      r_k = Σ_{n=1}^{k} W_n x_{k−n} ,
 
@@ -28,8 +29,10 @@ class Memory(_fvi.Memory):
 
     Parameters
     ----------
-    exponent : float
+    exponent : float, optional
         In (−1, 2).
+    kernel : Kernel, optional
+        In place of `exponent`.
     step : float
         h > 0.
     order : int
@@ -64,7 +67,8 @@ class Memory(_fvi.Memory):
     def __new__(
         cls,
         *,
-        exponent: float,
+        exponent: float | None = None,
+        kernel: Any = None,
         step: float,
         order: int = 1,
         family: str = "bdf",
@@ -73,8 +77,10 @@ class Memory(_fvi.Memory):
         length: int = 65536,
         engine: str | None = None,
     ) -> Self:
+        exponent, kernel = exponent_or_kernel(exponent, kernel)
         arguments: dict[str, Any] = {
-            "exponent": _arrays.real("exponent", exponent),
+            "exponent": exponent,
+            "kernel": kernel,
             "step": _arrays.positive("step", step),
             "family": family,
             "order": _arrays.whole("order", order, 1),

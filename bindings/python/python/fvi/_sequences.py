@@ -13,11 +13,12 @@ from numpy.typing import ArrayLike
 from fvi import _arrays, _fvi
 from fvi._types import FloatArray
 from fvi._errors import InputError
+from fvi._kernel import Kernel, exponent_or_kernel, keys_of
 
 
 def derivative(
     x: ArrayLike,
-    order: float,
+    order: float | Kernel,
     step: float,
     *,
     axis: int = -1,
@@ -33,8 +34,8 @@ def derivative(
     ----------
     x : array_like
         Samples x(0), x(h), x(2h), … along `axis`.
-    order : float
-        Order of the derivative, −1 < order < 2.
+    order : float or Kernel
+        Order of the derivative, −1 < order < 2; or K(D) in its place.
     step : float
         h > 0.
     axis : int
@@ -87,7 +88,13 @@ def derivative(
     samples = _arrays.numbers("x", x)
     if samples.ndim == 0:
         raise InputError("x: shape () instead of one dimension at least", "x", "()")
-    order = _arrays.real("order", order)
+    keys = None
+    if isinstance(order, Kernel):
+        keys = keys_of("order", order)
+        # What it does for large s says what Caputo's form leaves out.
+        order = _fvi.kernel_growth(keys)
+    else:
+        order = _arrays.real("order", order)
     if not -1.0 < order < 2.0:
         raise InputError(f"order = {order}: not allowed; allowed: −1 < order < 2", "order", str(order))
     step = _arrays.positive("step", step)
@@ -105,7 +112,7 @@ def derivative(
         raise InputError(f"axis = {axis}: not allowed; allowed: an axis of x, which has {samples.ndim}", "axis", str(axis))
     moved = np.moveaxis(samples, axis, 0)
     columns = moved.reshape(moved.shape[0], math.prod(moved.shape[1:]))
-    if start == "caputo" and order > 0.0 and len(columns) > 0:
+    if start == "caputo" and (order > 0.0 or keys is not None) and len(columns) > 0:
         acted_on = columns - columns[0]
         if order > 1.0:
             acted_on -= _rise(columns, moved.shape[1:], formula, step, slope) * np.arange(len(columns))[:, None]
@@ -115,7 +122,8 @@ def derivative(
         message = 'slope: only with start = "caputo" and an order above 1'
         raise InputError(message, "slope", repr(slope))
     exponents = _arrays.numbers("starting", starting).ravel().tolist()
-    result = _fvi.derivative(np.ascontiguousarray(acted_on), order, step, formula, exponents, engine)
+    exponent = order if keys is None else None
+    result = _fvi.derivative(np.ascontiguousarray(acted_on), exponent, keys, step, formula, exponents, engine)
     return np.moveaxis(result.reshape(moved.shape), 0, axis)
 
 
@@ -139,19 +147,22 @@ def _rise(columns: FloatArray, shape: tuple[int, ...], formula: int, step: float
 
 def weights(
     *,
-    exponent: float,
+    exponent: float | None = None,
+    kernel: Any = None,
     step: float,
     count: int,
     order: int = 1,
     family: str = "bdf",
     stages: int | None = None,
 ) -> FloatArray:
-    """Weights w₀, …, w_{count−1} of the convolution quadrature of s^exponent.
+    """Weights w₀, …, w_{count−1} of the convolution quadrature of s^exponent, or of another kernel.
 
     Parameters
     ----------
-    exponent : float
+    exponent : float, optional
         In (−1, 2): positive for derivatives, negative for integrals.
+    kernel : Kernel, optional
+        In place of `exponent`, with the family "bdf".
     step : float
         h > 0.
     count : int
@@ -176,11 +187,13 @@ def weights(
     >>> fvi.weights(exponent=0.5, step=0.01, count=4, family="radau-iia", stages=2).shape
     (4, 2, 2)
     """
+    exponent, keys = exponent_or_kernel(exponent, kernel)
     return _fvi.weights(
         family,
         _arrays.whole("order", order, 1),
         None if stages is None else _arrays.whole("stages", stages, 1),
-        _arrays.real("exponent", exponent),
+        exponent,
+        keys,
         _arrays.positive("step", step),
         _arrays.whole("count", count),
     )

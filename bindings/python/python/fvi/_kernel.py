@@ -1,0 +1,102 @@
+"""Kernels: transfer functions of damping forces."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fvi import _arrays
+from fvi._errors import InputError
+
+
+@final
+class Kernel:
+    """A kernel K(s) in place of s^β: the damping force is −ρ K(D) q.
+
+    Made by `power`, `tempered`, `maxwell`, `prony`, `havriliak_negami` or `symbol`; taken by `Damping`, `Memory`, `weights` and
+    `derivative`. A kernel that is not passive, one that could drive a motion, is refused by `integrate` with the frequency, unless
+    the damping says ``allow_active=True``.
+
+    Examples
+    --------
+    >>> import fvi
+    >>> fvi.Kernel.maxwell(order=0.6, time=1.0)
+    Kernel(form='maxwell', order=0.6, inner=0.0, time=1.0)
+    >>> fvi.weights(kernel=fvi.Kernel.prony([1.0], [1.0]), step=1.0, count=3)
+    array([ 0.5  , -0.25 , -0.125])
+    """
+
+    def __init__(self, **keys: Any) -> None:
+        self._keys = keys
+
+    @property
+    def keys(self) -> dict[str, Any]:
+        """The keys of `kernel` in a scenario."""
+        return dict(self._keys)
+
+    @staticmethod
+    def power(order: float) -> Kernel:
+        """s^β, the fractional derivative of order β, 0 ≤ β < 2."""
+        return Kernel(form="power", order=_arrays.real("order", order))
+
+    @staticmethod
+    def tempered(order: float, rate: float) -> Kernel:
+        """(s + a)^β − a^β with 0 < β < 2 and a = `rate` ≥ 0: a fractional derivative with a longest relaxation time 1/a."""
+        return Kernel(form="tempered", order=_arrays.real("order", order), rate=_arrays.real("rate", rate))
+
+    @staticmethod
+    def maxwell(order: float, time: float, inner: float = 0.0) -> Kernel:
+        """(τs)^β/(1 + (τs)^(β−α)), 0 ≤ α = `inner` < β ≤ 1: the fractional Maxwell model, with a spring beside it Zener's."""
+        numbers = {"order": order, "inner": inner, "time": time}
+        return Kernel(form="maxwell", **{name: _arrays.real(name, number) for name, number in numbers.items()})
+
+    @staticmethod
+    def prony(strengths: ArrayLike, times: ArrayLike) -> Kernel:
+        """Σ g τ s/(1 + τ s), a Prony series of strengths g and relaxation times τ > 0."""
+        lists = {"strengths": strengths, "times": times}
+        numbers = {name: np.atleast_1d(_arrays.numbers(name, given)).tolist() for name, given in lists.items()}
+        return Kernel(form="prony", **numbers)
+
+    @staticmethod
+    def havriliak_negami(order: float, power: float, time: float) -> Kernel:
+        """1 − (1 + (τs)^α)^(−γ), α = `order`, γ = `power`: Cole–Cole with γ = 1, Cole–Davidson with α = 1."""
+        numbers = {"order": order, "power": power, "time": time}
+        return Kernel(form="havriliak-negami", **{name: _arrays.real(name, number) for name, number in numbers.items()})
+
+    @staticmethod
+    def symbol(expression: str) -> Kernel:
+        """K(s) by an expression in s, analytic off the negative real axis, such as ``"s^0.6/(1 + s^0.6)"``."""
+        if not isinstance(expression, str):
+            raise InputError(f"expression = {expression!r}: a text is needed", "expression", repr(expression))
+        return Kernel(symbol=expression)
+
+    def __repr__(self) -> str:
+        return f"Kernel({', '.join(f'{name}={value!r}' for name, value in self._keys.items())})"
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Kernel) and self._keys == other._keys
+
+    def __hash__(self) -> int:
+        return hash(repr(self))
+
+
+def keys_of(name: str, given: Any) -> dict[str, Any]:
+    """The keys of a kernel, or of a mapping with the keys of one."""
+    if isinstance(given, Kernel):
+        return given.keys
+    if isinstance(given, Mapping):
+        return dict(given)
+    raise InputError(f"{name} = {given!r}: a fvi.Kernel is needed", name, repr(given))
+
+
+def exponent_or_kernel(exponent: float | None, kernel: Any) -> tuple[float | None, dict[str, Any] | None]:
+    """One of the two, checked."""
+    if (exponent is None) == (kernel is None):
+        message = "exponent, kernel: one of them is needed" if exponent is None else "exponent cannot stand beside kernel"
+        raise InputError(message, "exponent", repr(exponent))
+    if kernel is None:
+        return _arrays.real("exponent", exponent), None
+    return None, keys_of("kernel", kernel)

@@ -1,0 +1,90 @@
+"""Kernels other than s^β."""
+
+import numpy as np
+import pytest
+
+import fvi
+
+KERNELS = [
+    fvi.Kernel.tempered(order=0.5, rate=0.3),
+    fvi.Kernel.maxwell(order=0.6, time=1.5),
+    fvi.Kernel.maxwell(order=0.9, time=0.5, inner=0.4),
+    fvi.Kernel.prony([1.0, 0.7], [1.0, 0.1]),
+    fvi.Kernel.havriliak_negami(order=0.7, power=0.5, time=1.0),
+    fvi.Kernel.symbol("s^0.6/(1 + s^0.6)"),
+]
+
+
+def decay(kernel, **keys):
+    return fvi.integrate(
+        mass=[1.0],
+        potential="0.5*q0^2",
+        damping=fvi.Damping(kernel=kernel, coefficient=[1.5], derivative="riemann-liouville"),
+        position=[1.0],
+        step=0.05,
+        steps=100,
+        **keys,
+    )
+
+
+@pytest.mark.parametrize("kernel", KERNELS, ids=repr)
+def test_every_engine_gives_the_motion_of_the_plain_sum(kernel):
+    direct = decay(kernel, engine="direct")
+    assert abs(direct.q[-1, 0]) < 1.0
+    for engine in ("block-fft", "real-time", "exponential-sum", "exponential-sum-core"):
+        np.testing.assert_allclose(decay(kernel, engine=engine).q, direct.q, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("kernel", KERNELS, ids=repr)
+def test_memories_and_derivatives_sum_the_weights(kernel):
+    weights = fvi.weights(kernel=kernel, step=0.1, order=2, count=50)
+    samples = np.cos(0.3 * np.arange(50))
+    expected = np.convolve(weights, samples)[:50]
+    by_derivative = fvi.derivative(samples, kernel, 0.1, quadrature="bdf2", start="riemann-liouville")
+    np.testing.assert_allclose(by_derivative, expected, rtol=0, atol=1e-13 * weights[0])
+    memory = fvi.Memory(kernel=kernel, step=0.1, order=2, length=50)
+    for sample, value in zip(samples, expected, strict=True):
+        found = memory.leading * sample + memory.next_term()[0]
+        assert abs(found - value) < 1e-13 * weights[0]
+        memory.push([sample])
+
+
+def test_one_maxwell_element_has_rational_weights():
+    # K(1 − z) = (1 − z)/(2 − z)
+    weights = fvi.weights(kernel=fvi.Kernel.prony([1.0], [1.0]), step=1.0, count=6)
+    np.testing.assert_allclose(weights, [0.5] + [-(0.5 ** (n + 1)) for n in range(1, 6)], rtol=1e-15)
+
+
+def test_a_power_is_the_exponent():
+    by_kernel = fvi.weights(kernel=fvi.Kernel.power(0.5), step=0.1, count=20)
+    np.testing.assert_array_equal(by_kernel, fvi.weights(exponent=0.5, step=0.1, count=20))
+
+
+@pytest.mark.parametrize(
+    ("kernel", "words"),
+    [
+        (fvi.Kernel.maxwell(order=1.5, time=1.0), "greater than 0 and at most 1"),
+        (fvi.Kernel.prony([1.0, -0.5], [1.0, 0.1]), "passive"),
+        (fvi.Kernel.symbol("sin(s)"), "not sin"),
+        ({"form": "maxwel"}, "maxwell"),
+    ],
+)
+def test_kernels_that_cannot_be_used_are_refused(kernel, words):
+    with pytest.raises(fvi.InputError, match=words) as caught:
+        decay(kernel)
+    assert caught.value.key.startswith("damping[0].kernel")
+
+
+def test_an_active_kernel_is_taken_where_it_is_wanted():
+    term = fvi.Damping(kernel=fvi.Kernel.prony([1.0, -0.5], [1.0, 0.1]), coefficient=[0.1], allow_active=True)
+    result = fvi.integrate(mass=[1.0], potential="0.5*q0^2", damping=term, position=[1.0], step=0.05, steps=20)
+    assert np.isfinite(result.q).all()
+
+
+def test_exponent_and_kernel_are_one_of_two():
+    with pytest.raises(fvi.InputError, match="one of them"):
+        fvi.weights(step=0.1, count=3)
+    with pytest.raises(fvi.InputError, match="cannot stand beside"):
+        fvi.weights(exponent=0.5, kernel=fvi.Kernel.power(0.5), step=0.1, count=3)
+    with pytest.raises(fvi.InputError, match="fvi.Kernel"):
+        fvi.weights(kernel="maxwell", step=0.1, count=3)
