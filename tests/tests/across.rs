@@ -10,6 +10,7 @@ mod galerkin;
 mod golden;
 mod grids;
 mod house;
+mod kernels;
 mod large_systems;
 mod laws;
 mod long_run;

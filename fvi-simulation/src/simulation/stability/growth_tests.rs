@@ -466,8 +466,11 @@ fn the_midpoint_rule_damped_at_its_node_has_no_limit() {
             assert_eq!(check_stability(&scheme, &one(4.0, 3.0, order), h, 1000), Verdict::Stable);
             // Counted, not only known.
             let parts = parts(&one(4.0, 3.0, order));
-            let check =
-                Check { characteristic: Characteristic::new(&scheme, vec![order]), parts, end: 1000.0 * h };
+            let check = Check {
+                characteristic: Characteristic::new(&scheme, vec![TransferFunction::power(order).unwrap()]),
+                parts,
+                end: 1000.0 * h,
+            };
             assert!(check.is_stable(h), "BDF {p}, β = {order}, h = {h}");
         }
     }

@@ -1,0 +1,291 @@
+//! Kernels other than s^β: every engine sums their weights, motions have their orders against inverse Laplace
+//! transforms, passive ones take energy.
+
+use std::path::Path;
+
+use fvi_core::{ActsOn, BdfOrder, Memory};
+use fvi_fft::baseline::{Signal, memory_term};
+use fvi_host::language::Document;
+use fvi_host::memory::{EngineError, Memories, MemoryRequest};
+use fvi_host::numerics::multistep_weights::multistep_weights;
+use fvi_host::numerics::transfer::TransferFunction;
+use fvi_host::scenario::{Convolution, ConvolutionFamily, Engine, History, Scenario, kernel_of_symbol};
+use fvi_host::simulation::{GridState, Precision, Simulation};
+use fvi_tests::convergence::observed_order;
+use nalgebra::Complex;
+use proptest::prelude::*;
+
+const ENGINES: [Engine; 5] =
+    [Engine::Direct, Engine::BlockFft, Engine::RealTime, Engine::ExponentialSum, Engine::ExponentialSumCore];
+
+/// Largest error of a memory term in units of u Σ|w||x|: that of the table of exponentials is 36 of them in
+/// double precision.
+const BOUND: f64 = 80.0;
+
+/// A passive kernel of any form.
+fn kernels() -> impl Strategy<Value = TransferFunction> {
+    let time = || (-2.0..2.0f64).prop_map(|power| 10f64.powf(power));
+    prop_oneof![
+        (0.05..1.95f64, time()).prop_map(|(order, rate)| TransferFunction::tempered(order, rate)),
+        (0.05..0.95f64, time()).prop_map(|(order, time)| TransferFunction::maxwell(order, 0.0, time)),
+        (0.4..1.0f64, 0.0..0.35f64, time())
+            .prop_map(|(order, inner, time)| TransferFunction::maxwell(order, inner, time)),
+        proptest::collection::vec((0.1..5.0f64, time()), 1..=6).prop_map(|terms| {
+            let (strengths, times): (Vec<f64>, Vec<f64>) = terms.into_iter().unzip();
+            TransferFunction::prony(&strengths, &times)
+        }),
+        (0.1..0.95f64, 0.1..1.0f64, time())
+            .prop_map(|(order, power, time)| TransferFunction::havriliak_negami(order, power, time)),
+        (0.1..0.9f64, time()).prop_map(|(power, time)| TransferFunction::havriliak_negami(1.0, power, time)),
+    ]
+    .prop_map(|made| made.expect("parameters in their ranges"))
+}
+
+fn terms<T: Memories>(
+    request: &MemoryRequest<'_>,
+    channels: usize,
+    samples: &[T],
+) -> Result<Vec<T>, EngineError> {
+    let mut memory = request.build::<T>()?;
+    let mut terms = vec![T::of(f64::NAN); samples.len()];
+    for (sample, term) in samples.chunks(channels).zip(terms.chunks_mut(channels)) {
+        memory.next_term(term).expect("room for the run");
+        memory.push(sample).expect("room for the run");
+    }
+    Ok(terms)
+}
+
+fn agrees_with_the_double_sum<T: Memories>(
+    transfer: &TransferFunction,
+    order: usize,
+    step_size: f64,
+    length: usize,
+) -> Result<(), TestCaseError> {
+    const CHANNELS: usize = 2;
+    let samples: Vec<T> = Signal::Stationary.samples(CHANNELS, length);
+    let exact: Vec<f64> = samples.iter().map(|x| x.to_f64()).collect();
+    let convolution = Convolution { family: ConvolutionFamily::Bdf { order }, ..Convolution::default() };
+    for engine in ENGINES {
+        let history = History { engine: Some(engine), ..History::default() };
+        let request = MemoryRequest {
+            end: None,
+            convolution: &convolution,
+            transfer,
+            step_size,
+            coordinates: CHANNELS,
+            motions: 1,
+            samples: length,
+            given: false,
+            history: &history,
+        };
+        let on_increments = request.acts_on() != ActsOn::Values;
+        let formula = BdfOrder::new(order).unwrap();
+        let weights = multistep_weights(transfer, formula, step_size, on_increments, length + 1).unwrap();
+        let terms = match terms::<T>(&request, CHANNELS, &samples) {
+            // Fast poles of a Prony series leave complex exponentials: said, and another engine serves.
+            Err(EngineError::Table(_)) if transfer.form() == "prony" => continue,
+            terms => terms.unwrap_or_else(|error| panic!("{transfer}, {engine:?}: {error}")),
+        };
+        for k in (0..length).filter(|k| k % 61 < 2 || k + 2 > length) {
+            let reference = memory_term(&weights, 1, &exact, CHANNELS, k);
+            for (term, reference) in terms[k * CHANNELS..].iter().zip(&reference) {
+                let error = (term.to_f64() - reference.sum).abs();
+                let unit = 0.5 * T::EPSILON.to_f64() * reference.absolute;
+                prop_assert!(
+                    error <= BOUND * unit,
+                    "{transfer}, BDF {order}, h = {step_size}, {engine:?}, k = {k}: {:.1} u",
+                    error / unit
+                );
+            }
+        }
+    }
+    Ok(())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 40, ..ProptestConfig::default() })]
+
+    #[test]
+    fn every_engine_sums_the_weights_of_every_kernel(
+        transfer in kernels(),
+        order in 1..=3usize,
+        step in -3.0..0.0f64,
+        length in 2..700usize,
+        single in any::<bool>(),
+    ) {
+        let step_size = 10f64.powf(step);
+        if single {
+            agrees_with_the_double_sum::<f32>(&transfer, order, step_size, length)?;
+        } else {
+            agrees_with_the_double_sum::<f64>(&transfer, order, step_size, length)?;
+        }
+    }
+}
+
+#[test]
+fn weights_of_long_runs_agree_with_a_transform_in_the_middle_and_fall_as_they_must() {
+    // Of s^0.6/(1 + s^0.6) ~ s^0.6 for small s: w_n → h^{−0.6} n^{−1.6}/Γ(−0.6) (1 + o(1)).
+    let transfer = TransferFunction::maxwell(0.6, 0.0, 1.0).unwrap();
+    let order = BdfOrder::new(2).unwrap();
+    let weights = multistep_weights(&transfer, order, 0.1, false, 1_000_000).unwrap();
+    let power =
+        multistep_weights(&TransferFunction::power(0.6).unwrap(), order, 0.1, false, 1_000_000).unwrap();
+    let ratio = |n: usize| weights[n] / power[n];
+    assert!((ratio(999_999) - 1.0).abs() < 3e-3, "{}", ratio(999_999));
+    // 1 − 1.2 … (n h)^{−0.6}: the next term of the expansion.
+    let next = |n: usize| (1.0 - ratio(n)) * libm::pow(0.1 * n as f64, 0.6);
+    assert!((next(999_999) / next(250_000) - 1.0).abs() < 2e-3);
+}
+
+/// The states of a scenario, from t = 0.
+fn states(text: &str) -> Vec<GridState> {
+    let document = Document::new("kernels.toml", Path::new("."), text);
+    let scenario = Scenario::from_document(document).unwrap_or_else(|error| panic!("{error}\n{text}"));
+    let mut simulation =
+        Simulation::new(&scenario, Precision::F64).unwrap_or_else(|error| panic!("{error}\n{text}"));
+    let none = vec![0.0; scenario.coordinates()];
+    let mut state = GridState { position: none.clone(), momentum: none, ..GridState::default() };
+    simulation.read(&mut state);
+    let mut states = vec![state.clone()];
+    for _ in 0..scenario.time.steps {
+        simulation.step(&[]).unwrap_or_else(|error| panic!("{error}\n{text}"));
+        simulation.read(&mut state);
+        states.push(state.clone());
+    }
+    states
+}
+
+/// The inverse Laplace transform at a time, on the modified Talbot contour of \[WeidemanTrefethen07\].
+fn inverse_transform(time: f64, of: impl Fn(Complex<f64>) -> Complex<f64>) -> f64 {
+    const POINTS: usize = 26;
+    let count = POINTS as f64;
+    let term = |k: usize| {
+        let theta = std::f64::consts::PI * (2.0 * (k as f64 + 0.5) / count - 1.0);
+        let (sine, cosine) = (0.6407 * theta).sin_cos();
+        let cotangent = cosine / sine;
+        let scaled = Complex::new(0.5017 * theta * cotangent - 0.6122, 0.2645 * theta) * count;
+        let slope =
+            Complex::new(0.5017 * cotangent - 0.5017 * 0.6407 * theta / (sine * sine), 0.2645) * count;
+        scaled.exp() * of(scaled / time) * slope / time
+    };
+    let sum: Complex<f64> = (0..POINTS).map(term).sum();
+    (sum / Complex::new(0.0, count)).re
+}
+
+/// The kernels whose orders are shown, as keys and as K(s).
+fn analytic_kernels() -> Vec<(&'static str, TransferFunction)> {
+    let symbol = |text: &str| kernel_of_symbol(text).unwrap();
+    vec![
+        (r#"{ symbol = "0.5 + 1.5*s^0.6/(1 + s^0.6)" }"#, symbol("0.5 + 1.5*s^0.6/(1 + s^0.6)")),
+        (
+            r#"{ form = "maxwell", order = 0.6, time = 1.0 }"#,
+            TransferFunction::maxwell(0.6, 0.0, 1.0).unwrap(),
+        ),
+        (
+            r#"{ form = "prony", strengths = [1.0, 0.7], times = [1.0, 0.1] }"#,
+            TransferFunction::prony(&[1.0, 0.7], &[1.0, 0.1]).unwrap(),
+        ),
+        (
+            r#"{ form = "havriliak-negami", order = 0.7, power = 0.5, time = 1.0 }"#,
+            TransferFunction::havriliak_negami(0.7, 0.5, 1.0).unwrap(),
+        ),
+        (r#"{ form = "tempered", order = 0.5, rate = 0.3 }"#, TransferFunction::tempered(0.5, 0.3).unwrap()),
+        (r#"{ symbol = "0.5*s*(s + 0.1)/((s + 0.1)^2 + 4)" }"#, symbol("0.5*s*(s + 0.1)/((s + 0.1)^2 + 4)")),
+    ]
+}
+
+#[test]
+fn motions_have_the_orders_of_node_form_for_every_analytic_kernel() {
+    for (keys, transfer) in analytic_kernels() {
+        // q̈ + q + K(D) q = 0 from q = 1, Riemann–Liouville: q̂ = s/(s² + 1 + K(s)).
+        let exact = inverse_transform(3.0, |s| s / (s * s + 1.0 + transfer.value(s) + transfer.spring()));
+        for (degree, formula, smallest_order, largest_error) in
+            [(1, 2, 1.9, 2e-4), (2, 3, 2.85, 2e-6), (2, 4, 3.8, 1e-7), (3, 5, 4.6, 2e-8)]
+        {
+            let steps = [16, 32, 64];
+            let error = |steps_in_one: usize| {
+                let text = format!(
+                    "[system]\nmass = [1.0]\npotential = \"0.5*q0^2\"\n[[system.damping]]\ncoefficient = [1.0]\n\
+                     kernel = {keys}\nderivative = \"riemann-liouville\"\n[initial]\nposition = [1.0]\n[scheme]\n\
+                     kind = \"galerkin\"\ndegree = {degree}\n[convolution]\norder = {formula}\n[time]\n\
+                     step = {}\nsteps = {}\n",
+                    1.0 / steps_in_one as f64,
+                    3 * steps_in_one
+                );
+                (states(&text).last().unwrap().position[0] - exact).abs()
+            };
+            let errors = steps.map(error);
+            let order = observed_order(&steps.map(|count| 1.0 / count as f64), &errors);
+            let at = format!("{keys}, Gauss {degree}, BDF {formula}: {errors:?}");
+            assert!(errors[2] < largest_error, "{at}");
+            assert!(order > smallest_order || errors[2] < 1e-11, "order {order:.2}, {at}");
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
+
+    /// The theorem of docs/kernels.md.
+    #[test]
+    fn the_midpoint_rule_gains_no_energy_from_a_passive_kernel(
+        transfer in kernels(),
+        formula in 1..=2usize,
+        stiffness in -1.0..6.0f64,
+        strength in -2.0..3.0f64,
+        step in -2.0..0.5f64,
+    ) {
+        let keys: Vec<String> = transfer
+            .parameters()
+            .iter()
+            .map(|(name, numbers)| match (*name, &numbers[..]) {
+                ("strengths" | "times", numbers) => format!("{name} = {numbers:?}"),
+                (_, numbers) => format!("{name} = {:?}", numbers[0]),
+            })
+            .collect();
+        let text = format!(
+            "[system]\nmass = [1.0]\npotential = \"0.5*k*q0^2\"\nparameters = {{ k = {:?} }}\n[[system.damping]]\n\
+             coefficient = [{:?}]\nkernel = {{ form = \"{}\", {} }}\n[initial]\nposition = [1.0]\nvelocity = [0.3]\n\
+             [convolution]\norder = {formula}\n[time]\nstep = {:?}\nsteps = 300\non_energy_growth = \"off\"\n",
+            10f64.powf(stiffness),
+            10f64.powf(strength),
+            transfer.form(),
+            keys.join(", "),
+            10f64.powf(step),
+        );
+        let states = states(&text);
+        let first = states[0].energy;
+        for state in &states {
+            prop_assert!(state.energy <= first * (1.0 + 1e-9), "{text}\n{} after {first}", state.energy);
+        }
+    }
+}
+
+#[test]
+fn kernels_are_refused_where_they_have_no_memory() {
+    let scenario = |rest: &str| {
+        let text = format!(
+            "[system]\nmass = [1.0]\n[[system.damping]]\ncoefficient = [1.0]\nkernel = {{ form = \"maxwell\", order = 0.6, \
+             time = 1.0 }}\n[initial]\nposition = [1.0]\n{rest}"
+        );
+        let document = Document::new("kernels.toml", Path::new("."), &text);
+        let refused = |error: fvi_host::language::InputError| error.to_string();
+        match Scenario::from_document(document) {
+            Ok(scenario) => Simulation::new(&scenario, Precision::F64).map(|_| ()).map_err(refused),
+            Err(error) => Err(refused(error)),
+        }
+    };
+    assert_eq!(scenario("[time]\nstep = 0.1\nsteps = 10\n"), Ok(()));
+    for rest in [
+        "[scheme]\nkind = \"collocation\"\n[time]\nstep = 0.1\nsteps = 10\n",
+        "[scheme]\nkind = \"collocation\"\n[time]\ngrid = \"graded\"\nexponent = 2.0\nsteps = 10\nend = 1.0\n",
+    ] {
+        let message = scenario(rest).unwrap_err();
+        assert!(message.contains("kernels other than s^β"), "{message}");
+    }
+    let message = scenario(
+        "[convolution]\norder = 2\nat = \"main-nodes\"\nstarting = [0.5]\n[time]\nstep = 0.1\nsteps = 10\n",
+    )
+    .unwrap_err();
+    assert!(message.contains("system.damping.kernel"), "{message}");
+}
