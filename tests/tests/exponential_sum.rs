@@ -2,7 +2,9 @@
 
 use fvi_core::{BdfOrder, ConvolutionWeights, ExponentialSum, ExponentialTable, Memory, MemoryError};
 use fvi_fft::{ChunkedExponentialSum, Engines, Vectorised};
-use fvi_host::numerics::exponential_table::{ENDLESS, ENDLESS_REACH, ExponentialKernel, ExponentialKernelError, SMALLEST_TOLERANCE};
+use fvi_host::numerics::exponential_table::{
+    ENDLESS, ENDLESS_REACH, ExponentialKernel, ExponentialKernelError, SMALLEST_TOLERANCE,
+};
 use fvi_tests::reference;
 
 /// Exponents of the quadrature: everywhere in (−1, 2), and near whole numbers.
@@ -402,7 +404,12 @@ fn endless_tables_hold_the_weights_for_thousands_of_years() {
         let (single, double) = (kernel.table::<f32>(), kernel.table::<f64>());
         assert_eq!((single.horizon, double.horizon), (u64::MAX, u64::MAX));
         assert!(single.far_blocks > 5 && double.far_blocks == 0, "{}", single.far_blocks);
-        println!("{exponent}: {} exponentials, {} far blocks of {}", kernel.exponentials().len(), single.far_blocks, single.slow_blocks);
+        println!(
+            "{exponent}: {} exponentials, {} far blocks of {}",
+            kernel.exponentials().len(),
+            single.far_blocks,
+            single.slow_blocks
+        );
     }
     let table = kernel(1, 0.5, 100_000_000, 1e-7).table::<f32>();
     assert_eq!((table.far_blocks, table.horizon), (0, 100_000_000));
