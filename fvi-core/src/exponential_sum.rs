@@ -3,8 +3,8 @@
 
 use core::marker::PhantomData;
 
-use crate::direct::MAX_STAGES;
-use crate::error::ParameterError;
+use crate::direct::{MAX_STAGES, Overflow};
+use crate::error::{ParameterError, check_step_size};
 use crate::memory::{ActsOn, Memory, MemoryError, check_channels};
 use crate::real::Real;
 use crate::saving::{Shape, StateError, StateReader, StateWriter, fingerprint, header_bytes};
@@ -32,7 +32,7 @@ type Lanes<T> = [T; LANES];
 ///
 /// This is plain data, so that it can lie in flash; [`check`](ExponentialTable::check) checks it. `C` is
 /// anything that holds numbers: `&'static [f32]`, `[f32; 8]`, `Vec<f64>`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ExponentialTable<C> {
     /// Number of stages S of the kernel: 1 for plain numbers.
     pub stages: usize,
@@ -48,8 +48,18 @@ pub struct ExponentialTable<C> {
     /// A sum that forgets slowly (μ_j ≪ 1) would otherwise gather the rounding errors of 1/μ_j steps, and in
     /// single precision stand still once a sample is less than half a unit in its last place.
     pub slow_blocks: usize,
-    /// Largest lag at which the weights hold: the memory takes this many samples.
-    pub horizon: usize,
+    /// How many of these, from the first, hold exponentials so slow that their running sums are kept in three
+    /// parts; only for plain numbers.
+    ///
+    /// Of N samples of one size, two parts of single precision lose N 2⁻⁴⁸ at worst, 4·10⁻⁷ for N = 10⁸, and
+    /// stand still from N = 2⁴⁹ on. Three parts lose N 2⁻⁷², 10⁻⁷ for N = 2⁴⁹.
+    pub far_blocks: usize,
+    /// Largest lag at which the weights hold: so many samples the memory takes, and then refuses more or
+    /// forgets ([`ExponentialSum::past_horizon`]). [`ENDLESS`](ExponentialTable::ENDLESS) where they hold
+    /// longer than anything runs.
+    pub horizon: u64,
+    /// The step size h that is in the weights; 1 for a table that any step size may scale.
+    pub step_size: f64,
 }
 
 /// An exponential of an [`ExponentialTable`]: the part (1 − μ)^{n−n₀} u vᵀ of the weights W_n.
@@ -72,6 +82,10 @@ const fn block_len(stages: usize) -> usize {
 const STATE_BLOCK: usize = 2 * LANES;
 
 impl<C> ExponentialTable<C> {
+    /// The [`horizon`](ExponentialTable::horizon) of a table for a memory that refuses nothing, however many
+    /// samples there are.
+    pub const ENDLESS: u64 = u64::MAX;
+
     /// The same table, borrowed.
     #[inline(always)]
     pub fn borrow<T>(&self) -> ExponentialTable<&[T]>
@@ -83,7 +97,9 @@ impl<C> ExponentialTable<C> {
             head: self.head.as_ref(),
             exponentials: self.exponentials.as_ref(),
             slow_blocks: self.slow_blocks,
+            far_blocks: self.far_blocks,
             horizon: self.horizon,
+            step_size: self.step_size,
         }
     }
 }
@@ -92,8 +108,8 @@ impl<T: Real> ExponentialTable<&[T]> {
     /// Checks that the table can be read: what a memory refuses, whatever its channels.
     ///
     /// # Errors
-    /// If the shapes do not fit together, S is not one of 1…4, a number is not finite, or a μ_j is outside
-    /// [0, 2].
+    /// If the shapes do not fit together, S is not one of 1…4, a number is not finite, a μ_j is outside
+    /// [0, 2], or the step size is not positive.
     pub fn check(&self) -> Result<(), ParameterError> {
         let count = |parameter, value: usize, accepted, allowed| {
             ParameterError::check(accepted, parameter, value as f64, allowed)
@@ -116,6 +132,13 @@ impl<T: Real> ExponentialTable<&[T]> {
         )?;
         let blocks = self.exponentials.len() / block;
         count("slow blocks", self.slow_blocks, self.slow_blocks <= blocks, "at most the number of blocks")?;
+        count(
+            "far blocks",
+            self.far_blocks,
+            self.far_blocks <= if self.stages == 1 { self.slow_blocks } else { 0 },
+            "at most the number of slow blocks, and none with several stages",
+        )?;
+        check_step_size(self.step_size)?;
         for (parameter, numbers) in [("head weight", self.head), ("exponential", self.exponentials)] {
             if let Some(number) = numbers.iter().copied().find(|number| !number.is_finite()) {
                 return Err(ParameterError { parameter, value: number.to_f64(), allowed: "finite" });
@@ -153,8 +176,9 @@ impl<T: Real> ExponentialTable<&[T]> {
 impl<T> ExponentialTable<&[T]> {
     /// How many numbers of state [`ExponentialSum`] needs for this table and `channels` channels.
     ///
-    /// 2J C/S + (2n₀ − 1) C + S² with J in whole blocks of four: running sums in two parts, pending terms and
-    /// delayed samples, the term, the leading weight. A `const fn`, to be the length of an array.
+    /// 2J C/S + (2n₀ − 1) C + S² with J in whole blocks of four, and 4C for each far block: running sums in
+    /// two parts or three, pending terms and delayed samples, the term, the leading weight. A `const fn`, to
+    /// be the length of an array.
     pub const fn state_len(&self, channels: usize) -> usize {
         let planes = self.stages.saturating_mul(self.stages);
         if planes == 0 || self.stages == 0 {
@@ -166,6 +190,7 @@ impl<T> ExponentialTable<&[T]> {
         planes
             .saturating_add(per_channel.saturating_mul(channels))
             .saturating_add(blocks.saturating_mul(STATE_BLOCK).saturating_mul(channels / self.stages))
+            .saturating_add(self.far_blocks.saturating_mul(LANES).saturating_mul(channels / self.stages))
     }
 }
 
@@ -182,7 +207,9 @@ impl<T> ExponentialTable<&[T]> {
 /// [`ExponentialTable::state_len`] numbers.
 ///
 /// The kernel is `scale` times that of the table, so that one dimensionless table, made for h = 1, serves
-/// every step size with `scale` = h^{−β}.
+/// every step size with `scale` = h^{−β}. A table whose weights hold another step size takes no scale but 1.
+/// [`Kernel::exponential_sum`](crate::Kernel::exponential_sum) finds the scale itself, and refuses the table
+/// of another kernel.
 ///
 /// Source: collapsed contour of \[HJO\] eq. 19; recursion as in \[SchädleLFLubich06\].
 ///
@@ -194,7 +221,9 @@ impl<T> ExponentialTable<&[T]> {
 ///     head: &[2.0, 1.0],
 ///     exponentials: &[0.5, 0.0, 0.0, 0.0, /* μ */ 0.5, 0.0, 0.0, 0.0 /* u */],
 ///     slow_blocks: 0,
+///     far_blocks: 0,
 ///     horizon: 1_000_000,
+///     step_size: 1.0,
 /// };
 /// let mut memory = ExponentialSum::new(TABLE, 1.0, 1, [0.0; TABLE.state_len(1)])?;
 /// let mut term = [0.0];
@@ -216,7 +245,10 @@ pub struct ExponentialSum<T, C, B> {
     /// Which slow block settles at the next step.
     settling: usize,
     acts_on: ActsOn,
-    len: usize,
+    /// Samples so far; see [`advance`](ExponentialSum::advance).
+    len: u64,
+    /// How many are taken.
+    capacity: u64,
     number: PhantomData<T>,
 }
 
@@ -229,8 +261,9 @@ where
     /// A memory for the kernel scale·W_n on `channels` channels, without samples.
     ///
     /// # Errors
-    /// If [`ExponentialTable::check`] refuses the table, the scale is not finite, the number of channels is
-    /// not a positive multiple of S, or the state has another length than [`ExponentialTable::state_len`].
+    /// If [`ExponentialTable::check`] refuses the table, the scale is not finite, or not 1 where the weights
+    /// hold a step size; if the number of channels is not a positive multiple of S, or the state has another
+    /// length than [`ExponentialTable::state_len`].
     pub fn new(
         table: ExponentialTable<C>,
         scale: T,
@@ -253,10 +286,17 @@ where
             "the table's state_len",
         )?;
         ParameterError::check(scale.is_finite(), "scale", scale.to_f64(), "finite")?;
+        ParameterError::check(
+            scale == T::one() || view.step_size == 1.0,
+            "scale",
+            scale.to_f64(),
+            "1 for a table whose weights hold the step size",
+        )?;
         let layout = Layout::of(&view, channels);
-        let (oldest, settling, acts_on, len) = (0, 0, ActsOn::Values, 0);
+        let (oldest, settling, acts_on, len, capacity) = (0, 0, ActsOn::Values, 0, view.horizon);
+        let number = PhantomData;
         let mut memory =
-            Self { table, scale, layout, state, oldest, settling, acts_on, len, number: PhantomData };
+            Self { table, scale, layout, state, oldest, settling, acts_on, len, capacity, number };
         memory.clear();
         Ok(memory)
     }
@@ -264,6 +304,43 @@ where
     /// The same memory, its weights being for such samples.
     pub fn acting_on(self, acts_on: ActsOn) -> Self {
         Self { acts_on, ..self }
+    }
+
+    /// The same memory, with what happens once it has taken as many samples as the table's horizon: it
+    /// refuses more, as a new one does, or goes on and forgets.
+    ///
+    /// Beyond the horizon H the exponentials decay where the weights of the operator fall slowly, so that the
+    /// term lacks at most max|x| Σ_{n>H} (|w_n| + |Σ_j (1 − μ_j)^{n−n₀} u_j|) at any time: for derivatives a
+    /// few times what a ring of H samples leaves out, (H h)^{−β} / Γ(1 − β). Integrals of order λ of a signal
+    /// that stays come to rest about (H h)^λ.
+    ///
+    /// # Errors
+    /// To forget, if the table has an exponential that never decays: its sum would grow without bound.
+    pub fn past_horizon(self, overflow: Overflow) -> Result<Self, ParameterError> {
+        let table = self.table.borrow();
+        let capacity = match overflow {
+            Overflow::Refuse => table.horizon,
+            Overflow::Forget => {
+                let block = block_len(table.stages);
+                let mut decays = table.exponentials.chunks(block).flat_map(|block| {
+                    let (decays, others) = block.split_at_checked(LANES).unwrap_or_default();
+                    decays.iter().enumerate().map(move |(lane, &decay)| {
+                        let at_rest =
+                            others.iter().skip(lane).step_by(LANES).all(|&number| number == T::zero());
+                        (decay, at_rest)
+                    })
+                });
+                let stays = decays.any(|(decay, at_rest)| decay == T::zero() && !at_rest);
+                ParameterError::check(
+                    !stays,
+                    "decay",
+                    0.0,
+                    "greater than 0 in a table that forgets: make it with a longer horizon, or endless",
+                )?;
+                ENDLESS
+            }
+        };
+        Ok(Self { capacity, ..self })
     }
 
     /// The table.
@@ -278,21 +355,58 @@ where
         [
             ("channels", self.layout.channels() as u64),
             ("stages", table.stages as u64),
-            ("slow blocks", table.slow_blocks as u64),
+            ("slow blocks, and far ones above", table.slow_blocks as u64 | (table.far_blocks as u64) << 32),
             ("fingerprint of the kernel", kernel),
         ]
     }
 
     /// Reads how many samples a state has seen.
-    fn count(&self, from: &mut StateReader<'_>) -> Result<usize, StateError> {
+    fn count(&self, from: &mut StateReader<'_>) -> Result<u64, StateError> {
         from.header::<T, 4>(TAG, &self.shape())?;
-        from.count_up_to("samples", self.table.horizon)
+        let (found, limit) = (from.count()?, self.capacity.min(ENDLESS - 1));
+        let too_large = StateError::TooLarge { what: "samples", limit, found };
+        if found <= limit { Ok(found) } else { Err(too_large) }
     }
 
+    #[inline(always)]
     fn check_room(&self) -> Result<(), MemoryError> {
-        let capacity = self.table.horizon;
-        if self.len >= capacity { Err(MemoryError::Full { capacity }) } else { Ok(()) }
+        if self.len < self.capacity { Ok(()) } else { Err(full(self.capacity)) }
     }
+
+    /// Counts a sample. Near its end the count goes back by as many as leave the places that follow from it
+    /// where they are, so that there is always room for one more.
+    #[inline(always)]
+    fn advance(&mut self) {
+        self.oldest = if self.oldest + 3 < self.layout.head { self.oldest + 1 } else { 0 };
+        self.settling = if self.settling + 1 < self.table.slow_blocks { self.settling + 1 } else { 0 };
+        self.len = self.len.wrapping_add(1);
+        if self.len >= ENDLESS {
+            self.len = self.len.saturating_sub(self.delayed_samples().saturating_mul(self.settling_blocks()));
+        }
+    }
+
+    /// Places of the ring of delayed samples, or 1.
+    fn delayed_samples(&self) -> u64 {
+        self.layout.head.saturating_sub(2).max(1) as u64
+    }
+
+    /// Blocks that settle one after the other, or 1.
+    fn settling_blocks(&self) -> u64 {
+        self.table.slow_blocks.max(1) as u64
+    }
+}
+
+/// How many samples fill a memory without an end.
+const ENDLESS: u64 = ExponentialTable::<()>::ENDLESS;
+
+#[cold]
+fn full(capacity: u64) -> MemoryError {
+    MemoryError::Full { capacity: saturated(capacity) }
+}
+
+/// As many as a word can say.
+fn saturated(count: u64) -> usize {
+    usize::try_from(count).unwrap_or(usize::MAX)
 }
 
 /// Where the parts of the state lie, one behind the other. The running sums come first: where the state is
@@ -306,6 +420,8 @@ struct Layout {
     head: usize,
     /// Blocks of exponentials.
     blocks: usize,
+    /// Of these, blocks whose sums have three parts.
+    far: usize,
 }
 
 impl Layout {
@@ -317,6 +433,7 @@ impl Layout {
             coordinates: channels / stages,
             head: table.head.len() / (stages * stages).max(1),
             blocks: table.exponentials.len() / block_len(stages),
+            far: table.far_blocks,
         }
     }
 
@@ -325,9 +442,15 @@ impl Layout {
         self.coordinates * self.stages
     }
 
+    /// Numbers of the sums of a coordinate: two parts of each, block by block, then the third parts.
+    #[inline(always)]
+    fn sums_of_one(self) -> usize {
+        self.blocks * STATE_BLOCK + self.far * LANES
+    }
+
     #[inline(always)]
     fn sums(self) -> usize {
-        self.coordinates * self.blocks * STATE_BLOCK
+        self.coordinates * self.sums_of_one()
     }
 
     #[inline(always)]
@@ -460,6 +583,8 @@ struct NumberStep<'a, T> {
     weights: &'a [T],
     exponentials: &'a [[T; STATE_BLOCK]],
     scale: T,
+    /// How many blocks, from the first, have sums of three parts.
+    far: usize,
     /// Which block settles at this step.
     settling: Option<usize>,
 }
@@ -471,6 +596,7 @@ impl<'a, T: Real> NumberStep<'a, T> {
             weights: table.head.get(1..layout.head)?,
             exponentials: table.exponentials.as_chunks::<STATE_BLOCK>().0,
             scale,
+            far: layout.far,
             settling: Some(settling).filter(|&settling| settling < table.slow_blocks),
         })
     }
@@ -484,8 +610,12 @@ impl<'a, T: Real> NumberStep<'a, T> {
         };
         shift_and_add(pending, self.weights, x);
         let head = pending.first().copied().unwrap_or_default();
-        let sums = sums.as_chunks_mut::<STATE_BLOCK>().0;
         let mut totals = [head, T::zero(), T::zero(), T::zero()];
+        if self.far > 0 {
+            self.absorb_far(leaving, sums, &mut totals);
+            return total(totals) * self.scale;
+        }
+        let sums = sums.as_chunks_mut::<STATE_BLOCK>().0;
         let (pairs, last) = self.exponentials.as_chunks::<2>();
         let (sums_of_pairs, sums_of_last) = sums.as_chunks_mut::<2>();
         for ([first, second], [sums, more_sums]) in pairs.iter().zip(sums_of_pairs) {
@@ -501,6 +631,56 @@ impl<'a, T: Real> NumberStep<'a, T> {
         // Through memory: otherwise the pairs of the total decide how the compiler lays out the loop above.
         total(core::hint::black_box(totals)) * self.scale
     }
+
+    /// The same for all exponentials of a table with far blocks. Out of line: other tables do not pay for it.
+    #[inline(never)]
+    fn absorb_far(&self, x: T, sums: &mut [T], totals: &mut Lanes<T>) {
+        let Some((sums, third)) = sums.split_at_mut_checked(self.exponentials.len() * STATE_BLOCK) else {
+            return;
+        };
+        let sums = sums.as_chunks_mut::<STATE_BLOCK>().0;
+        let third = third.as_chunks_mut::<LANES>().0;
+        for ((block, sums), &mut third) in self.exponentials.iter().zip(sums.iter_mut()).zip(&mut *third) {
+            let [decay, coefficient] = halves(*block);
+            let [recent, settled] = halves(*sums);
+            let before = lanes(|lane| (third[lane] + settled[lane]) + recent[lane]);
+            let changed = lanes(|lane| recent[lane] + (x - decay[lane] * before[lane]));
+            *sums = lanes_of_both(changed, settled);
+            *totals = lanes(|lane| totals[lane] + coefficient[lane] * before[lane]);
+        }
+        let others = self.exponentials.iter().zip(sums.iter_mut()).skip(self.far);
+        for (block, sums) in others {
+            absorb_number(sums, block, x, totals);
+        }
+        let Some(settling) = self.settling else { return };
+        match (sums.get_mut(settling), third.get_mut(settling)) {
+            (Some(sums), Some(third)) => settle_far(sums, third),
+            (Some(sums), None) => settle(sums),
+            (None, _) => {}
+        }
+    }
+}
+
+/// a + b rounded, and what rounding took away.
+#[inline(always)]
+fn sum_and_rest<T: Real>(a: T, b: T) -> (T, T) {
+    let sum = a + b;
+    let second = sum - a;
+    (sum, (a - (sum - second)) + (b - second))
+}
+
+/// Moves the recent parts of a block into the settled ones and these into the third; what rounding takes away
+/// stays, to the bit.
+#[inline(always)]
+fn settle_far<T: Real>(sums: &mut [T; STATE_BLOCK], third: &mut Lanes<T>) {
+    let [mut recent, mut settled] = halves(*sums);
+    let parts = recent.iter_mut().zip(&mut settled).zip(third);
+    for ((recent, settled), third) in parts {
+        let (moved, rest) = sum_and_rest(*settled, *recent);
+        *recent = rest;
+        (*third, *settled) = sum_and_rest(*third, moved);
+    }
+    *sums = lanes_of_both(recent, settled);
 }
 
 /// Moves the recent parts of a block into the settled ones; what rounding takes away stays recent.
@@ -551,7 +731,7 @@ where
         let (mut sums, mut pending) = (parts.sums, parts.pending);
         let mut delayed = parts.delayed.get_mut(self.oldest * layout.coordinates..)?.iter_mut();
         for (&x, term) in sample.iter().zip(parts.term) {
-            let sums = split_off(&mut sums, layout.blocks * STATE_BLOCK)?;
+            let sums = split_off(&mut sums, layout.sums_of_one())?;
             *term = step.take(x, sums, split_off(&mut pending, layout.head)?, delayed.next());
         }
         Some(())
@@ -642,7 +822,11 @@ where
     }
 
     fn len(&self) -> usize {
-        self.len
+        saturated(self.len)
+    }
+
+    fn is_empty(&self) -> bool {
+        self.len == 0
     }
 
     #[inline]
@@ -668,9 +852,7 @@ where
             _ => self.push_stages(sample),
         };
         debug_assert!(stored.is_some(), "the constructor checked the shapes");
-        self.oldest = if self.oldest + 3 < self.layout.head { self.oldest + 1 } else { 0 };
-        self.settling = if self.settling + 1 < self.table.slow_blocks { self.settling + 1 } else { 0 };
-        self.len += 1;
+        self.advance();
         Ok(())
     }
 
@@ -699,7 +881,7 @@ where
 
     fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
         to.header::<T, 4>(TAG, &self.shape())?;
-        to.count(self.len as u64)?;
+        to.count(self.len)?;
         to.numbers(self.state.as_ref().iter().take(self.layout.changing()))
     }
 
@@ -713,8 +895,8 @@ where
         self.len = self.count(from)?;
         from.numbers(self.state.as_mut().iter_mut().take(self.layout.changing()))?;
         // Both go round, a place further with every sample.
-        self.oldest = self.len % self.layout.head.saturating_sub(2).max(1);
-        self.settling = self.len % self.table.slow_blocks.max(1);
+        self.oldest = self.len.checked_rem(self.delayed_samples()).map_or(0, saturated);
+        self.settling = self.len.checked_rem(self.settling_blocks()).map_or(0, saturated);
         Ok(())
     }
 }
@@ -754,7 +936,9 @@ mod tests {
                 head: &head[..],
                 exponentials: &exponentials[..],
                 slow_blocks,
+                far_blocks: 0,
                 horizon: 100,
+                step_size: 1.0,
             };
             let state = vec![0.0; table.state_len(4)];
             let mut memory = ExponentialSum::new(table, -0.5, 4, state).unwrap();
@@ -788,7 +972,9 @@ mod tests {
                     head: &head[..],
                     exponentials: &numbers[..length],
                     slow_blocks: 0,
+                    far_blocks: 0,
                     horizon: 1,
+                    step_size: 1.0,
                 };
                 table.check()
             };
@@ -806,7 +992,9 @@ mod tests {
             head: &head[..],
             exponentials: &exponentials[..],
             slow_blocks: 0,
+            far_blocks: 0,
             horizon: 9,
+            step_size: 1.0,
         };
         // 2·8 sums and 5 numbers a channel, the leading weight.
         let memory = ExponentialSum::new(table, 1.0, 2, [0.0; 2 * (16 + 5) + 1]).unwrap();
@@ -823,7 +1011,9 @@ mod tests {
                 head: head.to_vec(),
                 exponentials: Vec::new(),
                 slow_blocks: 0,
+                far_blocks: 0,
                 horizon: 9,
+                step_size: 1.0,
             };
             let state = vec![0.0; table.borrow().state_len(1)];
             ExponentialSum::new(table, scale, 1, state).unwrap()
@@ -854,9 +1044,28 @@ mod tests {
     }
 
     fn assert_double_sum(head: usize, blocks: usize, slow_blocks: usize, channels: usize) {
+        for far_blocks in [0, slow_blocks.div_ceil(2), slow_blocks] {
+            assert_double_sum_in_parts(head, blocks, (slow_blocks, far_blocks), channels);
+        }
+    }
+
+    fn assert_double_sum_in_parts(
+        head: usize,
+        blocks: usize,
+        (slow_blocks, far_blocks): (usize, usize),
+        channels: usize,
+    ) {
         let (head, exponentials) = numbers::<f64>(head, blocks);
         let (head, exponentials) = (&head[..], &exponentials[..]);
-        let table = ExponentialTable { stages: 1, head, exponentials, slow_blocks, horizon: 70 };
+        let table = ExponentialTable {
+            stages: 1,
+            head,
+            exponentials,
+            slow_blocks,
+            far_blocks,
+            horizon: 70,
+            step_size: 1.0,
+        };
         let weight = |n: usize| match head.get(n) {
             Some(&weight) => weight,
             None => {
@@ -878,7 +1087,7 @@ mod tests {
                 for (channel, &term) in term.iter().enumerate() {
                     let sum: f64 = (1..=k).map(|n| -0.5 * weight(n) * samples[k - n][channel]).sum();
                     let error = (term - sum).abs();
-                    let of = (head.len(), blocks, slow_blocks, channels);
+                    let of = (head.len(), blocks, slow_blocks, far_blocks, channels);
                     assert!(error < 1e-12, "{of:?}, k = {k}, channel {channel}: {term} {sum}");
                 }
                 // A memory that was cleared begins again with the same bits.
@@ -918,7 +1127,15 @@ mod tests {
         let head: Vec<f64> = (0..36).map(|n| libm::cos(0.7 * f64::from(n))).collect();
         let exponentials: Vec<f64> = (0..56).map(|n| 0.05 + 0.02 * f64::from(n % 20)).collect();
         let (head, exponentials) = (&head[..], &exponentials[..]);
-        let table = ExponentialTable { stages: 3, head, exponentials, slow_blocks: 1, horizon: 100 };
+        let table = ExponentialTable {
+            stages: 3,
+            head,
+            exponentials,
+            slow_blocks: 1,
+            far_blocks: 0,
+            horizon: 100,
+            step_size: 1.0,
+        };
         let mut memory = ExponentialSum::new(table, 2.0, 6, vec![0.0; table.state_len(6)]).unwrap();
         let leading: [f64; 9] = core::array::from_fn(|plane| 2.0 * head[4 * plane]);
         assert_eq!((memory.leading(), memory.channels(), memory.stages()), (&leading[..], 6, 3));
@@ -956,7 +1173,9 @@ mod tests {
             head: &[1.0f32, 1.0][..],
             exponentials: &[1e-7, 1e-6, 1e-5, 1e-4, 1.0, 1.0, 1.0, 1.0],
             slow_blocks: 1,
+            far_blocks: 0,
             horizon: 1_000_000,
+            step_size: 1.0,
         };
         let mut memory = ExponentialSum::new(table, 1.0, 1, vec![0.0; table.state_len(1)]).unwrap();
         let x = 0.1f32;
@@ -979,7 +1198,15 @@ mod tests {
         let numbers = [0.5; 64];
         let refused = |stages: usize, head: usize, exponentials: usize, slow_blocks: usize| {
             let (head, exponentials) = (&numbers[..head], &numbers[..exponentials]);
-            let table = ExponentialTable { stages, head, exponentials, slow_blocks, horizon: 1 };
+            let table = ExponentialTable {
+                stages,
+                head,
+                exponentials,
+                slow_blocks,
+                far_blocks: 0,
+                horizon: 1,
+                step_size: 1.0,
+            };
             table.check().err().map(|error| error.parameter)
         };
         // Two weights of each entry before exponentials, and one without.
@@ -990,10 +1217,43 @@ mod tests {
             assert_eq!(refused(stages, head, exponentials, 0), Some("head weights"), "{stages}, {head}");
         }
         assert_eq!((refused(1, 2, 16, 2), refused(1, 2, 16, 3)), (None, Some("slow blocks")));
+        let (head, exponentials) = (&numbers[..12], &numbers[..40]);
+        let good = ExponentialTable {
+            stages: 1,
+            head,
+            exponentials,
+            slow_blocks: 2,
+            far_blocks: 2,
+            horizon: 1,
+            step_size: 0.5,
+        };
+        let refused_with =
+            |changed: ExponentialTable<&[f64]>| changed.check().err().map(|error| error.parameter);
+        assert_eq!(refused_with(good), None);
+        assert_eq!(refused_with(ExponentialTable { far_blocks: 3, ..good }), Some("far blocks"));
+        let matrices = ExponentialTable { stages: 2, ..good };
+        assert_eq!(refused_with(matrices), Some("far blocks"));
+        assert_eq!(refused_with(ExponentialTable { far_blocks: 0, ..matrices }), None);
+        for step_size in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert_eq!(
+                refused_with(ExponentialTable { step_size, ..good }),
+                Some("step size"),
+                "{step_size}"
+            );
+        }
         assert_eq!((refused(0, 4, 0, 0), refused(5, 25, 0, 0)), (Some("stages"), Some("stages")));
         let len = |stages: usize, head: usize, exponentials: usize, channels: usize| {
             let (head, exponentials) = (&numbers[..head], &numbers[..exponentials]);
-            ExponentialTable { stages, head, exponentials, slow_blocks: 0, horizon: 1 }.state_len(channels)
+            ExponentialTable {
+                stages,
+                head,
+                exponentials,
+                slow_blocks: 0,
+                far_blocks: 0,
+                horizon: 1,
+                step_size: 1.0,
+            }
+            .state_len(channels)
         };
         // 2J C/S + (2n₀ − 1) C + S²
         assert_eq!((len(1, 5, 16, 3), len(2, 12, 40, 6)), (16 * 3 + 9 * 3 + 1, 16 * 3 + 5 * 6 + 4));
@@ -1003,7 +1263,9 @@ mod tests {
             head: &numbers[..2],
             exponentials: &numbers[..8],
             slow_blocks: 0,
+            far_blocks: 0,
             horizon: 1,
+            step_size: 1.0,
         };
         let made = |channels, state| {
             ExponentialSum::new(table, 1.0, channels, vec![0.0; state]).err().map(|error| error.parameter)
@@ -1013,10 +1275,18 @@ mod tests {
 
     #[test]
     fn a_saved_state_goes_on_with_the_same_bits() {
-        for (head, slow_blocks, channels) in [(2, 0, 1), (9, 3, 2)] {
+        for (head, slow_blocks, far_blocks, channels) in [(2, 0, 0, 1), (9, 3, 0, 2), (9, 3, 2, 2)] {
             let (head, exponentials) = numbers::<f32>(head, 3);
             let (head, exponentials) = (&head[..], &exponentials[..]);
-            let table = ExponentialTable { stages: 1, head, exponentials, slow_blocks, horizon: 60 };
+            let table = ExponentialTable {
+                stages: 1,
+                head,
+                exponentials,
+                slow_blocks,
+                far_blocks,
+                horizon: 60,
+                step_size: 1.0,
+            };
             let build =
                 || ExponentialSum::new(table, 1.0, channels, vec![0.0; table.state_len(channels)]).unwrap();
             let mut memory = build();
@@ -1039,5 +1309,158 @@ mod tests {
                 memory.push(&sample(k)).unwrap();
             }
         }
+    }
+
+    /// A table of 9 + 12 numbers whose places go round after 7 and 3 samples.
+    fn table<'a>(head: &'a [f32], exponentials: &'a [f32], horizon: u64) -> ExponentialTable<&'a [f32]> {
+        ExponentialTable {
+            stages: 1,
+            head,
+            exponentials,
+            slow_blocks: 3,
+            far_blocks: 1,
+            horizon,
+            step_size: 1.0,
+        }
+    }
+
+    /// The state of this memory if it had seen so many samples more.
+    fn later(memory: &ExponentialSum<f32, &[f32], Vec<f32>>, samples: u64) -> Vec<u8> {
+        let mut bytes = vec![0; memory.state_bytes()];
+        memory.save(&mut StateWriter::new(&mut bytes)).unwrap();
+        let count = header_bytes(4)..header_bytes(5);
+        let seen = u64::from_le_bytes(bytes[count.clone()].try_into().unwrap());
+        bytes[count].copy_from_slice(&(seen + samples).to_le_bytes());
+        bytes
+    }
+
+    #[test]
+    fn an_endless_memory_goes_on_where_its_count_ends() {
+        let (head, exponentials) = numbers::<f32>(9, 3);
+        let table = table(&head, &exponentials, ExponentialTable::<()>::ENDLESS);
+        let build = || ExponentialSum::new(table, 1.0, 1, vec![0.0; table.state_len(1)]).unwrap();
+        let sample = |k: u64| libm::sinf(0.3 * (k % 97) as f32);
+        // Where 32 bits end, and where 64 do.
+        for (end, steps) in [(1u64 << 32, 50), (u64::MAX, 2000)] {
+            let mut early = build();
+            (0..30).for_each(|k| early.push(&[sample(k)]).unwrap());
+            // As many more as leave all places where they are.
+            let more = (end - 60) / 21 * 21;
+            let mut late = build();
+            late.restore(&mut StateReader::new(&later(&early, more))).unwrap();
+            assert_eq!((late.oldest, late.settling), (early.oldest, early.settling));
+            for k in 30..30 + steps {
+                let (mut expected, mut found) = ([f32::NAN], [f32::NAN]);
+                early.next_term(&mut expected).unwrap();
+                late.next_term(&mut found).unwrap();
+                assert_eq!(found[0].to_bits(), expected[0].to_bits(), "sample {k} before {end}");
+                early.push(&[sample(k)]).unwrap();
+                late.push(&[sample(k)]).unwrap();
+                // Saved on either side of the end it is taken back.
+                let mut bytes = vec![0; late.state_bytes()];
+                late.save(&mut StateWriter::new(&mut bytes)).unwrap();
+                let mut again = build();
+                again.restore(&mut StateReader::new(&bytes)).unwrap();
+                let places = |memory: &ExponentialSum<_, _, _>| (memory.oldest, memory.settling, memory.len);
+                assert_eq!(places(&again), places(&late));
+                assert_eq!((again.oldest, again.settling), (early.oldest, early.settling));
+            }
+            assert!(late.len > (1 << 32) - 10 && !late.is_empty());
+            assert_eq!(late.len(), usize::try_from(late.len).unwrap_or(usize::MAX));
+        }
+        let beyond = build().restore(&mut StateReader::new(&later(&build(), u64::MAX)));
+        let limit = u64::MAX - 1;
+        assert_eq!(beyond, Err(StateError::TooLarge { what: "samples", limit, found: u64::MAX }));
+    }
+
+    #[test]
+    fn past_its_horizon_a_memory_refuses_or_forgets() {
+        let (head, exponentials) = numbers::<f32>(9, 3);
+        let endless = table(&head, &exponentials, ExponentialTable::<()>::ENDLESS);
+        let table = ExponentialTable { horizon: 40, ..endless };
+        let build = |table: ExponentialTable<_>| {
+            ExponentialSum::new(table, 1.0, 1, vec![0.0f32; table.state_len(1)]).unwrap()
+        };
+        let (mut new, mut endless) = (build(table), build(endless));
+        let mut refusing = build(table).past_horizon(Overflow::Refuse).unwrap();
+        let mut forgetting = build(table).past_horizon(Overflow::Forget).unwrap();
+        for k in 0..200 {
+            let sample = [libm::cosf(k as f32)];
+            let expected = if k < 40 { Ok(()) } else { Err(MemoryError::Full { capacity: 40 }) };
+            assert_eq!((new.push(&sample), refusing.push(&sample)), (expected, expected), "{k}");
+            assert_eq!((endless.push(&sample), forgetting.push(&sample)), (Ok(()), Ok(())), "{k}");
+        }
+        assert_eq!(forgetting.state, endless.state);
+        // What a horizon of 40 has seen it takes back, and nothing later.
+        let saved = later(&forgetting, 0);
+        assert_eq!(build(table).restore(&mut StateReader::new(&saved)).err().is_some(), true);
+        let mut again = build(table).past_horizon(Overflow::Forget).unwrap();
+        assert_eq!(again.restore(&mut StateReader::new(&saved)), Ok(()));
+        // A sum that never decays would grow for ever; zeros that fill a block up are no exponentials.
+        let (mut stays, mut ends) = (exponentials.clone(), exponentials.clone());
+        stays[2] = 0.0;
+        (ends[2], ends[6]) = (0.0, 0.0);
+        let (stays, ends) = (
+            ExponentialTable { exponentials: &stays[..], ..table },
+            ExponentialTable { exponentials: &ends[..], ..table },
+        );
+        assert!(build(stays).past_horizon(Overflow::Refuse).is_ok());
+        assert_eq!(build(stays).past_horizon(Overflow::Forget).unwrap_err().parameter, "decay");
+        assert!(build(ends).past_horizon(Overflow::Forget).is_ok());
+    }
+
+    #[test]
+    fn weights_that_hold_their_step_size_are_not_scaled_by_another() {
+        let made = |step_size: f64, scale: f64| {
+            let exponentials: &[f64] = &[];
+            let table = ExponentialTable {
+                stages: 1,
+                head: &[2.0, -1.0][..],
+                exponentials,
+                slow_blocks: 0,
+                far_blocks: 0,
+                horizon: 9,
+                step_size,
+            };
+            ExponentialSum::new(table, scale, 1, [0.0; 4]).err().map(|error| error.parameter)
+        };
+        assert_eq!((made(0.001, 1.0), made(1.0, 31.6), made(1.0, 1.0)), (None, None, None));
+        assert_eq!(made(0.001, 31.6), Some("scale"));
+    }
+
+    /// What N equal samples leave behind in single precision, from a sum that has already seen as many as would
+    /// take hours to count.
+    #[test]
+    fn three_parts_of_a_sum_take_samples_that_two_parts_would_lose() {
+        const EXPONENTIALS: [f32; 8] = [1e-20, 0.5, 0.5, 0.5, 1.0, 0.0, 0.0, 0.0];
+        let samples = 1 << 20;
+        let gained = |far_blocks: usize| {
+            let table = ExponentialTable {
+                stages: 1,
+                head: &[0.0f32, 0.0][..],
+                exponentials: &EXPONENTIALS,
+                slow_blocks: 1,
+                far_blocks,
+                horizon: ExponentialTable::<()>::ENDLESS,
+                step_size: 1.0,
+            };
+            let mut memory = ExponentialSum::new(table, 1.0, 1, vec![0.0; table.state_len(1)]).unwrap();
+            // After 2⁵⁰ samples of size 1; the rest of the settled part is as large as it gets.
+            let (whole, rest) = (1.125e15f32, 3.3e7f32);
+            match far_blocks {
+                0 => (memory.state[4], memory.state[0]) = (whole, rest),
+                _ => (memory.state[8], memory.state[4]) = (whole, rest),
+            }
+            let sum = |memory: &ExponentialSum<f32, _, Vec<f32>>| -> f64 {
+                [0, 4, 8].iter().take(2 + far_blocks).map(|&part| f64::from(memory.state[part])).sum()
+            };
+            let before = sum(&memory);
+            (0..samples).for_each(|_| memory.push(&[0.7f32]).unwrap());
+            let decay = f64::from(EXPONENTIALS[0]) * before * samples as f64;
+            (sum(&memory) - before + decay) / (f64::from(0.7f32) * samples as f64) - 1.0
+        };
+        let (two, three) = (gained(0), gained(1));
+        assert!(two.abs() > 0.1, "{two:e}");
+        assert!(three.abs() < 1e-6, "{three:e}");
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::direct::{FixedDirect, Overflow};
 use crate::error::{ParameterError, check_step_size};
+use crate::exponential_sum::{ExponentialSum, ExponentialTable};
 use crate::linear::factor;
 use crate::memory::{ActsOn, Memory};
 use crate::real::Real;
@@ -232,6 +233,73 @@ impl Kernel {
         Ok(Tiled::new(weights, scale, overflow)?.acting_on(acts_on))
     }
 
+    /// The exponential-sum memory for a table of this kernel and so many channels, on values or on increments:
+    /// the table tells which it is.
+    ///
+    /// A table made for a step size of 1 serves every other one, and gets its scale here; one whose weights
+    /// hold their step size ([`ExponentialTable::step_size`]) must hold that of the kernel.
+    ///
+    /// # Errors
+    /// If the first weights of the table are not those of this kernel, or [`ExponentialSum::new`] refuses
+    /// channels or state.
+    pub fn exponential_sum<T, C, B>(
+        &self,
+        table: ExponentialTable<C>,
+        channels: usize,
+        state: B,
+    ) -> Result<ExponentialSum<T, C, B>, ParameterError>
+    where
+        T: Real,
+        C: AsRef<[T]>,
+        B: AsRef<[T]> + AsMut<[T]>,
+    {
+        let view = table.borrow();
+        view.check()?;
+        let held = view.step_size != 1.0;
+        if held && let Some(step_size) = self.step_size {
+            ParameterError::check(
+                close(view.step_size, step_size, 4.0 * T::EPSILON.to_f64()),
+                "step size of the table",
+                view.step_size,
+                "that of the kernel, or 1 for a table that every step size may scale",
+            )?;
+        }
+        let (scale, acts_on) = self.scale_of(view.head, view.exponentials.is_empty())?;
+        let exact = held || self.step_size == Some(1.0);
+        let unit = close(scale.to_f64(), 1.0, 64.0 * T::EPSILON.to_f64());
+        ParameterError::check(
+            unit || !exact,
+            "leading weight of the table",
+            view.head.first().map_or(f64::NAN, |weight| weight.to_f64()),
+            "that of the kernel at the step size that the table says it holds",
+        )?;
+        let scale = if unit { T::one() } else { scale };
+        Ok(ExponentialSum::new(table, scale, channels, state)?.acting_on(acts_on))
+    }
+
+    /// The factor that makes a table's weights those of this kernel, and what they act on; for a table of
+    /// `weights` after which there is nothing if it `ends`.
+    ///
+    /// # Errors
+    /// If the first of the weights are not, up to a factor, those of this kernel, or the kernel is not one of
+    /// backward differentiation with a step size.
+    pub fn scale_of<T: Real>(&self, weights: &[T], ends: bool) -> Result<(T, ActsOn), ParameterError> {
+        let mut monic = [T::zero(); COMPARED];
+        let first = weights.first().copied().unwrap_or_default();
+        ParameterError::check(
+            first != T::zero() && first.is_finite(),
+            "leading weight of the table",
+            first.to_f64(),
+            "finite and not 0",
+        )?;
+        for (place, &weight) in monic.iter_mut().zip(weights) {
+            *place = weight / first;
+        }
+        let count = if ends { COMPARED } else { weights.len() };
+        let (leading, acts_on) = self.table(monic.get(..count).unwrap_or(&monic))?;
+        Ok((leading / first, acts_on))
+    }
+
     /// w₀ and what the table acts on, after a look at its first weights: they must be w_n/w₀ of this kernel,
     /// or the sums of these.
     fn table<T: Real>(&self, weights: &[T]) -> Result<(T, ActsOn), ParameterError> {
@@ -249,7 +317,7 @@ impl Kernel {
         let on_increments = on_values.clone().on_increments();
         let wrong = |right: ConvolutionWeights| {
             let unequal = |pair: &(T, f64)| !close(pair.0.to_f64(), pair.1, 64.0 * T::EPSILON.to_f64());
-            weights.iter().copied().zip(right.take(8)).find(unequal)
+            weights.iter().copied().zip(right.take(COMPARED)).find(unequal)
         };
         let Some((weight, _)) = wrong(on_values) else { return Ok((T::of(leading), ActsOn::Values)) };
         if wrong(on_increments).is_none() {
@@ -330,6 +398,9 @@ impl Kernel {
         )
     }
 }
+
+/// Weights of a table that are compared with those of a kernel.
+const COMPARED: usize = 8;
 
 /// Channels up to which a memory is tried out.
 const TRIED: usize = 16;
@@ -511,6 +582,63 @@ mod tests {
             table[6] *= 1.0 + 1e-12;
             assert!(kernel(0.3).full_memory::<f64, 1, 8>(&table).is_err());
         }
+    }
+
+    /// The first weights of s^β at a step size, in single precision, and an exponential that matters to nobody.
+    fn exponentials(exponent: f64, step_size: f64, on_increments: bool) -> [f32; 6] {
+        let weights = ConvolutionWeights::bdf(BdfOrder::GRUNWALD_LETNIKOV, exponent, step_size).unwrap();
+        let mut head = [0.0; 6];
+        if on_increments {
+            weights.on_increments().fill(&mut head)
+        } else {
+            weights.clone().fill(&mut head)
+        };
+        head
+    }
+
+    #[test]
+    fn a_kernel_finds_the_scale_of_its_tables_of_exponentials_and_refuses_others() {
+        const TAIL: [f32; 8] = [0.5, 0.5, 0.5, 0.5, 0.1, 0.0, 0.0, 0.0];
+        let kernel = |exponent, step| Kernel::bdf(BdfOrder::GRUNWALD_LETNIKOV, exponent, step).unwrap();
+        let made = |kernel: Kernel, head: &[f32], said: f64| {
+            let table = ExponentialTable {
+                stages: 1,
+                head,
+                exponentials: &TAIL[..],
+                slow_blocks: 0,
+                far_blocks: 0,
+                horizon: 100,
+                step_size: said,
+            };
+            let memory = kernel.exponential_sum(table, 1, std::vec![0.0; table.state_len(1)]);
+            memory.map(|memory| (memory.leading()[0], memory.acts_on())).map_err(|error| error.parameter)
+        };
+        let leading = |step: f64, exponent: f64| libm::pow(step, -exponent) as f32;
+        for (exponent, on_increments) in [(0.5, false), (-0.8, false), (0.6, true), (1.5, true)] {
+            let acts_on = if on_increments { ActsOn::Increments } else { ActsOn::Values };
+            let right = kernel(exponent, 1e-3);
+            // Made for h = 1 and for h = 1 ms: the same memory, never scaled twice.
+            for said in [1.0, 1e-3] {
+                let head = exponentials(exponent, said, on_increments);
+                let (found, samples) = made(right, &head, said).unwrap();
+                assert!((found / leading(1e-3, exponent) - 1.0).abs() < 1e-5, "{exponent}, {said}: {found}");
+                assert_eq!(samples, acts_on, "{exponent}");
+            }
+            // Another exponent, another step size, and one that says what it does not hold.
+            let other = exponentials(exponent + 0.1, 1e-3, on_increments);
+            assert_eq!(made(right, &other, 1e-3), Err("weight of the table"), "{exponent}");
+            let head = exponentials(exponent, 2e-3, on_increments);
+            assert_eq!(made(right, &head, 2e-3), Err("step size of the table"), "{exponent}");
+            assert_eq!(made(right, &head, 1e-3), Err("leading weight of the table"), "{exponent}");
+            assert_eq!(made(kernel(exponent, 1.0), &head, 1.0), Err("leading weight of the table"));
+        }
+        // Three weights and nothing behind them are not the beginning of any that go on.
+        let scale = |weights: &[f32], ends| kernel(1.0, 0.5).scale_of(weights, ends).map_err(|_| ());
+        assert_eq!(scale(&[1.0, -1.0], true), Ok((2.0, ActsOn::Values)));
+        assert!(kernel(0.5, 1.0).scale_of(&[1.0f32, -0.5, -0.125], true).is_err());
+        assert!(kernel(0.5, 1.0).scale_of(&[1.0f32, -0.5, -0.125], false).is_ok());
+        assert!(scale(&[0.0, 0.0], true).is_err() && scale(&[], false).is_err());
+        assert!(Kernel::given(0.5).unwrap().scale_of(&[1.0f32], false).is_err());
     }
 
     /// A memory that has more to it than plain weights.

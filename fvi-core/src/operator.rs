@@ -53,7 +53,8 @@ pub enum Start<T> {
 /// Fractional operator on a stream: takes a sample x_k, gives back (D^β x)_k = Σ_{n=0}^{k} w_n x_{k−n}.
 ///
 /// What a controller or a filter needs: fractional derivatives (0 < β < 2) and integrals (−1 < β < 0), on any
-/// [`Memory`] with one channel whose kernel holds the weights of D^β. Here the differences of samples are
+/// [`Memory`] with one channel whose kernel holds the weights of D^β; integrals of order 1 and above are
+/// [`FractionalIntegral`](crate::FractionalIntegral)s, those below may be. Here the differences of samples are
 /// formed by subtraction, which loses nothing that the samples had; a memory that acts on them is worth its
 /// while for derivatives all the same, because its sums do not cancel.
 ///
@@ -81,6 +82,38 @@ pub struct FractionalOperator<T, M> {
     reference: T,
     /// Time of the last sample, where they come at any times.
     time: T,
+}
+
+/// A sample x_k that an operator has computed with and not taken yet; dropped, it leaves the operator as it
+/// was.
+#[derive(Debug)]
+#[must_use = "the operator has not taken the sample"]
+pub struct Pending<'a, T, M> {
+    operator: &'a mut FractionalOperator<T, M>,
+    acted_on: T,
+    reference: T,
+    time: T,
+    value: T,
+}
+
+impl<T: Real, M: Memory<T>> Pending<'_, T, M> {
+    /// (D^β x)_k.
+    #[inline]
+    pub fn value(&self) -> T {
+        self.value
+    }
+
+    /// Takes the sample and returns (D^β x)_k.
+    ///
+    /// # Errors
+    /// None, of a memory that keeps the contract of [`Memory`].
+    #[inline]
+    pub fn take(self) -> Result<T, OperatorError> {
+        let Self { operator, acted_on, reference, time, value } = self;
+        operator.memory.push(&[acted_on])?;
+        (operator.reference, operator.time) = (reference, time);
+        Ok(value)
+    }
 }
 
 /// Kind of the saved state.
@@ -144,12 +177,53 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     /// memory is full; the operator then is as before.
     #[inline]
     pub fn push(&mut self, sample: T) -> Result<T, OperatorError> {
+        self.prepare(sample)?.take()
+    }
+
+    /// What [`push`](FractionalOperator::push) would return; the operator stays as it is.
+    ///
+    /// # Errors
+    /// As there.
+    #[inline]
+    pub fn peek(&mut self, sample: T) -> Result<T, OperatorError> {
+        Ok(self.prepare(sample)?.value())
+    }
+
+    /// Computes (D^β x)_k for the next sample x_k, which [`Pending::take`] takes.
+    ///
+    /// All that can fail has then been tried. So several operators make one tick, of which all samples are
+    /// taken or none:
+    ///
+    /// ```
+    /// # use fvi_core::{BdfOrder, FixedDirect, FractionalOperator, OperatorError, Start, monic_bdf_table};
+    /// # static HALF: [f64; 8] = monic_bdf_table(BdfOrder::GRUNWALD_LETNIKOV, 0.5);
+    /// # let memory = || FixedDirect::<f64, 1, 8>::short_memory(&HALF, 1.0);
+    /// # let mut integral = FractionalOperator::new(memory()?, Start::RiemannLiouville)?;
+    /// # let mut derivative = FractionalOperator::new(memory()?, Start::RiemannLiouville)?;
+    /// let mut tick = |error: f64, measured: f64| -> Result<f64, OperatorError> {
+    ///     let first = integral.prepare(error)?;
+    ///     let second = derivative.prepare(measured)?;
+    ///     Ok(first.take()? + second.take()?)
+    /// };
+    /// assert!(tick(1.0, f64::NAN).is_err());
+    /// assert_eq!(tick(1.0, 2.0)?, 3.0);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    /// As those of [`push`](FractionalOperator::push).
+    #[inline]
+    pub fn prepare(&mut self, sample: T) -> Result<Pending<'_, T, M>, OperatorError> {
         let count = self.memory.len();
         let on_values = self.memory.acts_on() == ActsOn::Values;
         let reference = if count == 0 { sample } else { self.reference };
         let acted_on = match self.start {
             Start::RiemannLiouville if on_values || count == 0 => sample,
             Start::RiemannLiouville | Start::Caputo => sample - reference,
+            // Past the largest count there is no telling how long the line has become.
+            Start::CaputoWithRise { .. } if on_values && count == usize::MAX => {
+                return Err(MemoryError::Full { capacity: count }.into());
+            }
             Start::CaputoWithRise { rise } => {
                 let rises = if on_values { T::from_count(count as u64) } else { T::of(count.min(1) as f64) };
                 sample - reference - rise * rises
@@ -157,7 +231,8 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
             // A slope wants times.
             Start::CaputoWithSlope { .. } => return Err(MemoryError::StepLength.into()),
         };
-        self.take(acted_on, if on_values { reference } else { sample })
+        let time = self.time;
+        self.pending(acted_on, if on_values { reference } else { sample }, time)
     }
 
     /// Takes a sample that comes `interval` units of time after the one before and returns (D^β x)_k: for
@@ -172,6 +247,23 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     /// memory does not take this interval, or the start is given by a rise, which has a step size in it. The
     /// operator then is as before.
     pub fn push_after(&mut self, interval: T, sample: T) -> Result<T, OperatorError> {
+        self.prepare_after(interval, sample)?.take()
+    }
+
+    /// What [`push_after`](FractionalOperator::push_after) would return; the operator stays as it is.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn peek_after(&mut self, interval: T, sample: T) -> Result<T, OperatorError> {
+        Ok(self.prepare_after(interval, sample)?.value())
+    }
+
+    /// As [`prepare`](FractionalOperator::prepare), for a sample that comes `interval` units of time after the
+    /// one before.
+    ///
+    /// # Errors
+    /// As those of [`push_after`](FractionalOperator::push_after).
+    pub fn prepare_after(&mut self, interval: T, sample: T) -> Result<Pending<'_, T, M>, OperatorError> {
         let empty = self.memory.is_empty();
         if self.memory.acts_on() != ActsOn::Values {
             return Err(MemoryError::StepLength.into());
@@ -185,24 +277,20 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
             Start::CaputoWithRise { .. } => return Err(MemoryError::StepLength.into()),
         };
         self.memory.begin_step(interval)?;
-        let result = self.take(acted_on, first)?;
-        self.time = time;
-        Ok(result)
+        self.pending(acted_on, first, time)
     }
 
-    /// Takes what the memory acts on, and keeps what the next sample is compared with.
+    /// What the memory acts on, the value with it, and what the next sample is compared with.
     #[inline]
-    fn take(&mut self, acted_on: T, reference: T) -> Result<T, OperatorError> {
+    fn pending(&mut self, acted_on: T, reference: T, time: T) -> Result<Pending<'_, T, M>, OperatorError> {
         let mut term = [T::zero()];
         self.memory.next_term(&mut term)?;
         let leading = self.memory.leading().first().copied().unwrap_or(T::zero());
-        let result = leading * acted_on + term[0];
-        if !acted_on.is_finite() || !result.is_finite() {
+        let value = leading * acted_on + term[0];
+        if !acted_on.is_finite() || !value.is_finite() {
             return Err(OperatorError::NotFinite);
         }
-        self.memory.push(&[acted_on])?;
-        self.reference = reference;
-        Ok(result)
+        Ok(Pending { operator: self, acted_on, reference, time, value })
     }
 
     /// Forgets all samples.
@@ -317,6 +405,90 @@ mod tests {
         assert_eq!(operator.push(f64::MAX), Err(OperatorError::NotFinite));
         assert_eq!(operator.push(2.0), Ok(2.0));
         assert_eq!(operator.push(2.0), Err(MemoryError::Full { capacity: 2 }.into()));
+    }
+
+    #[test]
+    fn a_peek_and_a_sample_that_is_not_taken_leave_the_operator_as_it_was() {
+        for start in [Start::RiemannLiouville, Start::Caputo, Start::CaputoWithRise { rise: 0.25 }] {
+            let memory = FixedDirect::<f64, 1, 4>::full_memory(&WEIGHTS, 1.0).unwrap();
+            let mut operator = FractionalOperator::new(memory, start).unwrap();
+            for sample in [3.0, -1.0, 0.5, 7.0] {
+                let other = operator.peek(sample + 1.0).unwrap();
+                let pending = operator.prepare(sample).unwrap();
+                let expected = pending.value();
+                assert_eq!(operator.peek(f64::NAN), Err(OperatorError::NotFinite));
+                assert_eq!(operator.push(sample), Ok(expected));
+                let by_one = other - expected;
+                // The first sample is what Caputo's type leaves out.
+                let left_out = operator.memory().len() == 1 && start != Start::RiemannLiouville;
+                assert_eq!(by_one, if left_out { 0.0 } else { WEIGHTS[0] });
+            }
+            assert_eq!(operator.peek(1.0), Err(MemoryError::Full { capacity: 4 }.into()));
+        }
+        let mut at_any_time = identity(Start::CaputoWithSlope { slope: 0.5 });
+        at_any_time.push_after(0.25, 3.0).unwrap();
+        assert_eq!(at_any_time.peek_after(2.0, 5.0), Ok(1.0));
+        assert_eq!(at_any_time.peek_after(1.0, 5.0), Ok(1.5));
+        assert_eq!(at_any_time.push_after(1.0, 5.0), Ok(1.5));
+        assert_eq!(at_any_time.push_after(1.0, 5.0), Ok(1.0));
+    }
+
+    #[test]
+    fn several_operators_take_their_samples_together_or_not_at_all() {
+        let memory = || FixedDirect::<f64, 1, 4>::full_memory(&WEIGHTS, 1.0).unwrap();
+        let mut first = FractionalOperator::new(memory(), Start::RiemannLiouville).unwrap();
+        let mut second = FractionalOperator::new(memory(), Start::Caputo).unwrap();
+        let mut tick = |a: f64, b: f64| -> Result<(f64, f64), OperatorError> {
+            let (of_first, of_second) = (first.prepare(a)?, second.prepare(b)?);
+            Ok((of_first.take()?, of_second.take()?))
+        };
+        assert_eq!(tick(1.0, f64::INFINITY), Err(OperatorError::NotFinite));
+        assert_eq!(tick(1.0, 5.0), Ok((2.0, 0.0)));
+        assert_eq!(tick(f64::NAN, 1.0), Err(OperatorError::NotFinite));
+        assert_eq!(tick(0.0, 6.0), Ok((-1.5, 2.0)));
+        assert_eq!((first.memory().len(), second.memory().len()), (2, 2));
+    }
+
+    #[test]
+    fn a_line_is_not_subtracted_where_its_length_is_not_known() {
+        let told = || crate::told::Told {
+            stages: 1,
+            leading: std::vec![1.0],
+            leading_is_constant: true,
+            acts_on: ActsOn::Values,
+            terms: std::vec![0.0],
+            capacity: usize::MAX,
+            samples: std::vec::Vec::new(),
+        };
+        /// So many samples that a word does not count them.
+        struct Beyond(crate::told::Told);
+        impl Memory<f64> for Beyond {
+            fn channels(&self) -> usize {
+                1
+            }
+            fn leading(&self) -> &[f64] {
+                self.0.leading()
+            }
+            fn len(&self) -> usize {
+                usize::MAX
+            }
+            fn next_term(&mut self, term: &mut [f64]) -> Result<(), MemoryError> {
+                self.0.next_term(term)
+            }
+            fn push(&mut self, sample: &[f64]) -> Result<(), MemoryError> {
+                self.0.push(sample)
+            }
+            fn clear(&mut self) {
+                self.0.clear();
+            }
+            fn bytes(&self) -> usize {
+                0
+            }
+        }
+        let mut line = FractionalOperator::new(Beyond(told()), Start::CaputoWithRise { rise: 0.5 }).unwrap();
+        assert_eq!(line.push(1.0), Err(MemoryError::Full { capacity: usize::MAX }.into()));
+        let mut constant = FractionalOperator::new(Beyond(told()), Start::Caputo).unwrap();
+        assert_eq!(constant.push(1.0), Ok(1.0));
     }
 
     #[test]

@@ -258,7 +258,9 @@ fn what_a_memory_is_told_of_its_samples_is_what_it_says() {
         head: &[1.0, 0.5][..],
         exponentials: &[0.5, 0.25, 0.125, 0.0, 0.75, 0.0, 0.0, 0.0][..],
         slow_blocks: 0,
+        far_blocks: 0,
         horizon: 100,
+        step_size: 1.0,
     };
     let sum = ExponentialSum::new(table, 1.0, 1, vec![0.0; table.state_len(1)]).unwrap();
     assert_eq!(sum.acts_on(), ActsOn::Values);
@@ -401,7 +403,9 @@ fn exponentials(stages: usize, head: usize, blocks: usize) -> ExponentialTable<V
         head: numbers(head * stages * stages, 1.0),
         exponentials,
         slow_blocks,
+        far_blocks: 0,
         horizon: 60,
+        step_size: 1.0,
     }
 }
 
@@ -485,7 +489,9 @@ fn slow_exponentials_keep_small_samples_in_single_precision() {
         head: vec![1.0f32, 1.0],
         exponentials: vec![0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
         slow_blocks: 1,
+        far_blocks: 0,
         horizon: 1_000_000,
+        step_size: 1.0,
     };
     let state = vec![0.0; table.borrow::<f32>().state_len(1)];
     let mut memory = ExponentialSum::new(table, 1.0, 1, state).unwrap();

@@ -108,7 +108,9 @@ fn every_memory_goes_on<T: Real>() {
             head: &head[..],
             exponentials: &exponentials[..],
             slow_blocks,
+            far_blocks: 0,
             horizon: 1000,
+            step_size: 1.0,
         };
         let state = || vec![T::zero(); table.state_len(2)];
         goes_on(&|| Box::new(ExponentialSum::new(table, T::one(), 2, state()).unwrap()));

@@ -9,7 +9,7 @@ use pulp::{Arch, NullaryFnOnce, Simd, WithSimd};
 
 use crate::row::{CHUNK, Row, add_product};
 use crate::scalar::Scalar;
-use crate::table_kernel::{Exponential, TableKernel};
+use crate::table_kernel::{Exponential, TableKernel, samples_of};
 
 /// The exponential-sum memory in vector code: r_k = Σ_{n=1}^{k} W_n x_{k−n} for the kernel of an
 /// [`ExponentialTable`].
@@ -132,7 +132,7 @@ impl<T: Scalar, const S: usize> ChunkedExponentialSum<T, S> {
         let coordinates = (0..channels / S).map(|_| Coordinate::new(distance, blocks.len())).collect();
         Ok(Self {
             acts_on: ActsOn::Values,
-            horizon: table.horizon,
+            horizon: samples_of(table.horizon),
             fingerprint: fingerprint(table.head.iter().chain(table.exponentials)),
             len: 0,
             leading: weights[..S * S].to_vec(),
@@ -574,7 +574,9 @@ mod tests {
             head: &[2.0, 1.0],
             exponentials: &[0.5, 0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0],
             slow_blocks: 0,
+            far_blocks: 0,
             horizon: 100,
+            step_size: 1.0,
         }
     }
 

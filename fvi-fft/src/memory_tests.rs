@@ -57,7 +57,16 @@ impl Exponentials {
 
     fn table(&self) -> ExponentialTable<&[f64]> {
         let Self { stages, ref head, ref exponentials, horizon } = *self;
-        ExponentialTable { stages, head, exponentials, slow_blocks: 0, horizon }
+        let horizon = horizon as u64;
+        ExponentialTable {
+            stages,
+            head,
+            exponentials,
+            slow_blocks: 0,
+            far_blocks: 0,
+            horizon,
+            step_size: 1.0,
+        }
     }
 
     /// The first `count` weights as the definition of a table has them, row by row.

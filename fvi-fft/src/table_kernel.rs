@@ -23,6 +23,11 @@ const NEGLIGIBLE: f64 = 1e-18;
 /// decays faster there than weights do, which are like a power of the lag above the minus third.
 const FADED: f64 = 1e-3;
 
+/// How many samples a memory takes for a table of this horizon.
+pub(crate) fn samples_of(horizon: u64) -> usize {
+    usize::try_from(horizon).unwrap_or(usize::MAX)
+}
+
 impl<'a> TableKernel<'a> {
     /// The kernel of a table of 1 to 4 stages.
     pub(crate) fn new(table: &ExponentialTable<&'a [f64]>) -> Self {

@@ -9,7 +9,7 @@ use fvi_threads::{are_awake, share};
 use pulp::{Arch, Simd, WithSimd};
 
 use crate::scalar::Scalar;
-use crate::table_kernel::{Exponential, TableKernel, keep_what_lasts};
+use crate::table_kernel::{Exponential, TableKernel, keep_what_lasts, samples_of};
 
 /// The exponential-sum memory for hundreds of channels and more: r_k = Σ_{n=1}^{k} w_n x_{k−n} for the plain
 /// kernel of an [`ExponentialTable`], on every channel alike.
@@ -598,7 +598,7 @@ impl<T: Scalar, P: Scalar> WideExponentialSum<T, P> {
         let numbers = tables.iter().flat_map(|table| table.head.iter().chain(table.exponentials));
         Ok(Self {
             acts_on: ActsOn::Values,
-            horizon: tables.iter().map(|table| table.horizon).min().unwrap_or(0),
+            horizon: tables.iter().map(|table| samples_of(table.horizon)).min().unwrap_or(0),
             fingerprint: fingerprint(numbers),
             len: 0,
             channels,

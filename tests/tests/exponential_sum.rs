@@ -2,7 +2,9 @@
 
 use fvi_core::{BdfOrder, ConvolutionWeights, ExponentialSum, ExponentialTable, Memory, MemoryError};
 use fvi_fft::{ChunkedExponentialSum, Engines, Vectorised};
-use fvi_host::numerics::exponential_table::{ExponentialKernel, ExponentialKernelError, SMALLEST_TOLERANCE};
+use fvi_host::numerics::exponential_table::{
+    ENDLESS, ENDLESS_REACH, ExponentialKernel, ExponentialKernelError, SMALLEST_TOLERANCE,
+};
 use fvi_tests::reference;
 
 /// Exponents of the quadrature: everywhere in (−1, 2), and near whole numbers.
@@ -243,7 +245,15 @@ fn matrix_kernels_agree_with_the_sum_of_their_definition() {
         (0..2).for_each(|a| exponentials.extend(column(&|j| output[j][a])));
         (0..2).for_each(|b| exponentials.extend(column(&|j| input[j][b])));
     }
-    let table = ExponentialTable { stages, head: planes, exponentials, slow_blocks: 1, horizon };
+    let table = ExponentialTable {
+        stages,
+        head: planes,
+        exponentials,
+        slow_blocks: 1,
+        far_blocks: 0,
+        horizon,
+        step_size: 1.0,
+    };
     let mut chunked = ChunkedExponentialSum::<f64, 2>::new(&table.borrow(), 4).unwrap();
     let state = vec![f64::NAN; table.borrow().state_len(4)];
     let mut memory = ExponentialSum::new(table, 2.0, 4, state).unwrap();
@@ -316,7 +326,9 @@ fn tables_that_do_not_fit_together_are_refused() {
         head: vec![1.0, 2.0],
         exponentials: vec![0.5, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
         slow_blocks: 1,
+        far_blocks: 0,
         horizon: 100,
+        step_size: 1.0,
     };
     let refusal = |table: ExponentialTable<Vec<f64>>, scale: f64, channels: usize, missing: usize| {
         let state = vec![0.0; table.borrow().state_len(channels).saturating_sub(missing)];
@@ -364,4 +376,41 @@ fn parameters_outside_their_range_are_refused() {
         let error = refusal(exponent, step, horizon, tolerance).expect(named);
         assert!(error.starts_with(named), "{error}");
     }
+}
+
+/// ln Γ(n + a) − ln Γ(n), for n so large that the rest of Stirling's series is rounding.
+fn log_ratio_of_gammas(n: f64, a: f64) -> f64 {
+    let series = |x: f64| 1.0 / (12.0 * x) - 1.0 / (360.0 * x.powi(3)) + 1.0 / (1260.0 * x.powi(5));
+    (n - 0.5) * (a / n).ln_1p() + a * ((n + a).ln() - 1.0) + series(n + a) - series(n)
+}
+
+#[test]
+fn endless_tables_hold_the_weights_for_thousands_of_years() {
+    for exponent in [-0.8, -0.2, 0.3, 0.5, 0.9, 1.4] {
+        let kernel = kernel(1, exponent, ENDLESS, 1e-7);
+        assert_eq!(kernel.horizon(), ENDLESS);
+        assert!(kernel.exponentials().iter().all(|e| e.rate > 0.0), "{exponent}");
+        // w_n = Γ(n − β) / (Γ(−β) Γ(n + 1))
+        let factor = 1.0 / libm::tgamma(-exponent);
+        for power in (6..=50).step_by(2) {
+            let n = 1usize << power;
+            let exact = factor * libm::exp(log_ratio_of_gammas(n as f64 + 1.0, -exponent - 1.0));
+            let error = (kernel.weight(n) / exact - 1.0).abs();
+            assert!(error < 1.5e-7, "exponent {exponent}, lag 2^{power}: {error:e}");
+        }
+        // Beyond they fade.
+        let (reach, later) = (kernel.weight(ENDLESS_REACH).abs(), kernel.weight(ENDLESS_REACH << 12).abs());
+        assert!(later < 1e-3 * reach, "{exponent}: {later:e} of {reach:e}");
+        let (single, double) = (kernel.table::<f32>(), kernel.table::<f64>());
+        assert_eq!((single.horizon, double.horizon), (u64::MAX, u64::MAX));
+        assert!(single.far_blocks > 5 && double.far_blocks == 0, "{}", single.far_blocks);
+        println!(
+            "{exponent}: {} exponentials, {} far blocks of {}",
+            kernel.exponentials().len(),
+            single.far_blocks,
+            single.slow_blocks
+        );
+    }
+    let table = kernel(1, 0.5, 100_000_000, 1e-7).table::<f32>();
+    assert_eq!((table.far_blocks, table.horizon), (0, 100_000_000));
 }

@@ -63,7 +63,9 @@ fn a_million_steps_of_a_pendulum_do_not_depend_on_the_engine() {
         head: table.head.as_ref().to_vec(),
         exponentials: table.exponentials.as_ref().to_vec(),
         slow_blocks: table.slow_blocks,
+        far_blocks: 0,
         horizon: table.horizon,
+        step_size: 1.0,
     };
     let (exponential, small) = run(ExponentialSum::new(table, 1.0, 1, state).unwrap());
     let (block, _) = run(BlockFft::planned(kernel(), 1, samples).unwrap());

@@ -8,7 +8,9 @@ const TABLE: ExponentialTable<&[f64]> = ExponentialTable {
     head: &[2.0, 1.0],
     exponentials: &[1e-3, 0.3, 0.5, 0.0, 1.0, 1.0, 1.0, 0.0],
     slow_blocks: 0,
+    far_blocks: 0,
     horizon: 100,
+    step_size: 1.0,
 };
 
 fn three_kernels(channels: usize) -> WideExponentialSum<f64, f32> {

@@ -50,6 +50,7 @@ use std::ops::Range;
 pub struct ExponentialKernel {
     head: Vec<f64>,
     exponentials: Vec<Exponential>,
+    step_size: f64,
     horizon: usize,
     tolerance: f64,
 }
@@ -152,6 +153,16 @@ pub(super) const LONGEST_RULE: usize = 24;
 
 /// Exponentials in a block of the core's table.
 const BLOCK: usize = 4;
+
+/// The horizon that is asked for where there is to be no end.
+pub const ENDLESS: usize = usize::MAX;
+
+/// The largest lag at which the weights of an endless table hold to the tolerance, 2⁵⁰: 35 000 years at 1 kHz.
+pub const ENDLESS_REACH: usize = (1u64 << 50) as usize;
+
+/// Sums of more samples than this over ε, the distance from 1 to the next number, are kept in three parts: of
+/// N samples of one size two parts lose N ε²/4 at worst.
+const IN_TWO_PARTS: f64 = 16.0;
 
 impl ExponentialKernel {
     /// Weights of the backward differentiation formula `order` for the operator D^`exponent` and the step
@@ -265,11 +276,19 @@ impl ExponentialKernel {
     }
 
     fn one(cut: Cut, step_size: f64, horizon: usize, tolerance: f64) -> Result<Self, ExponentialKernelError> {
+        if horizon == ENDLESS {
+            let mut made = Self::one(cut, step_size, ENDLESS_REACH, tolerance)?;
+            made.horizon = ENDLESS;
+            // What stands still up to the reach must not do so for ever: its sum would grow without bound.
+            let standing = 0.01 * tolerance / ENDLESS_REACH as f64;
+            made.exponentials.iter_mut().for_each(|e| e.rate = e.rate.max(standing));
+            return Ok(made);
+        }
         if cut.exponent == 0.0 || cut.exponent == 1.0 {
             check_range(horizon, tolerance)?;
             let length = cut.exponent as usize * cut.order.get() + usize::from(!cut.on_increments);
             let head = cut.exact_weights(step_size)?.take(length).collect();
-            return Ok(Self { head, exponentials: Vec::new(), horizon: usize::MAX, tolerance });
+            return Ok(Self { head, exponentials: Vec::new(), step_size, horizon: ENDLESS, tolerance });
         }
         let mut made = Self::of(&[cut], step_size, horizon, tolerance)?;
         made.pop().ok_or(ExponentialKernelError::ToleranceMissed { tolerance, reached: f64::INFINITY })
@@ -288,7 +307,7 @@ impl ExponentialKernel {
         };
         let kernels = |head: usize, tails: Vec<Nodes>| -> Result<Vec<Self>, ExponentialKernelError> {
             let of_kernels = weights(step_size, head)?.into_iter().zip(tails);
-            let kernel = |(head, exponentials)| Self { head, exponentials, horizon, tolerance };
+            let kernel = |(head, exponentials)| Self { head, exponentials, step_size, horizon, tolerance };
             Ok(of_kernels.map(kernel).collect())
         };
         let exact = weights(1.0, MEASURED_HEADS * LONGEST_HEAD.min(horizon) + 2)?;
@@ -355,9 +374,15 @@ impl ExponentialKernel {
         &self.exponentials
     }
 
-    /// Largest lag at which the weights hold.
+    /// Largest lag at which the weights hold; [`ENDLESS`] where there is no end: beyond [`ENDLESS_REACH`] they
+    /// then fade, and nothing is refused.
     pub fn horizon(&self) -> usize {
         self.horizon
+    }
+
+    /// Step size that the weights hold.
+    pub fn step_size(&self) -> f64 {
+        self.step_size
     }
 
     /// Relative tolerance of a weight.
@@ -385,13 +410,17 @@ impl ExponentialKernel {
             }
             numbers
         });
-        let slow = self.exponentials.iter().filter(|e| e.rate < SLOW_RATE).count();
+        let slower = |rate: f64| self.exponentials.iter().filter(|e| e.rate < rate).count().div_ceil(BLOCK);
+        let unit = T::EPSILON.to_f64();
+        let in_three_parts = self.horizon.min(ENDLESS_REACH) as f64 > IN_TWO_PARTS / unit;
         ExponentialTable {
             stages: 1,
             head: self.head.iter().map(|&weight| T::of(weight)).collect(),
             exponentials: numbers.collect(),
-            slow_blocks: slow.div_ceil(BLOCK),
-            horizon: self.horizon,
+            slow_blocks: slower(SLOW_RATE),
+            far_blocks: if in_three_parts { slower(unit / IN_TWO_PARTS) } else { 0 },
+            horizon: if self.horizon == ENDLESS { u64::MAX } else { self.horizon as u64 },
+            step_size: self.step_size,
         }
     }
 }

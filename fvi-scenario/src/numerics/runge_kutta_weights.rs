@@ -67,6 +67,7 @@ const RESTART: usize = 16;
 #[derive(Clone, Debug)]
 pub struct RungeKuttaWeights<const R: usize> {
     count: usize,
+    step_size: f64,
     /// W₀, W₁ and for β > 1 also W₂.
     near: Vec<SMatrix<f64, R, R>>,
     /// Empty for whole exponents.
@@ -104,7 +105,7 @@ impl<const R: usize> RungeKuttaWeights<R> {
             cut_exponentials(&matrix, &weights, exponent, scale, near.len()..count.max(near.len() + 1))
         };
         near.iter_mut().for_each(|weight| *weight *= scale);
-        Ok(Self { count, near, exponentials })
+        Ok(Self { count, step_size, near, exponentials })
     }
 
     /// Weights for the same operator on rises X_k − 1 x_k, stages beyond the main node before them, which is
@@ -208,7 +209,9 @@ impl<const R: usize> RungeKuttaWeights<R> {
             head: head.collect(),
             exponentials: numbers.into_iter().collect(),
             slow_blocks: slow.div_ceil(EXPONENTIALS_IN_BLOCK),
-            horizon: self.count,
+            far_blocks: 0,
+            horizon: self.count as u64,
+            step_size: self.step_size,
         }
     }
 

@@ -93,7 +93,9 @@ fn exponential_sum<T: Real>(unknown: &Unknown<'_, T>) -> Option<T> {
         head: table.get(..8)?,
         exponentials: table.get(8..24)?,
         slow_blocks: channels,
+        far_blocks: 0,
         horizon: HISTORY,
+        step_size: 1.0,
     };
     let ones = table.terms::<1>().fold(T::zero(), |sum, term| sum + term.decay + term.output[0]);
     let twos = table.terms::<2>().fold(ones, |sum, term| sum + term.input[0] + term.input[1]);
