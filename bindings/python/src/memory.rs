@@ -30,19 +30,19 @@ pub(crate) fn restore(memory: &mut HostMemory<f64>, state: &[u8]) -> Result<(), 
     memory.restore(&mut StateReader::new(state))
 }
 
-/// The memory of a kernel for `channels` sequences of `samples` values.
+/// The memory of a kernel for `channels` sequences of `samples` samples: values, if they are `given` as they
+/// are, or what the kernel takes fewest digits from.
 pub(crate) fn memory(
     convolution: &Convolution,
     exponent: f64,
     step: f64,
-    channels: usize,
-    samples: usize,
-    engine: Option<Engine>,
+    (channels, samples, given): (usize, usize, bool),
+    history: &History,
 ) -> Outcome<HostMemory<f64>> {
     if channels == 0 {
         return Err(Failure::argument("channels", channels, "one at least"));
     }
-    let history = History { engine, ..History::default() };
+    let engine = history.engine;
     let build = |channels: usize| -> Outcome<HostMemory<f64>> {
         let request = MemoryRequest {
             convolution,
@@ -52,8 +52,8 @@ pub(crate) fn memory(
             coordinates: channels,
             motions: 1,
             samples,
-            given: true,
-            history: &history,
+            given,
+            history,
         };
         // Exponent and step are looked at before the engine is.
         let _ = request.kernel()?;
