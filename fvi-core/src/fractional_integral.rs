@@ -96,7 +96,7 @@ impl<T: Real, M: Memory<T>> FractionalIntegral<T, M> {
     /// [`ParameterError`] if β is not in (−1, 1), the rule is not the backward differentiation formula of
     /// order 1 with a step size, or the memory is not one of the kernel with one channel.
     pub fn new(kernel: &Kernel, mut memory: M) -> Result<Self, ParameterError> {
-        let (exponent, step) = (kernel.exponent(), kernel.step_size());
+        let (exponent, step) = (kernel.symbol().growth(), kernel.step_size());
         ParameterError::check(
             exponent > -1.0 && exponent < 1.0,
             "exponent",

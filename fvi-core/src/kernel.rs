@@ -303,6 +303,9 @@ impl Kernel {
     /// w₀ and what the table acts on, after a look at its first weights: they must be w_n/w₀ of this kernel,
     /// or the sums of these.
     fn table<T: Real>(&self, weights: &[T]) -> Result<(T, ActsOn), ParameterError> {
+        if let Rule::Weights { first } = self.rule {
+            return Self::table_of(first, weights);
+        }
         let (Rule::Bdf(order), Symbol::Power { exponent }, Some(step_size)) =
             (self.rule, self.symbol, self.step_size)
         else {
@@ -328,6 +331,23 @@ impl Kernel {
             value: weight.to_f64(),
             allowed: "the kernel's: a table of the same order and exponent",
         })
+    }
+
+    /// The same for weights of which the first two are known: a table on increments has their sum.
+    fn table_of<T: Real>(first: [f64; 2], weights: &[T]) -> Result<(T, ActsOn), ParameterError> {
+        let [leading, second] = first;
+        let found = weights.get(1).map_or(f64::NAN, |weight| weight.to_f64());
+        let is = |right: f64| (found - right / leading).abs() <= 64.0 * T::EPSILON.to_f64();
+        if is(second) {
+            return Ok((T::of(leading), ActsOn::Values));
+        }
+        ParameterError::check(
+            is(leading + second),
+            "weight of the table",
+            found,
+            "the kernel's: a table of the same kernel and step",
+        )?;
+        Ok((T::of(leading), ActsOn::Increments))
     }
 
     /// Checks that the first weights of a memory's kernel of this index are those of this one, and clears the
@@ -541,6 +561,15 @@ mod tests {
             assert_eq!(parameter([10.1, -5.0]), "leading weight of the memory");
             assert_eq!(parameter([10.0, -5.1]), "second weight of the memory");
         }
+        // Of tables, too.
+        let (values, increments) = (&WEIGHTS[..], monic_increment_table(BdfOrder::GRUNWALD_LETNIKOV, 0.5));
+        let acts_on = |first, table: &[f64]| {
+            let memory = kernel(first).full_memory::<f64, 1, 16>(table);
+            memory.map(|memory| memory.acts_on()).map_err(|error| error.parameter)
+        };
+        assert_eq!(acts_on([10.0, -5.0], values), Ok(ActsOn::Values));
+        assert_eq!(acts_on([10.0, -5.0], &increments), Ok(ActsOn::Increments));
+        assert_eq!(acts_on([10.0, -5.1], values), Err("weight of the table"));
         let leading = [3.0, 1.0, -9.0, 5.0];
         let rings = [FixedRing::new(), FixedRing::new()];
         let mut memory = FixedStages::new(&leading, 2, 1.0, rings, Overflow::Refuse).unwrap();

@@ -67,7 +67,7 @@ pub use linear::{
     Singular, add_multiple, combine, combine_four, combine_pair, combine_two, factor, invert_factored,
     is_positive_definite_in_place, keep_factors, solve, substitute, substitute_kept,
 };
-pub use memory::{ActsOn, Memory, MemoryError, check_channels};
+pub use memory::{ActsOn, Memory, MemoryError, SavedChannels, check_channels};
 pub use newton::{Converged, Corrections, Equations, Factors, StepMatrix};
 pub use node_galerkin::{NodeGalerkin, NodeStorage};
 pub use operator::{FractionalOperator, OperatorError, Pending, Start, left_operator, right_operator};

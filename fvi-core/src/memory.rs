@@ -161,6 +161,36 @@ pub trait Memory<T> {
         let _ = from;
         Err(StateError::Unsupported)
     }
+
+    /// Takes over some channels of a saved state, that of a memory which differs in the number of its
+    /// channels only; the others stay. So channels may be divided among memories anew.
+    ///
+    /// A memory without samples begins with as many as the state has seen; any other must have seen as many.
+    ///
+    /// # Errors
+    /// As [`restore`](Memory::restore), and if the channels are not there in either, or the samples differ in
+    /// number; the memory is as before.
+    fn restore_channels(
+        &mut self,
+        from: &mut StateReader<'_>,
+        channels: SavedChannels,
+    ) -> Result<(), StateError> {
+        let _ = (from, channels);
+        Err(StateError::Unsupported)
+    }
+}
+
+/// Channels that go over from a saved state to a memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SavedChannels {
+    /// How many the state has.
+    pub of: usize,
+    /// The first of them to be taken.
+    pub first: usize,
+    /// How many are taken.
+    pub count: usize,
+    /// The channel of the memory that takes the first; the others follow.
+    pub to: usize,
 }
 
 /// Why a memory engine refused a call. The engine is as it was before.
@@ -265,6 +295,14 @@ impl<T, M: Memory<T> + ?Sized> Memory<T> for &mut M {
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         (**self).restore(from)
     }
+
+    fn restore_channels(
+        &mut self,
+        from: &mut StateReader<'_>,
+        channels: SavedChannels,
+    ) -> Result<(), StateError> {
+        (**self).restore_channels(from, channels)
+    }
 }
 
 /// Checks the length of a sample or term against the number of channels.
@@ -365,6 +403,15 @@ mod tests {
             self.samples = 4;
             from.bytes(9).map(|_| ())
         }
+
+        fn restore_channels(
+            &mut self,
+            from: &mut StateReader<'_>,
+            channels: SavedChannels,
+        ) -> Result<(), StateError> {
+            self.samples = channels.count;
+            from.bytes(channels.of).map(|_| ())
+        }
     }
 
     impl Memory<f64> for Silent {
@@ -413,6 +460,9 @@ mod tests {
         assert!(memory.check_state(&mut StateReader::new(&bytes[1..])).is_err());
         assert_eq!((memory.restore(&mut StateReader::new(&bytes)), memory.len()), (Ok(()), 4));
         assert!(memory.restore(&mut StateReader::new(&bytes[1..])).is_err());
+        let channels = SavedChannels { of: 9, first: 0, count: 5, to: 0 };
+        let taken = memory.restore_channels(&mut StateReader::new(&bytes), channels);
+        assert_eq!((taken, memory.len()), (Ok(()), 5));
         memory.clear();
         assert_eq!(memory.len(), 0);
     }
@@ -434,5 +484,7 @@ mod tests {
         assert_eq!(memory.save(&mut StateWriter::new(&mut [])), unsupported);
         assert_eq!(memory.check_state(&mut StateReader::new(&[])), unsupported);
         assert_eq!(memory.restore(&mut StateReader::new(&[])), unsupported);
+        let channels = SavedChannels { of: 1, first: 0, count: 1, to: 0 };
+        assert_eq!(memory.restore_channels(&mut StateReader::new(&[]), channels), unsupported);
     }
 }

@@ -2,8 +2,8 @@
 //! visited once in a chunk of samples.
 
 use fvi_core::{
-    ActsOn, ExponentialTable, Memory, MemoryError, ParameterError, Shape, StateError, StateReader,
-    StateWriter, check_channels, fingerprint, header_bytes,
+    ActsOn, ExponentialTable, Memory, MemoryError, ParameterError, SavedChannels, Shape, StateError,
+    StateReader, StateWriter, check_channels, fingerprint, header_bytes,
 };
 use fvi_threads::{are_awake, share};
 use pulp::{Arch, Simd, WithSimd};
@@ -631,20 +631,32 @@ impl<T: Scalar, P: Scalar> WideExponentialSum<T, P> {
         (self.plan.places() + self.plan.losses.len()) * size_of::<P>() + self.plan.slow * size_of::<u32>()
     }
 
-    /// What its state begins with.
-    fn shape(&self) -> Shape<3> {
+    /// What the state of so many channels begins with.
+    fn shape(&self, channels: usize) -> Shape<3> {
         let bytes = size_of::<P>() as u64;
         [
-            ("channels", self.channels as u64),
+            ("channels", channels as u64),
             ("bytes of a number of the state", bytes),
             ("fingerprint of the kernel", self.fingerprint),
         ]
     }
 
-    /// Reads how many samples a state has seen.
-    fn count(&self, from: &mut StateReader<'_>) -> Result<usize, StateError> {
-        from.header::<T, 3>(TAG, &self.shape())?;
+    /// Reads how many samples a state of so many channels has seen.
+    fn count(&self, channels: usize, from: &mut StateReader<'_>) -> Result<usize, StateError> {
+        from.header::<T, 3>(TAG, &self.shape(channels))?;
         from.count_up_to("samples", self.horizon)
+    }
+
+    /// Reads past a state of so many channels.
+    fn check_state_of(&self, channels: usize, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.count(channels, from)?;
+        let (places, slow) = (self.plan.places() + self.plan.losses.len(), self.plan.slow);
+        for tile in 0..channels.div_ceil(LANES) {
+            let channels = (channels - tile * LANES).min(LANES);
+            from.skip::<P>(channels * places)?;
+            from.skip::<T>(channels * slow)?;
+        }
+        Ok(())
     }
 
     #[inline]
@@ -748,7 +760,7 @@ impl<T: Scalar, P: Scalar> Memory<T> for WideExponentialSum<T, P> {
     }
 
     fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
-        to.header::<T, 3>(TAG, &self.shape())?;
+        to.header::<T, 3>(TAG, &self.shape(self.channels))?;
         to.count(self.len as u64)?;
         let (state, sums, slow) = (&self.state, self.plan.losses.len(), self.plan.slow);
         for tile in 0..state.tiles() {
@@ -765,19 +777,12 @@ impl<T: Scalar, P: Scalar> Memory<T> for WideExponentialSum<T, P> {
     }
 
     fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.count(from)?;
-        let (places, slow) = (self.plan.places() + self.plan.losses.len(), self.plan.slow);
-        for tile in 0..self.state.tiles() {
-            let channels = (self.channels - tile * LANES).min(LANES);
-            from.skip::<P>(channels * places)?;
-            from.skip::<T>(channels * slow)?;
-        }
-        Ok(())
+        self.check_state_of(self.channels, from)
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         self.check_state(&mut from.clone())?;
-        self.len = self.count(from)?;
+        self.len = self.count(self.channels, from)?;
         let (state, sums, slow) = (&mut self.state, self.plan.losses.len(), self.plan.slow);
         for tile in 0..state.tiles() {
             let channels = (self.channels - tile * LANES).min(LANES);
@@ -788,6 +793,63 @@ impl<T: Scalar, P: Scalar> Memory<T> for WideExponentialSum<T, P> {
             for row in rows_mut(&mut state.rests, tile, slow) {
                 for half in row.0.iter_mut().take(channels) {
                     *half = upper_half(from.number::<T>()?);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn restore_channels(
+        &mut self,
+        from: &mut StateReader<'_>,
+        channels: SavedChannels,
+    ) -> Result<(), StateError> {
+        let SavedChannels { of, first, count, to } = channels;
+        for (what, begin, limit) in [("channels of the state", first, of), ("channels", to, self.channels)] {
+            let end = begin.saturating_add(count);
+            if end > limit {
+                return Err(StateError::TooLarge { what, limit: limit as u64, found: end as u64 });
+            }
+        }
+        self.check_state_of(of, &mut from.clone())?;
+        let len = self.count(of, from)?;
+        if self.len > 0 && self.len != len {
+            let (expected, found) = (self.len as u64, len as u64);
+            return Err(StateError::Mismatch { what: "samples", expected, found });
+        }
+        self.len = len;
+        let (state, sums, slow) = (&mut self.state, self.plan.losses.len(), self.plan.slow);
+        for tile in 0..of.div_ceil(LANES) {
+            let channels = (of - tile * LANES).min(LANES);
+            // Tile and lane that take the number of a channel.
+            let place = |lane: usize| {
+                let taken = (tile * LANES + lane).checked_sub(first).filter(|&channel| channel < count)?;
+                Some(((to + taken) / LANES, (to + taken) % LANES))
+            };
+            for group in &mut state.groups {
+                for row in 0..GROUP {
+                    for lane in 0..channels {
+                        let number = from.number::<P>()?;
+                        if let Some((tile, lane)) = place(lane) {
+                            group[tile * GROUP + row].0[lane] = number;
+                        }
+                    }
+                }
+            }
+            for row in 0..sums {
+                for lane in 0..channels {
+                    let number = from.number::<P>()?;
+                    if let Some((tile, lane)) = place(lane) {
+                        state.sums[tile * sums + row].0[lane] = number;
+                    }
+                }
+            }
+            for row in 0..slow {
+                for lane in 0..channels {
+                    let number = from.number::<T>()?;
+                    if let Some((tile, lane)) = place(lane) {
+                        state.rests[tile * slow + row].0[lane] = upper_half(number);
+                    }
                 }
             }
         }

@@ -16,7 +16,7 @@ use crate::numerics::transfer::TransferFunction;
 use crate::scenario::{Convolution, ConvolutionFamily, Engine, History, Overflow, States};
 use fvi_core::{
     ActsOn, BdfOrder, ConvolutionWeights, Direct, ExponentialSum, ExponentialTable, Memory, MemoryError,
-    ParameterError, RungeKutta, StateError, StateReader, StateWriter,
+    ParameterError, RungeKutta, SavedChannels, StateError, StateReader, StateWriter,
 };
 use fvi_fft::{Engines, VectorVariableSteps, Vectorised, WIDE_KERNELS, Weights, WideExponentialSum};
 
@@ -744,6 +744,16 @@ impl<T> Memory<T> for HostMemory<T> {
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         self.memory.restore(from)?;
+        self.is_empty = self.memory.is_empty();
+        Ok(())
+    }
+
+    fn restore_channels(
+        &mut self,
+        from: &mut StateReader<'_>,
+        channels: SavedChannels,
+    ) -> Result<(), StateError> {
+        self.memory.restore_channels(from, channels)?;
         self.is_empty = self.memory.is_empty();
         Ok(())
     }

@@ -37,7 +37,8 @@ pub use scheme::{Convolution, ConvolutionFamily, DampedAt, Quadrature, Scheme};
 pub use sparse_matrix::SparseMatrix;
 pub use system::{Attached, Damping, Derivative, ForceQuadrature, System};
 pub use time::{
-    Engine, History, MOST_STEPS, OnEnergyGrowth, OutputOptions, Overflow, ReportedMomentum, States, TimeGrid,
+    Engine, History, LARGEST_TOLERANCE, MOST_STEPS, OnEnergyGrowth, OutputOptions, Overflow,
+    ReportedMomentum, SMALLEST_SINGLE_TOLERANCE, States, TimeGrid,
 };
 
 use crate::language::document::{Document, Table};

@@ -246,7 +246,7 @@ proptest! {
         let text = format!(
             "[system]\nmass = [1.0]\npotential = \"0.5*k*q0^2\"\nparameters = {{ k = {:?} }}\n[[system.damping]]\n\
              coefficient = [{:?}]\nkernel = {{ form = \"{}\", {} }}\n[initial]\nposition = [1.0]\nvelocity = [0.3]\n\
-             [convolution]\norder = {formula}\n[time]\nstep = {:?}\nsteps = 300\non_energy_growth = \"off\"\n",
+             [convolution]\norder = {formula}\n[time]\nstep = {:?}\nsteps = 300\nenergy_guard = \"off\"\n",
             10f64.powf(stiffness),
             10f64.powf(strength),
             transfer.form(),

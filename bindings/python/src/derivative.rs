@@ -5,6 +5,7 @@ use crate::memory::{keys, memory, operate, refused, transfer};
 use crate::run::engine;
 use crate::watch::Watch;
 use crate::weights::convolution;
+use fvi_host::scenario::History;
 use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -36,7 +37,8 @@ pub(crate) fn derivative<'py>(
             let mut convolution = convolution("bdf", order, None)?;
             convolution.starting = starting;
             let transfer = transfer(exponent, kernel)?;
-            let mut memory = memory(&convolution, &transfer, step, columns, rows, engine)?;
+            let history = History { engine, ..History::default() };
+            let mut memory = memory(&convolution, &transfer, step, (columns, rows, true), &history)?;
             let mut watch = Watch::new(None);
             let mut result = vec![0.0; numbers.len()];
             for (index, (sample, place)) in

@@ -4,8 +4,12 @@ use crate::errors::{Failure, Outcome, guarded};
 use crate::memory::{keys, memory, refused, restore, transfer};
 use crate::run::engine;
 use crate::weights::convolution;
-use fvi_core::{FractionalOperator, Memory as _, OperatorError, Start, StateReader, StateWriter};
+use fvi_core::{
+    ActsOn, FractionalOperator, Memory as _, OperatorError, SavedChannels, Start, StateReader, StateWriter,
+};
 use fvi_host::memory::HostMemory;
+use fvi_host::numerics::exponential_table::SMALLEST_TOLERANCE;
+use fvi_host::scenario::{Engine, History, LARGEST_TOLERANCE, SMALLEST_SINGLE_TOLERANCE, States};
 use numpy::{IntoPyArray, PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArray1, PyReadonlyArrayDyn};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
@@ -31,6 +35,48 @@ fn bad_state(error: fvi_core::StateError) -> Failure {
     Failure::Input { key: "state".to_owned(), value: String::new(), message: format!("state: {error}") }
 }
 
+/// The engine and its settings: tolerance and states belong to sums of exponentials, as in a scenario.
+fn settings(
+    engine: Option<&str>,
+    family: &str,
+    tolerance: Option<f64>,
+    states: Option<&str>,
+    threads: Option<usize>,
+) -> Outcome<History> {
+    let mut engine = engine.map(self::engine).transpose()?;
+    let refused = |key, value: String, allowed: &str| Err(Failure::argument(key, value, allowed));
+    let owners = [Engine::ExponentialSum, Engine::ExponentialSumCore];
+    if let Some(tolerance) = tolerance {
+        if !(SMALLEST_TOLERANCE..=LARGEST_TOLERANCE).contains(&tolerance) {
+            let allowed = format!("{SMALLEST_TOLERANCE:e} ≤ tolerance ≤ {LARGEST_TOLERANCE:e}");
+            return refused("tolerance", format!("{tolerance:e}"), &allowed);
+        }
+        if family != "bdf" || !owners.contains(engine.get_or_insert(Engine::ExponentialSum)) {
+            let allowed = "only with the family \"bdf\" and the engine \"exponential-sum\"";
+            return refused("tolerance", format!("{tolerance:e}"), allowed);
+        }
+    }
+    let states = match states {
+        None | Some("f64") => None,
+        Some("f32") if family != "bdf" || engine != Some(Engine::ExponentialSum) => {
+            let allowed = "only with the family \"bdf\", the engine \"exponential-sum\" and a tolerance";
+            return refused("states", "\"f32\"".to_owned(), allowed);
+        }
+        Some("f32") if tolerance.is_none_or(|tolerance| tolerance < SMALLEST_SINGLE_TOLERANCE) => {
+            let allowed = format!("only with a tolerance of {SMALLEST_SINGLE_TOLERANCE:e} or more");
+            return refused("states", "\"f32\"".to_owned(), &allowed);
+        }
+        Some("f32") => Some(States::F32),
+        Some(other) => return refused("states", format!("{other:?}"), "\"f64\", \"f32\""),
+    };
+    if let Some(threads) = threads
+        && !(1..=1024).contains(&threads)
+    {
+        return refused("threads", threads.to_string(), "a whole number from 1 to 1024");
+    }
+    Ok(History { engine, tolerance, states, threads, ..History::default() })
+}
+
 /// A memory engine.
 #[pyclass(frozen, subclass, module = "fvi._fvi", name = "Memory")]
 pub(crate) struct Memory {
@@ -42,7 +88,8 @@ pub(crate) struct Memory {
 #[pymethods]
 impl Memory {
     #[new]
-    #[pyo3(signature = (*, exponent, kernel, step, family, order, stages, channels, length, engine))]
+    #[pyo3(signature = (*, exponent, kernel, step, family, order, stages, channels, length, engine, samples, tolerance, states,
+                        threads))]
     #[expect(clippy::too_many_arguments, reason = "the keywords of the class")]
     fn new(
         exponent: Option<f64>,
@@ -54,13 +101,25 @@ impl Memory {
         channels: usize,
         length: usize,
         engine: Option<&str>,
+        samples: &str,
+        tolerance: Option<f64>,
+        states: Option<&str>,
+        threads: Option<usize>,
     ) -> PyResult<Self> {
-        let engine = engine.map(self::engine).transpose()?;
+        let history = settings(engine, family, tolerance, states, threads)?;
+        let given = match samples {
+            "values" => true,
+            "differences" => false,
+            other => {
+                let allowed = "\"values\", \"differences\"";
+                return Err(Failure::argument("samples", format!("{other:?}"), allowed).into());
+            }
+        };
         let kernel = keys(kernel)?;
         guarded(|| {
             let convolution = convolution(family, order, stages)?;
             let transfer = transfer(exponent, kernel)?;
-            let memory = memory(&convolution, &transfer, step, channels, length, engine)?;
+            let memory = memory(&convolution, &transfer, step, (channels, length, given), &history)?;
             let stages = memory.stages();
             Ok(Self { memory: Mutex::new(memory), channels, stages })
         })
@@ -69,6 +128,15 @@ impl Memory {
     #[getter]
     fn engine(&self) -> &'static str {
         locked(&self.memory).engine().name()
+    }
+
+    #[getter]
+    fn samples(&self) -> &'static str {
+        match locked(&self.memory).acts_on() {
+            ActsOn::Values => "values",
+            ActsOn::Increments => "increments",
+            ActsOn::Rises => "rises",
+        }
     }
 
     #[getter]
@@ -125,6 +193,20 @@ impl Memory {
     fn restore(&self, state: &[u8]) -> PyResult<()> {
         guarded(|| restore(&mut locked(&self.memory), state).map_err(bad_state))
     }
+
+    fn restore_channels(
+        &self,
+        state: &[u8],
+        of: usize,
+        first: usize,
+        count: usize,
+        to: usize,
+    ) -> PyResult<()> {
+        let channels = SavedChannels { of, first, count, to };
+        guarded(|| {
+            locked(&self.memory).restore_channels(&mut StateReader::new(state), channels).map_err(bad_state)
+        })
+    }
 }
 
 /// A fractional operator on a stream.
@@ -165,7 +247,9 @@ impl Operator {
                 _ => Start::RiemannLiouville,
             };
             let transfer = transfer(Some(exponent), None)?;
-            let memory = memory(&convolution("bdf", order, None)?, &transfer, step, 1, length, engine)?;
+            let history = History { engine, ..History::default() };
+            let memory =
+                memory(&convolution("bdf", order, None)?, &transfer, step, (1, length, true), &history)?;
             let operator = FractionalOperator::new(memory, start).map_err(not_taken)?;
             Ok(Self { operator: Mutex::new(operator) })
         })

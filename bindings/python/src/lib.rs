@@ -7,6 +7,7 @@ mod derivative;
 mod documents;
 mod engines;
 mod errors;
+mod loads;
 mod memory;
 mod run;
 mod studies;
@@ -23,6 +24,8 @@ mod _fvi {
     use super::derivative::derivative;
     #[pymodule_export]
     use super::engines::{Memory, Operator};
+    #[pymodule_export]
+    use super::loads::Loads;
     #[pymodule_export]
     use super::memory::kernel_growth;
     #[pymodule_export]

@@ -60,19 +60,19 @@ pub(crate) fn kernel_growth(kernel: &Bound<'_, PyDict>) -> PyResult<f64> {
     guarded(|| Ok(transfer(None, keys)?.growth()))
 }
 
-/// The memory of a kernel for `channels` sequences of `samples` values.
+/// The memory of a kernel for `channels` sequences of `samples` samples: values, if they are `given` as they
+/// are, or what the kernel takes fewest digits from.
 pub(crate) fn memory(
     convolution: &Convolution,
     transfer: &TransferFunction,
     step: f64,
-    channels: usize,
-    samples: usize,
-    engine: Option<Engine>,
+    (channels, samples, given): (usize, usize, bool),
+    history: &History,
 ) -> Outcome<HostMemory<f64>> {
     if channels == 0 {
         return Err(Failure::argument("channels", channels, "one at least"));
     }
-    let history = History { engine, ..History::default() };
+    let engine = history.engine;
     let build = |channels: usize| -> Outcome<HostMemory<f64>> {
         let request = MemoryRequest {
             convolution,
@@ -82,8 +82,8 @@ pub(crate) fn memory(
             coordinates: channels,
             motions: 1,
             samples,
-            given: true,
-            history: &history,
+            given,
+            history,
         };
         // Exponent and step are looked at before the engine is.
         let _ = request.kernel()?;

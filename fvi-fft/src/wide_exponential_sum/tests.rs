@@ -1,4 +1,5 @@
-//! What a step costs and who does it: bits do not tell, so it is counted here by hand.
+//! What a step costs and who does it: bits do not tell, so it is counted here by hand. And channels that are
+//! divided among memories anew.
 
 use super::*;
 
@@ -69,4 +70,70 @@ fn work_is_shared_where_it_is_worth_a_thread() {
     assert_eq!(shared(100 * LONGEST_PART, false), (4, 1));
     let alone = three_kernels(CHANNELS).on_threads(0);
     assert_eq!(alone.shares(100 * LONGEST_PART / CHANNELS, |_| false), (1, 100));
+}
+
+/// Pushes samples, a number of its own for each channel, the first of which is channel `first` of all.
+fn push(memory: &mut WideExponentialSum<f64, f32>, first: usize, steps: core::ops::Range<u16>) {
+    for k in steps {
+        let sample: Vec<f64> =
+            (0..memory.channels()).map(|channel| (f64::from(k) * (first + channel) as f64).sin()).collect();
+        memory.push(&sample).unwrap();
+    }
+}
+
+fn saved(memory: &WideExponentialSum<f64, f32>) -> Vec<u8> {
+    let mut bytes = vec![0; memory.state_bytes()];
+    memory.save(&mut StateWriter::new(&mut bytes)).unwrap();
+    bytes
+}
+
+#[test]
+fn channels_that_are_divided_anew_go_on_with_their_bits() {
+    // From 70 and 40 channels to 25 and 85, in the middle of a chunk and of eight places.
+    let [mut first, mut second, mut whole] = [70, 40, 110].map(three_kernels);
+    push(&mut first, 0, 0..77);
+    push(&mut second, 70, 0..77);
+    push(&mut whole, 0, 0..80);
+    let states = [saved(&first), saved(&second)];
+    let [mut short, mut long] = [25, 85].map(three_kernels);
+    let take = |memory: &mut WideExponentialSum<f64, f32>, state: usize, first, count, to| {
+        let channels = SavedChannels { of: [70, 40][state], first, count, to };
+        memory.restore_channels(&mut StateReader::new(&states[state]), channels)
+    };
+    assert_eq!(take(&mut short, 0, 0, 25, 0), Ok(()));
+    assert_eq!(take(&mut long, 0, 25, 45, 0), Ok(()));
+    assert_eq!(take(&mut long, 1, 0, 40, 45), Ok(()));
+    assert_eq!((short.len(), long.len()), (77, 77));
+    push(&mut short, 0, 77..80);
+    push(&mut long, 25, 77..80);
+    let terms = |memory: &mut WideExponentialSum<f64, f32>| {
+        let mut terms = vec![0.0; 3 * memory.channels()];
+        memory.next_term(&mut terms).unwrap();
+        terms
+    };
+    let (expected, parts) = (terms(&mut whole), [terms(&mut short), terms(&mut long)]);
+    for kernel in 0..3 {
+        let found = [&parts[0][25 * kernel..][..25], &parts[1][85 * kernel..][..85]].concat();
+        assert!(found == expected[110 * kernel..][..110], "kernel {kernel}");
+    }
+}
+
+#[test]
+fn channels_that_are_not_there_and_other_numbers_of_samples_are_refused() {
+    let [mut source, mut memory] = [40, 40].map(three_kernels);
+    push(&mut source, 0, 0..9);
+    push(&mut memory, 0, 0..10);
+    let (state, before) = (saved(&source), saved(&memory));
+    let mut take = |bytes: &[u8], channels| memory.restore_channels(&mut StateReader::new(bytes), channels);
+    let all = SavedChannels { of: 40, first: 0, count: 40, to: 0 };
+    let too_large = |what| Err(StateError::TooLarge { what, limit: 40, found: 41 });
+    assert_eq!(take(&state, SavedChannels { first: 1, ..all }), too_large("channels of the state"));
+    assert_eq!(take(&state, SavedChannels { to: 1, ..all }), too_large("channels"));
+    assert_eq!(
+        take(&state, SavedChannels { of: 41, ..all }),
+        Err(StateError::Mismatch { what: "channels", expected: 41, found: 40 })
+    );
+    assert_eq!(take(&state, all), Err(StateError::Mismatch { what: "samples", expected: 10, found: 9 }));
+    assert!(matches!(take(&state[..state.len() - 1], all), Err(StateError::Truncated { .. })));
+    assert!(saved(&memory) == before);
 }

@@ -364,11 +364,11 @@ impl Overflow {
 }
 
 /// Largest tolerance of the exponential sum, see `scenarios/README.md`.
-const LARGEST_TOLERANCE: f64 = 1e-6;
+pub const LARGEST_TOLERANCE: f64 = 1e-6;
 
 /// Smallest tolerance with which an exponential sum may keep its state in single precision: rounding takes up
 /// to half of it.
-const SMALLEST_SINGLE_TOLERANCE: f64 = 5e-7;
+pub const SMALLEST_SINGLE_TOLERANCE: f64 = 5e-7;
 
 /// Most threads that a run takes unless it is told to take more.
 const THREADS: usize = 8;

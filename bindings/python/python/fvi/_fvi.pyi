@@ -10,6 +10,7 @@ _Array = NDArray[np.float64]
 
 __all__ = [
     "Ledger",
+    "Loads",
     "Memory",
     "Operator",
     "Sweep",
@@ -88,9 +89,15 @@ class Memory:
         channels: int,
         length: int,
         engine: str | None,
+        samples: str,
+        tolerance: float | None,
+        states: str | None,
+        threads: int | None,
     ) -> Self: ...
     @property
     def engine(self) -> str: ...
+    @property
+    def samples(self) -> str: ...
     @property
     def channels(self) -> int: ...
     @property
@@ -105,6 +112,7 @@ class Memory:
     def clear(self) -> None: ...
     def save(self) -> bytes: ...
     def restore(self, state: bytes) -> None: ...
+    def restore_channels(self, state: bytes, of: int, first: int, count: int, to: int) -> None: ...
 
 @disjoint_base
 class Operator:
@@ -123,6 +131,11 @@ class Operator:
     def push_many(self, samples: _Array) -> _Array: ...
     def save(self) -> bytes: ...
     def restore(self, state: bytes) -> None: ...
+
+@final
+class Loads:
+    def __new__(cls, source: Any) -> Self: ...
+    def impulses(self, first: int, count: int) -> _Array: ...
 
 _Parts = tuple[tuple[str, str], tuple[str, str], str, list[tuple[str, bytes]]]
 

@@ -45,12 +45,28 @@ class Memory(_fvi.Memory):
         Most samples that it takes; the engines except "direct" plan for it.
     engine : {"direct", "block-fft", "real-time", "exponential-sum", "exponential-sum-core"}, optional
         Without it, the fastest that is exact to rounding.
+    samples : {"values", "differences"}
+        What is pushed: the values x_k; or differences of them where the kernel has something to gain, which the attribute
+        `samples` tells. Terms are then those of weights that belong to differences, and W₀ stays:
+
+            (W ∗ x)_k = W₀ d_k + r_k ,      d_k = x_k − x_{k−1} ,    d_0 = x_0      ("increments", BDF) .
+
+        Who knows the differences better than as such loses none of their digits.
+    tolerance : float, optional
+        Relative error of each weight of an exponential sum, 4e-15 to 1e-6; without it rounding.
+    states : {"f64", "f32"}, optional
+        In what an exponential sum keeps its state; "f32" takes a `tolerance` of 5e-7 or more.
+    threads : int, optional
+        Threads that share the work where there are many channels; without it as many as the machine has, up to eight.
 
     Attributes
     ----------
     leading : ndarray, shape () or (stages, stages)
         W₀.
     engine : str
+    samples : {"values", "increments", "rises"}
+        What `push` takes: values; increments; or with the stages of a Runge–Kutta method what each is beyond the end of the
+        step before.
     channels, stages, nbytes : int
 
     Examples
@@ -76,6 +92,10 @@ class Memory(_fvi.Memory):
         channels: int = 1,
         length: int = 65536,
         engine: str | None = None,
+        samples: str = "values",
+        tolerance: float | None = None,
+        states: str | None = None,
+        threads: int | None = None,
     ) -> Self:
         exponent, kernel = exponent_or_kernel(exponent, kernel)
         arguments: dict[str, Any] = {
@@ -88,6 +108,10 @@ class Memory(_fvi.Memory):
             "channels": _arrays.whole("channels", channels, 1),
             "length": _arrays.whole("length", length, 1),
             "engine": engine,
+            "samples": samples,
+            "tolerance": None if tolerance is None else _arrays.real("tolerance", tolerance),
+            "states": states,
+            "threads": None if threads is None else _arrays.whole("threads", threads, 1),
         }
         made = super().__new__(cls, **arguments)
         made._arguments = arguments
@@ -143,6 +167,22 @@ class Memory(_fvi.Memory):
             If it is not that of such a memory, which then is as before.
         """
         super().restore(state)
+
+    def restore_channels(self, state: bytes, of: int, first: int, count: int, to: int) -> None:
+        """Takes over some channels of a saved state, that of a memory which differs in the number of its channels only.
+
+        So channels are divided among memories anew: those from `first` on, `count` of them, of the `of` that the state has, go
+        to the channels from `to` on. A memory without samples begins with as many as the state has seen. Exponential sums with
+        channels side by side (96 and more, or states in "f32") offer it.
+
+        Raises
+        ------
+        InputError
+            If it is not the state of such a memory, if the channels are not there in either, or if it has seen another number
+            of samples than this memory has; the memory is as before.
+        """
+        counts = {"of": of, "first": first, "count": count, "to": to}
+        super().restore_channels(state, **{name: _arrays.whole(name, number) for name, number in counts.items()})
 
     def __repr__(self) -> str:
         return f"<fvi.Memory: {self.engine}, {self.channels} channel(s), {len(self)} samples, {self.nbytes} bytes>"

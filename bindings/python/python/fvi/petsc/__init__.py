@@ -1,0 +1,24 @@
+"""One large run on many processes: fractional damping in PETSc's distributed systems.
+
+`integrate` takes matrices and vectors as PETSc has distributed them and makes the steps that `fvi.integrate` makes of a large
+linear system. Matrices, products and solutions are PETSc's; each process keeps the memory of its own rows, or of its own dampers,
+and sends nothing of the past to others. The guide is `docs/cluster.md` of the repository.
+
+Needs petsc4py, mpi4py and PETSc with real numbers: Debian's python3-petsc4py and python3-mpi4py, or conda-forge's petsc4py.
+"""
+
+try:
+    import mpi4py as _mpi4py
+    import petsc4py as _petsc4py
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError(
+        f"fvi.petsc needs the package {error.name}: install petsc4py and mpi4py (Debian: apt-get install python3-petsc4py "
+        "python3-mpi4py, for its own python3 and environments made with --system-site-packages, and PETSC_DIR set to the directory "
+        "/usr/lib/petscdir/petsc*/*-real; conda: conda install -c conda-forge petsc4py mpi4py)",
+        name=error.name,
+    ) from None
+
+from fvi.petsc._integrate import integrate
+from fvi.petsc._output import Mesh, Output
+
+__all__ = ["Mesh", "Output", "integrate"]

@@ -1,0 +1,369 @@
+"""What a run leaves on the disk: rows, snapshots, and what ParaView needs to show them."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+from numpy.typing import ArrayLike
+from petsc4py import PETSc
+
+from fvi import _arrays
+from fvi._errors import InputError
+from fvi._types import FloatArray
+from fvi.petsc._arguments import Layout
+
+CELLS = {"segment": 2, "triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "wedge": 6, "hexahedron": 8}
+"""Kinds of cells, with their corners in the order of XDMF and VTK."""
+
+FORMATS = ("npz", "petsc")
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """The part of a mesh that a rank shows: with it snapshots are written for ParaView, too.
+
+    Parameters
+    ----------
+    points : array_like, shape (P, 3)
+        The points of this rank's cells.
+    cells : array_like of int, shape (C, corners)
+        For each cell the points at its corners, counted from 0 on this rank, in the order of VTK.
+    kind : {"segment", "triangle", "quadrilateral", "tetrahedron", "wedge", "hexahedron"}
+        What the cells are.
+    rows : array_like of int, shape (P, 3)
+        For each point the coordinates (rows of the matrices, counted over all ranks) that are its displacement; −1 where it is
+        held. They may be those of other ranks.
+    """
+
+    points: ArrayLike
+    cells: ArrayLike
+    kind: str
+    rows: ArrayLike
+
+
+@dataclass(frozen=True, eq=False)
+class Output:
+    """Where the files of a run go, and which there are.
+
+    Parameters
+    ----------
+    directory : path
+        A directory that all ranks see: ``trajectory.npz``, ``summary.json``, ``checkpoint/`` and ``snapshots/``.
+    snapshots : int, optional
+        Keeps the whole state at the start and every so many steps.
+    format : {"npz", "petsc"}
+        A NumPy file for each rank with the arrays t, first (its first row), q and p; or one of PETSc's binary files for all ranks
+        with the vectors q and p.
+    mesh : Mesh, optional
+        Writes ``snapshots.xdmf`` and HDF5 files beside the snapshots. Needs h5py.
+    """
+
+    directory: str | os.PathLike[str]
+    snapshots: int | None = None
+    format: str = "npz"
+    mesh: Mesh | None = None
+
+
+def whole_file(path: Path, write: Callable[[Any], object]) -> int:
+    """Writes a file whole or not at all: beside its place, flushed to the disk, then renamed. Returns its size."""
+    beside = path.with_name(path.name + ".part")
+    with open(beside, "wb") as file:
+        write(file)
+        file.flush()
+        os.fsync(file.fileno())
+        size = file.seek(0, os.SEEK_END)
+    os.replace(beside, path)
+    return size
+
+
+def flush_directory(path: Path) -> None:
+    """Makes sure that renamed files keep their names."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+class Directory:
+    """The directory of a run, kept by rank 0 from other runs for as long as its process lives."""
+
+    def __init__(self, path: str | os.PathLike[str], rank: int) -> None:
+        self.path = Path(path)
+        if rank > 0:
+            return
+        self.path.mkdir(parents=True, exist_ok=True)
+        self.lock = open(self.path / ".lock", "wb")
+        try:
+            fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            self.lock.close()
+            raise InputError(f"output: another run is writing to {self.path}", "output", str(self.path)) from None
+
+    def close(self) -> None:
+        if hasattr(self, "lock"):
+            self.lock.close()
+
+
+class Rows:
+    """Time, chosen positions and momenta, and energy of the rows so far; on rank 0, in memory and in a file that grows."""
+
+    def __init__(self, chosen: Any, layout: Layout, directory: Directory | None) -> None:
+        self.chosen, self.layout = chosen, layout
+        here = (chosen >= layout.first) & (chosen < layout.end)
+        self.places, self.local = np.flatnonzero(here), chosen[here] - layout.first
+        self.width = 2 * len(chosen) + 2
+        self.rows: list[FloatArray] = []
+        self.path = None if directory is None else directory.path / "checkpoint" / "rows.f64"
+        self.file: Any = None
+
+    def begin(self, count: int) -> None:
+        """Keeps the first rows of a run that is gone on with, none of a new one. Rank 0 alone."""
+        if self.path is None:
+            return
+        mode = "r+b" if count > 0 else "w+b"
+        self.file = open(self.path, mode)
+        content = self.file.read(8 * self.width * count)
+        if len(content) < 8 * self.width * count:
+            raise InputError(f"output: {self.path} holds fewer rows than the checkpoint counts", "output", str(self.path))
+        self.rows = list(np.frombuffer(content, dtype="<f8").reshape(count, self.width).copy())
+        self.file.truncate(8 * self.width * count)
+        self.file.seek(0, os.SEEK_END)
+
+    def add(self, time: float, position: Any, momentum: Any, energy: float) -> BaseException | None:
+        """Takes a row; all ranks call it. Returns what went wrong on this rank alone."""
+        together, count = self.layout.together, len(self.chosen)
+        row = np.zeros(self.width)
+        for begin, vector in ((1, position), (1 + count, momentum)):
+            row[begin + self.places] = vector.getArray(readonly=True)[self.local]
+        if together.size > 1:
+            gathered = np.empty_like(row)
+            together.comm.Reduce(row, gathered)
+            row = gathered
+        if together.rank > 0:
+            return None
+        row[0], row[-1] = time, energy
+        self.rows.append(row)
+        if self.file is None:
+            return None
+        try:
+            self.file.write(row.astype("<f8").tobytes())
+        except OSError as error:
+            return error
+        return None
+
+    def flush(self) -> None:
+        if self.file is not None:
+            self.file.flush()
+            os.fsync(self.file.fileno())
+
+    def table(self) -> FloatArray:
+        return np.array(self.rows).reshape(len(self.rows), self.width)
+
+    def finish(self, table: FloatArray) -> None:
+        """Writes ``trajectory.npz`` in place of the rows that grew. Rank 0 alone."""
+        if self.path is None:
+            return
+        count = len(self.chosen)
+        arrays: dict[str, Any] = {"t": table[:, 0], "q": table[:, 1 : 1 + count], "p": table[:, 1 + count : -1], "energy": table[:, -1]}
+        whole_file(self.path.parent.with_name("trajectory.npz"), lambda file: np.savez(file, **arrays))
+
+    def close(self) -> None:
+        if self.file is not None:
+            self.file.close()
+
+
+class Snapshots:
+    """The whole state, now and then."""
+
+    def __init__(self, output: Output, directory: Directory, layout: Layout, like: Any) -> None:
+        self.every = _arrays.whole("output.snapshots", output.snapshots, 1)
+        if output.format not in FORMATS:
+            names = ", ".join(f'"{name}"' for name in FORMATS)
+            message = f"output.format = {output.format!r}: not allowed; allowed: {names}"
+            raise InputError(message, "output.format", repr(output.format))
+        self.binary = output.format == "petsc"
+        self.layout, self.place = layout, directory.path / "snapshots"
+        together = layout.together
+        self.name = f"rank-{together.rank:05d}-of-{together.size:05d}"
+        self.mesh = None if output.mesh is None else _Shown(output.mesh, layout)
+        self.like = like
+
+    def begin(self, step: int | None) -> None:
+        """Removes snapshots of steps that are still to be made: all of a run that begins anew. Rank 0 alone."""
+        self.place.mkdir(exist_ok=True)
+        for path in self.place.iterdir():
+            number = path.name.partition(".")[0]
+            if step is None or number.isdigit() and int(number) > step or path.name.endswith(".part"):
+                path.unlink()
+
+    def prepare(self) -> None:
+        """Finds where the numbers that the mesh shows come from, and writes the mesh; all ranks call it."""
+        error = None
+        if self.mesh is not None:
+            self.mesh.connect(self.like)
+            try:
+                self.mesh.write(self.place / f"mesh.{self.name}.h5")
+            except Exception as raised:
+                error = raised
+        self.layout.together.agree(error)
+
+    def add(self, step: int, time: float, position: Any, momentum: Any) -> BaseException | None:
+        """Keeps a state; all ranks call it. Returns what went wrong on this rank alone."""
+        stem, error = f"{step:012d}", None
+        if self.binary:
+            viewer = PETSc.Viewer().createBinary(str(self.place / f"{stem}.part"), "w", comm=position.getComm())
+            position.view(viewer)
+            momentum.view(viewer)
+            viewer.destroy()
+            if self.layout.together.rank == 0:
+                # What PETSc writes beside it are options for a reader of its own.
+                (self.place / f"{stem}.part.info").unlink(missing_ok=True)
+                os.replace(self.place / f"{stem}.part", self.place / f"{stem}.petsc")
+        shown = None if self.mesh is None else self.mesh.gather(position)
+        try:
+            if not self.binary:
+                arrays = {
+                    "t": np.float64(time),
+                    "first": np.int64(self.layout.first),
+                    "q": position.getArray(readonly=True),
+                    "p": momentum.getArray(readonly=True),
+                }
+                whole_file(self.place / f"{stem}.{self.name}.npz", lambda file: np.savez(file, **arrays))
+            if self.mesh is not None and shown is not None:
+                self.mesh.write_displacement(self.place / f"{stem}.{self.name}.h5", shown, time)
+        except Exception as raised:
+            error = raised
+        return error
+
+    def finish(self) -> None:
+        """Writes the file that ParaView opens. Rank 0 alone."""
+        if self.mesh is not None:
+            whole_file(self.place.with_name("snapshots.xdmf"), lambda file: file.write(_xdmf(self.place).encode()))
+
+
+class _Shown:
+    """A mesh, and where the displacements of its points come from."""
+
+    def __init__(self, mesh: Mesh, layout: Layout) -> None:
+        try:
+            import h5py
+        except ModuleNotFoundError:
+            message = "output.mesh needs the package h5py (Debian: python3-h5py)"
+            raise ModuleNotFoundError(message, name="h5py") from None
+        self.h5py = h5py
+        if mesh.kind not in CELLS:
+            names = ", ".join(f'"{kind}"' for kind in CELLS)
+            message = f"output.mesh.kind = {mesh.kind!r}: not allowed; allowed: {names}"
+            raise InputError(message, "output.mesh.kind", repr(mesh.kind))
+        self.kind = mesh.kind
+        self.points = _arrays.numbers("output.mesh.points", mesh.points).reshape(-1, 3)
+        count = len(self.points)
+        self.cells = _indices("output.mesh.cells", mesh.cells, CELLS[mesh.kind], 0, count)
+        self.rows = _indices("output.mesh.rows", mesh.rows, 3, -1, layout.size)
+        if len(self.rows) != count:
+            message = f"output.mesh.rows: {len(self.rows)} rows instead of {count}, one for each point"
+            raise InputError(message, "output.mesh.rows", str(len(self.rows)))
+
+    def connect(self, like: Any) -> None:
+        self.moves = self.rows >= 0
+        wanted = PETSc.IS().createGeneral(self.rows[self.moves].astype(PETSc.IntType), comm=PETSc.COMM_SELF)
+        self.found = PETSc.Vec().createSeq(int(self.moves.sum()), comm=PETSc.COMM_SELF)
+        self.scatter = PETSc.Scatter().create(like, wanted, self.found, None)
+
+    def gather(self, position: Any) -> FloatArray:
+        self.scatter.scatter(position, self.found, addv=PETSc.InsertMode.INSERT_VALUES, mode=PETSc.ScatterMode.FORWARD)
+        shown = np.zeros(self.rows.shape)
+        shown[self.moves] = self.found.getArray(readonly=True)
+        return shown
+
+    def write(self, path: Path) -> None:
+        self._write(path, {"points": self.points, "cells": self.cells}, kind=self.kind)
+
+    def write_displacement(self, path: Path, shown: FloatArray, time: float) -> None:
+        self._write(path, {"displacement": shown}, time=time)
+
+    def _write(self, path: Path, arrays: dict[str, Any], **attributes: Any) -> None:
+        def write(file: Any) -> None:
+            with self.h5py.File(file, "w") as content:
+                content.attrs.update(attributes)
+                for name, array in arrays.items():
+                    content[name] = array
+
+        whole_file(path, write)
+
+
+def _indices(name: str, given: Any, width: int, least: int, end: int) -> Any:
+    array = np.asarray(given)
+    if array.size == 0:
+        return np.empty((0, width), dtype=np.int64)
+    if array.dtype.kind not in "iu" or array.ndim != 2 or array.shape[1] != width:
+        message = f"{name}: shape {array.shape} of {array.dtype}; whole numbers in {width} columns are needed"
+        raise InputError(message, name, str(array.shape))
+    if array.min() < least or array.max() >= end:
+        value = str(array.min() if array.min() < least else array.max())
+        raise InputError(f"{name} = {value}: not allowed; allowed: from {least} to {end - 1}", name, value)
+    return array.astype(np.int64)
+
+
+def _xdmf(place: Path) -> str:
+    """The index of all displacements in a directory, with the mesh of the ranks that wrote them."""
+    import h5py
+
+    steps: dict[str, list[Path]] = {}
+    for path in sorted(place.glob("[0-9]*.rank-*.h5")):
+        steps.setdefault(path.name.partition(".")[0], []).append(path)
+    lines = ['<?xml version="1.0"?>', '<Xdmf Version="3.0"><Domain><Grid Name="motion" GridType="Collection" CollectionType="Temporal">']
+    for stem, paths in steps.items():
+        lines.append(f'<Grid Name="{stem}" GridType="Collection" CollectionType="Spatial">')
+        for index, path in enumerate(paths):
+            mesh = "mesh" + path.name[len(stem) :]
+            with h5py.File(place / mesh, "r") as content:
+                kind = content.attrs["kind"]
+                points, cells = content["points"].shape, content["cells"].shape
+            if index == 0:
+                with h5py.File(path, "r") as content:
+                    lines.append(f'<Time Value="{float(content.attrs["time"])!r}"/>')
+            if cells[0] == 0:
+                continue
+
+            def item(file: str, name: str, shape: tuple[int, ...], number: str) -> str:
+                dimensions = " ".join(map(str, shape))
+                return (
+                    f'<DataItem Format="HDF" NumberType="{number}" Precision="8" Dimensions="{dimensions}">'
+                    f"snapshots/{file}:/{name}</DataItem>"
+                )
+
+            lines += [
+                f'<Grid Name={quoteattr(path.stem)} GridType="Uniform">',
+                f'<Topology TopologyType="{_TOPOLOGY[kind]}" NumberOfElements="{cells[0]}">{item(mesh, "cells", cells, "Int")}</Topology>',
+                f'<Geometry GeometryType="XYZ">{item(mesh, "points", points, "Float")}</Geometry>',
+                f'<Attribute Name="displacement" AttributeType="Vector" Center="Node">'
+                f"{item(path.name, 'displacement', points, 'Float')}</Attribute>",
+                "</Grid>",
+            ]
+        lines.append("</Grid>")
+    lines.append("</Grid></Domain></Xdmf>")
+    return "\n".join(lines) + "\n"
+
+
+_TOPOLOGY = {
+    "segment": 'Polyline" NodesPerElement="2',
+    "triangle": "Triangle",
+    "quadrilateral": "Quadrilateral",
+    "tetrahedron": "Tetrahedron",
+    "wedge": "Wedge",
+    "hexahedron": "Hexahedron",
+}
+
+
+def write_json(path: Path, content: Any) -> None:
+    whole_file(path, lambda file: file.write((json.dumps(content, indent=2) + "\n").encode()))
