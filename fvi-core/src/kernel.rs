@@ -562,7 +562,8 @@ mod tests {
             assert_eq!(parameter([10.0, -5.1]), "second weight of the memory");
         }
         // Of tables, too.
-        let (values, increments) = (&WEIGHTS[..], monic_increment_table(BdfOrder::GRUNWALD_LETNIKOV, 0.5));
+        let increments: [f64; 16] = monic_increment_table(BdfOrder::GRUNWALD_LETNIKOV, 0.5);
+        let values = &WEIGHTS[..];
         let acts_on = |first, table: &[f64]| {
             let memory = kernel(first).full_memory::<f64, 1, 16>(table);
             memory.map(|memory| memory.acts_on()).map_err(|error| error.parameter)
