@@ -2,26 +2,24 @@
 //! less with it than by minimum degree.
 
 use crate::Pattern;
-use crate::graph::Graph;
-use crate::separator::{BETWEEN, separate};
+use crate::graph::{Graph, NONE};
+use crate::separator::{BETWEEN, Care, separate};
 use std::collections::HashMap;
 
-/// Parts up to this many groups are ordered by minimum degree.
-const LEAF: usize = 64;
-
-/// The rows, separators behind what they separate.
+/// The rows, separators behind what they separate; parts that are not divided any more are ordered by minimum
+/// degree.
 ///
 /// Rows with the same places, or nearly, are a group and stay together, as the unknowns of one node of a mesh
 /// are. Source: \[GeorgeLiu78\].
-pub(crate) fn nested_dissection(pattern: &Pattern) -> Vec<u32> {
+pub(crate) fn nested_dissection(pattern: &Pattern, care: &Care) -> Vec<u32> {
     let (graph, members) = groups(pattern);
-    let mut local = vec![0; graph.size()];
+    let mut local = vec![NONE; graph.size()];
     let mut order = Vec::with_capacity(graph.size());
     // Backwards: a separator comes before the parts on its sides.
     let mut open = vec![(0..graph.size() as u32).collect::<Vec<_>>()];
     while let Some(vertices) = open.pop() {
         let part = graph.part(&vertices, &mut local);
-        let sides = if part.size() > LEAF { separate(&part) } else { Vec::new() };
+        let sides = if part.size() > care.leaf { separate(&part, care) } else { Vec::new() };
         let on = |side| {
             let both = vertices.iter().zip(&sides).filter(move |&(_, &other)| other == side);
             both.map(|(&vertex, _)| vertex).collect::<Vec<_>>()
@@ -124,7 +122,7 @@ mod tests {
             near.collect()
         });
         let pattern = Pattern::from_rows(rows);
-        let order = nested_dissection(&pattern);
+        let order = nested_dissection(&pattern, &Care::THOROUGH);
         let mut sorted = order.clone();
         sorted.sort_unstable();
         assert!(sorted.iter().enumerate().all(|(index, &row)| row as usize == index));

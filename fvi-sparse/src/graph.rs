@@ -9,7 +9,7 @@ pub(crate) struct Graph {
 }
 
 /// No vertex.
-const NONE: u32 = u32::MAX;
+pub(crate) const NONE: u32 = u32::MAX;
 
 impl Graph {
     /// The graph of vertices given one after another, each by its weight, and its neighbours with the weights
@@ -47,19 +47,38 @@ impl Graph {
         self.neighbours[range.clone()].iter().copied().zip(self.edges[range].iter().copied())
     }
 
-    /// The part with these vertices. `local` is of the size of this graph, and may hold anything.
+    /// The part with these vertices. `local` is of the size of this graph, and holds [`NONE`] everywhere before and after.
     pub(crate) fn part(&self, vertices: &[u32], local: &mut [u32]) -> Self {
-        for &vertex in vertices {
-            self.neighbours(vertex).iter().for_each(|&other| local[other as usize] = NONE);
-        }
+        let most = vertices.iter().map(|&vertex| self.neighbours(vertex).len()).sum();
+        let mut part = Self::with_room(vertices.len(), most);
         for (index, &vertex) in vertices.iter().enumerate() {
             local[vertex as usize] = index as u32;
         }
-        Self::of(vertices.iter().map(|&vertex| {
-            let local = &*local;
-            let others = self.edges(vertex).map(|(other, edge)| (local[other as usize], edge));
-            (self.weights[vertex as usize], others.filter(|&(other, _)| other != NONE).collect::<Vec<_>>())
-        }))
+        for &vertex in vertices {
+            for (other, edge) in self.edges(vertex) {
+                let other = local[other as usize];
+                if other != NONE {
+                    part.neighbours.push(other);
+                    part.edges.push(edge);
+                }
+            }
+            part.close(self.weights[vertex as usize]);
+        }
+        vertices.iter().for_each(|&vertex| local[vertex as usize] = NONE);
+        part
+    }
+
+    fn with_room(vertices: usize, edges: usize) -> Self {
+        let mut starts = Vec::with_capacity(vertices + 1);
+        starts.push(0);
+        let weights = Vec::with_capacity(vertices);
+        Self { starts, neighbours: Vec::with_capacity(edges), edges: Vec::with_capacity(edges), weights }
+    }
+
+    /// Ends a vertex, whose neighbours are those that were added last.
+    fn close(&mut self, weight: u32) {
+        self.starts.push(self.neighbours.len());
+        self.weights.push(weight);
     }
 
     /// A graph of about half the size, and the vertex of it that each vertex is part of: neighbours along
@@ -70,48 +89,66 @@ impl Graph {
         let heaviest = (total / 16).max(2);
         let mut coarse = vec![NONE; size];
         let mut pairs: Vec<(u32, u32)> = Vec::with_capacity(size / 2);
+        let weight = |vertex: u32| u64::from(self.weights[vertex as usize]);
         for vertex in scattered(size, seed) {
             if coarse[vertex as usize] != NONE {
                 continue;
             }
-            let weight = |vertex: u32| u64::from(self.weights[vertex as usize]);
-            let free = self.edges(vertex).filter(|&(other, _)| {
-                coarse[other as usize] == NONE && weight(vertex) + weight(other) <= heaviest
-            });
-            let partner = free.max_by_key(|&(other, edge)| (edge, std::cmp::Reverse((weight(other), other))));
-            let partner = partner.map_or(vertex, |(other, _)| other);
+            let most = heaviest.saturating_sub(weight(vertex));
+            let mut partner = (vertex, 0, u64::MAX);
+            for (other, edge) in self.edges(vertex) {
+                let better = edge > partner.1 || (edge == partner.1 && weight(other) < partner.2);
+                if better && coarse[other as usize] == NONE && weight(other) <= most {
+                    partner = (other, edge, weight(other));
+                }
+            }
+            let partner = partner.0;
             (coarse[vertex as usize], coarse[partner as usize]) = (pairs.len() as u32, pairs.len() as u32);
             pairs.push((vertex, partner));
         }
         let mut place = vec![NONE; pairs.len()];
-        let coarse_of = &coarse;
-        let graph = Self::of(pairs.iter().enumerate().map(|(own, &(one, other))| {
+        let mut graph = Self::with_room(pairs.len(), self.neighbours.len());
+        for (own, &(one, other)) in pairs.iter().enumerate() {
+            let start = graph.neighbours.len();
             let both = if one == other { &[one][..] } else { &[one, other][..] };
-            let mut merged: Vec<(u32, u32)> = Vec::new();
             for (neighbour, edge) in both.iter().flat_map(|&vertex| self.edges(vertex)) {
-                let neighbour = coarse_of[neighbour as usize];
+                let neighbour = coarse[neighbour as usize];
                 if neighbour == own as u32 {
                     continue;
                 }
-                match merged.get_mut(place[neighbour as usize] as usize) {
-                    Some((known, sum)) if *known == neighbour => *sum += edge,
-                    _ => {
-                        place[neighbour as usize] = merged.len() as u32;
-                        merged.push((neighbour, edge));
-                    }
+                let known = place[neighbour as usize] as usize;
+                if known >= start && graph.neighbours.get(known) == Some(&neighbour) {
+                    graph.edges[known] += edge;
+                } else {
+                    place[neighbour as usize] = graph.neighbours.len() as u32;
+                    graph.neighbours.push(neighbour);
+                    graph.edges.push(edge);
                 }
             }
-            (both.iter().map(|&vertex| self.weights[vertex as usize]).sum(), merged)
-        }));
+            graph.close(both.iter().map(|&vertex| self.weights[vertex as usize]).sum());
+        }
         (graph, coarse)
     }
 }
 
 /// The numbers below `size` in an order that looks random and is always the same for a seed.
-fn scattered(size: usize, seed: u32) -> Vec<u32> {
-    let mut numbers: Vec<u32> = (0..size as u32).collect();
-    numbers.sort_by_key(|&number| {
-        ((number ^ seed).wrapping_mul(0x9E37_79B1).rotate_left(16).wrapping_mul(0x85EB_CA6B), number)
-    });
-    numbers
+fn scattered(size: usize, seed: u32) -> impl Iterator<Item = u32> {
+    let size = size.max(1) as u64;
+    // Steps that have no factor in common with the size visit every number once.
+    let mut step = (size as f64 * (0.618_033_988_75 + 0.07 * f64::from(seed))) as u64 % size;
+    while common_factor(step, size) != 1 {
+        step += 1;
+    }
+    let mut number = 0;
+    (0..size).map(move |_| {
+        number = (number + step) % size;
+        number as u32
+    })
+}
+
+fn common_factor(mut one: u64, mut other: u64) -> u64 {
+    while other != 0 {
+        (one, other) = (other, one % other);
+    }
+    one
 }

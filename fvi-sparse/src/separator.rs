@@ -4,24 +4,36 @@ use crate::graph::Graph;
 use std::cmp::{Ordering, Reverse};
 use std::collections::BinaryHeap;
 
-/// A graph up to this size is divided by growing parts from several vertices.
-const COARSEST: usize = 96;
+/// How much is tried for a small separator.
+pub(crate) struct Care {
+    /// Parts up to this many vertices are not divided.
+    pub(crate) leaf: usize,
+    /// Divisions found on coarser graphs, of which the best is kept.
+    trials: u32,
+    /// A graph up to this size is divided by growing parts from several vertices.
+    coarsest: usize,
+    /// Vertices that parts are grown from.
+    seeds: usize,
+    /// Times that all vertices of a separator may move.
+    rounds: usize,
+    /// Moves that do not pay before a round ends: so many, and this part of those that are looked at in the
+    /// beginning, two for each vertex of the separator. One that is moved as a whole gets larger on the way.
+    patience: (usize, f64),
+    /// A cross-section is improved if, as it is, it is worse by this part of the best division at most.
+    nearly: f64,
+}
 
-/// Divisions of which the best is kept.
-const TRIALS: u32 = 2;
-
-/// Vertices that parts are grown from.
-const SEEDS: usize = 8;
+impl Care {
+    /// For structures whose elimination takes no longer.
+    pub(crate) const QUICK: Self =
+        Self { leaf: 300, trials: 1, coarsest: 60, seeds: 4, rounds: 4, patience: (15, 0.25), nearly: 0.25 };
+    /// Separators are smaller by some hundredths for five times the time.
+    pub(crate) const THOROUGH: Self =
+        Self { leaf: 64, trials: 2, coarsest: 96, seeds: 8, rounds: 6, patience: (40, 1.0), nearly: 1.0 };
+}
 
 /// A part may have so much of the whole.
 const LARGEST: f64 = 0.6;
-
-/// Times that all vertices of a separator may move.
-const ROUNDS: usize = 6;
-
-/// Moves that do not pay before a round ends, beyond two for each vertex of the separator: one that is moved
-/// as a whole gets larger on the way.
-const PATIENCE: usize = 40;
 
 /// Where a vertex is: in part 0 or 1, or between them.
 pub(crate) type Side = u8;
@@ -34,18 +46,28 @@ pub(crate) const BETWEEN: Side = 2;
 /// The graph is made coarser and coarser, the smallest one divided, and the separator improved by moving its
 /// vertices while it is carried back. Source: \[HendricksonRothberg98\] §§ 2, 3. Cross-sections of slender
 /// structures, which that leaves oblique, are tried too.
-pub(crate) fn separate(graph: &Graph) -> Vec<Side> {
-    let found = (0..TRIALS).map(|trial| multilevel(graph, trial)).chain(cross_sections(graph));
-    let best = found.min_by_key(|(score, _)| *score);
-    best.map_or_else(Vec::new, |(_, sides)| sides)
+pub(crate) fn separate(graph: &Graph, care: &Care) -> Vec<Side> {
+    let divisions = (0..care.trials).map(|trial| multilevel(graph, care, trial));
+    let Some((mut best, mut sides)) = divisions.min_by_key(|(score, _)| *score) else { return Vec::new() };
+    for mut section in cross_sections(graph) {
+        // One that is not a good one as it is will not be the best.
+        let (too_large, weight, _) = score(weights(graph, &section));
+        if !too_large && weight as f64 <= (1.0 + care.nearly) * best.1 as f64 {
+            let score = improve(graph, &mut section, care);
+            if score < best {
+                (best, sides) = (score, section);
+            }
+        }
+    }
+    sides
 }
 
 /// One division, which depends on the pairs that coarser graphs are made of.
-fn multilevel(graph: &Graph, trial: u32) -> (Score, Vec<Side>) {
+fn multilevel(graph: &Graph, care: &Care, trial: u32) -> (Score, Vec<Side>) {
     let mut coarser = Vec::new();
     loop {
         let last = coarser.last().map_or(graph, |(graph, _)| graph);
-        if last.size() <= COARSEST {
+        if last.size() <= care.coarsest {
             break;
         }
         let (next, of) = last.coarser(trial);
@@ -54,17 +76,17 @@ fn multilevel(graph: &Graph, trial: u32) -> (Score, Vec<Side>) {
         }
         coarser.push((next, of));
     }
-    let (mut score, mut sides) = grown(coarser.last().map_or(graph, |(graph, _)| graph));
+    let (mut score, mut sides) = grown(coarser.last().map_or(graph, |(graph, _)| graph), care);
     while let Some((_, of)) = coarser.pop() {
         sides = of.iter().map(|&vertex| sides[vertex as usize]).collect();
-        score = improve(coarser.last().map_or(graph, |(graph, _)| graph), &mut sides);
+        score = improve(coarser.last().map_or(graph, |(graph, _)| graph), &mut sides, care);
     }
     (score, sides)
 }
 
 /// Divisions by all vertices at one distance from an end of a connected graph: from a vertex there, and from
 /// all that are farthest from it, at the other end. Source: \[GeorgeLiu78\].
-fn cross_sections(graph: &Graph) -> Vec<(Score, Vec<Side>)> {
+fn cross_sections(graph: &Graph) -> Vec<Vec<Side>> {
     let mut ends = Vec::new();
     let mut start = vec![0];
     for _ in 0..2 {
@@ -74,11 +96,7 @@ fn cross_sections(graph: &Graph) -> Vec<(Score, Vec<Side>)> {
         start = if ends.is_empty() { farthest.take(1).collect() } else { farthest.collect() };
         ends.push(start.clone());
     }
-    let divided = ends.iter().filter_map(|end| {
-        let mut sides = cross_section(graph, &distances(graph, end)?);
-        Some((improve(graph, &mut sides), sides))
-    });
-    divided.collect()
+    ends.iter().filter_map(|end| Some(cross_section(graph, &distances(graph, end)?))).collect()
 }
 
 /// Number of edges between each vertex and the nearest one of some; `None` if one is not connected with them.
@@ -121,10 +139,10 @@ fn cross_section(graph: &Graph, distances: &[u32]) -> Vec<Side> {
 }
 
 /// The best of several divisions, each grown from one vertex until it has half of the whole.
-fn grown(graph: &Graph) -> (Score, Vec<Side>) {
+fn grown(graph: &Graph, care: &Care) -> (Score, Vec<Side>) {
     let size = graph.size();
     let mut best: Option<(Score, Vec<Side>)> = None;
-    for seed in (0..size).step_by(size.div_ceil(SEEDS).max(1)) {
+    for seed in (0..size).step_by(size.div_ceil(care.seeds).max(1)) {
         let mut sides = vec![1; size];
         let total: u64 = graph.weights().iter().map(|&weight| u64::from(weight)).sum();
         let (mut queue, mut next, mut weight) = (vec![seed as u32], 0, 0);
@@ -153,7 +171,7 @@ fn grown(graph: &Graph) -> (Score, Vec<Side>) {
                 sides[vertex as usize] = BETWEEN;
             }
         }
-        let score = improve(graph, &mut sides);
+        let score = improve(graph, &mut sides, care);
         if best.as_ref().is_none_or(|(least, _)| score < *least) {
             best = Some((score, sides));
         }
@@ -172,6 +190,15 @@ fn score(weights: [u64; 3]) -> Score {
     (larger > largest(total), between * (total / 2 + larger), larger)
 }
 
+/// The weights of the parts and of the separator.
+fn weights(graph: &Graph, sides: &[Side]) -> [u64; 3] {
+    let mut weights = [0; 3];
+    for (&side, &weight) in sides.iter().zip(graph.weights()) {
+        weights[side as usize] += u64::from(weight);
+    }
+    weights
+}
+
 /// What a part of a graph of this weight may weigh.
 fn largest(total: u64) -> u64 {
     (LARGEST * total as f64) as u64
@@ -179,11 +206,11 @@ fn largest(total: u64) -> u64 {
 
 /// Moves vertices of the separator into the parts, their neighbours on the other side taking their places,
 /// while it gets lighter; also through some divisions that are worse. Returns how good it is.
-fn improve(graph: &Graph, sides: &mut [Side]) -> Score {
+fn improve(graph: &Graph, sides: &mut [Side], care: &Care) -> Score {
     let mut search = Search::new(graph, sides);
     let mut score = search.score();
-    for _ in 0..ROUNDS {
-        let better = search.round();
+    for _ in 0..care.rounds {
+        let better = search.round(care);
         if better >= score {
             break;
         }
@@ -196,32 +223,38 @@ fn improve(graph: &Graph, sides: &mut [Side]) -> Score {
 struct Search<'a> {
     graph: &'a Graph,
     sides: &'a mut [Side],
-    /// Weight of the neighbours of each vertex in the two parts.
+    /// Vertices of the separator, and some that were.
+    between: Vec<u32>,
+    /// Weight of the neighbours of each vertex of the separator in the two parts.
     near: Vec<[u64; 2]>,
     /// Weights of the parts and of the separator.
     weights: [u64; 3],
     largest: u64,
     /// Moves by what they take off the separator.
     moves: BinaryHeap<(i64, Reverse<u32>, Side)>,
-    moved: Vec<bool>,
+    /// Round in which each vertex was moved last.
+    moved: Vec<u32>,
+    round: u32,
     /// Vertices that have changed sides, with the sides they were on.
     changes: Vec<(u32, Side)>,
 }
 
 impl<'a> Search<'a> {
     fn new(graph: &'a Graph, sides: &'a mut [Side]) -> Self {
-        let (mut near, mut weights) = (vec![[0; 2]; graph.size()], [0; 3]);
+        let (mut between, mut weights) = (Vec::new(), [0; 3]);
         for (vertex, (&side, &weight)) in sides.iter().zip(graph.weights()).enumerate() {
             weights[side as usize] += u64::from(weight);
-            if side != BETWEEN {
-                for &other in graph.neighbours(vertex as u32) {
-                    near[other as usize][side as usize] += u64::from(weight);
-                }
+            if side == BETWEEN {
+                between.push(vertex as u32);
             }
         }
         let largest = largest(weights.iter().sum());
-        let (moves, moved) = (BinaryHeap::new(), vec![false; graph.size()]);
-        Self { graph, sides, near, weights, largest, moves, moved, changes: Vec::new() }
+        let (near, moved) = (vec![[0; 2]; graph.size()], vec![0; graph.size()]);
+        let (moves, changes) = (BinaryHeap::new(), Vec::new());
+        let mut search =
+            Self { graph, sides, between, near, weights, largest, moves, moved, round: 0, changes };
+        (0..search.between.len()).for_each(|index| search.look_around(search.between[index]));
+        search
     }
 
     fn score(&self) -> Score {
@@ -234,9 +267,22 @@ impl<'a> Search<'a> {
             - self.near[vertex as usize][1 - side as usize] as i64
     }
 
+    /// Finds what is near a vertex of the separator.
+    fn look_around(&mut self, vertex: u32) {
+        let mut near = [0; 3];
+        for &other in self.graph.neighbours(vertex) {
+            near[self.sides[other as usize] as usize] += u64::from(self.graph.weights()[other as usize]);
+        }
+        self.near[vertex as usize] = [near[0], near[1]];
+    }
+
+    fn may_move(&self, vertex: u32) -> bool {
+        self.sides[vertex as usize] == BETWEEN && self.moved[vertex as usize] != self.round
+    }
+
     /// Has the moves of a vertex of the separator looked at.
     fn consider(&mut self, vertex: u32) {
-        if self.sides[vertex as usize] == BETWEEN && !self.moved[vertex as usize] {
+        if self.may_move(vertex) {
             for side in [0, 1] {
                 self.moves.push((self.gain(vertex, side), Reverse(vertex), side));
             }
@@ -252,31 +298,43 @@ impl<'a> Search<'a> {
         self.weights[before as usize] -= weight;
         self.weights[side as usize] += weight;
         for &other in graph.neighbours(vertex) {
+            if self.sides[other as usize] != BETWEEN {
+                continue;
+            }
             let near = &mut self.near[other as usize];
             if let Some(near) = near.get_mut(side as usize) {
                 *near += weight;
             }
             if let Some(near) = near.get_mut(before as usize) {
                 *near -= weight;
-                if self.sides[other as usize] == BETWEEN && !self.moved[other as usize] {
+                if self.moved[other as usize] != self.round {
                     let onward = 1 - before;
                     self.moves.push((self.gain(other, onward), Reverse(other), onward));
                 }
             }
         }
+        if side == BETWEEN {
+            self.look_around(vertex);
+            self.between.push(vertex);
+        }
     }
 
     /// Moves each vertex once at most, and ends with the best division on the way.
-    fn round(&mut self) -> Score {
+    fn round(&mut self, care: &Care) -> Score {
         let graph = self.graph;
+        self.round += 1;
         self.moves.clear();
-        self.moved.fill(false);
         self.changes.clear();
-        (0..graph.size() as u32).for_each(|vertex| self.consider(vertex));
-        let patience = PATIENCE + self.moves.len();
+        self.between.sort_unstable();
+        self.between.dedup();
+        let sides = &*self.sides;
+        self.between.retain(|&vertex| sides[vertex as usize] == BETWEEN);
+        (0..self.between.len()).for_each(|index| self.consider(self.between[index]));
+        let (least, part) = care.patience;
+        let patience = least + (part * self.moves.len() as f64) as usize;
         let (mut best, mut kept, mut made) = (self.score(), 0, 0);
         while let Some((gain, Reverse(vertex), side)) = self.moves.pop() {
-            if self.sides[vertex as usize] != BETWEEN || self.moved[vertex as usize] {
+            if !self.may_move(vertex) {
                 continue;
             }
             let now = self.gain(vertex, side);
@@ -287,7 +345,7 @@ impl<'a> Search<'a> {
             if now != gain || self.weights[side as usize] + weight > self.largest {
                 continue;
             }
-            self.moved[vertex as usize] = true;
+            self.moved[vertex as usize] = self.round;
             self.changes.push((vertex, BETWEEN));
             self.put(vertex, side);
             for &other in graph.neighbours(vertex) {
@@ -346,19 +404,22 @@ mod tests {
     fn boxes_are_divided_by_cross_sections() {
         for (sides, least) in [([20, 4, 4], 16), ([40, 7, 7], 49), ([9, 9, 9], 81), ([40, 30, 1], 30)] {
             let graph = lattice(sides);
-            let found = separate(&graph);
-            let count = |side| found.iter().filter(|&&other| other == side).count();
-            for vertex in 0..graph.size() as u32 {
-                let side = found[vertex as usize];
-                let apart = |other: &u32| found[*other as usize] == 1 - side;
-                assert!(side == BETWEEN || !graph.neighbours(vertex).iter().any(apart));
+            for (name, care) in [("quick", Care::QUICK), ("thorough", Care::THOROUGH)] {
+                let found = separate(&graph, &care);
+                let count = |side| found.iter().filter(|&&other| other == side).count();
+                for vertex in 0..graph.size() as u32 {
+                    let side = found[vertex as usize];
+                    let apart = |other: &u32| found[*other as usize] == 1 - side;
+                    assert!(side == BETWEEN || !graph.neighbours(vertex).iter().any(apart));
+                }
+                let (one, other, between) = (count(0), count(1), count(BETWEEN));
+                assert!(10 * one.max(other) <= 6 * graph.size(), "{name} {sides:?}: {one} {other} {between}");
+                // None smaller where the box is long.
+                let slender = sides[0] > 4 * sides[1];
+                let part = if name == "quick" { 0.4 } else { 0.25 };
+                let most = if slender { least } else { least + (part * least as f64) as usize };
+                assert!(between <= most, "{name} {sides:?}: {between}");
             }
-            let (one, other, between) = (count(0), count(1), count(BETWEEN));
-            assert!(10 * one.max(other) <= 6 * graph.size(), "{sides:?}: {one} {other} {between}");
-            // None smaller where the box is long.
-            let slender = sides[0] > 4 * sides[1];
-            let most = if slender { least } else { least + least / 8 };
-            assert!(between <= most, "{sides:?}: {between}");
         }
     }
 }
