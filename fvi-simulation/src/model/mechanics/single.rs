@@ -4,6 +4,7 @@ use super::{Model, moment};
 use crate::language::expression::Elementary;
 use crate::model::energies::{EnergiesAlong, EnergyRoom, States, write_plain};
 use crate::model::matrices::Matrix;
+use crate::model::switches::Switched;
 use crate::scenario::Scenario;
 use fvi_core::{Block, Coefficients, Fixed, Instant, MatrixError, Mechanics, NodalRule, Real};
 use nalgebra::SVector;
@@ -37,7 +38,10 @@ impl<T: Elementary> SingleModel<T> {
     pub fn serves(scenario: &Scenario) -> bool {
         let system = &scenario.system;
         let springs = system.damping.iter().any(|term| term.transfer.spring() != 0.0);
-        scenario.coordinates() == 1 && system.own_terms.is_none() && !system.is_large() && !springs
+        // Where steps end at jumps and kinks in the position its model has more inputs than the coordinate.
+        let switches = scenario.time.adaptive().is_some();
+        let plain = system.own_terms.is_none() && !system.is_large();
+        scenario.coordinates() == 1 && plain && !springs && !switches
     }
 
     /// Compiles the system of a scenario that it [`serves`](Self::serves).
@@ -80,6 +84,8 @@ impl<T: Elementary> SingleModel<T> {
         (pull - pushed[0], stiffness)
     }
 }
+
+impl<T> Switched for SingleModel<T> {}
 
 impl<T: Elementary> EnergiesAlong<T> for SingleModel<T> {
     fn has_plain_energy(&self) -> bool {
