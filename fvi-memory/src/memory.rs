@@ -292,12 +292,33 @@ impl MemoryRequest<'_> {
 
     fn kernel_of_transfer(&self) -> Result<fvi_core::Kernel, ParameterError> {
         let (transfer, step_size) = (self.transfer, self.step_size);
-        let ConvolutionFamily::Bdf { order } = self.convolution.family else {
-            return fvi_core::Kernel::given(transfer.growth());
+        let order = match self.convolution.family {
+            _ if self.any_step() => return fvi_core::Kernel::given(transfer.growth()),
+            ConvolutionFamily::Bdf { order } => BdfOrder::new(order)?,
+            ConvolutionFamily::RadauIia { stages } => match stages {
+                1 => return self.matrix_kernel(&RungeKutta::<1>::radau_iia()?),
+                2 => return self.matrix_kernel(&RungeKutta::<2>::radau_iia()?),
+                _ => return self.matrix_kernel(&RungeKutta::<3>::radau_iia()?),
+            },
+            ConvolutionFamily::LobattoIiic { stages } => match stages {
+                2 => return self.matrix_kernel(&RungeKutta::<2>::lobatto_iiic()?),
+                3 => return self.matrix_kernel(&RungeKutta::<3>::lobatto_iiic()?),
+                _ => return self.matrix_kernel(&RungeKutta::<4>::lobatto_iiic()?),
+            },
         };
-        let weights = multistep_weights(transfer, BdfOrder::new(order)?, step_size, false, 2)?;
+        let weights = multistep_weights(transfer, order, step_size, false, 2)?;
         let first = [0, 1].map(|n| weights.get(n).copied().unwrap_or(0.0));
         fvi_core::Kernel::weights(transfer.growth(), first, step_size)
+    }
+
+    fn matrix_kernel<const R: usize>(
+        &self,
+        method: &RungeKutta<R>,
+    ) -> Result<fvi_core::Kernel, ParameterError> {
+        let (transfer, step_size) = (self.transfer, self.step_size);
+        let on_rises = self.acts_on() != ActsOn::Values;
+        let weights = RungeKuttaWeights::of_transfer(method, transfer, on_rises, step_size, 1)?;
+        fvi_core::Kernel::matrix_weights(transfer.growth(), R, weights.leading_determinant(), step_size)
     }
 
     /// Whether the memory takes steps of any length.
@@ -446,12 +467,16 @@ impl MemoryRequest<'_> {
         method: &RungeKutta<R>,
         tables: &Tables,
     ) -> Result<HostMemory<T>, EngineError> {
-        let Some(exponent) = self.transfer.exponent() else {
-            let reason = "kernels other than s^β have weights of backward differentiation only: take `convolution.family` = \"bdf\"";
-            return Err(EngineError::Unsuited { engine, reason });
-        };
         if engine == Engine::AnyStep {
+            let Some(exponent) = self.transfer.exponent() else {
+                let reason = "steps of any length are for the kernels s^β: take equal steps";
+                return Err(EngineError::Unsuited { engine, reason });
+            };
             return self.variable_steps(method, exponent, tables);
+        }
+        if !self.transfer.is_relaxation() {
+            let reason = "this kernel has singularities off the negative real axis: take `convolution.family` = \"bdf\"";
+            return Err(EngineError::Unsuited { engine, reason });
         }
         let count = match engine {
             Engine::Direct => self.kept().saturating_add(1),
@@ -460,12 +485,11 @@ impl MemoryRequest<'_> {
                 self.horizon()?.saturating_add(1)
             }
         };
-        let make = match self.acts_on() {
-            ActsOn::Values => RungeKuttaWeights::new,
-            _ => RungeKuttaWeights::on_rises,
-        };
-        let weights = tables
-            .get(&self.key(count as u64, 0.0), || Ok(make(method, exponent, self.step_size, count)?))?;
+        let on_rises = self.acts_on() != ActsOn::Values;
+        let (transfer, step_size) = (self.transfer, self.step_size);
+        let weights = tables.get(&self.key(count as u64, 0.0), || {
+            Ok(RungeKuttaWeights::of_transfer(method, transfer, on_rises, step_size, count)?)
+        })?;
         match engine {
             Engine::ExponentialSum => return self.exponential_sum(&weights.table().borrow()),
             Engine::ExponentialSumCore => return self.core_exponential_sum(weights.table()),

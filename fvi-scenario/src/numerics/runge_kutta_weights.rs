@@ -5,6 +5,7 @@ use std::ops::Range;
 
 use super::aligned::Aligned;
 use super::inverse::inverse;
+use super::transfer::{Pole, TransferFunction};
 use fvi_core::{ExponentialTable, ParameterError, Real, RungeKutta};
 use nalgebra::{Complex, DMatrix, DVector, SMatrix, SVector};
 
@@ -134,6 +135,55 @@ impl<const R: usize> RungeKuttaWeights<R> {
         Ok(weights)
     }
 
+    /// Weights for any transfer function K that is made up by its cut and poles, on values, or on rises where
+    /// `on_rises` is set: Σ W_n zⁿ = K(Δ(z)/h), or K(Δ(z)/h) (Δ(z)/h)⁻¹ times A⁻¹/h.
+    ///
+    /// # Errors
+    /// As [`new`](RungeKuttaWeights::new) and [`on_rises`](RungeKuttaWeights::on_rises); and if K has
+    /// singularities elsewhere than on the negative real axis.
+    pub fn of_transfer(
+        method: &RungeKutta<R>,
+        transfer: &TransferFunction,
+        on_rises: bool,
+        step_size: f64,
+        count: usize,
+    ) -> Result<Self, ParameterError> {
+        if let Some(exponent) = transfer.exponent() {
+            let make = if on_rises { Self::on_rises } else { Self::new };
+            return make(method, exponent, step_size, count);
+        }
+        let refuse = |parameter, value, allowed| Err(ParameterError { parameter, value, allowed });
+        if !transfer.is_relaxation() {
+            return refuse("kernel", f64::NAN, "one whose singularities lie on the negative real axis");
+        }
+        if !(step_size > 0.0 && step_size.is_finite()) {
+            return refuse("step size", step_size, "positive and finite");
+        }
+        if count == 0 {
+            return refuse("number of weights", 0.0, "positive");
+        }
+        let matrix = SMatrix::<f64, R, R>::from_fn(|i, j| method.matrix()[i][j]);
+        let weights = SVector::<f64, R>::from(*method.quadrature().weights());
+        let growth = transfer.growth() - if on_rises { 1.0 } else { 0.0 };
+        // The integral over the cut needs n > μ + 1 to end.
+        let first = if growth > 0.9 { 3 } else { 2 };
+        let function = |lambda: Complex<f64>| {
+            let s = lambda / step_size;
+            let value = transfer.value(s);
+            if on_rises { value / s } else { value }
+        };
+        let near = contour_weights_of(&matrix, &weights, function, first);
+        let exponentials =
+            exponentials_of(&matrix, &weights, transfer, on_rises, step_size, first..count.max(first + 1));
+        let mut made = Self { count, step_size, near, exponentials };
+        if on_rises {
+            let derivative = inverse(&matrix) / step_size;
+            made.near.iter_mut().for_each(|weight| *weight *= derivative);
+            made.exponentials.iter_mut().for_each(|e| e.right = derivative.tr_mul(&e.right));
+        }
+        Ok(made)
+    }
+
     /// Number of weights, the horizon of the table.
     pub fn count(&self) -> usize {
         self.count
@@ -142,6 +192,11 @@ impl<const R: usize> RungeKuttaWeights<R> {
     /// Leading weight W₀.
     pub fn leading(&self) -> &SMatrix<f64, R, R> {
         &self.near[0]
+    }
+
+    /// det W₀.
+    pub fn leading_determinant(&self) -> f64 {
+        DMatrix::from_column_slice(R, R, self.leading().as_slice()).determinant()
     }
 
     /// The first weights, two or three of them, that the exponentials do not give.
@@ -307,20 +362,34 @@ fn contour_weights<const R: usize>(
     weights: &SVector<f64, R>,
     exponent: f64,
 ) -> Vec<SMatrix<f64, R, R>> {
-    let in_place = |matrix: &SMatrix<f64, R, R>| DMatrix::from_column_slice(R, R, matrix.as_slice());
-    let (inverse, weights) = (in_place(&inverse(matrix)), DVector::from_column_slice(weights.as_slice()));
-    contour_integrals(&in_place(matrix), &inverse, &weights, exponent)
-        .map(|weight| SMatrix::from_column_slice(weight.as_slice()))
-        .into()
+    let power = |lambda: Complex<f64>| {
+        let phase = exponent * libm::atan2(lambda.im, lambda.re);
+        let size = libm::pow(lambda.norm(), exponent);
+        Complex::new(size * libm::cos(phase), size * libm::sin(phase))
+    };
+    contour_weights_of(matrix, weights, power, 2)
 }
 
-/// The same for any number of stages, compiled once for all of them.
+/// The first `count` weights, two or three, of a function of λ in place of λ^β.
+fn contour_weights_of<const R: usize>(
+    matrix: &SMatrix<f64, R, R>,
+    weights: &SVector<f64, R>,
+    function: impl Fn(Complex<f64>) -> Complex<f64>,
+    count: usize,
+) -> Vec<SMatrix<f64, R, R>> {
+    let in_place = |matrix: &SMatrix<f64, R, R>| DMatrix::from_column_slice(R, R, matrix.as_slice());
+    let (inverse, weights) = (in_place(&inverse(matrix)), DVector::from_column_slice(weights.as_slice()));
+    let near = contour_integrals(&in_place(matrix), &inverse, &weights, &function);
+    near.iter().take(count).map(|weight| SMatrix::from_column_slice(weight.as_slice())).collect()
+}
+
+/// The first three for any number of stages, compiled once for all of them.
 fn contour_integrals(
     matrix: &DMatrix<f64>,
     inverse: &DMatrix<f64>,
     weights: &DVector<f64>,
-    exponent: f64,
-) -> [DMatrix<f64>; 2] {
+    function: &dyn Fn(Complex<f64>) -> Complex<f64>,
+) -> [DMatrix<f64>; 3] {
     let stages = weights.len();
     let eigenvalues = inverse.complex_eigenvalues();
     let middle = eigenvalues.iter().map(|value| value.norm_sqr() / value.re).fold(0.0, f64::max);
@@ -330,23 +399,76 @@ fn contour_integrals(
     let (matrix, weights) = (matrix.map(complex), weights.map(complex));
     let ones = DVector::repeat(stages, complex(1.0));
     let (zeros, identity) = (DMatrix::zeros(stages, stages), DMatrix::identity(stages, stages));
-    let mut near = [DMatrix::zeros(stages, stages), DMatrix::zeros(stages, stages)];
+    let mut near = [0; 3].map(|_| DMatrix::zeros(stages, stages));
     for point in 0..CONTOUR_POINTS {
         let angle = 2.0 * PI * (point as f64 + 0.5) / CONTOUR_POINTS as f64;
         let offset = Complex::new(libm::cos(angle), libm::sin(angle)) * radius;
         let lambda = offset + middle;
-        let phase = exponent * libm::atan2(lambda.im, lambda.re);
-        let size = libm::pow(lambda.norm(), exponent);
-        let power = Complex::new(size * libm::cos(phase), size * libm::sin(phase));
+        let power = function(lambda);
         let resolvent = (&matrix * lambda - &identity).lu().try_inverse().unwrap_or_else(|| zeros.clone());
         // dλ/(2πi) of the rule
         let factor = power * offset / CONTOUR_POINTS as f64;
         let left = &resolvent * &ones;
         let right = resolvent.tr_mul(&weights);
         near[0] += (&resolvent * &matrix * factor).map(|entry| entry.re);
-        near[1] -= (left * right.transpose() * factor).map(|entry| entry.re);
+        let product = left * right.transpose() * factor;
+        near[1] -= product.map(|entry| entry.re);
+        // R(λ) = 1 − λ bᵀ(λA − I)⁻¹ 1
+        let stability = complex(1.0) - lambda * right.sum();
+        near[2] -= (product * stability).map(|entry| entry.re);
     }
     near
+}
+
+/// The integral over the cut of any transfer function, divided by s on rises, and its poles, for n in `range`:
+/// the trapezoidal rule in ln d, x = h (a + d).
+fn exponentials_of<const R: usize>(
+    matrix: &SMatrix<f64, R, R>,
+    weights: &SVector<f64, R>,
+    transfer: &TransferFunction,
+    on_rises: bool,
+    step_size: f64,
+    range: Range<usize>,
+) -> Vec<RankOneExponential<R>> {
+    let ones = SVector::<f64, R>::repeat(1.0);
+    // With the part `coefficient` of ∫ dμ(x) R(−x)^{n−1} (I + xA)⁻¹1 · bᵀ(I + xA)⁻¹.
+    let at = |x: f64, coefficient: f64| {
+        let resolvent = inverse(&(SMatrix::identity() + matrix * x));
+        let right = resolvent.tr_mul(weights);
+        (x, RankOneExponential { decrement: x * right.sum(), left: resolvent * ones * coefficient, right })
+    };
+    // 1/(s + λ) has the measure h at x = λh; on rises it is divided by s = −λ.
+    let pole = |pole: Pole| {
+        let residue = if on_rises { -pole.residue / pole.rate } else { pole.residue };
+        at(pole.rate * step_size, residue * step_size)
+    };
+    let mut found: Vec<_> = transfer.poles().into_iter().map(pole).collect();
+    if let Some(cut) = transfer.cut() {
+        let digits = -libm::log(TOLERANCE);
+        let growth = transfer.growth() - if on_rises { 1.0 } else { 0.0 };
+        let power = cut.power - if on_rises && cut.start == 0.0 { 1.0 } else { 0.0 };
+        let width = 2.0 * PI * cut.strip / (digits + (growth + 0.5).max(0.0) * 4.0);
+        // What stands still beside the branch point up to the last weight is one node there.
+        let stand = power < 0.0 || cut.start > 0.0;
+        let lowest = -digits / (1.0 + power + if stand { 1.0 } else { 0.0 }) - libm::log(range.end as f64);
+        let highest = libm::log(200.0) + digits / (range.start as f64 - growth);
+        let nodes = ((highest - lowest) / width).ceil() as usize;
+        let start = cut.start * step_size;
+        let coefficient = |d: f64| {
+            let jump = -transfer.jump(d / step_size) * d * width;
+            if on_rises { -jump * step_size / (start + d) } else { jump }
+        };
+        if stand {
+            let standing = coefficient(libm::exp(lowest - width)) / -libm::expm1(-width * (1.0 + power));
+            found.push(at(start, standing));
+        }
+        found.extend((0..nodes).map(|node| {
+            let d = libm::exp(lowest + width * node as f64);
+            at(start + d, coefficient(d))
+        }));
+    }
+    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    found.into_iter().map(|(_, exponential)| exponential).collect()
 }
 
 /// The trapezoidal rule in y = ln x for the integral over the cut, for n in `range`, which begins at 2 or
@@ -386,4 +508,62 @@ fn cut_exponentials<const R: usize>(
             RankOneExponential { decrement: x * right.sum(), left, right }
         }))
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Σ_n W_n zⁿ by weights at a z inside the circle.
+    fn series<const R: usize>(weights: &RungeKuttaWeights<R>, z: f64, count: usize) -> SMatrix<f64, R, R> {
+        let planes = weights.planes();
+        let entry = |n: usize, i: usize, j: usize| planes[(i * R + j) * weights.count() + n];
+        (0..count).rev().fold(SMatrix::zeros(), |sum: SMatrix<f64, R, R>, n| {
+            sum * z + SMatrix::from_fn(|i, j| entry(n, i, j))
+        })
+    }
+
+    fn check<const R: usize>(method: &RungeKutta<R>, transfer: &TransferFunction, step_size: f64) {
+        let matrix = SMatrix::<f64, R, R>::from_fn(|i, j| method.matrix()[i][j]);
+        let inverse = inverse(&matrix);
+        let (z, count) = (0.5, 120);
+        let last = SMatrix::<f64, R, R>::from_fn(|_, j| f64::from(u8::from(j + 1 == R)));
+        // Δ = A⁻¹ − z A⁻¹ 1 bᵀA⁻¹, the latter the last unit vector; its powers are an independent series in A.
+        let delta = (inverse - inverse * last * z) / step_size;
+        let values = RungeKuttaWeights::of_transfer(method, transfer, false, step_size, count).unwrap();
+        let found = series(&values, z, count);
+        // K(Δ) commutes with Δ and maps its eigenvectors: compared through K of Δ's characteristic values.
+        let commutator = (found * delta - delta * found).norm() / (found.norm() * delta.norm());
+        assert!(commutator < 1e-13, "{transfer}: {commutator:e}");
+        let eigenvalues = DMatrix::from_column_slice(R, R, delta.as_slice()).complex_eigenvalues();
+        let trace: Complex<f64> = eigenvalues.iter().map(|&value| transfer.value(value)).sum();
+        let error = (found.trace() - trace.re).abs();
+        assert!(error < 1e-12 * (1.0 + trace.re.abs()), "{transfer}, {R}: {error:e}");
+        // Weights on rises: V(z) = W(z) Δ(z)⁻¹ A⁻¹/h.
+        let rises = RungeKuttaWeights::of_transfer(method, transfer, true, step_size, count).unwrap();
+        let expected = found * super::inverse(&delta) * inverse / step_size;
+        let error = (series(&rises, z, count) - expected).norm() / expected.norm();
+        assert!(error < 1e-12, "{transfer}, {R}, rises: {error:e}");
+    }
+
+    #[test]
+    fn weights_of_any_transfer_function_are_the_series_of_its_value() {
+        for transfer in [
+            TransferFunction::tempered(0.5, 0.3),
+            TransferFunction::tempered(1.5, 2.0),
+            TransferFunction::maxwell(0.6, 0.0, 1.5),
+            TransferFunction::maxwell(0.9, 0.4, 0.5),
+            TransferFunction::prony(&[1.0, 0.7], &[1.0, 0.1]),
+            TransferFunction::havriliak_negami(0.7, 0.5, 1.0),
+            TransferFunction::havriliak_negami(1.0, 0.5, 2.0),
+        ] {
+            let transfer = transfer.unwrap();
+            for step_size in [0.01, 0.5] {
+                check(&RungeKutta::<1>::radau_iia().unwrap(), &transfer, step_size);
+                check(&RungeKutta::<2>::radau_iia().unwrap(), &transfer, step_size);
+                check(&RungeKutta::<3>::radau_iia().unwrap(), &transfer, step_size);
+                check(&RungeKutta::<4>::lobatto_iiic().unwrap(), &transfer, step_size);
+            }
+        }
+    }
 }

@@ -78,6 +78,8 @@ impl Characteristic {
     /// A logarithm of det A(z) up to a positive factor; `None` where it is zero or not finite.
     pub(super) fn logarithm(&self, part: &Part, step: f64, z: Complex<f64>) -> Option<Complex<f64>> {
         let factors = self.factors(z);
+        let staged: Vec<Option<DMatrix<Complex<f64>>>> =
+            self.transfers.iter().map(|transfer| self.at_stages(transfer, step, z)).collect();
         let (size, rows) = (part.size(), part.size() * self.degree);
         let mut matrix = vec![Complex::ZERO; rows * rows];
         let mut add = |factor: Complex<f64>, of: &DMatrix<f64>, nu: usize, mu: usize| {
@@ -97,7 +99,9 @@ impl Characteristic {
             for mu in 0..self.degree {
                 add(factors.kinetic[(nu, mu)], &identity, nu, mu);
                 add(-factors.elastic[(nu, mu)] * (step * step), &part.stiffness, nu, mu);
-                for ((rho, damped), scale) in part.damping.iter().zip(&factors.damped).zip(&scales) {
+                let terms = part.damping.iter().zip(&factors.damped).zip(&staged).zip(&scales);
+                for (((rho, damped), staged), scale) in terms {
+                    let damped = staged.as_ref().unwrap_or(damped);
                     add(-damped[(nu, mu)] * *scale, rho, nu, mu);
                 }
             }
@@ -112,9 +116,44 @@ impl Characteristic {
             (None, Form::MainNodes(formula) | Form::Nodes(formula)) => {
                 transfer.value(symbol::formula(*formula, z) / step) * (step * step)
             }
-            // There are no such memories.
-            (None, Form::Stages { .. }) => Complex::new(f64::NAN, 0.0),
+            (None, Form::Stages { .. }) => Complex::new(step * step, 0.0),
         }
+    }
+
+    /// D of a transfer function other than a power at the stages: with K(Δ(z)/h) in place of Δ(z)^β.
+    fn at_stages(
+        &self,
+        transfer: &TransferFunction,
+        step: f64,
+        z: Complex<f64>,
+    ) -> Option<DMatrix<Complex<f64>>> {
+        match (transfer.exponent(), &self.form) {
+            (None, Form::Stages { inverse }) => {
+                let delta = symbol::difference(inverse, z) / Complex::new(step, 0.0);
+                Some(self.between_stages(symbol::function_of(&delta, |s| transfer.value(s)), z))
+            }
+            _ => None,
+        }
+    }
+
+    /// Σ_i b_i ψ_ν(c_i) Σ_j X_ij φ_μ(c_j)
+    fn between_stages(&self, matrix: DMatrix<Complex<f64>>, z: Complex<f64>) -> DMatrix<Complex<f64>> {
+        let Polynomials { weights, values, .. } = &self.polynomials;
+        let one = Complex::new(1.0, 0.0);
+        let mut tests = self.wide(values, [one, z]);
+        for (mut row, &weight) in tests.row_iter_mut().zip(weights) {
+            row *= Complex::new(weight, 0.0);
+        }
+        tests.transpose() * matrix * self.wide(values, [z, one])
+    }
+
+    /// Of the ends, 0 and 1, ψ₀ and φ₀ are combinations.
+    fn wide(&self, to: &DMatrix<f64>, [left, right]: [Complex<f64>; 2]) -> DMatrix<Complex<f64>> {
+        let one = Complex::new(1.0, 0.0);
+        DMatrix::from_fn(to.nrows(), self.degree, |row, mu| match mu {
+            0 => left * to[(row, 0)] + right * to[(row, 1)],
+            _ => one * to[(row, mu + 1)],
+        })
     }
 
     fn factors(&self, z: Complex<f64>) -> Rc<Factors> {
@@ -128,18 +167,11 @@ impl Characteristic {
     }
 
     fn factors_at(&self, z: Complex<f64>) -> Factors {
-        let Polynomials { weights, values, kinetic, elastic } = &self.polynomials;
+        let Polynomials { kinetic, elastic, .. } = &self.polynomials;
         let one = Complex::new(1.0, 0.0);
-        // Of the ends, 0 and 1, ψ₀ and φ₀ are combinations.
-        let wide = |to: &DMatrix<f64>, [left, right]: [Complex<f64>; 2]| {
-            DMatrix::from_fn(to.nrows(), self.degree, |row, mu| match mu {
-                0 => left * to[(row, 0)] + right * to[(row, 1)],
-                _ => one * to[(row, mu + 1)],
-            })
-        };
         let (trial, test) = ([z, one], [one, z]);
         let both = |products: &DMatrix<f64>| {
-            let half = wide(products, trial);
+            let half = self.wide(products, trial);
             DMatrix::from_fn(self.degree, self.degree, |nu, mu| match nu {
                 0 => test[0] * half[(0, mu)] + test[1] * half[(1, mu)],
                 _ => half[(nu + 1, mu)],
@@ -157,12 +189,9 @@ impl Characteristic {
                 None => elastic.clone(),
             },
             Form::Stages { inverse } => {
-                let order = transfer.exponent().unwrap_or(f64::NAN);
-                let mut tests = wide(values, test);
-                for (mut row, &weight) in tests.row_iter_mut().zip(weights) {
-                    row *= Complex::new(weight, 0.0);
-                }
-                tests.transpose() * symbol::runge_kutta(inverse, order, z) * wide(values, trial)
+                // Others depend on the step.
+                let power = transfer.exponent().map(|order| symbol::runge_kutta(inverse, order, z));
+                power.map_or_else(|| DMatrix::zeros(0, 0), |power| self.between_stages(power, z))
             }
         });
         let damped = damped.collect();

@@ -25,14 +25,51 @@ pub(super) fn formula(order: BdfOrder, z: Complex<f64>) -> Complex<f64> {
 ///
 /// The methods are A-stable: the eigenvalues of Δ(z) lie in the right half-plane.
 pub(super) fn runge_kutta(inverse: &DMatrix<f64>, exponent: f64, z: Complex<f64>) -> DMatrix<Complex<f64>> {
+    matrix_power(&difference(inverse, z), exponent)
+}
+
+/// Δ(z).
+pub(super) fn difference(inverse: &DMatrix<f64>, z: Complex<f64>) -> DMatrix<Complex<f64>> {
     let stages = inverse.nrows();
     let sums = inverse.column_sum();
     // bᵀA⁻¹ is the last unit vector.
-    let delta = DMatrix::from_fn(stages, stages, |i, j| {
+    DMatrix::from_fn(stages, stages, |i, j| {
         let entry = Complex::new(inverse[(i, j)], 0.0);
         if j + 1 == stages { entry - z * sums[i] } else { entry }
-    });
-    matrix_power(&delta, exponent)
+    })
+}
+
+/// f of a matrix, by the recurrence for that of the triangular factor of Schur's decomposition. \[Higham08\]
+///
+/// Eigenvalues that nearly coincide take the slope of f.
+pub(super) fn function_of(
+    matrix: &DMatrix<Complex<f64>>,
+    function: impl Fn(Complex<f64>) -> Complex<f64>,
+) -> DMatrix<Complex<f64>> {
+    let size = matrix.nrows();
+    let (unitary, triangular) = Schur::new(matrix.clone()).unpack();
+    let mut found = DMatrix::from_diagonal(&triangular.diagonal().map(&function));
+    for apart in 1..size {
+        for row in 0..size - apart {
+            let column = row + apart;
+            let (left, right) = (triangular[(row, row)], triangular[(column, column)]);
+            let between: Complex<f64> = (row + 1..column)
+                .map(|k| {
+                    found[(row, k)] * triangular[(k, column)] - triangular[(row, k)] * found[(k, column)]
+                })
+                .sum();
+            let gap = left - right;
+            let near = 1e-6 * (left.norm() + right.norm());
+            found[(row, column)] = if gap.norm() > near {
+                (triangular[(row, column)] * (found[(row, row)] - found[(column, column)]) + between) / gap
+            } else {
+                let middle = (left + right) * 0.5;
+                let slope = (function(middle + near) - function(middle - near)) / (2.0 * near);
+                triangular[(row, column)] * slope
+            };
+        }
+    }
+    &unitary * found * unitary.adjoint()
 }
 
 fn scalar_power(base: Complex<f64>, exponent: f64) -> Complex<f64> {
@@ -102,6 +139,16 @@ fn triangular_root(matrix: &DMatrix<Complex<f64>>) -> DMatrix<Complex<f64>> {
 mod tests {
     use super::*;
     use nalgebra::dmatrix;
+
+    #[test]
+    fn functions_of_a_matrix_are_its_powers_where_they_are_powers() {
+        let inverse = dmatrix![1.5, 0.5; -4.5, 2.5];
+        for z in [Complex::new(0.3, 0.9), Complex::new(-0.2, 0.4)] {
+            let found = function_of(&difference(&inverse, z), |s| scalar_power(s, 0.7));
+            let error = (found - runge_kutta(&inverse, 0.7, z)).norm();
+            assert!(error < 1e-12, "{z}: {error:e}");
+        }
+    }
 
     #[test]
     fn powers_of_a_matrix_form_a_semigroup() {
