@@ -11,6 +11,7 @@ pub mod multistep_weights;
 pub mod podlubny_matrix;
 mod principal_cut;
 pub mod rate_table;
+pub mod relaxation;
 pub mod runge_kutta_weights;
 pub mod semidefinite;
 pub mod starting;

@@ -66,8 +66,24 @@ pub trait Formula: fmt::Debug + Send + Sync {
     fn value(&self, s: Complex<f64>) -> Complex<f64>;
     /// K of a power series; coefficients that are not numbers where it has none.
     fn series(&self, s: &Series) -> Series;
-    /// How it is written.
+    /// How it is written: an expression, or the file that it comes from.
     fn text(&self) -> &str;
+    /// The name of its form in files.
+    fn form(&self) -> &'static str {
+        "symbol"
+    }
+    /// Further parameters with their names in files.
+    fn parameters(&self) -> Vec<(&'static str, f64)> {
+        Vec::new()
+    }
+    /// Numbers behind its text.
+    fn numbers(&self) -> &[f64] {
+        &[]
+    }
+    /// Whether it is passive by its shape.
+    fn is_passive(&self) -> bool {
+        false
+    }
 }
 
 /// A formula that several transfer functions share.
@@ -76,7 +92,10 @@ struct SharedFormula(Arc<dyn Formula>);
 
 impl PartialEq for SharedFormula {
     fn eq(&self, other: &Self) -> bool {
-        self.0.text() == other.0.text()
+        let (one, other) = (&self.0, &other.0);
+        one.text() == other.text()
+            && one.numbers() == other.numbers()
+            && one.parameters() == other.parameters()
     }
 }
 
@@ -216,12 +235,16 @@ impl TransferFunction {
         check(growth > -1.0, "growth of the symbol", growth, allowed)?;
         let at = |exponent: f64| formula.value(Complex::new(libm::exp10(exponent), 0.0)).re;
         let (near, far) = (at(-60.0), at(-50.0));
-        // What falls to nothing is no spring.
-        let spring = if (near - far).abs() <= 1e-9 * near.abs() { near } else { 0.0 };
+        // What falls to nothing is no spring, nor what rounding leaves of sums.
+        let stays = (near - far).abs() <= 1e-9 * near.abs() && near.abs() > 1e-13 * at(0.0).abs();
+        let spring = if stays { near } else { 0.0 };
         let formula = SharedFormula(formula);
         let mut made =
             Self { form: Form::Formula { formula, growth, spring, relaxation: false, active: None } };
-        let (whole, drives) = (made.is_made_up_by_its_cut(), made.look_for_activity());
+        let (whole, drives) = match &made.form {
+            Form::Formula { formula, .. } if formula.0.is_passive() => (false, None),
+            _ => (made.is_made_up_by_its_cut(), made.look_for_activity()),
+        };
         if let Form::Formula { relaxation, active, .. } = &mut made.form {
             (*relaxation, *active) = (whole, drives);
         }
@@ -487,13 +510,13 @@ impl TransferFunction {
 
     /// The name of its form in files.
     pub fn form(&self) -> &'static str {
-        match self.form {
+        match &self.form {
             Form::Power { .. } => "power",
             Form::Tempered { .. } => "tempered",
             Form::Maxwell { .. } => "maxwell",
             Form::Prony { .. } => "prony",
             Form::HavriliakNegami { .. } => "havriliak-negami",
-            Form::Formula { .. } => "symbol",
+            Form::Formula { formula, .. } => formula.0.form(),
         }
     }
 
@@ -513,7 +536,9 @@ impl TransferFunction {
             Form::HavriliakNegami { order, power, time } => {
                 vec![("order", one(*order)), ("power", one(*power)), ("time", one(*time))]
             }
-            Form::Formula { .. } => Vec::new(),
+            Form::Formula { formula, .. } => {
+                formula.0.parameters().into_iter().map(|(name, number)| (name, one(number))).collect()
+            }
         }
     }
 
@@ -525,6 +550,14 @@ impl TransferFunction {
         }
     }
 
+    /// The numbers behind the text of a formula.
+    pub fn numbers(&self) -> &[f64] {
+        match &self.form {
+            Form::Formula { formula, .. } => formula.0.numbers(),
+            _ => &[],
+        }
+    }
+
     /// Numbers that tell it from every other: equal ones have equal weights.
     pub fn key(&self) -> Vec<u64> {
         let form = self.form().bytes().next().map_or(0, u64::from);
@@ -532,7 +565,8 @@ impl TransferFunction {
             std::iter::once(numbers.len() as u64).chain(numbers.into_iter().map(f64::to_bits))
         });
         let text = self.text().unwrap_or("").bytes().map(u64::from);
-        std::iter::once(form).chain(numbers).chain(text).collect()
+        let behind = self.numbers().iter().map(|number| number.to_bits());
+        std::iter::once(form).chain(numbers).chain(text).chain(behind).collect()
     }
 }
 

@@ -4,7 +4,9 @@ use super::system::{read_parameters, symbols_of};
 use crate::language::document::{Document, Table, Value};
 use crate::language::error::{InputError, Problem};
 use crate::language::expression::{Expression, Function, Kind, LARGEST_MULTIPLIED, Node, Operator, Symbols};
+use crate::language::number_table::NumberTable;
 use crate::numerics::algebra::{Algebra, Series};
+use crate::numerics::relaxation::Relaxation;
 use crate::numerics::transfer::{Formula, TransferFunction};
 use fvi_core::{DoubleDouble, ParameterError};
 use nalgebra::Complex;
@@ -104,6 +106,9 @@ pub(super) fn read_kernel(
     table: &Table<'_>,
     parameters: &BTreeMap<String, f64>,
 ) -> Result<TransferFunction, InputError> {
+    if let Some(value) = table.optional("relaxation") {
+        return read_relaxation(table, &value);
+    }
     let (is_form, value) = table.either("form", "symbol")?;
     if !is_form {
         table.allow(&["symbol"])?;
@@ -166,6 +171,57 @@ pub(super) fn read_kernel(
         };
         let place = table.optional(key).unwrap_or_else(|| value.clone());
         place.out_of_range(format!("{} {}", error.parameter, error.allowed))
+    })
+}
+
+/// Reads a relaxation function: a file with the columns `t,G`, or rows of t and G.
+fn read_relaxation(table: &Table<'_>, value: &Value<'_>) -> Result<TransferFunction, InputError> {
+    table.allow(&["relaxation", "decay"])?;
+    let decay = table.optional("decay").map(|decay| decay.positive()).transpose()?;
+    let (file, rows) = if value.is_text() {
+        let read = NumberTable::read(value, value.document(), &["G".to_owned()])?;
+        let file = value.document().resolve(value.text()?).display().to_string();
+        (file, read.rows.iter().map(|row| (row[0], row[1])).collect::<Vec<_>>())
+    } else {
+        let rows = value.list("a file, or a list of rows [t, G]")?;
+        let row = |row: &Value<'_>| row.vector(2).map(|row| (row[0], row[1]));
+        (String::new(), rows.iter().map(row).collect::<Result<Vec<_>, _>>()?)
+    };
+    let refused = |index: usize, reason: String| {
+        let reason = format!("row {}: {reason}", index + 1);
+        if value.is_text() { value.file_error(reason) } else { value.out_of_range(reason) }
+    };
+    if rows.len() < 2 {
+        return Err(refused(0, "at least two rows are needed".to_owned()));
+    }
+    if rows[0].0 != 0.0 {
+        return Err(refused(
+            0,
+            format!("t = {} instead of 0, where a relaxation function begins", rows[0].0),
+        ));
+    }
+    if let Some(index) = rows.windows(2).position(|pair| pair[1].0 <= pair[0].0) {
+        return Err(refused(
+            index + 1,
+            format!("t = {} does not come after the row before", rows[index + 1].0),
+        ));
+    }
+    // One that swings about zero, as that of waves does, rises in places; whether it is passive is looked at.
+    let swings = rows.iter().any(|row| row.1 < 0.0);
+    if let Some(index) = rows.windows(2).position(|pair| pair[1].1 > pair[0].1).filter(|_| !swings) {
+        return Err(refused(index + 1, format!("G rises to {}: the material would push", rows[index + 1].1)));
+    }
+    let (end, modulus) = rows[rows.len() - 1];
+    if modulus != 0.0 && decay.is_none() {
+        return Err(refused(
+            rows.len() - 1,
+            format!(
+                "G = {modulus} at the end, t = {end}: say how it goes on, by the time constant `decay`, or end at 0"
+            ),
+        ));
+    }
+    TransferFunction::formula(Arc::new(Relaxation::new(&file, &rows, decay))).map_err(|error| {
+        value.out_of_range(format!("{}; {} is {:e} here", error.allowed, error.parameter, error.value))
     })
 }
 
@@ -345,6 +401,41 @@ mod tests {
             let help = miette::Diagnostic::help(&error).map(|help| help.to_string()).unwrap_or_default();
             assert!(format!("{error} {help}").contains(reason), "{text}: {error} {help}");
         }
+    }
+
+    #[test]
+    fn relaxation_functions_are_read_and_checked_row_by_row() {
+        let read = |keys: &str| {
+            let document = Document::new("kernel.toml", Path::new("."), &format!("[kernel]\n{keys}\n"))
+                .with_attached("G.csv", "t,G\n0,1\n0.5,0.6\n2,0\n")
+                .with_attached("rises.csv", "t,G\n0,1\n0.5,1.6\n2,0\n")
+                .with_attached("late.csv", "t,G\n1,1\n2,0\n");
+            kernel_of_document(&document).map_err(|error| {
+                let help = miette::Diagnostic::help(&error).map(|help| help.to_string()).unwrap_or_default();
+                format!("{error} {help}")
+            })
+        };
+        let (file, rows) = (
+            read("relaxation = \"G.csv\"").unwrap(),
+            read("relaxation = [[0, 1], [0.5, 0.6], [2, 0]]").unwrap(),
+        );
+        let s = Complex::new(0.3, 1.0);
+        assert_eq!(file.value(s), rows.value(s));
+        assert_eq!((file.spring(), file.active(), file.growth()), (0.0, None, 0.0));
+        for (keys, reason) in [
+            ("relaxation = \"rises.csv\"", "row 2: G rises to 1.6"),
+            ("relaxation = \"late.csv\"", "row 1: t = 1 instead of 0"),
+            ("relaxation = [[0, 1], [1, 0.5]]", "`decay`"),
+            ("relaxation = [[0, 1], [0, 0]]", "does not come after"),
+            ("relaxation = [[0, 1]]", "at least two rows"),
+            ("relaxation = \"G.csv\"\norder = 1", "unknown key"),
+        ] {
+            let message = read(keys).unwrap_err();
+            assert!(message.contains(reason), "{keys}: {message}");
+        }
+        assert!(read("relaxation = [[0, 1], [1, 0.5]]\ndecay = 2.0").is_ok());
+        // A rectangle pushes back at some frequencies.
+        assert!(read("relaxation = [[0, 1], [1, 1], [1.001, 0]]").unwrap().active().is_some());
     }
 
     #[test]

@@ -279,7 +279,12 @@ impl Serialize for KernelKeys<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut map = serializer.serialize_map(None)?;
         match self.0.text() {
-            Some(text) => map.serialize_entry("symbol", text)?,
+            // Rows that were given in place of a file.
+            Some("") => {
+                let rows: Vec<&[f64]> = self.0.numbers().chunks(2).collect();
+                map.serialize_entry(self.0.form(), &rows)?;
+            }
+            Some(text) => map.serialize_entry(self.0.form(), text)?,
             None => map.serialize_entry("form", self.0.form())?,
         }
         for (name, numbers) in self.0.parameters() {

@@ -16,7 +16,7 @@ from fvi._errors import InputError
 class Kernel:
     """A kernel K(s) in place of s^β: the damping force is −ρ K(D) q.
 
-    Made by `power`, `tempered`, `maxwell`, `prony`, `havriliak_negami` or `symbol`; taken by `Damping`, `Memory`, `weights` and
+    Made by `power`, `tempered`, `maxwell`, `prony`, `havriliak_negami`, `symbol` or `relaxation`; taken by `Damping`, `Memory`, `weights` and
     `derivative`. A kernel that is not passive, one that could drive a motion, is refused by `integrate` with the frequency, unless
     the damping says ``allow_active=True``.
 
@@ -72,6 +72,21 @@ class Kernel:
         if not isinstance(expression, str):
             raise InputError(f"expression = {expression!r}: a text is needed", "expression", repr(expression))
         return Kernel(symbol=expression)
+
+    @staticmethod
+    def relaxation(t: ArrayLike, G: ArrayLike, decay: float | None = None) -> Kernel:
+        """K(s) = s Ĝ(s), the force ∫ G(t − τ) q̇(τ) dτ of a measured relaxation function.
+
+        G is linear between the times t, which begin at 0, and falls like e^{−t/decay} behind the last one, where it must be zero
+        without `decay`.
+        """
+        times, moduli = np.atleast_1d(_arrays.numbers("t", t)), np.atleast_1d(_arrays.numbers("G", G))
+        if times.ndim != 1 or times.shape != moduli.shape:
+            raise InputError(f"G: shape {moduli.shape} instead of {times.shape}, that of t", "G", str(moduli.shape))
+        keys: dict[str, Any] = {"relaxation": np.column_stack([times, moduli]).tolist()}
+        if decay is not None:
+            keys["decay"] = _arrays.positive("decay", decay)
+        return Kernel(**keys)
 
     def __repr__(self) -> str:
         return f"Kernel({', '.join(f'{name}={value!r}' for name, value in self._keys.items())})"
