@@ -39,6 +39,11 @@ impl<T: Elementary> SingleModel<T> {
         scenario.coordinates() == 1 && system.own_terms.is_none() && !system.is_large()
     }
 
+    /// As [`Model::missed`].
+    pub fn missed(&self) -> Option<f64> {
+        self.model.missed()
+    }
+
     /// Compiles the system of a scenario that it [`serves`](Self::serves).
     ///
     /// # Errors
