@@ -13,7 +13,7 @@ use crate::real::Real;
 use crate::runge_kutta::RungeKutta;
 use crate::scheme::{Outcome, Sampling, Scheme, State, Step, StepError, conclude};
 use crate::space::{Block, Space, called, vectors, vectors_mut};
-use crate::system::{Instant, Mechanics};
+use crate::system::{Instant, Mechanics, NodalRule};
 use crate::workspace::Workspace;
 
 /// Corrections of a linear system's step. The second takes back what the first lost to rounding where the
@@ -107,7 +107,8 @@ impl<T: Real, const N: usize, const R: usize> Scheme<T, Fixed<N>> for Collocatio
 }
 
 impl<T: Real> CollocationTables<'_, T> {
-    /// One step. The accelerations a_i are left in `work.increments`, X_i − q_k in `work.stages`.
+    /// One step. The accelerations a_i are left in `work.increments`, X_i − q_k in `work.stages`. `work.excess`
+    /// has room for a vector at each node.
     ///
     /// # Errors
     /// [`StepError`]; position, momentum and damping are as before.
@@ -134,7 +135,22 @@ impl<T: Real> CollocationTables<'_, T> {
         mechanics.velocity(X::slice(momentum), X::slice_mut(&mut velocity));
         work.increments.fill(T::zero());
         let linear = mechanics.is_linear();
+        let rough = mechanics.is_rough() && {
+            let (start, length, nodes) = (step.time, step.size, self.nodes);
+            let rule = NodalRule {
+                start,
+                length,
+                weights: self.weights,
+                nodes,
+                points: nodes,
+                shapes: &[],
+                tests: &[],
+            };
+            mechanics.excess(&rule, work.excess)
+        };
+        let excess = if rough { work.excess.get(..work.forces.len()).unwrap_or(&[]) } else { &[] };
         let mut equations = CollocationEquations {
+            excess,
             tables: self,
             mechanics,
             damping: &*damping,
@@ -207,6 +223,8 @@ impl<T: Real> CollocationTables<'_, T> {
 
 /// The equations of one step at a guess of the accelerations.
 struct CollocationEquations<'a, T: Real, X: Space<T>, G, D> {
+    /// What forces at the nodes lack.
+    excess: &'a [T],
     tables: &'a CollocationTables<'a, T>,
     mechanics: &'a mut G,
     damping: &'a D,
@@ -274,6 +292,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> CollocationEqua
                 *force -= input;
             }
         }
+        self.forces.iter_mut().zip(self.excess).for_each(|(force, &excess)| *force -= excess);
         add_multiple(self.forces, T::one(), self.known);
         self.damping.add_leading(self.stages, self.forces, self.scratch);
         if let Some(matrix) = matrix {

@@ -7,6 +7,7 @@ mod choice;
 mod crossings;
 pub mod energy_guard;
 pub mod events;
+mod forces_of_time;
 #[cfg(test)]
 mod forces_of_time_tests;
 mod momentum_offset;
@@ -80,6 +81,8 @@ trait Stepper {
     /// Whether steps of a grid leave the energy out where no row is written.
     fn has_energies_of_rows_only(&self) -> bool;
     fn engines(&self) -> Vec<Engine>;
+    /// From where on something of the forces that is rough in time may have been overlooked.
+    fn missed(&self) -> Option<f64>;
     /// The terms of each memory that serves several.
     fn shared(&self) -> Vec<Vec<usize>>;
     fn overruns(&self) -> Option<usize>;
@@ -151,6 +154,7 @@ impl Simulation {
         choice: SolverChoice,
         tables: &Tables,
     ) -> Result<Self, InputError> {
+        forces_of_time::check(scenario)?;
         let space = match sparse_space(scenario, choice)? {
             Some(space) => {
                 stability::check_large_step(scenario)?;
@@ -275,6 +279,11 @@ impl Simulation {
     /// The damping terms, by their numbers from 0, of each memory that serves several.
     pub fn shared(&self) -> &[Vec<usize>] {
         &self.shared
+    }
+
+    /// From where on more zeros or peaks of a force of time fell in a step than are looked for.
+    pub fn missed(&self) -> Option<f64> {
+        self.stepper.missed()
     }
 
     /// What it computes in.
@@ -885,6 +894,10 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
         let mut engines: Vec<_> = terms.iter().zip(served).flat_map(of_memory).collect();
         engines.sort_by_key(|&(index, _)| index);
         engines.into_iter().map(|(_, engine)| engine).collect()
+    }
+
+    fn missed(&self) -> Option<f64> {
+        X::missed(self.integrator.system())
     }
 
     fn shared(&self) -> Vec<Vec<usize>> {

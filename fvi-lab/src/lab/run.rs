@@ -836,6 +836,7 @@ impl<'s> Run<'s> {
                 .into_iter()
                 .chain(self.errors.warning())
                 .chain(motion.warning().map(str::to_owned))
+                .chain(motion.notes())
                 .chain(warned)
                 .chain(events_not_told(&seen))
                 .chain(self.elsewhere)

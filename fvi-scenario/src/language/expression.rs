@@ -223,6 +223,11 @@ impl Expression {
         &self.text
     }
 
+    /// A part of it, or what it becomes, under the same text.
+    pub fn with_root(&self, root: Node) -> Self {
+        Self { root, text: self.text.clone() }
+    }
+
     /// Whether any variable occurs in it (after constants are folded).
     pub fn has_variables(&self) -> bool {
         self.root.varies()

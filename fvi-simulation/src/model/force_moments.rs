@@ -2,7 +2,7 @@
 
 use super::moment::moment;
 use crate::language::expression::{Expression, Moment};
-use crate::model::tape::{CompiledForce, RoughArguments};
+use crate::model::tape::{CompiledForce, RoughArguments, Singularity, TimeTerms};
 use fvi_core::{Instant, NodalRule, Real};
 
 /// Moments of the part of a force that depends on time alone, where the nodes of a quadrature are not enough.
@@ -10,14 +10,24 @@ use fvi_core::{Instant, NodalRule, Real};
 /// A scheme takes ∫₀¹ ℓ_ν(τ) F(t_k + τh) dτ as Σ_i b_i ℓ_ν(c_i) F(t_k + c_i h). A jump or kink inside the
 /// step spoils that, and so does a root in the step or near it: √t costs every scheme all orders beyond 3/2.
 /// There the integrals are taken piece by piece between the rough points: with the double-exponential rule
-/// \[TakahasiMori74\] where a root is close, with Gauss's and Kronrod's nodes elsewhere. A force without such
-/// points, and every step far from them, costs nothing.
+/// \[TakahasiMori74\] where a root is close, with Gauss's and Kronrod's nodes elsewhere. So are they where a
+/// term of the force is narrower than the step. A force without any of this, and every step far from it,
+/// costs nothing.
+///
+/// Collocation takes forces at its nodes and nothing else. For it the excess is that of forces there that
+/// have the moments of the force, with as many polynomials as there are nodes, and is taken across rough points
+/// and narrow terms only.
 #[derive(Clone, Debug)]
 pub struct ForceMoments {
     force: CompiledForce<f64>,
     rough: RoughArguments,
+    /// What may be narrower than a step; none where all steps are known to be short enough.
+    terms: Option<TimeTerms>,
+    /// Where the force has no bound: then the scheme does not look at it, and the excess is all of it.
+    unbounded: Option<Vec<Singularity>>,
     coordinates: usize,
     lengths: StepLengths,
+    end: f64,
     /// The step size that the reaches are for.
     step_size: f64,
     /// For each argument, up to how many steps from its zero the nodes are not enough; without end where it
@@ -29,6 +39,10 @@ pub struct ForceMoments {
     breaks: Vec<f64>,
     /// Σ of the pieces, (S + 1)·N numbers.
     total: Vec<f64>,
+    /// Halves of halves of the run with the step in them, and whether they are smooth.
+    cells: Vec<(f64, f64, bool)>,
+    /// From where on something may have been overlooked.
+    missed: Option<f64>,
 }
 
 /// What is known of the steps to come. It decides on the cost of their moments, and a run that goes on from a
@@ -44,8 +58,25 @@ pub enum StepLengths {
 /// Breaks so close to each other, in parts of a step, are one.
 const APART: f64 = 4.0 * f64::EPSILON;
 
-/// Parts of a step in which the sign of an argument is looked at.
-const LOOKS: usize = 8;
+/// Pieces of a step with a narrow term, and their halvings.
+const MOST_PIECES: usize = 4096;
+const MOST_HALVINGS_OF_NARROW: u32 = 44;
+
+/// An argument that touches zero so close to another break, in parts of a step, is rough for the same reason.
+const NEAR: f64 = 1e-9;
+
+/// Parts of a run that are looked at for whether all its steps are smooth.
+const CELLS: usize = 64;
+
+/// What a piece of a step is integrated against.
+#[derive(Clone, Debug)]
+pub(super) enum Against {
+    /// The polynomials ℓ_0 … ℓ_S on 0 and these points.
+    Shapes(Vec<f64>),
+    /// The polynomials that are one at their own of these nodes and zero at the others, over the weights there:
+    /// what comes out are forces at the nodes.
+    AtNodes(Vec<f64>, Vec<f64>),
+}
 
 /// Step of the double-exponential rule, and how far it goes: to 10⁻³⁷ of the piece from its ends.
 const SPACING: f64 = 1.0 / 8.0;
@@ -71,14 +102,56 @@ const KRONROD: [(f64, f64, f64); 8] = [
 ];
 
 impl ForceMoments {
-    /// For a force with one expression for each coordinate; `None` if it is smooth in time.
-    pub fn new(components: &[Expression], lengths: StepLengths) -> Option<Self> {
-        let rough = RoughArguments::of(components)?;
+    /// For a force with one expression for each coordinate in a run to `end`, whose steps are no longer than
+    /// `longest` if that is known; `None` if no step needs it.
+    pub fn new(
+        components: &[Expression],
+        lengths: StepLengths,
+        (end, longest): (f64, Option<f64>),
+    ) -> Option<Self> {
+        let rough = RoughArguments::of(components);
+        // Steps that are chosen on the way follow the terms anyway.
+        let terms = longest.and_then(|_| TimeTerms::of(components, end));
         let count = rough.arguments().len();
-        Some(Self {
+        let mut moments = Self {
             force: CompiledForce::compile(components),
             coordinates: components.len(),
             lengths,
+            end,
+            step_size: longest.unwrap_or(f64::NAN),
+            reaches: vec![f64::INFINITY; count],
+            registers: Vec::new(),
+            values: vec![0.0; count],
+            load: vec![0.0; components.len()],
+            breaks: Vec::new(),
+            total: Vec::new(),
+            cells: Vec::new(),
+            missed: None,
+            rough,
+            terms,
+            unbounded: None,
+        };
+        if moments.terms.is_some() && longest.is_some_and(|step| moments.is_smooth_everywhere(step)) {
+            moments.terms = None;
+        }
+        moments.step_size = f64::NAN;
+        (count > 0 || moments.terms.is_some()).then_some(moments)
+    }
+
+    /// For a force that the scheme does not look at, since it has no bound at these times.
+    pub fn whole(
+        components: &[Expression],
+        lengths: StepLengths,
+        end: f64,
+        singularities: Vec<Singularity>,
+    ) -> Self {
+        let rough = RoughArguments::of(components);
+        let count = rough.arguments().len();
+        Self {
+            force: CompiledForce::compile(components),
+            coordinates: components.len(),
+            lengths,
+            end,
             step_size: f64::NAN,
             reaches: vec![f64::INFINITY; count],
             registers: Vec::new(),
@@ -86,32 +159,122 @@ impl ForceMoments {
             load: vec![0.0; components.len()],
             breaks: Vec::new(),
             total: Vec::new(),
+            cells: Vec::new(),
+            missed: None,
             rough,
-        })
+            terms: None,
+            unbounded: Some(singularities),
+        }
+    }
+
+    /// From where on something may have been overlooked.
+    pub fn missed(&self) -> Option<f64> {
+        self.missed
     }
 
     /// By how much the moments exceed what the nodes give, ν = 0…S, N numbers each; `None` where they do not.
+    /// For a rule without shapes, of collocation: by how much forces at the nodes.
     pub fn excess<T: Real>(&mut self, rule: &NodalRule<'_, T>) -> Option<&[f64]> {
         let (start, length) = (rule.start.to_f64(), rule.length.to_f64());
+        let against = Against::of(rule);
+        if let Some(singularities) = self.unbounded.take() {
+            self.find_breaks((start, length), sides_of_step(rule));
+            let finite = self.integrate_whole(&against, &singularities, start, length);
+            self.unbounded = Some(singularities);
+            if !finite {
+                self.missed.get_or_insert(start);
+                return None;
+            }
+            return Some(self.total.as_slice());
+        }
+        let collocation = matches!(against, Against::AtNodes(..));
         if self.step_size != length {
             self.step_size = length;
-            if self.lengths == StepLengths::Equal {
+            if self.lengths == StepLengths::Equal && !collocation {
                 self.find_reaches(rule);
             }
         }
-        let near_root = self.find_breaks((start, length), sides_of_step(rule))?;
-        let rough = self.integrate(rule, start, length, near_root) && self.total.iter().any(|&e| e != 0.0);
+        let (near_root, narrow) = self.find_breaks((start, length), sides_of_step(rule))?;
+        if collocation && self.breaks.is_empty() && !narrow {
+            return None;
+        }
+        let rough =
+            self.integrate(rule, &against, start, length, near_root) && self.total.iter().any(|&e| e != 0.0);
         rough.then_some(self.total.as_slice())
     }
 
-    /// Finds the rough points inside a step. `None` if the step is smooth; otherwise whether a root is close.
-    fn find_breaks(&mut self, (start, length): (f64, f64), (first, last): (f64, f64)) -> Option<bool> {
+    /// Whether all of the run is smooth for steps of this length, as far as a few looks tell.
+    fn is_smooth_everywhere(&mut self, step: f64) -> bool {
+        let mut cells = vec![(0.0, self.end)];
+        for _ in 0..CELLS {
+            let Some((from, to)) = cells.pop() else { return true };
+            if self.terms.as_mut().is_none_or(|terms| terms.is_described((from, to), step)) {
+                continue;
+            }
+            if to - from <= 2.0 * step {
+                return false;
+            }
+            let middle = 0.5 * (from + to);
+            cells.extend([(middle, to), (from, middle)]);
+        }
+        cells.is_empty()
+    }
+
+    /// Whether no curved argument changes its sign, and no term is narrow, in a stretch with this step in
+    /// it: the largest half of a half of the run for which that can be told. It is the same whatever has been
+    /// asked before.
+    fn is_in_smooth_cell(&mut self, start: f64, length: f64) -> bool {
+        if self.lengths != StepLengths::Equal {
+            return false;
+        }
+        let end = start + length;
+        while self.cells.last().is_some_and(|&(from, to, _)| start < from || to < end) {
+            self.cells.pop();
+        }
+        if self.cells.is_empty() {
+            let whole = (0.0, self.end + length);
+            let smooth = self.is_smooth_cell(whole, length);
+            self.cells.push((whole.0, whole.1, smooth));
+        }
+        while let Some(&(from, to, smooth)) = self.cells.last() {
+            if smooth {
+                return true;
+            }
+            let middle = 0.5 * (from + to);
+            let cell = match () {
+                () if to - from <= 2.0 * length => return false,
+                () if end <= middle => (from, middle),
+                () if start >= middle => (middle, to),
+                () => return false,
+            };
+            let smooth = self.is_smooth_cell(cell, length);
+            self.cells.push((cell.0, cell.1, smooth));
+        }
+        false
+    }
+
+    /// Whether nothing curved changes its sign in a stretch and no term is narrow for steps of this length.
+    pub(super) fn is_smooth_cell(&mut self, (from, to): (f64, f64), length: f64) -> bool {
+        let rough = &self.rough;
+        let mut curved = rough.arguments().iter().enumerate().filter(|(_, argument)| argument.zero.is_none());
+        curved.all(|(index, _)| rough.keeps_sign(index, from, to))
+            && self.terms.as_mut().is_none_or(|terms| terms.is_described((from, to), length))
+    }
+
+    /// Finds the rough points inside a step. `None` if the step is smooth; otherwise whether a root is close,
+    /// and whether a term is narrow.
+    fn find_breaks(
+        &mut self,
+        (start, length): (f64, f64),
+        (first, last): (f64, f64),
+    ) -> Option<(bool, bool)> {
         self.breaks.clear();
         let (mut rough, mut near_root) = (false, false);
-        let mut curved = false;
+        let (mut curved, mut curved_root) = (false, false);
         for (argument, &reach) in self.rough.arguments().iter().zip(&self.reaches) {
             let Some(zero) = argument.zero else {
                 curved = true;
+                curved_root |= argument.root;
                 continue;
             };
             let place = (zero - start) / length;
@@ -123,58 +286,100 @@ impl ForceMoments {
             rough |= inside || (argument.root && distance <= reach);
             near_root |= argument.root && distance < 1.0;
         }
-        if curved {
-            let count = self.rough.arguments().len();
-            let mut before = vec![0.0; count];
-            for look in 0..=LOOKS {
-                let place = look as f64 / LOOKS as f64;
-                self.rough.values(start + place * length, &mut self.registers, &mut self.values);
-                for (index, &before) in before.iter().enumerate() {
-                    let argument = self.rough.arguments()[index];
-                    if argument.zero.is_some() {
-                        continue;
-                    }
-                    let value = self.values[index];
-                    if argument.root {
-                        (rough, near_root) = (true, true);
-                    }
-                    if look > 0 && (value < 0.0) != (before < 0.0) {
-                        let found = self.bisect(index, before < 0.0, (start, length), (look - 1, look));
-                        self.rough.values(start + place * length, &mut self.registers, &mut self.values);
-                        if found > first && found < 1.0 - last {
-                            self.breaks.push(found);
-                            rough = true;
-                        }
-                    }
-                }
-                before.copy_from_slice(&self.values);
+        let mut at_root = near_root;
+        if curved_root {
+            (rough, near_root) = (true, true);
+        }
+        let mut narrow = false;
+        if (curved || self.terms.is_some()) && !self.is_in_smooth_cell(start, length) {
+            if curved {
+                let (found, touches) = self.find_curved((start, length), (first, last));
+                rough |= found;
+                at_root |= touches;
+            }
+            self.breaks.sort_by(f64::total_cmp);
+            self.breaks.dedup_by(|a, b| *a - *b < APART);
+            // Towards a root nothing is ever smooth: there the double-exponential rule is dense.
+            if !at_root {
+                // Ends count from inside.
+                let slack = first.max(last) * length + 16.0 * f64::EPSILON * (start.abs() + length);
+                narrow = self.split_narrow(start, length, slack);
+                rough |= narrow;
             }
         }
         self.breaks.sort_by(f64::total_cmp);
         self.breaks.dedup_by(|a, b| *a - *b < APART);
-        rough.then_some(near_root)
+        rough.then_some((near_root, narrow))
     }
 
-    /// The place between two looks where an argument changes its sign.
-    fn bisect(
-        &mut self,
-        index: usize,
-        negative: bool,
-        (start, length): (f64, f64),
-        looks: (usize, usize),
-    ) -> f64 {
-        let (mut low, mut high) = (looks.0 as f64 / LOOKS as f64, looks.1 as f64 / LOOKS as f64);
-        for _ in 0..60 {
-            let middle = 0.5 * (low + high);
-            self.rough.values(start + middle * length, &mut self.registers, &mut self.values);
-            if (self.values[index] < 0.0) == negative { low = middle } else { high = middle }
+    /// Adds the zeros of curved arguments; returns whether there are any, and whether one under a root has or
+    /// may have one.
+    fn find_curved(&mut self, (start, length): (f64, f64), (first, last): (f64, f64)) -> (bool, bool) {
+        let (mut found, mut touches) = (false, false);
+        for index in 0..self.rough.arguments().len() {
+            let argument = self.rough.arguments()[index];
+            if argument.zero.is_some() || self.rough.keeps_sign(index, start, start + length) {
+                continue;
+            }
+            touches |= argument.root;
+            let breaks = &mut self.breaks;
+            let changes = self.rough.changes(
+                index,
+                (start, length),
+                (&mut self.registers, &mut self.values),
+                |place, changes| {
+                    // What touches zero is often the size of what changes its sign there.
+                    let is_new =
+                        changes || breaks.iter().chain(&[0.0, 1.0]).all(|other| (other - place).abs() > NEAR);
+                    if is_new && place > first && place < 1.0 - last {
+                        breaks.push(place);
+                        found = true;
+                    }
+                    true
+                },
+            );
+            if let Err(time) = changes {
+                self.missed.get_or_insert(time);
+            }
         }
-        0.5 * (low + high)
+        (found, touches)
+    }
+
+    /// Adds places between which every term is described by the nodes of a quadrature, where the step's own
+    /// are not enough.
+    fn split_narrow(&mut self, start: f64, length: f64, slack: f64) -> bool {
+        let Some(terms) = &mut self.terms else { return false };
+        if self.breaks.is_empty() && terms.is_described_in_step(start, length, slack) {
+            return false;
+        }
+        let was_smooth = self.breaks.is_empty();
+        let mut edges = vec![1.0];
+        edges.extend(self.breaks.iter().rev());
+        edges.push(0.0);
+        let mut pieces: Vec<_> = edges.windows(2).map(|edges| (edges[1], edges[0], 0)).collect();
+        let before = self.breaks.len();
+        // The first is at the end of the list.
+        while let Some((from, to, halvings)) = pieces.pop() {
+            let at = |place: f64| start + place * length;
+            if halvings >= MOST_HALVINGS_OF_NARROW || terms.is_described_in_piece(at(from), at(to), slack) {
+                continue;
+            }
+            if self.breaks.len() >= before + MOST_PIECES {
+                self.missed.get_or_insert(at(from));
+                break;
+            }
+            let middle = 0.5 * (from + to);
+            self.breaks.push(middle);
+            pieces.push((middle, to, halvings + 1));
+            pieces.push((from, middle, halvings + 1));
+        }
+        was_smooth || self.breaks.len() > before
     }
 
     /// Finds how far from the zeros of linear arguments under roots the nodes are not enough: the excess
     /// falls like a power of the distance.
     fn find_reaches<T: Real>(&mut self, rule: &NodalRule<'_, T>) {
+        let against = Against::of(rule);
         for index in 0..self.rough.arguments().len() {
             let argument = self.rough.arguments()[index];
             let (Some(zero), true) = (argument.zero, argument.root) else { continue };
@@ -184,7 +389,8 @@ impl ForceMoments {
                 let sides = [zero + reach * length, zero - (reach + 1.0) * length];
                 let rough = sides.iter().any(|&start| {
                     self.breaks.clear();
-                    self.integrate(rule, start, length, false) && self.total.iter().any(|&e| e != 0.0)
+                    self.integrate(rule, &against, start, length, false)
+                        && self.total.iter().any(|&e| e != 0.0)
                 });
                 if !rough {
                     break;
@@ -200,13 +406,13 @@ impl ForceMoments {
     fn integrate<T: Real>(
         &mut self,
         rule: &NodalRule<'_, T>,
+        against: &Against,
         start: f64,
         length: f64,
         near_root: bool,
     ) -> bool {
-        let points: Vec<f64> = rule.points.iter().map(|point| point.to_f64()).collect();
         self.total.clear();
-        self.total.resize((points.len() + 1) * self.coordinates, 0.0);
+        self.total.resize(against.rows() * self.coordinates, 0.0);
         let mut edges = std::mem::take(&mut self.breaks);
         edges.insert(0, 0.0);
         edges.push(1.0);
@@ -214,14 +420,11 @@ impl ForceMoments {
         for piece in edges.windows(2) {
             let piece = (piece[0], piece[1]);
             finite &= if near_root {
-                self.double_exponential(&points, (start, length), piece)
+                self.double_exponential(against, (start, length), piece)
             } else {
-                self.kronrod(&points, (start, length), piece, 0)
+                self.kronrod(against, (start, length), piece, 0)
             };
         }
-        edges.pop();
-        edges.remove(0);
-        self.breaks = edges;
         if !finite {
             return false;
         }
@@ -229,7 +432,7 @@ impl ForceMoments {
         for i in 0..rule.nodes.len() {
             self.force.load(node_moment(rule, i), &mut self.registers, &mut self.load);
             largest = self.load.iter().fold(largest, |largest, number| largest.max(number.abs()));
-            subtract_node(rule, i, &self.load, &mut self.total);
+            against.subtract_node(rule, i, &self.load, &mut self.total);
         }
         if self.total.iter().any(|number| !number.is_finite()) {
             return false;
@@ -242,18 +445,115 @@ impl ForceMoments {
         true
     }
 
+    /// Leaves the integrals over the pieces in `total`, for a force that has no bound at some times; `false`
+    /// if it is not finite elsewhere.
+    fn integrate_whole(
+        &mut self,
+        against: &Against,
+        singularities: &[Singularity],
+        start: f64,
+        length: f64,
+    ) -> bool {
+        self.total.clear();
+        self.total.resize(against.rows() * self.coordinates, 0.0);
+        // To rounding a grid point is the time of the singularity.
+        let same = |place: f64, other: f64| {
+            (place - other).abs() <= 16.0 * f64::EPSILON * (1.0 + start.abs() / length)
+        };
+        let place_of = |singularity: &Singularity| {
+            let place = (singularity.time - start) / length;
+            [0.0, 1.0].into_iter().find(|&end| same(place, end)).unwrap_or(place)
+        };
+        let mut edges = vec![0.0, 1.0];
+        let inside = || singularities.iter().map(place_of).filter(|place| (0.0..=1.0).contains(place));
+        edges.extend(inside());
+        let apart = |place: &f64| inside().all(|other| (other - place).abs() > NEAR);
+        edges.extend(self.breaks.iter().copied().filter(apart));
+        edges.sort_by(f64::total_cmp);
+        edges.dedup_by(|a, b| same(*a, *b));
+        let at = |place: f64| singularities.iter().find(|singularity| same(place_of(singularity), place));
+        let mut finite = true;
+        for piece in edges.windows(2) {
+            let (from, to) = (piece[0], piece[1]);
+            let (left, right) = (at(from), at(to));
+            let middle = if left.is_some() && right.is_some() { 0.5 * (from + to) } else { to };
+            finite &= match left {
+                Some(singularity) => self.beside(against, length, (from, middle), singularity, 1.0),
+                None if right.is_none() => self.kronrod(against, (start, length), (from, to), 0),
+                None => true,
+            };
+            if let Some(singularity) = right {
+                let from = if left.is_some() { middle } else { from };
+                finite &= self.beside(against, length, (to, from), singularity, -1.0);
+            }
+        }
+        finite && self.total.iter().all(|number| number.is_finite())
+    }
+
+    /// The integral from a singularity to another place, on the side of this sign. With δ = u^m, m = 1/(1 +
+    /// e), it is that of a smooth function of u.
+    fn beside(
+        &mut self,
+        against: &Against,
+        length: f64,
+        (from, to): (f64, f64),
+        singularity: &Singularity,
+        sign: f64,
+    ) -> bool {
+        let exponent = singularity.exponents[usize::from(sign > 0.0)];
+        let power = (1.0 / (1.0 + exponent)).max(if exponent > -0.2 { 4.0 } else { 2.0 });
+        let width = (to - from).abs();
+        // So close that the rounding of the time would show it is the power that it grows like; a logarithm
+        // has nothing to lose there.
+        let time = singularity.time;
+        let close = match () {
+            () if time == 0.0 => 1e-290,
+            () if exponent < -0.2 => 1e-8 * time,
+            () => 1e-14 * time,
+        };
+        let pieces = 16;
+        let mut finite = true;
+        for piece in 0..pieces {
+            let (low, high) =
+                (f64::from(piece) / f64::from(pieces), f64::from(piece + 1) / f64::from(pieces));
+            let (middle, half) = (0.5 * (low + high), 0.5 * (high - low));
+            for &(node, weight, _) in &KRONROD {
+                let sides: &[f64] = if node == 0.0 { &[0.0] } else { &[-1.0, 1.0] };
+                for side in sides {
+                    let u = middle + half * node * side;
+                    let share = libm::pow(u, power);
+                    let distance = width * share;
+                    let slope = half * weight * width * power * share / u;
+                    let (near, factor) = match distance * length {
+                        away if away < close => {
+                            (close, libm::exp(exponent * (libm::log(away) - libm::log(close))))
+                        }
+                        away => (away, 1.0),
+                    };
+                    self.force.load(Moment::inside(time + sign * near), &mut self.registers, &mut self.load);
+                    if self.load.iter().any(|number| !number.is_finite()) {
+                        finite = false;
+                        continue;
+                    }
+                    against.add(from + sign * distance, slope * factor, &self.load, &mut self.total);
+                }
+            }
+        }
+        finite
+    }
+
     /// Adds weight · ℓ_ν(place) F(place) to the moments; `false` if F is not finite there.
-    fn add(&mut self, points: &[f64], (start, length): (f64, f64), place: f64, weight: f64) -> bool {
+    fn add(&mut self, against: &Against, (start, length): (f64, f64), place: f64, weight: f64) -> bool {
         self.force.load(Moment::inside(start + place * length), &mut self.registers, &mut self.load);
         if self.load.iter().any(|number| !number.is_finite()) {
             return false;
         }
-        add_shapes(points, place, weight, &self.load, &mut self.total);
+        against.add(place, weight, &self.load, &mut self.total);
         true
     }
 
     /// The double-exponential rule: τ = q/(1 + q) of the piece from its ends, q = e^{−π sinh s}.
-    fn double_exponential(&mut self, points: &[f64], step: (f64, f64), (from, to): (f64, f64)) -> bool {
+    fn double_exponential(&mut self, against: &Against, step: (f64, f64), (from, to): (f64, f64)) -> bool {
         let width = to - from;
         let mut finite = true;
         for index in -EXTENT..=EXTENT {
@@ -263,13 +563,19 @@ impl ForceMoments {
             let place = if index < 0 { from + distance } else { to - distance };
             let weight = width * SPACING * std::f64::consts::PI * libm::cosh(s) * q / ((1.0 + q) * (1.0 + q));
             // So close to an end rounding may take a point beyond it.
-            finite &= self.add(points, step, place, weight) || weight < 1e-12 * width;
+            finite &= self.add(against, step, place, weight) || weight < 1e-12 * width;
         }
         finite
     }
 
     /// Kronrod's rule with 15 nodes, halving the piece while Gauss's seven of them disagree.
-    fn kronrod(&mut self, points: &[f64], step: (f64, f64), (from, to): (f64, f64), halvings: u32) -> bool {
+    fn kronrod(
+        &mut self,
+        against: &Against,
+        step: (f64, f64),
+        (from, to): (f64, f64),
+        halvings: u32,
+    ) -> bool {
         let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));
         let places = KRONROD.iter().flat_map(|&(node, weight, gauss)| {
             let sides = if node == 0.0 { vec![0.0] } else { vec![-node, node] };
@@ -289,10 +595,63 @@ impl ForceMoments {
         let error = difference.iter().fold(0.0_f64, |largest, number| largest.max(number.abs()));
         // Kronrod's error is about the square of Gauss's.
         if error > 1e-9 * size * half && halvings < MOST_HALVINGS {
-            return self.kronrod(points, step, (from, middle), halvings + 1)
-                & self.kronrod(points, step, (middle, to), halvings + 1);
+            return self.kronrod(against, step, (from, middle), halvings + 1)
+                & self.kronrod(against, step, (middle, to), halvings + 1);
         }
-        places.iter().fold(true, |finite, &(place, weight, _)| self.add(points, step, place, weight) & finite)
+        places
+            .iter()
+            .fold(true, |finite, &(place, weight, _)| self.add(against, step, place, weight) & finite)
+    }
+}
+
+impl Against {
+    pub(super) fn of<T: Real>(rule: &NodalRule<'_, T>) -> Self {
+        let numbers = |numbers: &[T]| numbers.iter().map(|number| number.to_f64()).collect();
+        if rule.shapes.is_empty() {
+            Self::AtNodes(numbers(rule.nodes), numbers(rule.weights))
+        } else {
+            Self::Shapes(numbers(rule.points))
+        }
+    }
+
+    /// Integrals for each coordinate.
+    pub(super) fn rows(&self) -> usize {
+        match self {
+            Self::Shapes(points) => points.len() + 1,
+            Self::AtNodes(nodes, _) => nodes.len(),
+        }
+    }
+
+    /// Adds what a place inside a piece contributes.
+    pub(super) fn add(&self, place: f64, weight: f64, force: &[f64], total: &mut [f64]) {
+        match self {
+            Self::Shapes(points) => add_shapes(points, place, weight, force, total),
+            Self::AtNodes(nodes, weights) => {
+                for (j, sums) in total.chunks_exact_mut(force.len()).enumerate() {
+                    let others = nodes.iter().enumerate().filter(|&(index, _)| index != j);
+                    let shape: f64 = others.map(|(_, other)| (place - other) / (nodes[j] - other)).product();
+                    let factor = weight * shape / weights[j];
+                    sums.iter_mut().zip(force).for_each(|(sum, force)| *sum += factor * force);
+                }
+            }
+        }
+    }
+
+    /// Takes off what the i-th node of a rule gives, with F there.
+    pub(super) fn subtract_node<T: Real>(
+        &self,
+        rule: &NodalRule<'_, T>,
+        i: usize,
+        force: &[f64],
+        total: &mut [f64],
+    ) {
+        match self {
+            Self::Shapes(_) => subtract_node(rule, i, force, total),
+            Self::AtNodes(..) => {
+                let sums = total.chunks_exact_mut(force.len()).nth(i).unwrap_or(&mut []);
+                sums.iter_mut().zip(force).for_each(|(sum, force)| *sum -= force);
+            }
+        }
     }
 }
 
@@ -322,7 +681,7 @@ pub(super) fn gauss_places(from: f64, to: f64) -> impl Iterator<Item = (f64, f64
 }
 
 /// Adds weight · ℓ_ν(place) F to the moments ν = 0…S.
-pub(super) fn add_shapes(points: &[f64], place: f64, weight: f64, force: &[f64], total: &mut [f64]) {
+fn add_shapes(points: &[f64], place: f64, weight: f64, force: &[f64], total: &mut [f64]) {
     for (nu, sums) in total.chunks_exact_mut(force.len()).enumerate() {
         let factor = weight * shape(points, nu, place);
         sums.iter_mut().zip(force).for_each(|(sum, force)| *sum += factor * force);
@@ -330,7 +689,7 @@ pub(super) fn add_shapes(points: &[f64], place: f64, weight: f64, force: &[f64],
 }
 
 /// Takes b_i ℓ_ν(c_i) F from the moments ν = 0…S.
-pub(super) fn subtract_node<T: Real>(rule: &NodalRule<'_, T>, i: usize, force: &[f64], total: &mut [f64]) {
+fn subtract_node<T: Real>(rule: &NodalRule<'_, T>, i: usize, force: &[f64], total: &mut [f64]) {
     let degree = rule.points.len();
     for (nu, sums) in total.chunks_exact_mut(force.len()).enumerate() {
         let shape = match nu {
@@ -365,7 +724,7 @@ mod tests {
 
     fn force(text: &str) -> Option<ForceMoments> {
         let expression = Expression::parse(text, &Symbols::new().with_time()).unwrap();
-        ForceMoments::new(&[expression], StepLengths::Equal)
+        ForceMoments::new(&[expression], StepLengths::Equal, (1e6, None))
     }
 
     /// ∫₀¹ F dτ and ∫₀¹ τ F dτ over a step, from excess and nodes on straight lines.

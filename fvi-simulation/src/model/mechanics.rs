@@ -15,6 +15,7 @@ use super::rough_forces::RoughForces;
 use super::shared::Shared;
 use super::space::AnySpace;
 use super::switches::{Side, SidedPoint, Switched};
+use super::unbounded_forces::UnboundedForces;
 use crate::language::expression::Elementary;
 use crate::model::tape::{CompiledForce, CompiledPotential, OwnRegisters};
 use crate::scenario::{Derivative, Scenario, SymmetricMatrix, System};
@@ -93,6 +94,9 @@ impl<T: Elementary> Model<T> {
     /// # Errors
     /// If the mass is not positive definite in the precision of `T`.
     pub fn new(scenario: &Scenario) -> Result<Self, MatrixError> {
+        let rough = RoughForces::of(scenario);
+        let unbounded = UnboundedForces::of(scenario);
+        let scenario = unbounded.as_ref().map_or(scenario, |unbounded| &unbounded.rest);
         let system = &scenario.system;
         let size = system.coordinates();
         let threads = scenario.history.threads();
@@ -198,7 +202,7 @@ impl<T: Elementary> Model<T> {
             potential,
             is_constant,
             forced: !force.is_zero(),
-            rough: RoughForces::of(scenario),
+            rough,
             own,
             force,
             constant,
@@ -229,6 +233,11 @@ impl<T: Elementary> Model<T> {
             self.set_sides(&sides);
             before = sides;
         }
+    }
+
+    /// From where on something that is rough in time may have been overlooked.
+    pub fn missed(&self) -> Option<f64> {
+        self.rough.as_ref().and_then(RoughForces::missed)
     }
 
     /// The energies of the motions under load cases, as computed last; none without cases.

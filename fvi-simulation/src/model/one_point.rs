@@ -451,6 +451,10 @@ impl<T: Elementary> ScenarioSpace<T> for Fixed<1> {
         SVector::from_iterator(numbers.iter().map(|&number| T::of(number)))
     }
 
+    fn missed(system: &SingleModel<T>) -> Option<f64> {
+        system.missed()
+    }
+
     fn channels(&self, _: &scenario::Damping) -> usize {
         1
     }

@@ -2,18 +2,21 @@
 
 use super::force_moments::{ForceMoments, StepLengths};
 use super::signal_moments::SignalMoments;
+use super::unbounded_forces::UnboundedForces;
 use crate::scenario::{Amplitude, ForceQuadrature, Load, Record, SampledInput, Scenario, Scheme};
 use fvi_core::{NodalRule, Real};
 use std::ops::Range;
 use std::slice::from_ref;
 
-/// The forces of a scenario that jump, have kinks or roots, or come as samples.
+/// The forces of a scenario that jump, have kinks or roots, are narrow or without bound, or come as samples.
 #[derive(Clone, Debug)]
 pub(crate) struct RoughForces {
     coordinates: usize,
     /// Motions integrated together, one for each load case.
     motions: usize,
     force: Option<ForceMoments>,
+    /// What of it the scheme does not look at.
+    unbounded: Option<ForceMoments>,
     /// Amplitudes that are expressions.
     expressions: Vec<(ForceMoments, RoughLoad)>,
     records: Vec<(SignalMoments<Record>, RoughLoad)>,
@@ -28,37 +31,60 @@ struct RoughLoad {
 }
 
 impl RoughForces {
-    /// For the schemes that take the work of forces by a quadrature; `None` if all is smooth.
+    /// For the schemes that take the work of forces by a quadrature or at nodes inside the step; `None` if all
+    /// is smooth.
     pub(crate) fn of(scenario: &Scenario) -> Option<Self> {
-        let system = &scenario.system;
-        let by_moments = system.force_quadrature == ForceQuadrature::Moments
-            && matches!(scenario.scheme, Scheme::LowOrder { .. } | Scheme::Galerkin { .. });
-        if !by_moments {
+        if !takes_moments(scenario) {
             return None;
         }
+        let whole = UnboundedForces::of(scenario);
+        let rest = whole.as_ref().map_or(scenario, |whole| &whole.rest);
+        let system = &rest.system;
         let (mut expressions, mut records) = (Vec::new(), Vec::new());
-        let lengths = if scenario.time.grid.is_some() { StepLengths::Any } else { StepLengths::Equal };
-        let motions = scenario.copies();
-        let shared = system.loads.iter().map(|load| (load, 0..motions));
-        let of_cases = scenario.cases.iter().enumerate();
-        let of_cases =
-            of_cases.flat_map(|(index, case)| case.loads.iter().map(move |load| (load, index..index + 1)));
-        for (load, motions) in shared.chain(of_cases) {
+        let time = &scenario.time;
+        let lengths = if time.grid.is_some() { StepLengths::Any } else { StepLengths::Equal };
+        let run = (time.end(), time.adaptive().is_none().then(|| time.longest_step()));
+        for (load, motions) in loads(rest) {
             let rough = RoughLoad { load: load.clone(), motions };
             match &load.amplitude {
                 Amplitude::Expression(amplitude) => {
-                    expressions.extend(ForceMoments::new(from_ref(amplitude), lengths).map(|m| (m, rough)));
+                    let moments = ForceMoments::new(from_ref(amplitude), lengths, run);
+                    expressions.extend(moments.map(|moments| (moments, rough)));
                 }
                 Amplitude::Record(record) => {
                     records.push((SignalMoments::new(record.clone()), rough));
                 }
             }
         }
-        let force = ForceMoments::new(system.force.as_deref().unwrap_or_default(), lengths);
-        let input = scenario.input.clone().map(SignalMoments::new);
-        let is_rough = force.is_some() || input.is_some() || !(expressions.is_empty() && records.is_empty());
-        let coordinates = system.coordinates();
-        is_rough.then_some(Self { coordinates, motions, force, expressions, records, input })
+        let (mut unbounded, coordinates) = (None, system.coordinates());
+        if let Some(whole) = &whole {
+            let moments = |components: &[_], singularities: &[_]| {
+                ForceMoments::whole(components, lengths, time.end(), singularities.to_vec())
+            };
+            unbounded = whole.force.as_ref().map(|(components, times)| moments(components, times));
+            for (load, motions, times) in &whole.loads {
+                if let Amplitude::Expression(amplitude) = &load.amplitude {
+                    let rough = RoughLoad { load: load.clone(), motions: motions.clone() };
+                    expressions.push((moments(from_ref(amplitude), times), rough));
+                }
+            }
+        }
+        let force = ForceMoments::new(system.force.as_deref().unwrap_or_default(), lengths, run);
+        // With collocation samples count from grid points on.
+        let input = scenario.input.clone().filter(|_| scenario.scheme != Scheme::Collocation);
+        let input = input.map(SignalMoments::new);
+        let is_rough = force.is_some()
+            || unbounded.is_some()
+            || input.is_some()
+            || !(expressions.is_empty() && records.is_empty());
+        let motions = scenario.copies();
+        is_rough.then_some(Self { coordinates, motions, force, unbounded, expressions, records, input })
+    }
+
+    /// From where on something may have been overlooked.
+    pub(crate) fn missed(&self) -> Option<f64> {
+        let forces = self.force.iter().chain(&self.unbounded);
+        forces.chain(self.expressions.iter().map(|(amplitude, _)| amplitude)).find_map(ForceMoments::missed)
     }
 
     /// Writes by how much the moments exceed what the nodes give, ν = 0…S, N numbers each and for each
@@ -66,6 +92,7 @@ impl RoughForces {
     pub(crate) fn excess<T: Real>(&mut self, rule: &NodalRule<'_, T>, excess: &mut [T]) -> bool {
         let everywhere = [
             self.force.as_mut().and_then(|force| force.excess(rule)),
+            self.unbounded.as_mut().and_then(|force| force.excess(rule)),
             self.input.as_mut().and_then(|input| input.excess(rule)),
         ];
         let mut found = false;
@@ -97,4 +124,24 @@ fn clear<T: Real>(excess: &mut [T], found: &mut bool) {
     if !std::mem::replace(found, true) {
         excess.fill(T::zero());
     }
+}
+
+/// Whether the scheme of a scenario can take forces of time by more than its nodes.
+pub(crate) fn takes_moments(scenario: &Scenario) -> bool {
+    scenario.system.force_quadrature == ForceQuadrature::Moments
+        && match scenario.scheme {
+            // No force moves the position.
+            Scheme::LowOrder { kappa } => kappa != 0.0,
+            Scheme::Galerkin { .. } | Scheme::Collocation => true,
+            Scheme::ExplicitEuler | Scheme::ImplicitEuler => false,
+        }
+}
+
+/// The loads of a scenario, with the motions that they act on.
+pub(crate) fn loads(scenario: &Scenario) -> impl Iterator<Item = (&Load, Range<usize>)> {
+    let motions = scenario.copies();
+    let shared = scenario.system.loads.iter().map(move |load| (load, 0..motions));
+    let of_cases = scenario.cases.iter().enumerate();
+    shared
+        .chain(of_cases.flat_map(|(index, case)| case.loads.iter().map(move |load| (load, index..index + 1))))
 }

@@ -61,6 +61,11 @@ pub trait ScenarioSpace<T: Elementary>: Space<T> {
         &[]
     }
 
+    /// From where on something of the forces that is rough in time may have been overlooked.
+    fn missed(_: &Self::System) -> Option<f64> {
+        None
+    }
+
     /// Number of channels that the memory of a term has for each node.
     fn channels(&self, term: &scenario::Damping) -> usize;
 
@@ -144,6 +149,10 @@ impl<T: Elementary> ScenarioSpace<T> for AnySpace {
 
     fn energies(system: &Model<T>) -> &[T] {
         system.energies()
+    }
+
+    fn missed(system: &Model<T>) -> Option<f64> {
+        system.missed()
     }
 
     fn channels(&self, term: &scenario::Damping) -> usize {

@@ -1,7 +1,7 @@
 //! Exact moments of signals that are given piece by piece: samples that are held, and records with straight
 //! lines between rows.
 
-use super::force_moments::{add_shapes, gauss_places, node_moment, sides_of_step, subtract_node};
+use super::force_moments::{Against, gauss_places, node_moment, sides_of_step};
 use crate::language::expression::Moment;
 use crate::scenario::{Record, SampledInput};
 use fvi_core::{NodalRule, Real};
@@ -95,7 +95,7 @@ impl<S: Signal> SignalMoments<S> {
         Self { signal, breaks: Vec::new(), values, total: Vec::new() }
     }
 
-    /// The excess ν = 0…S, `width` numbers each; `None` in a step without a break inside, which is left to
+    /// The excess, as of [`ForceMoments`](super::force_moments::ForceMoments); `None` in a step without a break inside, which is left to
     /// the nodes.
     pub(super) fn excess<T: Real>(&mut self, rule: &NodalRule<'_, T>) -> Option<&[f64]> {
         let (start, length) = (rule.start.to_f64(), rule.length.to_f64());
@@ -110,21 +110,21 @@ impl<S: Signal> SignalMoments<S> {
             return None;
         }
         self.breaks.push(1.0);
-        let points: Vec<f64> = rule.points.iter().map(|point| point.to_f64()).collect();
+        let against = Against::of(rule);
         let width = self.values.len();
         self.total.clear();
-        self.total.resize((points.len() + 1) * width, 0.0);
+        self.total.resize(against.rows() * width, 0.0);
         for piece in self.breaks.windows(2) {
             for (place, weight) in gauss_places(piece[0], piece[1]) {
                 self.signal.value(start + place * length, &mut self.values);
-                add_shapes(&points, place, weight, &self.values, &mut self.total);
+                against.add(place, weight, &self.values, &mut self.total);
             }
         }
         // A sample within the rounding of the first grid point counts there.
         let begin = start + first * length;
         for i in 0..rule.nodes.len() {
             self.signal.at_node(begin, node_moment(rule, i), &mut self.values);
-            subtract_node(rule, i, &self.values, &mut self.total);
+            against.subtract_node(rule, i, &self.values, &mut self.total);
         }
         Some(&self.total)
     }

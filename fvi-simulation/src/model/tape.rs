@@ -9,6 +9,7 @@
 //! may be shared between programs. A program for q of length n takes exactly n coordinates.
 
 mod derivative;
+mod enclosure;
 mod force;
 mod function;
 mod graph;
@@ -18,6 +19,8 @@ mod potential;
 mod program;
 mod rough;
 mod sides;
+mod time_terms;
+mod unbounded;
 
 pub use force::CompiledForce;
 pub use function::CompiledFunction;
@@ -25,6 +28,8 @@ pub use potential::{CompiledPotential, QuadraticPart};
 pub(super) use program::{LANES, LaneRegisters, OwnRegisters};
 pub use rough::{RoughArgument, RoughArguments};
 pub use sides::CompiledSides;
+pub use time_terms::{TimeTerms, terms};
+pub use unbounded::{Singularity, Unbounded};
 
 #[cfg(test)]
 mod tests;

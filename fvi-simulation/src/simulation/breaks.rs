@@ -1,11 +1,8 @@
 //! Times at which a motion is rough, where steps that are chosen on the way must end: jumps, kinks and roots
-//! of forces of time, samples, and what the scenario asks for.
+//! of forces of time, what of them is narrower than the step, samples, and what the scenario asks for.
 
-use crate::model::tape::RoughArguments;
+use crate::model::tape::{RoughArguments, TimeTerms};
 use crate::scenario::{Amplitude, Scenario};
-
-/// Parts of a step in which the sign of an argument is looked at.
-const LOOKS: usize = 16;
 
 /// The breaks of a scenario.
 pub(super) struct Breaks {
@@ -13,6 +10,8 @@ pub(super) struct Breaks {
     known: Vec<f64>,
     /// Arguments whose zeros are sought step by step.
     curved: Option<Curved>,
+    /// Functions of time that a step must not run over unseen, and the tolerance.
+    narrow: Option<(TimeTerms, f64)>,
     /// Nothing is closer to another break than this.
     apart: f64,
 }
@@ -21,6 +20,7 @@ pub(super) struct Breaks {
 struct Curved {
     arguments: RoughArguments,
     sought: Vec<usize>,
+    apart: f64,
     registers: Vec<f64>,
     values: Vec<f64>,
 }
@@ -34,8 +34,11 @@ impl Breaks {
             Amplitude::Expression(expression) => Some(expression),
             Amplitude::Record(_) => None,
         });
-        let arguments =
-            RoughArguments::anywhere_in(scenario.system.force.iter().flatten().chain(expressions));
+        let expressions: Vec<_> = scenario.system.force.iter().flatten().chain(expressions).collect();
+        let arguments = RoughArguments::anywhere_in(expressions.iter().copied());
+        let tolerance = scenario.time.adaptive().map_or(0.0, |adaptive| adaptive.tolerance);
+        let narrow = TimeTerms::anywhere_in(expressions.iter().copied(), end);
+        let narrow = narrow.map(|terms| (terms, tolerance));
         let zeros = arguments.iter().flat_map(RoughArguments::arguments).filter_map(|argument| argument.zero);
         let records = amplitudes.flat_map(|amplitude| match amplitude {
             Amplitude::Record(record) => record.rows().iter().map(|&(time, _)| time).collect(),
@@ -59,54 +62,63 @@ impl Breaks {
         }
         known.extend(asked.into_iter().filter(|&time| time > 0.0));
         known.sort_by(f64::total_cmp);
-        let curved = arguments.and_then(Curved::of);
-        Self { known, curved, apart }
+        let curved = arguments.and_then(|arguments| Curved::of(arguments, apart));
+        Self { known, curved, narrow, apart }
     }
 
     /// The first break after a time; one that is not known beforehand is sought up to `reach` only.
     pub(super) fn after(&mut self, time: f64, reach: f64) -> f64 {
         let index = self.known.partition_point(|&other| other <= time);
         let known = self.known.get(index).copied().unwrap_or(reach);
-        let Some(curved) = &mut self.curved else { return known };
-        match curved.first(time, known.min(reach)) {
+        let next = match self.curved.as_mut().and_then(|curved| curved.first(time, known.min(reach))) {
             // To rounding the break at which the step begins, or the one that is known.
             Some(found) if found - time > self.apart && known - found > self.apart => found,
             _ => known,
-        }
+        };
+        let Some((terms, tolerance)) = &mut self.narrow else { return next };
+        let farthest = next.min(reach);
+        let seen = terms.reach(time, farthest, *tolerance);
+        // Nothing shorter than the shortest step is left before the next break.
+        let is_apart = seen - time > self.apart && next - seen > 4.0 * self.apart;
+        if seen < farthest && is_apart { seen } else { next }
     }
 }
 
 impl Curved {
     /// `None` if every argument is linear.
-    fn of(arguments: RoughArguments) -> Option<Self> {
+    fn of(arguments: RoughArguments, apart: f64) -> Option<Self> {
         let all = arguments.arguments().iter().enumerate();
         let sought: Vec<usize> =
             all.filter(|(_, argument)| argument.zero.is_none()).map(|(index, _)| index).collect();
         let values = vec![0.0; arguments.arguments().len()];
-        (!sought.is_empty()).then_some(Self { arguments, sought, registers: Vec::new(), values })
+        (!sought.is_empty()).then_some(Self { arguments, sought, apart, registers: Vec::new(), values })
     }
 
     /// The first time of a change of sign.
     fn first(&mut self, from: f64, to: f64) -> Option<f64> {
-        let at = |look: usize| from + (to - from) * (look as f64 / LOOKS as f64);
-        let mut found = f64::INFINITY;
+        // A zero where the step begins is behind it.
+        let from = from + self.apart;
+        let mut found = to;
         for position in 0..self.sought.len() {
             let index = self.sought[position];
-            // A zero where the step begins is behind it.
-            let mut before = self.negative(index, from + 1e-3 * (at(1) - from));
-            for look in 1..=LOOKS {
-                if at(look) >= found {
-                    break;
-                }
-                let now = self.negative(index, at(look));
-                if now != before {
-                    found = self.bisect(index, before, at(look - 1), at(look));
-                    break;
-                }
-                before = now;
+            if from >= found || self.arguments.keeps_sign(index, from, found) {
+                continue;
+            }
+            let stretch = (from, found - from);
+            let mut first = None;
+            let room = (&mut self.registers, self.values.as_mut_slice());
+            let searched = self.arguments.changes(index, stretch, room, |place, changes| {
+                first = changes.then_some(place);
+                !changes
+            });
+            match (first, searched) {
+                (Some(place), _) => found = self.closer(index, stretch.0 + place * stretch.1),
+                // What is farther has not been looked at.
+                (None, Err(time)) if time > from => found = time,
+                (None, _) => {}
             }
         }
-        found.is_finite().then_some(found)
+        (found < to).then_some(found)
     }
 
     fn negative(&mut self, index: usize, time: f64) -> bool {
@@ -114,7 +126,21 @@ impl Curved {
         self.values[index] < 0.0
     }
 
-    fn bisect(&mut self, index: usize, negative: bool, mut low: f64, mut high: f64) -> f64 {
+    /// The first time after a change of sign that is known to a few units of rounding.
+    fn closer(&mut self, index: usize, time: f64) -> f64 {
+        let mut width = 2.0 * f64::EPSILON * time.abs();
+        let (mut low, mut high) = (time - width, time + width);
+        let negative = loop {
+            let negative = self.negative(index, low);
+            if negative != self.negative(index, high) {
+                break negative;
+            }
+            width *= 2.0;
+            if width > 1e-9 * time.abs() {
+                return time;
+            }
+            (low, high) = (time - width, time + width);
+        };
         loop {
             let middle = 0.5 * (low + high);
             if middle <= low || middle >= high {
@@ -159,6 +185,38 @@ mod tests {
         assert_eq!(found.after(first, 5.0), 10.0);
         let second = found.after(first, 6.5);
         assert!((second - 2.0 * std::f64::consts::PI).abs() < 1e-14, "{second}");
+    }
+
+    #[test]
+    fn zeros_close_to_each_other_are_found_each() {
+        let mut found = breaks("step(1e-4 - abs(t - 3.00123))", "");
+        for expected in [3.00113, 3.00123, 3.00133] {
+            let next = found.after(expected - 1e-5, 10.0);
+            assert!((next - expected).abs() < 1e-15 * 8.0, "{next}");
+        }
+        let mut found = breaks("step(1e-10 - (t - 2)^2)", "");
+        assert!((found.after(0.0, 10.0) - (2.0 - 1e-5)).abs() < 1e-13);
+        assert!((found.after(2.0 - 1e-5, 10.0) - (2.0 + 1e-5)).abs() < 1e-13);
+    }
+
+    #[test]
+    fn steps_do_not_run_over_narrow_terms() {
+        for width in [1e-2, 1e-4, 1e-6] {
+            let mut found = breaks(&format!("sin(t) + exp(-((t - 3.3)/{width})^2)/{width}"), "");
+            // They come near in few steps, and are as short as the term there.
+            let (mut time, mut steps) = (0.0, 0);
+            while time < 3.3 - 3.0 * width {
+                let next = found.after(time, time + 4.0);
+                let is_short = next - time < 8.0 * width;
+                assert!(next > time && (is_short || next < 3.3 - 1.5 * width), "{time} to {next}");
+                (time, steps) = (next, steps + 1);
+            }
+            assert!(steps < 30, "{steps}");
+        }
+        // What is smooth limits nothing.
+        for smooth in ["sin(3*t)*exp(-t)", "1/(1 + t^2)", "t^2.5", "sqrt(t)"] {
+            assert_eq!(breaks(smooth, "").after(0.0, 1.0), 10.0, "{smooth}");
+        }
     }
 
     #[test]

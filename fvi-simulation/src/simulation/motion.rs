@@ -5,6 +5,7 @@ use crate::memory::Tables;
 use crate::scenario::Scenario;
 use crate::simulation::adaptive::{AdaptiveSteps, Counts, Progress};
 use crate::simulation::energy_guard::{EnergyGuard, Gathered};
+use crate::simulation::forces_of_time;
 use crate::simulation::not_finite::{first_not_finite, reason, start};
 use crate::simulation::stretch::Stretch;
 use crate::simulation::{GridState, Precision, Simulation};
@@ -28,6 +29,8 @@ pub struct Motion<'s> {
     next: GridState,
     /// Of the motions under load cases.
     energies: Vec<f64>,
+    /// What is to be known of forces of time.
+    notes: Vec<String>,
 }
 
 /// Why a motion ends before its time.
@@ -74,7 +77,8 @@ impl<'s> Motion<'s> {
         let mut stretch = Stretch::new(scenario.coordinates() * scenario.copies(), one_by_one, every);
         stretch.push_state(&state, 0);
         let next = state.clone();
-        Ok(Self { scenario, simulation, guard, adaptive, steps: 0, state, stretch, next, energies })
+        let notes = forces_of_time::warnings(scenario);
+        Ok(Self { scenario, simulation, guard, adaptive, steps: 0, state, stretch, next, energies, notes })
     }
 
     /// What watches it has gathered.
@@ -265,6 +269,17 @@ impl<'s> Motion<'s> {
     /// What moves.
     pub fn simulation(&self) -> &Simulation {
         &self.simulation
+    }
+
+    /// What there is to warn of in forces of time.
+    pub fn notes(&self) -> Vec<String> {
+        let missed = self.simulation.missed().map(|time| {
+            format!(
+                "system.force: from t = {time} on a step had more jumps, kinks or peaks of a force of time than are looked for; \
+                 shorter steps tell them apart"
+            )
+        });
+        self.notes.iter().cloned().chain(missed).collect()
     }
 
     /// What the guard of the energy has to warn of.

@@ -58,7 +58,8 @@ impl Operator {
 }
 
 impl Node {
-    pub(crate) fn number(value: f64) -> Self {
+    /// A number.
+    pub fn number(value: f64) -> Self {
         Self { kind: Kind::Number(value), varies: false }
     }
 

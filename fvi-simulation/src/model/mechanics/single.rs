@@ -44,6 +44,11 @@ impl<T: Elementary> SingleModel<T> {
         scenario.coordinates() == 1 && plain && !springs && !switches
     }
 
+    /// As [`Model::missed`].
+    pub fn missed(&self) -> Option<f64> {
+        self.model.missed()
+    }
+
     /// Compiles the system of a scenario that it [`serves`](Self::serves).
     ///
     /// # Errors

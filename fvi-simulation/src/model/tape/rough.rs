@@ -2,6 +2,7 @@
 //! expressions.
 
 use super::derivative::Order;
+use super::enclosure::Enclosure;
 use super::force::{Parts, parts};
 use super::graph::Graph;
 use super::program::Program;
@@ -11,8 +12,19 @@ use crate::language::expression::{Expression, Function, Kind, Moment, Node, Oper
 #[derive(Clone, Debug)]
 pub struct RoughArguments {
     arguments: Vec<RoughArgument>,
+    nodes: Vec<Node>,
     values: Program<f64>,
 }
+
+/// Two zeros of an argument closer than this, in parts of the stretch in which they are sought, may be
+/// overlooked: 10⁻¹⁰ of it.
+const CLOSEST: f64 = 1.0 / (1_u64 << 33) as f64;
+
+/// Enclosures that a search may take.
+const MOST_LOOKS: usize = 16_384;
+
+/// Halvings of the stretch that lead to a zero.
+const HALVINGS: i32 = 63;
 
 /// An argument that makes a force rough where it vanishes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,8 +37,8 @@ pub struct RoughArgument {
 }
 
 impl RoughArguments {
-    /// The arguments of a force with one expression for each coordinate; `None` if it is smooth.
-    pub fn of(components: &[Expression]) -> Option<Self> {
+    /// The arguments of a force with one expression for each coordinate; none if it is smooth.
+    pub fn of(components: &[Expression]) -> Self {
         let mut found = Vec::new();
         for component in components {
             if let Parts::Affine { of_time: Some(node), .. } = parts(component.root()) {
@@ -44,15 +56,12 @@ impl RoughArguments {
             collect(expression.root(), &mut found);
         }
         found.retain(|(node, _)| !node.varies());
-        Self::compile(found)
+        Some(Self::compile(found)).filter(|found| !found.arguments.is_empty())
     }
 
-    fn compile(mut found: Vec<(Node, bool)>) -> Option<Self> {
+    fn compile(mut found: Vec<(Node, bool)>) -> Self {
         // An argument that does not depend on time vanishes always or never.
         found.retain(|(node, _)| linear(node).is_none_or(|[_, slope]| slope != 0.0));
-        if found.is_empty() {
-            return None;
-        }
         let mut graph = Graph::default();
         let values: Vec<_> = (0..)
             .zip(&found)
@@ -62,15 +71,79 @@ impl RoughArguments {
             let zero = linear(node).map(|[offset, slope]| -offset / slope);
             RoughArgument { zero, root: *root }
         };
-        Some(Self {
+        Self {
             arguments: found.iter().map(argument).collect(),
+            nodes: found.iter().map(|(node, _)| node.clone()).collect(),
             values: Program::new(&graph, 0, &values, &[]),
-        })
+        }
     }
 
     /// The arguments, in the order of their values.
     pub fn arguments(&self) -> &[RoughArgument] {
         &self.arguments
+    }
+
+    /// Whether an argument has the same sign throughout, or is zero throughout.
+    pub fn keeps_sign(&self, index: usize, from: f64, to: f64) -> bool {
+        let found = Enclosure::centred(&self.nodes[index], from, to);
+        !found.value.contains_zero() || found.slope.is_zero()
+    }
+
+    /// Calls `found` with each place, in parts of the stretch of time from `start` on, where an argument
+    /// changes its sign (`true`), or where one under a root may touch zero (`false`), in ascending order until
+    /// it answers `false`.
+    ///
+    /// The stretch is halved until the argument has no zero in a part, or one at most because it rises or
+    /// falls throughout, both by the bounds of interval arithmetic, or the part is [`CLOSEST`] to nothing.
+    ///
+    /// # Errors
+    /// The time up to which all are known, where there are more than the search may look at.
+    pub fn changes(
+        &self,
+        index: usize,
+        (start, length): (f64, f64),
+        (registers, values): (&mut Vec<f64>, &mut [f64]),
+        mut found: impl FnMut(f64, bool) -> bool,
+    ) -> Result<(), f64> {
+        let node = &self.nodes[index];
+        let at = |place: f64| start + place * length;
+        let mut negative = |place: f64| {
+            self.values(at(place), registers, values);
+            values[index] < 0.0
+        };
+        let mut parts = vec![(0.0_f64, 1.0_f64, 0)];
+        let mut looks = 0;
+        while let Some((mut low, mut high, depth)) = parts.pop() {
+            looks += 1;
+            if looks > MOST_LOOKS {
+                return Err(at(low));
+            }
+            let bounds = Enclosure::centred(node, at(low), at(high));
+            if !bounds.value.contains_zero() || bounds.slope.is_zero() {
+                continue;
+            }
+            let is_shortest = high - low <= CLOSEST || at(high) <= at(low).next_up();
+            if bounds.slope.contains_zero() && !is_shortest {
+                let middle = 0.5 * (low + high);
+                parts.push((middle, high, depth + 1));
+                parts.push((low, middle, depth + 1));
+                continue;
+            }
+            let before = negative(low);
+            let changes = before != negative(high);
+            if changes {
+                for _ in depth..HALVINGS {
+                    let middle = 0.5 * (low + high);
+                    if negative(middle) == before { low = middle } else { high = middle }
+                }
+            } else if !(is_shortest && self.arguments[index].root) {
+                continue;
+            }
+            if !found(0.5 * (low + high), changes) {
+                return Ok(());
+            }
+        }
+        Ok(())
     }
 
     /// Writes the values of the arguments at a time.
@@ -118,7 +191,7 @@ fn collect(node: &Node, found: &mut Vec<(Node, bool)>) {
 }
 
 /// (a, b) of a node that is a + b t.
-fn linear(node: &Node) -> Option<[f64; 2]> {
+pub(super) fn linear(node: &Node) -> Option<[f64; 2]> {
     match node.kind() {
         Kind::Number(value) => Some([*value, 0.0]),
         Kind::Time | Kind::SidedTime => Some([0.0, 1.0]),

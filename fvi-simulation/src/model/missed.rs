@@ -1,0 +1,137 @@
+//! Where the nodes of a scheme miss what a function of time does.
+
+use super::force_moments::{ForceMoments, StepLengths};
+use super::scheme::AnyScheme;
+use super::signal_moments::SignalMoments;
+use crate::language::expression::{Expression, Moment};
+use crate::scenario::{Amplitude, Record, Scenario, TimeGrid};
+use fvi_core::NodalRule;
+
+/// Looks at stretches and steps.
+const MOST_LOOKS: usize = 20_000;
+
+/// What is missed is more than this part of what acts, and of what the nodes around see.
+const MISSED: f64 = 0.3;
+
+/// Steps on either side that are looked at.
+const BESIDE: usize = 4;
+
+/// The first time near which the nodes of a scenario's scheme miss most of what a function of time does; none
+/// where steps are chosen on the way.
+pub(crate) fn first_missed(scenario: &Scenario, function: &Amplitude) -> Option<f64> {
+    let time = &scenario.time;
+    if time.adaptive().is_some() || time.steps == 0 {
+        return None;
+    }
+    let scheme = AnyScheme::<f64>::new(scenario).ok()?;
+    let (weights, nodes) = (scheme.view().weights.to_vec(), scheme.view().nodes.to_vec());
+    let mut nodes = Nodes { time, weights, nodes, looks: 0 };
+    match function {
+        Amplitude::Expression(expression) => nodes.first_of_expression(expression),
+        Amplitude::Record(record) => nodes.first_of_record(record),
+    }
+}
+
+struct Nodes<'s> {
+    time: &'s TimeGrid,
+    weights: Vec<f64>,
+    nodes: Vec<f64>,
+    looks: usize,
+}
+
+impl Nodes<'_> {
+    fn first_of_expression(&mut self, expression: &Expression) -> Option<f64> {
+        let (end, longest) = (self.time.end(), self.time.longest_step());
+        let components = [expression.clone()];
+        let mut moments = ForceMoments::new(&components, StepLengths::Any, (end, Some(longest)))?;
+        let mut cells = vec![(0.0, end)];
+        while let Some((from, to)) = cells.pop() {
+            self.looks += 1;
+            if self.looks > MOST_LOOKS {
+                return None;
+            }
+            if moments.is_smooth_cell((from, to), longest) {
+                continue;
+            }
+            if to - from > 4.0 * longest {
+                let middle = 0.5 * (from + to);
+                cells.extend([(middle, to), (from, middle)]);
+                continue;
+            }
+            let first = self.step_at(from);
+            for step in (first..self.time.steps).take_while(|&step| self.time.time(step) < to) {
+                let value = |moment: Moment<f64>| expression.value(moment, &[]).abs();
+                if self.misses(step, value, |rule| moments.excess(rule).map(|excess| excess[0] + excess[1])) {
+                    return Some(self.time.time(step));
+                }
+            }
+        }
+        None
+    }
+
+    fn first_of_record(&mut self, record: &Record) -> Option<f64> {
+        let mut moments = SignalMoments::new(record.clone());
+        let mut before = None;
+        for &(time, _) in record.rows() {
+            let step = self.step_at(time);
+            if time < 0.0 || step >= self.time.steps || before == Some(step) {
+                continue;
+            }
+            before = Some(step);
+            self.looks += 1;
+            if self.looks > 10 * MOST_LOOKS {
+                return None;
+            }
+            let value = |moment: Moment<f64>| record.at(moment).abs();
+            if self.misses(step, value, |rule| moments.excess(rule).map(|excess| excess[0] + excess[1])) {
+                return Some(self.time.time(step));
+            }
+        }
+        None
+    }
+
+    /// The step that a time is in.
+    fn step_at(&self, time: f64) -> usize {
+        let (mut low, mut high) = (0, self.time.steps);
+        while low < high {
+            let middle = low.midpoint(high);
+            if self.time.time(middle + 1) <= time { low = middle + 1 } else { high = middle }
+        }
+        low
+    }
+
+    /// Whether what the impulse over a step exceeds that of its nodes by is most of what acts there.
+    fn misses(
+        &mut self,
+        step: usize,
+        value: impl Fn(Moment<f64>) -> f64,
+        excess: impl FnOnce(&NodalRule<'_, f64>) -> Option<f64>,
+    ) -> bool {
+        self.looks += 1;
+        let (start, length) = (self.time.time(step), self.time.time(step + 1) - self.time.time(step));
+        // ∫F is what the nodes give and the sum of the moments on a straight line.
+        let tests: Vec<f64> = self.nodes.iter().map(|node| 1.0 - node).collect();
+        let rule = NodalRule {
+            start,
+            length,
+            weights: &self.weights,
+            nodes: &self.nodes,
+            points: &[1.0],
+            shapes: &self.nodes,
+            tests: &tests,
+        };
+        let Some(missed) = excess(&rule) else { return false };
+        let seen = |step: usize| -> f64 {
+            let (start, length) = (self.time.time(step), self.time.time(step + 1) - self.time.time(step));
+            let at = |node: f64| match node {
+                0.0 => Moment::from_right(start),
+                1.0 => Moment::from_left(start + length),
+                _ => Moment::inside(start + node * length),
+            };
+            self.nodes.iter().zip(&self.weights).map(|(&node, weight)| weight * value(at(node))).sum()
+        };
+        let beside = step.saturating_sub(BESIDE)..(step + BESIDE + 1).min(self.time.steps);
+        let around: f64 = beside.map(seen).sum();
+        missed.abs() > MISSED * (around + missed.abs())
+    }
+}

@@ -1,0 +1,209 @@
+//! Where a function of time grows without bound, and whether it has an integral there.
+
+use super::enclosure::Enclosure;
+use super::time_terms::Term;
+use crate::language::expression::Node;
+
+/// A time near which a function grows like |t − c|^e.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Singularity {
+    /// c.
+    pub time: f64,
+    /// e before c and after it, 0 where the function is bounded; below zero and close to it for a logarithm.
+    pub exponents: [f64; 2],
+}
+
+/// Below this exponent there is no integral, or none that could be told from that.
+const SMALLEST_EXPONENT: f64 = -0.99;
+
+/// What a search has found.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Unbounded {
+    /// Ascending; no one behind the first that has no integral.
+    pub found: Vec<Singularity>,
+    /// Up to where they are known, if not to the end.
+    pub known_to: Option<f64>,
+}
+
+/// Enclosures that a search may take.
+const MOST_LOOKS: usize = 20_000;
+
+/// A stretch from 0 on of this part of the run is a point.
+const SMALLEST: f64 = 1e-27;
+
+impl Singularity {
+    /// Whether the function has an integral there.
+    pub fn has_integral(&self) -> bool {
+        self.exponents.iter().all(|&exponent| exponent > SMALLEST_EXPONENT)
+    }
+
+    /// The more singular of both sides.
+    pub fn exponent(&self) -> f64 {
+        self.exponents[0].min(self.exponents[1])
+    }
+}
+
+impl Unbounded {
+    /// Of one term over [0, `end`]: the stretch is halved until interval arithmetic bounds the term in every
+    /// part but for the shortest, where the growth of its values decides.
+    pub fn of(node: &Node, end: f64) -> Self {
+        let (mut parts, mut looks) = (vec![(0.0, end)], 0);
+        let mut result = Self::default();
+        let mut passed = f64::NEG_INFINITY;
+        let term = Term::new(node.clone());
+        let mut registers = Vec::new();
+        let mut value = |time: f64| term.at(time, &mut registers);
+        while let Some((from, to)) = parts.pop() {
+            if to <= passed {
+                continue;
+            }
+            looks += 1;
+            if looks > MOST_LOOKS {
+                result.known_to = Some(from);
+                return result;
+            }
+            if Enclosure::of(node, from, to).value.is_finite() {
+                continue;
+            }
+            let middle = 0.5 * (from + to);
+            let is_point = to - from <= 4.0 * f64::EPSILON * to || to <= SMALLEST * end;
+            if !is_point {
+                parts.extend([(middle, to), (from, middle)]);
+                continue;
+            }
+            let is_start = to <= SMALLEST * end;
+            let time = if is_start { 0.0 } else { highest(from, to, &mut value) };
+            match growth(time, end, &mut value) {
+                None => {
+                    // It is no number there: the run will say so.
+                    result.known_to = None;
+                    return result;
+                }
+                Some(exponents) if exponents == [0.0; 2] => {}
+                Some(exponents) => {
+                    let singularity = Singularity { time, exponents };
+                    result.found.push(singularity);
+                    if !singularity.has_integral() {
+                        return result;
+                    }
+                }
+            }
+            passed = if is_start { SMALLEST * end } else { to * (1.0 + 8.0 * f64::EPSILON) };
+        }
+        result
+    }
+}
+
+/// The number between two close ones at which a function is largest, or not finite.
+fn highest(from: f64, to: f64, value: &mut impl FnMut(f64) -> f64) -> f64 {
+    let (mut time, mut best, mut largest) = (from.next_down(), from, 0.0);
+    while time <= to.next_up() {
+        let size = value(time).abs();
+        if !size.is_finite() {
+            return time;
+        }
+        if size > largest {
+            (best, largest) = (time, size);
+        }
+        time = time.next_up();
+    }
+    best
+}
+
+/// e before and after a time; `None` where the function is no number there.
+fn growth(time: f64, end: f64, value: &mut impl FnMut(f64) -> f64) -> Option<[f64; 2]> {
+    // From far enough away for the rounding of the time.
+    let distances = if time == 0.0 { [1e-20 * end, 1e-24 * end] } else { [1e-7 * time, 1e-9 * time] };
+    let mut exponents = [0.0; 2];
+    for (side, exponent) in [-1.0, 1.0].into_iter().zip(&mut exponents) {
+        if (side < 0.0 && time == 0.0) || (side > 0.0 && time >= end) {
+            continue;
+        }
+        let [far, near] = distances.map(|distance| value(time + side * distance).abs());
+        if far.is_nan() || near.is_nan() {
+            return None;
+        }
+        if near.is_infinite() {
+            *exponent = f64::NEG_INFINITY;
+        } else if near > far * (1.0 + 1e-6) {
+            let measured = if far == 0.0 {
+                f64::NEG_INFINITY
+            } else {
+                libm::log(near / far) / libm::log(distances[1] / distances[0])
+            };
+            *exponent = rounded(measured);
+        }
+    }
+    Some(exponents)
+}
+
+/// The fraction with a small denominator that is meant.
+fn rounded(exponent: f64) -> f64 {
+    let candidates = [1000.0, 12.0].map(|parts: f64| (exponent * parts).round() / parts);
+    let near = candidates.into_iter().find(|candidate| (candidate - exponent).abs() < 1e-5);
+    near.filter(|&exponent| exponent != 0.0).unwrap_or(exponent)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::language::expression::{Expression, Symbols};
+
+    fn unbounded(text: &str) -> Unbounded {
+        let expression = Expression::parse(text, &Symbols::new().with_time()).unwrap();
+        Unbounded::of(expression.root(), 8.0)
+    }
+
+    #[test]
+    fn what_grows_without_bound_is_found_with_its_exponent() {
+        let at = |time: f64, left: f64, right: f64| Singularity { time, exponents: [left, right] };
+        for (text, expected) in [
+            ("t^(-0.9)", at(0.0, 0.0, -0.9)),
+            ("1/sqrt(t)", at(0.0, 0.0, -0.5)),
+            ("abs(t - 1.03)^(-0.5)", at(1.03, -0.5, -0.5)),
+            ("step(t - 2)*abs(t - 2)^(-1/3)", at(2.0, 0.0, -1.0 / 3.0)),
+        ] {
+            let found = unbounded(text);
+            assert_eq!(found.found, [expected], "{text}");
+            assert!(expected.has_integral());
+        }
+        let logarithm = unbounded("log(abs(t - 1.03))").found;
+        assert!(logarithm.len() == 1 && logarithm[0].time == 1.03, "{logarithm:?}");
+        assert!(logarithm[0].exponents.iter().all(|&e| e < 0.0 && e > -0.1), "{logarithm:?}");
+        let periodic = unbounded("abs(sin(t))^(-0.5)").found;
+        assert_eq!(periodic.len(), 3, "{periodic:?}");
+    }
+
+    #[test]
+    fn what_has_no_integral_is_told() {
+        for (text, time) in [
+            ("t^(-1.2)", 0.0),
+            ("1/(t - 1.03)", 1.03),
+            ("tan(t)", std::f64::consts::FRAC_PI_2),
+            ("1/sin(t)", 0.0),
+            ("gamma(t - 3.5)", 0.5),
+            ("exp(1/t)", 0.0),
+            ("(t - 1)^(-2)", 1.0),
+            ("1/(8 - t)", 8.0),
+        ] {
+            let found = unbounded(text).found;
+            let last = found.last().unwrap_or_else(|| panic!("{text}"));
+            assert!(!last.has_integral() && (last.time - time).abs() < 1e-14, "{text}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn bounded_functions_have_none() {
+        for text in [
+            "sin(t)/t",
+            "1/(t*t - 2*t + 1.01)",
+            "exp(-1/t)",
+            "sqrt(t)",
+            "t^2.5",
+            "tan(t/6)",
+            "(1 - cos(t))/t^2",
+        ] {
+            assert_eq!(unbounded(text), Unbounded::default(), "{text}");
+        }
+    }
+}

@@ -1,0 +1,111 @@
+//! Forces of time that grow without bound and have an impulse nevertheless, taken out of what the nodes of a
+//! scheme look at.
+
+use super::rough_forces::{loads, takes_moments};
+use super::scheme::AnyScheme;
+use super::tape::{Singularity, Unbounded, terms};
+use crate::language::expression::{Expression, Node, Operator};
+use crate::scenario::{Amplitude, Load, Scenario, Scheme};
+use std::ops::Range;
+
+/// What is taken out.
+#[derive(Clone, Debug)]
+pub(crate) struct UnboundedForces {
+    /// The scenario without it.
+    pub(crate) rest: Scenario,
+    /// One expression for each coordinate.
+    pub(crate) force: Option<(Vec<Expression>, Vec<Singularity>)>,
+    /// With the motions that they act on.
+    pub(crate) loads: Vec<(Load, Range<usize>, Vec<Singularity>)>,
+}
+
+/// What is less singular than this, at t = 0 and elsewhere, needs no more than exact moments of what exceeds
+/// the nodes: the double-exponential rule loses nothing there.
+const MILD: [f64; 2] = [-0.5 - 1e-9, -0.2];
+
+impl UnboundedForces {
+    /// `None` where there is nothing to take out, or the scheme has no moments.
+    pub(crate) fn of(scenario: &Scenario) -> Option<Self> {
+        if !takes_moments(scenario) {
+            return None;
+        }
+        let (end, touched) = (scenario.time.end(), touched(scenario));
+        let split = |expression: &Expression| split(expression, end, touched);
+        let components = scenario.system.force.as_deref().unwrap_or_default();
+        let split_components: Vec<_> = components.iter().map(split).collect();
+        let split_loads: Vec<_> = loads(scenario)
+            .map(|(load, motions)| match &load.amplitude {
+                Amplitude::Expression(amplitude) => split(amplitude).map(|parts| (load, motions, parts)),
+                Amplitude::Record(_) => None,
+            })
+            .collect();
+        if split_components.iter().all(Option::is_none) && split_loads.iter().all(Option::is_none) {
+            return None;
+        }
+        let mut rest = scenario.clone();
+        let mut force = None;
+        if split_components.iter().any(Option::is_some) {
+            let (mut whole, mut singularities) = (Vec::new(), Vec::new());
+            let mut left = Vec::new();
+            for (component, parts) in components.iter().zip(split_components) {
+                let (taken, remaining, times) = parts.unwrap_or_else(|| {
+                    (component.with_root(Node::number(0.0)), component.clone(), Vec::new())
+                });
+                whole.push(taken);
+                left.push(remaining);
+                singularities.extend(times);
+            }
+            rest.system.force = Some(left);
+            force = Some((whole, singularities));
+        }
+        let shared = rest.system.loads.iter_mut();
+        let of_cases = rest.cases.iter_mut().flat_map(|case| case.loads.iter_mut());
+        let mut whole_loads = Vec::new();
+        for (place, parts) in shared.chain(of_cases).zip(split_loads) {
+            let Some((load, motions, (taken, remaining, times))) = parts else { continue };
+            place.amplitude = Amplitude::Expression(remaining);
+            whole_loads.push((
+                Load { amplitude: Amplitude::Expression(taken), ..load.clone() },
+                motions,
+                times,
+            ));
+        }
+        Some(Self { rest, force, loads: whole_loads })
+    }
+}
+
+/// Whether the nodes of a scenario's scheme look at forces where a step begins, and at an end of it at all.
+fn touched(scenario: &Scenario) -> [bool; 2] {
+    if scenario.scheme == Scheme::Collocation {
+        return [true; 2];
+    }
+    let scheme = AnyScheme::<f64>::new(scenario).ok();
+    let has = |node: f64| scheme.as_ref().is_some_and(|scheme| scheme.view().nodes.contains(&node));
+    [has(0.0), has(0.0) || has(1.0)]
+}
+
+/// The terms of an expression that are to be taken out, what is left, and when they are without bound.
+fn split(
+    expression: &Expression,
+    end: f64,
+    touched: [bool; 2],
+) -> Option<(Expression, Expression, Vec<Singularity>)> {
+    let (mut taken, mut left, mut times) = (Vec::new(), Vec::new(), Vec::new());
+    for term in terms(expression.root()) {
+        let found = if term.varies() { Vec::new() } else { Unbounded::of(&term, end).found };
+        let is_strong = |singularity: &Singularity| {
+            let place = usize::from(singularity.time > 0.0);
+            touched[place] || singularity.exponent() < MILD[place]
+        };
+        if found.iter().all(Singularity::has_integral) && found.iter().any(is_strong) {
+            taken.push(term);
+            times.extend(found);
+        } else {
+            left.push(term);
+        }
+    }
+    let sum = |terms: Vec<Node>| terms.into_iter().reduce(|sum, term| Node::join(Operator::Add, sum, term));
+    let taken = sum(taken)?;
+    let left = sum(left).unwrap_or_else(|| Node::number(0.0));
+    Some((expression.with_root(taken), expression.with_root(left), times))
+}
