@@ -2,9 +2,10 @@
 
 use super::CommandError;
 use super::listing::{
-    ListingFormat, ListingPrecision, check_exponentials, emit, exponentials_listing, parameter_error,
+    ListingFormat, ListingPrecision, check_exponentials, emit, exponentials_listing, identifier,
+    parameter_error,
 };
-use crate::numerics::exponential_table::{ExponentialKernel, ExponentialKernelError};
+use crate::numerics::exponential_table::{ENDLESS, ExponentialKernel, ExponentialKernelError};
 use fvi_core::BdfOrder;
 use std::path::PathBuf;
 
@@ -27,6 +28,9 @@ pub struct ExponentialsArguments {
     /// Largest lag, in steps, at which the weights hold
     #[arg(long, default_value_t = 1e8)]
     horizon: f64,
+    /// No horizon: the weights hold to the tolerance up to a lag of 2^50, and nothing is refused beyond
+    #[arg(long, conflicts_with = "horizon")]
+    endless: bool,
     /// Relative tolerance of every weight, 4e-15 to 0.1
     #[arg(long, default_value_t = 1e-12)]
     tolerance: f64,
@@ -36,6 +40,9 @@ pub struct ExponentialsArguments {
     /// Numbers of the constants
     #[arg(long, value_enum, default_value_t)]
     precision: ListingPrecision,
+    /// Name of the constants, such as half_derivative [default: TABLE in Rust, fvi in C]
+    #[arg(long, value_parser = identifier)]
+    name: Option<String>,
     /// Write to this file instead of standard output
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -53,14 +60,14 @@ impl ExponentialsArguments {
             }));
         }
         let order = BdfOrder::new(self.order).map_err(parameter_error)?;
+        let horizon = if self.endless { ENDLESS } else { self.horizon as usize };
         let make =
             if self.increments { ExponentialKernel::bdf_on_increments } else { ExponentialKernel::bdf };
-        let kernel = make(order, self.exponent, self.step, self.horizon as usize, self.tolerance).map_err(
-            |error| match error {
+        let kernel =
+            make(order, self.exponent, self.step, horizon, self.tolerance).map_err(|error| match error {
                 ExponentialKernelError::Parameter(error) => parameter_error(error),
                 missed => CommandError::Failed(missed.to_string()),
-            },
-        )?;
+            })?;
         let on = if self.increments { " on increments" } else { "" };
         let origin = format!("BDF {}, exponent {}{on}, step {}", self.order, self.exponent, self.step);
         // A table has the digits of double precision, whatever its constants would have.
@@ -69,7 +76,8 @@ impl ExponentialsArguments {
             _ => self.precision,
         };
         check_exponentials(&kernel, self.step, precision)?;
-        let listing = exponentials_listing(&kernel, &origin, self.format, precision);
+        let name = self.name.as_deref();
+        let listing = exponentials_listing(&kernel, (&origin, name), self.format, precision);
         emit(|out| out.write_all(listing.as_bytes()), self.out.as_deref())
     }
 }

@@ -1,7 +1,7 @@
 //! `fvi weights`: convolution-quadrature weights as a table or as constants.
 
 use super::CommandError;
-use super::listing::{ListingFormat, emit, parameter_error, write_matrix_weights, write_weights};
+use super::listing::{ListingFormat, emit, identifier, parameter_error, write_matrix_weights, write_weights};
 use crate::numerics::runge_kutta_weights::RungeKuttaWeights;
 use crate::results::room::require;
 use fvi_core::{BdfOrder, ConvolutionWeights, ParameterError, RungeKutta};
@@ -37,6 +37,9 @@ pub struct WeightsArguments {
     /// A table, or constants for firmware
     #[arg(long, value_enum, default_value_t)]
     format: ListingFormat,
+    /// Name of the constants, such as half_derivative [default: WEIGHTS in Rust, fvi in C]
+    #[arg(long, value_parser = identifier)]
+    name: Option<String>,
     /// Write to this file instead of standard output
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -95,7 +98,8 @@ impl WeightsArguments {
         let weights = weights()?;
         let on = if self.increments { " on increments" } else { "" };
         let origin = format!("BDF {}, exponent {}{on}, step {}", self.order, self.exponent, self.step);
-        emit(|out| write_weights(out, weights, self.count, &origin, self.format), self.out.as_deref())
+        let said = (&*origin, self.name.as_deref());
+        emit(|out| write_weights(out, weights, self.count, said, self.format), self.out.as_deref())
     }
 
     fn matrices<const R: usize>(
@@ -118,7 +122,8 @@ impl WeightsArguments {
         };
         let on = if self.increments { " on rises" } else { "" };
         let origin = format!("{name}, {R} stages, exponent {}{on}, step {}", self.exponent, self.step);
-        emit(|out| write_matrix_weights(out, &planes, R, &origin, self.format), self.out.as_deref())
+        let said = (&*origin, self.name.as_deref());
+        emit(|out| write_matrix_weights(out, &planes, R, said, self.format), self.out.as_deref())
     }
 
     /// Refuses weights that double precision does not hold.
