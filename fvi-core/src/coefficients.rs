@@ -3,8 +3,7 @@
 use nalgebra::{SMatrix, SVector};
 
 use crate::error::MatrixError;
-use crate::linear::all_finite;
-use crate::linear::is_positive_definite;
+use crate::linear::{all_finite, is_positive_definite, zero_matrix, zero_vector};
 use crate::real::Real;
 use crate::space::{Block, Space};
 
@@ -25,7 +24,7 @@ impl<T: Real, const N: usize> Space<T> for Fixed<N> {
 
     #[inline(always)]
     fn zeros(&self) -> SVector<T, N> {
-        SVector::zeros()
+        zero_vector()
     }
 
     #[inline(always)]
@@ -62,7 +61,15 @@ impl<T: Real, const N: usize> Coefficients<T, N> {
     #[inline(always)]
     pub fn to_matrix(&self) -> SMatrix<T, N, N> {
         match self {
-            Self::Diagonal(diagonal) => SMatrix::from_diagonal(diagonal),
+            Self::Diagonal(diagonal) => {
+                let mut matrix = zero_matrix();
+                for (index, (column, &entry)) in matrix.data.0.iter_mut().zip(diagonal.iter()).enumerate() {
+                    if let Some(place) = column.get_mut(index) {
+                        *place = entry;
+                    }
+                }
+                matrix
+            }
             Self::Dense(matrix) => *matrix,
         }
     }
@@ -75,7 +82,11 @@ impl<T: Real, const N: usize> Coefficients<T, N> {
         }
         for row in 0..N {
             for column in 0..row {
-                let (lower, upper) = (matrix[(row, column)], matrix[(column, row)]);
+                let entry = |row: usize, column: usize| {
+                    let column = matrix.data.0.get(column);
+                    column.and_then(|column| column.get(row)).copied().unwrap_or_default()
+                };
+                let (lower, upper) = (entry(row, column), entry(column, row));
                 if (lower - upper).abs() > T::of(4.0) * T::EPSILON * lower.abs().max(upper.abs()) {
                     return Err(MatrixError::NotSymmetric { row, column });
                 }
@@ -128,16 +139,20 @@ impl<T: Real, const N: usize> Block<T> for Coefficients<T, N> {
 
     fn check_positive_semidefinite(&self) -> Result<(), MatrixError> {
         self.check_symmetric()?;
-        let matrix = self.to_matrix();
-        let lift = matrix.diagonal().amax() * T::EPSILON * T::from_count(64 * N as u64);
+        let mut matrix = self.to_matrix();
+        let columns = || matrix.data.0.iter().enumerate();
+        let diagonal = columns().filter_map(|(index, column)| column.get(index).copied());
+        let largest = diagonal.fold(T::zero(), |largest, entry| largest.max(entry.abs()));
+        let lift = largest * T::EPSILON * T::from_count(64 * N as u64);
         // An all-zero matrix is semidefinite; elsewhere a lift by rounding makes a semidefinite matrix
         // definite.
         let zero = matrix.iter().all(|entry| *entry == T::zero());
-        if zero || is_positive_definite(&(matrix + SMatrix::identity() * lift)) {
-            Ok(())
-        } else {
-            Err(MatrixError::NotPositiveSemidefinite)
+        for (index, column) in matrix.data.0.iter_mut().enumerate() {
+            if let Some(entry) = column.get_mut(index) {
+                *entry += lift;
+            }
         }
+        if zero || is_positive_definite(&matrix) { Ok(()) } else { Err(MatrixError::NotPositiveSemidefinite) }
     }
 }
 

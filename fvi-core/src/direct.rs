@@ -8,6 +8,7 @@ use crate::error::ParameterError;
 use crate::memory::{ActsOn, Memory, MemoryError, check_channels};
 use crate::real::Real;
 use crate::saving::{Shape, StateError, StateReader, StateWriter, fingerprint, header_bytes};
+use crate::space::{vectors, vectors_mut};
 use crate::weighted_sum::weighted_sum;
 
 /// Storage of one channel: the samples as two slices, backwards in time.
@@ -171,7 +172,7 @@ where
             return Err(ParameterError { parameter: "weight", value: weight.to_f64(), allowed: "finite" });
         }
         let mut leading = [T::zero(); MAX_STAGES * MAX_STAGES];
-        for (leading, plane) in leading.iter_mut().zip(table.chunks((table.len() / planes.max(1)).max(1))) {
+        for (leading, plane) in leading.iter_mut().zip(vectors(table, table.len() / planes.max(1))) {
             *leading = plane.first().map_or(T::zero(), |&weight| weight * scale);
         }
         rings.as_mut().iter_mut().for_each(Ring::clear);
@@ -255,12 +256,12 @@ where
             return Ok(());
         }
         let length = weights.len() / (self.stages * self.stages).max(1);
-        let groups = self.rings.as_ref().chunks(self.stages.max(1));
-        for (group, terms) in groups.zip(term.chunks_mut(self.stages.max(1))) {
-            let rows = weights.chunks((length * self.stages).max(1));
+        let groups = vectors(self.rings.as_ref(), self.stages);
+        for (group, terms) in groups.zip(vectors_mut(term, self.stages)) {
+            let rows = vectors(weights, length * self.stages);
             for (term, row) in terms.iter_mut().zip(rows) {
                 let mut sum = T::zero();
-                for (plane, ring) in row.chunks(length.max(1)).zip(group) {
+                for (plane, ring) in vectors(row, length).zip(group) {
                     let (newer, older) = ring.as_slices();
                     sum += weighted_sum(plane, newer, older);
                 }

@@ -8,6 +8,7 @@ use crate::error::{ParameterError, check_step_size};
 use crate::memory::{ActsOn, Memory, MemoryError, check_channels};
 use crate::real::Real;
 use crate::saving::{Shape, StateError, StateReader, StateWriter, fingerprint, header_bytes};
+use crate::space::{vectors, vectors_mut};
 
 /// Kind of the saved state.
 const TAG: [u8; 4] = *b"expo";
@@ -144,7 +145,7 @@ impl<T: Real> ExponentialTable<&[T]> {
                 return Err(ParameterError { parameter, value: number.to_f64(), allowed: "finite" });
             }
         }
-        let mut decays = self.exponentials.chunks(block).flat_map(|block| block.iter().take(LANES));
+        let mut decays = vectors(self.exponentials, block).flat_map(|block| block.iter().take(LANES));
         match decays.find(|&&decay| decay < T::zero() || decay > T::of(2.0)) {
             Some(decay) => {
                 let allowed = "at least 0 and at most 2";
@@ -158,7 +159,7 @@ impl<T: Real> ExponentialTable<&[T]> {
     /// stages.
     pub fn terms<const S: usize>(&self) -> impl Iterator<Item = ExponentialTerm<T, S>> {
         let exponentials = if S == self.stages { self.exponentials } else { &[] };
-        let blocks = exponentials.chunks_exact(block_len(S).max(1));
+        let blocks = vectors(exponentials, block_len(S));
         let terms = blocks.flat_map(|block| {
             (0..LANES).map(move |lane| {
                 let entry = |row: usize| block.get(row * LANES + lane).copied().unwrap_or_default();
@@ -247,8 +248,8 @@ pub struct ExponentialSum<T, C, B> {
     acts_on: ActsOn,
     /// Samples so far; see [`advance`](ExponentialSum::advance).
     len: u64,
-    /// How many are taken.
-    capacity: u64,
+    /// Whether it goes on past the horizon of the table.
+    forgets: bool,
     number: PhantomData<T>,
 }
 
@@ -293,10 +294,10 @@ where
             "1 for a table whose weights hold the step size",
         )?;
         let layout = Layout::of(&view, channels);
-        let (oldest, settling, acts_on, len, capacity) = (0, 0, ActsOn::Values, 0, view.horizon);
+        let (oldest, settling, acts_on, len, forgets) = (0, 0, ActsOn::Values, 0, false);
         let number = PhantomData;
         let mut memory =
-            Self { table, scale, layout, state, oldest, settling, acts_on, len, capacity, number };
+            Self { table, scale, layout, state, oldest, settling, acts_on, len, forgets, number };
         memory.clear();
         Ok(memory)
     }
@@ -318,29 +319,21 @@ where
     /// To forget, if the table has an exponential that never decays: its sum would grow without bound.
     pub fn past_horizon(self, overflow: Overflow) -> Result<Self, ParameterError> {
         let table = self.table.borrow();
-        let capacity = match overflow {
-            Overflow::Refuse => table.horizon,
-            Overflow::Forget => {
-                let block = block_len(table.stages);
-                let mut decays = table.exponentials.chunks(block).flat_map(|block| {
-                    let (decays, others) = block.split_at_checked(LANES).unwrap_or_default();
-                    decays.iter().enumerate().map(move |(lane, &decay)| {
-                        let at_rest =
-                            others.iter().skip(lane).step_by(LANES).all(|&number| number == T::zero());
-                        (decay, at_rest)
-                    })
-                });
-                let stays = decays.any(|(decay, at_rest)| decay == T::zero() && !at_rest);
-                ParameterError::check(
-                    !stays,
-                    "decay",
-                    0.0,
-                    "greater than 0 in a table that forgets: make it with a longer horizon, or endless",
-                )?;
-                ENDLESS
-            }
-        };
-        Ok(Self { capacity, ..self })
+        let forgets = overflow == Overflow::Forget;
+        let stays = vectors(table.exponentials, block_len(table.stages)).any(|block| {
+            let (decays, others) = block.split_at_checked(LANES).unwrap_or_default();
+            decays.iter().enumerate().any(|(lane, &decay)| {
+                let mut outputs = others.iter().skip(lane).step_by(LANES);
+                decay == T::zero() && outputs.any(|&number| number != T::zero())
+            })
+        });
+        ParameterError::check(
+            !(forgets && stays),
+            "decay",
+            0.0,
+            "greater than 0 in a table that forgets: make it with a longer horizon, or endless",
+        )?;
+        Ok(Self { forgets, ..self })
     }
 
     /// The table.
@@ -363,14 +356,24 @@ where
     /// Reads how many samples a state has seen.
     fn count(&self, from: &mut StateReader<'_>) -> Result<u64, StateError> {
         from.header::<T, 4>(TAG, &self.shape())?;
-        let (found, limit) = (from.count()?, self.capacity.min(ENDLESS - 1));
+        let (found, limit) = (from.count()?, self.capacity().min(ENDLESS - 1));
         let too_large = StateError::TooLarge { what: "samples", limit, found };
         if found <= limit { Ok(found) } else { Err(too_large) }
     }
 
     #[inline(always)]
     fn check_room(&self) -> Result<(), MemoryError> {
-        if self.len < self.capacity { Ok(()) } else { Err(full(self.capacity)) }
+        if self.len < self.table.horizon || self.forgets { Ok(()) } else { Err(full(self.table.horizon)) }
+    }
+
+    /// Numbers of the state that samples change: all but the leading weight.
+    fn changing(&self) -> usize {
+        self.state.as_ref().len().saturating_sub(self.layout.planes())
+    }
+
+    /// How many samples are taken.
+    fn capacity(&self) -> u64 {
+        if self.forgets { ENDLESS } else { self.table.horizon }
     }
 
     /// Counts a sample. Near its end the count goes back by as many as leave the places that follow from it
@@ -380,7 +383,7 @@ where
         self.oldest = if self.oldest + 3 < self.layout.head { self.oldest + 1 } else { 0 };
         self.settling = if self.settling + 1 < self.table.slow_blocks { self.settling + 1 } else { 0 };
         self.len = self.len.wrapping_add(1);
-        if self.len >= ENDLESS {
+        if self.len == ENDLESS {
             self.len = self.len.saturating_sub(self.delayed_samples().saturating_mul(self.settling_blocks()));
         }
     }
@@ -410,7 +413,7 @@ fn saturated(count: u64) -> usize {
 }
 
 /// Where the parts of the state lie, one behind the other. The running sums come first: where the state is
-/// aligned, so are they.
+/// aligned, so are they. Third parts of sums, which few tables have, come last but for the leading weight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Layout {
     stages: usize,
@@ -420,8 +423,6 @@ struct Layout {
     head: usize,
     /// Blocks of exponentials.
     blocks: usize,
-    /// Of these, blocks whose sums have three parts.
-    far: usize,
 }
 
 impl Layout {
@@ -433,7 +434,6 @@ impl Layout {
             coordinates: channels / stages,
             head: table.head.len() / (stages * stages).max(1),
             blocks: table.exponentials.len() / block_len(stages),
-            far: table.far_blocks,
         }
     }
 
@@ -442,15 +442,15 @@ impl Layout {
         self.coordinates * self.stages
     }
 
-    /// Numbers of the sums of a coordinate: two parts of each, block by block, then the third parts.
+    /// S²
     #[inline(always)]
-    fn sums_of_one(self) -> usize {
-        self.blocks * STATE_BLOCK + self.far * LANES
+    fn planes(self) -> usize {
+        self.stages * self.stages
     }
 
     #[inline(always)]
     fn sums(self) -> usize {
-        self.coordinates * self.sums_of_one()
+        self.coordinates * self.blocks * STATE_BLOCK
     }
 
     #[inline(always)]
@@ -461,11 +461,6 @@ impl Layout {
     #[inline(always)]
     fn delayed(self) -> usize {
         self.channels() * self.head.saturating_sub(2)
-    }
-
-    /// Numbers of the state that samples change: all but the leading weight.
-    fn changing(self) -> usize {
-        self.term_start() + self.channels()
     }
 
     /// Where the term begins.
@@ -480,8 +475,9 @@ impl Layout {
         let (sums, state) = state.split_at_mut_checked(self.sums())?;
         let (pending, state) = state.split_at_mut_checked(self.pending())?;
         let (delayed, state) = state.split_at_mut_checked(self.delayed())?;
-        let (term, leading) = state.split_at_mut_checked(self.channels())?;
-        Some(Parts { sums, pending, delayed, term, leading })
+        let (term, state) = state.split_at_mut_checked(self.channels())?;
+        let (third, leading) = state.split_at_mut_checked(state.len().saturating_sub(self.planes()))?;
+        Some(Parts { sums, pending, delayed, term, third, leading })
     }
 }
 
@@ -495,6 +491,8 @@ struct Parts<'a, T> {
     delayed: &'a mut [T],
     /// r_k of every channel.
     term: &'a mut [T],
+    /// The third parts of the sums of every coordinate.
+    third: &'a mut [T],
     /// The leading weight, scaled.
     leading: &'a mut [T],
 }
@@ -516,6 +514,12 @@ fn lanes<T: Real>(number: impl Fn(usize) -> T) -> Lanes<T> {
     lanes
 }
 
+/// One of four numbers. In range for the compiler too, without a look at who calls.
+#[inline(always)]
+fn at<T: Real>(numbers: &Lanes<T>, lane: usize) -> T {
+    numbers[lane % LANES]
+}
+
 /// The sum of four parts.
 #[inline(always)]
 fn total<T: Real>([a, b, c, d]: Lanes<T>) -> T {
@@ -532,7 +536,7 @@ fn shift_and_add<T: Real>(mut pending: &mut [T], weights: &[T], x: T) {
     let (blocks, rest) = weights.as_chunks::<LANES>();
     for weights in blocks {
         let Some(next) = pending.get(1..).and_then(|next| next.first_chunk::<LANES>()) else { return };
-        let moved = lanes(|lane| next[lane] + weights[lane] * x);
+        let moved = lanes(|lane| at(next, lane) + at(weights, lane) * x);
         let Some((here, behind)) = pending.split_first_chunk_mut::<LANES>() else { return };
         *here = moved;
         pending = behind;
@@ -557,8 +561,8 @@ fn shift_and_add<T: Real>(mut pending: &mut [T], weights: &[T], x: T) {
 #[inline(always)]
 fn absorb<T: Real>(sums: &mut [T; STATE_BLOCK], decay: &Lanes<T>, x: Lanes<T>) -> Lanes<T> {
     let [recent, settled] = halves(*sums);
-    let before = lanes(|lane| settled[lane] + recent[lane]);
-    let changed = lanes(|lane| recent[lane] + (x[lane] - decay[lane] * before[lane]));
+    let before = lanes(|lane| at(&settled, lane) + at(&recent, lane));
+    let changed = lanes(|lane| at(&recent, lane) + (at(&x, lane) - at(decay, lane) * at(&before, lane)));
     if let Some(recent) = sums.first_chunk_mut::<LANES>() {
         *recent = changed;
     }
@@ -574,7 +578,7 @@ fn absorb_number<T: Real>(
 ) {
     let [decay, coefficient] = halves(*block);
     let before = absorb(sums, &decay, [x; LANES]);
-    *totals = lanes(|lane| totals[lane] + coefficient[lane] * before[lane]);
+    *totals = lanes(|lane| at(totals, lane) + at(&coefficient, lane) * at(&before, lane));
 }
 
 /// What the steps of all channels share.
@@ -596,14 +600,14 @@ impl<'a, T: Real> NumberStep<'a, T> {
             weights: table.head.get(1..layout.head)?,
             exponentials: table.exponentials.as_chunks::<STATE_BLOCK>().0,
             scale,
-            far: layout.far,
+            far: table.far_blocks,
             settling: Some(settling).filter(|&settling| settling < table.slow_blocks),
         })
     }
 
     /// The step of one channel: takes the sample x and returns the next term.
     #[inline(always)]
-    fn take(&self, x: T, sums: &mut [T], pending: &mut [T], delayed: Option<&mut T>) -> T {
+    fn take(&self, x: T, sums: &mut [T], third: &mut [T], pending: &mut [T], delayed: Option<&mut T>) -> T {
         let leaving = match delayed {
             Some(place) => core::mem::replace(place, x),
             None => x,
@@ -612,7 +616,7 @@ impl<'a, T: Real> NumberStep<'a, T> {
         let head = pending.first().copied().unwrap_or_default();
         let mut totals = [head, T::zero(), T::zero(), T::zero()];
         if self.far > 0 {
-            self.absorb_far(leaving, sums, &mut totals);
+            self.absorb_far(leaving, sums, third, &mut totals);
             return total(totals) * self.scale;
         }
         let sums = sums.as_chunks_mut::<STATE_BLOCK>().0;
@@ -634,19 +638,16 @@ impl<'a, T: Real> NumberStep<'a, T> {
 
     /// The same for all exponentials of a table with far blocks. Out of line: other tables do not pay for it.
     #[inline(never)]
-    fn absorb_far(&self, x: T, sums: &mut [T], totals: &mut Lanes<T>) {
-        let Some((sums, third)) = sums.split_at_mut_checked(self.exponentials.len() * STATE_BLOCK) else {
-            return;
-        };
+    fn absorb_far(&self, x: T, sums: &mut [T], third: &mut [T], totals: &mut Lanes<T>) {
         let sums = sums.as_chunks_mut::<STATE_BLOCK>().0;
         let third = third.as_chunks_mut::<LANES>().0;
         for ((block, sums), &mut third) in self.exponentials.iter().zip(sums.iter_mut()).zip(&mut *third) {
             let [decay, coefficient] = halves(*block);
             let [recent, settled] = halves(*sums);
-            let before = lanes(|lane| (third[lane] + settled[lane]) + recent[lane]);
-            let changed = lanes(|lane| recent[lane] + (x - decay[lane] * before[lane]));
+            let before = lanes(|lane| (at(&third, lane) + at(&settled, lane)) + at(&recent, lane));
+            let changed = lanes(|lane| at(&recent, lane) + (x - at(&decay, lane) * at(&before, lane)));
             *sums = lanes_of_both(changed, settled);
-            *totals = lanes(|lane| totals[lane] + coefficient[lane] * before[lane]);
+            *totals = lanes(|lane| at(totals, lane) + at(&coefficient, lane) * at(&before, lane));
         }
         let others = self.exponentials.iter().zip(sums.iter_mut()).skip(self.far);
         for (block, sums) in others {
@@ -687,8 +688,8 @@ fn settle_far<T: Real>(sums: &mut [T; STATE_BLOCK], third: &mut Lanes<T>) {
 #[inline(always)]
 fn settle<T: Real>(sums: &mut [T; STATE_BLOCK]) {
     let [recent, settled] = halves(*sums);
-    let moved = lanes(|lane| settled[lane] + recent[lane]);
-    let rest = lanes(|lane| recent[lane] - (moved[lane] - settled[lane]));
+    let moved = lanes(|lane| at(&settled, lane) + at(&recent, lane));
+    let rest = lanes(|lane| at(&recent, lane) - (at(&moved, lane) - at(&settled, lane)));
     *sums = lanes_of_both(rest, moved);
 }
 
@@ -716,7 +717,8 @@ where
         let parts = layout.split(self.state.as_mut())?;
         let step = NumberStep::new(&table, layout, self.scale, self.settling)?;
         let term = parts.term.first_mut()?;
-        *term = step.take(x, parts.sums, parts.pending, parts.delayed.get_mut(self.oldest));
+        let delayed = parts.delayed.get_mut(self.oldest);
+        *term = step.take(x, parts.sums, parts.third, parts.pending, delayed);
         Some(())
     }
 
@@ -728,11 +730,12 @@ where
         let table = self.table.borrow();
         let parts = layout.split(self.state.as_mut())?;
         let step = NumberStep::new(&table, layout, self.scale, self.settling)?;
-        let (mut sums, mut pending) = (parts.sums, parts.pending);
+        let (mut sums, mut third, mut pending) = (parts.sums, parts.third, parts.pending);
         let mut delayed = parts.delayed.get_mut(self.oldest * layout.coordinates..)?.iter_mut();
         for (&x, term) in sample.iter().zip(parts.term) {
-            let sums = split_off(&mut sums, layout.sums_of_one())?;
-            *term = step.take(x, sums, split_off(&mut pending, layout.head)?, delayed.next());
+            let sums = split_off(&mut sums, layout.blocks * STATE_BLOCK)?;
+            let third = split_off(&mut third, table.far_blocks * LANES)?;
+            *term = step.take(x, sums, third, split_off(&mut pending, layout.head)?, delayed.next());
         }
         Some(())
     }
@@ -747,8 +750,8 @@ where
         let parts = layout.split(self.state.as_mut())?;
         let (mut pending, mut sums) = (parts.pending, parts.sums.as_chunks_mut::<STATE_BLOCK>().0);
         let mut delayed = parts.delayed.get_mut(self.oldest * layout.channels()..)?;
-        for (sample, terms) in sample.chunks_exact(stages).zip(parts.term.chunks_exact_mut(stages)) {
-            let mut planes = table.head.chunks_exact(head.max(1));
+        for (sample, terms) in vectors(sample, stages).zip(vectors_mut(parts.term, stages)) {
+            let mut planes = vectors(table.head, head);
             let mut totals = [[T::zero(); LANES]; MAX_STAGES];
             let totals = totals.get_mut(..stages)?;
             for totals in totals.iter_mut() {
@@ -773,18 +776,15 @@ where
             }
             let (here, behind) = core::mem::take(&mut sums).split_at_mut_checked(blocks)?;
             sums = behind;
-            for (block, sums) in
-                table.exponentials.chunks_exact(block_len(stages).max(1)).zip(here.iter_mut())
-            {
+            for (block, sums) in vectors(table.exponentials, block_len(stages)).zip(here.iter_mut()) {
                 let (decay, entries) = block.as_chunks::<LANES>().0.split_first()?;
                 let (outputs, inputs) = entries.split_at_checked(stages)?;
-                let input = inputs
-                    .iter()
-                    .zip(&*leaving)
-                    .fold([T::zero(); LANES], |sum, (input, &x)| lanes(|lane| sum[lane] + input[lane] * x));
+                let input = inputs.iter().zip(&*leaving).fold([T::zero(); LANES], |sum, (input, &x)| {
+                    lanes(|lane| at(&sum, lane) + at(input, lane) * x)
+                });
                 let before = absorb(sums, decay, input);
                 for (totals, output) in totals.iter_mut().zip(outputs) {
-                    *totals = lanes(|lane| totals[lane] + output[lane] * before[lane]);
+                    *totals = lanes(|lane| at(totals, lane) + at(output, lane) * at(&before, lane));
                 }
             }
             for (term, &totals) in terms.iter_mut().zip(&*totals) {
@@ -861,7 +861,7 @@ where
         let state = self.state.as_mut();
         state.fill(T::zero());
         if let Some(parts) = self.layout.split(state) {
-            let planes = table.head.chunks_exact(self.layout.head.max(1));
+            let planes = vectors(table.head, self.layout.head);
             for (leading, plane) in parts.leading.iter_mut().zip(planes) {
                 *leading = plane.first().map_or(T::zero(), |&weight| weight * self.scale);
             }
@@ -876,24 +876,25 @@ where
     }
 
     fn state_bytes(&self) -> usize {
-        header_bytes(5) + self.layout.changing() * T::BYTES
+        header_bytes(5) + self.changing() * T::BYTES
     }
 
     fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
         to.header::<T, 4>(TAG, &self.shape())?;
         to.count(self.len)?;
-        to.numbers(self.state.as_ref().iter().take(self.layout.changing()))
+        to.numbers(self.state.as_ref().iter().take(self.changing()))
     }
 
     fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         self.count(from)?;
-        from.skip::<T>(self.layout.changing())
+        from.skip::<T>(self.changing())
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         self.check_state(&mut from.clone())?;
         self.len = self.count(from)?;
-        from.numbers(self.state.as_mut().iter_mut().take(self.layout.changing()))?;
+        let changing = self.changing();
+        from.numbers(self.state.as_mut().iter_mut().take(changing))?;
         // Both go round, a place further with every sample.
         self.oldest = self.len.checked_rem(self.delayed_samples()).map_or(0, saturated);
         self.settling = self.len.checked_rem(self.settling_blocks()).map_or(0, saturated);
@@ -1393,7 +1394,7 @@ mod tests {
         assert_eq!(forgetting.state, endless.state);
         // What a horizon of 40 has seen it takes back, and nothing later.
         let saved = later(&forgetting, 0);
-        assert_eq!(build(table).restore(&mut StateReader::new(&saved)).err().is_some(), true);
+        assert!(build(table).restore(&mut StateReader::new(&saved)).is_err());
         let mut again = build(table).past_horizon(Overflow::Forget).unwrap();
         assert_eq!(again.restore(&mut StateReader::new(&saved)), Ok(()));
         // A sum that never decays would grow for ever; zeros that fill a block up are no exponentials.
@@ -1432,6 +1433,8 @@ mod tests {
     /// take hours to count.
     #[test]
     fn three_parts_of_a_sum_take_samples_that_two_parts_would_lose() {
+        // Behind two parts, two pending sums and the term.
+        const THIRD: usize = 8 + 2 + 1;
         const EXPONENTIALS: [f32; 8] = [1e-20, 0.5, 0.5, 0.5, 1.0, 0.0, 0.0, 0.0];
         let samples = 1 << 20;
         let gained = |far_blocks: usize| {
@@ -1449,10 +1452,10 @@ mod tests {
             let (whole, rest) = (1.125e15f32, 3.3e7f32);
             match far_blocks {
                 0 => (memory.state[4], memory.state[0]) = (whole, rest),
-                _ => (memory.state[8], memory.state[4]) = (whole, rest),
+                _ => (memory.state[THIRD], memory.state[4]) = (whole, rest),
             }
             let sum = |memory: &ExponentialSum<f32, _, Vec<f32>>| -> f64 {
-                [0, 4, 8].iter().take(2 + far_blocks).map(|&part| f64::from(memory.state[part])).sum()
+                [0, 4, THIRD].iter().take(2 + far_blocks).map(|&part| f64::from(memory.state[part])).sum()
             };
             let before = sum(&memory);
             (0..samples).for_each(|_| memory.push(&[0.7f32]).unwrap());

@@ -180,7 +180,8 @@ impl<T: Real, M: Memory<T>> FractionalIntegral<T, M> {
     /// # Errors
     /// [`OperatorError::NotFinite`] if a limit is not a number or the lower one is above the other.
     pub fn clamp(&mut self, lower: T, upper: T) -> Result<(), OperatorError> {
-        if !(lower <= upper) {
+        let ordered = lower <= upper;
+        if !ordered {
             return Err(OperatorError::NotFinite);
         }
         if self.sum > upper {

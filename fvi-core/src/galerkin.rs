@@ -10,6 +10,7 @@ use crate::newton::{Factors, StepMatrix};
 use crate::quadrature::{Quadrature, lobatto_half};
 use crate::real::Real;
 use crate::scheme::{Sampling, Scheme, State, Step, StepError};
+use crate::space::vectors_mut;
 use crate::system::Mechanics;
 use crate::workspace::{Kept, Workspace};
 
@@ -108,8 +109,8 @@ impl<T: Real> Tables<'_, T> {
         for (place, &point) in self.control_points.iter_mut().zip(points.iter().skip(1)) {
             *place = T::of(point);
         }
-        let shapes = self.shapes.chunks_exact_mut(degree.max(1));
-        let tests = self.tests.chunks_exact_mut(degree.max(1));
+        let shapes = vectors_mut(self.shapes, degree);
+        let tests = vectors_mut(self.tests, degree);
         for (&node, (shapes, tests)) in nodes.iter().zip(shapes.zip(tests)) {
             for (nu, (shape, test)) in shapes.iter_mut().zip(tests).enumerate() {
                 *shape = T::of(lagrange(points, nu + 1, node).0);
@@ -281,7 +282,7 @@ macro_rules! in_place {
         let mut known = $known;
         let mut excess = [[zero; N]; crate::system::MAX_MOMENTS];
         let scratch = &mut $scratch;
-        let mut point = SVector::zeros();
+        let mut point = $crate::linear::zero_vector();
         let mut stiffness = $mechanics.stiffness();
         let mut matrix = StepMatrix::<T, N, $degree>::zero();
         let mut workspace = Workspace::<T, Fixed<N>, StepMatrix<T, N, $degree>> {

@@ -4,7 +4,7 @@
 
 use core::array::from_fn;
 
-use nalgebra::SMatrix;
+use nalgebra::{SMatrix, SVector};
 
 use crate::real::Real;
 
@@ -410,6 +410,19 @@ pub fn is_positive_definite_in_place<T: Real>(matrix: &mut [T], n: usize) -> boo
     true
 }
 
+/// Zeros. nalgebra's own constructors count what they write, and only some levels of optimisation see that
+/// the count is right and cannot fail.
+#[inline(always)]
+pub(crate) fn zero_vector<T: Real, const N: usize>() -> SVector<T, N> {
+    SVector::from([T::zero(); N])
+}
+
+/// As [`zero_vector`].
+#[inline(always)]
+pub(crate) fn zero_matrix<T: Real, const N: usize>() -> SMatrix<T, N, N> {
+    SMatrix::from([[T::zero(); N]; N])
+}
+
 /// Whether a symmetric matrix is positive definite to working precision.
 pub(crate) fn is_positive_definite<T: Real, const N: usize>(matrix: &SMatrix<T, N, N>) -> bool {
     let mut copy = matrix.data.0;
@@ -423,10 +436,17 @@ pub(crate) fn is_positive_definite<T: Real, const N: usize>(matrix: &SMatrix<T, 
 pub(crate) fn invert<T: Real, const N: usize>(
     matrix: &SMatrix<T, N, N>,
 ) -> Result<SMatrix<T, N, N>, Singular> {
-    let mut rows = matrix.transpose().data.0;
+    let mut rows = [[T::zero(); N]; N];
+    for (index, column) in matrix.data.0.iter().enumerate() {
+        for (row, &entry) in rows.iter_mut().zip(column) {
+            if let Some(place) = row.get_mut(index) {
+                *place = entry;
+            }
+        }
+    }
     let mut pivots = [0; N];
     factor(rows.as_flattened_mut(), &mut pivots)?;
-    let mut inverse = SMatrix::<T, N, N>::zeros();
+    let mut inverse = zero_matrix::<T, N>();
     invert_factored(rows.as_flattened(), &pivots, inverse.data.0.as_flattened_mut());
     Ok(inverse)
 }

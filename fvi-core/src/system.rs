@@ -5,6 +5,7 @@ use nalgebra::{SMatrix, SVector};
 use crate::coefficients::{Coefficients, Fixed};
 use crate::error::MatrixError;
 use crate::linear::{invert, is_positive_definite};
+use crate::linear::{zero_matrix, zero_vector};
 use crate::real::Real;
 use crate::space::{Block, Space, vectors, vectors_mut};
 
@@ -181,7 +182,7 @@ pub trait Force<T: Real, const N: usize> {
     /// ∂F/∂q, entry (i, j) = ∂F_i/∂q_j. Zero unless given; a force that does depend on q without it slows
     /// Newton's method.
     fn jacobian(&self, _instant: Instant<T>, _position: &SVector<T, N>) -> SMatrix<T, N, N> {
-        SMatrix::zeros()
+        zero_matrix()
     }
 
     /// Whether F depends on the position at all.
@@ -208,7 +209,7 @@ pub struct NoForce;
 impl<T: Real, const N: usize> Force<T, N> for NoForce {
     #[inline(always)]
     fn value(&self, _: Instant<T>, _: &SVector<T, N>) -> SVector<T, N> {
-        SVector::zeros()
+        zero_vector()
     }
 
     #[inline(always)]
@@ -385,7 +386,7 @@ impl<T: Real, const N: usize, P: Potential<T, N>, F: Force<T, N>> Mechanics<T, F
         if rule.shapes.is_empty() {
             return false;
         }
-        let mut moments = [SVector::zeros(); MAX_MOMENTS];
+        let mut moments = [zero_vector(); MAX_MOMENTS];
         let degree = rule.points.len();
         let Some(moments) = moments.get_mut(..=degree) else { return false };
         if !self.force.moments(rule.start, rule.length, rule.points, moments) {
@@ -394,7 +395,7 @@ impl<T: Real, const N: usize, P: Potential<T, N>, F: Force<T, N>> Mechanics<T, F
         let rows = vectors(rule.tests, degree).zip(vectors(rule.shapes, degree));
         for ((&weight, &node), (tests, shapes)) in rule.weights.iter().zip(rule.nodes).zip(rows) {
             let instant = Instant::in_step(rule.start, node, rule.length);
-            let force = self.force.value(instant, &SVector::zeros());
+            let force = self.force.value(instant, &zero_vector());
             for (moment, &shape) in moments.iter_mut().zip(tests.iter().chain(shapes.last())) {
                 *moment -= force * (weight * shape);
             }
@@ -407,7 +408,7 @@ impl<T: Real, const N: usize, P: Potential<T, N>, F: Force<T, N>> Mechanics<T, F
 
     #[inline(always)]
     fn stiffness(&self) -> Coefficients<T, N> {
-        Coefficients::Dense(SMatrix::zeros())
+        Coefficients::Dense(zero_matrix())
     }
 
     #[inline(always)]

@@ -157,7 +157,7 @@ fn states(text: &str) -> Vec<GridState> {
 
 /// The inverse Laplace transform at a time, on the modified Talbot contour of \[WeidemanTrefethen07\].
 fn inverse_transform(time: f64, of: impl Fn(Complex<f64>) -> Complex<f64>) -> f64 {
-    const POINTS: usize = 26;
+    const POINTS: usize = 56;
     let count = POINTS as f64;
     let term = |k: usize| {
         let theta = std::f64::consts::PI * (2.0 * (k as f64 + 0.5) / count - 1.0);
@@ -218,7 +218,7 @@ fn motions_have_the_orders_of_node_form_for_every_analytic_kernel() {
             let order = observed_order(&steps.map(|count| 1.0 / count as f64), &errors);
             let at = format!("{keys}, Gauss {degree}, BDF {formula}: {errors:?}");
             assert!(errors[2] < largest_error, "{at}");
-            assert!(order > smallest_order || errors[2] < 1e-11, "order {order:.2}, {at}");
+            assert!(order > smallest_order || errors[2] < 2e-11, "order {order:.2}, {at}");
         }
     }
 }
@@ -245,7 +245,7 @@ fn runge_kutta_quadrature_has_its_order_with_every_kernel_that_relaxes() {
             let errors = steps.map(error);
             let order = observed_order(&steps.map(|count| 1.0 / count as f64), &errors);
             assert!(
-                order > smallest_order || errors[2] < 1e-11,
+                order > smallest_order || errors[2] < 2e-11,
                 "order {order:.2}, {keys}, {scheme}: {errors:?}"
             );
         }

@@ -10,9 +10,10 @@
 
 #include <stddef.h>
 #include <stdint.h>
-/* Numbers in the buffer of an exponential sum with the given numbers of head weights, of exponential_count, and of channels. */
-#define FVI_EXPONENTIAL_NUMBERS(head, exponentials, channels) \
-    (1 + ((head) + ((head) > 2 ? (head) - 2 : 0) + 1 + (exponentials)) * (channels))
+/* Numbers in the buffer of an exponential sum with the given numbers of head weights, of exponential_count, of far blocks, and of
+ * channels. */
+#define FVI_EXPONENTIAL_NUMBERS(head, exponentials, far_blocks, channels) \
+    (1 + ((head) + ((head) > 2 ? (head) - 2 : 0) + 1 + (exponentials) + 4 * (far_blocks)) * (channels))
 
 /*
  Kind of memory: a ring that takes as many samples as it holds and then refuses.
@@ -35,6 +36,17 @@
  (fvi_increment_weights_bdf), and lose less to rounding. Steppers know the increments without subtraction.
  */
 #define FVI_ON_INCREMENTS 256
+
+/*
+ Added to FVI_EXPONENTIAL_SUM: past the horizon of its table the memory goes on and forgets, where it
+ otherwise refuses samples.
+ */
+#define FVI_FORGET_PAST_HORIZON 512
+
+/*
+ Horizon of a table of exponentials without an end.
+ */
+#define FVI_ENDLESS UINT64_MAX
 
 /*
  Start: nothing is subtracted; the operator of Riemann–Liouville type. Fractional integrals are of this
@@ -61,32 +73,32 @@
 /*
  Words of a stepper for one coordinate.
  */
-#define FVI_STEPPER_WORDS_1 46
+#define FVI_STEPPER_WORDS_1 48
 
 /*
  Words of a stepper for two coordinates.
  */
-#define FVI_STEPPER_WORDS_2 59
+#define FVI_STEPPER_WORDS_2 61
 
 /*
  Words of a stepper for three coordinates.
  */
-#define FVI_STEPPER_WORDS_3 77
+#define FVI_STEPPER_WORDS_3 79
 
 /*
  Words of a stepper for four coordinates.
  */
-#define FVI_STEPPER_WORDS_4 99
+#define FVI_STEPPER_WORDS_4 101
 
 /*
  Words of a stepper for five coordinates.
  */
-#define FVI_STEPPER_WORDS_5 124
+#define FVI_STEPPER_WORDS_5 126
 
 /*
  Words of a stepper for six coordinates.
  */
-#define FVI_STEPPER_WORDS_6 154
+#define FVI_STEPPER_WORDS_6 156
 
 /*
  What a call returns. Anything but FVI_STATUS_OK means that the call has changed nothing; only a call that
@@ -148,16 +160,9 @@ typedef enum FviStatus {
 } FviStatus;
 
 /*
- A fractional operator on a stream: takes a sample x_k, gives back Σ_{n=0}^{k} w_n x_{k−n}.
-
- Set all words to zero before the first call.
+ A stepper of any number of coordinates, in storage of the caller.
  */
-typedef struct FviOperator {
-  /*
-   The state; not for the caller.
-   */
-  uint64_t words[FVI_OPERATOR_WORDS];
-} FviOperator;
+typedef struct FviStepper FviStepper;
 
 /*
  A memory: which, for which kernel, and on which buffer.
@@ -169,12 +174,12 @@ typedef struct FviOperator {
 typedef struct FviMemory {
   /*
    FVI_FULL_MEMORY, FVI_SHORT_MEMORY or FVI_EXPONENTIAL_SUM; with FVI_ON_INCREMENTS for weights on
-   increments.
+   increments, and for an exponential sum with FVI_FORGET_PAST_HORIZON.
    */
   uint32_t kind;
   /*
    Factor of all weights: 1 for weights that hold the step size, h^(-exponent) for a table made for
-   h = 1.
+   h = 1. fvi_memory_scale_bdf finds it.
    */
   float scale;
   /*
@@ -188,7 +193,7 @@ typedef struct FviMemory {
   size_t weight_count;
   /*
    Exponential sum: the exponentials in blocks of four, four decays and four coefficients each. Rings
-   ignore this and the next three.
+   ignore this and the next five.
    */
   const float *exponentials;
   /*
@@ -200,9 +205,19 @@ typedef struct FviMemory {
    */
   size_t slow_blocks;
   /*
-   Exponential sum: largest lag at which the table holds; so many samples are taken.
+   Exponential sum: how many of these, from the first, have sums of three parts.
    */
-  size_t horizon;
+  size_t far_blocks;
+  /*
+   Exponential sum: largest lag at which the table holds; so many samples are taken. FVI_ENDLESS for a
+   table without an end.
+   */
+  uint64_t horizon;
+  /*
+   Exponential sum: the step size that the weights hold, with which the scale must be 1; 1 for a table
+   that any step size may scale. 0 if that is not known.
+   */
+  double step_size;
   /*
    The buffer. Ring: one sample per step and channel. Exponential sum: FVI_EXPONENTIAL_NUMBERS.
    */
@@ -212,6 +227,18 @@ typedef struct FviMemory {
    */
   size_t buffer_count;
 } FviMemory;
+
+/*
+ A fractional operator on a stream: takes a sample x_k, gives back Σ_{n=0}^{k} w_n x_{k−n}.
+
+ Set all words to zero before the first call.
+ */
+typedef struct FviOperator {
+  /*
+   The state; not for the caller.
+   */
+  uint64_t words[FVI_OPERATOR_WORDS];
+} FviOperator;
 
 /*
  Storage of a stepper for one coordinate.
@@ -302,13 +329,6 @@ typedef struct FviSystem {
 } FviSystem;
 
 /*
- A stepper of any number of coordinates, in storage of the caller.
- */
-typedef struct FviStepper {
-  uint64_t _private[0];
-} FviStepper;
-
-/*
  Storage of a stepper for two coordinates.
  */
 typedef struct FviStepper2 {
@@ -368,6 +388,21 @@ extern "C" {
 const char *fvi_status_text(int32_t status);
 
 /*
+ Compares the weights of a memory with those of D^exponent by a backward differentiation formula at a step
+ size, and sets the scale that makes them the same, and FVI_ON_INCREMENTS where they are sums.
+
+ So a table that holds its step size is never scaled a second time, and one made for h = 1 is scaled as it
+ must be. `order` is 1…6; −1 < exponent < 2. The first eight weights are compared. Returns FVI_STATUS_NULL,
+ FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE, or FVI_STATUS_OUT_OF_RANGE if a parameter is out of range, the
+ weights are those of another operator, or the table says that it holds another step size; the memory then
+ is as before.
+
+ # Safety
+ `memory` must be as its type describes, and writable.
+ */
+enum FviStatus fvi_memory_scale_bdf(struct FviMemory *memory, uint32_t order, double exponent, double step_size);
+
+/*
  Sets up an operator on an empty memory.
 
  `start` is FVI_RIEMANN_LIOUVILLE, FVI_CAPUTO or FVI_CAPUTO_WITH_RISE; `rise` is the initial slope times
@@ -392,6 +427,31 @@ enum FviStatus fvi_operator_init(struct FviOperator *operation,
  `operation` must be zeroed or set up, `result` writable.
  */
 enum FviStatus fvi_operator_push(struct FviOperator *operation, float sample, float *result);
+
+/*
+ Writes what fvi_operator_push would write; the operator stays as it is.
+
+ Returns the same.
+
+ # Safety
+ As there.
+ */
+enum FviStatus fvi_operator_peek(struct FviOperator *operation, float sample, float *result);
+
+/*
+ Takes a sample for each of two operators, or none: a tick of both.
+
+ Writes the two values to `results`. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED,
+ FVI_STATUS_NOT_INITIALISED, FVI_STATUS_NOT_FINITE, FVI_STATUS_MEMORY_FULL, or FVI_STATUS_OUT_OF_RANGE if
+ the two are one; then neither operator nor `results` has changed.
+
+ # Safety
+ `first` and `second` must be zeroed or set up, `samples` readable and `results` writable for two numbers.
+ */
+enum FviStatus fvi_operator_push_two(struct FviOperator *first,
+                                     struct FviOperator *second,
+                                     const float *samples,
+                                     float *results);
 
 /*
  Forgets all samples.

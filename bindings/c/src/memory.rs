@@ -3,13 +3,13 @@
 use core::mem::take;
 
 use fvi_core::{
-    ActsOn, Direct, ExponentialSum, ExponentialTable, Memory, MemoryError, Overflow, StateError, StateReader,
-    StateWriter,
+    ActsOn, BdfOrder, Direct, ExponentialSum, ExponentialTable, Kernel, Memory, MemoryError, Overflow,
+    StateError, StateReader, StateWriter,
 };
 
-use crate::pointer::{slice, slice_mut};
+use crate::pointer::{reference, slice, slice_mut};
 use crate::ring::BufferRing;
-use crate::status::FviStatus;
+use crate::status::{FviStatus, status};
 
 /// Kind of memory: a ring that takes as many samples as it holds and then refuses.
 pub const FVI_FULL_MEMORY: u32 = 0;
@@ -23,6 +23,13 @@ pub const FVI_EXPONENTIAL_SUM: u32 = 2;
 /// (fvi_increment_weights_bdf), and lose less to rounding. Steppers know the increments without subtraction.
 pub const FVI_ON_INCREMENTS: u32 = 0x100;
 
+/// Added to FVI_EXPONENTIAL_SUM: past the horizon of its table the memory goes on and forgets, where it
+/// otherwise refuses samples.
+pub const FVI_FORGET_PAST_HORIZON: u32 = 0x200;
+
+/// Horizon of a table of exponentials without an end.
+pub const FVI_ENDLESS: u64 = u64::MAX;
+
 /// A memory: which, for which kernel, and on which buffer.
 ///
 /// Tables and buffer stay in use until the last call on the object that was set up with them; the buffer must
@@ -32,10 +39,10 @@ pub const FVI_ON_INCREMENTS: u32 = 0x100;
 #[derive(Clone, Copy, Debug)]
 pub struct FviMemory {
     /// FVI_FULL_MEMORY, FVI_SHORT_MEMORY or FVI_EXPONENTIAL_SUM; with FVI_ON_INCREMENTS for weights on
-    /// increments.
+    /// increments, and for an exponential sum with FVI_FORGET_PAST_HORIZON.
     pub kind: u32,
     /// Factor of all weights: 1 for weights that hold the step size, h^(-exponent) for a table made for
-    /// h = 1.
+    /// h = 1. fvi_memory_scale_bdf finds it.
     pub scale: f32,
     /// Weights w_0, w_1, … of a ring; the head of an exponential sum.
     pub weights: *const f32,
@@ -43,18 +50,67 @@ pub struct FviMemory {
     /// as zero.
     pub weight_count: usize,
     /// Exponential sum: the exponentials in blocks of four, four decays and four coefficients each. Rings
-    /// ignore this and the next three.
+    /// ignore this and the next five.
     pub exponentials: *const f32,
     /// Exponential sum: how many numbers those are.
     pub exponential_count: usize,
     /// Exponential sum: how many blocks, from the first, hold slow exponentials.
     pub slow_blocks: usize,
-    /// Exponential sum: largest lag at which the table holds; so many samples are taken.
-    pub horizon: usize,
+    /// Exponential sum: how many of these, from the first, have sums of three parts.
+    pub far_blocks: usize,
+    /// Exponential sum: largest lag at which the table holds; so many samples are taken. FVI_ENDLESS for a
+    /// table without an end.
+    pub horizon: u64,
+    /// Exponential sum: the step size that the weights hold, with which the scale must be 1; 1 for a table
+    /// that any step size may scale. 0 if that is not known.
+    pub step_size: f64,
     /// The buffer. Ring: one sample per step and channel. Exponential sum: FVI_EXPONENTIAL_NUMBERS.
     pub buffer: *mut f32,
     /// Numbers in the buffer. A ring with c channels takes `buffer_count` / c samples.
     pub buffer_count: usize,
+}
+
+/// Compares the weights of a memory with those of D^exponent by a backward differentiation formula at a step
+/// size, and sets the scale that makes them the same, and FVI_ON_INCREMENTS where they are sums.
+///
+/// So a table that holds its step size is never scaled a second time, and one made for h = 1 is scaled as it
+/// must be. `order` is 1…6; −1 < exponent < 2. The first eight weights are compared. Returns FVI_STATUS_NULL,
+/// FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE, or FVI_STATUS_OUT_OF_RANGE if a parameter is out of range, the
+/// weights are those of another operator, or the table says that it holds another step size; the memory then
+/// is as before.
+///
+/// # Safety
+/// `memory` must be as its type describes, and writable.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_memory_scale_bdf(
+    memory: *mut FviMemory,
+    order: u32,
+    exponent: f64,
+    step_size: f64,
+) -> FviStatus {
+    status((|| {
+        // SAFETY: passed on.
+        let FviMemory { kind, weights, weight_count, exponential_count, step_size: held, .. } =
+            *unsafe { reference(memory.cast_const()) }?;
+        // SAFETY: passed on.
+        let weights = unsafe { slice(weights, weight_count) }?;
+        let kernel = Kernel::bdf(BdfOrder::new(usize::try_from(order).unwrap_or(0))?, exponent, step_size)?;
+        let sums = kind & 0xff == FVI_EXPONENTIAL_SUM;
+        let (scale, acts_on) = kernel.scale_of(weights, sums && exponential_count == 0)?;
+        let is_one = (scale - 1.0).abs() <= 64.0 * f32::EPSILON;
+        // Weights that say which step size they hold must be those of this one as they are.
+        let says = sums && held != 0.0 && held != 1.0;
+        if says && ((held / step_size - 1.0).abs() > 4.0 * f64::from(f32::EPSILON) || !is_one) {
+            return Err(FviStatus::OutOfRange);
+        }
+        let on_increments = if acts_on == ActsOn::Values { 0 } else { FVI_ON_INCREMENTS };
+        // SAFETY: not NULL and aligned, as the reference was; writable as promised.
+        unsafe {
+            (*memory).scale = if is_one { 1.0 } else { scale };
+            (*memory).kind = kind & !FVI_ON_INCREMENTS | on_increments;
+        }
+        Ok(())
+    })())
 }
 
 /// A memory with `C` channels on the caller's buffer.
@@ -74,22 +130,35 @@ impl<const C: usize> AnyMemory<C> {
         let mut buffer = unsafe { slice_mut(memory.buffer, memory.buffer_count) }?;
         let on_increments = memory.kind & FVI_ON_INCREMENTS != 0;
         let acts_on = if on_increments { ActsOn::Increments } else { ActsOn::Values };
-        let overflow = match memory.kind & !FVI_ON_INCREMENTS {
-            FVI_FULL_MEMORY => Overflow::Refuse,
-            FVI_SHORT_MEMORY => Overflow::Forget,
-            FVI_EXPONENTIAL_SUM => {
-                // SAFETY: passed on.
-                let exponentials = unsafe { slice(memory.exponentials, memory.exponential_count) }?;
-                let (slow_blocks, horizon) = (memory.slow_blocks, memory.horizon);
-                let table = ExponentialTable { stages: 1, head: weights, exponentials, slow_blocks, horizon };
-                if table.state_len(C) != buffer.len() {
-                    return Err(FviStatus::WrongSize);
+        let kind = memory.kind & !FVI_ON_INCREMENTS;
+        let overflow =
+            match if kind & 0xff == FVI_EXPONENTIAL_SUM { kind & !FVI_FORGET_PAST_HORIZON } else { kind } {
+                FVI_FULL_MEMORY => Overflow::Refuse,
+                FVI_SHORT_MEMORY => Overflow::Forget,
+                FVI_EXPONENTIAL_SUM => {
+                    // SAFETY: passed on.
+                    let exponentials = unsafe { slice(memory.exponentials, memory.exponential_count) }?;
+                    let FviMemory { slow_blocks, far_blocks, horizon, .. } = *memory;
+                    let step_size = if memory.step_size == 0.0 { 1.0 } else { memory.step_size };
+                    let table = ExponentialTable {
+                        stages: 1,
+                        head: weights,
+                        exponentials,
+                        slow_blocks,
+                        far_blocks,
+                        horizon,
+                        step_size,
+                    };
+                    if table.state_len(C) != buffer.len() {
+                        return Err(FviStatus::WrongSize);
+                    }
+                    let forgets = memory.kind & FVI_FORGET_PAST_HORIZON != 0;
+                    let past = if forgets { Overflow::Forget } else { Overflow::Refuse };
+                    let sum = ExponentialSum::new(table, memory.scale, C, buffer)?.past_horizon(past)?;
+                    return Ok(Self::Exponential(sum.acting_on(acts_on)));
                 }
-                let sum = ExponentialSum::new(table, memory.scale, C, buffer)?;
-                return Ok(Self::Exponential(sum.acting_on(acts_on)));
-            }
-            _ => return Err(FviStatus::OutOfRange),
-        };
+                _ => return Err(FviStatus::OutOfRange),
+            };
         let capacity = buffer.len() / C.max(1);
         if capacity == 0 || !buffer.len().is_multiple_of(C.max(1)) {
             return Err(FviStatus::WrongSize);

@@ -92,6 +92,63 @@ pub unsafe extern "C" fn fvi_operator_push(
     })())
 }
 
+/// Writes what fvi_operator_push would write; the operator stays as it is.
+///
+/// Returns the same.
+///
+/// # Safety
+/// As there.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_operator_peek(
+    operation: *mut FviOperator,
+    sample: f32,
+    result: *mut f32,
+) -> FviStatus {
+    status((|| {
+        check(result)?;
+        check(operation)?;
+        // SAFETY: zeroed or set up, as promised.
+        let value = unsafe { kept::<Operator>(operation.cast()) }?.peek(sample)?;
+        // SAFETY: not NULL and aligned; writable as promised.
+        unsafe { result.write(value) };
+        Ok(())
+    })())
+}
+
+/// Takes a sample for each of two operators, or none: a tick of both.
+///
+/// Writes the two values to `results`. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED,
+/// FVI_STATUS_NOT_INITIALISED, FVI_STATUS_NOT_FINITE, FVI_STATUS_MEMORY_FULL, or FVI_STATUS_OUT_OF_RANGE if
+/// the two are one; then neither operator nor `results` has changed.
+///
+/// # Safety
+/// `first` and `second` must be zeroed or set up, `samples` readable and `results` writable for two numbers.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_operator_push_two(
+    first: *mut FviOperator,
+    second: *mut FviOperator,
+    samples: *const f32,
+    results: *mut f32,
+) -> FviStatus {
+    status((|| {
+        check(results)?;
+        check(first)?;
+        check(second)?;
+        if core::ptr::eq(first, second) {
+            return Err(FviStatus::OutOfRange);
+        }
+        // SAFETY: readable as promised.
+        let &[of_first, of_second] = unsafe { reference(samples.cast::<[f32; 2]>()) }?;
+        // SAFETY: zeroed or set up, as promised; they are two.
+        let (first, second) = unsafe { (kept::<Operator>(first.cast())?, kept::<Operator>(second.cast())?) };
+        let (first, second) = (first.prepare(of_first)?, second.prepare(of_second)?);
+        let values = [first.take()?, second.take()?];
+        // SAFETY: not NULL and aligned; writable as promised.
+        unsafe { results.cast::<[f32; 2]>().write(values) };
+        Ok(())
+    })())
+}
+
 /// Forgets all samples.
 ///
 /// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED or FVI_STATUS_NOT_INITIALISED.

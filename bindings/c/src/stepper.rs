@@ -15,17 +15,17 @@ use crate::status::{FviStatus, status};
 use crate::stored::{Kept, keep, kept, words};
 
 /// Words of a stepper for one coordinate.
-pub const FVI_STEPPER_WORDS_1: usize = 46;
+pub const FVI_STEPPER_WORDS_1: usize = 48;
 /// Words of a stepper for two coordinates.
-pub const FVI_STEPPER_WORDS_2: usize = 59;
+pub const FVI_STEPPER_WORDS_2: usize = 61;
 /// Words of a stepper for three coordinates.
-pub const FVI_STEPPER_WORDS_3: usize = 77;
+pub const FVI_STEPPER_WORDS_3: usize = 79;
 /// Words of a stepper for four coordinates.
-pub const FVI_STEPPER_WORDS_4: usize = 99;
+pub const FVI_STEPPER_WORDS_4: usize = 101;
 /// Words of a stepper for five coordinates.
-pub const FVI_STEPPER_WORDS_5: usize = 124;
+pub const FVI_STEPPER_WORDS_5: usize = 126;
 /// Words of a stepper for six coordinates.
-pub const FVI_STEPPER_WORDS_6: usize = 154;
+pub const FVI_STEPPER_WORDS_6: usize = 156;
 
 /// Writes ∇U(q), n numbers, to `gradient`.
 pub type FviGradient =
@@ -75,7 +75,6 @@ pub struct FviSystem {
 }
 
 /// A stepper of any number of coordinates, in storage of the caller.
-#[repr(C)]
 #[derive(Debug)]
 pub struct FviStepper {
     _private: [u64; 0],

@@ -1,13 +1,17 @@
 /* BDF 1, exponent 0.5, step 0.25: tolerance 1e-7. The exponentials in blocks of four decays and four coefficients, as fvi.h takes them. */
-#define FVI_HEAD 5
-#define FVI_EXPONENTIALS 72
-#define FVI_SLOW_BLOCKS 6
-#define FVI_HORIZON 1000000U
-static const float fvi_head[FVI_HEAD] = {
+#define HALF_DERIVATIVE_HEAD 5
+#define HALF_DERIVATIVE_EXPONENTIALS 72
+#define HALF_DERIVATIVE_SLOW_BLOCKS 6
+#define HALF_DERIVATIVE_FAR_BLOCKS 0
+#define HALF_DERIVATIVE_HORIZON UINT64_C(1000000)
+#define HALF_DERIVATIVE_STEP 2.5e-1
+#define HALF_DERIVATIVE_NUMBERS(channels) \
+    FVI_EXPONENTIAL_NUMBERS(HALF_DERIVATIVE_HEAD, HALF_DERIVATIVE_EXPONENTIALS, HALF_DERIVATIVE_FAR_BLOCKS, channels)
+static const float half_derivative_head[HALF_DERIVATIVE_HEAD] = {
     2e0f, -1e0f, -2.5e-1f, -1.25e-1f,
     -7.8125e-2f,
 };
-static const float fvi_exponentials[FVI_EXPONENTIALS] = {
+static const float half_derivative_exponentials[HALF_DERIVATIVE_EXPONENTIALS] = {
     1.8425213e-7f, 7.017985e-7f, 1.4632271e-6f, 2.459017e-6f,
     -9.9077795e-11f, -3.4977937e-10f, -6.6220157e-10f, -1.1758295e-9f,
     3.9356974e-6f, 6.277239e-6f, 1.0011254e-5f, 1.5966407e-5f,
@@ -27,3 +31,9 @@ static const float fvi_exponentials[FVI_EXPONENTIALS] = {
     6.516316e-1f, 7.5796795e-1f, 8.700808e-1f, 0e0f,
     -1.3815952e-3f, -4.181829e-4f, -5.336543e-5f, 0e0f,
 };
+/* The members of FviMemory that the table gives; the kind may be or-ed with flags, and the buffer has
+   HALF_DERIVATIVE_NUMBERS(channels) numbers. */
+#define HALF_DERIVATIVE_TABLE \
+    .kind = FVI_EXPONENTIAL_SUM, .scale = 1.0f, .weights = half_derivative_head, .weight_count = HALF_DERIVATIVE_HEAD, \
+    .exponentials = half_derivative_exponentials, .exponential_count = HALF_DERIVATIVE_EXPONENTIALS, .slow_blocks = HALF_DERIVATIVE_SLOW_BLOCKS, \
+    .far_blocks = HALF_DERIVATIVE_FAR_BLOCKS, .horizon = HALF_DERIVATIVE_HORIZON, .step_size = HALF_DERIVATIVE_STEP

@@ -1,6 +1,7 @@
 #include "interface.h"
 
 #include "fvi.h"
+#include "endless_integral.h"
 #include "half_derivative.h"
 
 #if defined(CHECK_WITH_VALGRIND)
@@ -191,7 +192,7 @@ static void check_ring(void) {
 static void check_exponential_sum(void) {
     /* w = 2, 1, 1/2, 1/4, … */
     static const float head[] = {2.0f, 1.0f}, exponentials[8] = {[0] = 0.5f, [4] = 0.5f};
-    static float numbers[FVI_EXPONENTIAL_NUMBERS(2, 8, 1)];
+    static float numbers[FVI_EXPONENTIAL_NUMBERS(2, 8, 0, 1)];
     static FviOperator operation;
     float result = 0.0f;
     FviMemory memory = {0};
@@ -209,6 +210,16 @@ static void check_exponential_sum(void) {
     memory.slow_blocks = 2;
     expect("too many slow blocks", fvi_operator_init(&operation, &memory, FVI_CAPUTO, 0.0f), FVI_STATUS_OUT_OF_RANGE);
     memory.slow_blocks = 0;
+    memory.far_blocks = 1;
+    expect("no room for third parts", fvi_operator_init(&operation, &memory, FVI_CAPUTO, 0.0f), FVI_STATUS_WRONG_SIZE);
+    memory.far_blocks = 0;
+    memory.step_size = -1.0;
+    expect("a step size below 0", fvi_operator_init(&operation, &memory, FVI_CAPUTO, 0.0f), FVI_STATUS_OUT_OF_RANGE);
+    memory.step_size = 0.5;
+    memory.scale = 2.0f;
+    expect("a table scaled twice", fvi_operator_init(&operation, &memory, FVI_CAPUTO, 0.0f), FVI_STATUS_OUT_OF_RANGE);
+    memory.step_size = 0.0;
+    memory.scale = 1.0f;
     memory.buffer_count -= 1;
     expect("too small a buffer", fvi_operator_init(&operation, &memory, FVI_CAPUTO, 0.0f), FVI_STATUS_WRONG_SIZE);
     memory.buffer_count += 1;
@@ -224,23 +235,115 @@ static void check_exponential_sum(void) {
         expect_that("decaying by halves", result == expected[k]);
     }
     expect("horizon", fvi_operator_push(&operation, 1.0f, &result), FVI_STATUS_MEMORY_FULL);
+    memory.kind |= FVI_FORGET_PAST_HORIZON;
+    expect("init", fvi_operator_init(&operation, &memory, FVI_RIEMANN_LIOUVILLE, 0.0f), FVI_STATUS_OK);
+    for (int k = 0; k < 9; ++k) {
+        expect("push past the horizon", fvi_operator_push(&operation, 1.0f, &result), FVI_STATUS_OK);
+    }
+    memory.kind = FVI_SHORT_MEMORY | FVI_FORGET_PAST_HORIZON;
+    expect("a ring has no horizon", fvi_operator_init(&operation, &memory, FVI_CAPUTO, 0.0f), FVI_STATUS_OUT_OF_RANGE);
+}
+
+/* A memory without an end on either side of 2^32 samples. Its places go round, so that the late one has the bits of the early one. */
+static void check_endless(void) {
+    enum { ROUND = (ENDLESS_INTEGRAL_HEAD - 2) * ENDLESS_INTEGRAL_SLOW_BLOCKS, EARLY = 60, COUNT = 74 };
+    static const uint64_t rounds = (UINT64_C(0x100000000) - 100) / ROUND * ROUND;
+    static float early_numbers[ENDLESS_INTEGRAL_NUMBERS(1)], late_numbers[ENDLESS_INTEGRAL_NUMBERS(1)];
+    static FviOperator early, late;
+    static unsigned char bytes[2048];
+    FviMemory memory = {ENDLESS_INTEGRAL_TABLE, .buffer = early_numbers, .buffer_count = ENDLESS_INTEGRAL_NUMBERS(1)};
+    float expected = 0.0f, result = 0.0f;
+    size_t written = 0;
+    expect("scale of an endless table", fvi_memory_scale_bdf(&memory, 1, -0.8, 0.5), FVI_STATUS_OK);
+    expect("init", fvi_operator_init(&early, &memory, FVI_RIEMANN_LIOUVILLE, 0.0f), FVI_STATUS_OK);
+    memory.buffer = late_numbers;
+    expect("init", fvi_operator_init(&late, &memory, FVI_RIEMANN_LIOUVILLE, 0.0f), FVI_STATUS_OK);
+    for (int k = 0; k < EARLY; ++k) {
+        expect("push", fvi_operator_push(&early, (float)(k % 11) - 4.0f, &expected), FVI_STATUS_OK);
+    }
+    expect("save", fvi_operator_save(&early, bytes, sizeof bytes, &written), FVI_STATUS_OK);
+    expect_that("the count of samples lies where it is changed", bytes[COUNT] == EARLY && bytes[COUNT + 1] == 0);
+    for (int byte = 0; byte < 8; ++byte) {
+        bytes[COUNT + byte] = (unsigned char)((EARLY + rounds) >> 8 * byte);
+    }
+    expect("restore", fvi_operator_restore(&late, bytes, written), FVI_STATUS_OK);
+    for (int k = 0; k < 300; ++k) {
+        expect("push", fvi_operator_push(&early, (float)(k % 13) - 5.0f, &expected), FVI_STATUS_OK);
+        expect("push past 2^32", fvi_operator_push(&late, (float)(k % 13) - 5.0f, &result), FVI_STATUS_OK);
+        expect_that("the same bits past 2^32 samples", result == expected);
+    }
+    note(result);
+    expect("save", fvi_operator_save(&late, bytes, sizeof bytes, &written), FVI_STATUS_OK);
+    expect_that("more than 2^32 samples", bytes[COUNT + 4] == 1);
+}
+
+/* The scale of a table is found, whatever step size it holds, and a table of something else is refused. */
+static void check_scale(void) {
+    FviMemory memory = {ENDLESS_INTEGRAL_TABLE};
+    memory.kind |= FVI_ON_INCREMENTS;
+    expect("made for h = 1", fvi_memory_scale_bdf(&memory, 1, -0.8, 1e-3), FVI_STATUS_OK);
+    /* 1e-3^0.8 */
+    expect_that("scaled by h^0.8", 3.9810e-3f < memory.scale && memory.scale < 3.9812e-3f);
+    expect_that("on values", memory.kind == FVI_EXPONENTIAL_SUM);
+    Copy before;
+    take(&before, &memory, sizeof memory);
+    expect("another exponent", fvi_memory_scale_bdf(&memory, 1, -0.7, 1e-3), FVI_STATUS_OUT_OF_RANGE);
+    expect("another order", fvi_memory_scale_bdf(&memory, 2, -0.8, 1e-3), FVI_STATUS_OUT_OF_RANGE);
+    expect("no order", fvi_memory_scale_bdf(&memory, 0, -0.8, 1e-3), FVI_STATUS_OUT_OF_RANGE);
+    expect("no step size", fvi_memory_scale_bdf(&memory, 1, -0.8, 0.0), FVI_STATUS_OUT_OF_RANGE);
+    expect("not a number", fvi_memory_scale_bdf(&memory, 1, -0.8, (double)not_a_number), FVI_STATUS_NOT_FINITE);
+    expect("no memory", fvi_memory_scale_bdf(NULL, 1, -0.8, 1e-3), FVI_STATUS_NULL);
+    expect_unchanged("memory", &before);
+    memory = (FviMemory){HALF_DERIVATIVE_TABLE};
+    expect("made for h = 1/4", fvi_memory_scale_bdf(&memory, 1, 0.5, 0.25), FVI_STATUS_OK);
+    expect_that("not scaled again", memory.scale == 1.0f);
+    expect("used at another", fvi_memory_scale_bdf(&memory, 1, 0.5, 0.125), FVI_STATUS_OUT_OF_RANGE);
+    memory.step_size = 0.125;
+    expect("said to hold another", fvi_memory_scale_bdf(&memory, 1, 0.5, 0.125), FVI_STATUS_OUT_OF_RANGE);
+    memory = ring(FVI_FULL_MEMORY, samples, CAPACITY);
+    memory.scale = 7.0f;
+    expect("weights of a ring", fvi_memory_scale_bdf(&memory, 1, 0.5, 0.25), FVI_STATUS_OK);
+    expect_that("that hold their step size", memory.scale == 1.0f && memory.kind == FVI_FULL_MEMORY);
+}
+
+/* A look ahead, and two operators in one tick. */
+static void check_ticks(void) {
+    static float buffers[2][CAPACITY];
+    static FviOperator first, second;
+    Copy first_before, second_before;
+    FviMemory memory = ring(FVI_FULL_MEMORY, buffers[0], CAPACITY);
+    expect("init", fvi_operator_init(&first, &memory, FVI_RIEMANN_LIOUVILLE, 0.0f), FVI_STATUS_OK);
+    memory.buffer = buffers[1];
+    expect("init", fvi_operator_init(&second, &memory, FVI_CAPUTO, 0.0f), FVI_STATUS_OK);
+    float values[2] = {5.0f, 6.0f}, peeked = 7.0f;
+    expect("a tick", fvi_operator_push_two(&first, &second, (const float[]){1.0f, 2.0f}, values), FVI_STATUS_OK);
+    expect_that("both values", values[0] == weights[0] && values[1] == 0.0f);
+    take(&first_before, &first, sizeof first);
+    take(&second_before, &second, sizeof second);
+    expect("the second not a number", fvi_operator_push_two(&first, &second, (const float[]){1.0f, not_a_number}, values), FVI_STATUS_NOT_FINITE);
+    expect("the first not a number", fvi_operator_push_two(&first, &second, (const float[]){not_a_number, 1.0f}, values), FVI_STATUS_NOT_FINITE);
+    expect("one operator twice", fvi_operator_push_two(&first, &first, (const float[]){1.0f, 1.0f}, values), FVI_STATUS_OUT_OF_RANGE);
+    expect("no samples", fvi_operator_push_two(&first, &second, NULL, values), FVI_STATUS_NULL);
+    expect("no results", fvi_operator_push_two(&first, &second, (const float[]){1.0f, 1.0f}, NULL), FVI_STATUS_NULL);
+    expect("no second", fvi_operator_push_two(&first, NULL, (const float[]){1.0f, 1.0f}, values), FVI_STATUS_NULL);
+    expect_that("refused ticks write nothing", values[0] == weights[0] && values[1] == 0.0f);
+    expect("peek", fvi_operator_peek(&first, 3.0f, &peeked), FVI_STATUS_OK);
+    expect("peek at no number", fvi_operator_peek(&first, not_a_number, &values[0]), FVI_STATUS_NOT_FINITE);
+    expect_unchanged("first operator", &first_before);
+    expect_unchanged("second operator", &second_before);
+    expect("push", fvi_operator_push(&first, 3.0f, &values[0]), FVI_STATUS_OK);
+    expect_that("as peeked", values[0] == peeked);
+    note(peeked);
 }
 
 /* The same half derivative from a ring and from the table that `fvi exponentials --format c` has made. */
 static void check_table(void) {
-    static float numbers[FVI_EXPONENTIAL_NUMBERS(FVI_HEAD, FVI_EXPONENTIALS, 1)];
+    static float numbers[HALF_DERIVATIVE_NUMBERS(1)];
     static FviOperator short_of_nothing;
     FviMemory memory = ring(FVI_FULL_MEMORY, samples, CAPACITY);
     expect("init", fvi_operator_init(&half_derivative, &memory, FVI_CAPUTO, 0.0f), FVI_STATUS_OK);
     memory = (FviMemory){
-        .kind = FVI_EXPONENTIAL_SUM,
-        .scale = 1.0f,
-        .weights = fvi_head,
-        .weight_count = FVI_HEAD,
-        .exponentials = fvi_exponentials,
-        .exponential_count = FVI_EXPONENTIALS,
-        .slow_blocks = FVI_SLOW_BLOCKS,
-        .horizon = FVI_HORIZON,
+        HALF_DERIVATIVE_TABLE,
         .buffer = numbers,
         .buffer_count = sizeof numbers / sizeof *numbers,
     };
@@ -599,20 +702,11 @@ static void check_restarts(void) {
 }
 
 static void check_restarted_operators(void) {
-    static float numbers[FVI_EXPONENTIAL_NUMBERS(FVI_HEAD, FVI_EXPONENTIALS, 1)];
+    static float numbers[HALF_DERIVATIVE_NUMBERS(1)];
     for (int kind = 0; kind < 2; ++kind) {
         FviMemory memory = ring(FVI_FULL_MEMORY, samples, CAPACITY);
         if (kind) {
-            memory = (FviMemory){0};
-            memory.kind = FVI_EXPONENTIAL_SUM;
-            memory.scale = 1.0f;
-            memory.weights = fvi_head;
-            memory.weight_count = FVI_HEAD;
-            memory.exponentials = fvi_exponentials;
-            memory.exponential_count = FVI_EXPONENTIALS;
-            memory.slow_blocks = FVI_SLOW_BLOCKS;
-            memory.horizon = FVI_HORIZON;
-            memory.buffer = numbers;
+            memory = (FviMemory){HALF_DERIVATIVE_TABLE, .buffer = numbers};
             memory.buffer_count = sizeof numbers / sizeof *numbers;
         }
         float expected = 0.0f, result = 0.0f;
@@ -649,6 +743,9 @@ int check_interface(void (*say)(const char *text)) {
     check_exponential_sum();
     check_table();
     check_increments();
+    check_endless();
+    check_scale();
+    check_ticks();
     check_trajectories();
     check_trajectories_at_the_node();
     check_bad_steppers();

@@ -12,12 +12,12 @@
 #include "half_derivative.h"
 
 enum { OPERATORS = 3, STEPPERS = 3, CAPACITY = 12, MOST = 6, STATUSES = 13, CALLS = 8 };
-enum { NUMBERS = FVI_EXPONENTIAL_NUMBERS(FVI_HEAD, FVI_EXPONENTIALS, MOST) };
+enum { NUMBERS = HALF_DERIVATIVE_NUMBERS(MOST) };
 
 /* Everything a call may write to, so that one comparison sees every change. */
 static struct {
     FviOperator operators[OPERATORS];
-    float operator_buffers[OPERATORS][FVI_EXPONENTIAL_NUMBERS(FVI_HEAD, FVI_EXPONENTIALS, 1)];
+    float operator_buffers[OPERATORS][HALF_DERIVATIVE_NUMBERS(1)];
     union {
         FviStepper1 one;
         FviStepper2 two;
@@ -103,7 +103,7 @@ static float *emptied;
 static size_t emptied_size;
 
 static void may_empty(const FviMemory *memory, float *buffer, size_t size) {
-    emptied = (memory->kind & ~(uint32_t)FVI_ON_INCREMENTS) == FVI_EXPONENTIAL_SUM ? buffer : NULL;
+    emptied = (memory->kind & ~(uint32_t)(FVI_ON_INCREMENTS | FVI_FORGET_PAST_HORIZON)) == FVI_EXPONENTIAL_SUM ? buffer : NULL;
     emptied_size = size;
 }
 
@@ -134,17 +134,19 @@ static float kernel[CAPACITY + 1];
 
 static FviMemory memory(int channels, float *buffer, size_t room) {
     FviMemory drawn = {0};
-    drawn.kind = (rarely() ? below(9) : below(3)) | (below(3) == 0 ? FVI_ON_INCREMENTS : 0);
+    drawn.kind = (rarely() ? below(9) : below(3)) | (below(3) == 0 ? FVI_ON_INCREMENTS : 0) | (below(8) == 0 ? FVI_FORGET_PAST_HORIZON : 0);
     drawn.scale = rarely() ? number() : 1.0f;
     drawn.buffer = pointer(buffer);
-    if ((drawn.kind & ~(uint32_t)FVI_ON_INCREMENTS) == FVI_EXPONENTIAL_SUM) {
-        drawn.weights = pointer((void *)(uintptr_t)fvi_head);
-        drawn.weight_count = size(FVI_HEAD);
-        drawn.exponentials = pointer((void *)(uintptr_t)fvi_exponentials);
-        drawn.exponential_count = size(FVI_EXPONENTIALS);
-        drawn.slow_blocks = rarely() ? size(99) : FVI_SLOW_BLOCKS;
-        drawn.horizon = rarely() ? size(30) : FVI_HORIZON;
-        drawn.buffer_count = size((size_t)FVI_EXPONENTIAL_NUMBERS(FVI_HEAD, FVI_EXPONENTIALS, channels));
+    if ((drawn.kind & ~(uint32_t)(FVI_ON_INCREMENTS | FVI_FORGET_PAST_HORIZON)) == FVI_EXPONENTIAL_SUM) {
+        drawn.weights = pointer((void *)(uintptr_t)half_derivative_head);
+        drawn.weight_count = size(HALF_DERIVATIVE_HEAD);
+        drawn.exponentials = pointer((void *)(uintptr_t)half_derivative_exponentials);
+        drawn.exponential_count = size(HALF_DERIVATIVE_EXPONENTIALS);
+        drawn.slow_blocks = rarely() ? size(99) : HALF_DERIVATIVE_SLOW_BLOCKS;
+        drawn.far_blocks = rarely() ? size(99) : HALF_DERIVATIVE_FAR_BLOCKS;
+        drawn.step_size = rarely() ? (double)number() : HALF_DERIVATIVE_STEP;
+        drawn.horizon = rarely() ? size(30) : HALF_DERIVATIVE_HORIZON;
+        drawn.buffer_count = size((size_t)HALF_DERIVATIVE_NUMBERS(channels));
     } else {
         drawn.weights = pointer(kernel);
         drawn.weight_count = size(CAPACITY);

@@ -2,7 +2,7 @@
 //! steps, and rates for steps from 7.9 ms on up to 2000 s.
 //!
 //! The files are what `fvi exponentials --exponent … --step 0.001 --horizon 1e8 --tolerance 1e-7 --format
-//! rust --precision f32` and `fvi rates --stages 1 --exponent … --shortest 0.0079 --horizon 2000 --tolerance
+//! rust --precision f32`, with `--endless` for `--horizon 1e8`, and `fvi rates --stages 1 --exponent … --shortest 0.0079 --horizon 2000 --tolerance
 //! 1e-7 --format rust --precision f32` print.
 
 /// Exponent 0.5.
@@ -11,6 +11,9 @@ pub mod damping;
 /// Exponent 0.6.
 #[rustfmt::skip]
 pub mod derivative;
+/// Exponent 0.5, without an end.
+#[rustfmt::skip]
+pub mod endless;
 /// Exponent −0.8.
 #[rustfmt::skip]
 pub mod integral;
@@ -26,6 +29,7 @@ pub mod jitter_integral;
 
 pub use damping::TABLE as DAMPING;
 pub use derivative::TABLE as DERIVATIVE;
+pub use endless::TABLE as ENDLESS;
 pub use integral::TABLE as INTEGRAL;
 pub use jitter_damping::TABLE as JITTER_DAMPING;
 pub use jitter_derivative::TABLE as JITTER_DERIVATIVE;

@@ -3,9 +3,10 @@
 use super::CommandError;
 use super::kernel_choice::KernelChoice;
 use super::listing::{
-    ListingFormat, ListingPrecision, check_exponentials, emit, exponentials_listing, parameter_error,
+    ListingFormat, ListingPrecision, check_exponentials, emit, exponentials_listing, identifier,
+    parameter_error,
 };
-use crate::numerics::exponential_table::{ExponentialKernel, ExponentialKernelError};
+use crate::numerics::exponential_table::{ENDLESS, ExponentialKernel, ExponentialKernelError};
 use fvi_core::BdfOrder;
 use std::path::PathBuf;
 
@@ -26,6 +27,9 @@ pub struct ExponentialsArguments {
     /// Largest lag, in steps, at which the weights hold
     #[arg(long, default_value_t = 1e8)]
     horizon: f64,
+    /// No horizon: the weights hold to the tolerance up to a lag of 2^50, and nothing is refused beyond
+    #[arg(long, conflicts_with = "horizon")]
+    endless: bool,
     /// Relative tolerance of every weight, 4e-15 to 0.1
     #[arg(long, default_value_t = 1e-12)]
     tolerance: f64,
@@ -35,6 +39,9 @@ pub struct ExponentialsArguments {
     /// Numbers of the constants
     #[arg(long, value_enum, default_value_t)]
     precision: ListingPrecision,
+    /// Name of the constants, such as half_derivative [default: TABLE in Rust, fvi in C]
+    #[arg(long, value_parser = identifier)]
+    name: Option<String>,
     /// Write to this file instead of standard output
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -52,13 +59,14 @@ impl ExponentialsArguments {
             }));
         }
         let order = BdfOrder::new(self.order).map_err(parameter_error)?;
+        let horizon = if self.endless { ENDLESS } else { self.horizon as usize };
         let transfer = self.kernel.transfer()?;
         let kernel = ExponentialKernel::of_transfer(
             &transfer,
             order,
             self.increments,
             self.step,
-            self.horizon as usize,
+            horizon,
             self.tolerance,
         )
         .map_err(|error| match error {
@@ -73,7 +81,8 @@ impl ExponentialsArguments {
             _ => self.precision,
         };
         check_exponentials(&kernel, self.step, precision)?;
-        let listing = exponentials_listing(&kernel, &origin, self.format, precision);
+        let name = self.name.as_deref();
+        let listing = exponentials_listing(&kernel, (&origin, name), self.format, precision);
         emit(|out| out.write_all(listing.as_bytes()), self.out.as_deref())
     }
 }

@@ -2,7 +2,7 @@
 
 use super::CommandError;
 use super::terminal::output;
-use crate::numerics::exponential_table::ExponentialKernel;
+use crate::numerics::exponential_table::{ENDLESS, ExponentialKernel};
 use crate::results::files::write_out;
 use fvi_core::{ParameterError, RateTable, Real};
 use std::fmt::LowerExp;
@@ -36,6 +36,16 @@ pub(super) fn parameter_error(error: ParameterError) -> CommandError {
     CommandError::Argument(error)
 }
 
+/// A name that constants of Rust and of C may have.
+pub(super) fn identifier(text: &str) -> Result<String, String> {
+    let mut characters = text.chars();
+    let begins = characters.next().is_some_and(|first| first.is_ascii_alphabetic());
+    if begins && characters.all(|character| character.is_ascii_alphanumeric() || character == '_') {
+        return Ok(text.to_owned());
+    }
+    Err("a name has letters, digits and underscores, and begins with a letter".to_owned())
+}
+
 /// Writes a listing to standard output, or to what the user has named.
 pub(super) fn emit(
     content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
@@ -52,22 +62,24 @@ pub(super) fn write_weights(
     out: &mut dyn Write,
     weights: impl Iterator<Item = f64>,
     count: usize,
-    origin: &str,
+    (origin, name): (&str, Option<&str>),
     format: ListingFormat,
 ) -> io::Result<()> {
     let (head, end) = match format {
         ListingFormat::Csv => ("n,weight\n".to_owned(), ""),
-        ListingFormat::Rust => (
-            format!("/// Convolution-quadrature weights: {origin}.\npub const WEIGHTS: [f64; {count}] = [\n"),
-            "];\n",
-        ),
-        ListingFormat::C => (
-            format!(
-                "/* Convolution-quadrature weights: {origin}. */\n#define FVI_WEIGHTS {count}\n\
-                 static const double fvi_weights[FVI_WEIGHTS] = {{\n"
-            ),
-            "};\n",
-        ),
+        ListingFormat::Rust => {
+            let name = name.unwrap_or("WEIGHTS").to_ascii_uppercase();
+            let doc = format!("/// Convolution-quadrature weights: {origin}.");
+            (format!("{doc}\npub const {name}: [f64; {count}] = [\n"), "];\n")
+        }
+        ListingFormat::C => {
+            let (small, large) = names_of_c(name);
+            let constants = format!(
+                "/* Convolution-quadrature weights: {origin}. */\n#define {large}_WEIGHTS {count}\n\
+                 static const double {small}_weights[{large}_WEIGHTS] = {{\n"
+            );
+            (constants, "};\n")
+        }
     };
     out.write_all(head.as_bytes())?;
     for (n, weight) in weights.take(count).enumerate() {
@@ -89,13 +101,13 @@ pub(super) fn write_matrix_weights(
     out: &mut dyn Write,
     planes: &[f64],
     stages: usize,
-    origin: &str,
+    (origin, name): (&str, Option<&str>),
     format: ListingFormat,
 ) -> io::Result<()> {
     let count = planes.len() / (stages * stages);
     if format != ListingFormat::Csv {
         let layout = format!("{origin}; entry (i, j) of weight n at (i*{stages} + j)*{count} + n");
-        return write_weights(out, planes.iter().copied(), planes.len(), &layout, format);
+        return write_weights(out, planes.iter().copied(), planes.len(), (&layout, name), format);
     }
     out.write_all(b"n,row,column,weight\n")?;
     for n in 0..count {
@@ -136,49 +148,77 @@ pub(super) fn check_exponentials(
 /// A head of weights and exponentials.
 pub(super) fn exponentials_listing(
     kernel: &ExponentialKernel,
-    origin: &str,
+    said: (&str, Option<&str>),
     format: ListingFormat,
     precision: ListingPrecision,
 ) -> String {
     match (format, precision) {
         (ListingFormat::Csv, _) => exponentials_csv(kernel),
-        (ListingFormat::Rust, ListingPrecision::F64) => exponentials_rust::<f64>(kernel, origin, "f64"),
-        (ListingFormat::Rust, ListingPrecision::F32) => exponentials_rust::<f32>(kernel, origin, "f32"),
-        (ListingFormat::C, ListingPrecision::F64) => exponentials_c::<f64>(kernel, origin, "double"),
-        (ListingFormat::C, ListingPrecision::F32) => exponentials_c::<f32>(kernel, origin, "float"),
+        (ListingFormat::Rust, ListingPrecision::F64) => exponentials_rust::<f64>(kernel, said, "f64"),
+        (ListingFormat::Rust, ListingPrecision::F32) => exponentials_rust::<f32>(kernel, said, "f32"),
+        (ListingFormat::C, ListingPrecision::F64) => exponentials_c::<f64>(kernel, said, "double"),
+        (ListingFormat::C, ListingPrecision::F32) => exponentials_c::<f32>(kernel, said, "float"),
     }
+}
+
+/// What the names of C begin with: those of objects, and those of macros.
+fn names_of_c(name: Option<&str>) -> (String, String) {
+    let name = name.unwrap_or("fvi");
+    (name.to_ascii_lowercase(), name.to_ascii_uppercase())
+}
+
+/// The horizon of a table as a constant of 64 bits.
+fn horizon_text(kernel: &ExponentialKernel) -> String {
+    if kernel.horizon() == ENDLESS { "endless".to_owned() } else { kernel.horizon().to_string() }
 }
 
 fn exponentials_csv(kernel: &ExponentialKernel) -> String {
     let comments = format!(
-        "# head = {}\n# horizon = {}\n# tolerance = {:e}\nrate,coefficient\n",
+        "# head = {}\n# horizon = {}\n# step = {}\n# tolerance = {:e}\nrate,coefficient\n",
         kernel.head().len(),
-        kernel.horizon(),
+        horizon_text(kernel),
+        kernel.step_size(),
         kernel.tolerance(),
     );
     let rows = kernel.exponentials().iter().map(|e| format!("{:.16e},{:.16e}\n", e.rate, e.coefficient));
     std::iter::once(comments).chain(rows).collect()
 }
 
-fn exponentials_rust<T: Real + LowerExp>(kernel: &ExponentialKernel, origin: &str, scalar: &str) -> String {
+fn exponentials_rust<T: Real + LowerExp>(
+    kernel: &ExponentialKernel,
+    (origin, name): (&str, Option<&str>),
+    scalar: &str,
+) -> String {
     let table = kernel.table::<T>();
+    let name = name.unwrap_or("TABLE").to_ascii_uppercase();
+    let horizon = match kernel.horizon() {
+        ENDLESS => "fvi_core::ExponentialTable::<()>::ENDLESS".to_owned(),
+        horizon => horizon.to_string(),
+    };
     format!(
         "/// {origin}: {} weights, then {} exponentials; tolerance {:e}.\n///\n\
-         /// `fvi_core::ExponentialSum` takes it, with `TABLE.state_len(channels)` numbers of state.\n\
-         pub const TABLE: fvi_core::ExponentialTable<&[{scalar}]> = fvi_core::ExponentialTable {{\n    \
-         stages: 1,\n    head: &[\n{}    ],\n    exponentials: &[\n{}    ],\n    slow_blocks: {},\n    horizon: {},\n}};\n",
+         /// `fvi_core::Kernel::exponential_sum` takes it, with `{name}.state_len(channels)` numbers of state.\n\
+         pub const {name}: fvi_core::ExponentialTable<&[{scalar}]> = fvi_core::ExponentialTable {{\n    \
+         stages: 1,\n    head: &[\n{}    ],\n    exponentials: &[\n{}    ],\n    slow_blocks: {},\n    \
+         far_blocks: {},\n    horizon: {horizon},\n    step_size: {:?},\n}};\n",
         kernel.head().len(),
         kernel.exponentials().len(),
         kernel.tolerance(),
         rows(table.head.as_ref(), "        ", ""),
         rows(table.exponentials.as_ref(), "        ", ""),
         table.slow_blocks,
-        table.horizon,
+        table.far_blocks,
+        table.step_size,
     )
 }
 
-fn exponentials_c<T: Real + LowerExp>(kernel: &ExponentialKernel, origin: &str, scalar: &str) -> String {
+fn exponentials_c<T: Real + LowerExp>(
+    kernel: &ExponentialKernel,
+    (origin, name): (&str, Option<&str>),
+    scalar: &str,
+) -> String {
     let table = kernel.table::<T>();
+    let (small, large) = names_of_c(name);
     let (head, exponentials) = (table.head.as_ref(), table.exponentials.as_ref());
     let suffix = if scalar == "float" { "f" } else { "" };
     let array = |name: &str, length: &str, numbers: &[T]| match numbers {
@@ -186,16 +226,40 @@ fn exponentials_c<T: Real + LowerExp>(kernel: &ExponentialKernel, origin: &str, 
         [] => String::new(),
         _ => format!("static const {scalar} {name}[{length}] = {{\n{}}};\n", rows(numbers, "    ", suffix)),
     };
+    let (pointer, horizon) = match (exponentials, kernel.horizon()) {
+        ([], _) => ("NULL".to_owned(), "FVI_ENDLESS".to_owned()),
+        (_, ENDLESS) => (format!("{small}_exponentials"), "FVI_ENDLESS".to_owned()),
+        // In C, as in fvi.h, of 64 bits on every part.
+        (_, horizon) => (format!("{small}_exponentials"), format!("UINT64_C({horizon})")),
+    };
+    // What fvi.h has is of single precision.
+    let memory = if scalar == "float" {
+        format!(
+            "/* The members of FviMemory that the table gives; the kind may be or-ed with flags, and the buffer has\n   \
+             {large}_NUMBERS(channels) numbers. */\n\
+             #define {large}_TABLE \\\n    .kind = FVI_EXPONENTIAL_SUM{}, .scale = 1.0f, .weights = {small}_head, \
+             .weight_count = {large}_HEAD, \\\n    .exponentials = {pointer}, .exponential_count = {large}_EXPONENTIALS, \
+             .slow_blocks = {large}_SLOW_BLOCKS, \\\n    .far_blocks = {large}_FAR_BLOCKS, .horizon = {large}_HORIZON, \
+             .step_size = {large}_STEP\n",
+            if kernel.on_increments() { " | FVI_ON_INCREMENTS" } else { "" },
+        )
+    } else {
+        String::new()
+    };
     format!(
         "/* {origin}: tolerance {:e}. The exponentials in blocks of four decays and four coefficients, as fvi.h takes them. */\n\
-         #define FVI_HEAD {}\n#define FVI_EXPONENTIALS {}\n#define FVI_SLOW_BLOCKS {}\n#define FVI_HORIZON {}U\n{}{}",
+         #define {large}_HEAD {}\n#define {large}_EXPONENTIALS {}\n#define {large}_SLOW_BLOCKS {}\n#define {large}_FAR_BLOCKS {}\n\
+         #define {large}_HORIZON {horizon}\n#define {large}_STEP {:e}\n\
+         #define {large}_NUMBERS(channels) \\\n    FVI_EXPONENTIAL_NUMBERS({large}_HEAD, {large}_EXPONENTIALS, \
+         {large}_FAR_BLOCKS, channels)\n{}{}{memory}",
         kernel.tolerance(),
         head.len(),
         exponentials.len(),
         table.slow_blocks,
-        kernel.horizon(),
-        array("fvi_head", "FVI_HEAD", head),
-        array("fvi_exponentials", "FVI_EXPONENTIALS", exponentials),
+        table.far_blocks,
+        kernel.step_size(),
+        array(&format!("{small}_head"), &format!("{large}_HEAD"), head),
+        array(&format!("{small}_exponentials"), &format!("{large}_EXPONENTIALS"), exponentials),
     )
 }
 
@@ -215,15 +279,16 @@ pub(super) fn rates_csv<T: Real + LowerExp>(table: &RateTable<&[T]>, origin: &st
 /// The same as a constant.
 pub(super) fn rates_rust<T: Real + LowerExp>(
     table: &RateTable<&[T]>,
-    origin: &str,
+    (origin, name): (&str, Option<&str>),
     tolerance: f64,
     scalar: &str,
 ) -> String {
+    let name = name.unwrap_or("TABLE").to_ascii_uppercase();
     format!(
         "/// {origin}: {} rates for steps from {:e} on and times up to {:e}; tolerance {tolerance:e}.\n///\n\
          /// `fvi_core::VariableStepMemory` takes it, with \
-         `TABLE.state_len(coordinates, stages)` numbers of state.\n\
-         pub const TABLE: fvi_core::RateTable<&[{scalar}]> = fvi_core::RateTable {{\n    exponent: {:?},\n    \
+         `{name}.state_len(coordinates, stages)` numbers of state.\n\
+         pub const {name}: fvi_core::RateTable<&[{scalar}]> = fvi_core::RateTable {{\n    exponent: {:?},\n    \
          leading: &[\n{}    ],\n    rates: &[\n{}    ],\n    coefficients: &[\n{}    ],\n    shortest: {:?},\n    \
          horizon: {:?},\n}};\n",
         table.rates.len(),

@@ -2,7 +2,7 @@
 
 use super::CommandError;
 use super::kernel_choice::KernelChoice;
-use super::listing::{ListingPrecision, emit, parameter_error, rates_csv, rates_rust};
+use super::listing::{ListingPrecision, emit, identifier, parameter_error, rates_csv, rates_rust};
 use crate::numerics::rate_table::rate_table;
 use fvi_core::{ParameterError, RateTable, Real, RungeKutta};
 use std::fmt::LowerExp;
@@ -34,6 +34,9 @@ pub struct RatesArguments {
     /// Numbers of the constant
     #[arg(long, value_enum, default_value_t)]
     precision: ListingPrecision,
+    /// Name of the constant, such as half_derivative [default: TABLE]
+    #[arg(long, value_parser = identifier)]
+    name: Option<String>,
     /// Write to this file instead of standard output
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -114,7 +117,7 @@ impl RatesArguments {
         let origin = format!("{name}, {R} {stages}, exponent {exponent}");
         Ok(match self.format {
             Format::Csv => rates_csv(&table, &origin, tolerance),
-            Format::Rust => rates_rust(&table, &origin, tolerance, scalar),
+            Format::Rust => rates_rust(&table, (&origin, self.name.as_deref()), tolerance, scalar),
         })
     }
 }

@@ -2,7 +2,7 @@
 
 use super::CommandError;
 use super::kernel_choice::KernelChoice;
-use super::listing::{ListingFormat, emit, parameter_error, write_matrix_weights, write_weights};
+use super::listing::{ListingFormat, emit, identifier, parameter_error, write_matrix_weights, write_weights};
 use crate::numerics::multistep_weights::multistep_weights;
 use crate::numerics::runge_kutta_weights::RungeKuttaWeights;
 use crate::numerics::transfer::TransferFunction;
@@ -38,6 +38,9 @@ pub struct WeightsArguments {
     /// A table, or constants for firmware
     #[arg(long, value_enum, default_value_t)]
     format: ListingFormat,
+    /// Name of the constants, such as half_derivative [default: WEIGHTS in Rust, fvi in C]
+    #[arg(long, value_parser = identifier)]
+    name: Option<String>,
     /// Write to this file instead of standard output
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -97,7 +100,8 @@ impl WeightsArguments {
         let weights = weights()?;
         let on = if self.increments { " on increments" } else { "" };
         let origin = format!("BDF {}, exponent {exponent}{on}, step {}", self.order, self.step);
-        emit(|out| write_weights(out, weights, self.count, &origin, self.format), self.out.as_deref())
+        let said = (&*origin, self.name.as_deref());
+        emit(|out| write_weights(out, weights, self.count, said, self.format), self.out.as_deref())
     }
 
     /// Weights of a kernel other than s^β, which are made all together.
@@ -108,8 +112,9 @@ impl WeightsArguments {
             .map_err(parameter_error)?;
         let on = if self.increments { " on increments" } else { "" };
         let origin = format!("BDF {}, {}{on}, step {}", self.order, self.kernel.origin(transfer), self.step);
+        let said = (&*origin, self.name.as_deref());
         let write = |out: &mut dyn std::io::Write| {
-            write_weights(out, weights.into_iter(), self.count, &origin, self.format)
+            write_weights(out, weights.into_iter(), self.count, said, self.format)
         };
         emit(write, self.out.as_deref())
     }
@@ -135,7 +140,8 @@ impl WeightsArguments {
         };
         let on = if self.increments { " on rises" } else { "" };
         let origin = format!("{name}, {R} stages, exponent {exponent}{on}, step {}", self.step);
-        emit(|out| write_matrix_weights(out, &planes, R, &origin, self.format), self.out.as_deref())
+        let said = (&*origin, self.name.as_deref());
+        emit(|out| write_matrix_weights(out, &planes, R, said, self.format), self.out.as_deref())
     }
 
     /// Refuses weights that double precision does not hold.

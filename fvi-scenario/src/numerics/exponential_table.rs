@@ -51,6 +51,7 @@ pub struct ExponentialKernel {
     head: Vec<f64>,
     exponentials: Vec<Exponential>,
     step_size: f64,
+    on_increments: bool,
     horizon: usize,
     tolerance: f64,
 }
@@ -288,7 +289,8 @@ impl ExponentialKernel {
             check_range(horizon, tolerance)?;
             let length = cut.exponent as usize * cut.order.get() + usize::from(!cut.on_increments);
             let head = cut.exact_weights(step_size)?.take(length).collect();
-            return Ok(Self { head, exponentials: Vec::new(), step_size, horizon: ENDLESS, tolerance });
+            let (exponentials, horizon, on_increments) = (Vec::new(), ENDLESS, cut.on_increments);
+            return Ok(Self { head, exponentials, step_size, on_increments, horizon, tolerance });
         }
         let mut made = Self::of(&[cut], step_size, horizon, tolerance)?;
         made.pop().ok_or(ExponentialKernelError::ToleranceMissed { tolerance, reached: f64::INFINITY })
@@ -307,7 +309,15 @@ impl ExponentialKernel {
         };
         let kernels = |head: usize, tails: Vec<Nodes>| -> Result<Vec<Self>, ExponentialKernelError> {
             let of_kernels = weights(step_size, head)?.into_iter().zip(tails);
-            let kernel = |(head, exponentials)| Self { head, exponentials, step_size, horizon, tolerance };
+            let on_increments = cuts.iter().all(|cut| cut.on_increments);
+            let kernel = |(head, exponentials)| Self {
+                head,
+                exponentials,
+                step_size,
+                on_increments,
+                horizon,
+                tolerance,
+            };
             Ok(of_kernels.map(kernel).collect())
         };
         let exact = weights(1.0, MEASURED_HEADS * LONGEST_HEAD.min(horizon) + 2)?;
@@ -378,6 +388,11 @@ impl ExponentialKernel {
     /// then fade, and nothing is refused.
     pub fn horizon(&self) -> usize {
         self.horizon
+    }
+
+    /// Whether the weights are those of a memory on increments.
+    pub fn on_increments(&self) -> bool {
+        self.on_increments
     }
 
     /// Step size that the weights hold.

@@ -9,15 +9,16 @@ use cortex_m_rt::entry;
 use cortex_m_semihosting::hio::HostStream;
 use fvi_core::{
     BdfOrder, Coefficients, Damping, DampingTerm, Derivative, ExponentialSum, Fixed, FixedDirect,
-    FractionalOperator, Galerkin, Integrator, Kernel, Mass, Memory, NoForce, NodeGalerkin, Overflow,
-    Quadratic, RungeKutta, Scheme, Start, System, Tiled, VariableStepMemory, monic_bdf_table_f32,
+    FractionalIntegral, FractionalOperator, Galerkin, Integrator, Kernel, Mass, Memory, NoForce,
+    NodeGalerkin, Overflow, Quadratic, RungeKutta, Scheme, Start, System, Tiled, VariableStepMemory,
+    monic_bdf_table_f32,
 };
 use images::instructions::{Counter, Spread};
 use images::stack::used_by;
 use images::{Refused, main};
 use nalgebra::SVector;
 use scenarios::oustaloup::Oustaloup;
-use scenarios::tables::{DAMPING, JITTER_DAMPING};
+use scenarios::tables::{DAMPING, ENDLESS, JITTER_DAMPING};
 
 /// Steps that are measured; two tiles, so that every place in a tile occurs.
 const MEASURED: usize = 16;
@@ -201,6 +202,40 @@ impl Bench<'_> {
         self.row(format_args!("Oustaloup {S}"), steps, 3 * S, size_of_val(&filter), 0, stack);
     }
 
+    /// A table without an end, whose slowest sums have three parts.
+    fn endless(&mut self) -> Result<(), Refused> {
+        const STATE: usize = ENDLESS.state_len(1);
+        let memory = ExponentialSum::new(ENDLESS, 1.0, 1, [0.0f32; STATE]).map_err(|_| Refused)?;
+        self.memory(
+            "endless exponential sum x 1",
+            memory,
+            ENDLESS.head.len() + ENDLESS.exponentials.len(),
+            20,
+        );
+        Ok(())
+    }
+
+    /// I^0.5 as the integral of D^0.5.
+    fn integral(&mut self) -> Result<(), Refused> {
+        const STATE: usize = DAMPING.state_len(1);
+        let kernel = Kernel::bdf(BdfOrder::GRUNWALD_LETNIKOV, 0.5, 1e-3).map_err(|_| Refused)?;
+        let memory = kernel.exponential_sum::<f32, _, _>(DAMPING, 1, [0.0; STATE]).map_err(|_| Refused)?;
+        let mut integral = FractionalIntegral::new(&kernel, memory).map_err(|_| Refused)?;
+        let mut steps = Spread::default();
+        for k in 0..MEASURED {
+            let taken = self.counter.count(|| {
+                let _ = black_box(black_box(&mut integral).push(black_box(k as f32)));
+            });
+            steps.add(taken);
+        }
+        let stack = used_by(|| {
+            let _ = black_box(black_box(&mut integral).push(black_box(1.0)));
+        });
+        let ram = size_of_val(&integral);
+        self.row("integral: exponential sum x 1", steps, PRODUCTS, ram, TABLE_BYTES, stack);
+        Ok(())
+    }
+
     fn operator(&mut self) -> Result<(), Refused> {
         const STATE: usize = DAMPING.state_len(1);
         let memory = ExponentialSum::new(DAMPING, 1.0, 1, [0.0f32; STATE]).map_err(|_| Refused)?;
@@ -245,6 +280,8 @@ fn start() -> ! {
         bench.tiled::<1, 129>()?;
         bench.tiled::<2, 33>()?;
         bench.operator()?;
+        bench.integral()?;
+        bench.endless()?;
         bench.any_step()?;
         bench.oustaloup::<15>();
         bench.oustaloup::<31>();

@@ -1,6 +1,6 @@
 /// BDF 1, exponent 0.5, step 0.001: 5 weights, then 44 exponentials; tolerance 1e-7.
 ///
-/// `fvi_core::ExponentialSum` takes it, with `TABLE.state_len(channels)` numbers of state.
+/// `fvi_core::Kernel::exponential_sum` takes it, with `TABLE.state_len(channels)` numbers of state.
 pub const TABLE: fvi_core::ExponentialTable<&[f32]> = fvi_core::ExponentialTable {
     stages: 1,
     head: &[
@@ -32,5 +32,7 @@ pub const TABLE: fvi_core::ExponentialTable<&[f32]> = fvi_core::ExponentialTable
         -5.6871675e-2, -2.1844938e-2, -6.612052e-3, -8.437815e-4,
     ],
     slow_blocks: 9,
+    far_blocks: 0,
     horizon: 100000000,
+    step_size: 0.001,
 };

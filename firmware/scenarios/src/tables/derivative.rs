@@ -1,6 +1,6 @@
 /// BDF 1, exponent 0.6, step 0.001: 5 weights, then 45 exponentials; tolerance 1e-7.
 ///
-/// `fvi_core::ExponentialSum` takes it, with `TABLE.state_len(channels)` numbers of state.
+/// `fvi_core::Kernel::exponential_sum` takes it, with `TABLE.state_len(channels)` numbers of state.
 pub const TABLE: fvi_core::ExponentialTable<&[f32]> = fvi_core::ExponentialTable {
     stages: 1,
     head: &[
@@ -34,5 +34,7 @@ pub const TABLE: fvi_core::ExponentialTable<&[f32]> = fvi_core::ExponentialTable
         -1.070653e-3, 0e0, 0e0, 0e0,
     ],
     slow_blocks: 9,
+    far_blocks: 0,
     horizon: 100000000,
+    step_size: 0.001,
 };

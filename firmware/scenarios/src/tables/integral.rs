@@ -1,6 +1,6 @@
 /// BDF 1, exponent -0.8, step 0.001: 5 weights, then 34 exponentials; tolerance 1e-7.
 ///
-/// `fvi_core::ExponentialSum` takes it, with `TABLE.state_len(channels)` numbers of state.
+/// `fvi_core::Kernel::exponential_sum` takes it, with `TABLE.state_len(channels)` numbers of state.
 pub const TABLE: fvi_core::ExponentialTable<&[f32]> = fvi_core::ExponentialTable {
     stages: 1,
     head: &[
@@ -28,5 +28,7 @@ pub const TABLE: fvi_core::ExponentialTable<&[f32]> = fvi_core::ExponentialTable
         1.7758413e-6, 1.5559115e-7, 0e0, 0e0,
     ],
     slow_blocks: 7,
+    far_blocks: 0,
     horizon: 100000000,
+    step_size: 0.001,
 };

@@ -1,9 +1,10 @@
 //! Weights, memories and operators: every public function, on numbers that the compiler does not know.
 
 use fvi_core::{
-    BdfOrder, ConvolutionWeights, Direct, ExponentialSum, ExponentialTable, FixedDirect, FractionalOperator,
-    Memory, Overflow, Quadrature, Real, Ring, RungeKutta, Start, StateReader, StateWriter, Tiled,
-    check_channels, leading_bdf_weight, left_operator, monic_bdf_table, monic_bdf_table_f32, right_operator,
+    BdfOrder, ConvolutionWeights, Direct, ExponentialSum, ExponentialTable, FixedDirect, FractionalIntegral,
+    FractionalOperator, Kernel, Memory, Overflow, Quadrature, Real, Ring, RungeKutta, Start, StateReader,
+    StateWriter, Tiled, check_channels, leading_bdf_weight, left_operator, monic_bdf_table,
+    monic_bdf_table_f32, right_operator,
 };
 use heapless::Deque;
 
@@ -93,15 +94,16 @@ fn exponential_sum<T: Real>(unknown: &Unknown<'_, T>) -> Option<T> {
         head: table.get(..8)?,
         exponentials: table.get(8..24)?,
         slow_blocks: channels,
-        far_blocks: 0,
-        horizon: HISTORY,
-        step_size: 1.0,
+        far_blocks: stages,
+        horizon: channels as u64,
+        step_size: scale.to_f64(),
     };
     let ones = table.terms::<1>().fold(T::zero(), |sum, term| sum + term.decay + term.output[0]);
     let twos = table.terms::<2>().fold(ones, |sum, term| sum + term.input[0] + term.input[1]);
     let mut state = [T::zero(); 256];
     let state = state.get_mut(..table.state_len(channels))?;
-    let memory = ExponentialSum::new(table, scale, channels, state).ok()?;
+    let overflow = if scale > T::zero() { Overflow::Refuse } else { Overflow::Forget };
+    let memory = ExponentialSum::new(table, scale, channels, state).ok()?.past_horizon(overflow).ok()?;
     let slow = T::from_count(memory.table().borrow().slow_blocks as u64);
     Some(ask(memory, samples)? + twos + slow)
 }
@@ -118,7 +120,8 @@ fn operators<T: Real>(unknown: &Unknown<'_, T>) -> Option<T> {
         let memory = FixedDirect::<T, 1, HISTORY>::short_memory(table, scale).ok()?;
         let mut operator = FractionalOperator::new(memory, start).ok()?;
         for &sample in samples {
-            sum += operator.push(sample).ok()?;
+            sum += operator.push(sample).ok()? + operator.peek(sample).ok()?;
+            sum += operator.prepare_after(scale, sample).ok()?.value();
         }
         sum += T::from_count(operator.memory().len() as u64);
         let mut bytes = [0; 1024];
@@ -131,9 +134,47 @@ fn operators<T: Real>(unknown: &Unknown<'_, T>) -> Option<T> {
     Some(sum)
 }
 
+/// An integral, and a memory whose scale its kernel finds.
+fn integrals<T: Real>(unknown: &Unknown<'_, T>) -> Option<T> {
+    let &Unknown { table, samples, scale, stages, channels } = unknown;
+    let kernel = Kernel::bdf(BdfOrder::new(stages).ok()?, scale.to_f64(), scale.to_f64()).ok()?;
+    let memory = kernel.short_memory::<T, 1, HISTORY>(table).ok()?;
+    let mut integral = FractionalIntegral::new(&kernel, memory).ok()?;
+    for &sample in samples {
+        integral.push(sample).ok()?;
+        integral.peek(sample).ok()?;
+        integral.clamp(scale, sample).ok()?;
+    }
+    let mut bytes = [0; 1024];
+    let mut writer = StateWriter::new(bytes.get_mut(..integral.state_bytes())?);
+    integral.save(&mut writer).ok()?;
+    integral.restore(&mut StateReader::new(bytes.get(channels..)?)).ok()?;
+    let sum = integral.value() + integral.leading();
+    integral.restart(scale).ok()?;
+    integral.clear();
+    let table = ExponentialTable {
+        stages,
+        head: table.get(..8)?,
+        exponentials: table.get(8..24)?,
+        slow_blocks: 0,
+        far_blocks: 0,
+        horizon: ExponentialTable::<()>::ENDLESS,
+        step_size: scale.to_f64(),
+    };
+    let mut state = [T::zero(); 256];
+    let memory = kernel.exponential_sum(table, channels, state.get_mut(..table.state_len(channels))?).ok()?;
+    Some(sum + ask(memory, samples)?)
+}
+
 /// All memories and operators.
 pub fn engines<T: Real>(unknown: &Unknown<'_, T>) -> Option<T> {
-    Some(direct(unknown)? + tiled(unknown)? + exponential_sum(unknown)? + operators(unknown)?)
+    Some(
+        direct(unknown)?
+            + tiled(unknown)?
+            + exponential_sum(unknown)?
+            + operators(unknown)?
+            + integrals(unknown)?,
+    )
 }
 
 /// Weights of an order, exponent and step size.

@@ -24,7 +24,8 @@ impl<T: Real, const N: usize> Potential<T, N> for Springs {
     }
 
     fn hessian(&self, position: &SVector<T, N>) -> SMatrix<T, N, N> {
-        SMatrix::from_diagonal(&position.map(|q| T::one() + T::of(3.0) * q * q))
+        let diagonal = position.map(|q| T::one() + T::of(3.0) * q * q);
+        Coefficients::Diagonal(diagonal).to_matrix()
     }
 }
 
@@ -48,7 +49,7 @@ fn step<T: Real>(
         .build()
         .ok()?;
     let iterations = integrator.step(&SVector::from([u, u])).ok()?;
-    let mut velocity = SVector::zeros();
+    let mut velocity = SVector::from([T::zero(); 2]);
     integrator.velocity(&mut velocity);
     let told = integrator.time() + integrator.step_size() + velocity.sum();
     let mut bytes = [0; 8192];
