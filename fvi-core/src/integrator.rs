@@ -403,6 +403,12 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         &self.mechanics
     }
 
+    /// The system, for what its caller may change between steps: the step that follows is of the system as it
+    /// is then. Nothing of the state depends on it.
+    pub fn system_mut(&mut self) -> &mut G {
+        &mut self.mechanics
+    }
+
     /// The damping with its memories.
     pub fn damping(&self) -> &D {
         &self.damping

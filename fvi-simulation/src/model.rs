@@ -19,6 +19,7 @@ mod shared;
 mod signal_moments;
 mod space;
 mod sparse;
+mod switches;
 pub mod tape;
 
 pub use band::BandFactors;
@@ -38,3 +39,4 @@ pub use scheme::{AnyScheme, DenseOutput, Room};
 pub use shared::Shared;
 pub use space::{AnyEquations, AnyFactors, AnySpace};
 pub use sparse::{Elimination, Factored, SparseEquations};
+pub use switches::{Side, Switched};

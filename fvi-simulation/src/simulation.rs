@@ -4,6 +4,7 @@ pub mod adaptive;
 mod available_memory;
 mod breaks;
 mod choice;
+mod crossings;
 pub mod energy_guard;
 pub mod events;
 #[cfg(test)]
@@ -24,7 +25,7 @@ use crate::language::{InputError, Problem};
 use crate::memory::{EngineError, HostMemory, MOST_SHARING, Memories, MemoryRequest, Tables};
 use crate::model::{
     AnySpace, DenseOutput, EnergiesAlong, EnergyRoom, Matrix, Model, OnePoint, Remembers, ScenarioSpace,
-    States,
+    States, Switched,
 };
 use crate::scenario::{self, ConvolutionFamily, DampedAt, Engine, ReportedMomentum, Scenario};
 use choice::sparse_space;
@@ -66,6 +67,10 @@ trait Stepper {
     fn step_over(&mut self, length: f64, end: f64, input: &[f64]) -> Result<u32, StepError>;
     fn advance(&mut self, scenario: &Scenario, steps: usize, stretch: &mut Stretch) -> Result<(), StepError>;
     fn look_into(&mut self, time: f64, state: &mut GridState);
+    /// Position at a time, likewise.
+    fn position_at(&mut self, time: f64, position: &mut Vec<f64>);
+    /// The jumps and kinks in the position as switches.
+    fn switches(&mut self) -> &mut dyn Switched;
     /// Time, position and momentum.
     fn read_without_energy(&mut self, state: &mut GridState);
     /// These and the energy.
@@ -223,6 +228,17 @@ impl Simulation {
     /// before the first step and after the last the present state.
     pub fn look_into(&mut self, time: f64, state: &mut GridState) {
         self.stepper.look_into(time, state);
+    }
+
+    /// Writes the position at a time, as [`look_into`](Self::look_into).
+    pub(crate) fn position_at(&mut self, time: f64, position: &mut Vec<f64>) {
+        self.stepper.position_at(time, position);
+    }
+
+    /// The jumps and kinks of the system in the position as switches; there are none where steps do not end
+    /// at them.
+    pub(crate) fn switches(&mut self) -> &mut dyn Switched {
+        self.stepper.switches()
     }
 
     /// Writes the present state into `state`, whose vectors have one place for each coordinate.
@@ -387,7 +403,8 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> Machine<T, X> {
             .momentum(momentum)
             .build()
             .map_err(|error| refused(scenario, &error))?;
-        let pieces = scenario.is_looked_into().then(<[Piece<T>; 2]>::default);
+        let has_switches = integrator.system().switches() > 0;
+        let pieces = (scenario.is_looked_into() || has_switches).then(<[Piece<T>; 2]>::default);
         let is_compared = scenario.reference.as_ref().is_some_and(|reference| reference.knows()[2]);
         let energies = match is_dear {
             true if is_compared => Energies::EveryStep,
@@ -774,6 +791,30 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
                 self.write(&position, &momentum, state);
             }
         }
+    }
+
+    fn position_at(&mut self, time: f64, position: &mut Vec<f64>) {
+        position.clear();
+        let Some([last, before]) = &self.pieces else { return };
+        let (piece, end) = if time > last.from || before.solution.is_empty() {
+            (last, X::slice(&self.integrator.state().position))
+        } else {
+            (before, last.position.as_slice())
+        };
+        match piece.place(time) {
+            Place::Inside(fraction) if !piece.solution.is_empty() => {
+                let (mut inside, mut momentum) = (piece.position.clone(), piece.momentum.clone());
+                let place = (T::of(piece.to - piece.from), T::of(fraction));
+                let (scheme, system) = (self.integrator.scheme(), self.integrator.system());
+                scheme.look_into(&piece.solution, system, place, &mut inside, &mut momentum);
+                position.extend(in_double(&inside));
+            }
+            _ => position.extend(in_double(end)),
+        }
+    }
+
+    fn switches(&mut self) -> &mut dyn Switched {
+        self.integrator.system_mut()
     }
 
     fn advance(&mut self, scenario: &Scenario, steps: usize, stretch: &mut Stretch) -> Result<(), StepError> {

@@ -1,6 +1,7 @@
 //! Elements: one compiled potential of a few coordinates, at many places.
 
 use crate::language::expression::Elementary;
+use crate::model::switches::{Side, SidedPoint};
 use crate::model::tape::CompiledPotential;
 use crate::scenario::Element;
 use fvi_sparse::Pattern;
@@ -15,22 +16,32 @@ pub struct Elements<T> {
     /// Slots of the entries of each place's Hessian in the stiffness, and of their mirror images.
     slots: Vec<(usize, usize)>,
     point: Vec<T>,
+    /// The sides of the jumps and kinks at each place, where steps end at them, and room for those of one.
+    sides: Option<(Vec<Side>, SidedPoint<T>)>,
     gradient: Vec<T>,
     hessian: Vec<T>,
     registers: Vec<T>,
 }
 
 impl<T: Elementary> Elements<T> {
-    /// Compiles the potential.
-    pub fn new(element: &Element) -> Self {
+    /// Compiles the potential; `is_sided` says whether jumps and kinks are switches.
+    pub(super) fn new(element: &Element, is_sided: bool) -> Self {
         let width = element.coordinates.first().map_or(1, Vec::len);
-        let potential = CompiledPotential::<T>::compile(&element.potential, width);
+        let (potential, sides) = match is_sided {
+            true => CompiledPotential::<T>::compile_sided(&element.potential, (width, 'x')),
+            false => (CompiledPotential::<T>::compile(&element.potential, width), None),
+        };
+        let with_room = |sides| {
+            let point = SidedPoint::new(sides);
+            (vec![Side::Below; point.len() * element.coordinates.len()], point)
+        };
         let zeros = |count: usize| vec![T::zero(); count];
         Self {
             coordinates: element.coordinates.iter().flatten().copied().collect(),
             width,
             slots: Vec::new(),
             point: zeros(width),
+            sides: sides.map(with_room),
             gradient: zeros(width),
             hessian: zeros(potential.pattern().len()),
             registers: Vec::new(),
@@ -86,15 +97,76 @@ impl<T: Elementary> Elements<T> {
         sum
     }
 
+    /// Jumps and kinks of all places.
+    pub(super) fn switches(&self) -> usize {
+        self.sides.as_ref().map_or(0, |(sides, _)| sides.len())
+    }
+
+    /// Turns them.
+    pub(super) fn set_sides(&mut self, new: &[Side]) {
+        if let Some((sides, _)) = &mut self.sides {
+            sides.copy_from_slice(new);
+        }
+    }
+
+    /// What jumps or has a kink, and the number of the place.
+    pub(super) fn describe_switch(&self, index: usize) -> (String, usize) {
+        let Some((_, point)) = &self.sides else { return Default::default() };
+        (point.name(index % point.len()).to_owned(), index / point.len())
+    }
+
+    /// Calls for each place with the jumps and kinks there, the values of the coordinates, and a place among
+    /// so many numbers as there are of all places.
+    fn at_switches<N>(
+        &mut self,
+        position: &[f64],
+        numbers: &mut [N],
+        call: impl Fn(&mut SidedPoint<T>, &[f64], &mut [N]),
+    ) {
+        let Some((sides, point)) = &mut self.sides else { return };
+        let count = point.len();
+        let places = self.coordinates.chunks_exact(self.width).zip(sides.chunks_exact(count));
+        let mut local = vec![0.0; self.width];
+        for ((place, sides), numbers) in places.zip(numbers.chunks_exact_mut(count)) {
+            local.iter_mut().zip(place).for_each(|(x, &coordinate)| *x = position[coordinate]);
+            point.set(sides);
+            call(point, &local, numbers);
+        }
+    }
+
+    /// Writes the arguments of the jumps and kinks.
+    pub(super) fn arguments(&mut self, time: f64, position: &[f64], values: &mut [f64]) {
+        self.at_switches(position, values, |point, local, values| point.values(time, local, values));
+    }
+
+    /// Writes how fast they change.
+    pub(super) fn argument_scales(&mut self, time: f64, position: &[f64], scales: &mut [[f64; 2]]) {
+        self.at_switches(position, scales, |point, local, scales| point.scales(time, local, scales));
+    }
+
+    /// The part of the potentials with jumps and kinks, on the present sides.
+    pub(super) fn sided_potential(&mut self, position: &[T]) -> f64 {
+        let Some((sides, point)) = &mut self.sides else { return 0.0 };
+        let mut sum = 0.0;
+        let sides = sides.chunks_exact(point.len());
+        for (place, sides) in self.coordinates.chunks_exact(self.width).zip(sides) {
+            self.point.iter_mut().zip(place).for_each(|(x, &coordinate)| *x = position[coordinate]);
+            point.set(sides);
+            sum += self.potential.sided_rest(point.at(&self.point), &mut self.registers).to_f64();
+        }
+        sum
+    }
+
     /// Adds the gradient of what is not quadratic.
     pub fn add_rest_gradient(&mut self, position: &[T], pull: &mut [T]) {
         if self.is_quadratic() {
             return;
         }
-        for place in self.coordinates.chunks_exact(self.width) {
+        for (index, place) in self.coordinates.chunks_exact(self.width).enumerate() {
             self.point.iter_mut().zip(place).for_each(|(x, &coordinate)| *x = position[coordinate]);
             self.gradient.fill(T::zero());
-            self.potential.add_rest_gradient(&self.point, &mut self.registers, &mut self.gradient);
+            let point = sided(&mut self.sides, index, &self.point);
+            self.potential.add_rest_gradient(point, &mut self.registers, &mut self.gradient);
             place.iter().zip(&self.gradient).for_each(|(&coordinate, &force)| pull[coordinate] += force);
         }
     }
@@ -109,7 +181,8 @@ impl<T: Elementary> Elements<T> {
             self.point.iter_mut().zip(place).for_each(|(x, &coordinate)| *x = position[coordinate]);
             self.gradient.fill(T::zero());
             let (registers, gradient) = (&mut self.registers, &mut self.gradient);
-            self.potential.add_rest_derivatives(&self.point, registers, gradient, &mut self.hessian);
+            let point = sided(&mut self.sides, index, &self.point);
+            self.potential.add_rest_derivatives(point, registers, gradient, &mut self.hessian);
             place.iter().zip(&*gradient).for_each(|(&coordinate, &force)| pull[coordinate] += force);
             let slots = &self.slots[index * count..(index + 1) * count];
             for (&(slot, mirrored), &entry) in slots.iter().zip(&self.hessian) {
@@ -120,4 +193,17 @@ impl<T: Elementary> Elements<T> {
             }
         }
     }
+}
+
+/// The coordinates of a place, with its sides behind them where there are any.
+#[inline]
+fn sided<'a, T: Elementary>(
+    sides: &'a mut Option<(Vec<Side>, SidedPoint<T>)>,
+    index: usize,
+    local: &'a [T],
+) -> &'a [T] {
+    let Some((sides, point)) = sides else { return local };
+    let count = point.len();
+    point.set(&sides[index * count..(index + 1) * count]);
+    point.at(local)
 }

@@ -14,6 +14,7 @@ use super::own::Own;
 use super::rough_forces::RoughForces;
 use super::shared::Shared;
 use super::space::AnySpace;
+use super::switches::{Side, SidedPoint, Switched};
 use crate::language::expression::Elementary;
 use crate::model::tape::{CompiledForce, CompiledPotential, OwnRegisters};
 use crate::scenario::{Scenario, SymmetricMatrix};
@@ -54,6 +55,9 @@ pub struct Model<T> {
     rough: Option<RoughForces>,
     /// What code supplies.
     own: Option<Own>,
+    /// The jumps and kinks of potential and force in the position, where steps end at them.
+    potential_sides: Option<SidedPoint<T>>,
+    force_sides: Option<SidedPoint<T>>,
     /// Values of the stiffness that never change, by slot.
     constant: Sparse<T>,
     /// Slots of the entries of the potential's Hessian, and of their mirror images.
@@ -69,6 +73,9 @@ pub struct Model<T> {
     /// Entries of a Jacobian.
     entries: Vec<T>,
 }
+
+/// Arguments of jumps and kinks within each other.
+const DEEPEST: usize = 64;
 
 /// What makes velocities of momenta.
 #[derive(Clone, Debug)]
@@ -89,11 +96,22 @@ impl<T: Elementary> Model<T> {
         let threads = scenario.history.threads();
         let mass = matrix(&system.mass).on_threads(threads);
         let inverse_mass = inverse(&mass, size)?;
-        let potential = system.potential.as_ref().map(|u| CompiledPotential::<T>::compile(u, size));
-        let force = CompiledForce::<T>::compile(system.force.as_deref().unwrap_or_default());
+        // Steps that are chosen on the way end at jumps and kinks.
+        let is_sided = scenario.time.adaptive().is_some() && scenario.cases.is_empty();
+        let compiled = system.potential.as_ref().map(|potential| match is_sided {
+            true => CompiledPotential::<T>::compile_sided(potential, (size, 'q')),
+            false => (CompiledPotential::<T>::compile(potential, size), None),
+        });
+        let (potential, potential_sides) = compiled.map_or((None, None), |(u, sides)| (Some(u), sides));
+        let components = system.force.as_deref().unwrap_or_default();
+        let (force, force_sides) = match is_sided {
+            true => CompiledForce::<T>::compile_sided(components),
+            false => (CompiledForce::<T>::compile(components), None),
+        };
         let index = |&(row, column): &(u32, u32)| (row as usize, column as usize);
         let entry = |&(row, column, entry): &(u32, u32, T)| (row as usize, column as usize, entry);
-        let mut elements: Vec<_> = system.elements.iter().map(Elements::<T>::new).collect();
+        let mut elements: Vec<_> =
+            system.elements.iter().map(|element| Elements::<T>::new(element, is_sided)).collect();
         let base: Option<Matrix<T>> = system.stiffness.as_ref().map(|k| matrix(k).on_threads(threads));
         let springs: Vec<_> = potential
             .iter()
@@ -158,7 +176,7 @@ impl<T: Elementary> Model<T> {
             && scenario.cases.is_empty()
             && own.is_none()
             && force.is_zero();
-        Ok(Self {
+        let mut model = Self {
             mass,
             inverse_mass,
             threads,
@@ -185,7 +203,26 @@ impl<T: Elementary> Model<T> {
             rest_registers: OwnRegisters::default(),
             pushed: vec![T::zero(); size * scenario.copies()],
             entries,
-        })
+            potential_sides: potential_sides.map(SidedPoint::new),
+            force_sides: force_sides.map(SidedPoint::new),
+        };
+        model.take_sides_at(&scenario.initial.position);
+        Ok(model)
+    }
+
+    /// Takes the sides that a position at t = 0 is on. What arguments within arguments say is found by going
+    /// again.
+    fn take_sides_at(&mut self, position: &[f64]) {
+        let (mut values, mut before) = (Vec::new(), Vec::new());
+        for _ in 0..=self.switches().min(DEEPEST) {
+            self.arguments(0.0, position, &mut values);
+            let sides: Vec<Side> = values.iter().map(|&value| Side::of(value)).collect();
+            if sides == before {
+                return;
+            }
+            self.set_sides(&sides);
+            before = sides;
+        }
     }
 
     /// The energies of the motions under load cases, as computed last; none without cases.
@@ -277,7 +314,8 @@ impl<T: Elementary> Mechanics<T, AnySpace> for Model<T> {
         values.copy_from_slice(&self.constant.values);
         if let Some(potential) = &self.potential {
             let places = (self.hessian_slots.as_slice(), &mut *values);
-            potential.add_rest_derivatives_again(&mut self.rest_registers, position, pull, places);
+            let point = sided(&mut self.potential_sides, position);
+            potential.add_rest_derivatives_again(&mut self.rest_registers, point, pull, places);
         }
         if let Some(own) = &mut self.own {
             own.add_linearisation(moment(instant), position, pull, values);
@@ -291,7 +329,8 @@ impl<T: Elementary> Mechanics<T, AnySpace> for Model<T> {
         }
         let (registers, pushed) = (&mut self.registers, &mut self.pushed);
         let jacobian = &mut self.entries[..self.jacobian_slots.len()];
-        self.force.derivatives(moment(instant), position, registers, pushed, jacobian);
+        let point = sided(&mut self.force_sides, position);
+        self.force.derivatives(moment(instant), point, registers, pushed, jacobian);
         pull.iter_mut().zip(pushed).for_each(|(pull, force)| *pull -= *force);
         for (&slot, &mut entry) in self.jacobian_slots.iter().zip(jacobian) {
             values[slot] -= entry;
@@ -346,6 +385,99 @@ impl<T: Elementary> Mechanics<T, AnySpace> for Model<T> {
     }
 }
 
+/// A position, with the sides of jumps and kinks behind it where there are any.
+#[inline(always)]
+fn sided<'a, T: Elementary>(sides: &'a mut Option<SidedPoint<T>>, position: &'a [T]) -> &'a [T] {
+    match sides {
+        Some(sides) => sides.at(position),
+        None => position,
+    }
+}
+
+/// Switches are those of the potential, of the forces, and of the elements, group by group.
+impl<T: Elementary> Switched for Model<T> {
+    fn switches(&self) -> usize {
+        let of_expressions = [&self.potential_sides, &self.force_sides].into_iter().flatten();
+        of_expressions.map(SidedPoint::len).sum::<usize>()
+            + self.elements.iter().map(Elements::switches).sum::<usize>()
+    }
+
+    fn set_sides(&mut self, mut sides: &[Side]) {
+        for point in [&mut self.potential_sides, &mut self.force_sides].into_iter().flatten() {
+            let (own, others) = sides.split_at(point.len());
+            point.set(own);
+            sides = others;
+        }
+        for elements in &mut self.elements {
+            let (own, others) = sides.split_at(elements.switches());
+            elements.set_sides(own);
+            sides = others;
+        }
+    }
+
+    fn arguments(&mut self, time: f64, position: &[f64], values: &mut Vec<f64>) {
+        values.clear();
+        values.resize(self.switches(), 0.0);
+        let mut values = values.as_mut_slice();
+        for point in [&mut self.potential_sides, &mut self.force_sides].into_iter().flatten() {
+            let (own, others) = values.split_at_mut(point.len());
+            point.values(time, position, own);
+            values = others;
+        }
+        for elements in &mut self.elements {
+            let (own, others) = values.split_at_mut(elements.switches());
+            elements.arguments(time, position, own);
+            values = others;
+        }
+    }
+
+    fn argument_scales(&mut self, time: f64, position: &[f64], scales: &mut Vec<[f64; 2]>) {
+        scales.clear();
+        scales.resize(self.switches(), [0.0; 2]);
+        let mut scales = scales.as_mut_slice();
+        for point in [&mut self.potential_sides, &mut self.force_sides].into_iter().flatten() {
+            let (own, others) = scales.split_at_mut(point.len());
+            point.scales(time, position, own);
+            scales = others;
+        }
+        for elements in &mut self.elements {
+            let (own, others) = scales.split_at_mut(elements.switches());
+            elements.argument_scales(time, position, own);
+            scales = others;
+        }
+    }
+
+    fn sided_potential(&mut self, position: &[f64]) -> f64 {
+        let position: Vec<T> = vector(position);
+        let of_elements: f64 =
+            self.elements.iter_mut().map(|elements| elements.sided_potential(&position)).sum();
+        match (&self.potential, &mut self.potential_sides) {
+            (Some(potential), Some(sides)) => {
+                potential.sided_rest(sides.at(&position), &mut self.registers).to_f64() + of_elements
+            }
+            _ => of_elements,
+        }
+    }
+
+    fn describe_switch(&self, mut index: usize) -> String {
+        for (point, place) in [(&self.potential_sides, "potential"), (&self.force_sides, "force")] {
+            let Some(point) = point else { continue };
+            if index < point.len() {
+                return format!("{} of `system.{place}`", point.name(index));
+            }
+            index -= point.len();
+        }
+        for (number, elements) in self.elements.iter().enumerate() {
+            if index < elements.switches() {
+                let (name, place) = elements.describe_switch(index);
+                return format!("{name} of `system.element[{number}].potential` at coordinates[{place}]");
+            }
+            index -= elements.switches();
+        }
+        String::new()
+    }
+}
+
 impl<T: Elementary> EnergiesAlong<T> for Model<T> {
     fn has_plain_energy(&self) -> bool {
         let diagonal = matches!(self.inverse_mass, InverseMass::Matrix(Matrix::Diagonal(_)));
@@ -369,12 +501,14 @@ impl<T: Elementary> Model<T> {
     fn pull_of_all(&mut self, instant: Instant<T>, position: &[T], pull: &mut [T]) {
         self.quadratic_pull(position, pull);
         if let Some(potential) = &self.potential {
-            potential.add_rest_gradient_again(&mut self.pull_registers, position, pull);
+            let point = sided(&mut self.potential_sides, position);
+            potential.add_rest_gradient_again(&mut self.pull_registers, point, pull);
         }
         self.elements.iter_mut().for_each(|elements| elements.add_rest_gradient(position, pull));
         self.subtract_loads(instant, pull);
         if self.forced {
-            self.force.value(moment(instant), position, &mut self.registers, &mut self.pushed);
+            let point = sided(&mut self.force_sides, position);
+            self.force.value(moment(instant), point, &mut self.registers, &mut self.pushed);
             pull.iter_mut().zip(&self.pushed).for_each(|(pull, &force)| *pull -= force);
         }
         if let Some(own) = &mut self.own {

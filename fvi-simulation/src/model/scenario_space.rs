@@ -6,6 +6,7 @@ use super::matrices::Matrix;
 use super::mechanics::{Model, matrix, vector};
 use super::scheme::{AnyScheme, DenseOutput};
 use super::space::AnySpace;
+use super::switches::Switched;
 use crate::language::expression::Elementary;
 use crate::scenario::{self, Scenario, SymmetricMatrix};
 use fvi_core::{
@@ -18,7 +19,7 @@ use fvi_core::{
 /// The simulation is written over this; another way to store coordinates joins by implementing it.
 pub trait ScenarioSpace<T: Elementary>: Space<T> {
     /// M, U and F.
-    type System: Mechanics<T, Self> + EnergiesAlong<T>;
+    type System: Mechanics<T, Self> + EnergiesAlong<T> + Switched;
     /// The scheme.
     type Scheme: DenseOutput<T, Self>;
     /// A damping term on a memory.

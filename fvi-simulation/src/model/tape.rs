@@ -17,12 +17,14 @@ mod polynomial;
 mod potential;
 mod program;
 mod rough;
+mod sides;
 
 pub use force::CompiledForce;
 pub use function::CompiledFunction;
 pub use potential::{CompiledPotential, QuadraticPart};
 pub(super) use program::{LANES, LaneRegisters, OwnRegisters};
 pub use rough::{RoughArgument, RoughArguments};
+pub use sides::CompiledSides;
 
 #[cfg(test)]
 mod tests;

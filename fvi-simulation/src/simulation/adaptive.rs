@@ -1,6 +1,7 @@
 //! Steps chosen on the way, so that the error stays near a tolerance.
 
 use super::breaks::Breaks;
+use super::crossings::{Crossings, Standing, Verdict};
 use super::step_control::StepControl;
 use super::{GridState, Precision, Simulation};
 use crate::language::{InputError, Problem};
@@ -28,6 +29,8 @@ pub(crate) struct AdaptiveSteps<'s> {
     scenario: &'s Scenario,
     rule: Adaptive,
     breaks: Breaks,
+    /// Jumps and kinks in the position, if there are any.
+    crossings: Option<Crossings>,
     progress: Progress,
     /// How far steps are told apart: rounding of the precision.
     epsilon: f64,
@@ -60,6 +63,9 @@ pub struct Progress {
     /// Largest values so far of position and momentum.
     largest: [Vec<f64>; 2],
     pub(crate) counts: Counts,
+    /// Whether the pair that begins next does so at a break.
+    at_break: bool,
+    standing: Option<Standing>,
 }
 
 impl Progress {
@@ -90,6 +96,7 @@ impl<'s> AdaptiveSteps<'s> {
     pub(crate) fn new(
         scenario: &'s Scenario,
         precision: Precision,
+        simulation: &mut Simulation,
         start: &GridState,
     ) -> Result<Option<Self>, InputError> {
         let Some(&rule) = scenario.time.adaptive() else { return Ok(None) };
@@ -109,10 +116,26 @@ impl<'s> AdaptiveSteps<'s> {
         let largest =
             [&start.position, &start.momentum].map(|numbers| numbers.iter().map(|x| x.abs()).collect());
         let counts = Counts { rejected: 0, attempts: 0, smallest: f64::INFINITY, largest: 0.0 };
-        let progress = Progress { control, second: None, time: 0.0, largest, counts };
+        let momentum_scale: Vec<f64> =
+            scenario.system.mass.diagonal().iter().map(|mass| rule.scale * mass).collect();
+        let energy_scale = momentum_scale.iter().zip(&start.momentum).map(|(scale, p)| {
+            let p = p.abs().max(*scale);
+            p * p / scale * rule.scale
+        });
+        let crossings = Crossings::of(
+            simulation,
+            (rule.tolerance, rule.scale, rule.end),
+            epsilon,
+            energy_scale.sum::<f64>() + start.energy.abs(),
+            &start.position,
+        );
+        let standing = crossings.as_ref().map(|crossings| crossings.standing().clone());
+        let progress =
+            Progress { control, second: None, time: 0.0, largest, counts, at_break: true, standing };
         Ok(Some(Self {
             breaks: Breaks::of(scenario, rule.shortest),
-            momentum_scale: scenario.system.mass.diagonal().iter().map(|mass| rule.scale * mass).collect(),
+            crossings,
+            momentum_scale,
             scenario,
             rule,
             progress,
@@ -145,7 +168,10 @@ impl<'s> AdaptiveSteps<'s> {
     }
 
     /// Goes on from there.
-    pub(crate) fn go_on(&mut self, progress: Progress) {
+    pub(crate) fn go_on(&mut self, simulation: &mut Simulation, progress: Progress) {
+        if let (Some(crossings), Some(standing)) = (&mut self.crossings, &progress.standing) {
+            crossings.go_on(simulation, standing.clone());
+        }
         (self.progress, self.ahead) = (progress, false);
     }
 
@@ -191,13 +217,25 @@ impl<'s> AdaptiveSteps<'s> {
     fn attempt(&mut self, simulation: &mut Simulation, middle: &mut GridState) -> Result<u32, String> {
         let time = self.progress.time;
         let input = self.input(time);
+        if let Some(crossings) = &mut self.crossings {
+            simulation.read_without_energy(&mut self.whole);
+            crossings.begin(simulation, (time, &self.whole.position), self.progress.at_break)?;
+        }
         self.saved = simulation.save().map_err(|error| error.to_string())?;
         // Two halves that show beside the time.
         let shortest = (2.0 * self.rule.shortest).max(32.0 * self.epsilon * time);
         let longest = self.rule.longest.map_or(f64::INFINITY, |longest| 2.0 * longest);
         let (mut worst, mut tried) = (None, 0.5 * shortest);
+        // Where the pair is to end, because it crosses a jump or kink there.
+        let mut crossing: Option<f64> = None;
         for _ in 0..MOST_ATTEMPTS {
+            let longest =
+                self.crossings.as_ref().map_or(longest, |crossings| crossings.longest(time).min(longest));
             let proposed = self.progress.control.proposed().clamp(shortest, longest.max(shortest));
+            let proposed = match crossing {
+                Some(crossing) if crossing - time <= 1.1 * proposed => crossing - time,
+                _ => proposed,
+            };
             let next_break = self.breaks.after(time, time + 1.25 * proposed);
             let left = next_break - time;
             // Nothing shorter than the shortest may be left, for which the memory has no rates.
@@ -206,7 +244,15 @@ impl<'s> AdaptiveSteps<'s> {
                 proposed if proposed > 0.5 * left => (0.5 * left, false),
                 proposed => (proposed, false),
             };
-            let end = if at_break { next_break } else { time + length };
+            let at_crossing = crossing.filter(|crossing| {
+                (crossing - time <= 1.001 * length || at_break) && next_break - crossing >= shortest
+            });
+            let end = match at_crossing {
+                Some(crossing) => crossing,
+                None if at_break => next_break,
+                None => time + length,
+            };
+            let at_break = at_break && at_crossing.is_none();
             let half = 0.5 * (end - time);
             let (between, length) = (time + half, end - time);
             self.progress.counts.attempts += 1;
@@ -216,6 +262,32 @@ impl<'s> AdaptiveSteps<'s> {
                 Err(AttemptError::Step(_)) => None,
                 Err(AttemptError::State(error)) => return Err(error.to_string()),
             };
+            let mut at_break = at_break;
+            match (&mut self.crossings, &made, error) {
+                (Some(crossings), Ok(_), Some(error)) if error <= 1.0 => {
+                    let verdict =
+                        crossings.judge(simulation, [time, between, end], shortest, at_crossing.is_some());
+                    let verdict = match verdict {
+                        Ok(verdict) => verdict,
+                        Err(reason) => {
+                            simulation.restore(&self.saved).map_err(|error| error.to_string())?;
+                            return Err(reason);
+                        }
+                    };
+                    at_break |= matches!(verdict, Verdict::Ends);
+                    if let Verdict::EndAt(earlier) = verdict {
+                        crossing = Some(earlier);
+                    }
+                    if let Verdict::EndAt(_) | Verdict::Again = verdict {
+                        self.progress.counts.rejected += 1;
+                        simulation.restore(&self.saved).map_err(|error| error.to_string())?;
+                        worst = Some("a jump or kink in the position is not met".to_owned());
+                        continue;
+                    }
+                }
+                (Some(crossings), Err(_), _) => crossings.not_made(time, length),
+                _ => {}
+            }
             if let (Ok(iterations), Some(error)) = (&made, error.filter(|&error| error <= 1.0)) {
                 self.progress.control.accept(length, error, at_break);
                 let counts = &mut self.progress.counts;
@@ -226,6 +298,9 @@ impl<'s> AdaptiveSteps<'s> {
                     largest.iter_mut().zip(now).for_each(|(most, x)| *most = most.max(x.abs()));
                 }
                 (self.progress.second, self.progress.time, self.ahead) = (Some((half, end)), between, true);
+                self.progress.at_break = at_break;
+                self.progress.standing =
+                    self.crossings.as_ref().map(|crossings| crossings.standing().clone());
                 return Ok(*iterations);
             }
             self.progress.counts.rejected += 1;

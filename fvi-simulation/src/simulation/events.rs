@@ -223,7 +223,7 @@ fn sign(value: f64) -> Option<bool> {
 /// \[DowellJarratt71\].
 ///
 /// The function has another sign at the second time than it last had up to the first, where it may be zero.
-fn zero(
+pub(super) fn zero(
     mut value: impl FnMut(f64) -> f64,
     (mut low, mut at_low): (f64, f64),
     (mut high, mut at_high): (f64, f64),

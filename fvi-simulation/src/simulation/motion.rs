@@ -59,9 +59,9 @@ impl<'s> Motion<'s> {
         precision: Precision,
         tables: &Tables,
     ) -> Result<Self, InputError> {
-        let (simulation, state) = start(scenario, precision, tables)?;
+        let (mut simulation, state) = start(scenario, precision, tables)?;
         let guard = EnergyGuard::new(scenario, &state);
-        let adaptive = AdaptiveSteps::new(scenario, precision, &state)?;
+        let adaptive = AdaptiveSteps::new(scenario, precision, &mut simulation, &state)?;
         let mut energies = Vec::new();
         simulation.read_energies(&mut energies);
         // Steps are made together where nothing looks into them, and nothing else waits for each of them.
@@ -120,7 +120,7 @@ impl<'s> Motion<'s> {
         self.simulation.read_energies(&mut self.energies);
         if let (Some(adaptive), Some(chosen)) = (&mut self.adaptive, chosen) {
             self.state.time = chosen.time();
-            adaptive.go_on(chosen);
+            adaptive.go_on(&mut self.simulation, chosen);
         }
         self.steps = steps;
         self.stretch.begin(steps);

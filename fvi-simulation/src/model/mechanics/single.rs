@@ -4,6 +4,7 @@ use super::{Model, moment};
 use crate::language::expression::Elementary;
 use crate::model::energies::{EnergiesAlong, EnergyRoom, States, write_plain};
 use crate::model::matrices::Matrix;
+use crate::model::switches::Switched;
 use crate::scenario::Scenario;
 use fvi_core::{Block, Coefficients, Fixed, Instant, MatrixError, Mechanics, NodalRule, Real};
 use nalgebra::SVector;
@@ -36,7 +37,11 @@ impl<T: Elementary> SingleModel<T> {
     /// Whether a scenario is such a system, of expressions alone.
     pub fn serves(scenario: &Scenario) -> bool {
         let system = &scenario.system;
-        scenario.coordinates() == 1 && system.own_terms.is_none() && !system.is_large()
+        // Where steps end at jumps and kinks in the position its model has more inputs than the coordinate.
+        scenario.time.adaptive().is_none()
+            && scenario.coordinates() == 1
+            && system.own_terms.is_none()
+            && !system.is_large()
     }
 
     /// Compiles the system of a scenario that it [`serves`](Self::serves).
@@ -79,6 +84,8 @@ impl<T: Elementary> SingleModel<T> {
         (pull - pushed[0], stiffness)
     }
 }
+
+impl<T> Switched for SingleModel<T> {}
 
 impl<T: Elementary> EnergiesAlong<T> for SingleModel<T> {
     fn has_plain_energy(&self) -> bool {

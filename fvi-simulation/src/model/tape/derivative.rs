@@ -5,6 +5,7 @@
 
 use super::graph::{Graph, Origin, Value};
 use super::operation::Operation;
+use super::sides::SideArguments;
 use crate::language::expression::{Function, Kind, Node, Operator};
 
 /// How many derivatives are wanted.
@@ -37,13 +38,25 @@ impl Derivatives {
 impl Graph {
     /// Writes the tree into the graph.
     pub(super) fn differentiate(&mut self, node: &Node, order: Order) -> Derivatives {
-        Differentiation { graph: self, order }.node(node)
+        Differentiation { graph: self, order, sides: None }.node(node)
+    }
+
+    /// Likewise, with the sides of jumps and kinks as inputs.
+    pub(super) fn differentiate_sided(
+        &mut self,
+        node: &Node,
+        order: Order,
+        sides: &mut SideArguments,
+    ) -> Derivatives {
+        Differentiation { graph: self, order, sides: Some(sides) }.node(node)
     }
 }
 
 struct Differentiation<'a> {
     graph: &'a mut Graph,
     order: Order,
+    /// The jumps and kinks whose sides are inputs, if they are.
+    sides: Option<&'a mut SideArguments>,
 }
 
 impl Differentiation<'_> {
@@ -78,13 +91,22 @@ impl Differentiation<'_> {
                 }
             }
             Kind::Call(function, argument) => {
-                let argument = self.node(argument);
-                self.function(*function, argument)
+                let varies = argument.varies();
+                let inner = self.node(argument);
+                match function {
+                    Function::Step | Function::Sign | Function::Abs if varies && self.sides.is_some() => {
+                        self.sided_function(*function, node, inner)
+                    }
+                    _ => self.function(*function, inner),
+                }
             }
             Kind::Choice(function, sides) => {
                 let [left, right] = sides.as_ref();
                 let (left, right) = (self.node(left), self.node(right));
-                self.choice(*function, left, right)
+                match node.varies() && self.sides.is_some() {
+                    true => self.sided_choice(*function, node, &left, &right),
+                    false => self.choice(*function, left, right),
+                }
             }
         }
     }
@@ -319,6 +341,87 @@ impl Differentiation<'_> {
             }
         };
         self.outer(x, value, first, second)
+    }
+
+    /// Which side of a jump or kink is taken: σ = a + b g with the argument g and two inputs a and b, which are
+    /// 1 and 0 above, 0 and 0 below. `None` where sides are no inputs.
+    fn side(&mut self, node: &Node, argument: &Derivatives) -> Option<Derivatives> {
+        let [offset, slope] = self.sides.as_mut()?.inputs(node, argument);
+        let (offset, slope) = (self.graph.insert(offset), self.graph.insert(slope));
+        let part = self.graph.scale(argument.value, slope);
+        Some(Derivatives {
+            value: self.graph.add(offset, part),
+            gradient: self.each(argument.gradient.clone(), |graph, x| graph.scale(x, slope)),
+            hessian: self.each(argument.hessian.clone(), |graph, x| graph.scale(x, slope)),
+        })
+    }
+
+    /// `step`, `sign` and `abs` on the side that the inputs say: σ, 2σ − 1 and (2σ − 1) g.
+    fn sided_function(&mut self, function: Function, node: &Node, x: Derivatives) -> Derivatives {
+        let Some(side) = self.side(node, &x) else { return self.function(function, x) };
+        if function == Function::Step {
+            return side;
+        }
+        let (one, two) = (self.graph.constant(1.0), self.graph.constant(2.0));
+        let twice = self.graph.multiply(two, side.value);
+        let sign = Derivatives {
+            value: self.graph.subtract(twice, one),
+            gradient: self.each(side.gradient, |graph, x| graph.multiply(two, x)),
+            hessian: self.each(side.hessian, |graph, x| graph.multiply(two, x)),
+        };
+        if function == Function::Sign { sign } else { self.product(sign, &x) }
+    }
+
+    /// `min` and `max` on the side that the inputs say, with g = left − right: σ u + (1 − σ) l, where u is
+    /// the one that is taken above. A side that is not taken may be anything.
+    fn sided_choice(
+        &mut self,
+        function: Function,
+        node: &Node,
+        left: &Derivatives,
+        right: &Derivatives,
+    ) -> Derivatives {
+        let negative = |differentiation: &mut Self, x: &Derivatives| Derivatives {
+            value: differentiation.graph.negate(x.value),
+            gradient: differentiation.each(x.gradient.clone(), Graph::negate),
+            hessian: differentiation.each(x.hessian.clone(), Graph::negate),
+        };
+        let opposite = negative(self, right);
+        let argument = self.sum(left, &opposite);
+        let Some(side) = self.side(node, &argument) else {
+            return self.choice(function, left.clone(), right.clone());
+        };
+        let one = self.graph.constant(1.0);
+        let other = negative(self, &side);
+        let other = Derivatives { value: self.graph.subtract(one, side.value), ..other };
+        let (above, below) = if function == Function::Max { (left, right) } else { (right, left) };
+        let above = self.share(above, &side);
+        let below = self.share(below, &other);
+        self.sum(&above, &below)
+    }
+
+    /// σ x, and 0 for σ = 0 whatever x is.
+    fn share(&mut self, x: &Derivatives, side: &Derivatives) -> Derivatives {
+        let scaled = |graph: &mut Graph, entry| graph.scale(entry, side.value);
+        let value = self.graph.scale(x.value, side.value);
+        let cross = self.cross(&x.gradient, &side.gradient);
+        let mut gradient = self.each(x.gradient.clone(), scaled);
+        gradient.extend(self.each(side.gradient.clone(), |graph, slope| graph.scale(x.value, slope)));
+        let mut hessian = self.each(x.hessian.clone(), scaled);
+        hessian.extend(self.each(side.hessian.clone(), |graph, entry| graph.scale(x.value, entry)));
+        hessian.extend(cross);
+        Derivatives { value, gradient: self.gathered(gradient), hessian: self.gathered(hessian) }
+    }
+
+    fn sum(&mut self, x: &Derivatives, y: &Derivatives) -> Derivatives {
+        let join = |x: &[(u32, Value)], y: &[(u32, Value)]| [x, y].concat();
+        let (gradient, hessian) =
+            (join(&x.gradient, &y.gradient), x.hessian.iter().chain(&y.hessian).copied().collect());
+        Derivatives {
+            value: self.graph.add(x.value, y.value),
+            gradient: self.gathered(gradient),
+            hessian: self.gathered(hessian),
+        }
     }
 
     /// The one of two that is taken, with its derivatives.

@@ -4,6 +4,7 @@ use super::derivative::{Entry, Order};
 use super::graph::Graph;
 use super::polynomial::split;
 use super::program::Program;
+use super::sides::{CompiledSides, SideArguments};
 use crate::language::expression::{Elementary, Expression, Moment, Node};
 
 /// A force as the sum of a constant, a matrix times q, a function of t alone and a rest.
@@ -28,6 +29,26 @@ struct Rest<T> {
 impl<T: Elementary> CompiledForce<T> {
     /// Compiles F, one expression for each coordinate; none at all is no force.
     pub fn compile(components: &[Expression]) -> Self {
+        let (mut force, rest) = Self::without_rest(components);
+        force.rest = Rest::new(&rest, components.len());
+        force
+    }
+
+    /// As [`compile`](Self::compile), with the sides of jumps and kinks in the position as inputs, where
+    /// there are any: positions have two numbers for each of them behind the coordinates.
+    pub fn compile_sided(components: &[Expression]) -> (Self, Option<CompiledSides>) {
+        let (mut force, rest) = Self::without_rest(components);
+        match Rest::sided(&rest, components.len()) {
+            Some((rest, sides)) => {
+                force.rest = Some(rest);
+                (force, Some(sides))
+            }
+            None => (Self::compile(components), None),
+        }
+    }
+
+    /// All but the rest, and the components of that.
+    fn without_rest(components: &[Expression]) -> (Self, Vec<(u32, &Node)>) {
         let (mut constant, mut linear, mut timed, mut rest) =
             (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         for (row, component) in (0..).zip(components) {
@@ -43,8 +64,7 @@ impl<T: Elementary> CompiledForce<T> {
                 Parts::Nonlinear => rest.push((row, component.root())),
             }
         }
-        let count = components.len();
-        Self { constant, linear, timed: Self::timed(&timed), rest: Rest::new(&rest, count) }
+        (Self { constant, linear, timed: Self::timed(&timed), rest: None }, rest)
     }
 
     fn timed(components: &[(u32, Node)]) -> Option<Program<T>> {
@@ -153,6 +173,23 @@ impl<T: Elementary> Rest<T> {
         let entries: Vec<_> = (0..).zip(slopes).collect();
         let derivatives = Program::new(&graph, count, &values, &entries);
         Some(Self { pattern, depends_on_time: graph.knows_time(), value, derivatives })
+    }
+
+    fn sided(components: &[(u32, &Node)], count: usize) -> Option<(Self, CompiledSides)> {
+        let (mut graph, mut sides) = (Graph::default(), SideArguments::new(count, 'q'));
+        let (mut values, mut slopes) = (Vec::new(), Vec::new());
+        for &(row, node) in components {
+            let component = graph.differentiate_sided(node, Order::Gradient, &mut sides);
+            values.push((row, component.value));
+            slopes.extend(component.gradient.into_iter().map(|(column, slope)| ((row, column), slope)));
+        }
+        let inputs = sides.inputs_in_all();
+        let sides = sides.compile(&graph)?;
+        let value = Program::new(&graph, inputs, &values, &[]);
+        let (pattern, slopes): (Vec<_>, Vec<_>) = slopes.into_iter().unzip();
+        let entries: Vec<_> = (0..).zip(slopes).collect();
+        let derivatives = Program::new(&graph, inputs, &values, &entries);
+        Some((Self { pattern, depends_on_time: graph.knows_time(), value, derivatives }, sides))
     }
 }
 

@@ -3,6 +3,7 @@
 use super::derivative::{Entry, Order};
 use super::graph::Graph;
 use super::program::Program;
+use super::sides::{CompiledSides, SideArguments};
 use crate::language::expression::{Elementary, Expression, Kind, Moment, Node, Operator};
 
 /// f(t, x) with programs for its value and its first two derivatives in x.
@@ -95,5 +96,23 @@ impl<T: Elementary> Differentiated<T> {
         let entries: Vec<_> = (0..).zip(values).collect();
         let derivatives = Program::new(&graph, variables, &function.gradient, &entries);
         Self { pattern, gradient, derivatives }
+    }
+
+    /// As [`new`](Self::new), with the sides of jumps and kinks as inputs behind the variables, and with the
+    /// program of the value; `None` if there are no jumps and kinks.
+    pub(super) fn sided(
+        node: &Node,
+        (variables, letter): (usize, char),
+    ) -> Option<(Self, Program<T>, CompiledSides)> {
+        let (mut graph, mut sides) = (Graph::default(), SideArguments::new(variables, letter));
+        let function = graph.differentiate_sided(node, Order::Hessian, &mut sides);
+        let inputs = sides.inputs_in_all();
+        let sides = sides.compile(&graph)?;
+        let value = Program::new(&graph, inputs, &[(0, function.value)], &[]);
+        let gradient = Program::new(&graph, inputs, &function.gradient, &[]);
+        let (pattern, values): (Vec<_>, Vec<_>) = function.hessian.into_iter().unzip();
+        let entries: Vec<_> = (0..).zip(values).collect();
+        let derivatives = Program::new(&graph, inputs, &function.gradient, &entries);
+        Some((Self { pattern, gradient, derivatives }, value, sides))
     }
 }

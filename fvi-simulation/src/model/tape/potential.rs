@@ -3,6 +3,7 @@
 use super::function::{Differentiated, value};
 use super::polynomial::{Polynomial, split};
 use super::program::{LANES, LaneRegisters, OwnRegisters, Program};
+use super::sides::CompiledSides;
 use crate::language::expression::{Elementary, Expression, Moment, Node};
 
 /// ½ qᵀ K q + bᵀ q + c.
@@ -60,6 +61,8 @@ pub struct CompiledPotential<T> {
     quadratic: QuadraticPart<T>,
     value: Program<T>,
     rest: Option<Differentiated<T>>,
+    /// The value of the rest, where the sides of its jumps and kinks are inputs.
+    sided_rest: Option<Program<T>>,
 }
 
 impl<T: Elementary> CompiledPotential<T> {
@@ -70,7 +73,37 @@ impl<T: Elementary> CompiledPotential<T> {
             quadratic: QuadraticPart::new(&polynomial),
             value: value(potential, coordinates),
             rest: rest.filter(Node::varies).map(|rest| Differentiated::new(&rest, coordinates)),
+            sided_rest: None,
         }
+    }
+
+    /// As [`compile`](Self::compile), with the sides of jumps and kinks as inputs of the derivatives of the
+    /// rest, where there are any: positions for it have two numbers for each of them behind the coordinates,
+    /// which messages call by the letter and their numbers.
+    pub fn compile_sided(
+        potential: &Expression,
+        (coordinates, letter): (usize, char),
+    ) -> (Self, Option<CompiledSides>) {
+        let (polynomial, rest) = split(potential.root());
+        let sided =
+            rest.filter(Node::varies).and_then(|rest| Differentiated::sided(&rest, (coordinates, letter)));
+        match sided {
+            None => (Self::compile(potential, coordinates), None),
+            Some((rest, sided_rest, sides)) => {
+                let quadratic = QuadraticPart::new(&polynomial);
+                let value = value(potential, coordinates);
+                (Self { quadratic, value, rest: Some(rest), sided_rest: Some(sided_rest) }, Some(sides))
+            }
+        }
+    }
+
+    /// The rest of U on the sides that are given behind the coordinates; zero where there are none.
+    pub fn sided_rest(&self, point: &[T], registers: &mut Vec<T>) -> T {
+        let mut value = [T::zero()];
+        if let Some(rest) = &self.sided_rest {
+            rest.evaluate(moment(), point, registers, &mut value, &mut []);
+        }
+        value[0]
     }
 
     /// Operations of the gradient and the Hessian of the rest.

@@ -1,0 +1,214 @@
+//! Jumps and kinks in the position: their arguments, and the sides on which they are taken as inputs of a
+//! program.
+//!
+//! A function is smooth between its jumps and kinks. With the side of each of them an input the program goes
+//! on smoothly where an argument passes zero, so that a step across finds when it does, to the order of the
+//! scheme; a step that ends there and one that begins there with the other side have that order too.
+
+use super::derivative::Derivatives;
+use super::graph::{Graph, Origin, Value};
+use super::program::Program;
+use crate::language::expression::{Function, Kind, Moment, Node, Operator};
+use std::collections::HashMap;
+
+/// The arguments of jumps and kinks that have been met in an expression.
+#[derive(Debug)]
+pub(super) struct SideArguments {
+    coordinates: u32,
+    /// What variables are called, before their numbers.
+    letter: char,
+    names: Vec<String>,
+    derivatives: Vec<(Value, Vec<(u32, Value)>)>,
+    /// Arguments that are the same value are one.
+    known: HashMap<Value, usize>,
+}
+
+impl SideArguments {
+    /// None, of functions of so many coordinates that are called by this letter and their numbers.
+    pub(super) fn new(coordinates: usize, letter: char) -> Self {
+        let coordinates = u32::try_from(coordinates).expect("fewer than 2³² coordinates");
+        Self { coordinates, letter, names: Vec::new(), derivatives: Vec::new(), known: HashMap::new() }
+    }
+
+    /// The inputs a and b of the side a + b g of a jump or kink with the argument g.
+    pub(super) fn inputs(&mut self, node: &Node, argument: &Derivatives) -> [Origin; 2] {
+        let index = *self.known.entry(argument.value).or_insert_with(|| {
+            self.names.push(text(node, self.letter));
+            self.derivatives.push((argument.value, argument.gradient.clone()));
+            self.names.len() - 1
+        });
+        let first = self.coordinates + 2 * u32::try_from(index).expect("fewer than 2³¹ jumps and kinks");
+        [Origin::Variable(first), Origin::Variable(first + 1)]
+    }
+
+    /// Coordinates, and two inputs for each side.
+    pub(super) fn inputs_in_all(&self) -> usize {
+        self.coordinates as usize + 2 * self.names.len()
+    }
+
+    /// The program of the arguments; `None` if there are none.
+    pub(super) fn compile(self, graph: &Graph) -> Option<CompiledSides> {
+        if self.names.is_empty() {
+            return None;
+        }
+        let inputs = self.inputs_in_all();
+        let values: Vec<_> =
+            (0..).zip(&self.derivatives).map(|(place, (value, _))| (place, *value)).collect();
+        let slopes = (0_u32..).zip(&self.derivatives).flat_map(|(index, (_, gradient))| {
+            gradient.iter().map(move |&(column, slope)| ((index, column), slope))
+        });
+        let (pattern, slopes): (Vec<_>, Vec<_>) = slopes.unzip();
+        let entries: Vec<_> = (0..).zip(slopes).collect();
+        Some(CompiledSides {
+            coordinates: self.coordinates as usize,
+            names: self.names,
+            values: Program::new(graph, inputs, &values, &[]),
+            slopes: Program::new(graph, inputs, &values, &entries),
+            pattern,
+        })
+    }
+}
+
+/// The arguments of the jumps and kinks of a function, as programs.
+#[derive(Clone, Debug)]
+pub struct CompiledSides {
+    coordinates: usize,
+    names: Vec<String>,
+    values: Program<f64>,
+    slopes: Program<f64>,
+    /// Argument and coordinate of each slope.
+    pattern: Vec<(u32, u32)>,
+}
+
+impl CompiledSides {
+    /// The functions with their arguments, as they are written but for numbers, which are worked out.
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// Number of coordinates, before the inputs that say the sides.
+    pub fn coordinates(&self) -> usize {
+        self.coordinates
+    }
+
+    /// Writes the values of the arguments at a time and a point, behind whose coordinates are the inputs a
+    /// and b of each side.
+    pub fn values(&self, time: f64, point: &[f64], registers: &mut Vec<f64>, values: &mut [f64]) {
+        values.fill(0.0);
+        self.values.evaluate(Moment::inside(time), point, registers, values, &mut []);
+    }
+
+    /// Likewise of each argument (Σ_i |∂g/∂q_i|, Σ_i |q_i ∂g/∂q_i|).
+    pub fn scales(&self, time: f64, point: &[f64], registers: &mut Vec<f64>, scales: &mut [[f64; 2]]) {
+        let mut values = vec![0.0; self.names.len()];
+        let mut slopes = vec![0.0; self.pattern.len()];
+        self.slopes.evaluate(Moment::inside(time), point, registers, &mut values, &mut slopes);
+        scales.fill([0.0; 2]);
+        for (&(argument, coordinate), slope) in self.pattern.iter().zip(slopes) {
+            let [sum, weighted] = &mut scales[argument as usize];
+            *sum += slope.abs();
+            *weighted += (slope * point[coordinate as usize]).abs();
+        }
+    }
+}
+
+/// Characters of a part in a message.
+const LONGEST: usize = 80;
+
+/// A part of an expression as text.
+fn text(node: &Node, letter: char) -> String {
+    let mut text = String::new();
+    write(node, (letter, 0), &mut text);
+    if text.chars().count() > LONGEST {
+        text = text.chars().take(LONGEST).chain(['…']).collect();
+    }
+    text
+}
+
+/// Writes a part, in brackets where it binds no tighter than `outer`: 1 in a sum, 2 in a product, 3 in a
+/// power.
+fn write(node: &Node, (letter, outer): (char, u8), text: &mut String) {
+    // What is behind the end is not read.
+    if text.len() > 8 * LONGEST {
+        return;
+    }
+    let bracketed = |inner: u8, text: &mut String, body: &dyn Fn(&mut String)| {
+        if inner <= outer {
+            text.push('(');
+            body(text);
+            text.push(')');
+        } else {
+            body(text);
+        }
+    };
+    match node.kind() {
+        Kind::Number(number) if *number < 0.0 => {
+            bracketed(2, text, &|text| text.push_str(&number.to_string()));
+        }
+        Kind::Number(number) => text.push_str(&number.to_string()),
+        Kind::Time | Kind::SidedTime => text.push('t'),
+        Kind::Variable(index) => {
+            text.push(letter);
+            text.push_str(&index.to_string());
+        }
+        Kind::Negation(inner) => bracketed(1, text, &|text| {
+            text.push('-');
+            write(inner, (letter, 1), text);
+        }),
+        Kind::Chain(first, operands) => {
+            let additive = operands.first().is_some_and(|(operator, _)| operator.is_additive());
+            let own = if additive { 1 } else { 2 };
+            bracketed(own, text, &|text| {
+                write(first, (letter, own - 1), text);
+                for (operator, operand) in operands {
+                    text.push_str(match operator {
+                        Operator::Add => " + ",
+                        Operator::Subtract => " - ",
+                        Operator::Multiply => "*",
+                        Operator::Divide => "/",
+                    });
+                    write(operand, (letter, own), text);
+                }
+            });
+        }
+        Kind::Power(sides) => bracketed(3, text, &|text| {
+            write(&sides[0], (letter, 3), text);
+            text.push('^');
+            write(&sides[1], (letter, 3), text);
+        }),
+        Kind::Call(function, argument) => {
+            text.push_str(name(*function));
+            text.push('(');
+            write(argument, (letter, 0), text);
+            text.push(')');
+        }
+        Kind::Choice(function, sides) => {
+            text.push_str(name(*function));
+            text.push('(');
+            write(&sides[0], (letter, 0), text);
+            text.push_str(", ");
+            write(&sides[1], (letter, 0), text);
+            text.push(')');
+        }
+    }
+}
+
+fn name(function: Function) -> &'static str {
+    match function {
+        Function::Step => "step",
+        Function::Sign => "sign",
+        Function::Abs => "abs",
+        Function::Sqrt => "sqrt",
+        Function::Exp => "exp",
+        Function::Log => "log",
+        Function::Sin => "sin",
+        Function::Cos => "cos",
+        Function::Tan => "tan",
+        Function::Sinh => "sinh",
+        Function::Cosh => "cosh",
+        Function::Tanh => "tanh",
+        Function::Gamma => "gamma",
+        Function::Min => "min",
+        Function::Max => "max",
+    }
+}
