@@ -162,7 +162,8 @@ fn run_until(
 
 #[test]
 fn a_run_that_is_interrupted_goes_on_with_the_same_bits() {
-    let mut driven = scenario(0.5, 1.0, "step(sin(3*t))", adaptive(4.0, 1e-6));
+    let mut driven = scenario(0.5, 1.0, "step(sin(3*t)) - 0.1*step(q0 - 0.3)", adaptive(4.0, 1e-6));
+    driven["system"]["potential"] = json!("0.5*q0^2 + 0.2*abs(q0 - 0.9)");
     driven["output"] = json!({ "times": [0.001, 0.5, 1.0, 2.5, 3.9] });
     driven["event"] = json!([{ "when": "sin(40*q0)" }, { "when": "p0", "direction": "rising" }]);
     for (precision, tolerance) in

@@ -11,6 +11,7 @@ mod grids;
 mod independent_trajectories;
 mod large_systems;
 mod listings;
+mod piecewise;
 mod repository_scenarios;
 mod reproduction;
 mod rough_inputs;

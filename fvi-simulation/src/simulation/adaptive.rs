@@ -124,7 +124,7 @@ impl<'s> AdaptiveSteps<'s> {
         });
         let crossings = Crossings::of(
             simulation,
-            (rule.tolerance, rule.scale),
+            (rule.tolerance, rule.scale, rule.end),
             epsilon,
             energy_scale.sum::<f64>() + start.energy.abs(),
             &start.position,
@@ -265,7 +265,8 @@ impl<'s> AdaptiveSteps<'s> {
             let mut at_break = at_break;
             match (&mut self.crossings, &made, error) {
                 (Some(crossings), Ok(_), Some(error)) if error <= 1.0 => {
-                    let verdict = crossings.judge(simulation, [time, between, end], shortest);
+                    let verdict =
+                        crossings.judge(simulation, [time, between, end], shortest, at_crossing.is_some());
                     let verdict = match verdict {
                         Ok(verdict) => verdict,
                         Err(reason) => {

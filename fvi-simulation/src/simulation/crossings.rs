@@ -83,6 +83,7 @@ pub(super) struct Crossings {
     tolerance: f64,
     /// Of positions that counts as one.
     scale: f64,
+    end: f64,
     epsilon: f64,
     /// Of energies: a jump of the potential is one beside it.
     energy_scale: f64,
@@ -102,7 +103,7 @@ impl Crossings {
     /// Those of a simulation at t = 0; `None` if there are none.
     pub(super) fn of(
         simulation: &mut Simulation,
-        (tolerance, scale): (f64, f64),
+        (tolerance, scale, end): (f64, f64, f64),
         epsilon: f64,
         energy_scale: f64,
         position: &[f64],
@@ -119,6 +120,7 @@ impl Crossings {
             standing: Standing { sides, ..Standing::default() },
             tolerance,
             scale,
+            end,
             epsilon,
             energy_scale,
             trials: Vec::new(),
@@ -225,8 +227,9 @@ impl Crossings {
         self.standing.cautious = Some((first, time));
     }
 
-    /// Looks at a pair that has been made, from its beginning by way of its middle to its end. `is_first`
-    /// says whether it begins at t = 0, `apart` how far steps must end from each other.
+    /// Looks at a pair that has been made, from its beginning by way of its middle to its end. Pairs are
+    /// no shorter than `apart`; `is_aimed` says whether it was to end at a crossing, which it may do a little
+    /// before.
     ///
     /// # Errors
     /// If there is no motion from here, or more than one.
@@ -235,11 +238,15 @@ impl Crossings {
         simulation: &mut Simulation,
         [begin, middle, end]: [f64; 3],
         apart: f64,
+        is_aimed: bool,
     ) -> Result<Verdict, String> {
         let length = *self.length.get_or_insert(end - begin);
-        let near =
-            (NEAR * self.tolerance * length.max(self.standing.cautious.map_or(0.0, |(first, _)| first)))
-                .max(32.0 * self.epsilon * end);
+        let near = match self.standing.cautious {
+            // Where the way to a crossing is made in ever shorter steps, no step may be left over.
+            Some((first, _)) if 1.1 * apart <= (self.tolerance * first).max(1e-11 * self.end) => 1.1 * apart,
+            _ => 0.0,
+        };
+        let near = near.max(NEAR * self.tolerance * length).max(32.0 * self.epsilon * end);
         self.look(simulation, [begin, middle, end]);
         let mut armed = vec![0; self.standing.sides.len()];
         for place in 0..self.trials.len() {
@@ -294,8 +301,7 @@ impl Crossings {
         if turned.is_empty() {
             if let Some((first, _)) = self.standing.cautious {
                 self.standing.cautious = crossing.is_finite().then_some((first, crossing));
-            } else if ahead - end < 0.05 * (end - begin) && self.length != Some(end - begin) {
-                // A pair that was to end at a crossing, and ends a little before it.
+            } else if is_aimed && ahead - end < 0.05 * (end - begin) {
                 return Ok(Verdict::EndAt(ahead));
             }
             return Ok(Verdict::Clear);
