@@ -129,7 +129,7 @@ def integrate(
     StepError
         If the solver diverges or the motion is not finite; what was computed is in its `result`.
     KeyboardInterrupt
-        After SIGINT or SIGTERM on any rank: a checkpoint is written to `output` first, what was computed is in its `result`.
+        After SIGINT, SIGTERM or SIGUSR1 on any rank: a checkpoint is written to `output` first, what was computed is in its `result`.
 
     Notes
     -----
