@@ -53,25 +53,25 @@ def on_ranks(cells, across, steps):
 
 
 def table(runs):
-    print("| ranks | coordinates | iterations | s a step | of it memory | Mflop a rank | messages in and out | kB in and out | reductions |")
-    print("|---|---|---|---|---|---|---|---|---|")
+    print(
+        "| ranks | coordinates | iterations | processor s a rank and step | s a step | of it memory | Mflop a rank | messages in and out | "
+        "kB in and out | sums over ranks |\n|---|---|---|---|---|---|---|---|---|---|"
+    )
+    processor = []
     for run in runs:
         steps = run["steps"]
-        largest = [max(values) for values in zip(*(each["fvi step"] for each in run["events"]))]
+        flops, messages, volume, reductions = (max(of_ranks) for of_ranks in zip(*(each["fvi step"][1:] for each in run["events"])))
+        processor.append(max(each["processor"][0] for each in run["events"]) / steps)
         seconds, memory = run["seconds"]["all"] / steps, run["seconds"]["memory"] / steps
-        iterations = run["solver"]["iterations"] / steps
         print(
-            f"| {run['ranks']} | {run['coordinates']} | {iterations:.1f} | {seconds:.3f} | {memory / seconds:.1%} | "
-            f"{largest[1] / 1e6:.0f} | {largest[2]:.0f} | {largest[3] / 1e3:.0f} | {largest[4]:.0f} |"
+            f"| {run['ranks']} | {run['coordinates']} | {run['solver']['iterations'] / steps:.1f} | {processor[-1]:.2f} | {seconds:.2f} | "
+            f"{memory / seconds:.2%} | {flops / 1e6:.0f} | {messages:.0f} | {volume / 1e3:.0f} | {reductions:.0f} |"
         )
-    alone, pair = runs
-    seconds = alone["seconds"]["all"] / alone["steps"]
-    flops, messages, volume, reductions = [max(v) for v in zip(*(each["fvi step"][1:] for each in pair["events"]))]
-    for ranks in (2, 1000):
-        # A rank inside has two neighbours where one of two has one; a sum over ranks goes down a tree and up again.
-        sides = 1 if ranks == 2 else 2
+    # The last is that of two ranks, each with one neighbour; a rank inside has two. A sum goes down a tree of ranks and up again.
+    for ranks, sides in ((2, 1), (1000, 2)):
         waiting = sides * (messages * LATENCY + volume / BANDWIDTH) + reductions * 2 * LATENCY * (ranks - 1).bit_length()
-        print(f"{ranks} ranks: {1e3 * waiting:.1f} ms a step for messages and sums, {waiting / (seconds + waiting):.1%} of the step")
+        share = waiting / (processor[0] + waiting)
+        print(f"{ranks} ranks: {1e3 * waiting:.1f} ms a step for messages and sums, {share:.1%} of the step")
 
 
 def main():
