@@ -196,15 +196,17 @@ def test_what_ranks_send_in_a_step_does_not_depend_on_the_number_of_steps(tmp_pa
 
 
 @under_mpi
-def test_ranks_without_rows_and_snapshots_of_petsc(tmp_path):
+def test_ranks_without_rows_snapshots_of_petsc_and_other_solvers(tmp_path):
     succeed(3, "numbers_of_ranks", tmp_path)
     import fvi
 
-    found = np.load(tmp_path / "oscillator.npz")
-    one = fvi.integrate(
-        mass=[1.0], stiffness=[4.0], position=[1.0], step=0.01, end=1.0, damping=fvi.Damping(0.5, [0.1]), order=2, at="nodes"
-    )
+    common = dict(mass=[1.0], stiffness=[4.0], position=[1.0], step=0.01, end=1.0, damping=fvi.Damping(0.5, [0.1]), at="nodes")
+    found, one = np.load(tmp_path / "oscillator.npz"), fvi.integrate(order=2, **common)
     assert np.abs(found["q"] - one.q).max() < 10.0 * TOLERANCE and np.isnan(found["energy"]).all()
+    rough, one = np.load(tmp_path / "rough.npz"), fvi.integrate(order=1, momentum=[0.5], **common)
+    errors = [np.abs(rough[name] - getattr(one, name)).max() for name in ("q", "p")]
+    # What single precision leaves shows, and no more than that.
+    assert 1e-12 < max(errors) < 1e-5, errors
     names = sorted(path.name for path in (tmp_path / "binary" / "snapshots").iterdir())
     assert names == [f"{step:012d}.petsc" for step in (0, 25, 50, 75, 100)]
     # PETSc's format: a vector is its class, its length and its numbers, most significant bytes first.
