@@ -60,9 +60,7 @@ class Beam:
             of_dof[basis.nodal_dofs] = rows
             for matrix, form in ((self.mass, mass_form), (self.stiffness, stiffness_form)):
                 self._add(matrix, form.assemble(basis).tocsr(), of_dof)
-            # VTK goes round the corners.
-            corners = mesh.t[[0, 3, 7, 2, 1, 5, 6, 4]] if _is_order_of_skfem(mesh) else mesh.t
-            self.points, self.cells, self.rows = mesh.p.T.copy(), corners.T.copy(), rows.T.copy()
+            self.points, self.cells, self.rows = mesh.p.T.copy(), mesh.t[_corners_as_in_vtk(mesh)].T.copy(), rows.T.copy()
         for matrix in (self.mass, self.stiffness):
             matrix.assemble()
         self.stiffness.setNearNullSpace(self._rigid_body_modes(x, y, first, last))
@@ -122,9 +120,12 @@ class Beam:
         return self.size - 2
 
 
-def _is_order_of_skfem(mesh):
-    """Whether corner 7 is the one opposite to corner 0, as in MeshHex, where VTK has corner 6."""
-    return bool(np.allclose(mesh.p[:, mesh.t[7, 0]] - mesh.p[:, mesh.t[0, 0]], np.ptp(mesh.p[:, mesh.t[:, 0]], axis=1)))
+def _corners_as_in_vtk(mesh):
+    """The corners of a cell of the grid in the order of VTK: round the lower face, then round the upper one."""
+    corners = mesh.p[:, mesh.t[:, 0]]
+    place = {tuple(corner): index for index, corner in enumerate((corners > corners.mean(axis=1, keepdims=True)).T.tolist())}
+    face = [(0, 0), (1, 0), (1, 1), (0, 1)]
+    return [place[x, y, z] for z in (0, 1) for x, y in face]
 
 
 def main():

@@ -148,7 +148,7 @@ def run(directory, steps, *how):
 
 
 def numbers_of_ranks(directory):
-    """PETSc's binary snapshots, rows without energy, and a system with fewer rows than ranks."""
+    """A system with fewer rows than ranks: PETSc's binary snapshots, rows without energy, a solver of one's own, f32 states, no steps."""
     mass, stiffness = PETSc.Vec().createMPI(2, comm=WORLD), PETSc.Mat().createAIJ((2, 2), nnz=1, comm=WORLD)
     mass.set(1.0)
     first, end = stiffness.getOwnershipRange()
@@ -160,6 +160,16 @@ def numbers_of_ranks(directory):
         mass, stiffness, position=1.0, step=0.01, end=1.0, damping=fvi.Damping(0.5, 0.1), energy=False, output=output
     )
     save(f"{directory}/oscillator.npz", result)
+    solver = PETSc.KSP().create(WORLD)
+    solver.setType("cg")
+    solver.getPC().setType("jacobi")
+    solver.setTolerances(rtol=1e-6)
+    arguments = dict(position=1.0, momentum=0.5, step=0.01, damping=fvi.Damping(0.5, 0.1), order=1)
+    rough = fvi.petsc.integrate(mass, stiffness, steps=100, ksp=solver, tolerance=1e-6, states="f32", **arguments)
+    assert solver.getTolerances()[0] == 1e-6 and rough.summary["solver"]["preconditioner"] == "jacobi"
+    save(f"{directory}/rough.npz", rough)
+    still = fvi.petsc.integrate(mass, stiffness, steps=0, **arguments)
+    assert still.t.tolist() == [0.0] and still.q.tolist() == [[1.0, 1.0]] and still.p.tolist() == [[0.5, 0.5]]
 
 
 def refusals(directory):
@@ -186,6 +196,7 @@ def refusals(directory):
     Output = fvi.petsc.Output
     cases = {
         "mass": dict(mass=None),
+        "mass nothing": dict(mass=None, stiffness=None),
         "mass negative": dict(mass=-1.0 * beam.mass),
         "mass empty": dict(mass=PETSc.Vec()),
         "mass zero": dict(mass=beam.vector()),
@@ -296,7 +307,7 @@ def traffic(directory):
     beam = Beam(WORLD, 20, 3)
     event = PETSc.Log.Event("fvi step")
     found, before = {}, np.zeros(3)
-    for steps in (20, 60, 220):
+    for steps in (10, 30, 110):
         arguments = everything(beam) | dict(every=10**6, energy=False, coordinates=[])
         integrate_without_residual(steps=steps, **arguments)
         info = event.getPerfInfo()

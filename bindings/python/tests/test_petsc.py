@@ -15,7 +15,7 @@ import pytest
 
 CASES = Path(__file__).with_name("petsc_cases.py")
 TOLERANCE = 1e-10
-SECONDS = float(os.environ.get("FVI_PETSC_SECONDS", "60"))
+SECONDS = float(os.environ.get("FVI_PETSC_SECONDS", "150"))
 """No case takes as long unless its ranks wait for each other in vain."""
 
 under_mpi = pytest.mark.skipif(
@@ -70,13 +70,11 @@ def expected(directory):
 
 
 def test_without_petsc4py_the_import_says_what_to_install():
-    for missing in ("petsc4py", "mpi4py"):
-        code = f"import sys; sys.modules['petsc4py'] = sys.modules['mpi4py'] = None; sys.modules.pop({missing!r}); import fvi.petsc"
-        if importlib.util.find_spec(missing) is not None:
-            # The other one is missing.
-            missing = "mpi4py" if missing == "petsc4py" else "petsc4py"
+    blocked = [("mpi4py", "petsc4py")] + ([("petsc4py",)] if importlib.util.find_spec("mpi4py") else [])
+    for missing in blocked:
+        code = f"import sys; sys.modules.update(dict.fromkeys({missing!r})); import fvi.petsc"
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-        assert done.returncode != 0 and f"fvi.petsc needs the package {missing}" in done.stderr, done.stderr
+        assert done.returncode != 0 and f"fvi.petsc needs the package {missing[0]}" in done.stderr, done.stderr
         assert "apt-get install python3-petsc4py python3-mpi4py" in done.stderr
 
 
@@ -137,6 +135,12 @@ def assert_snapshots(out, finished, ranks_of):
         pieces = grid.findall("Grid")
         assert len(pieces) == count
         cells = 0
+        for piece in grid.findall("Grid"):
+            points, corners = (piece.find(f"{name}/DataItem").text.partition(":") for name in ("Geometry", "Topology"))
+            with h5py.File(out / points[0]) as file:
+                a, b, d, e = (file[points[2]][:][file[corners[2]][:, corner]] for corner in (0, 1, 3, 4))
+                # Round the lower face, then upwards.
+                assert (np.einsum("ij,ij->i", np.cross(b - a, d - a), e - a) > 0.0).all()
         for item in grid.iter("DataItem"):
             name, _, path = item.text.partition(":")
             with h5py.File(out / name) as file:
@@ -186,21 +190,23 @@ def test_whatever_cannot_be_used_is_one_error_on_all_ranks(tmp_path):
 def test_what_ranks_send_in_a_step_does_not_depend_on_the_number_of_steps(tmp_path):
     succeed(2, "traffic", tmp_path)
     for counts in json.loads((tmp_path / "traffic.json").read_text()):
-        short, middle, long = (np.array(counts[steps]) for steps in ("20", "60", "220"))
-        assert np.array_equal((middle - short) / 40, (long - middle) / 160), counts
+        short, middle, long = (np.array(counts[steps]) for steps in ("10", "30", "110"))
+        assert np.array_equal((middle - short) / 20, (long - middle) / 80), counts
         assert (middle > short).all()
 
 
 @under_mpi
-def test_ranks_without_rows_and_snapshots_of_petsc(tmp_path):
+def test_ranks_without_rows_snapshots_of_petsc_and_other_solvers(tmp_path):
     succeed(3, "numbers_of_ranks", tmp_path)
     import fvi
 
-    found = np.load(tmp_path / "oscillator.npz")
-    one = fvi.integrate(
-        mass=[1.0], stiffness=[4.0], position=[1.0], step=0.01, end=1.0, damping=fvi.Damping(0.5, [0.1]), order=2, at="nodes"
-    )
+    common = dict(mass=[1.0], stiffness=[4.0], position=[1.0], step=0.01, end=1.0, damping=fvi.Damping(0.5, [0.1]), at="nodes")
+    found, one = np.load(tmp_path / "oscillator.npz"), fvi.integrate(order=2, **common)
     assert np.abs(found["q"] - one.q).max() < 10.0 * TOLERANCE and np.isnan(found["energy"]).all()
+    rough, one = np.load(tmp_path / "rough.npz"), fvi.integrate(order=1, momentum=[0.5], **common)
+    errors = [np.abs(rough[name] - getattr(one, name)).max() for name in ("q", "p")]
+    # What single precision leaves shows, and no more than that.
+    assert 1e-12 < max(errors) < 1e-5, errors
     names = sorted(path.name for path in (tmp_path / "binary" / "snapshots").iterdir())
     assert names == [f"{step:012d}.petsc" for step in (0, 25, 50, 75, 100)]
     # PETSc's format: a vector is its class, its length and its numbers, most significant bytes first.

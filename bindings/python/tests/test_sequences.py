@@ -154,6 +154,71 @@ def test_memories_of_stages_give_the_plain_sum_of_values(family, stages, exponen
         m.push(x[k])
 
 
+@pytest.mark.parametrize(
+    ("exponent", "settings", "error"),
+    [(0.5, {}, 1e-13), (1.4, dict(tolerance=1e-8), 1e-7), (0.5, dict(tolerance=1e-6, states="f32"), 1e-5)],
+)
+def test_memories_take_differences_and_settings_of_exponential_sums(exponent, settings, error):
+    m = fvi.Memory(exponent=exponent, step=0.1, order=2, channels=100, length=200, samples="differences",
+                   engine="exponential-sum", threads=1, **settings)  # fmt: skip
+    assert m.samples == "increments"
+    w = fvi.weights(exponent=exponent, step=0.1, count=200, order=2)
+    x = np.cumsum(np.random.default_rng(3).standard_normal((200, 100)), axis=0)
+    for k in range(200):
+        increment = x[k] - x[k - 1] if k else x[0]
+        found = m.leading * increment + m.next_term()
+        assert np.abs(found - w[: k + 1] @ x[: k + 1][::-1]).max() < error * np.abs(w).sum() * np.abs(x).max()
+        m.push(increment)
+    # Orders close to zero gain nothing from differences.
+    assert fvi.Memory(exponent=0.05, step=0.1, samples="differences").samples == "values"
+    assert fvi.Memory(exponent=0.5, step=0.1).samples == "values"
+
+
+def test_channels_are_divided_among_memories_anew():
+    def make(channels):
+        return fvi.Memory(exponent=0.5, step=0.1, channels=channels, length=300, engine="exponential-sum")
+
+    x = np.random.default_rng(5).standard_normal((130, 250))
+    whole, first, second, third = make(250), make(120), make(130), make(99)
+    for sample in x:
+        whole.push(sample)
+        first.push(sample[:120])
+        second.push(sample[120:])
+    third.restore_channels(first.save(), of=120, first=100, count=20, to=0)
+    third.restore_channels(second.save(), of=130, first=0, count=79, to=20)
+    assert len(third) == 130 and np.array_equal(third.next_term(), whole.next_term()[100:199])
+    for state, channels in (
+        (first.save(), (120, 100, 21, 0)),
+        (first.save(), (120, 0, 20, 80)),
+        (b"", (120, 0, 1, 0)),
+        (make(120).save(), (120, 0, 1, 0)),
+    ):
+        with pytest.raises(fvi.InputError, match="state"):
+            third.restore_channels(state, *channels)
+    assert np.array_equal(third.next_term(), whole.next_term()[100:199])
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        (dict(samples="raw"), "samples"),
+        (dict(tolerance=1e-3), "tolerance"),
+        (dict(tolerance=1e-20), "tolerance"),
+        (dict(tolerance=1e-8, engine="direct"), "tolerance"),
+        (dict(tolerance=1e-8, family="radau-iia", stages=2), "tolerance"),
+        (dict(states="f16"), "states"),
+        (dict(states="f32"), "states"),
+        (dict(states="f32", tolerance=1e-8), "states"),
+        (dict(threads=0), "threads"),
+        (dict(threads=2000), "threads"),
+    ],
+)
+def test_settings_of_memories_that_cannot_be_used_are_named(change, key):
+    with pytest.raises(fvi.InputError) as caught:
+        fvi.Memory(**(dict(exponent=0.5, step=0.1) | change))
+    assert caught.value.key == key
+
+
 def test_memories_refuse_what_does_not_fit():
     m = fvi.Memory(exponent=0.5, step=0.1, length=2, engine="direct")
     for sample in (np.nan, [1.0, 2.0], "a", None):

@@ -19,6 +19,7 @@ integrated by variational schemes whose memory of the whole past is exact to rou
 `converge`              errors and orders of a scenario over step sizes
 `compare_engines`       the memory engines side by side
 `extremal`              two-point fractional Euler–Lagrange problems
+`fvi.petsc`             one large run on the ranks of MPI, with PETSc; imported by itself
 ======================  ==============================================================
 
 The compiled half releases the interpreter while it computes; results are the bits of the program `fvi`.

@@ -23,6 +23,10 @@ SYMMETRY = 1e-10
 """How far a matrix may be from symmetric, of its Frobenius norm."""
 
 
+KEYS = ("order", "coefficient", "derivative", "attached", "strength")
+"""What a damping term may say here."""
+
+
 @dataclass
 class Term:
     """A damping term as it was given, checked."""
@@ -149,8 +153,8 @@ def _damping_term(place: str, term: Any, layout: Layout) -> Term:
         raise InputError(f"{place} = {term!r}: a fvi.Damping is needed", place, repr(term))
     entries = {key: value for key, value in term.items() if value is not None}
     for key in entries:
-        if key not in (allowed := [field.name for field in fields(Damping)]):
-            raise InputError(f"{place}.{key}: no such key; allowed: {', '.join(allowed)}", f"{place}.{key}", key)
+        if key not in KEYS:
+            raise InputError(f"{place}.{key}: no such key on ranks; allowed: {', '.join(KEYS)}", f"{place}.{key}", key)
     if "order" not in entries:
         raise InputError(f"{place}.order: missing", f"{place}.order")
     order = _arrays.real(f"{place}.order", entries["order"])

@@ -129,57 +129,51 @@ def integrate(
     StepError
         If the solver diverges or the motion is not finite; what was computed is in its `result`.
     KeyboardInterrupt
-        After SIGINT or SIGTERM on any rank: a checkpoint is written to `output` first, what was computed is in its `result`.
+        After SIGINT, SIGTERM or SIGUSR1 on any rank: a checkpoint is written to `output` first, what was computed is in its `result`.
 
     Notes
     -----
     Every exception is raised on all ranks. A rank that is killed ends the job, by MPI; its checkpoints stay.
     """
-    own, fault = None, None
+    candidates = [("mass", mass), ("stiffness", stiffness), ("position", position), ("momentum", momentum), ("velocity", velocity)]
+    # A rank that has no object of PETSc's has nobody to agree with: it says so at once.
+    together = Together(given_as.communicator(candidates).Dup())
+    run = _Run(
+        together,
+        mass=mass,
+        stiffness=stiffness,
+        position=position,
+        step=step,
+        steps=steps,
+        end=end,
+        momentum=momentum,
+        velocity=velocity,
+        damping=damping,
+        loads=loads,
+        parameters=parameters,
+        order=order,
+        tolerance=tolerance,
+        states=states,
+        horizon=horizon,
+        threads=threads,
+        solver_tolerance=solver_tolerance,
+        ksp=ksp,
+        near_null_space=near_null_space,
+        every=every,
+        coordinates=coordinates,
+        energy=energy,
+        output=output,
+        checkpoint_every=checkpoint_every,
+        resume=resume,
+        progress=progress,
+    )
     try:
-        candidates = [("mass", mass), ("stiffness", stiffness), ("position", position), ("momentum", momentum), ("velocity", velocity)]
-        own = given_as.communicator(candidates)
-    except Exception as error:
-        fault = error
-    # Without any object of PETSc's there is the world to agree with.
-    together = Together((own if own is not None else PETSc.COMM_WORLD.tompi4py()).Dup())
-    try:
-        together.agree(fault)
-        run = _Run(
-            together,
-            mass=mass,
-            stiffness=stiffness,
-            position=position,
-            step=step,
-            steps=steps,
-            end=end,
-            momentum=momentum,
-            velocity=velocity,
-            damping=damping,
-            loads=loads,
-            parameters=parameters,
-            order=order,
-            tolerance=tolerance,
-            states=states,
-            horizon=horizon,
-            threads=threads,
-            solver_tolerance=solver_tolerance,
-            ksp=ksp,
-            near_null_space=near_null_space,
-            every=every,
-            coordinates=coordinates,
-            energy=energy,
-            output=output,
-            checkpoint_every=checkpoint_every,
-            resume=resume,
-            progress=progress,
-        )
-        try:
-            return run.make()
-        finally:
-            run.close()
+        result = run.make()
     finally:
-        together.comm.Free()
+        run.close()
+    # Ranks that are not all here would wait for each other in it.
+    together.comm.Free()
+    return result
 
 
 class _Run:

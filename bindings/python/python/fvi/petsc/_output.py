@@ -265,7 +265,12 @@ class _Shown:
             message = f"output.mesh.kind = {mesh.kind!r}: not allowed; allowed: {names}"
             raise InputError(message, "output.mesh.kind", repr(mesh.kind))
         self.kind = mesh.kind
-        self.points = _arrays.numbers("output.mesh.points", mesh.points).reshape(-1, 3)
+        self.points = _arrays.numbers("output.mesh.points", mesh.points)
+        if self.points.size == 0:
+            self.points = np.empty((0, 3))
+        if self.points.ndim != 2 or self.points.shape[1] != 3:
+            message = f"output.mesh.points: shape {self.points.shape} instead of three numbers for each point"
+            raise InputError(message, "output.mesh.points", str(self.points.shape))
         count = len(self.points)
         self.cells = _indices("output.mesh.cells", mesh.cells, CELLS[mesh.kind], 0, count)
         self.rows = _indices("output.mesh.rows", mesh.rows, 3, -1, layout.size)
@@ -355,6 +360,7 @@ def _xdmf(place: Path) -> str:
     return "\n".join(lines) + "\n"
 
 
+# The name, and what else the element of the topology says.
 _TOPOLOGY = {
     "segment": 'Polyline" NodesPerElement="2',
     "triangle": "Triangle",

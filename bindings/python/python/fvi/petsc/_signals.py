@@ -8,7 +8,7 @@ from typing import Any
 
 
 class Signals:
-    """Notes SIGINT and SIGTERM in place of ending the process at once."""
+    """Notes SIGINT, SIGTERM and SIGUSR1 in place of ending the process at once."""
 
     came = False
     name = ""
@@ -16,7 +16,7 @@ class Signals:
     def __enter__(self) -> Signals:
         self.before: dict[int, Any] = {}
         if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGINT, signal.SIGTERM):
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):
                 self.before[number] = signal.signal(number, self._note)
         return self
 
