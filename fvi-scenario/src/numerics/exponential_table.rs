@@ -250,22 +250,26 @@ impl ExponentialKernel {
             let make = if on_increments { Self::bdf_on_increments } else { Self::bdf };
             return make(order, exponent, step_size, horizon, tolerance);
         }
-        check_range(horizon, tolerance)?;
-        let count = MEASURED_HEADS * LONGEST_HEAD.min(horizon) + 2;
+        let reach = if horizon == ENDLESS { ENDLESS_REACH } else { horizon };
+        check_range(reach, tolerance)?;
+        let count = MEASURED_HEADS * LONGEST_HEAD.min(reach) + 2;
         let mut reached = f64::INFINITY;
         // The strip of a formula is a guess.
         for refinement in [1.0, 0.5, 0.25] {
             let source = TransferSource {
+                on_increments,
                 cut: PrincipalCut::new(transfer, order, step_size, on_increments),
                 exact: multistep_weights(transfer, order, step_size, on_increments, count)?,
                 refinement,
             };
-            match Self::of(&[source], 1.0, horizon, tolerance) {
+            match Self::of(&[source], step_size, reach, tolerance)
+                .and_then(|made| Self::only(made, tolerance))
+            {
                 Ok(mut made) => {
-                    return made.pop().ok_or(ExponentialKernelError::ToleranceMissed {
-                        tolerance,
-                        reached: f64::INFINITY,
-                    });
+                    if horizon == ENDLESS {
+                        made.end_never();
+                    }
+                    return Ok(made);
                 }
                 Err(ExponentialKernelError::ToleranceMissed { reached: error, .. }) => {
                     reached = reached.min(error);
@@ -279,10 +283,7 @@ impl ExponentialKernel {
     fn one(cut: Cut, step_size: f64, horizon: usize, tolerance: f64) -> Result<Self, ExponentialKernelError> {
         if horizon == ENDLESS {
             let mut made = Self::one(cut, step_size, ENDLESS_REACH, tolerance)?;
-            made.horizon = ENDLESS;
-            // What stands still up to the reach must not do so for ever: its sum would grow without bound.
-            let standing = 0.01 * tolerance / ENDLESS_REACH as f64;
-            made.exponentials.iter_mut().for_each(|e| e.rate = e.rate.max(standing));
+            made.end_never();
             return Ok(made);
         }
         if cut.exponent == 0.0 || cut.exponent == 1.0 {
@@ -292,8 +293,19 @@ impl ExponentialKernel {
             let (exponentials, horizon, on_increments) = (Vec::new(), ENDLESS, cut.on_increments);
             return Ok(Self { head, exponentials, step_size, on_increments, horizon, tolerance });
         }
-        let mut made = Self::of(&[cut], step_size, horizon, tolerance)?;
+        Self::of(&[cut], step_size, horizon, tolerance).and_then(|made| Self::only(made, tolerance))
+    }
+
+    fn only(mut made: Vec<Self>, tolerance: f64) -> Result<Self, ExponentialKernelError> {
         made.pop().ok_or(ExponentialKernelError::ToleranceMissed { tolerance, reached: f64::INFINITY })
+    }
+
+    /// Makes a table up to [`ENDLESS_REACH`] one without an end.
+    fn end_never(&mut self) {
+        self.horizon = ENDLESS;
+        // What stands still up to the reach must not do so for ever: its sum would grow without bound.
+        let standing = 0.01 * self.tolerance / ENDLESS_REACH as f64;
+        self.exponentials.iter_mut().for_each(|e| e.rate = e.rate.max(standing));
     }
 
     /// One kernel for each source, with common rates.
@@ -309,7 +321,7 @@ impl ExponentialKernel {
         };
         let kernels = |head: usize, tails: Vec<Nodes>| -> Result<Vec<Self>, ExponentialKernelError> {
             let of_kernels = weights(step_size, head)?.into_iter().zip(tails);
-            let on_increments = cuts.iter().all(|cut| cut.on_increments);
+            let on_increments = cuts.iter().all(Source::on_increments);
             let kernel = |(head, exponentials)| Self {
                 head,
                 exponentials,
@@ -482,6 +494,9 @@ trait Source {
     /// The first weights themselves.
     fn exact(&self, step_size: f64, count: usize) -> Result<Vec<f64>, ParameterError>;
 
+    /// Whether the weights are those of a memory on increments.
+    fn on_increments(&self) -> bool;
+
     /// The factor of all coefficients for a step size other than that of the rule.
     fn unit(&self, step_size: f64) -> f64;
 
@@ -513,6 +528,7 @@ trait Source {
 /// Any transfer function, at a step size of its own.
 struct TransferSource<'a> {
     cut: PrincipalCut<'a>,
+    on_increments: bool,
     exact: Vec<f64>,
     /// Part of the spacing that is taken.
     refinement: f64,
@@ -521,6 +537,10 @@ struct TransferSource<'a> {
 impl Source for TransferSource<'_> {
     fn exact(&self, _: f64, count: usize) -> Result<Vec<f64>, ParameterError> {
         Ok(self.exact.iter().copied().take(count).collect())
+    }
+
+    fn on_increments(&self) -> bool {
+        self.on_increments
     }
 
     fn unit(&self, _: f64) -> f64 {
@@ -580,6 +600,10 @@ type Nodes = Vec<Exponential>;
 impl Source for Cut {
     fn exact(&self, step_size: f64, count: usize) -> Result<Vec<f64>, ParameterError> {
         Ok(self.exact_weights(step_size)?.take(count).collect())
+    }
+
+    fn on_increments(&self) -> bool {
+        self.on_increments
     }
 
     fn unit(&self, step_size: f64) -> f64 {
@@ -960,6 +984,7 @@ mod tests {
                         let kernel = made.unwrap_or_else(|error| panic!("{at}: {error}"));
                         let exact =
                             multistep_weights(&transfer, order, step_size, on_increments, count).unwrap();
+                        assert_eq!((kernel.step_size(), kernel.on_increments()), (step_size, on_increments));
                         let floor = 1e-9 * exact[0].abs() / kernel.head().len() as f64;
                         for n in (0..100).chain(lags(100, count - 1)) {
                             let error = (kernel.weight(n) - exact[n]).abs();
