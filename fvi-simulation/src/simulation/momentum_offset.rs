@@ -68,3 +68,63 @@ impl<T: Real> MomentumOffset<T> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulation::Precision;
+    use crate::simulation::motion::Motion;
+    use serde_json::json;
+
+    const BETA: f64 = 0.9;
+    const RHO: f64 = 3.0;
+
+    /// The `derivative`-th derivative at t = 1 of Σ_n (−ρ)^n t^{first + n (2 − β)}/Γ(1 + first + n (2 − β)).
+    fn series(first: f64, derivative: f64) -> f64 {
+        let terms = (0..80).map(|n| {
+            let n = f64::from(n);
+            (-RHO).powf(n) * reciprocal_gamma(1.0 + first + n * (2.0 - BETA) - derivative)
+        });
+        terms.sum()
+    }
+
+    /// Errors of position and momentum at t = 1 of q̈ + ρ D^β q = 0 with three Gauss points and BDF 6.
+    fn errors(derivative: &str, initial: [f64; 2], step: f64) -> [f64; 2] {
+        let scenario = json!({
+            "system": { "mass": [1.0], "damping": [{ "order": BETA, "coefficient": [RHO], "derivative": derivative }] },
+            "initial": { "position": [initial[0]], "momentum": [initial[1]] },
+            "scheme": { "kind": "galerkin", "degree": 3 },
+            "convolution": { "family": "bdf", "order": 6 },
+            "time": { "step": step, "end": 1.0 },
+        });
+        let scenario = Scenario::from_value(&scenario).unwrap();
+        let mut motion = Motion::start(&scenario, Precision::F64).unwrap();
+        while !motion.is_done() {
+            motion.advance_along(usize::MAX).unwrap();
+        }
+        let exact = |derivative| initial[0] * series(0.0, derivative) + initial[1] * series(1.0, derivative);
+        [motion.state().position[0] - exact(0.0), motion.state().momentum[0] - exact(1.0)]
+    }
+
+    #[test]
+    fn at_the_last_digits_the_start_leaves_terms_of_order_four() {
+        let h: f64 = 1.0 / 256.0;
+        let h4 = h.powi(4);
+        let [once, twice] = [-BETA, -1.0 - BETA].map(|x| RHO * reciprocal_gamma(x));
+        let assert_near = |found: f64, expected: f64| {
+            assert!((found / expected - 1.0).abs() < 0.25, "{found} and {expected}");
+        };
+        for derivative in ["caputo", "riemann-liouville"] {
+            // What a velocity leaves at t = 1: docs/node-form.md.
+            let [q, p] = errors(derivative, [0.0, 1.0], h);
+            assert_near(q, -h4 / 720.0 * once);
+            assert_near(p, h4 / 240.0 * twice);
+        }
+        // And a position, in Riemann and Liouville's sense.
+        assert_near(errors("riemann-liouville", [1.0, 0.0], h)[0], h4 / 240.0 * twice);
+        // Above these digits the formula's own error is larger, and falls faster.
+        let [far, near] =
+            [1.0 / 32.0, 1.0 / 64.0].map(|step| errors("riemann-liouville", [1.0, 0.0], step)[0]);
+        assert!((far / near).abs().log2() > 6.0, "{far} {near}");
+    }
+}
