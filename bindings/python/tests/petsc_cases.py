@@ -192,6 +192,13 @@ def refusals(directory):
     crooked.assemble()
     wide = PETSc.Mat().createAIJ(((beam.local, beam.size), (None, 3)), nnz=1, comm=WORLD)
     wide.assemble()
+    hollow = PETSc.Mat().createAIJ(((beam.local, beam.size),) * 2, nnz=1, comm=WORLD)
+    if RANK == 0:
+        hollow.setValue(0, 1, -1e-3)
+        hollow.setValue(1, 0, -1e-3)
+    hollow.assemble()
+    shell = PETSc.Mat().createPython(((beam.local, beam.size),) * 2, object(), comm=WORLD)
+    shell.setUp()
     damping = fvi.Damping(0.5, beam.stiffness)
     Output = fvi.petsc.Output
     cases = {
@@ -210,6 +217,7 @@ def refusals(directory):
         "position alone": dict(position=alone),
         "position nan": dict(position=spoilt),
         "position list": dict(position=[0.0] * beam.size),
+        "position differs": dict(position=0.1 * RANK),
         "velocity": dict(momentum=0.0, velocity=0.0),
         "step differs": dict(step=0.1 + RANK),
         "step negative": dict(step=-1.0),
@@ -219,6 +227,10 @@ def refusals(directory):
         "end": dict(steps=None, end=0.55),
         "order": dict(order=3),
         "damping differs": dict(damping=[damping] * (1 + RANK)),
+        "damping number": dict(damping=fvi.Damping(0.5, 0.1 + RANK)),
+        "damping strength": dict(damping=fvi.Damping(0.5, attached=wide, strength=[1.0 + RANK, 1.0, 1.0])),
+        "damping[0].coefficient hollow": dict(damping=fvi.Damping(0.5, hollow)),
+        "damping[0].coefficient shell": dict(damping=fvi.Damping(0.5, shell)),
         "damping[0].order": dict(damping=fvi.Damping(2.5, beam.stiffness)),
         "damping[0].order missing": dict(damping={"coefficient": beam.stiffness}),
         "damping[0].kind": dict(damping={"order": 0.5, "coefficient": beam.stiffness, "kind": 1}),
@@ -232,6 +244,7 @@ def refusals(directory):
         "loads[0].pattern.coordinate": dict(loads=fvi.Load({"coordinate": beam.size}, "t")),
         "loads[0].amplitude": dict(loads=fvi.Load({"coordinate": 0}, "t + x")),
         "loads[0].amplitude[0][1]": dict(loads=fvi.Load({"coordinate": 0}, ([0.0, 0.0], [1.0, 1.0]))),
+        "loads' patterns": dict(loads=fvi.Load({"coordinate": RANK}, "t")),
         "loads differ": dict(loads=fvi.Load({"coordinate": 0}, f"{1 + RANK}*t")),
         "tolerance": dict(damping=damping, tolerance=1.0),
         "states": dict(damping=damping, states="f32"),
@@ -292,6 +305,8 @@ def refusals(directory):
         fvi.Memory.push = push
         for option in chosen:
             options.delValue(option)
+    # Its context would outlive the interpreter.
+    shell.destroy()
     everyone = WORLD.tompi4py().gather(said)
     if RANK == 0:
         held.close()

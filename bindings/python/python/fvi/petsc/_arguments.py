@@ -17,7 +17,7 @@ from fvi import _arrays
 from fvi._errors import InputError
 from fvi._integrate import Damping
 from fvi._types import FloatArray
-from fvi.petsc._together import Together
+from fvi.petsc._together import Together, text_of
 
 SYMMETRY = 1e-10
 """How far a matrix may be from symmetric, of its Frobenius norm."""
@@ -37,6 +37,8 @@ class Term:
     coefficient: Any
     attached: Any
     strength: Any
+    text: str
+    """What all ranks have to say alike."""
 
 
 def communicator(candidates: list[tuple[str, Any]]) -> Any:
@@ -187,7 +189,8 @@ def _damping_term(place: str, term: Any, layout: Layout) -> Term:
             raise InputError(f"{place}.attached: a PETSc.Mat is needed", f"{place}.attached", repr(attached))
         layout.check(f"{place}.attached", attached)
         strength = _strength(f"{place}.strength", strength, attached)
-    return Term(place, order, derivative, coefficient, entries.get("attached"), strength)
+    said = [text_of(entries.get(key)) for key in ("coefficient", "attached", "strength")]
+    return Term(place, order, derivative, coefficient, entries.get("attached"), strength, f"{order} {derivative} {' '.join(said)}")
 
 
 def _strength(name: str, given: Any, attached: Any) -> FloatArray:
@@ -235,7 +238,11 @@ def check_symmetric(name: str, matrix: Any, probes: tuple[Any, Any], definite: s
 
     xᵀA y = yᵀA x for two vectors of random signs: the one number is as large as what differs from the mirror image.
     """
-    norm = float(matrix.norm(PETSc.NormType.FROBENIUS))
+    try:
+        norm = float(matrix.norm(PETSc.NormType.FROBENIUS))
+    except PETSc.Error:
+        kind = str(matrix.getType())
+        raise InputError(f'{name}: a matrix of the type "{kind}"; one with entries, such as "aij", is needed', name, kind) from None
     if not np.isfinite(norm):
         raise InputError(f"{name}: has entries that are not finite, or too large", name, str(norm))
     x, y = probes

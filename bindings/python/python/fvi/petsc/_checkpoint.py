@@ -188,7 +188,8 @@ class Pace:
             elif match:
                 self.seconds = float(match[1]) * {"ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}[match[2]]
             else:
-                message = f'checkpoint_every = {given!r}: not allowed; allowed: a number of steps, a duration as "500ms", "30s", "10min", "2h", or "never"'
+                allowed = 'a number of steps, a duration as "500ms", "30s", "10min", "2h", or "never"'
+                message = f"checkpoint_every = {given!r}: not allowed; allowed: {allowed}"
                 raise InputError(message, "checkpoint_every", repr(given))
         else:
             self.steps, self.seconds = _arrays.whole("checkpoint_every", given, 1), None

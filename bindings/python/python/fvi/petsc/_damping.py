@@ -63,9 +63,11 @@ class Rows:
             diagonal: FloatArray = numbers.getArray()
             self.diagonal: FloatArray = np.empty(0)
             self.rows = _rows_that_are_not_empty(given)
+            alone = np.arange(0) if self.rows is None else self.rows[diagonal[self.rows] == 0.0]
+            self.rows = np.arange(layout.count) if self.rows is None else self.rows
         else:
             diagonal = np.full(layout.count, given) if not isinstance(given, PETSc.Vec) else given.getArray().copy()
-            self.rows = np.flatnonzero(diagonal)
+            self.rows, alone = np.flatnonzero(diagonal), np.arange(0)
             self.diagonal = diagonal[self.rows]
             self.norm = layout.norm(diagonal)
         error = None
@@ -75,6 +77,10 @@ class Rows:
             place = layout.first + index
             message = f"{name}: entry ({place}, {place}) = {value}: not allowed; allowed: a finite number ≥ 0"
             error = InputError(message, name, value)
+        elif len(alone) > 0:
+            place = layout.first + int(alone[0])
+            message = f"{name}: not positive semidefinite: row {place} has entries, but none on the diagonal"
+            error = InputError(message, name, f"row {place}")
         layout.together.agree(error)
         if not np.isfinite(self.norm):
             raise InputError(f"{name}: has entries that are not finite", name, str(self.norm))
@@ -105,8 +111,9 @@ class Rows:
 
 
 def _rows_that_are_not_empty(matrix: Any) -> Any:
-    if not matrix.getType().endswith("aij"):
-        return np.arange(matrix.getLocalSize()[0])
+    """The local rows with entries; `None` for a type whose rows cannot be looked at."""
+    if matrix.getType() not in ("seqaij", "mpiaij", "seqbaij", "mpibaij"):
+        return None
     starts, _, values = matrix.getValuesCSR()
     before = np.concatenate([[0], np.cumsum(values != 0.0)])
     return np.flatnonzero(before[starts[1:]] > before[starts[:-1]])

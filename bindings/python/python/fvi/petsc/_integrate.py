@@ -25,7 +25,7 @@ from fvi.petsc._loads import Loads
 from fvi.petsc._output import Directory, Output, Rows, Snapshots, write_json
 from fvi.petsc._signals import Signals
 from fvi.petsc._step import Stepper
-from fvi.petsc._together import Together
+from fvi.petsc._together import Together, text_of
 
 LEAST_REACH = 1 << 20
 """Samples that every table of exponentials reaches over."""
@@ -268,9 +268,11 @@ class _Run:
             "mass": type(self.mass).__name__,
             "step": self.step,
             "steps": self.steps,
-            "damping": [(term.order, term.derivative, type(term.coefficient).__name__) for term in self.terms],
+            **{name: text_of(given[name]) for name in ("position", "momentum", "velocity")},
+            "damping": [term.text for term in self.terms],
             "loads": self.loads.texts,
-            "parameters": None if given["parameters"] is None else dict(given["parameters"]),
+            "loads' patterns": self.loads.places,
+            "parameters": None if given["parameters"] is None else sorted(dict(given["parameters"]).items()),
             "order": self.order,
             "horizon": self.horizon,
             "solver_tolerance": self.solver_tolerance,

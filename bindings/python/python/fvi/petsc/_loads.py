@@ -27,6 +27,8 @@ class Pattern:
 
     rows: Any
     numbers: FloatArray
+    text: str
+    """What all ranks have to say alike."""
 
 
 class Loads:
@@ -46,6 +48,7 @@ class Loads:
             amplitudes.append(load["amplitude"])
         self.compiled = _compiled(amplitudes, step, parameters) if amplitudes else None
         self.texts = [_text(amplitude) for amplitude in amplitudes]
+        self.places = [pattern.text for pattern in self.patterns]
         self.first = 0
         self.block: FloatArray = np.empty((0, 2, 0))
         self.impulses: FloatArray = np.empty((2, 0))
@@ -117,12 +120,12 @@ def _pattern(name: str, given: Any, layout: Layout) -> Pattern:
         coordinate = coordinates(f"{name}.coordinate", [given["coordinate"]], layout)
         value = _arrays.real(f"{name}.value", given.get("value", 1.0))
         local = coordinate[(coordinate >= layout.first) & (coordinate < layout.end)] - layout.first
-        return Pattern(local, np.full(len(local), value))
+        return Pattern(local, np.full(len(local), value), f"{value} at {coordinate.tolist()}")
     if not isinstance(given, PETSc.Vec):
         message = f'{name}: a PETSc.Vec distributed as mass is needed, or {{"coordinate": …, "value": …}}'
         raise InputError(message, name, repr(given))
     numbers = local_numbers(name, layout.check(name, given), layout.first)
     rows = np.flatnonzero(numbers)
-    return Pattern(rows, numbers[rows].copy())
+    return Pattern(rows, numbers[rows].copy(), "Vec")
 
 

@@ -67,7 +67,9 @@ class Stepper:
         diagonal = make()
         self.matrix.getDiagonal(diagonal)
         if not diagonal.min()[1] > 0.0:
-            message = "stiffness: the matrix of the step, M/h + h/4 (K + Σ w₀ ρ), is not positive definite: K pushes; a shorter step is needed"
+            message = (
+                "stiffness: the matrix of the step, M/h + h/4 (K + Σ w₀ ρ), is not positive definite: K pushes; a shorter step is needed"
+            )
             raise InputError(message, "stiffness", str(diagonal.min()[1]))
         self.root_diagonal = np.sqrt(diagonal.getArray())
         self.sum_of_diagonal = together.sum(float(np.square(self.root_diagonal).sum()))

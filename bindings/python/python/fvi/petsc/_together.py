@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import pickle
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from fvi._errors import InputError
 
@@ -55,6 +57,19 @@ class Together:
 
     def largest(self, number: float) -> float:
         return float(self.comm.allreduce(number, op=MPI.MAX))
+
+
+def text_of(given: Any) -> str:
+    """What an argument says that all ranks have to say alike: numbers as they are, or a digest of many; only the kind of what is
+    distributed."""
+    if given is None or isinstance(given, (str, bool)):
+        return repr(given)
+    if isinstance(given, PETSc.Object):
+        return type(given).__name__
+    numbers = np.asarray(given, dtype=np.float64)
+    if numbers.size <= 4:
+        return repr(numbers.tolist())
+    return f"{numbers.size} numbers, {hashlib.sha256(numbers.tobytes()).hexdigest()[:16]}"
 
 
 def _packed(error: BaseException | None) -> bytes:
