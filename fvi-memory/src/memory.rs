@@ -244,7 +244,7 @@ impl MemoryRequest<'_> {
     /// integrals act on values.
     pub fn acts_on(&self) -> ActsOn {
         match self.convolution.family {
-            _ if self.given || self.exponent < LEAST_ON_INCREMENTS || self.any_step() => ActsOn::Values,
+            _ if self.given || self.exponent < LEAST_ON_INCREMENTS => ActsOn::Values,
             ConvolutionFamily::Bdf { .. } => ActsOn::Increments,
             ConvolutionFamily::RadauIia { .. } | ConvolutionFamily::LobattoIiic { .. } => ActsOn::Rises,
         }
@@ -432,6 +432,7 @@ impl MemoryRequest<'_> {
             Ok(rate_table::<T, R>(method, self.exponent, self.step_size, horizon, tolerance)?)
         })?;
         let memory = VectorVariableSteps::new(method, &table.borrow(), self.coordinates)?;
+        let memory = memory.acting_on(self.acts_on());
         Ok(self.host(Box::new(memory), Engine::AnyStep))
     }
 
