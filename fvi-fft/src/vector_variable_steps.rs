@@ -1,8 +1,8 @@
 //! The memory for steps of any length in vector code.
 
 use fvi_core::{
-    Memory, MemoryError, ParameterError, RateTable, Resolvent, RungeKutta, Shape, StateError, StateReader,
-    StateWriter, check_channels, fingerprint, header_bytes,
+    ActsOn, Memory, MemoryError, ParameterError, RateTable, Resolvent, RungeKutta, Shape, StateError,
+    StateReader, StateWriter, check_channels, fingerprint, header_bytes,
 };
 use pulp::{Arch, Simd, WithSimd};
 
@@ -29,6 +29,7 @@ use crate::scalar::Scalar;
 /// Source: \[LFS13\], \[LFS16\].
 #[derive(Clone, Debug)]
 pub struct VectorVariableSteps<T: Scalar, const R: usize> {
+    acts_on: ActsOn,
     shortest: f64,
     horizon: f64,
     /// −β
@@ -47,7 +48,8 @@ pub struct VectorVariableSteps<T: Scalar, const R: usize> {
     steps: Vec<Step<T, R>>,
     /// z_j, sixteen at a time, coordinate after coordinate.
     sums: Vec<Sum<T>>,
-    /// x_{k−1} and, for two derivatives, the last stage of (∂X)_{k−1}, of every coordinate.
+    /// x_{k−1} and, for two derivatives, the last stage of (∂X)_{k−1}, of every coordinate. The first stays
+    /// zero where samples are rises.
     last: Vec<[T; 2]>,
     /// The term of the step to come for every coordinate, if that is as long as the step before.
     terms: Vec<[T; R]>,
@@ -295,6 +297,7 @@ impl<T: Scalar, const R: usize> VectorVariableSteps<T, R> {
             blocks: vec![Operators::zeros(); blocks],
         };
         Ok(Self {
+            acts_on: ActsOn::Values,
             shortest: table.shortest,
             horizon: table.horizon,
             scaling: T::of(-table.exponent),
@@ -316,6 +319,16 @@ impl<T: Scalar, const R: usize> VectorVariableSteps<T, R> {
             len: 0,
             unit: Arch::new(),
         })
+    }
+
+    /// The same memory told rises X_k − 1 x_{k−1} in place of values, where it is one of a derivative: they
+    /// are what it would make of the values, which lose u|x| of them to rounding. Increments it does not
+    /// take, nor integrals rises: it is as it was then.
+    pub fn acting_on(self, acts_on: ActsOn) -> Self {
+        match acts_on {
+            ActsOn::Rises if self.derivatives > 0 => Self { acts_on, ..self },
+            _ => self,
+        }
     }
 
     /// What its state begins with.
@@ -378,11 +391,14 @@ impl<T: Scalar, const R: usize> VectorVariableSteps<T, R> {
     #[inline(always)]
     fn take<V: Simd>(&mut self, unit: V, sample: &[T]) {
         let (step, blocks, steady) = (&self.steps[0], self.relaxations.len(), self.steady);
+        let are_rises = self.acts_on == ActsOn::Rises;
         let coordinates = sample.as_chunks::<R>().0.iter().zip(&mut self.last).zip(&mut self.terms);
         for (index, ((values, [x, v]), term)) in coordinates.enumerate() {
             let mut rise = *values;
-            rise.iter_mut().for_each(|value| *value -= *x);
-            *x = values[R - 1];
+            if !are_rises {
+                rise.iter_mut().for_each(|value| *value -= *x);
+                *x = values[R - 1];
+            }
             // h A Y
             let mut integrated = rise;
             match self.derivatives {
@@ -472,6 +488,10 @@ impl<T: Scalar, const R: usize> Memory<T> for VectorVariableSteps<T, R> {
 
     fn stages(&self) -> usize {
         R
+    }
+
+    fn acts_on(&self) -> ActsOn {
+        self.acts_on
     }
 
     fn leading(&self) -> &[T] {

@@ -252,9 +252,7 @@ impl MemoryRequest<'_> {
     /// for large s, as the identity, integrals and materials with a glass modulus, act on values.
     pub fn acts_on(&self) -> ActsOn {
         match self.convolution.family {
-            _ if self.given || self.any_step() || self.transfer.growth() < LEAST_ON_INCREMENTS => {
-                ActsOn::Values
-            }
+            _ if self.given || self.transfer.growth() < LEAST_ON_INCREMENTS => ActsOn::Values,
             // The sums of its weights end at what rounding leaves of the spring.
             _ if self.transfer.spring() != 0.0 => ActsOn::Values,
             ConvolutionFamily::Bdf { .. } => ActsOn::Increments,
@@ -520,6 +518,7 @@ impl MemoryRequest<'_> {
             Ok(rate_table::<T, R>(method, exponent, self.step_size, horizon, tolerance)?)
         })?;
         let memory = VectorVariableSteps::new(method, &table.borrow(), self.coordinates)?;
+        let memory = memory.acting_on(self.acts_on());
         Ok(self.host(Box::new(memory), Engine::AnyStep))
     }
 

@@ -21,7 +21,7 @@ mod system;
 mod time;
 mod warnings;
 
-pub use adaptive::Adaptive;
+pub use adaptive::{Adaptive, Start};
 pub use case::Case;
 pub use element::Element;
 pub use event::{Action, Direction, Event};

@@ -116,6 +116,58 @@ fn samples_and_times_that_must_be_hit_are_grid_points() {
     assert!((lengths.smallest / shortest - 1.0).abs() < 1e-3 && lengths.largest <= 2.0);
 }
 
+/// m q̈ + k q + ρ D^β q = f from q₀ and v₀ to t = 1, where (q, p) is known from the inverse of the Laplace
+/// transform (mpmath, Talbot's contour, 30 digits).
+#[test]
+fn starts_near_order_two_with_a_velocity_are_no_more_than_rounding() {
+    let cases = [
+        (1.0, 1.9, 10.0, "caputo", "0", [-2.0, 1.0], 1e-9, [-0.91907322888289, 1.1361584452613]),
+        (1000.0, 1.95, 10.0, "caputo", "0", [-2.0, 0.5], 1e-8, [1.1443313360377, -8.9600365839442]),
+        (1000.0, 1.95, 10.0, "caputo", "0", [-2.0, 0.5], 1e-10, [1.1443313360377, -8.9600365839442]),
+        (1.0, 1.99, 0.01, "caputo", "t^0.5", [-2.0, 1.0], 1e-8, [0.0019741048572726, 2.8020130493586]),
+        (1.0, 1.99, 0.01, "caputo", "t^0.5", [-2.0, 1.0], 1e-10, [0.0019741048572726, 2.8020130493586]),
+        // The momentum begins like −1000 t^0.5.
+        (
+            1.0,
+            0.5,
+            1000.0,
+            "riemann-liouville",
+            "0",
+            [-2.0, 1.0],
+            1e-6,
+            [0.00112736844994, -0.00112833594745],
+        ),
+    ];
+    for (stiffness, order, coefficient, derivative, force, start, tolerance, exact) in cases {
+        let scenario = json!({
+            "system": {
+                "mass": [1.0],
+                "potential": format!("0.5*{stiffness}*q0^2"),
+                "force": [force],
+                "damping": [{ "order": order, "coefficient": [coefficient], "derivative": derivative }],
+            },
+            "initial": { "position": [start[0]], "velocity": [start[1]] },
+            "scheme": { "kind": "collocation" },
+            "time": adaptive(1.0, tolerance),
+        });
+        let (summary, rows) = rows(&scenario);
+        assert_eq!(summary.end, RunEnd::Completed, "order {order}");
+        let largest = rows.iter().fold(1.0_f64, |largest, row| largest.max(row[1].abs()).max(row[2].abs()));
+        let &[time, q, p] = rows.last().unwrap();
+        let error = (q - exact[0]).abs().max((p - exact[1]).abs());
+        assert!(time == 1.0 && error < 10.0 * tolerance * largest, "order {order}: {error:e}");
+        assert!(summary.steps < 700, "order {order}: {} steps", summary.steps);
+    }
+}
+
+#[test]
+fn a_start_that_no_step_resolves_is_refused_with_its_power() {
+    let mut singular = scenario(0.999, -2.0, "0", adaptive(1.0, 1e-8));
+    singular["system"]["damping"][0]["derivative"] = json!("riemann-liouville");
+    let RunEnd::Failed { reason, .. } = rows(&singular).0.end else { panic!() };
+    assert!(reason.contains("begin like t^0.001") && reason.contains("geometric"), "{reason}");
+}
+
 #[test]
 fn stiff_systems_take_long_steps() {
     // A stiff spring between two masses whose motion it does not take part in.

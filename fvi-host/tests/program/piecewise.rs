@@ -1,5 +1,5 @@
-//! Jumps and kinks in the position: walls, backlash, dead zones and forces like those of dry friction, against
-//! solutions that go from one to the next in closed form.
+//! Jumps and kinks in the position: walls, backlash, dead zones and forces like those of dry friction,
+//! against solutions that go from one to the next in closed form.
 
 use fvi_host::lab::run::{Run, RunEnd, RunSummary};
 use fvi_host::scenario::Scenario;
@@ -452,4 +452,77 @@ fn random_piecewise_systems_keep_the_tolerance_or_say_why_not() {
     }
     eprintln!("worst share {worst:.3}, {refused} refused");
     assert!(refused <= 5, "{refused} of 500 are refused");
+}
+
+/// The largest error of (q, p) over [0, 8] with equal steps.
+fn error_on_equal_steps(system: &Piecewise, scheme: &Value, convolution: Option<Value>, steps: usize) -> f64 {
+    let step = 8.0 / steps as f64;
+    let mut scenario = system.scenario(1.0, 0.3, json!({ "step": step, "steps": steps }));
+    scenario["scheme"] = scheme.clone();
+    if let Some(convolution) = convolution {
+        scenario["convolution"] = convolution;
+    }
+    let (summary, rows) = rows(&scenario, Precision::F64);
+    assert_eq!(summary.end, RunEnd::Completed);
+    let times: Vec<f64> = rows.iter().map(|row| row[0]).collect();
+    let exact = system.solve((1.0, 0.3), &times);
+    let errors = rows.iter().zip(exact).map(|(row, (q, v))| (row[1] - q).abs().max((row[2] - v).abs()));
+    errors.fold(0.0, f64::max)
+}
+
+#[test]
+fn equal_steps_have_order_one_with_jumps_and_two_with_kinks() {
+    let mut jump = Piecewise { stiffness: 1.0, constant: 1.0, ..Piecewise::default() };
+    jump.turn(0.1, -2.0, 0.0);
+    jump.potential.push("0.5*q0^2".to_owned());
+    jump.force.push("-sign(q0 - 0.1)".to_owned());
+    let mut kink = Piecewise { stiffness: 1.0, ..Piecewise::default() };
+    kink.turn(0.1, 0.0, -20.0);
+    kink.potential.push("0.5*q0^2 + 0.5*20*max(q0 - 0.1, 0)^2".to_owned());
+    let schemes = [
+        (json!({ "kind": "low-order", "kappa": 0.5 }), None),
+        (json!({ "kind": "galerkin", "degree": 2 }), None),
+        (json!({ "kind": "galerkin", "degree": 3 }), Some(radau(3))),
+        (json!({ "kind": "collocation" }), Some(radau(3))),
+    ];
+    for (scheme, convolution) in schemes {
+        for (system, order) in [(&jump, 1), (&kink, 2)] {
+            // The constant swings with the places of crossings in their steps: bounds, not ratios.
+            for (steps, share) in [(400, 1.0), (1600, 4.0), (6400, 16.0)] {
+                let error = error_on_equal_steps(system, &scheme, convolution.clone(), steps);
+                let bound = 0.5 / f64::powi(share, order);
+                assert!(error < bound, "{scheme}, order {order}, {steps} steps: {error:e}");
+            }
+        }
+    }
+    // Jumps are warned of, kinks are not; adaptive steps need no warning.
+    let warnings = |system: &Piecewise, time: Value| {
+        Scenario::from_value(&system.scenario(1.0, 0.3, time)).unwrap().warnings()
+    };
+    let equal = json!({ "step": 0.01, "steps": 10 });
+    assert!(warnings(&jump, equal.clone())[0].starts_with("system.force: `step` or `sign` of the position"));
+    assert!(warnings(&kink, equal).is_empty());
+    assert!(warnings(&jump, json!({ "grid": "adaptive", "end": 1.0, "tolerance": 1e-6 })).is_empty());
+}
+
+#[test]
+fn energy_that_is_gone_without_damping_is_told() {
+    // A spring that steps are too long for: collocation lets it fade.
+    let fading = |steps: usize, damped: bool| {
+        let mut scenario = json!({
+            "system": { "mass": [1.0], "potential": "0.5*q0^2 + 0.25*q0^4" },
+            "initial": { "position": [1.0], "velocity": [0.0] },
+            "scheme": { "kind": "collocation" },
+            "time": { "step": 20.0 / steps as f64, "steps": steps },
+        });
+        if damped {
+            scenario["system"]["damping"] = json!([{ "order": 0.5, "coefficient": [0.3] }]);
+        }
+        rows(&scenario, Precision::F64).0.warnings
+    };
+    assert!(fading(12, false)[0].contains("though nothing damps"), "{:?}", fading(12, false));
+    assert!(fading(2000, false).is_empty() && fading(12, true).is_empty());
+    // What falls into a well and swings there has lost nothing.
+    let well = scenario(json!({ "potential": "10*q0^4 - 10*q0^2" }), 0.01, 20.0, 1e-8);
+    assert!(rows(&well, Precision::F64).0.warnings.is_empty());
 }

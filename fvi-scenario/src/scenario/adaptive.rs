@@ -42,11 +42,24 @@ pub struct Adaptive {
     /// The size of positions that counts as one; that of momenta is this times the mass, for each unit of
     /// time.
     pub scale: f64,
+    /// How the momentum begins.
+    pub start: Start,
+    /// The first step that the tolerance asks for because of that.
+    pub asked: f64,
+}
+
+/// How the momentum begins: like c m t^e, m the mass.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Start {
+    /// e, at most 1.
+    pub power: f64,
+    /// c, of all terms the largest; zero where e is 1.
+    pub size: f64,
 }
 
 impl Adaptive {
-    /// Reads the keys. The momentum begins like t to the power of `start`.
-    pub(super) fn read(table: &Table<'_>, start: f64) -> Result<Self, InputError> {
+    /// Reads the keys.
+    pub(super) fn read(table: &Table<'_>, start: Start) -> Result<Self, InputError> {
         let positive = |key: &str| table.optional(key).map(|value| value.positive()).transpose();
         let end = table.required("end")?.positive()?;
         let value = table.required("tolerance")?;
@@ -57,13 +70,16 @@ impl Adaptive {
             )));
         }
         let (first, longest) = (positive("first")?, positive("longest")?);
+        let scale = positive("scale")?.unwrap_or(1.0);
+        let most = (start.size * libm::pow(end, start.power)).max(scale);
+        let small = SMALL_PART * tolerance * (scale / most);
+        let asked = if start.power < 1.0 { libm::pow(small, 1.0 / start.power) * end } else { end };
         let shortest = positive("shortest")?.unwrap_or_else(|| {
-            let singular = libm::pow(SMALL_PART * tolerance, 1.0 / start).max(SHORTEST_OF_ALL);
-            (SHORTEST.min(singular) * end)
+            (SHORTEST * end)
+                .min(asked.max(SHORTEST_OF_ALL * end))
                 .min(first.map_or(f64::INFINITY, |first| SHORTER_THAN_FIRST * first))
                 .min(longest.map_or(f64::INFINITY, |longest| SHORTER_THAN_FIRST * longest))
         });
-        let scale = positive("scale")?.unwrap_or(1.0);
         let ordered = |key: &str, value: f64, most: f64, of: &str| match table.optional(key) {
             Some(place) if value > most => Err(place.out_of_range(format!("at most {of}, {most}"))),
             _ => Ok(()),
@@ -82,7 +98,7 @@ impl Adaptive {
                 );
             }
         }
-        Ok(Self { end, tolerance, first, shortest, longest, scale })
+        Ok(Self { end, tolerance, first, shortest, longest, scale, start, asked })
     }
 
     /// Two neighbours of 0, some increasing times and the end between which no pair of steps fits.
@@ -94,15 +110,27 @@ impl Adaptive {
 
     /// The smallest power of t that the momentum begins with, at most 1: the Riemann–Liouville derivative of
     /// a constant position, or velocity, is a force like t^(−β), or t^(1−β).
-    pub(super) fn start(system: &System, initial: &InitialState) -> f64 {
-        let moves = |numbers: &[f64]| numbers.iter().any(|&number| number != 0.0);
-        let terms = system.damping.iter().filter(|term| term.derivative == Derivative::RiemannLiouville);
-        let power = |order: f64| match order {
-            order if order < 1.0 && moves(&initial.position) => 1.0 - order,
-            order if order > 1.0 && moves(&initial.momentum) => 2.0 - order,
-            _ => 1.0,
+    pub(super) fn start(system: &System, initial: &InitialState) -> Start {
+        let masses = system.mass.diagonal();
+        let by_mass = |force: Vec<f64>| {
+            force.iter().zip(&masses).fold(0.0_f64, |most, (force, mass)| most.max((force / mass).abs()))
         };
-        terms.map(|term| power(term.transfer.growth())).fold(1.0, f64::min)
+        let terms = system.damping.iter().filter(|term| term.derivative == Derivative::RiemannLiouville);
+        let mut start = Start { power: 1.0, size: 0.0 };
+        for term in terms {
+            let (power, size) = match term.transfer.growth() {
+                order if order < 1.0 => (1.0 - order, by_mass(term.coefficient.times(&initial.position))),
+                order if order > 1.0 => {
+                    let push = by_mass(term.coefficient.times(&initial.momentum));
+                    (2.0 - order, push / masses.iter().copied().fold(f64::INFINITY, f64::min))
+                }
+                _ => continue,
+            };
+            if size > 0.0 && power < 1.0 {
+                start = Start { power: start.power.min(power), size: start.size.max(size) };
+            }
+        }
+        start
     }
 
     /// The smallest tolerance in a precision with this rounding unit.

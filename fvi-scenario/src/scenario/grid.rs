@@ -1,6 +1,6 @@
 //! `time.grid`: grids whose steps differ.
 
-use super::adaptive::Adaptive;
+use super::adaptive::{Adaptive, Start};
 use crate::language::document::{Document, Table, Value};
 use crate::language::error::{InputError, Problem};
 use crate::language::number_table::NumberTable;
@@ -53,8 +53,8 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Reads a grid whose steps differ from `[time]`. The momentum begins like t to the power of `start`.
-    pub(super) fn read(table: &Table<'_>, start: f64, document: &Document) -> Result<Self, InputError> {
+    /// Reads a grid whose steps differ from `[time]`. `start` says how the momentum begins.
+    pub(super) fn read(table: &Table<'_>, start: Start, document: &Document) -> Result<Self, InputError> {
         let kind = table.required("grid")?;
         let keys = ["grid", "must_hit", "allow_unstable", "energy_guard"];
         let allow = |own: &[&str]| table.allow(&[&keys, own].concat());

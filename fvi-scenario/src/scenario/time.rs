@@ -1,6 +1,6 @@
 //! `[time]`, `[history]` and `[output]`: the grid, the memory engine and what is written.
 
-use super::adaptive::{Adaptive, MOST_STEPS_CHOSEN};
+use super::adaptive::{Adaptive, MOST_STEPS_CHOSEN, Start};
 use super::grid::{Grid, GridRule, read_must_hit};
 use super::scheme::{ConvolutionFamily, Scheme};
 use crate::language::document::{Document, Table};
@@ -93,7 +93,9 @@ impl Serialize for TimeGrid {
                         record.points =
                             Some(file.as_deref().map_or(Points::Times(grid.times()), Points::File));
                     }
-                    &GridRule::Adaptive(Adaptive { end, tolerance, first, shortest, longest, scale }) => {
+                    &GridRule::Adaptive(Adaptive {
+                        end, tolerance, first, shortest, longest, scale, ..
+                    }) => {
                         (record.grid, record.end) = (Some("adaptive"), Some(end));
                         (record.tolerance, record.scale) = (Some(tolerance), Some(scale));
                         (record.first, record.longest) = (first, longest);
@@ -120,7 +122,7 @@ pub enum OnEnergyGrowth {
 }
 
 impl TimeGrid {
-    pub(super) fn read(table: &Table<'_>, start: f64, document: &Document) -> Result<Self, InputError> {
+    pub(super) fn read(table: &Table<'_>, start: Start, document: &Document) -> Result<Self, InputError> {
         const KINDS: [(&str, bool); 5] = [
             ("uniform", true),
             ("graded", false),

@@ -3,6 +3,7 @@
 use super::Scenario;
 use super::scheme::{ConvolutionFamily, DampedAt};
 use super::system::{Damping, Derivative};
+use crate::language::expression::{Function, Kind, Node};
 use crate::numerics::starting::{TRUSTED_CONDITION, starting_condition};
 
 impl Scenario {
@@ -12,7 +13,10 @@ impl Scenario {
         let terms = self.system.damping.iter().enumerate();
         let singular = terms.filter_map(|(index, term)| self.singular_force_warning(index, term));
         let growing = self.growing_warning();
-        starting.into_iter().chain(growing).chain(singular).chain(self.off_grid_warning()).collect()
+        let lowering = self.lowering_warning();
+        let jumps = self.jumps_warning();
+        let of_starting = starting.into_iter().chain(growing).chain(lowering);
+        of_starting.chain(singular).chain(jumps).chain(self.off_grid_warning()).collect()
     }
 
     /// Starting weights that are not determined by their exponents.
@@ -31,6 +35,33 @@ impl Scenario {
         let highest = self.convolution.highest_exponent(&self.system);
         self.convolution.starting.iter().any(|&nu| nu > highest).then(|| {
             format!("convolution.starting: the starting weights of exponents above {highest} grow with time")
+        })
+    }
+
+    /// Starting weights where a motion begins with a velocity: q − q₀ = v₀ t + … is taken by plain weights to
+    /// full order up to 2, and the weights on the first samples are larger the higher the exponents are. With
+    /// β = ½ and BDF 2 the order is 2 without them, 1.5 with ν = 1, 0.95 with 2 and 0.49 with 2.5.
+    fn lowering_warning(&self) -> Option<String> {
+        let moves = self.initial.momentum.iter().any(|&p| p != 0.0);
+        let low =
+            |term: &Damping| term.derivative == Derivative::Caputo && term.order > 0.0 && term.order < 1.0;
+        (moves && !self.convolution.starting.is_empty() && self.system.damping.iter().any(low)).then(|| {
+            "convolution.starting: with a velocity at the start and Caputo damping of an order below 1 starting weights can \
+             lower the order, below 1 for exponents of 2 and more: compare with `starting = []` by `fvi converge`"
+                .to_owned()
+        })
+    }
+
+    /// Forces that jump in the position, on steps that do not end there.
+    fn jumps_warning(&self) -> Option<String> {
+        let force = self.system.force.iter().flatten().any(|component| jumps(component.root()));
+        let potential = self.system.potential.iter().any(|potential| jumps(potential.root()));
+        let key = if force { "system.force" } else { "system.potential" };
+        ((force || potential) && self.time.adaptive().is_none()).then(|| {
+            format!(
+                "{key}: `step` or `sign` of the position jumps inside of steps, which leaves the order 1 at best; \
+                 `time.grid` = \"adaptive\" ends steps there"
+            )
         })
     }
 
@@ -85,4 +116,20 @@ impl Scenario {
         (count > 0)
             .then(|| format!("reference.file: {count} of its times are not grid points and are not compared"))
     }
+}
+
+/// Whether a jump in the position is in a part of an expression.
+fn jumps(node: &Node) -> bool {
+    node.varies()
+        && match node.kind() {
+            Kind::Number(_) | Kind::Time | Kind::SidedTime | Kind::Variable(_) => false,
+            Kind::Negation(inner) => jumps(inner),
+            Kind::Chain(first, operands) => {
+                jumps(first) || operands.iter().any(|(_, operand)| jumps(operand))
+            }
+            Kind::Power(sides) | Kind::Choice(_, sides) => sides.iter().any(jumps),
+            Kind::Call(function, argument) => {
+                matches!(function, Function::Step | Function::Sign) || jumps(argument)
+            }
+        }
 }

@@ -316,6 +316,16 @@ impl<'s> AdaptiveSteps<'s> {
                 break;
             }
         }
+        if time == 0.0 && self.rule.asked < self.rule.shortest {
+            let power = self.rule.start.power;
+            return Err(format!(
+                "{}, with steps of {tried:.1e} even: Riemann–Liouville damping from an initial state that is not zero lets the momentum \
+                 begin like t^{power:.3}, and `time.tolerance` asks for a first step of {:.1e}; `grid` = \"geometric\" reaches \
+                 positions, and momenta at later times, without such steps",
+                worst.unwrap_or_default(),
+                self.rule.asked
+            ));
+        }
         Err(format!(
             "{}, with steps of {:.1e} even, the shortest here (`time.shortest`): a jump of a force belongs on a grid point \
              (`time.must_hit`), and a tolerance above what rounding leaves",

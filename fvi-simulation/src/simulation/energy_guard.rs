@@ -6,13 +6,18 @@ use crate::model::{Loads, RoughForces};
 use crate::numerics::column::{highest, lowest};
 use crate::numerics::dense;
 use crate::numerics::transfer::TransferFunction;
-use crate::scenario::{Derivative, OnEnergyGrowth, Scenario, SharedTerms, SymmetricMatrix};
+use crate::scenario::{Derivative, OnEnergyGrowth, Scenario, Scheme, SharedTerms, SymmetricMatrix};
 use crate::simulation::GridState;
 use crate::simulation::stability;
 use crate::simulation::stretch::Stretch;
 use fvi_core::NodalRule;
 use nalgebra::Complex;
 use serde::{Deserialize, Serialize};
+
+/// How much of it a motion without damping may lose on steps known beforehand, and on adaptive ones in units
+/// of their tolerance.
+const LOST: f64 = 0.1;
+const LOST_IN_TOLERANCES: f64 = 1e4;
 
 /// How far the energy may rise, as a multiple of all that was there or put in.
 const FACTOR: f64 = 1000.0;
@@ -67,6 +72,10 @@ pub struct EnergyGuard {
     /// Where in a step the scheme looks at forces.
     nodes: Vec<f64>,
     warning: Option<String>,
+    /// The share of the energy that may be lost where nothing takes any; none where something may.
+    may_lose: Option<f64>,
+    /// That more was lost.
+    lost: Option<String>,
     /// Twice the kinetic energies of a stretch, then its potential energies.
     heights: Vec<f64>,
     /// A state of a stretch.
@@ -79,6 +88,7 @@ pub struct Gathered {
     lowest_potential: f64,
     work: f64,
     warning: Option<String>,
+    lost: Option<String>,
 }
 
 impl EnergyGuard {
@@ -147,6 +157,8 @@ impl EnergyGuard {
             rough: RoughForces::of(scenario).map(|rough| (rough, vec![0.0; 2 * scenario.coordinates()])),
             own,
             nodes: stability::force_nodes(scenario),
+            may_lose: may_lose(scenario).filter(|_| !is_driven),
+            lost: None,
             warning: None,
             heights: Vec::new(),
             state: start.clone(),
@@ -155,14 +167,16 @@ impl EnergyGuard {
 
     /// What it has gathered.
     pub(crate) fn gathered(&self) -> Gathered {
-        let Self { lowest_potential, work, warning, .. } = self;
-        Gathered { lowest_potential: *lowest_potential, work: *work, warning: warning.clone() }
+        let Self { lowest_potential, work, warning, lost, .. } = self;
+        let (warning, lost) = (warning.clone(), lost.clone());
+        Gathered { lowest_potential: *lowest_potential, work: *work, warning, lost }
     }
 
     /// Goes on from a later state with what another guard of the same run had gathered until then.
     pub(crate) fn go_on(&mut self, gathered: Gathered, state: &GridState) {
-        Gathered { lowest_potential: self.lowest_potential, work: self.work, warning: self.warning } =
-            gathered;
+        let Gathered { lowest_potential, work, warning, lost } = gathered;
+        (self.lowest_potential, self.work) = (lowest_potential, work);
+        (self.warning, self.lost) = (warning, lost);
         if self.position.is_empty() {
             // It watches nothing.
             return;
@@ -193,6 +207,8 @@ impl EnergyGuard {
             rough: None,
             own: None,
             nodes: Vec::new(),
+            may_lose: None,
+            lost: None,
             warning: None,
             heights: Vec::new(),
             state: GridState::default(),
@@ -244,6 +260,9 @@ impl EnergyGuard {
             *height = energy - 0.5 * *height;
         });
         self.lowest_potential = self.lowest_potential.min(lowest(&self.heights));
+        if let (Some(&energy), Some(&time)) = (stretch.energies().last(), stretch.times().last()) {
+            self.judge_loss(energy, time);
+        }
         true
     }
 
@@ -313,11 +332,25 @@ impl EnergyGuard {
     /// Compares the energy with what explains it.
     fn judge(&mut self, kinetic: f64, energy: f64, time: f64) -> Option<String> {
         self.lowest_potential = self.lowest_potential.min(energy - kinetic);
+        self.judge_loss(energy, time);
         let explained = self.explained();
         if energy - self.first_energy <= FACTOR * explained || energy.is_nan() {
             return None;
         }
         self.react(energy, time, explained)
+    }
+
+    /// Notes that energy is gone that nothing has taken.
+    fn judge_loss(&mut self, energy: f64, time: f64) {
+        let Some(share) = self.may_lose.filter(|_| self.lost.is_none()) else { return };
+        let there_was = self.stored + self.first_potential - self.lowest_potential;
+        let loss = self.first_energy - energy;
+        if loss > share * there_was && loss > f64::EPSILON.sqrt() * self.first_energy.abs() {
+            self.lost = Some(format!(
+                "the energy has fallen from {:.3e} to {energy:.3e} at t = {time}, though nothing damps: the steps seem too long there",
+                self.first_energy
+            ));
+        }
     }
 
     /// What is done about an energy that nothing explains.
@@ -339,7 +372,7 @@ impl EnergyGuard {
 
     /// What there is to warn of.
     pub fn warning(&self) -> Option<&str> {
-        self.warning.as_deref()
+        self.warning.as_deref().or(self.lost.as_deref())
     }
 
     /// A bound on the work over the step to `state`.
@@ -402,6 +435,18 @@ impl EnergyGuard {
             }
         }
         work + largest.iter().enumerate().map(|(index, force)| force * way(index)).sum::<f64>()
+    }
+}
+
+/// What share of its energy a motion of the scenario may lose, if nothing takes any. Variational schemes on
+/// steps known beforehand lose none, only swing.
+fn may_lose(scenario: &Scenario) -> Option<f64> {
+    if !scenario.system.damping.is_empty() {
+        return None;
+    }
+    match scenario.time.adaptive() {
+        Some(rule) => Some((LOST_IN_TOLERANCES * rule.tolerance).min(LOST)),
+        None => (scenario.scheme == Scheme::Collocation).then_some(LOST),
     }
 }
 

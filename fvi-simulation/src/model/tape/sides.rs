@@ -5,7 +5,6 @@
 //! on smoothly where an argument passes zero, so that a step across finds when it does, to the order of the
 //! scheme; a step that ends there and one that begins there with the other side have that order too.
 
-use super::derivative::Derivatives;
 use super::graph::{Graph, Origin, Value};
 use super::program::Program;
 use crate::language::expression::{Function, Kind, Moment, Node, Operator};
@@ -30,11 +29,15 @@ impl SideArguments {
         Self { coordinates, letter, names: Vec::new(), derivatives: Vec::new(), known: HashMap::new() }
     }
 
-    /// The inputs a and b of the side a + b g of a jump or kink with the argument g.
-    pub(super) fn inputs(&mut self, node: &Node, argument: &Derivatives) -> [Origin; 2] {
-        let index = *self.known.entry(argument.value).or_insert_with(|| {
+    /// The inputs a and b of the side a + b g of a jump or kink with the argument g and its gradient.
+    pub(super) fn inputs(
+        &mut self,
+        node: &Node,
+        (argument, gradient): (Value, &[(u32, Value)]),
+    ) -> [Origin; 2] {
+        let index = *self.known.entry(argument).or_insert_with(|| {
             self.names.push(text(node, self.letter));
-            self.derivatives.push((argument.value, argument.gradient.clone()));
+            self.derivatives.push((argument, gradient.to_vec()));
             self.names.len() - 1
         });
         let first = self.coordinates + 2 * u32::try_from(index).expect("fewer than 2³¹ jumps and kinks");
