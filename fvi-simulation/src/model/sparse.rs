@@ -175,6 +175,10 @@ impl<T: Real> Equations<T, Matrix<T>> for SparseEquations {
         self.last.is_some()
     }
 
+    fn spares_factors(&self) -> bool {
+        true
+    }
+
     fn solve_again(&mut self, vector: &mut [T]) {
         if let Some((_, factored)) = &self.last {
             factored.solve(&mut self.buffer, vector);
