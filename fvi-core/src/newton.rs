@@ -11,6 +11,9 @@ const MAX_ITERATIONS: u32 = 50;
 /// Corrections of this size, relative to what is corrected, tell by how much the later ones shrink.
 const NEAR: f64 = 1.0 / 64.0;
 
+/// The part of the one before that a correction has at most where expensive factors serve further ones.
+const SHRINKING: f64 = 0.125;
+
 /// The matrix of a step's linear equations: S×S blocks of N×N numbers, put together term by term.
 ///
 /// [`StepMatrix`] is the dense one, in place. A host brings others, sparse ones included.
@@ -33,6 +36,13 @@ pub trait Equations<T: Real, B: Block<T>> {
     /// Whether [`solve`](Equations::solve) has left factors for [`solve_again`](Equations::solve_again).
     #[inline(always)]
     fn has_factors(&self) -> bool {
+        false
+    }
+
+    /// Whether factors cost so much more than a solution with them that corrections take those of the first one
+    /// for as long as they get small.
+    #[inline(always)]
+    fn spares_factors(&self) -> bool {
         false
     }
 
@@ -204,13 +214,20 @@ pub struct Corrections<T> {
     count: u32,
     previous: Option<T>,
     again: bool,
+    sparing: bool,
 }
 
 impl<T: Real> Corrections<T> {
     /// None made yet.
     #[inline(always)]
     pub fn new(offset: T) -> Self {
-        Self { offset, count: 0, previous: None, again: false }
+        Self { offset, count: 0, previous: None, again: false, sparing: false }
+    }
+
+    /// None made yet; each factor serves for as long as corrections with it shrink by [`SHRINKING`].
+    #[inline(always)]
+    fn sparing(self, sparing: bool) -> Self {
+        Self { sparing, ..self }
     }
 
     /// Whether the next correction takes the factors of the last one.
@@ -261,7 +278,11 @@ impl<T: Real> Corrections<T> {
             return Err(StepError::NotConverged { iterations: MAX_ITERATIONS, residual });
         }
         self.previous = Some(change);
-        self.again = !again && change <= near && keeps_factors;
+        self.again = keeps_factors
+            && match self.sparing {
+                true => previous.is_none_or(|previous| change <= T::of(SHRINKING) * previous),
+                false => !again && change <= near,
+            };
         Ok(None)
     }
 }
@@ -281,7 +302,7 @@ pub(crate) fn newton<T: Real, B: Block<T>, E: Equations<T, B>>(
     matrix: &mut E,
     mut balance: impl FnMut(&[T], &mut [T], Option<&mut E>),
 ) -> Result<Converged<T>, StepError> {
-    let mut corrections = Corrections::new(offset);
+    let mut corrections = Corrections::new(offset).sparing(matrix.spares_factors());
     loop {
         let again = corrections.takes_factors_again();
         balance(unknowns, correction, if again { None } else { Some(&mut *matrix) });
@@ -347,6 +368,66 @@ mod tests {
             newton::<_, Coefficients<f64, 1>, _>(&mut unknown, &mut correction, 0.0, &mut matrix, balance);
         assert_eq!(converged.map(|converged| converged.iterations), Ok(2));
         assert!((unknown[0] - 2f64.sqrt()).abs() <= f64::EPSILON && slopes.get() == 1, "{unknown:?}");
+    }
+
+    /// [`StepMatrix`] whose factors are dear.
+    struct Dear(StepMatrix<f64, 1, 1>, bool);
+
+    impl Equations<f64, Coefficients<f64, 1>> for Dear {
+        type Kept = Factors<f64, 1, 1>;
+        fn clear(&mut self) {
+            Equations::<f64, Coefficients<f64, 1>>::clear(&mut self.0);
+        }
+        fn add(&mut self, row: usize, column: usize, factor: f64, block: &Coefficients<f64, 1>) {
+            self.0.add(row, column, factor, block);
+        }
+        fn solve(&mut self, vector: &mut [f64]) -> Result<(), Singular> {
+            Equations::<f64, Coefficients<f64, 1>>::solve(&mut self.0, vector)
+        }
+        fn has_factors(&self) -> bool {
+            Equations::<f64, Coefficients<f64, 1>>::has_factors(&self.0)
+        }
+        fn spares_factors(&self) -> bool {
+            self.1
+        }
+        fn solve_again(&mut self, vector: &mut [f64]) {
+            Equations::<f64, Coefficients<f64, 1>>::solve_again(&mut self.0, vector);
+        }
+        fn keep(
+            &mut self,
+            kept: &mut Self::Kept,
+            inertia: (f64, &Coefficients<f64, 1>),
+        ) -> Result<(), Singular> {
+            self.0.keep(kept, inertia)
+        }
+        fn solve_kept(&mut self, kept: &Self::Kept, vector: &mut [f64]) {
+            Equations::<f64, Coefficients<f64, 1>>::solve_kept(&mut self.0, kept, vector);
+        }
+    }
+
+    #[test]
+    fn dear_factors_serve_while_corrections_shrink() {
+        // x + c x³ = 1 from 0.9: one factor where the slope hardly changes, another one where it does.
+        let solve = |c: f64, sparing: bool| {
+            let slopes = Cell::new(0);
+            let balance = |x: &[f64], residual: &mut [f64], matrix: Option<&mut Dear>| {
+                residual[0] = x[0] + c * x[0] * x[0] * x[0] - 1.0;
+                if let Some(matrix) = matrix {
+                    slopes.set(slopes.get() + 1);
+                    matrix.clear();
+                    matrix.add(0, 0, 1.0 + 3.0 * c * x[0] * x[0], &Coefficients::Diagonal([1.0].into()));
+                }
+            };
+            let (mut unknown, mut matrix) = ([0.9], Dear(StepMatrix::zero(), sparing));
+            newton::<_, Coefficients<f64, 1>, _>(&mut unknown, &mut [0.0], 0.0, &mut matrix, balance)
+                .unwrap();
+            let [x] = unknown;
+            assert!((x + c * x * x * x - 1.0).abs() <= 2.0 * f64::EPSILON, "{c} {x}");
+            slopes.get()
+        };
+        assert_eq!((solve(0.01, true), solve(0.01, false)), (1, 3));
+        let far = solve(50.0, true);
+        assert!((2..6).contains(&far), "{far}");
     }
 
     #[test]

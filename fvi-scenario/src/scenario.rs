@@ -34,7 +34,7 @@ pub use own_terms::{OwnTerms, SharedTerms};
 pub use reference::{Reference, ReferenceRow, ReferenceSource};
 pub use sampled_input::SampledInput;
 pub use scheme::{Convolution, ConvolutionFamily, DampedAt, Quadrature, Scheme};
-pub use sparse_matrix::SparseMatrix;
+pub use sparse_matrix::{KnownMatrices, SparseMatrix};
 pub use system::{Attached, Damping, Derivative, ForceQuadrature, System};
 pub use time::{
     Engine, History, LARGEST_TOLERANCE, MOST_STEPS, OnEnergyGrowth, OutputOptions, Overflow,
@@ -99,7 +99,19 @@ impl Scenario {
     /// # Errors
     /// The first thing in the document that cannot be used, with its place.
     pub fn from_document(document: Document) -> Result<Self, InputError> {
-        let scenario = document.with_root(|root| Self::from_root(&root, &document))?;
+        Self::sharing(document, None)
+    }
+
+    /// As [`from_document`](Self::from_document), with matrices that other scenarios have read already.
+    ///
+    /// # Errors
+    /// The first thing in the document that cannot be used, with its place.
+    pub fn knowing(document: Document, known: &KnownMatrices) -> Result<Self, InputError> {
+        Self::sharing(document, Some(known))
+    }
+
+    fn sharing(document: Document, known: Option<&KnownMatrices>) -> Result<Self, InputError> {
+        let scenario = document.with_root(|root| Self::from_root(&root, &document, known))?;
         scenario.check_start()?;
         scenario.check_cases()?;
         Ok(scenario)
@@ -135,7 +147,11 @@ impl Scenario {
         self
     }
 
-    fn from_root(root: &Table<'_>, document: &Document) -> Result<Self, InputError> {
+    fn from_root(
+        root: &Table<'_>,
+        document: &Document,
+        known: Option<&KnownMatrices>,
+    ) -> Result<Self, InputError> {
         root.allow(&[
             "title",
             "system",
@@ -152,7 +168,7 @@ impl Scenario {
         ])?;
         let title = root.optional("title").map(|value| value.text().map(str::to_owned)).transpose()?;
         let system_table = root.required("system")?.table()?;
-        let system = System::read(&system_table)?;
+        let system = System::read(&system_table, known)?;
         let count = system.coordinates();
         let initial = match root.optional("initial") {
             Some(value) => InitialState::read(&value.table()?, &system)?,

@@ -29,8 +29,8 @@ use crate::model::{
     States, Switched,
 };
 use crate::scenario::{self, ConvolutionFamily, DampedAt, Engine, ReportedMomentum, Scenario};
-use choice::sparse_space;
 pub use choice::{Solver, SolverChoice};
+use choice::{dense_warning, sparse_space};
 use fvi_core::{
     Damping, Fixed, Instant, Integrator, IntegratorBuilder, IntegratorError, MatrixError, Mechanics, Memory,
     MemoryError, Mismatch, Real, Sample, Scheme, StateError, StateReader, StateWriter, StepError,
@@ -60,6 +60,7 @@ pub struct Simulation {
     shared: Vec<Vec<usize>>,
     precision: Precision,
     solver: Solver,
+    warning: Option<String>,
 }
 
 /// What the integrator of any scalar can do.
@@ -157,7 +158,11 @@ impl Simulation {
         forces_of_time::check(scenario)?;
         let space = match sparse_space(scenario, choice)? {
             Some(space) => {
-                stability::check_large_step(scenario)?;
+                if choice::is_of_few(scenario, choice) && !stability::is_unconditional(scenario) {
+                    check_stability(scenario)?;
+                } else {
+                    stability::check_large_step(scenario)?;
+                }
                 space
             }
             None => {
@@ -178,7 +183,8 @@ impl Simulation {
             Precision::F32 => Box::new(Machine::<f32, _>::new(space, scenario, tables)?),
         };
         let (engines, shared) = (stepper.engines(), stepper.shared());
-        Ok(Self { stepper, engines, shared, precision, solver })
+        let warning = if solver == Solver::Dense { dense_warning(scenario) } else { None };
+        Ok(Self { stepper, engines, shared, precision, solver, warning })
     }
 
     /// Whether no motion near the start grows at the step of the scenario, as far as the check of the step
@@ -269,6 +275,11 @@ impl Simulation {
     /// How the equations of a step are solved.
     pub fn solver(&self) -> Solver {
         self.solver
+    }
+
+    /// What to know about how they are solved: full matrices of many coordinates.
+    pub fn warning(&self) -> Option<&str> {
+        self.warning.as_deref()
     }
 
     /// The engine of each damping term.

@@ -6,6 +6,7 @@ use crate::blocks::Blocks;
 use crate::kernels::Products;
 use core::fmt;
 use pulp::{Arch, Simd, WithSimd};
+use std::sync::Arc;
 
 /// Why a matrix has no factor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,7 +46,8 @@ impl core::error::Error for FactorError {}
 #[derive(Clone, Debug)]
 pub struct Factor {
     analysis: Analysis,
-    numbers: Vec<f64>,
+    /// Those of copies too.
+    numbers: Arc<Vec<f64>>,
 }
 
 /// Columns of a block that are eliminated together before they act on those to their right.
@@ -65,7 +67,22 @@ impl Analysis {
         Arch::new()
             .dispatch(Elimination { blocks, pattern, values, numbers: &mut numbers })
             .map_err(|pivot| FactorError::Pivot { pivot, coordinate: blocks.order[pivot] as usize })?;
-        Ok(Factor { analysis: self.clone(), numbers })
+        Ok(Factor { analysis: self.clone(), numbers: Arc::new(numbers) })
+    }
+}
+
+impl Analysis {
+    /// As [`factor`](Self::factor), or a factor of the same matrix that the pattern remembers.
+    ///
+    /// # Errors
+    /// [`FactorError`].
+    pub fn factor_of(&self, pattern: &Pattern, values: &[f64]) -> Result<Factor, FactorError> {
+        if let Some(known) = pattern.remembered(values) {
+            return Ok(known);
+        }
+        let factor = self.factor(pattern, values)?;
+        pattern.remember(values, &factor);
+        Ok(factor)
     }
 }
 
@@ -260,6 +277,28 @@ mod tests {
             factor.solve(&mut alone);
             assert_eq!(alone, together[n..2 * n], "k = {k}");
         }
+    }
+
+    #[test]
+    fn a_pattern_that_remembers_hands_out_the_factor_of_the_same_matrix() {
+        let (pattern, values) = cube(5);
+        let other: Vec<f64> = values.iter().map(|value| 2.0 * value).collect();
+        let shares = |one: &Factor, other: &Factor| Arc::ptr_eq(&one.numbers, &other.numbers);
+        let analysis = Analysis::new(&pattern);
+        let alone = analysis.factor_of(&pattern, &values).unwrap();
+        assert!(!shares(&alone, &analysis.factor_of(&pattern, &values).unwrap()));
+        let pattern = pattern.remembering_factors();
+        let first = analysis.factor_of(&pattern, &values).unwrap();
+        assert!(first.numbers == alone.numbers);
+        let second = analysis.factor_of(&pattern, &other).unwrap();
+        assert!(shares(&first, &analysis.factor_of(&pattern, &values).unwrap()));
+        assert!(shares(&second, &analysis.factor_of(&pattern.clone(), &other).unwrap()));
+        // A third one takes the place of what was not asked for longest.
+        analysis.factor_of(&pattern, &vec![1.0; values.len()]).unwrap_err();
+        let third: Vec<f64> = values.iter().map(|value| 3.0 * value).collect();
+        analysis.factor_of(&pattern, &third).unwrap();
+        assert!(shares(&second, &analysis.factor_of(&pattern, &other).unwrap()));
+        assert!(!shares(&first, &analysis.factor_of(&pattern, &values).unwrap()));
     }
 
     #[test]

@@ -1,8 +1,9 @@
 //! Where the entries of a sparse matrix may be.
 
+use crate::Factor;
 use crate::analysis::Analysis;
 use core::ops::Range;
-use std::sync::OnceLock;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 /// The places of a sparse square matrix, row by row, columns ascending.
 #[derive(Clone, Debug, Default)]
@@ -16,7 +17,15 @@ pub struct Pattern {
     is_chain: bool,
     /// How its matrices are eliminated, once that has been asked for.
     pub(crate) analysis: OnceLock<Analysis>,
+    /// Matrices that have been factored lately, where they are remembered.
+    remembered: Option<Arc<Remembered>>,
 }
+
+/// The values of matrices and their factors, the last one first.
+type Remembered = Mutex<Vec<(Vec<f64>, Factor)>>;
+
+/// Factors that a pattern remembers: that of the mass and that of the step's matrix.
+const REMEMBERED: usize = 2;
 
 /// The same places.
 impl PartialEq for Pattern {
@@ -47,7 +56,7 @@ impl Pattern {
         debug_assert!(starts.len() <= 1 << 32, "columns are numbers of 32 bits");
         let rows = starts.len().saturating_sub(1);
         let is_chain = rows > 1 && band == 1 && columns.len() + 2 == 3 * rows;
-        Self { starts, columns, band, is_chain, analysis: OnceLock::new() }
+        Self { starts, columns, band, is_chain, analysis: OnceLock::new(), remembered: None }
     }
 
     /// The pattern of rows given one after another, each with its columns ascending and less than the number
@@ -62,6 +71,30 @@ impl Pattern {
             starts.push(columns.len());
         }
         Self::with_columns(starts, columns, band)
+    }
+
+    /// The pattern, for which [`Analysis::factor_of`] remembers the last two factors for as long as a copy of it
+    /// lives: they serve whoever factors the same matrix again.
+    pub fn remembering_factors(mut self) -> Self {
+        self.remembered = Some(Arc::default());
+        self
+    }
+
+    /// The factor of the matrix with these values, if it is remembered.
+    pub(crate) fn remembered(&self, values: &[f64]) -> Option<Factor> {
+        let mut known = self.remembered.as_ref()?.lock().unwrap_or_else(PoisonError::into_inner);
+        let place = known.iter().position(|(known, _)| known == values)?;
+        known[..=place].rotate_right(1);
+        known.first().map(|(_, factor)| factor.clone())
+    }
+
+    /// Remembers a factor, where the pattern does.
+    pub(crate) fn remember(&self, values: &[f64], factor: &Factor) {
+        if let Some(known) = &self.remembered {
+            let mut known = known.lock().unwrap_or_else(PoisonError::into_inner);
+            known.insert(0, (values.to_vec(), factor.clone()));
+            known.truncate(REMEMBERED);
+        }
     }
 
     /// Where in the values the entry of a place lies; the place must be one of the pattern's.

@@ -103,7 +103,8 @@ pub struct RunSummary {
     pub overruns: Option<usize>,
     /// Bytes of the memories at the end.
     pub memory_bytes: usize,
-    /// Seconds for making the integrator: weights, tables.
+    /// Seconds for making the integrator: order of elimination, weights, tables; with what reading the scenario
+    /// took where the caller has counted it.
     pub preparation_seconds: f64,
     /// Seconds for the steps and for writing the trajectory.
     pub seconds: f64,
@@ -171,7 +172,24 @@ pub struct Attempts {
     pub rejected: usize,
 }
 
+/// How a run ended, without what is long where there are many coordinates.
+#[derive(Clone, Debug, Serialize)]
+pub struct ShortSummary<'a> {
+    #[serde(flatten)]
+    end: &'a RunEnd,
+    steps: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    steps_wanted: Option<usize>,
+    warnings: &'a [String],
+}
+
 impl RunSummary {
+    /// How it ended, after how many steps, and the warnings, by the same names.
+    pub fn in_short(&self) -> ShortSummary<'_> {
+        let Self { end, steps, steps_wanted, warnings, .. } = self;
+        ShortSummary { end, steps: *steps, steps_wanted: *steps_wanted, warnings }
+    }
+
     /// The record of one load case.
     fn of_case(&self, scenario: &Scenario, case: usize) -> Self {
         let places = scenario.places_of(case);
@@ -447,6 +465,25 @@ impl<'s> Run<'s> {
     /// If the scenario cannot be run.
     pub fn start_cases(scenario: &'s Scenario, precision: Precision) -> Result<Self, InputError> {
         Self::start_all(scenario, precision, &Tables::default())
+    }
+
+    /// As [`start_cases`](Self::start_cases), with the tables of its memories shared with other runs.
+    ///
+    /// # Errors
+    /// As [`start_cases`](Self::start_cases).
+    pub fn sharing_cases(
+        scenario: &'s Scenario,
+        precision: Precision,
+        tables: &Tables,
+    ) -> Result<Self, InputError> {
+        Self::start_all(scenario, precision, tables)
+    }
+
+    /// The run, with what its caller has spent on preparing it counted as well.
+    #[must_use]
+    pub fn prepared_for(mut self, seconds: f64) -> Self {
+        self.preparation_seconds += seconds;
+        self
     }
 
     fn start_all(scenario: &'s Scenario, precision: Precision, tables: &Tables) -> Result<Self, InputError> {
@@ -834,6 +871,7 @@ impl<'s> Run<'s> {
             warnings: scenario
                 .warnings()
                 .into_iter()
+                .chain(simulation.warning().map(str::to_owned))
                 .chain(self.errors.warning())
                 .chain(motion.warning().map(str::to_owned))
                 .chain(motion.notes())

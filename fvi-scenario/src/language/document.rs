@@ -116,6 +116,11 @@ impl Document {
         Self { text: values.to_string(), ..self.clone() }
     }
 
+    /// The content of the file of this name that is at hand.
+    pub(crate) fn attached(&self, name: &str) -> Option<Arc<[u8]>> {
+        self.attached.iter().find(|(known, _)| known == name).map(|(_, content)| Arc::clone(content))
+    }
+
     /// The bytes of a file that the document names: attached to it, or in its directory.
     pub(crate) fn read_bytes_named(&self, path: &str) -> std::io::Result<Vec<u8>> {
         if let Some((_, content)) = self.attached.iter().find(|(name, _)| name == path) {

@@ -1,6 +1,6 @@
 //! Symmetric matrices of a scenario: a list of diagonal entries, or rows.
 
-use super::sparse_matrix::{KnownMatrices, SparseMatrix, wrong_size};
+use super::sparse_matrix::{Matrices, SparseMatrix, wrong_size};
 use crate::language::document::Value;
 use crate::language::error::{InputError, Problem};
 use crate::numerics::dense::symmetric_eigenvalues;
@@ -94,7 +94,7 @@ impl SymmetricMatrix {
     pub(super) fn read(
         value: &Value<'_>,
         coordinates: Option<usize>,
-        known: &mut KnownMatrices,
+        known: &mut Matrices<'_>,
     ) -> Result<Self, InputError> {
         if value.is_text() {
             return known.read(value, coordinates).map(Self::Sparse);
@@ -136,9 +136,13 @@ impl SymmetricMatrix {
     }
 
     /// Refuses a matrix with an eigenvalue ≤ 0 (to rounding), or so small that the inverse is not finite.
-    pub(super) fn positive_definite(self, value: &Value<'_>) -> Result<Self, InputError> {
+    pub(super) fn positive_definite(
+        self,
+        value: &Value<'_>,
+        known: &Matrices<'_>,
+    ) -> Result<Self, InputError> {
         if let Self::Sparse(matrix) = self {
-            return matrix.positive_definite(value).map(Self::Sparse);
+            return known.positive_definite(matrix, value).map(Self::Sparse);
         }
         let (smallest, threshold) = self.spectrum();
         if smallest > threshold && smallest.recip().is_finite() {
@@ -149,9 +153,13 @@ impl SymmetricMatrix {
     }
 
     /// Refuses a matrix with an eigenvalue < 0 (beyond rounding).
-    pub(super) fn positive_semidefinite(self, value: &Value<'_>) -> Result<Self, InputError> {
+    pub(super) fn positive_semidefinite(
+        self,
+        value: &Value<'_>,
+        known: &Matrices<'_>,
+    ) -> Result<Self, InputError> {
         if let Self::Sparse(matrix) = self {
-            return matrix.positive_semidefinite(value).map(Self::Sparse);
+            return known.positive_semidefinite(matrix, value).map(Self::Sparse);
         }
         let (smallest, threshold) = self.spectrum();
         if smallest >= -threshold {

@@ -12,10 +12,16 @@ pub trait OwnTerms: Send {
     /// U(q).
     fn potential(&mut self, position: &[f64]) -> f64;
 
+    /// Whether ∇U − F depends on the position. A force of time alone leaves large systems sparse.
+    fn depends_on_position(&self) -> bool {
+        true
+    }
+
     /// Adds ∇U(q) − F(t, q).
     fn add_pull(&mut self, moment: Moment<f64>, position: &[f64], pull: &mut [f64]);
 
-    /// Adds ∇U(q) − F(t, q), and its derivative ∂²U/∂q² − ∂F/∂q to `stiffness`, row by row.
+    /// Adds ∇U(q) − F(t, q), and its derivative ∂²U/∂q² − ∂F/∂q to `stiffness`, row by row. Not called where
+    /// nothing depends on the position.
     fn add_linearisation(
         &mut self,
         moment: Moment<f64>,
@@ -36,6 +42,11 @@ impl SharedTerms {
     /// To share.
     pub fn new(terms: impl OwnTerms + 'static) -> Self {
         Self(Arc::new(Mutex::new(terms)))
+    }
+
+    /// Whether they depend on the position.
+    pub fn depend_on_position(&self) -> bool {
+        self.with(|terms| terms.depends_on_position())
     }
 
     /// Calls them.

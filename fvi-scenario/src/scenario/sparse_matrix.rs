@@ -6,7 +6,7 @@ use crate::language::matrix_file::FileMatrix;
 use crate::numerics::semidefinite::check_positive_semidefinite;
 use fvi_sparse::{Analysis, FactorError, Pattern};
 use serde::{Serialize, Serializer};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// A symmetric matrix by its entries that need not be zero.
 #[derive(Clone, Debug, PartialEq)]
@@ -163,6 +163,26 @@ impl SparseMatrix {
         self
     }
 
+    /// Whether places and entries are the same.
+    fn has_entries_of(&self, other: &Self) -> bool {
+        (Arc::ptr_eq(&self.values, &other.values) || self.values == other.values)
+            && (Arc::ptr_eq(&self.pattern, &other.pattern) || self.pattern == other.pattern)
+    }
+
+    /// Whether it is another one times a number ≥ 0, to rounding.
+    fn is_multiple_of(&self, other: &Self) -> bool {
+        let Some(largest) = other.values.iter().copied().max_by(|a, b| a.abs().total_cmp(&b.abs())) else {
+            return false;
+        };
+        let same = Arc::ptr_eq(&self.pattern, &other.pattern) || self.pattern == other.pattern;
+        let mut pairs = self.values.iter().zip(other.values.iter());
+        let place = other.values.iter().position(|&value| value == largest);
+        let factor = place.map_or(f64::NAN, |place| self.values[place] / largest);
+        let near =
+            |(own, other): (&f64, &f64)| (own - factor * other).abs() <= 4.0 * f64::EPSILON * own.abs();
+        same && factor >= 0.0 && factor.is_finite() && pairs.all(near)
+    }
+
     /// Number of rows.
     pub fn size(&self) -> usize {
         self.pattern.size()
@@ -177,15 +197,15 @@ impl SparseMatrix {
     }
 
     /// Refuses a matrix that is not positive definite.
-    pub(super) fn positive_definite(self, value: &Value<'_>) -> Result<Self, InputError> {
-        match Analysis::new(&self.pattern).factor(&self.pattern, &self.values) {
+    fn positive_definite(self, value: &Value<'_>) -> Result<Self, InputError> {
+        match Analysis::new(&self.pattern).factor_of(&self.pattern, &self.values) {
             Ok(_) => Ok(self),
             Err(error) => Err(self.refused(value, error)),
         }
     }
 
     /// Refuses a matrix that is not positive semidefinite beyond rounding.
-    pub(super) fn positive_semidefinite(self, value: &Value<'_>) -> Result<Self, InputError> {
+    fn positive_semidefinite(self, value: &Value<'_>) -> Result<Self, InputError> {
         match check_positive_semidefinite(&self.pattern, &self.values, f64::EPSILON) {
             Ok(()) => Ok(self),
             Err(FactorError::Pivot { pivot, coordinate }) => {
@@ -203,12 +223,80 @@ impl SparseMatrix {
     }
 }
 
+/// Matrices that scenarios share: files that are attached to their documents are read once, places that are
+/// equal are held, and analysed, once, and of factors the last two are kept for each pattern.
+///
+/// What has been read stays until the last copy of this is gone.
+#[derive(Clone, Debug, Default)]
+pub struct KnownMatrices(Arc<Mutex<Known>>);
+
+#[derive(Debug, Default)]
+struct Known {
+    /// With the content of the file.
+    matrices: Vec<(Arc<[u8]>, SparseMatrix)>,
+    patterns: Vec<Arc<Pattern>>,
+    definite: Vec<SparseMatrix>,
+    semidefinite: Vec<SparseMatrix>,
+}
+
+/// What is kept of each kind; a fit with matrices that are new each time would fill the memory.
+const KEPT: usize = 8;
+
+/// Adds an entry in place of the oldest one.
+fn keep<T>(kept: &mut Vec<T>, entry: T) {
+    if kept.len() == KEPT {
+        kept.remove(0);
+    }
+    kept.push(entry);
+}
+
+impl KnownMatrices {
+    fn with<R>(&self, call: impl FnOnce(&mut Known) -> R) -> R {
+        call(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// The pattern that is equal to this one, which is known from now on.
+    pub fn pattern(&self, pattern: Arc<Pattern>) -> Arc<Pattern> {
+        self.with(|known| {
+            if let Some(other) = known.patterns.iter().find(|other| **other == pattern) {
+                return Arc::clone(other);
+            }
+            let pattern = Arc::new(Arc::unwrap_or_clone(pattern).remembering_factors());
+            keep(&mut known.patterns, Arc::clone(&pattern));
+            pattern
+        })
+    }
+
+    fn matrix(&self, content: &Arc<[u8]>) -> Option<SparseMatrix> {
+        self.with(|known| {
+            let same = |(other, _): &&(Arc<[u8]>, SparseMatrix)| other == content;
+            known.matrices.iter().find(same).map(|(_, matrix)| matrix.clone())
+        })
+    }
+
+    fn is_definite(&self, matrix: &SparseMatrix) -> bool {
+        self.with(|known| known.definite.iter().any(|other| other.has_entries_of(matrix)))
+    }
+
+    /// Whether it is a multiple of a matrix that is semidefinite.
+    fn is_semidefinite(&self, matrix: &SparseMatrix) -> bool {
+        self.with(|known| known.semidefinite.iter().any(|other| matrix.is_multiple_of(other)))
+    }
+}
+
 /// Matrices from files of one scenario: a file is read once, and places that are equal are held, and
 /// analysed, once.
 #[derive(Default)]
-pub(super) struct KnownMatrices(Vec<SparseMatrix>);
+pub(super) struct Matrices<'a> {
+    own: Vec<SparseMatrix>,
+    shared: Option<&'a KnownMatrices>,
+}
 
-impl KnownMatrices {
+impl<'a> Matrices<'a> {
+    pub(super) fn sharing(shared: Option<&'a KnownMatrices>) -> Self {
+        Self { own: Vec::new(), shared }
+    }
+
     /// As [`SparseMatrix::read`].
     pub(super) fn read(
         &mut self,
@@ -216,15 +304,66 @@ impl KnownMatrices {
         coordinates: Option<usize>,
     ) -> Result<SparseMatrix, InputError> {
         let source = source(value);
-        if let Some(known) = self.0.iter().find(|known| known.source == source) {
+        if let Some(known) = self.own.iter().find(|known| known.source == source) {
             return Ok(known.clone());
         }
-        let mut matrix = SparseMatrix::read(value, coordinates)?;
-        if let Some(known) = self.0.iter().find(|known| known.pattern == matrix.pattern) {
+        let content = self.shared.and_then(|_| value.document().attached(value.text().ok()?));
+        let known = self.shared.zip(content.as_ref()).and_then(|(shared, content)| shared.matrix(content));
+        let mut matrix = match known {
+            Some(known) if coordinates.is_none_or(|count| count == known.size()) => {
+                SparseMatrix { source, ..known }
+            }
+            _ => SparseMatrix::read(value, coordinates)?,
+        };
+        if let Some(known) = self.own.iter().find(|known| known.pattern == matrix.pattern) {
             matrix.pattern = Arc::clone(&known.pattern);
         }
-        self.0.push(matrix.clone());
+        if let Some(shared) = self.shared {
+            matrix.pattern = shared.pattern(matrix.pattern);
+            if let Some(content) = content
+                && shared.matrix(&content).is_none()
+            {
+                shared.with(|known| keep(&mut known.matrices, (content, matrix.clone())));
+            }
+        }
+        self.own.push(matrix.clone());
         Ok(matrix)
+    }
+
+    /// Refuses a matrix that is not positive definite.
+    pub(super) fn positive_definite(
+        &self,
+        matrix: SparseMatrix,
+        value: &Value<'_>,
+    ) -> Result<SparseMatrix, InputError> {
+        match self.shared {
+            Some(shared) if shared.is_definite(&matrix) => Ok(matrix),
+            shared => {
+                let matrix = matrix.positive_definite(value)?;
+                if let Some(shared) = shared {
+                    shared.with(|known| keep(&mut known.definite, matrix.clone()));
+                }
+                Ok(matrix)
+            }
+        }
+    }
+
+    /// Refuses a matrix that is not positive semidefinite beyond rounding.
+    pub(super) fn positive_semidefinite(
+        &self,
+        matrix: SparseMatrix,
+        value: &Value<'_>,
+    ) -> Result<SparseMatrix, InputError> {
+        match self.shared {
+            Some(shared) if shared.is_semidefinite(&matrix) => Ok(matrix),
+            shared => {
+                let matrix = matrix.positive_semidefinite(value)?;
+                if let Some(shared) = shared {
+                    shared.with(|known| keep(&mut known.semidefinite, matrix.clone()));
+                }
+                Ok(matrix)
+            }
+        }
     }
 }
 

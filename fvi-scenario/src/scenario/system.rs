@@ -5,7 +5,7 @@ use super::kernel::read_transfer;
 use super::load::Load;
 use super::matrix::SymmetricMatrix;
 use super::own_terms::SharedTerms;
-use super::sparse_matrix::{KnownMatrices, SparseMatrix};
+use super::sparse_matrix::{KnownMatrices, Matrices, SparseMatrix};
 use crate::language::document::{Table, Value};
 use crate::language::error::{InputError, Problem};
 use crate::language::expression::{Expression, Symbols};
@@ -42,6 +42,9 @@ pub struct System {
     /// Potential and forces in code, beside those above.
     #[serde(skip)]
     pub own_terms: Option<SharedTerms>,
+    /// Patterns and factors that it has in common with other scenarios.
+    #[serde(skip)]
+    pub known: Option<KnownMatrices>,
 }
 
 /// One damping term ρ K(D) q.
@@ -94,7 +97,7 @@ pub enum Derivative {
 }
 
 impl System {
-    pub(super) fn read(table: &Table<'_>) -> Result<Self, InputError> {
+    pub(super) fn read(table: &Table<'_>, shared: Option<&KnownMatrices>) -> Result<Self, InputError> {
         table.allow(&[
             "mass",
             "stiffness",
@@ -107,7 +110,7 @@ impl System {
             "load",
         ])?;
         let mass_value = table.required("mass")?;
-        let mut known = KnownMatrices::default();
+        let mut known = Matrices::sharing(shared);
         let mass = SymmetricMatrix::read(&mass_value, None, &mut known)?;
         let count = mass.size();
         if count == 0 {
@@ -116,7 +119,7 @@ impl System {
                 found: "none".to_owned(),
             }));
         }
-        let mass = mass.positive_definite(&mass_value)?;
+        let mass = mass.positive_definite(&mass_value, &known)?;
         let stiffness = match table.optional("stiffness") {
             Some(value) => Some(SymmetricMatrix::read(&value, Some(count), &mut known)?),
             None => None,
@@ -125,12 +128,16 @@ impl System {
             Some(value) => read_parameters(&value)?,
             None => BTreeMap::new(),
         };
+        // Names of all coordinates are made where expressions may have them only.
         let symbols = symbols_of(&parameters);
-        let coordinates = symbols.clone().with_coordinates(count);
-        let potential =
-            table.optional("potential").map(|value| value.expression(&coordinates)).transpose()?;
-        let timed = symbols.with_time().with_coordinates(count);
-        let force = table.optional("force").map(|value| value.expressions(&timed, count)).transpose()?;
+        let potential = table
+            .optional("potential")
+            .map(|value| value.expression(&symbols.clone().with_coordinates(count)))
+            .transpose()?;
+        let force = table
+            .optional("force")
+            .map(|value| value.expressions(&symbols.with_time().with_coordinates(count), count))
+            .transpose()?;
         let force_quadrature = match table.optional("force_quadrature") {
             Some(value) => {
                 value.choice(&[("moments", ForceQuadrature::Moments), ("nodes", ForceQuadrature::Nodes)])?
@@ -172,6 +179,7 @@ impl System {
             elements,
             loads,
             own_terms: None,
+            known: shared.cloned(),
         })
     }
 
@@ -185,8 +193,14 @@ impl System {
         self.stiffness.is_some()
             || !self.elements.is_empty()
             || !self.loads.is_empty()
-            || matches!(self.mass, SymmetricMatrix::Sparse(_))
-            || self.damping.iter().any(|term| matches!(term.coefficient, SymmetricMatrix::Sparse(_)))
+            || self.has_sparse_matrices()
+    }
+
+    /// Whether mass, stiffness or damping are known by their entries that need not be zero.
+    pub fn has_sparse_matrices(&self) -> bool {
+        let coefficients = self.damping.iter().map(|term| &term.coefficient);
+        let mut matrices = self.stiffness.iter().chain(coefficients).chain([&self.mass]);
+        matrices.any(|matrix| matches!(matrix, SymmetricMatrix::Sparse(_)))
     }
 
     /// The parameters as names for further expressions.
@@ -200,7 +214,7 @@ impl Damping {
         table: &Table<'_>,
         count: usize,
         parameters: &BTreeMap<String, f64>,
-        known: &mut KnownMatrices,
+        known: &mut Matrices<'_>,
     ) -> Result<Self, InputError> {
         table.allow(&[
             "order",
@@ -224,7 +238,7 @@ impl Damping {
                 coefficient = coefficient.scaled(scale.number()?);
             }
             let scale = scale.map(|scale| scale.number()).transpose()?.filter(|_| value.is_text());
-            (coefficient.positive_semidefinite(&value)?, None, scale)
+            (coefficient.positive_semidefinite(&value, known)?, None, scale)
         } else {
             if let Some(scale) = scale {
                 return Err(belongs(&scale, "scale", "coefficient"));

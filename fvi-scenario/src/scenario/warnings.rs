@@ -43,8 +43,10 @@ impl Scenario {
     /// β = ½ and BDF 2 the order is 2 without them, 1.5 with ν = 1, 0.95 with 2 and 0.49 with 2.5.
     fn lowering_warning(&self) -> Option<String> {
         let moves = self.initial.momentum.iter().any(|&p| p != 0.0);
-        let low =
-            |term: &Damping| term.derivative == Derivative::Caputo && term.order > 0.0 && term.order < 1.0;
+        let low = |term: &Damping| {
+            let order = term.transfer.growth();
+            term.derivative == Derivative::Caputo && order > 0.0 && order < 1.0
+        };
         (moves && !self.convolution.starting.is_empty() && self.system.damping.iter().any(low)).then(|| {
             "convolution.starting: with a velocity at the start and Caputo damping of an order below 1 starting weights can \
              lower the order, below 1 for exponents of 2 and more: compare with `starting = []` by `fvi converge`"

@@ -146,10 +146,16 @@ impl<T: Elementary> Model<T> {
             .chain(elements.iter().flat_map(Elements::places));
         let of_force = pushed.iter().map(|&(row, column, _)| (row, column)).chain(turned.iter().copied());
         let own = system.own_terms.clone().map(|terms| Own::new(terms, size));
-        let of_own =
-            own.iter().flat_map(|_| (0..size).flat_map(|row| (0..size).map(move |column| (row, column))));
+        let of_own = own
+            .iter()
+            .filter(|own| own.depends_on_position())
+            .flat_map(|_| (0..size).flat_map(|row| (0..size).map(move |column| (row, column))));
         let places: Vec<_> = of_potential.flat_map(both).chain(of_force).chain(of_own).collect();
         let pattern = with_base(size, base.as_ref(), &places);
+        let pattern = match &system.known {
+            Some(known) => known.pattern(pattern),
+            None => pattern,
+        };
         let slots = |&(row, column): &(usize, usize)| (pattern.slot(row, column), pattern.slot(column, row));
         let narrow = |place: (usize, usize)| {
             let narrow = |slot: usize| u32::try_from(slot).expect("fewer slots than 2³²");
@@ -170,7 +176,11 @@ impl<T: Elementary> Model<T> {
             values.own()[pattern.slot(row, column)] -= entry;
         }
         let constant = Sparse { pattern: Arc::clone(&pattern), values, threads: 1 };
-        let is_constant = places.is_empty() && potential.is_none() && force.is_zero() && elements.is_empty();
+        let is_constant = places.is_empty()
+            && potential.is_none()
+            && force.is_zero()
+            && elements.is_empty()
+            && own.is_none();
         let entries = vec![T::zero(); jacobian_slots.len()];
         let quadratic = Matrix::symmetric(size, springs.iter().copied());
         let paired_rows = match (&base, &quadratic) {
@@ -539,7 +549,7 @@ impl<T: Elementary> Model<T> {
 
     /// Whether the stiffness is the same at every position and time.
     fn is_linear(&self) -> bool {
-        self.own.is_none()
+        self.own.as_ref().is_none_or(|own| !own.depends_on_position())
             && self.potential.as_ref().is_none_or(CompiledPotential::is_quadratic)
             && self.elements.iter().all(Elements::is_quadratic)
             && self.force.is_affine()
@@ -704,7 +714,7 @@ fn sparse_inverse<T: Real>(pattern: &Pattern, entries: &[T]) -> Result<InverseMa
         return if full { Ok(inverse) } else { Err(MatrixError::NotPositiveDefinite) };
     }
     let factor =
-        Analysis::new(pattern).factor(pattern, &values).map_err(|_| MatrixError::NotPositiveDefinite)?;
+        Analysis::new(pattern).factor_of(pattern, &values).map_err(|_| MatrixError::NotPositiveDefinite)?;
     // The sum of a row is the mass that moves with it; where couplings make that too small, its own entry.
     let masses = pattern.rows().enumerate().map(|(row, slots)| {
         let own = values[pattern.slot(row, row)];

@@ -9,13 +9,21 @@ pub(super) struct Own {
     terms: SharedTerms,
     position: Vec<f64>,
     pull: Vec<f64>,
-    /// Row by row.
+    /// Row by row; none where nothing depends on the position.
     stiffness: Vec<f64>,
+    depends_on_position: bool,
 }
 
 impl Own {
     pub(super) fn new(terms: SharedTerms, size: usize) -> Self {
-        Self { terms, position: vec![0.0; size], pull: vec![0.0; size], stiffness: vec![0.0; size * size] }
+        let depends_on_position = terms.depend_on_position();
+        let places = if depends_on_position { size * size } else { 0 };
+        let (position, pull) = (vec![0.0; size], vec![0.0; size]);
+        Self { terms, position, pull, stiffness: vec![0.0; places], depends_on_position }
+    }
+
+    pub(super) fn depends_on_position(&self) -> bool {
+        self.depends_on_position
     }
 
     fn at<T: Elementary>(&mut self, position: &[T]) {
@@ -36,7 +44,7 @@ impl Own {
         add(&self.pull, pull);
     }
 
-    /// `stiffness` has every place, row by row.
+    /// `stiffness` has every place, row by row, where anything depends on the position.
     pub(super) fn add_linearisation<T: Elementary>(
         &mut self,
         moment: Moment<T>,
@@ -44,6 +52,9 @@ impl Own {
         pull: &mut [T],
         stiffness: &mut [T],
     ) {
+        if !self.depends_on_position {
+            return self.add_pull(moment, position, pull);
+        }
         self.at(position);
         self.pull.fill(0.0);
         self.stiffness.fill(0.0);
@@ -64,8 +75,8 @@ fn add<T: Elementary>(own: &[f64], sum: &mut [T]) {
 mod tests {
     use crate::language::expression::Moment;
     use crate::scenario::{OwnTerms, Scenario, SharedTerms};
-    use crate::simulation::Precision;
     use crate::simulation::motion::Motion;
+    use crate::simulation::{Precision, Solver};
 
     /// A pendulum with a drive, U = −9 cos q, F = sin 3t.
     struct Pendulum;
@@ -127,6 +138,75 @@ mod tests {
                 assert!((a - b).abs() < tolerance, "{words:?} {code:?}");
             }
             assert!((words.energy - code.energy).abs() < 10.0 * tolerance, "{words:?} {code:?}");
+        }
+    }
+
+    /// F_i = sin(t), whatever the position.
+    struct Drive;
+
+    impl OwnTerms for Drive {
+        fn potential(&mut self, _: &[f64]) -> f64 {
+            0.0
+        }
+
+        fn depends_on_position(&self) -> bool {
+            false
+        }
+
+        fn add_pull(&mut self, moment: Moment<f64>, _: &[f64], pull: &mut [f64]) {
+            pull.iter_mut().for_each(|pull| *pull -= libm::sin(moment.sided()));
+        }
+
+        fn add_linearisation(&mut self, _: Moment<f64>, _: &[f64], _: &mut [f64], _: &mut [f64]) {
+            panic!("nothing depends on the position");
+        }
+
+        fn take_largest_force(&mut self, largest: &mut [f64]) {
+            largest.fill(1.0);
+        }
+    }
+
+    #[test]
+    fn forces_of_time_alone_in_code_leave_large_systems_sparse() {
+        let size = 150;
+        for element in [None, Some("0.25*(x1 - x0)^4")] {
+            let scenario = |load: bool| {
+                let mut system = serde_json::json!({
+                    "mass": vec![1.0; size],
+                    "stiffness": vec![4.0; size],
+                    "damping": [{ "order": 0.5, "coefficient": vec![0.1; size] }],
+                });
+                if let Some(potential) = element {
+                    system["element"] =
+                        serde_json::json!([{ "potential": potential, "coordinates": [[0, 1], [7, 9]] }]);
+                }
+                if load {
+                    system["load"] =
+                        serde_json::json!([{ "pattern": vec![1.0; size], "amplitude": "sin(t)" }]);
+                }
+                let position: Vec<f64> = (0..size).map(|i| (i as f64).sin()).collect();
+                Scenario::from_value(&serde_json::json!({
+                    "system": system,
+                    "initial": { "position": position },
+                    "time": { "step": 0.02, "steps": 50 },
+                    "output": { "coordinates": [0] },
+                }))
+                .unwrap()
+            };
+            let (words, code) = (scenario(true), scenario(false).with_own_terms(SharedTerms::new(Drive)));
+            let mut motions =
+                [&words, &code].map(|scenario| Motion::start(scenario, Precision::F64).unwrap());
+            for motion in &mut motions {
+                assert!(matches!(motion.simulation().solver(), Solver::Sparse { .. }));
+                assert_eq!(motion.simulation().warning(), None);
+                (0..50).for_each(|_| {
+                    motion.advance().unwrap();
+                });
+            }
+            let [words, code] = motions.map(|motion| motion.state().clone());
+            for (a, b) in words.position.iter().zip(&code.position) {
+                assert!((a - b).abs() < 1e-14, "{element:?}: {a} {b}");
+            }
         }
     }
 }

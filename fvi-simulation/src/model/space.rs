@@ -149,6 +149,10 @@ impl<T: Real> Equations<T, Matrix<T>> for AnyEquations<T> {
         }
     }
 
+    fn spares_factors(&self) -> bool {
+        matches!(self, Self::Sparse(_))
+    }
+
     fn solve_again(&mut self, vector: &mut [T]) {
         match self {
             Self::Dense(equations) => equations.solve_again(vector),

@@ -1,6 +1,7 @@
 //! The equations of many coordinates, with sparse factors.
 
 use super::matrices::Matrix;
+use crate::scenario::KnownMatrices;
 use fvi_core::{Equations, Real, Singular};
 use fvi_sparse::{Analysis, Factor, Pattern};
 use std::sync::Arc;
@@ -15,6 +16,15 @@ pub struct Elimination {
 impl Elimination {
     /// Analyses the places at which the sum of these matrices can have entries.
     pub fn of<T: Real>(coordinates: usize, blocks: &[&Matrix<T>]) -> Self {
+        Self::with_pattern(Self::places_of(coordinates, blocks))
+    }
+
+    /// The same with a pattern of other scenarios, if one of them has had these places.
+    pub fn knowing<T: Real>(coordinates: usize, blocks: &[&Matrix<T>], known: &KnownMatrices) -> Self {
+        Self::with_pattern(known.pattern(Self::places_of(coordinates, blocks)))
+    }
+
+    fn places_of<T: Real>(coordinates: usize, blocks: &[&Matrix<T>]) -> Arc<Pattern> {
         let sparse = blocks.iter().filter_map(|block| match block {
             Matrix::Sparse(sparse) => Some(&sparse.pattern),
             _ => None,
@@ -29,13 +39,21 @@ impl Elimination {
                 pattern = Arc::new(wider);
             }
         }
-        let analysis = Analysis::new(&pattern);
-        Self { pattern, analysis }
+        pattern
+    }
+
+    fn with_pattern(pattern: Arc<Pattern>) -> Self {
+        Self { analysis: Analysis::new(&pattern), pattern }
     }
 
     /// N.
     pub fn coordinates(&self) -> usize {
         self.pattern.size()
+    }
+
+    /// Numbers of the factor.
+    pub fn factor_len(&self) -> usize {
+        self.analysis.factor_len()
     }
 
     /// Bytes of the factor.
@@ -104,9 +122,13 @@ impl SparseEquations {
         }
     }
 
-    fn factored(&mut self) -> Result<Factored, Singular> {
+    fn factored(&mut self, remembers: bool) -> Result<Factored, Singular> {
         let analysis = self.analysis.get_or_insert_with(|| Analysis::new(&self.pattern));
-        match analysis.factor(&self.pattern, &self.values) {
+        let factor = match remembers {
+            true => analysis.factor_of(&self.pattern, &self.values),
+            false => analysis.factor(&self.pattern, &self.values),
+        };
+        match factor {
             Ok(factor) => {
                 let diagonal = (0..self.pattern.size()).map(|row| self.values[self.pattern.slot(row, row)]);
                 let scales = diagonal.map(f64::sqrt).collect();
@@ -162,7 +184,7 @@ impl<T: Real> Equations<T, Matrix<T>> for SparseEquations {
         if !self.last.as_ref().is_some_and(|(values, _)| *values == self.values) {
             // Before the next factor is made: there may not be room for two.
             self.last = None;
-            let factored = self.factored()?;
+            let factored = self.factored(false)?;
             self.last = Some((self.values.clone(), factored));
         }
         if let Some((_, factored)) = &self.last {
@@ -175,6 +197,10 @@ impl<T: Real> Equations<T, Matrix<T>> for SparseEquations {
         self.last.is_some()
     }
 
+    fn spares_factors(&self) -> bool {
+        true
+    }
+
     fn solve_again(&mut self, vector: &mut [T]) {
         if let Some((_, factored)) = &self.last {
             factored.solve(&mut self.buffer, vector);
@@ -183,7 +209,7 @@ impl<T: Real> Equations<T, Matrix<T>> for SparseEquations {
 
     fn keep(&mut self, kept: &mut Option<Factored>, _: (T, &Matrix<T>)) -> Result<(), Singular> {
         *kept = None;
-        *kept = Some(self.factored()?);
+        *kept = Some(self.factored(true)?);
         self.values = Vec::new();
         Ok(())
     }

@@ -2,7 +2,7 @@
 
 use crate::language::{InputError, Problem};
 use crate::model::{AnySpace, Elimination, Matrix, Model, matrix};
-use crate::scenario::{ConvolutionFamily, Scenario, Scheme};
+use crate::scenario::{ConvolutionFamily, Scenario, Scheme, SharedTerms};
 use crate::simulation::available_memory::available_memory;
 use fvi_core::Mechanics;
 use serde::Serialize;
@@ -34,11 +34,50 @@ pub enum SolverChoice {
     Sparse,
 }
 
-/// Coordinates from which on the sparse factor is the cheaper one.
+/// Coordinates beyond which the sparse factor is the cheaper one.
 const MANY: usize = 128;
+
+/// Coordinates beyond which it is so for matrices from files that leave most of the factor empty: a step with full
+/// matrices takes N² operations, its check eigenvalues of N × N matrices.
+const SEVERAL: usize = 32;
+
+/// The part of N² that a factor may have up to [`MANY`] coordinates.
+const SMALL: f64 = 0.25;
 
 /// Coordinates times nodes up to which a full matrix may be eliminated: it takes 8 n² bytes.
 const MOST_DENSE: usize = 6_000;
+
+/// Unknowns of a step from which on full matrices are worth a warning.
+const SLOW: usize = 300;
+
+/// What to know about full matrices where the scenario has many coordinates: why, and what leaves them sparse.
+pub(super) fn dense_warning(scenario: &Scenario) -> Option<String> {
+    let (degree, coordinates) = (degree(scenario), scenario.coordinates());
+    let owned = scenario.system.own_terms.as_ref().is_some_and(SharedTerms::depend_on_position);
+    let collocation = matches!(scenario.scheme, Scheme::Collocation);
+    if coordinates.saturating_mul(degree) < SLOW {
+        return None;
+    }
+    let (key, why, instead) = if owned {
+        let instead =
+            "expressions in `[[system.element]]` and functions of t alone leave the matrices sparse";
+        ("system", "the functions take the position, so that their derivatives may be full", instead)
+    } else if !scenario.system.is_large() {
+        return None;
+    } else if scenario.system.force.iter().flatten().any(|force| force.has_variables()) {
+        let instead = "potentials in `[[system.element]]` and loads leave the matrices sparse";
+        ("system.force", "the force depends on the position", instead)
+    } else if degree > 1 || collocation {
+        let instead =
+            "`kind` = \"low-order\" with `[convolution] at` = \"nodes\", `order` = 2 has sparse factors";
+        ("scheme", "the scheme has none but for one unknown a step", instead)
+    } else {
+        return None;
+    };
+    Some(format!(
+        "{key}: {coordinates} coordinates are solved with full matrices instead of sparse factors, since {why}; {instead}"
+    ))
+}
 
 /// The sparse space for a scenario, or `None` if it runs in the dense one.
 ///
@@ -51,10 +90,12 @@ pub(super) fn sparse_space(
     scenario: &Scenario,
     choice: SolverChoice,
 ) -> Result<Option<AnySpace>, InputError> {
-    let (degree, many) = (degree(scenario), scenario.coordinates() > MANY);
+    let (degree, count) = (degree(scenario), scenario.coordinates());
+    let many = count > MANY || (count > SEVERAL && scenario.system.has_sparse_matrices());
     let pushed = scenario.system.force.iter().flatten().any(|force| force.has_variables());
+    let owned = scenario.system.own_terms.as_ref().is_some_and(SharedTerms::depend_on_position);
     let collocation = matches!(scenario.scheme, Scheme::Collocation);
-    let suits = degree == 1 && !collocation && !pushed && scenario.system.own_terms.is_none();
+    let suits = degree == 1 && !collocation && !pushed && !owned;
     let wanted = match choice {
         // Load cases share a sparse factor, however small it is.
         SolverChoice::Automatic => (scenario.system.is_large() && many) || !scenario.cases.is_empty(),
@@ -81,7 +122,13 @@ pub(super) fn sparse_space(
     let stiffness = model.stiffness();
     let mass = model.mass();
     let blocks: Vec<_> = [mass, &stiffness].into_iter().chain(&damping).collect();
-    let plan = Elimination::of(scenario.coordinates(), &blocks);
+    let plan = match &scenario.system.known {
+        Some(known) => Elimination::knowing(scenario.coordinates(), &blocks, known),
+        None => Elimination::of(scenario.coordinates(), &blocks),
+    };
+    if is_of_few(scenario, choice) && plan.factor_len() as f64 > SMALL * (count * count) as f64 {
+        return Ok(None);
+    }
     if let Some(available) = available_memory()
         && plan.factor_bytes() > available
     {
@@ -94,6 +141,11 @@ pub(super) fn sparse_space(
         return Err(scenario.error_at("system.mass", Problem::Unusable { reason }));
     }
     Ok(Some(AnySpace::sparse(plan).times(scenario.copies()).on_threads(scenario.history.threads())))
+}
+
+/// Whether there are so few coordinates that full matrices are a choice.
+pub(super) fn is_of_few(scenario: &Scenario, choice: SolverChoice) -> bool {
+    choice == SolverChoice::Automatic && scenario.cases.is_empty() && scenario.coordinates() <= MANY
 }
 
 /// How many vectors of coordinates a step solves for.

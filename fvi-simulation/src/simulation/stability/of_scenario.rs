@@ -4,7 +4,9 @@ use super::large::{self, check_large};
 use super::{DampingForm, Discretisation, LinearDamping, LinearSystem, Verdict, check_stability};
 use crate::language::{InputError, Problem};
 use crate::model::Model;
-use crate::scenario::{ConvolutionFamily, DampedAt, Quadrature, Scenario, Scheme, SymmetricMatrix};
+use crate::scenario::{
+    ConvolutionFamily, DampedAt, Quadrature, Scenario, Scheme, SharedTerms, SymmetricMatrix,
+};
 use fvi_core::{BdfOrder, RungeKutta};
 use nalgebra::{DMatrix, DVector};
 
@@ -72,7 +74,7 @@ pub(crate) fn is_unconditional(scenario: &Scenario) -> bool {
     let linear = system.potential.is_none()
         && system.elements.is_empty()
         && system.force.is_none()
-        && system.own_terms.is_none();
+        && !system.own_terms.as_ref().is_some_and(SharedTerms::depend_on_position);
     linear
         && !may_drive(scenario)
         && discretisation(scenario).is_some_and(|scheme| large::is_unconditional(&scheme, damped))
