@@ -13,6 +13,7 @@ mod kernel;
 mod load;
 mod matrix;
 mod own_terms;
+mod parameters;
 mod reference;
 mod sampled_input;
 mod scheme;

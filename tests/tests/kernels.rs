@@ -202,7 +202,7 @@ fn motions_have_the_orders_of_node_form_for_every_analytic_kernel() {
         for (degree, formula, smallest_order, largest_error) in
             [(1, 2, 1.9, 2e-4), (2, 3, 2.85, 2e-6), (2, 4, 3.8, 1e-7), (3, 5, 4.6, 2e-8)]
         {
-            let steps = [16, 32, 64];
+            let steps = [32, 64, 128];
             let error = |steps_in_one: usize| {
                 let text = format!(
                     "[system]\nmass = [1.0]\npotential = \"0.5*q0^2\"\n[[system.damping]]\ncoefficient = [1.0]\n\
@@ -217,7 +217,7 @@ fn motions_have_the_orders_of_node_form_for_every_analytic_kernel() {
             let errors = steps.map(error);
             let order = observed_order(&steps.map(|count| 1.0 / count as f64), &errors);
             let at = format!("{keys}, Gauss {degree}, BDF {formula}: {errors:?}");
-            assert!(errors[2] < largest_error, "{at}");
+            assert!(errors[1] < largest_error, "{at}");
             assert!(order > smallest_order || errors[2] < 2e-11, "order {order:.2}, {at}");
         }
     }
@@ -226,7 +226,9 @@ fn motions_have_the_orders_of_node_form_for_every_analytic_kernel() {
 #[test]
 fn runge_kutta_quadrature_has_its_order_with_every_kernel_that_relaxes() {
     for (keys, transfer) in analytic_kernels().into_iter().filter(|(_, transfer)| transfer.is_relaxation()) {
-        let exact = inverse_transform(3.0, |s| s / (s * s + 1.0 + transfer.value(s) + transfer.spring()));
+        // Caputo's form: s² q̂ − s + q̂ + K(s) (q̂ − 1/s) = 0.
+        let kernel = |s: Complex<f64>| transfer.value(s) + transfer.spring();
+        let exact = inverse_transform(3.0, |s| (s + kernel(s) / s) / (s * s + 1.0 + kernel(s)));
         for (scheme, smallest_order) in [
             ("kind = \"collocation\"\n", 3.7),
             ("kind = \"galerkin\"\ndegree = 2\n[convolution]\nfamily = \"radau-iia\"\nstages = 2\n", 2.7),
@@ -235,7 +237,7 @@ fn runge_kutta_quadrature_has_its_order_with_every_kernel_that_relaxes() {
             let error = |steps_in_one: usize| {
                 let text = format!(
                     "[system]\nmass = [1.0]\npotential = \"0.5*q0^2\"\n[[system.damping]]\ncoefficient = [1.0]\n\
-                     kernel = {keys}\nderivative = \"riemann-liouville\"\n[initial]\nposition = [1.0]\n[scheme]\n\
+                     kernel = {keys}\n[initial]\nposition = [1.0]\n[scheme]\n\
                      {scheme}[time]\nstep = {}\nsteps = {}\n",
                     1.0 / steps_in_one as f64,
                     3 * steps_in_one
@@ -264,6 +266,8 @@ proptest! {
         strength in -2.0..3.0f64,
         step in -2.0..0.5f64,
     ) {
+        // Where Caputo's form leaves out a velocity, it may push at first.
+        let velocity = if transfer.growth() > 1.0 { 0.0 } else { 0.3 };
         let keys: Vec<String> = transfer
             .parameters()
             .iter()
@@ -274,7 +278,7 @@ proptest! {
             .collect();
         let text = format!(
             "[system]\nmass = [1.0]\npotential = \"0.5*k*q0^2\"\nparameters = {{ k = {:?} }}\n[[system.damping]]\n\
-             coefficient = [{:?}]\nkernel = {{ form = \"{}\", {} }}\n[initial]\nposition = [1.0]\nvelocity = [0.3]\n\
+             coefficient = [{:?}]\nkernel = {{ form = \"{}\", {} }}\n[initial]\nposition = [1.0]\nvelocity = [{velocity:?}]\n\
              [convolution]\norder = {formula}\n[time]\nstep = {:?}\nsteps = 300\nenergy_guard = \"off\"\n",
             10f64.powf(stiffness),
             10f64.powf(strength),

@@ -393,9 +393,9 @@ const char *fvi_status_text(int32_t status);
 
  So a table that holds its step size is never scaled a second time, and one made for h = 1 is scaled as it
  must be. `order` is 1…6; −1 < exponent < 2. The first eight weights are compared. Returns FVI_STATUS_NULL,
- FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE, or FVI_STATUS_OUT_OF_RANGE if a parameter is out of range, the
- weights are those of another operator, or the table says that it holds another step size; the memory then
- is as before.
+ FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE, or FVI_STATUS_OUT_OF_RANGE if a parameter is out of range,
+ the weights are those of another operator, or the table says that it holds another step size; the memory
+ then is as before.
 
  # Safety
  `memory` must be as its type describes, and writable.

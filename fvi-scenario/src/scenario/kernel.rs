@@ -1,6 +1,6 @@
 //! `order` and `kernel` of a damping term: its transfer function.
 
-use super::system::{read_parameters, symbols_of};
+use super::parameters::{read_parameters, symbols_of};
 use crate::language::document::{Document, Table, Value};
 use crate::language::error::{InputError, Problem};
 use crate::language::expression::{Expression, Function, Kind, LARGEST_MULTIPLIED, Node, Operator, Symbols};

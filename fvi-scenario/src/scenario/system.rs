@@ -5,6 +5,7 @@ use super::kernel::read_transfer;
 use super::load::Load;
 use super::matrix::SymmetricMatrix;
 use super::own_terms::SharedTerms;
+use super::parameters::{read_parameters, symbols_of};
 use super::sparse_matrix::{KnownMatrices, Matrices, SparseMatrix};
 use crate::language::document::{Table, Value};
 use crate::language::error::{InputError, Problem};
@@ -390,23 +391,5 @@ fn belongs(value: &Value<'_>, key: &str, other: &str) -> InputError {
     value.key_error(Problem::Incompatible {
         with: "the other keys of this term".to_owned(),
         allowed: format!("`{key}` belongs to `{other}`"),
-    })
-}
-
-pub(super) fn read_parameters(value: &Value<'_>) -> Result<BTreeMap<String, f64>, InputError> {
-    let mut parameters = BTreeMap::new();
-    for (name, entry) in value.table()?.entries() {
-        Symbols::new()
-            .with_parameter(name, 0.0)
-            .map_err(|error| entry.key_error(Problem::ParameterName(error)))?;
-        parameters.insert(name.to_owned(), entry.number()?);
-    }
-    Ok(parameters)
-}
-
-/// The parameters as names; those that cannot be names were refused when they were read.
-pub(super) fn symbols_of(parameters: &BTreeMap<String, f64>) -> Symbols {
-    parameters.iter().fold(Symbols::new(), |symbols, (name, &value)| {
-        symbols.clone().with_parameter(name, value).unwrap_or(symbols)
     })
 }

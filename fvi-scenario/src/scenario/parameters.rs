@@ -1,0 +1,24 @@
+//! `parameters`: named constants of the expressions.
+
+use crate::language::document::Value;
+use crate::language::error::{InputError, Problem};
+use crate::language::expression::Symbols;
+use std::collections::BTreeMap;
+
+pub(super) fn read_parameters(value: &Value<'_>) -> Result<BTreeMap<String, f64>, InputError> {
+    let mut parameters = BTreeMap::new();
+    for (name, entry) in value.table()?.entries() {
+        Symbols::new()
+            .with_parameter(name, 0.0)
+            .map_err(|error| entry.key_error(Problem::ParameterName(error)))?;
+        parameters.insert(name.to_owned(), entry.number()?);
+    }
+    Ok(parameters)
+}
+
+/// The parameters as names; those that cannot be names were refused when they were read.
+pub(super) fn symbols_of(parameters: &BTreeMap<String, f64>) -> Symbols {
+    parameters.iter().fold(Symbols::new(), |symbols, (name, &value)| {
+        symbols.clone().with_parameter(name, value).unwrap_or(symbols)
+    })
+}
