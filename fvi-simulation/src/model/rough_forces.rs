@@ -32,8 +32,8 @@ struct RoughLoad {
 }
 
 impl RoughForces {
-    /// For the schemes that take the work of forces by a quadrature or at nodes inside the step; `None` if all
-    /// is smooth.
+    /// For the schemes that take the work of forces by a quadrature or at nodes inside the step; `None` if
+    /// all is smooth.
     pub(crate) fn of(scenario: &Scenario) -> Option<Self> {
         if !takes_moments(scenario) {
             return None;
