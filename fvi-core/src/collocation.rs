@@ -107,8 +107,8 @@ impl<T: Real, const N: usize, const R: usize> Scheme<T, Fixed<N>> for Collocatio
 }
 
 impl<T: Real> CollocationTables<'_, T> {
-    /// One step. The accelerations a_i are left in `work.increments`, X_i − q_k in `work.stages`. `work.excess`
-    /// has room for a vector at each node.
+    /// One step. The accelerations a_i are left in `work.increments`, X_i − q_k in `work.stages`.
+    /// `work.excess` has room for a vector at each node.
     ///
     /// # Errors
     /// [`StepError`]; position, momentum and damping are as before.

@@ -320,9 +320,10 @@ pub trait Mechanics<T: Real, X: Space<T>> {
     /// (S + 1)·N numbers, and returns whether it did: for a force that its nodes describe well there is
     /// nothing to do.
     ///
-    /// Collocation asks with a rule without shapes and tests: it wants what is to be added to F at each of its
-    /// R nodes, R·N numbers, so that Σ_i b_i π(c_i) F_i is ∫₀¹ π(τ) F(t_k + τh) dτ for polynomials π of degree R −
-    /// 1: then Σ_i b_i F_i is the impulse, and with two stages and more the position has what it makes of it too.
+    /// Collocation asks with a rule without shapes and tests: it wants what is to be added to F at each of
+    /// its R nodes, R·N numbers, so that Σ_i b_i π(c_i) F_i is ∫₀¹ π(τ) F(t_k + τh) dτ for polynomials π of
+    /// degree R − 1: then Σ_i b_i F_i is the impulse, and with two stages and more the position has what it
+    /// makes of it too.
     fn excess(&mut self, rule: &NodalRule<'_, T>, excess: &mut [T]) -> bool {
         let _ = (rule, excess);
         false

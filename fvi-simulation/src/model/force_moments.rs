@@ -15,8 +15,8 @@ use fvi_core::{Instant, NodalRule, Real};
 /// costs nothing.
 ///
 /// Collocation takes forces at its nodes and nothing else. For it the excess is that of forces there that
-/// have the moments of the force, with as many polynomials as there are nodes, and is taken across rough points
-/// and narrow terms only.
+/// have the moments of the force, with as many polynomials as there are nodes, and is taken across rough
+/// points and narrow terms only.
 #[derive(Clone, Debug)]
 pub struct ForceMoments {
     force: CompiledForce<f64>,
@@ -73,8 +73,8 @@ const CELLS: usize = 64;
 pub(super) enum Against {
     /// The polynomials ℓ_0 … ℓ_S on 0 and these points.
     Shapes(Vec<f64>),
-    /// The polynomials that are one at their own of these nodes and zero at the others, over the weights there:
-    /// what comes out are forces at the nodes.
+    /// The polynomials that are one at their own of these nodes and zero at the others, over the weights
+    /// there: what comes out are forces at the nodes.
     AtNodes(Vec<f64>, Vec<f64>),
 }
 
@@ -301,8 +301,8 @@ impl ForceMoments {
             self.breaks.dedup_by(|a, b| *a - *b < APART);
             // Towards a root nothing is ever smooth: there the double-exponential rule is dense.
             if !at_root {
-                // Ends count from inside, and what is at an end is there to the rounding of numbers as large as
-                // times may be.
+                // Ends count from inside, and what is at an end is there to the rounding of numbers as large
+                // as times may be.
                 let scale = start.abs() + self.end.min(1e3 * length);
                 let slack = first.max(last) * length + 64.0 * f64::EPSILON * scale;
                 narrow = self.split_narrow(start, length, slack);

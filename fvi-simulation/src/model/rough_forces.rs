@@ -1,9 +1,10 @@
 //! What acts on a system and is rough in time: forces, loads and samples whose moments are taken exactly.
 
 use super::force_moments::{ForceMoments, StepLengths};
+use super::scenario_loads::{loads, takes_moments};
 use super::signal_moments::SignalMoments;
 use super::unbounded_forces::UnboundedForces;
-use crate::scenario::{Amplitude, ForceQuadrature, Load, Record, SampledInput, Scenario, Scheme};
+use crate::scenario::{Amplitude, Load, Record, SampledInput, Scenario, Scheme};
 use fvi_core::{NodalRule, Real};
 use std::ops::Range;
 use std::slice::from_ref;
@@ -31,8 +32,8 @@ struct RoughLoad {
 }
 
 impl RoughForces {
-    /// For the schemes that take the work of forces by a quadrature or at nodes inside the step; `None` if all
-    /// is smooth.
+    /// For the schemes that take the work of forces by a quadrature or at nodes inside the step; `None` if
+    /// all is smooth.
     pub(crate) fn of(scenario: &Scenario) -> Option<Self> {
         if !takes_moments(scenario) {
             return None;
@@ -124,24 +125,4 @@ fn clear<T: Real>(excess: &mut [T], found: &mut bool) {
     if !std::mem::replace(found, true) {
         excess.fill(T::zero());
     }
-}
-
-/// Whether the scheme of a scenario can take forces of time by more than its nodes.
-pub(crate) fn takes_moments(scenario: &Scenario) -> bool {
-    scenario.system.force_quadrature == ForceQuadrature::Moments
-        && match scenario.scheme {
-            // No force moves the position.
-            Scheme::LowOrder { kappa } => kappa != 0.0,
-            Scheme::Galerkin { .. } | Scheme::Collocation => true,
-            Scheme::ExplicitEuler | Scheme::ImplicitEuler => false,
-        }
-}
-
-/// The loads of a scenario, with the motions that they act on.
-pub(crate) fn loads(scenario: &Scenario) -> impl Iterator<Item = (&Load, Range<usize>)> {
-    let motions = scenario.copies();
-    let shared = scenario.system.loads.iter().map(move |load| (load, 0..motions));
-    let of_cases = scenario.cases.iter().enumerate();
-    shared
-        .chain(of_cases.flat_map(|(index, case)| case.loads.iter().map(move |load| (load, index..index + 1))))
 }

@@ -1,7 +1,7 @@
 //! Forces of time that grow without bound and have an impulse nevertheless, taken out of what the nodes of a
 //! scheme look at.
 
-use super::rough_forces::{loads, takes_moments};
+use super::scenario_loads::{loads, takes_moments};
 use super::scheme::AnyScheme;
 use super::tape::{Singularity, Unbounded, terms};
 use crate::language::expression::{Expression, Node, Operator};

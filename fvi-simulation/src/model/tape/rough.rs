@@ -90,8 +90,8 @@ impl RoughArguments {
     }
 
     /// Calls `found` with each place, in parts of the stretch of time from `start` on, where an argument
-    /// changes its sign (`true`), or where one under a root may touch zero (`false`), in ascending order until
-    /// it answers `false`.
+    /// changes its sign (`true`), or where one under a root may touch zero (`false`), in ascending order
+    /// until it answers `false`.
     ///
     /// The stretch is halved until the argument has no zero in a part, or one at most because it rises or
     /// falls throughout, both by the bounds of interval arithmetic, or the part is [`CLOSEST`] to nothing.

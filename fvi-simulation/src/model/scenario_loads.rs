@@ -1,0 +1,24 @@
+//! The loads of a scenario, and whether its scheme takes more of forces of time than their values at nodes.
+
+use crate::scenario::{ForceQuadrature, Load, Scenario, Scheme};
+use std::ops::Range;
+
+/// Whether the scheme of a scenario can take forces of time by more than its nodes.
+pub(crate) fn takes_moments(scenario: &Scenario) -> bool {
+    scenario.system.force_quadrature == ForceQuadrature::Moments
+        && match scenario.scheme {
+            // No force moves the position.
+            Scheme::LowOrder { kappa } => kappa != 0.0,
+            Scheme::Galerkin { .. } | Scheme::Collocation => true,
+            Scheme::ExplicitEuler | Scheme::ImplicitEuler => false,
+        }
+}
+
+/// The loads of a scenario, with the motions that they act on.
+pub(crate) fn loads(scenario: &Scenario) -> impl Iterator<Item = (&Load, Range<usize>)> {
+    let motions = scenario.copies();
+    let shared = scenario.system.loads.iter().map(move |load| (load, 0..motions));
+    let of_cases = scenario.cases.iter().enumerate();
+    shared
+        .chain(of_cases.flat_map(|(index, case)| case.loads.iter().map(move |load| (load, index..index + 1))))
+}
