@@ -9,11 +9,13 @@ integrated by variational schemes whose memory of the whole past is exact to rou
 ======================  ==============================================================
 `run`                   a scenario from a file or a dictionary
 `integrate`             a system given by arrays, expressions and functions
+`Model`                 a system that is integrated several times
 `run_cases`,            several load cases of a linear system together
 `integrate_cases`
 `derivative`            fractional derivatives and integrals of samples
 `weights`               weights of convolution quadrature
 `Memory`, `Operator`    the engines and the operator D^β, sample by sample
+`load`                  a result that was saved
 `sweep`                 one scenario with many values of its keys, here or on a cluster
 `converge`              errors and orders of a scenario over step sizes
 `compare_engines`       the memory engines side by side
@@ -27,7 +29,8 @@ from fvi._errors import InputError, StepError
 from fvi._fvi import __version__
 from fvi._integrate import Damping, Element, Event, Force, Load, Potential, integrate, integrate_cases
 from fvi._memory import Memory, Operator
-from fvi._result import Extremal, Result, Table
+from fvi._model import Model
+from fvi._result import Extremal, Result, Table, load
 from fvi._run import run, run_cases
 from fvi._sequences import derivative, weights
 from fvi._studies import compare_engines, converge, extremal
@@ -42,6 +45,7 @@ __all__ = [
     "InputError",
     "Load",
     "Memory",
+    "Model",
     "Operator",
     "Potential",
     "Result",
@@ -54,6 +58,7 @@ __all__ = [
     "extremal",
     "integrate",
     "integrate_cases",
+    "load",
     "run",
     "run_cases",
     "sweep",

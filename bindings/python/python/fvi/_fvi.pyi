@@ -12,6 +12,7 @@ __all__ = [
     "Ledger",
     "Memory",
     "Operator",
+    "Prepared",
     "Sweep",
     "__version__",
     "compare_engines",
@@ -26,6 +27,10 @@ __all__ = [
 
 __version__: str
 
+@final
+class Prepared:
+    def __new__(cls) -> Self: ...
+
 def run(
     source: Any,
     *,
@@ -34,7 +39,9 @@ def run(
     progress: Any = None,
     terms: Any = None,
     cases: bool = False,
-) -> tuple[list[tuple[str, _Array, _Array, _Array, _Array, str]], BaseException | None]: ...
+    prepared: Prepared | None = None,
+    spent: float = 0.0,
+) -> tuple[list[tuple[str, _Array, _Array, _Array, _Array, str, str]], BaseException | None]: ...
 def run_in(
     source: Any,
     directory: Any,
