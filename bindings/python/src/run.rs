@@ -19,8 +19,8 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// What a motion hands to Python: the name of its load case, t, q, p, energy, how it ended and the summary as JSON:
-/// that is long where there are many coordinates, and seldom looked at.
+/// What a motion hands to Python: the name of its load case, t, q, p, energy, how it ended, and the summary,
+/// both as JSON: the latter is long where there are many coordinates, and seldom looked at.
 type Motion<'py> = (
     String,
     Bound<'py, PyArray1<f64>>,
