@@ -39,8 +39,8 @@ pub trait Equations<T: Real, B: Block<T>> {
         false
     }
 
-    /// Whether factors cost so much more than a solution with them that corrections take those of the first one
-    /// for as long as they get small.
+    /// Whether factors cost so much more than a solution with them that corrections take those of the first
+    /// one for as long as they get small.
     #[inline(always)]
     fn spares_factors(&self) -> bool {
         false

@@ -65,7 +65,7 @@ fn inverse(order: &[u32]) -> Vec<u32> {
 const LARGE: usize = 2_000;
 
 /// Nested dissection is tried where minimum degree leaves columns of so many places on average, as in three
-/// dimensions, or so many places in all: below that it takes longer than what it may save in a thousand steps.
+/// dimensions, or so many places in all: below that it takes longer than it saves in a thousand steps.
 const DISSECTED: (u64, u64) = (64, 2_000_000);
 
 /// Places of a column on average from which on elimination takes so long that dissection may take its time.
@@ -394,8 +394,8 @@ mod tests {
 
     #[test]
     fn the_order_tried_is_that_which_may_pay() {
-        // Small and flat: minimum degree. Long: no worse than as it comes. Large: dissection, with less than the
-        // 2.78 million places that SuperLU's minimum degree leaves.
+        // Small and flat: minimum degree. Long: no worse than as it comes. Large: dissection, with less than
+        // the 2.78 million places that SuperLU's minimum degree leaves.
         let small = membrane(100, 100);
         let least = Elimination::new(&small, minimum_degree(&small)).places();
         assert_eq!(least_fill(&small).places(), least);

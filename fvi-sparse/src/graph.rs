@@ -47,7 +47,8 @@ impl Graph {
         self.neighbours[range.clone()].iter().copied().zip(self.edges[range].iter().copied())
     }
 
-    /// The part with these vertices. `local` is of the size of this graph, and holds [`NONE`] everywhere before and after.
+    /// The part with these vertices. `local` is of the size of this graph, and holds [`NONE`] everywhere
+    /// before and after.
     pub(crate) fn part(&self, vertices: &[u32], local: &mut [u32]) -> Self {
         let most = vertices.iter().map(|&vertex| self.neighbours(vertex).len()).sum();
         let mut part = Self::with_room(vertices.len(), most);

@@ -73,8 +73,8 @@ impl Pattern {
         Self::with_columns(starts, columns, band)
     }
 
-    /// The pattern, for which [`Analysis::factor_of`] remembers the last two factors for as long as a copy of it
-    /// lives: they serve whoever factors the same matrix again.
+    /// The pattern, for which [`Analysis::factor_of`] remembers the last two factors for as long as a copy of
+    /// it lives: they serve whoever factors the same matrix again.
     pub fn remembering_factors(mut self) -> Self {
         self.remembered = Some(Arc::default());
         self

@@ -29,7 +29,7 @@ mod _fvi {
     #[pymodule_export]
     use super::memory::kernel_growth;
     #[pymodule_export]
-    use super::run::{run, run_in};
+    use super::run::{Prepared, run, run_in};
     #[pymodule_export]
     use super::studies::{compare_engines, converge, extremal};
     #[pymodule_export]

@@ -7,17 +7,20 @@ use crate::watch::Watch;
 use fvi_host::lab::checkpoint::IntervalError;
 use fvi_host::lab::run::{Run, RunError, RunOptions, RunSummary, run as run_into_files};
 use fvi_host::language::Problem;
+use fvi_host::memory::Tables;
 use fvi_host::results::room::require;
 use fvi_host::results::trajectory::Format;
-use fvi_host::scenario::{Engine, Scenario, SharedTerms};
+use fvi_host::scenario::{Engine, KnownMatrices, Scenario, SharedTerms};
 use fvi_host::simulation::{GridState, Precision};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use std::convert::Infallible;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
 
-/// What a motion hands to Python: the name of its load case, t, q, p, energy, and the summary as JSON.
+/// What a motion hands to Python: the name of its load case, t, q, p, energy, how it ended, and the summary,
+/// both as JSON: the latter is long where there are many coordinates, and seldom looked at.
 type Motion<'py> = (
     String,
     Bound<'py, PyArray1<f64>>,
@@ -25,12 +28,15 @@ type Motion<'py> = (
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray1<f64>>,
     String,
+    String,
 );
 
 /// Runs a scenario and keeps the rows that `fvi run` would write: those of its one motion, or with `cases`
 /// those of each load case.
 #[pyfunction]
-#[pyo3(signature = (source, *, engine = None, precision = "f64", progress = None, terms = None, cases = false))]
+#[pyo3(signature = (source, *, engine = None, precision = "f64", progress = None, terms = None, cases = false,
+                    prepared = None, spent = 0.0))]
+#[expect(clippy::too_many_arguments, reason = "the keywords of the function")]
 pub(crate) fn run<'py>(
     py: Python<'py>,
     source: Source,
@@ -39,10 +45,17 @@ pub(crate) fn run<'py>(
     progress: Option<Py<PyAny>>,
     terms: Option<Callables>,
     cases: bool,
+    prepared: Option<&Prepared>,
+    spent: f64,
 ) -> PyResult<(Vec<Motion<'py>>, Option<PyErr>)> {
     let engine = engine.map(self::engine).transpose()?;
     let precision = self::precision(precision)?;
-    let read = || if cases { read_its_cases(&source, engine) } else { read(&source, engine) };
+    let begin = Instant::now();
+    let known = prepared.map(|prepared| &prepared.matrices);
+    let own_tables = Tables::default();
+    let tables = prepared.map_or(&own_tables, |prepared| &prepared.tables);
+    let read = || if cases { read_its_cases(&source, engine) } else { read_knowing(&source, engine, known) };
+    let spent = || spent + begin.elapsed().as_secs_f64();
     let (names, motions, raised) = match terms {
         // Code of the caller's is called several times a step: the interpreter hands over between its
         // instructions anyway.
@@ -53,12 +66,15 @@ pub(crate) fn run<'py>(
                 let mut terms = PythonTerms::new(callables, scenario.coordinates(), slot.clone());
                 terms.look_at_the_start(&scenario.initial.position)?;
                 let scenario = scenario.with_own_terms(SharedTerms::new(terms));
-                compute(&source, &scenario, precision, progress, &slot)
+                compute(&source, &scenario, (precision, tables, spent()), progress, &slot)
             })?
         }
-        None => {
-            py.detach(|| guarded(|| compute(&source, &read()?, precision, progress, &ErrorSlot::default())))?
-        }
+        None => py.detach(|| {
+            guarded(|| {
+                let scenario = read()?;
+                compute(&source, &scenario, (precision, tables, spent()), progress, &ErrorSlot::default())
+            })
+        })?,
     };
     let motions = names.into_iter().zip(motions);
     let motions = motions.map(|(name, (rows, summary))| rows.into_python(py, name, &summary));
@@ -139,9 +155,29 @@ pub(crate) fn engine(name: &str) -> Result<Engine, Failure> {
     })
 }
 
+/// What runs of one model have in common: matrices with their analyses and factors, tables of memories.
+#[pyclass(frozen, module = "fvi._fvi")]
+pub(crate) struct Prepared {
+    matrices: KnownMatrices,
+    tables: Tables,
+}
+
+#[pymethods]
+impl Prepared {
+    #[new]
+    fn new() -> Self {
+        Self { matrices: KnownMatrices::default(), tables: Tables::default() }
+    }
+}
+
 /// The scenario of a source, of one motion.
 pub(crate) fn read(source: &Source, engine: Option<Engine>) -> Outcome<Scenario> {
-    let scenario = read_cases(source, engine)?;
+    read_knowing(source, engine, None)
+}
+
+/// The scenario of a source, of one motion, with matrices that are known already.
+fn read_knowing(source: &Source, engine: Option<Engine>, known: Option<&KnownMatrices>) -> Outcome<Scenario> {
+    let scenario = read_cases(source, engine, known)?;
     scenario
         .require_one_motion("functions that return one motion; `run_cases` takes them")
         .map_err(|error| source.failure(&error))?;
@@ -150,7 +186,7 @@ pub(crate) fn read(source: &Source, engine: Option<Engine>) -> Outcome<Scenario>
 
 /// The scenario of a source, which must have load cases.
 fn read_its_cases(source: &Source, engine: Option<Engine>) -> Outcome<Scenario> {
-    let scenario = read_cases(source, engine)?;
+    let scenario = read_cases(source, engine, None)?;
     if scenario.cases.is_empty() {
         return Err(
             source.failure(&scenario.error_at("case", Problem::MissingKey { key: "case".to_owned() }))
@@ -160,8 +196,11 @@ fn read_its_cases(source: &Source, engine: Option<Engine>) -> Outcome<Scenario> 
 }
 
 /// The scenario of a source, which may have load cases.
-fn read_cases(source: &Source, engine: Option<Engine>) -> Outcome<Scenario> {
-    let scenario = source.document().and_then(Scenario::from_document);
+fn read_cases(source: &Source, engine: Option<Engine>, known: Option<&KnownMatrices>) -> Outcome<Scenario> {
+    let scenario = source.document().and_then(|document| match known {
+        Some(known) => Scenario::knowing(document, known),
+        None => Scenario::from_document(document),
+    });
     let mut scenario = scenario.map_err(|error| source.failure(&error))?;
     if let Some(engine) = engine {
         scenario.history.choose(engine);
@@ -172,12 +211,13 @@ fn read_cases(source: &Source, engine: Option<Engine>) -> Outcome<Scenario> {
 fn compute(
     source: &Source,
     scenario: &Scenario,
-    precision: Precision,
+    (precision, tables, spent): (Precision, &Tables, f64),
     progress: Option<Py<PyAny>>,
     slot: &ErrorSlot,
 ) -> Outcome<(Vec<String>, Vec<(Rows, RunSummary)>, Option<PyErr>)> {
-    let run = Run::start_cases(scenario, precision)
-        .map_err(|error| slot.take().map_or_else(|| source.failure(&error), Failure::Raised))?;
+    let run = Run::sharing_cases(scenario, precision, tables)
+        .map_err(|error| slot.take().map_or_else(|| source.failure(&error), Failure::Raised))?
+        .prepared_for(spent);
     let mut motions = Rows::of_cases(scenario)?;
     let mut watch = Watch::new(progress);
     let stop = AtomicBool::new(false);
@@ -252,12 +292,16 @@ impl Rows {
 
     /// As arrays, with the record of the run.
     fn into_python<'py>(self, py: Python<'py>, name: String, summary: &RunSummary) -> PyResult<Motion<'py>> {
-        let summary = serde_json::to_string(summary).map_err(|error| Failure::Failed(error.to_string()))?;
+        let json = |value: Result<String, serde_json::Error>| {
+            value.map_err(|error| Failure::Failed(error.to_string()))
+        };
+        let end = json(serde_json::to_string(&summary.in_short()))?;
+        let summary = json(serde_json::to_string(summary))?;
         let Self { coordinates, time, position, momentum, energy } = self;
         let shape = [time.len(), coordinates];
         let table = |numbers: Vec<f64>| numbers.into_pyarray(py).reshape(shape);
         let (position, momentum) = (table(position)?, table(momentum)?);
-        Ok((name, time.into_pyarray(py), position, momentum, energy.into_pyarray(py), summary))
+        Ok((name, time.into_pyarray(py), position, momentum, energy.into_pyarray(py), end, summary))
     }
 
     fn push(&mut self, state: &GridState) {

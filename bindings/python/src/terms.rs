@@ -171,6 +171,10 @@ enum Which {
 }
 
 impl OwnTerms for PythonTerms {
+    fn depends_on_position(&self) -> bool {
+        self.callables.gradient.is_some() || self.callables.takes_position
+    }
+
     fn potential(&mut self, position: &[f64]) -> f64 {
         self.call(Which::Value, None, Some(position), 1);
         self.answer[0]

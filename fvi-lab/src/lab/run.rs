@@ -103,8 +103,8 @@ pub struct RunSummary {
     pub overruns: Option<usize>,
     /// Bytes of the memories at the end.
     pub memory_bytes: usize,
-    /// Seconds for making the integrator: order of elimination, weights, tables; with what reading the scenario
-    /// took where the caller has counted it.
+    /// Seconds for making the integrator: order of elimination, weights, tables; with what reading the
+    /// scenario took where the caller has counted it.
     pub preparation_seconds: f64,
     /// Seconds for the steps and for writing the trajectory.
     pub seconds: f64,

@@ -37,8 +37,8 @@ pub enum SolverChoice {
 /// Coordinates beyond which the sparse factor is the cheaper one.
 const MANY: usize = 128;
 
-/// Coordinates beyond which it is so for matrices from files that leave most of the factor empty: a step with full
-/// matrices takes N² operations, its check eigenvalues of N × N matrices.
+/// Coordinates beyond which it is so for matrices from files that leave most of the factor empty: a step with
+/// full matrices takes N² operations, its check eigenvalues of N × N matrices.
 const SEVERAL: usize = 32;
 
 /// The part of N² that a factor may have up to [`MANY`] coordinates.
@@ -50,7 +50,7 @@ const MOST_DENSE: usize = 6_000;
 /// Unknowns of a step from which on full matrices are worth a warning.
 const SLOW: usize = 300;
 
-/// What to know about full matrices where the scenario has many coordinates: why, and what leaves them sparse.
+/// What to know about full matrices where the scenario has many coordinates: why, and what avoids them.
 pub(super) fn dense_warning(scenario: &Scenario) -> Option<String> {
     let (degree, coordinates) = (degree(scenario), scenario.coordinates());
     let owned = scenario.system.own_terms.as_ref().is_some_and(SharedTerms::depend_on_position);

@@ -9,12 +9,14 @@ integrated by variational schemes whose memory of the whole past is exact to rou
 ======================  ==============================================================
 `run`                   a scenario from a file or a dictionary
 `integrate`             a system given by arrays, expressions and functions
+`Model`                 a system that is integrated several times
 `run_cases`,            several load cases of a linear system together
 `integrate_cases`
 `derivative`            fractional derivatives and integrals of samples
 `weights`               weights of convolution quadrature
 `Kernel`                transfer functions in place of s^β
 `Memory`, `Operator`    the engines and the operator D^β, sample by sample
+`load`                  a result that was saved
 `sweep`                 one scenario with many values of its keys, here or on a cluster
 `converge`              errors and orders of a scenario over step sizes
 `compare_engines`       the memory engines side by side
@@ -30,7 +32,8 @@ from fvi._fvi import __version__
 from fvi._integrate import Damping, Element, Event, Force, Load, Potential, integrate, integrate_cases
 from fvi._kernel import Kernel
 from fvi._memory import Memory, Operator
-from fvi._result import Extremal, Result, Table
+from fvi._model import Model
+from fvi._result import Extremal, Result, Table, load
 from fvi._run import run, run_cases
 from fvi._sequences import derivative, weights
 from fvi._studies import compare_engines, converge, extremal
@@ -46,6 +49,7 @@ __all__ = [
     "Kernel",
     "Load",
     "Memory",
+    "Model",
     "Operator",
     "Potential",
     "Result",
@@ -58,6 +62,7 @@ __all__ = [
     "extremal",
     "integrate",
     "integrate_cases",
+    "load",
     "run",
     "run_cases",
     "sweep",

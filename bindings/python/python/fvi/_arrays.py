@@ -41,7 +41,7 @@ def refuse_masked(name: str, given: Any) -> None:
 def returned(name: str, given: Any) -> FloatArray:
     """What a user's function has returned, in double precision; numbers of other libraries are converted, NaN may be among them."""
     refuse_masked(name, given)
-    array = np.asarray(given)
+    array = np.asarray(given.toarray() if is_sparse(given) else given)
     if array.dtype.kind not in "fiubO":
         raise InputError(f"{name} has returned values of type {array.dtype}; real numbers are needed", name, str(array.dtype))
     return np.asarray(array, dtype=np.float64)
@@ -88,12 +88,31 @@ def npz(name: str, given: Any) -> bytes:
     return content.getvalue()
 
 
+def diagonal_npz(name: str, given: Any) -> bytes:
+    """A diagonal matrix by its entries, as the file that `scipy.sparse.save_npz` writes."""
+    entries = numbers(name, given)
+    content, size = io.BytesIO(), len(entries)
+    shape, places = np.array([size, size], dtype=np.int64), np.arange(size + 1, dtype=np.int32)
+    np.savez(content, format=np.array(b"csr"), shape=shape, data=entries, indices=places[:-1], indptr=places)
+    return content.getvalue()
+
+
+def npy(name: str, given: Any) -> bytes:
+    """An array as the file that `numpy.save` writes."""
+    content = io.BytesIO()
+    np.save(content, numbers(name, given), allow_pickle=False)
+    return content.getvalue()
+
+
 def matrix(name: str, given: Any, size: int | None = None) -> Any:
     """A diagonal (one dimension) or a square matrix (two), as an array, or as a sparse matrix of SciPy's if it was one.
 
     Without a `size` this argument says how many coordinates there are.
     """
-    array = given if is_sparse(given) else numbers(name, given)
+    if hasattr(given, "suffix") and hasattr(given, "content"):
+        array = given
+    else:
+        array = given if is_sparse(given) else numbers(name, given)
     if array.ndim == 0:
         array = np.full(size or 1, float(array))
     square = array.ndim == 1 or (array.ndim == 2 and array.shape[0] == array.shape[1])

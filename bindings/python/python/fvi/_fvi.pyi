@@ -13,6 +13,7 @@ __all__ = [
     "Loads",
     "Memory",
     "Operator",
+    "Prepared",
     "Sweep",
     "__version__",
     "compare_engines",
@@ -28,6 +29,10 @@ __all__ = [
 
 __version__: str
 
+@final
+class Prepared:
+    def __new__(cls) -> Self: ...
+
 def run(
     source: Any,
     *,
@@ -36,7 +41,9 @@ def run(
     progress: Any = None,
     terms: Any = None,
     cases: bool = False,
-) -> tuple[list[tuple[str, _Array, _Array, _Array, _Array, str]], BaseException | None]: ...
+    prepared: Prepared | None = None,
+    spent: float = 0.0,
+) -> tuple[list[tuple[str, _Array, _Array, _Array, _Array, str, str]], BaseException | None]: ...
 def run_in(
     source: Any,
     directory: Any,

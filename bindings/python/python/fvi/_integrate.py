@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
@@ -11,12 +12,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fvi import _arrays
+from fvi import _arrays, _fvi
 from fvi._errors import InputError
 from fvi._kernel import keys_of
 from fvi._result import Result
 from fvi._run import Progress, compute, compute_cases
-from fvi._scenario import MANY, SHORT_NAMES, Files, by_path, source
+from fvi._scenario import MANY, SEVERAL, SHORT_NAMES, Files, Ready, by_path, source
 
 Function = Callable[..., Any]
 
@@ -99,8 +100,8 @@ class Load:
     ----------
     pattern : array_like or dict
         f, N numbers; or ``{"coordinate": 17, "value": 1.0}``.
-    amplitude : str or (array_like, array_like)
-        a: an expression in t and the parameters; or times and values, linear in between and zero outside.
+    amplitude : str, callable or (array_like, array_like)
+        a: an expression in t and the parameters; a function of t; or times and values, linear in between and zero outside.
     """
 
     pattern: Any
@@ -193,7 +194,8 @@ def integrate(
     potential : str or Potential, optional
         U(q): an expression in q0, q1, … and the parameters, or functions.
     force : str, list of str, callable or Force, optional
-        F(t, q): an expression for each coordinate in t, q0, … and the parameters, or a function of (t, q), or of t alone.
+        F(t, q): an expression for each coordinate in t, q0, … and the parameters, or a function of (t, q), or of t alone, which
+        leaves large systems sparse.
     damping : Damping or list of Damping, optional
         The damping terms; dictionaries with the same keys serve as well.
     loads : Load or list of Load, optional
@@ -208,7 +210,7 @@ def integrate(
         As in `run`.
     **keys
         How to integrate, by the names in a scenario: scheme="low-order" (kappa=0.5), "galerkin" (degree, quadrature, points),
-        "explicit-euler" or "implicit-euler"; convolution="bdf" (order from 1 to 6), "radau-iia" or "lobatto-iiic" (stages);
+        "collocation", "explicit-euler" or "implicit-euler"; convolution="bdf" (order from 1 to 6), "radau-iia" or "lobatto-iiic" (stages);
         at; starting; engine, tolerance, capacity, overflow; every, times, coordinates; allow_unstable; energy_guard; title; and
         for steps that differ grid="graded" (with end, steps, exponent), grid="geometric" (end, first, ratio, longest),
         grid="adaptive" (end, tolerance, and first, shortest, longest, scale if wanted) or grid=array of times, together with
@@ -230,7 +232,7 @@ def integrate(
 
     Notes
     -----
-    Sparse matrices of more than 128 rows stay sparse, and so do arrays with that many rows: schemes of degree 1 then solve with a
+    Sparse matrices of more than 32 rows stay sparse, and so do arrays of more than 128 rows: schemes of degree 1 then solve with a
     sparse Cholesky factor. `coordinates` chooses what the result holds of a large system, `every` and `times` when.
 
     Functions are called with new arrays, several times a step, from the thread that calls this; with expressions the
@@ -263,7 +265,8 @@ def integrate(
     >>> len(r.events), bool(abs(r.q[-1, 0]) < 1e-12)
     (1, True)
     """
-    given, terms = _scenario(
+    return _integrated(
+        dict(
         mass=mass,
         position=position,
         step=step,
@@ -281,9 +284,39 @@ def integrate(
         parameters=parameters,
         overrides=overrides,
         keys=keys,
+        ),
+        precision=precision,
+        check=check,
+        progress=progress,
     )
+
+
+def _integrated(
+    arguments: dict[str, Any],
+    *,
+    precision: str,
+    check: bool,
+    progress: Progress | None,
+    prepared: _fvi.Prepared | None = None,
+) -> Result:
+    """`integrate`, with what a model has prepared."""
+    begin = time.perf_counter()
+    given, terms = _scenario(**arguments)
     with _arguments():
-        return compute(given, precision=precision, check=check, progress=progress, terms=terms)
+        spent = time.perf_counter() - begin
+        return compute(
+            given, precision=precision, check=check, progress=progress, terms=terms, prepared=prepared, spent=spent,
+            mass=_as_it_is(arguments["mass"]),
+        )
+
+
+def _as_it_is(mass: Any) -> Any:
+    """The mass for velocities, unless its numbers are in the record of the run."""
+    if _arrays.is_sparse(mass):
+        return mass.copy()
+    if isinstance(mass, Ready):
+        return mass
+    return np.array(mass, dtype=np.float64) if np.ndim(mass) > 0 and len(mass) > MANY else None
 
 
 def integrate_cases(
@@ -379,8 +412,11 @@ def _scenario(
     system["damping"] = _damping(damping, size)
     scenario: dict[str, Any] = {"system": system}
     files: Files = {}
-    if entries := _loads(loads, "loads", "system.load", size, files):
+    driven: list[tuple[Any, Function]] = []
+    if entries := _loads(loads, "loads", "system.load", size, files, driven):
         system["load"] = entries
+    if driven:
+        functions = _with_loads(functions, driven)
     if cases is not None:
         scenario["case"] = [
             {"name": str(name), "load": _loads(given, f"cases[{name!r}]", f"case[{index}].load", size, files)}
@@ -398,11 +434,13 @@ def _scenario(
         if velocity is not None:
             raise InputError("velocity: cannot stand beside momentum: give one of them", "velocity")
     changes = by_path(overrides, keys)
+    if isinstance(chosen := changes.get("output.coordinates"), slice):
+        changes["output.coordinates"] = list(range(size))[chosen]
     scenario["initial"] = initial
     scenario["time"] = _time(step, steps, end, changes.get("time.grid"))
     # A file has to choose its columns; whoever asks for arrays gets them all.
     if size > MOST_COLUMNS and changes.get("output.coordinates") is None:
-        changes["output.coordinates"] = list(range(size))
+        changes["output.coordinates"] = range(size)
     terms = functions if any((functions.gradient, functions.force)) else None
     with _arguments():
         given = source(scenario, changes)
@@ -419,6 +457,8 @@ def _time(step: Any, steps: Any, end: Any, grid: Any) -> dict[str, Any]:
     if step is not None:
         time["step"] = step if isinstance(step, int) else _arrays.real("step", step)
     if steps is not None:
+        if isinstance(steps, (float, np.floating)) and float(steps).is_integer():
+            steps = int(steps)
         time["steps"] = _arrays.whole("steps", steps)
     if end is not None:
         time["end"] = _arrays.real("end", end)
@@ -430,8 +470,32 @@ def _time(step: Any, steps: Any, end: Any, grid: Any) -> dict[str, Any]:
     return time
 
 
-def _loads(given: Any, argument: str, key: str, size: int, files: Files) -> list[dict[str, Any]]:
-    """The entries of loads under a key of the scenario; the records of their amplitudes go to `files`."""
+def _with_loads(functions: _Terms, driven: list[tuple[Any, Function]]) -> _Terms:
+    """The functions, with loads whose amplitudes are functions of time added to the force."""
+    push, takes_position = functions.force, functions.takes_position
+
+    def loads(t: float) -> Any:
+        total = 0.0
+        for index, (pattern, amplitude) in enumerate(driven):
+            value = _arrays.returned(f"loads[{index}].amplitude", amplitude(t))
+            if value.size != 1:
+                name = f"loads[{index}].amplitude"
+                raise InputError(f"{name} has returned {value.size} numbers; one is needed", name, str(value.shape))
+            total = total + pattern * float(value.reshape(()))
+        return total
+
+    def pushed(*arguments: Any) -> Any:
+        own = 0.0 if push is None else _arrays.returned("force", push(*arguments))
+        return own + loads(arguments[0])
+
+    return functions._replace(force=pushed, takes_position=push is not None and takes_position)
+
+
+def _loads(
+    given: Any, argument: str, key: str, size: int, files: Files, driven: list[tuple[Any, Function]] | None = None
+) -> list[dict[str, Any]]:
+    """The entries of loads under a key of the scenario; the records of their amplitudes go to `files`, patterns with amplitudes
+    that are functions to `driven`."""
     loads = []
     for index, load in enumerate(_arrays.several(argument, given, (Load, Mapping), "a fvi.Load")):
         place = f"{argument}[{index}]"
@@ -445,6 +509,22 @@ def _loads(given: Any, argument: str, key: str, size: int, files: Files) -> list
             if _arrays.is_sparse(pattern):
                 pattern = pattern.toarray().ravel()
             entries["pattern"] = _arrays.vector(f"{place}.pattern", pattern, size)
+        if callable(amplitude):
+            if driven is None:
+                name = f"{place}.amplitude"
+                raise InputError(f"{name}: an expression or a record is needed in a load case", name, repr(amplitude))
+            if isinstance(pattern, Mapping):
+                coordinate = _arrays.whole(f"{place}.pattern.coordinate", pattern.get("coordinate"))
+                if coordinate >= size:
+                    name, value = f"{place}.pattern.coordinate", str(coordinate)
+                    raise InputError(f"{name} = {value}: not allowed; allowed: a coordinate below {size}", name, value)
+                entries["pattern"] = np.zeros(size)
+                entries["pattern"][coordinate] = _arrays.real(f"{place}.pattern.value", pattern.get("value", 1.0))
+            elif pattern is None or isinstance(pattern, str):
+                name = f"{place}.pattern"
+                raise InputError(f"{name} = {pattern!r}: numbers are needed with a function of time", name, repr(pattern))
+            driven.append((entries["pattern"], amplitude))
+            continue
         if isinstance(amplitude, (tuple, list)):
             name = f"{key}[{index}].csv"
             files[name] = _record(f"{place}.amplitude", amplitude)
@@ -544,11 +624,22 @@ def _takes_position(function: Function) -> bool:
 
 def _symmetric(name: str, given: Any) -> Any:
     """A matrix that is symmetric to rounding, as its symmetric part; the diagonal, where that is all there is."""
+    if isinstance(given, Ready):
+        return given
     if _arrays.is_sparse(given):
         entries = given.tocoo()
+        for triangle, absent, other in (("upper", entries.row > entries.col, "triu"), ("lower", entries.row < entries.col, "tril")):
+            there = entries.row < entries.col if triangle == "upper" else entries.row > entries.col
+            if not absent.any() and bool((entries.data[there] != 0.0).any()):
+                shift = 1 if triangle == "upper" else -1
+                message = (
+                    f"{name}: not symmetric: the {triangle} triangle only? Both are needed: "
+                    f"{name} + scipy.sparse.{other}({name}, {shift}).T"
+                )
+                raise InputError(message, name, f"{triangle} triangle")
         if bool((entries.row == entries.col).all()) and name == "mass":
             return _arrays.numbers(name, given.diagonal())
-        if given.shape[0] > MANY:
+        if given.shape[0] > SEVERAL:
             # The reader of files does as is done below.
             return given
         given = _arrays.numbers(name, given.toarray())
@@ -564,6 +655,19 @@ def _symmetric(name: str, given: Any) -> Any:
         )
         raise InputError(message, name, f"entry ({row}, {column})")
     return given if off[row, column] == 0.0 else 0.5 * given + 0.5 * given.T
+
+
+def ready(name: str, given: Any, size: int | None) -> Any:
+    """A matrix as it goes over; a large one as the content of a file, for any number of runs."""
+    matrix = _symmetric(name, _arrays.matrix(name, given, size))
+    if _arrays.is_sparse(matrix):
+        if matrix.shape[0] > SEVERAL:
+            return Ready(matrix.shape, ".npz", _arrays.npz(name, matrix))
+    elif getattr(matrix, "ndim", 0) == 2 and matrix.shape[0] > MANY:
+        return Ready(matrix.shape, ".npy", _arrays.npy(name, matrix))
+    elif name == "mass" and matrix.shape[0] > MANY:
+        return Ready(matrix.shape, ".npz", _arrays.diagonal_npz(name, matrix))
+    return matrix
 
 
 def _damping(given: Any, size: int) -> list[dict[str, Any]]:
@@ -608,7 +712,12 @@ def _named_after_argument(error: InputError) -> InputError:
     for path, name in arguments.items():
         if error.key == path or error.key.startswith((f"{path}.", f"{path}[")):
             key = name + error.key[len(path) :]
-            renamed = InputError(str(error).replace(error.key, key, 1), key, error.value)
+            text = str(error).replace(error.key, key, 1)
+            for suffix in (".npz", ".npy"):
+                # The file that an array went over as is nobody's.
+                file = error.key + suffix
+                text = text.replace(f'{key} = "{file}": {file}: ', f"{key}: ", 1)
+            renamed = InputError(text, key, error.value)
             return renamed.with_traceback(error.__traceback__)
     return error
 

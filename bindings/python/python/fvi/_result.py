@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import html
+import io
+import json
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from fvi._errors import InputError
 from fvi._types import FloatArray
 
 
@@ -21,6 +27,19 @@ def _module(name: str, what: str) -> Any:
         if error.name and error.name.split(".")[0] == name.split(".")[0]:
             raise ModuleNotFoundError(f"{what} needs the package {name.split('.')[0]}", name=error.name) from None
         raise
+
+
+class Picture(tuple[Any, ...]):
+    """The axes of a picture, one above the other, with their figure at hand."""
+
+    @property
+    def figure(self) -> Any:
+        """The matplotlib figure."""
+        return self[0].figure
+
+    def savefig(self, *arguments: Any, **keys: Any) -> None:
+        """Writes the figure, as `matplotlib.figure.Figure.savefig` does."""
+        self.figure.savefig(*arguments, **keys)
 
 
 @dataclass(frozen=True, repr=False)
@@ -43,9 +62,6 @@ class Result:
         0: all steps were made; −1: a step failed; 1: the run was stopped.
     message : str
         How it ended, in words.
-    summary : dict
-        The record, as `fvi run` writes it to ``summary.json``: inputs as used, version, engine, steps, largest values,
-        errors against the reference, warnings.
     """
 
     t: FloatArray
@@ -55,7 +71,109 @@ class Result:
     success: bool
     status: int
     message: str
-    summary: dict[str, Any] = field(default_factory=dict)
+    _record: str = "{}"
+    _warnings: tuple[str, ...] = field(default=(), compare=False)
+    _mass: Any = field(default=None, compare=False)
+
+    @cached_property
+    def summary(self) -> dict[str, Any]:
+        """The record, as `fvi run` writes it to ``summary.json``: inputs as used, version, engine, steps, largest values,
+        errors against the reference, warnings."""
+        return dict(json.loads(self._record))
+
+    def _repr_html_(self) -> str:
+        """The end of the run and its last rows, for notebooks."""
+        shown = self.q.shape[1] if self.q.shape[1] <= 6 else 3
+        names = ["t", *(f"q{coordinate}" for coordinate in self.coordinates[:shown]), "energy"]
+        rows = [*range(min(3, len(self.t))), *range(max(3, len(self.t) - 3), len(self.t))]
+        cells = [[self.t[row], *self.q[row, :shown], self.energy[row]] for row in rows]
+        head = "".join(f"<th>{name}</th>" for name in names)
+        body = "".join("<tr>" + "".join(f"<td>{number:.6g}</td>" for number in line) + "</tr>" for line in cells)
+        return f"<p>{html.escape(repr(self))}</p><table><tr>{head}</tr>{body}</table>"
+
+    @property
+    def v(self) -> FloatArray:
+        """Velocities M⁻¹p, shape (K, N).
+
+        Raises
+        ------
+        InputError
+            If some coordinates were chosen and the mass couples them with others.
+        """
+        mass = self._mass
+        if mass is None:
+            mass = self.summary.get("scenario", {}).get("system", {}).get("mass")
+        if mass is None or isinstance(mass, str):
+            raise InputError("v: the mass is in a file that the result does not hold; solve with it yourself", "v", repr(mass))
+        if hasattr(mass, "content"):
+            loaded = np.load(io.BytesIO(mass.content))
+            if mass.ndim == 1:
+                mass = loaded["data"]
+            elif mass.suffix == ".npz":
+                sparse = _module("scipy.sparse", "v")
+                mass = sparse.csr_matrix((loaded["data"], loaded["indices"], loaded["indptr"]), shape=loaded["shape"])
+            else:
+                mass = loaded
+        if not hasattr(mass, "tocsc"):
+            mass = np.asarray(mass, dtype=np.float64)
+        if mass.ndim == 1:
+            return np.asarray(self.p / mass[self.coordinates])
+        if self.p.shape[1] != mass.shape[0]:
+            message = "v: the mass couples coordinates, and some were left out of the result: choose all `coordinates`"
+            raise InputError(message, "v", str(self.p.shape))
+        if hasattr(mass, "tocsc"):
+            factor = _module("scipy.sparse.linalg", "v").splu(mass.tocsc())
+            return np.asarray(factor.solve(np.ascontiguousarray(self.p.T)).T)
+        return np.asarray(np.linalg.solve(mass, self.p.T).T)
+
+    def __call__(self, t: Any) -> FloatArray:
+        """Positions between the rows, by the cubic polynomials that have their positions and velocities.
+
+        Beside the error of the run these have one of (length between rows)⁴; near t = 0, where the motion is not smooth, a larger
+        one. `times` asks the scheme itself.
+
+        Parameters
+        ----------
+        t : float or array_like
+            Times from the first row to the last.
+
+        Returns
+        -------
+        ndarray, shape (N,) or (len(t), N)
+
+        Raises
+        ------
+        InputError
+            If a time is outside of the rows, or there are no velocities.
+        """
+        times = np.asarray(t, dtype=np.float64)
+        outside = times[~((times >= self.t[0]) & (times <= self.t[-1]))]
+        if outside.size > 0:
+            value = str(outside.flat[0])
+            raise InputError(f"t = {value}: not allowed; allowed: {self.t[0]:g} ≤ t ≤ {self.t[-1]:g}", "t", value)
+        if len(self.t) == 1:
+            return np.broadcast_to(self.q[0], (*times.shape, self.q.shape[1])).copy()
+        v = self.v
+        row = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, len(self.t) - 2)
+        length = (self.t[row + 1] - self.t[row])[..., None]
+        s = (times - self.t[row])[..., None] / length
+        start, end = self.q[row], self.q[row + 1]
+        slopes = length * v[row], length * v[row + 1]
+        rest = (1.0 - s) * slopes[0] - s * slopes[1] + (2.0 * s - 1.0) * (end - start)
+        return np.asarray((1.0 - s) * start + s * end + s * (1.0 - s) * rest)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes rows and summary into a file of NumPy's (.npz), which `fvi.load` reads.
+
+        Parameters
+        ----------
+        path : path
+            The file, by its whole name.
+        """
+        with open(path, "wb") as file:
+            np.savez(file, t=self.t, q=self.q, p=self.p, energy=self.energy, end=np.array(
+                json.dumps({"success": self.success, "status": self.status, "message": self.message, "summary": self.summary})
+            ))
 
     def __repr__(self) -> str:
         rows, coordinates = self.q.shape
@@ -92,6 +210,7 @@ class Result:
         Returns
         -------
         sequence of two matplotlib axes
+            With their `figure`, and its `savefig`.
         """
         if axes is None:
             pyplot = _module("matplotlib.pyplot", "plot()")
@@ -107,7 +226,7 @@ class Result:
         below.plot(self.t, self.energy, color="black", linewidth=1)
         below.set_ylabel("energy")
         below.set_xlabel("time t")
-        return axes
+        return Picture((above, below))
 
     def to_pandas(self) -> Any:
         """The rows as a pandas DataFrame with the columns of ``trajectory.csv``, over an index t."""
@@ -127,6 +246,44 @@ class Result:
             coords={"t": self.t, "coordinate": self.coordinates},
             attrs={"title": self.title, **scalars},
         )
+
+
+def load(path: str | os.PathLike[str]) -> Result:
+    """Reads a result that `Result.save` wrote.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    InputError
+        If the file holds none.
+    OSError
+        If it cannot be read.
+
+    Examples
+    --------
+    >>> import fvi, os, tempfile
+    >>> r = fvi.integrate(mass=[1.0], stiffness=[4.0], position=[1.0], step=0.01, steps=10)
+    >>> with tempfile.TemporaryDirectory() as directory:
+    ...     r.save(os.path.join(directory, "r.npz"))
+    ...     same = fvi.load(os.path.join(directory, "r.npz"))
+    >>> bool((same.q == r.q).all()), same.summary == r.summary
+    (True, True)
+    """
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            t, q, p, energy = (arrays[name] for name in ("t", "q", "p", "energy"))
+            end = json.loads(str(arrays["end"]))
+        return Result(t, q, p, energy, end["success"], end["status"], end["message"], json.dumps(end["summary"]))
+    except (KeyError, ValueError, TypeError, EOFError) as error:
+        raise InputError(f"path: {os.fspath(path)} holds no result of fvi: {error}", "path", os.fspath(path)) from None
 
 
 @dataclass(frozen=True, repr=False)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, cast
 
 import numpy as np
 
@@ -45,7 +46,7 @@ def run(
     check : bool
         Whether a step that fails raises `StepError`. If not, the result says so in `success`, `status` and `message`.
     progress : callable, optional
-        Called about ten times a second with the number of steps made and of all steps. An exception that it raises stops
+        Called about ten times a second with the number of steps made and of all steps; a bar of tqdm's serves as well. An exception that it raises stops
         the run and reaches the caller.
     overrides : mapping, optional
         Values in place of the scenario's, by paths such as ``"system.damping[0].order"``.
@@ -112,7 +113,7 @@ def run(
             name = "resume" if resume else "accept_other_machine" if accept_other_machine else "checkpoint_every"
             raise InputError(f"{name}: only together with out, the directory of the run", name)
         return compute(given, engine=engine, precision=precision, check=check, progress=progress)
-    check_progress(progress)
+    progress = check_progress(progress)
     record, raised = _fvi.run_in(
         given,
         out,
@@ -125,7 +126,7 @@ def run(
     )
     with np.load(Path(out) / "trajectory.npz") as arrays:
         t, q, p, energy = (arrays[name] for name in ("t", "q", "p", "energy"))
-    return _finish(t, q, p, energy, record, raised, check)
+    return _finish(_result(t, q, p, energy, record, record), raised, check)
 
 
 def run_cases(
@@ -191,21 +192,26 @@ def compute(
     check: bool = True,
     progress: Progress | None = None,
     terms: Any = None,
+    prepared: _fvi.Prepared | None = None,
+    spent: float = 0.0,
+    mass: Any = None,
 ) -> Result:
     """Runs what `fvi._scenario.source` has made."""
-    check_progress(progress)
-    motions, raised = _fvi.run(scenario, engine=engine, precision=precision, progress=progress, terms=terms)
-    ((_, t, q, p, energy, record),) = motions
-    return _finish(t, q, p, energy, record, raised, check)
+    progress = check_progress(progress)
+    motions, raised = _fvi.run(
+        scenario, engine=engine, precision=precision, progress=progress, terms=terms, prepared=prepared, spent=spent
+    )
+    ((_, t, q, p, energy, end, record),) = motions
+    return _finish(_result(t, q, p, energy, end, record, mass), raised, check)
 
 
 def compute_cases(
     scenario: Any, *, engine: str | None = None, precision: str, check: bool, progress: Progress | None
 ) -> dict[str, Result]:
     """As `compute`, for each load case by its name."""
-    check_progress(progress)
+    progress = check_progress(progress)
     motions, raised = _fvi.run(scenario, engine=engine, precision=precision, progress=progress, cases=True)
-    results = {name: _result(t, q, p, energy, record) for name, t, q, p, energy, record in motions}
+    results = {name: _result(t, q, p, energy, end, record) for name, t, q, p, energy, end, record in motions}
     if raised is not None:
         _raise(raised, results)
     # Steps are common to all cases, and so is what there is to say of them.
@@ -213,44 +219,45 @@ def compute_cases(
     return results
 
 
-def check_progress(progress: Any) -> None:
-    """Refuses what is no function."""
-    if progress is not None and not callable(progress):
-        raise InputError(f"progress = {progress!r}: a function is needed", "progress", repr(progress))
+def check_progress(progress: Any) -> Progress | None:
+    """What hears how far a run is, a bar of tqdm's as a function; refuses anything else."""
+    if progress is None or callable(progress):
+        return cast(Progress | None, progress)
+    if not (callable(getattr(progress, "update", None)) and hasattr(progress, "n")):
+        raise InputError(f"progress = {progress!r}: a function or a bar of tqdm's is needed", "progress", repr(progress))
+
+    def advance(made: int, of: int | None) -> None:
+        if of is not None:
+            progress.total = of
+        progress.update(made - progress.n)
+
+    return advance
 
 
-def _finish(
-    t: FloatArray,
-    q: FloatArray,
-    p: FloatArray,
-    energy: FloatArray,
-    record: str,
-    raised: BaseException | None,
-    check: bool,
-) -> Result:
+def _finish(result: Result, raised: BaseException | None, check: bool) -> Result:
     """The result, or the error that the run ends with."""
-    result = _result(t, q, p, energy, record)
     if raised is not None:
         _raise(raised, result)
     _judge(result, check, result)
     return result
 
 
-def _result(t: FloatArray, q: FloatArray, p: FloatArray, energy: FloatArray, record: str) -> Result:
-    """The result with what its record says of the end."""
-    summary = json.loads(record)
-    end = summary["status"]
-    if end == "completed":
-        status, message = 0, f"all {summary['steps']} steps were made"
-    elif end == "event":
-        status, message = 0, f"event {summary['event']} ended the run at t = {summary['time']}"
-    elif end == "stopped":
-        wanted = f" of {summary['steps_wanted']}" if "steps_wanted" in summary else ""
-        status, message = 1, f"stopped after {summary['steps']}{wanted} steps"
+def _result(
+    t: FloatArray, q: FloatArray, p: FloatArray, energy: FloatArray, end: str, record: str, mass: Any = None
+) -> Result:
+    """The result with what its record says of the end; the record itself is read when it is asked for."""
+    known = json.loads(end)
+    if known["status"] == "completed":
+        status, message = 0, f"all {known['steps']} steps were made"
+    elif known["status"] == "event":
+        status, message = 0, f"event {known['event']} ended the run at t = {known['time']}"
+    elif known["status"] == "stopped":
+        wanted = f" of {known['steps_wanted']}" if "steps_wanted" in known else ""
+        status, message = 1, f"stopped after {known['steps']}{wanted} steps"
     else:
         status = -1
-        message = f"step {summary['step']} (from t = {summary['time']}) failed: {summary['reason']}"
-    return Result(t, q, p, energy, status == 0, status, message, summary)
+        message = f"step {known['step']} (from t = {known['time']}) failed: {known['reason']}"
+    return Result(t, q, p, energy, status == 0, status, message, record, tuple(known.get("warnings", ())), mass)
 
 
 def _raise(raised: BaseException, computed: Result | dict[str, Result]) -> NoReturn:
@@ -262,9 +269,17 @@ def _raise(raised: BaseException, computed: Result | dict[str, Result]) -> NoRet
     raise raised
 
 
+def _outside() -> int:
+    """How many calls up the caller of the package is."""
+    frame, level = sys._getframe(1), 1
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").split(".")[0] == "fvi":
+        frame, level = frame.f_back, level + 1
+    return level
+
+
 def _judge(result: Result, check: bool, computed: Result | dict[str, Result]) -> None:
     """Warns of what the record warns of; raises if a step failed."""
-    for warning in result.summary.get("warnings", []):
-        warnings.warn(warning, stacklevel=5)
+    for warning in result._warnings:
+        warnings.warn(warning, stacklevel=_outside())
     if check and result.status != 0:
         raise StepError(result.message, computed)

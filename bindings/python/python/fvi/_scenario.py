@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 import re
 import tomllib
@@ -67,11 +66,56 @@ RIVALS = {
 """Keys that say the same in another way: the one given takes the place of the other."""
 
 
+INSTEAD = {
+    "t_span": "`end`, the end of the time; it begins at 0",
+    "t_eval": "`times`, the times of the rows",
+    "dense_output": "nothing: a result is a function of time, `r(t)`",
+    "method": "`scheme` and `convolution`",
+    "rtol": '`tolerance`, with grid="adaptive"',
+    "atol": '`tolerance` and `scale`, with grid="adaptive"',
+    "max_step": '`longest`, with grid="adaptive"',
+    "first_step": '`first`, with grid="adaptive"',
+    "min_step": '`shortest`, with grid="adaptive"',
+    "y0": "`position` and `momentum` or `velocity`",
+    "x0": "`position` and `momentum` or `velocity`",
+    "q0": "`position`",
+    "p0": "`momentum`",
+    "v0": "`velocity`",
+    "dt": "`step`",
+    "h": "`step`",
+    "args": "`parameters`, named constants of the expressions",
+    "jac": "`fvi.Force(value, jacobian)` or `fvi.Potential(value, gradient, hessian)`",
+}
+"""Names that other packages have for what arguments here say."""
+
+WHOLE = re.compile(
+    r"scheme\.(degree|points)|convolution\.(order|stages)|time\.steps|history\.capacity|output\.(every|coordinates\[\d+\])"
+)
+EXPRESSIONS = re.compile(
+    r"system\.(potential|force\[\d+\]|load\[\d+\]\.amplitude|element\[\d+\]\.potential)"
+    r"|case\[\d+\]\.load\[\d+\]\.amplitude|event\[\d+\]\.when"
+)
+"""Keys that take whole numbers, and those that take expressions, in which ``**`` is a power as in Python."""
+
+
+class Ready:
+    """A large matrix that has been checked, as the content of a file."""
+
+    def __init__(self, shape: tuple[int, ...], suffix: str, content: bytes) -> None:
+        self.shape = shape
+        self.ndim = len(shape)
+        self.suffix = suffix
+        self.content = content
+
+
 Files = dict[str, bytes]
 """Contents of files by the names that a scenario has for them."""
 
 MANY = 128
 """Rows from which on matrices and vectors go over as the content of a file: the program keeps such matrices sparse."""
+
+SEVERAL = 32
+"""Rows from which on sparse matrices do."""
 
 MATRICES = re.compile(r"system\.(mass|stiffness|damping\[\d+\]\.(coefficient|attached))")
 VECTORS = re.compile(r"(system|case\[\d+\])\.load\[\d+\]\.pattern|initial\.(position|momentum|velocity)")
@@ -88,6 +132,14 @@ def plain(value: Any, path: str, files: Files) -> Any:
         return {key: plain(entry, f"{path}.{key}" if path else key, files) for key, entry in entries.items()}
     if isinstance(value, int) and not -_arrays.LARGEST <= value <= _arrays.LARGEST:
         raise InputError(f"{path} = {value}: not allowed; allowed: whole numbers below 2⁶³", path, str(value))
+    if isinstance(value, Ready):
+        return _attach(files, path + value.suffix, value.content)
+    if isinstance(value, str) and path == "system.force":
+        value = [value]
+    if isinstance(value, str) and EXPRESSIONS.fullmatch(path):
+        return value.replace("**", "^")
+    if isinstance(value, (float, np.floating)) and float(value).is_integer() and WHOLE.fullmatch(path):
+        return int(value)
     if isinstance(value, (bool, int, float, str)):
         return value
     if isinstance(value, (np.bool_, np.integer, np.floating)):
@@ -95,17 +147,23 @@ def plain(value: Any, path: str, files: Files) -> Any:
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     if _arrays.is_sparse(value):
-        if value.shape[0] > MANY and MATRICES.fullmatch(path):
+        if value.shape[0] > SEVERAL and MATRICES.fullmatch(path):
             return _attach(files, f"{path}.npz", _arrays.npz(path, value))
         value = value.toarray()
     if isinstance(value, np.ndarray):
-        if value.dtype.kind not in "fiubUO":
+        kind = value.dtype.kind
+        if kind not in "fiubUO":
             raise InputError(f"{path}: an array of {value.dtype}", path, str(value.dtype))
         if value.ndim > 0 and len(value) > MANY and (MATRICES if value.ndim == 2 else VECTORS).fullmatch(path):
-            content = io.BytesIO()
-            np.save(content, _arrays.numbers(path, value), allow_pickle=False)
-            return _attach(files, f"{path}.npy", content.getvalue())
+            return _attach(files, f"{path}.npy", _arrays.npy(path, value))
+        if value.ndim == 1 and path == "system.mass" and len(value) > MANY:
+            return _attach(files, f"{path}.npz", _arrays.diagonal_npz(path, value))
+        of_whole = WHOLE.fullmatch(f"{path}[0]") is not None
         value = value.tolist()
+        if kind in "fib" and not of_whole:
+            return value
+    if isinstance(value, range):
+        return list(value)
     if isinstance(value, (list, tuple)):
         return [plain(entry, f"{path}[{index}]", files) for index, entry in enumerate(value)]
     kind = type(value).__name__
@@ -181,6 +239,8 @@ def by_path(overrides: Mapping[str, Any] | None, short: Mapping[str, Any]) -> di
     changes = {}
     for name, value in short.items():
         if name not in SHORT_NAMES:
+            if name in INSTEAD:
+                raise InputError(f"{name}: no such argument here; use {INSTEAD[name]}", name, repr(value))
             import difflib
 
             near = difflib.get_close_matches(name, SHORT_NAMES, 1)

@@ -67,7 +67,10 @@ def derivative(
     Notes
     -----
     (D x)_k = Σ_{n=0}^{k} w_n x_{k−n} with the weights of `weights` [Lubich86], in O(K) operations for K samples beyond 16 384.
-    The error is that of the plain sum, a few u Σ |w_n||x_{k−n}|, for any samples; that of a transform is relative to the largest of them.
+    Its rounding is that of the plain sum, a few u Σ |w_n||x_{k−n}|, for any samples; that of a transform is relative to the largest of them.
+
+    Over the first samples the error is that of the quadrature, whatever the step: the half derivative of t begins with √h in place of
+    2 √(h/π), 11 % too small, by "bdf1", and is right to 1.3 % at the tenth sample. `starting` takes it away for the powers that it names.
 
     Examples
     --------

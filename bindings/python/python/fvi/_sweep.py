@@ -90,7 +90,7 @@ def sweep(
     True
     """
     plan = _plan(sweep, precision)
-    check_progress(progress)
+    progress = check_progress(progress)
     if jobs is not None:
         jobs = _arrays.whole("jobs", jobs, 1)
     if shard is not None and not isinstance(shard, str):

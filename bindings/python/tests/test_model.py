@@ -1,0 +1,178 @@
+"""Systems that are integrated several times, and large ones with functions of time."""
+
+import statistics
+import time
+import warnings
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+import scipy.sparse.linalg as sla
+
+import fvi
+
+
+def membrane(k):
+    """Stiffness of k×k points, each held by its four neighbours."""
+    line, one = sp.diags([-1.0, 2.0, -1.0], [-1, 0, 1], shape=(k, k)), sp.eye(k)
+    return (sp.kron(line, one) + sp.kron(one, line) + 0.1 * sp.eye(k * k)).tocsr()
+
+
+def arguments(k, **more):
+    n, stiffness = k * k, membrane(k)
+    return dict(mass=sp.eye(n, format="csr") + 0.01 * stiffness, stiffness=stiffness, position=np.zeros(n),
+                damping=fvi.Damping(0.5, 0.02 * stiffness), loads=fvi.Load({"coordinate": 7}, "sin(3*t)"),
+                step=0.01, steps=3, coordinates=[0, 7], **more)
+
+
+def same(one, other):
+    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in ("t", "q", "p", "energy"))
+
+
+@pytest.mark.parametrize("k", [4, 15])
+def test_a_model_has_the_bits_of_integrate(k):
+    given = arguments(k)
+    model = fvi.Model(**given)
+    assert same(model.integrate(), fvi.integrate(**given))
+    load = fvi.Load(np.linspace(0.0, 1.0, k * k), ([0.0, 1.0], [1.0, 2.0]))
+    for changes in (
+        dict(loads=[load]),
+        dict(damping=fvi.Damping(0.5, 0.04 * given["stiffness"])),
+        dict(damping=[fvi.Damping(0.3, 0.02 * given["stiffness"]), fvi.Damping(0.7, np.ones(k * k))]),
+        dict(position=np.full(k * k, 0.1), velocity=np.ones(k * k)),
+        dict(stiffness=2.0 * given["stiffness"]),
+        dict(elements=fvi.Element("0.25*(x1 - x0)^4", [[0, 1], [3, 7]]), position=np.full(k * k, 0.2)),
+        dict(steps=None, end=0.05),
+        {},
+    ):
+        assert same(model.integrate(**changes), fvi.integrate(**{**given, **changes})), changes
+
+
+def test_a_model_keeps_the_arrays_it_was_given_and_refuses_what_integrate_does():
+    stiffness = membrane(15)
+    model = fvi.Model(**{**arguments(15), "stiffness": stiffness})
+    before = model.integrate()
+    stiffness.data[:] = 7.0
+    assert same(model.integrate(), before)
+    with pytest.raises(fvi.InputError, match="semidefinite") as refused:
+        model.integrate(damping=fvi.Damping(0.5, -0.02 * membrane(15)))
+    assert refused.value.key == "damping[0].coefficient"
+    with pytest.raises(fvi.InputError, match="shape"):
+        model.integrate(stiffness=membrane(14))
+    with pytest.raises(fvi.InputError, match="position"):
+        fvi.Model(mass=[1.0], step=0.1, steps=1).integrate()
+    velocity = fvi.Model(mass=[1.0], position=[0.0], momentum=[1.0], step=0.1, steps=1).integrate(velocity=[2.0])
+    assert velocity.p[0, 0] == 2.0
+
+
+def test_the_second_call_of_a_model_is_short():
+    given = {**arguments(316), "steps": 1}
+    first, loads, dampings = [], [], []
+    for turn in range(2):
+        begin = time.process_time()
+        model = fvi.Model(**given)
+        model.integrate()
+        first.append(time.process_time() - begin)
+        for times, changes in (
+            (loads, dict(loads=fvi.Load({"coordinate": 9}, "t"), position=np.full(316 * 316, 0.1))),
+            (dampings, dict(damping=fvi.Damping(0.5, (0.03 + 0.01 * turn) * given["stiffness"]))),
+        ):
+            begin = time.process_time()
+            model.integrate(**changes)
+            times.append(time.process_time() - begin)
+    assert min(loads) <= 0.3 * min(first), (first, loads)
+    assert min(dampings) <= 0.5 * min(first), (first, dampings)
+
+
+def test_preparation_counts_reading_and_ordering():
+    given = arguments(150)
+    begin = time.perf_counter()
+    result = fvi.integrate(**given)
+    spent = time.perf_counter() - begin
+    summary = result.summary
+    assert summary["preparation_seconds"] + summary["seconds"] >= 0.6 * spent, (spent, summary["preparation_seconds"])
+    assert summary["preparation_seconds"] + summary["seconds"] <= spent
+
+
+def test_functions_of_time_leave_large_systems_sparse():
+    given = arguments(15)
+    pattern = np.linspace(0.0, 1.0, 225)
+    given["loads"] = [fvi.Load(pattern, "sin(3*t)"), fvi.Load({"coordinate": 3, "value": 2.0}, "t^2")]
+    words = fvi.integrate(**given)
+    given["loads"] = [fvi.Load(pattern, "sin(3*t)"), fvi.Load({"coordinate": 3, "value": 2.0}, lambda t: t**2)]
+    amplitude = fvi.integrate(**given)
+    del given["loads"]
+
+    def push(t):
+        force = pattern * np.sin(3 * t)
+        force[3] += 2.0 * t**2
+        return force
+
+    function = fvi.integrate(force=push, **given)
+    with_element = dict(elements=fvi.Element("0.25*(x1 - x0)^4", [[0, 1]]))
+    nonlinear = fvi.integrate(force=push, **given, **with_element)
+    for result in (amplitude, function, nonlinear):
+        assert result.summary["solver"]["kind"] == "sparse"
+    for result in (amplitude, function):
+        assert np.abs(result.q - words.q).max() < 1e-15 and np.abs(result.energy - words.energy).max() < 1e-15
+    assert 0.0 < np.abs(nonlinear.q - words.q).max() < 1e-6
+
+
+def test_amplitudes_that_cannot_be_used_are_named():
+    given = arguments(4)
+    for amplitude, words in ((lambda t: [1.0, 2.0], "2 numbers"), (lambda t: "a", "real numbers")):
+        given["loads"] = fvi.Load(np.ones(16), amplitude)
+        with pytest.raises(fvi.InputError, match=words) as refused:
+            fvi.integrate(**given)
+        assert refused.value.key == "loads[0].amplitude"
+    given["loads"] = fvi.Load(np.ones(16), lambda t: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        fvi.integrate(**given)
+
+
+def test_full_matrices_of_many_coordinates_are_warned_of():
+    n = 320
+    common = dict(mass=np.ones(n), stiffness=sp.eye(n, format="csr"), position=np.zeros(n), step=0.01, steps=1, coordinates=[0])
+    with pytest.warns(UserWarning, match="320 coordinates are solved with full matrices.*take the position"):
+        fvi.integrate(force=lambda t, q: -0.1 * q, **common)
+    with pytest.warns(UserWarning, match="full matrices.*one unknown a step"):
+        fvi.integrate(scheme="galerkin", degree=2, **common)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        fvi.integrate(force=lambda t: np.ones(n), **common)
+
+
+def test_preparation_is_as_short_as_superlu():
+    """Half as long again at most, and half of that again for what else a run prepares; a build for tests takes longer."""
+    optimized = not hasattr(fvi._fvi, "_panic")
+    for k in (141, 316):
+        stiffness = membrane(k)
+        n, columns = k * k, stiffness.tocsc()
+        superlu, own = [], []
+        for _ in range(3):
+            begin = time.process_time()
+            sla.splu(columns, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=dict(SymmetricMode=True))
+            superlu.append(time.process_time() - begin)
+            begin = time.process_time()
+            fvi.integrate(mass=np.ones(n), stiffness=stiffness, position=np.zeros(n), step=0.01, steps=1, coordinates=[0])
+            own.append(time.process_time() - begin)
+        assert min(own) <= (2.25 if optimized else 12.0) * min(superlu), (k, own, superlu)
+
+
+def test_a_hundred_sparse_coordinates_are_solved_as_such():
+    n = 120
+    chain = sp.diags([-1.0, 2.1, -1.0], [-1, 0, 1], shape=(n, n)).tocsr()
+    given = dict(mass=np.ones(n), position=np.linspace(0.0, 1.0, n), step=0.01, steps=10, coordinates=range(n))
+    damped = dict(stiffness=chain, damping=fvi.Damping(0.5, 0.02 * chain))
+    sparse = fvi.integrate(**given, **damped)
+    assert sparse.summary["solver"]["kind"] == "sparse"
+    dense = fvi.integrate(**given, stiffness=chain.toarray(), damping=fvi.Damping(0.5, 0.02 * chain.toarray()))
+    assert dense.summary["solver"]["kind"] == "dense"
+    assert np.abs(dense.q - sparse.q).max() < 1e-13
+    full = sp.csr_matrix(np.eye(n) + 0.001)
+    assert fvi.integrate(**given, stiffness=full).summary["solver"]["kind"] == "dense"
+    begin = time.process_time()
+    fvi.integrate(**given, **damped)
+    quick, begin = time.process_time() - begin, time.process_time()
+    fvi.integrate(**given, stiffness=chain.toarray(), damping=fvi.Damping(0.5, 0.02 * chain.toarray()))
+    assert quick < 0.5 * (time.process_time() - begin)
