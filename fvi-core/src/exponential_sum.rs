@@ -384,8 +384,14 @@ where
         self.settling = if self.settling + 1 < self.table.slow_blocks { self.settling + 1 } else { 0 };
         self.len = self.len.wrapping_add(1);
         if self.len == ENDLESS {
-            self.len = self.len.saturating_sub(self.delayed_samples().saturating_mul(self.settling_blocks()));
+            self.go_back();
         }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn go_back(&mut self) {
+        self.len = self.len.saturating_sub(self.delayed_samples().saturating_mul(self.settling_blocks()));
     }
 
     /// Places of the ring of delayed samples, or 1.
@@ -587,8 +593,6 @@ struct NumberStep<'a, T> {
     weights: &'a [T],
     exponentials: &'a [[T; STATE_BLOCK]],
     scale: T,
-    /// How many blocks, from the first, have sums of three parts.
-    far: usize,
     /// Which block settles at this step.
     settling: Option<usize>,
 }
@@ -600,26 +604,21 @@ impl<'a, T: Real> NumberStep<'a, T> {
             weights: table.head.get(1..layout.head)?,
             exponentials: table.exponentials.as_chunks::<STATE_BLOCK>().0,
             scale,
-            far: table.far_blocks,
             settling: Some(settling).filter(|&settling| settling < table.slow_blocks),
         })
     }
 
     /// The step of one channel: takes the sample x and returns the next term.
     #[inline(always)]
-    fn take(&self, x: T, sums: &mut [T], third: &mut [T], pending: &mut [T], delayed: Option<&mut T>) -> T {
+    fn take(&self, x: T, sums: &mut [T], pending: &mut [T], delayed: Option<&mut T>) -> T {
         let leaving = match delayed {
             Some(place) => core::mem::replace(place, x),
             None => x,
         };
         shift_and_add(pending, self.weights, x);
         let head = pending.first().copied().unwrap_or_default();
-        let mut totals = [head, T::zero(), T::zero(), T::zero()];
-        if self.far > 0 {
-            self.absorb_far(leaving, sums, third, &mut totals);
-            return total(totals) * self.scale;
-        }
         let sums = sums.as_chunks_mut::<STATE_BLOCK>().0;
+        let mut totals = [head, T::zero(), T::zero(), T::zero()];
         let (pairs, last) = self.exponentials.as_chunks::<2>();
         let (sums_of_pairs, sums_of_last) = sums.as_chunks_mut::<2>();
         for ([first, second], [sums, more_sums]) in pairs.iter().zip(sums_of_pairs) {
@@ -636,29 +635,42 @@ impl<'a, T: Real> NumberStep<'a, T> {
         total(core::hint::black_box(totals)) * self.scale
     }
 
-    /// The same for all exponentials of a table with far blocks. Out of line: other tables do not pay for it.
-    #[inline(never)]
-    fn absorb_far(&self, x: T, sums: &mut [T], third: &mut [T], totals: &mut Lanes<T>) {
+    /// The same where sums of the first blocks have third parts.
+    fn take_with_third_parts(
+        &self,
+        x: T,
+        (sums, third): (&mut [T], &mut [T]),
+        pending: &mut [T],
+        delayed: Option<&mut T>,
+    ) -> T {
+        let leaving = match delayed {
+            Some(place) => core::mem::replace(place, x),
+            None => x,
+        };
+        shift_and_add(pending, self.weights, x);
+        let head = pending.first().copied().unwrap_or_default();
+        let mut totals = [head, T::zero(), T::zero(), T::zero()];
         let sums = sums.as_chunks_mut::<STATE_BLOCK>().0;
         let third = third.as_chunks_mut::<LANES>().0;
         for ((block, sums), &mut third) in self.exponentials.iter().zip(sums.iter_mut()).zip(&mut *third) {
             let [decay, coefficient] = halves(*block);
             let [recent, settled] = halves(*sums);
             let before = lanes(|lane| (at(&third, lane) + at(&settled, lane)) + at(&recent, lane));
-            let changed = lanes(|lane| at(&recent, lane) + (x - at(&decay, lane) * at(&before, lane)));
+            let changed = lanes(|lane| at(&recent, lane) + (leaving - at(&decay, lane) * at(&before, lane)));
             *sums = lanes_of_both(changed, settled);
-            *totals = lanes(|lane| at(totals, lane) + at(&coefficient, lane) * at(&before, lane));
+            totals = lanes(|lane| at(&totals, lane) + at(&coefficient, lane) * at(&before, lane));
         }
-        let others = self.exponentials.iter().zip(sums.iter_mut()).skip(self.far);
-        for (block, sums) in others {
-            absorb_number(sums, block, x, totals);
+        for (block, sums) in self.exponentials.iter().zip(sums.iter_mut()).skip(third.len()) {
+            absorb_number(sums, block, leaving, &mut totals);
         }
-        let Some(settling) = self.settling else { return };
-        match (sums.get_mut(settling), third.get_mut(settling)) {
-            (Some(sums), Some(third)) => settle_far(sums, third),
-            (Some(sums), None) => settle(sums),
-            (None, _) => {}
+        if let Some(settling) = self.settling {
+            match (sums.get_mut(settling), third.get_mut(settling)) {
+                (Some(sums), Some(third)) => settle_far(sums, third),
+                (Some(sums), None) => settle(sums),
+                (None, _) => {}
+            }
         }
+        total(totals) * self.scale
     }
 }
 
@@ -717,8 +729,7 @@ where
         let parts = layout.split(self.state.as_mut())?;
         let step = NumberStep::new(&table, layout, self.scale, self.settling)?;
         let term = parts.term.first_mut()?;
-        let delayed = parts.delayed.get_mut(self.oldest);
-        *term = step.take(x, parts.sums, parts.third, parts.pending, delayed);
+        *term = step.take(x, parts.sums, parts.pending, parts.delayed.get_mut(self.oldest));
         Some(())
     }
 
@@ -730,12 +741,29 @@ where
         let table = self.table.borrow();
         let parts = layout.split(self.state.as_mut())?;
         let step = NumberStep::new(&table, layout, self.scale, self.settling)?;
+        let (mut sums, mut pending) = (parts.sums, parts.pending);
+        let mut delayed = parts.delayed.get_mut(self.oldest * layout.coordinates..)?.iter_mut();
+        for (&x, term) in sample.iter().zip(parts.term) {
+            let sums = split_off(&mut sums, layout.blocks * STATE_BLOCK)?;
+            *term = step.take(x, sums, split_off(&mut pending, layout.head)?, delayed.next());
+        }
+        Some(())
+    }
+
+    /// The step for plain numbers where sums have third parts. Out of line: other tables do not pay for it.
+    #[inline(never)]
+    fn push_numbers_with_third_parts(&mut self, sample: &[T]) -> Option<()> {
+        let layout = Layout { stages: 1, ..self.layout };
+        let table = self.table.borrow();
+        let parts = layout.split(self.state.as_mut())?;
+        let step = NumberStep::new(&table, layout, self.scale, self.settling)?;
         let (mut sums, mut third, mut pending) = (parts.sums, parts.third, parts.pending);
         let mut delayed = parts.delayed.get_mut(self.oldest * layout.coordinates..)?.iter_mut();
         for (&x, term) in sample.iter().zip(parts.term) {
             let sums = split_off(&mut sums, layout.blocks * STATE_BLOCK)?;
             let third = split_off(&mut third, table.far_blocks * LANES)?;
-            *term = step.take(x, sums, third, split_off(&mut pending, layout.head)?, delayed.next());
+            let pending = split_off(&mut pending, layout.head)?;
+            *term = step.take_with_third_parts(x, (sums, third), pending, delayed.next());
         }
         Some(())
     }
@@ -847,6 +875,7 @@ where
         check_channels(self.layout.channels(), sample.len())?;
         self.check_room()?;
         let stored = match (self.layout.stages, sample) {
+            _ if self.table.far_blocks > 0 => self.push_numbers_with_third_parts(sample),
             (1, &[x]) => self.push_number(x),
             (1, _) => self.push_numbers(sample),
             _ => self.push_stages(sample),

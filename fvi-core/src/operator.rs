@@ -177,7 +177,11 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     /// memory is full; the operator then is as before.
     #[inline]
     pub fn push(&mut self, sample: T) -> Result<T, OperatorError> {
-        self.prepare(sample)?.take()
+        let (acted_on, reference) = self.compared(sample)?;
+        let value = self.value(acted_on)?;
+        self.memory.push(&[acted_on])?;
+        self.reference = reference;
+        Ok(value)
     }
 
     /// What [`push`](FractionalOperator::push) would return; the operator stays as it is.
@@ -214,25 +218,34 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     /// As those of [`push`](FractionalOperator::push).
     #[inline]
     pub fn prepare(&mut self, sample: T) -> Result<Pending<'_, T, M>, OperatorError> {
-        let count = self.memory.len();
+        let (acted_on, reference) = self.compared(sample)?;
+        let value = self.value(acted_on)?;
+        let time = self.time;
+        Ok(Pending { operator: self, acted_on, reference, time, value })
+    }
+
+    /// What the memory acts on for this sample, and what the next one is compared with.
+    #[inline(always)]
+    fn compared(&self, sample: T) -> Result<(T, T), OperatorError> {
+        let first = self.memory.is_empty();
         let on_values = self.memory.acts_on() == ActsOn::Values;
-        let reference = if count == 0 { sample } else { self.reference };
+        let reference = if first { sample } else { self.reference };
         let acted_on = match self.start {
-            Start::RiemannLiouville if on_values || count == 0 => sample,
+            Start::RiemannLiouville if on_values || first => sample,
             Start::RiemannLiouville | Start::Caputo => sample - reference,
-            // Past the largest count there is no telling how long the line has become.
-            Start::CaputoWithRise { .. } if on_values && count == usize::MAX => {
-                return Err(MemoryError::Full { capacity: count }.into());
-            }
             Start::CaputoWithRise { rise } => {
+                let count = self.memory.len();
+                // Past the largest count there is no telling how long the line has become.
+                if on_values && count == usize::MAX {
+                    return Err(MemoryError::Full { capacity: count }.into());
+                }
                 let rises = if on_values { T::from_count(count as u64) } else { T::of(count.min(1) as f64) };
                 sample - reference - rise * rises
             }
             // A slope wants times.
             Start::CaputoWithSlope { .. } => return Err(MemoryError::StepLength.into()),
         };
-        let time = self.time;
-        self.pending(acted_on, if on_values { reference } else { sample }, time)
+        Ok((acted_on, if on_values { reference } else { sample }))
     }
 
     /// Takes a sample that comes `interval` units of time after the one before and returns (D^β x)_k: for
@@ -277,12 +290,13 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
             Start::CaputoWithRise { .. } => return Err(MemoryError::StepLength.into()),
         };
         self.memory.begin_step(interval)?;
-        self.pending(acted_on, first, time)
+        let value = self.value(acted_on)?;
+        Ok(Pending { operator: self, acted_on, reference: first, time, value })
     }
 
-    /// What the memory acts on, the value with it, and what the next sample is compared with.
-    #[inline]
-    fn pending(&mut self, acted_on: T, reference: T, time: T) -> Result<Pending<'_, T, M>, OperatorError> {
+    /// The value with a sample of which the memory acts on this.
+    #[inline(always)]
+    fn value(&mut self, acted_on: T) -> Result<T, OperatorError> {
         let mut term = [T::zero()];
         self.memory.next_term(&mut term)?;
         let leading = self.memory.leading().first().copied().unwrap_or(T::zero());
@@ -290,7 +304,7 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
         if !acted_on.is_finite() || !value.is_finite() {
             return Err(OperatorError::NotFinite);
         }
-        Ok(Pending { operator: self, acted_on, reference, time, value })
+        Ok(value)
     }
 
     /// Forgets all samples.

@@ -3,7 +3,8 @@
 //! This one keeps every sample for a while and then only the mean of ever longer stretches, a popular
 //! approximation: the table shows how fast it is and what it costs in accuracy.
 
-use fvi_core::{BdfOrder, Memory, MemoryError, check_channels};
+// fvi-host hands fvi-core on: a crate of one's own depends on fvi-host alone.
+use fvi_host::fvi_core::{BdfOrder, Memory, MemoryError, check_channels};
 use fvi_host::lab::compare_engines::{Comparison, Contender, text_table};
 
 /// Samples that are kept one by one.

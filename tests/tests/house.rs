@@ -199,3 +199,26 @@ fn comments_are_no_wider_than_the_code() {
     }
     assert!(comments > 5000, "only {comments} lines of comments seen: does this test still read them?");
 }
+
+#[test]
+fn every_crate_that_is_published_carries_its_licences_and_says_where_its_documentation_is() {
+    let (mut crates, root) = (0, workspace());
+    for entry in fs::read_dir(&root).unwrap() {
+        let folder = entry.unwrap().path();
+        let name = folder.file_name().unwrap().to_string_lossy().into_owned();
+        if !name.starts_with("fvi-") {
+            continue;
+        }
+        let manifest = fs::read_to_string(folder.join("Cargo.toml")).unwrap();
+        let documentation = format!("documentation = \"https://docs.rs/{name}\"");
+        for line in [&*documentation, "license.workspace = true", "readme = \"README.md\""] {
+            assert!(manifest.lines().any(|found| found == line), "{name}: {line}");
+        }
+        for licence in ["LICENSE-APACHE", "LICENSE-MIT"] {
+            let text = |folder: &Path| fs::read_to_string(folder.join(licence)).unwrap_or_default();
+            assert!(text(&folder) == text(&root) && !text(&root).is_empty(), "{name}: {licence}");
+        }
+        crates += 1;
+    }
+    assert!(crates >= 9, "{crates}");
+}

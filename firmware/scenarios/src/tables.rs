@@ -14,6 +14,9 @@ pub mod derivative;
 /// Exponent 0.5, without an end.
 #[rustfmt::skip]
 pub mod endless;
+/// Exponent −0.8 for a step size of 1, without an end.
+#[rustfmt::skip]
+pub mod endless_integral;
 /// Exponent −0.8.
 #[rustfmt::skip]
 pub mod integral;
@@ -30,6 +33,7 @@ pub mod jitter_integral;
 pub use damping::TABLE as DAMPING;
 pub use derivative::TABLE as DERIVATIVE;
 pub use endless::TABLE as ENDLESS;
+pub use endless_integral::TABLE as ENDLESS_INTEGRAL;
 pub use integral::TABLE as INTEGRAL;
 pub use jitter_damping::TABLE as JITTER_DAMPING;
 pub use jitter_derivative::TABLE as JITTER_DERIVATIVE;

@@ -5,8 +5,15 @@ use crate::workplace::{Workplace, text};
 #[test]
 fn the_table_has_a_row_for_each_engine_and_length_and_every_engine_agrees() {
     let workplace = Workplace::new();
-    let output =
-        workplace.fvi(&["compare-engines", "--lengths", "4,8", "--exponent", "-0.5", "--out", "comparison"]);
+    let output = workplace.fvi(&[
+        "compare-engines",
+        "--lengths",
+        "4,8",
+        "--exponent",
+        "-0.5,-0.8",
+        "--out",
+        "comparison",
+    ]);
     assert!(output.status.success(), "{}", text(&output.stderr));
     let table = std::fs::read_to_string(workplace.path("comparison/engines.csv")).unwrap();
     let mut lines = table.lines();
@@ -25,9 +32,10 @@ fn the_table_has_a_row_for_each_engine_and_length_and_every_engine_agrees() {
         "hls",
         "naive",
     ] {
-        for length in ["16", "256"] {
-            let row = rows.iter().find(|row| row[0] == engine && row[1] == length).unwrap();
-            assert_eq!((row[2], row[3]), ("1", "-0.5"));
+        for (length, exponent) in [("16", "-0.5"), ("16", "-0.8"), ("256", "-0.5"), ("256", "-0.8")] {
+            let same = |row: &&Vec<&str>| row[0] == engine && row[1] == length && row[3] == exponent;
+            let row = rows.iter().find(same).unwrap();
+            assert_eq!(row[2], "1");
             assert!(row[4].parse::<f64>().unwrap() > 0.0);
             if engine != "offline-fft" {
                 let times: Vec<f64> = row[5..8].iter().map(|cell| cell.parse().unwrap()).collect();

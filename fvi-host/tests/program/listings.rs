@@ -59,8 +59,61 @@ fn constants_hold_the_numbers_of_the_tables() {
         assert!(constants.contains(if format == "rust" {
             "horizon: 10000,"
         } else {
-            "#define FVI_HORIZON 10000U\n"
+            "#define FVI_HORIZON UINT64_C(10000)\n"
         }));
+    }
+}
+
+#[test]
+fn an_endless_table_says_so_and_a_long_horizon_has_a_type_that_holds_it() {
+    let table = |arguments: &str| text(&format!("exponentials --exponent -0.8 --tolerance 1e-7 {arguments}"));
+    let endless = table("--endless --format rust --precision f32");
+    assert!(endless.contains("horizon: fvi_core::ExponentialTable::<()>::ENDLESS,"), "{endless}");
+    assert!(endless.contains("step_size: 1.0,") && !endless.contains("far_blocks: 0,"), "{endless}");
+    let endless = table("--endless --step 0.001 --format c --precision f32");
+    assert!(endless.contains("#define FVI_HORIZON FVI_ENDLESS\n"), "{endless}");
+    assert!(endless.contains("#define FVI_STEP 1e-3\n"), "{endless}");
+    assert!(table("--endless").contains("# horizon = endless\n"));
+    // More than a word of 32 bits holds.
+    let long = table("--horizon 1e10 --format c --precision f32");
+    assert!(long.contains("#define FVI_HORIZON UINT64_C(10000000000)\n"), "{long}");
+    let long = table("--horizon 1e10 --format rust --precision f32");
+    assert!(long.contains("horizon: 10000000000,"), "{long}");
+    // Kernels that end with their head have no horizon.
+    let whole = text("exponentials --exponent 1 --format c --precision f32");
+    assert!(whole.contains("#define FVI_HORIZON FVI_ENDLESS\n") && whole.contains(".exponentials = NULL"));
+    let both = fvi("exponentials --exponent 0.5 --endless --horizon 5");
+    assert_eq!(both.status.code(), Some(2));
+}
+
+#[test]
+fn tables_of_several_operators_have_names() {
+    let arguments =
+        "exponentials --exponent 0.5 --horizon 1e4 --tolerance 1e-3 --precision f32 --name Half_rate2";
+    let c = text(&format!("{arguments} --format c"));
+    for name in [
+        "#define HALF_RATE2_HEAD 5",
+        "half_rate2_head[HALF_RATE2_HEAD]",
+        "HALF_RATE2_TABLE",
+        "HALF_RATE2_NUMBERS(channels)",
+    ] {
+        assert!(c.contains(name), "{name}: {c}");
+    }
+    assert!(!c.to_lowercase().contains("define fvi_") && !c.contains("fvi_head"), "{c}");
+    let rust = text(&format!("{arguments} --format rust"));
+    assert!(rust.contains("pub const HALF_RATE2: fvi_core::ExponentialTable<&[f32]>"), "{rust}");
+    let weights = text("weights --exponent 0.5 --count 2 --format c --name half");
+    assert!(weights.contains("static const double half_weights[HALF_WEIGHTS]"), "{weights}");
+    let weights = text("weights --exponent 0.5 --count 2 --format rust --name half");
+    assert!(weights.contains("pub const HALF: [f64; 2]"), "{weights}");
+    let rates = text("rates --stages 1 --exponent 0.5 --shortest 0.1 --horizon 9 --format rust --name half");
+    assert!(rates.contains("pub const HALF: fvi_core::RateTable<&[f64]>"), "{rates}");
+    for name in ["9a", "_a", "a-b", "a.b", "é", ""] {
+        let output = Command::new(env!("CARGO_BIN_EXE_fvi"))
+            .args(["weights", "--exponent", "0.5", "--name", name])
+            .output()
+            .unwrap();
+        assert_eq!(output.status.code(), Some(2), "{name:?}");
     }
 }
 
