@@ -559,3 +559,27 @@ fn a_scenario_that_is_written_out_reads_as_it_was() {
         assert_eq!(json(&again), json(&scenario));
     }
 }
+
+#[test]
+fn starting_weights_that_lower_the_order_are_warned_of() {
+    let warned = |order: f64, starting: &str, start: [f64; 2], derivative: &str| {
+        let text = format!(
+            "[system]\nmass = [1.0]\n[[system.damping]]\norder = {order}\ncoefficient = [1.0]\n\
+             derivative = \"{derivative}\"\n[initial]\nposition = [{:?}]\nvelocity = [{:?}]\n\
+             [convolution]\norder = 2\nstarting = {starting}\n[time]\nstep = 0.1\nsteps = 10\n",
+            start[0], start[1]
+        );
+        let document = Document::new("test.toml", std::path::Path::new(""), &text);
+        let warnings = Scenario::from_document(document).unwrap().warnings();
+        warnings.iter().any(|warning| warning.contains("lower the order"))
+    };
+    for starting in ["[1.0]", "[0.5, 1.5]", "[2.0]", "[2.5]"] {
+        assert!(warned(0.5, starting, [0.0, 0.5], "caputo"), "{starting}");
+        assert!(warned(1.5, starting, [1.0, 0.0], "caputo"), "{starting}");
+        // From zero, where they are at home.
+        assert!(!warned(0.5, starting, [0.0, 0.0], "caputo"), "{starting}");
+        assert_eq!(warned(0.5, starting, [1.0, 0.0], "caputo"), starting == "[2.5]", "{starting}");
+    }
+    assert!(!warned(0.5, "[]", [1.0, 0.5], "caputo"));
+    assert!(!warned(0.5, "[1.0]", [0.0, 0.5], "riemann-liouville"));
+}
