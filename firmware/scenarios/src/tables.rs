@@ -2,8 +2,8 @@
 //! steps, and rates for steps from 7.9 ms on up to 2000 s.
 //!
 //! The files are what `fvi exponentials --exponent … --step 0.001 --horizon 1e8 --tolerance 1e-7 --format
-//! rust --precision f32`, with `--endless` for `--horizon 1e8`, and `fvi rates --stages 1 --exponent … --shortest 0.0079 --horizon 2000 --tolerance
-//! 1e-7 --format rust --precision f32` print.
+//! rust --precision f32`, with `--endless` for `--horizon 1e8`, and `fvi rates --stages 1 --exponent …
+//! --shortest 0.0079 --horizon 2000 --tolerance 1e-7 --format rust --precision f32` print.
 
 /// Exponent 0.5.
 #[rustfmt::skip]

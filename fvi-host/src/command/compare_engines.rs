@@ -21,7 +21,7 @@ pub struct CompareEnginesArguments {
     order: Vec<BdfOrder>,
     /// Exponents of the convolution quadrature, greater than −1 and less than 2
     #[arg(long, value_name = "EXPONENTS", value_delimiter = ',', default_value = "0.5", value_parser = exponent,
-          allow_negative_numbers = true)]
+          allow_hyphen_values = true)]
     exponent: Vec<f64>,
     /// Timed runs of each engine [default: 5 to 50, more for shorter runs]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]

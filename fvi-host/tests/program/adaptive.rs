@@ -268,11 +268,12 @@ fn no_step_is_shorter_than_the_shortest() {
 fn a_motion_that_blows_up_ends_with_what_was_computed() {
     let place = Workplace::new();
     place.write(
-        "pole.toml",
-        "[system]\nmass = [1.0]\nforce = [\"1/(1 - t)^2\"]\n[scheme]\nkind = \"collocation\"\n\
+        "escape.toml",
+        // q̈ = 4 q³ reaches infinity at t = 0.927.
+        "[system]\nmass = [1.0]\npotential = \"-q0^4\"\n[initial]\nposition = [1.0]\n[scheme]\nkind = \"collocation\"\n\
          [time]\ngrid = \"adaptive\"\nend = 2.0\ntolerance = 1e-6\n",
     );
-    let output = place.fvi(&["run", "pole.toml", "--out", "out"]);
+    let output = place.fvi(&["run", "escape.toml", "--out", "out"]);
     let message = text(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{message}");
     assert!(message.contains("times the tolerance") && message.contains("time.shortest"), "{message}");

@@ -5,6 +5,10 @@ use super::transfer::{self, Pole, TransferFunction};
 use fvi_core::BdfOrder;
 use std::f64::consts::PI;
 
+/// Most of the nodes that stand still, and the size relative to their sum from which on they are left out.
+const MOST_STANDING: usize = 20_000;
+const NEGLIGIBLE: f64 = 1e-18;
+
 /// Weights fall by this factor until nothing of them is left.
 const NOTHING_LEFT: f64 = 1e-30;
 
@@ -100,8 +104,7 @@ impl<'a> PrincipalCut<'a> {
     /// The trapezoidal rule in ln d up to a rate, slowest node first, without the [`sign`](Self::sign) and
     /// the poles.
     ///
-    /// Nodes so slow that they stand still beside the branch point up to the horizon, a geometric series, are
-    /// one node there.
+    /// Nodes so slow that they stand still beside the branch point up to the horizon are one node there.
     pub(super) fn rule(
         &self,
         spacing: f64,
@@ -109,15 +112,21 @@ impl<'a> PrincipalCut<'a> {
         horizon: usize,
         tolerance: f64,
     ) -> Vec<Exponential> {
-        let Some(Start { cut, place, .. }) = &self.cut else { return Vec::new() };
+        let Some(Start { place, .. }) = &self.cut else { return Vec::new() };
         let slowest = self.slowest();
         let standing = 0.01 * tolerance / horizon as f64;
         let first = libm::log((1.0 + place) * libm::expm1(fastest - slowest));
         let count = ((first - libm::log(standing)) / spacing).ceil().max(1.0) as usize;
         let at = |k: usize| libm::exp(first - k as f64 * spacing);
-        // The integrand begins like d^{ratio}, with 1/m = 1/d in it where the cut begins at m = 0.
-        let ratio = 1.0 + cut.power - if self.on_increments && *place == 0.0 { 1.0 } else { 0.0 };
-        let rest = self.coefficient(at(count + 1), spacing) / -libm::expm1(-spacing * ratio);
+        // Term by term: next to the branch point kernels of several powers follow none of them.
+        let mut rest = 0.0;
+        for k in count + 1..count + MOST_STANDING {
+            let coefficient = self.coefficient(at(k), spacing);
+            rest += coefficient;
+            if coefficient.abs() <= NEGLIGIBLE * rest.abs() {
+                break;
+            }
+        }
         let node = |k: usize| {
             let d = at(k);
             let rate = slowest + libm::log1p(d / (1.0 + place));

@@ -450,7 +450,9 @@ fn exponentials_of<const R: usize>(
         let width = 2.0 * PI * cut.strip / (digits + (growth + 0.5).max(0.0) * 4.0);
         // What stands still beside the branch point up to the last weight is one node there.
         let stand = power < 0.0 || cut.start > 0.0;
-        let lowest = -digits / (1.0 + power + if stand { 1.0 } else { 0.0 }) - libm::log(range.end as f64);
+        // Maxwell's form follows its powers only far out: the lesser of both is counted on.
+        let fall = 1.0 + power.min(growth) + if stand { 1.0 } else { 0.0 };
+        let lowest = -digits / fall - libm::log(range.end as f64);
         let highest = libm::log(200.0) + digits / (range.start as f64 - growth);
         let nodes = ((highest - lowest) / width).ceil() as usize;
         let start = cut.start * step_size;
