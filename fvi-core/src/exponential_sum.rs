@@ -1458,8 +1458,8 @@ mod tests {
         assert_eq!(made(0.001, 31.6), Some("scale"));
     }
 
-    /// What N equal samples leave behind in single precision, from a sum that has already seen as many as would
-    /// take hours to count.
+    /// What N equal samples leave behind in single precision, from a sum that has already seen as many as
+    /// would take hours to count.
     #[test]
     fn three_parts_of_a_sum_take_samples_that_two_parts_would_lose() {
         // Behind two parts, two pending sums and the term.

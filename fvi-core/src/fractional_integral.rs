@@ -25,9 +25,10 @@ use crate::weights::BdfOrder;
 /// until samples move it.
 ///
 /// **Take a memory on increments** for λ < 1
-/// ([`monic_increment_table`](crate::monic_increment_table), `fvi exponentials --increments`). That of a table
-/// on values has errors ε of its weights, which for a signal that stays do not cancel as the weights do: s then
-/// drifts by ε h^λ for each sample, k^{1−λ} ε of I^λ after k of them. On increments the error stays at ε.
+/// ([`monic_increment_table`](crate::monic_increment_table), `fvi exponentials --increments`). That of a
+/// table on values has errors ε of its weights, which for a signal that stays do not cancel as the weights
+/// do: s then drifts by ε h^λ for each sample, k^{1−λ} ε of I^λ after k of them. On increments the error
+/// stays at ε.
 ///
 /// ```
 /// # use fvi_core::{BdfOrder, FractionalIntegral, Kernel, monic_increment_table};

@@ -233,8 +233,8 @@ impl Kernel {
         Ok(Tiled::new(weights, scale, overflow)?.acting_on(acts_on))
     }
 
-    /// The exponential-sum memory for a table of this kernel and so many channels, on values or on increments:
-    /// the table tells which it is.
+    /// The exponential-sum memory for a table of this kernel and so many channels, on values or on
+    /// increments: the table tells which it is.
     ///
     /// A table made for a step size of 1 serves every other one, and gets its scale here; one whose weights
     /// hold their step size ([`ExponentialTable::step_size`]) must hold that of the kernel.
@@ -614,7 +614,8 @@ mod tests {
         }
     }
 
-    /// The first weights of s^β at a step size, in single precision, and an exponential that matters to nobody.
+    /// The first weights of s^β at a step size, in single precision, and an exponential that matters to
+    /// nobody.
     fn exponentials(exponent: f64, step_size: f64, on_increments: bool) -> [f32; 6] {
         let weights = ConvolutionWeights::bdf(BdfOrder::GRUNWALD_LETNIKOV, exponent, step_size).unwrap();
         let mut head = [0.0; 6];

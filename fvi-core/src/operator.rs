@@ -54,9 +54,9 @@ pub enum Start<T> {
 ///
 /// What a controller or a filter needs: fractional derivatives (0 < β < 2) and integrals (−1 < β < 0), on any
 /// [`Memory`] with one channel whose kernel holds the weights of D^β; integrals of order 1 and above are
-/// [`FractionalIntegral`](crate::FractionalIntegral)s, those below may be. Here the differences of samples are
-/// formed by subtraction, which loses nothing that the samples had; a memory that acts on them is worth its
-/// while for derivatives all the same, because its sums do not cancel.
+/// [`FractionalIntegral`](crate::FractionalIntegral)s, those below may be. Here the differences of samples
+/// are formed by subtraction, which loses nothing that the samples had; a memory that acts on them is worth
+/// its while for derivatives all the same, because its sums do not cancel.
 ///
 /// ```
 /// # use fvi_core::{BdfOrder, FixedDirect, FractionalOperator, Start, leading_bdf_weight, monic_bdf_table};
@@ -271,8 +271,8 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
         Ok(self.prepare_after(interval, sample)?.value())
     }
 
-    /// As [`prepare`](FractionalOperator::prepare), for a sample that comes `interval` units of time after the
-    /// one before.
+    /// As [`prepare`](FractionalOperator::prepare), for a sample that comes `interval` units of time after
+    /// the one before.
     ///
     /// # Errors
     /// As those of [`push_after`](FractionalOperator::push_after).

@@ -56,6 +56,12 @@ static void fault(void) {
 
 extern char stack_top[];
 
-__attribute__((section(".vectors"), used)) static const void *const vectors[] = {
-    stack_top, (const void *)reset, (const void *)fault, (const void *)fault,
+/* ISO C has no conversion from a function to void *. */
+union vector {
+    const void *address;
+    void (*handler)(void);
+};
+
+__attribute__((section(".vectors"), used)) static const union vector vectors[] = {
+    {.address = stack_top}, {.handler = reset}, {.handler = fault}, {.handler = fault},
 };

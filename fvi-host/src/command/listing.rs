@@ -197,7 +197,8 @@ fn exponentials_rust<T: Real + LowerExp>(
     };
     format!(
         "/// {origin}: {} weights, then {} exponentials; tolerance {:e}.\n///\n\
-         /// `fvi_core::Kernel::exponential_sum` takes it, with `{name}.state_len(channels)` numbers of state.\n\
+         /// `fvi_core::Kernel::exponential_sum` takes it, with \
+         `{name}.state_len(channels)` numbers of state.\n\
          pub const {name}: fvi_core::ExponentialTable<&[{scalar}]> = fvi_core::ExponentialTable {{\n    \
          stages: 1,\n    head: &[\n{}    ],\n    exponentials: &[\n{}    ],\n    slow_blocks: {},\n    \
          far_blocks: {},\n    horizon: {horizon},\n    step_size: {:?},\n}};\n",

@@ -280,7 +280,7 @@ fn small_exponential(x: DoubleDouble) -> DoubleDouble {
 /// eˣ.
 fn exponential(x: DoubleDouble) -> DoubleDouble {
     let twos = (x.to_f64() / std::f64::consts::LN_2).round();
-    if !(twos.abs() < 1000.0) {
+    if twos.is_nan() || twos.abs() >= 1000.0 {
         return DoubleDouble::exact(libm::exp(x.to_f64()));
     }
     let ln_2 = DoubleDouble::exact(std::f64::consts::LN_2).add(DoubleDouble::exact(LOW_OF_LN_2));

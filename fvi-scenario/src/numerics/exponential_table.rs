@@ -21,8 +21,8 @@
 //! the nodes of one Gauss rule, that of the geometric mean of their measures, serve all of them with the
 //! coefficients that integrate polynomials exactly against each.
 //!
-//! Other transfer functions K(s) have other jumps across the cut, which may begin behind m = 0, and poles on it,
-//! which are exponentials of their own (`principal_cut.rs`).
+//! Other transfer functions K(s) have other jumps across the cut, which may begin behind m = 0, and poles on
+//! it, which are exponentials of their own (`principal_cut.rs`).
 //!
 //! Sources: \[HJO\] eq. 18–22, 30; the Gauss rule of a discrete measure by Lanczos' algorithm,
 //! \[GolubWelsch69\], \[Gautschi04\]; quadrature for sums of exponentials, \[BeylkinMonzon10\], \[McLean18\].
@@ -158,7 +158,8 @@ const BLOCK: usize = 4;
 /// The horizon that is asked for where there is to be no end.
 pub const ENDLESS: usize = usize::MAX;
 
-/// The largest lag at which the weights of an endless table hold to the tolerance, 2⁵⁰: 35 000 years at 1 kHz.
+/// The largest lag at which the weights of an endless table hold to the tolerance, 2⁵⁰: 35 000 years at 1
+/// kHz.
 pub const ENDLESS_REACH: usize = (1u64 << 50) as usize;
 
 /// Sums of more samples than this over ε, the distance from 1 to the next number, are kept in three parts: of
@@ -229,8 +230,8 @@ impl ExponentialKernel {
     }
 
     /// Weights of the backward differentiation formula `order` for any transfer function K, each within the
-    /// relative tolerance `tolerance` up to lag `horizon`, on values or on increments: the Taylor coefficients
-    /// of K(γ_p(z)/h), or of K(γ_p(z)/h)/(1 − z).
+    /// relative tolerance `tolerance` up to lag `horizon`, on values or on increments: the Taylor
+    /// coefficients of K(γ_p(z)/h), or of K(γ_p(z)/h)/(1 − z).
     ///
     /// Weights that fall off exponentially are held to the tolerance down to 10⁻⁹ of w₀, divided by the
     /// length of the head.
@@ -396,8 +397,8 @@ impl ExponentialKernel {
         &self.exponentials
     }
 
-    /// Largest lag at which the weights hold; [`ENDLESS`] where there is no end: beyond [`ENDLESS_REACH`] they
-    /// then fade, and nothing is refused.
+    /// Largest lag at which the weights hold; [`ENDLESS`] where there is no end: beyond [`ENDLESS_REACH`]
+    /// they then fade, and nothing is refused.
     pub fn horizon(&self) -> usize {
         self.horizon
     }

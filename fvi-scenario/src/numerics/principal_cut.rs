@@ -190,7 +190,7 @@ fn preimage(order: BdfOrder, value: f64) -> Option<f64> {
     if value == 0.0 {
         return Some(0.0);
     }
-    let even = order.get() % 2 == 0;
+    let even = order.get().is_multiple_of(2);
     let mut high = 1.0;
     if even && negative_formula(order, high) <= value {
         return None;

@@ -420,8 +420,8 @@ fn contour_integrals(
     near
 }
 
-/// The integral over the cut of any transfer function, divided by s on rises, and its poles, for n in `range`:
-/// the trapezoidal rule in ln d, x = h (a + d).
+/// The integral over the cut of any transfer function, divided by s on rises, and its poles, for n in
+/// `range`: the trapezoidal rule in ln d, x = h (a + d).
 fn exponentials_of<const R: usize>(
     matrix: &SMatrix<f64, R, R>,
     weights: &SVector<f64, R>,
@@ -530,7 +530,8 @@ mod tests {
         let inverse = inverse(&matrix);
         let (z, count) = (0.5, 120);
         let last = SMatrix::<f64, R, R>::from_fn(|_, j| f64::from(u8::from(j + 1 == R)));
-        // Δ = A⁻¹ − z A⁻¹ 1 bᵀA⁻¹, the latter the last unit vector; its powers are an independent series in A.
+        // Δ = A⁻¹ − z A⁻¹ 1 bᵀA⁻¹, the latter the last unit vector; its powers are an independent series in
+        // A.
         let delta = (inverse - inverse * last * z) / step_size;
         let values = RungeKuttaWeights::of_transfer(method, transfer, false, step_size, count).unwrap();
         let found = series(&values, z, count);

@@ -383,8 +383,8 @@ impl TransferFunction {
         }
     }
 
-    /// Whether K(s)/s = ∫ (Im K(−x + i0)/π) /(x (s + x)) dx, that is, whether a formula that grows more slowly
-    /// than s has no singularity off its cut, at a few s.
+    /// Whether K(s)/s = ∫ (Im K(−x + i0)/π) /(x (s + x)) dx, that is, whether a formula that grows more
+    /// slowly than s has no singularity off its cut, at a few s.
     fn is_made_up_by_its_cut(&self) -> bool {
         const SPACING: f64 = 0.05;
         const REACH: i32 = 1840;
@@ -404,8 +404,8 @@ impl TransferFunction {
         !matches!(self.form, Form::Formula { relaxation: false, .. })
     }
 
-    /// The k-th derivative of L⁻¹\[K\](t) at a time t > 0, by the jump across the cut and the poles; `None` for
-    /// formulas that have other singularities or grow like s or faster.
+    /// The k-th derivative of L⁻¹\[K\](t) at a time t > 0, by the jump across the cut and the poles; `None`
+    /// for formulas that have other singularities or grow like s or faster.
     ///
     /// ```text
     /// L⁻¹[K](t) = −∫₀^∞ e^{−xt} Im K(−x + i0)/π dx + Σ_poles residue e^{−λt}

@@ -27,8 +27,8 @@ enum Form {
 /// Reads `order`, or `kernel` in its place.
 ///
 /// # Errors
-/// If neither or both are there, or a parameter of the kernel is outside its range, or the kernel is not passive
-/// and `allow_active` is not set.
+/// If neither or both are there, or a parameter of the kernel is outside its range, or the kernel is not
+/// passive and `allow_active` is not set.
 pub(super) fn read_transfer(
     table: &Table<'_>,
     parameters: &BTreeMap<String, f64>,

@@ -15,8 +15,8 @@ use serde::ser::SerializeMap;
 use serde::{Serialize, Serializer};
 use std::collections::BTreeMap;
 
-/// d/dt (M q̇) + K q + ∇U(q) + Σ_e ∇U_e(q) = F(t, q) + Σ_l f_l a_l(t) − Σ_m ρ_m K_m(D) q, K_m(D) = D^{β_m} or of
-/// another transfer function.
+/// d/dt (M q̇) + K q + ∇U(q) + Σ_e ∇U_e(q) = F(t, q) + Σ_l f_l a_l(t) − Σ_m ρ_m K_m(D) q, K_m(D) = D^{β_m} or
+/// of another transfer function.
 #[derive(Clone, Debug, Serialize)]
 pub struct System {
     /// M, symmetric positive definite.

@@ -38,10 +38,11 @@ impl Scenario {
         })
     }
 
-    /// Starting weights that lower the order. Those of large exponents put large weights on the first samples,
-    /// whatever these are: where Caputo's q − q₀ (− v₀ t) begins with a lower power than the exponents it is
-    /// taken worse than by plain weights, which have full order up to 2. Measured, BDF 2: with β = ½ and
-    /// v₀ ≠ 0 order 1.5 with ν = 1, 1 with 2, ½ with 2.5; from rest 1.5 with 2.5; with β = 3/2 1.5 with any.
+    /// Starting weights that lower the order. Those of large exponents put large weights on the first
+    /// samples, whatever these are: where Caputo's q − q₀ (− v₀ t) begins with a lower power than the
+    /// exponents it is taken worse than by plain weights, which have full order up to 2. Measured, BDF 2:
+    /// with β = ½ and v₀ ≠ 0 order 1.5 with ν = 1, 1 with 2, ½ with 2.5; from rest 1.5 with 2.5; with β = 3/2
+    /// 1.5 with any.
     fn lowering_warning(&self) -> Option<String> {
         let some = |numbers: &[f64]| numbers.iter().any(|&number| number != 0.0);
         let (moves, is_off) = (some(&self.initial.momentum), some(&self.initial.position));

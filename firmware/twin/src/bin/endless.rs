@@ -1,5 +1,5 @@
-//! An integral of order 0.8 in single precision, on a table without an end, over more samples than 32 bits count; beside it the exact values
-//! at powers of two and at the end.
+//! An integral of order 0.8 in single precision, on a table without an end, over more samples than 32 bits
+//! count; beside it the exact values at powers of two and at the end.
 
 use std::error::Error;
 
@@ -9,7 +9,8 @@ use scenarios::tables::ENDLESS_INTEGRAL;
 /// A million samples past 2³².
 const SAMPLES: u64 = (1 << 32) + (1 << 20);
 
-/// Largest relative error of a value: the tolerance of the table, and rounding of table and sums in single precision.
+/// Largest relative error of a value: the tolerance of the table, and rounding of table and sums in single
+/// precision.
 const ALLOWED: f64 = 5e-7;
 
 /// ln Γ(n + a) − ln Γ(n) for large n, by Stirling's series.

@@ -343,8 +343,8 @@ impl Differentiation<'_> {
         self.outer(x, value, first, second)
     }
 
-    /// Which side of a jump or kink is taken: σ = a + b g with the argument g and two inputs a and b, which are
-    /// 1 and 0 above, 0 and 0 below. `None` where sides are no inputs.
+    /// Which side of a jump or kink is taken: σ = a + b g with the argument g and two inputs a and b, which
+    /// are 1 and 0 above, 0 and 0 below. `None` where sides are no inputs.
     fn side(&mut self, node: &Node, argument: &Derivatives) -> Option<Derivatives> {
         let [offset, slope] = self.sides.as_mut()?.inputs(node, (argument.value, &argument.gradient));
         let (offset, slope) = (self.graph.insert(offset), self.graph.insert(slope));

@@ -94,7 +94,7 @@ impl RoughArguments {
     /// until it answers `false`.
     ///
     /// The stretch is halved until the argument has no zero in a part, or one at most because it rises or
-    /// falls throughout, both by the bounds of interval arithmetic, or the part is [`CLOSEST`] to nothing.
+    /// falls throughout, both by the bounds of interval arithmetic, or the part is next to nothing.
     ///
     /// # Errors
     /// The time up to which all are known, where there are more than the search may look at.
