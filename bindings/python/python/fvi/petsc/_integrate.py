@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import time
 from collections.abc import Iterable, Iterator, Mapping
@@ -518,7 +519,7 @@ class _Run:
         count = len(self.chosen)
         t, q, p, energy = table[:, 0], table[:, 1 : 1 + count], table[:, 1 + count : -1], table[:, -1]
         status = 0 if failed is None else 1 if isinstance(failed, KeyboardInterrupt) else -1
-        return Result(t, q, p, energy, failed is None, status, message, summary)
+        return Result(t, q, p, energy, failed is None, status, message, json.dumps(summary))
 
     def close(self) -> None:
         if self.rows is not None:
