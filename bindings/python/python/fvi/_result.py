@@ -32,6 +32,8 @@ def _module(name: str, what: str) -> Any:
 class Picture(tuple[Any, ...]):
     """The axes of a picture, one above the other, with their figure at hand."""
 
+    __slots__ = ()
+
     @property
     def figure(self) -> Any:
         """The matplotlib figure."""
