@@ -4,6 +4,7 @@ pub mod algebra;
 pub mod aligned;
 pub mod column;
 pub mod dense;
+pub mod exponential;
 pub mod exponential_table;
 pub mod growing_ring;
 mod inverse;

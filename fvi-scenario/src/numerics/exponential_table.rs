@@ -29,6 +29,7 @@
 
 use crate::numerics::aligned::Aligned;
 use crate::numerics::dense::symmetric_eigen;
+use crate::numerics::exponential::Exponential;
 use crate::numerics::multistep_weights::multistep_weights;
 use crate::numerics::principal_cut::PrincipalCut;
 use crate::numerics::transfer::TransferFunction;
@@ -54,15 +55,6 @@ pub struct ExponentialKernel {
     on_increments: bool,
     horizon: usize,
     tolerance: f64,
-}
-
-/// One term, coefficient · e^{−rate n}.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Exponential {
-    /// Decay per step.
-    pub rate: f64,
-    /// Value continued to n = 0.
-    pub coefficient: f64,
 }
 
 /// Why no table was made.

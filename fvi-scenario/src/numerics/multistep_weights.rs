@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use super::algebra::Series;
-use super::exponential_table::Exponential;
+use super::exponential::Exponential;
 use super::principal_cut::PrincipalCut;
 use super::transfer::TransferFunction;
 use fvi_core::{BdfOrder, ConvolutionWeights, DoubleDouble, ParameterError};

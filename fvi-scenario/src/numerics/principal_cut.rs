@@ -1,6 +1,6 @@
 //! The cut and the poles of a transfer function as decaying exponentials of the weights of a multistep rule.
 
-use super::exponential_table::Exponential;
+use super::exponential::Exponential;
 use super::transfer::{self, Pole, TransferFunction};
 use fvi_core::BdfOrder;
 use std::f64::consts::PI;
