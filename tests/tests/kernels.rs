@@ -10,10 +10,12 @@ use fvi_host::memory::{EngineError, Memories, MemoryRequest};
 use fvi_host::numerics::multistep_weights::multistep_weights;
 use fvi_host::numerics::transfer::TransferFunction;
 use fvi_host::scenario::{Convolution, ConvolutionFamily, Engine, History, Scenario, kernel_of_symbol};
-use fvi_host::simulation::{GridState, Precision, Simulation};
+use fvi_host::simulation::{Precision, Simulation};
 use fvi_tests::convergence::observed_order;
 use nalgebra::Complex;
 use proptest::prelude::*;
+
+use crate::node_form::states;
 
 const ENGINES: [Engine; 5] =
     [Engine::Direct, Engine::BlockFft, Engine::RealTime, Engine::ExponentialSum, Engine::ExponentialSumCore];
@@ -137,24 +139,6 @@ fn weights_of_long_runs_agree_with_a_transform_in_the_middle_and_fall_as_they_mu
     assert!((next(999_999) / next(250_000) - 1.0).abs() < 2e-3);
 }
 
-/// The states of a scenario, from t = 0.
-fn states(text: &str) -> Vec<GridState> {
-    let document = Document::new("kernels.toml", Path::new("."), text);
-    let scenario = Scenario::from_document(document).unwrap_or_else(|error| panic!("{error}\n{text}"));
-    let mut simulation =
-        Simulation::new(&scenario, Precision::F64).unwrap_or_else(|error| panic!("{error}\n{text}"));
-    let none = vec![0.0; scenario.coordinates()];
-    let mut state = GridState { position: none.clone(), momentum: none, ..GridState::default() };
-    simulation.read(&mut state);
-    let mut states = vec![state.clone()];
-    for _ in 0..scenario.time.steps {
-        simulation.step(&[]).unwrap_or_else(|error| panic!("{error}\n{text}"));
-        simulation.read(&mut state);
-        states.push(state.clone());
-    }
-    states
-}
-
 /// The inverse Laplace transform at a time, on the modified Talbot contour of \[WeidemanTrefethen07\].
 fn inverse_transform(time: f64, of: impl Fn(Complex<f64>) -> Complex<f64>) -> f64 {
     const POINTS: usize = 56;
@@ -212,7 +196,7 @@ fn motions_have_the_orders_of_node_form_for_every_analytic_kernel() {
                     1.0 / steps_in_one as f64,
                     3 * steps_in_one
                 );
-                (states(&text).last().unwrap().position[0] - exact).abs()
+                (states(&text, None).last().unwrap().position[0] - exact).abs()
             };
             let errors = steps.map(error);
             // Resonances of the kernel want short steps before errors fall as they will.
@@ -243,7 +227,7 @@ fn runge_kutta_quadrature_has_its_order_with_every_kernel_that_relaxes() {
                     1.0 / steps_in_one as f64,
                     3 * steps_in_one
                 );
-                (states(&text).last().unwrap().position[0] - exact).abs()
+                (states(&text, None).last().unwrap().position[0] - exact).abs()
             };
             let errors = steps.map(error);
             let order = observed_order(&steps.map(|count| 1.0 / count as f64), &errors);
@@ -287,7 +271,7 @@ proptest! {
             keys.join(", "),
             10f64.powf(step),
         );
-        let states = states(&text);
+        let states = states(&text, None);
         let first = states[0].energy;
         for state in &states {
             prop_assert!(state.energy <= first * (1.0 + 1e-9), "{text}\n{} after {first}", state.energy);

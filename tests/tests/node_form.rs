@@ -34,7 +34,7 @@ fn gauss<const S: usize>() -> NodeGalerkin<f64, S, S> {
 }
 
 /// The states of a scenario at every grid point, from t = 0.
-fn states(text: &str, engine: Option<Engine>) -> Vec<GridState> {
+pub(crate) fn states(text: &str, engine: Option<Engine>) -> Vec<GridState> {
     let document = Document::new("node-form.toml", Path::new("."), text);
     let mut scenario = Scenario::from_document(document).unwrap_or_else(|error| panic!("{error}"));
     if let Some(engine) = engine {
