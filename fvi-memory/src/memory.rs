@@ -210,6 +210,27 @@ impl MemoryRequest<'_> {
         Ok(HostMemory::new(Box::new(corrected), engine, acts_on))
     }
 
+    /// A memory of other plain weights for the same samples, such as derivatives of the kernel's with respect
+    /// to a parameter: the plain sum where the engine asked for is that, transforms elsewhere. `weights` is
+    /// told whether they are to act on increments, and how many are wanted.
+    ///
+    /// # Errors
+    /// [`EngineError`], and those of `weights`.
+    pub fn build_of_weights(
+        &self,
+        weights: &dyn Fn(bool, usize) -> Result<Vec<f64>, ParameterError>,
+    ) -> Result<HostMemory<f64>, EngineError> {
+        let direct = self.engine() == Engine::Direct;
+        let samples = if direct { self.kept() } else { self.samples };
+        let count = samples.saturating_add(1);
+        self.room::<f64>(Engine::BlockFft, count.saturating_mul(2))?;
+        let numbers = weights(self.acts_on() != ActsOn::Values, count)?;
+        match direct {
+            true => self.direct(numbers, 1, 1.0),
+            false => self.transforms(Engine::BlockFft, Planes { numbers, stages: 1 }, 1),
+        }
+    }
+
     /// Whether the kernel may have one memory with another, as far as kernels decide: both have exponentials,
     /// and want the same samples.
     pub fn may_share_with(&self, other: &Self) -> bool {

@@ -19,3 +19,4 @@ pub mod semidefinite;
 pub mod starting;
 pub mod starting_defects;
 pub mod transfer;
+pub mod transfer_derivative;

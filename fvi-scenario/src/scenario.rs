@@ -17,6 +17,7 @@ mod parameters;
 mod reference;
 mod sampled_input;
 mod scheme;
+mod sensitivity;
 mod sparse_matrix;
 mod system;
 mod time;
@@ -35,6 +36,7 @@ pub use own_terms::{OwnTerms, SharedTerms};
 pub use reference::{Reference, ReferenceRow, ReferenceSource};
 pub use sampled_input::SampledInput;
 pub use scheme::{Convolution, ConvolutionFamily, DampedAt, Quadrature, Scheme};
+pub use sensitivity::{Named, Parameter, Quantity, Sensitivity};
 pub use sparse_matrix::{KnownMatrices, SparseMatrix};
 pub use system::{Attached, Damping, Derivative, ForceQuadrature, System};
 pub use time::{
@@ -82,6 +84,9 @@ pub struct Scenario {
     /// What is watched for on the way.
     #[serde(rename = "event", skip_serializing_if = "Vec::is_empty")]
     pub events: Vec<Event>,
+    /// By what the motion is differentiated.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sensitivity: Option<Sensitivity>,
     #[serde(skip)]
     document: Document,
 }
@@ -166,6 +171,7 @@ impl Scenario {
             "reference",
             "case",
             "event",
+            "sensitivity",
         ])?;
         let title = root.optional("title").map(|value| value.text().map(str::to_owned)).transpose()?;
         let system_table = root.required("system")?.table()?;
@@ -227,7 +233,7 @@ impl Scenario {
             None => Vec::new(),
         };
         let document = document.clone();
-        Ok(Self {
+        let mut scenario = Self {
             title,
             system,
             initial,
@@ -240,8 +246,13 @@ impl Scenario {
             reference,
             cases,
             events,
+            sensitivity: None,
             document,
-        })
+        };
+        if let Some(value) = root.optional("sensitivity") {
+            scenario.sensitivity = Some(Sensitivity::read(&value.table()?, &scenario)?);
+        }
+        Ok(scenario)
     }
 
     /// The same scenario over the same time in another number of steps, after each of which its whole state

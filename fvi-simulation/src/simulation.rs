@@ -20,6 +20,7 @@ pub mod response;
 pub mod stability;
 mod step_control;
 pub mod stretch;
+mod tangent;
 
 use crate::language::error::Cause;
 use crate::language::expression::Elementary;
@@ -74,6 +75,8 @@ trait Stepper {
     fn position_at(&mut self, time: f64, position: &mut Vec<f64>);
     /// The jumps and kinks in the position as switches.
     fn switches(&mut self) -> &mut dyn Switched;
+    /// The increments that the last step was solved by, one control point after another.
+    fn increments(&self, numbers: &mut Vec<f64>);
     /// Time, position and momentum.
     fn read_without_energy(&mut self, state: &mut GridState);
     /// These and the energy.
@@ -109,16 +112,22 @@ pub struct GridState {
     pub momentum: Vec<f64>,
     /// ½ p_kᵀM⁻¹p_k + U(q_k) with this p_k.
     pub energy: f64,
+    /// ∂q_k/∂θ and ∂p_k/∂θ of each parameter of `[sensitivity]`, one after the other.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub sensitivities: Vec<f64>,
 }
 
 impl GridState {
-    /// Appends a line t,q0,…,p0,…,energy with 17 significant digits, which tell one f64 from another.
+    /// Appends a line t,q0,…,p0,…,energy, and the sensitivities if there are any, with 17 significant
+    /// digits, which tell one f64 from another.
     ///
     /// Runs that keep every row spend most of their time here: in this crate it is compiled for speed.
     pub fn append_row(&self, text: &mut String) {
         // A string takes whatever is written.
         let _ = write!(text, "{:.16e}", self.time);
-        for number in self.position.iter().chain(&self.momentum).chain([&self.energy]) {
+        for number in
+            self.position.iter().chain(&self.momentum).chain([&self.energy]).chain(&self.sensitivities)
+        {
             let _ = write!(text, ",{number:.16e}");
         }
         text.push('\n');
@@ -250,6 +259,11 @@ impl Simulation {
     /// at them.
     pub(crate) fn switches(&mut self) -> &mut dyn Switched {
         self.stepper.switches()
+    }
+
+    /// Writes what the last step was solved by: q_d(c h) − q_k at each control point.
+    pub(crate) fn increments(&self, numbers: &mut Vec<f64>) {
+        self.stepper.increments(numbers);
     }
 
     /// Writes the present state into `state`, whose vectors have one place for each coordinate.
@@ -838,6 +852,11 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
 
     fn switches(&mut self) -> &mut dyn Switched {
         self.integrator.system_mut()
+    }
+
+    fn increments(&self, numbers: &mut Vec<f64>) {
+        numbers.clear();
+        numbers.extend(in_double(X::Scheme::solution(self.integrator.storage())));
     }
 
     fn advance(&mut self, scenario: &Scenario, steps: usize, stretch: &mut Stretch) -> Result<(), StepError> {

@@ -19,14 +19,16 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// What a motion hands to Python: the name of its load case, t, q, p, energy, how it ended, and the summary,
-/// both as JSON: the latter is long where there are many coordinates, and seldom looked at.
+/// What a motion hands to Python: the name of its load case, t, q, p, energy, the derivatives of q and p by
+/// each parameter, how it ended, and the summary, both as JSON: the latter is long where there are many
+/// coordinates, and seldom looked at.
 type Motion<'py> = (
     String,
     Bound<'py, PyArray1<f64>>,
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray2<f64>>,
     String,
     String,
 );
@@ -253,6 +255,7 @@ struct Rows {
     position: Vec<f64>,
     momentum: Vec<f64>,
     energy: Vec<f64>,
+    derivatives: Vec<f64>,
 }
 
 impl Rows {
@@ -265,7 +268,9 @@ impl Rows {
             0 => (steps / scenario.output.every).saturating_add(2),
             times => times,
         };
-        let numbers = coordinates.saturating_mul(2).saturating_add(2);
+        let parameters = scenario.sensitivity.as_ref().map_or(0, |asked| asked.parameters.len());
+        let derivatives = coordinates.saturating_mul(2).saturating_mul(parameters);
+        let numbers = coordinates.saturating_mul(2).saturating_add(2).saturating_add(derivatives);
         let no_room = |what: String| {
             Failure::NoRoom(format!(
                 "{rows} rows of {numbers} numbers: {what}; write fewer of them with `every`"
@@ -285,6 +290,7 @@ impl Rows {
                 position: room(rows * coordinates)?,
                 momentum: room(rows * coordinates)?,
                 energy: room(rows)?,
+                derivatives: room(rows * derivatives)?,
             })
         };
         (0..copies).map(one).collect()
@@ -297,11 +303,14 @@ impl Rows {
         };
         let end = json(serde_json::to_string(&summary.in_short()))?;
         let summary = json(serde_json::to_string(summary))?;
-        let Self { coordinates, time, position, momentum, energy } = self;
-        let shape = [time.len(), coordinates];
-        let table = |numbers: Vec<f64>| numbers.into_pyarray(py).reshape(shape);
-        let (position, momentum) = (table(position)?, table(momentum)?);
-        Ok((name, time.into_pyarray(py), position, momentum, energy.into_pyarray(py), end, summary))
+        let Self { coordinates, time, position, momentum, energy, derivatives } = self;
+        let rows = time.len();
+        let table = |numbers: Vec<f64>, columns| numbers.into_pyarray(py).reshape([rows, columns]);
+        let columns = derivatives.len().checked_div(rows).unwrap_or(0);
+        let (position, momentum) = (table(position, coordinates)?, table(momentum, coordinates)?);
+        let (derivatives, time, energy) =
+            (table(derivatives, columns)?, time.into_pyarray(py), energy.into_pyarray(py));
+        Ok((name, time, position, momentum, energy, derivatives, end, summary))
     }
 
     fn push(&mut self, state: &GridState) {
@@ -309,5 +318,6 @@ impl Rows {
         self.position.extend_from_slice(&state.position);
         self.momentum.extend_from_slice(&state.momentum);
         self.energy.push(state.energy);
+        self.derivatives.extend_from_slice(&state.sensitivities);
     }
 }

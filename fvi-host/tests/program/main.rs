@@ -18,6 +18,7 @@ mod response;
 mod rough_inputs;
 mod runs;
 mod scenario_errors;
+mod sensitivities;
 mod stability;
 mod sweeps;
 mod workplace;

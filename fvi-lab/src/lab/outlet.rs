@@ -28,6 +28,7 @@ pub(crate) struct View<'a> {
     pub(crate) position: &'a [f64],
     pub(crate) momentum: &'a [f64],
     pub(crate) energy: f64,
+    pub(crate) sensitivities: &'a [f64],
 }
 
 impl View<'_> {
@@ -38,14 +39,15 @@ impl View<'_> {
             None => numbers.to_vec(),
         };
         let (position, momentum) = (of(self.position), of(self.momentum));
-        GridState { time: self.time, position, momentum, energy: self.energy }
+        let sensitivities = self.sensitivities.chunks(self.position.len().max(1)).flat_map(of).collect();
+        GridState { time: self.time, position, momentum, energy: self.energy, sensitivities }
     }
 }
 
 impl<'a> From<&'a GridState> for View<'a> {
     fn from(state: &'a GridState) -> Self {
-        let GridState { time, position, momentum, energy } = state;
-        Self { time: *time, position, momentum, energy: *energy }
+        let GridState { time, position, momentum, energy, sensitivities } = state;
+        Self { time: *time, position, momentum, energy: *energy, sensitivities }
     }
 }
 
@@ -82,8 +84,13 @@ impl<'a> Passage<'a> {
 
     /// Writes it to a state that has places for these coordinates.
     pub(crate) fn read(&self, index: usize, chosen: &[usize], state: &mut GridState) {
-        let GridState { time, position, momentum, energy } = state;
+        let GridState { time, position, momentum, energy, sensitivities } = state;
         (*time, *energy) = (self.stretch.times()[index], self.energies[index]);
+        if !self.stretch.sensitivities().is_empty() {
+            let of_all = self.stretch.sensitivities().chunks(self.places.len().max(1));
+            sensitivities.clear();
+            sensitivities.extend(of_all.flat_map(|all| chosen.iter().map(|&coordinate| all[coordinate])));
+        }
         let places = position.iter_mut().zip(momentum);
         for ((q, p), &coordinate) in places.zip(chosen) {
             (*q, *p) = (self.position(coordinate)[index], self.momentum(coordinate)[index]);
@@ -140,7 +147,9 @@ impl Outlet {
         let open = |directory: PathBuf| {
             let path = directory.join(format.file());
             std::fs::create_dir_all(&directory).map_err(FileError::at(&directory))?;
-            let writer = TrajectoryWriter::create(&directory, format, &chosen, scenario.output.every)
+            let parameters = scenario.sensitivity.as_ref().map_or(0, |asked| asked.parameters.len());
+            let columns = (chosen.as_slice(), parameters);
+            let writer = TrajectoryWriter::create(&directory, format, columns, scenario.output.every)
                 .map_err(FileError::at(&path))?;
             let path = directory.join(SNAPSHOTS);
             let create = |every| Snapshots::create(&path, every, scenario.coordinates());

@@ -2,7 +2,7 @@
 
 use crate::lab::checkpoint::{self, Checkpoint, CheckpointError, CheckpointEvery, Identity, Progress, Timer};
 use crate::lab::outlet::{Outlet, OutletMark, Passage, View};
-use crate::language::InputError;
+use crate::language::{InputError, Problem};
 use crate::memory::Tables;
 use crate::numerics::starting::starting_condition;
 use crate::results::files::{FileError, remove, write_json};
@@ -197,7 +197,12 @@ impl RunSummary {
         let (energy, largest_energy) = self.energies.get(case).copied().unwrap_or_default();
         let (last, largest) = (&self.last, &self.largest);
         Self {
-            last: GridState { position: of(&last.position), momentum: of(&last.momentum), energy, ..*last },
+            last: GridState {
+                position: of(&last.position),
+                momentum: of(&last.momentum),
+                energy,
+                ..last.clone()
+            },
             largest: Largest {
                 position: of(&largest.position),
                 momentum: of(&largest.momentum),
@@ -257,6 +262,7 @@ pub fn run(
     stop: &AtomicBool,
     progress: &mut dyn FnMut(usize),
 ) -> Result<RunSummary, RunError> {
+    refuse_with_sensitivities(scenario, options)?;
     let mut scenario = scenario.clone();
     let mut found = None;
     let mut claimed = None;
@@ -299,7 +305,9 @@ pub fn run(
             generations = checkpoint::Generations::default();
         }
     }
-    let mut timer = Timer::new(options.checkpoints);
+    // What a checkpoint holds is not enough to go on with derivatives.
+    let every = if scenario.sensitivity.is_some() { CheckpointEvery::Never } else { options.checkpoints };
+    let mut timer = Timer::new(every);
     let mut write_checkpoint = |run: &Run<'_>, outlets: &mut [Outlet]| {
         let marks = outlets.iter_mut().map(Outlet::mark).collect::<Result<_, _>>()?;
         let state = run.motion.save()?;
@@ -308,7 +316,6 @@ pub fn run(
         outlets.iter_mut().for_each(Outlet::keep);
         Ok::<_, RunError>(())
     };
-    let every = options.checkpoints;
     let end = run.go(
         stop,
         |steps| every.steps_to_next(steps),
@@ -326,14 +333,14 @@ pub fn run(
             Ok::<_, RunError>(())
         },
     )?;
-    let asked = options.resume || options.checkpoints != CheckpointEvery::Minute || timer.has_written();
+    let asked = options.resume || every != CheckpointEvery::Minute || timer.has_written();
     let goes_on = match end {
         RunEnd::Completed => asked,
         RunEnd::Stopped => true,
         // A step that failed would fail again, and the motion is past an event that has ended it.
         RunEnd::Failed { .. } | RunEnd::Event { .. } => false,
     };
-    if goes_on && options.checkpoints != CheckpointEvery::Never {
+    if goes_on && every != CheckpointEvery::Never {
         write_checkpoint(&run, &mut outlets)?;
     }
     // A summary stands for the files beside it: the old one goes before they do, the new one comes last.
@@ -373,6 +380,27 @@ pub fn run(
     write_json(&directory.join(SUMMARY), &summary)?;
     drawn?;
     Ok(summary)
+}
+
+/// Refuses what derivatives are not written to, or cannot go on from.
+fn refuse_with_sensitivities(scenario: &Scenario, options: &RunOptions) -> Result<(), InputError> {
+    if scenario.sensitivity.is_none() {
+        return Ok(());
+    }
+    let refused = |with: &str, allowed: &str| {
+        let (with, allowed) = (with.to_owned(), allowed.to_owned());
+        Err(scenario.error_at("sensitivity", Problem::Incompatible { with, allowed }))
+    };
+    if options.format == Some(Format::Npz) {
+        return refused("`--format npz`", "derivatives are columns of `trajectory.csv`");
+    }
+    if !matches!(options.checkpoints, CheckpointEvery::Minute | CheckpointEvery::Never) {
+        return refused("`--checkpoint-every`", "a run in one go: checkpoints do not hold derivatives");
+    }
+    if options.resume {
+        return refused("`--resume`", "a run from its start: checkpoints do not hold derivatives");
+    }
+    Ok(())
 }
 
 /// An event as far as it is written.
@@ -488,7 +516,7 @@ impl<'s> Run<'s> {
 
     fn start_all(scenario: &'s Scenario, precision: Precision, tables: &Tables) -> Result<Self, InputError> {
         let preparation = Instant::now();
-        let motion = Motion::sharing(scenario, precision, tables)?;
+        let motion = Motion::sharing(scenario, precision, tables)?.with_sensitivities(tables)?;
         Ok(Self {
             between: Vec::new(),
             passed: 0,
@@ -651,7 +679,7 @@ impl<'s> Run<'s> {
         };
         let position = state.position.get(places.clone()).unwrap_or(&[]);
         let momentum = state.momentum.get(places).unwrap_or(&[]);
-        View { time: state.time, position, momentum, energy }
+        View { time: state.time, position, momentum, energy, sensitivities: &state.sensitivities }
     }
 
     /// What was made last of one load case; without cases of the motion.

@@ -67,18 +67,29 @@ pub(crate) struct TrajectoryMark {
 
 impl TrajectoryWriter {
     /// A writer into a directory of every `every`-th row; the first and the last are always written. The
-    /// states that it takes hold these coordinates, which name the columns.
+    /// states that it takes hold these coordinates, which name the columns, and derivatives with respect to
+    /// so many parameters, which text has room for.
     ///
     /// # Errors
     /// If a file cannot be created.
-    pub fn create(directory: &Path, format: Format, coordinates: &[usize], every: usize) -> io::Result<Self> {
+    pub fn create(
+        directory: &Path,
+        format: Format,
+        (coordinates, parameters): (&[usize], usize),
+        every: usize,
+    ) -> io::Result<Self> {
         let path = directory.join(format.file());
         let rows = match format {
             Format::Csv => {
                 let mut file = GrowingFile::begin(&path, 0)?;
                 let columns = |letter: char| coordinates.iter().map(move |index| format!(",{letter}{index}"));
                 let names: String = columns('q').chain(columns('p')).collect();
-                writeln!(file, "t{names},energy")?;
+                let derived = |letter: char, parameter: usize| {
+                    coordinates.iter().map(move |index| format!(",d{letter}{index}_d{parameter}"))
+                };
+                let both = |parameter| derived('q', parameter).chain(derived('p', parameter));
+                let derivatives: String = (0..parameters).flat_map(both).collect();
+                writeln!(file, "t{names},energy{derivatives}")?;
                 Rows::Csv(file)
             }
             Format::Npz => {
@@ -226,12 +237,18 @@ mod tests {
 
     fn state(index: usize) -> GridState {
         let time = index as f64 * 0.1;
-        GridState { time, position: vec![1.0 / 3.0], momentum: vec![-time], energy: 1e-300 }
+        GridState {
+            time,
+            position: vec![1.0 / 3.0],
+            momentum: vec![-time],
+            energy: 1e-300,
+            ..GridState::default()
+        }
     }
 
     fn rows(every: usize, count: usize) -> Vec<String> {
         let directory = tempfile::tempdir().unwrap();
-        let mut writer = TrajectoryWriter::create(directory.path(), Format::Csv, &[0], every).unwrap();
+        let mut writer = TrajectoryWriter::create(directory.path(), Format::Csv, (&[0], 0), every).unwrap();
         (0..count).for_each(|index| writer.push(&state(index)).unwrap());
         let path = directory.path().join("trajectory.csv");
         assert!(!path.exists());
@@ -267,7 +284,8 @@ mod tests {
             for every in [1, 3] {
                 let written = |interrupted: bool, finished: bool| {
                     let directory = tempfile::tempdir().unwrap();
-                    let mut writer = TrajectoryWriter::create(directory.path(), format, &[0], every).unwrap();
+                    let mut writer =
+                        TrajectoryWriter::create(directory.path(), format, (&[0], 0), every).unwrap();
                     (0..11).for_each(|index| writer.push(&state(index)).unwrap());
                     if interrupted {
                         let mark = writer.mark().unwrap();

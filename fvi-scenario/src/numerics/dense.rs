@@ -1,7 +1,7 @@
 //! Decompositions of dense matrices of any size, compiled once: what the library has of them is generic and
 //! large, and each crate that asks it would compile it again.
 
-use nalgebra::{Complex, DMatrix, DVector, Dyn, SymmetricEigen};
+use nalgebra::{Complex, DMatrix, DVector, Dyn, LU, SymmetricEigen};
 
 /// Eigenvalues and eigenvectors of a symmetric matrix.
 pub fn symmetric_eigen(matrix: DMatrix<f64>) -> SymmetricEigen<f64, Dyn> {
@@ -16,6 +16,24 @@ pub fn symmetric_eigenvalues(matrix: DMatrix<f64>) -> DVector<f64> {
 /// The inverse of a square matrix by elimination with exchange of rows; `None` where a pivot is zero.
 pub fn inverse(matrix: DMatrix<f64>) -> Option<DMatrix<f64>> {
     matrix.lu().try_inverse()
+}
+
+/// The factors of a square matrix, by elimination with exchange of rows.
+#[derive(Clone, Debug)]
+pub struct Factored(LU<f64, Dyn, Dyn>);
+
+impl Factored {
+    /// Factors a matrix; `None` where a pivot is zero or not finite.
+    pub fn new(matrix: DMatrix<f64>) -> Option<Self> {
+        let factors = matrix.lu();
+        (factors.is_invertible() && factors.lu_internal().iter().all(|x| x.is_finite()))
+            .then_some(Self(factors))
+    }
+
+    /// Puts the solutions in place of the columns.
+    pub fn solve(&self, columns: &mut DMatrix<f64>) {
+        self.0.solve_mut(columns);
+    }
 }
 
 /// The solution x of A x = b for complex numbers, A row by row, by elimination with exchange of rows; `None`

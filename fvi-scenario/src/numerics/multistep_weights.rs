@@ -6,6 +6,7 @@ use super::algebra::Series;
 use super::exponential::Exponential;
 use super::principal_cut::PrincipalCut;
 use super::transfer::TransferFunction;
+use super::transfer_derivative::TransferDerivative;
 use fvi_core::{BdfOrder, ConvolutionWeights, DoubleDouble, ParameterError};
 use fvi_fft::real_transforms;
 use nalgebra::Complex;
@@ -84,11 +85,40 @@ pub fn multistep_weights(
         if tail.iter().zip(&weights[HEAD - COMPARED..]).all(agrees) {
             weights.extend_from_slice(&tail[COMPARED..]);
         } else {
-            let all = transform(transfer, order, step_size, on_increments, count);
+            let all = transform(&|s| transfer.value(s), order, step_size, on_increments, count);
             weights.extend_from_slice(&all[HEAD..]);
         }
     }
     Ok(weights)
+}
+
+/// The derivatives of [`multistep_weights`] with respect to a parameter of K: the first of them from a power
+/// series, each right relative to itself, the others from a transform on a circle, right relative to the
+/// largest.
+///
+/// # Errors
+/// If h is not positive and finite, or a weight is not finite.
+pub fn derivative_weights(
+    derivative: &TransferDerivative,
+    order: BdfOrder,
+    step_size: f64,
+    on_increments: bool,
+    count: usize,
+) -> Result<Vec<f64>, ParameterError> {
+    let refused = |parameter, value, allowed| Err(ParameterError { parameter, value, allowed });
+    if !(step_size > 0.0 && step_size.is_finite()) {
+        return refused("step size", step_size, "positive and finite");
+    }
+    let series = derivative.series(&formula_series(order, step_size, count.min(HEAD)));
+    let mut weights = if on_increments { series.sums() } else { series.to_numbers() };
+    if count > HEAD {
+        let all = transform(&|s| derivative.value(s), order, step_size, on_increments, count);
+        weights.extend_from_slice(&all[HEAD..]);
+    }
+    match weights.iter().find(|weight| !weight.is_finite()) {
+        Some(&weight) => refused("derivative of a weight", weight, "finite"),
+        None => Ok(weights),
+    }
 }
 
 /// The largest weight relative to the first that is taken for one of a kernel without growing parts.
@@ -140,7 +170,7 @@ fn at_lag(node: &Exponential, n: usize) -> f64 {
 
 /// All weights by Cauchy's integral on a circle inside of |z| = 1.
 fn transform(
-    transfer: &TransferFunction,
+    function: &dyn Fn(Complex<f64>) -> Complex<f64>,
     order: BdfOrder,
     step_size: f64,
     on_increments: bool,
@@ -155,7 +185,7 @@ fn transform(
         let z = Complex::new(libm::cos(angle), libm::sin(angle)) * radius;
         let difference = Complex::new(1.0, 0.0) - z;
         let formula = coefficients.iter().rev().fold(Complex::ZERO, |sum, &a| sum * z + a);
-        let value = transfer.value(formula / step_size);
+        let value = function(formula / step_size);
         if on_increments { value / difference } else { value }
     };
     let mut values: Vec<Complex<f64>> = (0..=length / 2).map(value).collect();
@@ -220,7 +250,7 @@ mod tests {
         for transfer in forms() {
             let order = BdfOrder::new(2).unwrap();
             let series = transfer.series(&formula_series(order, 0.05, 300)).to_numbers();
-            let found = transform(&transfer, order, 0.05, false, 300);
+            let found = transform(&|s| transfer.value(s), order, 0.05, false, 300);
             let error = series.iter().zip(&found).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             assert!(error <= 8.0 * f64::EPSILON * series[0], "{transfer}: {error:e}");
         }
@@ -234,6 +264,24 @@ mod tests {
         let series = power.series(&formula_series(order, 0.1, 20)).to_numbers();
         for (found, series) in found.iter().zip(series) {
             assert!((found - series).abs() <= 2.0 * f64::EPSILON * found.abs());
+        }
+    }
+
+    #[test]
+    fn derivatives_of_weights_are_differences_of_weights() {
+        let order = BdfOrder::new(2).unwrap();
+        let (at, h, count) = (0.7, 1e-3, HEAD + 300);
+        for on_increments in [false, true] {
+            let power = |x: f64| TransferFunction::power(x).unwrap();
+            let derivative = TransferDerivative::new(&power(at), "order", 0).unwrap();
+            let found = derivative_weights(&derivative, order, 0.05, on_increments, count).unwrap();
+            let of = |x: f64| multistep_weights(&power(x), order, 0.05, on_increments, count).unwrap();
+            let [one, other, far, away] = [at + h, at - h, at + 2.0 * h, at - 2.0 * h].map(of);
+            for n in 0..count {
+                let difference = (8.0 * (one[n] - other[n]) - (far[n] - away[n])) / (12.0 * h);
+                let error = (found[n] - difference).abs();
+                assert!(error < 1e-10 * found[0].abs(), "{n}: {} {difference}", found[n]);
+            }
         }
     }
 }

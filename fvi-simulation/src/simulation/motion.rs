@@ -1,6 +1,6 @@
 //! A run under way: the simulation with the scenario's input, its state, and what watches it.
 
-use crate::language::InputError;
+use crate::language::{InputError, Problem};
 use crate::memory::Tables;
 use crate::scenario::Scenario;
 use crate::simulation::adaptive::{AdaptiveSteps, Counts, Progress};
@@ -8,6 +8,7 @@ use crate::simulation::energy_guard::{EnergyGuard, Gathered};
 use crate::simulation::forces_of_time;
 use crate::simulation::not_finite::{first_not_finite, reason, start};
 use crate::simulation::stretch::Stretch;
+use crate::simulation::tangent::Tangent;
 use crate::simulation::{GridState, Precision, Simulation};
 use fvi_core::StateError;
 
@@ -31,6 +32,9 @@ pub struct Motion<'s> {
     energies: Vec<f64>,
     /// What is to be known of forces of time.
     notes: Vec<String>,
+    tangent: Option<Tangent>,
+    /// What the last step was solved by, where that is differentiated.
+    increments: Vec<f64>,
 }
 
 /// Why a motion ends before its time.
@@ -72,13 +76,45 @@ impl<'s> Motion<'s> {
             || guard.asks_for_energies()
             || scenario.is_looked_into()
             || !scenario.cases.is_empty()
+            || scenario.sensitivity.is_some()
             || scenario.system.own_terms.is_some();
         let every = if adaptive.is_some() { 1 } else { simulation.energies_every(scenario) };
         let mut stretch = Stretch::new(scenario.coordinates() * scenario.copies(), one_by_one, every);
         stretch.push_state(&state, 0);
         let next = state.clone();
         let notes = forces_of_time::warnings(scenario);
-        Ok(Self { scenario, simulation, guard, adaptive, steps: 0, state, stretch, next, energies, notes })
+        Ok(Self {
+            scenario,
+            simulation,
+            guard,
+            adaptive,
+            steps: 0,
+            state,
+            stretch,
+            next,
+            energies,
+            notes,
+            tangent: None,
+            increments: Vec::new(),
+        })
+    }
+
+    /// The motion at t = 0 with the derivatives that its scenario asks for.
+    ///
+    /// # Errors
+    /// If they cannot be taken: in single precision, and where their memories cannot be made.
+    pub fn with_sensitivities(mut self, tables: &Tables) -> Result<Self, InputError> {
+        if self.scenario.sensitivity.is_some() && self.simulation.precision() == Precision::F32 {
+            let with = "single precision".to_owned();
+            let allowed = "double precision: `--precision f64`".to_owned();
+            return Err(self.scenario.error_at("sensitivity", Problem::Incompatible { with, allowed }));
+        }
+        self.tangent = Tangent::new(self.scenario, tables)?;
+        if let Some(tangent) = &self.tangent {
+            tangent.write(&mut self.state.sensitivities);
+            self.stretch.sensitivities_mut().clone_from(&self.state.sensitivities);
+        }
+        Ok(self)
     }
 
     /// What watches it has gathered.
@@ -156,6 +192,16 @@ impl<'s> Motion<'s> {
         if let Some((index, what)) = first_not_finite(&self.stretch, &mut self.next) {
             self.stretch.truncate(index);
             failure = Some(reason(what));
+        }
+        if let (Some(tangent), 1, None) = (&mut self.tangent, self.stretch.len(), &failure) {
+            self.simulation.increments(&mut self.increments);
+            match tangent.advance(before, &self.state.position, &self.increments) {
+                Ok(()) => tangent.write(self.stretch.sensitivities_mut()),
+                Err(reason) => {
+                    self.stretch.truncate(0);
+                    failure = Some(reason);
+                }
+            }
         }
         let mut failed = self.stretch.len();
         let (input, on_grid) = (self.scenario.input.as_ref(), self.adaptive.is_none());

@@ -26,6 +26,8 @@ pub struct Stretch {
     positions: Vec<f64>,
     momenta: Vec<f64>,
     iterations: Vec<u32>,
+    /// Of a state that is looked at by itself.
+    sensitivities: Vec<f64>,
     /// Energies are those of the states after multiples of so many steps.
     energies_every: usize,
 }
@@ -46,6 +48,7 @@ impl Stretch {
             positions: columns(),
             momenta: columns(),
             iterations: vec![0; room],
+            sensitivities: Vec::new(),
             energies_every,
         }
     }
@@ -91,6 +94,17 @@ impl Stretch {
     pub fn push_state(&mut self, state: &GridState, iterations: u32) {
         let (position, momentum) = (state.position.iter().copied(), state.momentum.iter().copied());
         self.push((state.time, state.energy), position, momentum, iterations);
+        self.sensitivities.clone_from(&state.sensitivities);
+    }
+
+    /// ∂q/∂θ and ∂p/∂θ of the state; none where nothing is differentiated.
+    pub fn sensitivities(&self) -> &[f64] {
+        &self.sensitivities
+    }
+
+    /// [`sensitivities`](Self::sensitivities), to be written.
+    pub(crate) fn sensitivities_mut(&mut self) -> &mut Vec<f64> {
+        &mut self.sensitivities
     }
 
     /// Shows a state in place of the last one, or none.
@@ -191,6 +205,9 @@ impl Stretch {
         state.energy = self.energies[index];
         state.position.iter_mut().zip(self.positions()).for_each(|(place, column)| *place = column[index]);
         state.momentum.iter_mut().zip(self.momenta()).for_each(|(place, column)| *place = column[index]);
+        if !self.sensitivities.is_empty() {
+            state.sensitivities.clone_from(&self.sensitivities);
+        }
     }
 }
 
@@ -220,7 +237,13 @@ mod tests {
     fn states_come_back_as_they_were() {
         let state = |index: usize| {
             let x = index as f64;
-            GridState { time: x, position: vec![x, -x], momentum: vec![0.5 * x, 7.0], energy: x * x }
+            GridState {
+                time: x,
+                position: vec![x, -x],
+                momentum: vec![0.5 * x, 7.0],
+                energy: x * x,
+                ..GridState::default()
+            }
         };
         let many = |index: usize| {
             let numbers = |first: usize| (0..20).map(|place| (first + place) as f64).collect();

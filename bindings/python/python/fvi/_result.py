@@ -76,6 +76,23 @@ class Result:
     _record: str = "{}"
     _warnings: tuple[str, ...] = field(default=(), compare=False)
     _mass: Any = field(default=None, compare=False)
+    _derivatives: FloatArray | None = field(default=None, compare=False)
+
+    @property
+    def dq(self) -> FloatArray:
+        """∂q/∂θ, shape (K, P, N): the derivatives of the positions with respect to the P `sensitivities`, in their order."""
+        return self._derived()[:, :, 0, :]
+
+    @property
+    def dp(self) -> FloatArray:
+        """∂p/∂θ, shape (K, P, N), likewise of the momenta."""
+        return self._derived()[:, :, 1, :]
+
+    def _derived(self) -> FloatArray:
+        rows, columns = self.q.shape
+        if self._derivatives is None or self._derivatives.size == 0:
+            return np.zeros((rows, 0, 2, columns))
+        return self._derivatives.reshape(rows, -1, 2, columns)
 
     @cached_property
     def summary(self) -> dict[str, Any]:
@@ -173,7 +190,8 @@ class Result:
             The file, by its whole name.
         """
         with open(path, "wb") as file:
-            np.savez(file, t=self.t, q=self.q, p=self.p, energy=self.energy, end=np.array(
+            derivatives = np.zeros((len(self.t), 0)) if self._derivatives is None else self._derivatives
+            np.savez(file, t=self.t, q=self.q, p=self.p, energy=self.energy, derivatives=derivatives, end=np.array(
                 json.dumps({"success": self.success, "status": self.status, "message": self.message, "summary": self.summary})
             ))
 
@@ -237,6 +255,10 @@ class Result:
         for letter, values in (("q", self.q), ("p", self.p)):
             columns.update({f"{letter}{coordinate}": values[:, column] for column, coordinate in enumerate(self.coordinates)})
         columns["energy"] = self.energy
+        for parameter in range(self.dq.shape[1]):
+            for letter, values in (("dq", self.dq), ("dp", self.dp)):
+                of = enumerate(self.coordinates)
+                columns.update({f"{letter}{coordinate}_d{parameter}": values[:, parameter, column] for column, coordinate in of})
         return pandas.DataFrame(columns, index=pandas.Index(self.t, name="t"))
 
     def to_xarray(self) -> Any:
@@ -283,7 +305,9 @@ def load(path: str | os.PathLike[str]) -> Result:
         with np.load(path, allow_pickle=False) as arrays:
             t, q, p, energy = (arrays[name] for name in ("t", "q", "p", "energy"))
             end = json.loads(str(arrays["end"]))
-        return Result(t, q, p, energy, end["success"], end["status"], end["message"], json.dumps(end["summary"]))
+            derivatives = arrays["derivatives"] if "derivatives" in arrays.files else None
+        record = json.dumps(end["summary"])
+        return Result(t, q, p, energy, end["success"], end["status"], end["message"], record, _derivatives=derivatives)
     except (KeyError, ValueError, TypeError, EOFError) as error:
         raise InputError(f"path: {os.fspath(path)} holds no result of fvi: {error}", "path", os.fspath(path)) from None
 

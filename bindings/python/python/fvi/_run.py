@@ -62,7 +62,8 @@ def run(
         Whether to go on from a checkpoint of another machine or version, although the last bits may differ.
     **keys
         The same for the keys that one name tells: step, steps, end, engine, kappa, degree, order (of the backward
-        differentiation formula), stages, at, starting, position, momentum, velocity, parameters, every, … `None` leaves the
+        differentiation formula), stages, at, starting, position, momentum, velocity, parameters, every, sensitivities (paths of
+        numbers by which the motion is differentiated, `Result.dq` and `Result.dp`), … `None` leaves the
         scenario as it is. `tolerance` is that of the engine, but with grid="adaptive" beside it that of the steps. Another `engine` comes with its own settings, those of the scenario's no longer count.
 
     Returns
@@ -201,8 +202,8 @@ def compute(
     motions, raised = _fvi.run(
         scenario, engine=engine, precision=precision, progress=progress, terms=terms, prepared=prepared, spent=spent
     )
-    ((_, t, q, p, energy, end, record),) = motions
-    return _finish(_result(t, q, p, energy, end, record, mass), raised, check)
+    ((_, t, q, p, energy, derivatives, end, record),) = motions
+    return _finish(_result(t, q, p, energy, end, record, mass, derivatives), raised, check)
 
 
 def compute_cases(
@@ -211,7 +212,7 @@ def compute_cases(
     """As `compute`, for each load case by its name."""
     progress = check_progress(progress)
     motions, raised = _fvi.run(scenario, engine=engine, precision=precision, progress=progress, cases=True)
-    results = {name: _result(t, q, p, energy, end, record) for name, t, q, p, energy, end, record in motions}
+    results = {name: _result(t, q, p, energy, end, record) for name, t, q, p, energy, _, end, record in motions}
     if raised is not None:
         _raise(raised, results)
     # Steps are common to all cases, and so is what there is to say of them.
@@ -243,7 +244,14 @@ def _finish(result: Result, raised: BaseException | None, check: bool) -> Result
 
 
 def _result(
-    t: FloatArray, q: FloatArray, p: FloatArray, energy: FloatArray, end: str, record: str, mass: Any = None
+    t: FloatArray,
+    q: FloatArray,
+    p: FloatArray,
+    energy: FloatArray,
+    end: str,
+    record: str,
+    mass: Any = None,
+    derivatives: FloatArray | None = None,
 ) -> Result:
     """The result with what its record says of the end; the record itself is read when it is asked for."""
     known = json.loads(end)
@@ -257,7 +265,8 @@ def _result(
     else:
         status = -1
         message = f"step {known['step']} (from t = {known['time']}) failed: {known['reason']}"
-    return Result(t, q, p, energy, status == 0, status, message, record, tuple(known.get("warnings", ())), mass)
+    warned = tuple(known.get("warnings", ()))
+    return Result(t, q, p, energy, status == 0, status, message, record, warned, mass, derivatives)
 
 
 def _raise(raised: BaseException, computed: Result | dict[str, Result]) -> NoReturn:

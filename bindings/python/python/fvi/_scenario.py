@@ -54,6 +54,7 @@ SHORT_NAMES = {
     "times": "output.times",
     "coordinates": "output.coordinates",
     "parameters": "system.parameters",
+    "sensitivities": "sensitivity.parameters",
 }
 """Names of arguments, with the keys of a scenario that they stand for."""
 

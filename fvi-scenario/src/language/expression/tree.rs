@@ -129,6 +129,33 @@ impl Node {
         &self.kind
     }
 
+    /// Whether a test holds of it or of a part of it.
+    pub fn any(&self, test: &dyn Fn(&Self) -> bool) -> bool {
+        test(self)
+            || match &self.kind {
+                Kind::Number(_) | Kind::Time | Kind::SidedTime | Kind::Variable(_) => false,
+                Kind::Negation(inner) | Kind::Call(_, inner) => inner.any(test),
+                Kind::Chain(first, operands) => {
+                    first.any(test) || operands.iter().any(|(_, operand)| operand.any(test))
+                }
+                Kind::Power(sides) | Kind::Choice(_, sides) => sides.iter().any(|side| side.any(test)),
+            }
+    }
+
+    /// Whether the variable of this number occurs in it.
+    pub fn has_variable(&self, index: usize) -> bool {
+        self.any(&|node| matches!(node.kind, Kind::Variable(own) if own == index))
+    }
+
+    /// Whether it has jumps or kinks in its variables: `step`, `sign`, `abs`, `min` or `max` of them.
+    pub fn has_kinks(&self) -> bool {
+        self.any(&|node| match &node.kind {
+            Kind::Call(Function::Step | Function::Sign | Function::Abs, argument) => argument.varies,
+            Kind::Choice(..) => node.varies,
+            _ => false,
+        })
+    }
+
     /// The number, if it is one.
     pub fn as_number(&self) -> Option<f64> {
         match self.kind {

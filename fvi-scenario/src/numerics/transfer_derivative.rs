@@ -1,0 +1,167 @@
+//! Derivatives of transfer functions with respect to their parameters.
+
+use super::algebra::{Algebra, Series};
+use super::transfer::TransferFunction;
+use fvi_core::DoubleDouble;
+use nalgebra::Complex;
+
+/// ∂K(s)/∂θ of a transfer function K and one of its parameters θ, a function of s as K is: its weights are
+/// the derivatives of those of K.
+///
+/// With L = ln(τs), u = (τs)^β, v = (τs)^{β−α} and w = (τs)^α:
+///
+/// | form | θ | ∂K/∂θ |
+/// |---|---|---|
+/// | power | β | s^β ln s |
+/// | tempered | β, a | (s+a)^β ln(s+a) − a^β ln a; β ((s+a)^{β−1} − a^{β−1}) |
+/// | Maxwell | β, α, τ | u L/(1+v)²; u v L/(1+v)²; (β u/(1+v) − (β−α) u v/(1+v)²)/τ |
+/// | Prony | g, τ | τs/(1+τs); g s/(1+τs)² |
+/// | Havriliak–Negami | α, γ, τ | γ w L (1+w)^{−γ−1}; (1+w)^{−γ} ln(1+w); γ α w (1+w)^{−γ−1}/τ |
+#[derive(Clone, Debug)]
+pub struct TransferDerivative {
+    form: &'static str,
+    /// The parameters in the order of the formula.
+    numbers: Vec<f64>,
+    parameter: &'static str,
+    /// Strength and time of the term, for a Prony series.
+    term: (f64, f64),
+}
+
+impl TransferDerivative {
+    /// The derivative with respect to the parameter of this name, of a Prony series that of a term; `None` if
+    /// there is no such parameter, and for formulas.
+    pub fn new(transfer: &TransferFunction, name: &str, index: usize) -> Option<Self> {
+        if transfer.text().is_some() {
+            return None;
+        }
+        let parameters = transfer.parameters();
+        let &(parameter, ref own) = parameters.iter().find(|(own, _)| *own == name)?;
+        own.get(index)?;
+        let number = |position: usize| parameters.get(position).and_then(|(_, numbers)| numbers.get(index));
+        let term = (number(0).copied().unwrap_or(f64::NAN), number(1).copied().unwrap_or(f64::NAN));
+        let numbers = parameters.iter().filter_map(|(_, numbers)| numbers.first().copied()).collect();
+        Some(Self { form: transfer.form(), numbers, parameter, term })
+    }
+
+    /// ∂K/∂θ at a place off the negative real axis.
+    pub fn value(&self, s: Complex<f64>) -> Complex<f64> {
+        self.of(&s)
+    }
+
+    /// ∂K/∂θ of a power series with a positive first coefficient.
+    pub fn series(&self, s: &Series) -> Series {
+        self.of(s)
+    }
+
+    fn of<A: Algebra>(&self, s: &A) -> A {
+        let exact = DoubleDouble::exact;
+        let one = s.constant(1.0);
+        let number = |position: usize| self.numbers.get(position).copied().unwrap_or(f64::NAN);
+        match (self.form, self.parameter) {
+            ("power", _) => s.power(exact(number(0))).multiply(&s.logarithm()),
+            ("tempered", parameter) => {
+                let (order, rate) = (number(0), number(1));
+                let scaled = s.divide(&s.constant(rate));
+                if parameter == "rate" {
+                    let scale = s.constant(rate).power(exact(order - 1.0));
+                    return scaled.power_beside_one(order - 1.0).multiply(&scale).scale(order);
+                }
+                // a^β [((1 + x)^β − 1) ln a + (1 + x)^β ln(1 + x)] with x = s/a
+                let beyond = scaled.power_beside_one(order);
+                let grown = beyond.add(&one).multiply(&scaled.add(&one).logarithm());
+                let sum = beyond.scale(libm::log(rate)).add(&grown);
+                sum.multiply(&s.constant(rate).power(exact(order)))
+            }
+            ("maxwell", parameter) => {
+                let (order, inner, time) = (number(0), number(1), number(2));
+                let scaled = s.scale(time);
+                let between = exact(order).add(exact(-inner));
+                let (u, v) = (scaled.power(exact(order)), scaled.power(between));
+                let below = v.add(&one);
+                let share = u.divide(&below);
+                let squared = share.divide(&below);
+                match parameter {
+                    "order" => squared.multiply(&scaled.logarithm()),
+                    "inner" => squared.multiply(&v).multiply(&scaled.logarithm()),
+                    _ => {
+                        let second = squared.multiply(&v).scale(inner - order);
+                        share.scale(order).add(&second).scale(time.recip())
+                    }
+                }
+            }
+            ("prony", parameter) => {
+                let (strength, time) = self.term;
+                let below = s.scale(time).add(&one);
+                match parameter {
+                    "strengths" => s.scale(time).divide(&below),
+                    _ => s.scale(strength).divide(&below).divide(&below),
+                }
+            }
+            ("havriliak-negami", parameter) => {
+                let (order, power, time) = (number(0), number(1), number(2));
+                let scaled = s.scale(time);
+                let w = scaled.power(exact(order));
+                let above = w.add(&one);
+                let falling = above.power(exact(-power));
+                match parameter {
+                    "power" => falling.multiply(&above.logarithm()),
+                    "order" => falling.divide(&above).multiply(&w).multiply(&scaled.logarithm()).scale(power),
+                    _ => falling.divide(&above).multiply(&w).scale(power * order / time),
+                }
+            }
+            _ => s.constant(f64::NAN),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use fvi_core::ParameterError;
+
+    type Made = Result<TransferFunction, ParameterError>;
+
+    /// A parameter, its index and value, and the function of it.
+    type Case = (&'static str, usize, f64, Box<dyn Fn(f64) -> Made>);
+
+    #[test]
+    fn derivatives_are_those_of_the_values() {
+        let cases: Vec<Case> = vec![
+            ("order", 0, 0.7, Box::new(TransferFunction::power)),
+            ("order", 0, 1.4, Box::new(|x| TransferFunction::tempered(x, 0.3))),
+            ("rate", 0, 0.3, Box::new(|x| TransferFunction::tempered(1.4, x))),
+            ("order", 0, 0.8, Box::new(|x| TransferFunction::maxwell(x, 0.2, 1.5))),
+            ("inner", 0, 0.2, Box::new(|x| TransferFunction::maxwell(0.8, x, 1.5))),
+            ("time", 0, 1.5, Box::new(|x| TransferFunction::maxwell(0.8, 0.2, x))),
+            ("strengths", 1, 0.7, Box::new(|x| TransferFunction::prony(&[1.0, x], &[1.0, 0.1]))),
+            ("times", 1, 0.1, Box::new(|x| TransferFunction::prony(&[1.0, 0.7], &[1.0, x]))),
+            ("order", 0, 0.6, Box::new(|x| TransferFunction::havriliak_negami(x, 0.5, 2.0))),
+            ("power", 0, 0.5, Box::new(|x| TransferFunction::havriliak_negami(0.6, x, 2.0))),
+            ("time", 0, 2.0, Box::new(|x| TransferFunction::havriliak_negami(0.6, 0.5, x))),
+        ];
+        for (name, index, at, make) in cases {
+            let derivative = TransferDerivative::new(&make(at).unwrap(), name, index).unwrap();
+            for s in [Complex::new(0.4, 0.0), Complex::new(0.01, 3.0), Complex::new(-2.0, 0.7)] {
+                let value = |x: f64| make(x).unwrap().value(s);
+                let h = 1e-3 * at;
+                // Of order four.
+                let difference = ((value(at + h) - value(at - h)) * 8.0
+                    - (value(at + 2.0 * h) - value(at - 2.0 * h)))
+                    / (12.0 * h);
+                let error = (derivative.value(s) - difference).norm();
+                assert!(
+                    error < 1e-9 * (1.0 + difference.norm()),
+                    "{name} of {}: {error:e}",
+                    make(at).unwrap()
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_no_parameter_has_no_derivative() {
+        let maxwell = TransferFunction::maxwell(0.8, 0.2, 1.5).unwrap();
+        assert!(TransferDerivative::new(&maxwell, "rate", 0).is_none());
+        assert!(TransferDerivative::new(&maxwell, "order", 1).is_none());
+    }
+}

@@ -1,0 +1,449 @@
+//! `[sensitivity]`: numbers of the scenario by which the motion is differentiated.
+
+use super::Scenario;
+use super::element::Element;
+use super::load::Amplitude;
+use super::matrix::SymmetricMatrix;
+use super::scheme::{Convolution, ConvolutionFamily, DampedAt, Scheme};
+use super::system::Derivative;
+use super::time::ReportedMomentum;
+use crate::language::document::{Table, Value};
+use crate::language::error::{InputError, Problem};
+use crate::language::expression::Expression;
+use crate::language::expression::Symbols;
+use crate::numerics::transfer_derivative::TransferDerivative;
+use serde::{Serialize, Serializer};
+
+/// The parameters, in their order.
+#[derive(Clone, Debug, Serialize)]
+pub struct Sensitivity {
+    /// Each by its path.
+    pub parameters: Vec<Parameter>,
+}
+
+/// A number of the scenario.
+#[derive(Clone, Debug)]
+pub struct Parameter {
+    /// Where it is, such as `system.damping[0].order`.
+    pub path: String,
+    /// What it is.
+    pub what: Quantity,
+}
+
+impl Serialize for Parameter {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(&self.path)
+    }
+}
+
+/// What a parameter is.
+#[derive(Clone, Debug)]
+pub enum Quantity {
+    /// An entry of q₀.
+    Position(usize),
+    /// An entry of p₀.
+    Momentum(usize),
+    /// An entry of v₀ = M⁻¹p₀, where the scenario gives that.
+    Velocity(usize),
+    /// An entry of M, and its mirror image.
+    Mass(usize, usize),
+    /// An entry of K, and its mirror image.
+    Stiffness(usize, usize),
+    /// ∂ρ of a damping term, by its entries (row, column, number).
+    Coefficient(usize, Vec<(usize, usize, f64)>),
+    /// A parameter of the kernel of a damping term.
+    Kernel(usize, TransferDerivative),
+    /// A named constant of expressions, and these with it as one variable more.
+    Named(Box<Named>),
+}
+
+/// Expressions in which a named constant is the last variable.
+#[derive(Clone, Debug)]
+pub struct Named {
+    /// Its value.
+    pub value: f64,
+    /// U in q0, … and the constant, if it occurs there.
+    pub potential: Option<Expression>,
+    /// F likewise, in t, too.
+    pub force: Option<Vec<Expression>>,
+    /// The potentials of element groups in x0, … and the constant, by the numbers of the groups.
+    pub elements: Vec<(usize, Expression)>,
+    /// Amplitudes of loads in t and the constant, by the numbers of the loads.
+    pub loads: Vec<(usize, Expression)>,
+}
+
+/// Most unknowns of a step of which derivatives are taken: their equations are solved in full matrices.
+const MOST_UNKNOWNS: usize = 600;
+
+/// The paths that there are.
+const PATHS: &str = "system.damping[m].order, .coefficient[i] or [i][j], .scale, .strength[l], .kernel.NAME or .kernel.NAME[j]; \
+    system.parameters.NAME; system.mass[i] or [i][j]; system.stiffness[i] or [i][j]; initial.position[i], initial.momentum[i] or \
+    initial.velocity[i]";
+
+impl Sensitivity {
+    /// Reads the parameters of a scenario that is complete but for them.
+    pub(super) fn read(table: &Table<'_>, scenario: &Scenario) -> Result<Self, InputError> {
+        table.allow(&["parameters"])?;
+        let value = table.required("parameters")?;
+        let values = value.list("a list of paths")?;
+        if values.is_empty() {
+            return Err(value.out_of_range("one path at least"));
+        }
+        refuse_what_is_not_covered(scenario)?;
+        let mut parameters: Vec<Parameter> = Vec::new();
+        for value in &values {
+            let path = value.text()?;
+            if parameters.iter().any(|known| known.path == path) {
+                return Err(value.out_of_range("paths that differ"));
+            }
+            parameters
+                .push(Parameter { path: path.to_owned(), what: Reader { scenario, value }.read(path)? });
+        }
+        Ok(Self { parameters })
+    }
+}
+
+/// Refuses scenarios whose motion is not differentiated, with the key that stands in the way.
+fn refuse_what_is_not_covered(scenario: &Scenario) -> Result<(), InputError> {
+    let refused = |key: &str, allowed: String| {
+        let with = "`[sensitivity]`".to_owned();
+        Err(scenario.error_at(key, Problem::Incompatible { with, allowed }))
+    };
+    if scenario.time.grid.is_some() {
+        return refused("time.grid", "equal steps: derivatives are those of one grid".to_owned());
+    }
+    let degree = match scenario.scheme {
+        Scheme::LowOrder { .. } => 1,
+        Scheme::Galerkin { degree, .. } => degree,
+        _ => {
+            return refused(
+                "scheme.kind",
+                "\"low-order\" or \"galerkin\", the variational schemes".to_owned(),
+            );
+        }
+    };
+    if !scenario.cases.is_empty() {
+        return refused("case", "one motion".to_owned());
+    }
+    if !scenario.events.is_empty() {
+        return refused("event", "runs that nothing looks into on the way".to_owned());
+    }
+    if !scenario.output.times.is_empty() {
+        return refused("output.times", "rows at grid points: `output.every`".to_owned());
+    }
+    let system = &scenario.system;
+    let potentials = system.elements.iter().map(|element| &element.potential).chain(&system.potential);
+    let mut expressions = potentials.chain(system.force.iter().flatten());
+    if let Some(kinked) = expressions.find(|expression| expression.root().has_kinks()) {
+        return refused(
+            "system",
+            format!("expressions without jumps and kinks in the position; here there is {}", kinked.text()),
+        );
+    }
+    let unknowns = scenario.coordinates().saturating_mul(degree);
+    if unknowns > MOST_UNKNOWNS {
+        return refused(
+            "system.mass",
+            format!(
+                "up to {MOST_UNKNOWNS} unknowns a step, degree times coordinates; here there are {unknowns}"
+            ),
+        );
+    }
+    if has_momentum_offset(scenario) {
+        return refused(
+            "output.momentum",
+            "\"one-sided\" for Riemann–Liouville damping from q₀ ≠ 0 at several nodes with `convolution.order` ≥ 3: what is \
+             taken off the momentum there is not differentiated"
+                .to_owned(),
+        );
+    }
+    Ok(())
+}
+
+/// Whether the momentum that is reported is another one than that of the scheme at several nodes.
+fn has_momentum_offset(scenario: &Scenario) -> bool {
+    let Convolution { family, at, .. } = &scenario.convolution;
+    let nodes = match (scenario.scheme, scenario.scheme.quadrature()) {
+        (Scheme::Galerkin { degree, .. }, quadrature) => quadrature.map_or(degree, |rule| rule.points()),
+        _ => 1,
+    };
+    matches!(family, ConvolutionFamily::Bdf { order: 3.. })
+        && *at == DampedAt::Nodes
+        && nodes > 1
+        && scenario.output.momentum == ReportedMomentum::Mean
+        && scenario.system.damping.iter().any(|term| term.derivative == Derivative::RiemannLiouville)
+}
+
+/// Reads one path.
+struct Reader<'a> {
+    scenario: &'a Scenario,
+    value: &'a Value<'a>,
+}
+
+/// A part of a path: its name, and the numbers behind it.
+fn parts(path: &str) -> Option<Vec<(&str, Vec<usize>)>> {
+    path.split('.').map(part).collect()
+}
+
+fn part(part: &str) -> Option<(&str, Vec<usize>)> {
+    let (name, mut rest) = part.split_at(part.find('[').unwrap_or(part.len()));
+    let mut indices = Vec::new();
+    while !rest.is_empty() {
+        let (index, behind) = rest.strip_prefix('[')?.split_once(']')?;
+        indices.push(index.parse().ok()?);
+        rest = behind;
+    }
+    (!name.is_empty()).then_some((name, indices))
+}
+
+impl Reader<'_> {
+    fn refused(&self, allowed: impl Into<String>) -> InputError {
+        self.value.out_of_range(allowed)
+    }
+
+    fn read(&self, path: &str) -> Result<Quantity, InputError> {
+        let Some(parts) = parts(path) else { return Err(self.refused(PATHS)) };
+        let parts: Vec<(&str, &[usize])> =
+            parts.iter().map(|(name, indices)| (*name, &indices[..])).collect();
+        let system = &self.scenario.system;
+        match parts[..] {
+            [("initial", []), ("position", &[index])] => Ok(Quantity::Position(self.coordinate(index)?)),
+            [("initial", []), ("momentum", &[index])] => {
+                if self.gives_velocity() {
+                    return Err(self.refused("`initial.velocity[i]`: the scenario gives the velocity"));
+                }
+                Ok(Quantity::Momentum(self.coordinate(index)?))
+            }
+            [("initial", []), ("velocity", &[index])] => {
+                if !self.gives_velocity() {
+                    return Err(self.refused("`initial.momentum[i]`: the scenario gives no velocity"));
+                }
+                Ok(Quantity::Velocity(self.coordinate(index)?))
+            }
+            [("system", []), ("mass", indices)] => {
+                let (row, column) = self.entry(&system.mass, indices)?;
+                Ok(Quantity::Mass(row, column))
+            }
+            [("system", []), ("stiffness", indices)] => {
+                let Some(stiffness) = &system.stiffness else {
+                    return Err(
+                        self.refused("a number that the scenario has: there is no `system.stiffness`")
+                    );
+                };
+                let (row, column) = self.entry(stiffness, indices)?;
+                Ok(Quantity::Stiffness(row, column))
+            }
+            [("system", []), ("parameters", []), (name, [])] => self.named(name),
+            [("system", []), ("damping", &[term]), ref rest @ ..] => self.damping(term, rest),
+            _ => Err(self.refused(PATHS)),
+        }
+    }
+
+    fn gives_velocity(&self) -> bool {
+        self.scenario.document().has("initial.velocity")
+    }
+
+    fn coordinate(&self, index: usize) -> Result<usize, InputError> {
+        let count = self.scenario.coordinates();
+        let refused = || self.refused(format!("an index below {count}, the number of coordinates"));
+        if index < count { Ok(index) } else { Err(refused()) }
+    }
+
+    /// The row and column of an entry that the file of the scenario gives.
+    fn entry(&self, matrix: &SymmetricMatrix, indices: &[usize]) -> Result<(usize, usize), InputError> {
+        match (matrix, indices) {
+            (SymmetricMatrix::Diagonal(_), &[index]) => Ok((self.coordinate(index)?, index)),
+            (SymmetricMatrix::Dense(_), &[row, column]) => {
+                Ok((self.coordinate(row)?, self.coordinate(column)?))
+            }
+            (SymmetricMatrix::Diagonal(_), _) => {
+                Err(self.refused("`[i]` behind it: the matrix is a diagonal"))
+            }
+            (SymmetricMatrix::Dense(_), _) => {
+                Err(self.refused("`[i][j]` behind it: the matrix is given by its rows"))
+            }
+            (SymmetricMatrix::Sparse(_), _) => {
+                Err(self.refused("an entry of a matrix that the scenario gives by numbers, not by a file"))
+            }
+        }
+    }
+
+    fn damping(&self, term: usize, rest: &[(&str, &[usize])]) -> Result<Quantity, InputError> {
+        let count = self.scenario.system.damping.len();
+        let Some(damping) = self.scenario.system.damping.get(term) else {
+            return Err(self.refused(format!("a damping term below {count}, their number")));
+        };
+        match *rest {
+            [("order", [])] if self.has(term, "order") => self.kernel(term, "order", 0),
+            [("kernel", []), (name, [])] if self.has(term, &format!("kernel.{name}")) => {
+                self.kernel(term, name, 0)
+            }
+            [("kernel", []), (name, &[index])] if self.has(term, &format!("kernel.{name}")) => {
+                self.kernel(term, name, index)
+            }
+            [("coefficient", indices)] if self.has(term, "coefficient") => {
+                if self.has(term, "scale") {
+                    return Err(self.refused("`.scale`: this coefficient is scaled"));
+                }
+                let (row, column) = self.entry(&damping.coefficient, indices)?;
+                let mirrored = (row != column).then_some((column, row, 1.0));
+                Ok(Quantity::Coefficient(term, std::iter::once((row, column, 1.0)).chain(mirrored).collect()))
+            }
+            [("scale", [])] if self.has(term, "scale") => {
+                let scale = damping_scale(self.scenario, term)?;
+                if scale == 0.0 {
+                    return Err(self.refused("a scale that is not 0: the matrix is not kept beside it"));
+                }
+                let entries = entries(&damping.coefficient).into_iter();
+                let entries = entries.map(|(row, column, entry)| (row, column, entry / scale));
+                Ok(Quantity::Coefficient(term, entries.collect()))
+            }
+            [("strength", &[index])] if self.has(term, "strength") => {
+                let columns = damping.attached.as_ref().map(|attached| &attached.columns);
+                let Some(column) = columns.and_then(|columns| columns.get(index)) else {
+                    return Err(self.refused("the index of a damper"));
+                };
+                let pairs = column.iter().flat_map(|&(row, one)| {
+                    column.iter().map(move |&(other, two)| (row as usize, other as usize, one * two))
+                });
+                Ok(Quantity::Coefficient(term, pairs.collect()))
+            }
+            _ => Err(self.refused(format!("a number that the damping term has; paths: {PATHS}"))),
+        }
+    }
+
+    fn has(&self, term: usize, key: &str) -> bool {
+        self.scenario.document().has(&format!("system.damping[{term}].{key}"))
+    }
+
+    fn kernel(&self, term: usize, name: &str, index: usize) -> Result<Quantity, InputError> {
+        let damping = &self.scenario.system.damping[term];
+        let convolution = &self.scenario.convolution;
+        if !matches!(convolution.family, ConvolutionFamily::Bdf { .. }) {
+            return Err(self.refused(
+                "parameters of kernels with `convolution.family` = \"bdf\": matrix weights are not differentiated",
+            ));
+        }
+        if !convolution.starting.is_empty() {
+            return Err(self.refused(
+                "parameters of kernels without `convolution.starting`: starting weights are not differentiated by them",
+            ));
+        }
+        let order = damping.transfer.exponent();
+        let at_rest = self.scenario.initial.momentum.iter().all(|&p| p == 0.0);
+        if damping.derivative == Derivative::Caputo
+            && (order == Some(0.0) || (order == Some(1.0) && !at_rest))
+        {
+            return Err(self.refused(
+                "an order other than 0, and other than 1 where the motion begins with a velocity: Caputo's derivative jumps there",
+            ));
+        }
+        match TransferDerivative::new(&damping.transfer, name, index) {
+            // A form that is told by a simpler one has no longer the parameter that the file gives.
+            Some(derivative) => Ok(Quantity::Kernel(term, derivative)),
+            None => Err(self.refused(format!(
+                "a number of the kernel {}; those of expressions and tables are not differentiated, nor one at which a form \
+                 becomes a simpler one",
+                damping.transfer
+            ))),
+        }
+    }
+
+    fn named(&self, name: &str) -> Result<Quantity, InputError> {
+        let system = &self.scenario.system;
+        let Some(&value) = system.parameters.get(name) else {
+            let known: Vec<&str> = system.parameters.keys().map(String::as_str).collect();
+            return Err(self.refused(format!("one of `system.parameters`: {}", known.join(", "))));
+        };
+        let others = system.parameters.iter().filter(|(other, _)| *other != name);
+        let others = others.fold(Symbols::new(), |symbols, (other, &value)| {
+            symbols.clone().with_parameter(other, value).unwrap_or(symbols)
+        });
+        let variable = || std::iter::once(name.to_owned());
+        let count = self.scenario.coordinates();
+        // Where the constant does not occur, the expression is that of no variable more.
+        let again = |expression: &Expression, symbols: Symbols, before: usize| -> Result<_, InputError> {
+            let symbols = symbols.with_variables(variable());
+            let parsed = Expression::parse(expression.text(), &symbols)
+                .map_err(|error| self.value.error(Problem::Expression(error)))?;
+            Ok(parsed.root().has_variable(before).then_some(parsed))
+        };
+        let potential = match &system.potential {
+            Some(potential) => again(potential, others.clone().with_coordinates(count), count)?,
+            None => None,
+        };
+        let mut force = None;
+        if let Some(components) = &system.force {
+            let symbols = || others.clone().with_time().with_coordinates(count).with_variables(variable());
+            let parsed = components.iter().map(|component| {
+                Expression::parse(component.text(), &symbols())
+                    .map_err(|error| self.value.error(Problem::Expression(error)))
+            });
+            let parsed: Vec<Expression> = parsed.collect::<Result<_, _>>()?;
+            force = parsed.iter().any(|component| component.root().has_variable(count)).then_some(parsed);
+        }
+        let mut elements = Vec::new();
+        for (index, Element { potential, coordinates }) in system.elements.iter().enumerate() {
+            let width = coordinates.first().map_or(0, Vec::len);
+            let names = (0..width).map(|index| format!("x{index}"));
+            let parsed = again(potential, others.clone().with_variables(names), width)?;
+            elements.extend(parsed.map(|parsed| (index, parsed)));
+        }
+        let mut loads = Vec::new();
+        for (index, load) in system.loads.iter().enumerate() {
+            if let Amplitude::Expression(amplitude) = &load.amplitude {
+                let parsed = again(amplitude, others.clone().with_time(), 0)?;
+                loads.extend(parsed.map(|parsed| (index, parsed)));
+            }
+        }
+        for (term, damping) in system.damping.iter().enumerate() {
+            let document = self.scenario.document();
+            if document.has(&format!("system.damping[{term}].kernel.symbol"))
+                && let Some(text) = damping.transfer.text()
+            {
+                let symbols = others.clone().with_variables(["s".to_owned()]).with_variables(variable());
+                let parsed = Expression::parse(text, &symbols)
+                    .map_err(|error| self.value.error(Problem::Expression(error)))?;
+                if parsed.root().has_variable(1) {
+                    return Err(self.refused(format!(
+                        "a constant that is not in `system.damping[{term}].kernel.symbol`: give that kernel as one of the forms"
+                    )));
+                }
+            }
+        }
+        Ok(Quantity::Named(Box::new(Named { value, potential, force, elements, loads })))
+    }
+}
+
+/// The number by which the coefficient of a term was multiplied.
+fn damping_scale(scenario: &Scenario, term: usize) -> Result<f64, InputError> {
+    let path = format!("system.damping[{term}].scale");
+    scenario.document().with_root(|root| {
+        let terms = root.required("system")?.table()?.required("damping")?;
+        let terms = terms.list("a list of tables")?;
+        match terms.get(term) {
+            Some(term) => term.table()?.required("scale")?.number(),
+            None => Err(scenario.error_at(&path, Problem::MissingKey { key: "scale".to_owned() })),
+        }
+    })
+}
+
+/// (row, column, entry) of a matrix.
+fn entries(matrix: &SymmetricMatrix) -> Vec<(usize, usize, f64)> {
+    match matrix {
+        SymmetricMatrix::Diagonal(entries) => {
+            entries.iter().enumerate().map(|(index, &entry)| (index, index, entry)).collect()
+        }
+        SymmetricMatrix::Dense(matrix) => {
+            let size = matrix.nrows();
+            let all = (0..size).flat_map(|row| (0..size).map(move |column| (row, column)));
+            all.map(|(row, column)| (row, column, matrix[(row, column)])).collect()
+        }
+        SymmetricMatrix::Sparse(matrix) => {
+            let rows = matrix.pattern.rows().enumerate();
+            let entry =
+                |row, slot: usize| (row, matrix.pattern.columns()[slot] as usize, matrix.values[slot]);
+            rows.flat_map(|(row, slots)| slots.map(move |slot| entry(row, slot))).collect()
+        }
+    }
+}

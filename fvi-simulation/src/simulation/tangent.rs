@@ -1,0 +1,538 @@
+//! The derivative of a discrete motion with respect to numbers of its scenario.
+
+mod explicit;
+
+use crate::language::error::Cause;
+use crate::language::{InputError, Problem};
+use crate::memory::{EngineError, HostMemory, MemoryRequest, Tables};
+use crate::model::{AnyScheme, AnySpace, Matrix, Model, RoughForces, matrix};
+use crate::numerics::dense::Factored;
+use crate::numerics::multistep_weights::derivative_weights;
+use crate::numerics::transfer_derivative::TransferDerivative;
+use crate::scenario::{
+    self, ConvolutionFamily, DampedAt, Parameter, Quantity, ReportedMomentum, Scenario, Sensitivity,
+    SharedTerms,
+};
+use explicit::Direct;
+use fvi_core::{
+    BdfOrder, Block, DampedMotion, Derivative, Instant, Kernel, Mechanics, Memory, MemoryError, Sample,
+};
+use nalgebra::DMatrix;
+
+/// A motion on a memory, of any number of coordinates.
+type Remembered = DampedMotion<f64, AnySpace, HostMemory<f64>>;
+
+/// ∂q_k/∂θ and ∂p_k/∂θ of the numbers that a variational scheme on equal steps makes, for p parameters.
+///
+/// The equations of a step (`discrete_lagrangian.rs`), differentiated, are linear in the derivatives and have
+/// the matrix of Newton's method; with δ for ∂/∂θ and G_i the forces at the nodes
+///
+/// ```text
+/// 0 = δ_{ν0} δp_k + (1/h) Σ_μ K_νμ (M δe^μ + δM e^μ) − h Σ_i b_i ℓ_ν(c_i) δG_i ,      ν = 0…S−1
+/// δp_{k+1} = δp_k − h Σ_i b_i δG_i ,
+/// δG_i = (∂²U − ∂F) δX_i + ∂G_i/∂θ + Σ_m [ρ_m D_m δX + δρ_m D_m X + ρ_m (∂D_m/∂θ) X]_i .
+/// ```
+///
+/// D_m acts on δX with the weights that it has, on a memory of its own with p times the channels, and
+/// ∂D_m/∂θ on X with their derivatives. Where the force acts at the main nodes its three parts are in the
+/// last equation only. So the derivatives are those of the program's own numbers, not of the motion that
+/// they stand for, but for rounding.
+pub(crate) struct Tangent {
+    size: usize,
+    count: usize,
+    step: f64,
+    scheme: AnyScheme<f64>,
+    at_main_nodes: bool,
+    /// Whether half of the last kick belongs to the momentum that is reported.
+    mean: bool,
+    model: Model<f64>,
+    /// ∂²U − ∂F; of a linear system once for all.
+    stiffness: Matrix<f64>,
+    direct: Vec<Direct>,
+    /// ∂M: entries of each parameter.
+    mass_changes: Vec<Vec<(usize, usize)>>,
+    terms: Vec<Term>,
+    factors: Option<Factored>,
+    /// ∂q, ∂p and the derivative of the last kick: p times N numbers.
+    position: Vec<f64>,
+    momentum: Vec<f64>,
+    kick: Vec<f64>,
+    /// How far the nodes of the last sample lie behind the position, of the derivatives and of the motion.
+    behind: Vec<f64>,
+    motion_behind: Vec<f64>,
+    scratch: Vec<f64>,
+}
+
+/// ∂ρ by its entries (row, column, number).
+type Change = Vec<(usize, usize, f64)>;
+
+/// A damping term.
+struct Term {
+    rho: Matrix<f64>,
+    /// D δX.
+    tangent: Remembered,
+    /// D X, where a parameter is in ρ, and ∂ρ of each.
+    value: Option<Remembered>,
+    changes: Vec<(usize, Change)>,
+    /// (∂D/∂θ) X of the parameters in the kernel.
+    kernels: Vec<(usize, Remembered)>,
+}
+
+/// Why derivatives cannot go on.
+pub(crate) const SINGULAR: &str = "the equations of the derivatives have no solution";
+
+impl Tangent {
+    /// The derivatives at t = 0; `None` for a scenario that asks for none.
+    ///
+    /// # Errors
+    /// If a memory cannot be made, or a parameter is in forces that are not differentiated by it.
+    pub(crate) fn new(scenario: &Scenario, tables: &Tables) -> Result<Option<Self>, InputError> {
+        let Some(Sensitivity { parameters }) = &scenario.sensitivity else { return Ok(None) };
+        refuse_rough(scenario, parameters)?;
+        if scenario.system.own_terms.as_ref().is_some_and(SharedTerms::depend_on_position) {
+            let with = "a potential or force in code that depends on the position".to_owned();
+            let allowed = "expressions: derivatives of code may be differences".to_owned();
+            return Err(scenario.error_at("sensitivity", Problem::Incompatible { with, allowed }));
+        }
+        let size = scenario.coordinates();
+        let count = parameters.len();
+        let shape = |error: fvi_core::ParameterError| {
+            scenario.error_at("scheme", Problem::OutOfRange { allowed: error.allowed.to_owned() })
+        };
+        let scheme = AnyScheme::<f64>::new(scenario).map_err(shape)?;
+        let at_main_nodes = scenario.convolution.at == DampedAt::MainNodes;
+        let nodes = if at_main_nodes { 1 } else { scheme.view().nodes.len() };
+        let model = Model::<f64>::new(scenario).map_err(|error| super::bad_mass(scenario, &error))?;
+        let velocity_of = |momentum: &[f64]| {
+            let mut velocity = vec![0.0; size];
+            model.velocity(momentum, &mut velocity);
+            velocity
+        };
+        let initial = &scenario.initial;
+        let v0 = velocity_of(&initial.momentum);
+        let gives_velocity = scenario.document().has("initial.velocity");
+        let (mut position, mut momentum, mut velocity) = (Vec::new(), Vec::new(), Vec::new());
+        let mass = matrix::<f64>(&scenario.system.mass);
+        let mut mass_changes = Vec::new();
+        for parameter in parameters {
+            let (mut dq, mut dp, mut inertia) = (vec![0.0; size], vec![0.0; size], vec![0.0; size]);
+            let mut changes = Vec::new();
+            match parameter.what {
+                Quantity::Position(index) => dq[index] = 1.0,
+                Quantity::Momentum(index) => dp[index] = 1.0,
+                Quantity::Velocity(index) => {
+                    let mut one = vec![0.0; size];
+                    one[index] = 1.0;
+                    mass.multiply_add(1.0, &one, &mut dp);
+                }
+                Quantity::Mass(row, column) => {
+                    changes = mirrored(row, column);
+                    add_change(&changes, &v0, &mut inertia);
+                    if gives_velocity {
+                        dp.clone_from(&inertia);
+                    }
+                }
+                _ => {}
+            }
+            let rest: Vec<f64> = dp.iter().zip(&inertia).map(|(dp, inertia)| dp - inertia).collect();
+            velocity.extend(velocity_of(&rest));
+            position.extend(dq);
+            momentum.extend(dp);
+            mass_changes.push(changes);
+        }
+        let mut terms = Vec::new();
+        for index in 0..scenario.system.damping.len() {
+            let mut term = Term::new(scenario, (index, nodes), parameters, tables)?;
+            term.tangent.begin(&position, &velocity);
+            let of_motion = term.value.iter_mut().chain(term.kernels.iter_mut().map(|(_, motion)| motion));
+            of_motion.for_each(|motion| motion.begin(&initial.position, &v0));
+            terms.push(term);
+        }
+        let stiffness = model.stiffness();
+        let direct = parameters.iter().map(|parameter| Direct::new(scenario, &parameter.what)).collect();
+        let mut made = Self {
+            size,
+            count,
+            step: scenario.time.step,
+            at_main_nodes,
+            mean: at_main_nodes && scenario.output.momentum == ReportedMomentum::Mean,
+            model,
+            stiffness,
+            direct,
+            mass_changes,
+            terms,
+            factors: None,
+            kick: vec![0.0; count * size],
+            behind: vec![0.0; if at_main_nodes { 0 } else { nodes * count * size }],
+            motion_behind: vec![0.0; if at_main_nodes { 0 } else { nodes * size }],
+            scratch: vec![0.0; (nodes + 1) * count * size],
+            position,
+            momentum,
+            scheme,
+        };
+        if at_main_nodes {
+            made.push_start(&initial.position)
+                .map_err(|error| scenario.error_at("sensitivity", Problem::Engine(Cause::new(error))))?;
+        }
+        Ok(Some(made))
+    }
+
+    /// Tells the memories of main nodes where the motion begins.
+    fn push_start(&mut self, start: &[f64]) -> Result<(), MemoryError> {
+        let Self { terms, position, scratch, .. } = self;
+        let first = |from| Sample { from, behind: &[], time: 0.0, length: 0.0, fractions: &[0.0] };
+        let (rest, of_motion) = (vec![0.0; position.len()], vec![0.0; start.len()]);
+        for term in terms {
+            term.tangent.push(&first(position), &rest, scratch)?;
+            let motions = term.value.iter_mut().chain(term.kernels.iter_mut().map(|(_, motion)| motion));
+            for motion in motions {
+                motion.push(&first(start), &of_motion, scratch)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The derivatives after the step that began at `start` and was solved by these increments.
+    ///
+    /// # Errors
+    /// In words.
+    pub(crate) fn advance(&mut self, step: usize, start: &[f64], increments: &[f64]) -> Result<(), String> {
+        let (n, c, h) = (self.size, self.size * self.count, self.step);
+        let time = step as f64 * h;
+        let view = self.scheme.view();
+        let (degree, points) = (view.control_points.len(), view.nodes.len());
+        let at_end = [1.0];
+        let fractions = if self.at_main_nodes { &at_end[..] } else { view.nodes };
+        let nodes = fractions.len();
+        let shape = |i: usize, mu: usize| view.shapes[i * degree + mu];
+        let test = |i: usize, nu: usize| view.tests[i * degree + nu];
+        // X_i − q_k at the quadrature points, and what the memory is told.
+        let mut stages = vec![0.0; points * n];
+        for i in 0..points {
+            for mu in 0..degree {
+                add(&mut stages[i * n..][..n], shape(i, mu), &increments[mu * n..][..n]);
+            }
+        }
+        let rise = &increments[(degree - 1) * n..][..n];
+        let told = if self.at_main_nodes { rise } else { &stages[..] };
+        let sample = Sample { from: start, behind: &self.motion_behind, time, length: h, fractions };
+        // ρ D δX as far as it is known, δρ D X, and ρ (∂D) X, at every node.
+        let mut damped = vec![0.0; nodes * c];
+        let tangent_sample =
+            Sample { from: &self.position, behind: &self.behind, time, length: h, fractions };
+        for term in &mut self.terms {
+            let known = known(&mut term.tangent, &tangent_sample, nodes, c)?;
+            for (damped, known) in damped.chunks_mut(n).zip(known.chunks(n)) {
+                term.rho.multiply_add(1.0, known, damped);
+            }
+            if let Some(value) = &mut term.value {
+                let derivative = whole(value, &sample, told, nodes, n)?;
+                for (parameter, change) in &term.changes {
+                    for node in 0..nodes {
+                        let place = &mut damped[node * c + parameter * n..][..n];
+                        for &(row, column, entry) in change {
+                            place[row] += entry * derivative[node * n + column];
+                        }
+                    }
+                }
+            }
+            for (parameter, kernel) in &mut term.kernels {
+                let derivative = whole(kernel, &sample, told, nodes, n)?;
+                for node in 0..nodes {
+                    let place = &mut damped[node * c + *parameter * n..][..n];
+                    term.rho.multiply_add(1.0, &derivative[node * n..][..n], place);
+                }
+            }
+        }
+        // (∂²U − ∂F) and ∂G/∂θ at the quadrature points.
+        let linear = Mechanics::is_linear(&self.model);
+        let mut stiffnesses = Vec::new();
+        let mut forces = vec![0.0; points * c];
+        let mut pull = vec![0.0; n];
+        for i in 0..points {
+            let instant = Instant::in_step(time, view.nodes[i], h);
+            let place: Vec<f64> = start.iter().zip(&stages[i * n..][..n]).map(|(q, e)| q + e).collect();
+            if !linear || (i == 0 && self.factors.is_none()) {
+                self.model.linearise(instant, &place, &mut pull, &mut self.stiffness);
+            }
+            for (parameter, direct) in self.direct.iter_mut().enumerate() {
+                direct.add(instant, &place, &mut forces[i * c + parameter * n..][..n]);
+            }
+            for parameter in 0..self.count {
+                let at = &mut forces[i * c + parameter * n..][..n];
+                self.stiffness.multiply_add(1.0, &self.position[parameter * n..][..n], at);
+            }
+            if !linear {
+                stiffnesses.push(self.stiffness.clone());
+            }
+            if !self.at_main_nodes {
+                add(&mut forces[i * c..][..c], 1.0, &damped[i * c..][..c]);
+            }
+        }
+        let stiffness = |i: usize| if linear { &self.stiffness } else { &stiffnesses[i] };
+        let stays = linear && self.terms.iter().all(|term| term.tangent.memory().leading_is_constant());
+        if self.factors.is_none() || !stays {
+            let mut matrix = DMatrix::zeros(degree * n, degree * n);
+            let mut insert = |nu: usize, mu: usize, factor: f64, block: &Matrix<f64>| {
+                if factor != 0.0 {
+                    for (row, column, entry) in block.entries() {
+                        matrix[(nu * n + row, mu * n + column)] += factor * entry;
+                    }
+                }
+            };
+            for nu in 0..degree {
+                for mu in 0..degree {
+                    insert(nu, mu, view.kinetic[nu * degree + mu] / h, self.model.mass());
+                    for i in 0..points {
+                        let factor = -h * view.weights[i] * test(i, nu);
+                        insert(nu, mu, factor * shape(i, mu), stiffness(i));
+                        if self.at_main_nodes {
+                            continue;
+                        }
+                        for term in &self.terms {
+                            let weight = |j: usize| term.tangent.leading(0, nodes, i, j) * shape(j, mu);
+                            insert(nu, mu, factor * (0..nodes).map(weight).sum::<f64>(), &term.rho);
+                        }
+                    }
+                }
+            }
+            self.factors = Some(Factored::new(matrix).ok_or(SINGULAR)?);
+        }
+        let Some(factors) = &self.factors else { return Err(SINGULAR.to_owned()) };
+        let mut columns = DMatrix::zeros(degree * n, self.count);
+        for parameter in 0..self.count {
+            for nu in 0..degree {
+                let mut right = vec![0.0; n];
+                if nu == 0 {
+                    add(&mut right, -1.0, &self.momentum[parameter * n..][..n]);
+                }
+                for i in 0..points {
+                    let factor = h * view.weights[i] * test(i, nu);
+                    add(&mut right, factor, &forces[i * c + parameter * n..][..n]);
+                }
+                for mu in 0..degree {
+                    let factor = -view.kinetic[nu * degree + mu] / h;
+                    let increment = &increments[mu * n..][..n];
+                    for &(row, column) in &self.mass_changes[parameter] {
+                        right[row] += factor * increment[column];
+                    }
+                }
+                (0..n).for_each(|row| columns[(nu * n + row, parameter)] = right[row]);
+            }
+        }
+        factors.solve(&mut columns);
+        if !columns.iter().all(|number| number.is_finite()) {
+            return Err("a derivative is not finite".to_owned());
+        }
+        // The increments of the derivatives: at the points, and at the end of the step.
+        let mut own_stages = vec![0.0; points * c];
+        let mut own_rise = vec![0.0; c];
+        for parameter in 0..self.count {
+            let column = columns.column(parameter);
+            for row in 0..n {
+                own_rise[parameter * n + row] = column[(degree - 1) * n + row];
+                for i in 0..points {
+                    own_stages[i * c + parameter * n + row] =
+                        (0..degree).map(|mu| shape(i, mu) * column[mu * n + row]).sum();
+                }
+            }
+        }
+        for i in 0..points {
+            let own = forces[i * c..][..c].chunks_mut(n).zip(own_stages[i * c..][..c].chunks(n));
+            own.for_each(|(force, own)| stiffness(i).multiply_add(1.0, own, force));
+            if !self.at_main_nodes {
+                add_leading(&self.terms, (i, nodes), &own_stages, n, &mut forces[i * c..][..c]);
+            }
+            add(&mut self.momentum, -h * view.weights[i], &forces[i * c..][..c]);
+        }
+        if self.at_main_nodes {
+            add_leading(&self.terms, (0, 1), &own_rise, n, &mut damped);
+            add(&mut self.momentum, -h, &damped);
+            self.kick.copy_from_slice(&damped);
+        }
+        let own_told = if self.at_main_nodes { &own_rise } else { &own_stages };
+        for term in &mut self.terms {
+            term.tangent.push(&tangent_sample, own_told, &mut self.scratch).map_err(said)?;
+            let motions = term.value.iter_mut().chain(term.kernels.iter_mut().map(|(_, motion)| motion));
+            for motion in motions {
+                motion.push(&sample, told, &mut self.scratch).map_err(said)?;
+            }
+        }
+        leave_behind(&mut self.motion_behind, rise, &stages);
+        leave_behind(&mut self.behind, &own_rise, &own_stages);
+        add(&mut self.position, 1.0, &own_rise);
+        Ok(())
+    }
+
+    /// Writes ∂q and ∂p of every parameter, one after the other.
+    pub(crate) fn write(&self, values: &mut Vec<f64>) {
+        values.clear();
+        let half = if self.mean { 0.5 * self.step } else { 0.0 };
+        for parameter in 0..self.count {
+            let own = parameter * self.size..(parameter + 1) * self.size;
+            values.extend_from_slice(&self.position[own.clone()]);
+            let momenta = self.momentum[own.clone()].iter().zip(&self.kick[own]);
+            values.extend(momenta.map(|(momentum, kick)| momentum + half * kick));
+        }
+    }
+}
+
+impl Term {
+    fn new(
+        scenario: &Scenario,
+        (index, nodes): (usize, usize),
+        parameters: &[Parameter],
+        tables: &Tables,
+    ) -> Result<Self, InputError> {
+        let term = &scenario.system.damping[index];
+        let size = scenario.coordinates();
+        let refused = |error| super::refused_memory(scenario, index, error);
+        let derivative = match term.derivative {
+            scenario::Derivative::Caputo => Derivative::Caputo,
+            scenario::Derivative::RiemannLiouville => Derivative::RiemannLiouville,
+        };
+        let request = |motions: usize| MemoryRequest {
+            motions,
+            ..super::memory_request(scenario, (size * motions, nodes), term)
+        };
+        let on_memory = |motions: usize, kernel: Kernel, memory: HostMemory<f64>| {
+            DampedMotion::new(&AnySpace::dense(size * motions), &[kernel], derivative, memory).map_err(
+                |error| {
+                    let problem = Problem::Precision { reason: error.to_string() };
+                    scenario.error_at(&format!("system.damping[{index}]"), problem)
+                },
+            )
+        };
+        let of_kernel = |motions: usize| {
+            let request = request(motions);
+            let kernel = request.kernel().map_err(|error| refused(error.into()))?;
+            let memory = request.build_with(tables).map_err(refused)?;
+            on_memory(motions, kernel, memory)
+        };
+        let changes: Vec<_> = (parameters.iter().enumerate())
+            .filter_map(|(parameter, Parameter { what, .. })| match what {
+                Quantity::Coefficient(own, change) if *own == index => Some((parameter, change.clone())),
+                _ => None,
+            })
+            .collect();
+        let mut kernels = Vec::new();
+        for (parameter, Parameter { what, .. }) in parameters.iter().enumerate() {
+            let Quantity::Kernel(own, by) = what else { continue };
+            if *own == index {
+                let (kernel, memory) = derivative_memory(scenario, &request(1), by).map_err(refused)?;
+                kernels.push((parameter, on_memory(1, kernel, memory)?));
+            }
+        }
+        let value = if changes.is_empty() { None } else { Some(of_kernel(1)?) };
+        let tangent = of_kernel(parameters.len())?;
+        Ok(Self { rho: matrix(&term.coefficient), tangent, value, changes, kernels })
+    }
+}
+
+/// The memory of ∂D/∂θ, with its kernel, which leaves out of the motion what that of D does.
+fn derivative_memory(
+    scenario: &Scenario,
+    request: &MemoryRequest<'_>,
+    by: &TransferDerivative,
+) -> Result<(Kernel, HostMemory<f64>), EngineError> {
+    let order = match scenario.convolution.family {
+        ConvolutionFamily::Bdf { order } => BdfOrder::new(order)?,
+        // Refused when the scenario was read.
+        _ => BdfOrder::new(1)?,
+    };
+    let step = scenario.time.step;
+    let weights = |on_increments, count| derivative_weights(by, order, step, on_increments, count);
+    let first = weights(false, 2)?;
+    let first = [0, 1].map(|n| first.get(n).copied().unwrap_or(0.0));
+    let kernel = Kernel::weights(request.transfer.growth(), first, step)?;
+    Ok((kernel, request.build_of_weights(&weights)?))
+}
+
+/// Refuses constants of forces whose moments are taken exactly: these are not differentiated.
+fn refuse_rough(scenario: &Scenario, parameters: &[Parameter]) -> Result<(), InputError> {
+    let is_rough = RoughForces::of(scenario).is_some();
+    for (index, Parameter { what, .. }) in parameters.iter().enumerate() {
+        let Quantity::Named(named) = what else { continue };
+        if is_rough && (named.force.is_some() || !named.loads.is_empty()) {
+            let allowed = "constants of forces that are smooth in time, or `system.force_quadrature` = \"nodes\": exact moments \
+                of forces that jump, have kinks or roots, are narrow or sampled are not differentiated";
+            let problem = Problem::OutOfRange { allowed: allowed.to_owned() };
+            return Err(scenario.error_at(&format!("sensitivity.parameters[{index}]"), problem));
+        }
+    }
+    Ok(())
+}
+
+fn said(error: MemoryError) -> String {
+    error.to_string()
+}
+
+/// What is known of the derivatives of a motion of so many coordinates before its sample is, node after node.
+fn known(
+    motion: &mut Remembered,
+    sample: &Sample<'_, f64>,
+    nodes: usize,
+    coordinates: usize,
+) -> Result<Vec<f64>, String> {
+    let mut terms = vec![0.0; nodes * coordinates];
+    motion.memory_terms(sample, &mut terms).map_err(said)?;
+    if nodes == 1 {
+        motion.complete(0, sample, &mut terms);
+        return Ok(terms);
+    }
+    let mut known = vec![0.0; nodes * coordinates];
+    for (node, known) in known.chunks_mut(coordinates).enumerate() {
+        motion.complete_node((0, node), sample, &terms, known);
+    }
+    Ok(known)
+}
+
+/// The derivatives themselves, of a motion whose sample is known.
+fn whole(
+    motion: &mut Remembered,
+    sample: &Sample<'_, f64>,
+    increments: &[f64],
+    nodes: usize,
+    coordinates: usize,
+) -> Result<Vec<f64>, String> {
+    let mut derivative = known(motion, sample, nodes, coordinates)?;
+    for (i, place) in derivative.chunks_mut(coordinates).enumerate() {
+        for (j, increment) in increments.chunks(coordinates).enumerate() {
+            add(place, motion.leading(0, nodes, i, j), increment);
+        }
+    }
+    Ok(derivative)
+}
+
+/// Adds Σ_m ρ_m Σ_j W_ij e_j of node i, of as many derivatives as there are.
+fn add_leading(terms: &[Term], (i, nodes): (usize, usize), increments: &[f64], n: usize, out: &mut [f64]) {
+    let c = out.len();
+    for term in terms {
+        for (j, increment) in increments.chunks(c).enumerate() {
+            let weight = term.tangent.leading(0, nodes, i, j);
+            if weight != 0.0 {
+                let pairs = out.chunks_mut(n).zip(increment.chunks(n));
+                pairs.for_each(|(out, increment)| term.rho.multiply_add(weight, increment, out));
+            }
+        }
+    }
+}
+
+fn add(out: &mut [f64], factor: f64, vector: &[f64]) {
+    out.iter_mut().zip(vector).for_each(|(out, x)| *out += factor * x);
+}
+
+fn mirrored(row: usize, column: usize) -> Vec<(usize, usize)> {
+    if row == column { vec![(row, row)] } else { vec![(row, column), (column, row)] }
+}
+
+fn add_change(change: &[(usize, usize)], vector: &[f64], out: &mut [f64]) {
+    change.iter().for_each(|&(row, column)| out[row] += vector[column]);
+}
+
+/// q_{k+1} − X_{k,i}.
+fn leave_behind(behind: &mut [f64], rise: &[f64], stages: &[f64]) {
+    for (behind, stage) in behind.chunks_mut(rise.len()).zip(stages.chunks(rise.len())) {
+        behind.iter_mut().zip(rise.iter().zip(stage)).for_each(|(behind, (rise, e))| *behind = rise - e);
+    }
+}

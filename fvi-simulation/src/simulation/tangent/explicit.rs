@@ -1,0 +1,172 @@
+//! How the forces at a place depend on a parameter there: ∂G/∂θ with G = ∇U − F at a fixed position.
+
+use crate::model::tape::{CompiledForce, CompiledPotential};
+use crate::model::{matrix, moment};
+use crate::scenario::{Derivative, Named, Quantity, Scenario};
+use fvi_core::{Block, Instant};
+use nalgebra::SVector;
+
+/// ∂G/∂θ of one parameter.
+pub(super) enum Direct {
+    None,
+    /// Of an entry of K, and of its mirror image.
+    Entries(Vec<(usize, usize, f64)>),
+    /// ∂ρ K(0) (q − q*) of a kernel with a spring.
+    Spring {
+        entries: Vec<(usize, usize, f64)>,
+        rest: Vec<f64>,
+    },
+    /// What springs of kernels pull by, where their place of rest is the initial position.
+    Constant(Vec<f64>),
+    Expressions(Box<Expressions>),
+}
+
+/// Of a constant of expressions.
+pub(super) struct Expressions {
+    value: f64,
+    potential: Option<CompiledPotential<f64>>,
+    force: Option<CompiledForce<f64>>,
+    elements: Vec<(CompiledPotential<f64>, Vec<Vec<usize>>)>,
+    loads: Vec<(crate::language::expression::Expression, Vec<(u32, f64)>)>,
+    registers: Vec<f64>,
+}
+
+impl Direct {
+    pub(super) fn new(scenario: &Scenario, what: &Quantity) -> Self {
+        let damping = &scenario.system.damping;
+        let size = scenario.coordinates();
+        let start = &scenario.initial.position;
+        match what {
+            &Quantity::Stiffness(row, column) => {
+                let mirrored = (row != column).then_some((column, row, 1.0));
+                Self::Entries(std::iter::once((row, column, 1.0)).chain(mirrored).collect())
+            }
+            Quantity::Coefficient(term, change) if damping[*term].transfer.spring() != 0.0 => {
+                let spring = damping[*term].transfer.spring();
+                let entries = change.iter().map(|&(row, column, entry)| (row, column, spring * entry));
+                let rest = match damping[*term].derivative {
+                    Derivative::Caputo => start.clone(),
+                    Derivative::RiemannLiouville => vec![0.0; size],
+                };
+                Self::Spring { entries: entries.collect(), rest }
+            }
+            &Quantity::Position(index) => {
+                let mut pull = vec![0.0; size];
+                let mut one = vec![0.0; size];
+                one[index] = 1.0;
+                for term in damping.iter().filter(|term| term.derivative == Derivative::Caputo) {
+                    matrix::<f64>(&term.coefficient).multiply_add(-term.transfer.spring(), &one, &mut pull);
+                }
+                if pull.iter().all(|&x| x == 0.0) { Self::None } else { Self::Constant(pull) }
+            }
+            Quantity::Named(named) => Self::Expressions(Box::new(Expressions::new(scenario, named))),
+            _ => Self::None,
+        }
+    }
+
+    /// Adds ∂G/∂θ at an instant and a position.
+    pub(super) fn add(&mut self, instant: Instant<f64>, position: &[f64], out: &mut [f64]) {
+        match self {
+            Self::None => {}
+            Self::Entries(entries) => {
+                entries.iter().for_each(|&(row, column, entry)| out[row] += entry * position[column]);
+            }
+            Self::Spring { entries, rest } => {
+                for &(row, column, entry) in &*entries {
+                    out[row] += entry * (position[column] - rest[column]);
+                }
+            }
+            Self::Constant(pull) => out.iter_mut().zip(pull).for_each(|(out, pull)| *out += *pull),
+            Self::Expressions(expressions) => expressions.add(instant, position, out),
+        }
+    }
+}
+
+impl Expressions {
+    fn new(scenario: &Scenario, named: &Named) -> Self {
+        let size = scenario.coordinates();
+        let system = &scenario.system;
+        let force = named.force.as_ref().map(|components| {
+            // One component more, as there is one variable more.
+            let nothing = components
+                .iter()
+                .take(1)
+                .map(|component| component.with_root(crate::language::expression::Node::number(0.0)));
+            let components: Vec<_> = components.iter().cloned().chain(nothing).collect();
+            CompiledForce::compile(&components)
+        });
+        let elements = named.elements.iter().map(|(group, potential)| {
+            let coordinates = system.elements[*group].coordinates.clone();
+            let width = coordinates.first().map_or(0, Vec::len);
+            (CompiledPotential::compile(potential, width + 1), coordinates)
+        });
+        let loads = named
+            .loads
+            .iter()
+            .map(|(load, amplitude)| (amplitude.clone(), system.loads[*load].pattern.entries.to_vec()));
+        Self {
+            value: named.value,
+            potential: named.potential.as_ref().map(|u| CompiledPotential::compile(u, size + 1)),
+            force,
+            elements: elements.collect(),
+            loads: loads.collect(),
+            registers: Vec::new(),
+        }
+    }
+
+    fn add(&mut self, instant: Instant<f64>, position: &[f64], out: &mut [f64]) {
+        let Self { value, potential, force, elements, loads, registers } = self;
+        let with_value = |numbers: &mut dyn Iterator<Item = f64>| -> Vec<f64> {
+            numbers.chain(std::iter::once(*value)).collect()
+        };
+        let point = with_value(&mut position.iter().copied());
+        if let Some(potential) = potential {
+            mixed(potential, &point, registers, |coordinate, entry| out[coordinate] += entry);
+        }
+        for (potential, places) in elements {
+            for place in places {
+                let point = with_value(&mut place.iter().map(|&coordinate| position[coordinate]));
+                mixed(potential, &point, registers, |index, entry| out[place[index]] += entry);
+            }
+        }
+        if let Some(force) = force {
+            let last = position.len() as u32;
+            let mut room = vec![0.0; point.len()];
+            let mut jacobian = vec![0.0; force.pattern().len()];
+            force.derivatives(moment(instant), &point, registers, &mut room, &mut jacobian);
+            let constant = force.linear().iter().map(|&(row, column, entry)| (row, column, entry));
+            let changing =
+                force.pattern().iter().zip(&jacobian).map(|(&(row, column), &entry)| (row, column, entry));
+            for (row, _, entry) in constant.chain(changing).filter(|&(_, column, _)| column == last) {
+                if let Some(place) = out.get_mut(row as usize) {
+                    *place -= entry;
+                }
+            }
+        }
+        for (amplitude, pattern) in loads {
+            let (_, slope) = amplitude.gradient::<f64, 1>(moment(instant), &SVector::from([*value]));
+            pattern.iter().for_each(|&(coordinate, entry)| out[coordinate as usize] -= entry * slope[0]);
+        }
+    }
+}
+
+/// ∂²U/∂x_i∂θ, θ the last variable.
+fn mixed(
+    potential: &CompiledPotential<f64>,
+    point: &[f64],
+    registers: &mut Vec<f64>,
+    mut take: impl FnMut(usize, f64),
+) {
+    let last = point.len() - 1;
+    let (mut gradient, mut hessian) = (vec![0.0; point.len()], vec![0.0; potential.pattern().len()]);
+    potential.derivatives(point, registers, &mut gradient, &mut hessian);
+    let constant = potential.quadratic().stiffness.iter().copied();
+    let changing =
+        potential.pattern().iter().zip(&hessian).map(|(&(row, column), &entry)| (row, column, entry));
+    for (row, column, entry) in constant.chain(changing) {
+        // The lower triangle: the last row.
+        if row as usize == last && (column as usize) < last {
+            take(column as usize, entry);
+        }
+    }
+}
