@@ -50,11 +50,12 @@ enum Form {
         power: f64,
         time: f64,
     },
-    /// Less its spring.
+    /// K(s) − K(0) where the spring K(0) stands beside it.
     Formula {
         formula: SharedFormula,
         growth: f64,
         spring: f64,
+        is_beside: bool,
         relaxation: bool,
         active: Option<Active>,
     },
@@ -127,6 +128,18 @@ pub struct Active {
     pub place: Complex<f64>,
     /// Re (K(s)/s) |s|/|K(s)|, in [−1, 0).
     pub resistance: f64,
+}
+
+impl fmt::Display for Active {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (place, share) = (self.place, self.resistance);
+        if place.re == 0.0 {
+            write!(f, "ω = {:.4e}, where Im K(iω)/ω is {share:.1e} of |K(iω)|/ω", place.im)
+        } else {
+            let Complex { re, im } = place;
+            write!(f, "s = {re:.4e} + {im:.4e}i, where Re K(s)/s is {share:.1e} of |K(s)/s|")
+        }
+    }
 }
 
 const POSITIVE: &str = "positive and finite";
@@ -239,8 +252,9 @@ impl TransferFunction {
         let stays = (near - far).abs() <= 1e-9 * near.abs() && near.abs() > 1e-13 * at(0.0).abs();
         let spring = if stays { near } else { 0.0 };
         let formula = SharedFormula(formula);
+        let (relaxation, active, is_beside) = (false, None, true);
         let mut made =
-            Self { form: Form::Formula { formula, growth, spring, relaxation: false, active: None } };
+            Self { form: Form::Formula { formula, growth, spring, is_beside, relaxation, active } };
         let (whole, drives) = match &made.form {
             Form::Formula { formula, .. } if formula.0.is_passive() => (false, None),
             _ => (made.is_made_up_by_its_cut(), made.look_for_activity()),
@@ -272,7 +286,8 @@ impl TransferFunction {
     /// K(s); on the negative real axis the value on its upper side.
     pub fn value(&self, s: Complex<f64>) -> Complex<f64> {
         match &self.form {
-            Form::Formula { formula, spring, .. } => formula.0.value(s) - spring,
+            Form::Formula { formula, spring, is_beside: true, .. } => formula.0.value(s) - spring,
+            Form::Formula { formula, .. } => formula.0.value(s),
             _ => self.of(&s),
         }
     }
@@ -280,7 +295,10 @@ impl TransferFunction {
     /// K of a power series with a positive first coefficient.
     pub fn series(&self, s: &Series) -> Series {
         match &self.form {
-            Form::Formula { formula, spring, .. } => formula.0.series(s).add(&s.constant(-spring)),
+            Form::Formula { formula, spring, is_beside: true, .. } => {
+                formula.0.series(s).add(&s.constant(-spring))
+            }
+            Form::Formula { formula, .. } => formula.0.series(s),
             _ => self.of(s),
         }
     }
@@ -429,8 +447,18 @@ impl TransferFunction {
         Some(poles - spacing * (0..=nodes).map(node).sum::<f64>())
     }
 
+    /// K with K(0) in it, for whoever asks for K(D) of a signal: its first weight has the spring, and a memory
+    /// acts on values.
+    #[must_use]
+    pub fn with_its_spring(mut self) -> Self {
+        if let Form::Formula { is_beside, .. } = &mut self.form {
+            *is_beside = false;
+        }
+        self
+    }
+
     /// K(0) of a formula, the stiffness of the spring beside the memory: [`value`](Self::value) and
-    /// [`series`](Self::series) are without it.
+    /// [`series`](Self::series) are without it, but for a kernel [`with_its_spring`](Self::with_its_spring).
     pub fn spring(&self) -> f64 {
         match self.form {
             Form::Formula { spring, .. } => spring,
@@ -566,7 +594,8 @@ impl TransferFunction {
         });
         let text = self.text().unwrap_or("").bytes().map(u64::from);
         let behind = self.numbers().iter().map(|number| number.to_bits());
-        std::iter::once(form).chain(numbers).chain(text).chain(behind).collect()
+        let whole = u64::from(matches!(self.form, Form::Formula { is_beside: false, .. }));
+        [form, whole].into_iter().chain(numbers).chain(text).chain(behind).collect()
     }
 }
 

@@ -48,20 +48,9 @@ pub(super) fn read_transfer(
     }
     let transfer = read_kernel(&value.table()?, parameters)?;
     match transfer.active() {
-        Some(active) if !allow_active => {
-            let (place, share) = (active.place, active.resistance);
-            let at = if place.re == 0.0 {
-                format!("ω = {:.4e}, where Im K(iω)/ω is {share:.1e} of |K(iω)|/ω", place.im)
-            } else {
-                format!(
-                    "s = {:.4e} + {:.4e}i, where Re K(s)/s is {share:.1e} of |K(s)/s|",
-                    place.re, place.im
-                )
-            };
-            Err(value.out_of_range(format!(
-                "a passive kernel: this one can drive the motion at {at}; `allow_active = true` admits it"
-            )))
-        }
+        Some(active) if !allow_active => Err(value.out_of_range(format!(
+            "a passive kernel: this one can drive the motion at {active}; `allow_active = true` admits it"
+        ))),
         _ => Ok(transfer),
     }
 }
@@ -380,6 +369,10 @@ mod tests {
         assert!((material.spring() - 0.5).abs() < 1e-15);
         assert!(material.value(Complex::new(1e-30, 0.0)).norm() < 1e-15);
         assert!(material.is_relaxation() && material.active().is_none());
+        let whole = material.clone().with_its_spring();
+        assert!((whole.value(Complex::new(1e-30, 0.0)).re - 0.5).abs() < 1e-15);
+        assert_eq!(whole.spring(), material.spring());
+        assert_ne!(whole.key(), material.key());
         assert_eq!(symbol("s^0.5").spring(), 0.0);
         // Poles beside the cut.
         assert!(!symbol("0.5*s*(s + 0.1)/((s + 0.1)^2 + 4)").is_relaxation());

@@ -95,7 +95,7 @@ def derivative(
     if isinstance(order, Kernel):
         keys = keys_of("order", order)
         # What it does for large s says what Caputo's form leaves out.
-        order = _fvi.kernel_growth(keys)
+        order, *_ = _fvi.kernel_facts(keys)
     else:
         order = _arrays.real("order", order)
     if not -1.0 < order < 2.0:
