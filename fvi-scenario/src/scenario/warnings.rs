@@ -16,7 +16,8 @@ impl Scenario {
         let lowering = self.lowering_warning();
         let jumps = self.jumps_warning();
         let of_starting = starting.into_iter().chain(growing).chain(lowering);
-        of_starting.chain(singular).chain(jumps).chain(self.off_grid_warning()).collect()
+        let start = self.start_warning();
+        of_starting.chain(singular).chain(start).chain(jumps).chain(self.off_grid_warning()).collect()
     }
 
     /// Starting weights that are not determined by their exponents.
@@ -57,6 +58,22 @@ impl Scenario {
              order, to 1 and less: compare with `starting = []` by `fvi converge`"
                 .to_owned()
         })
+    }
+
+    /// A start that no step resolves.
+    fn start_warning(&self) -> Option<String> {
+        let rule = self.time.adaptive()?;
+        let from = rule.momenta_from()?;
+        let asked = match rule.asked {
+            0.0 => "less than 1e-323".to_owned(),
+            asked => format!("{asked:.1e}"),
+        };
+        Some(format!(
+            "time.tolerance: Riemann–Liouville damping from an initial state that is not zero lets the momentum begin like \
+             t^{:.3}, for which a first step of {asked} would have to be made: positions are held to the tolerance from the \
+             beginning, momenta from t = {from:.1e} on",
+            rule.start.power
+        ))
     }
 
     /// Forces that jump in the position, on steps that do not end there.
