@@ -186,7 +186,7 @@ impl Scenario {
         let scheme = scheme.with_quadrature_for(convolution.family);
         let start = Adaptive::start(&system, &initial);
         let time = TimeGrid::read(&root.required("time")?.table()?, start, document)?;
-        if time.grid.is_some() && matches!(convolution.family, ConvolutionFamily::Bdf { .. }) {
+        if time.grid.is_some() && !convolution.family.is_staged() {
             return Err(grid::check_family(&root.required("time")?.table()?));
         }
         if let (Some(value), false) = (root.optional("convolution"), time.allow_unstable) {

@@ -100,7 +100,7 @@ impl Scenario {
     fn singular_force_warning(&self, index: usize, term: &Damping) -> Option<String> {
         let force = term.coefficient.times(&self.initial.position);
         let beta = term.transfer.growth();
-        let at_stages = !matches!(self.convolution.family, ConvolutionFamily::Bdf { .. });
+        let at_stages = self.convolution.family.is_staged();
         if term.derivative == Derivative::Caputo
             || beta == 0.0
             || (self.convolution.at == DampedAt::Nodes && !at_stages)

@@ -422,6 +422,7 @@ fn order(scenario: &Scenario) -> f64 {
         ConvolutionFamily::RadauIia { stages } => 2 * stages - 1,
         ConvolutionFamily::LobattoIiic { stages } => 2 * stages - 2,
         ConvolutionFamily::Bdf { order } => order,
+        ConvolutionFamily::Trapezoidal => 2,
     };
     let order = match scenario.scheme {
         Scheme::Galerkin { degree, .. } => of_quadrature.min(2 * degree),
@@ -434,7 +435,7 @@ fn order(scenario: &Scenario) -> f64 {
 fn order_inside(scenario: &Scenario) -> f64 {
     let stages = match scenario.convolution.family {
         ConvolutionFamily::RadauIia { stages } | ConvolutionFamily::LobattoIiic { stages } => stages,
-        ConvolutionFamily::Bdf { .. } => 1,
+        ConvolutionFamily::Bdf { .. } | ConvolutionFamily::Trapezoidal => 1,
     };
     match scenario.scheme {
         // Of velocities; positions have one more.

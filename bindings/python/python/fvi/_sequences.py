@@ -172,7 +172,7 @@ def weights(
         How many.
     order : int
         Order of the backward differentiation formula, 1 to 6.
-    family : {"bdf", "radau-iia", "lobatto-iiic"}
+    family : {"bdf", "trapezoidal", "radau-iia", "lobatto-iiic"}
         The method; the weights of a Runge–Kutta method are matrices.
     stages : int, optional
         Stages of the Runge–Kutta method: 1 to 3 (Radau IIA), 2 to 4 (Lobatto IIIC).

@@ -5,6 +5,7 @@ use super::polynomials::Polynomials;
 use super::symbol;
 use super::{DampingForm, Discretisation};
 use crate::numerics::dense;
+use crate::numerics::multistep_rule::MultistepRule;
 use crate::numerics::transfer::TransferFunction;
 use nalgebra::{Complex, DMatrix};
 use std::cell::RefCell;
@@ -38,8 +39,8 @@ pub(super) struct Characteristic {
 }
 
 enum Form {
-    MainNodes(fvi_core::BdfOrder),
-    Nodes(fvi_core::BdfOrder),
+    MainNodes(MultistepRule),
+    Nodes(MultistepRule),
     Stages { inverse: DMatrix<f64> },
 }
 
@@ -54,8 +55,8 @@ struct Factors {
 impl Characteristic {
     pub(super) fn new(discretisation: &Discretisation, transfers: Vec<TransferFunction>) -> Self {
         let form = match &discretisation.form {
-            DampingForm::MainNodes { order } => Form::MainNodes(*order),
-            DampingForm::Nodes { order } => Form::Nodes(*order),
+            DampingForm::MainNodes { rule } => Form::MainNodes(*rule),
+            DampingForm::Nodes { rule } => Form::Nodes(*rule),
             DampingForm::Stages { matrix } => {
                 let size = matrix.nrows();
                 let inverse = dense::inverse(matrix.clone()).unwrap_or_else(|| DMatrix::zeros(size, size));
@@ -113,8 +114,8 @@ impl Characteristic {
     fn scale(&self, transfer: &TransferFunction, step: f64, z: Complex<f64>) -> Complex<f64> {
         match (transfer.exponent(), &self.form) {
             (Some(order), _) => Complex::new(libm::pow(step, 2.0 - order), 0.0),
-            (None, Form::MainNodes(formula) | Form::Nodes(formula)) => {
-                transfer.value(symbol::formula(*formula, z) / step) * (step * step)
+            (None, Form::MainNodes(rule) | Form::Nodes(rule)) => {
+                transfer.value(rule.symbol(z) / step) * (step * step)
             }
             (None, Form::Stages { .. }) => Complex::new(step * step, 0.0),
         }
@@ -179,13 +180,13 @@ impl Characteristic {
         };
         let elastic = both(elastic);
         let damped = self.transfers.iter().map(|transfer| match &self.form {
-            Form::MainNodes(formula) => {
+            Form::MainNodes(rule) => {
                 let mut only = DMatrix::zeros(self.degree, self.degree);
-                only[(0, 0)] = transfer.exponent().map_or(z, |order| z * symbol::bdf(*formula, order, z));
+                only[(0, 0)] = transfer.exponent().map_or(z, |order| z * symbol::multistep(*rule, order, z));
                 only
             }
-            Form::Nodes(formula) => match transfer.exponent() {
-                Some(order) => &elastic * symbol::bdf(*formula, order, z),
+            Form::Nodes(rule) => match transfer.exponent() {
+                Some(order) => &elastic * symbol::multistep(*rule, order, z),
                 None => elastic.clone(),
             },
             Form::Stages { inverse } => {
