@@ -76,7 +76,7 @@ mod tests {
 
     #[test]
     fn straight_signals_have_their_derivative() {
-        // D^β t = t^{1−β}/Γ(2−β), with samples x_k = (k+1)h: the signal leaves zero one step before the first.
+        // D^β t = t^{1−β}/Γ(2−β), with samples x_k = (k+1)h: the signal leaves zero a step before the first.
         let (order, step) = (0.4, 0.1);
         let weights = l1_weights(order, step, 50).unwrap();
         for k in [0, 1, 2, 20, 49] {

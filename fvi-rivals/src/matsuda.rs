@@ -13,9 +13,9 @@ const ROOM: f64 = 1e-2;
 /// s^β as the continued fraction through its gains at points in geometric sequence \[MatsudaFujii93\]:
 /// O(sections) a step.
 ///
-/// a_0 + (s − ω_0)/(a_1 + (s − ω_1)/(a_2 + …)) takes the values ω_k^β at s = ω_k. With an odd number of points
-/// it has as many zeros as poles, all on the negative real axis, found between each other; the sections they
-/// make are discretised by the formula of the quadrature. For β > 1 one section is s itself.
+/// a_0 + (s − ω_0)/(a_1 + (s − ω_1)/(a_2 + …)) takes the values ω_k^β at s = ω_k. With an odd number of
+/// points it has as many zeros as poles, all on the negative real axis, found between each other; the
+/// sections they make are discretised by the formula of the quadrature. For β > 1 one section is s itself.
 ///
 /// What was chosen: points over a band a hundred times as wide at either end as a run of `capacity` steps
 /// can tell, the fewest sections whose relative error at real s between the points is `tolerance`, at most
@@ -140,7 +140,7 @@ impl Rational {
 /// The `count` places x > 0 where the function changes its sign, ascending.
 fn roots(function: impl Fn(f64) -> f64, top: f64, count: usize) -> Option<Vec<f64>> {
     const ROOM: f64 = 1e6;
-    const LOOKS: usize = 6000;
+    const LOOKS: usize = 400;
     let place = |index: usize| libm::pow(top * ROOM * ROOM, index as f64 / LOOKS as f64) / ROOM;
     let mut found = Vec::new();
     let (mut left, mut sign) = (place(0), function(place(0)) > 0.0);

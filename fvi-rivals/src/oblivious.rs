@@ -27,7 +27,8 @@ const ANGLES: [f64; 2] = [0.65, 0.9];
 /// due, and forgets them as a whole.
 ///
 /// What was chosen: B = 8; hyperbola, step and number of points of each level by search, the fewest points
-/// for which the weights that come out keep `tolerance` relative to those of the quadrature.
+/// for which the weights that come out keep `tolerance` relative to those of the quadrature (half of it at
+/// the lags that are looked at).
 #[derive(Clone, Debug)]
 pub struct ObliviousQuadrature {
     frame: Frame,
@@ -263,7 +264,7 @@ fn contour(
                 let end = libm::acosh(fall.max(1.1));
                 for share in [0.8, 1.0] {
                     let nodes = hyperbola(symbol, step, scale, angle, share * end / points as f64, points);
-                    if error(&nodes) <= tolerance {
+                    if error(&nodes) <= 0.5 * tolerance {
                         return Ok(nodes);
                     }
                 }
