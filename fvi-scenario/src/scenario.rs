@@ -28,7 +28,7 @@ pub use element::Element;
 pub use event::{Action, Direction, Event};
 pub use grid::{Grid, GridRule};
 pub use initial::InitialState;
-pub use kernel::{kernel_of_document, kernel_of_file, kernel_of_symbol};
+pub use kernel::{kernel_of_document, kernel_of_file, kernel_of_symbol, kernel_of_table};
 pub use load::{Amplitude, Load, Pattern, Record};
 pub use matrix::SymmetricMatrix;
 pub use own_terms::{OwnTerms, SharedTerms};

@@ -18,5 +18,6 @@ mod rough_inputs;
 mod runs;
 mod scenario_errors;
 mod stability;
+mod strategies;
 mod sweeps;
 mod workplace;

@@ -87,6 +87,20 @@ pub fn kernel_of_document(document: &Document) -> Result<TransferFunction, Input
     })
 }
 
+/// The kernel of a table that has other keys beside it, with the table of parameters for the expression of a
+/// symbol.
+///
+/// # Errors
+/// As in a scenario, but that it need not be passive.
+pub fn kernel_of_table(
+    table: &Table<'_>,
+    beside: &'static [&'static str],
+    parameters: Option<&Value<'_>>,
+) -> Result<TransferFunction, InputError> {
+    let parameters = parameters.map(read_parameters).transpose()?.unwrap_or_default();
+    read_kernel(&table.beside(beside), &parameters)
+}
+
 /// Reads the table of a kernel.
 ///
 /// # Errors
