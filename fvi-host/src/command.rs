@@ -10,6 +10,7 @@ mod listing;
 mod progress;
 pub mod rates;
 pub mod reproduce;
+pub mod response;
 pub mod run;
 mod stop;
 pub mod strategies;
@@ -44,6 +45,8 @@ enum Command {
     Sweep(sweep::SweepArguments),
     /// Error and order of a scenario over step sizes, against its reference or a finer run
     Converge(converge::ConvergeArguments),
+    /// Frequency response of a scenario, its poles, and the moduli, creep and relaxation of its kernels
+    Response(response::ResponseArguments),
     /// The figures and tables of the papers, computed again and set beside the printed values
     Reproduce(reproduce::ReproduceArguments),
     /// Solve a two-point fractional Euler–Lagrange problem: the discrete extremal between fixed end points
@@ -118,6 +121,7 @@ impl Program {
             Command::Strategies(arguments) => arguments.execute(),
             Command::Converge(arguments) => arguments.execute(),
             Command::Reproduce(arguments) => arguments.execute(),
+            Command::Response(arguments) => arguments.execute(),
             Command::Extremal(arguments) => arguments.execute(),
             Command::Weights(arguments) => arguments.execute(),
             Command::Exponentials(arguments) => arguments.execute(),

@@ -4,6 +4,7 @@ pub mod checkpoint;
 pub mod compare_engines;
 pub mod converge;
 mod outlet;
+pub mod response;
 pub mod run;
 pub mod sweep;
 pub mod two_point;

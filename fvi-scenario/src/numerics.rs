@@ -8,6 +8,7 @@ pub mod exponential;
 pub mod exponential_table;
 pub mod growing_ring;
 mod inverse;
+pub mod laplace;
 pub mod multistep_rule;
 pub mod multistep_weights;
 pub mod podlubny_matrix;

@@ -16,6 +16,7 @@ pub(crate) mod not_finite;
 #[cfg(test)]
 mod one_coordinate_tests;
 mod piece;
+pub mod response;
 pub mod stability;
 mod step_control;
 pub mod stretch;

@@ -18,6 +18,7 @@
 
 mod analysis;
 mod blocks;
+mod complex;
 mod dissection;
 mod factor;
 mod graph;
@@ -28,5 +29,6 @@ mod separator;
 mod solve;
 
 pub use analysis::Analysis;
+pub use complex::{ComplexSolver, Unsolved};
 pub use factor::{Factor, FactorError};
 pub use pattern::Pattern;

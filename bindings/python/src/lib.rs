@@ -9,6 +9,7 @@ mod engines;
 mod errors;
 mod loads;
 mod memory;
+mod response;
 mod run;
 mod studies;
 mod sweep;
@@ -28,6 +29,8 @@ mod _fvi {
     use super::loads::Loads;
     #[pymodule_export]
     use super::memory::kernel_facts;
+    #[pymodule_export]
+    use super::response::response;
     #[pymodule_export]
     use super::run::{Prepared, run, run_in};
     #[pymodule_export]

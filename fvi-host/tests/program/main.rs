@@ -14,6 +14,7 @@ mod listings;
 mod piecewise;
 mod repository_scenarios;
 mod reproduction;
+mod response;
 mod rough_inputs;
 mod runs;
 mod scenario_errors;

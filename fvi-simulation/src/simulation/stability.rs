@@ -1,13 +1,13 @@
 //! Whether a step is short enough: the growing motions of a linearised scheme, counted.
 
-mod characteristic;
+pub(super) mod characteristic;
 #[cfg(test)]
 mod growth_tests;
 mod large;
 mod of_scenario;
 mod parts;
 mod polynomials;
-mod symbol;
+pub(super) mod symbol;
 mod winding;
 
 use crate::numerics::dense;
@@ -16,8 +16,11 @@ use crate::numerics::transfer::TransferFunction;
 use characteristic::Characteristic;
 use fvi_core::ParameterError;
 use nalgebra::{Cholesky, DMatrix};
-pub(crate) use of_scenario::{check_large_step, check_step, force_nodes, is_unconditional};
-use parts::{Part, parts};
+pub(crate) use of_scenario::{
+    check_large_step, check_step, discretisation, force_nodes, is_unconditional, stages_of_family,
+};
+pub(crate) use parts::{LARGEST_PART, Part};
+use parts::{all_parts, parts};
 use winding::Count;
 
 /// Where the fractional force acts, and the convolution quadrature behind it.
@@ -97,6 +100,12 @@ impl LinearSystem {
             return Err(refused);
         }
         Ok(Self { stiffness, damping })
+    }
+
+    /// The parts of it that do not act on each other; `None` if one has more than [`LARGEST_PART`]
+    /// coordinates.
+    pub(crate) fn parts(&self) -> Option<Vec<Part>> {
+        all_parts(self).ok()
     }
 }
 

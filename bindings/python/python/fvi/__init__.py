@@ -20,6 +20,7 @@ integrated by variational schemes whose memory of the whole past is exact to rou
 `sweep`                 one scenario with many values of its keys, here or on a cluster
 `converge`              errors and orders of a scenario over step sizes
 `compare_engines`       the memory engines side by side
+`response`              frequency response, poles, moduli, creep and relaxation
 `extremal`              two-point fractional Euler–Lagrange problems
 `fvi.petsc`             one large run on the ranks of MPI, with PETSc; imported by itself
 ======================  ==============================================================
@@ -33,6 +34,7 @@ from fvi._integrate import Damping, Element, Event, Force, Load, Potential, inte
 from fvi._kernel import Kernel
 from fvi._memory import Memory, Operator
 from fvi._model import Model
+from fvi._response import KernelCurves, Response, response
 from fvi._result import Extremal, Result, Table, load
 from fvi._run import run, run_cases
 from fvi._sequences import derivative, weights
@@ -47,11 +49,13 @@ __all__ = [
     "Force",
     "InputError",
     "Kernel",
+    "KernelCurves",
     "Load",
     "Memory",
     "Model",
     "Operator",
     "Potential",
+    "Response",
     "Result",
     "StepError",
     "Table",
@@ -63,6 +67,7 @@ __all__ = [
     "integrate",
     "integrate_cases",
     "load",
+    "response",
     "run",
     "run_cases",
     "sweep",

@@ -21,6 +21,7 @@ __all__ = [
     "derivative",
     "extremal",
     "kernel_facts",
+    "response",
     "run",
     "run_in",
     "vector_units",
@@ -55,6 +56,17 @@ def run_in(
     resume: bool = False,
     accept_other_machine: bool = False,
 ) -> tuple[str, BaseException | None]: ...
+def response(
+    source: Any,
+    *,
+    omega: list[float] | None = None,
+    from_omega: float | None = None,
+    to_omega: float | None = None,
+    points: int | None = None,
+    input: int = 0,
+    output: int = 0,
+    position: list[float] | None = None,
+) -> dict[str, Any]: ...
 def derivative(
     samples: _Array,
     exponent: float | None,

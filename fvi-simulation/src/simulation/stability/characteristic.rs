@@ -29,7 +29,7 @@ use std::rc::Rc;
 /// ```
 ///
 /// Of another transfer function K(s), h² K(γ_p(z)/h) stands in place of h^{2−β} γ_p(z)^β.
-pub(super) struct Characteristic {
+pub(crate) struct Characteristic {
     degree: usize,
     polynomials: Polynomials,
     form: Form,
@@ -52,8 +52,45 @@ struct Factors {
     damped: Vec<DMatrix<Complex<f64>>>,
 }
 
+/// The factors of M, K and the ρ_m in the equations of a step, S×S each.
+pub(crate) struct MatrixFactors {
+    pub(crate) mass: DMatrix<Complex<f64>>,
+    pub(crate) stiffness: DMatrix<Complex<f64>>,
+    pub(crate) damping: Vec<DMatrix<Complex<f64>>>,
+}
+
+impl MatrixFactors {
+    /// Adds the matrices with their factors to one of S·N rows, given row by row.
+    pub(crate) fn add_to(
+        &self,
+        matrix: &mut [Complex<f64>],
+        mass: &DMatrix<f64>,
+        stiffness: &DMatrix<f64>,
+        damping: &[DMatrix<f64>],
+    ) {
+        let (degree, size) = (self.mass.nrows(), mass.nrows());
+        let rows = degree * size;
+        let pairs = [(&self.mass, mass), (&self.stiffness, stiffness)];
+        for (factors, of) in pairs.into_iter().chain(self.damping.iter().zip(damping)) {
+            for nu in 0..degree {
+                for mu in 0..degree {
+                    let factor = factors[(nu, mu)];
+                    if factor == Complex::ZERO {
+                        continue;
+                    }
+                    for i in 0..size {
+                        for j in 0..size {
+                            matrix[(nu * size + i) * rows + mu * size + j] += factor * of[(i, j)];
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
 impl Characteristic {
-    pub(super) fn new(discretisation: &Discretisation, transfers: Vec<TransferFunction>) -> Self {
+    pub(crate) fn new(discretisation: &Discretisation, transfers: Vec<TransferFunction>) -> Self {
         let form = match &discretisation.form {
             DampingForm::MainNodes { rule } => Form::MainNodes(*rule),
             DampingForm::Nodes { rule } => Form::Nodes(*rule),
@@ -78,36 +115,38 @@ impl Characteristic {
 
     /// A logarithm of det A(z) up to a positive factor; `None` where it is zero or not finite.
     pub(super) fn logarithm(&self, part: &Part, step: f64, z: Complex<f64>) -> Option<Complex<f64>> {
-        let factors = self.factors(z);
-        let staged: Vec<Option<DMatrix<Complex<f64>>>> =
-            self.transfers.iter().map(|transfer| self.at_stages(transfer, step, z)).collect();
         let (size, rows) = (part.size(), part.size() * self.degree);
         let mut matrix = vec![Complex::ZERO; rows * rows];
-        let mut add = |factor: Complex<f64>, of: &DMatrix<f64>, nu: usize, mu: usize| {
-            if factor == Complex::ZERO {
-                return;
-            }
-            for i in 0..size {
-                for j in 0..size {
-                    matrix[(nu * size + i) * rows + mu * size + j] += factor * of[(i, j)];
-                }
-            }
-        };
-        let identity = DMatrix::identity(size, size);
-        let scales: Vec<Complex<f64>> =
-            self.transfers.iter().map(|transfer| self.scale(transfer, step, z)).collect();
-        for nu in 0..self.degree {
-            for mu in 0..self.degree {
-                add(factors.kinetic[(nu, mu)], &identity, nu, mu);
-                add(-factors.elastic[(nu, mu)] * (step * step), &part.stiffness, nu, mu);
-                let terms = part.damping.iter().zip(&factors.damped).zip(&staged).zip(&scales);
-                for (((rho, damped), staged), scale) in terms {
-                    let damped = staged.as_ref().unwrap_or(damped);
-                    add(-damped[(nu, mu)] * *scale, rho, nu, mu);
-                }
-            }
-        }
+        let factors = self.factors_of_matrices(step, z);
+        factors.add_to(&mut matrix, &DMatrix::identity(size, size), &part.stiffness, &part.damping);
         log_determinant(&mut matrix, rows)
+    }
+
+    /// The factors of M, K and the ρ_m in A(z), signs and powers of h included.
+    pub(crate) fn factors_of_matrices(&self, step: f64, z: Complex<f64>) -> MatrixFactors {
+        let factors = self.factors(z);
+        let damped = self.transfers.iter().zip(&factors.damped).map(|(transfer, damped)| {
+            let staged = self.at_stages(transfer, step, z);
+            let scale = -self.scale(transfer, step, z);
+            staged.as_ref().unwrap_or(damped).map(|entry| entry * scale)
+        });
+        let elastic = factors.elastic.map(|entry| -entry * (step * step));
+        MatrixFactors { mass: factors.kinetic.clone(), stiffness: elastic, damping: damped.collect() }
+    }
+
+    /// What a force f e^{iωt} adds to the equations at z = e^{−iωh}: A(z) v + h² Σ_i b_i ψ_ν(c_i) z^{1−c_i} f = 0.
+    pub(crate) fn forcing(&self, step: f64, omega: f64) -> Vec<Complex<f64>> {
+        let Polynomials { nodes, weights, values, .. } = &self.polynomials;
+        let turned = |fraction: f64| {
+            let angle = omega * step * fraction;
+            Complex::new(libm::cos(angle), -libm::sin(angle))
+        };
+        let tests = self.wide(values, [turned(0.0), turned(1.0)]);
+        let at = |nu: usize| -> Complex<f64> {
+            let nodes = nodes.iter().zip(weights).enumerate();
+            nodes.map(|(i, (node, weight))| tests[(i, nu)] * turned(1.0 - node) * *weight).sum()
+        };
+        (0..self.degree).map(|nu| at(nu) * (step * step)).collect()
     }
 
     /// What depends on h of a damping term: h^{2−β}, or h² K(γ_p(z)/h).
@@ -170,15 +209,16 @@ impl Characteristic {
     fn factors_at(&self, z: Complex<f64>) -> Factors {
         let Polynomials { kinetic, elastic, .. } = &self.polynomials;
         let one = Complex::new(1.0, 0.0);
-        let (trial, test) = ([z, one], [one, z]);
-        let both = |products: &DMatrix<f64>| {
+        let both = |products: &DMatrix<f64>, trial, test: [Complex<f64>; 2]| {
             let half = self.wide(products, trial);
             DMatrix::from_fn(self.degree, self.degree, |nu, mu| match nu {
                 0 => test[0] * half[(0, mu)] + test[1] * half[(1, mu)],
                 _ => half[(nu + 1, mu)],
             })
         };
-        let elastic = both(elastic);
+        // φ̇₀ = 1 − z and ψ̇₀ = z − 1, not as sums in which slow motions would lose their digits.
+        let kinetic = both(kinetic, [Complex::ZERO, one - z], [Complex::ZERO, z - one]);
+        let elastic = both(elastic, [z, one], [one, z]);
         let damped = self.transfers.iter().map(|transfer| match &self.form {
             Form::MainNodes(rule) => {
                 let mut only = DMatrix::zeros(self.degree, self.degree);
@@ -196,13 +236,13 @@ impl Characteristic {
             }
         });
         let damped = damped.collect();
-        Factors { kinetic: both(kinetic), elastic, damped }
+        Factors { kinetic, elastic, damped }
     }
 }
 
 /// ln det of a matrix given row by row, by elimination with pivots of a column; `None` for zero and what is
 /// not finite.
-fn log_determinant(matrix: &mut [Complex<f64>], rows: usize) -> Option<Complex<f64>> {
+pub(crate) fn log_determinant(matrix: &mut [Complex<f64>], rows: usize) -> Option<Complex<f64>> {
     let mut sum = Complex::ZERO;
     for column in 0..rows {
         let size = |row: usize| matrix[row * rows + column].norm_sqr();

@@ -128,7 +128,7 @@ fn dense(matrix: &SymmetricMatrix) -> DMatrix<f64> {
 
 /// The scheme of a scenario; `None` for the Euler methods, for collocation, which is L-stable, and for shapes
 /// that do not exist.
-fn discretisation(scenario: &Scenario) -> Option<Discretisation> {
+pub(crate) fn discretisation(scenario: &Scenario) -> Option<Discretisation> {
     let (degree, kappa) = match scenario.scheme {
         Scheme::LowOrder { kappa } => (1, Some(kappa)),
         Scheme::Galerkin { degree, .. } => (degree, None),
@@ -164,7 +164,7 @@ pub(crate) fn force_nodes(scenario: &Scenario) -> Vec<f64> {
 }
 
 /// The stages of a Runge–Kutta family.
-fn stages_of_family(family: ConvolutionFamily) -> Option<(DampingForm, Rule)> {
+pub(crate) fn stages_of_family(family: ConvolutionFamily) -> Option<(DampingForm, Rule)> {
     Some(match family {
         ConvolutionFamily::RadauIia { stages: 1 } => stages_of(&RungeKutta::<1>::radau_iia().ok()?),
         ConvolutionFamily::RadauIia { stages: 2 } => stages_of(&RungeKutta::<2>::radau_iia().ok()?),
@@ -177,7 +177,7 @@ fn stages_of_family(family: ConvolutionFamily) -> Option<(DampingForm, Rule)> {
 }
 
 /// Nodes and weights.
-type Rule = (Vec<f64>, Vec<f64>);
+pub(crate) type Rule = (Vec<f64>, Vec<f64>);
 
 fn stages_of<const R: usize>(method: &RungeKutta<R>) -> (DampingForm, Rule) {
     let matrix = DMatrix::from_fn(R, R, |i, j| method.matrix()[i][j]);

@@ -8,25 +8,25 @@ use nalgebra::DMatrix;
 const ROUNDING: f64 = 1e-12;
 
 /// Most coordinates of one part; in larger ones the coupling between the modes is neglected.
-pub(super) const LARGEST_PART: usize = 40;
+pub(crate) const LARGEST_PART: usize = 40;
 
 /// A part of the system, in coordinates where the mass matrix is the identity.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Part {
+pub(crate) struct Part {
     /// K.
-    pub(super) stiffness: DMatrix<f64>,
+    pub(crate) stiffness: DMatrix<f64>,
     /// ρ of each term.
-    pub(super) damping: Vec<DMatrix<f64>>,
+    pub(crate) damping: Vec<DMatrix<f64>>,
 }
 
 impl Part {
     /// Number of coordinates.
-    pub(super) fn size(&self) -> usize {
+    pub(crate) fn size(&self) -> usize {
         self.stiffness.nrows()
     }
 
     /// Whether any term acts on it.
-    pub(super) fn is_damped(&self) -> bool {
+    pub(crate) fn is_damped(&self) -> bool {
         self.damping.iter().any(|term| term.amax() > 0.0)
     }
 
@@ -53,6 +53,18 @@ impl Part {
 /// every mode is a part. What remains coupled stays together. With a stiffness that is not symmetric the
 /// coordinates stay as they are.
 pub(super) fn parts(system: &LinearSystem) -> Vec<Part> {
+    let mut parts = match all_parts(system) {
+        Ok(parts) => parts,
+        Err(matrices) => return neglecting_coupling(&matrices),
+    };
+    // Of equal modes one is enough.
+    parts.sort_by(|a, b| order(a).partial_cmp(&order(b)).unwrap_or(std::cmp::Ordering::Equal));
+    parts.dedup_by(|a, b| a.size() == 1 && b.size() == 1 && order(a) == order(b));
+    parts
+}
+
+/// As [`parts`], equal modes one by one; where one is larger than [`LARGEST_PART`] the matrices instead.
+pub(super) fn all_parts(system: &LinearSystem) -> Result<Vec<Part>, Vec<DMatrix<f64>>> {
     let size = system.stiffness.nrows();
     let mut matrices = vec![system.stiffness.clone()];
     matrices.extend(system.damping.iter().map(|term| term.coefficients.clone()));
@@ -62,14 +74,10 @@ pub(super) fn parts(system: &LinearSystem) -> Vec<Part> {
     }
     let mut found = components(&matrices);
     if found.iter().any(|members| members.len() > LARGEST_PART) {
-        return neglecting_coupling(&matrices);
+        return Err(matrices);
     }
     found.iter_mut().for_each(|members| members.sort_unstable());
-    let mut parts: Vec<Part> = found.iter().map(|members| part(&matrices, members)).collect();
-    // Of equal modes one is enough.
-    parts.sort_by(|a, b| order(a).partial_cmp(&order(b)).unwrap_or(std::cmp::Ordering::Equal));
-    parts.dedup_by(|a, b| a.size() == 1 && b.size() == 1 && order(a) == order(b));
-    parts
+    Ok(found.iter().map(|members| part(&matrices, members)).collect())
 }
 
 /// Turns all matrices into the eigenvectors of their combination with these factors.

@@ -9,6 +9,8 @@ use nalgebra::DMatrix;
 /// them.
 #[derive(Clone, Debug)]
 pub(super) struct Polynomials {
+    /// Nodes c_i.
+    pub(super) nodes: Vec<f64>,
     /// Weights b_i, none of them zero.
     pub(super) weights: Vec<f64>,
     /// Row i, column μ: the polynomial μ at c_i.
@@ -33,7 +35,7 @@ impl Polynomials {
                 weights.iter().enumerate().map(|(i, weight)| weight * at[(i, mu)] * at[(i, nu)]).sum()
             })
         };
-        Self { kinetic: products(&slopes), elastic: products(&values), weights, values }
+        Self { kinetic: products(&slopes), elastic: products(&values), nodes, weights, values }
     }
 }
 

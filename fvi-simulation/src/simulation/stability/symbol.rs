@@ -7,19 +7,19 @@ use nalgebra::{Complex, DMatrix, Schur};
 ///
 /// The rules are A(ϑ)-stable, so γ takes no value on the negative real axis there, and the principal branch
 /// is the one that continues γ(0)^β > 0.
-pub(super) fn multistep(rule: MultistepRule, exponent: f64, z: Complex<f64>) -> Complex<f64> {
+pub(crate) fn multistep(rule: MultistepRule, exponent: f64, z: Complex<f64>) -> Complex<f64> {
     scalar_power(rule.symbol(z), exponent)
 }
 
 /// Δ(z)^β for |z| < 1, with Δ(z) = A⁻¹ − z A⁻¹ 1 bᵀ A⁻¹ and b the last row of A.
 ///
 /// The methods are A-stable: the eigenvalues of Δ(z) lie in the right half-plane.
-pub(super) fn runge_kutta(inverse: &DMatrix<f64>, exponent: f64, z: Complex<f64>) -> DMatrix<Complex<f64>> {
+pub(crate) fn runge_kutta(inverse: &DMatrix<f64>, exponent: f64, z: Complex<f64>) -> DMatrix<Complex<f64>> {
     matrix_power(&difference(inverse, z), exponent)
 }
 
 /// Δ(z).
-pub(super) fn difference(inverse: &DMatrix<f64>, z: Complex<f64>) -> DMatrix<Complex<f64>> {
+pub(crate) fn difference(inverse: &DMatrix<f64>, z: Complex<f64>) -> DMatrix<Complex<f64>> {
     let stages = inverse.nrows();
     let sums = inverse.column_sum();
     // bᵀA⁻¹ is the last unit vector.
@@ -32,7 +32,7 @@ pub(super) fn difference(inverse: &DMatrix<f64>, z: Complex<f64>) -> DMatrix<Com
 /// f of a matrix, by the recurrence for that of the triangular factor of Schur's decomposition. \[Higham08\]
 ///
 /// Eigenvalues that nearly coincide take the slope of f.
-pub(super) fn function_of(
+pub(crate) fn function_of(
     matrix: &DMatrix<Complex<f64>>,
     function: impl Fn(Complex<f64>) -> Complex<f64>,
 ) -> DMatrix<Complex<f64>> {

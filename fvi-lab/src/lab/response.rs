@@ -1,0 +1,339 @@
+//! Frequency response, poles, and what the kernels of a scenario do to steps and vibrations.
+
+#[cfg(feature = "pictures")]
+mod pictures;
+
+use crate::language::InputError;
+use crate::numerics::laplace::{creep, relaxation, whole};
+use crate::results::files::{FileError, remove, write_json, write_text};
+use crate::results::output_directory::OutputDirectory;
+use crate::scenario::Scenario;
+use crate::simulation::response::{Linearised, SystemPole};
+use fvi_core::ParameterError;
+use serde::Serialize;
+use std::f64::consts::PI;
+use std::fmt::Write as _;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// A number of a response.
+pub type Complex<T = f64> = nalgebra::Complex<T>;
+
+/// What is asked for.
+#[derive(Clone, Debug)]
+pub struct ResponseOptions {
+    /// First and last angular frequency; without them those that the run can see, 2π over its time to π over
+    /// its step.
+    pub from: Option<f64>,
+    /// The last one.
+    pub to: Option<f64>,
+    /// How many, evenly spread by their logarithms.
+    pub points: usize,
+    /// The frequencies themselves, in place of these three.
+    pub omega: Option<Vec<f64>>,
+    /// The coordinate on which the force acts.
+    pub input: usize,
+    /// The coordinate whose displacement is told.
+    pub output: usize,
+    /// The point about which the system is linearised; without it the initial position.
+    pub position: Option<Vec<f64>>,
+}
+
+/// Frequencies unless said.
+pub const POINTS: usize = 400;
+
+impl Default for ResponseOptions {
+    fn default() -> Self {
+        Self { from: None, to: None, points: POINTS, omega: None, input: 0, output: 0, position: None }
+    }
+}
+
+/// What a damped structure answers.
+#[derive(Clone, Debug)]
+pub struct Response {
+    /// ω, ascending.
+    pub omega: Vec<f64>,
+    /// H(ω): displacement of the output under a force e^{iωt} on the input.
+    pub response: Vec<Complex<f64>>,
+    /// The same of the discrete scheme, for the first frequencies, those up to π/h.
+    pub discrete: Result<Vec<Complex<f64>>, String>,
+    /// Poles with Im s ≥ 0, by their frequency |s|.
+    pub poles: Result<Vec<SystemPole>, String>,
+    /// One for each damping term.
+    pub kernels: Vec<KernelCurves>,
+    /// What makes the result other than it may seem.
+    pub warnings: Vec<String>,
+}
+
+/// What a kernel does to vibrations and to unit steps.
+#[derive(Clone, Debug)]
+pub struct KernelCurves {
+    /// Its name.
+    pub name: String,
+    /// K(iω): storage and loss modulus, at the frequencies of the response.
+    pub moduli: Vec<Complex<f64>>,
+    /// Times 1/ω, ascending.
+    pub times: Vec<f64>,
+    /// J(t); none for an active kernel.
+    pub creep: Option<Vec<f64>>,
+    /// G(t); none for an active kernel.
+    pub relaxation: Option<Vec<f64>>,
+}
+
+/// Why there is no response.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ResponseError {
+    /// The scenario cannot be linearised.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// An argument is outside its range.
+    #[error(transparent)]
+    Argument(ParameterError),
+    /// The point about which it is linearised has another number of coordinates.
+    #[error("--position: {found} numbers instead of {expected}, one for each coordinate")]
+    Position {
+        /// Numbers given.
+        found: usize,
+        /// Coordinates.
+        expected: usize,
+    },
+    /// The equations have no solution.
+    #[error("{0}")]
+    Unsolved(String),
+    /// It was stopped.
+    #[error("stopped")]
+    Stopped,
+}
+
+fn refused(parameter: &'static str, value: f64, allowed: &'static str) -> ResponseError {
+    ResponseError::Argument(ParameterError { parameter, value, allowed })
+}
+
+/// The frequencies that are asked for.
+fn frequencies(scenario: &Scenario, options: &ResponseOptions) -> Result<Vec<f64>, ResponseError> {
+    const POSITIVE: &str = "positive and finite";
+    if let Some(omega) = &options.omega {
+        if omega.is_empty() {
+            return Err(refused("number of frequencies", 0.0, "1 at least"));
+        }
+        if let Some(&wrong) = omega.iter().find(|&&omega| !(omega > 0.0 && omega.is_finite())) {
+            return Err(refused("omega", wrong, POSITIVE));
+        }
+        if !omega.windows(2).all(|pair| pair[0] < pair[1]) {
+            let wrong = omega.windows(2).find(|pair| pair[0] >= pair[1]).map_or(f64::NAN, |pair| pair[1]);
+            return Err(refused("omega", wrong, "frequencies that ascend"));
+        }
+        return Ok(omega.clone());
+    }
+    let time = &scenario.time;
+    let end = match time.adaptive() {
+        Some(adaptive) => adaptive.end,
+        None => time.time(time.steps),
+    };
+    let step = if time.adaptive().is_some() { f64::NAN } else { time.mean_step() };
+    let seen = (2.0 * PI / end, PI / step);
+    let from = options.from.unwrap_or(if seen.0.is_finite() { seen.0 } else { 1e-3 * PI / step });
+    let to = options.to.unwrap_or(if seen.1 > from { seen.1 } else { 1e4 * from });
+    for (name, value) in [("from", from), ("to", to)] {
+        if !(value > 0.0 && value.is_finite()) {
+            return Err(refused(name, value, POSITIVE));
+        }
+    }
+    if to < from {
+        return Err(refused("to", to, "a frequency that is not below the first one"));
+    }
+    if options.points < 2 && to > from || options.points < 1 {
+        return Err(refused("points", options.points as f64, "2 at least"));
+    }
+    let (low, high) = (libm::log(from), libm::log(to));
+    let last = options.points.max(2) - 1;
+    let at = |k: usize| match k {
+        0 => from,
+        k if k == last => to,
+        k => libm::exp(low + (high - low) * k as f64 / last as f64),
+    };
+    if from == to { Ok(vec![from]) } else { Ok((0..=last).map(at).collect()) }
+}
+
+/// Computes the response of a scenario; `progress` is told how many frequencies of all are done.
+///
+/// # Errors
+/// [`ResponseError`].
+pub fn respond(
+    scenario: &Scenario,
+    options: &ResponseOptions,
+    stop: &AtomicBool,
+    progress: &mut dyn FnMut(usize, usize),
+) -> Result<Response, ResponseError> {
+    let size = scenario.coordinates();
+    for (name, coordinate) in [("input", options.input), ("output", options.output)] {
+        if coordinate >= size {
+            return Err(refused(name, coordinate as f64, "the number of a coordinate, from 0"));
+        }
+    }
+    let position = options.position.as_ref().unwrap_or(&scenario.initial.position);
+    if position.len() != size {
+        return Err(ResponseError::Position { found: position.len(), expected: size });
+    }
+    if let Some(&wrong) = position.iter().find(|q| !q.is_finite()) {
+        return Err(refused("position", wrong, "finite"));
+    }
+    let omega = frequencies(scenario, options)?;
+    let linearised = Linearised::new(scenario, position)?;
+    let mut warnings = Vec::new();
+    if linearised.changes_with_time() {
+        warnings.push("the stiffness changes with time: the response is that of t = 0".to_owned());
+    }
+    let highest = PI / scenario.time.step * (1.0 + 1e-12);
+    let mut response = Vec::with_capacity(omega.len());
+    let mut discrete =
+        linearised.without_discrete_response().map_or_else(|| Ok(Vec::new()), |r| Err(r.to_owned()));
+    for (index, &omega_k) in omega.iter().enumerate() {
+        if stop.load(Ordering::Relaxed) {
+            return Err(ResponseError::Stopped);
+        }
+        let column = linearised.response(omega_k, options.input).map_err(ResponseError::Unsolved)?;
+        response.push(column[options.output]);
+        if let (Ok(values), true) = (&mut discrete, omega_k <= highest) {
+            match linearised.discrete_response(omega_k, options.input) {
+                Ok(column) => values.push(column[options.output]),
+                Err(reason) => discrete = Err(reason),
+            }
+        }
+        progress(index + 1, omega.len());
+    }
+    let poles = linearised.poles();
+    let times: Vec<f64> = omega.iter().rev().map(|omega| omega.recip()).collect();
+    let terms = linearised.kernels().iter();
+    let kernels = terms.map(|transfer| KernelCurves {
+        name: transfer.to_string(),
+        moduli: omega.iter().map(|&omega| whole(transfer, Complex::new(0.0, omega))).collect(),
+        creep: times.iter().map(|&time| creep(transfer, time)).collect(),
+        relaxation: times.iter().map(|&time| relaxation(transfer, time)).collect(),
+        times: times.clone(),
+    });
+    Ok(Response { response, discrete, poles, kernels: kernels.collect(), warnings, omega })
+}
+
+/// The record of a response, `response.json`.
+#[derive(Serialize)]
+struct Summary<'a> {
+    version: &'static str,
+    platform: String,
+    input: usize,
+    output: usize,
+    position: &'a [f64],
+    frequencies: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    poles: Option<usize>,
+    /// What there is no file of, and why.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    left_out: Vec<String>,
+    warnings: &'a [String],
+    files: &'a [String],
+    scenario: &'a Scenario,
+}
+
+impl Response {
+    /// What there is no file of, and why.
+    pub fn left_out(&self) -> Vec<String> {
+        let reasons = [
+            ("response_discrete.csv", self.discrete.as_ref().err()),
+            ("poles.csv", self.poles.as_ref().err()),
+        ];
+        let reasons = reasons.into_iter().filter_map(|(file, reason)| Some(format!("{file}: {}", reason?)));
+        let active = self.kernels.iter().enumerate().filter(|(_, kernel)| kernel.creep.is_none());
+        let active = active.map(|(term, kernel)| {
+            format!(
+                "creep_{term}.csv, relaxation_{term}.csv: the kernel {} is active or its curves not finite",
+                kernel.name
+            )
+        });
+        reasons.chain(active).collect()
+    }
+
+    /// Writes the files of a response.
+    ///
+    /// # Errors
+    /// [`FileError`].
+    pub fn write(
+        &self,
+        scenario: &Scenario,
+        options: &ResponseOptions,
+        directory: &OutputDirectory,
+    ) -> Result<(), FileError> {
+        remove(&directory.join("response.json"))?;
+        for name in ["response_discrete.csv", "poles.csv"] {
+            remove(&directory.join(name))?;
+        }
+        let mut files =
+            vec![("response.csv".to_owned(), complex_table("omega,re,im", &self.omega, &self.response))];
+        if let Ok(discrete) = &self.discrete {
+            files.push((
+                "response_discrete.csv".to_owned(),
+                complex_table("omega,re,im", &self.omega, discrete),
+            ));
+        }
+        if let Ok(poles) = &self.poles {
+            let mut text = "re,im,frequency,damping\n".to_owned();
+            for pole in poles {
+                let numbers = [pole.place.re, pole.place.im, pole.frequency(), pole.damping()];
+                append(&mut text, &numbers);
+            }
+            files.push(("poles.csv".to_owned(), text));
+        }
+        for (term, kernel) in self.kernels.iter().enumerate() {
+            let moduli = complex_table("omega,storage,loss", &self.omega, &kernel.moduli);
+            files.push((format!("moduli_{term}.csv"), moduli));
+            let curves = [("creep", &kernel.creep), ("relaxation", &kernel.relaxation)];
+            for (name, values) in curves {
+                let path = format!("{name}_{term}.csv");
+                let Some(values) = values else {
+                    remove(&directory.join(path))?;
+                    continue;
+                };
+                let mut text = format!("t,{name}\n");
+                kernel.times.iter().zip(values).for_each(|(&time, &value)| append(&mut text, &[time, value]));
+                files.push((path, text));
+            }
+        }
+        for (name, text) in &files {
+            write_text(&directory.join(name), text)?;
+        }
+        let mut names: Vec<String> = files.into_iter().map(|(name, _)| name).collect();
+        #[cfg(feature = "pictures")]
+        for (name, chart) in pictures::charts(self, scenario, options) {
+            crate::results::files::write_picture(&directory.join(name), &chart)?;
+            names.push(name.to_owned());
+        }
+        names.sort();
+        let summary = Summary {
+            version: env!("CARGO_PKG_VERSION"),
+            platform: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
+            input: options.input,
+            output: options.output,
+            position: options.position.as_ref().unwrap_or(&scenario.initial.position),
+            frequencies: self.omega.len(),
+            poles: self.poles.as_ref().ok().map(Vec::len),
+            left_out: self.left_out(),
+            warnings: &self.warnings,
+            files: &names,
+            scenario,
+        };
+        write_json(&directory.join("response.json"), &summary)
+    }
+}
+
+fn append(text: &mut String, numbers: &[f64]) {
+    for (index, number) in numbers.iter().enumerate() {
+        // A string takes whatever is written.
+        let _ = write!(text, "{}{number:.16e}", if index > 0 { "," } else { "" });
+    }
+    text.push('\n');
+}
+
+fn complex_table(header: &str, omega: &[f64], values: &[Complex<f64>]) -> String {
+    let mut text = format!("{header}\n");
+    omega.iter().zip(values).for_each(|(&omega, value)| append(&mut text, &[omega, value.re, value.im]));
+    text
+}

@@ -1,0 +1,213 @@
+//! What a damped structure answers to a harmonic force: frequency response and poles of a scenario, linearised.
+
+mod discrete;
+mod poles;
+
+use super::stability::{self, LinearDamping, LinearSystem};
+use crate::language::{InputError, Problem};
+use crate::model::{Matrix, Model, matrix};
+use crate::numerics::dense::solve_complex;
+use crate::numerics::transfer::TransferFunction;
+use crate::scenario::Scenario;
+use discrete::{SchemeFactors, StepEquations};
+use fvi_core::{Instant, Mechanics};
+use fvi_sparse::{ComplexSolver, Pattern};
+use nalgebra::{Complex, DMatrix};
+pub use poles::SystemPole;
+use std::sync::Arc;
+
+/// Coordinates up to which equations are solved in full matrices.
+const DENSE: usize = 64;
+
+/// Unknowns of a step up to which that is done for schemes with several nodes.
+const DENSE_UNKNOWNS: usize = 600;
+
+/// M q̈ + K q + Σ_m ρ_m K_m(D) q = f about a point of a scenario, the springs of kernels among K:
+/// K = ∂²U/∂q² − ∂F/∂q there, at t = 0.
+pub struct Linearised {
+    size: usize,
+    transfers: Vec<TransferFunction>,
+    equations: Equations,
+    scheme: Result<StepEquations, String>,
+    step: f64,
+    /// Whether K is another one at later times.
+    changes: bool,
+}
+
+/// How A x = b is solved for A = a M + k K + Σ r_m ρ_m.
+enum Equations {
+    Dense { mass: DMatrix<f64>, stiffness: DMatrix<f64>, damping: Vec<DMatrix<f64>> },
+    Sparse { pattern: Arc<Pattern>, solver: ComplexSolver, slots: Vec<Vec<(usize, f64)>> },
+}
+
+impl Linearised {
+    /// The scenario about a position.
+    ///
+    /// # Errors
+    /// If the mass cannot be used, or the stiffness there is not finite.
+    pub fn new(scenario: &Scenario, position: &[f64]) -> Result<Self, InputError> {
+        let mut alone = scenario.clone();
+        alone.cases.clear();
+        let mut model = Model::<f64>::new(&alone).map_err(|error| super::bad_mass(scenario, &error))?;
+        let size = scenario.coordinates();
+        let end =
+            if scenario.time.adaptive().is_some() { 1.0 } else { scenario.time.time(scenario.time.steps) };
+        let mut stiffness_at = |time: f64| {
+            let mut stiffness = model.stiffness();
+            let mut pull = vec![0.0; size];
+            model.linearise(Instant::in_step(time, 0.5, 0.0), &position.to_vec(), &mut pull, &mut stiffness);
+            stiffness
+        };
+        let stiffness = stiffness_at(0.0);
+        let entries = stiffness.entries();
+        if entries.iter().any(|(.., entry)| !entry.is_finite()) {
+            let problem = Problem::NotFinite { what: "the stiffness", place: format!("q = {position:?}") };
+            return Err(scenario.error_at("system", problem));
+        }
+        let changes = [0.37, 0.71, 1.0].iter().any(|part| stiffness_at(part * end).entries() != entries);
+        let mass = matrix::<f64>(&scenario.system.mass);
+        let terms = &scenario.system.damping;
+        let damping: Vec<_> = terms.iter().map(|term| matrix::<f64>(&term.coefficient)).collect();
+        let transfers: Vec<_> = terms.iter().map(|term| term.transfer.clone()).collect();
+        let full = size <= DENSE || (size <= DENSE_UNKNOWNS && !scenario.system.has_sparse_matrices());
+        let equations = if full {
+            let whole = |matrix: &Matrix<f64>| {
+                let mut full = DMatrix::zeros(size, size);
+                matrix.entries().into_iter().for_each(|(row, column, entry)| full[(row, column)] += entry);
+                full
+            };
+            Equations::Dense {
+                mass: whole(&mass),
+                stiffness: whole(&stiffness),
+                damping: damping.iter().map(whole).collect(),
+            }
+        } else {
+            sparse(size, [&mass, &stiffness].into_iter().chain(&damping))
+        };
+        let scheme = StepEquations::of(scenario, &transfers).and_then(|scheme| {
+            let unknowns = scheme.nodes() * size;
+            if scheme.nodes() > 1 && (unknowns > DENSE_UNKNOWNS || matches!(equations, Equations::Sparse { .. })) {
+                return Err(format!(
+                    "the equations of a step have {unknowns} unknowns; with more than one node they are solved for up to \
+                     {DENSE_UNKNOWNS} in full matrices"
+                ));
+            }
+            Ok(scheme)
+        });
+        Ok(Self { size, transfers, equations, scheme, step: scenario.time.step, changes })
+    }
+
+    /// Whether ∂²U/∂q² − ∂F/∂q is another one at later times; then the response is that of t = 0.
+    pub fn changes_with_time(&self) -> bool {
+        self.changes
+    }
+
+    /// H(ω) = (−ω²M + K + Σ_m ρ_m K_m(iω))⁻¹, the column of one input: displacements under a force e^{iωt} on
+    /// the coordinate `input`.
+    ///
+    /// # Errors
+    /// In words, where the equations have no solution to rounding: at a resonance without damping.
+    pub fn response(&self, omega: f64, input: usize) -> Result<Vec<Complex<f64>>, String> {
+        let s = Complex::new(0.0, omega);
+        let one = |entry: Complex<f64>| DMatrix::from_element(1, 1, entry);
+        let factors = SchemeFactors {
+            mass: one(s * s),
+            stiffness: one(Complex::new(1.0, 0.0)),
+            damping: self.transfers.iter().map(|transfer| one(transfer.value(s))).collect(),
+            load: vec![Complex::new(1.0, 0.0)],
+            answer: 0,
+        };
+        self.solve(&factors, input).ok_or_else(|| unsolved(omega))
+    }
+
+    /// The same of the discrete scheme at its step h, for 0 < ω ≤ π/h: q_k = H_h(ω) e^{iωt_k} under the force
+    /// e^{iωt}, as the scheme takes it at its nodes.
+    ///
+    /// # Errors
+    /// In words: where the equations have no solution to rounding, and if the scheme has no such response, as
+    /// on steps that differ.
+    pub fn discrete_response(&self, omega: f64, input: usize) -> Result<Vec<Complex<f64>>, String> {
+        let scheme = self.scheme.as_ref().map_err(Clone::clone)?;
+        self.solve(&scheme.factors(self.step, omega), input).ok_or_else(|| unsolved(omega))
+    }
+
+    /// Why the scheme has no response of its own; `None` if it has.
+    pub fn without_discrete_response(&self) -> Option<&str> {
+        self.scheme.as_ref().err().map(String::as_str)
+    }
+
+    /// The zeros s of det(s²M + K + Σ_m ρ_m K_m(s)) on the principal sheet with Im s ≥ 0, by their
+    /// frequencies; with each of Im s > 0 its conjugate is one too. Zeros at s = 0, of motions that nothing
+    /// holds, are left out.
+    ///
+    /// # Errors
+    /// In words: if there are too many coupled coordinates, or zeros too close to each other to be told apart.
+    pub fn poles(&self) -> Result<Vec<SystemPole>, String> {
+        let Equations::Dense { mass, stiffness, damping } = &self.equations else {
+            return Err(format!(
+                "poles are sought in systems of up to {DENSE} coordinates, or given by full matrices"
+            ));
+        };
+        let damping = damping
+            .iter()
+            .zip(&self.transfers)
+            .map(|(rho, transfer)| LinearDamping { coefficients: rho.clone(), transfer: transfer.clone() });
+        let system =
+            LinearSystem::new(mass, stiffness, damping.collect()).map_err(|error| error.to_string())?;
+        let parts = system.parts().ok_or_else(|| {
+            let most = stability::LARGEST_PART;
+            format!("poles are sought where up to {most} coordinates are coupled")
+        })?;
+        let mut found = Vec::new();
+        for part in &parts {
+            found.extend(poles::poles_of(part, &self.transfers)?);
+        }
+        found.sort_by(|a, b| a.frequency().total_cmp(&b.frequency()).then(a.place.im.total_cmp(&b.place.im)));
+        Ok(found)
+    }
+
+    /// The answer of all coordinates to a force on one of them.
+    fn solve(&self, factors: &SchemeFactors, input: usize) -> Option<Vec<Complex<f64>>> {
+        let nodes = factors.load.len();
+        let mut vector = vec![Complex::ZERO; nodes * self.size];
+        for (node, load) in factors.load.iter().enumerate() {
+            vector[node * self.size + input] = *load;
+        }
+        match &self.equations {
+            Equations::Dense { mass, stiffness, damping } => {
+                let mut matrix = vec![Complex::ZERO; vector.len() * vector.len()];
+                factors.add_to(&mut matrix, mass, stiffness, damping);
+                solve_complex(&mut matrix, &mut vector)?;
+            }
+            Equations::Sparse { pattern, solver, slots } => {
+                let mut values = vec![Complex::ZERO; pattern.len()];
+                let of_matrices = [factors.mass[(0, 0)], factors.stiffness[(0, 0)]].into_iter();
+                let of_matrices = of_matrices.chain(factors.damping.iter().map(|factor| factor[(0, 0)]));
+                for (factor, entries) in of_matrices.zip(slots) {
+                    entries.iter().for_each(|&(slot, entry)| values[slot] += factor * entry);
+                }
+                solver.solve(pattern, &values, &mut vector).ok()?;
+            }
+        }
+        Some(vector[factors.answer * self.size..][..self.size].to_vec())
+    }
+
+    /// The damping terms' transfer functions.
+    pub fn kernels(&self) -> &[TransferFunction] {
+        &self.transfers
+    }
+}
+
+fn unsolved(omega: f64) -> String {
+    format!("no solution at ω = {omega}: the system is at a resonance without damping, or too close to one")
+}
+
+fn sparse<'a>(size: usize, matrices: impl Iterator<Item = &'a Matrix<f64>>) -> Equations {
+    let entries: Vec<Vec<(usize, usize, f64)>> = matrices.map(Matrix::entries).collect();
+    let places = entries.iter().flatten().flat_map(|&(row, column, _)| [(row, column), (column, row)]);
+    let pattern = Arc::new(Pattern::new(size, places.chain((0..size).map(|row| (row, row))).collect()));
+    let slots = entries.iter().map(|entries| {
+        entries.iter().map(|&(row, column, entry)| (pattern.slot(row, column), entry)).collect()
+    });
+    Equations::Sparse { solver: ComplexSolver::new(&pattern), slots: slots.collect(), pattern }
+}
