@@ -29,7 +29,8 @@ pub struct WeightsArguments {
     /// Step size h
     #[arg(long, default_value_t = 1.0)]
     step: f64,
-    /// Weights for memories on differences, on increments (bdf, trapezoidal) or rises (others), which lose less to
+    /// Weights for memories on differences, on increments (bdf, trapezoidal) or rises (others), which lose
+    /// less to
     /// rounding
     #[arg(long)]
     increments: bool,

@@ -454,7 +454,8 @@ fn random_piecewise_systems_keep_the_tolerance_or_say_why_not() {
     assert!(refused <= 5, "{refused} of 500 are refused");
 }
 
-/// q̈ = −q − k max(q − ½, 0) from rest at −1.5, over 30 units of time. What is late by 12 tolerances at a wall
+/// q̈ = −q − k max(q − ½, 0) from rest at −1.5, over 30 units of time. What is late by 12 tolerances at a
+/// wall
 /// that turns it round within π/√k has momenta √k times as far off meanwhile.
 #[test]
 fn walls_of_any_stiffness_shift_positions_and_energies_by_some_tolerances() {

@@ -134,7 +134,8 @@ impl Characteristic {
         MatrixFactors { mass: factors.kinetic.clone(), stiffness: elastic, damping: damped.collect() }
     }
 
-    /// What a force f e^{iωt} adds to the equations at z = e^{−iωh}: A(z) v + h² Σ_i b_i ψ_ν(c_i) z^{1−c_i} f = 0.
+    /// What a force f e^{iωt} adds to the equations at z = e^{−iωh}: A(z) v + h² Σ_i b_i ψ_ν(c_i) z^{1−c_i} f
+    /// = 0.
     pub(crate) fn forcing(&self, step: f64, omega: f64) -> Vec<Complex<f64>> {
         let Polynomials { nodes, weights, values, .. } = &self.polynomials;
         let turned = |fraction: f64| {
