@@ -394,6 +394,22 @@ mod tests {
     }
 
     #[test]
+    fn where_a_kernel_is_not_passive_is_a_band_of_frequencies() {
+        // Im (iω − (iω)^½)/ω < 0 for ω^½ < ½ √2; and of Im iω/(1 + iω) and a resonance between its zeros.
+        let told = |text: &str| symbol(text).active().unwrap().to_string();
+        assert_eq!(told("s - s^0.5"), "ω below 5.0000e-1, where Im K(iω)/ω < 0");
+        assert_eq!(told("s^0.5 - 0.5*s"), "ω above 2.0000e0, where Im K(iω)/ω < 0");
+        let band = symbol("s - 0.05*s^2/(s^2 + 0.02*s + 1)").active().unwrap();
+        let (from, to) = (band.from.unwrap(), band.to.unwrap());
+        assert!(from < to && to - from < 1.0, "{band}");
+        let passive = |omega: f64| {
+            let s = Complex::new(0.0, omega);
+            (s - s * s * 0.05 / (s * s + s * 0.02 + 1.0)).im / omega
+        };
+        assert!(passive(from).abs() < 1e-6 && passive(to).abs() < 1e-6, "{band}");
+    }
+
+    #[test]
     fn symbols_that_cannot_be_kernels_are_refused_with_the_reason() {
         for (text, reason) in [
             ("abs(s)", "not abs"),
