@@ -102,6 +102,23 @@ impl Cover {
         ends.fold(length.max(2 * self.block(0)), usize::max)
     }
 
+    /// Floating-point operations of a run of so many steps of one channel with a kernel of plain numbers.
+    ///
+    /// A multiply–add counts two, a complex one eight, a transform of a block of B samples 5 B log₂ B: each
+    /// block is transformed once, and each output block once back.
+    pub(crate) fn operations(&self, steps: usize) -> f64 {
+        let near: usize = (0..steps).map(|k| 2 * self.near(k)).sum();
+        let mut operations = near as f64;
+        for level in 0..self.levels() {
+            let block = self.block(level);
+            let transforms = 2 * 5 * block * block.trailing_zeros() as usize;
+            for m in 2..steps.div_ceil(block) {
+                operations += (transforms + 8 * block * self.inputs(level, m).len()) as f64;
+            }
+        }
+        operations
+    }
+
     /// Adds the level above the last one of a growing cover.
     pub(crate) fn grow(&mut self) {
         if let Some(ratio) = self.beyond {
@@ -113,6 +130,23 @@ impl Cover {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn operations_are_those_of_the_near_part_and_of_every_block() {
+        let cover = Cover::bounded(64, &[8]);
+        let near: usize = (0..128).map(|k| 2 * k).sum();
+        assert_eq!(cover.operations(128), near as f64);
+        // One output block of 64, with one block two before it.
+        let near = near + (128..192).map(|k| 2 * (k - 64)).sum::<usize>();
+        assert_eq!(cover.operations(192), (near + 2 * 5 * 64 * 6 + 8 * 64) as f64);
+        // Of those of 512 the third is the first to have one.
+        let without = Cover::bounded(64, &[]).operations(1024);
+        assert_eq!(cover.operations(1024), without);
+        assert!(
+            cover.operations(1025)
+                < Cover::bounded(64, &[]).operations(1025) + 2.0 * 5.0 * 512.0 * 9.0 + 8.0 * 512.0
+        );
+    }
 
     /// Who serves the pair (k, j): the near part, or a level.
     #[derive(Clone, Copy, Debug, PartialEq)]

@@ -136,6 +136,12 @@ impl<T: Scalar> RealTime<T> {
         })
     }
 
+    /// Floating-point operations of a run of so many steps of one channel with a kernel of plain numbers: a
+    /// multiply–add counts two, a complex transform of length n 5 n log₂ n.
+    pub fn operations(steps: usize) -> f64 {
+        Cover::for_run(FIRST_BLOCK, RATIO, TOP_BLOCKS, steps).operations(steps)
+    }
+
     /// The same memory, its weights being for such samples.
     #[must_use]
     pub fn acting_on(self, acts_on: ActsOn) -> Self {

@@ -13,6 +13,7 @@ pub mod reproduce;
 pub mod response;
 pub mod run;
 mod stop;
+pub mod strategies;
 pub mod sweep;
 mod terminal;
 pub mod weights;
@@ -58,6 +59,8 @@ enum Command {
     Rates(rates::RatesArguments),
     /// Memory engines side by side: agreement, then time per step and memory
     CompareEngines(compare_engines::CompareEnginesArguments),
+    /// Strategies for online convolution in a race: any kernel, those of the field, programs of your own
+    Strategies(strategies::StrategiesArguments),
 }
 
 /// How a command that did not do all it was asked to ended.
@@ -115,6 +118,7 @@ impl Program {
             Command::Run(arguments) => arguments.execute(),
             Command::Sweep(arguments) => arguments.execute(),
             Command::CompareEngines(arguments) => arguments.execute(),
+            Command::Strategies(arguments) => arguments.execute(),
             Command::Converge(arguments) => arguments.execute(),
             Command::Reproduce(arguments) => arguments.execute(),
             Command::Response(arguments) => arguments.execute(),

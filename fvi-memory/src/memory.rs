@@ -8,6 +8,7 @@ pub use tables::Tables;
 use crate::numerics::aligned::Aligned;
 use crate::numerics::exponential_table::{self, ExponentialKernel, ExponentialKernelError};
 use crate::numerics::growing_ring::GrowingRing;
+use crate::numerics::multistep_rule::MultistepRule;
 use crate::numerics::multistep_weights::multistep_weights;
 use crate::numerics::rate_table::rate_table;
 use crate::numerics::runge_kutta_weights::RungeKuttaWeights;
@@ -276,7 +277,7 @@ impl MemoryRequest<'_> {
             _ if self.given || self.transfer.growth() < LEAST_ON_INCREMENTS => ActsOn::Values,
             // The sums of its weights end at what rounding leaves of the spring.
             _ if self.transfer.spring() != 0.0 => ActsOn::Values,
-            ConvolutionFamily::Bdf { .. } => ActsOn::Increments,
+            ConvolutionFamily::Bdf { .. } | ConvolutionFamily::Trapezoidal => ActsOn::Increments,
             ConvolutionFamily::RadauIia { .. } | ConvolutionFamily::LobattoIiic { .. } => ActsOn::Rises,
         }
     }
@@ -288,6 +289,9 @@ impl MemoryRequest<'_> {
     pub fn kernel(&self) -> Result<fvi_core::Kernel, ParameterError> {
         let (transfer, step_size) = (self.transfer, self.step_size);
         let Some(exponent) = transfer.exponent() else { return self.kernel_of_transfer() };
+        if self.convolution.family == ConvolutionFamily::Trapezoidal && exponent != 0.0 {
+            return self.kernel_of_transfer();
+        }
         if self.any_step() {
             // The memory is made from the same family and exponent; there is no one step to compare.
             return fvi_core::Kernel::given(exponent);
@@ -296,6 +300,8 @@ impl MemoryRequest<'_> {
             ConvolutionFamily::Bdf { order } => {
                 fvi_core::Kernel::bdf(BdfOrder::new(order)?, exponent, step_size)
             }
+            // The identity, by any rule.
+            ConvolutionFamily::Trapezoidal => fvi_core::Kernel::bdf(BdfOrder::new(1)?, exponent, step_size),
             ConvolutionFamily::RadauIia { stages } => match stages {
                 1 => fvi_core::Kernel::runge_kutta(&RungeKutta::<1>::radau_iia()?, exponent, step_size),
                 2 => fvi_core::Kernel::runge_kutta(&RungeKutta::<2>::radau_iia()?, exponent, step_size),
@@ -311,9 +317,10 @@ impl MemoryRequest<'_> {
 
     fn kernel_of_transfer(&self) -> Result<fvi_core::Kernel, ParameterError> {
         let (transfer, step_size) = (self.transfer, self.step_size);
-        let order = match self.convolution.family {
+        let rule = match self.convolution.family {
             _ if self.any_step() => return fvi_core::Kernel::given(transfer.growth()),
-            ConvolutionFamily::Bdf { order } => BdfOrder::new(order)?,
+            ConvolutionFamily::Bdf { order } => BdfOrder::new(order)?.into(),
+            ConvolutionFamily::Trapezoidal => MultistepRule::Trapezoidal,
             ConvolutionFamily::RadauIia { stages } => match stages {
                 1 => return self.matrix_kernel(&RungeKutta::<1>::radau_iia()?),
                 2 => return self.matrix_kernel(&RungeKutta::<2>::radau_iia()?),
@@ -325,7 +332,7 @@ impl MemoryRequest<'_> {
                 _ => return self.matrix_kernel(&RungeKutta::<4>::lobatto_iiic()?),
             },
         };
-        let weights = multistep_weights(transfer, order, step_size, false, 2)?;
+        let weights = multistep_weights(transfer, rule, step_size, false, 2)?;
         let first = [0, 1].map(|n| weights.get(n).copied().unwrap_or(0.0));
         fvi_core::Kernel::weights(transfer.growth(), first, step_size)
     }
@@ -365,6 +372,7 @@ impl MemoryRequest<'_> {
             None if self.end.is_some() => Engine::AnyStep,
             None if (self.planned() <= PLAIN && few) || self.history.capacity.is_some() => Engine::Direct,
             None if self.planned() <= CROSSOVER && few => Engine::BlockFft,
+            None if self.convolution.family == ConvolutionFamily::Trapezoidal => Engine::BlockFft,
             None => Engine::ExponentialSum,
         }
     }
@@ -383,7 +391,8 @@ impl MemoryRequest<'_> {
             return Err(EngineError::Unsuited { engine, reason });
         }
         match self.convolution.family {
-            ConvolutionFamily::Bdf { order } => self.scalar(engine, BdfOrder::new(order)?, tables),
+            ConvolutionFamily::Bdf { order } => self.scalar(engine, BdfOrder::new(order)?.into(), tables),
+            ConvolutionFamily::Trapezoidal => self.scalar(engine, MultistepRule::Trapezoidal, tables),
             ConvolutionFamily::RadauIia { stages } => match stages {
                 1 => self.staged(engine, &RungeKutta::<1>::radau_iia()?, tables),
                 2 => self.staged(engine, &RungeKutta::<2>::radau_iia()?, tables),
@@ -401,7 +410,7 @@ impl MemoryRequest<'_> {
     fn scalar<T: Engines>(
         &self,
         engine: Engine,
-        order: BdfOrder,
+        rule: MultistepRule,
         tables: &Tables,
     ) -> Result<HostMemory<T>, EngineError> {
         match engine {
@@ -409,11 +418,16 @@ impl MemoryRequest<'_> {
                 let reason = "it needs a Runge–Kutta family of convolution quadrature";
                 Err(EngineError::Unsuited { engine, reason })
             }
-            Engine::Direct | Engine::BlockFft | Engine::RealTime => match self.transfer.exponent() {
-                Some(exponent) => self.power_weights(engine, order, exponent),
-                None => self.transfer_weights(engine, order),
+            Engine::Direct | Engine::BlockFft | Engine::RealTime => match (self.transfer.exponent(), rule) {
+                (Some(exponent), MultistepRule::Bdf(order)) => self.power_weights(engine, order, exponent),
+                _ => self.transfer_weights(engine, rule),
             },
             Engine::ExponentialSum | Engine::ExponentialSumCore => {
+                let MultistepRule::Bdf(order) = rule else {
+                    let reason = "the weights of the trapezoidal rule alternate in sign and do not fall off: take \"direct\", \
+                                  \"block-fft\" or \"real-time\"";
+                    return Err(EngineError::Unsuited { engine, reason });
+                };
                 let tolerance = self.table_tolerance();
                 let on_increments = self.acts_on() != ActsOn::Values;
                 let horizon = self.horizon()?;
@@ -464,14 +478,14 @@ impl MemoryRequest<'_> {
     fn transfer_weights<T: Engines>(
         &self,
         engine: Engine,
-        order: BdfOrder,
+        rule: MultistepRule,
     ) -> Result<HostMemory<T>, EngineError> {
         let samples = if engine == Engine::Direct { self.kept() } else { self.samples };
         let count = samples.saturating_add(1);
         // The weights in double precision and in that of the run.
         self.room::<f64>(engine, count.saturating_mul(2))?;
         let on_increments = self.acts_on() != ActsOn::Values;
-        let weights = multistep_weights(self.transfer, order, self.step_size, on_increments, count)?;
+        let weights = multistep_weights(self.transfer, rule, self.step_size, on_increments, count)?;
         let numbers: Vec<T> = weights.into_iter().map(T::of).collect();
         match engine {
             Engine::Direct => self.direct(numbers, 1, T::one()),
@@ -627,6 +641,7 @@ impl MemoryRequest<'_> {
             ConvolutionFamily::Bdf { order } => (0, order),
             ConvolutionFamily::RadauIia { stages } => (1, stages),
             ConvolutionFamily::LobattoIiic { stages } => (2, stages),
+            ConvolutionFamily::Trapezoidal => (3, 2),
         };
         let on_values = u64::from(self.acts_on() == ActsOn::Values);
         let numbers = [family, size as u64, on_values, self.step_size.to_bits(), reach, tolerance.to_bits()];

@@ -9,6 +9,7 @@ pub mod exponential_table;
 pub mod growing_ring;
 mod inverse;
 pub mod laplace;
+pub mod multistep_rule;
 pub mod multistep_weights;
 pub mod podlubny_matrix;
 mod principal_cut;

@@ -29,7 +29,7 @@ pub use element::Element;
 pub use event::{Action, Direction, Event};
 pub use grid::{Grid, GridRule};
 pub use initial::InitialState;
-pub use kernel::{kernel_of_document, kernel_of_file, kernel_of_symbol};
+pub use kernel::{kernel_of_document, kernel_of_file, kernel_of_symbol, kernel_of_table};
 pub use load::{Amplitude, Load, Pattern, Record};
 pub use matrix::SymmetricMatrix;
 pub use own_terms::{OwnTerms, SharedTerms};
@@ -192,7 +192,7 @@ impl Scenario {
         let scheme = scheme.with_quadrature_for(convolution.family);
         let start = Adaptive::start(&system, &initial);
         let time = TimeGrid::read(&root.required("time")?.table()?, start, document)?;
-        if time.grid.is_some() && matches!(convolution.family, ConvolutionFamily::Bdf { .. }) {
+        if time.grid.is_some() && !convolution.family.is_staged() {
             return Err(grid::check_family(&root.required("time")?.table()?));
         }
         if let (Some(value), false) = (root.optional("convolution"), time.allow_unstable) {

@@ -577,7 +577,7 @@ fn memory_request<'a>(
         end: scenario.time.grid.as_ref().map(|grid| grid.end()),
         // Plain weights act on the sequence of every node by itself, matrix weights on all nodes together.
         coordinates: match scenario.convolution.family {
-            ConvolutionFamily::Bdf { .. } => channels * nodes,
+            ConvolutionFamily::Bdf { .. } | ConvolutionFamily::Trapezoidal => channels * nodes,
             _ => channels,
         },
         motions: scenario.copies(),

@@ -7,6 +7,8 @@ use fvi_core::{BdfOrder, ConvolutionWeights, Memory, RungeKutta};
 use fvi_fft::baseline::{Signal, memory_term};
 use fvi_host::language::{Document, InputError};
 use fvi_host::memory::{LEAST_ON_INCREMENTS, Memories, MemoryRequest};
+use fvi_host::numerics::multistep_rule::MultistepRule;
+use fvi_host::numerics::multistep_weights::multistep_weights;
 use fvi_host::numerics::runge_kutta_weights::RungeKuttaWeights;
 use fvi_host::numerics::transfer::TransferFunction;
 use fvi_host::scenario::{Convolution, ConvolutionFamily, Engine, History, Scenario};
@@ -81,7 +83,7 @@ fn memories() -> impl Strategy<Value = Case> {
 impl Case {
     fn stages(&self) -> usize {
         match self.family {
-            ConvolutionFamily::Bdf { .. } => 1,
+            ConvolutionFamily::Bdf { .. } | ConvolutionFamily::Trapezoidal => 1,
             ConvolutionFamily::RadauIia { stages } | ConvolutionFamily::LobattoIiic { stages } => stages,
         }
     }
@@ -108,6 +110,12 @@ impl Case {
                 let weights =
                     if self.exponent >= LEAST_ON_INCREMENTS { on_values.on_increments() } else { on_values };
                 weights.take(self.length + 1).collect()
+            }
+            ConvolutionFamily::Trapezoidal => {
+                let power = TransferFunction::power(self.exponent).unwrap();
+                let on_increments = self.exponent >= LEAST_ON_INCREMENTS;
+                let (rule, count) = (MultistepRule::Trapezoidal, self.length + 1);
+                multistep_weights(&power, rule, self.step_size, on_increments, count).unwrap()
             }
             ConvolutionFamily::RadauIia { stages: 1 } => {
                 matrices(&RungeKutta::<1>::radau_iia().unwrap(), self)
@@ -290,6 +298,7 @@ fn scenarios() -> impl Strategy<Value = String> {
         .prop_map(|(scheme, (family, at), damping, potential, step, steps)| {
             let family = match family {
                 ConvolutionFamily::Bdf { order } => format!("family = \"bdf\"\norder = {order}{at}"),
+                ConvolutionFamily::Trapezoidal => "symbol = \"trapezoidal\"".to_owned(),
                 ConvolutionFamily::RadauIia { stages } => format!("family = \"radau-iia\"\nstages = {stages}"),
                 ConvolutionFamily::LobattoIiic { stages } => {
                     format!("family = \"lobatto-iiic\"\nstages = {stages}")

@@ -111,8 +111,9 @@ fn circle<'a>(arrows: &BTreeMap<&'a Path, Vec<&'a Path>>) -> Option<&'a Path> {
 
 #[test]
 fn no_two_files_need_each_other() {
-    for folder in ["fvi-core/src", "fvi-threads/src", "fvi-fft/src", "fvi-sparse/src"].into_iter().chain(HOST)
-    {
+    let others =
+        ["core", "threads", "fft", "sparse", "rivals", "strategies"].map(|name| format!("fvi-{name}/src"));
+    for folder in others.iter().map(String::as_str).chain(HOST) {
         let files = sources(&workspace().join(folder));
         let arrows = arrows(&files);
         assert_eq!(circle(&arrows), None, "in {folder}");
@@ -141,6 +142,28 @@ fn the_core_names_neither_std_nor_the_rooms_above_it() {
     }
     for (path, text) in sources(&workspace().join("fvi-fft/src")) {
         assert!(!text.contains("fvi_host"), "{} names fvi_host", path.display());
+    }
+}
+
+/// What a manifest depends on, those dependencies aside that only a feature brings.
+fn dependencies(crate_: &str) -> Vec<String> {
+    let manifest = fs::read_to_string(workspace().join(crate_).join("Cargo.toml")).unwrap();
+    let after = manifest.split("\n[dependencies]\n").nth(1).unwrap_or_default();
+    let lines = after.lines().take_while(|line| !line.starts_with('['));
+    let wanted = lines.filter(|line| line.starts_with("fvi-") && !line.contains("optional = true"));
+    wanted.map(|line| line.split(['.', ' ']).next().unwrap().to_owned()).collect()
+}
+
+#[test]
+fn what_users_link_knows_no_rivals() {
+    for folder in
+        ["fvi-core", "fvi-fft", "fvi-scenario", "fvi-memory", "fvi-simulation", "fvi-lab", "fvi-host"]
+    {
+        let wanted = dependencies(folder);
+        for lab in ["fvi-rivals", "fvi-strategies"] {
+            assert!(!wanted.contains(&lab.to_owned()), "{folder} depends on {wanted:?}");
+        }
+        assert!(folder == "fvi-core" || wanted.contains(&"fvi-core".to_owned()), "{folder}: {wanted:?}");
     }
 }
 

@@ -28,7 +28,7 @@ mod _fvi {
     #[pymodule_export]
     use super::loads::Loads;
     #[pymodule_export]
-    use super::memory::kernel_growth;
+    use super::memory::kernel_facts;
     #[pymodule_export]
     use super::response::response;
     #[pymodule_export]

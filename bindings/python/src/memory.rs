@@ -36,16 +36,18 @@ pub(crate) fn restore(memory: &mut HostMemory<f64>, state: &[u8]) -> Result<(), 
     memory.restore(&mut StateReader::new(state))
 }
 
-/// s^exponent, or the kernel with these keys: one of the two is there.
+/// s^exponent, or the kernel with these keys and K(0) in it: one of the two is there.
 pub(crate) fn transfer(exponent: Option<f64>, kernel: Option<Tree>) -> Outcome<TransferFunction> {
     match kernel {
         None => Ok(TransferFunction::power(exponent.unwrap_or(f64::NAN))?),
-        Some(keys) => {
-            let text = Tree::Table(vec![("kernel".to_owned(), keys)]).to_toml();
-            kernel_of_document(&Document::new("kernel", Path::new(""), &text))
-                .map_err(|error| Failure::of_document(&error, false))
-        }
+        Some(keys) => Ok(of_keys(keys)?.with_its_spring()),
     }
+}
+
+fn of_keys(keys: Tree) -> Outcome<TransferFunction> {
+    let text = Tree::Table(vec![("kernel".to_owned(), keys)]).to_toml();
+    kernel_of_document(&Document::new("kernel", Path::new(""), &text))
+        .map_err(|error| Failure::of_document(&error, false))
 }
 
 /// The keys of a kernel.
@@ -53,11 +55,16 @@ pub(crate) fn keys(kernel: Option<&Bound<'_, PyDict>>) -> PyResult<Option<Tree>>
     kernel.map(|kernel| Tree::of(kernel.as_any())).transpose()
 }
 
-/// How K(s) grows for large s: like s to this power.
+/// What is known of a kernel: the power of s with which it grows, its spring K(0), and a sentence on where it
+/// is not passive.
 #[pyfunction]
-pub(crate) fn kernel_growth(kernel: &Bound<'_, PyDict>) -> PyResult<f64> {
-    let keys = keys(Some(kernel))?;
-    guarded(|| Ok(transfer(None, keys)?.growth()))
+pub(crate) fn kernel_facts(kernel: &Bound<'_, PyDict>) -> PyResult<(f64, f64, Option<String>)> {
+    let keys = keys(Some(kernel))?.unwrap_or(Tree::Table(Vec::new()));
+    guarded(|| {
+        let transfer = of_keys(keys)?;
+        let active = transfer.active().map(|active| active.to_string());
+        Ok((transfer.growth(), transfer.spring(), active))
+    })
 }
 
 /// The memory of a kernel for `channels` sequences of `samples` samples: values, if they are `given` as they

@@ -2,7 +2,8 @@
 
 use crate::errors::{Failure, Outcome, guarded};
 use crate::memory::{keys, transfer};
-use fvi_core::{BdfOrder, ParameterError, RungeKutta};
+use fvi_core::{ParameterError, RungeKutta};
+use fvi_host::numerics::multistep_rule::MultistepRule;
 use fvi_host::numerics::multistep_weights::multistep_weights;
 use fvi_host::numerics::runge_kutta_weights::RungeKuttaWeights;
 use fvi_host::results::room::require;
@@ -34,9 +35,10 @@ pub(crate) fn weights<'py>(
                 transfer.exponent().ok_or_else(|| Failure::argument("kernel", &transfer, allowed))
             };
             let (numbers, stages) = match convolution.family {
-                ConvolutionFamily::Bdf { order } => {
+                ConvolutionFamily::Bdf { .. } | ConvolutionFamily::Trapezoidal => {
                     room(count)?;
-                    (multistep_weights(&transfer, BdfOrder::new(order)?, step, false, count)?, None)
+                    let rule = convolution.family.multistep()?.unwrap_or(MultistepRule::Trapezoidal);
+                    (multistep_weights(&transfer, rule, step, false, count)?, None)
                 }
                 ConvolutionFamily::RadauIia { stages } => match stages {
                     1 => (matrices(RungeKutta::<1>::radau_iia(), power()?, step, count)?, Some(1)),
@@ -102,12 +104,18 @@ pub(crate) fn convolution(family: &str, order: usize, stages: Option<usize>) -> 
             }
             ConvolutionFamily::Bdf { order }
         }
+        "trapezoidal" => match stages {
+            Some(stages) => {
+                return Err(Failure::argument("stages", stages, "none with the family \"trapezoidal\""));
+            }
+            None => ConvolutionFamily::Trapezoidal,
+        },
         "radau-iia" => ConvolutionFamily::RadauIia { stages: staged(1..=3, "1, 2 or 3 with \"radau-iia\"")? },
         "lobatto-iiic" => {
             ConvolutionFamily::LobattoIiic { stages: staged(2..=4, "2, 3 or 4 with \"lobatto-iiic\"")? }
         }
         other => {
-            let allowed = "\"bdf\", \"radau-iia\", \"lobatto-iiic\"";
+            let allowed = "\"bdf\", \"trapezoidal\", \"radau-iia\", \"lobatto-iiic\"";
             return Err(Failure::argument("family", format!("{other:?}"), allowed));
         }
     };

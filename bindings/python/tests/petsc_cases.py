@@ -19,6 +19,8 @@ WORLD = PETSc.COMM_WORLD
 RANK, RANKS = WORLD.getRank(), WORLD.getSize()
 TOLERANCE = 1e-10
 DAMPERS = 5
+ZENER = fvi.Kernel.symbol("0.4 + (3*s)^0.6/(1 + (3*s)^0.6)")
+"""With a spring in it."""
 
 
 def dampers(beam):
@@ -60,6 +62,9 @@ def everything(beam, convert=lambda given: given):
             fvi.Damping(0.05, convert(diagonal)),
             fvi.Damping(0.35, attached=convert(dampers(beam)), strength=np.linspace(1e-3, 2e-3, DAMPERS)),
             fvi.Damping(1.2, attached=convert(dampers(beam)), strength=np.linspace(1e-3, 2e-3, DAMPERS)),
+            fvi.Damping(kernel=fvi.Kernel.prony([1.0, 0.5], [3.0, 30.0]), coefficient=convert(0.05 * K)),
+            fvi.Damping(kernel=ZENER, coefficient=convert(0.03 * K)),
+            fvi.Damping(kernel=ZENER, attached=convert(dampers(beam)), strength=np.full(DAMPERS, 1e-3), derivative="riemann-liouville"),
         ],
         loads=[
             fvi.Load(convert(beam.load(1e-5)), "a*step(20.3 - t)"),
@@ -233,6 +238,12 @@ def refusals(directory):
         "damping[0].coefficient shell": dict(damping=fvi.Damping(0.5, shell)),
         "damping[0].order": dict(damping=fvi.Damping(2.5, beam.stiffness)),
         "damping[0].order missing": dict(damping={"coefficient": beam.stiffness}),
+        "damping[0].order both": dict(damping=fvi.Damping(0.5, beam.stiffness, kernel=ZENER)),
+        "damping[0].kernel": dict(damping=fvi.Damping(kernel=fvi.Kernel.symbol("s - s^0.5"), coefficient=beam.stiffness)),
+        "damping[0].kernel.rate": dict(damping={"kernel": {"form": "tempered", "order": 0.5, "rate": -1}, "coefficient": 1.0}),
+        "damping[0].kernel without exponentials": dict(
+            damping=fvi.Damping(kernel=fvi.Kernel.symbol("s/sqrt(s^2 + s + 1)"), coefficient=beam.stiffness), horizon=10**4
+        ),
         "damping[0].kind": dict(damping={"order": 0.5, "coefficient": beam.stiffness, "kind": 1}),
         "damping[0].coefficient": dict(damping=fvi.Damping(0.5, -1.0 * beam.stiffness)),
         "damping[0].coefficient number": dict(damping=fvi.Damping(0.5, -1.0)),

@@ -12,6 +12,7 @@ KERNELS = [
     fvi.Kernel.prony([1.0, 0.7], [1.0, 0.1]),
     fvi.Kernel.havriliak_negami(order=0.7, power=0.5, time=1.0),
     fvi.Kernel.symbol("s^0.6/(1 + s^0.6)"),
+    fvi.Kernel.symbol("0.4 + s^0.6/(1 + s^0.6)"),
 ]
 
 
@@ -47,6 +48,14 @@ def test_memories_and_derivatives_sum_the_weights(kernel):
         found = memory.leading * sample + memory.next_term()[0]
         assert abs(found - value) < 1e-13 * weights[0]
         memory.push([sample])
+
+
+def test_what_a_kernel_is_at_zero_is_in_its_first_weight():
+    plain, stiff = (fvi.weights(kernel=fvi.Kernel.symbol(text), step=0.1, count=20) for text in ("s^0.5", "0.3 + s^0.5"))
+    np.testing.assert_allclose(stiff - plain, [0.3] + [0.0] * 19, rtol=0, atol=1e-14)
+    # A constant signal, long after its beginning.
+    derived = fvi.derivative(np.ones(2000), fvi.Kernel.symbol("0.3 + s/(1 + s)"), 0.1, start="riemann-liouville")
+    assert abs(derived[-1] - 0.3) < 1e-13
 
 
 def test_one_maxwell_element_has_rational_weights():

@@ -26,8 +26,8 @@ impl KernelChoice {
     /// Its transfer function. Kernels that are not passive are listed, too.
     pub(super) fn transfer(&self) -> Result<TransferFunction, CommandError> {
         match self {
-            Self { kernel: Some(path), .. } => Ok(kernel_of_file(path)?),
-            Self { symbol: Some(text), .. } => Ok(kernel_of_symbol(text)?),
+            Self { kernel: Some(path), .. } => Ok(kernel_of_file(path)?.with_its_spring()),
+            Self { symbol: Some(text), .. } => Ok(kernel_of_symbol(text)?.with_its_spring()),
             Self { exponent, .. } => {
                 TransferFunction::power(exponent.unwrap_or(f64::NAN)).map_err(parameter_error)
             }

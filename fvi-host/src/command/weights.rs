@@ -3,6 +3,7 @@
 use super::CommandError;
 use super::kernel_choice::KernelChoice;
 use super::listing::{ListingFormat, emit, identifier, parameter_error, write_matrix_weights, write_weights};
+use crate::numerics::multistep_rule::MultistepRule;
 use crate::numerics::multistep_weights::multistep_weights;
 use crate::numerics::runge_kutta_weights::RungeKuttaWeights;
 use crate::numerics::transfer::TransferFunction;
@@ -28,7 +29,8 @@ pub struct WeightsArguments {
     /// Step size h
     #[arg(long, default_value_t = 1.0)]
     step: f64,
-    /// Weights for memories on differences, on increments (bdf) or rises (others), which lose less to
+    /// Weights for memories on differences, on increments (bdf, trapezoidal) or rises (others), which lose
+    /// less to
     /// rounding
     #[arg(long)]
     increments: bool,
@@ -52,6 +54,8 @@ enum Family {
     /// Backward differentiation formulas
     #[default]
     Bdf,
+    /// The trapezoidal rule, `convolution.symbol` = "trapezoidal" in scenarios
+    Trapezoidal,
     /// Radau IIA methods
     RadauIia,
     /// Lobatto IIIC methods
@@ -65,6 +69,9 @@ impl WeightsArguments {
     pub(super) fn execute(self) -> Result<(), CommandError> {
         match (self.family, self.stages) {
             (Family::Bdf, None) => self.bdf(),
+            (Family::Trapezoidal, None) => {
+                self.of_transfer(&self.kernel.transfer()?, MultistepRule::Trapezoidal)
+            }
             (Family::RadauIia, Some(1)) => self.matrices(RungeKutta::<1>::radau_iia()),
             (Family::RadauIia, Some(2)) => self.matrices(RungeKutta::<2>::radau_iia()),
             (Family::RadauIia, Some(3)) => self.matrices(RungeKutta::<3>::radau_iia()),
@@ -74,6 +81,7 @@ impl WeightsArguments {
             (family, stages) => {
                 let allowed = match family {
                     Family::Bdf => "none with the family bdf",
+                    Family::Trapezoidal => "none with the family trapezoidal",
                     Family::RadauIia => "1, 2 or 3 with the family radau-iia",
                     Family::LobattoIiic => "2, 3 or 4 with the family lobatto-iiic",
                 };
@@ -86,7 +94,7 @@ impl WeightsArguments {
     fn bdf(&self) -> Result<(), CommandError> {
         let order = BdfOrder::new(self.order).map_err(parameter_error)?;
         let transfer = self.kernel.transfer()?;
-        let Some(exponent) = transfer.exponent() else { return self.of_transfer(&transfer, order) };
+        let Some(exponent) = transfer.exponent() else { return self.of_transfer(&transfer, order.into()) };
         let weights = || -> Result<ConvolutionWeights, CommandError> {
             let weights = ConvolutionWeights::bdf(order, exponent, self.step).map_err(parameter_error)?;
             Ok(if self.increments { weights.on_increments() } else { weights })
@@ -104,14 +112,14 @@ impl WeightsArguments {
         emit(|out| write_weights(out, weights, self.count, said, self.format), self.out.as_deref())
     }
 
-    /// Weights of a kernel other than s^β, which are made all together.
-    fn of_transfer(&self, transfer: &TransferFunction, order: BdfOrder) -> Result<(), CommandError> {
+    /// Weights that are made all together: of a kernel other than s^β, or by the trapezoidal rule.
+    fn of_transfer(&self, transfer: &TransferFunction, rule: MultistepRule) -> Result<(), CommandError> {
         require(self.count.saturating_mul(2 * size_of::<f64>()))
             .map_err(|error| CommandError::NoRoom(format!("--count: {error}")))?;
-        let weights = multistep_weights(transfer, order, self.step, self.increments, self.count)
+        let weights = multistep_weights(transfer, rule, self.step, self.increments, self.count)
             .map_err(parameter_error)?;
         let on = if self.increments { " on increments" } else { "" };
-        let origin = format!("BDF {}, {}{on}, step {}", self.order, self.kernel.origin(transfer), self.step);
+        let origin = format!("{rule}, {}{on}, step {}", self.kernel.origin(transfer), self.step);
         let said = (&*origin, self.name.as_deref());
         let write = |out: &mut dyn std::io::Write| {
             write_weights(out, weights.into_iter(), self.count, said, self.format)

@@ -20,5 +20,6 @@ mod runs;
 mod scenario_errors;
 mod sensitivities;
 mod stability;
+mod strategies;
 mod sweeps;
 mod workplace;

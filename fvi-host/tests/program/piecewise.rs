@@ -454,6 +454,40 @@ fn random_piecewise_systems_keep_the_tolerance_or_say_why_not() {
     assert!(refused <= 5, "{refused} of 500 are refused");
 }
 
+/// q̈ = −q − k max(q − ½, 0) from rest at −1.5, over 30 units of time. What is late by 12 tolerances at a
+/// wall
+/// that turns it round within π/√k has momenta √k times as far off meanwhile.
+#[test]
+fn walls_of_any_stiffness_shift_positions_and_energies_by_some_tolerances() {
+    for stiffness in [1e2, 1e4, 1e6] {
+        for as_element in [false, true] {
+            let mut wall = Piecewise { stiffness: 1.0, ..Piecewise::default() };
+            wall.turn(0.5, 0.0, -stiffness);
+            wall.potential.push("0.5*q0^2".to_owned());
+            let potential = format!("0.5*{stiffness}*max(q0 - 0.5, 0)^2");
+            let places = if as_element { &mut wall.elements } else { &mut wall.potential };
+            places.push(if as_element { potential.replace("q0", "x0") } else { potential });
+            let tolerance = 1e-8;
+            let time = json!({ "grid": "adaptive", "end": 30.0, "tolerance": tolerance });
+            let mut scenario = wall.scenario(-1.5, 0.0, time);
+            scenario["convolution"] = radau(3);
+            let (summary, rows) = rows(&scenario, Precision::F64);
+            assert_eq!(summary.end, RunEnd::Completed);
+            let times: Vec<f64> = rows.iter().map(|row| row[0]).collect();
+            let exact = wall.solve((-1.5, 0.0), &times);
+            let most = |errors: &mut dyn Iterator<Item = f64>| errors.fold(0.0, f64::max) / tolerance;
+            let pairs = || rows.iter().zip(&exact);
+            let position = most(&mut pairs().map(|(row, (q, _))| (row[1] - q).abs()));
+            let momentum = most(&mut pairs().map(|(row, (_, p))| (row[2] - p).abs()));
+            let energy = most(&mut rows.iter().map(|row| (row[3] - 1.125).abs()));
+            let told =
+                format!("stiffness {stiffness:e}: q {position:.0}, p {momentum:.0}, energy {energy:.0}");
+            assert!(position < 25.0 && energy < 12.0, "{told}");
+            assert!(momentum < 25.0 * stiffness.sqrt(), "{told}");
+        }
+    }
+}
+
 /// The largest error of (q, p) over [0, 8] with equal steps.
 fn error_on_equal_steps(system: &Piecewise, scheme: &Value, convolution: Option<Value>, steps: usize) -> f64 {
     let step = 8.0 / steps as f64;

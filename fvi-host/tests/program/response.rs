@@ -208,6 +208,7 @@ fn runs_under_a_harmonic_load_end_with_the_response_of_their_scheme() {
         ("", "at = \"main-nodes\"\norder = 1"),
         ("kappa = 0.3", "at = \"main-nodes\"\norder = 2"),
         ("", "order = 2"),
+        ("", "symbol = \"trapezoidal\""),
         ("kind = \"galerkin\"\ndegree = 3", "order = 4"),
         ("kind = \"galerkin\"\ndegree = 2\nquadrature = \"lobatto\"", "at = \"main-nodes\"\norder = 1"),
         ("kind = \"galerkin\"\ndegree = 2", "family = \"radau-iia\"\nstages = 2"),

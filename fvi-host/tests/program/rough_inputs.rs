@@ -1,7 +1,11 @@
 //! Samples and records act from their own times on, wherever these lie in a step.
 
 use super::workplace::{Workplace, text};
+use fvi_host::lab::run::{Run, RunEnd};
+use fvi_host::scenario::Scenario;
+use fvi_host::simulation::Precision;
 use std::fs;
+use std::sync::atomic::AtomicBool;
 
 /// The positions q0 and q1 of two coupled coordinates over 40 steps that no jump below is a point of.
 fn positions(place: &Workplace, scheme: &str, force: &str, rest: &str) -> Vec<[f64; 2]> {
@@ -115,4 +119,95 @@ fn what_begins_between_the_nodes_of_a_step_sets_a_system_at_rest_going() {
         &[],
     );
     assert!(run.rows[2][1] > 0.0, "{:?}", &run.rows[..3]);
+}
+
+/// q̈ + q = a(t) from q = 0.7, q̇ = −0.4, a the polygon through some points and zero outside.
+fn driven_by(record: &[(f64, f64)], time: f64) -> [f64; 2] {
+    let mut state = [0.7, -0.4];
+    let mut now = 0.0;
+    // q = (a + b s) plus a free motion, s from the beginning of each stretch.
+    let mut go_on = |until: f64, [a, b]: [f64; 2]| {
+        let until = until.min(time);
+        if until > now {
+            let (sine, cosine) = (until - now).sin_cos();
+            let (x, v) = (state[0] - a, state[1] - b);
+            state = [a + b * (until - now) + x * cosine + v * sine, b - x * sine + v * cosine];
+            now = until;
+        }
+    };
+    go_on(record[0].0, [0.0; 2]);
+    for pair in record.windows(2) {
+        go_on(pair[1].0, [pair[0].1, (pair[1].1 - pair[0].1) / (pair[1].0 - pair[0].0)]);
+    }
+    go_on(f64::INFINITY, [0.0; 2]);
+    state
+}
+
+#[test]
+fn random_records_drive_every_scheme_on_every_grid_as_their_polygons_do() {
+    // With the largest errors of steps of 0.05 and shorter: h to the order of the scheme.
+    let schemes = [
+        ("kind = \"low-order\"\nkappa = 0.5", "", 2.5e-3),
+        ("kind = \"low-order\"\nkappa = 1.0", "", 0.07),
+        ("kind = \"low-order\"\nkappa = 0.0", "", 0.07),
+        ("kind = \"explicit-euler\"", "", 0.4),
+        ("kind = \"implicit-euler\"", "", 0.3),
+        ("kind = \"galerkin\"\ndegree = 2\nquadrature = \"gauss\"\npoints = 2", "", 1e-7),
+        ("kind = \"galerkin\"\ndegree = 2\nquadrature = \"lobatto\"\npoints = 3", "", 3e-8),
+        ("kind = \"galerkin\"\ndegree = 3", "[convolution]\nfamily = \"radau-iia\"\nstages = 3", 2e-10),
+        ("kind = \"collocation\"", "[convolution]\nfamily = \"radau-iia\"\nstages = 2", 2e-5),
+        ("kind = \"collocation\"", "[convolution]\nfamily = \"radau-iia\"\nstages = 3", 2e-8),
+        ("kind = \"galerkin\"\ndegree = 2", "[convolution]\nfamily = \"lobatto-iiic\"\nstages = 3", 4e-8),
+    ];
+    let place = Workplace::new();
+    let mut state = 0x9e37_79b9_u64;
+    let mut random = || {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        (state >> 11) as f64 / (1_u64 << 53) as f64
+    };
+    for case in 0..500 {
+        let mut record = vec![(3.0 * random(), 2.0 * random() - 1.0)];
+        for _ in 0..1 + case % 4 {
+            // Pulses narrower than a step among them.
+            let (after, _) = record[record.len() - 1];
+            record.push((after + 10.0_f64.powf(-3.0 * random()), 2.0 * random() - 1.0));
+        }
+        if case % 5 == 0 {
+            // On grid points of the equal steps.
+            record.iter_mut().enumerate().for_each(|(index, row)| row.0 = 0.4 + 0.4 * index as f64);
+        }
+        let rows: String = record.iter().map(|(t, a)| format!("{t:?},{a:?}\n")).collect();
+        place.write("record.csv", &format!("t,a\n{rows}"));
+        let (scheme, convolution, bound) = schemes[case % schemes.len()];
+        let any_step = !convolution.is_empty();
+        let grids = [
+            "step = 0.05\nend = 6.0",
+            "grid = \"graded\"\nexponent = 1.5\nsteps = 150\nend = 6.0",
+            "grid = \"geometric\"\nfirst = 0.01\nratio = 1.2\nlongest = 0.05\nend = 6.0",
+            "grid = \"adaptive\"\ntolerance = 1e-7\nend = 6.0",
+        ];
+        for grid in &grids[..if any_step { grids.len() } else { 1 }] {
+            let text = format!(
+                "[system]\nmass = [1.0]\npotential = \"0.5*q0^2\"\n[[system.load]]\npattern = [1.0]\n\
+                 amplitude = {{ file = \"record.csv\" }}\n[initial]\nposition = [0.7]\nvelocity = [-0.4]\n\
+                 [scheme]\n{scheme}\n{convolution}\n[time]\n{grid}\n"
+            );
+            place.write("driven.toml", &text);
+            let scenario =
+                Scenario::read(&place.path("driven.toml")).unwrap_or_else(|error| panic!("{error}: {text}"));
+            let run = Run::start(&scenario, Precision::F64).unwrap();
+            let mut error = 0.0_f64;
+            let summary = run.to_the_end(&AtomicBool::new(false), |_, state| {
+                let [q, p] = driven_by(&record, state.time);
+                error = error.max((state.position[0] - q).abs()).max((state.momentum[0] - p).abs());
+                Ok::<_, std::convert::Infallible>(())
+            });
+            let Ok(summary) = summary;
+            assert_eq!(summary.end, RunEnd::Completed);
+            let bound = if grid.contains("tolerance") { 1e-6 } else { bound };
+            assert!(error < bound, "{error:e}: {text}{rows}");
+        }
+    }
 }

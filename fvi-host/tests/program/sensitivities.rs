@@ -80,7 +80,7 @@ fn worst(case: &Case, scheme: &str) -> f64 {
     worst
 }
 
-const SCHEMES: [&str; 9] = [
+const SCHEMES: [&str; 10] = [
     "",
     "[scheme]\nkappa = 0.3\n[convolution]\norder = 3",
     "[scheme]\nkappa = 0.0\n[convolution]\nat = \"main-nodes\"\norder = 1",
@@ -88,6 +88,7 @@ const SCHEMES: [&str; 9] = [
     "[scheme]\nkind = \"galerkin\"\ndegree = 3\n[convolution]\norder = 4\n[output]\nmomentum = \"one-sided\"",
     "[scheme]\nkind = \"galerkin\"\ndegree = 2\nquadrature = \"lobatto\"\n[convolution]\nat = \"main-nodes\"\norder = 2",
     "[history]\nengine = \"block-fft\"",
+    "[convolution]\nsymbol = \"trapezoidal\"",
     "[history]\nengine = \"exponential-sum\"",
     "[history]\nengine = \"real-time\"\n[scheme]\nkind = \"galerkin\"\ndegree = 2",
 ];

@@ -167,7 +167,7 @@ impl Document {
             let reason = error.message().lines().collect::<Vec<_>>().join("; ");
             self.error("", String::new(), error.span().unwrap_or(0..0), Problem::Syntax { reason })
         })?;
-        read(Table { document: self, path: String::new(), span: 0..0, entries: root.get_ref() })
+        read(Table { document: self, path: String::new(), span: 0..0, entries: root.get_ref(), beside: &[] })
     }
 
     /// An error about the value at `path` (such as `system.damping[0].order`), which need not be in the file.
@@ -222,11 +222,19 @@ pub struct Table<'a> {
     path: String,
     span: Range<usize>,
     entries: &'a DeTable<'a>,
+    /// Keys that someone else reads.
+    beside: &'static [&'static str],
 }
 
 impl<'a> Table<'a> {
+    /// The same table for a reader of some of its keys only: those beside them are allowed, too.
+    pub fn beside(&self, keys: &'static [&'static str]) -> Self {
+        Self { beside: keys, ..self.clone() }
+    }
+
     /// Refuses every key but these, in the order of the file.
     pub fn allow(&self, keys: &[&str]) -> Result<(), InputError> {
+        let keys: Vec<&str> = keys.iter().chain(self.beside).copied().collect();
         let mut unknown: Vec<_> =
             self.entries.keys().filter(|key| !keys.contains(&key.get_ref().as_ref())).collect();
         unknown.sort_by_key(|key| key.span().start);
@@ -328,7 +336,8 @@ impl<'a> Value<'a> {
     /// A table.
     pub fn table(&self) -> Result<Table<'a>, InputError> {
         let entries = self.value.get_ref().as_table().ok_or_else(|| self.wrong_type("a table"))?;
-        Ok(Table { document: self.document, path: self.path.clone(), span: self.key_span.clone(), entries })
+        let (path, span) = (self.path.clone(), self.key_span.clone());
+        Ok(Table { document: self.document, path, span, entries, beside: &[] })
     }
 
     /// A list.

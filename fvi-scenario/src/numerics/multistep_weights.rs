@@ -2,12 +2,12 @@
 
 use std::f64::consts::PI;
 
-use super::algebra::Series;
 use super::exponential::Exponential;
+use super::multistep_rule::MultistepRule;
 use super::principal_cut::PrincipalCut;
 use super::transfer::TransferFunction;
 use super::transfer_derivative::TransferDerivative;
-use fvi_core::{BdfOrder, ConvolutionWeights, DoubleDouble, ParameterError};
+use fvi_core::{ConvolutionWeights, DoubleDouble, ParameterError};
 use fvi_fft::real_transforms;
 use nalgebra::Complex;
 
@@ -31,24 +31,26 @@ const NOTHING: f64 = 1e-5;
 /// Points on the circle for each weight.
 const POINTS: usize = 16;
 
-/// The first `count` weights of K(γ_p(z)/h) = Σ w_n zⁿ, or of K(γ_p(z)/h)/(1 − z) on increments.
+/// The first `count` weights of K(γ(z)/h) = Σ w_n zⁿ, or of K(γ(z)/h)/(1 − z) on increments.
 ///
 /// The first of them are the coefficients of a power series that is computed to about 30 digits. The others
 /// are an integral over the cut of K and its poles, without cancellation, so that each weight is right
 /// relative to itself however small (`principal_cut.rs`). Where K has singularities elsewhere, which the
-/// last weights of the series show, they come from a transform on a circle: right relative to w₀.
+/// last weights of the series show, and with the trapezoidal rule, they come from a transform on a circle:
+/// right relative to w₀.
 ///
 /// # Errors
 /// If h is not positive and finite, or a weight is not finite: then K is singular where γ_p(z)/h lies for
 /// |z| < 1, in the right half-plane.
 pub fn multistep_weights(
     transfer: &TransferFunction,
-    order: BdfOrder,
+    rule: impl Into<MultistepRule>,
     step_size: f64,
     on_increments: bool,
     count: usize,
 ) -> Result<Vec<f64>, ParameterError> {
-    if let Some(exponent) = transfer.exponent() {
+    let rule = rule.into();
+    if let (Some(exponent), MultistepRule::Bdf(order)) = (transfer.exponent(), rule) {
         let weights = ConvolutionWeights::bdf(order, exponent, step_size)?;
         let weights = if on_increments { weights.on_increments() } else { weights };
         return Ok(weights.take(count).collect());
@@ -60,7 +62,12 @@ pub fn multistep_weights(
             allowed: "positive and finite",
         });
     }
-    let series = transfer.series(&formula_series(order, step_size, count.min(HEAD)));
+    if let Some(exponent) = transfer.exponent() {
+        let first = transfer.series(&rule.series(step_size, 1)).to_numbers();
+        let first = first.first().copied().unwrap_or(0.0);
+        return Ok(trapezoidal_power(exponent, first, on_increments, count));
+    }
+    let series = transfer.series(&rule.series(step_size, count.min(HEAD)));
     let mut weights = if on_increments { series.sums() } else { series.to_numbers() };
     let first = weights.first().map_or(0.0, |first| first.abs());
     let refused = |value| ParameterError {
@@ -77,15 +84,21 @@ pub fn multistep_weights(
         return Err(refused(largest));
     }
     if count > HEAD {
-        let cut = PrincipalCut::new(transfer, order, step_size, on_increments);
-        let tail = tail_of_cut(&cut, HEAD - COMPARED, count);
+        let tail = match rule {
+            MultistepRule::Bdf(order) => {
+                let cut = PrincipalCut::new(transfer, order, step_size, on_increments);
+                tail_of_cut(&cut, HEAD - COMPARED, count)
+            }
+            MultistepRule::Trapezoidal => Vec::new(),
+        };
         let agrees = |(found, known): (&f64, &f64)| {
             (found - known).abs() <= AGREEMENT * known.abs().max(NOTHING * first)
         };
-        if tail.iter().zip(&weights[HEAD - COMPARED..]).all(agrees) {
+        if !tail.is_empty() && tail.iter().zip(&weights[HEAD - COMPARED..]).all(agrees) {
             weights.extend_from_slice(&tail[COMPARED..]);
         } else {
-            let all = transform(&|s| transfer.value(s), order, step_size, on_increments, count);
+            let function = |s| transfer.value(s);
+            let all = transform((&function, transfer.growth()), rule, step_size, on_increments, count);
             weights.extend_from_slice(&all[HEAD..]);
         }
     }
@@ -100,7 +113,7 @@ pub fn multistep_weights(
 /// If h is not positive and finite, or a weight is not finite.
 pub fn derivative_weights(
     derivative: &TransferDerivative,
-    order: BdfOrder,
+    rule: impl Into<MultistepRule>,
     step_size: f64,
     on_increments: bool,
     count: usize,
@@ -109,10 +122,13 @@ pub fn derivative_weights(
     if !(step_size > 0.0 && step_size.is_finite()) {
         return refused("step size", step_size, "positive and finite");
     }
-    let series = derivative.series(&formula_series(order, step_size, count.min(HEAD)));
+    let rule = rule.into();
+    let series = derivative.series(&rule.series(step_size, count.min(HEAD)));
     let mut weights = if on_increments { series.sums() } else { series.to_numbers() };
     if count > HEAD {
-        let all = transform(&|s| derivative.value(s), order, step_size, on_increments, count);
+        let function = |s| derivative.value(s);
+        let growth = derivative.growth();
+        let all = transform((&function, growth), rule, step_size, on_increments, count);
         weights.extend_from_slice(&all[HEAD..]);
     }
     match weights.iter().find(|weight| !weight.is_finite()) {
@@ -121,17 +137,27 @@ pub fn derivative_weights(
     }
 }
 
+/// The weights of s^β by the trapezoidal rule, of (2/h)^β (1 − z)^a (1 + z)^(−β), a = β or β − 1: from
+/// n w_n = −(a + β) w_{n−1} + (n − 2 − a + β) w_{n−2}, in double-double arithmetic.
+fn trapezoidal_power(exponent: f64, first: f64, on_increments: bool, count: usize) -> Vec<f64> {
+    let (sum, rest) = if on_increments {
+        (DoubleDouble::exact(2.0 * exponent).add(DoubleDouble::exact(-1.0)), 1.0)
+    } else {
+        (DoubleDouble::exact(2.0 * exponent), 0.0)
+    };
+    let (mut before, mut now) = (DoubleDouble::ZERO, DoubleDouble::ONE);
+    let mut weights = Vec::with_capacity(count);
+    for n in 1..=count {
+        weights.push(now.scale(first).to_f64());
+        let size = n as f64;
+        let next = before.scale(size - 2.0 + rest).add(now.multiply(sum).scale(-1.0)).divide(size);
+        (before, now) = (now, next);
+    }
+    weights
+}
+
 /// The largest weight relative to the first that is taken for one of a kernel without growing parts.
 const GROWN: f64 = 1e6;
-
-/// The series of γ_p(z)/h.
-fn formula_series(order: BdfOrder, step_size: f64, count: usize) -> Series {
-    let inverse = DoubleDouble::ONE.divide(step_size);
-    // Sixty times the coefficients are whole numbers.
-    let coefficient = |scaled: f64| inverse.scale((60.0 * scaled).round()).divide(60.0);
-    let coefficients: Vec<_> = order.coefficients().into_iter().map(coefficient).collect();
-    Series::polynomial(&coefficients, count)
-}
 
 /// Weights from `first` to `count` by the integral over the cut, each relative to itself.
 fn tail_of_cut(cut: &PrincipalCut<'_>, first: usize, count: usize) -> Vec<f64> {
@@ -169,9 +195,12 @@ fn at_lag(node: &Exponential, n: usize) -> f64 {
 }
 
 /// All weights by Cauchy's integral on a circle inside of |z| = 1.
+///
+/// With the trapezoidal rule a kernel that grows like s^μ is large near z = −1: what is transformed has the
+/// factor (1 + z)^m, m ≥ μ, by which the series is divided again.
 fn transform(
-    function: &dyn Fn(Complex<f64>) -> Complex<f64>,
-    order: BdfOrder,
+    (function, growth): (&dyn Fn(Complex<f64>) -> Complex<f64>, f64),
+    rule: MultistepRule,
     step_size: f64,
     on_increments: bool,
     count: usize,
@@ -179,13 +208,15 @@ fn transform(
     let length = (POINTS * count).next_power_of_two();
     // What is folded back from beyond the end is r^length of a weight.
     let radius = libm::exp(libm::log(1e-20) / length as f64);
-    let coefficients = order.coefficients();
+    let factors = match rule {
+        MultistepRule::Bdf(_) => 0,
+        MultistepRule::Trapezoidal => growth.max(0.0).ceil() as i32,
+    };
     let value = |k: usize| {
         let angle = -2.0 * PI * k as f64 / length as f64;
         let z = Complex::new(libm::cos(angle), libm::sin(angle)) * radius;
         let difference = Complex::new(1.0, 0.0) - z;
-        let formula = coefficients.iter().rev().fold(Complex::ZERO, |sum, &a| sum * z + a);
-        let value = function(formula / step_size);
+        let value = function(rule.symbol(z) / step_size) * (z + 1.0).powi(factors);
         if on_increments { value / difference } else { value }
     };
     let mut values: Vec<Complex<f64>> = (0..=length / 2).map(value).collect();
@@ -200,12 +231,21 @@ fn transform(
     }
     let scaled =
         |(n, weight): (usize, &f64)| weight / length as f64 * libm::exp(-(n as f64) * libm::log(radius));
-    weights.iter().enumerate().take(count).map(scaled).collect()
+    let mut weights: Vec<f64> = weights.iter().enumerate().take(count).map(scaled).collect();
+    for _ in 0..factors {
+        let mut before = DoubleDouble::ZERO;
+        for weight in &mut weights {
+            before = DoubleDouble::exact(*weight).add(before.scale(-1.0));
+            *weight = before.to_f64();
+        }
+    }
+    weights
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use fvi_core::BdfOrder;
 
     fn forms() -> Vec<TransferFunction> {
         vec![
@@ -228,7 +268,7 @@ mod tests {
                     // Longer steps leave the cut of (s + 2)^β no real preimage, and the pole at −10.
                     for step_size in [1e-3, 0.005, 0.02] {
                         let (first, length) = (HEAD - COMPARED, HEAD + 100);
-                        let series = transfer.series(&formula_series(order, step_size, length));
+                        let series = transfer.series(&MultistepRule::from(order).series(step_size, length));
                         let known = if on_increments { series.sums() } else { series.to_numbers() };
                         let cut = PrincipalCut::new(&transfer, order, step_size, on_increments);
                         let tail = tail_of_cut(&cut, first, length);
@@ -248,11 +288,33 @@ mod tests {
     #[test]
     fn a_transform_on_a_circle_gives_the_weights_relative_to_the_first() {
         for transfer in forms() {
-            let order = BdfOrder::new(2).unwrap();
-            let series = transfer.series(&formula_series(order, 0.05, 300)).to_numbers();
-            let found = transform(&|s| transfer.value(s), order, 0.05, false, 300);
-            let error = series.iter().zip(&found).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-            assert!(error <= 8.0 * f64::EPSILON * series[0], "{transfer}: {error:e}");
+            for rule in [MultistepRule::Bdf(BdfOrder::new(2).unwrap()), MultistepRule::Trapezoidal] {
+                let series = transfer.series(&rule.series(0.05, 300)).to_numbers();
+                let function = |s| transfer.value(s);
+                let found = transform((&function, transfer.growth()), rule, 0.05, false, 300);
+                let error = series.iter().zip(&found).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+                // Those of the trapezoidal rule do not fall off: relative to the sum of them.
+                let size = match rule {
+                    MultistepRule::Bdf(_) => 2.0 * series[0],
+                    MultistepRule::Trapezoidal => series.iter().map(|weight| weight.abs()).sum(),
+                };
+                assert!(error <= 4.0 * f64::EPSILON * size, "{transfer}, {rule}: {error:e}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_weights_of_a_power_by_the_trapezoidal_rule_are_those_of_its_series() {
+        for exponent in [-0.5, 0.0, 0.3, 1.0, 1.7] {
+            let power = TransferFunction::power(exponent).unwrap();
+            let series = power.series(&MultistepRule::Trapezoidal.series(0.1, 600));
+            for (on_increments, known) in [(false, series.to_numbers()), (true, series.sums())] {
+                let found = multistep_weights(&power, MultistepRule::Trapezoidal, 0.1, on_increments, 600);
+                for (n, (found, known)) in found.unwrap().iter().zip(known).enumerate() {
+                    let error = (found - known).abs();
+                    assert!(error <= 4.0 * f64::EPSILON * known.abs() + 1e-25, "{exponent}, {n}: {error:e}");
+                }
+            }
         }
     }
 
@@ -261,7 +323,7 @@ mod tests {
         let order = BdfOrder::new(3).unwrap();
         let power = TransferFunction::power(0.7).unwrap();
         let found = multistep_weights(&power, order, 0.1, false, 20).unwrap();
-        let series = power.series(&formula_series(order, 0.1, 20)).to_numbers();
+        let series = power.series(&MultistepRule::from(order).series(0.1, 20)).to_numbers();
         for (found, series) in found.iter().zip(series) {
             assert!((found - series).abs() <= 2.0 * f64::EPSILON * found.abs());
         }

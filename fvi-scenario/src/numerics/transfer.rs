@@ -50,11 +50,12 @@ enum Form {
         power: f64,
         time: f64,
     },
-    /// Less its spring.
+    /// K(s) − K(0) where the spring K(0) stands beside it.
     Formula {
         formula: SharedFormula,
         growth: f64,
         spring: f64,
+        is_beside: bool,
         relaxation: bool,
         active: Option<Active>,
     },
@@ -119,14 +120,36 @@ pub struct Pole {
     pub residue: f64,
 }
 
-/// Where a transfer function is not passive: Im K(iω)/ω < 0 at this angular frequency, or, if that is zero,
-/// Re K(s)/s < 0 at a place s inside the right half-plane.
+/// Where a transfer function is not passive: Im K(iω)/ω < 0 in a band of angular frequencies, or, if there is
+/// none, Re K(s)/s < 0 on a stretch of a ray into the right half-plane. Of several the lowest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Active {
-    /// s.
+    /// s where it is worst.
     pub place: Complex<f64>,
-    /// Re (K(s)/s) |s|/|K(s)|, in [−1, 0).
+    /// Re (K(s)/s) |s|/|K(s)| there, in [−1, 0).
     pub resistance: f64,
+    /// |s| from which on; `None` from the lowest that is looked at, 10⁻³⁰.
+    pub from: Option<f64>,
+    /// |s| up to which; `None` to the highest, 10³⁰.
+    pub to: Option<f64>,
+}
+
+impl fmt::Display for Active {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let on_axis = self.place.re == 0.0;
+        let name = if on_axis { "ω" } else { "|s|" };
+        match (self.from, self.to) {
+            (Some(from), Some(to)) => write!(f, "{name} from {from:.4e} to {to:.4e}")?,
+            (Some(from), None) => write!(f, "{name} above {from:.4e}")?,
+            (None, Some(to)) => write!(f, "{name} below {to:.4e}")?,
+            (None, None) => write!(f, "every {name}")?,
+        }
+        if on_axis {
+            f.write_str(", where Im K(iω)/ω < 0")
+        } else {
+            write!(f, " with arg s = {:.0}°, where Re K(s)/s < 0", self.place.arg().to_degrees())
+        }
+    }
 }
 
 const POSITIVE: &str = "positive and finite";
@@ -239,8 +262,9 @@ impl TransferFunction {
         let stays = (near - far).abs() <= 1e-9 * near.abs() && near.abs() > 1e-13 * at(0.0).abs();
         let spring = if stays { near } else { 0.0 };
         let formula = SharedFormula(formula);
+        let (relaxation, active, is_beside) = (false, None, true);
         let mut made =
-            Self { form: Form::Formula { formula, growth, spring, relaxation: false, active: None } };
+            Self { form: Form::Formula { formula, growth, spring, is_beside, relaxation, active } };
         let (whole, drives) = match &made.form {
             Form::Formula { formula, .. } if formula.0.is_passive() => (false, None),
             _ => (made.is_made_up_by_its_cut(), made.look_for_activity()),
@@ -272,7 +296,8 @@ impl TransferFunction {
     /// K(s); on the negative real axis the value on its upper side.
     pub fn value(&self, s: Complex<f64>) -> Complex<f64> {
         match &self.form {
-            Form::Formula { formula, spring, .. } => formula.0.value(s) - spring,
+            Form::Formula { formula, spring, is_beside: true, .. } => formula.0.value(s) - spring,
+            Form::Formula { formula, .. } => formula.0.value(s),
             _ => self.of(&s),
         }
     }
@@ -280,7 +305,10 @@ impl TransferFunction {
     /// K of a power series with a positive first coefficient.
     pub fn series(&self, s: &Series) -> Series {
         match &self.form {
-            Form::Formula { formula, spring, .. } => formula.0.series(s).add(&s.constant(-spring)),
+            Form::Formula { formula, spring, is_beside: true, .. } => {
+                formula.0.series(s).add(&s.constant(-spring))
+            }
+            Form::Formula { formula, .. } => formula.0.series(s),
             _ => self.of(s),
         }
     }
@@ -429,8 +457,19 @@ impl TransferFunction {
         Some(poles - spacing * (0..=nodes).map(node).sum::<f64>())
     }
 
+    /// K with K(0) in it, for whoever asks for K(D) of a signal: its first weight has the spring, and a
+    /// memory
+    /// acts on values.
+    #[must_use]
+    pub fn with_its_spring(mut self) -> Self {
+        if let Form::Formula { is_beside, .. } = &mut self.form {
+            *is_beside = false;
+        }
+        self
+    }
+
     /// K(0) of a formula, the stiffness of the spring beside the memory: [`value`](Self::value) and
-    /// [`series`](Self::series) are without it.
+    /// [`series`](Self::series) are without it, but for a kernel [`with_its_spring`](Self::with_its_spring).
     pub fn spring(&self) -> f64 {
         match self.form {
             Form::Formula { spring, .. } => spring,
@@ -457,7 +496,8 @@ impl TransferFunction {
     fn look_for_activity(&self) -> Option<Active> {
         if self.spring() < 0.0 {
             // It pushes away, at rest already.
-            return Some(Active { place: Complex::new(f64::MIN_POSITIVE, 0.0), resistance: -1.0 });
+            let place = Complex::new(f64::MIN_POSITIVE, 0.0);
+            return Some(Active { place, resistance: -1.0, from: None, to: None });
         }
         let resistance = |angle: f64, logarithm: f64| {
             let size = libm::exp10(logarithm);
@@ -475,35 +515,48 @@ impl TransferFunction {
         // Rounding of formulas that cancel.
         const ROUNDING: f64 = -1e-9;
         let at = |k: i32| f64::from(k) / f64::from(PER_DECADE);
+        let (first, last) = (at(-DECADES * PER_DECADE), at(DECADES * PER_DECADE));
         for angle in [0.5 * PI, 0.45 * PI, 0.4 * PI, 0.3 * PI, 0.2 * PI, 0.1 * PI, 0.0] {
-            let mut least: Option<(Complex<f64>, f64)> = None;
-            let mut take = |found: (Complex<f64>, f64)| {
-                // A value that is no number shows nothing: of functions that under- or overflow.
-                if found.1 < least.map_or(f64::INFINITY, |(_, value)| value) {
-                    least = Some(found);
-                }
-            };
-            let places = -DECADES * PER_DECADE..=DECADES * PER_DECADE;
-            let looks: Vec<_> = places.clone().map(|k| resistance(angle, at(k))).collect();
-            looks.iter().for_each(|&look| take(look));
-            for (k, looks) in places.skip(1).zip(looks.windows(3)) {
+            // A value that is no number shows nothing: of functions that under- or overflow.
+            let value = |logarithm: f64| resistance(angle, logarithm).1;
+            let drives = |logarithm: f64| value(logarithm) < ROUNDING;
+            let mut looks: Vec<(f64, f64)> =
+                (-DECADES * PER_DECADE..=DECADES * PER_DECADE).map(|k| (at(k), value(at(k)))).collect();
+            let mut grounds = Vec::new();
+            for looks in looks.windows(3) {
                 if looks[1].1 <= looks[0].1 && looks[1].1 <= looks[2].1 && looks[1].1 < 0.1 {
                     // A valley: golden sections down to its ground.
-                    let (mut low, mut high) = (at(k - 1), at(k + 1));
+                    let (mut low, mut high) = (looks[0].0, looks[2].0);
                     for _ in 0..40 {
                         let (left, right) = (high - 0.618 * (high - low), low + 0.618 * (high - low));
-                        if resistance(angle, left).1 < resistance(angle, right).1 {
+                        if value(left) < value(right) {
                             high = right;
                         } else {
                             low = left;
                         }
                     }
-                    take(resistance(angle, 0.5 * (low + high)));
+                    grounds.push((0.5 * (low + high), value(0.5 * (low + high))));
                 }
             }
-            if let Some((place, resistance)) = least.filter(|(_, value)| *value < ROUNDING) {
-                return Some(Active { place, resistance });
-            }
+            looks.extend(grounds);
+            looks.sort_by(|one, other| one.0.total_cmp(&other.0));
+            let Some(begin) = looks.iter().position(|look| look.1 < ROUNDING) else { continue };
+            let end = looks[begin..].iter().position(|look| look.1 >= ROUNDING);
+            let end = end.map_or(looks.len(), |count| begin + count);
+            // Between a place that drives and one that does not.
+            let edge = |mut inside: f64, mut outside: f64| {
+                for _ in 0..40 {
+                    let middle = 0.5 * (inside + outside);
+                    if drives(middle) { inside = middle } else { outside = middle }
+                }
+                libm::exp10(inside)
+            };
+            let from = (begin > 0).then(|| edge(looks[begin].0, looks[begin - 1].0));
+            let to = looks.get(end).map(|beyond| edge(looks[end - 1].0, beyond.0));
+            let worst = looks[begin..end].iter().min_by(|one, other| one.1.total_cmp(&other.1));
+            let (place, resistance) =
+                resistance(angle, worst.map_or(first, |worst| worst.0.clamp(first, last)));
+            return Some(Active { place, resistance, from, to });
         }
         None
     }
@@ -566,7 +619,8 @@ impl TransferFunction {
         });
         let text = self.text().unwrap_or("").bytes().map(u64::from);
         let behind = self.numbers().iter().map(|number| number.to_bits());
-        std::iter::once(form).chain(numbers).chain(text).chain(behind).collect()
+        let whole = u64::from(matches!(self.form, Form::Formula { is_beside: false, .. }));
+        [form, whole].into_iter().chain(numbers).chain(text).chain(behind).collect()
     }
 }
 

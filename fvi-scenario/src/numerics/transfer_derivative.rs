@@ -25,6 +25,7 @@ pub struct TransferDerivative {
     parameter: &'static str,
     /// Strength and time of the term, for a Prony series.
     term: (f64, f64),
+    growth: f64,
 }
 
 impl TransferDerivative {
@@ -40,7 +41,14 @@ impl TransferDerivative {
         let number = |position: usize| parameters.get(position).and_then(|(_, numbers)| numbers.get(index));
         let term = (number(0).copied().unwrap_or(f64::NAN), number(1).copied().unwrap_or(f64::NAN));
         let numbers = parameters.iter().filter_map(|(_, numbers)| numbers.first().copied()).collect();
-        Some(Self { form: transfer.form(), numbers, parameter, term })
+        // Beside a power of s there may be a logarithm.
+        let growth = transfer.growth() + 1e-6;
+        Some(Self { form: transfer.form(), numbers, parameter, term, growth })
+    }
+
+    /// An exponent μ with which ∂K/∂θ = O(s^μ) for large s.
+    pub fn growth(&self) -> f64 {
+        self.growth
     }
 
     /// ∂K/∂θ at a place off the negative real axis.

@@ -16,6 +16,9 @@ const SHORTEST: f64 = 1e-12;
 const SHORTEST_OF_ALL: f64 = 1e-30;
 const SMALL_PART: f64 = 0.03;
 
+/// The first pair, where no step is short enough, in units of the shortest.
+const UNJUDGED: f64 = 1000.0;
+
 /// The shortest step beside the first, where the scenario gives the first and not the shortest: a jump later
 /// on may ask for shorter steps than the start.
 const SHORTER_THAN_FIRST: f64 = 1e-3;
@@ -46,6 +49,9 @@ pub struct Adaptive {
     pub start: Start,
     /// The first step that the tolerance asks for because of that.
     pub asked: f64,
+    /// The first pair of steps, where that is too short a step to be made and the scenario does not say the
+    /// shortest; see [`momenta_from`](Self::momenta_from).
+    pub unjudged: Option<f64>,
 }
 
 /// How the momentum begins: like c m t^e, m the mass.
@@ -98,7 +104,23 @@ impl Adaptive {
                 );
             }
         }
-        Ok(Self { end, tolerance, first, shortest, longest, scale, start, asked })
+        let is_out_of_reach = asked < shortest && table.optional("shortest").is_none();
+        let unjudged = is_out_of_reach.then_some(UNJUDGED * shortest);
+        Ok(Self { end, tolerance, first, shortest, longest, scale, start, asked, unjudged })
+    }
+
+    /// From which time on momenta are held to the tolerance, where that is not from the beginning on.
+    ///
+    /// A quadrature of the force from the start on forgets what it lost in the first step, as (h/t)^k, k > 1.
+    pub fn momenta_from(&self) -> Option<f64> {
+        self.unjudged.map(|length| 100.0 * length)
+    }
+
+    /// The longest pair of steps from a time on while momenta are not held to the tolerance: steps that grow
+    /// like the time, by a tenth each.
+    pub fn longest_unjudged(&self, time: f64) -> Option<f64> {
+        let first = self.unjudged.filter(|_| self.momenta_from() > Some(time))?;
+        Some(if time == 0.0 { first } else { 0.2 * time })
     }
 
     /// Two neighbours of 0, some increasing times and the end between which no pair of steps fits.

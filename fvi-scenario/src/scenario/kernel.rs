@@ -48,20 +48,9 @@ pub(super) fn read_transfer(
     }
     let transfer = read_kernel(&value.table()?, parameters)?;
     match transfer.active() {
-        Some(active) if !allow_active => {
-            let (place, share) = (active.place, active.resistance);
-            let at = if place.re == 0.0 {
-                format!("ω = {:.4e}, where Im K(iω)/ω is {share:.1e} of |K(iω)|/ω", place.im)
-            } else {
-                format!(
-                    "s = {:.4e} + {:.4e}i, where Re K(s)/s is {share:.1e} of |K(s)/s|",
-                    place.re, place.im
-                )
-            };
-            Err(value.out_of_range(format!(
-                "a passive kernel: this one can drive the motion at {at}; `allow_active = true` admits it"
-            )))
-        }
+        Some(active) if !allow_active => Err(value.out_of_range(format!(
+            "a passive kernel: this one can drive the motion at {active}; `allow_active = true` admits it"
+        ))),
         _ => Ok(transfer),
     }
 }
@@ -96,6 +85,20 @@ pub fn kernel_of_document(document: &Document) -> Result<TransferFunction, Input
         };
         read_kernel(&root.required("kernel")?.table()?, &parameters)
     })
+}
+
+/// The kernel of a table that has other keys beside it, with the table of parameters for the expression of a
+/// symbol.
+///
+/// # Errors
+/// As in a scenario, but that it need not be passive.
+pub fn kernel_of_table(
+    table: &Table<'_>,
+    beside: &'static [&'static str],
+    parameters: Option<&Value<'_>>,
+) -> Result<TransferFunction, InputError> {
+    let parameters = parameters.map(read_parameters).transpose()?.unwrap_or_default();
+    read_kernel(&table.beside(beside), &parameters)
 }
 
 /// Reads the table of a kernel.
@@ -380,10 +383,30 @@ mod tests {
         assert!((material.spring() - 0.5).abs() < 1e-15);
         assert!(material.value(Complex::new(1e-30, 0.0)).norm() < 1e-15);
         assert!(material.is_relaxation() && material.active().is_none());
+        let whole = material.clone().with_its_spring();
+        assert!((whole.value(Complex::new(1e-30, 0.0)).re - 0.5).abs() < 1e-15);
+        assert_eq!(whole.spring(), material.spring());
+        assert_ne!(whole.key(), material.key());
         assert_eq!(symbol("s^0.5").spring(), 0.0);
         // Poles beside the cut.
         assert!(!symbol("0.5*s*(s + 0.1)/((s + 0.1)^2 + 4)").is_relaxation());
         assert!(symbol("-1 + s^0.5").active().is_some());
+    }
+
+    #[test]
+    fn where_a_kernel_is_not_passive_is_a_band_of_frequencies() {
+        // Im (iω − (iω)^½)/ω < 0 for ω^½ < ½ √2; and of Im iω/(1 + iω) and a resonance between its zeros.
+        let told = |text: &str| symbol(text).active().unwrap().to_string();
+        assert_eq!(told("s - s^0.5"), "ω below 5.0000e-1, where Im K(iω)/ω < 0");
+        assert_eq!(told("s^0.5 - 0.5*s"), "ω above 2.0000e0, where Im K(iω)/ω < 0");
+        let band = symbol("s - 0.05*s^2/(s^2 + 0.02*s + 1)").active().unwrap();
+        let (from, to) = (band.from.unwrap(), band.to.unwrap());
+        assert!(from < to && to - from < 1.0, "{band}");
+        let passive = |omega: f64| {
+            let s = Complex::new(0.0, omega);
+            (s - s * s * 0.05 / (s * s + s * 0.02 + 1.0)).im / omega
+        };
+        assert!(passive(from).abs() < 1e-6 && passive(to).abs() < 1e-6, "{band}");
     }
 
     #[test]

@@ -3,7 +3,10 @@
 use super::system::System;
 use crate::language::document::Table;
 use crate::language::error::{InputError, Problem};
+use crate::numerics::multistep_rule::MultistepRule;
+use fvi_core::{BdfOrder, ParameterError};
 use serde::Serialize;
+use serde::ser::SerializeMap as _;
 
 /// The integrator.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -74,14 +77,15 @@ pub enum DampedAt {
 }
 
 /// The method a convolution quadrature is built on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(tag = "family", rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ConvolutionFamily {
     /// Backward differentiation formulas.
     Bdf {
         /// Order p, 1 to 6.
         order: usize,
     },
+    /// The trapezoidal rule, of order 2.
+    Trapezoidal,
     /// Radau IIA methods.
     RadauIia {
         /// Number of stages, 1 to 3.
@@ -92,6 +96,48 @@ pub enum ConvolutionFamily {
         /// Number of stages, 2 to 4.
         stages: usize,
     },
+}
+
+impl Serialize for ConvolutionFamily {
+    /// The keys of `[convolution]`.
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(None)?;
+        match self {
+            Self::Bdf { order } => {
+                map.serialize_entry("family", "bdf")?;
+                map.serialize_entry("order", order)?;
+            }
+            Self::Trapezoidal => map.serialize_entry("symbol", "trapezoidal")?,
+            Self::RadauIia { stages } => {
+                map.serialize_entry("family", "radau-iia")?;
+                map.serialize_entry("stages", stages)?;
+            }
+            Self::LobattoIiic { stages } => {
+                map.serialize_entry("family", "lobatto-iiic")?;
+                map.serialize_entry("stages", stages)?;
+            }
+        }
+        map.end()
+    }
+}
+
+impl ConvolutionFamily {
+    /// The multistep rule behind it; `None` for Runge–Kutta families.
+    ///
+    /// # Errors
+    /// If its order is outside 1 to 6.
+    pub fn multistep(&self) -> Result<Option<MultistepRule>, ParameterError> {
+        Ok(match self {
+            Self::Bdf { order } => Some(BdfOrder::new(*order)?.into()),
+            Self::Trapezoidal => Some(MultistepRule::Trapezoidal),
+            Self::RadauIia { .. } | Self::LobattoIiic { .. } => None,
+        })
+    }
+
+    /// Whether it is a Runge–Kutta family, with stages.
+    pub fn is_staged(&self) -> bool {
+        matches!(self, Self::RadauIia { .. } | Self::LobattoIiic { .. })
+    }
 }
 
 #[derive(Clone, Copy)]
@@ -161,7 +207,7 @@ impl Scheme {
     /// unless the convolution quadrature brings its own.
     pub(super) fn with_quadrature_for(self, family: ConvolutionFamily) -> Self {
         match (self, family) {
-            (Self::Galerkin { degree, quadrature: None }, ConvolutionFamily::Bdf { .. }) => {
+            (Self::Galerkin { degree, quadrature: None }, family) if !family.is_staged() => {
                 Self::Galerkin { degree, quadrature: Some(Quadrature::Gauss(degree)) }
             }
             _ => self,
@@ -296,8 +342,23 @@ impl Convolution {
             }
         };
         let (family, at) = match name {
+            FamilyName::Bdf if table.optional("symbol").is_some() => {
+                table.allow(&["family", "symbol", "at"])?;
+                let value = table.required("symbol")?;
+                let family = value.choice(&[("trapezoidal", ConvolutionFamily::Trapezoidal)])?;
+                let at = DampedAt::read(table, scheme, false)?;
+                if at == DampedAt::MainNodes {
+                    return Err(value.error(Problem::Incompatible {
+                        with: "damping at the main nodes".to_owned(),
+                        allowed: "`convolution.at` = \"nodes\" with `scheme.kind` = \"low-order\" or \"galerkin\": at the main \
+                                  nodes the force of a step is explicit, and the part of the weights that alternates in sign grows"
+                            .to_owned(),
+                    }));
+                }
+                (family, at)
+            }
             FamilyName::Bdf => {
-                table.allow(&["family", "order", "at", "starting"])?;
+                table.allow(&["family", "symbol", "order", "at", "starting"])?;
                 let family = match table.optional("order") {
                     Some(value) => ConvolutionFamily::Bdf { order: value.whole(1..=6)? },
                     None => Self::default_for(scheme).family,
@@ -393,6 +454,7 @@ impl Convolution {
                 format!("BDF {order} at the nodes")
             }
             ConvolutionFamily::Bdf { order } => format!("BDF {order} at the main nodes"),
+            ConvolutionFamily::Trapezoidal => "trapezoidal rule at the nodes".to_owned(),
             ConvolutionFamily::RadauIia { stages } => format!("Radau IIA, {stages} stages"),
             ConvolutionFamily::LobattoIiic { stages } => format!("Lobatto IIIC, {stages} stages"),
         };

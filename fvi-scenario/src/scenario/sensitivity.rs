@@ -319,9 +319,9 @@ impl Reader<'_> {
     fn kernel(&self, term: usize, name: &str, index: usize) -> Result<Quantity, InputError> {
         let damping = &self.scenario.system.damping[term];
         let convolution = &self.scenario.convolution;
-        if !matches!(convolution.family, ConvolutionFamily::Bdf { .. }) {
+        if !matches!(convolution.family, ConvolutionFamily::Bdf { .. } | ConvolutionFamily::Trapezoidal) {
             return Err(self.refused(
-                "parameters of kernels with `convolution.family` = \"bdf\": matrix weights are not differentiated",
+                "parameters of kernels with backward differentiation or the trapezoidal rule: matrix weights are not differentiated",
             ));
         }
         if !convolution.starting.is_empty() {

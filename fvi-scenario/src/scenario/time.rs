@@ -459,7 +459,7 @@ impl History {
                 }));
             }
         }
-        let staged = !matches!(family, ConvolutionFamily::Bdf { .. });
+        let staged = family.is_staged();
         if let (Some(value), Some(engine)) = (table.optional("engine"), engine) {
             let incompatible = |with: &str, allowed: &str| {
                 let (with, allowed) = (with.to_owned(), allowed.to_owned());

@@ -16,7 +16,8 @@ impl Scenario {
         let lowering = self.lowering_warning();
         let jumps = self.jumps_warning();
         let of_starting = starting.into_iter().chain(growing).chain(lowering);
-        of_starting.chain(singular).chain(jumps).chain(self.off_grid_warning()).collect()
+        let start = self.start_warning();
+        of_starting.chain(singular).chain(start).chain(jumps).chain(self.off_grid_warning()).collect()
     }
 
     /// Starting weights that are not determined by their exponents.
@@ -59,6 +60,22 @@ impl Scenario {
         })
     }
 
+    /// A start that no step resolves.
+    fn start_warning(&self) -> Option<String> {
+        let rule = self.time.adaptive()?;
+        let from = rule.momenta_from()?;
+        let asked = match rule.asked {
+            0.0 => "less than 1e-323".to_owned(),
+            asked => format!("{asked:.1e}"),
+        };
+        Some(format!(
+            "time.tolerance: Riemann–Liouville damping from an initial state that is not zero lets the momentum begin like \
+             t^{:.3}, for which a first step of {asked} would have to be made: positions are held to the tolerance from the \
+             beginning, momenta from t = {from:.1e} on",
+            rule.start.power
+        ))
+    }
+
     /// Forces that jump in the position, on steps that do not end there.
     fn jumps_warning(&self) -> Option<String> {
         let force = self.system.force.iter().flatten().any(|component| jumps(component.root()));
@@ -83,7 +100,7 @@ impl Scenario {
     fn singular_force_warning(&self, index: usize, term: &Damping) -> Option<String> {
         let force = term.coefficient.times(&self.initial.position);
         let beta = term.transfer.growth();
-        let at_stages = !matches!(self.convolution.family, ConvolutionFamily::Bdf { .. });
+        let at_stages = self.convolution.family.is_staged();
         if term.derivative == Derivative::Caputo
             || beta == 0.0
             || (self.convolution.at == DampedAt::Nodes && !at_stages)

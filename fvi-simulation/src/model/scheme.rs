@@ -73,7 +73,7 @@ impl<T: Real> AnyScheme<T> {
             }
         };
         let rule = match scenario.convolution.family {
-            ConvolutionFamily::Bdf { .. } => {
+            ConvolutionFamily::Bdf { .. } | ConvolutionFamily::Trapezoidal => {
                 Rule::of(scenario.scheme.quadrature().unwrap_or(Quadrature::Gauss(degree)))?
             }
             ConvolutionFamily::RadauIia { stages } => Rule::radau_iia(stages)?,

@@ -111,6 +111,7 @@ impl<'s> AdaptiveSteps<'s> {
             return Err(scenario.error_at("time.tolerance", Problem::OutOfRange { allowed }));
         }
         let first = rule.first.map_or(FIRST * rule.tolerance.sqrt() * rule.end, |first| 2.0 * first);
+        let first = rule.unjudged.unwrap_or(first);
         let orders = [order(scenario) + 1.0, order_inside(scenario)];
         let control = StepControl::new(orders[0], first.max(2.0 * rule.shortest));
         let largest =
@@ -225,6 +226,7 @@ impl<'s> AdaptiveSteps<'s> {
         // Two halves that show beside the time.
         let shortest = (2.0 * self.rule.shortest).max(32.0 * self.epsilon * time);
         let longest = self.rule.longest.map_or(f64::INFINITY, |longest| 2.0 * longest);
+        let longest = self.rule.longest_unjudged(time).map_or(longest, |most| most.min(longest));
         let (mut worst, mut tried) = (None, 0.5 * shortest);
         // Where the pair is to end, because it crosses a jump or kink there.
         let mut crossing: Option<f64> = None;
@@ -316,12 +318,12 @@ impl<'s> AdaptiveSteps<'s> {
                 break;
             }
         }
-        if time == 0.0 && self.rule.asked < self.rule.shortest {
+        if time == 0.0 && self.rule.asked < self.rule.shortest && self.rule.unjudged.is_none() {
             let power = self.rule.start.power;
             return Err(format!(
                 "{}, with steps of {tried:.1e} even: Riemann–Liouville damping from an initial state that is not zero lets the momentum \
-                 begin like t^{power:.3}, and `time.tolerance` asks for a first step of {:.1e}; `grid` = \"geometric\" reaches \
-                 positions, and momenta at later times, without such steps",
+                 begin like t^{power:.3}, and `time.tolerance` asks for a first step of {:.1e}, shorter than `time.shortest`; without \
+                 that key it is made, or momenta are held to the tolerance from a later time on, which is said",
                 worst.unwrap_or_default(),
                 self.rule.asked
             ));
@@ -361,9 +363,12 @@ impl<'s> AdaptiveSteps<'s> {
     /// The error of the halves in units of the tolerance: the largest of all positions and momenta, at the
     /// end and inside.
     fn error(&self, middle: &GridState) -> f64 {
-        let at_end = SHARE * self.largest_difference(&self.whole, &self.end, [1.0; 2]);
+        let is_judged = self.rule.longest_unjudged(self.progress.time).is_none();
+        let of_momenta = if is_judged { 1.0 } else { 0.0 };
+        let at_end = SHARE * self.largest_difference(&self.whole, &self.end, [1.0, of_momenta]);
         let inside = self.inside.as_ref().map_or(0.0, |inside| {
-            let error = self.largest_difference(inside, middle, self.share_inside);
+            let [positions, momenta] = self.share_inside;
+            let error = self.largest_difference(inside, middle, [positions, of_momenta * momenta]);
             // As a function of the length like the other.
             libm::pow(error, self.orders[0] / self.orders[1])
         });
@@ -417,6 +422,7 @@ fn order(scenario: &Scenario) -> f64 {
         ConvolutionFamily::RadauIia { stages } => 2 * stages - 1,
         ConvolutionFamily::LobattoIiic { stages } => 2 * stages - 2,
         ConvolutionFamily::Bdf { order } => order,
+        ConvolutionFamily::Trapezoidal => 2,
     };
     let order = match scenario.scheme {
         Scheme::Galerkin { degree, .. } => of_quadrature.min(2 * degree),
@@ -429,7 +435,7 @@ fn order(scenario: &Scenario) -> f64 {
 fn order_inside(scenario: &Scenario) -> f64 {
     let stages = match scenario.convolution.family {
         ConvolutionFamily::RadauIia { stages } | ConvolutionFamily::LobattoIiic { stages } => stages,
-        ConvolutionFamily::Bdf { .. } => 1,
+        ConvolutionFamily::Bdf { .. } | ConvolutionFamily::Trapezoidal => 1,
     };
     match scenario.scheme {
         // Of velocities; positions have one more.

@@ -153,7 +153,7 @@ fn degree(scenario: &Scenario) -> usize {
     match scenario.scheme {
         Scheme::Collocation => match scenario.convolution.family {
             ConvolutionFamily::RadauIia { stages } | ConvolutionFamily::LobattoIiic { stages } => stages,
-            ConvolutionFamily::Bdf { .. } => 1,
+            ConvolutionFamily::Bdf { .. } | ConvolutionFamily::Trapezoidal => 1,
         },
         Scheme::Galerkin { degree, .. } => degree,
         Scheme::LowOrder { .. } | Scheme::ExplicitEuler | Scheme::ImplicitEuler => 1,

@@ -1,4 +1,5 @@
-//! What a damped structure answers to a harmonic force: frequency response and poles of a scenario.
+//! What a damped structure answers to a harmonic force: frequency response and poles of a scenario,
+//! linearised.
 
 mod discrete;
 mod poles;
@@ -141,7 +142,8 @@ impl Linearised {
     /// holds, are left out.
     ///
     /// # Errors
-    /// In words: if there are too many coupled coordinates, or zeros too close to be told apart.
+    /// In words: if there are too many coupled coordinates, or zeros too close to each other to be told
+    /// apart.
     pub fn poles(&self) -> Result<Vec<SystemPole>, String> {
         let Equations::Dense { mass, stiffness, damping } = &self.equations else {
             return Err(format!(

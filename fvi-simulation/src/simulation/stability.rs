@@ -11,9 +11,10 @@ pub(super) mod symbol;
 mod winding;
 
 use crate::numerics::dense;
+use crate::numerics::multistep_rule::MultistepRule;
 use crate::numerics::transfer::TransferFunction;
 use characteristic::Characteristic;
-use fvi_core::{BdfOrder, ParameterError};
+use fvi_core::ParameterError;
 use nalgebra::{Cholesky, DMatrix};
 pub(crate) use of_scenario::{
     check_large_step, check_step, discretisation, force_nodes, is_unconditional, stages_of_family,
@@ -27,13 +28,13 @@ use winding::Count;
 pub enum DampingForm {
     /// Explicitly at the main nodes q_k.
     MainNodes {
-        /// The backward differentiation formula.
-        order: BdfOrder,
+        /// The rule of the convolution quadrature.
+        rule: MultistepRule,
     },
     /// At the quadrature nodes, each with its own sequence of values, implicitly.
     Nodes {
-        /// The backward differentiation formula.
-        order: BdfOrder,
+        /// The rule of the convolution quadrature.
+        rule: MultistepRule,
     },
     /// At the stages of a stiffly accurate Runge–Kutta method, whose nodes and weights are those of the
     /// quadrature, implicitly.
@@ -180,7 +181,7 @@ fn is_always_stable(discretisation: &Discretisation, part: &Part) -> bool {
         discretisation.nodes.iter().zip(&discretisation.weights).filter(|(_, weight)| **weight != 0.0);
     let midpoint = discretisation.degree == 1 && nodes.all(|(&node, _)| node == 0.5);
     let passive = match discretisation.form {
-        DampingForm::Nodes { order } => order.get() <= 2,
+        DampingForm::Nodes { rule } => rule.is_passive(),
         DampingForm::MainNodes { .. } | DampingForm::Stages { .. } => false,
     };
     midpoint && (passive || !part.is_damped()) && part.growth_rate() == 0.0

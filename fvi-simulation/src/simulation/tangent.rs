@@ -10,12 +10,11 @@ use crate::numerics::dense::Factored;
 use crate::numerics::multistep_weights::derivative_weights;
 use crate::numerics::transfer_derivative::TransferDerivative;
 use crate::scenario::{
-    self, ConvolutionFamily, DampedAt, Parameter, Quantity, ReportedMomentum, Scenario, Sensitivity,
-    SharedTerms,
+    self, DampedAt, Parameter, Quantity, ReportedMomentum, Scenario, Sensitivity, SharedTerms,
 };
 use explicit::Direct;
 use fvi_core::{
-    BdfOrder, Block, DampedMotion, Derivative, Instant, Kernel, Mechanics, Memory, MemoryError, Sample,
+    Block, DampedMotion, Derivative, Instant, Kernel, Mechanics, Memory, MemoryError, ParameterError, Sample,
 };
 use nalgebra::DMatrix;
 
@@ -435,13 +434,13 @@ fn derivative_memory(
     request: &MemoryRequest<'_>,
     by: &TransferDerivative,
 ) -> Result<(Kernel, HostMemory<f64>), EngineError> {
-    let order = match scenario.convolution.family {
-        ConvolutionFamily::Bdf { order } => BdfOrder::new(order)?,
-        // Refused when the scenario was read.
-        _ => BdfOrder::new(1)?,
-    };
+    let rule = scenario.convolution.family.multistep()?.ok_or(ParameterError {
+        parameter: "convolution.family",
+        value: f64::NAN,
+        allowed: "a multistep rule where a parameter of a kernel is differentiated by",
+    })?;
     let step = scenario.time.step;
-    let weights = |on_increments, count| derivative_weights(by, order, step, on_increments, count);
+    let weights = |on_increments, count| derivative_weights(by, rule, step, on_increments, count);
     let first = weights(false, 2)?;
     let first = [0, 1].map(|n| first.get(n).copied().unwrap_or(0.0));
     let kernel = Kernel::weights(request.transfer.growth(), first, step)?;

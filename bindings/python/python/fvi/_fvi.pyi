@@ -20,7 +20,7 @@ __all__ = [
     "converge",
     "derivative",
     "extremal",
-    "kernel_growth",
+    "kernel_facts",
     "response",
     "run",
     "run_in",
@@ -76,7 +76,7 @@ def derivative(
     starting: list[float],
     engine: str | None,
 ) -> _Array: ...
-def kernel_growth(kernel: dict[str, Any]) -> float: ...
+def kernel_facts(kernel: dict[str, Any]) -> tuple[float, float, str | None]: ...
 def weights(
     family: str,
     order: int,

@@ -95,7 +95,7 @@ def derivative(
     if isinstance(order, Kernel):
         keys = keys_of("order", order)
         # What it does for large s says what Caputo's form leaves out.
-        order = _fvi.kernel_growth(keys)
+        order, *_ = _fvi.kernel_facts(keys)
     else:
         order = _arrays.real("order", order)
     if not -1.0 < order < 2.0:
@@ -172,7 +172,7 @@ def weights(
         How many.
     order : int
         Order of the backward differentiation formula, 1 to 6.
-    family : {"bdf", "radau-iia", "lobatto-iiic"}
+    family : {"bdf", "trapezoidal", "radau-iia", "lobatto-iiic"}
         The method; the weights of a Runge–Kutta method are matrices.
     stages : int, optional
         Stages of the Runge–Kutta method: 1 to 3 (Radau IIA), 2 to 4 (Lobatto IIIC).

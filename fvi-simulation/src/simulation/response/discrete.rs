@@ -1,6 +1,7 @@
 //! The equations of a step for harmonic motions, of every scheme on equal steps.
 
 use crate::numerics::dense;
+use crate::numerics::multistep_rule::MultistepRule;
 use crate::numerics::transfer::TransferFunction;
 use crate::scenario::{ConvolutionFamily, Scenario, Scheme};
 use crate::simulation::stability::characteristic::{Characteristic, MatrixFactors};
@@ -125,8 +126,8 @@ impl StepEquations {
                 };
                 let damped = transfers.iter().map(|transfer| {
                     let value = match transfer.exponent() {
-                        Some(beta) => symbol::bdf(*order, beta, z) / libm::pow(step, beta),
-                        None => transfer.value(symbol::formula(*order, z) / step),
+                        Some(beta) => symbol::multistep((*order).into(), beta, z) / libm::pow(step, beta),
+                        None => transfer.value(MultistepRule::from(*order).symbol(z) / step),
                     };
                     one(resisting * value)
                 });

@@ -174,7 +174,8 @@ impl<'a> Search<'a> {
                 continue;
             }
             if wide.max(high) < 1e-7 {
-                // Zeros that coincide to rounding are one place, as often as counted; poles are none.
+                // Zeros that coincide to rounding are one place, as often as counted; a cell of poles has
+                // none.
                 match count {
                     Some(count) => {
                         let middle = polar(0.5 * (cell.from.0 + cell.to.0), 0.5 * (cell.from.1 + cell.to.1));

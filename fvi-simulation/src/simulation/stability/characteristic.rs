@@ -5,6 +5,7 @@ use super::polynomials::Polynomials;
 use super::symbol;
 use super::{DampingForm, Discretisation};
 use crate::numerics::dense;
+use crate::numerics::multistep_rule::MultistepRule;
 use crate::numerics::transfer::TransferFunction;
 use nalgebra::{Complex, DMatrix};
 use std::cell::RefCell;
@@ -38,8 +39,8 @@ pub(crate) struct Characteristic {
 }
 
 enum Form {
-    MainNodes(fvi_core::BdfOrder),
-    Nodes(fvi_core::BdfOrder),
+    MainNodes(MultistepRule),
+    Nodes(MultistepRule),
     Stages { inverse: DMatrix<f64> },
 }
 
@@ -91,8 +92,8 @@ impl MatrixFactors {
 impl Characteristic {
     pub(crate) fn new(discretisation: &Discretisation, transfers: Vec<TransferFunction>) -> Self {
         let form = match &discretisation.form {
-            DampingForm::MainNodes { order } => Form::MainNodes(*order),
-            DampingForm::Nodes { order } => Form::Nodes(*order),
+            DampingForm::MainNodes { rule } => Form::MainNodes(*rule),
+            DampingForm::Nodes { rule } => Form::Nodes(*rule),
             DampingForm::Stages { matrix } => {
                 let size = matrix.nrows();
                 let inverse = dense::inverse(matrix.clone()).unwrap_or_else(|| DMatrix::zeros(size, size));
@@ -133,8 +134,8 @@ impl Characteristic {
         MatrixFactors { mass: factors.kinetic.clone(), stiffness: elastic, damping: damped.collect() }
     }
 
-    /// What a force f e^{iωt} adds to the equations at z = e^{−iωh}, without f:
-    /// A(z) v + h² Σ_i b_i ψ_ν(c_i) z^{1−c_i} f = 0.
+    /// What a force f e^{iωt} adds to the equations at z = e^{−iωh}: A(z) v + h² Σ_i b_i ψ_ν(c_i) z^{1−c_i} f
+    /// = 0.
     pub(crate) fn forcing(&self, step: f64, omega: f64) -> Vec<Complex<f64>> {
         let Polynomials { nodes, weights, values, .. } = &self.polynomials;
         let turned = |fraction: f64| {
@@ -153,8 +154,8 @@ impl Characteristic {
     fn scale(&self, transfer: &TransferFunction, step: f64, z: Complex<f64>) -> Complex<f64> {
         match (transfer.exponent(), &self.form) {
             (Some(order), _) => Complex::new(libm::pow(step, 2.0 - order), 0.0),
-            (None, Form::MainNodes(formula) | Form::Nodes(formula)) => {
-                transfer.value(symbol::formula(*formula, z) / step) * (step * step)
+            (None, Form::MainNodes(rule) | Form::Nodes(rule)) => {
+                transfer.value(rule.symbol(z) / step) * (step * step)
             }
             (None, Form::Stages { .. }) => Complex::new(step * step, 0.0),
         }
@@ -220,13 +221,13 @@ impl Characteristic {
         let kinetic = both(kinetic, [Complex::ZERO, one - z], [Complex::ZERO, z - one]);
         let elastic = both(elastic, [z, one], [one, z]);
         let damped = self.transfers.iter().map(|transfer| match &self.form {
-            Form::MainNodes(formula) => {
+            Form::MainNodes(rule) => {
                 let mut only = DMatrix::zeros(self.degree, self.degree);
-                only[(0, 0)] = transfer.exponent().map_or(z, |order| z * symbol::bdf(*formula, order, z));
+                only[(0, 0)] = transfer.exponent().map_or(z, |order| z * symbol::multistep(*rule, order, z));
                 only
             }
-            Form::Nodes(formula) => match transfer.exponent() {
-                Some(order) => &elastic * symbol::bdf(*formula, order, z),
+            Form::Nodes(rule) => match transfer.exponent() {
+                Some(order) => &elastic * symbol::multistep(*rule, order, z),
                 None => elastic.clone(),
             },
             Form::Stages { inverse } => {

@@ -20,7 +20,7 @@ const MARGIN: f64 = 1.02;
 pub(super) fn is_unconditional(discretisation: &Discretisation, damped: bool) -> bool {
     let midpoint = discretisation.degree == 1 && discretisation.nodes == [0.5];
     let passive = match discretisation.form {
-        DampingForm::Nodes { order } => order.get() <= 2,
+        DampingForm::Nodes { rule } => rule.is_passive(),
         DampingForm::MainNodes { .. } | DampingForm::Stages { .. } => !damped,
     };
     midpoint && passive

@@ -7,7 +7,7 @@ use crate::model::Model;
 use crate::scenario::{
     ConvolutionFamily, DampedAt, Quadrature, Scenario, Scheme, SharedTerms, SymmetricMatrix,
 };
-use fvi_core::{BdfOrder, RungeKutta};
+use fvi_core::RungeKutta;
 use nalgebra::{DMatrix, DVector};
 
 /// Refuses a step at which motions near the start grow, unless the scenario allows it; the Euler methods,
@@ -92,7 +92,7 @@ fn advice(discretisation: &Discretisation, shorter: bool) -> String {
         ways.push("a shorter `time.step`");
     }
     match &discretisation.form {
-        DampingForm::MainNodes { order } | DampingForm::Nodes { order } if order.get() > 2 => {
+        DampingForm::MainNodes { rule } | DampingForm::Nodes { rule } if !rule.is_passive() => {
             ways.push("a lower `convolution.order`");
         }
         DampingForm::Stages { matrix } if discretisation.degree == matrix.nrows() => {
@@ -135,17 +135,17 @@ pub(crate) fn discretisation(scenario: &Scenario) -> Option<Discretisation> {
         Scheme::Collocation | Scheme::ExplicitEuler | Scheme::ImplicitEuler => return None,
     };
     let (form, rule) = match scenario.convolution.family {
-        ConvolutionFamily::Bdf { order } => {
-            let rule = match kappa {
+        ConvolutionFamily::Bdf { .. } | ConvolutionFamily::Trapezoidal => {
+            let nodes = match kappa {
                 Some(kappa) => (vec![1.0 - kappa], vec![1.0]),
                 None => rule(scenario.scheme.quadrature()?)?,
             };
-            let order = BdfOrder::new(order).ok()?;
+            let rule = scenario.convolution.family.multistep().ok()??;
             let form = match scenario.convolution.at {
-                DampedAt::MainNodes => DampingForm::MainNodes { order },
-                DampedAt::Nodes => DampingForm::Nodes { order },
+                DampedAt::MainNodes => DampingForm::MainNodes { rule },
+                DampedAt::Nodes => DampingForm::Nodes { rule },
             };
-            (form, rule)
+            (form, nodes)
         }
         family => stages_of_family(family)?,
     };

@@ -1,24 +1,14 @@
 //! Generating functions of convolution quadratures inside the unit circle, by their principal branches.
 
-use fvi_core::BdfOrder;
+use crate::numerics::multistep_rule::MultistepRule;
 use nalgebra::{Complex, DMatrix, Schur};
 
-/// γ_p(z)^β for |z| < 1.
+/// γ(z)^β for |z| < 1.
 ///
-/// The formulas are A(ϑ)-stable, so γ_p takes no value on the negative real axis there, and the principal
-/// branch is the one that continues γ_p(0)^β > 0.
-pub(crate) fn bdf(order: BdfOrder, exponent: f64, z: Complex<f64>) -> Complex<f64> {
-    scalar_power(formula(order, z), exponent)
-}
-
-/// γ_p(z) = Σ_i (1 − z)^i / i.
-pub(crate) fn formula(order: BdfOrder, z: Complex<f64>) -> Complex<f64> {
-    let difference = Complex::new(1.0, 0.0) - z;
-    let mut sum = Complex::ZERO;
-    for i in (1..=order.get()).rev() {
-        sum = (sum + 1.0 / i as f64) * difference;
-    }
-    sum
+/// The rules are A(ϑ)-stable, so γ takes no value on the negative real axis there, and the principal branch
+/// is the one that continues γ(0)^β > 0.
+pub(crate) fn multistep(rule: MultistepRule, exponent: f64, z: Complex<f64>) -> Complex<f64> {
+    scalar_power(rule.symbol(z), exponent)
 }
 
 /// Δ(z)^β for |z| < 1, with Δ(z) = A⁻¹ − z A⁻¹ 1 bᵀ A⁻¹ and b the last row of A.
@@ -166,7 +156,7 @@ mod tests {
     #[test]
     fn the_branch_of_the_formulas_is_the_one_of_the_power_series() {
         // Σ w_n zⁿ well inside the circle, where arg γ₆ passes 160° towards it.
-        let order = BdfOrder::new(6).unwrap();
+        let order = fvi_core::BdfOrder::new(6).unwrap();
         for exponent in [0.5, 1.2, 1.9] {
             let mut weights = vec![0.0; 4000];
             fvi_core::ConvolutionWeights::bdf(order, exponent, 1.0).unwrap().fill(&mut weights);
@@ -174,7 +164,7 @@ mod tests {
                 let z = Complex::new(angle.cos(), angle.sin()) * 0.99;
                 let series: Complex<f64> =
                     weights.iter().rev().fold(Complex::ZERO, |sum, &weight| sum * z + weight);
-                let error = (series - bdf(order, exponent, z)).norm();
+                let error = (series - multistep(order.into(), exponent, z)).norm();
                 assert!(error < 1e-9, "β = {exponent}, {angle}: {error:e}");
             }
         }

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from petsc4py import PETSc
 
-from fvi import _arrays
+from fvi import _arrays, _fvi
 from fvi._errors import InputError
 from fvi._integrate import Damping
+from fvi._kernel import Kernel, keys_of
 from fvi._types import FloatArray
 from fvi.petsc._together import Together, text_of
 
@@ -23,7 +24,7 @@ SYMMETRY = 1e-10
 """How far a matrix may be from symmetric, of its Frobenius norm."""
 
 
-KEYS = ("order", "coefficient", "derivative", "attached", "strength")
+KEYS = ("order", "kernel", "allow_active", "coefficient", "derivative", "attached", "strength")
 """What a damping term may say here."""
 
 
@@ -32,7 +33,13 @@ class Term:
     """A damping term as it was given, checked."""
 
     place: str
-    order: float
+    key_of_kernel: str
+    """order or kernel."""
+    kernel: dict[str, Any]
+    growth: float
+    """μ, where K(s) is like s^μ for large s."""
+    spring: float
+    """K(0)."""
     derivative: str
     coefficient: Any
     attached: Any
@@ -157,11 +164,15 @@ def _damping_term(place: str, term: Any, layout: Layout) -> Term:
     for key in entries:
         if key not in KEYS:
             raise InputError(f"{place}.{key}: no such key on ranks; allowed: {', '.join(KEYS)}", f"{place}.{key}", key)
-    if "order" not in entries:
-        raise InputError(f"{place}.order: missing", f"{place}.order")
-    order = _arrays.real(f"{place}.order", entries["order"])
-    if not 0.0 <= order < 2.0:
-        raise InputError(f"{place}.order = {order}: not allowed; allowed: 0 ≤ order < 2", f"{place}.order", str(order))
+    key_of_kernel, kernel = _kernel_of(place, entries)
+    try:
+        growth, spring, active = _fvi.kernel_facts(kernel)
+    except InputError as error:
+        key = f"{place}.{error.key}"
+        raise InputError(f"{place}.{error}", key, error.value) from None
+    if active is not None and not entries.get("allow_active", False):
+        message = f"{place}.kernel: a passive kernel is needed: this one can drive the motion at {active}; allow_active=True admits it"
+        raise InputError(message, f"{place}.kernel", repr(kernel))
     derivative = entries.get("derivative", "caputo")
     if derivative not in ("caputo", "riemann-liouville"):
         message = f'{place}.derivative = {derivative!r}: not allowed; allowed: "caputo", "riemann-liouville"'
@@ -190,7 +201,22 @@ def _damping_term(place: str, term: Any, layout: Layout) -> Term:
         layout.check(f"{place}.attached", attached)
         strength = _strength(f"{place}.strength", strength, attached)
     said = [text_of(entries.get(key)) for key in ("coefficient", "attached", "strength")]
-    return Term(place, order, derivative, coefficient, entries.get("attached"), strength, f"{order} {derivative} {' '.join(said)}")
+    text = f"{kernel} {derivative} {' '.join(said)}"
+    attached = entries.get("attached")
+    return Term(place, key_of_kernel, kernel, growth, spring, derivative, coefficient, attached, strength, text)
+
+
+def _kernel_of(place: str, entries: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    """Which key says the kernel, and what it says: K(s) with the keys of a scenario."""
+    if ("order" in entries) == ("kernel" in entries):
+        message = f"{place}.order: missing" if "order" not in entries else f"{place}.order cannot stand beside kernel"
+        raise InputError(message, f"{place}.order")
+    if "kernel" in entries:
+        return "kernel", keys_of(f"{place}.kernel", entries["kernel"])
+    order = _arrays.real(f"{place}.order", entries["order"])
+    if not 0.0 <= order < 2.0:
+        raise InputError(f"{place}.order = {order}: not allowed; allowed: 0 ≤ order < 2", f"{place}.order", str(order))
+    return "order", Kernel.power(order).keys
 
 
 def _strength(name: str, given: Any, attached: Any) -> FloatArray:

@@ -9,6 +9,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from fvi._errors import InputError
+from fvi._kernel import Kernel
 from fvi._memory import Memory
 from fvi._types import FloatArray
 from fvi.petsc._arguments import Layout, Term, check_symmetric
@@ -33,7 +34,7 @@ def memory_of(term: Term, kernels: Kernels, channels: int) -> Memory:
     """The memory of a term on this rank: the only place that says by which kernel it remembers."""
     try:
         return Memory(
-            exponent=term.order,
+            kernel=term.kernel,
             step=kernels.step,
             order=kernels.order,
             channels=max(channels, SIDE_BY_SIDE),
@@ -45,8 +46,11 @@ def memory_of(term: Term, kernels: Kernels, channels: int) -> Memory:
             threads=kernels.threads,
         )
     except InputError as error:
-        key = f"{term.place}.order" if error.key == "exponent" else error.key
-        raise InputError(str(error).replace(error.key, key, 1), key, error.value) from None
+        if error.key == "engine":
+            key = f"{term.place}.{term.key_of_kernel}"
+            message = f"{key}: ranks need a memory of exponentials, which this kernel does not have: {error}"
+            raise InputError(message, key, repr(term.kernel)) from None
+        raise
 
 
 class Rows:
@@ -99,6 +103,16 @@ class Rows:
         self.scratch.getArray()[self.rows] = channels
         self.matrix.multAdd(self.scratch, force, force)
 
+    def product(self, channels: FloatArray) -> float:
+        """This rank's share of xᵀρx; all ranks call it."""
+        if self.matrix is None:
+            return float(self.diagonal @ np.square(channels))
+        force = self.scratch.duplicate()
+        self.add_force(channels, force)
+        share = float(channels @ force.getArray()[self.rows])
+        force.destroy()
+        return share
+
     def add_to(self, matrix: Any, weight: float) -> None:
         """Adds weight·ρ to a matrix."""
         if self.matrix is not None:
@@ -142,6 +156,10 @@ class Dampers:
         self.scratch.setArray(self.strength * channels)
         self.matrix.multAdd(self.scratch, force, force)
 
+    def product(self, channels: FloatArray) -> float:
+        """This rank's share of xᵀB diag(c) Bᵀx, with x seen by the dampers."""
+        return float(self.strength @ np.square(channels))
+
     def add_to(self, matrix: Any, weight: float) -> None:
         """Adds weight·B diag(c) Bᵀ to a matrix."""
         self.scratch.setArray(weight * self.strength)
@@ -176,13 +194,14 @@ class Damping:
         self.step = kernels.step
         self.on_values = self.memory.samples == "values"
         self.padding = self.memory.channels - len(self.channels.index)
-        self.subtracts_velocity = term.derivative == "caputo" and term.order > 1.0
-        self.subtracts_position = term.derivative == "caputo" and term.order > 0.0
+        self.subtracts_velocity = term.derivative == "caputo" and term.growth > 1.0
+        self.subtracts_position = term.derivative == "caputo" and term.kernel != Kernel.power(0.0).keys
 
     def begin(self, position: Any, velocity: Any) -> None:
         """Notes how the motion starts; the velocity is needed where `subtracts_velocity`."""
         count = len(self.channels.index)
         start = np.zeros(count) if self.subtracts_position else self.channels.gather(position)
+        self.rest = self.channels.gather(position) - start
         self.rise = self.step * self.channels.gather(velocity) if self.subtracts_velocity else np.zeros(count)
         # s_0: half a step of v₀ is left out up to the first midpoint, and a whole one from each to the next.
         self.known = start - 0.5 * self.rise
@@ -205,6 +224,12 @@ class Damping:
         self.half = 0.5 * self.channels.gather(increment)
         self.channels.add_force(self.term_of_step + self.leading * self.half, force)
 
+    def energy(self, position: Any) -> float:
+        """½ K(0) (q − q*)ᵀρ (q − q*), this rank's share, with q* = 0 or, by Caputo's form, q₀; all ranks call it."""
+        if self.term.spring == 0.0:
+            return 0.0
+        return 0.5 * self.term.spring * self.channels.product(self.channels.gather(position) - self.rest)
+
     def push(self) -> None:
         """Takes the sample of the step whose force was asked for last."""
         sample = self.known + self.half
@@ -220,6 +245,7 @@ class Damping:
             "index": self.channels.index,
             "known": self.known,
             "rise": self.rise,
+            "rest": self.rest,
             "memory": np.frombuffer(self.memory.save(), dtype=np.uint8),
             "channels": np.int64(self.memory.channels),
         }
@@ -235,7 +261,8 @@ class Damping:
         at, into = int(first[0]), int(to[0])
         if int(first[-1]) - at + 1 != count or int(to[-1]) - into + 1 != count:
             raise InputError(f"{self.term.place}: has other channels than in the checkpoint", self.term.place)
-        self.known[to], self.rise[to] = state["known"][first], state["rise"][first]
+        for name in ("known", "rise", "rest"):
+            getattr(self, name)[to] = state[name][first]
         self.memory.restore_channels(state["memory"].tobytes(), int(state["channels"]), at, count, into)
 
 
@@ -243,5 +270,5 @@ def fresh(damping: list[Damping]) -> None:
     """Room for the states of a checkpoint."""
     for term in damping:
         count = len(term.channels.index)
-        term.known, term.rise = np.zeros(count), np.zeros(count)
+        term.known, term.rise, term.rest = np.zeros(count), np.zeros(count), np.zeros(count)
         term.memory.clear()

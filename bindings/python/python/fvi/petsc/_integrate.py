@@ -328,7 +328,7 @@ class _Run:
             **{f"{name} (norm)": norm for name, norm in norms.items()},
             "coordinates of the system": layout.size,
             **{name: self.scalars[name] for name in ("step", "order", "every", "coordinates", "energy", "tolerance", "states")},
-            "damping": [[term.order, term.derivative, term.attached is not None] for term in self.terms],
+            "damping": [[term.kernel, term.derivative, term.attached is not None] for term in self.terms],
             "loads": self.scalars["loads"],
             "parameters": self.scalars["parameters"],
             "samples": [term.memory.samples for term in damping],

@@ -90,14 +90,16 @@ class Stepper:
         self._check(self.mass_solver, "the mass")
 
     def energy(self) -> float:
-        """½ pᵀM⁻¹p + ½ qᵀKq."""
+        """½ pᵀM⁻¹p + ½ qᵀKq, and that of the springs of kernels."""
         velocity, product = self.scratch, self.force
         self.velocity(self.momentum, velocity)
         self.multiply_mass(velocity, product)
         # 2 pᵀv − vᵀMv is pᵀM⁻¹p to the square of the solver's error.
         kinetic = float(self.momentum.dot(velocity)) - 0.5 * float(velocity.dot(product))
         self.stiffness.mult(self.position, product)
-        return kinetic + 0.5 * float(self.position.dot(product))
+        energy = kinetic + 0.5 * float(self.position.dot(product))
+        springs = [term for term in self.damping if term.term.spring != 0.0]
+        return energy + self.together.sum(sum(term.energy(self.position) for term in springs)) if springs else energy
 
     def begin(self) -> None:
         """Lets the damping note where the motion starts."""

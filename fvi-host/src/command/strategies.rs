@@ -1,0 +1,58 @@
+//! `fvi strategies`: any kernel, every strategy of the field, programs of one's own.
+
+use super::progress::Progress;
+use super::{CommandError, default_directory, stop, terminal};
+use crate::language::visible::visible;
+use fvi_strategies::{Lab, LabError};
+use std::path::PathBuf;
+
+/// Arguments of `fvi strategies`.
+#[derive(Debug, clap::Args)]
+pub struct StrategiesArguments {
+    /// The file of kernels, lengths and strategies (TOML)
+    file: PathBuf,
+    /// Where the files go (default: `out/` and the name of the file)
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Go on from what is in the directory
+    #[arg(long)]
+    resume: bool,
+    /// Neither progress nor result on the terminal
+    #[arg(long)]
+    quiet: bool,
+}
+
+impl StrategiesArguments {
+    pub(super) fn execute(self) -> Result<(), CommandError> {
+        let lab = Lab::new();
+        let plan = lab.plan(&self.file).map_err(command_error)?;
+        let directory = self.out.unwrap_or_else(|| default_directory(&self.file, "strategies"));
+        let stop = stop::flag();
+        let mut progress = Progress::new(plan.races(), "races", self.quiet);
+        let summary = lab
+            .race(&plan, &directory, self.resume, &stop, &mut |done, _| progress.update(done))
+            .map_err(command_error)?;
+        progress.finish();
+        let done = summary.record.races.len();
+        if done < summary.races {
+            return Err(CommandError::Stopped(format!(
+                "stopped; {done} of {} races are in {}; `--resume` goes on",
+                summary.races,
+                directory.display()
+            )));
+        }
+        if self.quiet {
+            return Ok(());
+        }
+        terminal::say(&format!("{summary}\n"))
+    }
+}
+
+fn command_error(error: LabError) -> CommandError {
+    match error {
+        LabError::Input(error) => CommandError::Input(error),
+        LabError::File(error) => CommandError::File(error),
+        LabError::NoRoom(_) => CommandError::NoRoom(error.to_string()),
+        error => CommandError::Unsuited(visible(&error.to_string()).into_owned()),
+    }
+}

@@ -1,0 +1,196 @@
+//! The kernels of a race.
+
+use fvi_core::{BdfOrder, ParameterError};
+use fvi_scenario::language::document::{Document, Table, Value};
+use fvi_scenario::language::{InputError, Problem};
+use fvi_scenario::numerics::multistep_weights::multistep_weights;
+use fvi_scenario::numerics::transfer::TransferFunction;
+use fvi_scenario::scenario::kernel_of_table;
+
+/// A kernel: what it is, and the quadrature that gives its weights.
+#[derive(Clone, Debug)]
+pub(crate) struct Kernel {
+    pub(crate) name: String,
+    pub(crate) source: Source,
+    pub(crate) order: BdfOrder,
+    pub(crate) step: f64,
+}
+
+/// Where weights come from.
+#[derive(Clone, Debug)]
+pub(crate) enum Source {
+    Transfer(TransferFunction),
+    Table(Vec<f64>),
+    /// w_n = ξ_n (1 + n)^{−decay} with ξ_n spread evenly over (−1, 1).
+    Random {
+        decay: f64,
+        seed: u64,
+    },
+}
+
+impl Kernel {
+    /// β of s^β.
+    pub(crate) fn exponent(&self) -> Option<f64> {
+        match &self.source {
+            Source::Transfer(transfer) => transfer.exponent(),
+            Source::Table(_) | Source::Random { .. } => None,
+        }
+    }
+
+    /// The first `count` weights.
+    pub(crate) fn weights(&self, count: usize) -> Result<Vec<f64>, ParameterError> {
+        match &self.source {
+            Source::Transfer(transfer) => multistep_weights(transfer, self.order, self.step, false, count),
+            Source::Table(weights) => Ok(weights[..count.min(weights.len())].to_vec()),
+            Source::Random { decay, seed } => {
+                let mut noise = fastrand::Rng::with_seed(*seed);
+                let weight = |n: usize| (2.0 * noise.f64() - 1.0) * (1.0 + n as f64).powf(-decay);
+                Ok((0..count).map(weight).collect())
+            }
+        }
+    }
+
+    /// In words.
+    pub(crate) fn description(&self) -> String {
+        let formula = format!("BDF of order {}, h = {}", self.order.get(), self.step);
+        match &self.source {
+            Source::Transfer(transfer) => match transfer.exponent() {
+                Some(exponent) => format!("s^{exponent}, {formula}"),
+                None => format!("{transfer}, {formula}"),
+            },
+            Source::Table(weights) => format!("a table of {} weights", weights.len()),
+            Source::Random { decay, seed } => {
+                format!("random weights that decay as n^−{decay}, seed {seed}")
+            }
+        }
+    }
+}
+
+/// Keys beside those of the kernel itself; `order` is one of them for kernels without an order of their own.
+const BESIDE: [&str; 3] = ["name", "family", "step"];
+const BESIDE_WITH_ORDER: [&str; 4] = ["name", "family", "step", "order"];
+
+/// Reads a `[[kernel]]`; `longest` is the number of weights that will be asked for.
+pub(crate) fn read_kernel(
+    table: &Table<'_>,
+    document: &Document,
+    parameters: Option<&Value<'_>>,
+    longest: usize,
+) -> Result<Kernel, InputError> {
+    let name_value = table.required("name")?;
+    let name = name_value.text()?.trim().to_owned();
+    if name.is_empty() || name.chars().any(char::is_control) {
+        return Err(name_value.out_of_range("a name without control characters"));
+    }
+    if let Some(family) = table.optional("family") {
+        family.choice(&[("bdf", ())])?;
+    }
+    let step = match table.optional("step") {
+        None => 1.0,
+        Some(value) => match value.number()? {
+            step if step > 0.0 => step,
+            _ => return Err(value.out_of_range("a number > 0")),
+        },
+    };
+    let nested = match table.optional("kernel") {
+        Some(value) => Some(value.table()?),
+        None => None,
+    };
+    if nested.is_some() {
+        table.allow(&["name", "family", "step", "order", "kernel"])?;
+    }
+    let of = nested.as_ref().unwrap_or(table);
+    let form = of.optional("form").map(|form| form.text()).transpose()?;
+    let bare = ["form", "symbol", "relaxation", "weights"].iter().all(|key| of.optional(key).is_none());
+    let form_has_order = form.is_some_and(|form| form != "prony" && form != "random");
+    let own_order = nested.is_none() && (bare || form_has_order);
+    let beside: &'static [&'static str] = match &nested {
+        Some(_) => &[],
+        None if own_order => &BESIDE,
+        None => &BESIDE_WITH_ORDER,
+    };
+    let source = if let Some(value) = of.optional("weights") {
+        of.beside(beside).allow(&["weights"])?;
+        Source::Table(read_weights(&value, document, longest)?)
+    } else if form == Some("random") {
+        of.beside(beside).allow(&["form", "decay", "seed"])?;
+        let decay = of.required("decay")?;
+        let seed = of.optional("seed").map_or(Ok(1), |seed| seed.whole(0..=usize::MAX))?;
+        match decay.number()? {
+            number if (0.0..=10.0).contains(&number) => Source::Random { decay: number, seed: seed as u64 },
+            _ => return Err(decay.out_of_range("a number from 0 to 10")),
+        }
+    } else if bare {
+        of.beside(beside).allow(&["order"])?;
+        let order = of.required("order")?;
+        let refused = || order.out_of_range("the order of a kernel s^β, 0 ≤ β < 2, where no `form` is given");
+        let number = order.number()?;
+        if number < 0.0 {
+            return Err(refused());
+        }
+        Source::Transfer(TransferFunction::power(number).map_err(|_| refused())?)
+    } else {
+        Source::Transfer(kernel_of_table(of, beside, parameters)?)
+    };
+    let order = match table.optional("order").filter(|_| !own_order) {
+        None => BdfOrder::GRUNWALD_LETNIKOV,
+        Some(value) => {
+            BdfOrder::new(value.whole(1..=6)?).map_err(|error| value.out_of_range(error.allowed))?
+        }
+    };
+    let kernel = Kernel { name, source, order, step };
+    // Weights that do not exist are a mistake of the file, not of a strategy.
+    let first = kernel
+        .weights(2)
+        .map_err(|error| name_value.out_of_range(format!("a kernel with weights: {error}")))?;
+    if first.iter().any(|weight| !weight.is_finite()) {
+        return Err(name_value.out_of_range("a kernel whose weights are finite at this step"));
+    }
+    Ok(kernel)
+}
+
+/// A file with the columns `n,weight`, or a list.
+fn read_weights(value: &Value<'_>, document: &Document, longest: usize) -> Result<Vec<f64>, InputError> {
+    let weights = if value.is_list() { value.numbers()? } else { read_weight_file(value, document)? };
+    if weights.len() < longest {
+        return Err(value.out_of_range(format!(
+            "at least {longest} weights, as many as the longest of `lengths`; there are {}",
+            weights.len()
+        )));
+    }
+    Ok(weights)
+}
+
+fn read_weight_file(value: &Value<'_>, document: &Document) -> Result<Vec<f64>, InputError> {
+    let path = document.resolve(value.text()?);
+    let file = path.display().to_string();
+    let unreadable = |reason: String| value.error(Problem::Unreadable { reason });
+    let fault = |line: u64, reason: String| value.error(Problem::Table { file: file.clone(), line, reason });
+    let mut reader = csv::ReaderBuilder::new()
+        .comment(Some(b'#'))
+        .trim(csv::Trim::All)
+        .from_path(&path)
+        .map_err(|error| unreadable(error.to_string()))?;
+    let header = reader.headers().map_err(|error| unreadable(error.to_string()))?.clone();
+    if header.iter().collect::<Vec<_>>() != ["n", "weight"] {
+        return Err(fault(1, "the columns must be n,weight".to_owned()));
+    }
+    let mut weights = Vec::new();
+    for record in reader.records() {
+        let record = record
+            .map_err(|error| fault(error.position().map_or(0, csv::Position::line), error.to_string()))?;
+        let line = record.position().map_or(0, csv::Position::line);
+        if record.get(0).and_then(|cell| cell.parse().ok()) != Some(weights.len()) {
+            return Err(fault(
+                line,
+                format!("n must be {}: weights come in order from n = 0", weights.len()),
+            ));
+        }
+        let weight = record.get(1).and_then(|cell| cell.parse::<f64>().ok()).filter(|w| w.is_finite());
+        let Some(weight) = weight else {
+            return Err(fault(line, "the weight is not a finite number".to_owned()));
+        };
+        weights.push(weight);
+    }
+    Ok(weights)
+}

@@ -1,0 +1,330 @@
+//! The page of a race: what wins where, in words, pictures and numbers, in one file.
+
+use std::fmt::Write;
+
+use crate::front::{eligible, exponent, families, fastest, front, least, winners};
+use crate::picture::{Picture, Point, escaped};
+use crate::plan::{Plan, SIGNALS};
+use crate::record::{Kind, RaceRecord, Record, Row};
+use crate::strategy::Strategy;
+
+const STYLE: &str = "body{font:15px/1.45 system-ui,sans-serif;max-width:1100px;margin:2em auto;padding:0 1em;color:#222}\
+h1{font-size:1.5em}h2{font-size:1.2em;margin-top:2em}table{border-collapse:collapse;font-size:13px;margin:.6em 0}\
+td,th{padding:2px 8px;border-bottom:1px solid #ddd;text-align:right}td:first-child,th:first-child{text-align:left}\
+svg{width:100%;max-width:760px;display:block;margin:.5em 0}svg text{font:12px system-ui,sans-serif}.h{font-weight:600}\
+.m{text-anchor:middle}.e{text-anchor:end}.g{stroke:#e4e4e4;fill:none}.no{color:#a33}code{background:#f4f4f4;padding:0 3px}";
+
+/// The whole page.
+pub(crate) fn page(record: &Record, plan: &Plan, strategies: &[Strategy]) -> String {
+    let names: Vec<String> = strategies.iter().map(|strategy| strategy.name.clone()).collect();
+    let title = plan.title.as_deref().unwrap_or("Strategies for online convolution");
+    let mut page = format!(
+        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>{0}</title><style>{STYLE}</style></head><body>\n<h1>{0}</h1>\n",
+        escaped(title)
+    );
+    head(&mut page, record, plan);
+    page.push_str("<h2>Which strategy wins where</h2>\n<ul>\n");
+    for sentence in winners(record) {
+        let _ = writeln!(page, "<li>{}</li>", escaped(&sentence));
+    }
+    page.push_str("</ul>\n");
+    winners_table(&mut page, record);
+    found_out(&mut page, record);
+    for races in families(record) {
+        growth(&mut page, &races, &names);
+    }
+    fronts(&mut page, record, &names);
+    page.push_str("<h2>All numbers</h2>\n<p>Times in ns a step. <i>between</i>: the median lies there with a probability of 95 %. \
+        † sums weights of its own, and has its error from their plain sum. Numbers in red are beyond the tolerance.</p>\n");
+    for race in &record.races {
+        numbers(&mut page, race);
+    }
+    page.push_str("<h2>The strategies</h2>\n<table><tr><th>name</th><th>what it is</th></tr>\n");
+    for strategy in strategies {
+        let (name, description) = (escaped(&strategy.name), escaped(&strategy.description));
+        let _ = writeln!(page, "<tr><td><code>{name}</code></td><td>{description}</td></tr>");
+    }
+    page.push_str("</table>\n</body></html>\n");
+    page
+}
+
+fn head(page: &mut String, record: &Record, plan: &Plan) {
+    let machine = &record.machine;
+    let _ = writeln!(
+        page,
+        "<p>{} of {} races. Measured on {} ({} threads, {}, {}), compiled by {}, fvi {}. Strategies take turns, and rounds of them are repeated until each \
+         median stands to 5&nbsp;% or {:.0}&nbsp;s are over, {} to {} of them. Errors are the largest |r − sum|/Σ|w||x| of the signals {}: at some fifty steps from the sum in twice the \
+         precision, at the others from <code>block-fft</code> as far as its rounding goes. Signals come from SplitMix64 with seed 1.</p>",
+        record.races.len(),
+        plan.races(),
+        escaped(&machine.processor),
+        machine.threads,
+        escaped(&machine.vector_units),
+        escaped(&machine.system),
+        escaped(&machine.compiler),
+        escaped(&machine.version),
+        plan.patience.as_secs_f64(),
+        plan.rounds.0,
+        plan.rounds.1,
+        plan.signals
+            .iter()
+            .filter_map(|signal| SIGNALS.iter().find(|(_, known)| known == signal).map(|(name, _)| *name))
+            .collect::<Vec<_>>()
+            .join(", "),
+    );
+    page.push_str("<ul>\n");
+    for kernel in &plan.kernels {
+        let (name, description) = (escaped(&kernel.name), escaped(&kernel.description()));
+        let _ = writeln!(page, "<li><b>{name}</b>: {description}</li>");
+    }
+    page.push_str("</ul>\n");
+    let restless: Vec<String> = record
+        .races
+        .iter()
+        .flat_map(|race| race.rows.iter().filter(|row| !row.stands).map(move |row| (race, row)))
+        .map(|(race, row)| format!("{} ({})", row.strategy, race.words()))
+        .collect();
+    if restless.is_empty() {
+        page.push_str("<p>Every median stands to 5 %.</p>\n");
+    } else {
+        let _ = writeln!(
+            page,
+            "<p class=\"no\">These medians do not stand to 5&nbsp;%, and a second run may rank them otherwise: {}.</p>",
+            escaped(&restless.join("; "))
+        );
+    }
+}
+
+fn winners_table(page: &mut String, record: &Record) {
+    page.push_str("<table><tr><th>race</th><th>fastest</th><th>ties within the spread</th><th>least memory</th><th>shortest worst step</th></tr>\n");
+    for race in &record.races {
+        let with = |row: Option<&Row>, of: fn(&Row) -> String| match row {
+            Some(row) => format!("{} ({})", escaped(&row.strategy), of(row)),
+            None => "–".to_owned(),
+        };
+        let (best, ties) = fastest(race).map_or((None, Vec::new()), |(best, ties)| (Some(best), ties));
+        let ties: Vec<_> = ties.iter().map(|row| escaped(&row.strategy)).collect();
+        let _ = writeln!(
+            page,
+            "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+            escaped(&race.words()),
+            with(best, |row| format!("{} ns", number(row.mean_ns))),
+            if ties.is_empty() { "–".to_owned() } else { ties.join(", ") },
+            with(least(race, |row| row.bytes as f64), |row| format!("{} bytes", row.bytes)),
+            with(least(race, |row| row.worst_ns), |row| format!("{} ns", number(row.worst_ns))),
+        );
+    }
+    page.push_str("</table>\n");
+}
+
+/// Who failed, and who gave other sums than were asked for.
+fn found_out(page: &mut String, record: &Record) {
+    let mut rows = String::new();
+    for race in &record.races {
+        for absence in race.absent.iter().filter(|absence| absence.kind == Kind::Failed) {
+            let (name, reason) = (escaped(&absence.strategy), escaped(&absence.reason));
+            let _ = writeln!(
+                rows,
+                "<tr><td>{name}</td><td>{}</td><td>{reason}</td></tr>",
+                escaped(&race.words())
+            );
+        }
+        for row in race.rows.iter().filter(|row| !row.within) {
+            let error = row.error_u * race.precision.unit();
+            let (name, words) = (escaped(&row.strategy), escaped(&race.words()));
+            let _ =
+                writeln!(rows, "<tr><td>{name}</td><td>{words}</td><td>its error is {error:.1e}</td></tr>");
+        }
+    }
+    if rows.is_empty() {
+        page.push_str("<p>Every strategy in the race kept the tolerance.</p>\n");
+    } else {
+        page.push_str("<h2>Failed, or beyond the tolerance</h2>\n<table><tr><th>strategy</th><th>race</th><th>what is wrong</th></tr>\n");
+        page.push_str(&rows);
+        page.push_str("</table>\n");
+    }
+    let mut sits_out: Vec<(String, String)> = Vec::new();
+    for absence in
+        record.races.iter().flat_map(|race| &race.absent).filter(|absence| absence.kind == Kind::SitsOut)
+    {
+        let entry = (absence.strategy.clone(), absence.reason.clone());
+        if !sits_out.contains(&entry) {
+            sits_out.push(entry);
+        }
+    }
+    if !sits_out.is_empty() {
+        page.push_str("<p>Who sits out some races: ");
+        let all: Vec<_> = sits_out
+            .iter()
+            .map(|(name, reason)| format!("<code>{}</code>, {}", escaped(name), escaped(reason)))
+            .collect();
+        let _ = writeln!(page, "{}.</p>", all.join("; "));
+    }
+}
+
+/// Cost against length, with fitted exponents.
+fn growth(page: &mut String, races: &[&RaceRecord], names: &[String]) {
+    if races.len() < 2 {
+        return;
+    }
+    let first = races[0];
+    let heading = format!(
+        "Cost against length: {}, {} channel{}, {}, tolerance {:e}",
+        first.kernel,
+        first.channels,
+        if first.channels == 1 { "" } else { "s" },
+        first.precision.name(),
+        first.tolerance
+    );
+    let mut picture =
+        Picture { title: &heading, x: "steps", y: "ns a step", names, points: Vec::new(), lines: Vec::new() };
+    let mut fits = String::new();
+    for (series, name) in names.iter().enumerate() {
+        let rows: Vec<(&RaceRecord, &Row)> = races
+            .iter()
+            .filter_map(|race| race.rows.iter().find(|row| row.strategy == *name).map(|row| (*race, row)))
+            .collect();
+        let times: Vec<(f64, f64)> =
+            rows.iter().map(|(race, row)| (race.length as f64, row.mean_ns)).collect();
+        let counts: Vec<(f64, f64)> = rows
+            .iter()
+            .filter_map(|(race, row)| row.flops.map(|flops| (race.length as f64, flops)))
+            .collect();
+        let from = picture.points.len();
+        for (race, row) in &rows {
+            let words = format!("{name}: {} ns at {} steps", number(row.mean_ns), race.length);
+            picture.points.push(Point { series, x: race.length as f64, y: row.mean_ns, words });
+        }
+        picture.lines.push(((from..picture.points.len()).collect(), true));
+        let shown = |fit: Option<f64>| fit.map_or_else(|| "–".to_owned(), |fit| format!("{fit:.2}"));
+        if !rows.is_empty() {
+            let (time, count) = (shown(exponent(&times)), shown(exponent(&counts)));
+            let _ = writeln!(fits, "<tr><td>{}</td><td>{time}</td><td>{count}</td></tr>", escaped(name));
+        }
+    }
+    let _ = writeln!(page, "<h2>{}</h2>", escaped(&heading));
+    page.push_str(&picture.svg());
+    let _ = writeln!(
+        page,
+        "<p>Exponents p of cost ~ steps<sup>p</sup>, of a step, by least squares over these lengths:</p><table><tr><th>strategy</th><th>of time</th><th>of counted operations</th></tr>\n{fits}</table>"
+    );
+}
+
+/// What is seen from one point of view.
+struct View {
+    title: &'static str,
+    x: &'static str,
+    y: &'static str,
+    of: fn(&RaceRecord, &Row) -> (f64, f64),
+}
+
+/// The lines of best compromise, at every length over all tolerances.
+fn fronts(page: &mut String, record: &Record, names: &[String]) {
+    let mut groups: Vec<Vec<&RaceRecord>> = Vec::new();
+    let key = |race: &RaceRecord| (race.kernel.clone(), race.length, race.channels, race.precision);
+    for race in &record.races {
+        match groups.iter_mut().find(|group| key(group[0]) == key(race)) {
+            Some(group) => group.push(race),
+            None => groups.push(vec![race]),
+        }
+    }
+    let views = [
+        View {
+            title: "Error and time",
+            x: "mean time of a step / ns",
+            y: "error / Σ|w||x|",
+            of: |race, row| (row.mean_ns, row.error_u * race.precision.unit()),
+        },
+        View {
+            title: "Error and memory",
+            x: "bytes",
+            y: "error / Σ|w||x|",
+            of: |race, row| (row.bytes as f64, row.error_u * race.precision.unit()),
+        },
+        View {
+            title: "Worst step and mean step, within the tolerance",
+            x: "mean time of a step / ns",
+            y: "longest step / ns",
+            of: |_, row| (row.mean_ns, row.worst_ns),
+        },
+    ];
+    for group in groups {
+        let race = group[0];
+        let heading = format!(
+            "Pareto fronts: {}, {} steps, {} channel{}, {}",
+            race.kernel,
+            race.length,
+            race.channels,
+            if race.channels == 1 { "" } else { "s" },
+            race.precision.name()
+        );
+        let _ = writeln!(page, "<h2>{}</h2>", escaped(&heading));
+        for (index, view) in views.iter().enumerate() {
+            let mut picture = Picture {
+                title: view.title,
+                x: view.x,
+                y: view.y,
+                names,
+                points: Vec::new(),
+                lines: Vec::new(),
+            };
+            for race in &group {
+                let rows: Vec<&Row> = if index == 2 { eligible(race) } else { race.rows.iter().collect() };
+                for row in rows {
+                    let (x, y) = (view.of)(race, row);
+                    let series = names.iter().position(|name| *name == row.strategy).unwrap_or(0);
+                    let words = format!("{}, tolerance {:e}: {x:.3e}, {y:.3e}", row.strategy, race.tolerance);
+                    picture.points.push(Point { series, x, y, words });
+                }
+            }
+            let points: Vec<(f64, f64)> = picture.points.iter().map(|point| (point.x, point.y)).collect();
+            let best = front(&points);
+            let mut on_it: Vec<String> = Vec::new();
+            for &index in &best {
+                let name = escaped(&names[picture.points[index].series]);
+                if !on_it.contains(&name) {
+                    on_it.push(name);
+                }
+            }
+            picture.lines.push((best, false));
+            page.push_str(&picture.svg());
+            let _ = writeln!(page, "<p>On the front, from left to right: {}.</p>", on_it.join(", "));
+        }
+    }
+}
+
+fn numbers(page: &mut String, race: &RaceRecord) {
+    let _ = writeln!(page, "<h3>{} ({} rounds)</h3>", escaped(&race.words()), race.rounds);
+    page.push_str("<table><tr><th>strategy</th><th>error / u</th><th>mean</th><th>between</th><th>p50</th><th>p99.9</th><th>worst</th><th>preparation / ns</th><th>bytes</th><th>flops a step</th></tr>\n");
+    for row in &race.rows {
+        let _ = writeln!(
+            page,
+            "<tr{}><td>{}{}</td><td>{}</td><td>{}{}</td><td>{}–{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+            if row.within { "" } else { " class=\"no\"" },
+            escaped(&row.strategy),
+            if row.own_weights { " †" } else { "" },
+            number(row.error_u),
+            number(row.mean_ns),
+            if row.stands { "" } else { " (does not stand)" },
+            number(row.between_ns.0),
+            number(row.between_ns.1),
+            number(row.p50_ns),
+            number(row.p999_ns),
+            number(row.worst_ns),
+            number(row.setup_ns),
+            row.bytes,
+            row.flops.map_or_else(|| "–".to_owned(), number),
+        );
+    }
+    page.push_str("</table>\n");
+}
+
+/// Three digits, or a power of ten.
+fn number(value: f64) -> String {
+    match value.abs() {
+        size if size >= 1e7 => format!("{value:.1e}"),
+        size if size >= 100.0 => format!("{value:.0}"),
+        size if size >= 10.0 => format!("{value:.1}"),
+        _ => format!("{value:.2}"),
+    }
+}

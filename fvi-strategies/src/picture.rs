@@ -1,0 +1,189 @@
+//! Pictures as SVG within a page: points over logarithmic axes.
+
+use std::fmt::Write;
+
+/// A point with the strategy that it belongs to.
+pub(crate) struct Point {
+    pub(crate) series: usize,
+    pub(crate) x: f64,
+    pub(crate) y: f64,
+    /// Shown where a pointer rests.
+    pub(crate) words: String,
+}
+
+/// Points, with lines through some of them.
+pub(crate) struct Picture<'a> {
+    pub(crate) title: &'a str,
+    pub(crate) x: &'a str,
+    pub(crate) y: &'a str,
+    pub(crate) names: &'a [String],
+    pub(crate) points: Vec<Point>,
+    /// Lines, by the indices of their points, and whether they have the colour of their series.
+    pub(crate) lines: Vec<(Vec<usize>, bool)>,
+}
+
+const WIDTH: f64 = 760.0;
+const HEIGHT: f64 = 420.0;
+const LEFT: f64 = 70.0;
+const RIGHT: f64 = 190.0;
+const TOP: f64 = 34.0;
+const BOTTOM: f64 = 52.0;
+const COLOURS: [&str; 10] = [
+    "#1b6ca8", "#c8553d", "#2a9134", "#7b4b94", "#d08c00", "#00888a", "#b0306a", "#5f6b00", "#444444",
+    "#8c564b",
+];
+/// Shapes of marks, as paths around the origin.
+const MARKS: [&str; 3] = ["M-4,0a4,4 0 1,0 8,0a4,4 0 1,0 -8,0z", "M-4,-4h8v8h-8z", "M0,-5l5,9h-10z"];
+
+/// Letters that have a meaning in HTML, as text.
+pub(crate) fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+/// Logarithmic ends of an axis with room beside the points.
+fn ends(numbers: impl Iterator<Item = f64>) -> (f64, f64) {
+    let (low, high) = numbers
+        .map(|number| number.max(1e-300).log10())
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), number| (low.min(number), high.max(number)));
+    if low > high {
+        return (0.0, 1.0);
+    }
+    let room = (0.06 * (high - low)).max(0.15);
+    (low - room, high + room)
+}
+
+impl Picture<'_> {
+    pub(crate) fn svg(&self) -> String {
+        let (x0, x1) = ends(self.points.iter().map(|point| point.x));
+        let (y0, y1) = ends(self.points.iter().map(|point| point.y));
+        let across = |x: f64| LEFT + (x - x0) / (x1 - x0) * (WIDTH - LEFT - RIGHT);
+        let up = |y: f64| HEIGHT - BOTTOM - (y - y0) / (y1 - y0) * (HEIGHT - TOP - BOTTOM);
+        let place = |point: &Point| (across(point.x.max(1e-300).log10()), up(point.y.max(1e-300).log10()));
+        let mut svg = String::new();
+        let title = escaped(self.title);
+        let _ = writeln!(
+            svg,
+            "<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{title}\"><text x=\"{LEFT}\" y=\"20\" class=\"h\">{title}</text>"
+        );
+        for (ticks, vertical) in [(decades(x0, x1), true), (decades(y0, y1), false)] {
+            for tick in ticks {
+                let label = format!("10{}", superscript(tick));
+                let tick = f64::from(tick);
+                if vertical {
+                    let x = across(tick);
+                    let _ = writeln!(
+                        svg,
+                        "<path class=\"g\" d=\"M{x:.1},{TOP}V{:.1}\"/><text x=\"{x:.1}\" y=\"{:.1}\" class=\"m\">{label}</text>",
+                        HEIGHT - BOTTOM,
+                        HEIGHT - BOTTOM + 16.0
+                    );
+                } else {
+                    let y = up(tick);
+                    let _ = writeln!(
+                        svg,
+                        "<path class=\"g\" d=\"M{LEFT},{y:.1}H{:.1}\"/><text x=\"{:.1}\" y=\"{:.1}\" class=\"e\">{label}</text>",
+                        WIDTH - RIGHT,
+                        LEFT - 6.0,
+                        y + 4.0
+                    );
+                }
+            }
+        }
+        let (middle, height) = (0.5 * (LEFT + WIDTH - RIGHT), 0.5 * (TOP + HEIGHT - BOTTOM));
+        let _ = writeln!(
+            svg,
+            "<text x=\"{middle}\" y=\"{:.1}\" class=\"m\">{}</text><text transform=\"translate(16,{height}) rotate(-90)\" class=\"m\">{}</text>",
+            HEIGHT - 12.0,
+            escaped(self.x),
+            escaped(self.y)
+        );
+        for (line, coloured) in &self.lines {
+            let colour = match (coloured, line.first()) {
+                (true, Some(&first)) => COLOURS[self.points[first].series % COLOURS.len()],
+                _ => "#999",
+            };
+            let places: Vec<String> = line
+                .iter()
+                .map(|&index| place(&self.points[index]))
+                .map(|(x, y)| format!("{x:.1},{y:.1}"))
+                .collect();
+            let _ = writeln!(
+                svg,
+                "<polyline points=\"{}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.5\"/>",
+                places.join(" ")
+            );
+        }
+        for point in &self.points {
+            let (x, y) = place(point);
+            let _ = writeln!(
+                svg,
+                "<path transform=\"translate({x:.1},{y:.1})\" d=\"{}\" fill=\"{}\"><title>{}</title></path>",
+                MARKS[point.series / COLOURS.len() % MARKS.len()],
+                COLOURS[point.series % COLOURS.len()],
+                escaped(&point.words)
+            );
+        }
+        let shown = self.names.iter().enumerate();
+        let shown = shown.filter(|(index, _)| self.points.iter().any(|point| point.series == *index));
+        for (row, (series, name)) in shown.enumerate() {
+            let y = TOP + 10.0 + 18.0 * row as f64;
+            let _ = writeln!(
+                svg,
+                "<path transform=\"translate({:.1},{y:.1})\" d=\"{}\" fill=\"{}\"/><text x=\"{:.1}\" y=\"{:.1}\">{}</text>",
+                WIDTH - RIGHT + 16.0,
+                MARKS[series / COLOURS.len() % MARKS.len()],
+                COLOURS[series % COLOURS.len()],
+                WIDTH - RIGHT + 28.0,
+                y + 4.0,
+                escaped(name)
+            );
+        }
+        svg.push_str("</svg>\n");
+        svg
+    }
+}
+
+/// Whole powers of ten between two, not too many of them.
+fn decades(low: f64, high: f64) -> Vec<i32> {
+    let (low, high) = (low.ceil() as i32, high.floor() as i32);
+    let step = ((high - low) / 8 + 1).max(1);
+    (low..=high).filter(|power| power.rem_euclid(step) == 0).collect()
+}
+
+fn superscript(power: i32) -> String {
+    power
+        .to_string()
+        .chars()
+        .map(|digit| match digit {
+            '-' => '⁻',
+            '1' => '¹',
+            '2' => '²',
+            '3' => '³',
+            other => other.to_digit(10).and_then(|digit| char::from_u32(0x2070 + digit)).unwrap_or(other),
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_picture_has_its_points_lines_and_names_and_no_markup_from_outside() {
+        let names = ["a<b".to_owned(), "unused".to_owned()];
+        let point = |x, y| Point { series: 0, x, y, words: "\"here\"".to_owned() };
+        let picture = Picture {
+            title: "one & two",
+            x: "x",
+            y: "y",
+            names: &names,
+            points: vec![point(1.0, 1e-12), point(100.0, 0.0)],
+            lines: vec![(vec![0, 1], true)],
+        };
+        let svg = picture.svg();
+        assert!(svg.contains("one &amp; two") && svg.contains("a&lt;b") && svg.contains("&quot;here&quot;"));
+        assert!(!svg.contains("unused") && !svg.contains("NaN") && svg.matches("<polyline").count() == 1);
+        assert_eq!(superscript(-12), "⁻¹²");
+        assert_eq!(decades(-0.2, 3.4), [0, 1, 2, 3]);
+    }
+}

@@ -1,0 +1,308 @@
+//! A strategy that is a program: it reads lines and answers with lines.
+
+use std::io::{BufRead, BufReader, BufWriter, Write};
+use std::path::PathBuf;
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use fvi_core::{Memory, MemoryError, check_channels};
+use fvi_scenario::language::InputError;
+use fvi_scenario::language::document::{Document, Table};
+
+use crate::strategy::{AnyMemory, Declined, Made, Strategy, Task, require_double};
+
+/// A `[[program]]` of the file.
+#[derive(Clone, Debug)]
+pub(crate) struct Program {
+    pub(crate) name: String,
+    command: Vec<String>,
+    directory: PathBuf,
+    /// Longest wait for an answer.
+    limit: Duration,
+}
+
+impl Program {
+    pub(crate) fn read(table: &Table<'_>, document: &Document) -> Result<Self, InputError> {
+        table.allow(&["name", "command", "time_limit"])?;
+        let name = table.required("name")?;
+        let word = name.text()?;
+        if word.is_empty() || word.chars().any(|letter| letter.is_control() || letter.is_whitespace()) {
+            return Err(name.out_of_range("one word"));
+        }
+        let command = table.required("command")?;
+        let words = command.list("a list of texts: the program and its arguments")?;
+        let words: Vec<String> =
+            words.iter().map(|word| word.text().map(str::to_owned)).collect::<Result<_, _>>()?;
+        if words.first().is_none_or(String::is_empty) {
+            return Err(command.out_of_range("the program and its arguments"));
+        }
+        let limit = match table.optional("time_limit") {
+            None => 10.0,
+            Some(value) => match value.number()? {
+                seconds if seconds > 0.0 && seconds <= 1e6 => seconds,
+                _ => return Err(value.out_of_range("a number of seconds > 0 and at most 1e6")),
+            },
+        };
+        let limit = Duration::from_secs_f64(limit);
+        Ok(Self { name: word.to_owned(), command: words, directory: document.resolve(""), limit })
+    }
+
+    pub(crate) fn strategy(&self) -> Strategy {
+        let program = self.clone();
+        let description = format!("a program over pipes, their time included: {}", self.command.join(" "));
+        Strategy::new(self.name.clone(), description, move |task| program.made(task))
+    }
+
+    fn made(&self, task: &Task) -> Result<Made, Declined> {
+        require_double(task)?;
+        let trouble = Arc::new(Mutex::new(None));
+        let memory = Pipe::start(self, task, Arc::clone(&trouble))?;
+        let mut made = Made::of(AnyMemory::F64(Box::new(memory)));
+        made.trouble = Some(Arc::new(move || trouble.lock().unwrap_or_else(PoisonError::into_inner).clone()));
+        Ok(made)
+    }
+}
+
+/// Ends a program that does not answer in time.
+struct Watchdog {
+    child: Arc<Mutex<Child>>,
+    begin: Instant,
+    /// Milliseconds after the beginning by which an answer must be there; 0: none is waited for.
+    due: Arc<AtomicU64>,
+    struck: Arc<AtomicBool>,
+    over: Arc<AtomicBool>,
+    limit: Duration,
+}
+
+impl Watchdog {
+    fn new(child: Child, limit: Duration) -> Self {
+        let watchdog = Self {
+            child: Arc::new(Mutex::new(child)),
+            begin: Instant::now(),
+            due: Arc::default(),
+            struck: Arc::default(),
+            over: Arc::default(),
+            limit,
+        };
+        let child = Arc::clone(&watchdog.child);
+        let (due, struck, over) =
+            (Arc::clone(&watchdog.due), Arc::clone(&watchdog.struck), Arc::clone(&watchdog.over));
+        let begin = watchdog.begin;
+        thread::spawn(move || {
+            while !over.load(Ordering::Relaxed) {
+                let due = due.load(Ordering::Relaxed);
+                if due != 0 && begin.elapsed().as_millis() as u64 >= due {
+                    struck.store(true, Ordering::Relaxed);
+                    end(&mut child.lock().unwrap_or_else(PoisonError::into_inner));
+                    return;
+                }
+                thread::sleep(Duration::from_millis(20));
+            }
+        });
+        watchdog
+    }
+
+    fn arm(&self) {
+        let due = (self.begin.elapsed() + self.limit).as_millis() as u64;
+        self.due.store(due.max(1), Ordering::Relaxed);
+    }
+
+    fn disarm(&self) {
+        self.due.store(0, Ordering::Relaxed);
+    }
+}
+
+impl Drop for Watchdog {
+    fn drop(&mut self) {
+        self.over.store(true, Ordering::Relaxed);
+        let mut child = self.child.lock().unwrap_or_else(PoisonError::into_inner);
+        end(&mut child);
+        let _ = child.wait();
+    }
+}
+
+/// Kills a program and what it has started, which may hold its pipes open.
+fn end(child: &mut Child) {
+    #[cfg(unix)]
+    if matches!(child.try_wait(), Ok(None)) {
+        let group = format!("kill -s KILL -- -{}", child.id());
+        let _ = Command::new("sh").args(["-c", &group]).stderr(Stdio::null()).status();
+    }
+    let _ = child.kill();
+}
+
+/// The memory that a program is.
+///
+/// The program has one term after each sample, so that a step costs one line there and one back.
+struct Pipe {
+    watchdog: Watchdog,
+    to: BufWriter<ChildStdin>,
+    from: BufReader<ChildStdout>,
+    line: String,
+    leading: [f64; 1],
+    term: Vec<f64>,
+    capacity: usize,
+    len: usize,
+    bytes: usize,
+    trouble: Arc<Mutex<Option<String>>>,
+}
+
+impl Pipe {
+    fn start(program: &Program, task: &Task, trouble: Arc<Mutex<Option<String>>>) -> Result<Self, Declined> {
+        let failed = |reason: String| Declined::Failed(reason);
+        let mut command = Command::new(&program.command[0]);
+        command.args(&program.command[1..]).stdin(Stdio::piped()).stdout(Stdio::piped());
+        if !program.directory.as_os_str().is_empty() {
+            command.current_dir(&program.directory);
+        }
+        // A group of its own: it ends as a whole, and an interrupt at the terminal is for the lab.
+        #[cfg(unix)]
+        std::os::unix::process::CommandExt::process_group(&mut command, 0);
+        let mut child =
+            command.spawn().map_err(|error| failed(format!("`{}`: {error}", program.command[0])))?;
+        let (Some(to), Some(from)) = (child.stdin.take(), child.stdout.take()) else {
+            return Err(failed("it has no pipes".to_owned()));
+        };
+        let mut pipe = Self {
+            watchdog: Watchdog::new(child, program.limit),
+            to: BufWriter::new(to),
+            from: BufReader::new(from),
+            line: String::new(),
+            leading: [task.weights.first().copied().unwrap_or(0.0)],
+            term: vec![0.0; task.channels],
+            capacity: task.length,
+            len: 0,
+            bytes: 0,
+            trouble,
+        };
+        let mut head = format!(
+            "begin {} {} {:e} {:e}\nweights",
+            task.length,
+            task.channels,
+            task.step(),
+            task.tolerance
+        );
+        for weight in task.weights.iter() {
+            head.push_str(&format!(" {weight:e}"));
+        }
+        head.push('\n');
+        let answer = pipe.exchange(&head).map_err(failed)?;
+        if let Some(reason) = answer.strip_prefix("declined") {
+            return Err(Declined::SitsOut(shortened(reason.trim())));
+        }
+        let bytes = answer.strip_prefix("ready").and_then(|bytes| bytes.trim().parse().ok());
+        let wrong = || failed(format!("it answered `{}` in place of `ready BYTES`", shortened(&answer)));
+        pipe.bytes = bytes.ok_or_else(wrong)?;
+        Ok(pipe)
+    }
+
+    /// Sends lines and waits for the line that answers them.
+    fn exchange(&mut self, lines: &str) -> Result<String, String> {
+        self.watchdog.arm();
+        let sent = self.to.write_all(lines.as_bytes()).and_then(|()| self.to.flush());
+        self.line.clear();
+        let read = sent.and_then(|()| self.from.read_line(&mut self.line));
+        self.watchdog.disarm();
+        let limit = self.watchdog.limit.as_secs_f64();
+        match read {
+            Ok(count) if count > 0 && self.line.ends_with('\n') => Ok(self.line.trim_end().to_owned()),
+            _ if self.watchdog.struck.load(Ordering::Relaxed) => {
+                Err(format!("no answer within {limit:.3} s: ended"))
+            }
+            _ => {
+                let mut child = self.watchdog.child.lock().unwrap_or_else(PoisonError::into_inner);
+                // Its pipe is closed, so it has ended or soon will.
+                for _ in 0..50 {
+                    if matches!(child.try_wait(), Ok(None)) {
+                        thread::sleep(Duration::from_millis(2));
+                    }
+                }
+                end(&mut child);
+                let status = child.wait().map_or_else(|error| error.to_string(), |status| status.to_string());
+                Err(format!("it ended in the middle of the race ({status})"))
+            }
+        }
+    }
+
+    fn told(&self, reason: String) -> MemoryError {
+        *self.trouble.lock().unwrap_or_else(PoisonError::into_inner) = Some(reason);
+        MemoryError::Full { capacity: self.len }
+    }
+}
+
+/// A line that is not shown in full.
+fn shortened(line: &str) -> String {
+    let shown: String = line.chars().filter(|letter| !letter.is_control()).take(80).collect();
+    if shown.len() < line.len() { format!("{shown} …") } else { shown }
+}
+
+impl Memory<f64> for Pipe {
+    fn channels(&self) -> usize {
+        self.term.len()
+    }
+
+    fn leading(&self) -> &[f64] {
+        &self.leading
+    }
+
+    fn len(&self) -> usize {
+        self.len
+    }
+
+    fn next_term(&mut self, term: &mut [f64]) -> Result<(), MemoryError> {
+        check_channels(self.term.len(), term.len())?;
+        if self.len == self.capacity {
+            return Err(MemoryError::Full { capacity: self.capacity });
+        }
+        term.copy_from_slice(&self.term);
+        Ok(())
+    }
+
+    fn push(&mut self, sample: &[f64]) -> Result<(), MemoryError> {
+        check_channels(self.term.len(), sample.len())?;
+        if self.len == self.capacity {
+            return Err(MemoryError::Full { capacity: self.capacity });
+        }
+        let mut line = String::from("push");
+        for number in sample {
+            line.push_str(&format!(" {number:e}"));
+        }
+        line.push('\n');
+        let answer = self.exchange(&line).map_err(|reason| self.told(reason))?;
+        let mut words = answer.split_ascii_whitespace();
+        let numbers: Option<Vec<f64>> = (0..self.term.len()).map(|_| words.next()?.parse().ok()).collect();
+        match numbers.filter(|_| words.next().is_none()) {
+            Some(numbers) => self.term.copy_from_slice(&numbers),
+            None => {
+                let expected = self.term.len();
+                let found = shortened(&answer);
+                return Err(self.told(format!("it answered `{found}` in place of {expected} numbers")));
+            }
+        }
+        self.len += 1;
+        Ok(())
+    }
+
+    fn clear(&mut self) {
+        self.len = 0;
+        self.term.fill(0.0);
+        match self.exchange("clear\n") {
+            Ok(answer) if answer == "ok" => {}
+            Ok(answer) => {
+                self.told(format!("it answered `{}` in place of `ok`", shortened(&answer)));
+                self.capacity = 0;
+            }
+            Err(reason) => {
+                self.told(reason);
+                self.capacity = 0;
+            }
+        }
+    }
+
+    fn bytes(&self) -> usize {
+        self.bytes
+    }
+}

@@ -1,0 +1,354 @@
+//! One race: errors first, then times in turn.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+use fvi_core::Real;
+use fvi_fft::baseline::{MemoryTerm, Signal, memory_term};
+use fvi_fft::{Engines, WeightTable};
+
+use crate::contestant::{Contestant, Making, Run, Samples};
+use crate::plan::Plan;
+use crate::precision::Precision;
+use crate::project::flops;
+use crate::record::{Absence, Kind, RaceRecord, Row};
+use crate::strategy::{Declined, Flops, Strategy, Task};
+
+/// A strategy that failed, or whose sums are not what was asked for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FoundOut {
+    /// Name of the strategy.
+    pub strategy: String,
+    /// The race, in a few words.
+    pub race: String,
+    /// What is wrong.
+    pub reason: String,
+}
+
+/// Steps of each signal whose terms are compared with the plain sum in twice the precision; the others are
+/// compared with `block-fft`.
+const COMPARED_STEPS: usize = 50;
+/// Channels of these that are.
+const COMPARED_CHANNELS: usize = 3;
+/// Errors up to so many u are rounding, whatever the tolerance.
+const ROUNDING: f64 = 16.0;
+/// A median stands if half of its confidence interval is at most this part of it.
+const STANDS: f64 = 0.05;
+
+struct Runner {
+    promises: bool,
+    contestant: Contestant,
+    making: Making,
+    error_u: f64,
+    bytes: usize,
+    flops: Option<f64>,
+    means: Vec<f64>,
+    steps: Vec<u32>,
+}
+
+/// Runs it; `None` if it was stopped.
+pub(crate) fn run(
+    plan: &Plan,
+    task: &Task,
+    strategies: &[Strategy],
+    stop: &AtomicBool,
+) -> Option<RaceRecord> {
+    let stopped = || stop.load(Ordering::Relaxed);
+    let mut absent = Vec::new();
+    let mut leave = |strategy: &str, kind, reason: String| {
+        absent.push(Absence { strategy: strategy.to_owned(), kind, reason });
+    };
+    let mut runners = Vec::new();
+    for strategy in strategies {
+        if stopped() {
+            return None;
+        }
+        let contestant = Contestant::new(strategy, plan.limit);
+        match contestant.make(task) {
+            Ok(Ok(making)) => runners.push(Runner {
+                promises: strategy.promises,
+                contestant,
+                making,
+                error_u: 0.0,
+                bytes: 0,
+                flops: None,
+                means: Vec::new(),
+                steps: vec![u32::MAX; task.length],
+            }),
+            Ok(Err(Declined::SitsOut(reason))) => leave(&strategy.name, Kind::SitsOut, reason),
+            Ok(Err(Declined::Failed(reason))) | Err(reason) => leave(&strategy.name, Kind::Failed, reason),
+        }
+    }
+
+    for &signal in &plan.signals {
+        let compared = Compared::new(task, signal);
+        let exact = compared.sums(task, &task.weights).unwrap_or_default();
+        let mut own: Vec<(Arc<Vec<f64>>, Sums)> = Vec::new();
+        runners = keep(runners, &mut leave, stop, |runner| {
+            let (terms, bytes) = runner.contestant.terms(&compared.run)?;
+            let exact = match &runner.making.own_weights {
+                None => &exact,
+                Some(weights) => {
+                    let known = own.iter().position(|(known, _)| known == weights);
+                    let index = known.unwrap_or_else(|| {
+                        // The task has sums, so other weights have them.
+                        let sums = compared.sums(task, weights).unwrap_or_default();
+                        own.push((Arc::clone(weights), sums));
+                        own.len() - 1
+                    });
+                    &own[index].1
+                }
+            };
+            let error = exact.largest_error(&terms, compared.run.channels.len(), task.precision.unit())?;
+            runner.error_u = runner.error_u.max(error);
+            runner.bytes = bytes;
+            if runner.flops.is_none() {
+                runner.flops = match &runner.making.flops {
+                    Flops::Unknown => None,
+                    Flops::Counted(operations) => Some(operations.count() as f64 / task.length as f64),
+                };
+            }
+            Ok(())
+        })?;
+    }
+
+    let run = Compared::new(task, plan.signals[0]).run;
+    let begin = Instant::now();
+    let (fewest, most) = plan.rounds;
+    let mut rounds = 0;
+    while rounds < most && !runners.is_empty() {
+        runners = keep(runners, &mut leave, stop, |runner| {
+            let steps = std::mem::take(&mut runner.steps);
+            let (mean, steps) = runner.contestant.times(&run, steps)?;
+            runner.means.push(mean);
+            runner.steps = steps;
+            Ok(())
+        })?;
+        rounds += 1;
+        let all_stand = runners.iter().all(|runner| Median::of(&runner.means).stands());
+        if rounds >= fewest && (all_stand || begin.elapsed() > plan.patience) {
+            break;
+        }
+    }
+    let clock = clock_nanoseconds();
+    let rows = runners.into_iter().map(|runner| row(runner, task, clock)).collect();
+    Some(RaceRecord {
+        kernel: task.kernel.name.clone(),
+        length: task.length,
+        channels: task.channels,
+        precision: task.precision,
+        tolerance: task.tolerance,
+        rounds,
+        rows,
+        absent,
+    })
+}
+
+/// Does the same with every runner, those that fail leave; `None` if it was stopped.
+fn keep(
+    runners: Vec<Runner>,
+    leave: &mut impl FnMut(&str, Kind, String),
+    stop: &AtomicBool,
+    mut act: impl FnMut(&mut Runner) -> Result<(), String>,
+) -> Option<Vec<Runner>> {
+    let mut kept = Vec::with_capacity(runners.len());
+    for mut runner in runners {
+        if stop.load(Ordering::Relaxed) {
+            return None;
+        }
+        match act(&mut runner) {
+            Ok(()) => kept.push(runner),
+            Err(reason) => leave(&runner.contestant.name, Kind::Failed, reason),
+        }
+    }
+    Some(kept)
+}
+
+fn row(runner: Runner, task: &Task, clock: f64) -> Row {
+    let median = Median::of(&runner.means);
+    let mut steps = runner.steps;
+    steps.sort_unstable();
+    let quantile = |part: f64| {
+        let last = steps.len().saturating_sub(1);
+        let step = steps.get((part * last as f64).ceil() as usize).copied().unwrap_or(0);
+        (f64::from(step) - clock).max(0.0)
+    };
+    let flops = runner.flops.or_else(|| flops(&runner.contestant.name, task));
+    let allowed = (task.tolerance / task.precision.unit()).max(ROUNDING);
+    Row {
+        error_u: runner.error_u,
+        within: runner.error_u <= allowed,
+        promised: runner.promises,
+        own_weights: runner.making.own_weights.is_some(),
+        mean_ns: median.middle,
+        between_ns: (median.low, median.high),
+        stands: median.stands(),
+        p50_ns: quantile(0.5),
+        p999_ns: quantile(0.999),
+        worst_ns: quantile(1.0),
+        setup_ns: runner.making.setup_ns,
+        bytes: runner.bytes,
+        flops,
+        strategy: runner.contestant.name.clone(),
+    }
+}
+
+/// A median, and between which of the numbers it lies with a probability of 95 %.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Median {
+    middle: f64,
+    low: f64,
+    high: f64,
+}
+
+impl Median {
+    pub(crate) fn of(numbers: &[f64]) -> Self {
+        let mut sorted = numbers.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        let count = sorted.len();
+        let Some(last) = count.checked_sub(1) else {
+            return Self { middle: f64::NAN, low: f64::NAN, high: f64::NAN };
+        };
+        // Of binomial order statistics, by the normal approximation.
+        let half = 0.98 * (count as f64).sqrt();
+        let rank = (0.5 * count as f64 - half).floor().max(0.0) as usize;
+        let rank = rank.min(last / 2);
+        Self {
+            middle: 0.5 * (sorted[last / 2] + sorted[count / 2]),
+            low: sorted[rank],
+            high: sorted[last - rank],
+        }
+    }
+
+    fn stands(self) -> bool {
+        0.5 * (self.high - self.low) <= STANDS * self.middle
+    }
+}
+
+/// A signal, and the channels of it that are looked at.
+struct Compared {
+    run: Run,
+}
+
+/// What the terms of a signal should be: in twice the precision at some steps, and to a few roundings at all,
+/// step by step, channel by channel.
+#[derive(Default)]
+struct Sums {
+    exact: Vec<(usize, MemoryTerm)>,
+    all: Vec<MemoryTerm>,
+    largest: f64,
+}
+
+impl Compared {
+    fn new(task: &Task, signal: Signal) -> Self {
+        let (length, channels) = (task.length, task.channels);
+        let mut chosen: Vec<usize> =
+            (0..COMPARED_CHANNELS).map(|part| part * (channels - 1) / (COMPARED_CHANNELS - 1)).collect();
+        chosen.dedup();
+        let samples = match task.precision {
+            Precision::F64 => Samples::F64(signal.samples(channels, length)),
+            Precision::F32 => Samples::F32(signal.samples(channels, length)),
+        };
+        Self { run: Run { samples: Arc::new(samples), channels: Arc::new(chosen) } }
+    }
+
+    /// `None` where the weights are no kernel.
+    fn sums(&self, task: &Task, weights: &[f64]) -> Option<Sums> {
+        match &*self.run.samples {
+            Samples::F64(samples) => self.sums_of(weights, samples, task.channels),
+            Samples::F32(samples) => {
+                let weights: Vec<f32> = weights.iter().map(|&weight| weight as f32).collect();
+                self.sums_of(&weights, samples, task.channels)
+            }
+        }
+    }
+
+    fn sums_of<T: Real>(&self, weights: &[T], samples: &[T], channels: usize) -> Option<Sums> {
+        let chosen = &self.run.channels;
+        let rows: Vec<Vec<T>> = chosen
+            .iter()
+            .map(|&channel| samples.iter().skip(channel).step_by(channels).copied().collect())
+            .collect();
+        let length = samples.len() / channels;
+        let stride = length.div_ceil(COMPARED_STEPS).max(1);
+        let mut exact = Vec::new();
+        // The first term is an empty sum, in which there is no rounding.
+        for k in (1..length).filter(|&k| k % stride == stride - 1 || k + 1 == length || k.is_power_of_two()) {
+            let terms = rows.iter().map(|row| memory_term(weights, 1, row, 1, k)[0]);
+            exact.extend(terms.enumerate().map(|(channel, term)| (k * rows.len() + channel, term)));
+        }
+        let wide: Vec<f64> = weights.iter().map(|weight| weight.to_f64()).collect();
+        let sizes: Vec<f64> = wide.iter().map(|weight| weight.abs()).collect();
+        let mut sum = f64::block_fft(&mut WeightTable::scalars(&wide), rows.len(), length).ok()?;
+        let mut absolute = f64::block_fft(&mut WeightTable::scalars(&sizes), rows.len(), length).ok()?;
+        let (mut sums, mut absolutes) = (vec![0.0; rows.len()], vec![0.0; rows.len()]);
+        let mut all = Vec::with_capacity(length * rows.len());
+        for k in 0..length {
+            sum.next_term(&mut sums).ok()?;
+            absolute.next_term(&mut absolutes).ok()?;
+            all.extend(sums.iter().zip(&absolutes).map(|(&sum, &absolute)| MemoryTerm { sum, absolute }));
+            let sample: Vec<f64> = rows.iter().map(|row| row[k].to_f64()).collect();
+            sum.push(&sample).ok()?;
+            absolute.push(&sample.iter().map(|number| number.abs()).collect::<Vec<_>>()).ok()?;
+        }
+        let largest = exact.iter().fold(0.0_f64, |largest, (_, term)| largest.max(term.absolute));
+        Some(Sums { exact, all, largest })
+    }
+}
+
+impl Sums {
+    /// Largest error over Σ|w||x|, in units of u.
+    fn largest_error(&self, terms: &[f64], channels: usize, unit: f64) -> Result<f64, String> {
+        if terms.len() != self.all.len() {
+            return Err(format!("{} terms instead of {}", terms.len(), self.all.len()));
+        }
+        if let Some(index) = terms.iter().position(|term| !term.is_finite()) {
+            let (step, sum) = (index / channels, self.all[index].sum);
+            return Err(format!("its term of step {step} is {}, where the sum is {sum:.6e}", terms[index]));
+        }
+        let error = |term: f64, known: &MemoryTerm| {
+            let error = (term - known.sum).abs();
+            // Where nothing is summed, transforms leave the rounding of what they have beside it.
+            if error <= unit * self.largest && known.absolute <= unit * self.largest {
+                return 0.0;
+            }
+            error / known.absolute.max(f64::MIN_POSITIVE) / unit
+        };
+        let exact = self.exact.iter().map(|(index, known)| error(terms[*index], known)).fold(0.0, f64::max);
+        let all = terms.iter().zip(&self.all).map(|(&term, known)| error(term, known)).fold(0.0, f64::max);
+        // At steps that are not looked at closely only what is beyond the rounding of what they are compared
+        // with counts.
+        Ok(if all > 2.0 * exact + 2.0 * ROUNDING { all } else { exact })
+    }
+}
+
+/// What reading the clock adds to the time of a step, in nanoseconds.
+fn clock_nanoseconds() -> f64 {
+    const READINGS: u32 = 1000;
+    let reading = || {
+        let begin = Instant::now();
+        for _ in 0..READINGS {
+            std::hint::black_box(Instant::now());
+        }
+        begin.elapsed().as_secs_f64() * 1e9 / f64::from(READINGS)
+    };
+    (0..10).map(|_| reading()).fold(f64::INFINITY, f64::min)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_median_stands_when_its_interval_is_narrow() {
+        let steady: Vec<f64> = (0..20).map(|index| 100.0 + f64::from(index) * 0.2).collect();
+        let median = Median::of(&steady);
+        assert!(median.stands() && (median.middle - 101.9).abs() < 1e-12, "{median:?}");
+        assert!(median.low < median.middle && median.middle < median.high);
+        let two_speeds: Vec<f64> = (0..20).map(|index| if index % 2 == 0 { 100.0 } else { 150.0 }).collect();
+        assert!(!Median::of(&two_speeds).stands());
+        assert!(!Median::of(&[]).stands());
+        assert_eq!(Median::of(&[3.0, 1.0, 2.0]).middle, 2.0);
+    }
+}

@@ -1,0 +1,173 @@
+//! What has been measured, as it is kept and written.
+
+use serde::{Deserialize, Serialize};
+
+use crate::machine::Machine;
+use crate::precision::Precision;
+
+/// Everything that a lab has measured so far: the file that `--resume` goes on from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Record {
+    /// Text of the file of strategies.
+    pub plan: String,
+    /// Where it was measured.
+    pub machine: Machine,
+    /// The races, in the order of the plan.
+    pub races: Vec<RaceRecord>,
+}
+
+/// All strategies on one kernel at one length, number of channels, precision and tolerance.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RaceRecord {
+    /// Name of the kernel.
+    pub kernel: String,
+    /// Number of steps.
+    pub length: usize,
+    /// Number of channels.
+    pub channels: usize,
+    /// What samples are.
+    pub precision: Precision,
+    /// The error that was asked for, relative to Σ|w||x|.
+    pub tolerance: f64,
+    /// Interleaved rounds that were made.
+    pub rounds: usize,
+    /// What was measured.
+    pub rows: Vec<Row>,
+    /// Who is not among them.
+    pub absent: Vec<Absence>,
+}
+
+/// One strategy in one race.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Row {
+    /// Name of the strategy.
+    pub strategy: String,
+    /// Largest |r_k − sum| / Σ|w||x| over the signals, in units of u of the precision.
+    pub error_u: f64,
+    /// Whether that is within the tolerance, or rounding.
+    pub within: bool,
+    /// Whether it is meant to be: some methods have no bound.
+    pub promised: bool,
+    /// Whether the sum is that of weights of its own.
+    pub own_weights: bool,
+    /// Median over the rounds of the mean time of a step.
+    pub mean_ns: f64,
+    /// Between these is the median with a probability of 95 %.
+    pub between_ns: (f64, f64),
+    /// Whether half of that is at most 5 % of the median.
+    pub stands: bool,
+    /// Median over the steps of the shortest time of each.
+    pub p50_ns: f64,
+    /// What one step in a thousand exceeds.
+    pub p999_ns: f64,
+    /// The longest.
+    pub worst_ns: f64,
+    /// Time to make it.
+    pub setup_ns: f64,
+    /// Bytes of state, tables and buffers after a run.
+    pub bytes: usize,
+    /// Floating-point operations of a step on average, where they are counted.
+    pub flops: Option<f64>,
+}
+
+/// A strategy that was not measured.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Absence {
+    /// Name of the strategy.
+    pub strategy: String,
+    /// Of what kind the reason is.
+    pub kind: Kind,
+    /// Why.
+    pub reason: String,
+}
+
+/// Kinds of reasons to be absent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Kind {
+    /// It is not for this task.
+    SitsOut,
+    /// It failed: cannot be made, refuses samples, hangs, dies, or gives numbers that are not finite.
+    Failed,
+}
+
+impl RaceRecord {
+    /// Whether this is the race of these.
+    pub(crate) fn is_of(
+        &self,
+        kernel: &str,
+        length: usize,
+        channels: usize,
+        precision: Precision,
+        tolerance: f64,
+    ) -> bool {
+        self.kernel == kernel
+            && (self.length, self.channels, self.precision) == (length, channels, precision)
+            && self.tolerance == tolerance
+    }
+
+    /// The race in a few words.
+    pub(crate) fn words(&self) -> String {
+        format!(
+            "{}, {} steps, {} channel{}, {}, tolerance {:e}",
+            self.kernel,
+            self.length,
+            self.channels,
+            if self.channels == 1 { "" } else { "s" },
+            self.precision.name(),
+            self.tolerance
+        )
+    }
+}
+
+/// Columns of `strategies.csv`.
+const COLUMNS: [&str; 14] = [
+    "strategy",
+    "kernel",
+    "length",
+    "channels",
+    "precision",
+    "tolerance",
+    "error_u",
+    "mean_ns",
+    "p50_ns",
+    "p999_ns",
+    "worst_ns",
+    "setup_ns",
+    "bytes",
+    "flops",
+];
+
+impl Record {
+    /// `strategies.csv`: one row for each strategy in each race; flops are empty where nobody counts.
+    pub(crate) fn table(&self) -> Result<String, csv::Error> {
+        let mut table = csv::Writer::from_writer(Vec::new());
+        table.write_record(COLUMNS)?;
+        for race in &self.races {
+            for row in &race.rows {
+                table.write_record([
+                    row.strategy.clone(),
+                    race.kernel.clone(),
+                    race.length.to_string(),
+                    race.channels.to_string(),
+                    race.precision.name().to_owned(),
+                    format!("{:e}", race.tolerance),
+                    if row.error_u < 1e6 {
+                        format!("{:.4}", row.error_u)
+                    } else {
+                        format!("{:.4e}", row.error_u)
+                    },
+                    format!("{:.3}", row.mean_ns),
+                    format!("{:.0}", row.p50_ns),
+                    format!("{:.0}", row.p999_ns),
+                    format!("{:.0}", row.worst_ns),
+                    format!("{:.0}", row.setup_ns),
+                    row.bytes.to_string(),
+                    row.flops.map_or_else(String::new, |flops| format!("{flops:.2}")),
+                ])?;
+            }
+        }
+        let bytes = table.into_inner().map_err(|error| csv::Error::from(error.into_error()))?;
+        Ok(String::from_utf8_lossy(&bytes).into_owned())
+    }
+}

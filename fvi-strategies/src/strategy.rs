@@ -1,0 +1,174 @@
+//! What runs in a race, and what it is asked to serve.
+
+use std::error::Error;
+use std::sync::Arc;
+
+use fvi_core::Memory;
+use fvi_rivals::Operations;
+
+use crate::kernel::Kernel;
+use crate::precision::Precision;
+
+/// What a strategy is asked to serve.
+#[derive(Clone, Debug)]
+pub struct Task {
+    pub(crate) kernel: Arc<Kernel>,
+    /// The weights w_0, w_1, … of the kernel, one for each step.
+    pub weights: Arc<Vec<f64>>,
+    /// Number of steps.
+    pub length: usize,
+    /// Number of channels, on each of which the weights act alike.
+    pub channels: usize,
+    /// What the samples are.
+    pub precision: Precision,
+    /// Largest error that is wanted, relative to Σ|w||x|.
+    pub tolerance: f64,
+}
+
+impl Task {
+    /// Name of the kernel.
+    pub fn kernel(&self) -> &str {
+        &self.kernel.name
+    }
+
+    /// β of a kernel s^β.
+    pub fn order(&self) -> Option<f64> {
+        self.kernel.exponent()
+    }
+
+    /// h, the step of the quadrature.
+    pub fn step(&self) -> f64 {
+        self.kernel.step
+    }
+}
+
+/// A memory in one of the precisions.
+pub(crate) enum AnyMemory {
+    F64(Box<dyn Memory<f64> + Send>),
+    F32(Box<dyn Memory<f32> + Send>),
+}
+
+impl AnyMemory {
+    pub(crate) fn channels(&self) -> usize {
+        match self {
+            Self::F64(memory) => memory.channels(),
+            Self::F32(memory) => memory.channels(),
+        }
+    }
+}
+
+/// How operations are known.
+#[derive(Clone, Debug, Default)]
+pub(crate) enum Flops {
+    #[default]
+    Unknown,
+    Counted(Operations),
+}
+
+/// Why something else went wrong than a memory can say.
+pub(crate) type Trouble = Arc<dyn Fn() -> Option<String> + Send + Sync>;
+
+/// A strategy that has been made for a task.
+pub struct Made {
+    pub(crate) memory: AnyMemory,
+    pub(crate) own_weights: Option<Arc<Vec<f64>>>,
+    pub(crate) flops: Flops,
+    pub(crate) trouble: Option<Trouble>,
+}
+
+impl Made {
+    /// A memory in double precision, whose calls are compiled for the widest vectors of the processor.
+    pub fn memory(memory: impl Memory<f64> + Send + 'static) -> Self {
+        Self::of(AnyMemory::F64(fvi_rivals::vectorised(memory)))
+    }
+
+    pub(crate) fn of(memory: AnyMemory) -> Self {
+        Self { memory, own_weights: None, flops: Flops::Unknown, trouble: None }
+    }
+
+    /// A memory that counts its operations itself.
+    pub fn counted(self, operations: Operations) -> Self {
+        Self { flops: Flops::Counted(operations), ..self }
+    }
+
+    /// A memory that sums weights of its own in place of those of the task, as another discretisation of the
+    /// same operator does: its error is that of their sum.
+    pub fn summing(self, weights: Vec<f64>) -> Self {
+        Self { own_weights: Some(Arc::new(weights)), ..self }
+    }
+}
+
+/// Why a strategy is not there.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Declined {
+    /// It is not for this task.
+    SitsOut(String),
+    /// It cannot be made.
+    Failed(String),
+}
+
+impl Declined {
+    pub(crate) fn sits_out(reason: impl Into<String>) -> Self {
+        Self::SitsOut(reason.into())
+    }
+}
+
+/// What goes wrong when a strategy is made is told with the name of the strategy.
+impl<E: Error> From<E> for Declined {
+    fn from(error: E) -> Self {
+        Self::Failed(error.to_string())
+    }
+}
+
+pub(crate) type Maker = Arc<dyn Fn(&Task) -> Result<Made, Declined> + Send + Sync>;
+
+/// A strategy by name, and how it is made for a task.
+#[derive(Clone)]
+pub struct Strategy {
+    pub(crate) name: String,
+    pub(crate) description: String,
+    /// Whether its error is meant to be within the tolerance.
+    pub(crate) promises: bool,
+    pub(crate) make: Maker,
+}
+
+impl Strategy {
+    /// A strategy with a description in a few words.
+    pub fn new(
+        name: impl Into<String>,
+        description: impl Into<String>,
+        make: impl Fn(&Task) -> Result<Made, Declined> + Send + Sync + 'static,
+    ) -> Self {
+        Self { name: name.into(), description: description.into(), promises: true, make: Arc::new(make) }
+    }
+
+    /// A strategy whose method has no bound on its error: to be beyond the tolerance is no fault of it.
+    #[must_use]
+    pub fn without_bound(self) -> Self {
+        Self { promises: false, ..self }
+    }
+
+    /// Its name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+}
+
+/// Largest number of products of a plain sum over a run, for all channels: beyond, it sits out.
+const MOST_PRODUCTS: f64 = (1u64 << 31) as f64;
+
+/// For sums over the whole history: declines runs that would take seconds each.
+pub(crate) fn require_short(task: &Task, window: usize) -> Result<(), Declined> {
+    let products = task.length as f64 * window.min(task.length) as f64 * task.channels as f64;
+    if products <= MOST_PRODUCTS {
+        return Ok(());
+    }
+    Err(Declined::sits_out(format!("{products:.1e} products in a run, more than {MOST_PRODUCTS:.1e}")))
+}
+
+pub(crate) fn require_double(task: &Task) -> Result<(), Declined> {
+    match task.precision {
+        Precision::F64 => Ok(()),
+        Precision::F32 => Err(Declined::sits_out("it is there in double precision only")),
+    }
+}

@@ -1,0 +1,344 @@
+//! Races as a user runs them: who is measured, who is found out, what is written.
+
+use std::fs;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use fvi_strategies::fvi_core::{Memory, MemoryError};
+use fvi_strategies::{Kind, Lab, LabError, Made, Strategy, Summary};
+
+const SHORT: &str = "lengths = [200]\nrounds = [2, 3]\nseconds = 0.2\n";
+const ROOT: &str = "[[kernel]]\nname = \"root\"\norder = 0.5\n";
+
+fn race(lab: &Lab, directory: &Path, text: &str) -> Result<Summary, LabError> {
+    let file = directory.join("race.toml");
+    fs::write(&file, text).unwrap();
+    lab.run(&file, &directory.join("out"))
+}
+
+/// A plain sum that goes wrong in one way or another.
+#[derive(Clone, Copy, PartialEq)]
+enum Fault {
+    None,
+    Wrong,
+    NotANumber,
+    Panics,
+    Hangs,
+    Refuses,
+}
+
+struct Faulty {
+    weights: Vec<f64>,
+    samples: Vec<f64>,
+    fault: Fault,
+}
+
+impl Memory<f64> for Faulty {
+    fn channels(&self) -> usize {
+        1
+    }
+
+    fn leading(&self) -> &[f64] {
+        &self.weights[..1]
+    }
+
+    fn len(&self) -> usize {
+        self.samples.len()
+    }
+
+    fn next_term(&mut self, term: &mut [f64]) -> Result<(), MemoryError> {
+        let pairs = self.samples.iter().rev().zip(&self.weights[1..]);
+        term[0] = pairs.map(|(sample, weight)| sample * weight).sum();
+        if self.samples.len() == 150 {
+            match self.fault {
+                Fault::None => {}
+                Fault::Wrong => term[0] *= 1.001,
+                Fault::NotANumber => term[0] = f64::NAN,
+                Fault::Panics => panic!("out of luck"),
+                Fault::Hangs => std::thread::sleep(std::time::Duration::from_secs(3600)),
+                Fault::Refuses => return Err(MemoryError::Full { capacity: 150 }),
+            }
+        }
+        Ok(())
+    }
+
+    fn push(&mut self, sample: &[f64]) -> Result<(), MemoryError> {
+        self.samples.push(sample[0]);
+        Ok(())
+    }
+
+    fn clear(&mut self) {
+        self.samples.clear();
+    }
+
+    fn bytes(&self) -> usize {
+        8 * (self.weights.len() + self.samples.len())
+    }
+}
+
+fn faulty(name: &str, fault: Fault) -> Strategy {
+    Strategy::new(name, "a plain sum", move |task| {
+        Ok(Made::memory(Faulty { weights: task.weights.to_vec(), samples: Vec::new(), fault }))
+    })
+}
+
+#[test]
+fn a_strategy_that_lies_is_found_out_by_name_and_spoils_no_other() {
+    let place = tempfile::tempdir().unwrap();
+    let lab = Lab::new()
+        .with(faulty("honest", Fault::None))
+        .with(faulty("wrong", Fault::Wrong))
+        .with(faulty("not-a-number", Fault::NotANumber))
+        .with(faulty("panics", Fault::Panics))
+        .with(faulty("hangs", Fault::Hangs))
+        .with(faulty("refuses", Fault::Refuses))
+        .with(Strategy::new("unmade", "", |_| Err("no memory".parse::<f64>().unwrap_err().into())));
+    let text = format!("{SHORT}time_limit = 1.0\n{ROOT}");
+    let summary = race(&lab, place.path(), &text).unwrap();
+    let reason = |name: &str| {
+        let found: Vec<_> = summary.found_out.iter().filter(|found| found.strategy == name).collect();
+        assert!(found.len() == 1 && found[0].race.starts_with("root, 200 steps"), "{name}: {found:?}");
+        found[0].reason.clone()
+    };
+    assert!(reason("wrong").contains("its error is 1.0e-3"), "{}", reason("wrong"));
+    assert!(reason("not-a-number").contains("term of step 150 is NaN"), "{}", reason("not-a-number"));
+    assert!(reason("panics").contains("out of luck"), "{}", reason("panics"));
+    assert!(reason("hangs").contains("no answer within 1.000 s"), "{}", reason("hangs"));
+    assert!(reason("refuses").contains("step 150: the memory is full"), "{}", reason("refuses"));
+    assert!(reason("unmade").contains("invalid float"), "{}", reason("unmade"));
+    assert_eq!(summary.found_out.len(), 6, "{:?}", summary.found_out);
+    let said = summary.to_string();
+    assert!(said.contains("found out: \"hangs\": no answer"), "{said}");
+    let race = &summary.record.races[0];
+    let row = |name: &str| race.rows.iter().find(|row| row.strategy == name);
+    assert!(row("honest").unwrap().within && !row("wrong").unwrap().within);
+    assert!(row("hangs").is_none() && row("panics").is_none() && row("not-a-number").is_none());
+    for name in ["direct", "block-fft", "real-time", "exponential-sum", "naive", "gardner", "jiang"] {
+        assert!(row(name).unwrap().within, "{name} was spoilt");
+    }
+    let page = fs::read_to_string(place.path().join("out/strategies.html")).unwrap();
+    assert!(page.contains("out of luck") && page.contains("no answer within 1.000 s"));
+}
+
+#[test]
+fn every_strategy_is_measured_and_the_table_has_its_columns() {
+    let place = tempfile::tempdir().unwrap();
+    let text = "lengths = [64, 300]\nchannels = [1, 3]\nprecisions = [\"f64\", \"f32\"]\ntolerances = [1e-4, 1e-10]\n\
+                rounds = [2, 2]\n[[kernel]]\nname = \"root, \\\"half\\\"\"\nform = \"power\"\norder = 0.5\n";
+    let summary = race(&Lab::new(), place.path(), text).unwrap();
+    assert_eq!((summary.races, summary.record.races.len()), (16, 16));
+    let table = fs::read_to_string(place.path().join("out/strategies.csv")).unwrap();
+    let mut reader = csv::Reader::from_reader(table.as_bytes());
+    let columns = "strategy,kernel,length,channels,precision,tolerance,error_u,mean_ns,p50_ns,p999_ns,worst_ns,setup_ns,bytes,flops";
+    assert_eq!(table.lines().next(), Some(columns));
+    let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
+    // In double precision all, in single precision the project's own.
+    assert_eq!(rows.len(), 8 * 17 + 8 * 5);
+    for row in &rows {
+        assert_eq!(&row[1], "root, \"half\"");
+        for column in 5..13 {
+            let number: f64 = row[column].parse().unwrap();
+            assert!(number.is_finite() && number >= 0.0, "{row:?}");
+        }
+        let (error, unit) =
+            (row[6].parse::<f64>().unwrap(), if &row[4] == "f64" { 2f64.powi(-53) } else { 2f64.powi(-24) });
+        let allowed = row[5].parse::<f64>().unwrap().max(16.0 * unit);
+        let bound = !["short-memory", "oustaloup", "matsuda"].contains(&&row[0]);
+        assert!(!bound || error * unit <= allowed, "{row:?}");
+        assert!(row[7].parse::<f64>().unwrap() > 0.0 && row[12].parse::<f64>().unwrap() > 100.0, "{row:?}");
+    }
+    assert!(summary.found_out.is_empty(), "{:?}", summary.found_out);
+    // The page needs nothing from elsewhere.
+    let page = fs::read_to_string(place.path().join("out/strategies.html")).unwrap();
+    for word in ["<script", "http://", "https://", "src=", "href=", "NaN"] {
+        assert!(!page.contains(word), "{word}");
+    }
+    for word in
+        ["fastest is", "Pareto fronts", "Cost against length", "<svg", "root, &quot;half&quot;", "rustc"]
+    {
+        assert!(page.contains(word), "{word}");
+    }
+}
+
+#[test]
+fn a_race_that_was_stopped_keeps_what_was_measured_and_goes_on() {
+    let place = tempfile::tempdir().unwrap();
+    let (file, out) = (place.path().join("race.toml"), place.path().join("out"));
+    fs::write(&file, format!("lengths = [50, 60, 70]\nstrategies = [\"naive\"]\nrounds = [2, 2]\n{ROOT}"))
+        .unwrap();
+    let lab = Lab::new();
+    let plan = lab.plan(&file).unwrap();
+    let stop = AtomicBool::new(false);
+    let summary =
+        lab.race(&plan, &out, false, &stop, &mut |done, _| stop.store(done == 1, Ordering::Relaxed));
+    let stopped = summary.unwrap();
+    assert_eq!((stopped.record.races.len(), stopped.races), (1, 3));
+    assert_eq!(fs::read_to_string(out.join("strategies.csv")).unwrap().lines().count(), 2);
+    let mut begun = Vec::new();
+    let go_on = |begun: &mut Vec<usize>| {
+        lab.race(&plan, &out, true, &AtomicBool::new(false), &mut |done, what| {
+            if !what.is_empty() {
+                begun.push(done);
+            }
+        })
+    };
+    let all = go_on(&mut begun).unwrap();
+    assert_eq!((begun, all.record.races.len()), (vec![1, 2], 3));
+    assert_eq!(all.record.races[0], stopped.record.races[0], "what was measured is not measured again");
+    // A record of something else is no beginning.
+    fs::write(&file, format!("lengths = [50, 60]\nstrategies = [\"naive\"]\n{ROOT}")).unwrap();
+    let other = lab.plan(&file).unwrap();
+    let refused = lab.race(&other, &out, true, &AtomicBool::new(false), &mut |_, _| {}).unwrap_err();
+    assert!(refused.to_string().contains("another file of strategies"), "{refused}");
+    let nothing = lab.race(&other, &place.path().join("new"), true, &AtomicBool::new(false), &mut |_, _| {});
+    assert!(nothing.unwrap_err().to_string().contains("nothing to go on from"));
+    fs::write(out.join("strategies.json"), "{\"plan\": 3}").unwrap();
+    let damaged = lab.race(&other, &out, true, &AtomicBool::new(false), &mut |_, _| {}).unwrap_err();
+    assert!(damaged.to_string().contains("no record of strategies"), "{damaged}");
+}
+
+#[test]
+fn kernels_of_every_form_are_raced() {
+    let place = tempfile::tempdir().unwrap();
+    fs::write(place.path().join("G.csv"), "t,G\n0,1\n0.5,0.6\n2,0\n").unwrap();
+    let weights: Vec<String> = (0..100).map(|n| format!("{n},{}", 0.9f64.powi(n))).collect();
+    fs::write(place.path().join("w.csv"), format!("n,weight\n{}\n", weights.join("\n"))).unwrap();
+    let forms = [
+        "order = 1.3",
+        "form = \"power\"\norder = 0.5\nstep = 0.1",
+        "kernel = { form = \"power\", order = 0.5 }\nfamily = \"bdf\"\norder = 3\nstep = 0.1",
+        "form = \"tempered\"\norder = 0.5\nrate = 0.3",
+        "form = \"maxwell\"\norder = 0.6\ntime = 1.0\nstep = 0.01",
+        "form = \"havriliak-negami\"\norder = 0.7\npower = 0.5\ntime = 1.0",
+        "form = \"prony\"\nstrengths = [1.0, 0.7]\ntimes = [1.0, 0.1]\norder = 2",
+        "symbol = \"a*s*(s + 0.1)/((s + 0.1)^2 + 4)\"\norder = 2\nstep = 0.1",
+        "relaxation = \"G.csv\"\nstep = 0.1",
+        "weights = \"w.csv\"",
+        "kernel = { weights = \"w.csv\" }",
+        "form = \"random\"\ndecay = 0.8\nseed = 3",
+    ];
+    let mut text =
+        "lengths = [100]\nrounds = [1, 1]\nsignals = [\"stationary\"]\nparameters = { a = 0.5 }\n".to_owned();
+    for (index, form) in forms.iter().enumerate() {
+        text.push_str(&format!("[[kernel]]\nname = \"k{index}\"\n{form}\n"));
+    }
+    let summary = race(&Lab::new(), place.path(), &text).unwrap();
+    assert_eq!(summary.record.races.len(), forms.len());
+    assert!(summary.found_out.is_empty(), "{:?}", summary.found_out);
+    for race in &summary.record.races {
+        let absent = |name: &str| {
+            race.absent.iter().any(|absence| absence.strategy == name && absence.kind == Kind::SitsOut)
+        };
+        let power = ["k0", "k1", "k2"].contains(&&*race.kernel);
+        assert_eq!(absent("oustaloup"), !power, "{}", race.kernel);
+        let exact = race.rows.iter().filter(|row| row.error_u < 100.0).count();
+        assert!(exact >= 7, "{}: {exact} strategies are exact", race.kernel);
+    }
+}
+
+#[test]
+fn files_that_cannot_be_used_are_refused_with_key_and_value() {
+    let place = tempfile::tempdir().unwrap();
+    fs::write(place.path().join("short.csv"), "n,weight\n0,1\n1,0.5\n").unwrap();
+    fs::write(place.path().join("gap.csv"), "n,weight\n0,1\n2,0.5\n").unwrap();
+    let kernel = |keys: &str| format!("lengths = [100]\n[[kernel]]\nname = \"k\"\n{keys}\n");
+    let cases = [
+        (format!("length = [10]\n{ROOT}"), "unknown key"),
+        (ROOT.to_owned(), "`lengths` is missing"),
+        ("lengths = [10]\n".to_owned(), "`kernel` is missing"),
+        (format!("lengths = []\n{ROOT}"), "at least one"),
+        (format!("lengths = [0]\n{ROOT}"), "from 1 to"),
+        (format!("lengths = [10]\ntolerances = [0.0]\n{ROOT}"), "4e-15 ≤ tolerance"),
+        (format!("lengths = [16777216]\nchannels = [100]\n{ROOT}"), "samples in a run"),
+        (format!("lengths = [10]\nprecisions = [\"f16\"]\n{ROOT}"), "\"f64\", \"f32\""),
+        (format!("lengths = [10]\nstrategies = [\"fastest\"]\n{ROOT}"), "\"direct\", \"block-fft\""),
+        (format!("lengths = [10]\nrounds = [5, 2]\n{ROOT}"), "the fewest and the most"),
+        (format!("lengths = [10]\n{ROOT}{ROOT}"), "no other kernel has"),
+        (kernel("order = 2.5"), "0 ≤ β < 2"),
+        (kernel("order = 0.5\nfamily = \"radau-iia\""), "\"bdf\""),
+        (kernel("order = 0.5\nstep = -1.0"), "a number > 0"),
+        (kernel("kernel = { form = \"power\", order = 0.5 }\norder = 7"), "from 1 to 6"),
+        (kernel("form = \"maxwell\"\norder = 0.6"), "`time` is missing"),
+        (kernel("form = \"maxwell\"\norder = 0.6\ntime = 1.0\ntimes = 2"), "unknown key"),
+        (kernel("weights = \"short.csv\""), "at least 100 weights"),
+        (kernel("weights = \"gap.csv\""), "n must be 1"),
+        (kernel("weights = \"none.csv\""), "cannot be read"),
+        (kernel("weights = \"w.csv\"\nform = \"power\""), "unknown key"),
+        (
+            format!("lengths = [10]\n{ROOT}[[program]]\nname = \"direct\"\ncommand = [\"true\"]\n"),
+            "no other strategy has",
+        ),
+        (
+            format!("lengths = [10]\n{ROOT}[[program]]\nname = \"p\"\ncommand = []\n"),
+            "the program and its arguments",
+        ),
+    ];
+    for (text, expected) in cases {
+        let error = race(&Lab::new(), place.path(), &text).unwrap_err();
+        let LabError::Input(error) = error else { panic!("{text}: {error}") };
+        let said = format!("{error} {}", error.problem().allowed().unwrap_or_default());
+        assert!(said.contains(expected), "{text}\n{said}");
+        assert!(error.file().ends_with("race.toml"), "{said}");
+        assert!(!place.path().join("out").exists(), "{text}");
+    }
+    let twice = Lab::new().with(faulty("direct", Fault::None));
+    let error = race(&twice, place.path(), &format!("lengths = [10]\n{ROOT}")).unwrap_err();
+    assert!(error.to_string().contains("two strategies are named"), "{error}");
+}
+
+#[test]
+fn long_plain_sums_sit_out() {
+    let place = tempfile::tempdir().unwrap();
+    let text = format!(
+        "lengths = [65536]\nstrategies = [\"direct\", \"naive\", \"gardner\"]\nrounds = [1, 1]\nsignals = [\"constant\"]\n{ROOT}"
+    );
+    let summary = race(&Lab::new(), place.path(), &text).unwrap();
+    let names: Vec<&str> =
+        summary.record.races[0].absent.iter().map(|absence| absence.strategy.as_str()).collect();
+    assert_eq!(names, ["direct", "naive"]);
+    assert!(summary.found_out.is_empty());
+}
+
+/// A program of the shell: what it answers to a sample.
+#[cfg(unix)]
+fn program(name: &str, answer: &str) -> String {
+    let script = format!(
+        "while read word rest; do case $word in begin) ;; weights) echo ready 16 ;; clear) k=0; echo ok ;; *) k=$((k+1)); {answer} ;; esac; done"
+    );
+    format!("[[program]]\nname = \"{name}\"\ntime_limit = 1.0\ncommand = [\"sh\", \"-c\", '''{script}''']\n")
+}
+
+#[cfg(unix)]
+#[test]
+fn programs_over_pipes_are_measured_and_found_out() {
+    let place = tempfile::tempdir().unwrap();
+    // Weights 0, 1 on a signal of tenths: every term but the first is a tenth.
+    let kernel = format!("[[kernel]]\nname = \"delay\"\nweights = [0.0, 1.0{}]\n", ", 0.0".repeat(98));
+    let mut text = format!("lengths = [100]\nsignals = [\"constant\"]\nrounds = [1, 2]\n{kernel}");
+    text.push_str(&program("honest", "echo 0.1"));
+    text.push_str(&program("wrong", "echo 0.2"));
+    text.push_str(&program("not-a-number", "echo nan"));
+    text.push_str(&program("talks", "echo hello"));
+    text.push_str(&program("dies", "if [ $k -gt 50 ]; then exit 3; fi; echo 0.1"));
+    text.push_str(&program("hangs", "if [ $k -gt 50 ]; then sleep 60; fi; echo 0.1"));
+    text.push_str("[[program]]\nname = \"absent\"\ncommand = [\"./there-is-none\"]\n");
+    text.push_str("[[program]]\nname = \"declines\"\ncommand = [\"sh\", \"-c\", \"read a; read b; echo declined too short; read c\"]\n");
+    let summary = race(&Lab::new(), place.path(), &text).unwrap();
+    let reason = |name: &str| {
+        let found: Vec<_> = summary.found_out.iter().filter(|found| found.strategy == name).collect();
+        assert_eq!(found.len(), 1, "{name}: {:?}", summary.found_out);
+        found[0].reason.clone()
+    };
+    assert!(reason("wrong").contains("its error is 1.0e0"), "{}", reason("wrong"));
+    assert!(reason("not-a-number").contains("NaN"), "{}", reason("not-a-number"));
+    assert!(reason("talks").contains("`hello` in place of 1 numbers"), "{}", reason("talks"));
+    assert!(reason("dies").contains("exit status: 3"), "{}", reason("dies"));
+    assert!(reason("hangs").contains("no answer within 1.000 s"), "{}", reason("hangs"));
+    assert!(reason("absent").contains("there-is-none"), "{}", reason("absent"));
+    assert_eq!(summary.found_out.len(), 6, "{:?}", summary.found_out);
+    let race = &summary.record.races[0];
+    let honest = race.rows.iter().find(|row| row.strategy == "honest").unwrap();
+    assert!(honest.within && honest.error_u == 0.0 && honest.bytes == 16 && honest.mean_ns > 100.0);
+    let declined = race.absent.iter().find(|absence| absence.strategy == "declines").unwrap();
+    assert_eq!((declined.kind, declined.reason.as_str()), (Kind::SitsOut, "too short"));
+}
