@@ -248,8 +248,8 @@ fn fast_l1_formulas_keep_their_tolerance() {
 
 #[test]
 fn fast_l1_formulas_have_the_order_of_the_l1_formula() {
-    // D^β t^{3+β} = Γ(4+β)/6 t³ at t = 1, of order 2 − β in h: the kind of solution that the paper of the fast
-    // formula measures its order with.
+    // D^β t^{3+β} = Γ(4+β)/6 t³ at t = 1, of order 2 − β in h: the kind of solution that the paper of the
+    // fast formula measures its order with.
     for order in [0.3, 0.5, 0.8] {
         let exact = libm::tgamma(4.0 + order) / 6.0;
         for name in ["plain", "jiang", "compression"] {
