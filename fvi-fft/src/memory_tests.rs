@@ -899,3 +899,16 @@ fn a_slow_exponential_however_small_is_what_lasts() {
         assert!((term[0] / weight - 1.0).abs() < 1e-13, "{name}: {term:?}");
     }
 }
+
+#[test]
+fn operations_are_counted_as_blocks_are_cut() {
+    // Lags below 128 one by one, 2k and 2(k − 64) …; output blocks 2 and 3 of 64 with one and two before them.
+    let near: usize = (0..128).map(|k| 2 * k).sum::<usize>() + 2 * (64..128).map(|k| 2 * k).sum::<usize>();
+    let blocks = 2 * (2 * 5 * 64 * 6) + 3 * 8 * 64;
+    let count = (near + blocks) as f64;
+    assert_eq!((BlockFft::<f64>::operations(256), RealTime::<f64>::operations(256)), (count, count));
+    // Eight blocks of a level make one of the next, or four.
+    let of_a_step = |operations: f64| operations / 2048.0;
+    let longer = (BlockFft::<f64>::operations(2048), RealTime::<f64>::operations(2048));
+    assert_eq!((of_a_step(longer.0), of_a_step(longer.1)), (362.5, 356.5));
+}

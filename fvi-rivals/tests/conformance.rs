@@ -247,6 +247,36 @@ fn fast_l1_formulas_keep_their_tolerance() {
 }
 
 #[test]
+fn fast_l1_formulas_have_the_order_of_the_l1_formula() {
+    // D^β t^{3+β} = Γ(4+β)/6 t³ at t = 1, of order 2 − β in h: the kind of solution that the paper of the
+    // fast formula measures its order with.
+    for order in [0.3, 0.5, 0.8] {
+        let exact = libm::tgamma(4.0 + order) / 6.0;
+        for name in ["plain", "jiang", "compression"] {
+            let error = |steps: usize| {
+                let step = 1.0 / steps as f64;
+                let mut memory: Boxed = match name {
+                    "plain" => {
+                        let weights = l1_weights(order, step, steps).unwrap();
+                        vectorised(PlainSum::new(&weights, 1, steps).unwrap())
+                    }
+                    "jiang" => vectorised(jiang(order, step, 1, steps, 1e-9).unwrap()),
+                    _ => vectorised(kernel_compression(order, step, 1, steps, 1e-9).unwrap()),
+                };
+                let samples: Vec<f64> = (1..=steps).map(|k| (k as f64 * step).powf(3.0 + order)).collect();
+                let terms = run(&mut *memory, &samples);
+                (memory.leading()[0] * samples[steps - 1] + terms[steps - 1] - exact).abs()
+            };
+            let errors = [100, 200, 400].map(error);
+            for pair in errors.windows(2) {
+                let found = (pair[0] / pair[1]).log2();
+                assert!((found - (2.0 - order)).abs() < 0.1, "{name}, β = {order}: {found}, {errors:?}");
+            }
+        }
+    }
+}
+
+#[test]
 fn oblivious_quadrature_keeps_its_tolerance() {
     let steps = 3000;
     let kernels: [(&str, Symbol); 2] =

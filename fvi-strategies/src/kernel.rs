@@ -50,6 +50,24 @@ impl Kernel {
         }
     }
 
+    /// A number that tells weights from others: of all that are in a table, of the first of a formula.
+    pub(crate) fn fingerprint(&self) -> u64 {
+        const LOOKED_AT: usize = 256;
+        let computed;
+        let weights: &[f64] = match &self.source {
+            Source::Table(weights) => weights,
+            _ => {
+                computed = self.weights(LOOKED_AT).unwrap_or_default();
+                &computed
+            }
+        };
+        // FNV-1a
+        let bytes = weights.iter().flat_map(|weight| weight.to_bits().to_le_bytes());
+        bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
+            (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
+        })
+    }
+
     /// In words.
     pub(crate) fn description(&self) -> String {
         let formula = format!("BDF of order {}, h = {}", self.order.get(), self.step);

@@ -78,19 +78,14 @@ fn head(page: &mut String, record: &Record, plan: &Plan) {
         let _ = writeln!(page, "<li><b>{name}</b>: {description}</li>");
     }
     page.push_str("</ul>\n");
-    let restless: Vec<String> = record
-        .races
-        .iter()
-        .flat_map(|race| race.rows.iter().filter(|row| !row.stands).map(move |row| (race, row)))
-        .map(|(race, row)| format!("{} ({})", row.strategy, race.words()))
-        .collect();
-    if restless.is_empty() {
+    let rows = || record.races.iter().flat_map(|race| &race.rows);
+    let (all, restless) = (rows().count(), rows().filter(|row| !row.stands).count());
+    if restless == 0 {
         page.push_str("<p>Every median stands to 5 %.</p>\n");
     } else {
         let _ = writeln!(
             page,
-            "<p class=\"no\">These medians do not stand to 5&nbsp;%, and a second run may rank them otherwise: {}.</p>",
-            escaped(&restless.join("; "))
+            "<p class=\"no\">{restless} of {all} medians do not stand to 5&nbsp;%, and a second run may rank them otherwise; each is marked among the numbers below.</p>"
         );
     }
 }

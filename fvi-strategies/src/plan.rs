@@ -148,6 +148,11 @@ impl Plan {
                 return Err(value.table()?.required("name")?.out_of_range("a name that no other kernel has"));
             }
         }
+        // What files of weights say belongs to it.
+        let mut text = document.text().to_owned();
+        for kernel in &kernels {
+            text.push_str(&format!("\n# {} {:016x}", kernel.name, kernel.fingerprint()));
+        }
         Ok(Self {
             title,
             lengths,
@@ -161,7 +166,7 @@ impl Plan {
             rounds,
             limit,
             patience,
-            text: document.text().to_owned(),
+            text,
         })
     }
 

@@ -8,7 +8,7 @@ use crate::precision::Precision;
 /// Everything that a lab has measured so far: the file that `--resume` goes on from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Record {
-    /// Text of the file of strategies.
+    /// Text of the file of strategies, with what tells the weights of its kernels from others.
     pub plan: String,
     /// Where it was measured.
     pub machine: Machine,

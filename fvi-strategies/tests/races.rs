@@ -198,6 +198,37 @@ fn a_race_that_was_stopped_keeps_what_was_measured_and_goes_on() {
 }
 
 #[test]
+fn a_record_of_other_weights_is_no_beginning() {
+    let place = tempfile::tempdir().unwrap();
+    let (file, out) = (place.path().join("race.toml"), place.path().join("out"));
+    let write = |last: f64| {
+        fs::write(place.path().join("w.csv"), format!("n,weight\n0,1\n1,0.5\n2,{last}\n")).unwrap();
+    };
+    write(0.25);
+    let text = "lengths = [3]\nstrategies = [\"naive\"]\nrounds = [1, 1]\n[[kernel]]\nname = \"w\"\nweights = \"w.csv\"\n";
+    fs::write(&file, text).unwrap();
+    let lab = Lab::new();
+    lab.run(&file, &out).unwrap();
+    let resume = || lab.race(&lab.plan(&file).unwrap(), &out, true, &AtomicBool::new(false), &mut |_, _| {});
+    assert!(resume().is_ok());
+    write(0.26);
+    assert!(resume().unwrap_err().to_string().contains("another file of strategies"));
+}
+
+#[test]
+fn the_smallest_races_are_run() {
+    let place = tempfile::tempdir().unwrap();
+    let mut text = "lengths = [1, 2, 3, 17]\nrounds = [1, 1]\ntolerances = [1e-3, 1e-10]\n".to_owned();
+    for (name, order) in [("one", 0.0), ("slope", 1.0), ("half", 0.5)] {
+        text.push_str(&format!("[[kernel]]\nname = \"{name}\"\norder = {order:?}\n"));
+    }
+    let summary = race(&Lab::new(), place.path(), &text).unwrap();
+    assert_eq!(summary.record.races.len(), 24);
+    assert!(summary.found_out.is_empty(), "{:?}", summary.found_out);
+    assert!(summary.record.races.iter().all(|race| race.rows.len() >= 8));
+}
+
+#[test]
 fn kernels_of_every_form_are_raced() {
     let place = tempfile::tempdir().unwrap();
     fs::write(place.path().join("G.csv"), "t,G\n0,1\n0.5,0.6\n2,0\n").unwrap();
@@ -305,7 +336,7 @@ fn program(name: &str, answer: &str) -> String {
     let script = format!(
         "while read word rest; do case $word in begin) ;; weights) echo ready 16 ;; clear) k=0; echo ok ;; *) k=$((k+1)); {answer} ;; esac; done"
     );
-    format!("[[program]]\nname = \"{name}\"\ntime_limit = 1.0\ncommand = [\"sh\", \"-c\", '''{script}''']\n")
+    format!("[[program]]\nname = \"{name}\"\ntime_limit = 2.0\ncommand = [\"sh\", \"-c\", '''{script}''']\n")
 }
 
 #[cfg(unix)]
@@ -333,7 +364,7 @@ fn programs_over_pipes_are_measured_and_found_out() {
     assert!(reason("not-a-number").contains("NaN"), "{}", reason("not-a-number"));
     assert!(reason("talks").contains("`hello` in place of 1 numbers"), "{}", reason("talks"));
     assert!(reason("dies").contains("exit status: 3"), "{}", reason("dies"));
-    assert!(reason("hangs").contains("no answer within 1.000 s"), "{}", reason("hangs"));
+    assert!(reason("hangs").contains("no answer within 2.000 s"), "{}", reason("hangs"));
     assert!(reason("absent").contains("there-is-none"), "{}", reason("absent"));
     assert_eq!(summary.found_out.len(), 6, "{:?}", summary.found_out);
     let race = &summary.record.races[0];
