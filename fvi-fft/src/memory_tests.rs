@@ -902,7 +902,8 @@ fn a_slow_exponential_however_small_is_what_lasts() {
 
 #[test]
 fn operations_are_counted_as_blocks_are_cut() {
-    // Lags below 128 one by one, 2k and 2(k − 64) …; output blocks 2 and 3 of 64 with one and two before them.
+    // Lags below 128 one by one, 2k and 2(k − 64) …; output blocks 2 and 3 of 64 with one and two before
+    // them.
     let near: usize = (0..128).map(|k| 2 * k).sum::<usize>() + 2 * (64..128).map(|k| 2 * k).sum::<usize>();
     let blocks = 2 * (2 * 5 * 64 * 6) + 3 * 8 * 64;
     let count = (near + blocks) as f64;
