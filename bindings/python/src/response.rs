@@ -50,9 +50,11 @@ pub(crate) fn response<'py>(
             result.map_err(|error| match error {
                 ResponseError::Input(error) => source.failure(&error),
                 ResponseError::Argument(error) => error.into(),
-                ResponseError::Position { found, expected } => {
-                    Failure::argument("position", found, &format!("{expected} numbers, one for each coordinate"))
-                }
+                ResponseError::Position { found, expected } => Failure::argument(
+                    "position",
+                    found,
+                    &format!("{expected} numbers, one for each coordinate"),
+                ),
                 other => Failure::Failed(other.to_string()),
             })
         })
@@ -61,9 +63,11 @@ pub(crate) fn response<'py>(
     record.set_item("omega", &found.omega)?;
     record.set_item("response", pairs(&found.response))?;
     record.set_item("discrete", found.discrete.as_ref().ok().map(pairs))?;
-    let poles = found.poles.as_ref().ok().map(|poles| {
-        poles.iter().map(|pole| (pole.place.re, pole.place.im)).collect::<Vec<_>>()
-    });
+    let poles = found
+        .poles
+        .as_ref()
+        .ok()
+        .map(|poles| poles.iter().map(|pole| (pole.place.re, pole.place.im)).collect::<Vec<_>>());
     record.set_item("poles", poles)?;
     let kernels = PyList::empty(py);
     for kernel in &found.kernels {
