@@ -197,7 +197,13 @@ impl RunSummary {
         let (energy, largest_energy) = self.energies.get(case).copied().unwrap_or_default();
         let (last, largest) = (&self.last, &self.largest);
         Self {
-            last: GridState { position: of(&last.position), momentum: of(&last.momentum), energy, ..*last },
+            last: GridState {
+                position: of(&last.position),
+                momentum: of(&last.momentum),
+                energy,
+                control: last.control.clone(),
+                time: last.time,
+            },
             largest: Largest {
                 position: of(&largest.position),
                 momentum: of(&largest.momentum),
@@ -651,7 +657,7 @@ impl<'s> Run<'s> {
         };
         let position = state.position.get(places.clone()).unwrap_or(&[]);
         let momentum = state.momentum.get(places).unwrap_or(&[]);
-        View { time: state.time, position, momentum, energy }
+        View { time: state.time, position, momentum, energy, control: &state.control }
     }
 
     /// What was made last of one load case; without cases of the motion.
@@ -765,6 +771,9 @@ impl<'s> Run<'s> {
         }
         let state = self.motion.state().clone();
         self.ended = self.watch.take(&state, |time, place| self.motion.look_into(time, place));
+        if let Some(ended) = &mut self.ended {
+            ended.control = self.motion.control_at(ended.time).to_vec();
+        }
     }
 
     /// How far it has got.

@@ -173,7 +173,10 @@ mod tests {
                         stretch.begin(0);
                     }
                     let (position, momentum) = (vec![sign * number], vec![0.5]);
-                    stretch.push_state(&GridState { time: 0.0, position, momentum, energy: -number }, 0);
+                    stretch.push_state(
+                        &GridState { time: 0.0, position, momentum, energy: -number, control: Vec::new() },
+                        0,
+                    );
                     largest.take(&stretch);
                 }
             }
@@ -184,8 +187,13 @@ mod tests {
     #[test]
     fn only_what_is_known_is_compared() {
         let mut errors = ReferenceErrors::default();
-        let state =
-            |q: f64| GridState { time: 0.0, position: vec![q, 9.0], momentum: vec![0.0, 0.0], energy: 2.0 };
+        let state = |q: f64| GridState {
+            time: 0.0,
+            position: vec![q, 9.0],
+            momentum: vec![0.0, 0.0],
+            energy: 2.0,
+            control: Vec::new(),
+        };
         let known = |energy| ReferenceRow {
             time: 0.0,
             position: vec![Some(1.0), None],

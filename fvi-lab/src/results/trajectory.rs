@@ -12,10 +12,12 @@ use std::path::{Path, PathBuf};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Format {
-    /// `trajectory.csv`: `t,q0,…,p0,…,energy` with 17 significant digits.
+    /// `trajectory.csv`: `t,q0,…,p0,…,energy` with 17 significant digits, and `u,setpoint,measure` of a
+    /// controller, `u0,setpoint0,measure0,u1,…` of several.
     #[default]
     Csv,
-    /// `trajectory.npz`: the NumPy arrays `t` (rows), `q` and `p` (rows × coordinates) and `energy` (rows).
+    /// `trajectory.npz`: the NumPy arrays `t` (rows), `q` and `p` (rows × coordinates) and `energy` (rows);
+    /// `u`, `setpoint` and `measure` (rows, or rows × controllers).
     Npz,
 }
 
@@ -67,22 +69,31 @@ pub(crate) struct TrajectoryMark {
 
 impl TrajectoryWriter {
     /// A writer into a directory of every `every`-th row; the first and the last are always written. The
-    /// states that it takes hold these coordinates, which name the columns.
+    /// states that it takes hold these coordinates, which name the columns, and so many controllers.
     ///
     /// # Errors
     /// If a file cannot be created.
-    pub fn create(directory: &Path, format: Format, coordinates: &[usize], every: usize) -> io::Result<Self> {
+    pub fn create(
+        directory: &Path,
+        format: Format,
+        (coordinates, controllers): (&[usize], usize),
+        every: usize,
+    ) -> io::Result<Self> {
         let path = directory.join(format.file());
         let rows = match format {
             Format::Csv => {
                 let mut file = GrowingFile::begin(&path, 0)?;
                 let columns = |letter: char| coordinates.iter().map(move |index| format!(",{letter}{index}"));
                 let names: String = columns('q').chain(columns('p')).collect();
-                writeln!(file, "t{names},energy")?;
+                let control = (0..controllers).map(|index| match controllers {
+                    1 => ",u,setpoint,measure".to_owned(),
+                    _ => format!(",u{index},setpoint{index},measure{index}"),
+                });
+                writeln!(file, "t{names},energy{}", control.collect::<String>())?;
                 Rows::Csv(file)
             }
             Format::Npz => {
-                Rows::Npz(Box::new(NpzRows::create(&path, Arrays::WithEnergies, coordinates.len())?))
+                Rows::Npz(Box::new(NpzRows::create(&path, Arrays::of_rows(controllers), coordinates.len())?))
             }
         };
         Ok(Self::behind(rows, every, 0, true))
@@ -92,8 +103,12 @@ impl TrajectoryWriter {
     ///
     /// # Errors
     /// If a file cannot be created.
-    pub(crate) fn npz(path: &Path, coordinates: usize, every: usize) -> io::Result<Self> {
-        let rows = Rows::Npz(Box::new(NpzRows::create(path, Arrays::WithEnergies, coordinates)?));
+    pub(crate) fn npz(
+        path: &Path,
+        (coordinates, controllers): (usize, usize),
+        every: usize,
+    ) -> io::Result<Self> {
+        let rows = Rows::Npz(Box::new(NpzRows::create(path, Arrays::of_rows(controllers), coordinates)?));
         Ok(Self::behind(rows, every, 0, true))
     }
 
@@ -104,7 +119,7 @@ impl TrajectoryWriter {
     pub(crate) fn resume(
         directory: &Path,
         mark: &TrajectoryMark,
-        coordinates: usize,
+        (coordinates, controllers): (usize, usize),
         every: usize,
         index: usize,
     ) -> io::Result<Self> {
@@ -112,7 +127,7 @@ impl TrajectoryWriter {
         let rows = match (mark.format, mark.files.as_slice()) {
             (Format::Csv, [csv]) => Rows::Csv(GrowingFile::resume(&path, 0, csv, || whole(&path))?),
             (Format::Npz, marks) => {
-                Rows::Npz(Box::new(NpzRows::resume(&path, Arrays::WithEnergies, coordinates, marks)?))
+                Rows::Npz(Box::new(NpzRows::resume(&path, Arrays::of_rows(controllers), coordinates, marks)?))
             }
             _ => return Err(io::ErrorKind::InvalidData.into()),
         };
@@ -128,7 +143,7 @@ impl TrajectoryWriter {
         let path = directory.join(mark.format.file());
         match (mark.format, mark.files.as_slice()) {
             (Format::Csv, [csv]) => GrowingFile::can_resume(&path, 0, csv, || whole(&path)),
-            (Format::Npz, marks) => npz_rows::can_resume(&path, Arrays::WithEnergies, marks),
+            (Format::Npz, marks) => npz_rows::can_resume(&path, marks),
             _ => false,
         }
     }
@@ -177,7 +192,20 @@ impl TrajectoryWriter {
                 state.append_row(&mut self.line);
                 file.write_all(self.line.as_bytes())
             }
-            Rows::Npz(rows) => rows.push([&[state.time], &state.position, &state.momentum, &[state.energy]]),
+            Rows::Npz(rows) => {
+                let control = |column: usize| state.control.iter().skip(column).step_by(3).copied();
+                let control: [Vec<f64>; 3] = std::array::from_fn(|column| control(column).collect());
+                let [output, setpoint, measure] = &control;
+                rows.push([
+                    &[state.time],
+                    &state.position,
+                    &state.momentum,
+                    &[state.energy],
+                    output,
+                    setpoint,
+                    measure,
+                ])
+            }
         }
     }
 
@@ -226,12 +254,18 @@ mod tests {
 
     fn state(index: usize) -> GridState {
         let time = index as f64 * 0.1;
-        GridState { time, position: vec![1.0 / 3.0], momentum: vec![-time], energy: 1e-300 }
+        GridState {
+            time,
+            position: vec![1.0 / 3.0],
+            momentum: vec![-time],
+            energy: 1e-300,
+            control: Vec::new(),
+        }
     }
 
     fn rows(every: usize, count: usize) -> Vec<String> {
         let directory = tempfile::tempdir().unwrap();
-        let mut writer = TrajectoryWriter::create(directory.path(), Format::Csv, &[0], every).unwrap();
+        let mut writer = TrajectoryWriter::create(directory.path(), Format::Csv, (&[0], 0), every).unwrap();
         (0..count).for_each(|index| writer.push(&state(index)).unwrap());
         let path = directory.path().join("trajectory.csv");
         assert!(!path.exists());
@@ -267,7 +301,8 @@ mod tests {
             for every in [1, 3] {
                 let written = |interrupted: bool, finished: bool| {
                     let directory = tempfile::tempdir().unwrap();
-                    let mut writer = TrajectoryWriter::create(directory.path(), format, &[0], every).unwrap();
+                    let mut writer =
+                        TrajectoryWriter::create(directory.path(), format, (&[0], 0), every).unwrap();
                     (0..11).for_each(|index| writer.push(&state(index)).unwrap());
                     if interrupted {
                         let mark = writer.mark().unwrap();
@@ -279,7 +314,8 @@ mod tests {
                             drop(writer);
                         }
                         assert!(TrajectoryWriter::can_resume(directory.path(), &mark));
-                        writer = TrajectoryWriter::resume(directory.path(), &mark, 1, every, 11).unwrap();
+                        writer =
+                            TrajectoryWriter::resume(directory.path(), &mark, (1, 0), every, 11).unwrap();
                     }
                     (11..20).for_each(|index| writer.push(&state(index)).unwrap());
                     writer.finish(&state(19)).unwrap();

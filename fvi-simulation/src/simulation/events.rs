@@ -32,7 +32,13 @@ impl Happened {
     /// The state there.
     pub fn state(&self) -> GridState {
         let Self { time, position, momentum, energy, .. } = self;
-        GridState { time: *time, position: position.clone(), momentum: momentum.clone(), energy: *energy }
+        GridState {
+            time: *time,
+            position: position.clone(),
+            momentum: momentum.clone(),
+            energy: *energy,
+            control: Vec::new(),
+        }
     }
 }
 
@@ -282,7 +288,13 @@ mod tests {
         }))
         .unwrap();
         let motion = |time: f64, state: &mut GridState| {
-            *state = GridState { time, position: vec![time.sin()], momentum: vec![time.cos()], energy: 0.5 };
+            *state = GridState {
+                time,
+                position: vec![time.sin()],
+                momentum: vec![time.cos()],
+                energy: 0.5,
+                control: Vec::new(),
+            };
         };
         let mut state = GridState::default();
         motion(0.0, &mut state);

@@ -26,6 +26,8 @@ pub struct Stretch {
     positions: Vec<f64>,
     momenta: Vec<f64>,
     iterations: Vec<u32>,
+    /// Of the controllers at the last state; with controllers it is the only one.
+    control: Vec<f64>,
     /// Energies are those of the states after multiples of so many steps.
     energies_every: usize,
 }
@@ -46,6 +48,7 @@ impl Stretch {
             positions: columns(),
             momenta: columns(),
             iterations: vec![0; room],
+            control: Vec::new(),
             energies_every,
         }
     }
@@ -91,6 +94,7 @@ impl Stretch {
     pub fn push_state(&mut self, state: &GridState, iterations: u32) {
         let (position, momentum) = (state.position.iter().copied(), state.momentum.iter().copied());
         self.push((state.time, state.energy), position, momentum, iterations);
+        self.control.clone_from(&state.control);
     }
 
     /// Shows a state in place of the last one, or none.
@@ -100,6 +104,16 @@ impl Stretch {
         if let Some(state) = state {
             self.push_state(state, self.iterations[last]);
         }
+    }
+
+    /// What the controllers saw and put out last, at the last state.
+    pub fn control(&self) -> &[f64] {
+        &self.control
+    }
+
+    /// To be written by whoever asks them.
+    pub(crate) fn control_mut(&mut self) -> &mut Vec<f64> {
+        &mut self.control
     }
 
     /// How many states there are.
@@ -189,6 +203,7 @@ impl Stretch {
     pub fn read(&self, index: usize, state: &mut GridState) {
         state.time = self.times[index];
         state.energy = self.energies[index];
+        state.control.clone_from(&self.control);
         state.position.iter_mut().zip(self.positions()).for_each(|(place, column)| *place = column[index]);
         state.momentum.iter_mut().zip(self.momenta()).for_each(|(place, column)| *place = column[index]);
     }
@@ -220,7 +235,13 @@ mod tests {
     fn states_come_back_as_they_were() {
         let state = |index: usize| {
             let x = index as f64;
-            GridState { time: x, position: vec![x, -x], momentum: vec![0.5 * x, 7.0], energy: x * x }
+            GridState {
+                time: x,
+                position: vec![x, -x],
+                momentum: vec![0.5 * x, 7.0],
+                energy: x * x,
+                control: Vec::new(),
+            }
         };
         let many = |index: usize| {
             let numbers = |first: usize| (0..20).map(|place| (first + place) as f64).collect();
