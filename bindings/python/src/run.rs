@@ -19,7 +19,8 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// What a motion hands to Python: the name of its load case, t, q, p, energy, how it ended, and the summary,
+/// What a motion hands to Python: the name of its load case, t, q, p, energy, u, setpoint and measure of each
+/// controller, how it ended, and the summary,
 /// both as JSON: the latter is long where there are many coordinates, and seldom looked at.
 type Motion<'py> = (
     String,
@@ -27,6 +28,7 @@ type Motion<'py> = (
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray2<f64>>,
     String,
     String,
 );
@@ -253,6 +255,9 @@ struct Rows {
     position: Vec<f64>,
     momentum: Vec<f64>,
     energy: Vec<f64>,
+    /// Row by row, three numbers for each controller.
+    control: Vec<f64>,
+    controllers: usize,
 }
 
 impl Rows {
@@ -265,7 +270,9 @@ impl Rows {
             0 => (steps / scenario.output.every).saturating_add(2),
             times => times,
         };
-        let numbers = coordinates.saturating_mul(2).saturating_add(2);
+        let controllers = scenario.controllers.len();
+        let numbers =
+            coordinates.saturating_mul(2).saturating_add(2).saturating_add(controllers.saturating_mul(3));
         let no_room = |what: String| {
             Failure::NoRoom(format!(
                 "{rows} rows of {numbers} numbers: {what}; write fewer of them with `every`"
@@ -285,6 +292,8 @@ impl Rows {
                 position: room(rows * coordinates)?,
                 momentum: room(rows * coordinates)?,
                 energy: room(rows)?,
+                control: room(rows * 3 * controllers)?,
+                controllers,
             })
         };
         (0..copies).map(one).collect()
@@ -297,11 +306,12 @@ impl Rows {
         };
         let end = json(serde_json::to_string(&summary.in_short()))?;
         let summary = json(serde_json::to_string(summary))?;
-        let Self { coordinates, time, position, momentum, energy } = self;
+        let Self { coordinates, time, position, momentum, energy, control, controllers } = self;
         let shape = [time.len(), coordinates];
         let table = |numbers: Vec<f64>| numbers.into_pyarray(py).reshape(shape);
         let (position, momentum) = (table(position)?, table(momentum)?);
-        Ok((name, time.into_pyarray(py), position, momentum, energy.into_pyarray(py), end, summary))
+        let control = control.into_pyarray(py).reshape([time.len(), 3 * controllers])?;
+        Ok((name, time.into_pyarray(py), position, momentum, energy.into_pyarray(py), control, end, summary))
     }
 
     fn push(&mut self, state: &GridState) {
@@ -309,5 +319,6 @@ impl Rows {
         self.position.extend_from_slice(&state.position);
         self.momentum.extend_from_slice(&state.momentum);
         self.energy.push(state.energy);
+        self.control.extend_from_slice(&state.control);
     }
 }

@@ -64,6 +64,8 @@ class Result:
         0: all steps were made; −1: a step failed; 1: the run was stopped.
     message : str
         How it ended, in words.
+    u, setpoint, measure : ndarray, shape (K,), or (K, C) of C controllers, or None without
+        What the controllers put out, wanted and saw at their last sample up to the time of the row.
     """
 
     t: FloatArray
@@ -76,6 +78,9 @@ class Result:
     _record: str = "{}"
     _warnings: tuple[str, ...] = field(default=(), compare=False)
     _mass: Any = field(default=None, compare=False)
+    u: FloatArray | None = None
+    setpoint: FloatArray | None = None
+    measure: FloatArray | None = None
 
     @cached_property
     def summary(self) -> dict[str, Any]:
@@ -173,9 +178,16 @@ class Result:
             The file, by its whole name.
         """
         with open(path, "wb") as file:
-            np.savez(file, t=self.t, q=self.q, p=self.p, energy=self.energy, end=np.array(
+            control: dict[str, Any] = dict(self._control)
+            np.savez(file, t=self.t, q=self.q, p=self.p, energy=self.energy, **control, end=np.array(
                 json.dumps({"success": self.success, "status": self.status, "message": self.message, "summary": self.summary})
             ))
+
+    @property
+    def _control(self) -> dict[str, FloatArray]:
+        """The columns of the controllers that there are."""
+        columns = {"u": self.u, "setpoint": self.setpoint, "measure": self.measure}
+        return {name: column for name, column in columns.items() if column is not None}
 
     def __repr__(self) -> str:
         rows, coordinates = self.q.shape
@@ -237,6 +249,12 @@ class Result:
         for letter, values in (("q", self.q), ("p", self.p)):
             columns.update({f"{letter}{coordinate}": values[:, column] for column, coordinate in enumerate(self.coordinates)})
         columns["energy"] = self.energy
+        if self.u is not None and self.u.ndim == 1:
+            columns.update(self._control)
+        else:
+            # As in the file: those of one controller behind those of the other.
+            for controller in range(0 if self.u is None else self.u.shape[1]):
+                columns.update({f"{name}{controller}": column[:, controller] for name, column in self._control.items()})
         return pandas.DataFrame(columns, index=pandas.Index(self.t, name="t"))
 
     def to_xarray(self) -> Any:
@@ -244,7 +262,12 @@ class Result:
         xarray = _module("xarray", "to_xarray()")
         scalars = {key: value for key, value in self.summary.items() if isinstance(value, (str, int, float))}
         return xarray.Dataset(
-            {"q": (("t", "coordinate"), self.q), "p": (("t", "coordinate"), self.p), "energy": ("t", self.energy)},
+            {
+                "q": (("t", "coordinate"), self.q),
+                "p": (("t", "coordinate"), self.p),
+                "energy": ("t", self.energy),
+                **{name: (("t", "controller")[: column.ndim], column) for name, column in self._control.items()},
+            },
             coords={"t": self.t, "coordinate": self.coordinates},
             attrs={"title": self.title, **scalars},
         )
@@ -282,8 +305,11 @@ def load(path: str | os.PathLike[str]) -> Result:
     try:
         with np.load(path, allow_pickle=False) as arrays:
             t, q, p, energy = (arrays[name] for name in ("t", "q", "p", "energy"))
+            control = {name: arrays[name] for name in ("u", "setpoint", "measure") if name in arrays}
             end = json.loads(str(arrays["end"]))
-        return Result(t, q, p, energy, end["success"], end["status"], end["message"], json.dumps(end["summary"]))
+        return Result(
+            t, q, p, energy, end["success"], end["status"], end["message"], json.dumps(end["summary"]), **control
+        )
     except (KeyError, ValueError, TypeError, EOFError) as error:
         raise InputError(f"path: {os.fspath(path)} holds no result of fvi: {error}", "path", os.fspath(path)) from None
 
