@@ -24,12 +24,17 @@ mod integrator;
 mod kernel;
 mod linear;
 mod memory;
+mod memoryless;
 mod newton;
 mod node_galerkin;
 #[cfg(test)]
 mod noise;
 mod one_node;
 mod operator;
+mod pid;
+mod pid_law;
+#[cfg(test)]
+mod pid_tests;
 mod quadrature;
 mod real;
 mod resolvent;
@@ -68,9 +73,14 @@ pub use linear::{
     is_positive_definite_in_place, keep_factors, solve, substitute, substitute_kept,
 };
 pub use memory::{ActsOn, Memory, MemoryError, SavedChannels, check_channels};
+pub use memoryless::Memoryless;
 pub use newton::{Converged, Corrections, Equations, Factors, StepMatrix};
 pub use node_galerkin::{NodeGalerkin, NodeStorage};
 pub use operator::{FractionalOperator, OperatorError, Pending, Start, left_operator, right_operator};
+pub use pid::{Actuator, ExponentialPi, ExponentialPid, FractionalPid, PidError, PidInputs, RingPi, RingPid};
+pub use pid_law::{
+    AntiWindup, Bumpless, DerivativeFilter, DerivativeOf, PidGains, PidLaw, PidResponse, PidSettings,
+};
 pub use quadrature::{Quadrature, gauss_rule, lobatto_rule};
 pub use real::Real;
 pub use resolvent::Resolvent;

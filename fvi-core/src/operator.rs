@@ -93,6 +93,8 @@ pub struct Pending<'a, T, M> {
     acted_on: T,
     reference: T,
     time: T,
+    /// What the past adds to the value.
+    term: T,
     value: T,
 }
 
@@ -103,13 +105,34 @@ impl<T: Real, M: Memory<T>> Pending<'_, T, M> {
         self.value
     }
 
+    /// The same with another sample, at the cost of a product: for laws in which the sample depends on the
+    /// value. Only of the type of Riemann–Liouville.
+    ///
+    /// # Errors
+    /// [`OperatorError::NotFinite`] if the sample or the result is not finite.
+    #[inline]
+    pub(crate) fn instead(self, sample: T) -> Result<Self, OperatorError> {
+        let (acted_on, reference) = self.operator.compared(sample)?;
+        let value = self.operator.leading() * acted_on + self.term;
+        if !acted_on.is_finite() || !value.is_finite() {
+            return Err(OperatorError::NotFinite);
+        }
+        Ok(Self { acted_on, reference, value, ..self })
+    }
+
+    /// w₀ of the sample.
+    #[inline]
+    pub(crate) fn leading(&self) -> T {
+        self.operator.leading()
+    }
+
     /// Takes the sample and returns (D^β x)_k.
     ///
     /// # Errors
     /// None, of a memory that keeps the contract of [`Memory`].
     #[inline]
     pub fn take(self) -> Result<T, OperatorError> {
-        let Self { operator, acted_on, reference, time, value } = self;
+        let Self { operator, acted_on, reference, time, value, .. } = self;
         operator.memory.push(&[acted_on])?;
         (operator.reference, operator.time) = (reference, time);
         Ok(value)
@@ -178,7 +201,7 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     #[inline]
     pub fn push(&mut self, sample: T) -> Result<T, OperatorError> {
         let (acted_on, reference) = self.compared(sample)?;
-        let value = self.value(acted_on)?;
+        let (value, _) = self.value(acted_on)?;
         self.memory.push(&[acted_on])?;
         self.reference = reference;
         Ok(value)
@@ -219,9 +242,9 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     #[inline]
     pub fn prepare(&mut self, sample: T) -> Result<Pending<'_, T, M>, OperatorError> {
         let (acted_on, reference) = self.compared(sample)?;
-        let value = self.value(acted_on)?;
+        let (value, term) = self.value(acted_on)?;
         let time = self.time;
-        Ok(Pending { operator: self, acted_on, reference, time, value })
+        Ok(Pending { operator: self, acted_on, reference, time, term, value })
     }
 
     /// What the memory acts on for this sample, and what the next one is compared with.
@@ -290,21 +313,26 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
             Start::CaputoWithRise { .. } => return Err(MemoryError::StepLength.into()),
         };
         self.memory.begin_step(interval)?;
-        let value = self.value(acted_on)?;
-        Ok(Pending { operator: self, acted_on, reference: first, time, value })
+        let (value, term) = self.value(acted_on)?;
+        Ok(Pending { operator: self, acted_on, reference: first, time, term, value })
     }
 
-    /// The value with a sample of which the memory acts on this.
+    /// The value with a sample of which the memory acts on this, and what the past adds to it.
     #[inline(always)]
-    fn value(&mut self, acted_on: T) -> Result<T, OperatorError> {
+    fn value(&mut self, acted_on: T) -> Result<(T, T), OperatorError> {
         let mut term = [T::zero()];
         self.memory.next_term(&mut term)?;
-        let leading = self.memory.leading().first().copied().unwrap_or(T::zero());
-        let value = leading * acted_on + term[0];
+        let value = self.leading() * acted_on + term[0];
         if !acted_on.is_finite() || !value.is_finite() {
             return Err(OperatorError::NotFinite);
         }
-        Ok(value)
+        Ok((value, term[0]))
+    }
+
+    /// w₀
+    #[inline(always)]
+    fn leading(&self) -> T {
+        self.memory.leading().first().copied().unwrap_or(T::zero())
     }
 
     /// Forgets all samples.
@@ -326,6 +354,16 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
         to.header::<T, 3>(TAG, &self.shape())?;
         to.numbers([&self.reference, &self.time])?;
         self.memory.save(to)
+    }
+
+    /// Reads past a state and checks on the way that [`restore`](FractionalOperator::restore) would take it.
+    ///
+    /// # Errors
+    /// [`StateError`]
+    pub fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        from.header::<T, 3>(TAG, &self.shape())?;
+        let _: (T, T) = (from.number()?, from.number()?);
+        self.memory.check_state(from)
     }
 
     /// Takes over a saved state in place of its own.

@@ -2,6 +2,7 @@
 
 mod choices;
 pub mod compare_engines;
+pub mod controller;
 pub mod converge;
 pub mod exponentials;
 pub mod extremal;
@@ -57,6 +58,8 @@ enum Command {
     Exponentials(exponentials::ExponentialsArguments),
     /// Rates of the memory for steps of any length, as a table or as a constant for firmware
     Rates(rates::RatesArguments),
+    /// The controllers of a scenario as constants for firmware: tables of exponentials, and the law
+    Controller(controller::ControllerArguments),
     /// Memory engines side by side: agreement, then time per step and memory
     CompareEngines(compare_engines::CompareEnginesArguments),
     /// Strategies for online convolution in a race: any kernel, those of the field, programs of your own
@@ -126,6 +129,7 @@ impl Program {
             Command::Weights(arguments) => arguments.execute(),
             Command::Exponentials(arguments) => arguments.execute(),
             Command::Rates(arguments) => arguments.execute(),
+            Command::Controller(arguments) => arguments.execute(),
         };
         match result {
             Ok(()) => ExitCode::SUCCESS,

@@ -5,6 +5,7 @@
 
 mod adaptive;
 mod case;
+mod controller;
 mod element;
 mod event;
 mod grid;
@@ -25,6 +26,7 @@ mod warnings;
 
 pub use adaptive::{Adaptive, Start};
 pub use case::Case;
+pub use controller::{Controller, Noise, Quantise, Setpoint};
 pub use element::Element;
 pub use event::{Action, Direction, Event};
 pub use grid::{Grid, GridRule};
@@ -84,6 +86,9 @@ pub struct Scenario {
     /// What is watched for on the way.
     #[serde(rename = "event", skip_serializing_if = "Vec::is_empty")]
     pub events: Vec<Event>,
+    /// What measures and drives the system.
+    #[serde(rename = "controller", skip_serializing_if = "Vec::is_empty")]
+    pub controllers: Vec<Controller>,
     /// By what the motion is differentiated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sensitivity: Option<Sensitivity>,
@@ -171,6 +176,7 @@ impl Scenario {
             "reference",
             "case",
             "event",
+            "controller",
             "sensitivity",
         ])?;
         let title = root.optional("title").map(|value| value.text().map(str::to_owned)).transpose()?;
@@ -232,6 +238,17 @@ impl Scenario {
                 .collect::<Result<_, _>>()?,
             None => Vec::new(),
         };
+        let controllers = match root.optional("controller") {
+            Some(value) => Controller::read_all(&value, (&system, &scheme, &time), document)?,
+            None => Vec::new(),
+        };
+        if let (Some(value), false) = (root.optional("case"), controllers.is_empty()) {
+            return Err(value.key_error(Problem::Incompatible {
+                with: "a controller: load cases are motions of a linear system that nothing measures"
+                    .to_owned(),
+                allowed: "one motion beside [controller]".to_owned(),
+            }));
+        }
         let document = document.clone();
         let mut scenario = Self {
             title,
@@ -246,6 +263,7 @@ impl Scenario {
             reference,
             cases,
             events,
+            controllers,
             sensitivity: None,
             document,
         };

@@ -4,6 +4,7 @@ pub mod adaptive;
 mod available_memory;
 mod breaks;
 mod choice;
+pub mod control;
 mod crossings;
 pub mod energy_guard;
 pub mod events;
@@ -33,6 +34,7 @@ use crate::model::{
 use crate::scenario::{self, ConvolutionFamily, DampedAt, Engine, ReportedMomentum, Scenario};
 pub use choice::{Solver, SolverChoice};
 use choice::{dense_warning, sparse_space};
+use control::Drive;
 use fvi_core::{
     Damping, Fixed, Instant, Integrator, IntegratorBuilder, IntegratorError, MatrixError, Mechanics, Memory,
     MemoryError, Mismatch, Real, Sample, Scheme, StateError, StateReader, StateWriter, StepError,
@@ -69,7 +71,13 @@ pub struct Simulation {
 trait Stepper {
     fn step(&mut self, input: &[f64]) -> Result<u32, StepError>;
     fn step_over(&mut self, length: f64, end: f64, input: &[f64]) -> Result<u32, StepError>;
-    fn advance(&mut self, scenario: &Scenario, steps: usize, stretch: &mut Stretch) -> Result<(), StepError>;
+    fn advance(
+        &mut self,
+        scenario: &Scenario,
+        steps: usize,
+        stretch: &mut Stretch,
+        drive: Option<&Drive>,
+    ) -> Result<(), StepError>;
     fn look_into(&mut self, time: f64, state: &mut GridState);
     /// Position at a time, likewise.
     fn position_at(&mut self, time: f64, position: &mut Vec<f64>);
@@ -112,22 +120,25 @@ pub struct GridState {
     pub momentum: Vec<f64>,
     /// ½ p_kᵀM⁻¹p_k + U(q_k) with this p_k.
     pub energy: f64,
+    /// Output, setpoint and measured value of each controller, as of its last sample up to this time.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub control: Vec<f64>,
     /// ∂q_k/∂θ and ∂p_k/∂θ of each parameter of `[sensitivity]`, one after the other.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub sensitivities: Vec<f64>,
 }
 
 impl GridState {
-    /// Appends a line t,q0,…,p0,…,energy, and the sensitivities if there are any, with 17 significant
-    /// digits, which tell one f64 from another.
+    /// Appends a line t,q0,…,p0,…,energy, u,setpoint,measure of each controller and the sensitivities, with
+    /// 17 significant digits, which tell one f64 from another.
     ///
     /// Runs that keep every row spend most of their time here: in this crate it is compiled for speed.
     pub fn append_row(&self, text: &mut String) {
         // A string takes whatever is written.
         let _ = write!(text, "{:.16e}", self.time);
-        for number in
-            self.position.iter().chain(&self.momentum).chain([&self.energy]).chain(&self.sensitivities)
-        {
+        let energy = [&self.energy];
+        let numbers = self.position.iter().chain(&self.momentum).chain(energy).chain(&self.control);
+        for number in numbers.chain(&self.sensitivities) {
             let _ = write!(text, ",{number:.16e}");
         }
         text.push('\n');
@@ -230,7 +241,8 @@ impl Simulation {
 
     /// Makes so many steps of the scenario's grid, and puts the states after them into the stretch, which is
     /// empty and says how many were made before. Where an energy costs as much as a step the one of the
-    /// newest row that is written stands for those behind it.
+    /// newest row that is written stands for those behind it. With a `drive`, which has all inputs in it,
+    /// that is the step's.
     ///
     /// # Errors
     /// [`StepError`] of the step behind the last one that is in the stretch; the simulation is as it was
@@ -240,8 +252,9 @@ impl Simulation {
         scenario: &Scenario,
         steps: usize,
         stretch: &mut Stretch,
+        drive: Option<&Drive>,
     ) -> Result<(), StepError> {
-        self.stepper.advance(scenario, steps, stretch)
+        self.stepper.advance(scenario, steps, stretch, drive)
     }
 
     /// Writes the state at a time within the last two steps into `state`, by the scheme's own polynomial;
@@ -498,8 +511,24 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> Machine<T, X> {
 
     /// Makes the step of a grid that follows so many others.
     #[inline(always)]
-    fn step_on_grid(&mut self, scenario: &Scenario, step: usize) -> Result<u32, StepError> {
-        self.prepare(scenario.input.as_ref().and_then(|input| input.at_step(step)).unwrap_or(&[]));
+    fn step_on_grid(
+        &mut self,
+        scenario: &Scenario,
+        step: usize,
+        drive: Option<&Drive>,
+    ) -> Result<u32, StepError> {
+        match drive {
+            None => {
+                self.prepare(scenario.input.as_ref().and_then(|input| input.at_step(step)).unwrap_or(&[]));
+            }
+            Some(drive) => {
+                let live = X::live(self.integrator.system_mut());
+                if let (Some(live), Some(inside)) = (live, &drive.inside) {
+                    live.clone_from(inside);
+                }
+                self.prepare(&drive.held);
+            }
+        }
         let made = match &scenario.time.grid {
             None => self.integrator.step_under(if self.pushed { X::slice(&self.input) } else { &[] }),
             Some(_) => {
@@ -859,11 +888,17 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
         numbers.extend(in_double(X::Scheme::solution(self.integrator.storage())));
     }
 
-    fn advance(&mut self, scenario: &Scenario, steps: usize, stretch: &mut Stretch) -> Result<(), StepError> {
+    fn advance(
+        &mut self,
+        scenario: &Scenario,
+        steps: usize,
+        stretch: &mut Stretch,
+        drive: Option<&Drive>,
+    ) -> Result<(), StepError> {
         let before = stretch.first() - 1;
         let mut made = Ok(());
         for step in before..before + steps {
-            let iterations = match self.step_on_grid(scenario, step) {
+            let iterations = match self.step_on_grid(scenario, step, drive) {
                 Ok(iterations) => iterations,
                 Err(error) => {
                     made = Err(error);

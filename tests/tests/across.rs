@@ -6,6 +6,7 @@ mod conformance;
 mod engines;
 mod exponential_sum;
 mod failures;
+mod fractional_pid;
 mod galerkin;
 mod golden;
 mod grids;

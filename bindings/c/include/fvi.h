@@ -1,4 +1,4 @@
-/* C interface of fvi: fractional operators on a stream, and a stepper for fractionally damped systems.
+/* C interface of fvi: fractional operators on a stream, a fractional PID controller, and a stepper for fractionally damped systems.
  *
  * All state is the caller's, of a size known at compile time. Nothing is allocated. Every call that can be wrong returns a
  * status; any status but FVI_STATUS_OK means that the call has changed nothing. Numbers are single precision.
@@ -99,6 +99,82 @@
  Words of a stepper for six coordinates.
  */
 #define FVI_STEPPER_WORDS_6 156
+
+/*
+ Form: u = kp (b r - y) + ki I^lambda (r - y) + kd D^mu (c r - y), filtered.
+ */
+#define FVI_PID_PARALLEL 0
+
+/*
+ Form: C(s) = kp (1 + ki/s^lambda) (1 + kd s^mu) / (1 + (kd/filter_ratio) s^mu) on r - y: ki is 1/T_i, kd
+ is T_d.
+ */
+#define FVI_PID_SERIES 1
+
+/*
+ The derivative is of c r - y, zero before the first tick.
+ */
+#define FVI_PID_OF_VALUES 0
+
+/*
+ The derivative is of c r - y less its first value.
+ */
+#define FVI_PID_FROM_REST 1
+
+/*
+ The derivative is D^(mu - 1) of a measured rate of y; c is 0.
+ */
+#define FVI_PID_OF_RATE 2
+
+/*
+ Nothing against windup.
+ */
+#define FVI_PID_NO_ANTI_WINDUP 0
+
+/*
+ Back-calculation with a tracking time.
+ */
+#define FVI_PID_BACK_CALCULATION 1
+
+/*
+ Conditional integration.
+ */
+#define FVI_PID_CONDITIONAL 2
+
+/*
+ A change of gains moves the output not at all on its first tick.
+ */
+#define FVI_PID_BUMPLESS 0
+
+/*
+ A change of gains moves the output by the proportional term.
+ */
+#define FVI_PID_EXCEPT_PROPORTIONAL 1
+
+/*
+ A change of gains moves the output.
+ */
+#define FVI_PID_BUMPS 2
+
+/*
+ The actuator did as it was told.
+ */
+#define FVI_PID_FOLLOWED 0
+
+/*
+ The actuator did what `applied` says.
+ */
+#define FVI_PID_APPLIED 1
+
+/*
+ The actuator is at a limit that the controller does not know: the integral only shrinks.
+ */
+#define FVI_PID_LIMITED 2
+
+/*
+ Words of a controller.
+ */
+#define FVI_PID_WORDS 96
 
 /*
  What a call returns. Anything but FVI_STATUS_OK means that the call has changed nothing; only a call that
@@ -377,6 +453,122 @@ typedef struct FviStepper6 {
    */
   uint64_t words[FVI_STEPPER_WORDS_6];
 } FviStepper6;
+
+/*
+ A fractional PID controller.
+
+ Set all words to zero before the first call.
+ */
+typedef struct FviPid {
+  /*
+   The state; not for the caller.
+   */
+  uint64_t words[FVI_PID_WORDS];
+} FviPid;
+
+/*
+ A law. Zero members are those of a plain loop: no limits, no filter, setpoint weights as they are.
+ */
+typedef struct FviPidSettings {
+  /*
+   Time between ticks.
+   */
+  double sample;
+  /*
+   Order of the integral, above 0 and below 2; 0 stands for 1.
+   */
+  double lambda;
+  /*
+   Order of the derivative, above 0 and below 2; 0 stands for 1.
+   */
+  double mu;
+  /*
+   Time of the derivative's filter in the parallel form; 0 for none.
+   */
+  double filter_time;
+  /*
+   Order of that filter; 0 stands for 1, other orders want a memory.
+   */
+  double filter_order;
+  /*
+   Back-calculation: the tracking time.
+   */
+  double tracking_time;
+  /*
+   Gains; in the series form kp, 1/T_i and T_d.
+   */
+  float kp;
+  /*
+   See kp.
+   */
+  float ki;
+  /*
+   See kp.
+   */
+  float kd;
+  /*
+   Series form: N.
+   */
+  float filter_ratio;
+  /*
+   b and c of the parallel form.
+   */
+  float setpoint_weights[2];
+  /*
+   The least output and the largest; two zeros for none. Infinities are allowed.
+   */
+  float limits[2];
+  /*
+   How far the output moves in a unit of time; 0 for any.
+   */
+  float rate_limit;
+  /*
+   FVI_PID_PARALLEL or FVI_PID_SERIES.
+   */
+  uint32_t form;
+  /*
+   FVI_PID_OF_VALUES, FVI_PID_FROM_REST or FVI_PID_OF_RATE.
+   */
+  uint32_t derivative_of;
+  /*
+   FVI_PID_NO_ANTI_WINDUP, FVI_PID_BACK_CALCULATION or FVI_PID_CONDITIONAL.
+   */
+  uint32_t anti_windup;
+  /*
+   FVI_PID_BUMPLESS, FVI_PID_EXCEPT_PROPORTIONAL or FVI_PID_BUMPS.
+   */
+  uint32_t bumpless;
+} FviPidSettings;
+
+/*
+ What a tick may be told.
+ */
+typedef struct FviPidInputs {
+  /*
+   r.
+   */
+  float setpoint;
+  /*
+   y.
+   */
+  float measured;
+  /*
+   The rate of y, for FVI_PID_OF_RATE.
+   */
+  float rate;
+  /*
+   What is added to the output inside its limits.
+   */
+  float feed_forward;
+  /*
+   FVI_PID_FOLLOWED, FVI_PID_APPLIED or FVI_PID_LIMITED.
+   */
+  uint32_t actuator;
+  /*
+   What the actuator did with the output of the tick before.
+   */
+  float applied;
+} FviPidInputs;
 
 #ifdef __cplusplus
 extern "C" {
@@ -805,6 +997,105 @@ enum FviStatus fvi_stepper_save_6(const struct FviStepper *stepper, uint8_t *byt
  As fvi_stepper_restore_1.
  */
 enum FviStatus fvi_stepper_restore_6(struct FviStepper *stepper, const uint8_t *bytes, size_t count);
+
+/*
+ Sets up a controller on empty memories.
+
+ The memory of the integral is of D^-lambda for lambda < 1, else of D^(1 - lambda): of lambda = 1 a ring of
+ the one weight 1. That of the derivative is of D^mu, or D^(mu - 1) of a rate; NULL without a derivative.
+ That of the filter is of D^filter_order; NULL where the order is 1 or there is none. They are compared
+ with these kernels. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE,
+ FVI_STATUS_OUT_OF_RANGE or FVI_STATUS_WRONG_SIZE if something is wrong with a pointer, a number or a size.
+
+ # Safety
+ `controller` must be writable, `settings` readable, the memories as their type describes or NULL.
+ */
+enum FviStatus fvi_pid_init(struct FviPid *controller,
+                            const struct FviPidSettings *settings,
+                            const struct FviMemory *integral,
+                            const struct FviMemory *derivative,
+                            const struct FviMemory *filter);
+
+/*
+ Makes a tick with setpoint r and measured value y, and writes the output.
+
+ Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_NOT_FINITE or
+ FVI_STATUS_MEMORY_FULL; then neither controller nor `output` has changed.
+
+ # Safety
+ `controller` must be zeroed or set up, `output` writable.
+ */
+enum FviStatus fvi_pid_tick(struct FviPid *controller, float setpoint, float measured, float *output);
+
+/*
+ Makes a tick with all that it may be told, and writes the output.
+
+ Returns what fvi_pid_tick does, and FVI_STATUS_OUT_OF_RANGE for another actuator than there is.
+
+ # Safety
+ As there; `inputs` must be readable.
+ */
+enum FviStatus fvi_pid_tick_with(struct FviPid *controller, const struct FviPidInputs *inputs, float *output);
+
+/*
+ Sets the output by hand, from the next tick on, within limits and rate; the integral forgets.
+
+ Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED or FVI_STATUS_NOT_FINITE.
+
+ # Safety
+ `controller` must be zeroed or set up.
+ */
+enum FviStatus fvi_pid_manual(struct FviPid *controller, float output);
+
+/*
+ Gives the output back to the law; the next tick has the output of the tick before.
+
+ Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED or FVI_STATUS_NOT_INITIALISED.
+
+ # Safety
+ `controller` must be zeroed or set up.
+ */
+enum FviStatus fvi_pid_automatic(struct FviPid *controller);
+
+/*
+ Changes the gains, from the next tick on; `bumpless` of the settings says what must not move. In the
+ series form they are kp, 1/T_i and T_d.
+
+ Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_NOT_FINITE, or
+ FVI_STATUS_OUT_OF_RANGE if a gain is not allowed, or a derivative lacks its memory.
+
+ # Safety
+ `controller` must be zeroed or set up.
+ */
+enum FviStatus fvi_pid_set_gains(struct FviPid *controller, float kp, float ki, float kd);
+
+/*
+ Forgets everything; the gains stay.
+
+ Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED or FVI_STATUS_NOT_INITIALISED.
+
+ # Safety
+ `controller` must be zeroed or set up.
+ */
+enum FviStatus fvi_pid_reset(struct FviPid *controller);
+
+/*
+ Saves a controller with all that its memories hold, as fvi_operator_save does an operator. The law is not
+ part of it.
+
+ # Safety
+ `controller` must be zeroed or set up, `capacity` bytes and `written` writable.
+ */
+enum FviStatus fvi_pid_save(const struct FviPid *controller, uint8_t *bytes, size_t capacity, size_t *written);
+
+/*
+ Restores what fvi_pid_save wrote, into a controller that was set up alike, as fvi_operator_restore does an
+ operator.
+
+ # Safety
+ `controller` must be zeroed or set up, `count` bytes readable.
+ */
+enum FviStatus fvi_pid_restore(struct FviPid *controller, const uint8_t *bytes, size_t count);
 
 #ifdef __cplusplus
 }  // extern "C"

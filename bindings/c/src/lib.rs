@@ -1,4 +1,5 @@
-//! C interface of fvi-core: fractional operators on a stream and a stepper for fractionally damped systems.
+//! C interface of fvi-core: fractional operators on a stream, a fractional PID controller, and a stepper for
+//! fractionally damped systems.
 //!
 //! All state is the caller's, of a size known at compile time; nothing is allocated, nothing unwinds, and
 //! every call that can be wrong returns a status and leaves the state as it was. The header `fvi.h` is
@@ -7,6 +8,7 @@
 
 mod memory;
 mod operator;
+mod pid;
 mod pointer;
 mod ring;
 mod saving;
@@ -17,6 +19,7 @@ mod weights;
 
 pub use memory::*;
 pub use operator::*;
+pub use pid::*;
 pub use saving::*;
 pub use status::*;
 pub use stepper::*;

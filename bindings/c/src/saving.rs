@@ -10,10 +10,10 @@ use crate::stored::kept;
 
 /// Where the state of an object goes to: `capacity` bytes, and their number.
 #[derive(Clone, Copy)]
-struct Place {
-    bytes: *mut u8,
-    capacity: usize,
-    written: *mut usize,
+pub(crate) struct Place {
+    pub(crate) bytes: *mut u8,
+    pub(crate) capacity: usize,
+    pub(crate) written: *mut usize,
 }
 
 impl Place {
@@ -21,7 +21,7 @@ impl Place {
     ///
     /// # Safety
     /// As [`fvi_operator_save`].
-    unsafe fn take(
+    pub(crate) unsafe fn take(
         self,
         size: usize,
         save: impl FnOnce(&mut StateWriter<'_>) -> Result<(), StateError>,
@@ -43,7 +43,7 @@ impl Place {
 ///
 /// # Safety
 /// As [`fvi_operator_restore`].
-unsafe fn give(
+pub(crate) unsafe fn give(
     bytes: *const u8,
     count: usize,
     restore: impl FnOnce(&mut StateReader<'_>) -> Result<(), StateError>,

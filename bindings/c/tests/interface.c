@@ -728,6 +728,84 @@ static void check_restarted_operators(void) {
     }
 }
 
+static FviPid controller;
+
+/* A loop of first order, with limits, back-calculation, a hand on it, and a restart. */
+static void check_controller(void) {
+    static float integral_weights[CAPACITY], derivative_weights[CAPACITY], integral_samples[CAPACITY], derivative_samples[CAPACITY];
+    Copy before, samples_before;
+    float output = 7.0f;
+    expect("tick before init", fvi_pid_tick(&controller, 1.0f, 0.0f, &output), FVI_STATUS_NOT_INITIALISED);
+    expect("weights", fvi_weights_bdf(1, -0.8, 0.01, integral_weights, CAPACITY), FVI_STATUS_OK);
+    expect("weights", fvi_weights_bdf(1, 0.6, 0.01, derivative_weights, CAPACITY), FVI_STATUS_OK);
+    FviMemory integral = ring(FVI_SHORT_MEMORY, integral_samples, CAPACITY);
+    FviMemory derivative = ring(FVI_SHORT_MEMORY, derivative_samples, CAPACITY);
+    integral.weights = integral_weights;
+    derivative.weights = derivative_weights;
+    FviPidSettings settings = {
+        .sample = 0.01, .lambda = 0.8, .mu = 0.6, .filter_time = 0.02, .tracking_time = 0.1, .kp = 2.0f, .ki = 3.0f, .kd = 0.1f,
+        .setpoint_weights = {1.0f, 0.0f}, .limits = {-2.0f, 2.0f}, .rate_limit = 300.0f, .anti_windup = FVI_PID_BACK_CALCULATION,
+    };
+    take(&before, &controller, sizeof controller);
+    expect("no settings", fvi_pid_init(&controller, NULL, &integral, &derivative, NULL), FVI_STATUS_NULL);
+    expect("no integral", fvi_pid_init(&controller, &settings, NULL, &derivative, NULL), FVI_STATUS_NULL);
+    expect("no derivative", fvi_pid_init(&controller, &settings, &integral, NULL, NULL), FVI_STATUS_OUT_OF_RANGE);
+    expect("wrong weights", fvi_pid_init(&controller, &settings, &derivative, &derivative, NULL), FVI_STATUS_OUT_OF_RANGE);
+    settings.form = 7;
+    expect("unknown form", fvi_pid_init(&controller, &settings, &integral, &derivative, NULL), FVI_STATUS_OUT_OF_RANGE);
+    settings.form = FVI_PID_PARALLEL;
+    settings.kp = not_a_number;
+    expect("gain not a number", fvi_pid_init(&controller, &settings, &integral, &derivative, NULL), FVI_STATUS_NOT_FINITE);
+    settings.kp = 2.0f;
+    settings.lambda = 2.0;
+    expect("order", fvi_pid_init(&controller, &settings, &integral, &derivative, NULL), FVI_STATUS_OUT_OF_RANGE);
+    settings.lambda = 0.8;
+    expect_unchanged("controller", &before);
+    expect("init", fvi_pid_init(&controller, &settings, &integral, &derivative, NULL), FVI_STATUS_OK);
+    float plant = 0.0f, expected = 0.0f;
+    size_t written = 0;
+    for (int k = 0; k < 200; ++k) {
+        if (k == 60) {
+            take(&before, &controller, sizeof controller);
+            take(&samples_before, integral_samples, sizeof integral_samples);
+            FviPidInputs inputs = {.setpoint = 1.0f, .measured = plant, .actuator = 9};
+            expect("unknown actuator", fvi_pid_tick_with(&controller, &inputs, &output), FVI_STATUS_OUT_OF_RANGE);
+            inputs.actuator = FVI_PID_APPLIED;
+            inputs.applied = not_a_number;
+            expect("applied", fvi_pid_tick_with(&controller, &inputs, &output), FVI_STATUS_NOT_FINITE);
+            expect("measured", fvi_pid_tick(&controller, 1.0f, not_a_number, &output), FVI_STATUS_NOT_FINITE);
+            expect("no output", fvi_pid_tick(&controller, 1.0f, plant, NULL), FVI_STATUS_NULL);
+            expect("manual", fvi_pid_manual(&controller, not_a_number), FVI_STATUS_NOT_FINITE);
+            expect("gains", fvi_pid_set_gains(&controller, not_a_number, 1.0f, 0.0f), FVI_STATUS_NOT_FINITE);
+            expect_unchanged("controller", &before);
+            expect_unchanged("samples", &samples_before);
+            expect("manual", fvi_pid_manual(&controller, 0.5f), FVI_STATUS_OK);
+        }
+        if (k == 90) {
+            expect("automatic", fvi_pid_automatic(&controller), FVI_STATUS_OK);
+        }
+        if (k == 120) {
+            expect("gains", fvi_pid_set_gains(&controller, 1.0f, 2.0f, 0.05f), FVI_STATUS_OK);
+        }
+        float last = output;
+        expect("tick", fvi_pid_tick(&controller, k < 150 ? 1.0f : 5.0f, plant, &output), FVI_STATUS_OK);
+        expect_that("limits hold", -2.0f <= output && output <= 2.0f);
+        float bump = output - last;
+        if (k == 90) {
+            expect_that("no bump", -1e-5f < bump && bump < 1e-5f);
+        }
+        plant += 0.05f * (output - plant);
+        note(output);
+    }
+    expect("save", fvi_pid_save(&controller, saved, sizeof saved, &written), FVI_STATUS_OK);
+    expect("tick", fvi_pid_tick(&controller, 0.0f, plant, &expected), FVI_STATUS_OK);
+    expect("reset", fvi_pid_reset(&controller), FVI_STATUS_OK);
+    expect("cut off", fvi_pid_restore(&controller, saved, written - 4), FVI_STATUS_WRONG_STATE);
+    expect("restore", fvi_pid_restore(&controller, saved, written), FVI_STATUS_OK);
+    expect("tick", fvi_pid_tick(&controller, 0.0f, plant, &output), FVI_STATUS_OK);
+    expect_that("the same bits after a restart", output == expected);
+}
+
 static void tell_hash(void) {
     char text[] = "results 00000000\n";
     for (int digit = 0; digit < 8; ++digit) {
@@ -752,6 +830,7 @@ int check_interface(void (*say)(const char *text)) {
     check_failed_steps();
     check_restarts();
     check_restarted_operators();
+    check_controller();
     for (int status = 0; status < STATUSES; ++status) {
         if (!reached[status]) {
             fail(fvi_status_text(status), "never returned");

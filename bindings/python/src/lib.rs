@@ -3,6 +3,7 @@
 //! Python code in `python/fvi` checks arguments and shapes results; this module hands them to fvi-host. No
 //! panic leaves it.
 
+mod controller;
 mod derivative;
 mod documents;
 mod engines;
@@ -21,6 +22,8 @@ use pyo3::prelude::*;
 
 #[pymodule(gil_used = false)]
 mod _fvi {
+    #[pymodule_export]
+    use super::controller::FractionalPid;
     #[pymodule_export]
     use super::derivative::derivative;
     #[pymodule_export]

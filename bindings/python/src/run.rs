@@ -19,15 +19,16 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// What a motion hands to Python: the name of its load case, t, q, p, energy, the derivatives of q and p by
-/// each parameter, how it ended, and the summary, both as JSON: the latter is long where there are many
-/// coordinates, and seldom looked at.
+/// What a motion hands to Python: the name of its load case, t, q, p, energy, u, setpoint and measure of each
+/// controller, the derivatives of q and p by each parameter, how it ended, and the summary, both as JSON: the
+/// latter is long where there are many coordinates, and seldom looked at.
 type Motion<'py> = (
     String,
     Bound<'py, PyArray1<f64>>,
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray2<f64>>,
     String,
     String,
@@ -255,6 +256,9 @@ struct Rows {
     position: Vec<f64>,
     momentum: Vec<f64>,
     energy: Vec<f64>,
+    /// Row by row, three numbers for each controller.
+    control: Vec<f64>,
+    controllers: usize,
     derivatives: Vec<f64>,
 }
 
@@ -268,9 +272,11 @@ impl Rows {
             0 => (steps / scenario.output.every).saturating_add(2),
             times => times,
         };
+        let controllers = scenario.controllers.len();
         let parameters = scenario.sensitivity.as_ref().map_or(0, |asked| asked.parameters.len());
         let derivatives = coordinates.saturating_mul(2).saturating_mul(parameters);
-        let numbers = coordinates.saturating_mul(2).saturating_add(2).saturating_add(derivatives);
+        let more = derivatives.saturating_add(controllers.saturating_mul(3));
+        let numbers = coordinates.saturating_mul(2).saturating_add(2).saturating_add(more);
         let no_room = |what: String| {
             Failure::NoRoom(format!(
                 "{rows} rows of {numbers} numbers: {what}; write fewer of them with `every`"
@@ -290,6 +296,8 @@ impl Rows {
                 position: room(rows * coordinates)?,
                 momentum: room(rows * coordinates)?,
                 energy: room(rows)?,
+                control: room(rows * 3 * controllers)?,
+                controllers,
                 derivatives: room(rows * derivatives)?,
             })
         };
@@ -303,14 +311,14 @@ impl Rows {
         };
         let end = json(serde_json::to_string(&summary.in_short()))?;
         let summary = json(serde_json::to_string(summary))?;
-        let Self { coordinates, time, position, momentum, energy, derivatives } = self;
+        let Self { coordinates, time, position, momentum, energy, control, controllers, derivatives } = self;
         let rows = time.len();
         let table = |numbers: Vec<f64>, columns| numbers.into_pyarray(py).reshape([rows, columns]);
         let columns = derivatives.len().checked_div(rows).unwrap_or(0);
         let (position, momentum) = (table(position, coordinates)?, table(momentum, coordinates)?);
-        let (derivatives, time, energy) =
-            (table(derivatives, columns)?, time.into_pyarray(py), energy.into_pyarray(py));
-        Ok((name, time, position, momentum, energy, derivatives, end, summary))
+        let (control, derivatives) = (table(control, 3 * controllers)?, table(derivatives, columns)?);
+        let (time, energy) = (time.into_pyarray(py), energy.into_pyarray(py));
+        Ok((name, time, position, momentum, energy, control, derivatives, end, summary))
     }
 
     fn push(&mut self, state: &GridState) {
@@ -319,5 +327,6 @@ impl Rows {
         self.momentum.extend_from_slice(&state.momentum);
         self.energy.push(state.energy);
         self.derivatives.extend_from_slice(&state.sensitivities);
+        self.control.extend_from_slice(&state.control);
     }
 }

@@ -48,7 +48,7 @@ def test_the_numbers_are_those_of_the_program(scenario, precision, tmp_path):
     with pytest.warns() if "warnings" in json.loads((tmp_path / "summary.json").read_text()) else open(os.devnull):
         result = fvi.run(scenario, precision=precision)
     record = json.loads((tmp_path / "summary.json").read_text())
-    mine = np.column_stack([result.t, result.q, result.p, result.energy])
+    mine = np.column_stack([result.t, result.q, result.p, result.energy, *result._control.values()])
     assert np.array_equal(bits(mine), bits(rows))
     for key in ("steps", "last", "largest", "engine", "scenario", "newton_iterations"):
         assert result.summary[key] == record[key], key
@@ -270,3 +270,72 @@ def test_xarray_and_matplotlib():
     above, below = result.plot()
     assert above.get_ylabel() == "position" and below.get_xlabel() == "time t"
     assert np.array_equal(above.lines[0].get_ydata(), result.q[:, 0])
+
+
+LOOP = {
+    "measures": "q0",
+    "setpoint": "1",
+    "drives": [1.0],
+    "kp": 2.0,
+    "ki": 1.0,
+    "lambda": 0.9,
+    "sample": 0.02,
+    "delay": 0.03,
+}
+
+
+def loop_of(*controllers):
+    return {
+        "system": {"mass": [1.0], "potential": "0.5*q0^2"},
+        "time": {"step": 0.02, "steps": 100},
+        "controller": list(controllers),
+    }
+
+
+def test_a_controller_by_itself_is_that_of_the_loop():
+    keys = {"kp": 2.0, "ki": 1.0, "kd": 0.3, "mu": 0.5, "limits": [-1.5, 1.5], "rate_limit": 60.0}
+    windup = {"kind": "back-calculation", "time": 0.1}
+    one = fvi.run(loop_of({**LOOP, **keys, "anti_windup": windup, "derivative_filter": 0.05}))
+    pid = fvi.FractionalPid(sample=0.02, lam=0.9, anti_windup=windup, derivative_filter=0.05, length=101, **keys)
+    assert [pid.tick(1.0, y) for y in one.q[:, 0]] == list(one.u)
+    assert (abs(one.u) == 1.5).any()
+    state, expected = pid.save(), pid.output
+    with pytest.raises(fvi.InputError, match="measured value is not a finite number"):
+        pid.tick(1.0, float("nan"))
+    assert pid.save() == state and pid.output == expected
+    pid.manual(0.25)
+    assert pid.is_manual and pid.tick(1.0, 0.0) == 0.25
+    pid.automatic()
+    assert pid.tick(0.9, 0.1) == pytest.approx(0.25, abs=1e-12)
+    pid.set_gains(1.0, 0.5, 0.0)
+    assert pid.tick(0.9, 0.1) - 0.25 < 0.1
+    pid.restore(state)
+    assert pid.output == expected
+    pid.reset()
+    assert pid.output == 0.0 and pid.integral == 0.0
+    to_r, to_y = pid.response(3.0)
+    assert to_y - to_r == pytest.approx(0.0, abs=10.0) and to_r.real > 1.0
+    with pytest.raises(fvi.InputError, match="lam = "):
+        fvi.FractionalPid(sample=0.02, lam=2.0)
+    with pytest.raises(fvi.InputError, match="limits"):
+        fvi.FractionalPid(sample=0.02, kp=1.0, limits=[1.0, -1.0])
+    with pytest.raises(fvi.InputError, match="speed"):
+        fvi.FractionalPid(sample=0.02, speed=1.0)
+
+
+def test_controllers_have_columns(tmp_path):
+    plain = fvi.run(loop_of())
+    assert plain.u is None and plain.setpoint is None and plain.measure is None
+    one = fvi.run(loop_of(LOOP))
+    assert one.u.shape == one.setpoint.shape == one.measure.shape == (101,)
+    assert (one.setpoint == 1.0).all() and (one.measure == one.q[:, 0]).all()
+    assert one.u[0] == pytest.approx(2.0 + 0.02**0.9, rel=1e-14)
+    in_files = fvi.run(loop_of(LOOP), out=tmp_path / "out")
+    assert (in_files.u == one.u).all() and (in_files.measure == one.measure).all()
+    one.save(tmp_path / "r.npz")
+    assert (fvi.load(tmp_path / "r.npz").u == one.u).all()
+    two = fvi.run(loop_of(LOOP, {**LOOP, "kp": 0.0, "ki": 0.0, "kd": 0.1}))
+    assert two.u.shape == two.measure.shape == (101, 2)
+    assert (two.measure[:, 0] == two.measure[:, 1]).all() and not (two.u[:, 0] == two.u[:, 1]).all()
+    with pytest.raises(fvi.InputError, match=r"controller\[0\].sample"):
+        fvi.run(loop_of({**LOOP, "sample": 0.03}))

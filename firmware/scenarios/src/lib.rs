@@ -4,6 +4,7 @@
 #![forbid(unsafe_code)]
 
 pub mod bits;
+pub mod closed_loop;
 pub mod control_loop;
 pub mod jitter;
 pub mod oustaloup;

@@ -3,7 +3,8 @@
 use core::fmt;
 
 use fvi_core::{
-    DampingError, IntegratorError, MatrixError, OperatorError, ParameterError, StateError, StepError,
+    DampingError, IntegratorError, MatrixError, OperatorError, ParameterError, PidError, StateError,
+    StepError,
 };
 
 /// What refused to go on.
@@ -21,6 +22,8 @@ pub enum Refusal {
     Step(StepError),
     /// A fractional operator.
     Operator(OperatorError),
+    /// A controller.
+    Pid(PidError),
     /// A saved state.
     State(StateError),
     /// The output.
@@ -52,6 +55,7 @@ refusals!(
     Integrator(IntegratorError),
     Step(StepError),
     Operator(OperatorError),
+    Pid(PidError),
     State(StateError),
     Output(fmt::Error)
 );

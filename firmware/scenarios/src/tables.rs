@@ -5,6 +5,9 @@
 //! rust --precision f32`, with `--endless` for `--horizon 1e8`, and `fvi rates --stages 1 --exponent …
 //! --shortest 0.0079 --horizon 2000 --tolerance 1e-7 --format rust --precision f32` print.
 
+/// What `fvi controller firmware/loop.toml --format rust --name axis` prints.
+#[rustfmt::skip]
+pub mod axis;
 /// Exponent 0.5.
 #[rustfmt::skip]
 pub mod damping;

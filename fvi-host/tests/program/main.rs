@@ -2,6 +2,7 @@
 
 mod adaptive;
 mod checkpoints;
+mod controllers;
 mod convergence;
 mod engine_comparison;
 mod events;

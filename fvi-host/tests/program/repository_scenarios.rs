@@ -187,3 +187,12 @@ fn the_stage_moves_with_its_drive_and_returns() {
     assert!(farthest > 0.05 && farthest < 0.15, "{farthest}");
     assert!(position[3000].abs() < 0.1 * farthest);
 }
+
+#[test]
+fn the_stage_in_a_loop_goes_where_it_is_told() {
+    let run = run("controlled-stage");
+    let (position, output) = (run.column("q0"), run.column("u"));
+    // 3.5 s after each setpoint, to a tenth of the way.
+    assert!((position[2000] - 0.1).abs() < 0.01 && (position[3750] - 0.04).abs() < 0.006);
+    assert!(output.iter().all(|u| u.abs() <= 8.0));
+}

@@ -433,6 +433,8 @@ fn what_is_not_differentiated_is_refused_with_key_and_reason() {
     refused(&good, &["--resume"], "checkpoints do not hold derivatives");
     refused(&format!("{PLAIN}[sensitivity]\nparameters = []\n"), &[], "one path at least");
     refused(&good.replace("k\"]", "k\", \"system.parameters.k\"]"), &[], "paths that differ");
+    let controller = "[controller]\nkind = \"fractional-pid\"\nmeasures = \"q0\"\nsetpoint = \"1\"\ndrives = [1.0]\nkp = 2.0\nsample = 0.1\n";
+    refused(&format!("{good}{controller}"), &[], "loops that are open");
     refused(&format!("{good}[scheme]\nkind = \"implicit-euler\"\n"), &[], "variational schemes");
     refused(&format!("{good}[scheme]\nkind = \"collocation\"\n"), &[], "variational schemes");
     refused(&format!("{good}[[event]]\nwhen = \"q0\"\n"), &[], "nothing looks into");

@@ -28,6 +28,8 @@ pub(crate) struct View<'a> {
     pub(crate) position: &'a [f64],
     pub(crate) momentum: &'a [f64],
     pub(crate) energy: f64,
+    /// Of the controllers.
+    pub(crate) control: &'a [f64],
     pub(crate) sensitivities: &'a [f64],
 }
 
@@ -40,14 +42,15 @@ impl View<'_> {
         };
         let (position, momentum) = (of(self.position), of(self.momentum));
         let sensitivities = self.sensitivities.chunks(self.position.len().max(1)).flat_map(of).collect();
-        GridState { time: self.time, position, momentum, energy: self.energy, sensitivities }
+        let control = self.control.to_vec();
+        GridState { time: self.time, position, momentum, energy: self.energy, control, sensitivities }
     }
 }
 
 impl<'a> From<&'a GridState> for View<'a> {
     fn from(state: &'a GridState) -> Self {
-        let GridState { time, position, momentum, energy, sensitivities } = state;
-        Self { time: *time, position, momentum, energy: *energy, sensitivities }
+        let GridState { time, position, momentum, energy, control, sensitivities } = state;
+        Self { time: *time, position, momentum, energy: *energy, control, sensitivities }
     }
 }
 
@@ -84,7 +87,9 @@ impl<'a> Passage<'a> {
 
     /// Writes it to a state that has places for these coordinates.
     pub(crate) fn read(&self, index: usize, chosen: &[usize], state: &mut GridState) {
-        let GridState { time, position, momentum, energy, sensitivities } = state;
+        let GridState { time, position, momentum, energy, control, sensitivities } = state;
+        control.clear();
+        control.extend_from_slice(self.stretch.control());
         (*time, *energy) = (self.stretch.times()[index], self.energies[index]);
         if !self.stretch.sensitivities().is_empty() {
             let of_all = self.stretch.sensitivities().chunks(self.places.len().max(1));
@@ -148,14 +153,15 @@ impl Outlet {
             let path = directory.join(format.file());
             std::fs::create_dir_all(&directory).map_err(FileError::at(&directory))?;
             let parameters = scenario.sensitivity.as_ref().map_or(0, |asked| asked.parameters.len());
-            let columns = (chosen.as_slice(), parameters);
+            let controllers = scenario.controllers.len();
+            let columns = (chosen.as_slice(), controllers, parameters);
             let writer = TrajectoryWriter::create(&directory, format, columns, scenario.output.every)
                 .map_err(FileError::at(&path))?;
             let path = directory.join(SNAPSHOTS);
             let create = |every| Snapshots::create(&path, every, scenario.coordinates());
             let snapshots =
                 scenario.output.snapshots.map(create).transpose().map_err(FileError::at(&path))?;
-            let (chosen, traces) = (chosen.clone(), RunTraces::new(chosen.len()));
+            let (chosen, traces) = (chosen.clone(), RunTraces::new(chosen.len(), controllers));
             Ok(Self { directory, chosen, writer, traces, snapshots })
         };
         Self::directories(scenario, directory).into_iter().map(open).collect()
@@ -173,10 +179,11 @@ impl Outlet {
         index: usize,
     ) -> Result<Vec<Self>, FileError> {
         let (count, every) = (scenario.written_coordinates().len(), scenario.output.every);
+        let columns = (count, scenario.controllers.len());
         let directories = Self::directories(scenario, directory).into_iter();
         let resume = |((directory, mark), traces): ((PathBuf, &OutletMark), RunTraces)| {
             let path = directory.join(mark.trajectory.format.file());
-            let writer = TrajectoryWriter::resume(&directory, &mark.trajectory, count, every, index)
+            let writer = TrajectoryWriter::resume(&directory, &mark.trajectory, columns, every, index)
                 .map_err(FileError::at(&path))?;
             let path = directory.join(SNAPSHOTS);
             let resume = |every| Snapshots::resume(&path, every, scenario.coordinates(), &mark.snapshots);
@@ -212,6 +219,7 @@ impl Outlet {
         }
         let drawn = chosen.iter().map(|&index| (passage.position(index), passage.momentum(index)));
         traces.take(stretch.times(), drawn, (passage.energies, stretch.with_energy()));
+        traces.take_control(stretch.times(), stretch.control());
         let Some(snapshots) = snapshots else { return Ok(()) };
         let whole: Vec<usize> = (0..passage.places.len()).collect();
         for index in stretch.multiples(snapshots.every()) {
@@ -296,7 +304,7 @@ impl Outlet {
     /// # Errors
     /// If that fails.
     pub(crate) fn remove_files(directory: &Path) -> Result<(), FileError> {
-        let pictures = ["coordinates.svg", "energy.svg", "phase.svg", MAP];
+        let pictures = ["coordinates.svg", "energy.svg", "phase.svg", "control.svg", "output.svg", MAP];
         [Format::Csv.file(), Format::Npz.file(), SNAPSHOTS]
             .into_iter()
             .chain(pictures)

@@ -679,7 +679,8 @@ impl<'s> Run<'s> {
         };
         let position = state.position.get(places.clone()).unwrap_or(&[]);
         let momentum = state.momentum.get(places).unwrap_or(&[]);
-        View { time: state.time, position, momentum, energy, sensitivities: &state.sensitivities }
+        let (control, sensitivities) = (&state.control, &state.sensitivities);
+        View { time: state.time, position, momentum, energy, control, sensitivities }
     }
 
     /// What was made last of one load case; without cases of the motion.
@@ -793,6 +794,9 @@ impl<'s> Run<'s> {
         }
         let state = self.motion.state().clone();
         self.ended = self.watch.take(&state, |time, place| self.motion.look_into(time, place));
+        if let Some(ended) = &mut self.ended {
+            ended.control = self.motion.control_at(ended.time).to_vec();
+        }
     }
 
     /// How far it has got.

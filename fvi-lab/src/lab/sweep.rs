@@ -283,8 +283,8 @@ impl Sweep {
                 let writing = FileError::at(&path);
                 let parent = path.parent().unwrap_or(&options.directory);
                 std::fs::create_dir_all(parent).map_err(&writing)?;
-                let coordinates = scenario.written_coordinates().len();
-                Some(TrajectoryWriter::npz(&path, coordinates, 1).map_err(&writing)?)
+                let columns = (scenario.written_coordinates().len(), scenario.controllers.len());
+                Some(TrajectoryWriter::npz(&path, columns, 1).map_err(&writing)?)
             }
             None => None,
         };

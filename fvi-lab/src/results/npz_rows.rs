@@ -8,8 +8,9 @@ use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-/// Times, positions, momenta and, in some archives, energies, in the order of the archive.
-const NAMES: [&str; 4] = ["t", "q", "p", "energy"];
+/// Times, positions, momenta and, in some archives, energies and what controllers saw and put out, in the
+/// order of the archive.
+const NAMES: [&str; 7] = ["t", "q", "p", "energy", "u", "setpoint", "measure"];
 
 /// Arrays, each in a part that `np.load` opens at any time: its head counts the rows that are written.
 pub(crate) struct NpzRows {
@@ -24,13 +25,21 @@ pub(crate) enum Arrays {
     States,
     /// These and `energy`.
     WithEnergies,
+    /// These and `u`, `setpoint` and `measure` of so many controllers.
+    WithControl(usize),
 }
 
 impl Arrays {
+    /// Those of a trajectory with so many controllers.
+    pub(crate) fn of_rows(controllers: usize) -> Self {
+        if controllers == 0 { Self::WithEnergies } else { Self::WithControl(controllers) }
+    }
+
     fn count(self) -> usize {
         match self {
             Self::States => 3,
             Self::WithEnergies => 4,
+            Self::WithControl(_) => 7,
         }
     }
 }
@@ -71,7 +80,11 @@ impl NpzRows {
         mut file: impl FnMut(&str) -> io::Result<GrowingFile>,
     ) -> io::Result<Self> {
         let mut array = |name: &'static str| -> io::Result<Array> {
-            let columns = matches!(name, "q" | "p").then_some(coordinates);
+            let columns = match (name, arrays) {
+                ("q" | "p", _) => Some(coordinates),
+                ("u" | "setpoint" | "measure", Arrays::WithControl(several @ 2..)) => Some(several),
+                _ => None,
+            };
             let mut array = Array { name, file: file(name)?, columns, counted: 0 };
             array.write_head()?;
             Ok(array)
@@ -80,8 +93,9 @@ impl NpzRows {
         Ok(Self { path: path.to_owned(), arrays })
     }
 
-    /// Takes a row: time, position, momentum, and an energy where there is an array for it.
-    pub(crate) fn push(&mut self, row: [&[f64]; 4]) -> io::Result<()> {
+    /// Takes a row: time, position, momentum, and energy and what controllers have where there are arrays for
+    /// them.
+    pub(crate) fn push(&mut self, row: [&[f64]; 7]) -> io::Result<()> {
         self.arrays.iter_mut().zip(row).try_for_each(|(array, numbers)| array.push(numbers))
     }
 
@@ -133,9 +147,9 @@ impl Array {
     }
 }
 
-/// Whether parts or archive hold what was marked.
-pub(crate) fn can_resume(path: &Path, arrays: Arrays, marks: &[Mark]) -> bool {
-    marks.len() == arrays.count()
+/// Whether parts or archive hold what was marked: arrays of states, with energies, or with controllers.
+pub(crate) fn can_resume(path: &Path, marks: &[Mark]) -> bool {
+    matches!(marks.len(), 3 | 4 | 7)
         && marks.iter().zip(NAMES).all(|(mark, name)| {
             GrowingFile::can_resume(&array_path(path, name), HEAD, mark, || member(path, name))
         })

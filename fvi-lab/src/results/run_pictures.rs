@@ -28,6 +28,11 @@ impl RunTraces {
             // A portrait from an earlier run of another system would pass for this one's.
             None => remove(&directory.join("phase.svg"))?,
         }
+        if self.control.is_empty() {
+            ["control.svg", "output.svg"].iter().try_for_each(|name| remove(&directory.join(name)))?;
+        } else {
+            charts.extend([("control.svg", self.followed(scenario)), ("output.svg", self.put_out(scenario))]);
+        }
         for (name, chart) in &charts {
             write_picture(&directory.join(name), chart)?;
             files.push(name);
@@ -51,6 +56,41 @@ impl RunTraces {
             // One entry in the legend stands for the references of all coordinates.
             let label = if index == 0 { "reference" } else { "" };
             chart = with_reference(chart, scenario, label, points);
+        }
+        chart
+    }
+
+    /// Setpoints and measured values.
+    fn followed(&self, scenario: &Scenario) -> Chart {
+        let several = self.control.len() > 3;
+        let mut chart = chart(scenario, time_axis(scenario), Axis::linear("setpoint and measured value"));
+        for (index, curves) in self.control.chunks_exact(3).enumerate() {
+            let name = |what: &str| if several { format!("{what} {index}") } else { what.to_owned() };
+            chart = chart
+                .with(Series::new(name("setpoint"), Style::Reference, curves[1].points()))
+                .with(Series::new(name("measure"), Style::Line, curves[2].points()));
+        }
+        chart
+    }
+
+    /// Outputs of the controllers, and their limits where they come near them.
+    fn put_out(&self, scenario: &Scenario) -> Chart {
+        let several = self.control.len() > 3;
+        let mut chart = chart(scenario, time_axis(scenario), Axis::linear("output u"));
+        for (index, (curves, controller)) in
+            self.control.chunks_exact(3).zip(&scenario.controllers).enumerate()
+        {
+            let name = |what: &str| if several { format!("{what} {index}") } else { what.to_owned() };
+            let points = curves[0].points();
+            let (begin, end) = (points.first().map(|point| point.0), points.last().map(|point| point.0));
+            for limit in controller.settings.limits.into_iter().filter(|limit| limit.is_finite()) {
+                let reached = points.iter().any(|&(_, output)| output == limit);
+                if let (Some(begin), Some(end), true) = (begin, end, reached) {
+                    let line = vec![(begin, limit), (end, limit)];
+                    chart = chart.with(Series::new(name("limit"), Style::Reference, line));
+                }
+            }
+            chart = chart.with(Series::new(name("u"), Style::Line, points));
         }
         chart
     }

@@ -10,22 +10,26 @@ pub(crate) struct RunTraces {
     pub(super) energy: Envelope,
     /// (q₀, p₀), for a single coordinate.
     pub(super) phase: Option<PathTrace>,
+    /// Output, setpoint and measured value of each controller.
+    pub(super) control: Vec<Envelope>,
 }
 
 impl RunTraces {
-    /// For as many coordinates as are drawn.
-    pub(crate) fn new(coordinates: usize) -> Self {
+    /// For as many coordinates as are drawn, and controllers.
+    pub(crate) fn new(coordinates: usize, controllers: usize) -> Self {
         Self {
             coordinates: vec![Envelope::new(); coordinates],
             energy: Envelope::new(),
             phase: (coordinates == 1).then(PathTrace::new),
+            control: vec![Envelope::new(); 3 * controllers],
         }
     }
 
     /// Whether what was read could have been gathered along a run with so many coordinates.
     pub(crate) fn is_sound(&self, coordinates: usize) -> bool {
         (1..=coordinates).contains(&self.coordinates.len())
-            && self.coordinates.iter().chain([&self.energy]).all(Envelope::is_sound)
+            && self.control.len().is_multiple_of(3)
+            && self.coordinates.iter().chain(&self.control).chain([&self.energy]).all(Envelope::is_sound)
             && self.phase.is_some() == (self.coordinates.len() == 1)
             && self.phase.iter().all(PathTrace::is_sound)
     }
@@ -48,6 +52,14 @@ impl RunTraces {
         let Some(with_energy) = with_energy else { return self.energy.push_all(times, energies) };
         for index in with_energy {
             self.take_energy(times[index], energies[index]);
+        }
+    }
+
+    /// Takes in what the controllers saw and put out, at the last of these times.
+    pub(crate) fn take_control(&mut self, times: &[f64], control: &[f64]) {
+        let Some(time) = times.last() else { return };
+        for (envelope, number) in self.control.iter_mut().zip(control) {
+            envelope.push_all(&[*time], &[*number]);
         }
     }
 

@@ -28,7 +28,7 @@ impl Snapshots {
 
     /// Whether what was marked is still there. Nothing is changed.
     pub(crate) fn can_resume(path: &Path, marks: &[Mark]) -> bool {
-        npz_rows::can_resume(path, Arrays::States, marks)
+        npz_rows::can_resume(path, marks)
     }
 
     /// Every how many steps a state is kept.
@@ -38,7 +38,7 @@ impl Snapshots {
 
     /// Keeps a state.
     pub(crate) fn take(&mut self, time: f64, position: &[f64], momentum: &[f64]) -> io::Result<()> {
-        self.rows.push([&[time], position, momentum, &[]])
+        self.rows.push([&[time], position, momentum, &[], &[], &[], &[]])
     }
 
     /// Has everything on the disk; returns how far the arrays have got.

@@ -12,10 +12,12 @@ use std::path::{Path, PathBuf};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Format {
-    /// `trajectory.csv`: `t,q0,…,p0,…,energy` with 17 significant digits.
+    /// `trajectory.csv`: `t,q0,…,p0,…,energy` with 17 significant digits, and `u,setpoint,measure` of a
+    /// controller, `u0,setpoint0,measure0,u1,…` of several.
     #[default]
     Csv,
-    /// `trajectory.npz`: the NumPy arrays `t` (rows), `q` and `p` (rows × coordinates) and `energy` (rows).
+    /// `trajectory.npz`: the NumPy arrays `t` (rows), `q` and `p` (rows × coordinates) and `energy` (rows);
+    /// `u`, `setpoint` and `measure` (rows, or rows × controllers).
     Npz,
 }
 
@@ -67,15 +69,15 @@ pub(crate) struct TrajectoryMark {
 
 impl TrajectoryWriter {
     /// A writer into a directory of every `every`-th row; the first and the last are always written. The
-    /// states that it takes hold these coordinates, which name the columns, and derivatives with respect to
-    /// so many parameters, which text has room for.
+    /// states that it takes hold these coordinates, which name the columns, so many controllers, and
+    /// derivatives with respect to so many parameters, which text has room for.
     ///
     /// # Errors
     /// If a file cannot be created.
     pub fn create(
         directory: &Path,
         format: Format,
-        (coordinates, parameters): (&[usize], usize),
+        (coordinates, controllers, parameters): (&[usize], usize, usize),
         every: usize,
     ) -> io::Result<Self> {
         let path = directory.join(format.file());
@@ -84,16 +86,21 @@ impl TrajectoryWriter {
                 let mut file = GrowingFile::begin(&path, 0)?;
                 let columns = |letter: char| coordinates.iter().map(move |index| format!(",{letter}{index}"));
                 let names: String = columns('q').chain(columns('p')).collect();
+                let control = (0..controllers).map(|index| match controllers {
+                    1 => ",u,setpoint,measure".to_owned(),
+                    _ => format!(",u{index},setpoint{index},measure{index}"),
+                });
+                let control: String = control.collect();
                 let derived = |letter: char, parameter: usize| {
                     coordinates.iter().map(move |index| format!(",d{letter}{index}_d{parameter}"))
                 };
                 let both = |parameter| derived('q', parameter).chain(derived('p', parameter));
                 let derivatives: String = (0..parameters).flat_map(both).collect();
-                writeln!(file, "t{names},energy{derivatives}")?;
+                writeln!(file, "t{names},energy{control}{derivatives}")?;
                 Rows::Csv(file)
             }
             Format::Npz => {
-                Rows::Npz(Box::new(NpzRows::create(&path, Arrays::WithEnergies, coordinates.len())?))
+                Rows::Npz(Box::new(NpzRows::create(&path, Arrays::of_rows(controllers), coordinates.len())?))
             }
         };
         Ok(Self::behind(rows, every, 0, true))
@@ -103,8 +110,12 @@ impl TrajectoryWriter {
     ///
     /// # Errors
     /// If a file cannot be created.
-    pub(crate) fn npz(path: &Path, coordinates: usize, every: usize) -> io::Result<Self> {
-        let rows = Rows::Npz(Box::new(NpzRows::create(path, Arrays::WithEnergies, coordinates)?));
+    pub(crate) fn npz(
+        path: &Path,
+        (coordinates, controllers): (usize, usize),
+        every: usize,
+    ) -> io::Result<Self> {
+        let rows = Rows::Npz(Box::new(NpzRows::create(path, Arrays::of_rows(controllers), coordinates)?));
         Ok(Self::behind(rows, every, 0, true))
     }
 
@@ -115,7 +126,7 @@ impl TrajectoryWriter {
     pub(crate) fn resume(
         directory: &Path,
         mark: &TrajectoryMark,
-        coordinates: usize,
+        (coordinates, controllers): (usize, usize),
         every: usize,
         index: usize,
     ) -> io::Result<Self> {
@@ -123,7 +134,7 @@ impl TrajectoryWriter {
         let rows = match (mark.format, mark.files.as_slice()) {
             (Format::Csv, [csv]) => Rows::Csv(GrowingFile::resume(&path, 0, csv, || whole(&path))?),
             (Format::Npz, marks) => {
-                Rows::Npz(Box::new(NpzRows::resume(&path, Arrays::WithEnergies, coordinates, marks)?))
+                Rows::Npz(Box::new(NpzRows::resume(&path, Arrays::of_rows(controllers), coordinates, marks)?))
             }
             _ => return Err(io::ErrorKind::InvalidData.into()),
         };
@@ -139,7 +150,7 @@ impl TrajectoryWriter {
         let path = directory.join(mark.format.file());
         match (mark.format, mark.files.as_slice()) {
             (Format::Csv, [csv]) => GrowingFile::can_resume(&path, 0, csv, || whole(&path)),
-            (Format::Npz, marks) => npz_rows::can_resume(&path, Arrays::WithEnergies, marks),
+            (Format::Npz, marks) => npz_rows::can_resume(&path, marks),
             _ => false,
         }
     }
@@ -188,7 +199,20 @@ impl TrajectoryWriter {
                 state.append_row(&mut self.line);
                 file.write_all(self.line.as_bytes())
             }
-            Rows::Npz(rows) => rows.push([&[state.time], &state.position, &state.momentum, &[state.energy]]),
+            Rows::Npz(rows) => {
+                let control = |column: usize| state.control.iter().skip(column).step_by(3).copied();
+                let control: [Vec<f64>; 3] = std::array::from_fn(|column| control(column).collect());
+                let [output, setpoint, measure] = &control;
+                rows.push([
+                    &[state.time],
+                    &state.position,
+                    &state.momentum,
+                    &[state.energy],
+                    output,
+                    setpoint,
+                    measure,
+                ])
+            }
         }
     }
 
@@ -248,7 +272,8 @@ mod tests {
 
     fn rows(every: usize, count: usize) -> Vec<String> {
         let directory = tempfile::tempdir().unwrap();
-        let mut writer = TrajectoryWriter::create(directory.path(), Format::Csv, (&[0], 0), every).unwrap();
+        let mut writer =
+            TrajectoryWriter::create(directory.path(), Format::Csv, (&[0], 0, 0), every).unwrap();
         (0..count).for_each(|index| writer.push(&state(index)).unwrap());
         let path = directory.path().join("trajectory.csv");
         assert!(!path.exists());
@@ -285,7 +310,7 @@ mod tests {
                 let written = |interrupted: bool, finished: bool| {
                     let directory = tempfile::tempdir().unwrap();
                     let mut writer =
-                        TrajectoryWriter::create(directory.path(), format, (&[0], 0), every).unwrap();
+                        TrajectoryWriter::create(directory.path(), format, (&[0], 0, 0), every).unwrap();
                     (0..11).for_each(|index| writer.push(&state(index)).unwrap());
                     if interrupted {
                         let mark = writer.mark().unwrap();
@@ -297,7 +322,8 @@ mod tests {
                             drop(writer);
                         }
                         assert!(TrajectoryWriter::can_resume(directory.path(), &mark));
-                        writer = TrajectoryWriter::resume(directory.path(), &mark, 1, every, 11).unwrap();
+                        writer =
+                            TrajectoryWriter::resume(directory.path(), &mark, (1, 0), every, 11).unwrap();
                     }
                     (11..20).for_each(|index| writer.push(&state(index)).unwrap());
                     writer.finish(&state(19)).unwrap();

@@ -95,7 +95,7 @@ impl Load {
 }
 
 impl Pattern {
-    fn read(value: &Value<'_>, count: usize) -> Result<Self, InputError> {
+    pub(super) fn read(value: &Value<'_>, count: usize) -> Result<Self, InputError> {
         if value.is_table() {
             let table = value.table()?;
             table.allow(&["coordinate", "value"])?;

@@ -73,6 +73,11 @@ impl SampledInput {
         Ok(input)
     }
 
+    /// Samples that act from these times on, ascending, and count by their times alone.
+    pub fn of(times: Vec<f64>, samples: Vec<Vec<f64>>) -> Self {
+        Self { times, samples, first_steps: Vec::new() }
+    }
+
     /// Finds the first step under each sample on another grid.
     pub(super) fn place_on(&mut self, grid: &TimeGrid) {
         // Grid times and sample times are rounded: a sample that little after t_k counts at t_k.

@@ -128,6 +128,12 @@ fn refuse_what_is_not_covered(scenario: &Scenario) -> Result<(), InputError> {
     if !scenario.events.is_empty() {
         return refused("event", "runs that nothing looks into on the way".to_owned());
     }
+    if !scenario.controllers.is_empty() {
+        return refused(
+            "controller",
+            "loops that are open: what a controller does is not differentiated".to_owned(),
+        );
+    }
     if !scenario.output.times.is_empty() {
         return refused("output.times", "rows at grid points: `output.every`".to_owned());
     }

@@ -18,7 +18,7 @@ use super::switches::{Side, SidedPoint, Switched};
 use super::unbounded_forces::UnboundedForces;
 use crate::language::expression::Elementary;
 use crate::model::tape::{CompiledForce, CompiledPotential, OwnRegisters};
-use crate::scenario::{Derivative, Scenario, SymmetricMatrix, System};
+use crate::scenario::{Derivative, SampledInput, Scenario, SymmetricMatrix, System};
 use fvi_core::{Block, Instant, MatrixError, Mechanics, NodalRule, Real};
 use fvi_core::{combine_two, factor, invert_factored};
 use fvi_sparse::{Analysis, Factor, Pattern};
@@ -248,6 +248,11 @@ impl<T: Elementary> Model<T> {
     /// From where on something that is rough in time may have been overlooked.
     pub fn missed(&self) -> Option<f64> {
         self.rough.as_ref().and_then(RoughForces::missed)
+    }
+
+    /// What controllers change inside the step to come.
+    pub(crate) fn live(&mut self) -> Option<&mut SampledInput> {
+        self.rough.as_mut().and_then(RoughForces::live)
     }
 
     /// The energies of the motions under load cases, as computed last; none without cases.

@@ -4,7 +4,7 @@ use super::mechanics::{SingleModel, matrix};
 use super::scenario_space::{Remembers, ScenarioSpace, derivative};
 use super::scheme::{AnyScheme, DenseOutput};
 use crate::language::expression::Elementary;
-use crate::scenario::{self, DampedAt, Scenario};
+use crate::scenario::{self, DampedAt, SampledInput, Scenario};
 use core::ops::Range;
 use core::slice::from_mut;
 use fvi_core::{
@@ -453,6 +453,10 @@ impl<T: Elementary> ScenarioSpace<T> for Fixed<1> {
 
     fn missed(system: &SingleModel<T>) -> Option<f64> {
         system.missed()
+    }
+
+    fn live(system: &mut SingleModel<T>) -> Option<&mut SampledInput> {
+        system.live()
     }
 
     fn channels(&self, _: &scenario::Damping) -> usize {

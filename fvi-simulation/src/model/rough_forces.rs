@@ -22,6 +22,8 @@ pub(crate) struct RoughForces {
     expressions: Vec<(ForceMoments, RoughLoad)>,
     records: Vec<(SignalMoments<Record>, RoughLoad)>,
     input: Option<SignalMoments<SampledInput>>,
+    /// What controllers change inside the step to come.
+    live: Option<SignalMoments<SampledInput>>,
 }
 
 /// A load, and the motions that it acts on.
@@ -74,12 +76,22 @@ impl RoughForces {
         // With collocation samples count from grid points on.
         let input = scenario.input.clone().filter(|_| scenario.scheme != Scheme::Collocation);
         let input = input.map(SignalMoments::new);
+        let step = scenario.time.step;
+        let inside = scenario.controllers.iter().any(|controller| controller.delay_in_steps(step).1 != 0.0);
+        let nothing = || SampledInput::of(vec![0.0], vec![vec![0.0; coordinates]]);
+        let live = inside.then(|| SignalMoments::new(nothing()));
         let is_rough = force.is_some()
+            || live.is_some()
             || unbounded.is_some()
             || input.is_some()
             || !(expressions.is_empty() && records.is_empty());
         let motions = scenario.copies();
-        is_rough.then_some(Self { coordinates, motions, force, unbounded, expressions, records, input })
+        is_rough.then_some(Self { coordinates, motions, force, unbounded, expressions, records, input, live })
+    }
+
+    /// What controllers change inside the step to come.
+    pub(crate) fn live(&mut self) -> Option<&mut SampledInput> {
+        self.live.as_mut().map(SignalMoments::signal_mut)
     }
 
     /// From where on something may have been overlooked.
@@ -95,6 +107,7 @@ impl RoughForces {
             self.force.as_mut().and_then(|force| force.excess(rule)),
             self.unbounded.as_mut().and_then(|force| force.excess(rule)),
             self.input.as_mut().and_then(|input| input.excess(rule)),
+            self.live.as_mut().and_then(|input| input.excess(rule)),
         ];
         let mut found = false;
         for moments in everywhere.into_iter().flatten() {

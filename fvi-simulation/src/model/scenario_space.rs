@@ -8,7 +8,7 @@ use super::scheme::{AnyScheme, DenseOutput};
 use super::space::AnySpace;
 use super::switches::Switched;
 use crate::language::expression::Elementary;
-use crate::scenario::{self, Scenario, SymmetricMatrix};
+use crate::scenario::{self, SampledInput, Scenario, SymmetricMatrix};
 use fvi_core::{
     Damping, DampingError, DampingTerm, Derivative, Kernel, MatrixError, Mechanics, Memory, ParameterError,
     Space,
@@ -63,6 +63,11 @@ pub trait ScenarioSpace<T: Elementary>: Space<T> {
 
     /// From where on something of the forces that is rough in time may have been overlooked.
     fn missed(_: &Self::System) -> Option<f64> {
+        None
+    }
+
+    /// What controllers change inside the step to come, where they do.
+    fn live(_: &mut Self::System) -> Option<&mut SampledInput> {
         None
     }
 
@@ -153,6 +158,10 @@ impl<T: Elementary> ScenarioSpace<T> for AnySpace {
 
     fn missed(system: &Model<T>) -> Option<f64> {
         system.missed()
+    }
+
+    fn live(system: &mut Model<T>) -> Option<&mut SampledInput> {
+        system.live()
     }
 
     fn channels(&self, term: &scenario::Damping) -> usize {

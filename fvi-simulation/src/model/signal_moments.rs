@@ -95,6 +95,11 @@ impl<S: Signal> SignalMoments<S> {
         Self { signal, breaks: Vec::new(), values, total: Vec::new() }
     }
 
+    /// The signal, to be changed between steps.
+    pub(super) fn signal_mut(&mut self) -> &mut S {
+        &mut self.signal
+    }
+
     /// The excess, as of [`ForceMoments`](super::force_moments::ForceMoments); `None` in a step without a
     /// break inside, which is left to the nodes.
     pub(super) fn excess<T: Real>(&mut self, rule: &NodalRule<'_, T>) -> Option<&[f64]> {

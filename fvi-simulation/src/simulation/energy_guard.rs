@@ -136,7 +136,11 @@ impl EnergyGuard {
         pushes.retain(|(push, ..)| push.iter().any(|&push| push != 0.0));
         let force = Forces::of(scenario);
         let own = scenario.system.own_terms.clone().map(|terms| (terms, vec![0.0; scenario.coordinates()]));
-        let is_driven = force.is_some() || own.is_some() || scenario.input.is_some() || !pushes.is_empty();
+        let is_driven = force.is_some()
+            || own.is_some()
+            || scenario.input.is_some()
+            || !scenario.controllers.is_empty()
+            || !pushes.is_empty();
         let potential = start.energy - kinetic;
         Self {
             reaction: scenario.time.on_energy_growth(),

@@ -2,8 +2,9 @@
 
 use crate::language::{InputError, Problem};
 use crate::memory::Tables;
-use crate::scenario::Scenario;
+use crate::scenario::{SampledInput, Scenario};
 use crate::simulation::adaptive::{AdaptiveSteps, Counts, Progress};
+use crate::simulation::control::{Control, Drive, acts_inside_steps, control};
 use crate::simulation::energy_guard::{EnergyGuard, Gathered};
 use crate::simulation::forces_of_time;
 use crate::simulation::not_finite::{first_not_finite, reason, start};
@@ -28,6 +29,10 @@ pub struct Motion<'s> {
     /// The states that were made last.
     stretch: Stretch,
     next: GridState,
+    /// The controllers, what they put on the step made last, and their columns before it.
+    control: Option<Box<dyn Control>>,
+    drive: Drive,
+    control_before: Vec<f64>,
     /// Of the motions under load cases.
     energies: Vec<f64>,
     /// What is to be known of forces of time.
@@ -66,13 +71,24 @@ impl<'s> Motion<'s> {
         precision: Precision,
         tables: &Tables,
     ) -> Result<Self, InputError> {
-        let (mut simulation, state) = start(scenario, precision, tables)?;
+        let (mut simulation, mut state) = start(scenario, precision, tables)?;
+        let mut control = control(scenario, precision)?;
+        if let Some(control) = &mut control {
+            control.take(0, &state).map_err(|reason| {
+                scenario.error_at("controller", Problem::Unusable { reason: format!("{reason}, at t = 0") })
+            })?;
+            control.columns(&mut state.control);
+        }
+        let inside = acts_inside_steps(scenario);
+        let drive =
+            Drive { inside: inside.then(|| SampledInput::of(Vec::new(), Vec::new())), ..Drive::default() };
         let guard = EnergyGuard::new(scenario, &state);
         let adaptive = AdaptiveSteps::new(scenario, precision, &mut simulation, &state)?;
         let mut energies = Vec::new();
         simulation.read_energies(&mut energies);
         // Steps are made together where nothing looks into them, and nothing else waits for each of them.
         let one_by_one = adaptive.is_some()
+            || control.is_some()
             || guard.asks_for_energies()
             || scenario.is_looked_into()
             || !scenario.cases.is_empty()
@@ -83,6 +99,7 @@ impl<'s> Motion<'s> {
         stretch.push_state(&state, 0);
         let next = state.clone();
         let notes = forces_of_time::warnings(scenario);
+        let control_before = state.control.clone();
         Ok(Self {
             scenario,
             simulation,
@@ -92,6 +109,9 @@ impl<'s> Motion<'s> {
             state,
             stretch,
             next,
+            control,
+            drive,
+            control_before,
             energies,
             notes,
             tangent: None,
@@ -127,10 +147,16 @@ impl<'s> Motion<'s> {
     /// # Errors
     /// [`StateError`] if a memory cannot be saved.
     pub fn save(&self) -> Result<Vec<u8>, StateError> {
-        match &self.adaptive {
-            Some(adaptive) => adaptive.save(&self.simulation),
-            None => self.simulation.save(),
+        let mut bytes = match &self.adaptive {
+            Some(adaptive) => adaptive.save(&self.simulation)?,
+            None => self.simulation.save()?,
+        };
+        if let Some(control) = &self.control {
+            let length = bytes.len();
+            control.save(&mut bytes)?;
+            bytes.extend((length as u64).to_le_bytes());
         }
+        Ok(bytes)
     }
 
     /// What steps that are chosen on the way need to go on.
@@ -155,6 +181,19 @@ impl<'s> Motion<'s> {
         gathered: Gathered,
         chosen: Option<Progress>,
     ) -> Result<(), StateError> {
+        let state = match &mut self.control {
+            None => state,
+            Some(control) => {
+                let cut_off = StateError::Truncated { needed: 8, left: state.len() };
+                let (both, length) = state.split_last_chunk::<8>().ok_or(cut_off)?;
+                let length = usize::try_from(u64::from_le_bytes(*length)).unwrap_or(usize::MAX);
+                let (state, of_control) = both.split_at_checked(length).ok_or(cut_off)?;
+                control.restore(of_control)?;
+                control.columns(&mut self.state.control);
+                self.control_before.clone_from(&self.state.control);
+                state
+            }
+        };
         self.simulation.restore(state)?;
         self.simulation.read(&mut self.state);
         self.simulation.read_energies(&mut self.energies);
@@ -205,7 +244,11 @@ impl<'s> Motion<'s> {
         }
         let mut failed = self.stretch.len();
         let (input, on_grid) = (self.scenario.input.as_ref(), self.adaptive.is_none());
+        let driven = self.control.is_some().then_some(self.drive.largest.as_slice());
         let input_over = |index: usize, time: f64| {
+            if let Some(driven) = driven {
+                return driven;
+            }
             let held = input.and_then(|input| match on_grid {
                 true => input.at_step(before + index),
                 false => input.from_time(time),
@@ -230,6 +273,16 @@ impl<'s> Motion<'s> {
             self.stretch.truncate(index + 1);
             (failure, failed) = (Some(grown), index);
         }
+        if let (Some(control), false) = (&mut self.control, self.stretch.is_empty()) {
+            self.stretch.read(0, &mut self.next);
+            if failure.is_none()
+                && let Err(reason) = control.take(before as u64 + 1, &self.next)
+            {
+                (failure, failed) = (Some(reason), 1);
+            }
+            self.control_before.clone_from(&self.state.control);
+            control.columns(self.stretch.control_mut());
+        }
         if let Some(last) = self.stretch.len().checked_sub(1) {
             self.steps = before + self.stretch.len();
             self.stretch.read(last, &mut self.state);
@@ -242,7 +295,7 @@ impl<'s> Motion<'s> {
     /// Makes steps and puts their states into the empty stretch; the error says why the one behind them could
     /// not be made.
     fn make_steps(&mut self, most: usize) -> Result<(), String> {
-        let Self { scenario, simulation, adaptive, stretch, next, .. } = self;
+        let Self { scenario, simulation, adaptive, stretch, next, control, drive, state, .. } = self;
         let left = scenario.time.steps.saturating_sub(self.steps);
         match adaptive {
             Some(_) if left == 0 => {
@@ -255,7 +308,15 @@ impl<'s> Motion<'s> {
             }
             None => {
                 let steps = most.min(stretch.room()).min(left);
-                simulation.advance(scenario, steps, stretch).map_err(|error| error.to_string())?;
+                let drive = control.as_mut().map(|control| {
+                    drive.held.clear();
+                    drive.held.resize(scenario.coordinates(), 0.0);
+                    let given = scenario.input.as_ref().and_then(|input| input.at_step(self.steps));
+                    drive.held.iter_mut().zip(given.unwrap_or(&[])).for_each(|(sum, force)| *sum += force);
+                    control.drive(self.steps as u64, state.time, drive);
+                    &*drive
+                });
+                simulation.advance(scenario, steps, stretch, drive).map_err(|error| error.to_string())?;
             }
         }
         simulation.read_energies(&mut self.energies);
@@ -310,6 +371,14 @@ impl<'s> Motion<'s> {
     /// Writes the state at a time within the last step, by the scheme's own polynomial.
     pub fn look_into(&mut self, time: f64, state: &mut GridState) {
         self.simulation.look_into(time, state);
+        state.control.clear();
+        state.control.extend_from_slice(self.control_at(time));
+    }
+
+    /// What the controllers saw and put out last at a time within the last step: at its end they have taken
+    /// its state, inside not yet.
+    pub fn control_at(&self, time: f64) -> &[f64] {
+        if time < self.state.time { &self.control_before } else { &self.state.control }
     }
 
     /// What moves.

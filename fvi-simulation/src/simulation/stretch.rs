@@ -26,6 +26,8 @@ pub struct Stretch {
     positions: Vec<f64>,
     momenta: Vec<f64>,
     iterations: Vec<u32>,
+    /// Of the controllers at the last state; with controllers it is the only one.
+    control: Vec<f64>,
     /// Of a state that is looked at by itself.
     sensitivities: Vec<f64>,
     /// Energies are those of the states after multiples of so many steps.
@@ -48,6 +50,7 @@ impl Stretch {
             positions: columns(),
             momenta: columns(),
             iterations: vec![0; room],
+            control: Vec::new(),
             sensitivities: Vec::new(),
             energies_every,
         }
@@ -94,6 +97,7 @@ impl Stretch {
     pub fn push_state(&mut self, state: &GridState, iterations: u32) {
         let (position, momentum) = (state.position.iter().copied(), state.momentum.iter().copied());
         self.push((state.time, state.energy), position, momentum, iterations);
+        self.control.clone_from(&state.control);
         self.sensitivities.clone_from(&state.sensitivities);
     }
 
@@ -114,6 +118,16 @@ impl Stretch {
         if let Some(state) = state {
             self.push_state(state, self.iterations[last]);
         }
+    }
+
+    /// What the controllers saw and put out last, at the last state.
+    pub fn control(&self) -> &[f64] {
+        &self.control
+    }
+
+    /// To be written by whoever asks them.
+    pub(crate) fn control_mut(&mut self) -> &mut Vec<f64> {
+        &mut self.control
     }
 
     /// How many states there are.
@@ -203,6 +217,7 @@ impl Stretch {
     pub fn read(&self, index: usize, state: &mut GridState) {
         state.time = self.times[index];
         state.energy = self.energies[index];
+        state.control.clone_from(&self.control);
         state.position.iter_mut().zip(self.positions()).for_each(|(place, column)| *place = column[index]);
         state.momentum.iter_mut().zip(self.momenta()).for_each(|(place, column)| *place = column[index]);
         if !self.sensitivities.is_empty() {

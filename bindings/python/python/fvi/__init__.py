@@ -16,6 +16,7 @@ integrated by variational schemes whose memory of the whole past is exact to rou
 `weights`               weights of convolution quadrature
 `Kernel`                transfer functions in place of s^β
 `Memory`, `Operator`    the engines and the operator D^β, sample by sample
+`FractionalPid`         a fractional PID controller, tick by tick
 `load`                  a result that was saved
 `sweep`                 one scenario with many values of its keys, here or on a cluster
 `converge`              errors and orders of a scenario over step sizes
@@ -28,6 +29,7 @@ integrated by variational schemes whose memory of the whole past is exact to rou
 The compiled half releases the interpreter while it computes; results are the bits of the program `fvi`.
 """
 
+from fvi._controller import FractionalPid
 from fvi._errors import InputError, StepError
 from fvi._fvi import __version__
 from fvi._integrate import Damping, Element, Event, Force, Load, Potential, integrate, integrate_cases
@@ -47,6 +49,7 @@ __all__ = [
     "Event",
     "Extremal",
     "Force",
+    "FractionalPid",
     "InputError",
     "Kernel",
     "KernelCurves",

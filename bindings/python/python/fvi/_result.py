@@ -64,6 +64,8 @@ class Result:
         0: all steps were made; −1: a step failed; 1: the run was stopped.
     message : str
         How it ended, in words.
+    u, setpoint, measure : ndarray, shape (K,), or (K, C) of C controllers, or None without
+        What the controllers put out, wanted and saw at their last sample up to the time of the row.
     """
 
     t: FloatArray
@@ -76,6 +78,9 @@ class Result:
     _record: str = "{}"
     _warnings: tuple[str, ...] = field(default=(), compare=False)
     _mass: Any = field(default=None, compare=False)
+    u: FloatArray | None = None
+    setpoint: FloatArray | None = None
+    measure: FloatArray | None = None
     _derivatives: FloatArray | None = field(default=None, compare=False)
 
     @property
@@ -191,9 +196,16 @@ class Result:
         """
         with open(path, "wb") as file:
             derivatives = np.zeros((len(self.t), 0)) if self._derivatives is None else self._derivatives
-            np.savez(file, t=self.t, q=self.q, p=self.p, energy=self.energy, derivatives=derivatives, end=np.array(
+            more: dict[str, Any] = dict(self._control) | {"derivatives": derivatives}
+            np.savez(file, t=self.t, q=self.q, p=self.p, energy=self.energy, **more, end=np.array(
                 json.dumps({"success": self.success, "status": self.status, "message": self.message, "summary": self.summary})
             ))
+
+    @property
+    def _control(self) -> dict[str, FloatArray]:
+        """The columns of the controllers that there are."""
+        columns = {"u": self.u, "setpoint": self.setpoint, "measure": self.measure}
+        return {name: column for name, column in columns.items() if column is not None}
 
     def __repr__(self) -> str:
         rows, coordinates = self.q.shape
@@ -255,6 +267,12 @@ class Result:
         for letter, values in (("q", self.q), ("p", self.p)):
             columns.update({f"{letter}{coordinate}": values[:, column] for column, coordinate in enumerate(self.coordinates)})
         columns["energy"] = self.energy
+        if self.u is not None and self.u.ndim == 1:
+            columns.update(self._control)
+        else:
+            # As in the file: those of one controller behind those of the other.
+            for controller in range(0 if self.u is None else self.u.shape[1]):
+                columns.update({f"{name}{controller}": column[:, controller] for name, column in self._control.items()})
         for parameter in range(self.dq.shape[1]):
             for letter, values in (("dq", self.dq), ("dp", self.dp)):
                 of = enumerate(self.coordinates)
@@ -266,7 +284,12 @@ class Result:
         xarray = _module("xarray", "to_xarray()")
         scalars = {key: value for key, value in self.summary.items() if isinstance(value, (str, int, float))}
         return xarray.Dataset(
-            {"q": (("t", "coordinate"), self.q), "p": (("t", "coordinate"), self.p), "energy": ("t", self.energy)},
+            {
+                "q": (("t", "coordinate"), self.q),
+                "p": (("t", "coordinate"), self.p),
+                "energy": ("t", self.energy),
+                **{name: (("t", "controller")[: column.ndim], column) for name, column in self._control.items()},
+            },
             coords={"t": self.t, "coordinate": self.coordinates},
             attrs={"title": self.title, **scalars},
         )
@@ -304,10 +327,13 @@ def load(path: str | os.PathLike[str]) -> Result:
     try:
         with np.load(path, allow_pickle=False) as arrays:
             t, q, p, energy = (arrays[name] for name in ("t", "q", "p", "energy"))
+            control = {name: arrays[name] for name in ("u", "setpoint", "measure") if name in arrays}
             end = json.loads(str(arrays["end"]))
             derivatives = arrays["derivatives"] if "derivatives" in arrays.files else None
         record = json.dumps(end["summary"])
-        return Result(t, q, p, energy, end["success"], end["status"], end["message"], record, _derivatives=derivatives)
+        return Result(
+            t, q, p, energy, end["success"], end["status"], end["message"], record, _derivatives=derivatives, **control
+        )
     except (KeyError, ValueError, TypeError, EOFError) as error:
         raise InputError(f"path: {os.fspath(path)} holds no result of fvi: {error}", "path", os.fspath(path)) from None
 

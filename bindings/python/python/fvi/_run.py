@@ -127,7 +127,10 @@ def run(
     )
     with np.load(Path(out) / "trajectory.npz") as arrays:
         t, q, p, energy = (arrays[name] for name in ("t", "q", "p", "energy"))
-    return _finish(_result(t, q, p, energy, record, record), raised, check)
+        control = None
+        if "u" in arrays:
+            control = np.stack([arrays[name].reshape(len(t), -1) for name in ("u", "setpoint", "measure")], axis=2)
+    return _finish(_result(t, q, p, energy, control, record, record), raised, check)
 
 
 def run_cases(
@@ -202,8 +205,8 @@ def compute(
     motions, raised = _fvi.run(
         scenario, engine=engine, precision=precision, progress=progress, terms=terms, prepared=prepared, spent=spent
     )
-    ((_, t, q, p, energy, derivatives, end, record),) = motions
-    return _finish(_result(t, q, p, energy, end, record, mass, derivatives), raised, check)
+    ((_, t, q, p, energy, control, derivatives, end, record),) = motions
+    return _finish(_result(t, q, p, energy, control, end, record, mass, derivatives), raised, check)
 
 
 def compute_cases(
@@ -212,7 +215,9 @@ def compute_cases(
     """As `compute`, for each load case by its name."""
     progress = check_progress(progress)
     motions, raised = _fvi.run(scenario, engine=engine, precision=precision, progress=progress, cases=True)
-    results = {name: _result(t, q, p, energy, end, record) for name, t, q, p, energy, _, end, record in motions}
+    results = {
+        name: _result(t, q, p, energy, control, end, record) for name, t, q, p, energy, control, _, end, record in motions
+    }
     if raised is not None:
         _raise(raised, results)
     # Steps are common to all cases, and so is what there is to say of them.
@@ -248,6 +253,7 @@ def _result(
     q: FloatArray,
     p: FloatArray,
     energy: FloatArray,
+    control: FloatArray | None,
     end: str,
     record: str,
     mass: Any = None,
@@ -265,8 +271,18 @@ def _result(
     else:
         status = -1
         message = f"step {known['step']} (from t = {known['time']}) failed: {known['reason']}"
+    columns = {}
+    if control is not None and control.size:
+        control = control.reshape(len(t), -1, 3)
+        several = control.shape[1] > 1
+        columns = {
+            name: control[:, :, index] if several else control[:, 0, index].copy()
+            for index, name in enumerate(("u", "setpoint", "measure"))
+        }
     warned = tuple(known.get("warnings", ()))
-    return Result(t, q, p, energy, status == 0, status, message, record, warned, mass, derivatives)
+    return Result(
+        t, q, p, energy, status == 0, status, message, record, warned, mass, _derivatives=derivatives, **columns
+    )
 
 
 def _raise(raised: BaseException, computed: Result | dict[str, Result]) -> NoReturn:

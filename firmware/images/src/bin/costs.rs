@@ -8,16 +8,17 @@ use core::hint::black_box;
 use cortex_m_rt::entry;
 use cortex_m_semihosting::hio::HostStream;
 use fvi_core::{
-    BdfOrder, Coefficients, Damping, DampingTerm, Derivative, ExponentialSum, Fixed, FixedDirect,
-    FractionalIntegral, FractionalOperator, Galerkin, Integrator, Kernel, Mass, Memory, NoForce,
-    NodeGalerkin, Overflow, Quadratic, RungeKutta, Scheme, Start, System, Tiled, VariableStepMemory,
-    monic_bdf_table_f32,
+    BdfOrder, Coefficients, Damping, DampingTerm, Derivative, ExponentialPid, ExponentialSum, Fixed,
+    FixedDirect, FractionalIntegral, FractionalOperator, FractionalPid, Galerkin, Integrator, Kernel, Mass,
+    Memory, NoForce, NodeGalerkin, Overflow, PidLaw, Quadratic, RungeKutta, Scheme, Start, System, Tiled,
+    VariableStepMemory, monic_bdf_table_f32,
 };
 use images::instructions::{Counter, Spread};
 use images::stack::used_by;
 use images::{Refused, main};
 use nalgebra::SVector;
 use scenarios::oustaloup::Oustaloup;
+use scenarios::tables::axis::{AXIS_DERIVATIVE, AXIS_INTEGRAL, axis_law};
 use scenarios::tables::{DAMPING, ENDLESS, JITTER_DAMPING};
 
 /// Steps that are measured; two tiles, so that every place in a tile occurs.
@@ -236,6 +237,37 @@ impl Bench<'_> {
         Ok(())
     }
 
+    /// A fractional PID controller with limits, back-calculation and a filter; half of its ticks are at a
+    /// limit. Its law is one that loops share.
+    fn controller(&mut self) -> Result<(), Refused> {
+        let law = axis_law().map_err(|_| Refused)?;
+        let kernel = law.integral_kernel().map_err(|_| Refused)?;
+        let integral = kernel.exponential_sum(AXIS_INTEGRAL, 1, [0.0; AXIS_INTEGRAL.state_len(1)]);
+        let kernel = law.derivative_kernel().map_err(|_| Refused)?;
+        let derivative = kernel.exponential_sum(AXIS_DERIVATIVE, 1, [0.0; AXIS_DERIVATIVE.state_len(1)]);
+        let (integral, derivative) = (integral.map_err(|_| Refused)?, derivative.map_err(|_| Refused)?);
+        let mut pid: ExponentialPid<'_, f32, _, _, &PidLaw<f32>> =
+            FractionalPid::new(&law, integral, derivative).map_err(|_| Refused)?;
+        let mut steps = Spread::default();
+        for k in 0..MEASURED {
+            let setpoint = if k % 16 < 8 { 10.0 } else { 0.01 };
+            let taken = self.counter.count(|| {
+                let _ = black_box(black_box(&mut pid).tick(black_box(setpoint), black_box(0.0)));
+            });
+            steps.add(taken);
+        }
+        let stack = used_by(|| {
+            let _ = black_box(black_box(&mut pid).tick(black_box(1.0), black_box(0.0)));
+        });
+        let products = [&AXIS_INTEGRAL, &AXIS_DERIVATIVE]
+            .iter()
+            .map(|table| table.head.len() + table.exponentials.len())
+            .sum();
+        let ram = size_of_val(&pid);
+        self.row("controller: exponential sums x 2", steps, products, ram, 4 * products, stack);
+        Ok(())
+    }
+
     fn operator(&mut self) -> Result<(), Refused> {
         const STATE: usize = DAMPING.state_len(1);
         let memory = ExponentialSum::new(DAMPING, 1.0, 1, [0.0f32; STATE]).map_err(|_| Refused)?;
@@ -281,6 +313,7 @@ fn start() -> ! {
         bench.tiled::<2, 33>()?;
         bench.operator()?;
         bench.integral()?;
+        bench.controller()?;
         bench.endless()?;
         bench.any_step()?;
         bench.oustaloup::<15>();

@@ -1,5 +1,5 @@
-//! Compares a trajectory of `fvi run` with what the image `pulse` printed: `same_as_run SCALAR IMAGE
-//! TRAJECTORY`, every bit.
+//! Compares a trajectory of `fvi run` with what the image `pulse` or `closed_loop` printed: `same_as_run
+//! SCALAR IMAGE TRAJECTORY`, every bit.
 
 use std::error::Error;
 use std::fs;
@@ -26,7 +26,11 @@ fn main() -> Result<(), Box<dyn Error>> {
         let [_, position, momentum, ..] = row[..] else {
             return Err("a row without position and momentum".into());
         };
-        let run = format!("{step} {} {}", bits(position)?, bits(momentum)?);
+        let mut run = format!("{step} {} {}", bits(position)?, bits(momentum)?);
+        // Behind the energy the output of a controller.
+        if let Some(output) = row.get(4) {
+            run += &format!(" {}", bits(output)?);
+        }
         if run != printed {
             return Err(format!("{scalar}, step {step}: the image has {printed}, the run {run}").into());
         }

@@ -5,7 +5,7 @@ use crate::language::expression::Elementary;
 use crate::model::energies::{EnergiesAlong, EnergyRoom, States, write_plain};
 use crate::model::matrices::Matrix;
 use crate::model::switches::Switched;
-use crate::scenario::Scenario;
+use crate::scenario::{SampledInput, Scenario};
 use fvi_core::{Block, Coefficients, Fixed, Instant, MatrixError, Mechanics, NodalRule, Real};
 use nalgebra::SVector;
 
@@ -47,6 +47,11 @@ impl<T: Elementary> SingleModel<T> {
     /// As [`Model::missed`].
     pub fn missed(&self) -> Option<f64> {
         self.model.missed()
+    }
+
+    /// As [`Model::live`].
+    pub(crate) fn live(&mut self) -> Option<&mut SampledInput> {
+        self.model.live()
     }
 
     /// Compiles the system of a scenario that it [`serves`](Self::serves).

@@ -1,10 +1,11 @@
 //! Weights, memories and operators: every public function, on numbers that the compiler does not know.
 
 use fvi_core::{
-    BdfOrder, ConvolutionWeights, Direct, ExponentialSum, ExponentialTable, FixedDirect, FractionalIntegral,
-    FractionalOperator, Kernel, Memory, Overflow, Quadrature, Real, Ring, RungeKutta, Start, StateReader,
-    StateWriter, Tiled, check_channels, leading_bdf_weight, left_operator, monic_bdf_table,
-    monic_bdf_table_f32, right_operator,
+    Actuator, AntiWindup, BdfOrder, Bumpless, ConvolutionWeights, DerivativeFilter, DerivativeOf, Direct,
+    ExponentialSum, ExponentialTable, FixedDirect, FractionalIntegral, FractionalOperator, FractionalPid,
+    Kernel, Memory, Memoryless, Overflow, PidGains, PidInputs, PidLaw, PidSettings, Quadrature, Real, Ring,
+    RungeKutta, Start, StateReader, StateWriter, Tiled, check_channels, leading_bdf_weight, left_operator,
+    monic_bdf_table, monic_bdf_table_f32, right_operator,
 };
 use heapless::Deque;
 
@@ -166,6 +167,79 @@ fn integrals<T: Real>(unknown: &Unknown<'_, T>) -> Option<T> {
     Some(sum + ask(memory, samples)?)
 }
 
+/// Controllers of both forms on memories that forget.
+fn controllers<T: Real>(unknown: &Unknown<'_, T>) -> Option<T> {
+    let &Unknown { table, samples, scale, stages, channels } = unknown;
+    let mut sum = T::zero();
+    let number = scale.to_f64();
+    let parallel = PidGains::Parallel { proportional: scale, integral: scale, derivative: scale };
+    let series = PidGains::Series {
+        proportional: scale,
+        integral_rate: scale,
+        derivative_time: scale,
+        filter_ratio: scale,
+    };
+    let windups = [AntiWindup::None, AntiWindup::BackCalculation { time: number }, AntiWindup::Conditional];
+    let filters = [
+        DerivativeFilter::None,
+        DerivativeFilter::FirstOrder { time: number },
+        DerivativeFilter::Fractional { time: number, order: number },
+    ];
+    let sources = [DerivativeOf::Values, DerivativeOf::ValuesFromRest, DerivativeOf::MeasuredRate];
+    let law = PidLaw::new(PidSettings {
+        gains: if stages == 1 { parallel } else { series },
+        integral_order: number,
+        derivative_order: number,
+        sample: Some(number).filter(|_| channels != 1),
+        setpoint_weights: [scale; 2],
+        derivative_of: *sources.get(stages)?,
+        derivative_filter: *filters.get(channels)?,
+        limits: [-scale, scale],
+        rate_limit: scale,
+        anti_windup: *windups.get(stages)?,
+        bumpless: if channels == 2 { Bumpless::Whole } else { Bumpless::ExceptProportional },
+    })
+    .ok()?;
+    let memory = |kernel: Kernel| kernel.short_memory::<T, 1, HISTORY>(table).ok();
+    let (integral, derivative) =
+        (memory(law.integral_kernel().ok()?)?, memory(law.derivative_kernel().ok()?)?);
+    let mut pid = match law.filter_kernel().ok()? {
+        Some(kernel) => {
+            let filter = memory(kernel)?;
+            FractionalPid::with_filter(law, integral, derivative, filter).ok()?
+        }
+        None => FractionalPid::<T, _, _, _, FixedDirect<'_, T, 1, HISTORY>>::with_filter(
+            law,
+            integral,
+            derivative,
+            FixedDirect::short_memory(table, scale).ok()?,
+        )
+        .ok()?,
+    };
+    for &sample in samples {
+        for actuator in [Actuator::Followed, Actuator::Applied(sample), Actuator::Limited] {
+            let inputs =
+                PidInputs { actuator, rate: sample, feed_forward: scale, ..PidInputs::new(scale, sample) };
+            sum += pid.tick_with(&inputs).ok()? + pid.tick_after(scale, &inputs).ok()?;
+        }
+        sum += pid.tick(scale, sample).ok()? + pid.tick_applied(scale, sample, scale).ok()?;
+        pid.manual(sample).ok()?;
+        pid.automatic();
+        pid.set_gains(PidGains::Parallel { proportional: sample, integral: scale, derivative: sample })
+            .ok()?;
+    }
+    let response = pid.law().response(number)?;
+    let mut bytes = [0; 4096];
+    let mut writer = StateWriter::new(bytes.get_mut(..pid.state_bytes())?);
+    pid.save(&mut writer).ok()?;
+    pid.restore(&mut StateReader::new(bytes.get(channels..)?)).ok()?;
+    pid.set_law(law.with_gains(series).ok()?).ok()?;
+    sum += pid.output() + pid.integral() + T::of(response.setpoint.re + response.measured.im);
+    pid.reset();
+    let mut plain = FractionalPid::<T, _, Memoryless<T>>::without_derivative(law, Memoryless::new()).ok()?;
+    Some(sum + plain.tick(scale, sum).ok()? + T::from_count(pid.is_manual().into()))
+}
+
 /// All memories and operators.
 pub fn engines<T: Real>(unknown: &Unknown<'_, T>) -> Option<T> {
     Some(
@@ -173,6 +247,7 @@ pub fn engines<T: Real>(unknown: &Unknown<'_, T>) -> Option<T> {
             + tiled(unknown)?
             + exponential_sum(unknown)?
             + operators(unknown)?
+            + controllers(unknown)?
             + integrals(unknown)?,
     )
 }

@@ -1,0 +1,396 @@
+//! A fractional PID controller.
+
+use fvi_core::{
+    Actuator, AntiWindup, Bumpless, DerivativeFilter, DerivativeOf, FractionalPid, PidError, PidGains,
+    PidInputs, PidLaw, PidSettings,
+};
+
+use crate::memory::{AnyMemory, FviMemory};
+use crate::pointer::{check, reference};
+use crate::saving::{Place, give};
+use crate::status::{FviStatus, status};
+use crate::stored::{Kept, keep, kept, words};
+
+/// Form: u = kp (b r - y) + ki I^lambda (r - y) + kd D^mu (c r - y), filtered.
+pub const FVI_PID_PARALLEL: u32 = 0;
+/// Form: C(s) = kp (1 + ki/s^lambda) (1 + kd s^mu) / (1 + (kd/filter_ratio) s^mu) on r - y: ki is 1/T_i, kd
+/// is T_d.
+pub const FVI_PID_SERIES: u32 = 1;
+
+/// The derivative is of c r - y, zero before the first tick.
+pub const FVI_PID_OF_VALUES: u32 = 0;
+/// The derivative is of c r - y less its first value.
+pub const FVI_PID_FROM_REST: u32 = 1;
+/// The derivative is D^(mu - 1) of a measured rate of y; c is 0.
+pub const FVI_PID_OF_RATE: u32 = 2;
+
+/// Nothing against windup.
+pub const FVI_PID_NO_ANTI_WINDUP: u32 = 0;
+/// Back-calculation with a tracking time.
+pub const FVI_PID_BACK_CALCULATION: u32 = 1;
+/// Conditional integration.
+pub const FVI_PID_CONDITIONAL: u32 = 2;
+
+/// A change of gains moves the output not at all on its first tick.
+pub const FVI_PID_BUMPLESS: u32 = 0;
+/// A change of gains moves the output by the proportional term.
+pub const FVI_PID_EXCEPT_PROPORTIONAL: u32 = 1;
+/// A change of gains moves the output.
+pub const FVI_PID_BUMPS: u32 = 2;
+
+/// The actuator did as it was told.
+pub const FVI_PID_FOLLOWED: u32 = 0;
+/// The actuator did what `applied` says.
+pub const FVI_PID_APPLIED: u32 = 1;
+/// The actuator is at a limit that the controller does not know: the integral only shrinks.
+pub const FVI_PID_LIMITED: u32 = 2;
+
+/// A law. Zero members are those of a plain loop: no limits, no filter, setpoint weights as they are.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct FviPidSettings {
+    /// Time between ticks.
+    pub sample: f64,
+    /// Order of the integral, above 0 and below 2; 0 stands for 1.
+    pub lambda: f64,
+    /// Order of the derivative, above 0 and below 2; 0 stands for 1.
+    pub mu: f64,
+    /// Time of the derivative's filter in the parallel form; 0 for none.
+    pub filter_time: f64,
+    /// Order of that filter; 0 stands for 1, other orders want a memory.
+    pub filter_order: f64,
+    /// Back-calculation: the tracking time.
+    pub tracking_time: f64,
+    /// Gains; in the series form kp, 1/T_i and T_d.
+    pub kp: f32,
+    /// See kp.
+    pub ki: f32,
+    /// See kp.
+    pub kd: f32,
+    /// Series form: N.
+    pub filter_ratio: f32,
+    /// b and c of the parallel form.
+    pub setpoint_weights: [f32; 2],
+    /// The least output and the largest; two zeros for none. Infinities are allowed.
+    pub limits: [f32; 2],
+    /// How far the output moves in a unit of time; 0 for any.
+    pub rate_limit: f32,
+    /// FVI_PID_PARALLEL or FVI_PID_SERIES.
+    pub form: u32,
+    /// FVI_PID_OF_VALUES, FVI_PID_FROM_REST or FVI_PID_OF_RATE.
+    pub derivative_of: u32,
+    /// FVI_PID_NO_ANTI_WINDUP, FVI_PID_BACK_CALCULATION or FVI_PID_CONDITIONAL.
+    pub anti_windup: u32,
+    /// FVI_PID_BUMPLESS, FVI_PID_EXCEPT_PROPORTIONAL or FVI_PID_BUMPS.
+    pub bumpless: u32,
+}
+
+/// What a tick may be told.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct FviPidInputs {
+    /// r.
+    pub setpoint: f32,
+    /// y.
+    pub measured: f32,
+    /// The rate of y, for FVI_PID_OF_RATE.
+    pub rate: f32,
+    /// What is added to the output inside its limits.
+    pub feed_forward: f32,
+    /// FVI_PID_FOLLOWED, FVI_PID_APPLIED or FVI_PID_LIMITED.
+    pub actuator: u32,
+    /// What the actuator did with the output of the tick before.
+    pub applied: f32,
+}
+
+/// Words of a controller.
+pub const FVI_PID_WORDS: usize = 96;
+
+/// A fractional PID controller.
+///
+/// Set all words to zero before the first call.
+#[repr(C)]
+#[derive(Debug)]
+pub struct FviPid {
+    /// The state; not for the caller.
+    pub words: [u64; FVI_PID_WORDS],
+}
+
+type Pid = FractionalPid<f32, AnyMemory<1>, AnyMemory<1>, PidLaw<f32>, AnyMemory<1>>;
+
+impl Kept for Pid {
+    const TAG: u64 = 0x6676_692d_6670_6964;
+}
+
+const _: () = assert!(words::<Pid>() <= FVI_PID_WORDS);
+
+impl From<PidError> for FviStatus {
+    fn from(error: PidError) -> Self {
+        match error {
+            PidError::Operator(error) => error.into(),
+            PidError::Interval => Self::OutOfRange,
+            _ => Self::NotFinite,
+        }
+    }
+}
+
+/// Gains of a form.
+fn gains(form: u32, [kp, ki, kd, ratio]: [f32; 4]) -> Result<PidGains<f32>, FviStatus> {
+    match form {
+        FVI_PID_PARALLEL => Ok(PidGains::Parallel { proportional: kp, integral: ki, derivative: kd }),
+        FVI_PID_SERIES => Ok(PidGains::Series {
+            proportional: kp,
+            integral_rate: ki,
+            derivative_time: kd,
+            filter_ratio: ratio,
+        }),
+        _ => Err(FviStatus::OutOfRange),
+    }
+}
+
+fn law(settings: &FviPidSettings) -> Result<PidLaw<f32>, FviStatus> {
+    let or_one = |order: f64| if order == 0.0 { 1.0 } else { order };
+    let FviPidSettings { kp, ki, kd, filter_ratio, limits, rate_limit, .. } = *settings;
+    let derivative_filter = match (settings.filter_time, or_one(settings.filter_order)) {
+        (0.0, _) => DerivativeFilter::None,
+        (time, 1.0) => DerivativeFilter::FirstOrder { time },
+        (time, order) => DerivativeFilter::Fractional { time, order },
+    };
+    Ok(PidLaw::new(PidSettings {
+        gains: gains(settings.form, [kp, ki, kd, filter_ratio])?,
+        integral_order: or_one(settings.lambda),
+        derivative_order: or_one(settings.mu),
+        sample: Some(settings.sample),
+        setpoint_weights: settings.setpoint_weights,
+        derivative_of: match settings.derivative_of {
+            FVI_PID_OF_VALUES => DerivativeOf::Values,
+            FVI_PID_FROM_REST => DerivativeOf::ValuesFromRest,
+            FVI_PID_OF_RATE => DerivativeOf::MeasuredRate,
+            _ => return Err(FviStatus::OutOfRange),
+        },
+        derivative_filter,
+        limits: if limits == [0.0; 2] { [f32::NEG_INFINITY, f32::INFINITY] } else { limits },
+        rate_limit: if rate_limit == 0.0 { f32::INFINITY } else { rate_limit },
+        anti_windup: match settings.anti_windup {
+            FVI_PID_NO_ANTI_WINDUP => AntiWindup::None,
+            FVI_PID_BACK_CALCULATION => AntiWindup::BackCalculation { time: settings.tracking_time },
+            FVI_PID_CONDITIONAL => AntiWindup::Conditional,
+            _ => return Err(FviStatus::OutOfRange),
+        },
+        bumpless: match settings.bumpless {
+            FVI_PID_BUMPLESS => Bumpless::Whole,
+            FVI_PID_EXCEPT_PROPORTIONAL => Bumpless::ExceptProportional,
+            FVI_PID_BUMPS => Bumpless::Nothing,
+            _ => return Err(FviStatus::OutOfRange),
+        },
+    })?)
+}
+
+/// Sets up a controller on empty memories.
+///
+/// The memory of the integral is of D^-lambda for lambda < 1, else of D^(1 - lambda): of lambda = 1 a ring of
+/// the one weight 1. That of the derivative is of D^mu, or D^(mu - 1) of a rate; NULL without a derivative.
+/// That of the filter is of D^filter_order; NULL where the order is 1 or there is none. They are compared
+/// with these kernels. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE,
+/// FVI_STATUS_OUT_OF_RANGE or FVI_STATUS_WRONG_SIZE if something is wrong with a pointer, a number or a size.
+///
+/// # Safety
+/// `controller` must be writable, `settings` readable, the memories as their type describes or NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_pid_init(
+    controller: *mut FviPid,
+    settings: *const FviPidSettings,
+    integral: *const FviMemory,
+    derivative: *const FviMemory,
+    filter: *const FviMemory,
+) -> FviStatus {
+    /// # Safety
+    /// As [`FviMemory`] says, or NULL.
+    unsafe fn memory(memory: *const FviMemory) -> Result<Option<AnyMemory<1>>, FviStatus> {
+        if memory.is_null() {
+            return Ok(None);
+        }
+        // SAFETY: promised by the caller.
+        unsafe { AnyMemory::<1>::new(reference(memory)?) }.map(Some)
+    }
+    status((|| {
+        check(controller)?;
+        // SAFETY: readable as promised.
+        let law = law(unsafe { reference(settings) }?)?;
+        // SAFETY: promised by the caller.
+        let (integral, derivative, filter) =
+            unsafe { (memory(integral)?.ok_or(FviStatus::Null)?, memory(derivative)?, memory(filter)?) };
+        let pid = Pid::with_parts(law, integral, derivative, filter)?;
+        // SAFETY: the words are as many as the assertion above demands.
+        unsafe { keep(controller.cast(), pid) }
+    })())
+}
+
+/// Makes a tick with setpoint r and measured value y, and writes the output.
+///
+/// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_NOT_FINITE or
+/// FVI_STATUS_MEMORY_FULL; then neither controller nor `output` has changed.
+///
+/// # Safety
+/// `controller` must be zeroed or set up, `output` writable.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_pid_tick(
+    controller: *mut FviPid,
+    setpoint: f32,
+    measured: f32,
+    output: *mut f32,
+) -> FviStatus {
+    status((|| {
+        check(output)?;
+        check(controller)?;
+        // SAFETY: zeroed or set up, as promised.
+        let value = unsafe { kept::<Pid>(controller.cast()) }?.tick(setpoint, measured)?;
+        // SAFETY: not NULL and aligned; writable as promised.
+        unsafe { output.write(value) };
+        Ok(())
+    })())
+}
+
+/// Makes a tick with all that it may be told, and writes the output.
+///
+/// Returns what fvi_pid_tick does, and FVI_STATUS_OUT_OF_RANGE for another actuator than there is.
+///
+/// # Safety
+/// As there; `inputs` must be readable.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_pid_tick_with(
+    controller: *mut FviPid,
+    inputs: *const FviPidInputs,
+    output: *mut f32,
+) -> FviStatus {
+    status((|| {
+        check(output)?;
+        check(controller)?;
+        // SAFETY: readable as promised.
+        let &FviPidInputs { setpoint, measured, rate, feed_forward, actuator, applied } =
+            unsafe { reference(inputs) }?;
+        let actuator = match actuator {
+            FVI_PID_FOLLOWED => Actuator::Followed,
+            FVI_PID_APPLIED => Actuator::Applied(applied),
+            FVI_PID_LIMITED => Actuator::Limited,
+            _ => return Err(FviStatus::OutOfRange),
+        };
+        let inputs = PidInputs { setpoint, measured, rate, feed_forward, actuator };
+        // SAFETY: zeroed or set up, as promised.
+        let value = unsafe { kept::<Pid>(controller.cast()) }?.tick_with(&inputs)?;
+        // SAFETY: not NULL and aligned; writable as promised.
+        unsafe { output.write(value) };
+        Ok(())
+    })())
+}
+
+/// Sets the output by hand, from the next tick on, within limits and rate; the integral forgets.
+///
+/// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED or FVI_STATUS_NOT_FINITE.
+///
+/// # Safety
+/// `controller` must be zeroed or set up.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_pid_manual(controller: *mut FviPid, output: f32) -> FviStatus {
+    status((|| {
+        check(controller)?;
+        // SAFETY: zeroed or set up, as promised.
+        Ok(unsafe { kept::<Pid>(controller.cast()) }?.manual(output)?)
+    })())
+}
+
+/// Gives the output back to the law; the next tick has the output of the tick before.
+///
+/// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED or FVI_STATUS_NOT_INITIALISED.
+///
+/// # Safety
+/// `controller` must be zeroed or set up.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_pid_automatic(controller: *mut FviPid) -> FviStatus {
+    status((|| {
+        check(controller)?;
+        // SAFETY: zeroed or set up, as promised.
+        unsafe { kept::<Pid>(controller.cast()) }?.automatic();
+        Ok(())
+    })())
+}
+
+/// Changes the gains, from the next tick on; `bumpless` of the settings says what must not move. In the
+/// series form they are kp, 1/T_i and T_d.
+///
+/// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_NOT_FINITE, or
+/// FVI_STATUS_OUT_OF_RANGE if a gain is not allowed, or a derivative lacks its memory.
+///
+/// # Safety
+/// `controller` must be zeroed or set up.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_pid_set_gains(controller: *mut FviPid, kp: f32, ki: f32, kd: f32) -> FviStatus {
+    status((|| {
+        check(controller)?;
+        // SAFETY: zeroed or set up, as promised.
+        let pid = unsafe { kept::<Pid>(controller.cast()) }?;
+        let (form, ratio) = match pid.law().settings().gains {
+            PidGains::Parallel { .. } => (FVI_PID_PARALLEL, 0.0),
+            PidGains::Series { filter_ratio, .. } => (FVI_PID_SERIES, filter_ratio),
+        };
+        Ok(pid.set_gains(gains(form, [kp, ki, kd, ratio])?)?)
+    })())
+}
+
+/// Forgets everything; the gains stay.
+///
+/// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED or FVI_STATUS_NOT_INITIALISED.
+///
+/// # Safety
+/// `controller` must be zeroed or set up.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_pid_reset(controller: *mut FviPid) -> FviStatus {
+    status((|| {
+        check(controller)?;
+        // SAFETY: zeroed or set up, as promised.
+        unsafe { kept::<Pid>(controller.cast()) }?.reset();
+        Ok(())
+    })())
+}
+
+/// Saves a controller with all that its memories hold, as fvi_operator_save does an operator. The law is not
+/// part of it.
+///
+/// # Safety
+/// `controller` must be zeroed or set up, `capacity` bytes and `written` writable.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_pid_save(
+    controller: *const FviPid,
+    bytes: *mut u8,
+    capacity: usize,
+    written: *mut usize,
+) -> FviStatus {
+    status((|| {
+        check(controller)?;
+        // SAFETY: zeroed or set up, as promised.
+        let pid = unsafe { kept::<Pid>(controller.cast_mut().cast()) }?;
+        let place = Place { bytes, capacity, written };
+        // SAFETY: promised by the caller.
+        unsafe { place.take(pid.state_bytes(), |to| pid.save(to)) }
+    })())
+}
+
+/// Restores what fvi_pid_save wrote, into a controller that was set up alike, as fvi_operator_restore does an
+/// operator.
+///
+/// # Safety
+/// `controller` must be zeroed or set up, `count` bytes readable.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_pid_restore(
+    controller: *mut FviPid,
+    bytes: *const u8,
+    count: usize,
+) -> FviStatus {
+    status((|| {
+        check(controller)?;
+        // SAFETY: zeroed or set up, as promised.
+        let pid = unsafe { kept::<Pid>(controller.cast()) }?;
+        // SAFETY: promised by the caller.
+        unsafe { give(bytes, count, |from| pid.restore(from)) }
+    })())
+}

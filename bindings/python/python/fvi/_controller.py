@@ -1,0 +1,120 @@
+"""A fractional PID controller, tick by tick."""
+
+from __future__ import annotations
+
+import json
+from typing import Any, Self
+
+from fvi import _arrays, _fvi
+from fvi._errors import InputError
+
+
+class FractionalPid(_fvi.FractionalPid):
+    """A fractional PID controller: that of ``[controller]`` in scenarios and of firmware, in double precision.
+
+        u = kp (b r − y) + ki I^lam (r − y) + kd D^mu (c r − y)_f + u_ff     within limits
+
+    Its memory is all that was, as exponential sums that are exact to rounding.
+
+    Parameters
+    ----------
+    sample : float
+        Time between ticks.
+    kp, ki, kd : float
+        Gains.
+    lam, mu : float
+        Orders of integral and derivative, above 0 and below 2.
+    length : int
+        Most ticks that are made.
+    **keys
+        Those of ``[controller]`` by their names: setpoint_weights, derivative, derivative_filter, limits, rate_limit,
+        anti_windup; form="series" with integral_time, derivative_time, filter_ratio in place of ki and kd.
+
+    Attributes
+    ----------
+    output : float
+        The output of the last tick.
+    integral : float
+        The integral term.
+    is_manual : bool
+
+    Raises
+    ------
+    InputError
+        By the name of the argument.
+
+    Examples
+    --------
+    >>> import fvi
+    >>> pid = fvi.FractionalPid(sample=0.01, kp=2.0, ki=1.0, lam=0.9, limits=[-1.0, 1.0])
+    >>> pid.tick(0.25, 0.0) == 2.0 * 0.25 + 0.01**0.9 * 0.25
+    True
+    >>> pid.tick(10.0, 0.0)
+    1.0
+    >>> pid.manual(0.5)
+    >>> pid.tick(10.0, 0.0)
+    0.5
+    """
+
+    def __new__(
+        cls,
+        *,
+        sample: float,
+        kp: float = 0.0,
+        ki: float | None = None,
+        lam: float = 1.0,
+        kd: float | None = None,
+        mu: float = 1.0,
+        length: int = 1_000_000,
+        **keys: Any,
+    ) -> Self:
+        step = _arrays.positive("sample", sample)
+        given = {"kp": kp, "ki": ki, "lambda": lam, "kd": kd, "mu": mu}
+        numbers = {
+            name: _arrays.real("lam" if name == "lambda" else name, number)
+            for name, number in given.items()
+            if number is not None
+        }
+        # What a loop has beside its controller is none of this object's.
+        table = {**json.loads(json.dumps(keys, default=list)), **numbers}
+        table |= {"sample": step, "measures": "q0", "setpoint": "0", "drives": [1.0]}
+        document = {
+            "system": {"mass": [1.0]},
+            "time": {"step": step, "steps": _arrays.whole("length", length, 1)},
+            "controller": table,
+        }
+        return super().__new__(cls, json.dumps(document), length)
+
+    def tick(
+        self,
+        setpoint: float,
+        measured: float,
+        feed_forward: float = 0.0,
+        applied: float | None = None,
+        limited: bool = False,
+    ) -> float:
+        """Takes setpoint and measured value and returns the output; a tick that is refused changes nothing.
+
+        Parameters
+        ----------
+        setpoint, measured : float
+            r and y.
+        feed_forward : float
+            Added to the output inside its limits.
+        applied : float, optional
+            What the actuator did with the output of the tick before.
+        limited : bool
+            Whether something behind the controller is at a limit: its integral only shrinks then.
+
+        Returns
+        -------
+        float
+        """
+        return super().tick(setpoint, measured, feed_forward, applied, limited)
+
+    def response(self, omega: float) -> tuple[complex, complex]:  # type: ignore[override]
+        """How the discrete law answers without limits at ω, 0 < ω ≤ π/sample: C_r and C_y of u = C_r r − C_y y."""
+        parts = super().response(_arrays.positive("omega", omega))
+        if parts is None:
+            raise InputError(f"omega = {omega}: not allowed; allowed: at most pi / sample", "omega", str(omega))
+        return complex(parts[0], parts[1]), complex(parts[2], parts[3])

@@ -1,0 +1,68 @@
+//! A stage under the fractional PID controller of `firmware/loop.toml`, as `fvi run --precision f32` computes
+//! it.
+//!
+//! ```text
+//! plant        q̈ + 4 q = u ,     q(0) = q̇(0) = 0 ,     h = 1 ms
+//! controller   60 (r − y) + 20 I^0.8 (r − y) − 12 D^0.6 y, filtered; every 2 ms, 1 ms late, within ±40
+//! ```
+
+use core::fmt;
+
+use fvi_core::{Galerkin, Integrator, Mass, NoForce, Quadratic, System};
+use nalgebra::SVector;
+
+use crate::bits::Bits;
+use crate::refusal::Refusal;
+use crate::tables::axis::new_axis;
+
+/// Steps of the run.
+pub const STEPS: u32 = 3000;
+
+/// Steps between samples.
+const SAMPLE: u32 = 2;
+
+/// The first step at whose beginning the setpoint is the second one.
+const TURN: u32 = 801;
+
+const STEP_SIZE: f32 = 1e-3;
+
+/// Runs the scenario and writes `k q_k p_k u_k`, k = 0 … [`STEPS`], the numbers as the hexadecimal digits of
+/// their bits.
+///
+/// # Errors
+/// What a constructor, a tick, a step or `out` refuses; with the numbers of this scenario, the first three
+/// refuse nothing.
+pub fn run(out: &mut impl fmt::Write) -> Result<(), Refusal> {
+    let mut pid = new_axis()?;
+    let system =
+        System { mass: Mass::diagonal([1.0f32])?, potential: Quadratic::diagonal([4.0])?, force: NoForce };
+    let rest = SVector::from([0.0]);
+    let mut plant = Integrator::builder(system, Galerkin::low_order(0.5)?, STEP_SIZE)
+        .position(rest)
+        .momentum(rest)
+        .build()?;
+    writeln!(out, "{}", f32::NAME)?;
+    // What acts, and what will a step later.
+    let mut acting = 0.0;
+    for step in 0..=STEPS {
+        let (position, momentum) = (plant.state().position[0], plant.state().momentum[0]);
+        let sampled = step.is_multiple_of(SAMPLE);
+        if sampled {
+            pid.tick(if step < TURN { 1.0 } else { -1.0 }, position)?;
+        }
+        writeln!(
+            out,
+            "{step} {} {} {}",
+            position.hexadecimal(),
+            momentum.hexadecimal(),
+            pid.output().hexadecimal()
+        )?;
+        if !sampled {
+            acting = pid.output();
+        }
+        if step < STEPS {
+            plant.step(&SVector::from([acting]))?;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,860 @@
+//! A fractional PID controller: one tick, one atomic step of all that it remembers.
+
+use core::borrow::{Borrow, BorrowMut};
+use core::fmt;
+
+use crate::direct::FixedDirect;
+use crate::error::ParameterError;
+use crate::exponential_sum::ExponentialSum;
+use crate::memory::Memory;
+use crate::memoryless::Memoryless;
+use crate::operator::{FractionalOperator, OperatorError, Pending, Start};
+use crate::pid_law::{AntiWindup, Bumpless, DerivativeFilter, DerivativeOf, PidGains, PidLaw};
+use crate::real::Real;
+use crate::saving::{Shape, StateError, StateReader, StateWriter, header_bytes};
+
+/// A fractional PID controller on memories of any kind: [`PidLaw`] has the equations.
+///
+/// One [`tick`](FractionalPid::tick) a sample time: it takes setpoint and measured value, gives the output,
+/// and is atomic: a tick that is refused (numbers that are not finite, a memory that is full) leaves
+/// everything as it was. The integral is in units of the output, I^λ of K_i e. For λ < 1 it is the value of
+/// an operator and a number beside it, which takes up transfers and changes of gains; for λ ≥ 1 it is a sum,
+/// exact to rounding, of I^{λ−1}. (I¹ D^{1−λ} for λ < 1 would sum up the rounding of its memory: in single
+/// precision 1.6·10⁻² after 10⁷ ticks of a signal of size 1, where the operator has lost 10⁻⁶.)
+///
+/// * **Limits and rate.** The output moves at most by the rate limit from that of the tick before, and never
+///   beyond the limits. Feed-forward is inside.
+/// * **Windup.** [`AntiWindup`] changes the samples that the integral takes, so that its memory is that of an
+///   integral which has never been far from the limits, and not its sum only.
+/// * **Manual.** [`manual`](FractionalPid::manual) sets the output; the integral's memory forgets.
+///   [`automatic`](FractionalPid::automatic) gives the output back: the first tick has the output of the
+///   manual mode, to rounding, and the integral goes on from there. Without an integral (K_i = 0) the law
+///   alone says where the output goes.
+/// * **Gains** change at any time ([`set_gains`](FractionalPid::set_gains),
+///   [`set_law`](FractionalPid::set_law)); [`Bumpless`] says what must not move.
+/// * **Lost samples.** A tick without a measurement is one with the value before; a tick that is left out
+///   takes time out of the operators. For ticks that come early or late there are memories for steps of any
+///   length, and [`tick_after`](FractionalPid::tick_after).
+///
+/// Parameters: the scalar T, the memories I of I^λ or I^{λ−1} and D of D^μ (in the series form of the filter
+/// 1/(1 + (T_d/N) s^μ)), the law L by value or by reference, and the memory F of a fractional derivative
+/// filter. [`RingPid`], [`ExponentialPid`] and others name the usual ones.
+///
+/// ```
+/// use fvi_core::{
+///     AntiWindup, BdfOrder, PidGains, PidLaw, PidSettings, RingPid, monic_bdf_table_f32,
+/// };
+/// const LAMBDA: f64 = 0.9;
+/// const MU: f64 = 0.5;
+/// static INTEGRAL: [f32; 256] = monic_bdf_table_f32(BdfOrder::GRUNWALD_LETNIKOV, -LAMBDA);
+/// static DERIVATIVE: [f32; 256] = monic_bdf_table_f32(BdfOrder::GRUNWALD_LETNIKOV, MU);
+///
+/// struct Axis {
+///     pid: RingPid<'static, f32, 256>,
+/// }
+///
+/// let gains = PidGains::Parallel { proportional: 2.0, integral: 1.0, derivative: 0.3 };
+/// let law = PidLaw::new(PidSettings {
+///     integral_order: LAMBDA,
+///     derivative_order: MU,
+///     limits: [-5.0, 5.0],
+///     anti_windup: AntiWindup::BackCalculation { time: 0.1 },
+///     ..PidSettings::new(gains, 1e-3)
+/// })?;
+/// let integral = law.integral_kernel()?.short_memory(&INTEGRAL)?;
+/// let derivative = law.derivative_kernel()?.short_memory(&DERIVATIVE)?;
+/// let mut axis = Axis { pid: RingPid::new(law, integral, derivative)? };
+/// // A large error: the output is at its limit, and back within as soon as the error has gone.
+/// for _ in 0..1000 {
+///     assert_eq!(axis.pid.tick(10.0, 0.0)?, 5.0);
+/// }
+/// assert!(axis.pid.tick(10.0, 10.0)? < 5.0);
+/// // What is refused changes nothing.
+/// let output = axis.pid.output();
+/// assert!(axis.pid.tick(10.0, f32::NAN).is_err());
+/// assert_eq!(axis.pid.output(), output);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct FractionalPid<T, I, D, L = PidLaw<T>, F = Memoryless<T>> {
+    law: L,
+    /// I^λ, or I^{λ−1} of which the state has the sum.
+    integral: FractionalOperator<T, I>,
+    derivative: Option<FractionalOperator<T, D>>,
+    /// Of a fractional filter of the derivative.
+    filter: Option<FractionalOperator<T, F>>,
+    state: PidState<T>,
+}
+
+/// A controller whose memories are rings of the latest H samples.
+pub type RingPid<'w, T, const H: usize, L = PidLaw<T>> =
+    FractionalPid<T, FixedDirect<'w, T, 1, H>, FixedDirect<'w, T, 1, H>, L>;
+
+/// A PI^λ controller whose memory is a ring of the latest H samples.
+pub type RingPi<'w, T, const H: usize, L = PidLaw<T>> =
+    FractionalPid<T, FixedDirect<'w, T, 1, H>, Memoryless<T>, L>;
+
+/// A controller whose memories are exponential sums with tables in flash; I and D are the
+/// [`state_len`](crate::ExponentialTable::state_len) of these.
+pub type ExponentialPid<'w, T, const I: usize, const D: usize, L = PidLaw<T>> =
+    FractionalPid<T, ExponentialSum<T, &'w [T], [T; I]>, ExponentialSum<T, &'w [T], [T; D]>, L>;
+
+/// A PI^λ controller whose memory is an exponential sum.
+pub type ExponentialPi<'w, T, const I: usize, L = PidLaw<T>> =
+    FractionalPid<T, ExponentialSum<T, &'w [T], [T; I]>, Memoryless<T>, L>;
+
+/// What a loop remembers beside its operators.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct PidState<T> {
+    mode: Mode,
+    /// The output of the last tick, or that of the manual mode.
+    output: T,
+    /// The output that the manual mode asks for.
+    manual: T,
+    /// The derivative behind the filter of order 1.
+    filtered: T,
+    /// The gains of the last tick.
+    gains: PidGains<T>,
+    /// The integral term of the last tick.
+    integral: T,
+    /// What lies beside the operator.
+    beside: Beside<T>,
+}
+
+impl<T: Real> PidState<T> {
+    fn new(gains: PidGains<T>) -> Self {
+        let zero = T::zero();
+        let beside = Beside { sum: zero, rest: zero };
+        Self {
+            mode: Mode::Automatic,
+            output: zero,
+            manual: zero,
+            filtered: zero,
+            gains,
+            integral: zero,
+            beside,
+        }
+    }
+}
+
+/// A number that is added to, and what rounding took from it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Beside<T> {
+    sum: T,
+    rest: T,
+}
+
+impl<T: Real> Beside<T> {
+    #[inline(always)]
+    fn plus(self, more: T) -> Self {
+        let gain = more + self.rest;
+        let sum = self.sum + gain;
+        // What rounding took from the sum, exactly.
+        let second = sum - self.sum;
+        Self { sum, rest: (self.sum - (sum - second)) + (gain - second) }
+    }
+
+    /// What is to be kept with this value of the operator, and the integral term: the sum of `step` times the
+    /// values, or the value and what lies beside it.
+    #[inline(always)]
+    fn with(self, step: Option<T>, value: T) -> (Self, T) {
+        match step {
+            Some(step) => {
+                let kept = self.plus(step * value);
+                (kept, kept.sum)
+            }
+            None => (self, value + self.sum),
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Mode {
+    Automatic,
+    Manual,
+    /// From manual to automatic on the next tick.
+    Transfer,
+}
+
+/// What a tick is told. [`PidInputs::new`] leaves out what few have.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PidInputs<T> {
+    /// r.
+    pub setpoint: T,
+    /// y.
+    pub measured: T,
+    /// ẏ, for a derivative of a [measured rate](DerivativeOf::MeasuredRate), which refuses what is not a
+    /// number; others do not look at it.
+    pub rate: T,
+    /// u_ff.
+    pub feed_forward: T,
+    /// What became of the output of the tick before.
+    pub actuator: Actuator<T>,
+}
+
+impl<T: Real> PidInputs<T> {
+    /// Setpoint and measured value alone; the rate is not a number.
+    pub fn new(setpoint: T, measured: T) -> Self {
+        let rate = T::of(f64::NAN);
+        Self { setpoint, measured, rate, feed_forward: T::zero(), actuator: Actuator::Followed }
+    }
+}
+
+/// What an actuator made of the output of the tick before.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Actuator<T> {
+    /// It did as it was told.
+    Followed,
+    /// It did this. Back-calculation takes the difference from the integral; conditional integration takes it
+    /// for a limit on the side where it is; without either nothing comes of it.
+    Applied(T),
+    /// It, or something behind it, is at a limit that the controller does not know: in this tick the integral
+    /// only shrinks.
+    Limited,
+}
+
+/// Why a controller refused a call. It is as it was before.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum PidError {
+    /// A number that it was given, or that came out, is infinite or not a number.
+    NotFinite {
+        /// Which.
+        what: &'static str,
+    },
+    /// An operator refused its sample.
+    Operator(OperatorError),
+    /// Ticks with an interval want a law without a sample time, others one with it.
+    Interval,
+}
+
+impl fmt::Display for PidError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotFinite { what } => write!(f, "{what} is not a finite number"),
+            Self::Operator(error) => error.fmt(f),
+            Self::Interval => {
+                write!(f, "ticks with a positive interval are for laws without a sample time, and no others")
+            }
+        }
+    }
+}
+
+impl core::error::Error for PidError {
+    fn source(&self) -> Option<&(dyn core::error::Error + 'static)> {
+        match self {
+            Self::Operator(error) => Some(error),
+            Self::NotFinite { .. } | Self::Interval => None,
+        }
+    }
+}
+
+impl From<OperatorError> for PidError {
+    fn from(error: OperatorError) -> Self {
+        Self::Operator(error)
+    }
+}
+
+/// Kind of the saved state.
+const TAG: [u8; 4] = *b"fpid";
+
+impl<T, I, D, L> FractionalPid<T, I, D, L>
+where
+    T: Real,
+    I: Memory<T>,
+    D: Memory<T>,
+    L: Borrow<PidLaw<T>>,
+{
+    /// A controller on memories of the law's kernels ([`PidLaw::integral_kernel`],
+    /// [`PidLaw::derivative_kernel`]), in automatic mode.
+    ///
+    /// # Errors
+    /// [`ParameterError`] if a memory is not one of its kernel, or the law has a fractional filter.
+    pub fn new(law: L, integral: I, derivative: D) -> Result<Self, ParameterError> {
+        Self::with_parts(law, integral, Some(derivative), None)
+    }
+
+    /// A PI^λ controller.
+    ///
+    /// # Errors
+    /// As [`new`](FractionalPid::new), and if the law has a derivative.
+    pub fn without_derivative(law: L, integral: I) -> Result<Self, ParameterError> {
+        Self::with_parts(law, integral, None, None)
+    }
+}
+
+impl<T, I, D, L, F> FractionalPid<T, I, D, L, F>
+where
+    T: Real,
+    I: Memory<T>,
+    D: Memory<T>,
+    L: Borrow<PidLaw<T>>,
+    F: Memory<T>,
+{
+    /// A controller whose law has a fractional filter of the derivative, with its memory
+    /// ([`PidLaw::filter_kernel`]).
+    ///
+    /// # Errors
+    /// [`ParameterError`] if a memory is not one of its kernel, or there is no such filter.
+    pub fn with_filter(law: L, integral: I, derivative: D, filter: F) -> Result<Self, ParameterError> {
+        Self::with_parts(law, integral, Some(derivative), Some(filter))
+    }
+
+    /// A controller of these parts; [`new`](FractionalPid::new),
+    /// [`without_derivative`](FractionalPid::without_derivative) and
+    /// [`with_filter`](FractionalPid::with_filter) where they are known when it is compiled.
+    ///
+    /// # Errors
+    /// [`ParameterError`] if a memory is not one of its kernel, a derivative lacks its memory, or the memory
+    /// of a filter is there without a fractional filter or missing with one.
+    pub fn with_parts(
+        law: L,
+        integral: I,
+        derivative: Option<D>,
+        filter: Option<F>,
+    ) -> Result<Self, ParameterError> {
+        let shared: &PidLaw<T> = law.borrow();
+        let settings = *shared.settings();
+        let gain = if settings.gains.differentiates() { 1.0 } else { 0.0 };
+        let allowed = "0 without a memory of the derivative";
+        ParameterError::check(derivative.is_some() || gain == 0.0, "derivative gain", gain, allowed)?;
+        let filter_kernel = shared.filter_kernel()?;
+        ParameterError::check(
+            filter.is_some() == filter_kernel.is_some(),
+            "memory of the derivative's filter",
+            f64::NAN,
+            "there for a fractional filter, and for no other",
+        )?;
+        let refused = ParameterError { parameter: "memory", value: f64::NAN, allowed: "one of one channel" };
+        let kernel = shared.integral_kernel()?;
+        let mut memory = integral;
+        kernel.check(&mut memory, 0)?;
+        let integral = FractionalOperator::new(memory, Start::RiemannLiouville).map_err(|_| refused)?;
+        let derivative = match derivative {
+            Some(mut memory) => {
+                shared.derivative_kernel()?.check(&mut memory, 0)?;
+                Some(FractionalOperator::new(memory, shared.start()).map_err(|_| refused)?)
+            }
+            None => None,
+        };
+        let filter = match (filter, filter_kernel) {
+            (Some(mut memory), Some(kernel)) => {
+                kernel.check(&mut memory, 0)?;
+                Some(FractionalOperator::new(memory, Start::RiemannLiouville).map_err(|_| refused)?)
+            }
+            _ => None,
+        };
+        Ok(Self { law, integral, derivative, filter, state: PidState::new(settings.gains) })
+    }
+
+    /// Takes setpoint r and measured value y and returns the output u.
+    ///
+    /// # Errors
+    /// [`PidError`]; the controller then is as before. A derivative of a measured rate wants
+    /// [`tick_with`](FractionalPid::tick_with).
+    #[inline]
+    pub fn tick(&mut self, setpoint: T, measured: T) -> Result<T, PidError> {
+        self.step(None, &PidInputs::new(setpoint, measured))
+    }
+
+    /// The same for an actuator that reports what it did with the output of the tick before.
+    ///
+    /// # Errors
+    /// As [`tick`](FractionalPid::tick).
+    pub fn tick_applied(&mut self, setpoint: T, measured: T, applied: T) -> Result<T, PidError> {
+        let actuator = Actuator::Applied(applied);
+        self.step(None, &PidInputs { actuator, ..PidInputs::new(setpoint, measured) })
+    }
+
+    /// The same with all that a tick may be told.
+    ///
+    /// # Errors
+    /// As [`tick`](FractionalPid::tick).
+    pub fn tick_with(&mut self, inputs: &PidInputs<T>) -> Result<T, PidError> {
+        self.step(None, inputs)
+    }
+
+    /// A tick that comes `interval` units of time after the one before, for a law without a sample time. That
+    /// of the first tick is the length of a step which ends with it.
+    ///
+    /// # Errors
+    /// As [`tick`](FractionalPid::tick), and if a memory does not serve the interval.
+    pub fn tick_after(&mut self, interval: T, inputs: &PidInputs<T>) -> Result<T, PidError> {
+        self.step(Some(interval), inputs)
+    }
+
+    #[inline(always)]
+    fn step(&mut self, interval: Option<T>, inputs: &PidInputs<T>) -> Result<T, PidError> {
+        let Self { law, integral, derivative, filter, state } = self;
+        let law: &PidLaw<T> = (*law).borrow();
+        let settings = law.settings();
+        let &PidInputs { setpoint, measured, rate, feed_forward, actuator } = inputs;
+        finite("the setpoint", setpoint)?;
+        finite("the measured value", measured)?;
+        finite("the feed-forward", feed_forward)?;
+        if let Actuator::Applied(applied) = actuator {
+            finite("what the actuator applied", applied)?;
+        }
+        let (stride, share) = match interval {
+            None if settings.sample.is_some() => (law.stride, law.filter_share),
+            Some(interval) if settings.sample.is_none() && interval > T::zero() => {
+                finite("the interval", interval)?;
+                (settings.rate_limit * interval, interval / (law.filter_time + interval))
+            }
+            _ => return Err(PidError::Interval),
+        };
+        let error = setpoint - measured;
+        finite("the control error", error)?;
+        // Everything that the gains multiply, and the samples of the operators that are to be taken.
+        let mut pending_derivative = None;
+        let mut pending_filter = None;
+        let mut filtered = state.filtered;
+        let (in_proportion, derived) = match settings.gains {
+            PidGains::Parallel { .. } => {
+                let [b, c] = settings.setpoint_weights;
+                if let Some(derivative) = derivative {
+                    let signal = match settings.derivative_of {
+                        DerivativeOf::MeasuredRate => {
+                            finite("the measured rate", rate)?;
+                            -rate
+                        }
+                        DerivativeOf::Values | DerivativeOf::ValuesFromRest => c * setpoint - measured,
+                    };
+                    let pending = prepare(derivative, interval, signal)?;
+                    filtered = match (settings.derivative_filter, filter) {
+                        (DerivativeFilter::FirstOrder { .. }, _) => {
+                            state.filtered + share * (pending.value() - state.filtered)
+                        }
+                        (DerivativeFilter::Fractional { .. }, Some(filter)) => {
+                            let (behind, pending) =
+                                relaxed(filter, interval, law.filter_time, pending.value())?;
+                            pending_filter = Some(pending);
+                            behind
+                        }
+                        _ => pending.value(),
+                    };
+                    pending_derivative = Some(pending);
+                }
+                (b * setpoint - measured, filtered)
+            }
+            PidGains::Series { derivative_time, filter_ratio, .. } => match derivative {
+                Some(derivative) => {
+                    // (1 + T_d s^μ)/(1 + (T_d/N) s^μ) = N − (N − 1)/(1 + (T_d/N) s^μ)
+                    let (behind, pending) =
+                        relaxed(derivative, interval, derivative_time / filter_ratio, error)?;
+                    pending_derivative = Some(pending);
+                    (error, behind)
+                }
+                None => (error, error),
+            },
+        };
+        let now = Terms::of(&settings.gains, in_proportion, derived, error);
+        let [lower, upper] = settings.limits;
+        let lowest = within(state.output - stride, lower, upper);
+        let highest = within(state.output + stride, lower, upper);
+        if state.mode == Mode::Manual {
+            let output = within(state.manual, lowest, highest);
+            take(pending_derivative)?;
+            take(pending_filter)?;
+            (state.output, state.filtered, state.gains) = (output, filtered, settings.gains);
+            return Ok(output);
+        }
+        let mut pending = prepare(integral, interval, now.sample)?;
+        let step = if law.accumulates { Some(interval.unwrap_or(law.step)) } else { None };
+        let leading = match step {
+            Some(step) => step * pending.leading(),
+            None => pending.leading(),
+        };
+        let beside = now.proportional + now.derivative + feed_forward;
+        let (mut kept, mut value) = state.beside.with(step, pending.value());
+        let plain = beside + value;
+        let integrates = now.integral_gain != T::zero();
+        let shift = match state.mode {
+            Mode::Transfer if integrates => state.output - plain,
+            _ if state.gains != settings.gains
+                && (integrates || state.gains.integral() != T::zero())
+                && settings.bumpless != Bumpless::Nothing =>
+            {
+                let old = Terms::of(&state.gains, in_proportion, derived, error);
+                let series = matches!(settings.gains, PidGains::Series { .. });
+                let proportional = match settings.bumpless {
+                    Bumpless::ExceptProportional if !series => T::zero(),
+                    _ => old.proportional - now.proportional,
+                };
+                proportional + (old.derivative - now.derivative) + leading * (old.sample - now.sample)
+            }
+            _ => T::zero(),
+        };
+        let (mut start, mut base) = (state.integral, state.beside);
+        if shift != T::zero() {
+            (start, base) = (start + shift, base.plus(shift));
+            (kept, value) = base.with(step, pending.value());
+        }
+        let mut raw = beside + value;
+        finite("the output before its limits", raw)?;
+        if integrates {
+            let sample = match (settings.anti_windup, actuator) {
+                (_, Actuator::Limited) => {
+                    let least = if start < T::zero() { start } else { T::zero() };
+                    let most = if start > T::zero() { start } else { T::zero() };
+                    let shrunk = within(value, least, most);
+                    raw = beside + shrunk;
+                    (shrunk != value).then(|| now.sample + (shrunk - value) / leading)
+                }
+                (AntiWindup::BackCalculation { .. }, _) => {
+                    let missed = match actuator {
+                        Actuator::Applied(applied) => applied - state.output,
+                        _ => T::zero(),
+                    };
+                    let feedback = law.tracking * missed;
+                    raw += leading * feedback;
+                    let limit = within(raw, lowest, highest);
+                    // u* = a + w (u − u*)/τ^λ beyond a limit.
+                    let beyond = (raw - limit) / (T::one() + leading * law.tracking);
+                    raw = limit + beyond;
+                    let changed = missed != T::zero() || beyond != T::zero();
+                    changed.then(|| now.sample + feedback - law.tracking * beyond)
+                }
+                (AntiWindup::Conditional, _) => {
+                    let (least, most) = match actuator {
+                        Actuator::Applied(applied) => {
+                            let low = if applied > state.output { applied } else { lowest };
+                            let high = if applied < state.output { applied } else { highest };
+                            (low, high)
+                        }
+                        _ => (lowest, highest),
+                    };
+                    // What the integral comes to by itself, without a sample.
+                    let alone = value - leading * now.sample;
+                    let (falling, rising) = if alone < start { (alone, start) } else { (start, alone) };
+                    let held = if raw > most {
+                        smaller(value, larger(most - beside, falling))
+                    } else if raw < least {
+                        larger(value, smaller(least - beside, rising))
+                    } else {
+                        value
+                    };
+                    raw = beside + held;
+                    (held != value).then(|| now.sample + (held - value) / leading)
+                }
+                (AntiWindup::None, _) => None,
+            };
+            if let Some(sample) = sample {
+                pending = pending.instead(sample)?;
+                (kept, value) = base.with(step, pending.value());
+            }
+        }
+        finite("the output before its limits", raw)?;
+        let output = within(raw, lowest, highest);
+        finite("the output", output)?;
+        finite("the integral", value)?;
+        pending.take()?;
+        take(pending_derivative)?;
+        take(pending_filter)?;
+        *state = PidState {
+            mode: Mode::Automatic,
+            output,
+            filtered,
+            gains: settings.gains,
+            integral: value,
+            beside: kept,
+            ..*state
+        };
+        Ok(output)
+    }
+
+    /// Sets the output to u, from the next tick on, within limits and rate. The derivative goes on; the
+    /// integral's memory forgets.
+    ///
+    /// # Errors
+    /// [`PidError::NotFinite`].
+    pub fn manual(&mut self, output: T) -> Result<(), PidError> {
+        finite("the manual output", output)?;
+        if self.state.mode != Mode::Manual {
+            self.integral.clear();
+            let PidState { integral, beside, .. } = PidState::new(self.state.gains);
+            (self.state.integral, self.state.beside) = (integral, beside);
+        }
+        (self.state.mode, self.state.manual) = (Mode::Manual, output);
+        Ok(())
+    }
+
+    /// Gives the output back to the law. The next tick has the output of the tick before, and the integral
+    /// goes on from there.
+    pub fn automatic(&mut self) {
+        if self.state.mode == Mode::Manual {
+            self.state.mode = Mode::Transfer;
+        }
+    }
+
+    /// Whether the output is set by hand.
+    pub fn is_manual(&self) -> bool {
+        self.state.mode == Mode::Manual
+    }
+
+    /// Changes gains, from the next tick on; [`Bumpless`] says what must not move.
+    ///
+    /// # Errors
+    /// [`ParameterError`] if a gain is not what is allowed, the form is the other one, or there is no memory
+    /// for a derivative.
+    pub fn set_gains(&mut self, gains: PidGains<T>) -> Result<(), ParameterError>
+    where
+        L: BorrowMut<PidLaw<T>>,
+    {
+        let law = (*Borrow::<PidLaw<T>>::borrow(&self.law)).with_gains(gains)?;
+        self.check_derivative(&law)?;
+        *self.law.borrow_mut() = law;
+        Ok(())
+    }
+
+    /// Changes the law, from the next tick on: gains, weights, limits, times of filters; not form, orders and
+    /// sample time. [`Bumpless`] of the new law says what a change of gains must not move.
+    ///
+    /// # Errors
+    /// [`ParameterError`] if the law has other operators.
+    pub fn set_law(&mut self, law: L) -> Result<(), ParameterError> {
+        let new: &PidLaw<T> = law.borrow();
+        new.follows(self.law.borrow())?;
+        self.check_derivative(new)?;
+        self.law = law;
+        Ok(())
+    }
+
+    fn check_derivative(&self, law: &PidLaw<T>) -> Result<(), ParameterError> {
+        let served = self.derivative.is_some() || !law.settings().gains.differentiates();
+        ParameterError::check(served, "derivative gain", 1.0, "0 without a memory of the derivative")
+    }
+
+    /// Forgets everything: as made, in automatic mode, with the law as it is now.
+    pub fn reset(&mut self) {
+        self.integral.clear();
+        if let Some(derivative) = &mut self.derivative {
+            derivative.clear();
+        }
+        if let Some(filter) = &mut self.filter {
+            filter.clear();
+        }
+        self.state = PidState::new(self.law.borrow().settings().gains);
+    }
+
+    /// The law.
+    pub fn law(&self) -> &PidLaw<T> {
+        self.law.borrow()
+    }
+
+    /// The output of the last tick; 0 before the first.
+    pub fn output(&self) -> T {
+        self.state.output
+    }
+
+    /// The integral term of the output, K_i I^λ of the samples with what limits and transfers made of it.
+    pub fn integral(&self) -> T {
+        self.state.integral
+    }
+
+    /// The memory of the integral.
+    pub fn integral_memory(&self) -> &I {
+        self.integral.memory()
+    }
+
+    /// Number of bytes that [`save`](FractionalPid::save) writes at present.
+    pub fn state_bytes(&self) -> usize {
+        let derivative = self.derivative.as_ref().map_or(0, FractionalOperator::state_bytes);
+        let filter = self.filter.as_ref().map_or(0, FractionalOperator::state_bytes);
+        header_bytes(4) + 8 + 10 * T::BYTES + self.integral.state_bytes() + derivative + filter
+    }
+
+    /// Writes the state with all that the memories hold, so that a controller made alike that restores it
+    /// goes on with the same bits. The law is not part of it.
+    ///
+    /// # Errors
+    /// [`StateError::NoRoom`], and what the memories say.
+    pub fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        to.header::<T, 4>(TAG, &self.shape())?;
+        let state = &self.state;
+        to.count(match state.mode {
+            Mode::Automatic => 0,
+            Mode::Manual => 1,
+            Mode::Transfer => 2,
+        })?;
+        let Beside { sum, rest } = &state.beside;
+        to.numbers([&state.output, &state.manual, &state.filtered, &state.integral, sum, rest])?;
+        to.numbers(&numbers_of(&state.gains))?;
+        self.integral.save(to)?;
+        if let Some(derivative) = &self.derivative {
+            derivative.save(to)?;
+        }
+        self.filter.as_ref().map_or(Ok(()), |filter| filter.save(to))
+    }
+
+    /// Takes over a saved state in place of its own.
+    ///
+    /// # Errors
+    /// [`StateError`] if the bytes are not the state of such a controller; it is as before.
+    pub fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        let mut ahead = from.clone();
+        ahead.header::<T, 4>(TAG, &self.shape())?;
+        let mode = match ahead.count()? {
+            0 => Mode::Automatic,
+            1 => Mode::Manual,
+            2 => Mode::Transfer,
+            found => return Err(StateError::TooLarge { what: "mode", limit: 2, found }),
+        };
+        let (output, manual, filtered) = (ahead.number()?, ahead.number()?, ahead.number()?);
+        let integral = ahead.number()?;
+        let beside = Beside { sum: ahead.number()?, rest: ahead.number()? };
+        let numbers = [ahead.number()?, ahead.number()?, ahead.number()?, ahead.number()?];
+        let gains = with_numbers(&self.law.borrow().settings().gains, numbers);
+        let mut checked = ahead.clone();
+        self.integral.check_state(&mut checked)?;
+        if let Some(derivative) = &self.derivative {
+            derivative.check_state(&mut checked)?;
+        }
+        if let Some(filter) = &self.filter {
+            filter.check_state(&mut checked)?;
+        }
+        self.integral.restore(&mut ahead)?;
+        if let Some(derivative) = &mut self.derivative {
+            derivative.restore(&mut ahead)?;
+        }
+        if let Some(filter) = &mut self.filter {
+            filter.restore(&mut ahead)?;
+        }
+        self.state = PidState { mode, output, manual, filtered, gains, integral, beside };
+        *from = ahead;
+        Ok(())
+    }
+
+    /// What its state begins with.
+    fn shape(&self) -> Shape<4> {
+        let settings = self.law.borrow().settings();
+        let series = u64::from(matches!(settings.gains, PidGains::Series { .. }));
+        let parts = u64::from(self.derivative.is_some()) << 1 | u64::from(self.filter.is_some()) << 2;
+        [
+            ("form and operators", series | parts),
+            ("bits of the integral order", settings.integral_order.to_bits()),
+            ("bits of the derivative order", settings.derivative_order.to_bits()),
+            ("bits of the sample time", settings.sample.unwrap_or(0.0).to_bits()),
+        ]
+    }
+}
+
+/// The terms of a law, and the sample of its integral.
+struct Terms<T> {
+    proportional: T,
+    derivative: T,
+    integral_gain: T,
+    /// K_i e, or of the series form K_i times the signal that the integral sees.
+    sample: T,
+}
+
+impl<T: Real> Terms<T> {
+    /// `derived` is the derivative, or of the series form what the filter gives.
+    #[inline(always)]
+    fn of(gains: &PidGains<T>, in_proportion: T, derived: T, error: T) -> Self {
+        let integral_gain = gains.integral();
+        match *gains {
+            PidGains::Parallel { proportional, derivative, .. } => Self {
+                proportional: proportional * in_proportion,
+                derivative: derivative * derived,
+                integral_gain,
+                sample: integral_gain * error,
+            },
+            PidGains::Series { proportional, filter_ratio, .. } => {
+                let lead = filter_ratio * error - (filter_ratio - T::one()) * derived;
+                Self {
+                    proportional: proportional * lead,
+                    derivative: T::zero(),
+                    integral_gain,
+                    sample: integral_gain * lead,
+                }
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn prepare<T: Real, M: Memory<T>>(
+    operator: &mut FractionalOperator<T, M>,
+    interval: Option<T>,
+    sample: T,
+) -> Result<Pending<'_, T, M>, OperatorError> {
+    match interval {
+        None => operator.prepare(sample),
+        Some(interval) => operator.prepare_after(interval, sample),
+    }
+}
+
+/// The x of x + T D^ν x = `signal`, and the operator with it.
+#[inline(always)]
+fn relaxed<T: Real, M: Memory<T>>(
+    operator: &mut FractionalOperator<T, M>,
+    interval: Option<T>,
+    time: T,
+    signal: T,
+) -> Result<(T, Pending<'_, T, M>), OperatorError> {
+    let pending = prepare(operator, interval, T::zero())?;
+    let behind = (signal - time * pending.value()) / (T::one() + time * pending.leading());
+    Ok((behind, pending.instead(behind)?))
+}
+
+#[inline(always)]
+fn take<T: Real, M: Memory<T>>(pending: Option<Pending<'_, T, M>>) -> Result<(), OperatorError> {
+    if let Some(pending) = pending {
+        pending.take()?;
+    }
+    Ok(())
+}
+
+#[inline(always)]
+fn finite<T: Real>(what: &'static str, number: T) -> Result<(), PidError> {
+    if number.is_finite() { Ok(()) } else { Err(PidError::NotFinite { what }) }
+}
+
+#[inline(always)]
+fn larger<T: Real>(a: T, b: T) -> T {
+    if a > b { a } else { b }
+}
+
+#[inline(always)]
+fn smaller<T: Real>(a: T, b: T) -> T {
+    if a < b { a } else { b }
+}
+
+/// The nearest number that is neither below `lower` nor above `upper`.
+#[inline(always)]
+fn within<T: Real>(number: T, lower: T, upper: T) -> T {
+    if number > upper {
+        upper
+    } else if number < lower {
+        lower
+    } else {
+        number
+    }
+}
+
+fn numbers_of<T: Real>(gains: &PidGains<T>) -> [T; 4] {
+    match *gains {
+        PidGains::Parallel { proportional, integral, derivative } => {
+            [proportional, integral, derivative, T::zero()]
+        }
+        PidGains::Series { proportional, integral_rate, derivative_time, filter_ratio } => {
+            [proportional, integral_rate, derivative_time, filter_ratio]
+        }
+    }
+}
+
+/// Gains of the same form with these numbers.
+fn with_numbers<T: Real>(form: &PidGains<T>, [first, second, third, fourth]: [T; 4]) -> PidGains<T> {
+    match form {
+        PidGains::Parallel { .. } => {
+            PidGains::Parallel { proportional: first, integral: second, derivative: third }
+        }
+        PidGains::Series { .. } => PidGains::Series {
+            proportional: first,
+            integral_rate: second,
+            derivative_time: third,
+            filter_ratio: fourth,
+        },
+    }
+}

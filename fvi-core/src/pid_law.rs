@@ -1,0 +1,446 @@
+//! The law of a fractional PID controller: what many loops may share, apart from their states.
+
+use nalgebra::Complex;
+
+use crate::error::{ParameterError, check_step_size};
+use crate::kernel::Kernel;
+use crate::operator::Start;
+use crate::real::Real;
+use crate::runge_kutta::RungeKutta;
+use crate::weights::BdfOrder;
+
+/// Gains of a [`PidLaw`], and with them its form.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum PidGains<T> {
+    /// u = K_p (b r − y) + K_i I^λ (r − y) + K_d D^μ (c r − y)_f
+    Parallel {
+        /// K_p.
+        proportional: T,
+        /// K_i.
+        integral: T,
+        /// K_d.
+        derivative: T,
+    },
+    /// C(s) = K_p (1 + 1/(T_i s^λ)) (1 + T_d s^μ) / (1 + (T_d/N) s^μ), acting on r − y.
+    Series {
+        /// K_p.
+        proportional: T,
+        /// 1/T_i, in units of time^{−λ}; 0 for no integral.
+        integral_rate: T,
+        /// T_d, in units of time^μ; 0 for no derivative.
+        derivative_time: T,
+        /// N, the largest gain of the derivative's factor.
+        filter_ratio: T,
+    },
+}
+
+impl<T: Real> PidGains<T> {
+    /// K_i, the gain of I^λ in the whole.
+    #[inline(always)]
+    pub(crate) fn integral(&self) -> T {
+        match *self {
+            Self::Parallel { integral, .. } => integral,
+            Self::Series { proportional, integral_rate, .. } => proportional * integral_rate,
+        }
+    }
+
+    /// Whether there is a derivative.
+    pub(crate) fn differentiates(&self) -> bool {
+        match *self {
+            Self::Parallel { derivative, .. } => derivative != T::zero(),
+            Self::Series { derivative_time, .. } => derivative_time != T::zero(),
+        }
+    }
+
+    pub(crate) fn same_form(&self, other: &Self) -> bool {
+        matches!(
+            (self, other),
+            (Self::Parallel { .. }, Self::Parallel { .. }) | (Self::Series { .. }, Self::Series { .. })
+        )
+    }
+
+    /// # Errors
+    /// If a gain is not finite, or a time negative, or N not positive.
+    pub(crate) fn check(&self) -> Result<(), ParameterError> {
+        let finite =
+            |name, gain: T| ParameterError::check(gain.is_finite(), name, gain.to_f64(), "a finite number");
+        match *self {
+            Self::Parallel { proportional, integral, derivative } => {
+                finite("proportional gain", proportional)?;
+                finite("integral gain", integral)?;
+                finite("derivative gain", derivative)
+            }
+            Self::Series { proportional, integral_rate, derivative_time, filter_ratio } => {
+                finite("proportional gain", proportional)?;
+                finite("integral rate", integral_rate)?;
+                finite("integral gain", self.integral())?;
+                let (time, ratio) = (derivative_time.to_f64(), filter_ratio.to_f64());
+                let allowed = "at least 0 and finite";
+                ParameterError::check(time >= 0.0 && time.is_finite(), "derivative time", time, allowed)?;
+                let allowed = "positive and finite";
+                ParameterError::check(ratio > 0.0 && ratio.is_finite(), "filter ratio", ratio, allowed)
+            }
+        }
+    }
+}
+
+/// What the derivative of the parallel form passes through.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum DerivativeFilter {
+    /// Nothing.
+    None,
+    /// 1/(1 + T s), by backward differences.
+    FirstOrder {
+        /// T.
+        time: f64,
+    },
+    /// 1/(1 + T s^ν), with a memory of its own.
+    Fractional {
+        /// T, in units of time^ν.
+        time: f64,
+        /// ν, 0 < ν < 2.
+        order: f64,
+    },
+}
+
+/// What the derivative of the parallel form acts on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DerivativeOf {
+    /// c r − y, whose values before the first tick count as zero, as those of the integral do.
+    Values,
+    /// c r − y less its first value (Caputo): a loop that starts at rest, whatever y is there.
+    ValuesFromRest,
+    /// −ẏ of a sensor of rates: K_d D^{μ−1} of it. The setpoint weight c is 0.
+    MeasuredRate,
+}
+
+/// What keeps the integral from growing while the output is at a limit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum AntiWindup {
+    /// Nothing.
+    None,
+    /// Back-calculation: what the limits took from the output goes into the samples of the integral,
+    ///
+    /// ```text
+    /// v = K_i e + (u − u*)/τ^λ ,        u* the output before limits ,
+    /// ```
+    ///
+    /// so that its memory winds back too. u* depends on v by the leading weight of I^λ; the equation is
+    /// solved and not put off to the next tick.
+    BackCalculation {
+        /// τ, the tracking time.
+        time: f64,
+    },
+    /// Conditional integration: a sample counts as far as it does not push u* further beyond a limit.
+    Conditional,
+}
+
+/// What a change of gains must not move, on the tick that comes after it. The integral takes up the
+/// difference; without an integral (K_i = 0 before and after) nothing does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Bumpless {
+    /// The whole output: it is that of the gains before.
+    Whole,
+    /// The output but for its proportional term, which is that of the new gain. The series form knows the
+    /// whole only.
+    ExceptProportional,
+    /// Nothing is taken up. (What the integral has gathered is in units of the output and does not change.)
+    Nothing,
+}
+
+/// All that a controller is told, as plain data; [`PidLaw::new`] checks it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PidSettings<T> {
+    /// Gains and form.
+    pub gains: PidGains<T>,
+    /// λ, 0 < λ < 2.
+    pub integral_order: f64,
+    /// μ, 0 < μ < 2.
+    pub derivative_order: f64,
+    /// h, the time between ticks; `None` for ticks at any times.
+    pub sample: Option<f64>,
+    /// b and c of the parallel form. The series form acts on r − y.
+    pub setpoint_weights: [T; 2],
+    /// What the derivative acts on.
+    pub derivative_of: DerivativeOf,
+    /// What the derivative passes through.
+    pub derivative_filter: DerivativeFilter,
+    /// The least output and the largest; infinite for none.
+    pub limits: [T; 2],
+    /// How far the output moves in a unit of time at most; infinite for any. Before the first tick it is 0,
+    /// or where [`manual`](crate::FractionalPid::manual) has put it.
+    pub rate_limit: T,
+    /// What keeps the integral within reach of the limits, that of the rate included.
+    pub anti_windup: AntiWindup,
+    /// What changes of gains leave.
+    pub bumpless: Bumpless,
+}
+
+impl<T: Real> PidSettings<T> {
+    /// Orders 1, setpoint weights b = 1 and c = 0, no filter, no limits, nothing against windup.
+    pub fn new(gains: PidGains<T>, sample: f64) -> Self {
+        Self {
+            gains,
+            integral_order: 1.0,
+            derivative_order: 1.0,
+            sample: Some(sample),
+            setpoint_weights: [T::one(), T::zero()],
+            derivative_of: DerivativeOf::Values,
+            derivative_filter: DerivativeFilter::None,
+            limits: [T::of(f64::NEG_INFINITY), T::of(f64::INFINITY)],
+            rate_limit: T::of(f64::INFINITY),
+            anti_windup: AntiWindup::None,
+            bumpless: Bumpless::Whole,
+        }
+    }
+}
+
+/// The law of a fractional PID controller, checked, with the constants that its ticks take:
+///
+/// ```text
+/// u* = K_p (b r − y) + K_i I^λ (r − y) + K_d D^μ (c r − y)_f + u_ff ,        u = u* within limits ,
+/// ```
+///
+/// or its series form ([`PidGains::Series`]). One law serves any number of
+/// [`FractionalPid`](crate::FractionalPid)s, which hold it or borrow it. Operators are those of backward
+/// differences, s ≈ (1 − z)/h: the tick k itself knows its sample e_k, with the leading weights h^λ and
+/// h^{−μ}.
+///
+/// Source: \[Podlubny99\] for PI^λD^μ; \[PV11\] for the series form; \[AstromHagglund06\] for weights, limits
+/// and transfer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PidLaw<T> {
+    settings: PidSettings<T>,
+    /// τ^{−λ}, or 0.
+    pub(crate) tracking: T,
+    /// T of the filter, in its own units.
+    pub(crate) filter_time: T,
+    /// h/(T + h) of the filter of order 1.
+    pub(crate) filter_share: T,
+    /// h.
+    pub(crate) step: T,
+    /// λ ≥ 1: the integral is the sum of I^{λ−1}.
+    pub(crate) accumulates: bool,
+    /// How far the output moves in a tick; infinite for any.
+    pub(crate) stride: T,
+}
+
+impl<T: Real> PidLaw<T> {
+    /// Checks settings.
+    ///
+    /// # Errors
+    /// [`ParameterError`] if a number is not what its place allows, or the settings contradict each other.
+    pub fn new(settings: PidSettings<T>) -> Result<Self, ParameterError> {
+        let check = ParameterError::check;
+        settings.gains.check()?;
+        let orders =
+            [("integral order", settings.integral_order), ("derivative order", settings.derivative_order)];
+        for (name, order) in orders {
+            check(order > 0.0 && order < 2.0, name, order, "greater than 0 and less than 2")?;
+        }
+        if let Some(sample) = settings.sample {
+            check_step_size(sample)?;
+        }
+        for weight in settings.setpoint_weights {
+            check(weight.is_finite(), "setpoint weight", weight.to_f64(), "a finite number")?;
+        }
+        let [lower, upper] = settings.limits;
+        check(lower <= upper, "lower limit", lower.to_f64(), "a number no larger than the upper limit")?;
+        let unreachable = lower == upper && !lower.is_finite();
+        check(!unreachable, "limits", lower.to_f64(), "not one and the same infinity")?;
+        let rate = settings.rate_limit;
+        check(rate > T::zero(), "rate limit", rate.to_f64(), "positive, or infinite for none")?;
+        let tracking = match settings.anti_windup {
+            AntiWindup::BackCalculation { time } => {
+                let tracking = T::of(libm::pow(time, -settings.integral_order));
+                let positive = time > 0.0 && tracking > T::zero() && tracking.is_finite();
+                check(positive, "tracking time", time, "positive and finite")?;
+                tracking
+            }
+            AntiWindup::None | AntiWindup::Conditional => T::zero(),
+        };
+        let filter_time = match settings.derivative_filter {
+            DerivativeFilter::None => 0.0,
+            DerivativeFilter::FirstOrder { time } => time,
+            DerivativeFilter::Fractional { time, order } => {
+                let allowed = "greater than 0 and less than 2";
+                check(order > 0.0 && order < 2.0, "order of the derivative's filter", order, allowed)?;
+                time
+            }
+        };
+        let positive = filter_time >= 0.0 && T::of(filter_time).is_finite();
+        check(positive, "time of the derivative's filter", filter_time, "at least 0 and finite")?;
+        if settings.derivative_of == DerivativeOf::MeasuredRate {
+            let weight = settings.setpoint_weights[1];
+            let allowed = "0 where the derivative is of a measured rate";
+            check(weight == T::zero(), "setpoint weight of the derivative", weight.to_f64(), allowed)?;
+        }
+        if let PidGains::Series { .. } = settings.gains {
+            let plain = settings.derivative_filter == DerivativeFilter::None;
+            let allowed = "none in the series form, which has its own";
+            check(plain, "time of the derivative's filter", filter_time, allowed)?;
+            let values = settings.derivative_of == DerivativeOf::Values;
+            let allowed = "of the values r - y in the series form";
+            check(values, "derivative", f64::NAN, allowed)?;
+        }
+        let share = |sample: f64| T::of(sample / (filter_time + sample));
+        Ok(Self {
+            settings,
+            tracking,
+            filter_time: T::of(filter_time),
+            filter_share: settings.sample.map_or(T::zero(), share),
+            step: T::of(settings.sample.unwrap_or(f64::NAN)),
+            accumulates: settings.integral_order >= 1.0,
+            stride: settings.sample.map_or(T::of(f64::NAN), |sample| rate * T::of(sample)),
+        })
+    }
+
+    /// What it was made of.
+    pub fn settings(&self) -> &PidSettings<T> {
+        &self.settings
+    }
+
+    /// The same law with other gains.
+    ///
+    /// # Errors
+    /// As [`new`](PidLaw::new), and if the gains are those of the other form.
+    pub fn with_gains(&self, gains: PidGains<T>) -> Result<Self, ParameterError> {
+        gains.check()?;
+        let allowed = "of the form of the law, parallel or series";
+        ParameterError::check(gains.same_form(&self.settings.gains), "gains", f64::NAN, allowed)?;
+        Ok(Self { settings: PidSettings { gains, ..self.settings }, ..*self })
+    }
+
+    /// The kernel of the memory of the integral: D^{−λ} for λ < 1, and D^{1−λ}, whose values are summed, for
+    /// λ ≥ 1. For λ = 1 that is the identity ([`Memoryless`](crate::Memoryless)).
+    ///
+    /// # Errors
+    /// If the sample time is so short that weights overflow.
+    pub fn integral_kernel(&self) -> Result<Kernel, ParameterError> {
+        self.kernel(if self.accumulates { 1.0 } else { 0.0 } - self.settings.integral_order)
+    }
+
+    /// The kernel of the memory of the derivative: D^μ, or D^{μ−1} of a measured rate.
+    ///
+    /// # Errors
+    /// As [`integral_kernel`](PidLaw::integral_kernel).
+    pub fn derivative_kernel(&self) -> Result<Kernel, ParameterError> {
+        let measured = self.settings.derivative_of == DerivativeOf::MeasuredRate;
+        self.kernel(self.settings.derivative_order - if measured { 1.0 } else { 0.0 })
+    }
+
+    /// The kernel of the memory of a fractional filter; `None` where there is no such filter.
+    ///
+    /// # Errors
+    /// As [`integral_kernel`](PidLaw::integral_kernel).
+    pub fn filter_kernel(&self) -> Result<Option<Kernel>, ParameterError> {
+        match self.settings.derivative_filter {
+            DerivativeFilter::Fractional { order, .. } => self.kernel(order).map(Some),
+            DerivativeFilter::None | DerivativeFilter::FirstOrder { .. } => Ok(None),
+        }
+    }
+
+    fn kernel(&self, exponent: f64) -> Result<Kernel, ParameterError> {
+        match self.settings.sample {
+            Some(sample) => Kernel::bdf(BdfOrder::GRUNWALD_LETNIKOV, exponent, sample),
+            None => Kernel::any_step(&RungeKutta::<1>::radau_iia()?, exponent),
+        }
+    }
+
+    /// How the operator of the derivative starts.
+    pub(crate) fn start(&self) -> Start<T> {
+        match self.settings.derivative_of {
+            DerivativeOf::ValuesFromRest => Start::Caputo,
+            DerivativeOf::Values | DerivativeOf::MeasuredRate => Start::RiemannLiouville,
+        }
+    }
+
+    /// Whether a loop with this law may take over the other one on the way: with the same operators.
+    pub(crate) fn follows(&self, other: &Self) -> Result<(), ParameterError> {
+        let (new, old) = (&self.settings, &other.settings);
+        let same = new.integral_order == old.integral_order
+            && new.derivative_order == old.derivative_order
+            && new.sample == old.sample
+            && new.derivative_of == old.derivative_of
+            && self.filter_order() == other.filter_order()
+            && new.gains.same_form(&old.gains);
+        let allowed = "of the same form, orders, sample time and kind of derivative";
+        ParameterError::check(same, "law", f64::NAN, allowed)
+    }
+
+    fn filter_order(&self) -> Option<f64> {
+        match self.settings.derivative_filter {
+            DerivativeFilter::Fractional { order, .. } => Some(order),
+            DerivativeFilter::None | DerivativeFilter::FirstOrder { .. } => None,
+        }
+    }
+
+    /// How the discrete law answers to r = e^{iωt} and to y = e^{iωt} without limits, u = C_r r − C_y y, at ω
+    /// in radians per unit of time: what its weights are, all of them, and not s itself. Both are C(iω) to
+    /// first order in ωh. `None` for ticks at any times, and outside 0 < ω ≤ π/h.
+    ///
+    /// A derivative of a measured rate takes that rate as iω y.
+    pub fn response(&self, omega: f64) -> Option<PidResponse> {
+        let settings = &self.settings;
+        let sample = settings.sample?;
+        let angle = omega * sample;
+        if !(angle > 0.0 && angle <= core::f64::consts::PI) {
+            return None;
+        }
+        // (1 − e^{−iωh})/h = 2 sin(ωh/2)/h · e^{i(π − ωh)/2}
+        let modulus = 2.0 * libm::sin(0.5 * angle) / sample;
+        let argument = 0.5 * (core::f64::consts::PI - angle);
+        let power = |exponent: f64| {
+            let (size, turn) = (libm::pow(modulus, exponent), exponent * argument);
+            Complex::new(size * libm::cos(turn), size * libm::sin(turn))
+        };
+        let one = Complex::new(1.0, 0.0);
+        let integral = power(-settings.integral_order);
+        match settings.gains {
+            PidGains::Parallel { proportional, integral: integral_gain, derivative } => {
+                let order = settings.derivative_order;
+                let derived = match settings.derivative_of {
+                    DerivativeOf::MeasuredRate => power(order - 1.0) * Complex::new(0.0, omega),
+                    DerivativeOf::Values | DerivativeOf::ValuesFromRest => power(order),
+                };
+                let filter = match settings.derivative_filter {
+                    DerivativeFilter::None => one,
+                    DerivativeFilter::FirstOrder { time } => one + power(1.0).scale(time),
+                    DerivativeFilter::Fractional { time, order } => one + power(order).scale(time),
+                };
+                let derivative = quotient(derived.scale(derivative.to_f64()), filter);
+                let integral = integral.scale(integral_gain.to_f64());
+                let [b, c] = settings.setpoint_weights.map(|weight| weight.to_f64());
+                let proportional = proportional.to_f64();
+                Some(PidResponse {
+                    setpoint: integral + derivative.scale(c) + one.scale(proportional * b),
+                    measured: integral + derivative + one.scale(proportional),
+                })
+            }
+            PidGains::Series { proportional, integral_rate, derivative_time, filter_ratio } => {
+                let derived = power(settings.derivative_order).scale(derivative_time.to_f64());
+                let filter = one + derived.scale(1.0 / filter_ratio.to_f64());
+                let lead = quotient(one + derived, filter);
+                let whole = (one + integral.scale(integral_rate.to_f64())) * lead;
+                let whole = whole.scale(proportional.to_f64());
+                Some(PidResponse { setpoint: whole, measured: whole })
+            }
+        }
+    }
+}
+
+/// a/b
+fn quotient(a: Complex<f64>, b: Complex<f64>) -> Complex<f64> {
+    let size = b.re * b.re + b.im * b.im;
+    let product = a * b.conj();
+    Complex::new(product.re / size, product.im / size)
+}
+
+/// Answers of a discrete law at one frequency: u = C_r r − C_y y.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PidResponse {
+    /// C_r.
+    pub setpoint: Complex<f64>,
+    /// C_y.
+    pub measured: Complex<f64>,
+}

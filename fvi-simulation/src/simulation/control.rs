@@ -1,0 +1,368 @@
+//! Controllers at work: they sample states at grid points and say what force acts over a step.
+
+use crate::language::InputError;
+use crate::language::Problem;
+use crate::language::expression::{Elementary, Moment};
+use crate::numerics::exponential_table::{ENDLESS, ENDLESS_REACH, ExponentialKernel, SMALLEST_TOLERANCE};
+use crate::scenario::{Controller, SampledInput, Scenario};
+use crate::simulation::{GridState, Precision};
+use fvi_core::{
+    BdfOrder, ExponentialSum, ExponentialTable, FractionalPid, Kernel, PidInputs, PidLaw, Real, StateError,
+    StateReader, StateWriter,
+};
+use std::collections::VecDeque;
+
+/// The force of a step: what is held from its beginning on, and what changes inside it.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Drive {
+    /// From the beginning of the step on.
+    pub(crate) held: Vec<f64>,
+    /// The same again and what follows inside the step, with the times from which it acts; empty without
+    /// delays that are no whole number of steps.
+    pub(crate) inside: Option<SampledInput>,
+    /// The largest force on each coordinate.
+    pub(crate) largest: Vec<f64>,
+}
+
+/// Controllers in a precision.
+pub(crate) trait Control {
+    /// Takes the state after so many steps, where a sample is due.
+    ///
+    /// # Errors
+    /// Why a controller refused it.
+    fn take(&mut self, step: u64, state: &GridState) -> Result<(), String>;
+    /// Writes the force over the step that follows so many others and begins at a time; `drive` has the
+    /// inputs of the scenario in it.
+    fn drive(&mut self, step: u64, time: f64, drive: &mut Drive);
+    /// Output, setpoint and measured value of each controller at its last sample.
+    fn columns(&self, columns: &mut Vec<f64>);
+    /// Appends the state.
+    ///
+    /// # Errors
+    /// [`StateError`], of memories that cannot be saved.
+    fn save(&self, bytes: &mut Vec<u8>) -> Result<(), StateError>;
+    /// Takes over a state.
+    ///
+    /// # Errors
+    /// [`StateError`] if the bytes are no such state.
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), StateError>;
+}
+
+/// The controllers of a scenario; `None` if it has none.
+///
+/// # Errors
+/// If a sample time is no whole number of steps, or a memory cannot be made.
+pub(crate) fn control(
+    scenario: &Scenario,
+    precision: Precision,
+) -> Result<Option<Box<dyn Control>>, InputError> {
+    if scenario.controllers.is_empty() {
+        return Ok(None);
+    }
+    Ok(Some(match precision {
+        Precision::F64 => Box::new(Loops::<f64>::new(scenario)?),
+        Precision::F32 => Box::new(Loops::<f32>::new(scenario)?),
+    }))
+}
+
+/// Whether outputs begin to act inside steps.
+pub(crate) fn acts_inside_steps(scenario: &Scenario) -> bool {
+    let step = scenario.time.step;
+    scenario.controllers.iter().any(|controller| controller.delay_in_steps(step).1 != 0.0)
+}
+
+/// The memory of a controller.
+pub type Sum<T> = ExponentialSum<T, Vec<T>, Vec<T>>;
+
+/// A controller on exponential sums.
+pub type SumPid<T> = FractionalPid<T, Sum<T>, Sum<T>, PidLaw<T>, Sum<T>>;
+
+/// All controllers of a scenario.
+struct Loops<T> {
+    loops: Vec<Loop<T>>,
+    step_size: f64,
+    /// Position and momentum as expressions see them.
+    variables: Vec<T>,
+}
+
+/// A controller in a loop.
+struct Loop<T> {
+    controller: Controller,
+    pid: SumPid<T>,
+    /// Steps between samples.
+    every: u64,
+    /// How much later the output acts: whole steps, and a part of one.
+    delay: (u64, f64),
+    /// Outputs that do not act yet, with the steps in which they begin to.
+    waiting: VecDeque<(u64, T)>,
+    /// The output that acts.
+    acting: T,
+    /// Output, setpoint and measured value of the last sample.
+    columns: [T; 3],
+}
+
+impl<T: Elementary> Loops<T> {
+    fn new(scenario: &Scenario) -> Result<Self, InputError> {
+        let step_size = scenario.time.step;
+        let make = |(index, controller): (usize, &Controller)| {
+            let refused = |key: &str, problem: Problem| {
+                let (one, several) = (format!("controller.{key}"), format!("controller[{index}].{key}"));
+                scenario.error_at_first(&[&one, &several], problem)
+            };
+            let unusable = |reason: String| refused("sample", Problem::Unusable { reason });
+            let every = controller.steps_between(step_size).ok_or_else(|| {
+                let allowed = format!("a multiple of the step {step_size}");
+                refused("sample", Problem::OutOfRange { allowed })
+            })?;
+            let pid = pid(scenario, controller).map_err(unusable)?;
+            Ok(Loop {
+                controller: controller.clone(),
+                pid,
+                every,
+                delay: controller.delay_in_steps(step_size),
+                waiting: VecDeque::new(),
+                acting: T::zero(),
+                columns: [T::zero(); 3],
+            })
+        };
+        let loops = scenario.controllers.iter().enumerate().map(make).collect::<Result<_, InputError>>()?;
+        Ok(Self { loops, step_size, variables: Vec::new() })
+    }
+}
+
+/// The memories of a controller: of its integral, its derivative, and a fractional filter.
+pub struct Tables {
+    /// D^{−λ}, or D^{1−λ} for λ ≥ 1.
+    pub integral: ExponentialKernel,
+    /// D^μ, on increments.
+    pub derivative: ExponentialKernel,
+    /// D^ν.
+    pub filter: Option<ExponentialKernel>,
+}
+
+/// A controller of a scenario before its first sample.
+///
+/// # Errors
+/// As [`tables`], and if a number does not fit into the precision.
+pub fn pid<T: Real>(scenario: &Scenario, controller: &Controller) -> Result<SumPid<T>, String> {
+    let law = controller.law::<T>().map_err(|error| error.to_string())?;
+    let tables = tables(scenario, controller)?;
+    let of = |kernel: Result<Kernel, fvi_core::ParameterError>, table| {
+        memory::<T>(&kernel.map_err(|error| error.to_string())?, table)
+    };
+    let integral = of(law.integral_kernel(), &tables.integral)?;
+    let derivative = of(law.derivative_kernel(), &tables.derivative)?;
+    let filter = match (law.filter_kernel(), &tables.filter) {
+        (Ok(Some(kernel)), Some(table)) => Some(of(Ok(kernel), table)?),
+        _ => None,
+    };
+    FractionalPid::with_parts(law, integral, Some(derivative), filter).map_err(|error| error.to_string())
+}
+
+/// The tables, made for h = 1, on which a controller of a scenario runs.
+///
+/// # Errors
+/// Why there are none: its `sample` is no whole number of steps, or a tolerance cannot be met.
+pub fn tables(scenario: &Scenario, controller: &Controller) -> Result<Tables, String> {
+    let step = scenario.time.step;
+    let every = controller.steps_between(step).ok_or_else(|| format!("`sample` is no multiple of {step}"))?;
+    // Tables are made for the run that was planned, and serve one that is carried further.
+    let planned = scenario.history.planned.unwrap_or(scenario.time.steps.saturating_add(1));
+    let ticks = [planned, scenario.time.steps].map(|steps| (steps as u64 / every) as usize + 2);
+    let law = controller.law::<f64>().map_err(|error| error.to_string())?;
+    let of = |kernel: Result<Kernel, fvi_core::ParameterError>| {
+        table(&kernel.map_err(|error| error.to_string())?, ticks, scenario)
+    };
+    let filter = law.filter_kernel().map_err(|error| error.to_string())?;
+    Ok(Tables {
+        integral: of(law.integral_kernel())?,
+        derivative: of(law.derivative_kernel())?,
+        filter: filter.map(|kernel| of(Ok(kernel))).transpose()?,
+    })
+}
+
+/// The exponential sum that firmware runs, for so many ticks.
+fn table(
+    kernel: &Kernel,
+    [planned, ticks]: [usize; 2],
+    scenario: &Scenario,
+) -> Result<ExponentialKernel, String> {
+    let exponent = kernel.symbol().growth();
+    let tolerance = scenario.history.tolerance.unwrap_or(SMALLEST_TOLERANCE);
+    let reach = match scenario.history.horizon {
+        Some(horizon) => horizon.max(planned),
+        None => planned.next_power_of_two().max(1 << 20),
+    };
+    if reach < ticks {
+        return Err(format!(
+            "its memory was made for {reach} samples, and {ticks} are wanted: begin anew, or with a longer `history.horizon`"
+        ));
+    }
+    let horizon = if reach > ENDLESS_REACH { ENDLESS } else { reach };
+    let made = if exponent > 0.0 { ExponentialKernel::bdf_on_increments } else { ExponentialKernel::bdf };
+    made(BdfOrder::GRUNWALD_LETNIKOV, exponent, 1.0, horizon, tolerance).map_err(|error| error.to_string())
+}
+
+/// The memory of a kernel on its table.
+fn memory<T: Real>(kernel: &Kernel, table: &ExponentialKernel) -> Result<Sum<T>, String> {
+    let table = table.table::<T>();
+    let table = ExponentialTable {
+        stages: table.stages,
+        head: table.head.as_ref().to_vec(),
+        exponentials: table.exponentials.as_ref().to_vec(),
+        slow_blocks: table.slow_blocks,
+        far_blocks: table.far_blocks,
+        horizon: table.horizon,
+        step_size: table.step_size,
+    };
+    let state = vec![T::zero(); table.borrow().state_len(1)];
+    kernel.exponential_sum(table, 1, state).map_err(|error| error.to_string())
+}
+
+/// Quanta up to which numbers are rounded to them.
+const MOST_QUANTA: f64 = (1u64 << 52) as f64;
+
+/// The nearest multiple of a quantum, if there is one; half-way from zero.
+fn rounded<T: Real>(number: T, quantum: Option<f64>) -> T {
+    match quantum {
+        Some(quantum) => {
+            let quantum = T::of(quantum);
+            let count = (number / quantum).to_f64();
+            // Beyond, the numbers of double precision are multiples themselves.
+            if count.abs() < MOST_QUANTA { T::of(libm::round(count)) * quantum } else { number }
+        }
+        None => number,
+    }
+}
+
+impl<T: Elementary> Loop<T> {
+    fn take(&mut self, step: u64, time: f64, variables: &[T]) -> Result<(), String> {
+        if !step.is_multiple_of(self.every) {
+            return Ok(());
+        }
+        let Controller { measures, setpoint, feed_forward, quantise, noise, settings, .. } = &self.controller;
+        let time = T::of(time);
+        let noise = T::of(noise.at(step / self.every));
+        let measured = rounded(measures.value(Moment::inside(time), variables) + noise, quantise.measure);
+        let wanted = setpoint.at(time);
+        let mut inputs = PidInputs::new(wanted, measured);
+        if let Some(feed_forward) = feed_forward {
+            inputs.feed_forward = feed_forward.value(Moment::from_right(time), &[]);
+        }
+        let output = self.pid.tick_with(&inputs).map_err(|error| error.to_string())?;
+        let mut output = rounded(output, quantise.output);
+        if let Some(quantum) = quantise.output {
+            // Within limits, whatever is nearest.
+            let [lower, upper] = settings.limits;
+            if output.to_f64() > upper {
+                output -= T::of(quantum);
+            } else if output.to_f64() < lower {
+                output += T::of(quantum);
+            }
+        }
+        self.waiting.push_back((step.saturating_add(self.delay.0), output));
+        self.columns = [output, wanted, measured];
+        Ok(())
+    }
+}
+
+impl<T: Elementary> Control for Loops<T> {
+    fn take(&mut self, step: u64, state: &GridState) -> Result<(), String> {
+        let Self { loops, variables, .. } = self;
+        if loops.iter().any(|one| step.is_multiple_of(one.every)) {
+            variables.clear();
+            variables.extend(state.position.iter().chain(&state.momentum).map(|&number| T::of(number)));
+        }
+        let several = loops.len() > 1;
+        loops.iter_mut().enumerate().try_for_each(|(index, one)| {
+            let which = if several { format!("controller[{index}]") } else { "controller".to_owned() };
+            one.take(step, state.time, variables).map_err(|reason| format!("{which}: {reason}"))
+        })
+    }
+
+    fn drive(&mut self, step: u64, time: f64, drive: &mut Drive) {
+        let mut changes: Vec<(f64, usize, T)> = Vec::new();
+        for (index, one) in self.loops.iter_mut().enumerate() {
+            while let Some(&(begins, output)) = one.waiting.front()
+                && (begins < step || (begins == step && one.delay.1 == 0.0))
+            {
+                one.acting = output;
+                one.waiting.pop_front();
+            }
+            add(&one.controller, one.acting, &mut drive.held);
+            if let Some(&(begins, output)) = one.waiting.front()
+                && begins == step
+            {
+                changes.push((one.delay.1, index, output));
+            }
+        }
+        drive.largest.clear();
+        drive.largest.extend(drive.held.iter().map(|force| force.abs()));
+        let Some(inside) = &mut drive.inside else { return };
+        changes.sort_by(|a, b| a.0.total_cmp(&b.0));
+        // Relative to what is held: that is handed over by itself.
+        let (mut times, mut samples) = (vec![time], vec![drive.held.clone()]);
+        for (fraction, index, output) in changes {
+            let one = &self.loops[index];
+            let mut sample = samples.last().cloned().unwrap_or_default();
+            add(&one.controller, output, &mut sample);
+            add(&one.controller, -one.acting, &mut sample);
+            for (largest, force) in drive.largest.iter_mut().zip(&sample) {
+                *largest = largest.max(force.abs());
+            }
+            times.push(time + fraction * self.step_size);
+            samples.push(sample);
+        }
+        *inside = SampledInput::of(times, samples);
+    }
+
+    fn columns(&self, columns: &mut Vec<f64>) {
+        columns.clear();
+        columns.extend(self.loops.iter().flat_map(|one| one.columns).map(|number| number.to_f64()));
+    }
+
+    fn save(&self, bytes: &mut Vec<u8>) -> Result<(), StateError> {
+        for one in &self.loops {
+            let begin = bytes.len();
+            let numbers = 4 + one.waiting.len();
+            bytes.resize(begin + 8 + 8 * one.waiting.len() + T::BYTES * numbers + one.pid.state_bytes(), 0);
+            let mut writer = StateWriter::new(&mut bytes[begin..]);
+            writer.count(one.waiting.len() as u64)?;
+            for (begins, output) in &one.waiting {
+                writer.count(*begins)?;
+                writer.numbers([output])?;
+            }
+            writer.numbers([&one.acting])?;
+            writer.numbers(&one.columns)?;
+            one.pid.save(&mut writer)?;
+            let written = writer.written();
+            bytes.truncate(begin + written);
+        }
+        Ok(())
+    }
+
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), StateError> {
+        let mut reader = StateReader::new(bytes);
+        for one in &mut self.loops {
+            let count = reader.count()?;
+            one.waiting.clear();
+            for _ in 0..count {
+                let entry = (reader.count()?, reader.number()?);
+                one.waiting.push_back(entry);
+            }
+            one.acting = reader.number()?;
+            one.columns = [reader.number()?, reader.number()?, reader.number()?];
+            one.pid.restore(&mut reader)?;
+        }
+        reader.finish()
+    }
+}
+
+/// Adds the force of an output.
+fn add<T: Real>(controller: &Controller, output: T, forces: &mut [f64]) {
+    for &(coordinate, force) in controller.drives.entries.iter() {
+        if let Some(place) = forces.get_mut(coordinate as usize) {
+            *place += (T::of(force) * output).to_f64();
+        }
+    }
+}
