@@ -25,7 +25,7 @@ use crate::table_kernel::{Exponential, TableKernel, samples_of};
 /// ```
 ///
 /// Weights are those of the table, and terms agree with [`ExponentialSum`](fvi_core::ExponentialSum) to
-/// rounding, in some three fifths of its time on a host; not to the last bit, because the order of the sums
+/// rounding, in two thirds of its time on a host; not to the last bit, because the order of the sums
 /// differs, and because a multiply–add is rounded once on machines where that is one instruction. The work of
 /// a chunk is spread over its steps. Memory is constant: 17 kB for 2²⁰ steps of order 1 in `f64`.
 ///
