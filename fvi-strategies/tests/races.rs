@@ -93,7 +93,7 @@ fn a_strategy_that_lies_is_found_out_by_name_and_spoils_no_other() {
         .with(faulty("hangs", Fault::Hangs))
         .with(faulty("refuses", Fault::Refuses))
         .with(Strategy::new("unmade", "", |_| Err("no memory".parse::<f64>().unwrap_err().into())));
-    let text = format!("{SHORT}time_limit = 1.0\n{ROOT}");
+    let text = format!("{SHORT}time_limit = 5.0\n{ROOT}");
     let summary = race(&lab, place.path(), &text).unwrap();
     let reason = |name: &str| {
         let found: Vec<_> = summary.found_out.iter().filter(|found| found.strategy == name).collect();
@@ -103,7 +103,7 @@ fn a_strategy_that_lies_is_found_out_by_name_and_spoils_no_other() {
     assert!(reason("wrong").contains("its error is 1.0e-3"), "{}", reason("wrong"));
     assert!(reason("not-a-number").contains("term of step 150 is NaN"), "{}", reason("not-a-number"));
     assert!(reason("panics").contains("out of luck"), "{}", reason("panics"));
-    assert!(reason("hangs").contains("no answer within 1.000 s"), "{}", reason("hangs"));
+    assert!(reason("hangs").contains("no answer within 5.000 s"), "{}", reason("hangs"));
     assert!(reason("refuses").contains("step 150: the memory is full"), "{}", reason("refuses"));
     assert!(reason("unmade").contains("invalid float"), "{}", reason("unmade"));
     assert_eq!(summary.found_out.len(), 6, "{:?}", summary.found_out);
@@ -117,7 +117,7 @@ fn a_strategy_that_lies_is_found_out_by_name_and_spoils_no_other() {
         assert!(row(name).unwrap().within, "{name} was spoilt");
     }
     let page = fs::read_to_string(place.path().join("out/strategies.html")).unwrap();
-    assert!(page.contains("out of luck") && page.contains("no answer within 1.000 s"));
+    assert!(page.contains("out of luck") && page.contains("no answer within 5.000 s"));
 }
 
 #[test]
@@ -336,7 +336,7 @@ fn program(name: &str, answer: &str) -> String {
     let script = format!(
         "while read word rest; do case $word in begin) ;; weights) echo ready 16 ;; clear) k=0; echo ok ;; *) k=$((k+1)); {answer} ;; esac; done"
     );
-    format!("[[program]]\nname = \"{name}\"\ntime_limit = 2.0\ncommand = [\"sh\", \"-c\", '''{script}''']\n")
+    format!("[[program]]\nname = \"{name}\"\ntime_limit = 5.0\ncommand = [\"sh\", \"-c\", '''{script}''']\n")
 }
 
 #[cfg(unix)]
@@ -364,7 +364,7 @@ fn programs_over_pipes_are_measured_and_found_out() {
     assert!(reason("not-a-number").contains("NaN"), "{}", reason("not-a-number"));
     assert!(reason("talks").contains("`hello` in place of 1 numbers"), "{}", reason("talks"));
     assert!(reason("dies").contains("exit status: 3"), "{}", reason("dies"));
-    assert!(reason("hangs").contains("no answer within 2.000 s"), "{}", reason("hangs"));
+    assert!(reason("hangs").contains("no answer within 5.000 s"), "{}", reason("hangs"));
     assert!(reason("absent").contains("there-is-none"), "{}", reason("absent"));
     assert_eq!(summary.found_out.len(), 6, "{:?}", summary.found_out);
     let race = &summary.record.races[0];
