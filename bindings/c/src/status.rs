@@ -8,7 +8,8 @@ use fvi_core::{
 };
 
 /// What a call returns. Anything but FVI_STATUS_OK means that the call has changed nothing; only a call that
-/// sets up an object with an exponential sum may have emptied its buffer.
+/// sets up an object with an exponential sum may have emptied its buffer, and one that sets up a controller
+/// those of its memories, whose weights it looks at by samples.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FviStatus {

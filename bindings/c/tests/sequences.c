@@ -11,7 +11,7 @@
 #include "fvi.h"
 #include "half_derivative.h"
 
-enum { OPERATORS = 3, STEPPERS = 3, CAPACITY = 12, MOST = 6, STATUSES = 13, CALLS = 8 };
+enum { OPERATORS = 3, STEPPERS = 3, CONTROLLERS = 2, CAPACITY = 12, MOST = 6, STATUSES = 13, CALLS = 13 };
 enum { NUMBERS = HALF_DERIVATIVE_NUMBERS(MOST) };
 
 /* Everything a call may write to, so that one comparison sees every change. */
@@ -27,16 +27,21 @@ static struct {
         FviStepper6 six;
     } steppers[STEPPERS];
     float stepper_buffers[STEPPERS][NUMBERS];
+    FviPid controllers[CONTROLLERS];
+    /* Of the integral, of the derivative. */
+    float controller_buffers[CONTROLLERS][2][CAPACITY];
+    FviMemory memory;
     FviStepper *address;
-    float weights[CAPACITY + 1], result, position[MOST], momentum[MOST];
+    float weights[CAPACITY + 1], result, results[2], position[MOST], momentum[MOST];
     uint64_t steps;
     /* The largest state is a full buffer and what stands around it, a few hundred bytes. */
-    uint8_t saved[2][NUMBERS * sizeof(float) + 1024];
-    size_t written[2];
+    uint8_t saved[3][NUMBERS * sizeof(float) + 1024];
+    size_t written[3];
 } world, before;
 
 static const char *const names[CALLS] = {"weights", "operator init", "operator push", "operator clear", "stepper init", "stepper step and state",
-    "operator save and restore", "stepper save and restore"};
+    "operator save and restore", "stepper save and restore", "operator peek", "operator push two", "memory scale", "controller init",
+    "controller tick, gains and hand"};
 static unsigned long reached[CALLS][STATUSES], made;
 static uint64_t seed;
 
@@ -98,7 +103,7 @@ static void expect_finite(int call, const float *numbers, size_t count) {
     }
 }
 
-/* The buffer of an exponential sum, which a refused call that sets up an object may empty. */
+/* The buffer of an exponential sum, or those of a controller, which a refused call that sets up the object may empty. */
 static float *emptied;
 static size_t emptied_size;
 
@@ -184,6 +189,121 @@ static void push(void) {
     remember();
     if (is_done(2, fvi_operator_push(pointer(operation), number(), pointer(&world.result)))) {
         expect_finite(2, &world.result, 1);
+    }
+}
+
+/* What a push would give, and nothing else. */
+static void peek(void) {
+    FviOperator *operation = &world.operators[below(OPERATORS)];
+    float sample = number();
+    remember();
+    if (is_done(8, fvi_operator_peek(pointer(operation), sample, pointer(&world.result)))) {
+        float peeked = world.result;
+        expect_finite(8, &peeked, 1);
+        world.result = before.result;
+        if (memcmp(&before, &world, sizeof world) != 0) {
+            stop(8, "changes the operator");
+        }
+        if (fvi_operator_push(operation, sample, &world.result) == FVI_STATUS_OK && memcmp(&peeked, &world.result, sizeof peeked) != 0) {
+            stop(8, "gives another number than a push");
+        }
+    }
+}
+
+static void push_two(void) {
+    float samples[2] = {number(), number()};
+    remember();
+    if (is_done(9, fvi_operator_push_two(pointer(&world.operators[below(OPERATORS)]), pointer(&world.operators[below(OPERATORS)]),
+            pointer(samples), pointer(world.results)))) {
+        expect_finite(9, world.results, 2);
+    }
+}
+
+static void scale(void) {
+    world.memory = memory(1, world.operator_buffers[0], sizeof world.operator_buffers[0] / sizeof(float));
+    double step_size = rarely() ? (double)number() : below(2) ? HALF_DERIVATIVE_STEP : 0.25;
+    remember();
+    if (is_done(10, fvi_memory_scale_bdf(pointer(&world.memory), rarely() ? below(9) : 1, rarely() ? 3.0 * (double)number() : 0.5, step_size))) {
+        expect_finite(10, &world.memory.scale, 1);
+    }
+}
+
+static float integral_weights[CAPACITY], derivative_weights[CAPACITY];
+
+static FviMemory controller_memory(int index, int part) {
+    FviMemory drawn = {0};
+    drawn.kind = rarely() ? below(9) : below(8) == 0 ? FVI_FULL_MEMORY : FVI_SHORT_MEMORY;
+    drawn.scale = rarely() ? number() : 1.0f;
+    drawn.weights = pointer(rarely() || part == 0 ? integral_weights : derivative_weights);
+    drawn.weight_count = rarely() ? below(CAPACITY + 1) : CAPACITY;
+    drawn.buffer = pointer(world.controller_buffers[index][part]);
+    drawn.buffer_count = rarely() ? below(CAPACITY + 1) : CAPACITY;
+    return drawn;
+}
+
+static void init_controller(void) {
+    int index = (int)below(CONTROLLERS);
+    FviMemory integral = controller_memory(index, 0), derivative = controller_memory(index, 1);
+    float bound = 3.0f * positive();
+    FviPidSettings settings = {
+        .sample = rarely() ? (double)number() : 0.01,
+        .lambda = rarely() ? 3.0 * (double)number() : 0.8,
+        .mu = rarely() ? 3.0 * (double)number() : 0.6,
+        .filter_time = below(2) ? 0.0 : (double)positive(),
+        .filter_order = rarely() ? (double)number() : 0.0,
+        .tracking_time = below(2) ? 0.1 : (double)number(),
+        .kp = number(),
+        .ki = number(),
+        .kd = number(),
+        .filter_ratio = below(2) ? 10.0f : number(),
+        .setpoint_weights = {number(), below(2) ? 0.0f : number()},
+        .limits = {below(3) ? -bound : number(), below(3) ? bound : number()},
+        .rate_limit = below(2) ? 0.0f : 100.0f * positive(),
+        .form = rarely() ? below(5) : below(4) == 0,
+        .derivative_of = rarely() ? below(5) : below(3),
+        .anti_windup = rarely() ? below(5) : below(3),
+        .bumpless = rarely() ? below(5) : below(3),
+    };
+    void *const given[5] = {pointer(&world.controllers[index]), pointer(&settings), pointer(&integral),
+        below(8) ? pointer(&derivative) : NULL, NULL};
+    remember();
+    emptied = world.controller_buffers[index][0];
+    emptied_size = sizeof world.controller_buffers[index];
+    is_done(11, fvi_pid_init(given[0], given[1], given[2], given[3], given[4]));
+}
+
+static size_t capacity(void);
+static size_t kept(size_t written);
+static void damage(int index);
+
+static void control(void) {
+    FviPid *controller = pointer(&world.controllers[below(CONTROLLERS)]);
+    FviPidInputs inputs = {
+        .setpoint = number(),
+        .measured = number(),
+        .rate = number(),
+        .feed_forward = below(2) ? 0.0f : number(),
+        .actuator = rarely() ? below(9) : below(3),
+        .applied = number(),
+    };
+    FviStatus status;
+    remember();
+    switch (below(16)) {
+    case 0: status = fvi_pid_manual(controller, number()); break;
+    case 1: status = fvi_pid_automatic(controller); break;
+    case 2: status = fvi_pid_set_gains(controller, number(), number(), number()); break;
+    case 3: status = fvi_pid_reset(controller); break;
+    case 4:
+        is_done(12, fvi_pid_save(controller, pointer(world.saved[2]), capacity(), pointer(&world.written[2])));
+        damage(2);
+        remember();
+        status = fvi_pid_restore(controller, pointer(world.saved[2]), kept(world.written[2]));
+        break;
+    case 5: case 6: case 7: status = fvi_pid_tick(controller, number(), number(), pointer(&world.result)); break;
+    default: status = fvi_pid_tick_with(controller, pointer(&inputs), pointer(&world.result)); break;
+    }
+    if (is_done(12, status)) {
+        expect_finite(12, &world.result, 1);
     }
 }
 
@@ -357,8 +477,12 @@ int main(int count, char **arguments) {
     for (int i = 0; i <= CAPACITY; ++i) {
         kernel[i] = i == 0 ? 2.0f : -1.0f / (float)(i * i);
     }
+    if (fvi_weights_bdf(1, -0.8, 0.01, integral_weights, CAPACITY) != FVI_STATUS_OK
+        || fvi_weights_bdf(1, 0.6, 0.01, derivative_weights, CAPACITY) != FVI_STATUS_OK) {
+        return 1;
+    }
     while (made < calls) {
-        switch (below(19)) {
+        switch (below(28)) {
         case 0: make_weights(); break;
         case 1: init_operator(); break;
         case 2: clear(); break;
@@ -366,6 +490,11 @@ int main(int count, char **arguments) {
         case 4: case 5: case 6: case 7: case 8: push(); break;
         case 9: save_and_restore_operator(); break;
         case 10: case 11: save_and_restore_stepper(); break;
+        case 12: peek(); break;
+        case 13: push_two(); break;
+        case 14: scale(); break;
+        case 15: init_controller(); break;
+        case 16: case 17: case 18: case 19: case 20: control(); break;
         default: step(); break;
         }
     }
