@@ -18,8 +18,12 @@ pub(super) fn charts(
     let frequency = || Axis::logarithmic("angular frequency ω");
     let discrete: &[Complex<f64>] = found.discrete.as_deref().unwrap_or_default();
     let both = |mut chart: Chart, point: &dyn Fn(f64, Complex<f64>) -> (f64, f64)| {
+        // At the end of the band, ω = π/h, some schemes answer with nothing, which no logarithm shows.
+        let shows = |value: Complex<f64>, continuous: Complex<f64>| value.norm() >= 1e-3 * continuous.norm();
         let of = |values: &[Complex<f64>]| -> Vec<(f64, f64)> {
-            found.omega.iter().zip(values).map(|(&omega, &value)| point(omega, value)).collect()
+            let places = found.omega.iter().zip(values).zip(&found.response);
+            let shown = places.filter(|((_, value), continuous)| shows(**value, **continuous));
+            shown.map(|((&omega, &value), _)| point(omega, value)).collect()
         };
         chart = chart.with(Series::new("continuous", Style::Line, of(&found.response)));
         if !discrete.is_empty() {
