@@ -17,7 +17,7 @@ class Kernel:
     """A kernel K(s) in place of s^β: the damping force is −ρ K(D) q.
 
     Made by `power`, `tempered`, `maxwell`, `prony`, `havriliak_negami`, `symbol` or `relaxation`; taken by `Damping`, `Memory`, `weights` and
-    `derivative`. A kernel that is not passive, one that could drive a motion, is refused by `integrate` with the frequency, unless
+    `derivative`. A kernel that is not passive, one that could drive a motion, is refused by `integrate` with the band of frequencies, unless
     the damping says ``allow_active=True``.
 
     Examples
