@@ -45,7 +45,7 @@ def run(
     cases: bool = False,
     prepared: Prepared | None = None,
     spent: float = 0.0,
-) -> tuple[list[tuple[str, _Array, _Array, _Array, _Array, _Array, str, str]], BaseException | None]: ...
+) -> tuple[list[tuple[str, _Array, _Array, _Array, _Array, _Array, _Array, str, str]], BaseException | None]: ...
 def run_in(
     source: Any,
     directory: Any,
