@@ -8,7 +8,7 @@ mod of_scenario;
 mod parts;
 mod polynomials;
 pub(super) mod symbol;
-mod winding;
+pub(super) mod winding;
 
 use crate::numerics::dense;
 use crate::numerics::multistep_rule::MultistepRule;

@@ -3,6 +3,7 @@
 use crate::numerics::transfer::TransferFunction;
 use crate::simulation::stability::Part;
 use crate::simulation::stability::characteristic::log_determinant;
+use crate::simulation::stability::winding::{Fineness, turned};
 use nalgebra::{Complex, DMatrix};
 use std::f64::consts::PI;
 
@@ -28,11 +29,8 @@ impl SystemPole {
 /// Zeros are sought from this part of the largest frequency on.
 const SLOWEST: f64 = 1e-9;
 
-/// Parts of a side of a cell at first, and the change of the logarithm between neighbours that is taken for
-/// followed.
-const PARTS: usize = 8;
-const FOLLOWED: f64 = 0.7;
-const HALVINGS: u32 = 40;
+/// On a side of a cell.
+const FINENESS: Fineness = Fineness { followed: 0.7, parts: 8, halvings: 40 };
 
 /// Most values of the function that a search may take.
 const MOST_VALUES: usize = 4_000_000;
@@ -238,35 +236,10 @@ impl<'a> Search<'a> {
 
     /// The change of the angle of the function along a line.
     fn turned(&self, from: (f64, f64), to: (f64, f64)) -> Option<f64> {
-        let at = |part: f64| {
+        turned(1.0, &FINENESS, |part| {
             let (x, y) = (from.0 + part * (to.0 - from.0), from.1 + part * (to.1 - from.1));
-            self.logarithm(x, y).map(|value| (part, value))
-        };
-        let increment = |one: Complex<f64>, other: Complex<f64>| {
-            let angle = other.im - one.im;
-            Complex::new(other.re - one.re, angle - 2.0 * PI * (angle / (2.0 * PI)).round())
-        };
-        let mut intervals = Vec::new();
-        let mut left = at(0.0)?;
-        for part in 1..=PARTS {
-            let right = at(part as f64 / PARTS as f64)?;
-            intervals.push((left, right, 0));
-            left = right;
-        }
-        let mut turned = 0.0;
-        while let Some((left, right, halvings)) = intervals.pop() {
-            let middle = at(0.5 * (left.0 + right.0))?;
-            let (first, second) = (increment(left.1, middle.1), increment(middle.1, right.1));
-            if first.norm() < FOLLOWED && second.norm() < FOLLOWED {
-                turned += first.im + second.im;
-            } else if halvings < HALVINGS {
-                intervals.push((left, middle, halvings + 1));
-                intervals.push((middle, right, halvings + 1));
-            } else {
-                return None;
-            }
-        }
-        Some(turned)
+            self.logarithm(x, y)
+        })
     }
 
     /// The zero of a cell by the secant method in ln s; `None` if it leads out of the cell.

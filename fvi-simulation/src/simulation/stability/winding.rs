@@ -4,12 +4,18 @@ use nalgebra::Complex;
 use std::cell::Cell;
 use std::f64::consts::PI;
 
-/// Increment of the logarithm between neighbouring points that is taken for followed.
-const FOLLOWED: f64 = 0.5;
+/// How finely a logarithm is followed.
+pub(in crate::simulation) struct Fineness {
+    /// Increment between neighbouring points that is taken for followed.
+    pub(in crate::simulation) followed: f64,
+    /// Parts of the way to begin with.
+    pub(in crate::simulation) parts: usize,
+    /// How often they are halved at most.
+    pub(in crate::simulation) halvings: u32,
+}
 
-/// Parts of the half-circle to begin with, and how often they are halved at most: down to 10⁻¹³.
-const PARTS: usize = 16;
-const HALVINGS: u32 = 41;
+/// On the half-circle: down to 10⁻¹³.
+const FINENESS: Fineness = Fineness { followed: 0.5, parts: 16, halvings: 41 };
 
 /// Most values of the function that a count may take: a zero near the circle takes some fifty, noise any
 /// number.
@@ -50,12 +56,25 @@ fn turns(
     let at = |angle: f64| {
         left.set(left.get().checked_sub(1)?);
         let value = logarithm(Complex::new(radius * libm::cos(angle), radius * libm::sin(angle)))?;
-        (value.re.is_finite() && value.im.is_finite()).then_some((angle, value))
+        (value.re.is_finite() && value.im.is_finite()).then_some(value)
     };
+    let turned = turned(PI, &FINENESS, at)?;
+    let zeros = (turned / PI).round();
+    (zeros >= 0.0 && (turned / PI - zeros).abs() < 0.1).then_some(zeros as usize)
+}
+
+/// How far the phase of a function turns on the way from 0 to `end`, given any branch of its logarithm there;
+/// `None` where it has none, or cannot be followed.
+pub(in crate::simulation) fn turned(
+    end: f64,
+    fineness: &Fineness,
+    logarithm: impl Fn(f64) -> Option<Complex<f64>>,
+) -> Option<f64> {
+    let at = |place: f64| logarithm(place).map(|value| (place, value));
     let mut intervals = Vec::new();
     let mut left = at(0.0)?;
-    for part in 1..=PARTS {
-        let right = at(PI * part as f64 / PARTS as f64)?;
+    for part in 1..=fineness.parts {
+        let right = at(end * part as f64 / fineness.parts as f64)?;
         intervals.push((left, right, 0));
         left = right;
     }
@@ -63,17 +82,16 @@ fn turns(
     while let Some((left, right, halvings)) = intervals.pop() {
         let middle = at(0.5 * (left.0 + right.0))?;
         let (first, second) = (increment(left.1, middle.1), increment(middle.1, right.1));
-        if first.norm() < FOLLOWED && second.norm() < FOLLOWED {
+        if first.norm() < fineness.followed && second.norm() < fineness.followed {
             turned += first.im + second.im;
-        } else if halvings < HALVINGS {
+        } else if halvings < fineness.halvings {
             intervals.push((left, middle, halvings + 1));
             intervals.push((middle, right, halvings + 1));
         } else {
             return None;
         }
     }
-    let zeros = (turned / PI).round();
-    (zeros >= 0.0 && (turned / PI - zeros).abs() < 0.1).then_some(zeros as usize)
+    Some(turned)
 }
 
 /// Difference of two logarithms, its phase in [−π, π].
