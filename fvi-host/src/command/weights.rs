@@ -30,8 +30,7 @@ pub struct WeightsArguments {
     #[arg(long, default_value_t = 1.0)]
     step: f64,
     /// Weights for memories on differences, on increments (bdf, trapezoidal) or rises (others), which lose
-    /// less to
-    /// rounding
+    /// less to rounding
     #[arg(long)]
     increments: bool,
     /// How many weights
