@@ -156,6 +156,13 @@ impl<T: Real, X: Space<T>, M: Memory<T>> DampedMotion<T, X, M> {
         copy(X::slice_mut(&mut self.initial_velocity), velocity);
     }
 
+    /// Notes that the motion begins at another time than 0: what is left out of it is a line through t = 0.
+    pub fn begin_at(&mut self, time: T) {
+        if let Subtraction::PositionAndVelocity = self.start {
+            add_multiple(X::slice_mut(&mut self.initial_position), -time, X::slice(&self.initial_velocity));
+        }
+    }
+
     /// Asks the memory for its terms, R·N numbers for each kernel: what is known but for the offsets.
     ///
     /// # Errors
@@ -290,7 +297,7 @@ impl<T: Real, X: Space<T>, M: Memory<T>> DampedMotion<T, X, M> {
             }
             ActsOn::Increments | ActsOn::Rises if first => {
                 let from_rest = !matches!(self.start, Subtraction::Nothing);
-                (if from_rest { &[] } else { sample.from }, sample.time + into)
+                (if from_rest { &[] } else { sample.from }, into)
             }
             ActsOn::Increments => {
                 (vectors(sample.behind, sample.from.len()).nth(j).unwrap_or(&[]), sample.length)

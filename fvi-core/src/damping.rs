@@ -33,6 +33,9 @@ pub trait Damping<T: Real, X: Space<T>> {
     /// Forgets everything and notes how the motion starts.
     fn begin(&mut self, position: &[T], velocity: &[T]);
 
+    /// Notes, after that, that the motion starts at another time than 0.
+    fn begin_at(&mut self, time: T);
+
     /// Adds known_i to `known`, R·N numbers. `scratch` has R·N numbers, and N more where R > 1.
     ///
     /// # Errors
@@ -181,6 +184,10 @@ impl<T: Real, X: Space<T>, M: Memory<T>> Damping<T, X> for DampingTerm<T, X, M> 
         self.motion.begin(position, velocity);
     }
 
+    fn begin_at(&mut self, time: T) {
+        self.motion.begin_at(time);
+    }
+
     #[inline(always)]
     fn add_known(
         &mut self,
@@ -265,6 +272,8 @@ impl<T: Real, X: Space<T>> Damping<T, X> for () {
 
     fn begin(&mut self, _: &[T], _: &[T]) {}
 
+    fn begin_at(&mut self, _: T) {}
+
     fn add_known(&mut self, _: &Sample<'_, T>, _: &mut [T], _: &mut [T]) -> Result<(), MemoryError> {
         Ok(())
     }
@@ -303,6 +312,11 @@ impl<T: Real, X: Space<T>, A: Damping<T, X>, B: Damping<T, X>> Damping<T, X> for
     fn begin(&mut self, position: &[T], velocity: &[T]) {
         self.0.begin(position, velocity);
         self.1.begin(position, velocity);
+    }
+
+    fn begin_at(&mut self, time: T) {
+        self.0.begin_at(time);
+        self.1.begin_at(time);
     }
 
     #[inline(always)]
@@ -372,6 +386,10 @@ impl<T: Real, X: Space<T>, D: Damping<T, X>> Damping<T, X> for [D] {
 
     fn begin(&mut self, position: &[T], velocity: &[T]) {
         self.iter_mut().for_each(|damping| damping.begin(position, velocity));
+    }
+
+    fn begin_at(&mut self, time: T) {
+        self.iter_mut().for_each(|damping| damping.begin_at(time));
     }
 
     #[inline(always)]
@@ -445,6 +463,10 @@ macro_rules! handing_on {
 
             fn begin(&mut $self, position: &[T], velocity: &[T]) {
                 <$inner as Damping<T, X>>::begin($unique, position, velocity);
+            }
+
+            fn begin_at(&mut $self, time: T) {
+                <$inner as Damping<T, X>>::begin_at($unique, time);
             }
 
             #[inline(always)]
@@ -719,6 +741,8 @@ mod tests {
         }
 
         fn begin(&mut self, _: &[f64], _: &[f64]) {}
+
+        fn begin_at(&mut self, _: f64) {}
 
         fn add_known(
             &mut self,

@@ -543,6 +543,8 @@ mod tests {
 
         fn begin(&mut self, _: &[f64], _: &[f64]) {}
 
+        fn begin_at(&mut self, _: f64) {}
+
         fn add_known(
             &mut self,
             _: &Sample<'_, f64>,

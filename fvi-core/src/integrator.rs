@@ -10,7 +10,7 @@ use crate::linear::all_finite;
 use crate::memory::MemoryError;
 use crate::real::Real;
 use crate::saving::{Shape, StateError, StateReader, StateWriter, header_bytes};
-use crate::scheme::{Rounding, Sampling, Scheme, State, Step, StepError};
+use crate::scheme::{Outcome, Rounding, Sampling, Scheme, State, Step, StepError, conclude};
 use crate::space::{Block, Space};
 use crate::system::{Force, Mechanics, Potential, System};
 
@@ -75,6 +75,7 @@ pub struct IntegratorBuilder<T: Real, X: Space<T>, G, S, D> {
     scheme: S,
     damping: D,
     step_size: T,
+    start: T,
     position: X::Vector,
     /// Momentum or velocity.
     motion: (X::Vector, Motion),
@@ -145,20 +146,27 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>> IntegratorBuilde
     #[inline]
     pub fn in_space(space: X, mechanics: G, scheme: S, step_size: T) -> Self {
         let (position, motion) = (space.zeros(), (space.zeros(), Motion::Momentum));
-        Self { space, mechanics, scheme, damping: (), step_size, position, motion }
+        Self { space, mechanics, scheme, damping: (), step_size, start: T::zero(), position, motion }
     }
 
     /// The damping: a term, or several together.
     #[inline]
     pub fn damping<D: Damping<T, X>>(self, damping: D) -> IntegratorBuilder<T, X, G, S, D> {
-        let Self { space, mechanics, scheme, damping: (), step_size, position, motion } = self;
-        IntegratorBuilder { space, mechanics, scheme, damping, step_size, position, motion }
+        let Self { space, mechanics, scheme, damping: (), step_size, start, position, motion } = self;
+        IntegratorBuilder { space, mechanics, scheme, damping, step_size, start, position, motion }
     }
 }
 
 impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>>
     IntegratorBuilder<T, X, G, S, D>
 {
+    /// The time t₀ at which the motion begins; 0 without.
+    #[inline]
+    pub fn start(mut self, time: T) -> Self {
+        self.start = time;
+        self
+    }
+
     /// Initial position q₀.
     #[inline]
     pub fn position(mut self, position: impl Into<X::Vector>) -> Self {
@@ -180,13 +188,13 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         self
     }
 
-    /// The integrator at t = 0 with empty memories.
+    /// The integrator at the start with empty memories.
     ///
     /// # Errors
     /// [`IntegratorError`].
     #[inline]
     pub fn build(self) -> Result<Integrator<T, X, G, S, D>, IntegratorError> {
-        let Self { space, mechanics, scheme, mut damping, step_size, position, motion } = self;
+        let Self { space, mechanics, scheme, mut damping, step_size, start, position, motion } = self;
         check_step_size(step_size.to_f64()).map_err(IntegratorError::StepSize)?;
         let (given, motion) = motion;
         let mut other = space.zeros();
@@ -206,10 +214,13 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         let nodes = scheme.sampling().nodes();
         damping.check(space.coordinates(), nodes, step_size).map_err(IntegratorError::Damping)?;
         damping.begin(X::slice(&position), X::slice(&velocity));
+        if start != T::zero() {
+            damping.begin_at(start);
+        }
         if matches!(scheme.sampling(), Sampling::MainNodes) {
             let (rest, mut scratch) = (space.zeros(), space.zeros());
             let (from, fractions) = (X::slice(&position), &[T::zero()]);
-            let sample = Sample { from, behind: &[], time: T::zero(), length: T::zero(), fractions };
+            let sample = Sample { from, behind: &[], time: start, length: T::zero(), fractions };
             damping
                 .push(&sample, X::slice(&rest), X::slice_mut(&mut scratch))
                 .map_err(IntegratorError::Memory)?;
@@ -217,7 +228,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         let storage = scheme.storage(&space, &mechanics);
         let rounding = Rounding { position: space.zeros(), momentum: space.zeros() };
         let state = State { step: 0, position, momentum, rounding };
-        let anchor = (0, T::zero());
+        let anchor = (0, start);
         Ok(Integrator { space, mechanics, scheme, storage, damping, step_size, state, anchor })
     }
 }
@@ -292,7 +303,41 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         scheme.step(storage, mechanics, damping, &step, state)
     }
 
-    /// Time t_k of the present state: k h where all steps had the step size h.
+    /// Takes a step of the step size h that was made otherwise, to the time `end`: position and momentum move
+    /// on by what was found, and the memories are told the nodes, as if the step had been solved for. A
+    /// motion that is known becomes the past of the one that follows.
+    ///
+    /// `found.increments` are those of the nodes that the memory stores, R·N numbers. `known` has room for as
+    /// many, `scratch` for N more.
+    ///
+    /// # Errors
+    /// [`StepError::NotFinite`] or [`StepError::Memory`]; state and memories are as before the call.
+    pub fn follow(
+        &mut self,
+        end: T,
+        found: &Outcome<'_, T>,
+        known: &mut [T],
+        scratch: &mut [T],
+    ) -> Result<(), StepError> {
+        let time = self.time();
+        let Self { scheme, storage, damping, state, step_size, .. } = self;
+        let (at_end, coordinates) = ([T::one()], X::slice(&state.position).len());
+        let (fractions, stored) = match scheme.sampling() {
+            Sampling::MainNodes => (&at_end[..], 0),
+            Sampling::Nodes(fractions) => (fractions, fractions.len() * coordinates),
+        };
+        let behind = S::carried_mut(storage).get_mut(..stored).unwrap_or(&mut []);
+        let from = X::slice(&state.position);
+        let sample = Sample { from, behind: &*behind, time, length: *step_size, fractions };
+        damping.add_known(&sample, known, scratch)?;
+        let step = Step { time, end, size: *step_size, input: &[] };
+        conclude::<T, X, D>(damping, &step, fractions, found, state, behind, scratch)?;
+        state.step += 1;
+        self.anchor = (self.state.step, end);
+        Ok(())
+    }
+
+    /// Time t_k of the present state: k h where all steps had the step size h and the first began at 0.
     #[inline]
     pub fn time(&self) -> T {
         let (index, time) = self.anchor;
@@ -413,13 +458,24 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
     pub fn damping(&self) -> &D {
         &self.damping
     }
+
+    /// The damping, for what its caller keeps in it beside what the steps need.
+    pub fn damping_mut(&mut self) -> &mut D {
+        &mut self.damping
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::coefficients::Coefficients;
+    use crate::damped_motion::Derivative;
+    use crate::damping::DampingTerm;
     use crate::galerkin::Galerkin;
+    use crate::kernel::Kernel;
+    use crate::node_galerkin::NodeGalerkin;
     use crate::system::{Instant, Mass, Quadratic, TimeForce};
+    use crate::weights::{BdfOrder, monic_increment_table};
     use nalgebra::{SVector, vector};
     use std::vec::Vec;
 
@@ -494,6 +550,79 @@ mod tests {
             .build()
             .unwrap();
         assert_eq!(integrator.step_by(0.125, &[0.0].into()), Ok(1));
+    }
+
+    /// A damped spring whose memory stores the nodes of the steps.
+    macro_rules! damped {
+        ($kappa:expr, $order:expr, $derivative:expr, $start:expr, $q:expr, $p:expr) => {{
+            static WEIGHTS: [f64; 64] = monic_increment_table(BdfOrder::GRUNWALD_LETNIKOV, $order);
+            let kernel = Kernel::bdf(BdfOrder::GRUNWALD_LETNIKOV, $order, 0.25).unwrap();
+            let memory = kernel.full_memory::<f64, 1, 64>(&WEIGHTS).unwrap();
+            let rho = Coefficients::Diagonal([0.7].into());
+            let damping = DampingTerm::new(kernel, rho, $derivative, memory).unwrap();
+            Integrator::builder(plant(), NodeGalerkin::new(Galerkin::low_order($kappa).unwrap()), 0.25)
+                .damping(damping)
+                .start($start)
+                .position([$q])
+                .momentum([$p])
+                .build()
+                .unwrap()
+        }};
+    }
+
+    #[test]
+    fn steps_that_were_made_otherwise_are_the_past_of_those_that_follow() {
+        macro_rules! assert_followed {
+            ($order:expr, $derivative:expr) => {
+                // One makes all steps; the other is told those of the first half, and begins at another time.
+                let mut whole = damped!(0.5, $order, $derivative, 0.5, 1.0, 0.5);
+                let mut half = damped!(0.5, $order, $derivative, 0.5, 1.0, 0.5);
+                for step in 1..=20 {
+                    let (q, p) = (whole.state().position[0], whole.state().momentum[0]);
+                    whole.step(&[0.0].into()).unwrap();
+                    if step > 10 {
+                        half.step(&[0.0].into()).unwrap();
+                    } else {
+                        let (rise, kick) = (whole.state().position[0] - q, whole.state().momentum[0] - p);
+                        let found = Outcome { increments: &[0.5 * rise], rise: &[rise], kick: &[kick] };
+                        let end = 0.5 + 0.25 * f64::from(step);
+                        half.follow(end, &found, &mut [0.0], &mut [0.0; 2]).unwrap();
+                    }
+                    let (one, other) = (whole.state(), half.state());
+                    assert_eq!((one.step, whole.time()), (other.step, half.time()));
+                    assert_eq!(whole.time(), 0.5 + 0.25 * f64::from(step));
+                    assert!((one.position[0] - other.position[0]).abs() < 1e-13, "step {step}");
+                    assert!((one.momentum[0] - other.momentum[0]).abs() < 1e-13, "step {step}");
+                }
+                let found = Outcome { increments: &[f64::NAN], rise: &[f64::NAN], kick: &[0.0] };
+                let before = half.state().clone();
+                let refused = half.follow(9.0, &found, &mut [0.0], &mut [0.0; 2]);
+                assert_eq!(refused, Err(StepError::NotFinite));
+                assert_eq!(*half.state(), before);
+            };
+        }
+        assert_followed!(0.5, Derivative::Caputo);
+        assert_followed!(1.5, Derivative::Caputo);
+        assert_followed!(1.5, Derivative::RiemannLiouville);
+    }
+
+    #[test]
+    fn a_motion_that_begins_later_is_the_same_at_later_times() {
+        macro_rules! assert_shifted {
+            ($order:expr, $kappa:expr) => {
+                let [mut now, mut later] =
+                    [0.0, 1.0].map(|start| damped!($kappa, $order, Derivative::Caputo, start, 1.0, 0.5));
+                // The force 2 t is the same with an input that takes off what is more of it.
+                for _ in 0..20 {
+                    now.step(&[0.0].into()).unwrap();
+                    later.step(&[-2.0].into()).unwrap();
+                    assert_eq!(later.time(), now.time() + 1.0);
+                    assert!((now.state().position[0] - later.state().position[0]).abs() < 1e-13);
+                }
+            };
+        }
+        assert_shifted!(0.5, 0.5);
+        assert_shifted!(1.5, 0.5);
     }
 
     #[test]

@@ -9,12 +9,14 @@ mod controller;
 mod element;
 mod event;
 mod grid;
+mod gyroscopic;
 mod initial;
 mod kernel;
 mod load;
 mod matrix;
 mod own_terms;
 mod parameters;
+mod past;
 mod reference;
 mod sampled_input;
 mod scheme;
@@ -28,13 +30,15 @@ pub use adaptive::{Adaptive, Start};
 pub use case::Case;
 pub use controller::{Controller, Noise, Quantise, Setpoint};
 pub use element::Element;
-pub use event::{Action, Direction, Event};
+pub use event::{Action, Direction, Event, SharedFunction};
 pub use grid::{Grid, GridRule};
+pub use gyroscopic::SkewMatrix;
 pub use initial::InitialState;
 pub use kernel::{kernel_of_document, kernel_of_file, kernel_of_symbol, kernel_of_table};
 pub use load::{Amplitude, Load, Pattern, Record};
 pub use matrix::SymmetricMatrix;
 pub use own_terms::{OwnTerms, SharedTerms};
+pub use past::Past;
 pub use reference::{Reference, ReferenceRow, ReferenceSource};
 pub use sampled_input::SampledInput;
 pub use scheme::{Convolution, ConvolutionFamily, DampedAt, Quadrature, Scheme};
@@ -125,6 +129,8 @@ impl Scenario {
         let scenario = document.with_root(|root| Self::from_root(&root, &document, known))?;
         scenario.check_start()?;
         scenario.check_cases()?;
+        scenario.check_earlier()?;
+        scenario.check_gyroscopic()?;
         Ok(scenario)
     }
 
@@ -183,7 +189,7 @@ impl Scenario {
         let system_table = root.required("system")?.table()?;
         let system = System::read(&system_table, known)?;
         let count = system.coordinates();
-        let initial = match root.optional("initial") {
+        let mut initial = match root.optional("initial") {
             Some(value) => InitialState::read(&value.table()?, &system)?,
             None => InitialState::at_rest(count),
         };
@@ -201,11 +207,19 @@ impl Scenario {
         if time.grid.is_some() && !convolution.family.is_staged() {
             return Err(grid::check_family(&root.required("time")?.table()?));
         }
+        if let Some(value) = root.optional("initial").map(|value| value.table()).transpose()?
+            && let Some(value) = value.optional("past")
+        {
+            initial.past = Some(Past::read(&value, count, past::rows_of_step(&scheme, &convolution))?);
+        }
         if let (Some(value), false) = (root.optional("convolution"), time.allow_unstable) {
             convolution.check_exponents(&value.table()?, &system)?;
         }
         let history = match root.optional("history") {
-            Some(value) => History::read(&value.table()?, convolution.family, &time)?,
+            Some(value) => {
+                let samples = time.steps.saturating_add(1).saturating_add(initial.past_steps());
+                History::read(&value.table()?, convolution.family, (time.grid.is_none(), samples))?
+            }
             None => History::default(),
         };
         let output = match root.optional("output") {
@@ -323,8 +337,11 @@ impl Scenario {
     /// If the time is no grid time, and those of [`ending_after`](Self::ending_after).
     pub fn ending_at(&self, end: f64) -> Result<Self, InputError> {
         self.require_equal_steps()?;
-        let steps =
-            if end >= 0.0 { time::steps_to(end, self.time.step) } else { Err("an end ≥ 0".to_owned()) };
+        let steps = if end >= self.time.start {
+            time::steps_to(end, self.time.start, self.time.step)
+        } else {
+            Err("an end ≥ 0".to_owned())
+        };
         let refused = |allowed| {
             self.error_at(
                 "time.step",
@@ -354,6 +371,11 @@ impl Scenario {
         self.system.coordinates()
     }
 
+    /// Samples that a memory takes: one for each step, of the past too, and the first main node.
+    pub fn samples(&self) -> usize {
+        self.time.steps.saturating_add(self.initial.past_steps()).saturating_add(1)
+    }
+
     /// The coordinates that are written and drawn.
     pub fn written_coordinates(&self) -> Vec<usize> {
         self.output.coordinates.clone().unwrap_or_else(|| (0..self.coordinates()).collect())
@@ -377,14 +399,88 @@ impl Scenario {
         self.document.error_at(path.copied().unwrap_or_default(), problem)
     }
 
+    /// Refuses what does not go with gyroscopic forces, whose velocity is that of the polynomial at the
+    /// nodes.
+    fn check_gyroscopic(&self) -> Result<(), InputError> {
+        if self.system.gyroscopic.is_none() {
+            return Ok(());
+        }
+        let refused = |path: &str, allowed: &str| {
+            let (with, allowed) = ("`system.gyroscopic`".to_owned(), allowed.to_owned());
+            Err(self.error_at(path, Problem::Incompatible { with, allowed }))
+        };
+        let nodes = "\"low-order\", or \"galerkin\" with as many Gauss points as its degree";
+        match self.scheme {
+            Scheme::LowOrder { .. } => {}
+            Scheme::Galerkin { degree, .. } if past::nodes(&self.scheme, &self.convolution) == degree => {}
+            _ => return refused("scheme", nodes),
+        }
+        if self.convolution.at == DampedAt::MainNodes {
+            return refused("convolution.at", "\"nodes\", where the scheme has a velocity");
+        }
+        if self.time.grid.is_some() {
+            return refused("time.grid", "\"uniform\"");
+        }
+        if self.sensitivity.is_some() {
+            return refused("sensitivity", "a system without it: derivatives leave it out");
+        }
+        if !self.cases.is_empty() {
+            return refused("case", "one motion: load cases need a symmetric matrix of the step");
+        }
+        Ok(())
+    }
+
+    /// Refuses what does not go with a start other than t = 0 or a motion before it.
+    fn check_earlier(&self) -> Result<(), InputError> {
+        let (key, with) = match (&self.initial.past, self.time.start != 0.0) {
+            (Some(_), _) => ("initial.past", "`initial.past`"),
+            (None, true) => ("time.start", "`time.start`"),
+            (None, false) => return Ok(()),
+        };
+        let refused = |path: &str, allowed: &str| {
+            let (with, allowed) = (with.to_owned(), allowed.to_owned());
+            Err(self.error_at(path, Problem::Incompatible { with, allowed }))
+        };
+        if self.time.grid.is_some() {
+            let with = "steps that differ".to_owned();
+            let allowed = "equal steps, whose memories have a sample for each step of the past".to_owned();
+            return Err(self.error_at(key, Problem::Incompatible { with, allowed }));
+        }
+        if self.input.is_some() {
+            return refused("input", "`[[system.load]]` with a record in place of samples");
+        }
+        if !self.controllers.is_empty() {
+            return refused(
+                "controller",
+                "a scenario that begins at t = 0, where controllers take their first sample",
+            );
+        }
+        if self.sensitivity.is_some() {
+            return refused("sensitivity", "a scenario that begins at t = 0, from its initial state");
+        }
+        if self.initial.past.is_some() {
+            if !self.convolution.starting.is_empty() {
+                return refused(
+                    "convolution.starting",
+                    "no starting weights: they are for motions that begin at the start",
+                );
+            }
+            if !self.cases.is_empty() {
+                return refused("case", "a scenario of one motion: the past would be that of all cases");
+            }
+        }
+        Ok(())
+    }
+
     /// Refuses a potential or force that is not finite where the run begins.
     fn check_start(&self) -> Result<(), InputError> {
+        let (start, half) = (self.time.start, self.time.start + 0.5 * self.time.step);
         let place = match self.initial.position.as_slice() {
-            few if few.len() <= 64 => format!("t = 0, q = {few:?}"),
-            _ => "t = 0".to_owned(),
+            few if few.len() <= 64 => format!("t = {start}, q = {few:?}"),
+            _ => format!("t = {start}"),
         };
         if let Some(potential) = &self.system.potential
-            && !potential.value(Moment::inside(0.0), &self.initial.position).is_finite()
+            && !potential.value(Moment::inside(start), &self.initial.position).is_finite()
         {
             return Err(
                 self.error_at("system.potential", Problem::NotFinite { what: "the potential", place })
@@ -398,18 +494,18 @@ impl Scenario {
         });
         for (path, load) in common.chain(of_cases) {
             if let Amplitude::Expression(amplitude) = &load.amplitude
-                && !amplitude.value::<f64>(Moment::inside(0.0), &[]).is_finite()
-                && !amplitude.value::<f64>(Moment::inside(0.5 * self.time.step), &[]).is_finite()
+                && !amplitude.value::<f64>(Moment::inside(start), &[]).is_finite()
+                && !amplitude.value::<f64>(Moment::inside(half), &[]).is_finite()
             {
-                let problem = Problem::NotFinite { what: "the amplitude", place: "t = 0".to_owned() };
+                let problem = Problem::NotFinite { what: "the amplitude", place: format!("t = {start}") };
                 return Err(self.error_at(&format!("{path}.amplitude"), problem));
             }
         }
         for (index, force) in self.system.force.iter().flatten().enumerate() {
             // A force may be singular at t = 0 alone, where schemes with interior nodes never look; only a
             // force that is not a number there because of its coordinates is certain to fail.
-            let value = force.value(Moment::inside(0.0), &self.initial.position);
-            let later = force.value(Moment::inside(0.5 * self.time.step), &self.initial.position);
+            let value = force.value(Moment::inside(start), &self.initial.position);
+            let later = force.value(Moment::inside(half), &self.initial.position);
             if !value.is_finite() && !later.is_finite() {
                 let problem = Problem::NotFinite { what: "the force", place };
                 return Err(self.error_at(&format!("system.force[{index}]"), problem));

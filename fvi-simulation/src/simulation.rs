@@ -11,6 +11,7 @@ pub mod events;
 mod forces_of_time;
 #[cfg(test)]
 mod forces_of_time_tests;
+mod gyroscopic;
 mod momentum_offset;
 pub mod motion;
 pub(crate) mod not_finite;
@@ -28,17 +29,19 @@ use crate::language::expression::Elementary;
 use crate::language::{InputError, Problem};
 use crate::memory::{EngineError, HostMemory, MOST_SHARING, Memories, MemoryRequest, Tables};
 use crate::model::{
-    AnySpace, DenseOutput, EnergiesAlong, EnergyRoom, Matrix, Model, OnePoint, Remembers, ScenarioSpace,
-    States, Switched,
+    AnyScheme, AnySpace, DenseOutput, EnergiesAlong, EnergyRoom, Matrix, Model, OnePoint, Remembers,
+    ScenarioSpace, States, Switched,
 };
-use crate::scenario::{self, ConvolutionFamily, DampedAt, Engine, ReportedMomentum, Scenario};
+use crate::scenario::{self, ConvolutionFamily, DampedAt, Engine, Past, ReportedMomentum, Scenario};
 pub use choice::{Solver, SolverChoice};
 use choice::{dense_warning, sparse_space};
 use control::Drive;
 use fvi_core::{
     Damping, Fixed, Instant, Integrator, IntegratorBuilder, IntegratorError, MatrixError, Mechanics, Memory,
-    MemoryError, Mismatch, Real, Sample, Scheme, StateError, StateReader, StateWriter, StepError,
+    MemoryError, Mismatch, Outcome, Real, Sample, Sampling, Scheme, StateError, StateReader, StateWriter,
+    StepError,
 };
+use gyroscopic::Gyroscopic;
 use momentum_offset::MomentumOffset;
 use nalgebra::DMatrix;
 use piece::{Piece, Place};
@@ -187,7 +190,11 @@ impl Simulation {
                 space
             }
             None => {
-                check_stability(scenario)?;
+                // Eigenvalues of full matrices take as long as hundreds of steps.
+                let known = choice::are_several(scenario) && stability::is_unconditional(scenario);
+                if !known || scenario.system.gyroscopic.is_some() {
+                    check_stability(scenario)?;
+                }
                 AnySpace::dense(scenario.coordinates())
             }
         };
@@ -370,6 +377,9 @@ const ALL_MOTIONS: usize = 256;
 
 /// The check of the step of a system in the dense space.
 fn check_stability(scenario: &Scenario) -> Result<(), InputError> {
+    if scenario.system.gyroscopic.is_some() {
+        return gyroscopic::check_step(scenario);
+    }
     if scenario.coordinates() > ALL_MOTIONS {
         return stability::check_large_step(scenario);
     }
@@ -380,7 +390,7 @@ fn check_stability(scenario: &Scenario) -> Result<(), InputError> {
 fn stiffness(scenario: &Scenario) -> Result<DMatrix<f64>, InputError> {
     let mut model = Model::<f64>::new(scenario).map_err(|error| bad_mass(scenario, &error))?;
     let size = scenario.coordinates();
-    let instant = Instant::in_step(0.0, 0.5, scenario.time.step);
+    let instant = Instant::in_step(scenario.time.start, 0.5, scenario.time.step);
     let mut pull = vec![0.0; size];
     let mut stiffness = model.stiffness();
     model.linearise(instant, &scenario.initial.position, &mut pull, &mut stiffness);
@@ -389,6 +399,16 @@ fn stiffness(scenario: &Scenario) -> Result<DMatrix<f64>, InputError> {
         dense[(row, column)] = entry;
     }
     Ok(dense)
+}
+
+/// Where in a step the nodes are whose positions `initial.past` has beside those at grid points; none where
+/// the latter say all.
+pub fn sample_fractions(scenario: &Scenario) -> Vec<f64> {
+    let scheme = AnyScheme::<f64>::new(scenario);
+    match scheme.as_ref().map(|scheme| Scheme::<f64, AnySpace>::sampling(scheme)) {
+        Ok(Sampling::Nodes(fractions)) if fractions.len() > 1 => fractions.to_vec(),
+        _ => Vec::new(),
+    }
 }
 
 fn bad_mass(scenario: &Scenario, error: &MatrixError) -> InputError {
@@ -434,8 +454,13 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> Machine<T, X> {
         let nodes = scheme.sampling().nodes();
         let mut damping = damping_terms(scenario, &space, nodes, tables)?;
         let system = space.system(scenario).map_err(|error| bad_mass(scenario, &error))?;
-        let position = space.vector(&scenario.initial.position);
-        let momentum = space.vector(&scenario.initial.momentum);
+        // With a past the motion begins with it, at rest.
+        let position = space.vector(scenario.initial.base());
+        let momentum = match scenario.initial.past {
+            None => space.vector(&scenario.initial.momentum),
+            Some(_) => space.zeros(),
+        };
+        let begin = scenario.time.start - scenario.initial.past_steps() as f64 * scenario.time.step;
         let input = space.zeros();
         let kicked = scenario.convolution.at == DampedAt::MainNodes;
         let is_dear = space.energy_is_dear();
@@ -445,12 +470,19 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> Machine<T, X> {
         let mean = kicked && scenario.output.momentum == ReportedMomentum::Mean;
         damping.kick = mean.then(|| Kick { next: space.zeros(), last: space.zeros() });
         let reported = (mean || !offset.is_empty()).then(|| space.zeros());
-        let integrator = IntegratorBuilder::in_space(space, system, scheme, T::of(scenario.time.step))
+        if let (Some(skew), Sampling::Nodes(fractions)) = (space.gyroscopic(scenario), scheme.sampling()) {
+            damping.gyroscopic = Some(Gyroscopic::new(skew, fractions, T::of(scenario.time.step)));
+        }
+        let mut integrator = IntegratorBuilder::in_space(space, system, scheme, T::of(scenario.time.step))
             .damping(damping)
+            .start(T::of(begin))
             .position(position)
             .momentum(momentum)
             .build()
             .map_err(|error| refused(scenario, &error))?;
+        if let Some(past) = &scenario.initial.past {
+            follow_past(&mut integrator, scenario, past)?;
+        }
         let has_switches = integrator.system().switches() > 0;
         let pieces = (scenario.is_looked_into() || has_switches).then(<[Piece<T>; 2]>::default);
         let is_compared = scenario.reference.as_ref().is_some_and(|reference| reference.knows()[2]);
@@ -584,6 +616,53 @@ fn in_double<T: Real>(numbers: &[T]) -> impl Iterator<Item = f64> {
     numbers.iter().map(|number| number.to_f64())
 }
 
+/// Tells the memories of an integrator at the beginning of the past what was, and takes it to the initial
+/// state.
+fn follow_past<T: Elementary + Memories, X: ScenarioSpace<T>>(
+    integrator: &mut Integrator<T, X, X::System, X::Scheme, DampingTerms<T, X>>,
+    scenario: &Scenario,
+    past: &Past,
+) -> Result<(), InputError> {
+    let (h, steps, size) = (scenario.time.step, past.steps(), scenario.coordinates());
+    let fraction = match integrator.scheme().sampling() {
+        Sampling::Nodes(&[fraction]) => fraction,
+        Sampling::Nodes(_) | Sampling::MainNodes => T::one(),
+    };
+    let mut kick: Vec<T> = scenario.initial.momentum.iter().map(|&p| T::of(p)).collect();
+    let (mut rise, mut increments) = (vec![T::zero(); size], Vec::new());
+    let (mut known, mut scratch) = (Vec::new(), Vec::new());
+    for step in 0..steps {
+        let from = X::slice(&integrator.state().position);
+        let end = past.end(step).unwrap_or(&scenario.initial.position);
+        rise.iter_mut().zip(end).zip(from).for_each(|((rise, &end), &from)| *rise = T::of(end) - from);
+        increments.clear();
+        match past.nodes(step) {
+            // A single node lies on a straight line.
+            [] => increments.extend(rise.iter().map(|&rise| fraction * rise)),
+            nodes => {
+                let nodes = nodes.chunks(size).flat_map(|node| node.iter().zip(from));
+                increments.extend(nodes.map(|(&node, &from)| T::of(node) - from));
+            }
+        }
+        known.clear();
+        known.resize(increments.len(), T::zero());
+        scratch.clear();
+        scratch.resize(increments.len() + size, T::zero());
+        // Rounded as a time is that is counted from the start.
+        let time = scenario.time.start - (steps - step - 1) as f64 * h;
+        let found = Outcome { increments: &increments, rise: &rise, kick: &kick };
+        integrator.follow(T::of(time), &found, &mut known, &mut scratch).map_err(|error| {
+            scenario.error_at("initial.past", Problem::Unusable { reason: error.to_string() })
+        })?;
+        kick.fill(T::zero());
+    }
+    // What acted at the end of the past has acted before the initial momentum.
+    if let Some(kick) = integrator.damping_mut().kick.as_mut() {
+        X::slice_mut(&mut kick.last).fill(T::zero());
+    }
+    Ok(())
+}
+
 fn refused(scenario: &Scenario, error: &IntegratorError) -> InputError {
     let path = match error {
         IntegratorError::InitialState => "initial",
@@ -610,7 +689,7 @@ fn memory_request<'a>(
             _ => channels,
         },
         motions: scenario.copies(),
-        samples: scenario.time.steps.saturating_add(1),
+        samples: scenario.samples(),
         given: false,
         history: &scenario.history,
     }
@@ -663,7 +742,7 @@ fn damping_terms<T: Elementary + Memories, X: ScenarioSpace<T>>(
             served.push(vec![index]);
         }
     }
-    Ok(DampingTerms { terms, served, kick: None })
+    Ok(DampingTerms { terms, served, kick: None, gyroscopic: None })
 }
 
 /// Terms of a scenario on a memory of their kernels.
@@ -724,6 +803,8 @@ struct DampingTerms<T: Elementary + Memories, X: ScenarioSpace<T>> {
     /// The scenario's terms that each of them serves.
     served: Vec<Vec<usize>>,
     kick: Option<Kick<X::Vector>>,
+    /// What acts like a damping without memory.
+    gyroscopic: Option<Gyroscopic<T, X::Block>>,
 }
 
 /// The fractional force Σ_m ρ_m (D^{β_m} q)_k at the main nodes: the momentum p_k of such a scheme is the one
@@ -744,6 +825,10 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> Damping<T, X> for DampingTer
         self.terms[..].begin(position, velocity);
     }
 
+    fn begin_at(&mut self, time: T) {
+        self.terms[..].begin_at(time);
+    }
+
     #[inline(always)]
     fn add_known(
         &mut self,
@@ -761,10 +846,16 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> Damping<T, X> for DampingTer
     #[inline(always)]
     fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
         self.terms[..].add_leading(increments, force, scratch);
+        if let Some(gyroscopic) = &self.gyroscopic {
+            gyroscopic.add(increments, force, scratch);
+        }
     }
 
-    fn visit_leading(&self, nodes: usize, visit: impl FnMut(usize, usize, T, &X::Block)) {
-        self.terms[..].visit_leading(nodes, visit);
+    fn visit_leading(&self, nodes: usize, mut visit: impl FnMut(usize, usize, T, &X::Block)) {
+        self.terms[..].visit_leading(nodes, &mut visit);
+        if let Some(gyroscopic) = &self.gyroscopic {
+            gyroscopic.visit(visit);
+        }
     }
 
     fn leading_is_constant(&self) -> bool {

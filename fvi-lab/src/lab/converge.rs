@@ -188,6 +188,12 @@ pub fn converge(
         let problem = Problem::Incompatible { with: "`fvi converge`".to_owned(), allowed };
         return Err(ConvergeError::Input(scenario.error_at("time.grid", problem)));
     }
+    if scenario.initial.past.is_some() {
+        let allowed =
+            "a motion that begins at the start: rows of a past are for one length of steps".to_owned();
+        let problem = Problem::Incompatible { with: "`fvi converge`".to_owned(), allowed };
+        return Err(ConvergeError::Input(scenario.error_at("initial.past", problem)));
+    }
     if let Some(index) = scenario.events.iter().position(|event| event.action == Action::Stop) {
         let allowed = "\"record\": errors are compared up to the same end".to_owned();
         let problem = Problem::Incompatible { with: "`fvi converge`".to_owned(), allowed };

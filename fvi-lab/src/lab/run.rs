@@ -245,6 +245,35 @@ pub enum RunError {
     Unsaved(#[from] StateError),
 }
 
+/// Where a run has got to: what another run of the same scenario needs to go on from there.
+///
+/// It has the state that a checkpoint has, without files; what belongs to the same scenario is for its caller
+/// to see to, whose code may be part of it.
+#[derive(Clone, Debug)]
+pub struct Standing {
+    progress: Progress,
+    state: Vec<u8>,
+    planned: usize,
+}
+
+impl Standing {
+    /// Steps made.
+    pub fn steps(&self) -> usize {
+        self.progress.steps
+    }
+
+    /// Bytes of its state.
+    pub fn bytes(&self) -> usize {
+        self.state.len()
+    }
+
+    /// Samples that engines and tables were chosen for: [`History::planned`](crate::scenario::History) of a
+    /// run that goes on.
+    pub fn planned(&self) -> usize {
+        self.planned
+    }
+}
+
 /// The record of a run.
 const SUMMARY: &str = "summary.json";
 /// Runs a scenario and writes its files.
@@ -603,13 +632,32 @@ impl<'s> Run<'s> {
         row: impl FnMut(usize, &GridState) -> Result<(), E>,
         take: impl FnMut(&Stretch),
     ) -> Result<Vec<RunSummary>, E> {
-        let end = self.rows(stop, row, take)?;
+        let end = self.rows_of_cases(stop, row, take)?;
+        Ok(self.summaries(end))
+    }
+
+    /// As [`rows_of_cases_to_the_end`](Self::rows_of_cases_to_the_end), and the run stays: for a look at its
+    /// [`standing`](Self::standing) before the [`summaries`](Self::summaries).
+    ///
+    /// # Errors
+    /// Those of `row`.
+    pub fn rows_of_cases<E>(
+        &mut self,
+        stop: &AtomicBool,
+        row: impl FnMut(usize, &GridState) -> Result<(), E>,
+        take: impl FnMut(&Stretch),
+    ) -> Result<RunEnd, E> {
+        self.rows(stop, row, take)
+    }
+
+    /// The record of each load case, or of the one motion without them.
+    pub fn summaries(self, end: RunEnd) -> Vec<RunSummary> {
         let scenario = self.scenario;
         let summary = self.summary(end);
         if scenario.cases.is_empty() {
-            return Ok(vec![summary]);
+            return vec![summary];
         }
-        Ok((0..scenario.copies()).map(|case| summary.of_case(scenario, case)).collect())
+        (0..scenario.copies()).map(|case| summary.of_case(scenario, case)).collect()
     }
 
     /// Makes the steps; `row` sees the rows of each motion, `take` the states.
@@ -799,6 +847,33 @@ impl<'s> Run<'s> {
         }
     }
 
+    /// Where it has got to; `None` if it cannot go on from there, because an event has ended it, its steps
+    /// differ or are differentiated.
+    ///
+    /// # Errors
+    /// [`StateError`] if a memory cannot be saved.
+    pub fn standing(&self) -> Result<Option<Standing>, StateError> {
+        if self.is_ended() || self.scenario.sensitivity.is_some() || self.scenario.time.grid.is_some() {
+            return Ok(None);
+        }
+        let planned = self.scenario.history.planned.unwrap_or_else(|| self.scenario.samples());
+        let (progress, state) = (self.progress(Vec::new()), self.motion.save()?);
+        Ok(Some(Standing { progress, state, planned }))
+    }
+
+    /// How many bytes the state of [`standing`](Self::standing) would have, about.
+    pub fn memory_bytes(&self) -> usize {
+        self.motion.simulation().memory_bytes()
+    }
+
+    /// Goes on from where another run of the scenario has got to.
+    ///
+    /// # Errors
+    /// [`StateError`] if the simulation is another one; the run is of no use then.
+    pub fn go_on_from(&mut self, standing: &Standing) -> Result<(), StateError> {
+        self.resume(standing.progress.clone(), &standing.state)
+    }
+
     /// How far it has got.
     fn progress(&self, files: Vec<OutletMark>) -> Progress {
         Progress {
@@ -822,8 +897,11 @@ impl<'s> Run<'s> {
 
     /// Goes on from a checkpoint.
     fn go_on(&mut self, checkpoint: &Checkpoint) -> Result<(), StateError> {
-        let progress = checkpoint.progress.clone();
-        self.motion.go_on(progress.steps, &checkpoint.state, progress.guard, progress.chosen)?;
+        self.resume(checkpoint.progress.clone(), &checkpoint.state)
+    }
+
+    fn resume(&mut self, progress: Progress, state: &[u8]) -> Result<(), StateError> {
+        self.motion.go_on(progress.steps, state, progress.guard, progress.chosen)?;
         self.seen = true;
         self.preparation_seconds += progress.preparation_seconds;
         self.seconds = progress.seconds;

@@ -6,10 +6,41 @@ use crate::language::document::Table;
 use crate::language::error::{InputError, Problem};
 use crate::language::expression::Expression;
 use serde::Serialize;
+use std::fmt;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// A function of time, position and momentum, one number for each coordinate in the latter two.
+type Function = dyn FnMut(f64, &[f64], &[f64]) -> f64 + Send;
+
+/// A function in code that an event watches, shared by the parts of a run. A call that fails returns NaN and
+/// keeps the reason to itself.
+#[derive(Clone)]
+pub struct SharedFunction(Arc<Mutex<Function>>);
+
+impl SharedFunction {
+    /// To share.
+    pub fn new(function: impl FnMut(f64, &[f64], &[f64]) -> f64 + Send + 'static) -> Self {
+        Self(Arc::new(Mutex::new(function)))
+    }
+
+    /// Its value.
+    pub fn value(&self, time: f64, position: &[f64], momentum: &[f64]) -> f64 {
+        (*self.0.lock().unwrap_or_else(PoisonError::into_inner))(time, position, momentum)
+    }
+}
+
+impl fmt::Debug for SharedFunction {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("SharedFunction(…)")
+    }
+}
 
 /// An event: a function of time, position and momentum passes zero.
 #[derive(Clone, Debug, Serialize)]
 pub struct Event {
+    /// A function in code in place of that below.
+    #[serde(skip)]
+    pub own: Option<SharedFunction>,
     /// The function, of `t`, `q0`, …, `p0`, … and the parameters.
     pub when: Expression,
     /// The direction in which it passes.
@@ -74,6 +105,6 @@ impl Event {
         let actions = [("record", Action::Record), ("stop", Action::Stop)];
         let action =
             table.optional("action").map_or(Ok(Action::default()), |value| value.choice(&actions))?;
-        Ok(Self { when, direction, action })
+        Ok(Self { own: None, when, direction, action })
     }
 }

@@ -1,28 +1,32 @@
 //! `[initial]`: where the system starts.
 
+use super::past::Past;
 use super::system::System;
 use crate::language::document::Table;
 use crate::language::error::InputError;
 use serde::Serialize;
 
-/// Position and momentum at t = 0.
+/// Position and momentum at the start, and the motion before it.
 #[derive(Clone, Debug, Serialize)]
 pub struct InitialState {
     /// q₀.
     pub position: Vec<f64>,
     /// p₀ = M v₀.
     pub momentum: Vec<f64>,
+    /// What memories know of the time before; absent: the system was at rest at q₀.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub past: Option<Past>,
 }
 
 impl InitialState {
     /// Rest at the origin.
     pub(super) fn at_rest(count: usize) -> Self {
-        Self { position: vec![0.0; count], momentum: vec![0.0; count] }
+        Self { position: vec![0.0; count], momentum: vec![0.0; count], past: None }
     }
 
     /// Reads the keys; without momentum and velocity it is at rest.
     pub(super) fn read(table: &Table<'_>, system: &System) -> Result<Self, InputError> {
-        table.allow(&["position", "momentum", "velocity"])?;
+        table.allow(&["position", "momentum", "velocity", "past"])?;
         let count = system.coordinates();
         let position = table.required("position")?.vector(count)?;
         if table.optional("momentum").or(table.optional("velocity")).is_none() {
@@ -34,6 +38,17 @@ impl InitialState {
         if momentum.iter().any(|entry| !entry.is_finite()) {
             return Err(value.out_of_range("a velocity whose momentum M v is finite"));
         }
-        Ok(Self { position, momentum })
+        Ok(Self { position, momentum, past: None })
+    }
+
+    /// Steps of the past.
+    pub fn past_steps(&self) -> usize {
+        self.past.as_ref().map_or(0, Past::steps)
+    }
+
+    /// Where the motion begins that memories know, from rest unless it begins at the start: what is left out
+    /// of Caputo's derivatives.
+    pub fn base(&self) -> &[f64] {
+        self.past.as_ref().map_or(&self.position, Past::first)
     }
 }

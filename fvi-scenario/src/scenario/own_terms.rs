@@ -17,11 +17,17 @@ pub trait OwnTerms: Send {
         true
     }
 
+    /// Where ∂²U/∂q² − ∂F/∂q may have entries, as (row, column), each place with its mirror image: such terms
+    /// leave large systems sparse. `None`: everywhere, row by row.
+    fn places(&self) -> Option<Vec<(u32, u32)>> {
+        None
+    }
+
     /// Adds ∇U(q) − F(t, q).
     fn add_pull(&mut self, moment: Moment<f64>, position: &[f64], pull: &mut [f64]);
 
-    /// Adds ∇U(q) − F(t, q), and its derivative ∂²U/∂q² − ∂F/∂q to `stiffness`, row by row. Not called where
-    /// nothing depends on the position.
+    /// Adds ∇U(q) − F(t, q), and its derivative ∂²U/∂q² − ∂F/∂q to `stiffness`, one number for each of the
+    /// [`places`](Self::places), or row by row. Not called where nothing depends on the position.
     fn add_linearisation(
         &mut self,
         moment: Moment<f64>,
@@ -47,6 +53,16 @@ impl SharedTerms {
     /// Whether they depend on the position.
     pub fn depend_on_position(&self) -> bool {
         self.with(|terms| terms.depends_on_position())
+    }
+
+    /// Whether they make the equations of a step full: they depend on the position, and do not say where.
+    pub fn are_full(&self) -> bool {
+        self.with(|terms| terms.depends_on_position() && terms.places().is_none())
+    }
+
+    /// Whether they depend on the position in places that they say.
+    pub fn are_sparse(&self) -> bool {
+        self.with(|terms| terms.depends_on_position() && terms.places().is_some())
     }
 
     /// Calls them.

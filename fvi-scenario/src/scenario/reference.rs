@@ -140,7 +140,7 @@ impl Reference {
 
     /// The known solution at grid point `index`; `None` where nothing is known.
     pub fn at_grid_point(&self, index: usize, grid: &TimeGrid, coordinates: usize) -> Option<ReferenceRow> {
-        if grid.grid.is_none() {
+        if grid.grid.is_none() && grid.start == 0.0 {
             return self.at_step(index, grid.step, coordinates);
         }
         self.near(grid.time(index), grid.tolerance(index), coordinates)

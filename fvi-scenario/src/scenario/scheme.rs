@@ -136,7 +136,15 @@ impl ConvolutionFamily {
 
     /// Whether it is a Runge–Kutta family, with stages.
     pub fn is_staged(&self) -> bool {
-        matches!(self, Self::RadauIia { .. } | Self::LobattoIiic { .. })
+        self.stages().is_some()
+    }
+
+    /// The stages of a Runge–Kutta family.
+    pub fn stages(&self) -> Option<usize> {
+        match *self {
+            Self::RadauIia { stages } | Self::LobattoIiic { stages } => Some(stages),
+            Self::Bdf { .. } | Self::Trapezoidal => None,
+        }
     }
 }
 

@@ -1,6 +1,7 @@
 //! `[system]`: mass, potential, force, parameters and damping.
 
 use super::element::Element;
+use super::gyroscopic::SkewMatrix;
 use super::kernel::read_transfer;
 use super::load::Load;
 use super::matrix::SymmetricMatrix;
@@ -15,8 +16,8 @@ use serde::ser::SerializeMap;
 use serde::{Serialize, Serializer};
 use std::collections::BTreeMap;
 
-/// d/dt (M q̇) + K q + ∇U(q) + Σ_e ∇U_e(q) = F(t, q) + Σ_l f_l a_l(t) − Σ_m ρ_m K_m(D) q, K_m(D) = D^{β_m} or
-/// of another transfer function.
+/// d/dt (M q̇) + G q̇ + K q + ∇U(q) + Σ_e ∇U_e(q) = F(t, q) + Σ_l f_l a_l(t) − Σ_m ρ_m K_m(D) q, K_m(D) =
+/// D^{β_m} or of another transfer function.
 #[derive(Clone, Debug, Serialize)]
 pub struct System {
     /// M, symmetric positive definite.
@@ -24,6 +25,9 @@ pub struct System {
     /// K, symmetric; absent: none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub stiffness: Option<SymmetricMatrix>,
+    /// G, skew-symmetric; absent: none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gyroscopic: Option<SkewMatrix>,
     /// U(q); absent: none.
     pub potential: Option<Expression>,
     /// F(t, q), one expression for each coordinate; absent: none.
@@ -102,6 +106,7 @@ impl System {
         table.allow(&[
             "mass",
             "stiffness",
+            "gyroscopic",
             "potential",
             "force",
             "force_quadrature",
@@ -125,6 +130,8 @@ impl System {
             Some(value) => Some(SymmetricMatrix::read(&value, Some(count), &mut known)?),
             None => None,
         };
+        let gyroscopic =
+            table.optional("gyroscopic").map(|value| SkewMatrix::read(&value, count)).transpose()?;
         let parameters = match table.optional("parameters") {
             Some(value) => read_parameters(&value)?,
             None => BTreeMap::new(),
@@ -172,6 +179,7 @@ impl System {
         Ok(Self {
             mass,
             stiffness,
+            gyroscopic,
             potential,
             force,
             force_quadrature,
@@ -195,6 +203,12 @@ impl System {
             || !self.elements.is_empty()
             || !self.loads.is_empty()
             || self.has_sparse_matrices()
+            || self.has_sparse_terms()
+    }
+
+    /// Whether there are terms in code that say where their derivatives have entries.
+    pub fn has_sparse_terms(&self) -> bool {
+        self.own_terms.as_ref().is_some_and(SharedTerms::are_sparse)
     }
 
     /// Whether mass, stiffness or damping are known by their entries that need not be zero.

@@ -66,7 +66,7 @@ fn every_key_is_read() {
     assert_eq!(scenario.convolution.family, ConvolutionFamily::Bdf { order: 3 });
     assert_eq!(
         scenario.time,
-        TimeGrid { step: 0.1, steps: 300, grid: None, allow_unstable: false, energy_guard: None }
+        TimeGrid { start: 0.0, step: 0.1, steps: 300, grid: None, allow_unstable: false, energy_guard: None }
     );
     assert_eq!(scenario.history.engine, Some(Engine::Direct));
     assert_eq!(scenario.history.capacity, Some(64));
@@ -582,4 +582,81 @@ fn starting_weights_that_lower_the_order_are_warned_of() {
     }
     assert!(!warned(0.5, "[]", [1.0, 0.5], "caputo"));
     assert!(!warned(0.5, "[1.0]", [0.0, 0.5], "riemann-liouville"));
+}
+
+/// A scenario that begins at t = 1 with a past of three steps and turns.
+const LATER: &str = r#"
+[system]
+mass = [1.0, 1.0]
+gyroscopic = [[0.0, -0.5], [0.5, 0.0]]
+[[system.damping]]
+order = 0.5
+coefficient = [0.1, 0.2]
+[initial]
+position = [0.3, 0.0]
+past = [[0.0, 0.0], [0.1, 0.0], [0.2, 0.0]]
+[time]
+start = 1.0
+step = 0.25
+end = 3.0
+"#;
+
+#[test]
+fn a_start_a_past_and_a_gyroscopic_matrix_are_read_and_written() {
+    let scenario = read(LATER).unwrap();
+    assert_eq!((scenario.time.steps, scenario.time.time(0), scenario.time.time(8)), (8, 1.0, 3.0));
+    assert_eq!((scenario.time.index_of(1.5), scenario.time.first_step_from(1.1)), (Some(2), 1));
+    assert_eq!((scenario.samples(), scenario.initial.base()), (12, &[0.0, 0.0][..]));
+    let past = scenario.initial.past.as_ref().unwrap();
+    assert_eq!((past.steps(), past.end(0), past.end(2)), (3, Some(&[0.1, 0.0][..]), None));
+    assert!(past.nodes(1).is_empty());
+    assert_eq!(scenario.system.gyroscopic.as_ref().unwrap().entries(), [(0, 1, -0.5), (1, 0, 0.5)]);
+    let value = serde_json::to_value(&scenario).unwrap();
+    assert_eq!(value["time"]["start"], 1.0);
+    let again = Scenario::from_value(&scenario).unwrap();
+    assert_eq!(serde_json::to_value(&again).unwrap(), value);
+    // A run that begins at zero says nothing of it.
+    let value = serde_json::to_value(read(GOOD).unwrap()).unwrap();
+    assert!(value["time"].get("start").is_none() && value["initial"].get("past").is_none());
+    // With two nodes a step of the past has three rows.
+    let nodes = LATER.replacen("[time]", "[scheme]\nkind = \"galerkin\"\ndegree = 2\n[time]", 1);
+    let past = read(&nodes).unwrap().initial.past.unwrap();
+    assert_eq!((past.steps(), past.nodes(0)), (1, &[0.1, 0.0, 0.2, 0.0][..]));
+}
+
+#[test]
+fn what_does_not_go_with_a_start_a_past_or_a_gyroscopic_matrix_is_refused() {
+    let cases = [
+        ("start = 1.0", "start = -1.0", "time.start", "a start ≥ 0"),
+        ("end = 3.0", "end = 0.5", "time.end", "an end ≥ `start`"),
+        ("end = 3.0", "end = 3.1", "time.end", "such as 3 or 3.25"),
+        ("[[0.0, 0.0], [0.1, 0.0], [0.2, 0.0]]", "[[0.0], [0.1]]", "initial.past", "rows of 2 numbers"),
+        ("[[0.0, 0.0], [0.1, 0.0], [0.2, 0.0]]", "[]", "initial.past", "one row at least"),
+        (
+            "[time]",
+            "[scheme]\nkind = \"galerkin\"\ndegree = 3\n[time]",
+            "initial.past",
+            "4 rows for each step",
+        ),
+        (
+            "[time]",
+            "[convolution]\nstarting = [0.5]\nat = \"main-nodes\"\n[time]",
+            "convolution.starting",
+            "no starting",
+        ),
+        ("[time]", "[input]\nsamples = [[1.0, 0.0]]\nperiod = 0.25\n[time]", "input", "[[system.load]]"),
+        ("[[0.0, -0.5], [0.5, 0.0]]", "[[0.0, -0.5], [0.4, 0.0]]", "system.gyroscopic", "(0, 1) is -0.5"),
+        ("[[0.0, -0.5], [0.5, 0.0]]", "[[0.1, -0.5], [0.5, 0.0]]", "system.gyroscopic", "(0, 0) is 0.1"),
+        ("[[0.0, -0.5], [0.5, 0.0]]", "[[0.0, -0.5]]", "system.gyroscopic", "2 rows of 2"),
+        ("[time]", "[convolution]\nat = \"main-nodes\"\n[time]", "convolution.at", "\"nodes\""),
+        ("[time]", "[scheme]\nkind = \"implicit-euler\"\n[time]", "scheme", "Gauss points"),
+        ("[time]", "[output]\ntimes = [0.5]\n[time]", "output.times", "times from 1 to the end"),
+    ];
+    for (passage, replacement, key, words) in cases {
+        assert!(LATER.contains(passage), "{passage}");
+        let error = read(&LATER.replacen(passage, replacement, 1)).unwrap_err();
+        let told = format!("{error}; {}", error.problem().allowed().unwrap_or_default());
+        assert_eq!(error.key(), key, "{replacement}: {told}");
+        assert!(told.contains(words), "{replacement}: {told}");
+    }
 }

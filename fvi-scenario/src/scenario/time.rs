@@ -14,9 +14,11 @@ use std::sync::OnceLock;
 /// Most steps of a run: beyond 2⁵³ their numbers have no exact place among floating-point numbers.
 pub const MOST_STEPS: usize = 1 << 53;
 
-/// The times t_0 = 0 … t_steps: t_k = k h, or those of a grid whose steps differ.
+/// The times t_0 … t_steps: t_k = t_0 + k h, or those of a grid whose steps differ, from t_0 = 0 on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TimeGrid {
+    /// t_0 ≥ 0; zero where the steps differ.
+    pub start: f64,
     /// h > 0; the shortest step where they differ.
     pub step: f64,
     /// Number of steps; the most that are made where they are chosen on the way.
@@ -35,6 +37,8 @@ pub struct TimeGrid {
 struct Record<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
     grid: Option<&'static str>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    start: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     step: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -76,7 +80,10 @@ impl Serialize for TimeGrid {
         let Self { allow_unstable, energy_guard, .. } = *self;
         let mut record = Record { allow_unstable, energy_guard, ..Record::default() };
         match &self.grid {
-            None => (record.step, record.steps) = (Some(self.step), Some(self.steps)),
+            None => {
+                record.start = Some(self.start).filter(|&start| start != 0.0);
+                (record.step, record.steps) = (Some(self.step), Some(self.steps));
+            }
             Some(grid) => {
                 record.must_hit = grid.must_hit();
                 match grid.rule() {
@@ -136,18 +143,25 @@ impl TimeGrid {
             [("stop", OnEnergyGrowth::Stop), ("warn", OnEnergyGrowth::Warn), ("off", OnEnergyGrowth::Ignore)];
         let energy_guard =
             table.optional("energy_guard").map(|value| value.choice(&reactions)).transpose()?;
-        let (step, steps, grid) = if uniform {
-            let (step, steps) = Self::read_uniform(table)?;
-            (step, steps, None)
+        let (start, step, steps, grid) = if uniform {
+            let (start, step, steps) = Self::read_uniform(table)?;
+            (start, step, steps, None)
         } else {
+            if let Some(value) = table.optional("start") {
+                let (with, allowed) = ("steps that differ", "equal steps; the other grids begin at t = 0");
+                return Err(value.key_error(Problem::Incompatible {
+                    with: with.to_owned(),
+                    allowed: allowed.to_owned(),
+                }));
+            }
             let grid = Grid::read(table, start, document)?;
             let (shortest, steps) = match grid.adaptive() {
                 Some(adaptive) => (adaptive.shortest, MOST_STEPS_CHOSEN),
                 None => (grid.lengths().fold(f64::INFINITY, f64::min), grid.times().len() - 1),
             };
-            (shortest, steps, Some(grid))
+            (0.0, shortest, steps, Some(grid))
         };
-        let grid = Self { step, steps, grid, allow_unstable, energy_guard };
+        let grid = Self { start, step, steps, grid, allow_unstable, energy_guard };
         if let (true, Some(value)) = (uniform, table.optional("must_hit")) {
             let times = read_must_hit(&value, grid.end())?;
             if let Some(time) = times.iter().find(|&&time| grid.index_of(time).is_none()) {
@@ -160,24 +174,45 @@ impl TimeGrid {
         Ok(grid)
     }
 
-    /// Step and number of steps of a uniform grid.
-    fn read_uniform(table: &Table<'_>) -> Result<(f64, usize), InputError> {
-        table.allow(&["grid", "step", "steps", "end", "must_hit", "allow_unstable", "energy_guard"])?;
+    /// Start, step and number of steps of a uniform grid.
+    fn read_uniform(table: &Table<'_>) -> Result<(f64, f64, usize), InputError> {
+        table.allow(&[
+            "grid",
+            "start",
+            "step",
+            "steps",
+            "end",
+            "must_hit",
+            "allow_unstable",
+            "energy_guard",
+        ])?;
         let step = table.required("step")?.positive()?;
+        let start = match table.optional("start") {
+            Some(value) => match value.number()? {
+                start if start >= 0.0 => start,
+                _ => {
+                    return Err(
+                        value.out_of_range("a start ≥ 0: a motion before it belongs into `initial.past`")
+                    );
+                }
+            },
+            None => 0.0,
+        };
         let (counted, value) = table.either("steps", "end")?;
         let steps = if counted {
             value.whole(0..=MOST_STEPS)?
         } else {
             let end = value.number()?;
-            if end < 0.0 {
-                return Err(value.out_of_range("an end ≥ 0"));
+            if end < start {
+                let allowed = if start == 0.0 { "an end ≥ 0" } else { "an end ≥ `start`" };
+                return Err(value.out_of_range(allowed));
             }
-            steps_to(end, step).map_err(|allowed| value.out_of_range(allowed))?
+            steps_to(end, start, step).map_err(|allowed| value.out_of_range(allowed))?
         };
-        if !(step * steps as f64).is_finite() {
+        if !(start + step * steps as f64).is_finite() {
             return Err(value.out_of_range("an end that is a finite time"));
         }
-        Ok((step, steps))
+        Ok((start, step, steps))
     }
 
     /// The same time in another number of steps, where the grid has a rule for any.
@@ -189,7 +224,10 @@ impl TimeGrid {
                 grid: Some(grid),
                 ..self.clone()
             },
-            None => Self { step: self.end() / steps.max(1) as f64, steps, grid: None, ..self.clone() },
+            None => {
+                let step = (self.end() - self.start) / steps.max(1) as f64;
+                Self { step, steps, grid: None, ..self.clone() }
+            }
         }
     }
 
@@ -227,7 +265,7 @@ impl TimeGrid {
     /// t_k.
     pub fn time(&self, index: usize) -> f64 {
         match &self.grid {
-            None => self.step * index as f64,
+            None => self.start + self.step * index as f64,
             Some(grid) => grid.times().get(index).copied().unwrap_or_else(|| grid.end()),
         }
     }
@@ -245,7 +283,7 @@ impl TimeGrid {
     pub(super) fn first_step_from(&self, time: f64) -> usize {
         match &self.grid {
             None => {
-                let place = time / self.step;
+                let place = (time - self.start) / self.step;
                 if place.is_infinite() {
                     return usize::MAX;
                 }
@@ -268,7 +306,7 @@ impl TimeGrid {
             };
             return [after, after.saturating_sub(1)].into_iter().find(near);
         }
-        let index = (time / self.step).round();
+        let index = ((time - self.start) / self.step).round();
         if !(index >= 0.0 && index <= self.steps as f64) {
             return None;
         }
@@ -283,16 +321,17 @@ impl TimeGrid {
     }
 }
 
-/// The number of steps to a time ≥ 0, which is a grid time but for rounding; or what is allowed.
-pub(super) fn steps_to(end: f64, step: f64) -> Result<usize, String> {
-    let exact = end / step;
+/// The number of steps from a start to a time after it, which is a grid time but for rounding; or what is
+/// allowed.
+pub(super) fn steps_to(end: f64, start: f64, step: f64) -> Result<usize, String> {
+    let exact = (end - start) / step;
     let whole = exact.round();
     if whole > MOST_STEPS as f64 {
         return Err(format!("at most {MOST_STEPS} steps of {step}"));
     }
-    let off_grid = (exact - whole).abs() > 1e-9 * whole.max(1.0);
-    if off_grid || (whole == 0.0 && end > 0.0) {
-        let (before, after) = (exact.floor() * step, (exact.floor() + 1.0) * step);
+    let off_grid = (exact - whole).abs() > 1e-9 * whole.max(1.0) + 4.0 * f64::EPSILON * start / step;
+    if off_grid || (whole == 0.0 && end > start) {
+        let (before, after) = (start + exact.floor() * step, start + (exact.floor() + 1.0) * step);
         // Far out, neighbouring grid times are one number.
         let examples = if before < after { format!(", such as {before} or {after}") } else { String::new() };
         return Err(format!("a whole number of steps of {step}{examples}; or give `steps` instead"));
@@ -437,7 +476,7 @@ impl History {
     pub(super) fn read(
         table: &Table<'_>,
         family: ConvolutionFamily,
-        time: &TimeGrid,
+        (on_equal_steps, samples): (bool, usize),
     ) -> Result<Self, InputError> {
         table.allow(&["engine", "tolerance", "horizon", "capacity", "overflow", "states", "threads"])?;
         let mut engine = table.optional("engine").map(|value| value.choice(&Engine::NAMES)).transpose()?;
@@ -469,7 +508,7 @@ impl History {
                 let allowed = "another engine here, or a Runge–Kutta family";
                 return incompatible("`convolution.family` = \"bdf\"", allowed);
             }
-            if engine != Engine::AnyStep && time.grid.is_some() {
+            if engine != Engine::AnyStep && !on_equal_steps {
                 let allowed = "\"any-step\", which is what is taken without this key: the others have weights for equal steps";
                 return incompatible("this `time.grid`", allowed);
             }
@@ -518,7 +557,6 @@ impl History {
             None => None,
         };
         let threads = table.optional("threads").map(|value| value.whole(1..=1024)).transpose()?;
-        let samples = time.steps.saturating_add(1);
         let horizon = table.optional("horizon").map(|value| value.whole(samples..=usize::MAX)).transpose()?;
         let capacity = table.optional("capacity").map(|value| value.whole(1..=usize::MAX)).transpose()?;
         let overflow = match table.optional("overflow") {
@@ -631,9 +669,9 @@ impl OutputOptions {
         if times.is_empty() || !times.is_sorted_by(|earlier, later| earlier < later) {
             return Err(value.out_of_range("increasing times, one at least"));
         }
-        let end = grid.end();
-        if let Some(time) = times.iter().find(|&&time| !(0.0..=end).contains(&time)) {
-            return Err(value.out_of_range(format!("times from 0 to the end, {end}; {time} is not")));
+        let (start, end) = (grid.start, grid.end());
+        if let Some(time) = times.iter().find(|&&time| !(start..=end).contains(&time)) {
+            return Err(value.out_of_range(format!("times from {start} to the end, {end}; {time} is not")));
         }
         Ok(Self { times, ..output })
     }

@@ -98,7 +98,7 @@ impl Scenario {
     /// of a Runge–Kutta method resolve the kick while it has a limit: with Radau IIA the error of q falls
     /// like h^(2−β).
     fn singular_force_warning(&self, index: usize, term: &Damping) -> Option<String> {
-        let force = term.coefficient.times(&self.initial.position);
+        let force = term.coefficient.times(self.initial.base());
         let beta = term.transfer.growth();
         let at_stages = self.convolution.family.is_staged();
         if term.derivative == Derivative::Caputo

@@ -192,6 +192,10 @@ impl<T: Real, M: Memory<T>> Damping<T, AnySpace> for ChannelDamping<T, M> {
         self.channels.begin(&self.from, &start);
     }
 
+    fn begin_at(&mut self, time: T) {
+        self.channels.begin_at(time);
+    }
+
     fn add_known(&mut self, sample: &Sample<'_, T>, known: &mut [T], _: &mut [T]) -> Result<(), MemoryError> {
         self.take(sample);
         let Self {
@@ -303,6 +307,10 @@ impl<T: Real, M: Memory<T>> Damping<T, AnySpace> for HostTerm<T, M> {
 
     fn begin(&mut self, position: &[T], velocity: &[T]) {
         either!(self, term => term.begin(position, velocity));
+    }
+
+    fn begin_at(&mut self, time: T) {
+        either!(self, term => term.begin_at(time));
     }
 
     fn add_known(

@@ -149,6 +149,14 @@ impl<T: Real> Matrix<T> {
         Self::Sparse(Sparse { pattern: Arc::new(pattern), values: Shared::Own(values), threads: 1 })
     }
 
+    /// The matrix of `size` rows with these entries, those of one place added up.
+    pub fn of_entries(size: usize, entries: impl Iterator<Item = (usize, usize, f64)> + Clone) -> Self {
+        let pattern = Pattern::new(size, entries.clone().map(|(row, column, _)| (row, column)).collect());
+        let mut values = vec![T::zero(); pattern.len()];
+        entries.for_each(|(row, column, entry)| values[pattern.slot(row, column)] += T::of(entry));
+        Self::Sparse(Sparse { pattern: Arc::new(pattern), values: Shared::Own(values), threads: 1 })
+    }
+
     /// The same matrix, whose products may take so many threads; the bits are the same.
     #[must_use]
     pub fn on_threads(self, threads: usize) -> Self {

@@ -145,11 +145,8 @@ impl<T: Elementary> Model<T> {
             .chain(curved.iter().copied())
             .chain(elements.iter().flat_map(Elements::places));
         let of_force = pushed.iter().map(|&(row, column, _)| (row, column)).chain(turned.iter().copied());
-        let own = system.own_terms.clone().map(|terms| Own::new(terms, size));
-        let of_own = own
-            .iter()
-            .filter(|own| own.depends_on_position())
-            .flat_map(|_| (0..size).flat_map(|row| (0..size).map(move |column| (row, column))));
+        let mut own = system.own_terms.clone().map(|terms| Own::new(terms, size));
+        let of_own = own.iter().flat_map(Own::places);
         let places: Vec<_> = of_potential.flat_map(both).chain(of_force).chain(of_own).collect();
         let pattern = with_base(size, base.as_ref(), &places);
         let pattern = match &system.known {
@@ -164,6 +161,7 @@ impl<T: Elementary> Model<T> {
         let hessian_slots: Vec<_> = curved.iter().map(slots).map(narrow).collect();
         let jacobian_slots: Vec<_> = turned.iter().map(|&(row, column)| pattern.slot(row, column)).collect();
         elements.iter_mut().for_each(|elements| elements.settle(&pattern));
+        own.iter_mut().for_each(|own| own.settle(&pattern));
         let mut values = of_base(base.as_ref(), &pattern);
         for &(row, column, entry) in &springs {
             let (slot, mirrored) = slots(&(row, column));
@@ -597,7 +595,7 @@ struct Anchor<T> {
 
 impl<T: Real> Anchor<T> {
     fn of(scenario: &Scenario) -> Option<Self> {
-        let position = &scenario.initial.position;
+        let position = scenario.initial.base();
         let mut pull = vec![0.0; position.len()];
         for term in &scenario.system.damping {
             let spring = term.transfer.spring();

@@ -2,6 +2,7 @@
 
 use crate::language::expression::{Elementary, Moment};
 use crate::scenario::SharedTerms;
+use fvi_sparse::Pattern;
 
 /// Potential and forces that code supplies, with room for what they are asked and what they answer.
 #[derive(Clone, Debug)]
@@ -9,21 +10,53 @@ pub(super) struct Own {
     terms: SharedTerms,
     position: Vec<f64>,
     pull: Vec<f64>,
-    /// Row by row; none where nothing depends on the position.
+    /// One for each place, row by row where all are; none where nothing depends on the position.
     stiffness: Vec<f64>,
+    /// Where these are in the stiffness of the model; empty: as they come.
+    slots: Vec<usize>,
+    places: Option<Vec<(u32, u32)>>,
     depends_on_position: bool,
 }
 
 impl Own {
     pub(super) fn new(terms: SharedTerms, size: usize) -> Self {
         let depends_on_position = terms.depend_on_position();
-        let places = if depends_on_position { size * size } else { 0 };
+        let places = terms.with(|terms| terms.places()).filter(|_| depends_on_position);
+        let count = match &places {
+            Some(places) => places.len(),
+            None if depends_on_position => size * size,
+            None => 0,
+        };
         let (position, pull) = (vec![0.0; size], vec![0.0; size]);
-        Self { terms, position, pull, stiffness: vec![0.0; places], depends_on_position }
+        Self {
+            terms,
+            position,
+            pull,
+            stiffness: vec![0.0; count],
+            slots: Vec::new(),
+            places,
+            depends_on_position,
+        }
     }
 
     pub(super) fn depends_on_position(&self) -> bool {
         self.depends_on_position
+    }
+
+    /// The places of the stiffness, in the order of its numbers.
+    pub(super) fn places(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
+        let size = if self.places.is_none() && self.depends_on_position { self.pull.len() } else { 0 };
+        let all = (0..size).flat_map(move |row| (0..size).map(move |column| (row, column)));
+        let known = self.places.iter().flatten();
+        known.map(|&(row, column)| (row as usize, column as usize)).chain(all)
+    }
+
+    /// Finds its places in the pattern of the model, which has them.
+    pub(super) fn settle(&mut self, pattern: &Pattern) {
+        self.slots = match &self.places {
+            Some(_) => self.places().map(|(row, column)| pattern.slot(row, column)).collect(),
+            None => Vec::new(),
+        };
     }
 
     fn at<T: Elementary>(&mut self, position: &[T]) {
@@ -44,7 +77,7 @@ impl Own {
         add(&self.pull, pull);
     }
 
-    /// `stiffness` has every place, row by row, where anything depends on the position.
+    /// `stiffness` is that of the model: it has every place, row by row, unless places are known.
     pub(super) fn add_linearisation<T: Elementary>(
         &mut self,
         moment: Moment<T>,
@@ -63,7 +96,12 @@ impl Own {
             terms.add_linearisation(moment.in_double(), &self.position, own_pull, own_stiffness);
         });
         add(&self.pull, pull);
-        add(&self.stiffness, stiffness);
+        if self.places.is_none() {
+            return add(&self.stiffness, stiffness);
+        }
+        for (&slot, &number) in self.slots.iter().zip(&self.stiffness) {
+            stiffness[slot] += T::of(number);
+        }
     }
 }
 
@@ -208,5 +246,65 @@ mod tests {
                 assert!((a - b).abs() < 1e-14, "{element:?}: {a} {b}");
             }
         }
+    }
+
+    /// A row of pendulums by themselves, U = −9 Σ cos q_i, whose stiffness is a diagonal.
+    struct Row(usize);
+
+    impl OwnTerms for Row {
+        fn potential(&mut self, position: &[f64]) -> f64 {
+            position.iter().map(|&q| -9.0 * libm::cos(q)).sum()
+        }
+
+        fn places(&self) -> Option<Vec<(u32, u32)>> {
+            Some((0..self.0 as u32).rev().map(|index| (index, index)).collect())
+        }
+
+        fn add_pull(&mut self, _: Moment<f64>, position: &[f64], pull: &mut [f64]) {
+            pull.iter_mut().zip(position).for_each(|(pull, &q)| *pull += 9.0 * libm::sin(q));
+        }
+
+        fn add_linearisation(
+            &mut self,
+            moment: Moment<f64>,
+            position: &[f64],
+            pull: &mut [f64],
+            stiffness: &mut [f64],
+        ) {
+            assert_eq!(stiffness.len(), self.0);
+            self.add_pull(moment, position, pull);
+            stiffness.iter_mut().zip(position.iter().rev()).for_each(|(k, &q)| *k += 9.0 * libm::cos(q));
+        }
+
+        fn take_largest_force(&mut self, largest: &mut [f64]) {
+            largest.fill(0.0);
+        }
+    }
+
+    #[test]
+    fn places_that_are_known_leave_a_large_system_sparse() {
+        let size = 200;
+        let (masses, position) = (vec![1.0; size], (0..size).map(|index| 0.01 * index as f64));
+        let scenario = Scenario::from_value(&serde_json::json!({
+            "system": { "mass": masses, "load": [{ "pattern": { "coordinate": 3 }, "amplitude": "sin(t)" }] },
+            "initial": { "position": position.clone().collect::<Vec<f64>>() },
+            "time": { "step": 0.05, "steps": 20 },
+            "output": { "coordinates": [0] },
+        }));
+        let scenario = scenario.unwrap().with_own_terms(SharedTerms::new(Row(size)));
+        let mut motion = Motion::start(&scenario, Precision::F64).unwrap();
+        assert!(matches!(motion.simulation().solver(), Solver::Sparse { .. }));
+        let alone = Scenario::from_value(&serde_json::json!({
+            "system": { "mass": [1.0], "potential": "-9*cos(q0)" },
+            "initial": { "position": [1.0] },
+            "time": { "step": 0.05, "steps": 20 },
+        }));
+        let alone = alone.unwrap();
+        let mut pendulum = Motion::start(&alone, Precision::F64).unwrap();
+        for _ in 0..20 {
+            motion.advance().unwrap();
+            pendulum.advance().unwrap();
+        }
+        assert!((motion.state().position[100] - pendulum.state().position[0]).abs() < 1e-13);
     }
 }

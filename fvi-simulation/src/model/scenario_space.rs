@@ -71,6 +71,12 @@ pub trait ScenarioSpace<T: Elementary>: Space<T> {
         None
     }
 
+    /// G, skew-symmetric; `None` without gyroscopic forces.
+    fn gyroscopic(&self, scenario: &Scenario) -> Option<Self::Block> {
+        let _ = scenario;
+        None
+    }
+
     /// Number of channels that the memory of a term has for each node.
     fn channels(&self, term: &scenario::Damping) -> usize;
 
@@ -154,6 +160,13 @@ impl<T: Elementary> ScenarioSpace<T> for AnySpace {
 
     fn energies(system: &Model<T>) -> &[T] {
         system.energies()
+    }
+
+    fn gyroscopic(&self, scenario: &Scenario) -> Option<Matrix<T>> {
+        let skew = scenario.system.gyroscopic.as_ref()?;
+        let entries =
+            skew.entries().iter().map(|&(row, column, entry)| (row as usize, column as usize, entry));
+        Some(Matrix::of_entries(scenario.coordinates(), entries).on_threads(AnySpace::threads(self)))
     }
 
     fn missed(system: &Model<T>) -> Option<f64> {

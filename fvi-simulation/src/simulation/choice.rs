@@ -53,20 +53,26 @@ const SLOW: usize = 300;
 /// What to know about full matrices where the scenario has many coordinates: why, and what avoids them.
 pub(super) fn dense_warning(scenario: &Scenario) -> Option<String> {
     let (degree, coordinates) = (degree(scenario), scenario.coordinates());
-    let owned = scenario.system.own_terms.as_ref().is_some_and(SharedTerms::depend_on_position);
+    let owned = scenario.system.own_terms.as_ref().is_some_and(SharedTerms::are_full);
     let collocation = matches!(scenario.scheme, Scheme::Collocation);
     if coordinates.saturating_mul(degree) < SLOW {
         return None;
     }
     let (key, why, instead) = if owned {
-        let instead =
-            "expressions in `[[system.element]]` and functions of t alone leave the matrices sparse";
+        let instead = "a potential whose pattern or sparse Hessian is known, expressions in `[[system.element]]` and functions of t alone leave \
+             the matrices sparse";
         ("system", "the functions take the position, so that their derivatives may be full", instead)
     } else if !scenario.system.is_large() {
         return None;
     } else if scenario.system.force.iter().flatten().any(|force| force.has_variables()) {
         let instead = "potentials in `[[system.element]]` and loads leave the matrices sparse";
         ("system.force", "the force depends on the position", instead)
+    } else if scenario.system.gyroscopic.is_some() {
+        (
+            "system.gyroscopic",
+            "it makes the matrix of a step unsymmetric",
+            "systems without it have sparse factors",
+        )
     } else if degree > 1 || collocation {
         let instead =
             "`kind` = \"low-order\" with `[convolution] at` = \"nodes\", `order` = 2 has sparse factors";
@@ -91,11 +97,12 @@ pub(super) fn sparse_space(
     choice: SolverChoice,
 ) -> Result<Option<AnySpace>, InputError> {
     let (degree, count) = (degree(scenario), scenario.coordinates());
-    let many = count > MANY || (count > SEVERAL && scenario.system.has_sparse_matrices());
+    let known = scenario.system.has_sparse_matrices() || scenario.system.has_sparse_terms();
+    let many = count > MANY || (count > SEVERAL && known);
     let pushed = scenario.system.force.iter().flatten().any(|force| force.has_variables());
-    let owned = scenario.system.own_terms.as_ref().is_some_and(SharedTerms::depend_on_position);
+    let owned = scenario.system.own_terms.as_ref().is_some_and(SharedTerms::are_full);
     let collocation = matches!(scenario.scheme, Scheme::Collocation);
-    let suits = degree == 1 && !collocation && !pushed && !owned;
+    let suits = degree == 1 && !collocation && !pushed && !owned && scenario.system.gyroscopic.is_none();
     let wanted = match choice {
         // Load cases share a sparse factor, however small it is.
         SolverChoice::Automatic => (scenario.system.is_large() && many) || !scenario.cases.is_empty(),
@@ -148,6 +155,11 @@ pub(super) fn is_of_few(scenario: &Scenario, choice: SolverChoice) -> bool {
     choice == SolverChoice::Automatic && scenario.cases.is_empty() && scenario.coordinates() <= MANY
 }
 
+/// Whether there are so many coordinates that eigenvalues of full matrices take longer than short runs.
+pub(super) fn are_several(scenario: &Scenario) -> bool {
+    scenario.coordinates() > SEVERAL
+}
+
 /// How many vectors of coordinates a step solves for.
 fn degree(scenario: &Scenario) -> usize {
     match scenario.scheme {
@@ -166,6 +178,10 @@ fn too_large(scenario: &Scenario, pushed: bool) -> InputError {
         let allowed = "a force of time alone (`[[system.load]]`), potentials for what depends on the position (`[[system.element]]`)";
         return scenario
             .error_at("system.force", Problem::Incompatible { with, allowed: allowed.to_owned() });
+    }
+    if scenario.system.gyroscopic.is_some() {
+        let allowed = format!("at most {MOST_DENSE} coordinates: the matrix of a step is unsymmetric");
+        return scenario.error_at("system.gyroscopic", Problem::Incompatible { with, allowed });
     }
     let allowed = "`kind` = \"low-order\" with `[convolution] at` = \"nodes\", `order` = 2, for which there are sparse factors";
     scenario.error_at("scheme", Problem::Incompatible { with, allowed: allowed.to_owned() })

@@ -44,6 +44,7 @@ const FACTOR: f64 = 1000.0;
 /// asked for only where that alone passes a thousand times what is explained.
 pub struct EnergyGuard {
     reaction: OnEnergyGrowth,
+    start: f64,
     inverse_mass: SymmetricMatrix,
     /// Whether that is of a larger, diagonal mass in place of the system's.
     is_lumped: bool,
@@ -142,8 +143,12 @@ impl EnergyGuard {
             || !scenario.controllers.is_empty()
             || !pushes.is_empty();
         let potential = start.energy - kinetic;
+        // What memories know of a past may put energy in, which nothing here accounts for.
+        let remembers = scenario.initial.past.is_some() && scenario.time.energy_guard.is_none();
+        let reaction = if remembers { OnEnergyGrowth::Ignore } else { scenario.time.on_energy_growth() };
         Self {
-            reaction: scenario.time.on_energy_growth(),
+            reaction,
+            start: start.time,
             inverse_mass,
             is_lumped,
             pushes,
@@ -194,6 +199,7 @@ impl EnergyGuard {
     fn blind() -> Self {
         Self {
             reaction: OnEnergyGrowth::Ignore,
+            start: 0.0,
             inverse_mass: SymmetricMatrix::Diagonal(Vec::new()),
             is_lumped: false,
             pushes: Vec::new(),
@@ -389,8 +395,9 @@ impl EnergyGuard {
         let mut work: f64 = input.iter().enumerate().map(|(index, push)| push.abs() * way(index)).sum();
         for (push, transfer, integrals) in &self.pushes {
             // About L⁻¹[K(s)/s^{1+j}](t).
-            let rate = Complex::new(1.0 / state.time, 0.0);
-            let fading = transfer.value(rate).norm() * libm::pow(state.time, *integrals);
+            let since = state.time - self.start;
+            let rate = Complex::new(1.0 / since, 0.0);
+            let fading = transfer.value(rate).norm() * libm::pow(since, *integrals);
             work +=
                 fading * push.iter().enumerate().map(|(index, push)| push.abs() * way(index)).sum::<f64>();
         }

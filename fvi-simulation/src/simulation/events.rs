@@ -2,7 +2,7 @@
 
 use super::GridState;
 use crate::language::expression::{Expression, Moment};
-use crate::scenario::{Action, Direction, Scenario};
+use crate::scenario::{Action, Direction, Event, Scenario, SharedFunction};
 use serde::{Deserialize, Serialize};
 
 /// Parts of a step at whose ends signs are looked at: two zeros within one of them are not seen.
@@ -70,11 +70,37 @@ pub struct Watch {
 }
 
 struct Watched {
-    function: Expression,
+    function: Function,
     direction: Direction,
     stops: bool,
     /// Its value where it was looked at last.
     value: f64,
+}
+
+/// What an event watches.
+enum Function {
+    Written(Expression),
+    InCode(SharedFunction),
+}
+
+impl Function {
+    fn of(event: &Event) -> Self {
+        match &event.own {
+            Some(function) => Self::InCode(function.clone()),
+            None => Self::Written(event.when.clone()),
+        }
+    }
+
+    /// Its value at a time, position and momentum, which lie behind each other in `variables`.
+    fn value(&self, time: f64, variables: &[f64]) -> f64 {
+        match self {
+            Self::Written(expression) => expression.value(Moment::inside(time), variables),
+            Self::InCode(function) => {
+                let (position, momentum) = variables.split_at(variables.len() / 2);
+                function.value(time, position, momentum)
+            }
+        }
+    }
 }
 
 impl Watch {
@@ -84,7 +110,7 @@ impl Watch {
             .events
             .iter()
             .map(|event| Watched {
-                function: event.when.clone(),
+                function: Function::of(event),
                 direction: event.direction,
                 stops: event.action == Action::Stop,
                 value: 0.0,
@@ -126,7 +152,7 @@ impl Watch {
         self.time = state.time;
         place(&mut self.variables, state);
         for (event, undefined) in self.watched.iter_mut().zip(&mut self.seen.undefined) {
-            event.value = event.function.value(Moment::inside(state.time), &self.variables);
+            event.value = event.function.value(state.time, &self.variables);
             if event.value.is_nan() {
                 undefined.get_or_insert(state.time);
             }
@@ -171,7 +197,7 @@ impl Watch {
                     let value_at = |time: f64| {
                         look_into(time, &mut point);
                         place(variables, &point);
-                        event.function.value(Moment::inside(time), variables)
+                        event.function.value(time, variables)
                     };
                     let time = zero(value_at, (before, value), (now, event.value));
                     // Times to rounding where the step begins are its beginning, whose state was shown.

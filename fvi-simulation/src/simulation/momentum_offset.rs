@@ -20,6 +20,8 @@ use fvi_core::Real;
 pub(super) struct MomentumOffset<T> {
     /// K_m, and ρ_m q₀.
     terms: Vec<(TransferFunction, Vec<T>)>,
+    /// When the motion begins that memories know.
+    begin: f64,
 }
 
 impl<T: Real> MomentumOffset<T> {
@@ -37,15 +39,17 @@ impl<T: Real> MomentumOffset<T> {
         let terms = scenario.system.damping.iter().enumerate();
         let singular = terms.filter(|(_, term)| term.derivative == Derivative::RiemannLiouville);
         let terms = singular.map(|(index, term)| (term.transfer.clone(), leave(index)));
-        Self { terms: terms.filter(|(_, vector)| vector.iter().any(|&x| x != T::zero())).collect() }
+        let begin = scenario.time.start - scenario.initial.past_steps() as f64 * scenario.time.step;
+        Self { terms: terms.filter(|(_, vector)| vector.iter().any(|&x| x != T::zero())).collect(), begin }
     }
 
     pub(super) fn is_empty(&self) -> bool {
         self.terms.is_empty()
     }
 
-    /// Takes it off a momentum at a time after so many steps; at t = 0 there is none yet.
+    /// Takes it off a momentum at a time after so many steps; at the beginning there is none yet.
     pub(super) fn take_off(&self, time: f64, step_size: f64, momentum: &mut [T]) {
+        let time = time - self.begin;
         if time <= 0.0 {
             return;
         }

@@ -26,8 +26,8 @@ pub(crate) fn start(
     match what_is_not_finite(&state) {
         None => Ok((simulation, state)),
         Some(what) => {
-            let place =
-                format!("t = 0, q = {:?}, p = {:?}", scenario.initial.position, scenario.initial.momentum);
+            let (time, initial) = (scenario.time.start, &scenario.initial);
+            let place = format!("t = {time}, q = {:?}, p = {:?}", initial.position, initial.momentum);
             let problem = Problem::NotFinite { what, place };
             // The potential has been looked at: what is left overflows in the momentum or the kinetic energy.
             let key = if what == "the position" { "initial.position" } else { momentum_key(scenario) };

@@ -47,6 +47,12 @@ impl Linearised {
     /// # Errors
     /// If the mass cannot be used, or the stiffness there is not finite.
     pub fn new(scenario: &Scenario, position: &[f64]) -> Result<Self, InputError> {
+        if scenario.system.gyroscopic.is_some() {
+            let (with, allowed) =
+                ("a frequency response", "a system without it, whose equations are symmetric");
+            let problem = Problem::Incompatible { with: with.to_owned(), allowed: allowed.to_owned() };
+            return Err(scenario.error_at("system.gyroscopic", problem));
+        }
         let mut alone = scenario.clone();
         alone.cases.clear();
         let mut model = Model::<f64>::new(&alone).map_err(|error| super::bad_mass(scenario, &error))?;

@@ -18,6 +18,7 @@ use fvi_core::ParameterError;
 use nalgebra::{Cholesky, DMatrix};
 pub(crate) use of_scenario::{
     check_large_step, check_step, discretisation, force_nodes, is_unconditional, stages_of_family,
+    takes_gyroscopic,
 };
 pub(crate) use parts::{LARGEST_PART, Part};
 use parts::{all_parts, parts};

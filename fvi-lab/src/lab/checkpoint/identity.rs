@@ -47,7 +47,7 @@ impl Identity {
         Self {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             vector_units,
-            planned: scenario.history.planned.unwrap_or(scenario.time.steps.saturating_add(1)),
+            planned: scenario.history.planned.unwrap_or_else(|| scenario.samples()),
             values,
             times: scenario.output.times.iter().map(|time| time.to_bits()).collect(),
         }

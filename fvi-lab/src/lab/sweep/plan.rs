@@ -7,11 +7,13 @@ use super::records::Layout;
 use crate::language::document::{Document, Table, Value};
 use crate::language::expression::nearest;
 use crate::language::{InputError, Problem};
-use crate::scenario::Scenario;
+use crate::scenario::{Scenario, SharedTerms};
 use crate::simulation::Precision;
 use serde_json::json;
 use std::collections::BTreeSet;
+use std::fmt;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// A sweep with all its values checked.
 #[derive(Clone, Debug)]
@@ -28,6 +30,17 @@ pub struct Sweep {
     quantities: Quantities,
     pictures: Vec<PictureRequest>,
     heading: String,
+    own_terms: Option<TermsOfRuns>,
+}
+
+/// Makes the terms in code of a run.
+#[derive(Clone)]
+struct TermsOfRuns(Arc<dyn Fn(&Scenario) -> SharedTerms + Send + Sync>);
+
+impl fmt::Debug for TermsOfRuns {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("TermsOfRuns(…)")
+    }
 }
 
 /// A picture that the file asks for.
@@ -140,6 +153,7 @@ impl Sweep {
             trajectories: false,
             settled: SETTLED,
             pictures: Vec::new(),
+            own_terms: None,
         };
         sweep.read_keep(root.optional("keep").map(|value| value.table()).transpose()?.as_ref())?;
         for (index, (_, value)) in table.entries().iter().enumerate() {
@@ -371,7 +385,22 @@ impl Sweep {
             // The paths were tried when the sweep was read.
             let _ = put(&mut table, &axis.path, value);
         }
-        Scenario::from_document(self.base.document().with_values(&table))
+        let scenario = Scenario::from_document(self.base.document().with_values(&table))?;
+        Ok(match &self.own_terms {
+            Some(TermsOfRuns(make)) => {
+                let terms = make(&scenario);
+                scenario.with_own_terms(terms)
+            }
+            None => scenario,
+        })
+    }
+
+    /// The sweep with potential and forces in code beside those of each run's scenario. Nothing in its
+    /// records says which they are.
+    #[must_use]
+    pub fn with_own_terms(mut self, make: impl Fn(&Scenario) -> SharedTerms + Send + Sync + 'static) -> Self {
+        self.own_terms = Some(TermsOfRuns(Arc::new(make)));
+        self
     }
 
     pub(super) fn values_of(&self, run: usize) -> Vec<toml::Value> {

@@ -39,7 +39,7 @@ pub(super) fn check_large(
     let size = scenario.coordinates();
     let mut stiffness = model.stiffness();
     let mut pull = vec![0.0; size];
-    let instant = Instant::in_step(0.0, 0.5, step);
+    let instant = Instant::in_step(scenario.time.start, 0.5, step);
     let start = &scenario.initial.position;
     model.linearise(instant, start, &mut pull, &mut stiffness);
     let fastest = MARGIN * largest_eigenvalue(model, &stiffness, size);

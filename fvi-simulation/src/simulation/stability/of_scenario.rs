@@ -80,6 +80,16 @@ pub(crate) fn is_unconditional(scenario: &Scenario) -> bool {
         && discretisation(scenario).is_some_and(|scheme| large::is_unconditional(&scheme, damped))
 }
 
+/// Whether no step makes linear motions with gyroscopic forces grow: the midpoint rule, and without damping
+/// as many Gauss points as the degree, which is Gauss collocation.
+pub(crate) fn takes_gyroscopic(scenario: &Scenario) -> bool {
+    let damped = !scenario.system.damping.is_empty();
+    let gauss = matches!(scenario.scheme, Scheme::Galerkin { degree, quadrature: Some(Quadrature::Gauss(points)) } if points == degree);
+    let unconditional =
+        discretisation(scenario).is_some_and(|scheme| large::is_unconditional(&scheme, damped));
+    !may_drive(scenario) && (unconditional || (gauss && !damped))
+}
+
 /// Whether a kernel of it is not passive: then motions may grow by themselves, at any step.
 fn may_drive(scenario: &Scenario) -> bool {
     scenario.system.damping.iter().any(|term| term.transfer.active().is_some())

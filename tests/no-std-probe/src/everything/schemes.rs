@@ -2,8 +2,8 @@
 
 use fvi_core::{
     BdfOrder, Coefficients, Damping, DampingTerm, Derivative, Direct, ExplicitDamping, ExplicitEuler, Fixed,
-    Galerkin, ImplicitEuler, Integrator, Kernel, Mass, NoForce, NodeGalerkin, Overflow, Potential, Quadratic,
-    Quadrature, Real, RungeKutta, Scheme, Stability, StateReader, StateWriter, System, TimeForce,
+    Galerkin, ImplicitEuler, Integrator, Kernel, Mass, NoForce, NodeGalerkin, Outcome, Overflow, Potential,
+    Quadratic, Quadrature, Real, RungeKutta, Scheme, Stability, StateReader, StateWriter, System, TimeForce,
     check_stability,
 };
 use heapless::Deque;
@@ -44,10 +44,14 @@ fn step<T: Real>(
     let start = (SVector::from([q, p]), SVector::from([p, q]));
     let mut integrator = Integrator::builder(system, scheme, h)
         .damping(damping)
+        .start(u)
         .position(start.0)
         .momentum(start.1)
         .build()
         .ok()?;
+    let (nodes, rise) = ([q; 16], [u; 2]);
+    let found = Outcome { increments: &nodes, rise: &rise, kick: &rise };
+    integrator.follow(h, &found, &mut [u; 16], &mut [u; 18]).ok()?;
     let iterations = integrator.step(&SVector::from([u, u])).ok()?;
     let mut velocity = SVector::from([T::zero(); 2]);
     integrator.velocity(&mut velocity);
@@ -59,7 +63,7 @@ fn step<T: Real>(
     let mut reader = StateReader::new(bytes.get(skipped..written)?);
     let restored = T::from_count(integrator.restore(&mut reader).is_ok().into());
     let masses = integrator.system().mass.matrix().to_matrix().sum();
-    let shaped = T::from_count(integrator.damping().check(2, 1, h).is_ok().into());
+    let shaped = T::from_count(integrator.damping_mut().check(2, 1, h).is_ok().into());
     Some(
         shaped
             + restored

@@ -1,0 +1,131 @@
+//! `[initial] past`: the motion before the start, which memories know.
+
+use super::scheme::{Convolution, DampedAt, Scheme};
+use crate::language::document::Value;
+use crate::language::error::{InputError, Problem};
+use serde::{Serialize, Serializer};
+
+/// The motion over some steps before the start. Before that the system was at rest where this begins.
+///
+/// Memories are told its positions as they are told those of steps that are solved for, so that derivatives
+/// begin with it: Caputo's act on q − q(t₀ − m h).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Past {
+    /// Positions, row by row, in the order of time: of every step the one where it begins, and those of the
+    /// nodes that the memory stores where these are several. The last step ends at the initial position.
+    positions: Vec<f64>,
+    coordinates: usize,
+    rows_of_step: usize,
+    /// The file that it was read from.
+    source: Option<String>,
+}
+
+/// Rows that a step of the past has: one where positions at grid points say all, else one for each node
+/// beside the one at its beginning.
+pub(crate) fn rows_of_step(scheme: &Scheme, convolution: &Convolution) -> usize {
+    match nodes(scheme, convolution) {
+        1 => 1,
+        nodes => nodes + 1,
+    }
+}
+
+/// How many nodes of a step a memory stores.
+pub(super) fn nodes(scheme: &Scheme, convolution: &Convolution) -> usize {
+    if convolution.at == DampedAt::MainNodes && !convolution.family.is_staged() {
+        return 1;
+    }
+    match scheme {
+        Scheme::Galerkin { .. } | Scheme::Collocation => match convolution.family.stages() {
+            Some(stages) => stages,
+            None => scheme.quadrature().map_or(1, |quadrature| quadrature.points()),
+        },
+        Scheme::LowOrder { .. } | Scheme::ExplicitEuler | Scheme::ImplicitEuler => 1,
+    }
+}
+
+impl Past {
+    pub(super) fn read(
+        value: &Value<'_>,
+        coordinates: usize,
+        rows_of_step: usize,
+    ) -> Result<Self, InputError> {
+        let shape =
+            |expected: String, found: String| Err(value.error(Problem::WrongShape { expected, found }));
+        let (count, columns, positions, source) = if value.is_text() {
+            let file = value.matrix_file()?;
+            if file.half {
+                return Err(value.file_error("a symmetric matrix where rows of positions are wanted"));
+            }
+            let mut positions = vec![0.0; file.rows.saturating_mul(file.columns)];
+            for (row, column, entry) in file.entries {
+                positions[row as usize * file.columns + column as usize] += entry;
+            }
+            let source = value.document().resolve(value.text()?).display().to_string();
+            (file.rows, file.columns, positions, Some(source))
+        } else {
+            let rows = value.list("a file, or a list of rows")?;
+            let rows: Vec<Vec<f64>> = rows.iter().map(Value::numbers).collect::<Result<_, _>>()?;
+            if let Some(row) = rows.iter().find(|row| row.len() != coordinates) {
+                return shape(
+                    format!("rows of {coordinates} numbers, one for each coordinate"),
+                    format!("{}", row.len()),
+                );
+            }
+            (rows.len(), coordinates, rows.concat(), None)
+        };
+        if columns != coordinates {
+            return shape(
+                format!("rows of {coordinates} numbers, one for each coordinate"),
+                columns.to_string(),
+            );
+        }
+        if count == 0 || !count.is_multiple_of(rows_of_step) {
+            let expected = match rows_of_step {
+                1 => {
+                    "one row at least, for each step before the start the position where it begins".to_owned()
+                }
+                rows => format!(
+                    "{rows} rows for each step before the start: the position where it begins, and those at the {} nodes \
+                     of the scheme",
+                    rows - 1
+                ),
+            };
+            return shape(expected, format!("{count} rows"));
+        }
+        Ok(Self { positions, coordinates, rows_of_step, source })
+    }
+
+    /// How many steps it has.
+    pub fn steps(&self) -> usize {
+        self.positions.len() / (self.coordinates * self.rows_of_step)
+    }
+
+    /// The position where it begins, where the system had been at rest.
+    pub fn first(&self) -> &[f64] {
+        &self.positions[..self.coordinates]
+    }
+
+    /// The positions at the nodes of a step, one after the other; none where grid points say all.
+    pub fn nodes(&self, step: usize) -> &[f64] {
+        let begin = step * self.rows_of_step;
+        &self.positions[(begin + 1) * self.coordinates..(begin + self.rows_of_step) * self.coordinates]
+    }
+
+    /// The position where a step ends; `None` for the last, which ends at the initial position.
+    pub fn end(&self, step: usize) -> Option<&[f64]> {
+        let begin = (step + 1) * self.rows_of_step * self.coordinates;
+        self.positions.get(begin..begin + self.coordinates)
+    }
+}
+
+impl Serialize for Past {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match &self.source {
+            Some(file) => file.serialize(serializer),
+            None => {
+                let rows: Vec<&[f64]> = self.positions.chunks(self.coordinates).collect();
+                rows.serialize(serializer)
+            }
+        }
+    }
+}
