@@ -2,16 +2,18 @@
 
 use crate::documents::Source;
 use crate::errors::{Failure, Outcome, guarded};
-use crate::terms::{Callables, ErrorSlot, PythonTerms};
+use crate::terms::{Callables, ErrorSlot, PythonTerms, watched};
 use crate::watch::Watch;
 use fvi_host::lab::checkpoint::IntervalError;
-use fvi_host::lab::run::{Run, RunError, RunOptions, RunSummary, run as run_into_files};
+use fvi_host::lab::run::{
+    Run, RunEnd, RunError, RunOptions, RunSummary, Standing as HostStanding, run as run_into_files,
+};
 use fvi_host::language::Problem;
 use fvi_host::memory::Tables;
 use fvi_host::results::room::require;
 use fvi_host::results::trajectory::Format;
 use fvi_host::scenario::{Engine, KnownMatrices, Scenario, SharedTerms};
-use fvi_host::simulation::{GridState, Precision};
+use fvi_host::simulation::{GridState, Precision, sample_fractions};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use std::convert::Infallible;
@@ -38,7 +40,7 @@ type Motion<'py> = (
 /// those of each load case.
 #[pyfunction]
 #[pyo3(signature = (source, *, engine = None, precision = "f64", progress = None, terms = None, cases = false,
-                    prepared = None, spent = 0.0))]
+                    prepared = None, spent = 0.0, events = Vec::new(), go_on = None, keep = None))]
 #[expect(clippy::too_many_arguments, reason = "the keywords of the function")]
 pub(crate) fn run<'py>(
     py: Python<'py>,
@@ -50,38 +52,58 @@ pub(crate) fn run<'py>(
     cases: bool,
     prepared: Option<&Prepared>,
     spent: f64,
-) -> PyResult<(Vec<Motion<'py>>, Option<PyErr>)> {
+    events: Vec<Option<Py<PyAny>>>,
+    go_on: Option<&Standing>,
+    keep: Option<bool>,
+) -> PyResult<(Vec<Motion<'py>>, Option<PyErr>, Option<Standing>)> {
     let engine = engine.map(self::engine).transpose()?;
     let precision = self::precision(precision)?;
     let begin = Instant::now();
     let known = prepared.map(|prepared| &prepared.matrices);
     let own_tables = Tables::default();
     let tables = prepared.map_or(&own_tables, |prepared| &prepared.tables);
-    let read = || if cases { read_its_cases(&source, engine) } else { read_knowing(&source, engine, known) };
+    let read = || -> Outcome<Scenario> {
+        let scenario =
+            if cases { read_its_cases(&source, engine) } else { read_knowing(&source, engine, known) };
+        let mut scenario = scenario?;
+        if let Some(Standing { standing }) = go_on {
+            scenario.history.planned = Some(standing.planned());
+        }
+        Ok(scenario)
+    };
+    let in_code = terms.is_some() || events.iter().any(Option::is_some);
     let spent = || spent + begin.elapsed().as_secs_f64();
-    let (names, motions, raised) = match terms {
+    let (names, motions, raised, standing) = match in_code {
         // Code of the caller's is called several times a step: the interpreter hands over between its
         // instructions anyway.
-        Some(callables) => {
+        true => {
             let slot = ErrorSlot::default();
             guarded(|| {
-                let scenario = read()?;
-                let mut terms = PythonTerms::new(callables, scenario.coordinates(), slot.clone());
-                terms.look_at_the_start(&scenario.initial.position)?;
-                let scenario = scenario.with_own_terms(SharedTerms::new(terms));
-                compute(&source, &scenario, (precision, tables, spent()), progress, &slot)
+                let mut scenario = read()?;
+                for (event, function) in scenario.events.iter_mut().zip(events) {
+                    event.own = function.map(|function| watched(function, slot.clone()));
+                }
+                if let Some(callables) = terms {
+                    let mut terms = PythonTerms::new(callables, scenario.coordinates(), slot.clone());
+                    if go_on.is_none() {
+                        terms.look_at_the_start(scenario.time.start, &scenario.initial.position)?;
+                    }
+                    scenario = scenario.with_own_terms(SharedTerms::new(terms));
+                }
+                compute(&source, &scenario, (precision, tables, spent()), progress, &slot, (go_on, keep))
             })?
         }
-        None => py.detach(|| {
+        false => py.detach(|| {
             guarded(|| {
                 let scenario = read()?;
-                compute(&source, &scenario, (precision, tables, spent()), progress, &ErrorSlot::default())
+                let slot = ErrorSlot::default();
+                compute(&source, &scenario, (precision, tables, spent()), progress, &slot, (go_on, keep))
             })
         })?,
     };
     let motions = names.into_iter().zip(motions);
     let motions = motions.map(|(name, (rows, summary))| rows.into_python(py, name, &summary));
-    Ok((motions.collect::<PyResult<_>>()?, raised))
+    Ok((motions.collect::<PyResult<_>>()?, raised, standing.map(|standing| Standing { standing })))
 }
 
 /// Runs a scenario as `fvi run` does, into a directory, with NumPy arrays and checkpoints; returns the
@@ -173,6 +195,31 @@ impl Prepared {
     }
 }
 
+/// Where a run has got to, for one that goes on.
+#[pyclass(frozen, module = "fvi._fvi")]
+pub(crate) struct Standing {
+    standing: HostStanding,
+}
+
+#[pymethods]
+impl Standing {
+    #[getter]
+    fn steps(&self) -> usize {
+        self.standing.steps()
+    }
+
+    #[getter]
+    fn nbytes(&self) -> usize {
+        self.standing.bytes()
+    }
+}
+
+/// Where in a step the positions of a past are wanted beside its beginning; none where these say all.
+#[pyfunction]
+pub(crate) fn past_nodes(py: Python<'_>, source: Source) -> PyResult<Vec<f64>> {
+    py.detach(|| guarded(|| Ok(sample_fractions(&read(&source, None)?))))
+}
+
 /// The scenario of a source, of one motion.
 pub(crate) fn read(source: &Source, engine: Option<Engine>) -> Outcome<Scenario> {
     read_knowing(source, engine, None)
@@ -211,21 +258,31 @@ fn read_cases(source: &Source, engine: Option<Engine>, known: Option<&KnownMatri
     Ok(scenario)
 }
 
+/// Bytes of memories up to which a result is made to go on from without being asked.
+const SMALL: usize = 16_000_000;
+
+/// Names of load cases, what was computed of each, what stopped it, and where it has got to.
+type Computed = (Vec<String>, Vec<(Rows, RunSummary)>, Option<PyErr>, Option<HostStanding>);
+
 fn compute(
     source: &Source,
     scenario: &Scenario,
     (precision, tables, spent): (Precision, &Tables, f64),
     progress: Option<Py<PyAny>>,
     slot: &ErrorSlot,
-) -> Outcome<(Vec<String>, Vec<(Rows, RunSummary)>, Option<PyErr>)> {
-    let run = Run::sharing_cases(scenario, precision, tables)
+    (go_on, keep): (Option<&Standing>, Option<bool>),
+) -> Outcome<Computed> {
+    let mut run = Run::sharing_cases(scenario, precision, tables)
         .map_err(|error| slot.take().map_or_else(|| source.failure(&error), Failure::Raised))?
         .prepared_for(spent);
+    if let Some(Standing { standing }) = go_on {
+        run.go_on_from(standing).map_err(|error| Failure::Failed(format!("continue_from: {error}")))?;
+    }
     let mut motions = Rows::of_cases(scenario)?;
     let mut watch = Watch::new(progress);
     let stop = AtomicBool::new(false);
     let all = scenario.time.steps_known();
-    let result = run.rows_of_cases_to_the_end(
+    let result = run.rows_of_cases(
         &stop,
         |case, row| {
             if let Some(rows) = motions.get_mut(case) {
@@ -235,17 +292,29 @@ fn compute(
         },
         |stretch| {
             let steps = stretch.first() + stretch.len().saturating_sub(1);
-            if steps > 0 && !watch.tick(steps, all) {
+            if (steps > 0 && !watch.tick(steps, all)) || slot.is_full() {
                 stop.store(true, Ordering::Relaxed);
             }
         },
     );
-    let Ok(summaries) = result;
+    let Ok(end) = result;
+    let small = || {
+        let rows = motions.iter().map(Rows::bytes).sum::<usize>();
+        run.memory_bytes() <= rows.max(SMALL)
+    };
+    let wanted = scenario.cases.is_empty() && keep.unwrap_or_else(small);
+    let standing = match wanted {
+        true => run.standing().map_err(|error| Failure::Failed(error.to_string()))?,
+        false => None,
+    };
+    let standing = standing.filter(|_| !matches!(end, RunEnd::Failed { .. }));
+    let summaries = run.summaries(end);
     let names = match scenario.cases.as_slice() {
         [] => vec![String::new()],
         cases => cases.iter().map(|case| case.name.clone()).collect(),
     };
-    Ok((names, motions.into_iter().zip(summaries).collect(), slot.take().or(watch.into_raised())))
+    let raised = slot.take().or(watch.into_raised());
+    Ok((names, motions.into_iter().zip(summaries).collect(), raised, standing))
 }
 
 /// The rows of a trajectory, column by column.
@@ -319,6 +388,11 @@ impl Rows {
         let (control, derivatives) = (table(control, 3 * controllers)?, table(derivatives, columns)?);
         let (time, energy) = (time.into_pyarray(py), energy.into_pyarray(py));
         Ok((name, time, position, momentum, energy, control, derivatives, end, summary))
+    }
+
+    fn bytes(&self) -> usize {
+        let numbers = self.time.len() + self.position.len() + self.momentum.len() + self.energy.len();
+        numbers * size_of::<f64>()
     }
 
     fn push(&mut self, state: &GridState) {

@@ -3,6 +3,7 @@
 use crate::documents::Source;
 use crate::errors::{Failure, Outcome, guarded};
 use crate::run::precision as precision_of;
+use crate::terms::{Callables, ErrorSlot, PythonTerms};
 use crate::watch::Watch;
 use fvi_host::lab::sweep::{
     Column, Ledger as HostLedger, MadeRun, Parts, Shard, ShardError, Sweep as HostSweep, SweepError,
@@ -10,6 +11,7 @@ use fvi_host::lab::sweep::{
 };
 use fvi_host::language::InputError;
 use fvi_host::memory::Tables;
+use fvi_host::scenario::SharedTerms;
 use fvi_host::simulation::Precision;
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
@@ -30,6 +32,8 @@ pub(crate) struct Sweep {
     precision: Precision,
     /// Those of all runs that are made here for another process.
     tables: Tables,
+    /// What functions of the runs have raised.
+    raised: ErrorSlot,
 }
 
 /// What went wrong, told without places where there is no file to look for them.
@@ -59,10 +63,18 @@ impl From<SweepError> for Failure {
 
 #[pymethods]
 impl Sweep {
-    /// `scenario` takes the place of the one that the sweep names.
+    /// `scenario` takes the place of the one that the sweep names, and `terms` act in every run.
     #[new]
-    fn new(py: Python<'_>, source: Source, scenario: Option<Source>, precision: &str) -> PyResult<Self> {
+    #[pyo3(signature = (source, scenario, precision, terms = None))]
+    fn new(
+        py: Python<'_>,
+        source: Source,
+        scenario: Option<Source>,
+        precision: &str,
+        terms: Option<Callables>,
+    ) -> PyResult<Self> {
         let precision = precision_of(precision)?;
+        let raised = ErrorSlot::default();
         py.detach(|| {
             guarded(|| {
                 let document = source.document().map_err(|error| source.failure(&error))?;
@@ -75,7 +87,15 @@ impl Sweep {
                         .and_then(|scenario| HostSweep::of_scenario(&document, scenario))
                         .map_err(|error| unusable(&error, &[&source, scenario])),
                 };
-                Ok(Self { sweep: Arc::new(sweep?), precision, tables: Tables::default() })
+                let mut sweep = sweep?;
+                if let Some(terms) = terms {
+                    let slot = raised.clone();
+                    sweep = sweep.with_own_terms(move |scenario| {
+                        let terms = PythonTerms::new(terms.again(), scenario.coordinates(), slot.clone());
+                        SharedTerms::new(terms)
+                    });
+                }
+                Ok(Self { sweep: Arc::new(sweep), precision, tables: Tables::default(), raised })
             })
         })
     }
@@ -91,7 +111,8 @@ impl Sweep {
             guarded(|| {
                 let sweep =
                     HostSweep::of_parts(&parts).map_err(|error| Failure::of_document(&error, true))?;
-                Ok(Self { sweep: Arc::new(sweep), precision, tables: Tables::default() })
+                let raised = ErrorSlot::default();
+                Ok(Self { sweep: Arc::new(sweep), precision, tables: Tables::default(), raised })
             })
         })
     }
@@ -158,11 +179,11 @@ impl Sweep {
                 let mut watch = Watch::new(progress);
                 let all = options.shard.share(self.sweep.runs());
                 let summary = make_all(&self.sweep, &options, &stop, &mut |done| {
-                    if !watch.hear(done, all) {
+                    if !watch.hear(done, all) || self.raised.is_full() {
                         stop.store(true, Ordering::Relaxed);
                     }
                 })?;
-                Ok((summary, watch.into_raised()))
+                Ok((summary, self.raised.take().or(watch.into_raised())))
             })
         })?;
         Ok((told(py, &summary)?, raised))

@@ -2,7 +2,7 @@
 
 use crate::errors::{Failure, Outcome};
 use fvi_host::language::expression::Moment;
-use fvi_host::scenario::OwnTerms;
+use fvi_host::scenario::{OwnTerms, SharedFunction};
 use numpy::{PyArray1, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
@@ -20,6 +20,28 @@ pub(crate) struct Callables {
     force: Option<Py<PyAny>>,
     jacobian: Option<Py<PyAny>>,
     takes_position: bool,
+    /// Where ∂²U/∂q² has entries, of which the Hessian then gives one number each, row and column one behind
+    /// the other; none: row by row.
+    places: Option<Vec<u32>>,
+}
+
+impl Callables {
+    /// The same functions once more.
+    pub(crate) fn again(&self) -> Self {
+        Python::attach(|py| {
+            let again =
+                |function: &Option<Py<PyAny>>| function.as_ref().map(|function| function.clone_ref(py));
+            Self {
+                value: again(&self.value),
+                gradient: again(&self.gradient),
+                hessian: again(&self.hessian),
+                force: again(&self.force),
+                jacobian: again(&self.jacobian),
+                takes_position: self.takes_position,
+                places: self.places.clone(),
+            }
+        })
+    }
 }
 
 /// Where the first exception of a function waits until the step it spoils has ended.
@@ -35,7 +57,7 @@ impl ErrorSlot {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
     }
 
-    fn is_full(&self) -> bool {
+    pub(crate) fn is_full(&self) -> bool {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).is_some()
     }
 }
@@ -60,10 +82,10 @@ impl PythonTerms {
     }
 
     /// Refuses functions that fail, or are not finite, where the run begins.
-    pub(crate) fn look_at_the_start(&mut self, position: &[f64]) -> Outcome<()> {
+    pub(crate) fn look_at_the_start(&mut self, time: f64, position: &[f64]) -> Outcome<()> {
         let value = self.potential(position);
         let mut pull = vec![0.0; self.size];
-        self.add_pull(Moment::inside(0.0), position, &mut pull);
+        self.add_pull(Moment::inside(time), position, &mut pull);
         if let Some(error) = self.slot.take() {
             return Err(Failure::Raised(error));
         }
@@ -77,7 +99,7 @@ impl PythonTerms {
         match bad {
             None => Ok(()),
             Some((key, what)) => {
-                let message = format!("{key}: {what} is not finite at t = 0, q = {position:?}");
+                let message = format!("{key}: {what} is not finite at t = {time}, q = {position:?}");
                 Err(Failure::Input { key: key.to_owned(), value: String::new(), message })
             }
         }
@@ -175,6 +197,11 @@ impl OwnTerms for PythonTerms {
         self.callables.gradient.is_some() || self.callables.takes_position
     }
 
+    fn places(&self) -> Option<Vec<(u32, u32)>> {
+        let pairs = self.callables.places.as_deref()?.as_chunks::<2>().0;
+        Some(pairs.iter().map(|&[row, column]| (row, column)).collect())
+    }
+
     fn potential(&mut self, position: &[f64]) -> f64 {
         self.call(Which::Value, None, Some(position), 1);
         self.answer[0]
@@ -198,12 +225,12 @@ impl OwnTerms for PythonTerms {
         pull: &mut [f64],
         stiffness: &mut [f64],
     ) {
-        let square = self.size * self.size;
+        let (square, places) = (self.size * self.size, stiffness.len());
         if self.callables.gradient.is_some() {
             self.call(Which::Gradient, None, Some(position), self.size);
             pull.iter_mut().zip(&self.answer).for_each(|(pull, number)| *pull += number);
             if self.callables.hessian.is_some() {
-                self.call(Which::Hessian, None, Some(position), square);
+                self.call(Which::Hessian, None, Some(position), places);
                 stiffness.iter_mut().zip(&self.answer).for_each(|(entry, number)| *entry += number);
             } else {
                 self.add_differences(position, 1.0, stiffness, |terms, nearby| {
@@ -228,6 +255,30 @@ impl OwnTerms for PythonTerms {
         largest.copy_from_slice(&self.largest);
         self.largest.fill(0.0);
     }
+}
+
+/// A function of (t, q, p) that an event watches.
+pub(crate) fn watched(function: Py<PyAny>, slot: ErrorSlot) -> SharedFunction {
+    SharedFunction::new(move |time, position, momentum| {
+        if slot.is_full() {
+            return f64::NAN;
+        }
+        let mut answer = Vec::with_capacity(1);
+        let result = Python::attach(|py| {
+            let array = |numbers: &[f64]| PyArray1::from_slice(py, numbers);
+            let returned = function.bind(py).call1((time, array(position), array(momentum)))?;
+            numbers("events.when", &returned, 1, &mut answer)
+        });
+        match (result, answer.first()) {
+            (Ok(()), Some(&number)) => number,
+            (result, _) => {
+                if let Err(error) = result {
+                    slot.keep(error);
+                }
+                f64::NAN
+            }
+        }
+    })
 }
 
 /// The `count` numbers that a function has returned.

@@ -120,6 +120,13 @@ def test_results_are_saved_and_read_again(tmp_path):
             fvi.load(tmp_path / name)
     with pytest.raises(FileNotFoundError):
         fvi.load(tmp_path / "absent.npz")
+    scenario = {"system": {"mass": [1.0], "stiffness": [1.0]}, "initial": {"position": [1.0]}, "time": {"step": 0.1, "steps": 9}}
+    run = fvi.run(scenario, out=tmp_path / "run")
+    again = fvi.load(tmp_path / "run")
+    assert repr(again) == repr(run) and all(np.array_equal(getattr(again, name), getattr(run, name)) for name in ("t", "q", "p", "energy", "v"))
+    with pytest.raises(fvi.InputError, match="no result"):
+        (tmp_path / "run" / "summary.json").write_text("{}")
+        fvi.load(tmp_path / "run")
 
 
 def test_pictures_and_notebooks(tmp_path):

@@ -50,6 +50,10 @@ def test_the_numbers_are_those_of_the_program(scenario, precision, tmp_path):
     record = json.loads((tmp_path / "summary.json").read_text())
     mine = np.column_stack([result.t, result.q, result.p, result.energy, *result._control.values()])
     assert np.array_equal(bits(mine), bits(rows))
+    read = fvi.load(tmp_path)
+    for name in ("t", "q", "p", "energy", "dq", "dp", *result._control):
+        assert np.array_equal(bits(getattr(read, name)), bits(getattr(result, name))), name
+    assert read.message == result.message
     for key in ("steps", "last", "largest", "engine", "scenario", "newton_iterations"):
         assert result.summary[key] == record[key], key
 

@@ -32,7 +32,7 @@ The compiled half releases the interpreter while it computes; results are the bi
 from fvi._controller import FractionalPid
 from fvi._errors import InputError, StepError
 from fvi._fvi import __version__
-from fvi._integrate import Damping, Element, Event, Force, Load, Potential, integrate, integrate_cases
+from fvi._integrate import integrate, integrate_cases
 from fvi._kernel import Kernel
 from fvi._memory import Memory, Operator
 from fvi._model import Model
@@ -42,6 +42,7 @@ from fvi._run import run, run_cases
 from fvi._sequences import derivative, weights
 from fvi._studies import compare_engines, converge, extremal
 from fvi._sweep import sweep
+from fvi._terms import Damping, Element, Event, Force, Load, Potential
 
 __all__ = [
     "Damping",

@@ -97,6 +97,17 @@ def diagonal_npz(name: str, given: Any) -> bytes:
     return content.getvalue()
 
 
+def entries_npz(name: str, given: Any) -> bytes:
+    """A full matrix by its entries that are not zero, as the file that `scipy.sparse.save_npz` writes."""
+    rows, columns = np.nonzero(given)
+    content, size = io.BytesIO(), given.shape[0]
+    starts = np.searchsorted(rows, np.arange(size + 1)).astype(np.int32)
+    shape, indices = np.array(given.shape, dtype=np.int64), columns.astype(np.int32)
+    data = numbers(name, given[rows, columns])
+    np.savez(content, format=np.array(b"csr"), shape=shape, data=data, indices=indices, indptr=starts)
+    return content.getvalue()
+
+
 def npy(name: str, given: Any) -> bytes:
     """An array as the file that `numpy.save` writes."""
     content = io.BytesIO()

@@ -15,6 +15,7 @@ __all__ = [
     "Memory",
     "Operator",
     "Prepared",
+    "Standing",
     "Sweep",
     "__version__",
     "compare_engines",
@@ -22,6 +23,7 @@ __all__ = [
     "derivative",
     "extremal",
     "kernel_facts",
+    "past_nodes",
     "response",
     "run",
     "run_in",
@@ -35,6 +37,14 @@ __version__: str
 class Prepared:
     def __new__(cls) -> Self: ...
 
+@final
+class Standing:
+    @property
+    def steps(self) -> int: ...
+    @property
+    def nbytes(self) -> int: ...
+
+def past_nodes(source: Any) -> list[float]: ...
 def run(
     source: Any,
     *,
@@ -45,7 +55,12 @@ def run(
     cases: bool = False,
     prepared: Prepared | None = None,
     spent: float = 0.0,
-) -> tuple[list[tuple[str, _Array, _Array, _Array, _Array, _Array, _Array, str, str]], BaseException | None]: ...
+    events: Any = ...,
+    go_on: Standing | None = None,
+    keep: bool | None = None,
+) -> tuple[
+    list[tuple[str, _Array, _Array, _Array, _Array, _Array, _Array, str, str]], BaseException | None, Standing | None
+]: ...
 def run_in(
     source: Any,
     directory: Any,
@@ -183,7 +198,7 @@ def vector_units() -> str: ...
 
 @final
 class Sweep:
-    def __new__(cls, source: Any, scenario: Any, precision: str) -> Self: ...
+    def __new__(cls, source: Any, scenario: Any, precision: str, terms: Any = None) -> Self: ...
     @staticmethod
     def of_parts(parts: _Parts, precision: str) -> Sweep: ...
     def parts(self) -> _Parts: ...

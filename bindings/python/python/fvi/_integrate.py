@@ -4,166 +4,51 @@ from __future__ import annotations
 
 import inspect
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fvi import _arrays, _fvi
 from fvi._errors import InputError
-from fvi._kernel import keys_of
 from fvi._result import Result
 from fvi._run import Progress, compute, compute_cases
-from fvi._scenario import MANY, SEVERAL, SHORT_NAMES, Files, Ready, by_path, source
-
-Function = Callable[..., Any]
-
-
-@dataclass(frozen=True)
-class Potential:
-    """A potential U(q) given by functions of an array of N positions.
-
-    Parameters
-    ----------
-    value : callable
-        U(q), a number.
-    gradient : callable
-        ∇U(q), N numbers.
-    hessian : callable, optional
-        ∂²U/∂q², N×N numbers. Without it differences of the gradient serve, one call more for each coordinate; the result is
-        the same to rounding, since Newton's method corrects for them.
-    """
-
-    value: Function
-    gradient: Function
-    hessian: Function | None = None
-
-
-@dataclass(frozen=True)
-class Force:
-    """A force F(t, q) given by functions of the time and an array of N positions.
-
-    Parameters
-    ----------
-    value : callable
-        F(t, q), N numbers; or F(t), if the time is all that it needs: parameters with defaults are its own.
-    jacobian : callable, optional
-        ∂F/∂q, N×N numbers, as a function of t and q. Without it differences of the force serve, where it takes a position.
-
-    Notes
-    -----
-    At a grid point a force is asked for within rounding of the time, on the side of the step that asks: a force that jumps at
-    a grid point, such as ``8.0*(t <= 1.0)``, jumps between two steps.
-    """
-
-    value: Function
-    jacobian: Function | None = None
-
-
-@dataclass(frozen=True)
-class Damping:
-    """A damping term ρ D^β q, or ρ K(D) q.
-
-    Parameters
-    ----------
-    order : float, optional
-        β, 0 ≤ β < 2.
-    coefficient : array_like or sparse matrix, optional
-        ρ: a diagonal or a symmetric positive semidefinite matrix.
-    derivative : {"caputo", "riemann-liouville"}
-        What the derivative acts on.
-    attached, strength : array_like or sparse matrix, optional
-        In place of `coefficient`: B, N rows and one column for each damper, and their strengths c ≥ 0; ρ = B diag(c) Bᵀ.
-    kernel : Kernel, optional
-        K in place of `order`.
-    allow_active : bool
-        Whether a kernel that is not passive is taken.
-    """
-
-    order: float | None = None
-    coefficient: Any = None
-    derivative: str = "caputo"
-    attached: Any = None
-    strength: ArrayLike | None = None
-    kernel: Any = None
-    allow_active: bool | None = None
-
-
-@dataclass(frozen=True)
-class Load:
-    """A force f a(t): a pattern over the coordinates times an amplitude over time.
-
-    Parameters
-    ----------
-    pattern : array_like or dict
-        f, N numbers; or ``{"coordinate": 17, "value": 1.0}``.
-    amplitude : str, callable or (array_like, array_like)
-        a: an expression in t and the parameters; a function of t; or times and values, linear in between and zero outside.
-    """
-
-    pattern: Any
-    amplitude: Any
-
-
-@dataclass(frozen=True)
-class Element:
-    """A potential of a few coordinates that acts in many places.
-
-    Parameters
-    ----------
-    potential : str
-        An expression in x0, x1, … and the parameters.
-    coordinates : array_like of int, shape (E, n)
-        For each place the coordinates that x0, x1, … stand for.
-    """
-
-    potential: str
-    coordinates: ArrayLike
-
-
-@dataclass(frozen=True)
-class Event:
-    """Where a function of the motion passes zero.
-
-    Parameters
-    ----------
-    when : str
-        An expression in t, q0, q1, … and the parameters; with scheme="collocation" in p0, p1, … too.
-    direction : {"both", "rising", "falling"}
-        Which passages count.
-    action : {"record", "stop"}
-        Whether the run goes on.
-    """
-
-    when: str
-    direction: str = "both"
-    action: str = "record"
-
-
-class _Terms(NamedTuple):
-    """What the compiled half calls."""
-
-    value: Function | None
-    gradient: Function | None
-    hessian: Function | None
-    force: Function | None
-    jacobian: Function | None
-    takes_position: bool
+from fvi._scenario import SEVERAL, SHORT_NAMES, Files, Ready, by_path, source, symmetric
+from fvi._terms import (
+    Damping,
+    Element,
+    Event,
+    Force,
+    Function,
+    Functions,
+    Load,
+    Potential,
+    damping_of,
+    elements_of,
+    events_of,
+    loads_of,
+    on_its_pattern,
+    terms_of,
+    with_loads,
+)
 
 
 def integrate(
     *,
-    mass: Any,
-    position: ArrayLike,
+    mass: Any = None,
+    position: ArrayLike | None = None,
     step: float | None = None,
     steps: int | None = None,
     end: float | None = None,
     momentum: ArrayLike | None = None,
     velocity: ArrayLike | None = None,
+    start: float | None = None,
+    past: Any = None,
+    continue_from: Result | None = None,
     stiffness: Any = None,
+    gyroscopic: Any = None,
     potential: str | Potential | None = None,
     force: str | Sequence[str] | Function | Force | None = None,
     damping: Damping | Mapping[str, Any] | Iterable[Damping | Mapping[str, Any]] = (),
@@ -174,23 +59,35 @@ def integrate(
     precision: str = "f64",
     check: bool = True,
     progress: Progress | None = None,
+    keep_memory: bool | None = None,
     overrides: Mapping[str, Any] | None = None,
     **keys: Any,
 ) -> Result:
-    """Integrates M q̈ + K q + ∇U(q) + Σ ∇U_e(q) = F(t, q) + Σ f a(t) − Σ ρ D^β q.
+    """Integrates M q̈ + G q̇ + K q + ∇U(q) + Σ ∇U_e(q) = F(t, q) + Σ f a(t) − Σ ρ D^β q.
 
     Parameters
     ----------
     mass : array_like or sparse matrix
         M: the diagonal, or a symmetric positive definite matrix. It says how many coordinates N there are.
     position : array_like
-        q(0), N numbers, or one for all coordinates.
+        q(t₀), N numbers, or one for all coordinates. With samples as `past` it may be left out.
     step, steps, end : number
         Step size h, and either the number of steps or the end of the time; with a `grid`, what that needs.
     momentum, velocity : array_like, optional
-        p(0) = M v(0) or v(0); at rest without them.
+        p(t₀) = M v(t₀) or v(t₀); at rest without them.
+    start : float, optional
+        t₀ ≥ 0, the time at which the motion begins; 0 without.
+    past : (float, callable) or (array_like, array_like), optional
+        What memories know of the time before: where that begins and q(t) as a function, or times and positions, one for each step
+        of the time before t₀, t₀ − m h, …, t₀ − h, and perhaps t₀. Before that the system had been at rest where it begins, and
+        without it at q(t₀); Riemann–Liouville damping knows it at zero.
+    continue_from : Result, optional
+        A result of this function to go on from, with its memory: only `steps`, how many more, or a later `end`, `every`, `times`,
+        `coordinates`, `check`, `progress` and `keep_memory` may stand beside it. The rows begin with the last one there.
     stiffness : array_like or sparse matrix, optional
         K, symmetric: adds ½ qᵀKq to the potential.
+    gyroscopic : array_like or sparse matrix, optional
+        G, skew-symmetric: forces −G q̇, which do no work. The matrix of a step is full then.
     potential : str or Potential, optional
         U(q): an expression in q0, q1, … and the parameters, or functions.
     force : str, list of str, callable or Force, optional
@@ -208,10 +105,12 @@ def integrate(
         Named constants of the expressions.
     precision, check, progress, overrides
         As in `run`.
+    keep_memory : bool, optional
+        Whether the result can be continued from. Without it, if the memory takes no more bytes than the rows or 16 million.
     **keys
         How to integrate, by the names in a scenario: scheme="low-order" (kappa=0.5), "galerkin" (degree, quadrature, points),
-        "collocation", "explicit-euler" or "implicit-euler"; convolution="bdf" (order from 1 to 6), "radau-iia" or "lobatto-iiic" (stages);
-        at; starting; engine, tolerance, capacity, overflow; every, times, coordinates; allow_unstable; energy_guard; title;
+        "collocation", "explicit-euler" or "implicit-euler"; convolution="bdf" (order from 1 to 6), "radau-iia" or "lobatto-iiic" (stages), or
+        "trapezoidal", likewise symbol="trapezoidal"; at; starting; engine, tolerance, capacity, overflow; every, times, coordinates; allow_unstable; energy_guard; title;
         sensitivities, paths such as "system.damping[0].order" by which the motion is differentiated, `Result.dq` and `Result.dp`; and
         for steps that differ grid="graded" (with end, steps, exponent), grid="geometric" (end, first, ratio, longest),
         grid="adaptive" (end, tolerance, and first, shortest, longest, scale if wanted) or grid=array of times, together with
@@ -266,6 +165,16 @@ def integrate(
     >>> len(r.events), bool(abs(r.q[-1, 0]) < 1e-12)
     (1, True)
     """
+    if continue_from is not None:
+        others = dict(
+            mass=mass, position=position, step=step, momentum=momentum, velocity=velocity, start=start, past=past,
+            stiffness=stiffness, gyroscopic=gyroscopic, potential=potential, force=force, damping=damping, loads=loads,
+            elements=elements, events=events, parameters=parameters, overrides=overrides,
+        )
+        others = {name: value for name, value in others.items() if not (value is None or value == ())}
+        if precision != "f64":
+            others["precision"] = precision
+        return _continued(continue_from, steps, end, others | keys, check, progress, keep_memory)
     return _integrated(
         dict(
         mass=mass,
@@ -275,7 +184,10 @@ def integrate(
         end=end,
         momentum=momentum,
         velocity=velocity,
+        start=start,
+        past=past,
         stiffness=stiffness,
+        gyroscopic=gyroscopic,
         potential=potential,
         force=force,
         damping=damping,
@@ -289,7 +201,64 @@ def integrate(
         precision=precision,
         check=check,
         progress=progress,
+        keep_memory=keep_memory,
     )
+
+
+MORE = ("every", "times", "coordinates")
+"""Keys that may stand beside `continue_from`."""
+
+
+def _continued(
+    before: Result,
+    steps: Any,
+    end: Any,
+    others: Mapping[str, Any],
+    check: bool,
+    progress: Progress | None,
+    keep_memory: bool | None,
+) -> Result:
+    """`integrate` from where a result ends."""
+    if not isinstance(before, Result):
+        raise InputError(f"continue_from = {before!r}: a result of fvi.integrate is needed", "continue_from", repr(before))
+    for name, value in others.items():
+        if name not in MORE and value is not None:
+            message = (
+                f"{name}: cannot stand beside continue_from, which goes on with the same system and scheme; allowed beside it: steps, "
+                f"end, {', '.join(MORE)}, check, progress, keep_memory"
+            )
+            raise InputError(message, name, repr(value))
+    known = before._continuation
+    if known is None:
+        message = f"continue_from: {before._why_not}"
+        raise InputError(message, "continue_from", repr(before))
+    if (steps is None) == (end is None):
+        raise InputError("steps: give either steps or end", "steps")
+    changes = by_path(None, {name: value for name, value in others.items() if value is not None})
+    name, directory, keys, files = known.given
+    time = {key: value for key, value in keys["time"].items() if key not in ("steps", "end")}
+    if steps is not None:
+        if isinstance(steps, (float, np.floating)) and float(steps).is_integer():
+            steps = int(steps)
+        time["steps"] = known.standing.steps + _arrays.whole("steps", steps)
+    else:
+        time["end"], reached = _arrays.real("end", end), float(before.summary["last"]["time"])
+        if time["end"] < reached:
+            allowed = f"a time from {reached} on, where the result ends"
+            raise InputError(f"end = {time['end']}: not allowed; allowed: {allowed}", "end", str(time["end"]))
+    keys = {**keys, "time": time}
+    if "output.times" in changes and "output" in keys:
+        keys["output"] = {key: value for key, value in keys["output"].items() if key != "every"}
+    if isinstance(chosen := changes.get("output.coordinates"), slice):
+        changes["output.coordinates"] = list(range(len(before.summary["last"]["position"])))[chosen]
+    with _arguments():
+        _, _, keys, more = source(keys, changes)
+        result = compute(
+            (name, directory, keys, {**files, **more}), engine=known.engine, precision=known.precision, check=check,
+            progress=progress, functions=known.functions, prepared=known.prepared, mass=before._mass, keep_memory=keep_memory,
+            standing=known.standing, junction=before,
+        )
+    return result
 
 
 def _integrated(
@@ -298,16 +267,17 @@ def _integrated(
     precision: str,
     check: bool,
     progress: Progress | None,
+    keep_memory: bool | None = None,
     prepared: _fvi.Prepared | None = None,
 ) -> Result:
     """`integrate`, with what a model has prepared."""
     begin = time.perf_counter()
-    given, terms = _scenario(**arguments)
+    given, functions = _scenario(**arguments)
     with _arguments():
         spent = time.perf_counter() - begin
         return compute(
-            given, precision=precision, check=check, progress=progress, terms=terms, prepared=prepared, spent=spent,
-            mass=_as_it_is(arguments["mass"]),
+            given, precision=precision, check=check, progress=progress, functions=functions, prepared=prepared, spent=spent,
+            mass=_as_it_is(arguments["mass"]), keep_memory=keep_memory,
         )
 
 
@@ -317,7 +287,7 @@ def _as_it_is(mass: Any) -> Any:
         return mass.copy()
     if isinstance(mass, Ready):
         return mass
-    return np.array(mass, dtype=np.float64) if np.ndim(mass) > 0 and len(mass) > MANY else None
+    return np.array(mass, dtype=np.float64) if np.ndim(mass) > 0 and len(mass) > SEVERAL else None
 
 
 def integrate_cases(
@@ -366,9 +336,12 @@ def integrate_cases(
         raise InputError("cases: none are given", "cases", repr(cases))
     bound = inspect.signature(integrate).bind(**arguments)
     bound.apply_defaults()
-    others = {name: value for name, value in bound.arguments.items() if name not in ("precision", "check", "progress")}
-    given, terms = _scenario(**others, cases=cases)
-    if terms is not None:
+    aside = ("precision", "check", "progress", "keep_memory", "continue_from")
+    if bound.arguments["continue_from"] is not None:
+        raise InputError("continue_from: cannot stand beside cases, whose results have no memory", "continue_from")
+    others = {name: value for name, value in bound.arguments.items() if name not in aside}
+    given, functions = _scenario(**others, cases=cases)
+    if functions.terms is not None:
         raise InputError("cases: need a linear system, without functions for potential and force", "cases")
     with _arguments():
         return compute_cases(given, precision=precision, check=check, progress=progress)
@@ -383,7 +356,10 @@ def _scenario(
     end: Any,
     momentum: Any,
     velocity: Any,
+    start: Any,
+    past: Any,
     stiffness: Any,
+    gyroscopic: Any,
     potential: Any,
     force: Any,
     damping: Any,
@@ -394,40 +370,54 @@ def _scenario(
     overrides: Any,
     keys: dict[str, Any],
     cases: Mapping[str, Any] | None = None,
-) -> tuple[Any, _Terms | None]:
+) -> tuple[Any, Functions]:
     """The scenario of the arguments of `integrate`, for the compiled half, and the functions beside it."""
-    matrix = _symmetric("mass", _arrays.matrix("mass", mass))
+    if mass is None:
+        raise InputError("mass: needed, unless there is a result to continue_from", "mass", "None")
+    matrix = symmetric("mass", _arrays.matrix("mass", mass))
+    time = _time(start, step, steps, end, keys.get("grid"))
+    samples = None if past is None else _Past(past, time)
+    if position is None and samples is not None and samples.end is not None:
+        position = samples.end
+    if position is None:
+        raise InputError("position: needed", "position", "None")
     if matrix.shape == (1,) and np.ndim(mass) == 0:
         matrix = np.full(max(1, np.size(position)), matrix[0])
     size = matrix.shape[0]
+    initial: dict[str, Any] = {"position": _arrays.vector("position", position, size)}
     system: dict[str, Any] = {"mass": matrix}
     if parameters is not None:
         system["parameters"] = dict(parameters)
-    texts, functions, force_texts = _terms(potential, force)
+    texts, terms, force_texts = terms_of(potential, force)
+    terms = on_its_pattern(terms, potential, initial["position"])
     if stiffness is not None:
-        system["stiffness"] = _symmetric("stiffness", _arrays.matrix("stiffness", stiffness, size))
+        system["stiffness"] = symmetric("stiffness", _arrays.matrix("stiffness", stiffness, size))
+    if gyroscopic is not None:
+        system["gyroscopic"] = _arrays.matrix("gyroscopic", gyroscopic, size)
+        if system["gyroscopic"].ndim == 1:
+            raise InputError("gyroscopic: a skew-symmetric matrix is needed", "gyroscopic", str(system["gyroscopic"].shape))
     if texts:
         system["potential"] = " + ".join(texts)
     if force_texts is not None:
         system["force"] = force_texts
-    system["damping"] = _damping(damping, size)
+    system["damping"] = damping_of(damping, size)
     scenario: dict[str, Any] = {"system": system}
     files: Files = {}
-    driven: list[tuple[Any, Function]] = []
-    if entries := _loads(loads, "loads", "system.load", size, files, driven):
+    driven: list[tuple[str, Any, Function]] = []
+    if entries := loads_of(loads, "loads", "system.load", size, files, driven):
         system["load"] = entries
     if driven:
-        functions = _with_loads(functions, driven)
+        terms = with_loads(terms, driven)
     if cases is not None:
         scenario["case"] = [
-            {"name": str(name), "load": _loads(given, f"cases[{name!r}]", f"case[{index}].load", size, files)}
+            {"name": str(name), "load": loads_of(given, f"cases[{name!r}]", f"case[{index}].load", size, files)}
             for index, (name, given) in enumerate(cases.items())
         ]
-    _elements(system, elements)
-    watched = _events(events)
-    if watched:
-        scenario["event"] = watched
-    initial: dict[str, Any] = {"position": _arrays.vector("position", position, size)}
+    if placed := elements_of(elements, "elements"):
+        system["element"] = placed
+    described, watched = events_of(events, "events", keys.get("scheme") == "collocation")
+    if described:
+        scenario["event"] = described
     if velocity is not None and momentum is None:
         initial["velocity"] = _arrays.vector("velocity", velocity, size)
     else:
@@ -438,23 +428,89 @@ def _scenario(
     if isinstance(chosen := changes.get("output.coordinates"), slice):
         changes["output.coordinates"] = list(range(size))[chosen]
     scenario["initial"] = initial
-    scenario["time"] = _time(step, steps, end, changes.get("time.grid"))
+    scenario["time"] = time
     # A file has to choose its columns; whoever asks for arrays gets them all.
     if size > MOST_COLUMNS and changes.get("output.coordinates") is None:
         changes["output.coordinates"] = range(size)
-    terms = functions if any((functions.gradient, functions.force)) else None
+    functions = Functions(terms if any((terms.gradient, terms.force)) else None, watched)
     with _arguments():
         given = source(scenario, changes)
-    given[3].update(files)
-    return given, terms
+        given[3].update(files)
+        if samples is not None:
+            rows = samples.rows(_fvi.past_nodes(given), initial["position"], size)
+            given[2]["initial"]["past"] = "initial.past.npy"
+            given[3]["initial.past.npy"] = _arrays.npy("past", rows)
+    return given, functions
+
+
+class _Past:
+    """The motion before the start, as the compiled half wants it."""
+
+    def __init__(self, given: Any, time: Mapping[str, Any]) -> None:
+        message = "past: (where it begins, function of t) or (times, positions) is needed"
+        if not isinstance(given, (tuple, list)) or len(given) != 2:
+            raise InputError(message, "past", repr(given))
+        if "step" not in time:
+            raise InputError("past: equal steps are needed, `step`", "past")
+        self.start, self.step = time.get("start", 0.0), float(time["step"])
+        self.function = given[1] if callable(given[1]) else None
+        self.end = None
+        if self.function is not None:
+            since = _arrays.real("past[0]", given[0])
+            self.steps = self._count("past[0]", since)
+            return
+        times, positions = _arrays.numbers("past[0]", given[0]), _arrays.numbers("past[1]", given[1])
+        if positions.ndim == 1:
+            positions = positions[:, None]
+        if times.ndim != 1 or times.size == 0 or positions.ndim != 2 or len(positions) != len(times):
+            shapes = f"{times.shape} and {np.shape(given[1])}"
+            raise InputError(f"past: shapes {shapes}; times and as many rows of positions are needed", "past", shapes)
+        self.steps = self._count("past[0][0]", float(times[0]))
+        grid = self.start - self.step * np.arange(self.steps, -1, -1)
+        tolerance = 1e-9 * self.step + 4 * np.finfo(float).eps * self.start
+        if len(times) not in (self.steps, self.steps + 1) or np.any(np.abs(times - grid[: len(times)]) > tolerance):
+            message = (
+                f"past[0]: the times of all {self.steps} steps before the start are needed, {grid[0]:g}, …, {grid[-2]:g}, and perhaps "
+                f"{grid[-1]:g}"
+            )
+            raise InputError(message, "past[0]", f"{len(times)} times")
+        self.positions = positions[: self.steps]
+        if len(times) > self.steps:
+            self.end = positions[-1]
+
+    def _count(self, name: str, since: float) -> int:
+        exact = float((self.start - since) / self.step)
+        steps = int(round(exact))
+        if steps < 1 or abs(exact - steps) > 1e-9 * steps + 4 * np.finfo(float).eps * self.start / self.step:
+            allowed = f"a time a whole number of steps of {self.step:g} before the start, {self.start:g}"
+            raise InputError(f"{name} = {since}: not allowed; allowed: {allowed}", name, str(since))
+        return steps
+
+    def rows(self, nodes: Sequence[float], position: Any, size: int) -> Any:
+        """Positions at the beginning of each step, and at these nodes of it."""
+        if self.end is not None and not np.array_equal(self.end, position):
+            raise InputError("position: not the last one of past", "position", repr(position))
+        if self.function is None:
+            if nodes:
+                message = f"past: with this scheme memories know {len(nodes)} positions inside each step; give a function of t"
+                raise InputError(message, "past", "samples")
+            if self.positions.shape[1] != size:
+                shape = str(self.positions.shape)
+                raise InputError(f"past[1]: shape {shape} instead of ({self.steps}, {size})", "past[1]", shape)
+            return self.positions
+        at = self.start - self.step * np.arange(self.steps, 0, -1)
+        times = at[:, None] + self.step * np.array([0.0, *nodes])
+        return np.stack([_arrays.vector("past[1]", self.function(float(t)), size) for t in times.ravel()])
 
 
 MOST_COLUMNS = 64
 """Coordinates of a large system up to which a scenario writes all of them without being asked."""
 
 
-def _time(step: Any, steps: Any, end: Any, grid: Any) -> dict[str, Any]:
+def _time(start: Any, step: Any, steps: Any, end: Any, grid: Any) -> dict[str, Any]:
     time: dict[str, Any] = {}
+    if start is not None:
+        time["start"] = _arrays.real("start", start)
     if step is not None:
         time["step"] = step if isinstance(step, int) else _arrays.real("step", step)
     if steps is not None:
@@ -463,235 +519,12 @@ def _time(step: Any, steps: Any, end: Any, grid: Any) -> dict[str, Any]:
         time["steps"] = _arrays.whole("steps", steps)
     if end is not None:
         time["end"] = _arrays.real("end", end)
-    if grid is None or grid == "uniform":
+    if grid is None or (isinstance(grid, str) and grid == "uniform"):
         if step is None:
             raise InputError("step: needed, unless there is a grid with other steps", "step", "None")
         if (steps is None) == (end is None):
             raise InputError("steps: give either steps or end", "steps")
     return time
-
-
-def _with_loads(functions: _Terms, driven: list[tuple[Any, Function]]) -> _Terms:
-    """The functions, with loads whose amplitudes are functions of time added to the force."""
-    push, takes_position = functions.force, functions.takes_position
-
-    def loads(t: float) -> Any:
-        total = 0.0
-        for index, (pattern, amplitude) in enumerate(driven):
-            value = _arrays.returned(f"loads[{index}].amplitude", amplitude(t))
-            if value.size != 1:
-                name = f"loads[{index}].amplitude"
-                raise InputError(f"{name} has returned {value.size} numbers; one is needed", name, str(value.shape))
-            total = total + pattern * float(value.reshape(()))
-        return total
-
-    def pushed(*arguments: Any) -> Any:
-        own = 0.0 if push is None else _arrays.returned("force", push(*arguments))
-        return own + loads(arguments[0])
-
-    return functions._replace(force=pushed, takes_position=push is not None and takes_position)
-
-
-def _loads(
-    given: Any, argument: str, key: str, size: int, files: Files, driven: list[tuple[Any, Function]] | None = None
-) -> list[dict[str, Any]]:
-    """The entries of loads under a key of the scenario; the records of their amplitudes go to `files`, patterns with amplitudes
-    that are functions to `driven`."""
-    loads = []
-    for index, load in enumerate(_arrays.several(argument, given, (Load, Mapping), "a fvi.Load")):
-        place = f"{argument}[{index}]"
-        if isinstance(load, Load):
-            load = {"pattern": load.pattern, "amplitude": load.amplitude}
-        if not isinstance(load, Mapping):
-            raise InputError(f"{place} = {load!r}: a fvi.Load is needed", place, repr(load))
-        entries = dict(load)
-        pattern, amplitude = entries.get("pattern"), entries.get("amplitude")
-        if pattern is not None and not isinstance(pattern, (Mapping, str)):
-            if _arrays.is_sparse(pattern):
-                pattern = pattern.toarray().ravel()
-            entries["pattern"] = _arrays.vector(f"{place}.pattern", pattern, size)
-        if callable(amplitude):
-            if driven is None:
-                name = f"{place}.amplitude"
-                raise InputError(f"{name}: an expression or a record is needed in a load case", name, repr(amplitude))
-            if isinstance(pattern, Mapping):
-                coordinate = _arrays.whole(f"{place}.pattern.coordinate", pattern.get("coordinate"))
-                if coordinate >= size:
-                    name, value = f"{place}.pattern.coordinate", str(coordinate)
-                    raise InputError(f"{name} = {value}: not allowed; allowed: a coordinate below {size}", name, value)
-                entries["pattern"] = np.zeros(size)
-                entries["pattern"][coordinate] = _arrays.real(f"{place}.pattern.value", pattern.get("value", 1.0))
-            elif pattern is None or isinstance(pattern, str):
-                name = f"{place}.pattern"
-                raise InputError(f"{name} = {pattern!r}: numbers are needed with a function of time", name, repr(pattern))
-            driven.append((entries["pattern"], amplitude))
-            continue
-        if isinstance(amplitude, (tuple, list)):
-            name = f"{key}[{index}].csv"
-            files[name] = _record(f"{place}.amplitude", amplitude)
-            entries["amplitude"] = {"file": name}
-        loads.append(entries)
-    return loads
-
-
-def _record(name: str, given: Sequence[Any]) -> bytes:
-    """Times and values as the file of a record."""
-    if len(given) != 2:
-        raise InputError(f"{name}: {len(given)} entries instead of times and values", name, str(len(given)))
-    times, values = (_arrays.numbers(f"{name}[{index}]", column) for index, column in enumerate(given))
-    if times.ndim != 1 or times.shape != values.shape:
-        shapes = f"{times.shape} and {values.shape}"
-        raise InputError(f"{name}: shapes {shapes} instead of two of the same length", name, shapes)
-    early = np.flatnonzero(np.diff(times) <= 0.0)
-    if early.size > 0:
-        index = int(early[0]) + 1
-        value = str(times[index])
-        raise InputError(f"{name}[0][{index}] = {value}: not allowed; allowed: times that increase", f"{name}[0][{index}]", value)
-    rows = (f"{time!r},{value!r}\n" for time, value in zip(times.tolist(), values.tolist()))
-    return ("t,a\n" + "".join(rows)).encode()
-
-
-def _elements(system: dict[str, Any], given: Any) -> None:
-    """Puts elements into a system."""
-    for index, element in enumerate(_arrays.several("elements", given, (Element, Mapping), "a fvi.Element")):
-        place = f"elements[{index}]"
-        if isinstance(element, Element):
-            element = {"potential": element.potential, "coordinates": element.coordinates}
-        if not isinstance(element, Mapping):
-            raise InputError(f"{place} = {element!r}: a fvi.Element is needed", place, repr(element))
-        system.setdefault("element", []).append(dict(element))
-
-
-def _events(given: Any) -> list[dict[str, Any]]:
-    """Events as a scenario has them."""
-    entries = []
-    for index, event in enumerate(_arrays.several("events", given, (Event, Mapping), "a fvi.Event")):
-        place = f"events[{index}]"
-        if isinstance(event, Event):
-            event = {"when": event.when, "direction": event.direction, "action": event.action}
-        if not isinstance(event, Mapping):
-            raise InputError(f"{place} = {event!r}: a fvi.Event is needed", place, repr(event))
-        entries.append(dict(event))
-    return entries
-
-
-def _terms(
-    potential: str | Potential | None, force: str | Sequence[str] | Function | Force | None
-) -> tuple[list[str], _Terms, list[str] | None]:
-    """Expressions of the potential, functions, expressions of the force."""
-    texts: list[str] = []
-    value = gradient = hessian = push = jacobian = None
-    takes_position = False
-    force_texts = None
-    if isinstance(potential, str):
-        texts.append(f"({potential})")
-    elif isinstance(potential, Potential):
-        value, gradient, hessian = potential.value, potential.gradient, potential.hessian
-        for name, function in (("value", value), ("gradient", gradient), ("hessian", hessian)):
-            if not callable(function) and not (name == "hessian" and function is None):
-                raise InputError(f"potential.{name} = {function!r}: a function is needed", f"potential.{name}", repr(function))
-    elif potential is not None:
-        message = "potential: an expression in quotes or a fvi.Potential with value, gradient and hessian is needed"
-        raise InputError(message, "potential", repr(potential))
-    if isinstance(force, str):
-        force_texts = [force]
-    elif isinstance(force, Force) or callable(force):
-        push, jacobian = (force.value, force.jacobian) if isinstance(force, Force) else (force, None)
-        if not callable(push):
-            raise InputError(f"force.value = {push!r}: a function is needed", "force.value", repr(push))
-        takes_position = _takes_position(push)
-    elif force is not None:
-        force_texts = list(force)
-        for index, text in enumerate(force_texts):
-            if not isinstance(text, str):
-                message = f"force[{index}] = {text!r}: an expression in quotes is needed; or give a function of (t, q)"
-                raise InputError(message, f"force[{index}]", repr(text))
-    return texts, _Terms(value, gradient, hessian, push, jacobian, takes_position), force_texts
-
-
-def _takes_position(function: Function) -> bool:
-    """Whether a force is a function of time and position, or of time alone."""
-    try:
-        signature = inspect.signature(function)
-    except (TypeError, ValueError):
-        return True
-    try:
-        signature.bind(0.0)
-    except TypeError:
-        return True
-    # A second parameter that has a default, as in ``lambda t, a=a: …``, is the function's own.
-    return any(parameter.kind is inspect.Parameter.VAR_POSITIONAL for parameter in signature.parameters.values())
-
-
-def _symmetric(name: str, given: Any) -> Any:
-    """A matrix that is symmetric to rounding, as its symmetric part; the diagonal, where that is all there is."""
-    if isinstance(given, Ready):
-        return given
-    if _arrays.is_sparse(given):
-        entries = given.tocoo()
-        for triangle, absent, other in (("upper", entries.row > entries.col, "triu"), ("lower", entries.row < entries.col, "tril")):
-            there = entries.row < entries.col if triangle == "upper" else entries.row > entries.col
-            if not absent.any() and bool((entries.data[there] != 0.0).any()):
-                shift = 1 if triangle == "upper" else -1
-                message = (
-                    f"{name}: not symmetric: the {triangle} triangle only? Both are needed: "
-                    f"{name} + scipy.sparse.{other}({name}, {shift}).T"
-                )
-                raise InputError(message, name, f"{triangle} triangle")
-        if bool((entries.row == entries.col).all()) and name == "mass":
-            return _arrays.numbers(name, given.diagonal())
-        if given.shape[0] > SEVERAL:
-            # The reader of files does as is done below.
-            return given
-        given = _arrays.numbers(name, given.toarray())
-    if given.ndim == 1:
-        return given
-    with np.errstate(over="ignore"):
-        off = np.abs(given - given.T)
-    row, column = (int(index) for index in np.unravel_index(np.argmax(off), off.shape))
-    if off[row, column] > 64 * np.finfo(float).eps * np.abs(given).max():
-        message = (
-            f"{name}: not symmetric: entry ({row}, {column}) is {given[row, column]}, "
-            f"entry ({column}, {row}) is {given[column, row]}"
-        )
-        raise InputError(message, name, f"entry ({row}, {column})")
-    return given if off[row, column] == 0.0 else 0.5 * given + 0.5 * given.T
-
-
-def ready(name: str, given: Any, size: int | None) -> Any:
-    """A matrix as it goes over; a large one as the content of a file, for any number of runs."""
-    matrix = _symmetric(name, _arrays.matrix(name, given, size))
-    if _arrays.is_sparse(matrix):
-        if matrix.shape[0] > SEVERAL:
-            return Ready(matrix.shape, ".npz", _arrays.npz(name, matrix))
-    elif getattr(matrix, "ndim", 0) == 2 and matrix.shape[0] > MANY:
-        return Ready(matrix.shape, ".npy", _arrays.npy(name, matrix))
-    elif name == "mass" and matrix.shape[0] > MANY:
-        return Ready(matrix.shape, ".npz", _arrays.diagonal_npz(name, matrix))
-    return matrix
-
-
-def _damping(given: Any, size: int) -> list[dict[str, Any]]:
-    terms = []
-    for index, term in enumerate(_arrays.several("damping", given, (Damping, Mapping), "a fvi.Damping")):
-        place = f"damping[{index}]"
-        if isinstance(term, Damping):
-            term = {field.name: getattr(term, field.name) for field in fields(term)}
-        if not isinstance(term, Mapping):
-            raise InputError(f"{place} = {term!r}: a fvi.Damping is needed", place, repr(term))
-        entries = {key: value for key, value in dict(term).items() if value is not None}
-        if "order" in entries:
-            entries["order"] = _arrays.real(f"{place}.order", entries["order"])
-        if "kernel" in entries:
-            entries["kernel"] = keys_of(f"{place}.kernel", entries["kernel"])
-        if "coefficient" in entries:
-            name = f"{place}.coefficient"
-            coefficient = _arrays.matrix(name, entries["coefficient"], size)
-            entries["coefficient"] = _symmetric(name, coefficient)
-        if "attached" in entries and not _arrays.is_sparse(entries["attached"]):
-            entries["attached"] = _arrays.numbers(f"{place}.attached", entries["attached"])
-        terms.append(entries)
-    return terms
 
 
 @contextmanager
@@ -706,9 +539,9 @@ def _arguments() -> Iterator[None]:
 def _named_after_argument(error: InputError) -> InputError:
     """An error about a key of a scenario, as one about the argument that it came from."""
     arguments = {path: name for name, path in SHORT_NAMES.items()} | {
-        f"system.{name}": name for name in ("mass", "stiffness", "potential", "force", "damping")
+        f"system.{name}": name for name in ("mass", "stiffness", "gyroscopic", "potential", "force", "damping")
     }
-    arguments |= {"system.load": "loads", "system.element": "elements", "case": "cases", "event": "events"}
+    arguments |= {"system.load": "loads", "system.element": "elements", "case": "cases", "event": "events", "sensitivity": "sensitivities"}
     arguments |= {"time.points": "grid", "time.tolerance": "tolerance"}
     for path, name in arguments.items():
         if error.key == path or error.key.startswith((f"{path}.", f"{path}[")):

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from fvi import _arrays, _fvi
 from fvi._errors import InputError
-from fvi._integrate import Damping, _integrated, integrate, ready
+from fvi._integrate import _integrated, integrate
 from fvi._result import Result
+from fvi._scenario import ready
+from fvi._terms import Damping
 
 RIVALS = {"velocity": "momentum", "momentum": "velocity", "steps": "end", "end": "steps"}
 """Arguments that say the same in another way: the one given takes the place of the other."""
 
-OPTIONS = ("precision", "check", "progress")
+OPTIONS = ("precision", "check", "progress", "keep_memory")
 
 
 class Model:
@@ -72,7 +75,11 @@ class Model:
         InputError, StepError, Exception
             As `integrate`.
         """
+        if changes.get("continue_from") is not None:
+            # The result knows its system, and what was prepared for it.
+            return integrate(**changes)
         arguments = self._merged(self._taken(changes))
+        arguments.pop("continue_from")
         options = {name: arguments.pop(name) for name in OPTIONS}
         return _integrated(arguments, prepared=self._prepared, **options)
 
@@ -90,7 +97,7 @@ class Model:
     def _damping(self, place: str, term: Any) -> Any:
         if isinstance(term, Damping) and _is_large(term.coefficient):
             coefficient = ready(f"{place}.coefficient", term.coefficient, self._size)
-            return Damping(term.order, coefficient, term.derivative, term.attached, term.strength)
+            return replace(term, coefficient=coefficient)
         return term
 
     def _merged(self, changes: Mapping[str, Any]) -> dict[str, Any]:

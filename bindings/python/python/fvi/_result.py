@@ -6,6 +6,7 @@ import html
 import io
 import json
 import os
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -42,6 +43,18 @@ class Picture(tuple[Any, ...]):
     def savefig(self, *arguments: Any, **keys: Any) -> None:
         """Writes the figure, as `matplotlib.figure.Figure.savefig` does."""
         self.figure.savefig(*arguments, **keys)
+
+
+@dataclass(frozen=True)
+class Continuation:
+    """What a run needs that goes on from a result."""
+
+    given: Any
+    engine: str | None
+    precision: str
+    functions: Any
+    prepared: Any
+    standing: Any
 
 
 @dataclass(frozen=True, repr=False)
@@ -82,6 +95,28 @@ class Result:
     setpoint: FloatArray | None = None
     measure: FloatArray | None = None
     _derivatives: FloatArray | None = field(default=None, compare=False)
+    _continuation: Continuation | None = field(default=None, compare=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Functions and memories stay in the process.
+        return {**self.__dict__, "_continuation": None}
+
+    @property
+    def _why_not(self) -> str:
+        """Why there is nothing to continue from."""
+        if self.status == -1:
+            return "the result ends with a step that failed"
+        time = self.summary.get("scenario", {}).get("time", {})
+        if time.get("grid", "uniform") != "uniform":
+            return "the steps of the result differ; only runs with equal steps are continued"
+        if self.summary.get("status") == "event":
+            return "an event has ended the result inside of a step"
+        if self.summary.get("scenario", {}).get("sensitivity"):
+            return "the result has sensitivities, which are not continued"
+        return (
+            "the result has no memory: it was read from a file, made of a scenario's file, or its memory is large and was not kept; "
+            "`keep_memory=True` keeps it, and a run with `out` is gone on with by `resume=True`"
+        )
 
     @property
     def dq(self) -> FloatArray:
@@ -295,13 +330,65 @@ class Result:
         )
 
 
+def ending(known: Mapping[str, Any]) -> tuple[int, str]:
+    """How a run ended by its record: status and message of a result."""
+    if known["status"] == "completed":
+        return 0, f"all {known['steps']} steps were made"
+    if known["status"] == "event":
+        return 0, f"event {known['event']} ended the run at t = {known['time']}"
+    if known["status"] == "stopped":
+        wanted = f" of {known['steps_wanted']}" if "steps_wanted" in known else ""
+        return 1, f"stopped after {known['steps']}{wanted} steps"
+    return -1, f"step {known['step']} (from t = {known['time']}) failed: {known['reason']}"
+
+
+def _of_directory(path: str) -> Result:
+    """The result in the directory of a run: ``summary.json`` and ``trajectory.csv`` or ``trajectory.npz``."""
+    with open(os.path.join(path, "summary.json"), encoding="utf-8") as file:
+        record = file.read()
+    known = json.loads(record)
+    status, message = ending(known)
+    warned = tuple(known.get("warnings", ()))
+    arrays = os.path.join(path, "trajectory.npz")
+    columns: dict[str, Any] = {}
+    if "trajectory.npz" in known["files"]:
+        with np.load(arrays, allow_pickle=False) as kept:
+            t, q, p, energy = (kept[name] for name in ("t", "q", "p", "energy"))
+            for name in ("u", "setpoint", "measure"):
+                if name in kept:
+                    column = kept[name].reshape(len(t), -1)
+                    columns[name] = column[:, 0].copy() if column.shape[1] == 1 else column
+        return Result(t, q, p, energy, status == 0, status, message, record, warned, **columns)
+    with open(os.path.join(path, "trajectory.csv"), encoding="utf-8") as file:
+        names = file.readline().rstrip("\n").split(",")
+        rows = np.loadtxt(file, delimiter=",", ndmin=2)
+
+    def taken(pattern: str) -> list[int]:
+        return [index for index, name in enumerate(names) if re.fullmatch(pattern, name)]
+
+    def part(pattern: str) -> FloatArray:
+        return np.ascontiguousarray(rows[:, taken(pattern)])
+
+    q, p = part(r"q\d+"), part(r"p\d+")
+    for name in ("u", "setpoint", "measure"):
+        if taken(name):
+            columns[name] = part(name)[:, 0]
+        elif taken(rf"{name}\d+"):
+            columns[name] = part(rf"{name}\d+")
+    parameters = len(taken(r"dq\d+_d\d+")) // q.shape[1]
+    by_parameter = [part(rf"d{letter}\d+_d{parameter}") for parameter in range(parameters) for letter in "qp"]
+    derivatives = np.concatenate(by_parameter, axis=1) if by_parameter else None
+    t, energy = part("t")[:, 0], part("energy")[:, 0]
+    return Result(t, q, p, energy, status == 0, status, message, record, warned, _derivatives=derivatives, **columns)
+
+
 def load(path: str | os.PathLike[str]) -> Result:
-    """Reads a result that `Result.save` wrote.
+    """Reads a result that `Result.save` wrote, or the directory of a run of `fvi run` or with `out`; every number has the same bits.
 
     Parameters
     ----------
     path : path
-        The file.
+        The file, or the directory.
 
     Returns
     -------
@@ -310,7 +397,7 @@ def load(path: str | os.PathLike[str]) -> Result:
     Raises
     ------
     InputError
-        If the file holds none.
+        If file or directory hold none.
     OSError
         If it cannot be read.
 
@@ -325,6 +412,8 @@ def load(path: str | os.PathLike[str]) -> Result:
     (True, True)
     """
     try:
+        if os.path.isdir(path):
+            return _of_directory(os.fspath(path))
         with np.load(path, allow_pickle=False) as arrays:
             t, q, p, energy = (arrays[name] for name in ("t", "q", "p", "energy"))
             control = {name: arrays[name] for name in ("u", "setpoint", "measure") if name in arrays}

@@ -7,6 +7,7 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn, cast
 
@@ -15,8 +16,9 @@ import numpy as np
 from fvi import _fvi
 from fvi._types import FloatArray
 from fvi._errors import InputError, StepError
-from fvi._result import Result
-from fvi._scenario import Scenario, by_path, source
+from fvi._result import Continuation, Result, ending
+from fvi._scenario import Files, Scenario, by_path, source
+from fvi._terms import Functions, out_of
 
 Progress = Callable[[int, int | None], object]
 """A function of the number of steps made and of all steps; `None` where steps are chosen on the way."""
@@ -40,7 +42,8 @@ def run(
     Parameters
     ----------
     scenario : path or dict
-        A scenario file (TOML), or a dictionary with the same keys; NumPy arrays may stand for lists.
+        A scenario file (TOML), or a dictionary with the same keys; NumPy arrays may stand for lists, and what `integrate` takes for
+        what a file can hold: a `Potential`, a force and amplitudes that are functions, `Damping`, `Load`, `Element`, `Event`.
     precision : {"f64", "f32"}
         What to compute in. The arrays are in double precision either way.
     check : bool
@@ -108,12 +111,20 @@ def run(
     """
     changes = by_path(overrides, keys)
     engine = changes.pop("history.engine", None) if not _history_settings(changes) else None
+    functions = Functions()
+    files: Files = {}
+    if isinstance(scenario, Mapping):
+        scenario, functions, files = out_of(scenario)
     given = source(scenario, changes)
+    if files:
+        given[3].update(files)
+    if out is not None and functions:
+        raise InputError("out: a scenario with functions leaves no files: nothing could tell that they are the same", "out", os.fspath(out))
     if out is None:
         if resume or accept_other_machine or checkpoint_every is not None:
             name = "resume" if resume else "accept_other_machine" if accept_other_machine else "checkpoint_every"
             raise InputError(f"{name}: only together with out, the directory of the run", name)
-        return compute(given, engine=engine, precision=precision, check=check, progress=progress)
+        return compute(given, engine=engine, precision=precision, check=check, progress=progress, functions=functions)
     progress = check_progress(progress)
     record, raised = _fvi.run_in(
         given,
@@ -195,18 +206,50 @@ def compute(
     precision: str = "f64",
     check: bool = True,
     progress: Progress | None = None,
-    terms: Any = None,
+    functions: Functions = Functions(),
     prepared: _fvi.Prepared | None = None,
     spent: float = 0.0,
     mass: Any = None,
+    keep_memory: bool | None = None,
+    standing: _fvi.Standing | None = None,
+    junction: Result | None = None,
 ) -> Result:
-    """Runs what `fvi._scenario.source` has made."""
+    """Runs what `fvi._scenario.source` has made; with a `standing` on from there, where the result `junction` ends."""
     progress = check_progress(progress)
-    motions, raised = _fvi.run(
-        scenario, engine=engine, precision=precision, progress=progress, terms=terms, prepared=prepared, spent=spent
+    motions, raised, reached = _fvi.run(
+        scenario, engine=engine, precision=precision, progress=progress, terms=functions.terms, prepared=prepared, spent=spent,
+        events=functions.events, go_on=standing, keep=keep_memory,
     )
     ((_, t, q, p, energy, control, derivatives, end, record),) = motions
-    return _finish(_result(t, q, p, energy, control, end, record, mass, derivatives), raised, check)
+    result = _result(t, q, p, energy, control, end, record, mass, derivatives)
+    if junction is not None:
+        result = _behind(junction, result)
+    if reached is not None and isinstance(scenario, tuple):
+        known = Continuation(scenario, engine, precision, functions, prepared, reached)
+        object.__setattr__(result, "_continuation", known)
+    return _finish(result, raised, check)
+
+
+def _behind(before: Result, result: Result) -> Result:
+    """A result that goes on from another, with the last row there as its first; not where `times` choose the rows."""
+    scenario = result.summary["scenario"]
+    last = before.summary["last"]
+    if scenario["output"].get("times"):
+        return result
+    chosen = scenario["output"].get("coordinates")
+    q, p = (np.array(last[name]) if chosen is None else np.array(last[name])[chosen] for name in ("position", "momentum"))
+    control: dict[str, Any] = {
+        name: np.concatenate([getattr(before, name)[-1:], column]) for name, column in result._control.items()
+        if getattr(before, name) is not None
+    }
+    return replace(
+        result,
+        t=np.concatenate([[last["time"]], result.t]),
+        q=np.concatenate([q[None], result.q]),
+        p=np.concatenate([p[None], result.p]),
+        energy=np.concatenate([[last["energy"]], result.energy]),
+        **control,
+    )
 
 
 def compute_cases(
@@ -214,7 +257,7 @@ def compute_cases(
 ) -> dict[str, Result]:
     """As `compute`, for each load case by its name."""
     progress = check_progress(progress)
-    motions, raised = _fvi.run(scenario, engine=engine, precision=precision, progress=progress, cases=True)
+    motions, raised, _ = _fvi.run(scenario, engine=engine, precision=precision, progress=progress, cases=True)
     results = {
         name: _result(t, q, p, energy, control, end, record) for name, t, q, p, energy, control, _, end, record in motions
     }
@@ -261,17 +304,8 @@ def _result(
 ) -> Result:
     """The result with what its record says of the end; the record itself is read when it is asked for."""
     known = json.loads(end)
-    if known["status"] == "completed":
-        status, message = 0, f"all {known['steps']} steps were made"
-    elif known["status"] == "event":
-        status, message = 0, f"event {known['event']} ended the run at t = {known['time']}"
-    elif known["status"] == "stopped":
-        wanted = f" of {known['steps_wanted']}" if "steps_wanted" in known else ""
-        status, message = 1, f"stopped after {known['steps']}{wanted} steps"
-    else:
-        status = -1
-        message = f"step {known['step']} (from t = {known['time']}) failed: {known['reason']}"
-    columns = {}
+    status, message = ending(known)
+    columns: dict[str, Any] = {}
     if control is not None and control.size:
         control = control.reshape(len(t), -1, 3)
         several = control.shape[1] > 1

@@ -22,6 +22,7 @@ SHORT_NAMES = {
     "position": "initial.position",
     "momentum": "initial.momentum",
     "velocity": "initial.velocity",
+    "past": "initial.past",
     "scheme": "scheme.kind",
     "kappa": "scheme.kappa",
     "degree": "scheme.degree",
@@ -30,6 +31,7 @@ SHORT_NAMES = {
     "convolution": "convolution.family",
     "order": "convolution.order",
     "stages": "convolution.stages",
+    "symbol": "convolution.symbol",
     "at": "convolution.at",
     "starting": "convolution.starting",
     "step": "time.step",
@@ -43,6 +45,7 @@ SHORT_NAMES = {
     "capacity": "history.capacity",
     "overflow": "history.overflow",
     "grid": "time.grid",
+    "start": "time.start",
     "exponent": "time.exponent",
     "first": "time.first",
     "ratio": "time.ratio",
@@ -68,7 +71,7 @@ RIVALS = {
 
 
 INSTEAD = {
-    "t_span": "`end`, the end of the time; it begins at 0",
+    "t_span": "`start` and `end`",
     "t_eval": "`times`, the times of the rows",
     "dense_output": "nothing: a result is a function of time, `r(t)`",
     "method": "`scheme` and `convolution`",
@@ -118,7 +121,7 @@ MANY = 128
 SEVERAL = 32
 """Rows from which on sparse matrices do."""
 
-MATRICES = re.compile(r"system\.(mass|stiffness|damping\[\d+\]\.(coefficient|attached))")
+MATRICES = re.compile(r"system\.(mass|stiffness|gyroscopic|damping\[\d+\]\.(coefficient|attached))")
 VECTORS = re.compile(r"(system|case\[\d+\])\.load\[\d+\]\.pattern|initial\.(position|momentum|velocity)")
 """Keys that may name a file."""
 
@@ -174,6 +177,68 @@ def plain(value: Any, path: str, files: Files) -> Any:
 def _attach(files: Files, name: str, content: bytes) -> str:
     files[name] = content
     return name
+
+
+def symmetric(name: str, given: Any) -> Any:
+    """A matrix that is symmetric to rounding, as its symmetric part; the diagonal, where that is all there is."""
+    if isinstance(given, Ready):
+        return given
+    if _arrays.is_sparse(given):
+        entries = given.tocoo()
+        for triangle, absent, other in (("upper", entries.row > entries.col, "triu"), ("lower", entries.row < entries.col, "tril")):
+            there = entries.row < entries.col if triangle == "upper" else entries.row > entries.col
+            if not absent.any() and bool((entries.data[there] != 0.0).any()):
+                shift = 1 if triangle == "upper" else -1
+                message = (
+                    f"{name}: not symmetric: the {triangle} triangle only? Both are needed: "
+                    f"{name} + scipy.sparse.{other}({name}, {shift}).T"
+                )
+                raise InputError(message, name, f"{triangle} triangle")
+        if bool((entries.row == entries.col).all()) and name == "mass":
+            return _arrays.numbers(name, given.diagonal())
+        if given.shape[0] > SEVERAL:
+            # The reader of files does as is done below.
+            return given
+        given = _arrays.numbers(name, given.toarray())
+    if given.ndim == 1:
+        return given
+    with np.errstate(over="ignore"):
+        off = np.abs(given - given.T)
+    row, column = (int(index) for index in np.unravel_index(np.argmax(off), off.shape))
+    if off[row, column] > 64 * np.finfo(float).eps * np.abs(given).max():
+        message = (
+            f"{name}: not symmetric: entry ({row}, {column}) is {given[row, column]}, "
+            f"entry ({column}, {row}) is {given[column, row]}"
+        )
+        raise InputError(message, name, f"entry ({row}, {column})")
+    if off[row, column] != 0.0:
+        given = 0.5 * given + 0.5 * given.T
+    return _by_its_entries(name, given)
+
+
+FEW = 0.125
+"""The part of N² entries up to which an array of more than `SEVERAL` rows goes over by its entries that are not zero."""
+
+
+def _by_its_entries(name: str, given: Any) -> Any:
+    """A full matrix; one of some rows with few entries as the content of a file, whose step has a sparse factor then."""
+    size = given.shape[0]
+    if not SEVERAL < size <= MANY or np.count_nonzero(given) > FEW * size * size:
+        return given
+    return Ready(given.shape, ".npz", _arrays.entries_npz(name, given))
+
+
+def ready(name: str, given: Any, size: int | None) -> Any:
+    """A matrix as it goes over; a large one as the content of a file, for any number of runs."""
+    matrix = symmetric(name, _arrays.matrix(name, given, size))
+    if _arrays.is_sparse(matrix):
+        if matrix.shape[0] > SEVERAL:
+            return Ready(matrix.shape, ".npz", _arrays.npz(name, matrix))
+    elif getattr(matrix, "ndim", 0) == 2 and matrix.shape[0] > MANY:
+        return Ready(matrix.shape, ".npy", _arrays.npy(name, matrix))
+    elif name == "mass" and matrix.shape[0] > MANY:
+        return Ready(matrix.shape, ".npz", _arrays.diagonal_npz(name, matrix))
+    return matrix
 
 
 def put(scenario: dict[str, Any], path: str, value: Any) -> None:
@@ -251,6 +316,10 @@ def by_path(overrides: Mapping[str, Any] | None, short: Mapping[str, Any]) -> di
         if name == "grid" and value is not None and not isinstance(value, str):
             # The points themselves.
             changes["time.points"], value = value, "points"
+        if name == "convolution" and isinstance(value, str) and value == "trapezoidal":
+            # As `weights` and `Memory` call it.
+            changes["convolution.symbol"] = value
+            continue
         if name == "tolerance" and is_adaptive(short.get("grid")):
             changes["time.tolerance"] = value
             continue

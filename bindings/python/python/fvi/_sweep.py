@@ -14,6 +14,7 @@ from fvi._errors import InputError
 from fvi._result import Table
 from fvi._run import Progress, check_progress
 from fvi._scenario import Scenario, source
+from fvi._terms import out_of
 
 
 def sweep(
@@ -34,7 +35,8 @@ def sweep(
     sweep : path or dict
         A sweep file (TOML), or a dictionary with the same keys: `scenario`, a path or a dictionary as in `run`; `axes`, values of
         the scenario's keys by their paths, as lists, arrays, or ranges such as ``{"from": 0.1, "to": 1.9, "count": 37}``;
-        `sampling`; `keep`.
+        `sampling`; `keep`. A dictionary may have functions in it, as in `run`, where the runs are made here and not kept: on threads
+        of this process, one of which at a time holds the interpreter.
     client : dask.distributed.Client, optional
         The cluster that makes the runs; every worker needs the package fvi in the same version, and none needs to see a file.
         Workers may leave and come at any time, and the connection to the scheduler may be lost for a while: this costs time and
@@ -89,7 +91,7 @@ def sweep(
     >>> bool((table["energy_left"] < 1).all())
     True
     """
-    plan = _plan(sweep, precision)
+    plan = _plan(sweep, precision, local=client is None and out is None and shard is None and not gather)
     progress = check_progress(progress)
     if jobs is not None:
         jobs = _arrays.whole("jobs", jobs, 1)
@@ -135,8 +137,8 @@ def sweep(
         return _table(plan.rows(directory, shard, gather))
 
 
-def _plan(given: Scenario, precision: str) -> _fvi.Sweep:
-    """The sweep, read and checked."""
+def _plan(given: Scenario, precision: str, local: bool) -> _fvi.Sweep:
+    """The sweep, read and checked; a `local` one may have functions."""
     if not isinstance(given, Mapping):
         try:
             return _fvi.Sweep(Path(given), None, precision)
@@ -148,7 +150,18 @@ def _plan(given: Scenario, precision: str) -> _fvi.Sweep:
     if not isinstance(scenario, Mapping):
         return _fvi.Sweep(source(given, {}, "sweep"), None, precision)
     keys = source({**given, "scenario": "a dictionary"}, {}, "sweep")
-    return _fvi.Sweep(keys, source(scenario, {}), precision)
+    scenario, functions, files = out_of(scenario)
+    if any(functions.events):
+        raise InputError("scenario.event: an expression is needed in a sweep", "scenario.event")
+    if functions and not local:
+        message = (
+            "scenario: with functions in it the runs are made on the threads of this process, and nothing is kept that could not tell "
+            "which functions they were: without client, out, shard and gather"
+        )
+        raise InputError(message, "scenario")
+    where = source(scenario, {})
+    where[3].update(files)
+    return _fvi.Sweep(keys, where, precision, functions.terms)
 
 
 def _table(columns: dict[str, Any]) -> Any:

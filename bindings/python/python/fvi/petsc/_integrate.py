@@ -14,7 +14,8 @@ from petsc4py import PETSc
 
 from fvi import _arrays, _fvi
 from fvi._errors import InputError, StepError
-from fvi._integrate import MOST_COLUMNS, Damping, Load
+from fvi._integrate import MOST_COLUMNS
+from fvi._terms import Damping, Load
 from fvi._result import Result
 from fvi._run import Progress
 from fvi.petsc import _arguments as given_as

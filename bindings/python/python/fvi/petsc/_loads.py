@@ -12,8 +12,9 @@ from petsc4py import PETSc
 
 from fvi import _arrays, _fvi
 from fvi._errors import InputError, StepError
-from fvi._integrate import Load, _arguments, _loads
+from fvi._integrate import _arguments
 from fvi._scenario import source
+from fvi._terms import Load, loads_of
 from fvi._types import FloatArray
 from fvi.petsc._arguments import Layout, coordinates, local_numbers
 
@@ -89,7 +90,7 @@ def _compiled(amplitudes: list[Any], step: float, parameters: Mapping[str, float
         Load({"coordinate": index}, tuple(amplitude) if isinstance(amplitude, list) else amplitude)
         for index, amplitude in enumerate(amplitudes)
     ]
-    system: dict[str, Any] = {"mass": np.ones(count), "load": _loads(loads, "loads", "system.load", count, files)}
+    system: dict[str, Any] = {"mass": np.ones(count), "load": loads_of(loads, "loads", "system.load", count, files)}
     if parameters is not None:
         system["parameters"] = dict(parameters)
     scenario = {
