@@ -9,7 +9,7 @@ use fvi_sparse::Pattern;
 pub(super) struct Own {
     terms: SharedTerms,
     position: Vec<f64>,
-    pull: Vec<f64>,
+    restoring: Vec<f64>,
     /// One for each place, row by row where all are; none where nothing depends on the position.
     stiffness: Vec<f64>,
     /// Where these are in the stiffness of the model; empty: as they come.
@@ -27,11 +27,11 @@ impl Own {
             None if depends_on_position => size * size,
             None => 0,
         };
-        let (position, pull) = (vec![0.0; size], vec![0.0; size]);
+        let (position, restoring) = (vec![0.0; size], vec![0.0; size]);
         Self {
             terms,
             position,
-            pull,
+            restoring,
             stiffness: vec![0.0; count],
             slots: Vec::new(),
             places,
@@ -45,7 +45,7 @@ impl Own {
 
     /// The places of the stiffness, in the order of its numbers.
     pub(super) fn places(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
-        let size = if self.places.is_none() && self.depends_on_position { self.pull.len() } else { 0 };
+        let size = if self.places.is_none() && self.depends_on_position { self.restoring.len() } else { 0 };
         let all = (0..size).flat_map(move |row| (0..size).map(move |column| (row, column)));
         let known = self.places.iter().flatten();
         known.map(|&(row, column)| (row as usize, column as usize)).chain(all)
@@ -70,11 +70,17 @@ impl Own {
         T::of(self.terms.with(|terms| terms.potential(&self.position)))
     }
 
-    pub(super) fn add_pull<T: Elementary>(&mut self, moment: Moment<T>, position: &[T], pull: &mut [T]) {
+    pub(super) fn add_restoring_force<T: Elementary>(
+        &mut self,
+        moment: Moment<T>,
+        position: &[T],
+        restoring: &mut [T],
+    ) {
         self.at(position);
-        self.pull.fill(0.0);
-        self.terms.with(|terms| terms.add_pull(moment.in_double(), &self.position, &mut self.pull));
-        add(&self.pull, pull);
+        self.restoring.fill(0.0);
+        self.terms
+            .with(|terms| terms.add_restoring_force(moment.in_double(), &self.position, &mut self.restoring));
+        add(&self.restoring, restoring);
     }
 
     /// `stiffness` is that of the model: it has every place, row by row, unless places are known.
@@ -82,20 +88,20 @@ impl Own {
         &mut self,
         moment: Moment<T>,
         position: &[T],
-        pull: &mut [T],
+        restoring: &mut [T],
         stiffness: &mut [T],
     ) {
         if !self.depends_on_position {
-            return self.add_pull(moment, position, pull);
+            return self.add_restoring_force(moment, position, restoring);
         }
         self.at(position);
-        self.pull.fill(0.0);
+        self.restoring.fill(0.0);
         self.stiffness.fill(0.0);
-        let (own_pull, own_stiffness) = (&mut self.pull, &mut self.stiffness);
+        let (own_restoring, own_stiffness) = (&mut self.restoring, &mut self.stiffness);
         self.terms.with(|terms| {
-            terms.add_linearisation(moment.in_double(), &self.position, own_pull, own_stiffness);
+            terms.add_linearisation(moment.in_double(), &self.position, own_restoring, own_stiffness);
         });
-        add(&self.pull, pull);
+        add(&self.restoring, restoring);
         if self.places.is_none() {
             return add(&self.stiffness, stiffness);
         }
@@ -124,18 +130,18 @@ mod tests {
             -9.0 * libm::cos(position[0])
         }
 
-        fn add_pull(&mut self, moment: Moment<f64>, position: &[f64], pull: &mut [f64]) {
-            pull[0] += 9.0 * libm::sin(position[0]) - libm::sin(3.0 * moment.sided());
+        fn add_restoring_force(&mut self, moment: Moment<f64>, position: &[f64], restoring: &mut [f64]) {
+            restoring[0] += 9.0 * libm::sin(position[0]) - libm::sin(3.0 * moment.sided());
         }
 
         fn add_linearisation(
             &mut self,
             moment: Moment<f64>,
             position: &[f64],
-            pull: &mut [f64],
+            restoring: &mut [f64],
             stiffness: &mut [f64],
         ) {
-            self.add_pull(moment, position, pull);
+            self.add_restoring_force(moment, position, restoring);
             stiffness[0] += 9.0 * libm::cos(position[0]);
         }
 
@@ -191,8 +197,8 @@ mod tests {
             false
         }
 
-        fn add_pull(&mut self, moment: Moment<f64>, _: &[f64], pull: &mut [f64]) {
-            pull.iter_mut().for_each(|pull| *pull -= libm::sin(moment.sided()));
+        fn add_restoring_force(&mut self, moment: Moment<f64>, _: &[f64], restoring: &mut [f64]) {
+            restoring.iter_mut().for_each(|restoring| *restoring -= libm::sin(moment.sided()));
         }
 
         fn add_linearisation(&mut self, _: Moment<f64>, _: &[f64], _: &mut [f64], _: &mut [f64]) {
@@ -260,19 +266,19 @@ mod tests {
             Some((0..self.0 as u32).rev().map(|index| (index, index)).collect())
         }
 
-        fn add_pull(&mut self, _: Moment<f64>, position: &[f64], pull: &mut [f64]) {
-            pull.iter_mut().zip(position).for_each(|(pull, &q)| *pull += 9.0 * libm::sin(q));
+        fn add_restoring_force(&mut self, _: Moment<f64>, position: &[f64], restoring: &mut [f64]) {
+            restoring.iter_mut().zip(position).for_each(|(restoring, &q)| *restoring += 9.0 * libm::sin(q));
         }
 
         fn add_linearisation(
             &mut self,
             moment: Moment<f64>,
             position: &[f64],
-            pull: &mut [f64],
+            restoring: &mut [f64],
             stiffness: &mut [f64],
         ) {
             assert_eq!(stiffness.len(), self.0);
-            self.add_pull(moment, position, pull);
+            self.add_restoring_force(moment, position, restoring);
             stiffness.iter_mut().zip(position.iter().rev()).for_each(|(k, &q)| *k += 9.0 * libm::cos(q));
         }
 
