@@ -108,7 +108,7 @@ impl<T: Real, const N: usize, const R: usize> Scheme<T, Fixed<N>> for Collocatio
 
 impl<T: Real> CollocationTables<'_, T> {
     /// One step. The accelerations a_i are left in `work.increments`, X_i − q_k in `work.stages`.
-    /// `work.excess` has room for a vector at each node.
+    /// `work.moment_correction` has room for a vector at each node.
     ///
     /// # Errors
     /// [`StepError`]; position, momentum and damping are as before.
@@ -146,11 +146,12 @@ impl<T: Real> CollocationTables<'_, T> {
                 shapes: &[],
                 tests: &[],
             };
-            mechanics.excess(&rule, work.excess)
+            mechanics.moment_correction(&rule, work.moment_correction)
         };
-        let excess = if rough { work.excess.get(..work.forces.len()).unwrap_or(&[]) } else { &[] };
+        let moment_correction =
+            if rough { work.moment_correction.get(..work.forces.len()).unwrap_or(&[]) } else { &[] };
         let mut equations = CollocationEquations {
-            excess,
+            moment_correction,
             tables: self,
             mechanics,
             damping: &*damping,
@@ -224,7 +225,7 @@ impl<T: Real> CollocationTables<'_, T> {
 /// The equations of one step at a guess of the accelerations.
 struct CollocationEquations<'a, T: Real, X: Space<T>, G, D> {
     /// What forces at the nodes lack.
-    excess: &'a [T],
+    moment_correction: &'a [T],
     tables: &'a CollocationTables<'a, T>,
     mechanics: &'a mut G,
     damping: &'a D,
@@ -286,13 +287,16 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> CollocationEqua
                     matrix.add(i, j, h * h * factor, self.stiffness);
                 }
             } else {
-                self.mechanics.pull(instant, self.point, force);
+                self.mechanics.restoring_force(instant, self.point, force);
             }
             for (force, &input) in force.iter_mut().zip(self.step.input) {
                 *force -= input;
             }
         }
-        self.forces.iter_mut().zip(self.excess).for_each(|(force, &excess)| *force -= excess);
+        self.forces
+            .iter_mut()
+            .zip(self.moment_correction)
+            .for_each(|(force, &moment_correction)| *force -= moment_correction);
         add_multiple(self.forces, T::one(), self.known);
         self.damping.add_leading(self.stages, self.forces, self.scratch);
         if let Some(matrix) = matrix {

@@ -453,7 +453,7 @@ mod tests {
     use crate::coefficients::Fixed;
     use crate::direct::FixedDirect;
     use crate::memory::check_channels;
-    use crate::told::Told;
+    use crate::recording_memory::RecordingMemory;
     use crate::weights::{BdfOrder, leading_bdf_weight};
     use std::vec::Vec;
 
@@ -573,7 +573,7 @@ mod tests {
             (false, false) => 0.0,
         };
         let terms: Vec<f64> = (0..4 * nodes).map(|place| 0.25 * place as f64 - 1.0).collect();
-        let memory = Told {
+        let memory = RecordingMemory {
             stages,
             leading: leading.clone(),
             leading_is_constant: true,
@@ -691,7 +691,7 @@ mod tests {
 
     #[test]
     fn channels_stages_and_steps_must_be_those_of_the_scheme() {
-        let told = |stages: usize, channels: usize| Told {
+        let told = |stages: usize, channels: usize| RecordingMemory {
             stages,
             leading: std::vec![1.0; stages * stages],
             leading_is_constant: true,

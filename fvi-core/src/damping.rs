@@ -509,7 +509,7 @@ mod tests {
     use super::*;
     use crate::direct::FixedDirect;
     use crate::memory::ActsOn;
-    use crate::told::Told;
+    use crate::recording_memory::RecordingMemory;
     use nalgebra::matrix;
     use std::vec::Vec;
 
@@ -525,8 +525,8 @@ mod tests {
     const RHO: [[[f64; 2]; 2]; 2] = [[[2.0, 0.5], [0.5, 1.0]], [[1.0, -0.25], [-0.25, 3.0]]];
 
     /// A memory of two coordinates on one or two nodes, by a kernel of plain numbers or of matrices.
-    fn told(nodes: usize, leading: &[f64], first_term: f64) -> Told {
-        Told {
+    fn told(nodes: usize, leading: &[f64], first_term: f64) -> RecordingMemory {
+        RecordingMemory {
             stages: nodes,
             leading: leading.to_vec(),
             leading_is_constant: true,
@@ -560,7 +560,7 @@ mod tests {
     }
 
     /// The same for one term from ρ, the terms of its memory, and its leading weight.
-    fn defined(rho: [[f64; 2]; 2], memory: &Told) -> (Vec<f64>, Vec<f64>) {
+    fn defined(rho: [[f64; 2]; 2], memory: &RecordingMemory) -> (Vec<f64>, Vec<f64>) {
         let nodes = memory.stages;
         let (mut force, mut derivative) = (std::vec![0.0; 2 * nodes], std::vec![0.0; 4 * nodes * nodes]);
         for i in 0..nodes {
@@ -611,13 +611,13 @@ mod tests {
     /// That every one of two memories is told what happens, and that one that refuses is heard. `samples`
     /// says how many samples each has.
     fn assert_both_are_asked<D: Damping<f64, Fixed<2>>>(
-        with: impl Fn(Told, Told) -> D,
+        with: impl Fn(RecordingMemory, RecordingMemory) -> D,
         samples: impl Fn(&D) -> [usize; 2],
     ) {
         let good = || told(1, &[1.0], 0.0);
-        let full = || Told { capacity: 0, ..good() };
-        let wide = || Told { terms: std::vec![0.0; 3], ..good() };
-        let changing = || Told { leading_is_constant: false, ..good() };
+        let full = || RecordingMemory { capacity: 0, ..good() };
+        let wide = || RecordingMemory { terms: std::vec![0.0; 3], ..good() };
+        let changing = || RecordingMemory { leading_is_constant: false, ..good() };
         let (mut known, mut scratch) = ([0.0; 2], [0.0; 2]);
 
         assert_eq!(with(good(), good()).check(2, 1, 0.5), Ok(()));
@@ -644,7 +644,7 @@ mod tests {
     #[test]
     fn several_dampings_are_asked_one_after_the_other() {
         let term = |memory| term(RHO[0], memory);
-        let count = |term: &Term<Told>| term.memory().len();
+        let count = |term: &Term<RecordingMemory>| term.memory().len();
         assert_both_are_asked(|one, other| (term(one), term(other)), |pair| [count(&pair.0), count(&pair.1)]);
         assert_both_are_asked(
             |one, other| [term(one), term(other)],

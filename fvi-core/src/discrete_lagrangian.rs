@@ -113,7 +113,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         combine(kick, work.known, |impulse, force| -impulse - force * step.size);
         let found = Outcome { increments: rise, rise, kick };
         conclude(damping, step, &at_end, &found, state, work.behind, work.scratch)?;
-        combine(work.pull, work.forces, |_, force| force);
+        combine(work.restoring, work.forces, |_, force| force);
         Ok(iterations)
     }
 
@@ -155,7 +155,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         kick.iter_mut().for_each(|number| *number = -*number);
         let found = Outcome { increments: work.stages, rise, kick };
         conclude(damping, step, self.nodes, &found, state, work.behind, work.scratch)?;
-        combine(work.pull, work.forces, |_, force| force);
+        combine(work.restoring, work.forces, |_, force| force);
         Ok(iterations)
     }
 
@@ -197,7 +197,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
                 shapes: self.shapes,
                 tests: self.tests,
             };
-            mechanics.excess(&rule, work.excess)
+            mechanics.moment_correction(&rule, work.moment_correction)
         };
         let count = if rough { (self.degree() + 1) * X::slice(&state.position).len() } else { 0 };
         if let Some(one) = self.one_node() {
@@ -211,7 +211,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
     }
 
     /// As [`solve`](Self::solve), for any number of unknown nodes and points. The first `moments` numbers of
-    /// `work.excess` are moments of the force that the nodes lack.
+    /// `work.moment_correction` are moments of the force that the nodes lack.
     #[inline(always)]
     fn solve_for_any_nodes<X, E, G, D>(
         &self,
@@ -249,7 +249,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
                 }
             }
         }
-        let excess = work.excess.get(..moments).unwrap_or(&[]);
+        let moment_correction = work.moment_correction.get(..moments).unwrap_or(&[]);
         let mut equations = StepEquations {
             lagrangian: self,
             mechanics,
@@ -260,7 +260,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
             stages: &mut *work.stages,
             forces: &mut *work.forces,
             known: &*work.known,
-            excess,
+            moment_correction,
             scratch: &mut *work.scratch,
             point: &mut *work.point,
             stiffness: &mut *work.stiffness,
@@ -310,7 +310,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         for (&weight, force) in self.weights.iter().zip(vectors(equations.forces, coordinates)) {
             add_multiple(impulse, step.size * weight, force);
         }
-        for moment in vectors(excess, coordinates) {
+        for moment in vectors(moment_correction, coordinates) {
             add_multiple(impulse, -step.size, moment);
         }
         Ok(iterations)
@@ -330,7 +330,7 @@ struct StepEquations<'a, T: Real, X: Space<T>, G, D> {
     forces: &'a mut [T],
     known: &'a [T],
     /// By how much the moments of the force exceed those of the nodes; empty where they do not.
-    excess: &'a [T],
+    moment_correction: &'a [T],
     scratch: &'a mut [T],
     point: &'a mut X::Vector,
     stiffness: &'a mut X::Block,
@@ -375,7 +375,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> StepEquations<'
                     }
                 }
             } else {
-                self.mechanics.pull(instant, self.point, force);
+                self.mechanics.restoring_force(instant, self.point, force);
             }
             for (force, &input) in force.iter_mut().zip(self.step.input) {
                 *force -= input;
@@ -426,7 +426,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> StepEquations<'
         increments: &mut [T],
         residual: &mut [T],
         matrix: &mut E,
-        solver: &E::Kept,
+        solver: &E::Factor,
     ) {
         matrix.solve_kept(solver, residual);
         for (unknown, &correction) in increments.iter_mut().zip(&*residual) {
@@ -461,8 +461,8 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> StepEquations<'
                 add_multiple(residual, -(h * weight * test), force);
             }
         }
-        let excess = vectors(self.excess, coordinates);
-        for (residual, moment) in vectors_mut(residual, coordinates).zip(excess) {
+        let moment_correction = vectors(self.moment_correction, coordinates);
+        for (residual, moment) in vectors_mut(residual, coordinates).zip(moment_correction) {
             add_multiple(residual, h, moment);
         }
     }
@@ -481,7 +481,7 @@ mod tests {
     use crate::runge_kutta::RungeKutta;
     use crate::scheme::Rounding;
     use crate::system::{Force, Mass, Potential, System};
-    use crate::workspace::Kept;
+    use crate::workspace::CachedFactor;
     use nalgebra::{SMatrix, SVector, matrix, vector};
 
     struct Coupled;
@@ -599,12 +599,12 @@ mod tests {
             known: known.as_flattened_mut(),
             scratch: &mut [0.0; 32],
             behind: &mut [0.0; 32],
-            pull: &mut [],
-            excess: &mut [0.0; 32],
+            restoring: &mut [],
+            moment_correction: &mut [0.0; 32],
             point: &mut SVector::zeros(),
             stiffness: &mut system.stiffness(),
             matrix: &mut StepMatrix::zero(),
-            kept: &mut Kept::nothing(Factors::zero()),
+            kept: &mut CachedFactor::nothing(Factors::zero()),
         };
         let mut damping = Affine { known: damping.known, leading: damping.leading };
         let rounding = Rounding { position: SVector::zeros(), momentum: SVector::zeros() };

@@ -9,7 +9,7 @@ use crate::newton::{Factors, StepMatrix};
 use crate::real::Real;
 use crate::scheme::{Sampling, Scheme, State, Step, StepError};
 use crate::system::Mechanics;
-use crate::workspace::{Kept, Workspace};
+use crate::workspace::{CachedFactor, Workspace};
 
 /// Explicit Euler method.
 ///
@@ -57,10 +57,10 @@ impl ImplicitEuler {
 macro_rules! scheme {
     ($method:ty, $step:ident) => {
         impl<T: Real, const N: usize> Scheme<T, Fixed<N>> for $method {
-            type Storage = Kept<Factors<T, N, 1>, T>;
+            type Storage = CachedFactor<Factors<T, N, 1>, T>;
 
             fn storage<G: Mechanics<T, Fixed<N>>>(&self, _: &Fixed<N>, _: &G) -> Self::Storage {
-                Kept::nothing(Factors::zero())
+                CachedFactor::nothing(Factors::zero())
             }
 
             fn sampling(&self) -> Sampling<'_, T> {

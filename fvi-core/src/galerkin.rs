@@ -12,7 +12,7 @@ use crate::real::Real;
 use crate::scheme::{Sampling, Scheme, State, Step, StepError};
 use crate::space::vectors_mut;
 use crate::system::Mechanics;
-use crate::workspace::{Kept, Workspace};
+use crate::workspace::{CachedFactor, Workspace};
 
 /// Discrete Lagrangian on polynomials of degree S with a quadrature of Q points.
 ///
@@ -280,7 +280,7 @@ macro_rules! in_place {
         let (mut increments, mut residual) = ([[zero; N]; $degree], [[zero; N]; $degree]);
         let (mut stages, mut forces) = ([[zero; N]; $points], [[zero; N]; $points]);
         let mut known = $known;
-        let mut excess = [[zero; N]; crate::system::MAX_MOMENTS];
+        let mut moment_correction = [[zero; N]; crate::system::MAX_MOMENTS];
         let scratch = &mut $scratch;
         let mut point = $crate::linear::zero_vector();
         let mut stiffness = $mechanics.stiffness();
@@ -293,8 +293,8 @@ macro_rules! in_place {
             known: known.as_flattened_mut(),
             scratch: scratch.as_flattened_mut(),
             behind: $behind,
-            pull: &mut [],
-            excess: excess.as_flattened_mut(),
+            restoring: &mut [],
+            moment_correction: moment_correction.as_flattened_mut(),
             point: &mut point,
             stiffness: &mut stiffness,
             matrix: &mut matrix,
@@ -306,10 +306,10 @@ macro_rules! in_place {
 pub(crate) use in_place;
 
 impl<T: Real, const N: usize, const S: usize, const Q: usize> Scheme<T, Fixed<N>> for Galerkin<T, S, Q> {
-    type Storage = Kept<Factors<T, N, S>, T>;
+    type Storage = CachedFactor<Factors<T, N, S>, T>;
 
     fn storage<G: Mechanics<T, Fixed<N>>>(&self, _: &Fixed<N>, _: &G) -> Self::Storage {
-        Kept::nothing(Factors::zero())
+        CachedFactor::nothing(Factors::zero())
     }
 
     fn sampling(&self) -> Sampling<'_, T> {

@@ -439,7 +439,7 @@ mod tests {
         System { mass: Mass::diagonal([2.0]).unwrap(), potential: Quadratic::diagonal([8.0]).unwrap(), force }
     }
 
-    /// The step that κ = 0 makes: q rises by h p / m, and p loses h times the pull at its end.
+    /// The step that κ = 0 makes: q rises by h p / m, and p loses h times the restoring force at its end.
     fn by_hand((time, q, p): (f64, f64, f64), h: f64, input: f64) -> (f64, f64, f64) {
         let (end, q) = (time + h, q + h * p / 2.0);
         (end, q, p - h * (8.0 * q - 2.0 * end - input))

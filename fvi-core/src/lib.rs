@@ -37,6 +37,8 @@ mod pid_law;
 mod pid_tests;
 mod quadrature;
 mod real;
+#[cfg(test)]
+mod recording_memory;
 mod resolvent;
 mod runge_kutta;
 mod saving;
@@ -47,8 +49,6 @@ mod stability;
 mod step_tests;
 mod system;
 mod tiled;
-#[cfg(test)]
-mod told;
 mod variable_steps;
 mod weighted_sum;
 mod weights;
@@ -98,7 +98,7 @@ pub use weights::{
     BdfOrder, ConvolutionWeights, leading_bdf_weight, monic_bdf_table, monic_bdf_table_f32,
     monic_increment_table, monic_increment_table_f32,
 };
-pub use workspace::{Kept, Workspace};
+pub use workspace::{CachedFactor, Workspace};
 
 /// The examples of the page that introduces the crate.
 #[cfg(doctest)]

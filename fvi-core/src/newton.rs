@@ -19,7 +19,7 @@ const SHRINKING: f64 = 0.125;
 /// [`StepMatrix`] is the dense one, in place. A host brings others, sparse ones included.
 pub trait Equations<T: Real, B: Block<T>> {
     /// What solves the equations step after step while the matrix stays the same.
-    type Kept;
+    type Factor;
 
     /// Sets all entries to zero.
     fn clear(&mut self);
@@ -55,15 +55,15 @@ pub trait Equations<T: Real, B: Block<T>> {
     ///
     /// # Errors
     /// [`Singular`].
-    fn keep(&mut self, kept: &mut Self::Kept, inertia: (T, &B)) -> Result<(), Singular>;
+    fn keep(&mut self, kept: &mut Self::Factor, inertia: (T, &B)) -> Result<(), Singular>;
 
     /// Replaces `vector` by the solution, with what [`keep`](Equations::keep) prepared.
-    fn solve_kept(&mut self, kept: &Self::Kept, vector: &mut [T]);
+    fn solve_kept(&mut self, kept: &Self::Factor, vector: &mut [T]);
 
     /// Whether one correction by [`solve_kept`](Equations::solve_kept) solves the equations of a matrix that
     /// differs from this one by no more than a symmetric change of the mass by rounding does.
     #[inline(always)]
-    fn is_solved_at_once(&self, _kept: &Self::Kept) -> bool {
+    fn is_solved_at_once(&self, _kept: &Self::Factor) -> bool {
         false
     }
 
@@ -75,7 +75,7 @@ pub trait Equations<T: Real, B: Block<T>> {
     #[inline(always)]
     fn is_unsettled(
         &self,
-        _kept: &Self::Kept,
+        _kept: &Self::Factor,
         _increments: &[T],
         _position: &[T],
         _residual: &mut [T],
@@ -125,7 +125,7 @@ impl<T: Real, const N: usize, const S: usize> StepMatrix<T, N, S> {
 }
 
 impl<T: Real, const N: usize, const S: usize, B: Block<T>> Equations<T, B> for StepMatrix<T, N, S> {
-    type Kept = Factors<T, N, S>;
+    type Factor = Factors<T, N, S>;
 
     #[inline(always)]
     fn clear(&mut self) {
@@ -374,7 +374,7 @@ mod tests {
     struct Dear(StepMatrix<f64, 1, 1>, bool);
 
     impl Equations<f64, Coefficients<f64, 1>> for Dear {
-        type Kept = Factors<f64, 1, 1>;
+        type Factor = Factors<f64, 1, 1>;
         fn clear(&mut self) {
             Equations::<f64, Coefficients<f64, 1>>::clear(&mut self.0);
         }
@@ -395,12 +395,12 @@ mod tests {
         }
         fn keep(
             &mut self,
-            kept: &mut Self::Kept,
+            kept: &mut Self::Factor,
             inertia: (f64, &Coefficients<f64, 1>),
         ) -> Result<(), Singular> {
             self.0.keep(kept, inertia)
         }
-        fn solve_kept(&mut self, kept: &Self::Kept, vector: &mut [f64]) {
+        fn solve_kept(&mut self, kept: &Self::Factor, vector: &mut [f64]) {
             Equations::<f64, Coefficients<f64, 1>>::solve_kept(&mut self.0, kept, vector);
         }
     }

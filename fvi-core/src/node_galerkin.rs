@@ -11,7 +11,7 @@ use crate::real::Real;
 use crate::runge_kutta::RungeKutta;
 use crate::scheme::{Sampling, Scheme, State, Step, StepError};
 use crate::system::Mechanics;
-use crate::workspace::{Kept, Workspace};
+use crate::workspace::{CachedFactor, Workspace};
 
 /// Galerkin scheme of degree S whose fractional force acts at its Q quadrature nodes, which the memory
 /// stores.
@@ -35,7 +35,7 @@ pub struct NodeGalerkin<T, const S: usize, const Q: usize> {
 /// What a scheme with Q nodes in its memory keeps between steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NodeStorage<T, const N: usize, const S: usize, const Q: usize> {
-    pub(crate) kept: Kept<Factors<T, N, S>, T>,
+    pub(crate) kept: CachedFactor<Factors<T, N, S>, T>,
     /// q_k − X_{k−1,i}.
     pub(crate) behind: [[T; N]; Q],
 }
@@ -43,7 +43,7 @@ pub struct NodeStorage<T, const N: usize, const S: usize, const Q: usize> {
 impl<T: Real, const N: usize, const S: usize, const Q: usize> NodeStorage<T, N, S, Q> {
     /// Nothing kept yet, no node behind.
     pub(crate) fn empty() -> Self {
-        Self { kept: Kept::nothing(Factors::zero()), behind: [[T::zero(); N]; Q] }
+        Self { kept: CachedFactor::nothing(Factors::zero()), behind: [[T::zero(); N]; Q] }
     }
 }
 

@@ -34,7 +34,7 @@ impl<T: Real> OneNode<T> {
     ///
     /// G with the fractional force where it acts at the node, for e = q_{k+1} − q_k, and leaves h b G in
     /// `work.residual`, as is done for any degree. The first `moments` numbers of
-    /// `work.excess` are moments of the force that the node lacks.
+    /// `work.moment_correction` are moments of the force that the node lacks.
     ///
     /// # Errors
     /// [`StepError`].
@@ -54,9 +54,19 @@ impl<T: Real> OneNode<T> {
         G: Mechanics<T, X>,
         D: Damping<T, X>,
     {
-        let Workspace { increments, residual, stages, forces, known, scratch, excess, pull, .. } = work;
+        let Workspace {
+            increments,
+            residual,
+            stages,
+            forces,
+            known,
+            scratch,
+            moment_correction,
+            restoring,
+            ..
+        } = work;
         let (position, momentum) = (X::slice(&state.position), X::slice(&state.momentum));
-        let excess = excess.get(..moments).unwrap_or(&[]);
+        let moment_correction = moment_correction.get(..moments).unwrap_or(&[]);
         let (linear, drifts) = (mechanics.is_linear(), self.test == T::zero());
         let from_rest = linear && damping.is_some() && !drifts;
         if from_rest {
@@ -67,15 +77,15 @@ impl<T: Real> OneNode<T> {
             // What would be a guess is the result.
             mechanics.velocity(momentum, increments);
             scale(increments, step.size);
-        } else if pull.is_empty() {
+        } else if restoring.is_empty() {
             mechanics.drift(momentum, increments);
             scale(increments, step.size);
         } else {
             // The solution for the G of the last step, no coordinate going more than twice as far as it would
             // without forces: where they are stiff those of the last step say nothing.
             let impulse = step.size * self.weight * self.test;
-            combine_two(stages, momentum, pull, |_, p, pull| {
-                let change = pull * impulse;
+            combine_two(stages, momentum, restoring, |_, p, restoring| {
+                let change = restoring * impulse;
                 if change.abs() > p.abs() { p } else { p - change }
             });
             mechanics.drift(stages, increments);
@@ -91,7 +101,7 @@ impl<T: Real> OneNode<T> {
             stage: stages,
             force: forces,
             known,
-            excess,
+            moment_correction,
             scratch,
             point: &mut *work.point,
             stiffness: &mut *work.stiffness,
@@ -148,7 +158,7 @@ impl<T: Real> OneNode<T> {
         };
         let impulse = step.size * self.weight;
         combine(residual, equation.force, |_, force| force * impulse);
-        for moment in vectors(excess, position.len()) {
+        for moment in vectors(moment_correction, position.len()) {
             combine(residual, moment, |place, moment| place - moment * step.size);
         }
         Ok(iterations)
@@ -181,7 +191,7 @@ struct Equation<'a, T: Real, X: Space<T>, G, D> {
     /// G
     force: &'a mut [T],
     known: &'a [T],
-    excess: &'a [T],
+    moment_correction: &'a [T],
     scratch: &'a mut [T],
     /// X
     point: &'a mut X::Vector,
@@ -219,7 +229,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> Equation<'_, T,
         if linearise {
             self.mechanics.linearise(instant, self.point, self.force, self.stiffness);
         } else {
-            self.mechanics.pull(instant, self.point, self.force);
+            self.mechanics.restoring_force(instant, self.point, self.force);
         }
         // There may be fewer numbers of the input.
         self.force.iter_mut().zip(self.step.input).for_each(|(force, &input)| *force -= input);
@@ -255,7 +265,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> Equation<'_, T,
         let known = (self.momentum, (factor, &*self.force));
         self.mechanics.mass().balance(known, (self.numbers.kinetic / h, increments), residual);
         // Of the moments those of the first shape.
-        residual.iter_mut().zip(self.excess).for_each(|(place, &moment)| *place += moment * h);
+        residual.iter_mut().zip(self.moment_correction).for_each(|(place, &moment)| *place += moment * h);
     }
 
     /// Writes its derivative.

@@ -503,7 +503,7 @@ mod tests {
 
     #[test]
     fn a_line_is_not_subtracted_where_its_length_is_not_known() {
-        let told = || crate::told::Told {
+        let told = || crate::recording_memory::RecordingMemory {
             stages: 1,
             leading: std::vec![1.0],
             leading_is_constant: true,
@@ -513,7 +513,7 @@ mod tests {
             samples: std::vec::Vec::new(),
         };
         /// So many samples that a word does not count them.
-        struct Beyond(crate::told::Told);
+        struct Beyond(crate::recording_memory::RecordingMemory);
         impl Memory<f64> for Beyond {
             fn channels(&self) -> usize {
                 1

@@ -21,7 +21,7 @@ use crate::quadrature::Quadrature;
 use crate::runge_kutta::RungeKutta;
 use crate::scheme::{Sampling, Scheme, State, Step, StepError};
 use crate::system::{Force, Instant, Mass, Mechanics, NoForce, Potential, System};
-use crate::workspace::{Kept, Workspace};
+use crate::workspace::{CachedFactor, Workspace};
 
 type V = SVector<f64, 2>;
 type M = SMatrix<f64, 2, 2>;
@@ -186,7 +186,7 @@ impl Numbers {
 struct Inexact<const S: usize>(StepMatrix<f64, 2, S>, f64);
 
 impl<const S: usize> Equations<f64, Coefficients<f64, 2>> for Inexact<S> {
-    type Kept = Factors<f64, 2, S>;
+    type Factor = Factors<f64, 2, S>;
 
     fn clear(&mut self) {
         Equations::<f64, Coefficients<f64, 2>>::clear(&mut self.0);
@@ -202,12 +202,16 @@ impl<const S: usize> Equations<f64, Coefficients<f64, 2>> for Inexact<S> {
         Equations::<f64, Coefficients<f64, 2>>::solve(&mut self.0, vector)
     }
 
-    fn keep(&mut self, kept: &mut Self::Kept, inertia: (f64, &Coefficients<f64, 2>)) -> Result<(), Singular> {
+    fn keep(
+        &mut self,
+        kept: &mut Self::Factor,
+        inertia: (f64, &Coefficients<f64, 2>),
+    ) -> Result<(), Singular> {
         assert!(inertia.0 == if S == 1 && inertia.0 != 0.0 { self.1 } else { 0.0 });
         self.0.keep(kept, inertia)
     }
 
-    fn solve_kept(&mut self, kept: &Self::Kept, vector: &mut [f64]) {
+    fn solve_kept(&mut self, kept: &Self::Factor, vector: &mut [f64]) {
         Equations::<f64, Coefficients<f64, 2>>::solve_kept(&mut self.0, kept, vector);
         vector.iter_mut().for_each(|number| *number *= 1.0 + 1e-8);
     }
@@ -221,11 +225,11 @@ struct Any<const S: usize> {
     guess: bool,
 }
 
-/// What [`Any`] keeps: factors, how far the last nodes lie behind, the last pull.
+/// What [`Any`] keeps: factors, how far the last nodes lie behind, the last restoring force.
 struct Room<const S: usize> {
-    kept: Kept<Factors<f64, 2, S>, f64>,
+    kept: CachedFactor<Factors<f64, 2, S>, f64>,
     behind: Vec<f64>,
-    pull: Vec<f64>,
+    restoring: Vec<f64>,
 }
 
 impl<const S: usize> Scheme<f64, Fixed<2>> for Any<S> {
@@ -233,11 +237,11 @@ impl<const S: usize> Scheme<f64, Fixed<2>> for Any<S> {
 
     fn storage<G: Mechanics<f64, Fixed<2>>>(&self, _: &Fixed<2>, _: &G) -> Room<S> {
         let behind = if self.at_nodes { 2 * self.numbers.nodes.len() } else { 0 };
-        let pull = if self.guess { 2 } else { 0 };
+        let restoring = if self.guess { 2 } else { 0 };
         Room {
-            kept: Kept::nothing(Factors::zero()),
+            kept: CachedFactor::nothing(Factors::zero()),
             behind: std::vec![0.0; behind],
-            pull: std::vec![0.0; pull],
+            restoring: std::vec![0.0; restoring],
         }
     }
 
@@ -265,8 +269,8 @@ impl<const S: usize> Scheme<f64, Fixed<2>> for Any<S> {
             known: &mut room(known),
             scratch: &mut room(known + 1),
             behind: &mut storage.behind,
-            pull: &mut storage.pull,
-            excess: &mut room(S + 1),
+            restoring: &mut storage.restoring,
+            moment_correction: &mut room(S + 1),
             point: &mut V::zeros(),
             stiffness: &mut mechanics.stiffness(),
             matrix: &mut Inexact(StepMatrix::zero(), 0.0),
@@ -412,26 +416,26 @@ fn next(
             }
         }
     }
-    let pulls = |e: &[V]| -> Vec<V> {
+    let restoring_forces = |e: &[V]| -> Vec<V> {
         let stages = stages(e);
         let mut samples = samples.clone();
         samples.push(stages.iter().enumerate().map(|(i, &stage)| (instant(i).time, stage)).collect());
-        let pull = |(i, stage): (usize, &V)| {
+        let restoring = |(i, stage): (usize, &V)| {
             let damping = if at_nodes { damping_force(terms, &samples, i) } else { V::zeros() };
             plant.potential.gradient(stage) - plant.force.value(instant(i), stage) - INPUT + damping
         };
-        stages.iter().enumerate().map(pull).collect()
+        stages.iter().enumerate().map(restoring).collect()
     };
     let residual = |unknowns: &[f64]| -> Vec<f64> {
         let e = pairs(unknowns);
-        let pulls = pulls(&e);
+        let restoring_forces = restoring_forces(&e);
         let equation = |nu: usize| {
             let mut sum = if nu == 0 { p } else { V::zeros() } + missed[nu] * H;
             for (mu, e) in e.iter().enumerate() {
                 sum += plant.mass.momentum(e) * (numbers.kinetic[nu * degree + mu] / H);
             }
-            for (i, pull) in pulls.iter().enumerate() {
-                sum -= pull * (H * numbers.weights[i] * shape(i, nu));
+            for (i, restoring) in restoring_forces.iter().enumerate() {
+                sum -= restoring * (H * numbers.weights[i] * shape(i, nu));
             }
             [sum[0], sum[1]]
         };
@@ -439,8 +443,8 @@ fn next(
     };
     let e = pairs(&root(std::vec![0.0; 2 * degree], residual));
     let mut momentum = missed.iter().fold(p, |sum, missed| sum + missed * H);
-    for (pull, weight) in pulls(&e).iter().zip(&numbers.weights) {
-        momentum -= pull * (H * weight);
+    for (restoring, weight) in restoring_forces(&e).iter().zip(&numbers.weights) {
+        momentum -= restoring * (H * weight);
     }
     let position = q + e[degree - 1];
     if at_nodes {
@@ -701,7 +705,7 @@ fn a_step_begins_with_the_best_guess_there_is() {
             [1, 1, 1]
         );
     }
-    // Down a slope the pull of the last step says where the mass will be.
+    // Down a slope the restoring force of the last step says where the mass will be.
     let slope = vector![0.5, 0.25];
     for at_nodes in [false, true] {
         assert_eq!(corrections(any(at_nodes, false), slope, MOMENTUM), [2, 2, 2]);

@@ -293,18 +293,18 @@ pub trait Mechanics<T: Real, X: Space<T>> {
     }
 
     /// ∇U(q) − F(t, q): what the momentum loses per time, damping and input apart.
-    fn pull(&mut self, instant: Instant<T>, position: &X::Vector, pull: &mut [T]);
+    fn restoring_force(&mut self, instant: Instant<T>, position: &X::Vector, restoring: &mut [T]);
 
-    /// [`pull`](Mechanics::pull) together with its derivative ∂²U/∂q² − ∂F/∂q.
+    /// [`restoring_force`](Mechanics::restoring_force) together with its derivative ∂²U/∂q² − ∂F/∂q.
     fn linearise(
         &mut self,
         instant: Instant<T>,
         position: &X::Vector,
-        pull: &mut [T],
+        restoring: &mut [T],
         stiffness: &mut X::Block,
     );
 
-    /// Whether [`excess`](Mechanics::excess) need be asked at all.
+    /// Whether [`moment_correction`](Mechanics::moment_correction) need be asked at all.
     #[inline(always)]
     fn is_rough(&self) -> bool {
         true
@@ -324,8 +324,8 @@ pub trait Mechanics<T: Real, X: Space<T>> {
     /// its R nodes, R·N numbers, so that Σ_i b_i π(c_i) F_i is ∫₀¹ π(τ) F(t_k + τh) dτ for polynomials π of
     /// degree R − 1: then Σ_i b_i F_i is the impulse, and with two stages and more the position has what it
     /// makes of it too.
-    fn excess(&mut self, rule: &NodalRule<'_, T>, excess: &mut [T]) -> bool {
-        let _ = (rule, excess);
+    fn moment_correction(&mut self, rule: &NodalRule<'_, T>, moment_correction: &mut [T]) -> bool {
+        let _ = (rule, moment_correction);
         false
     }
 
@@ -361,9 +361,9 @@ impl<T: Real, const N: usize, P: Potential<T, N>, F: Force<T, N>> Mechanics<T, F
     }
 
     #[inline(always)]
-    fn pull(&mut self, instant: Instant<T>, position: &SVector<T, N>, pull: &mut [T]) {
+    fn restoring_force(&mut self, instant: Instant<T>, position: &SVector<T, N>, restoring: &mut [T]) {
         let found = self.potential.gradient(position) - self.force.value(instant, position);
-        for (place, &number) in pull.iter_mut().zip(found.iter()) {
+        for (place, &number) in restoring.iter_mut().zip(found.iter()) {
             *place = number;
         }
     }
@@ -373,16 +373,16 @@ impl<T: Real, const N: usize, P: Potential<T, N>, F: Force<T, N>> Mechanics<T, F
         &mut self,
         instant: Instant<T>,
         position: &SVector<T, N>,
-        pull: &mut [T],
+        restoring: &mut [T],
         stiffness: &mut Coefficients<T, N>,
     ) {
-        self.pull(instant, position, pull);
+        self.restoring_force(instant, position, restoring);
         *stiffness =
             Coefficients::Dense(self.potential.hessian(position) - self.force.jacobian(instant, position));
     }
 
     #[inline(always)]
-    fn excess(&mut self, rule: &NodalRule<'_, T>, excess: &mut [T]) -> bool {
+    fn moment_correction(&mut self, rule: &NodalRule<'_, T>, moment_correction: &mut [T]) -> bool {
         // Collocation takes forces at its nodes.
         if rule.shapes.is_empty() {
             return false;
@@ -401,7 +401,7 @@ impl<T: Real, const N: usize, P: Potential<T, N>, F: Force<T, N>> Mechanics<T, F
                 *moment -= force * (weight * shape);
             }
         }
-        for (place, moment) in vectors_mut(excess, N).zip(moments) {
+        for (place, moment) in vectors_mut(moment_correction, N).zip(moments) {
             place.iter_mut().zip(moment.iter()).for_each(|(place, &number)| *place = number);
         }
         true
@@ -485,14 +485,14 @@ mod tests {
     }
 
     #[test]
-    fn the_stiffness_is_the_derivative_of_the_pull() {
+    fn the_stiffness_is_the_derivative_of_the_restoring_force() {
         let (mass, potential) = (Mass::diagonal([1.0; 2]).unwrap(), Quadratic::diagonal([4.0, 0.5]).unwrap());
         let mut system = System { mass, potential, force: Follower };
         let instant = Instant::in_step(3.0, 0.5, 0.5);
-        let (mut pull, mut stiffness) = ([0.0; 2], Mechanics::<f64, Fixed<2>>::stiffness(&system));
-        system.linearise(instant, &vector![1.0, 2.0], &mut pull, &mut stiffness);
+        let (mut restoring, mut stiffness) = ([0.0; 2], Mechanics::<f64, Fixed<2>>::stiffness(&system));
+        system.linearise(instant, &vector![1.0, 2.0], &mut restoring, &mut stiffness);
         // K q − F, K − ∂F/∂q
-        assert_eq!(pull, [4.0 - 6.5, 1.0 - 0.25]);
+        assert_eq!(restoring, [4.0 - 6.5, 1.0 - 0.25]);
         assert_eq!(stiffness.to_matrix(), matrix![4.0, -3.25; -0.25, 0.5]);
         assert_eq!(
             Mechanics::<f64, Fixed<2>>::energy(&mut system, &vector![1.0, 2.0], &vector![2.0, 0.0]),
@@ -512,8 +512,8 @@ mod tests {
             velocity.iter_mut().zip(momentum).for_each(|(v, p)| *v = p / 2.0);
         }
 
-        fn pull(&mut self, _: Instant<f64>, _: &SVector<f64, 1>, pull: &mut [f64]) {
-            pull.fill(0.0);
+        fn restoring_force(&mut self, _: Instant<f64>, _: &SVector<f64, 1>, restoring: &mut [f64]) {
+            restoring.fill(0.0);
         }
 
         fn linearise(
@@ -554,9 +554,9 @@ mod tests {
             shapes: nodes,
             tests: nodes,
         };
-        let mut excess = [7.0; 2];
-        assert!(free.is_rough() && !free.excess(&rule, &mut excess));
-        assert_eq!(excess, [7.0; 2]);
+        let mut moment_correction = [7.0; 2];
+        assert!(free.is_rough() && !free.moment_correction(&rule, &mut moment_correction));
+        assert_eq!(moment_correction, [7.0; 2]);
         let mut moments = [SVector::zeros(); 2];
         assert!(Follower.depends_on_position() && !Follower.moments(0.0, 0.5, &[1.0], &mut moments));
     }

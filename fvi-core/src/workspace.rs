@@ -27,10 +27,10 @@ pub struct Workspace<'a, T: Real, X: Space<T>, E: Equations<T, X::Block>> {
     pub behind: &'a mut [T],
     /// What pulled at the node of the last step, N numbers that are carried along too, for the guess at where
     /// a single node will be; empty where the guess is a drift.
-    pub pull: &'a mut [T],
-    /// What exact moments of the force exceed the nodes by ([`Mechanics::excess`](crate::Mechanics::excess)):
-    /// (S + 1)·N numbers at least.
-    pub excess: &'a mut [T],
+    pub restoring: &'a mut [T],
+    /// What exact moments of the force exceed the nodes by
+    /// ([`Mechanics::moment_correction`](crate::Mechanics::moment_correction)): (S + 1)·N numbers at least.
+    pub moment_correction: &'a mut [T],
     /// A position.
     pub point: &'a mut X::Vector,
     /// From [`Mechanics::stiffness`](crate::Mechanics::stiffness).
@@ -38,7 +38,7 @@ pub struct Workspace<'a, T: Real, X: Space<T>, E: Equations<T, X::Block>> {
     /// The equations of a step.
     pub matrix: &'a mut E,
     /// What solves them while they stay the same.
-    pub kept: &'a mut Kept<E::Kept, T>,
+    pub kept: &'a mut CachedFactor<E::Factor, T>,
 }
 
 impl<T: Real, X: Space<T>, E: Equations<T, X::Block>> Workspace<'_, T, X, E> {
@@ -60,14 +60,14 @@ impl<T: Real, X: Space<T>, E: Equations<T, X::Block>> Workspace<'_, T, X, E> {
 
 /// What solves the equations of a linear system, once it is prepared.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Kept<K, T> {
+pub struct CachedFactor<K, T> {
     /// What [`Equations::keep`] prepares.
     pub solver: K,
     /// The length of the steps whose equations it is for; zero where it is for none.
     pub length: T,
 }
 
-impl<K, T: Real> Kept<K, T> {
+impl<K, T: Real> CachedFactor<K, T> {
     /// Nothing prepared yet.
     pub fn nothing(solver: K) -> Self {
         Self { solver, length: T::zero() }

@@ -162,31 +162,31 @@ impl<T: Scalar> Level<T> {
         (inputs.len() * self.stages).div_ceil(GROUP)
     }
 
-    fn locate(&self, inputs: &Range<usize>, task: usize) -> Place {
+    fn locate(&self, inputs: &Range<usize>, task: usize) -> TaskKind {
         let pieces = self.transform.pieces();
         if task < self.channels * pieces {
-            return Place::Forward { channel: task / pieces, piece: task % pieces };
+            return TaskKind::Forward { channel: task / pieces, piece: task % pieces };
         }
         let per_channel = self.tasks_per_channel(inputs);
         let channel = (task - self.channels * pieces) / per_channel;
         let within = (task - self.channels * pieces) % per_channel;
         let groups = self.groups(inputs);
         if within < self.tiles() * groups {
-            Place::Products { channel, tile: within / groups, group: within % groups }
+            TaskKind::Products { channel, tile: within / groups, group: within % groups }
         } else {
-            Place::Inverse { channel, piece: within - self.tiles() * groups }
+            TaskKind::Inverse { channel, piece: within - self.tiles() * groups }
         }
     }
 
     /// Cost of a task, in complex multiply–adds.
     pub(crate) fn cost(&self, inputs: &Range<usize>, task: usize) -> usize {
         match self.locate(inputs, task) {
-            Place::Forward { piece, .. } => self.transform.forward_cost(piece),
-            Place::Products { group, .. } => {
+            TaskKind::Forward { piece, .. } => self.transform.forward_cost(piece),
+            TaskKind::Products { group, .. } => {
                 let products = GROUP.min(inputs.len() * self.stages - group * GROUP);
                 products * PACKET * TILE.min(self.transform.packets())
             }
-            Place::Inverse { piece, .. } => self.transform.inverse_cost(piece),
+            TaskKind::Inverse { piece, .. } => self.transform.inverse_cost(piece),
         }
     }
 
@@ -201,15 +201,15 @@ impl<T: Scalar> Level<T> {
     ) {
         let packets = self.transform.packets();
         match self.locate(inputs, task) {
-            Place::Forward { channel, piece } => {
+            TaskKind::Forward { channel, piece } => {
                 let newest = inputs.end - 1;
                 let samples = &signal[channel][newest * self.block..(newest + 1) * self.block];
                 let slot = (newest % self.slots * self.channels + channel) * packets;
                 let spectrum = &mut self.signal[slot..slot + packets];
                 self.transform.forward(piece, samples, spectrum, &mut self.polynomial, scratch);
             }
-            Place::Products { channel, tile, group } => self.products(inputs, channel, tile, group),
-            Place::Inverse { channel, piece } => {
+            TaskKind::Products { channel, tile, group } => self.products(inputs, channel, tile, group),
+            TaskKind::Inverse { channel, piece } => {
                 let place = ((inputs.end + 1) % self.outputs * self.channels + channel) * self.block;
                 let output = &mut self.output[place..place + self.block];
                 self.transform.inverse(piece, &self.sum, output, &mut self.polynomial, scratch);
@@ -293,7 +293,7 @@ pub(crate) fn owed<T: Scalar>(levels: &[Level<T>], channel: usize, k: usize) -> 
     row
 }
 
-enum Place {
+enum TaskKind {
     Forward { channel: usize, piece: usize },
     Products { channel: usize, tile: usize, group: usize },
     Inverse { channel: usize, piece: usize },

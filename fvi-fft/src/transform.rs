@@ -111,7 +111,7 @@ impl<T: Scalar> Transform<T> {
     }
 
     /// What piece `piece` of a forward transform is, and of an inverse one counted from the end.
-    fn locate(&self, piece: usize) -> Place {
+    fn locate(&self, piece: usize) -> PieceKind {
         let per_pass = self.pieces_of_pass();
         let (mut pass, mut within) = (0, piece);
         while pass < self.passes.len() && within >= per_pass {
@@ -119,14 +119,14 @@ impl<T: Scalar> Transform<T> {
             pass += 1;
         }
         if pass == self.passes.len() {
-            return Place::Leaf(within);
+            return PieceKind::Leaf(within);
         }
         // Sizes of nodes are powers of two.
         let quarter = self.block >> (2 * pass + 2);
         let first = within * PIECE;
         let butterfly = first & (quarter - 1);
         let butterflies = butterfly..quarter.min(butterfly + PIECE);
-        Place::Pass { pass, node: first >> quarter.trailing_zeros(), butterflies }
+        PieceKind::Pass { pass, node: first >> quarter.trailing_zeros(), butterflies }
     }
 
     /// Runs piece `piece` of the forward transform of the real block `samples`, padded with B zeros.
@@ -139,8 +139,8 @@ impl<T: Scalar> Transform<T> {
         scratch: &mut [Complex<f64>],
     ) {
         match self.locate(piece) {
-            Place::Leaf(_) if self.passes.is_empty() => load(samples, polynomial),
-            Place::Pass { pass: 0, ref butterflies, .. } => {
+            PieceKind::Leaf(_) if self.passes.is_empty() => load(samples, polynomial),
+            PieceKind::Pass { pass: 0, ref butterflies, .. } => {
                 for quarter in 0..4 {
                     let start = quarter * self.block / 4;
                     let range = start + butterflies.start..start + butterflies.end;
@@ -161,11 +161,11 @@ impl<T: Scalar> Transform<T> {
         scratch: &mut [Complex<f64>],
     ) {
         match self.locate(piece) {
-            Place::Pass { pass, node, butterflies } => {
+            PieceKind::Pass { pass, node, butterflies } => {
                 let quarters = self.quarters(pass, node, butterflies, polynomial);
                 self.unit.dispatch(ForwardPass { constants: self.passes[pass][node], quarters });
             }
-            Place::Leaf(leaf) => {
+            PieceKind::Leaf(leaf) => {
                 let range = leaf * self.leaf..(leaf + 1) * self.leaf;
                 let packets = range.start / PACKET..range.end / PACKET;
                 let numbers = &mut polynomial[range.clone()];
@@ -187,7 +187,7 @@ impl<T: Scalar> Transform<T> {
         scratch: &mut [Complex<f64>],
     ) {
         match self.locate(self.pieces() - 1 - piece) {
-            Place::Leaf(leaf) => {
+            PieceKind::Leaf(leaf) => {
                 let range = leaf * self.leaf..(leaf + 1) * self.leaf;
                 let packets = range.start / PACKET..range.end / PACKET;
                 let numbers = &mut polynomial[range.clone()];
@@ -198,7 +198,7 @@ impl<T: Scalar> Transform<T> {
                     store(numbers, output);
                 }
             }
-            Place::Pass { pass, node, butterflies } => {
+            PieceKind::Pass { pass, node, butterflies } => {
                 let quarters = self.quarters(pass, node, butterflies.clone(), polynomial);
                 self.unit.dispatch(InversePass { constants: self.passes[pass][node], quarters });
                 if pass == 0 {
@@ -230,7 +230,7 @@ impl<T: Scalar> Transform<T> {
 
 type Butterflies = core::ops::Range<usize>;
 
-enum Place {
+enum PieceKind {
     Pass { pass: usize, node: usize, butterflies: Butterflies },
     Leaf(usize),
 }

@@ -3,7 +3,7 @@
 pub mod checkpoint;
 pub mod compare_engines;
 pub mod converge;
-mod outlet;
+mod output_sink;
 pub mod response;
 pub mod run;
 pub mod sweep;

@@ -19,8 +19,8 @@ mod one_coordinate_tests;
 mod piece;
 pub mod response;
 pub mod stability;
+pub mod step_batch;
 mod step_control;
-pub mod stretch;
 mod tangent;
 
 use crate::language::error::Cause;
@@ -41,10 +41,10 @@ use fvi_core::{
 };
 use momentum_offset::MomentumOffset;
 use nalgebra::DMatrix;
-use piece::{Piece, Place};
+use piece::{Piece, WithinStep};
 use serde::Serialize;
 use std::fmt::Write as _;
-use stretch::Stretch;
+use step_batch::StepBatch;
 
 /// The scalar a simulation computes in.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -75,10 +75,10 @@ trait Stepper {
         &mut self,
         scenario: &Scenario,
         steps: usize,
-        stretch: &mut Stretch,
+        batch: &mut StepBatch,
         drive: Option<&Drive>,
     ) -> Result<(), StepError>;
-    fn look_into(&mut self, time: f64, state: &mut GridState);
+    fn interpolate(&mut self, time: f64, state: &mut GridState);
     /// Position at a time, likewise.
     fn position_at(&mut self, time: f64, position: &mut Vec<f64>);
     /// The jumps and kinks in the position as switches.
@@ -198,10 +198,10 @@ impl Simulation {
         let alone = solver == Solver::Dense && choice == SolverChoice::Automatic;
         let stepper: Box<dyn Stepper> = match precision {
             Precision::F64 if alone && OnePoint::<f64>::serves(scenario) => {
-                Box::new(Machine::<f64, Fixed<1>>::new(Fixed, scenario, tables)?)
+                Box::new(TypedSimulation::<f64, Fixed<1>>::new(Fixed, scenario, tables)?)
             }
-            Precision::F64 => Box::new(Machine::<f64, _>::new(space, scenario, tables)?),
-            Precision::F32 => Box::new(Machine::<f32, _>::new(space, scenario, tables)?),
+            Precision::F64 => Box::new(TypedSimulation::<f64, _>::new(space, scenario, tables)?),
+            Precision::F32 => Box::new(TypedSimulation::<f32, _>::new(space, scenario, tables)?),
         };
         let (engines, shared) = (stepper.engines(), stepper.shared());
         let warning = if solver == Solver::Dense { dense_warning(scenario) } else { None };
@@ -239,31 +239,31 @@ impl Simulation {
         self.stepper.step_over(length, end, input)
     }
 
-    /// Makes so many steps of the scenario's grid, and puts the states after them into the stretch, which is
+    /// Makes so many steps of the scenario's grid, and puts the states after them into the batch, which is
     /// empty and says how many were made before. Where an energy costs as much as a step the one of the
     /// newest row that is written stands for those behind it. With a `drive`, which has all inputs in it,
     /// that is the step's.
     ///
     /// # Errors
-    /// [`StepError`] of the step behind the last one that is in the stretch; the simulation is as it was
+    /// [`StepError`] of the step behind the last one that is in the batch; the simulation is as it was
     /// before that step.
     pub(crate) fn advance(
         &mut self,
         scenario: &Scenario,
         steps: usize,
-        stretch: &mut Stretch,
+        batch: &mut StepBatch,
         drive: Option<&Drive>,
     ) -> Result<(), StepError> {
-        self.stepper.advance(scenario, steps, stretch, drive)
+        self.stepper.advance(scenario, steps, batch, drive)
     }
 
     /// Writes the state at a time within the last two steps into `state`, by the scheme's own polynomial;
     /// before the first step and after the last the present state.
-    pub fn look_into(&mut self, time: f64, state: &mut GridState) {
-        self.stepper.look_into(time, state);
+    pub fn interpolate(&mut self, time: f64, state: &mut GridState) {
+        self.stepper.interpolate(time, state);
     }
 
-    /// Writes the position at a time, as [`look_into`](Self::look_into).
+    /// Writes the position at a time, as [`interpolate`](Self::interpolate).
     pub(crate) fn position_at(&mut self, time: f64, position: &mut Vec<f64>) {
         self.stepper.position_at(time, position);
     }
@@ -381,9 +381,9 @@ fn stiffness(scenario: &Scenario) -> Result<DMatrix<f64>, InputError> {
     let mut model = Model::<f64>::new(scenario).map_err(|error| bad_mass(scenario, &error))?;
     let size = scenario.coordinates();
     let instant = Instant::in_step(0.0, 0.5, scenario.time.step);
-    let mut pull = vec![0.0; size];
+    let mut restoring = vec![0.0; size];
     let mut stiffness = model.stiffness();
-    model.linearise(instant, &scenario.initial.position, &mut pull, &mut stiffness);
+    model.linearise(instant, &scenario.initial.position, &mut restoring, &mut stiffness);
     let mut dense = DMatrix::zeros(size, size);
     for (row, column, entry) in Matrix::entries(&stiffness) {
         dense[(row, column)] = entry;
@@ -396,7 +396,7 @@ fn bad_mass(scenario: &Scenario, error: &MatrixError) -> InputError {
 }
 
 /// The integrator of a scenario in one precision and space.
-struct Machine<T: Elementary + Memories, X: ScenarioSpace<T>> {
+struct TypedSimulation<T: Elementary + Memories, X: ScenarioSpace<T>> {
     integrator: Integrator<T, X, X::System, X::Scheme, DampingTerms<T, X>>,
     input: X::Vector,
     /// Whether the input of the last step was not zero.
@@ -416,7 +416,7 @@ struct Machine<T: Elementary + Memories, X: ScenarioSpace<T>> {
 /// When the energies of a grid's states are computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Energies {
-    /// Those of a stretch together.
+    /// Those of a batch together.
     Together,
     /// After every step.
     EveryStep,
@@ -424,7 +424,7 @@ enum Energies {
     Rows,
 }
 
-impl<T: Elementary + Memories, X: ScenarioSpace<T>> Machine<T, X> {
+impl<T: Elementary + Memories, X: ScenarioSpace<T>> TypedSimulation<T, X> {
     /// Puts system, scheme and memories together.
     fn new(space: X, scenario: &Scenario, tables: &Tables) -> Result<Self, InputError> {
         let scheme = space.scheme(scenario).map_err(|error| {
@@ -466,7 +466,7 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> Machine<T, X> {
     }
 }
 
-impl<T: Elementary + Memories, X: ScenarioSpace<T>> Machine<T, X> {
+impl<T: Elementary + Memories, X: ScenarioSpace<T>> TypedSimulation<T, X> {
     /// Takes in the input, and notes where the step begins.
     #[inline(always)]
     fn prepare(&mut self, input: &[f64]) {
@@ -818,7 +818,7 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> Damping<T, X> for DampingTer
     }
 }
 
-impl<T: Elementary + Memories, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
+impl<T: Elementary + Memories, X: ScenarioSpace<T>> Stepper for TypedSimulation<T, X> {
     fn step(&mut self, input: &[f64]) -> Result<u32, StepError> {
         self.prepare(input);
         let made = self.integrator.step(&self.input);
@@ -831,7 +831,7 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
         self.keep_piece(made)
     }
 
-    fn look_into(&mut self, time: f64, state: &mut GridState) {
+    fn interpolate(&mut self, time: f64, state: &mut GridState) {
         let Some([last, before]) = &self.pieces else { return };
         state.time = time;
         if last.solution.is_empty() {
@@ -840,14 +840,14 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
         }
         let (piece, end) = if time > last.from { (last, None) } else { (before, Some(last)) };
         match (piece.place(time), end) {
-            (Place::End, None) => self.read(state),
-            (Place::End, Some(next)) => {
+            (WithinStep::End, None) => self.read(state),
+            (WithinStep::End, Some(next)) => {
                 let (position, momentum) = (next.position.clone(), next.momentum.clone());
                 self.write(&position, &momentum, state);
             }
-            (Place::Inside(fraction), _) => {
+            (WithinStep::Inside(fraction), _) => {
                 let (mut position, mut momentum) = (piece.position.clone(), piece.momentum.clone());
-                self.integrator.scheme().look_into(
+                self.integrator.scheme().interpolate(
                     &piece.solution,
                     self.integrator.system(),
                     (T::of(piece.to - piece.from), T::of(fraction)),
@@ -868,11 +868,11 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
             (before, last.position.as_slice())
         };
         match piece.place(time) {
-            Place::Inside(fraction) if !piece.solution.is_empty() => {
+            WithinStep::Inside(fraction) if !piece.solution.is_empty() => {
                 let (mut inside, mut momentum) = (piece.position.clone(), piece.momentum.clone());
                 let place = (T::of(piece.to - piece.from), T::of(fraction));
                 let (scheme, system) = (self.integrator.scheme(), self.integrator.system());
-                scheme.look_into(&piece.solution, system, place, &mut inside, &mut momentum);
+                scheme.interpolate(&piece.solution, system, place, &mut inside, &mut momentum);
                 position.extend(in_double(&inside));
             }
             _ => position.extend(in_double(end)),
@@ -892,10 +892,10 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
         &mut self,
         scenario: &Scenario,
         steps: usize,
-        stretch: &mut Stretch,
+        batch: &mut StepBatch,
         drive: Option<&Drive>,
     ) -> Result<(), StepError> {
-        let before = stretch.first() - 1;
+        let before = batch.first() - 1;
         let mut made = Ok(());
         for step in before..before + steps {
             let iterations = match self.step_on_grid(scenario, step, drive) {
@@ -915,11 +915,11 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> Stepper for Machine<T, X> {
             }
             let position = in_double(X::slice(&self.integrator.state().position));
             let time = self.integrator.time().to_f64();
-            stretch.push((time, self.energy), position, in_double(self.momentum()), iterations);
+            batch.push((time, self.energy), position, in_double(self.momentum()), iterations);
         }
         if self.energies == Energies::Together {
-            let stride = stretch.room();
-            let (positions, momenta, energies) = stretch.with_energies_mut();
+            let stride = batch.room();
+            let (positions, momenta, energies) = batch.with_energies_mut();
             let states = States { positions, momenta, stride };
             self.integrator.system().write_energies(&states, &mut self.energy_room, energies);
         }

@@ -5,7 +5,7 @@ use fvi_core::{FractionalOperator, Start};
 use crate::memory::{AnyMemory, FviMemory};
 use crate::pointer::{check, reference};
 use crate::status::{FviStatus, status};
-use crate::stored::{Kept, keep, kept, words};
+use crate::stored::{Storable, keep, kept, words};
 
 /// Start: nothing is subtracted; the operator of Riemann–Liouville type. Fractional integrals are of this
 /// type.
@@ -31,7 +31,7 @@ pub struct FviOperator {
 
 pub(crate) type Operator = FractionalOperator<f32, AnyMemory<1>>;
 
-impl Kept for Operator {
+impl Storable for Operator {
     const TAG: u64 = 0x6676_692d_6f70_6572;
 }
 

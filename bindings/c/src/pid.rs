@@ -7,9 +7,9 @@ use fvi_core::{
 
 use crate::memory::{AnyMemory, FviMemory};
 use crate::pointer::{check, reference};
-use crate::saving::{Place, give};
+use crate::saving::{ByteBuffer, give};
 use crate::status::{FviStatus, status};
-use crate::stored::{Kept, keep, kept, words};
+use crate::stored::{Storable, keep, kept, words};
 
 /// Form: u = kp (b r - y) + ki I^lambda (r - y) + kd D^mu (c r - y), filtered.
 pub const FVI_PID_PARALLEL: u32 = 0;
@@ -118,7 +118,7 @@ pub struct FviPid {
 
 type Pid = FractionalPid<f32, AnyMemory<1>, AnyMemory<1>, PidLaw<f32>, AnyMemory<1>>;
 
-impl Kept for Pid {
+impl Storable for Pid {
     const TAG: u64 = 0x6676_692d_6670_6964;
 }
 
@@ -369,7 +369,7 @@ pub unsafe extern "C" fn fvi_pid_save(
         check(controller)?;
         // SAFETY: zeroed or set up, as promised.
         let pid = unsafe { kept::<Pid>(controller.cast_mut().cast()) }?;
-        let place = Place { bytes, capacity, written };
+        let place = ByteBuffer { bytes, capacity, written };
         // SAFETY: promised by the caller.
         unsafe { place.take(pid.state_bytes(), |to| pid.save(to)) }
     })())

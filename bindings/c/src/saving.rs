@@ -10,13 +10,13 @@ use crate::stored::kept;
 
 /// Where the state of an object goes to: `capacity` bytes, and their number.
 #[derive(Clone, Copy)]
-pub(crate) struct Place {
+pub(crate) struct ByteBuffer {
     pub(crate) bytes: *mut u8,
     pub(crate) capacity: usize,
     pub(crate) written: *mut usize,
 }
 
-impl Place {
+impl ByteBuffer {
     /// Saves a state of `size` bytes, or with no capacity only says its size.
     ///
     /// # Safety
@@ -74,7 +74,7 @@ pub unsafe extern "C" fn fvi_operator_save(
         check(operation)?;
         // SAFETY: zeroed or set up, as promised.
         let operator = unsafe { kept::<Operator>(operation.cast_mut().cast()) }?;
-        let place = Place { bytes, capacity, written };
+        let place = ByteBuffer { bytes, capacity, written };
         // SAFETY: promised by the caller.
         unsafe { place.take(operator.state_bytes(), |to| operator.save(to)) }
     })())
@@ -105,12 +105,12 @@ pub unsafe extern "C" fn fvi_operator_restore(
 
 /// # Safety
 /// As [`fvi_stepper_save_1`].
-unsafe fn save<const N: usize>(stepper: *const FviStepper, place: Place) -> Result<(), FviStatus> {
+unsafe fn save<const N: usize>(stepper: *const FviStepper, place: ByteBuffer) -> Result<(), FviStatus> {
     /// # Safety
     /// The storage must hold a `Machine<N, S>`.
     unsafe fn of<const N: usize, S: Scheme<f32, Fixed<N>>>(
         storage: *mut u64,
-        place: Place,
+        place: ByteBuffer,
     ) -> Result<(), FviStatus> {
         // SAFETY: promised by the caller.
         let stepper = &unsafe { kept::<Machine<N, S>>(storage) }?.stepper;
@@ -180,7 +180,7 @@ pub unsafe extern "C" fn fvi_stepper_save_1(
     written: *mut usize,
 ) -> FviStatus {
     // SAFETY: promised by the caller.
-    status(unsafe { save::<1>(stepper, Place { bytes, capacity, written }) })
+    status(unsafe { save::<1>(stepper, ByteBuffer { bytes, capacity, written }) })
 }
 
 /// Restores what fvi_stepper_save_1 wrote, into a stepper that was set up alike: it goes on with the same
@@ -216,7 +216,7 @@ pub unsafe extern "C" fn fvi_stepper_save_2(
     written: *mut usize,
 ) -> FviStatus {
     // SAFETY: promised by the caller.
-    status(unsafe { save::<2>(stepper, Place { bytes, capacity, written }) })
+    status(unsafe { save::<2>(stepper, ByteBuffer { bytes, capacity, written }) })
 }
 
 /// Restores what fvi_stepper_save_2 wrote, as fvi_stepper_restore_1 does for one coordinate.
@@ -245,7 +245,7 @@ pub unsafe extern "C" fn fvi_stepper_save_3(
     written: *mut usize,
 ) -> FviStatus {
     // SAFETY: promised by the caller.
-    status(unsafe { save::<3>(stepper, Place { bytes, capacity, written }) })
+    status(unsafe { save::<3>(stepper, ByteBuffer { bytes, capacity, written }) })
 }
 
 /// Restores what fvi_stepper_save_3 wrote, as fvi_stepper_restore_1 does for one coordinate.
@@ -274,7 +274,7 @@ pub unsafe extern "C" fn fvi_stepper_save_4(
     written: *mut usize,
 ) -> FviStatus {
     // SAFETY: promised by the caller.
-    status(unsafe { save::<4>(stepper, Place { bytes, capacity, written }) })
+    status(unsafe { save::<4>(stepper, ByteBuffer { bytes, capacity, written }) })
 }
 
 /// Restores what fvi_stepper_save_4 wrote, as fvi_stepper_restore_1 does for one coordinate.
@@ -303,7 +303,7 @@ pub unsafe extern "C" fn fvi_stepper_save_5(
     written: *mut usize,
 ) -> FviStatus {
     // SAFETY: promised by the caller.
-    status(unsafe { save::<5>(stepper, Place { bytes, capacity, written }) })
+    status(unsafe { save::<5>(stepper, ByteBuffer { bytes, capacity, written }) })
 }
 
 /// Restores what fvi_stepper_save_5 wrote, as fvi_stepper_restore_1 does for one coordinate.
@@ -332,7 +332,7 @@ pub unsafe extern "C" fn fvi_stepper_save_6(
     written: *mut usize,
 ) -> FviStatus {
     // SAFETY: promised by the caller.
-    status(unsafe { save::<6>(stepper, Place { bytes, capacity, written }) })
+    status(unsafe { save::<6>(stepper, ByteBuffer { bytes, capacity, written }) })
 }
 
 /// Restores what fvi_stepper_save_6 wrote, as fvi_stepper_restore_1 does for one coordinate.

@@ -12,7 +12,7 @@ use crate::memory::{AnyMemory, FviMemory};
 use crate::operator::{FVI_CAPUTO, FVI_RIEMANN_LIOUVILLE};
 use crate::pointer::{check, reference, slice, slice_mut};
 use crate::status::{FviStatus, status};
-use crate::stored::{Kept, keep, kept, words};
+use crate::stored::{Storable, keep, kept, words};
 
 /// Words of a stepper for one coordinate.
 pub const FVI_STEPPER_WORDS_1: usize = 48;
@@ -205,11 +205,11 @@ pub(crate) struct Machine<const N: usize, S: Scheme<f32, Fixed<N>>> {
     pub(crate) stepper: Stepper<N, S>,
 }
 
-impl Kept for Calls {
+impl Storable for Calls {
     const TAG: u64 = 0x6676_692d_7374_6570;
 }
 
-impl<const N: usize, S: Scheme<f32, Fixed<N>>> Kept for Machine<N, S> {
+impl<const N: usize, S: Scheme<f32, Fixed<N>>> Storable for Machine<N, S> {
     const TAG: u64 = Calls::TAG;
 }
 

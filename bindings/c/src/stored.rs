@@ -6,7 +6,7 @@ use crate::pointer::check;
 use crate::status::FviStatus;
 
 /// What may lie in storage of the caller.
-pub(crate) trait Kept: Sized {
+pub(crate) trait Storable: Sized {
     /// Tells the types apart, and all of them from storage that was never set up.
     const TAG: u64;
 }
@@ -27,7 +27,7 @@ pub(crate) const fn words<V>() -> usize {
 ///
 /// # Safety
 /// If the pointer is not NULL and aligned, [`words`]`::<V>()` words must lie there that nobody else uses.
-pub(crate) unsafe fn keep<V: Kept>(storage: *mut u64, value: V) -> Result<(), FviStatus> {
+pub(crate) unsafe fn keep<V: Storable>(storage: *mut u64, value: V) -> Result<(), FviStatus> {
     const { assert!(align_of::<Stored<V>>() <= align_of::<u64>()) };
     check(storage)?;
     let stored = Stored { tag: V::TAG, value: MaybeUninit::new(value) };
@@ -42,7 +42,7 @@ pub(crate) unsafe fn keep<V: Kept>(storage: *mut u64, value: V) -> Result<(), Fv
 /// If the pointer is not NULL and aligned, an initialised word must lie there; if it is the tag of `V`, then
 /// [`keep`] must have put a `V`, or something that begins with one, there, and nobody else may use the
 /// storage during `'a`.
-pub(crate) unsafe fn kept<'a, V: Kept>(storage: *mut u64) -> Result<&'a mut V, FviStatus> {
+pub(crate) unsafe fn kept<'a, V: Storable>(storage: *mut u64) -> Result<&'a mut V, FviStatus> {
     check(storage)?;
     // SAFETY: not NULL, aligned; initialised as promised.
     if unsafe { storage.read() } != V::TAG {

@@ -43,11 +43,11 @@ impl Loads {
                 let mut model = self.model.lock().unwrap_or_else(PoisonError::into_inner);
                 let (size, h) = (self.coordinates, self.step);
                 let rest = vec![0.0; size];
-                let (mut pull, mut excess) = (vec![0.0; size], vec![0.0; 2 * size]);
+                let (mut restoring, mut moment_correction) = (vec![0.0; size], vec![0.0; 2 * size]);
                 let mut impulses = Vec::with_capacity(2 * size * count);
                 for step in 0..count as u64 {
                     let start = (first + step) as f64 * h;
-                    model.pull(Instant::in_step(start, 0.5, h), &rest, &mut pull);
+                    model.restoring_force(Instant::in_step(start, 0.5, h), &rest, &mut restoring);
                     let rule = NodalRule {
                         start,
                         length: h,
@@ -57,11 +57,13 @@ impl Loads {
                         shapes: &[0.5],
                         tests: &[0.5],
                     };
-                    if !(model.is_rough() && model.excess(&rule, &mut excess)) {
-                        excess.fill(0.0);
+                    if !(model.is_rough() && model.moment_correction(&rule, &mut moment_correction)) {
+                        moment_correction.fill(0.0);
                     }
-                    let both = pull.iter().chain(&pull).zip(&excess);
-                    impulses.extend(both.map(|(pull, excess)| h * (excess - 0.5 * pull)));
+                    let both = restoring.iter().chain(&restoring).zip(&moment_correction);
+                    impulses.extend(
+                        both.map(|(restoring, moment_correction)| h * (moment_correction - 0.5 * restoring)),
+                    );
                 }
                 Ok(impulses)
             })

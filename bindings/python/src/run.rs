@@ -233,8 +233,8 @@ fn compute(
             }
             Ok::<_, Infallible>(())
         },
-        |stretch| {
-            let steps = stretch.first() + stretch.len().saturating_sub(1);
+        |batch| {
+            let steps = batch.first() + batch.len().saturating_sub(1);
             if steps > 0 && !watch.tick(steps, all) {
                 stop.store(true, Ordering::Relaxed);
             }

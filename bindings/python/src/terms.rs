@@ -62,14 +62,14 @@ impl PythonTerms {
     /// Refuses functions that fail, or are not finite, where the run begins.
     pub(crate) fn look_at_the_start(&mut self, position: &[f64]) -> Outcome<()> {
         let value = self.potential(position);
-        let mut pull = vec![0.0; self.size];
-        self.add_pull(Moment::inside(0.0), position, &mut pull);
+        let mut restoring = vec![0.0; self.size];
+        self.add_restoring_force(Moment::inside(0.0), position, &mut restoring);
         if let Some(error) = self.slot.take() {
             return Err(Failure::Raised(error));
         }
         let bad = if !value.is_finite() {
             Some(("potential", "the value"))
-        } else if pull.iter().any(|number| !number.is_finite()) {
+        } else if restoring.iter().any(|number| !number.is_finite()) {
             Some(("potential", "the gradient, or the force,"))
         } else {
             None
@@ -153,9 +153,9 @@ impl PythonTerms {
         (self.difference, self.nearby) = (base, nearby);
     }
 
-    fn add_force(&mut self, pull: &mut [f64]) {
-        for ((pull, largest), force) in pull.iter_mut().zip(&mut self.largest).zip(&self.answer) {
-            *pull -= force;
+    fn add_force(&mut self, restoring: &mut [f64]) {
+        for ((restoring, largest), force) in restoring.iter_mut().zip(&mut self.largest).zip(&self.answer) {
+            *restoring -= force;
             *largest = largest.max(force.abs());
         }
     }
@@ -180,14 +180,14 @@ impl OwnTerms for PythonTerms {
         self.answer[0]
     }
 
-    fn add_pull(&mut self, moment: Moment<f64>, position: &[f64], pull: &mut [f64]) {
+    fn add_restoring_force(&mut self, moment: Moment<f64>, position: &[f64], restoring: &mut [f64]) {
         if self.callables.gradient.is_some() {
             self.call(Which::Gradient, None, Some(position), self.size);
-            pull.iter_mut().zip(&self.answer).for_each(|(pull, number)| *pull += number);
+            restoring.iter_mut().zip(&self.answer).for_each(|(restoring, number)| *restoring += number);
         }
         if self.callables.force.is_some() {
             self.force(moment.sided(), position);
-            self.add_force(pull);
+            self.add_force(restoring);
         }
     }
 
@@ -195,13 +195,13 @@ impl OwnTerms for PythonTerms {
         &mut self,
         moment: Moment<f64>,
         position: &[f64],
-        pull: &mut [f64],
+        restoring: &mut [f64],
         stiffness: &mut [f64],
     ) {
         let square = self.size * self.size;
         if self.callables.gradient.is_some() {
             self.call(Which::Gradient, None, Some(position), self.size);
-            pull.iter_mut().zip(&self.answer).for_each(|(pull, number)| *pull += number);
+            restoring.iter_mut().zip(&self.answer).for_each(|(restoring, number)| *restoring += number);
             if self.callables.hessian.is_some() {
                 self.call(Which::Hessian, None, Some(position), square);
                 stiffness.iter_mut().zip(&self.answer).for_each(|(entry, number)| *entry += number);
@@ -214,7 +214,7 @@ impl OwnTerms for PythonTerms {
         if self.callables.force.is_some() {
             let time = moment.sided();
             self.force(time, position);
-            self.add_force(pull);
+            self.add_force(restoring);
             if self.callables.jacobian.is_some() {
                 self.call(Which::Jacobian, Some(time), Some(position), square);
                 stiffness.iter_mut().zip(&self.answer).for_each(|(entry, number)| *entry -= number);

@@ -12,7 +12,7 @@ mod interval;
 pub(crate) use interval::Timer;
 pub use interval::{CheckpointEvery, IntervalError};
 
-use crate::lab::outlet::{OutletMark, case_directories};
+use crate::lab::output_sink::{OutputMark, case_directories};
 use crate::results::files::{self, FileError};
 use crate::results::measure::{ErrorMeasure, Largest};
 use crate::results::output_directory::OutputDirectory;
@@ -102,7 +102,7 @@ pub enum CheckpointError {
 pub(crate) struct Progress {
     pub(crate) steps: usize,
     /// Of each load case; one without.
-    pub(crate) files: Vec<OutletMark>,
+    pub(crate) files: Vec<OutputMark>,
     /// The names of the load cases, whose directories the files lie in.
     pub(crate) cases: Vec<String>,
     /// The largest energy of each.

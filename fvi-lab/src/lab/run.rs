@@ -1,7 +1,7 @@
 //! One run: from a checked scenario to the files of its output directory.
 
 use crate::lab::checkpoint::{self, Checkpoint, CheckpointError, CheckpointEvery, Identity, Progress, Timer};
-use crate::lab::outlet::{Outlet, OutletMark, Passage, View};
+use crate::lab::output_sink::{BatchView, OutputMark, OutputSink, StateView};
 use crate::language::{InputError, Problem};
 use crate::memory::Tables;
 use crate::numerics::starting::starting_condition;
@@ -13,7 +13,7 @@ use crate::scenario::{Engine, Scenario};
 use crate::simulation::adaptive::Counts;
 use crate::simulation::events::{Happened, Seen, Watch};
 use crate::simulation::motion::{Failure, Motion};
-use crate::simulation::stretch::Stretch;
+use crate::simulation::step_batch::StepBatch;
 use crate::simulation::{GridState, Precision, Solver};
 use fvi_core::StateError;
 use serde::Serialize;
@@ -290,16 +290,16 @@ pub fn run(
         Some(directory) => directory,
         None => OutputDirectory::claim(&options.directory)?,
     };
-    let (mut outlets, mut generations);
+    let (mut sinks, mut generations);
     match found {
         Some(checkpoint) => {
             notes.extend(checkpoint.notes);
             let (marks, traces) = (checkpoint.progress.files, checkpoint.traces);
-            outlets = Outlet::resume_all(&scenario, directory.path(), &marks, traces, run.steps() + 1)?;
+            sinks = OutputSink::resume_all(&scenario, directory.path(), &marks, traces, run.steps() + 1)?;
             generations = checkpoint.generations;
         }
         None => {
-            outlets = Outlet::open_all(&scenario, directory.path(), options.format.unwrap_or_default())?;
+            sinks = OutputSink::open_all(&scenario, directory.path(), options.format.unwrap_or_default())?;
             // What an earlier run could be gone on with does not go with the rows of this one.
             checkpoint::remove(&directory)?;
             generations = checkpoint::Generations::default();
@@ -308,26 +308,26 @@ pub fn run(
     // What a checkpoint holds is not enough to go on with derivatives.
     let every = if scenario.sensitivity.is_some() { CheckpointEvery::Never } else { options.checkpoints };
     let mut timer = Timer::new(every);
-    let mut write_checkpoint = |run: &Run<'_>, outlets: &mut [Outlet]| {
-        let marks = outlets.iter_mut().map(Outlet::mark).collect::<Result<_, _>>()?;
+    let mut write_checkpoint = |run: &Run<'_>, sinks: &mut [OutputSink]| {
+        let marks = sinks.iter_mut().map(OutputSink::mark).collect::<Result<_, _>>()?;
         let state = run.motion.save()?;
-        let traces: Vec<_> = outlets.iter().map(Outlet::traces).collect();
+        let traces: Vec<_> = sinks.iter().map(OutputSink::traces).collect();
         generations.write(&directory, &identity, &run.progress(marks), &state, &traces)?;
-        outlets.iter_mut().for_each(Outlet::keep);
+        sinks.iter_mut().for_each(OutputSink::keep);
         Ok::<_, RunError>(())
     };
     let end = run.go(
         stop,
         |steps| every.steps_to_next(steps),
         |run| {
-            for (case, outlet) in outlets.iter_mut().enumerate() {
-                outlet.take(&scenario, run.rows_between(), &run.passage(case))?;
+            for (case, sink) in sinks.iter_mut().enumerate() {
+                sink.take(&scenario, run.rows_between(), &run.batch_view(case))?;
             }
-            let stretch = run.motion.stretch();
-            (stretch.first()..).take(stretch.len()).filter(|&steps| steps > 0).for_each(&mut *progress);
+            let batch = run.motion.batch();
+            (batch.first()..).take(batch.len()).filter(|&steps| steps > 0).for_each(&mut *progress);
             if timer.is_due(run.steps()) && !run.is_ended() {
                 let begin = Instant::now();
-                write_checkpoint(run, &mut outlets)?;
+                write_checkpoint(run, &mut sinks)?;
                 timer.written(begin);
             }
             Ok::<_, RunError>(())
@@ -341,30 +341,30 @@ pub fn run(
         RunEnd::Failed { .. } | RunEnd::Event { .. } => false,
     };
     if goes_on && every != CheckpointEvery::Never {
-        write_checkpoint(&run, &mut outlets)?;
+        write_checkpoint(&run, &mut sinks)?;
     }
     // A summary stands for the files beside it: the old one goes before they do, the new one comes last.
     remove(&directory.join(SUMMARY))?;
     if !scenario.cases.is_empty() {
-        Outlet::remove_files(directory.path())?;
+        OutputSink::remove_files(directory.path())?;
     }
     run.motion.complete();
-    let without_last_energy = run.motion.stretch().lacks_last_energy();
+    let without_last_energy = run.motion.batch().lacks_last_energy();
     let mut summary = run.summary(end);
     summary.notes = notes;
     let (mut drawn, mut own_files) = (Ok(()), Vec::new());
-    for (case, mut outlet) in outlets.into_iter().enumerate() {
+    for (case, mut sink) in sinks.into_iter().enumerate() {
         let mut files = Vec::new();
         let of_case = (!scenario.cases.is_empty()).then(|| summary.of_case(&scenario, case));
         if of_case.is_some() {
-            remove(&outlet.directory().join(SUMMARY))?;
+            remove(&sink.directory().join(SUMMARY))?;
         }
         let one = of_case.as_ref().unwrap_or(&summary);
         if without_last_energy {
-            outlet.take_last_energy(&one.last);
+            sink.take_last_energy(&one.last);
         }
         // The record is written even if a picture cannot be.
-        drawn = drawn.and(outlet.finish(&one.scenario, &one.last, &mut files)?);
+        drawn = drawn.and(sink.finish(&one.scenario, &one.last, &mut files)?);
         match of_case {
             Some(mut of_case) => {
                 of_case.files = files;
@@ -405,7 +405,7 @@ fn refuse_with_sensitivities(scenario: &Scenario, options: &RunOptions) -> Resul
 
 /// An event as far as it is written.
 fn of_written(scenario: &Scenario, happened: &Happened) -> Happened {
-    let GridState { position, momentum, .. } = View::from(&happened.state()).shown(scenario);
+    let GridState { position, momentum, .. } = StateView::from(&happened.state()).shown(scenario);
     Happened { position, momentum, ..happened.clone() }
 }
 
@@ -553,10 +553,10 @@ impl<'s> Run<'s> {
             stop,
             |_| usize::MAX,
             |run| {
-                let stretch = run.motion.stretch();
-                (0..stretch.len()).try_for_each(|index| {
-                    stretch.read(index, &mut state);
-                    take(stretch.first() + index, &state)
+                let batch = run.motion.batch();
+                (0..batch.len()).try_for_each(|index| {
+                    batch.read(index, &mut state);
+                    take(batch.first() + index, &state)
                 })
             },
         )?;
@@ -564,12 +564,12 @@ impl<'s> Run<'s> {
     }
 
     /// As [`to_the_end`](Self::to_the_end); `take` sees the states of several steps at a time.
-    pub fn stretches_to_the_end(mut self, stop: &AtomicBool, take: &mut dyn FnMut(&Stretch)) -> RunSummary {
+    pub fn batches_to_the_end(mut self, stop: &AtomicBool, take: &mut dyn FnMut(&StepBatch)) -> RunSummary {
         let end = self.go(
             stop,
             |_| usize::MAX,
             |run| {
-                take(run.motion.stretch());
+                take(run.motion.batch());
                 Ok::<_, Infallible>(())
             },
         );
@@ -577,7 +577,7 @@ impl<'s> Run<'s> {
         self.summary(end)
     }
 
-    /// As [`stretches_to_the_end`](Self::stretches_to_the_end); `row` sees the rows of the trajectory, those
+    /// As [`batches_to_the_end`](Self::batches_to_the_end); `row` sees the rows of the trajectory, those
     /// and so much of each as `[output]` says.
     ///
     /// # Errors
@@ -586,7 +586,7 @@ impl<'s> Run<'s> {
         mut self,
         stop: &AtomicBool,
         mut row: impl FnMut(&GridState) -> Result<(), E>,
-        take: impl FnMut(&Stretch),
+        take: impl FnMut(&StepBatch),
     ) -> Result<RunSummary, E> {
         let end = self.rows(stop, |_, state| row(state), take)?;
         Ok(self.summary(end))
@@ -601,7 +601,7 @@ impl<'s> Run<'s> {
         mut self,
         stop: &AtomicBool,
         row: impl FnMut(usize, &GridState) -> Result<(), E>,
-        take: impl FnMut(&Stretch),
+        take: impl FnMut(&StepBatch),
     ) -> Result<Vec<RunSummary>, E> {
         let end = self.rows(stop, row, take)?;
         let scenario = self.scenario;
@@ -617,7 +617,7 @@ impl<'s> Run<'s> {
         &mut self,
         stop: &AtomicBool,
         mut row: impl FnMut(usize, &GridState) -> Result<(), E>,
-        mut take: impl FnMut(&Stretch),
+        mut take: impl FnMut(&StepBatch),
     ) -> Result<RunEnd, E> {
         let (scenario, every) = (self.scenario, self.scenario.output.every);
         let on_grid = scenario.output.times.is_empty();
@@ -629,22 +629,22 @@ impl<'s> Run<'s> {
             stop,
             |_| usize::MAX,
             |run| {
-                let stretch = run.motion.stretch();
-                if on_grid && !stretch.is_empty() {
+                let batch = run.motion.batch();
+                if on_grid && !batch.is_empty() {
                     last_is_there = false;
-                    for index in stretch.multiples(every) {
-                        last_is_there = index + 1 == stretch.len();
+                    for index in batch.multiples(every) {
+                        last_is_there = index + 1 == batch.len();
                         for case in 0..copies {
-                            run.passage(case).read(index, &chosen, &mut shown);
+                            run.batch_view(case).read(index, &chosen, &mut shown);
                             row(case, &shown)?;
                         }
                     }
                 }
                 // Load cases have rows at grid points only.
                 for between in run.rows_between() {
-                    row(0, &View::from(between).shown(scenario))?;
+                    row(0, &StateView::from(between).shown(scenario))?;
                 }
-                take(stretch);
+                take(batch);
                 Ok(())
             },
         )?;
@@ -671,7 +671,7 @@ impl<'s> Run<'s> {
     }
 
     /// The state of one load case; without cases the state.
-    fn view(&self, case: usize) -> View<'_> {
+    fn view(&self, case: usize) -> StateView<'_> {
         let state = self.state();
         let (places, energy) = match self.motion.energies().get(case) {
             Some(&energy) => (self.scenario.places_of(case), energy),
@@ -680,15 +680,15 @@ impl<'s> Run<'s> {
         let position = state.position.get(places.clone()).unwrap_or(&[]);
         let momentum = state.momentum.get(places).unwrap_or(&[]);
         let (control, sensitivities) = (&state.control, &state.sensitivities);
-        View { time: state.time, position, momentum, energy, control, sensitivities }
+        StateView { time: state.time, position, momentum, energy, control, sensitivities }
     }
 
     /// What was made last of one load case; without cases of the motion.
-    fn passage(&self, case: usize) -> Passage<'_> {
-        let (stretch, energies) = (self.motion.stretch(), self.motion.energies());
+    fn batch_view(&self, case: usize) -> BatchView<'_> {
+        let (batch, energies) = (self.motion.batch(), self.motion.energies());
         match energies.get(case..=case) {
-            Some(energy) => Passage::new(stretch, self.scenario.places_of(case), energy),
-            None => Passage::new(stretch, 0..self.scenario.coordinates(), stretch.energies()),
+            Some(energy) => BatchView::new(batch, self.scenario.places_of(case), energy),
+            None => BatchView::new(batch, 0..self.scenario.coordinates(), batch.energies()),
         }
     }
 
@@ -733,7 +733,7 @@ impl<'s> Run<'s> {
         &self.between
     }
 
-    /// Takes in the states of the stretch that was made last, and what lies before them. Where steps are
+    /// Takes in the states of the batch that was made last, and what lies before them. Where steps are
     /// looked into it holds one.
     fn observe(&mut self) {
         let (scenario, coordinates) = (self.scenario, self.scenario.coordinates());
@@ -746,7 +746,7 @@ impl<'s> Run<'s> {
             && time <= now
         {
             let mut state = self.motion.state().clone();
-            self.motion.look_into(time, &mut state);
+            self.motion.interpolate(time, &mut state);
             if let Some(known) = reference.and_then(|reference| reference.at_output(time, coordinates)) {
                 self.errors.compare(&state, &known);
             }
@@ -761,13 +761,13 @@ impl<'s> Run<'s> {
         if let Some(ended) = &self.ended {
             self.motion.show((ended.time > before).then_some(ended));
         }
-        let stretch = self.motion.stretch();
-        for &iterations in stretch.iterations() {
+        let batch = self.motion.batch();
+        for &iterations in batch.iterations() {
             self.newton_iterations += u64::from(iterations);
             self.newton_iterations_most = self.newton_iterations_most.max(iterations);
         }
-        self.largest.take(stretch);
-        if !stretch.lacks_last_energy() {
+        self.largest.take(batch);
+        if !batch.lacks_last_energy() {
             for (largest, &energy) in self.largest_energies.iter_mut().zip(self.motion.energies()) {
                 *largest = larger(*largest, energy.abs());
             }
@@ -775,11 +775,11 @@ impl<'s> Run<'s> {
         let Some(reference) = reference else { return };
         let chosen = scenario.time.adaptive().is_some() || self.ended.is_some();
         let mut state = self.state().clone();
-        for index in 0..stretch.len() {
-            stretch.read(index, &mut state);
+        for index in 0..batch.len() {
+            batch.read(index, &mut state);
             let known = match chosen {
                 true => reference.at_output(state.time, coordinates),
-                false => reference.at_grid_point(stretch.first() + index, &scenario.time, coordinates),
+                false => reference.at_grid_point(batch.first() + index, &scenario.time, coordinates),
             };
             if let Some(known) = known {
                 self.errors.compare(&state, &known);
@@ -793,14 +793,14 @@ impl<'s> Run<'s> {
             return;
         }
         let state = self.motion.state().clone();
-        self.ended = self.watch.take(&state, |time, place| self.motion.look_into(time, place));
+        self.ended = self.watch.take(&state, |time, place| self.motion.interpolate(time, place));
         if let Some(ended) = &mut self.ended {
             ended.control = self.motion.control_at(ended.time).to_vec();
         }
     }
 
     /// How far it has got.
-    fn progress(&self, files: Vec<OutletMark>) -> Progress {
+    fn progress(&self, files: Vec<OutputMark>) -> Progress {
         Progress {
             steps: self.steps(),
             files,

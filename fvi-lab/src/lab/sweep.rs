@@ -291,9 +291,9 @@ impl Sweep {
         let mut measured = Measured::new(&scenario, self.settled());
         let summary = match &mut writer {
             Some(writer) => {
-                under_way.rows_to_the_end(stop, |row| writer.push(row), |stretch| measured.take(stretch))
+                under_way.rows_to_the_end(stop, |row| writer.push(row), |batch| measured.take(batch))
             }
-            None => Ok(under_way.stretches_to_the_end(stop, &mut |stretch| measured.take(stretch))),
+            None => Ok(under_way.batches_to_the_end(stop, &mut |batch| measured.take(batch))),
         };
         let path = || self.trajectory_of(run, &options.directory).unwrap_or_default();
         let summary = summary.map_err(|error| FileError::at(&path())(error))?;

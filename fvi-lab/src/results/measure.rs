@@ -3,7 +3,7 @@
 use crate::numerics::column::largest;
 use crate::scenario::ReferenceRow;
 use crate::simulation::GridState;
-use crate::simulation::stretch::Stretch;
+use crate::simulation::step_batch::StepBatch;
 use serde::{Deserialize, Serialize};
 
 /// The larger of two; not-a-number, once met, stays.
@@ -112,20 +112,20 @@ pub struct Largest {
 }
 
 impl Largest {
-    /// Takes in the states of a stretch, whose numbers are finite.
-    pub(crate) fn take(&mut self, stretch: &Stretch) {
-        match stretch.alone() {
+    /// Takes in the states of a batch, whose numbers are finite.
+    pub(crate) fn take(&mut self, batch: &StepBatch) {
+        match batch.alone() {
             Some((position, momentum)) => {
                 raise_each(&mut self.position, position);
                 raise_each(&mut self.momentum, momentum);
             }
             None => {
-                raise(&mut self.position, stretch.positions());
-                raise(&mut self.momentum, stretch.momenta());
+                raise(&mut self.position, batch.positions());
+                raise(&mut self.momentum, batch.momenta());
             }
         }
-        let energies = stretch.energies();
-        self.energy = match stretch.with_energy() {
+        let energies = batch.energies();
+        self.energy = match batch.with_energy() {
             None => larger(self.energy, largest(energies)),
             Some(known) => known.fold(self.energy, |most, index| larger(most, energies[index].abs())),
         };
@@ -167,17 +167,17 @@ mod tests {
         for one_by_one in [false, true] {
             let mut largest = Largest::default();
             for sign in [1.0, -1.0] {
-                let mut stretch = Stretch::new(1, one_by_one, 1);
+                let mut batch = StepBatch::new(1, one_by_one, 1);
                 for number in [1.0, -3.0, 2.0] {
                     if one_by_one {
-                        stretch.begin(0);
+                        batch.begin(0);
                     }
                     let (position, momentum) = (vec![sign * number], vec![0.5]);
-                    stretch.push_state(
+                    batch.push_state(
                         &GridState { position, momentum, energy: -number, ..GridState::default() },
                         0,
                     );
-                    largest.take(&stretch);
+                    largest.take(&batch);
                 }
             }
             assert_eq!(largest, Largest { position: vec![3.0], momentum: vec![0.5], energy: 3.0 });

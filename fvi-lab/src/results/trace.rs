@@ -242,8 +242,8 @@ impl Default for Envelope {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PathTrace {
     levels: [Levels; 2],
-    beginning: Vec<Place>,
-    end: VecDeque<Place>,
+    beginning: Vec<LevelPoint>,
+    end: VecDeque<LevelPoint>,
     /// Smallest distance of neighbouring points, as a share of the extent.
     spacing: f64,
     /// The newest point that was kept, and the newest of all.
@@ -256,16 +256,16 @@ pub struct PathTrace {
 /// A point by its levels.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(from = "[u8; 4]", into = "[u8; 4]")]
-struct Place([Level; 2]);
+struct LevelPoint([Level; 2]);
 
-impl From<Place> for [u8; 4] {
-    fn from(Place([x, y]): Place) -> Self {
+impl From<LevelPoint> for [u8; 4] {
+    fn from(LevelPoint([x, y]): LevelPoint) -> Self {
         let ([a, b], [c, d]) = (x.to_le_bytes(), y.to_le_bytes());
         [a, b, c, d]
     }
 }
 
-impl From<[u8; 4]> for Place {
+impl From<[u8; 4]> for LevelPoint {
     fn from([a, b, c, d]: [u8; 4]) -> Self {
         Self([[a, b], [c, d]].map(Level::from_le_bytes))
     }
@@ -336,7 +336,7 @@ impl PathTrace {
             self.thin();
         }
         let [x, y] = &self.levels;
-        let place = Place([x.level(point.0), y.level(point.1)]);
+        let place = LevelPoint([x.level(point.0), y.level(point.1)]);
         if self.beginning.len() < Self::MOST_POINTS {
             self.beginning.push(place);
             return;
@@ -359,7 +359,7 @@ impl PathTrace {
         self.extent = Some([(low.0.min(x), low.1.min(y)), (high.0.max(x), high.1.max(y))]);
         let ratios = [self.levels[0].reach(x), self.levels[1].reach(y)];
         if ratios != [None; 2] {
-            for Place([x, y]) in self.beginning.iter_mut().chain(&mut self.end) {
+            for LevelPoint([x, y]) in self.beginning.iter_mut().chain(&mut self.end) {
                 *x = moved(*x, ratios[0].unwrap_or(1.0));
                 *y = moved(*y, ratios[1].unwrap_or(1.0));
             }
@@ -368,7 +368,7 @@ impl PathTrace {
 
     fn thin(&mut self) {
         self.spacing = Self::FINEST_SPACING;
-        let mut kept: Vec<Place> = Vec::with_capacity(Self::MOST_POINTS);
+        let mut kept: Vec<LevelPoint> = Vec::with_capacity(Self::MOST_POINTS);
         let reach = self.reach();
         for &place in &self.beginning {
             if kept.last().is_none_or(|&last| !are_within(reach, self.point(last), self.point(place))) {
@@ -378,7 +378,7 @@ impl PathTrace {
         self.beginning = kept;
     }
 
-    fn point(&self, Place([x, y]): Place) -> (f64, f64) {
+    fn point(&self, LevelPoint([x, y]): LevelPoint) -> (f64, f64) {
         (self.levels[0].number(x), self.levels[1].number(y))
     }
 

@@ -13,11 +13,11 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 #[derive(Debug, Default)]
 pub struct Tables {
     /// The one that was asked for last is the last.
-    kept: Mutex<Vec<Kept>>,
+    kept: Mutex<Vec<TableEntry>>,
 }
 
 #[derive(Debug)]
-struct Kept {
+struct TableEntry {
     key: Key,
     table: Arc<OnceLock<Box<dyn Any + Send + Sync>>>,
 }
@@ -52,7 +52,7 @@ impl Tables {
     fn place(&self, key: Key) -> Arc<OnceLock<Box<dyn Any + Send + Sync>>> {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         let known = kept.iter().position(|kept| kept.key == key).map(|index| kept.remove(index));
-        let newest = known.unwrap_or_else(|| Kept { key, table: Arc::default() });
+        let newest = known.unwrap_or_else(|| TableEntry { key, table: Arc::default() });
         let table = Arc::clone(&newest.table);
         if kept.len() == MOST {
             kept.remove(0);

@@ -22,7 +22,7 @@ struct Details {
     key: String,
     value: String,
     /// Where in the file; nowhere for a value that is not written there.
-    place: Option<Place>,
+    place: Option<SourcePlace>,
     problem: Problem,
 }
 
@@ -30,7 +30,7 @@ struct Details {
 const LONGEST_LINE: usize = 1000;
 
 #[derive(Debug)]
-struct Place {
+struct SourcePlace {
     span: Range<usize>,
     line: usize,
     column: usize,
@@ -38,7 +38,7 @@ struct Place {
     showable: bool,
 }
 
-impl Place {
+impl SourcePlace {
     fn new(text: &str, span: Range<usize>) -> Self {
         let before = text.get(..span.start).unwrap_or(text);
         let line_start = before.rfind('\n').map_or(0, |newline| newline + 1);
@@ -62,7 +62,7 @@ impl InputError {
         span: Option<Range<usize>>,
         problem: Problem,
     ) -> Self {
-        let place = span.map(|span| Place::new(text, span));
+        let place = span.map(|span| SourcePlace::new(text, span));
         // Nothing of the file steers the terminal it is shown on. Places stay valid.
         let source = NamedSource::new(visible(name), visible(text).into_owned());
         let (key, value) = (visible(key).into_owned(), visible(&value).into_owned());
@@ -103,7 +103,7 @@ impl InputError {
 impl fmt::Display for InputError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.0.source.name())?;
-        if let Some(Place { line, column, .. }) = &self.0.place {
+        if let Some(SourcePlace { line, column, .. }) = &self.0.place {
             write!(f, ":{line}:{column}")?;
         }
         match (self.0.key.as_str(), self.0.value.as_str()) {

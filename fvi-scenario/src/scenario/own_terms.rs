@@ -18,7 +18,7 @@ pub trait OwnTerms: Send {
     }
 
     /// Adds ∇U(q) − F(t, q).
-    fn add_pull(&mut self, moment: Moment<f64>, position: &[f64], pull: &mut [f64]);
+    fn add_restoring_force(&mut self, moment: Moment<f64>, position: &[f64], restoring: &mut [f64]);
 
     /// Adds ∇U(q) − F(t, q), and its derivative ∂²U/∂q² − ∂F/∂q to `stiffness`, row by row. Not called where
     /// nothing depends on the position.
@@ -26,7 +26,7 @@ pub trait OwnTerms: Send {
         &mut self,
         moment: Moment<f64>,
         position: &[f64],
-        pull: &mut [f64],
+        restoring: &mut [f64],
         stiffness: &mut [f64],
     );
 

@@ -16,7 +16,7 @@ pub struct ChainFactors<T> {
     /// Each row: the entry of L, the reciprocal of that of D, the entry of U.
     rows: Vec<[T; 3]>,
     /// Whether A is symmetric and definite, and its diagonal no more than twice that of the mass in it.
-    is_gentle: bool,
+    one_solve_suffices: bool,
     inverse: Option<SmallInverse<T>>,
 }
 
@@ -187,8 +187,9 @@ impl<T: Real> Chain<T> {
             rows.all(|(&[_, own, _], &mass)| own.abs() <= T::of(2.0) * (factor * mass).abs())
         });
         let rows = self.factors.rows.clone();
-        let mut kept = ChainFactors { rows, is_gentle: symmetric && definite && light, inverse: None };
-        if let (true, Some(masses)) = (kept.is_gentle, masses) {
+        let mut kept =
+            ChainFactors { rows, one_solve_suffices: symmetric && definite && light, inverse: None };
+        if let (true, Some(masses)) = (kept.one_solve_suffices, masses) {
             kept.inverse = SmallInverse::of(&kept, factor, masses);
         }
         kept
@@ -268,8 +269,8 @@ impl<T: Real> ChainFactors<T> {
     /// where it is definite |E_ij| is a few ε |A_ij| (\[Higham02\] §9.6). The midpoint rule with A + E is
     /// that of the mass M + h E. An inverse that is symmetric to the bit is that of such a matrix, too:
     /// scaled by the masses A has a condition number of a few, so that |E_ij| is a few N ε √(m_i m_j).
-    pub(super) fn is_gentle(&self) -> bool {
-        self.is_gentle
+    pub(super) fn one_solve_suffices(&self) -> bool {
+        self.one_solve_suffices
     }
 }
 
@@ -313,14 +314,14 @@ mod tests {
         let gentle = |mass: f64, skew: f64, inertia: f64| {
             let mut chain = chain(9, mass, skew);
             assert_eq!(chain.factor(), Ok(true));
-            chain.kept(inertia, Some(&[1.0; 9])).is_gentle()
+            chain.kept(inertia, Some(&[1.0; 9])).one_solve_suffices()
         };
         assert!(gentle(1.5, 0.0, 1.5) && gentle(-3.5, 0.0, -3.5));
         // A step longer than the periods, a force that is none of a potential, a mass of another kind.
         assert!(!gentle(0.5, 0.0, 0.5) && !gentle(1.5, 0.1, 1.5));
         let mut chain = chain(9, 1.5, 0.0);
         chain.factor().unwrap();
-        assert!(!chain.kept(1.5, None).is_gentle());
+        assert!(!chain.kept(1.5, None).one_solve_suffices());
     }
 
     #[test]
@@ -359,7 +360,7 @@ mod tests {
             chain.add_diagonal(1.0, &more);
             assert_eq!(chain.factor(), Ok(true));
             let kept = chain.kept(inertia, Some(&vec![1.0; size]));
-            assert!(kept.is_gentle());
+            assert!(kept.one_solve_suffices());
             kept.inverse.is_some()
         };
         assert!(has_inverse(8, 1.5, 1.5, 0.0) && !has_inverse(9, 1.5, 1.5, 0.0));

@@ -66,7 +66,7 @@ impl<T: Elementary> Elements<T> {
     }
 
     /// (coordinate, entry) of the constant part of the gradient.
-    pub fn constant_pull(&self) -> impl Iterator<Item = (usize, T)> + '_ {
+    pub fn constant_restoring_force(&self) -> impl Iterator<Item = (usize, T)> + '_ {
         let linear = self.potential.quadratic().linear.iter();
         self.coordinates
             .chunks_exact(self.width)
@@ -158,7 +158,7 @@ impl<T: Elementary> Elements<T> {
     }
 
     /// Adds the gradient of what is not quadratic.
-    pub fn add_rest_gradient(&mut self, position: &[T], pull: &mut [T]) {
+    pub fn add_rest_gradient(&mut self, position: &[T], restoring: &mut [T]) {
         if self.is_quadratic() {
             return;
         }
@@ -167,12 +167,12 @@ impl<T: Elementary> Elements<T> {
             self.gradient.fill(T::zero());
             let point = sided(&mut self.sides, index, &self.point);
             self.potential.add_rest_gradient(point, &mut self.registers, &mut self.gradient);
-            place.iter().zip(&self.gradient).for_each(|(&coordinate, &force)| pull[coordinate] += force);
+            place.iter().zip(&self.gradient).for_each(|(&coordinate, &force)| restoring[coordinate] += force);
         }
     }
 
     /// Adds gradient and Hessian of what is not quadratic.
-    pub fn add_rest_derivatives(&mut self, position: &[T], pull: &mut [T], stiffness: &mut [T]) {
+    pub fn add_rest_derivatives(&mut self, position: &[T], restoring: &mut [T], stiffness: &mut [T]) {
         if self.is_quadratic() {
             return;
         }
@@ -183,7 +183,7 @@ impl<T: Elementary> Elements<T> {
             let (registers, gradient) = (&mut self.registers, &mut self.gradient);
             let point = sided(&mut self.sides, index, &self.point);
             self.potential.add_rest_derivatives(point, registers, gradient, &mut self.hessian);
-            place.iter().zip(&*gradient).for_each(|(&coordinate, &force)| pull[coordinate] += force);
+            place.iter().zip(&*gradient).for_each(|(&coordinate, &force)| restoring[coordinate] += force);
             let slots = &self.slots[index * count..(index + 1) * count];
             for (&(slot, mirrored), &entry) in slots.iter().zip(&self.hessian) {
                 stiffness[slot] += entry;

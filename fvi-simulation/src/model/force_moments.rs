@@ -14,16 +14,17 @@ use fvi_core::{Instant, NodalRule, Real};
 /// term of the force is narrower than the step. A force without any of this, and every step far from it,
 /// costs nothing.
 ///
-/// Collocation takes forces at its nodes and nothing else. For it the excess is that of forces there that
-/// have the moments of the force, with as many polynomials as there are nodes, and is taken across rough
-/// points and narrow terms only.
+/// Collocation takes forces at its nodes and nothing else. For it the moment correction is that of forces
+/// there that have the moments of the force, with as many polynomials as there are nodes, and is taken across
+/// rough points and narrow terms only.
 #[derive(Clone, Debug)]
 pub struct ForceMoments {
     force: CompiledForce<f64>,
     rough: RoughArguments,
     /// What may be narrower than a step; none where all steps are known to be short enough.
     terms: Option<TimeTerms>,
-    /// Where the force has no bound: then the scheme does not look at it, and the excess is all of it.
+    /// Where the force has no bound: then the scheme does not look at it, and the moment correction is all of
+    /// it.
     unbounded: Option<Vec<Singularity>>,
     coordinates: usize,
     lengths: StepLengths,
@@ -174,7 +175,7 @@ impl ForceMoments {
 
     /// By how much the moments exceed what the nodes give, ν = 0…S, N numbers each; `None` where they do not.
     /// For a rule without shapes, of collocation: by how much forces at the nodes.
-    pub fn excess<T: Real>(&mut self, rule: &NodalRule<'_, T>) -> Option<&[f64]> {
+    pub fn moment_correction<T: Real>(&mut self, rule: &NodalRule<'_, T>) -> Option<&[f64]> {
         let (start, length) = (rule.start.to_f64(), rule.length.to_f64());
         let against = Against::of(rule);
         if let Some(singularities) = self.unbounded.take() {
@@ -378,8 +379,8 @@ impl ForceMoments {
         was_smooth || self.breaks.len() > before
     }
 
-    /// Finds how far from the zeros of linear arguments under roots the nodes are not enough: the excess
-    /// falls like a power of the distance.
+    /// Finds how far from the zeros of linear arguments under roots the nodes are not enough: the moment
+    /// correction falls like a power of the distance.
     fn find_reaches<T: Real>(&mut self, rule: &NodalRule<'_, T>) {
         let against = Against::of(rule);
         for index in 0..self.rough.arguments().len() {
@@ -729,13 +730,13 @@ mod tests {
         ForceMoments::new(&[expression], StepLengths::Equal, (1e6, None))
     }
 
-    /// ∫₀¹ F dτ and ∫₀¹ τ F dτ over a step, from excess and nodes on straight lines.
+    /// ∫₀¹ F dτ and ∫₀¹ τ F dτ over a step, from moment correction and nodes on straight lines.
     fn moments(text: &str, start: f64, length: f64, value: impl Fn(f64) -> f64) -> Option<[f64; 2]> {
         let midpoint = Galerkin::<f64, 1, 1>::low_order(0.5).unwrap();
         let mut force = force(text)?;
-        let excess = force.excess(&rule(&midpoint.view(), start, length))?;
+        let moment_correction = force.moment_correction(&rule(&midpoint.view(), start, length))?;
         let node = 0.5 * value(start + 0.5 * length);
-        Some([excess[0] + excess[1] + 2.0 * node, excess[1] + node])
+        Some([moment_correction[0] + moment_correction[1] + 2.0 * node, moment_correction[1] + node])
     }
 
     fn assert_close(found: Option<[f64; 2]>, expected: [f64; 2]) {
@@ -772,23 +773,23 @@ mod tests {
         let method = RungeKutta::<3>::radau_iia().unwrap();
         let radau = Galerkin::<f64, 3, 3>::new(method.quadrature()).unwrap();
         let mut root = force("sqrt(t)").unwrap();
-        assert!(root.excess(&rule(&radau.view(), 0.0, 0.01)).is_some());
-        assert!(root.excess(&rule(&radau.view(), 0.1, 0.01)).is_some());
-        // With cubic polynomials the nodes are exact for linear forces: the excess falls like the distance to
-        // the power −2.
-        assert!(root.excess(&rule(&radau.view(), 1e5, 0.01)).is_none());
+        assert!(root.moment_correction(&rule(&radau.view(), 0.0, 0.01)).is_some());
+        assert!(root.moment_correction(&rule(&radau.view(), 0.1, 0.01)).is_some());
+        // With cubic polynomials the nodes are exact for linear forces: the moment correction falls like the
+        // distance to the power −2.
+        assert!(root.moment_correction(&rule(&radau.view(), 1e5, 0.01)).is_none());
         // The same without reaches, which are not looked for where each step has another length.
         let mut graded = ForceMoments { lengths: StepLengths::Any, ..force("sqrt(t)").unwrap() };
         for (start, length) in [(0.0, 0.01), (0.1, 0.02), (1e5, 0.01)] {
-            let found = graded.excess(&rule(&radau.view(), start, length)).map(<[f64]>::to_vec);
-            assert_eq!(found.as_deref(), root.excess(&rule(&radau.view(), start, length)));
+            let found = graded.moment_correction(&rule(&radau.view(), start, length)).map(<[f64]>::to_vec);
+            assert_eq!(found.as_deref(), root.moment_correction(&rule(&radau.view(), start, length)));
         }
         assert_eq!(graded.reaches, [f64::INFINITY]);
         // A jump at a grid point is seen from both sides by the nodes.
         let mut pulse = force("8*step(1 - t)").unwrap();
-        assert!(pulse.excess(&rule(&radau.view(), 0.9, 0.1)).is_none());
-        assert!(pulse.excess(&rule(&radau.view(), 1.0, 0.1)).is_none());
-        assert!(pulse.excess(&rule(&radau.view(), 0.95, 0.1)).is_some());
+        assert!(pulse.moment_correction(&rule(&radau.view(), 0.9, 0.1)).is_none());
+        assert!(pulse.moment_correction(&rule(&radau.view(), 1.0, 0.1)).is_none());
+        assert!(pulse.moment_correction(&rule(&radau.view(), 0.95, 0.1)).is_some());
     }
 
     #[test]
@@ -800,9 +801,9 @@ mod tests {
             ForceMoments::new(&[expression], StepLengths::Equal, (end, Some(step)))
         };
         let mut pulse = of_run("1 + exp(-((t - 3.3)/1e-5)^2)/1e-5", 8.0, 0.1).unwrap();
-        assert!(pulse.excess(&rule(&view, 3.0, 0.1)).is_none());
-        let excess = pulse.excess(&rule(&view, 3.25, 0.1)).unwrap();
-        let impulse = 0.1 * (excess[0] + excess[1]);
+        assert!(pulse.moment_correction(&rule(&view, 3.0, 0.1)).is_none());
+        let moment_correction = pulse.moment_correction(&rule(&view, 3.25, 0.1)).unwrap();
+        let impulse = 0.1 * (moment_correction[0] + moment_correction[1]);
         // The node is in the middle of the pulse: what it gives is to be taken off.
         let expected = std::f64::consts::PI.sqrt() - 0.1 / 1e-5;
         assert!((impulse - expected).abs() < 1e-9 * expected.abs(), "{impulse}");
@@ -815,7 +816,8 @@ mod tests {
         ] {
             let mut kinked = of_run(text, end, step).unwrap();
             let steps = (end / step).round() as usize;
-            let whole = (0..steps).filter(|&k| kinked.excess(&rule(&view, k as f64 * step, step)).is_some());
+            let whole = (0..steps)
+                .filter(|&k| kinked.moment_correction(&rule(&view, k as f64 * step, step)).is_some());
             // Those across a zero of the sine.
             assert_eq!(whole.count(), if text.contains("abs(sin") { 31 } else { 0 }, "{text}");
         }

@@ -390,7 +390,7 @@ fn is_banded(size: usize, band: usize) -> bool {
 }
 
 impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
-    type Kept = DenseFactors<T>;
+    type Factor = DenseFactors<T>;
 
     fn clear(&mut self) {
         if let Some(chain) = &mut self.chain {
@@ -481,6 +481,6 @@ impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
     }
 
     fn is_solved_at_once(&self, kept: &DenseFactors<T>) -> bool {
-        matches!(kept, DenseFactors::Chain(factors) if factors.is_gentle())
+        matches!(kept, DenseFactors::Chain(factors) if factors.one_solve_suffices())
     }
 }

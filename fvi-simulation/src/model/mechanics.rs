@@ -69,7 +69,7 @@ pub struct Model<T> {
     jacobian_slots: Vec<usize>,
     registers: Vec<T>,
     /// Those of the gradient of the potential's rest, and those of both its derivatives.
-    pull_registers: OwnRegisters<T>,
+    restoring_registers: OwnRegisters<T>,
     rest_registers: OwnRegisters<T>,
     /// N numbers.
     pushed: Vec<T>,
@@ -130,8 +130,8 @@ impl<T: Elementary> Model<T> {
             .iter()
             .flat_map(|potential| potential.quadratic().linear.iter())
             .map(|&(coordinate, entry)| (coordinate as usize, entry))
-            .chain(elements.iter().flat_map(Elements::constant_pull))
-            .chain(anchor.iter().flat_map(|anchor| anchor.pulls(scenario.copies())))
+            .chain(elements.iter().flat_map(Elements::constant_restoring_force))
+            .chain(anchor.iter().flat_map(|anchor| anchor.restoring_forces(scenario.copies())))
             .collect();
         let curved: Vec<_> =
             potential.iter().flat_map(|potential| potential.pattern().iter().map(index)).collect();
@@ -219,7 +219,7 @@ impl<T: Elementary> Model<T> {
             hessian_slots,
             jacobian_slots,
             registers: Vec::new(),
-            pull_registers: OwnRegisters::default(),
+            restoring_registers: OwnRegisters::default(),
             rest_registers: OwnRegisters::default(),
             pushed: vec![T::zero(); size * scenario.copies()],
             entries,
@@ -262,34 +262,34 @@ impl<T: Elementary> Model<T> {
 
     /// Subtracts the loads of the system, and of the case that each motion is under.
     #[inline(always)]
-    fn subtract_loads(&mut self, instant: Instant<T>, pull: &mut [T]) {
+    fn subtract_loads(&mut self, instant: Instant<T>, restoring: &mut [T]) {
         if !(self.loads.is_empty() && self.cases.is_empty()) {
-            self.subtract_loads_there_are(instant, pull);
+            self.subtract_loads_there_are(instant, restoring);
         }
     }
 
     #[inline(never)]
-    fn subtract_loads_there_are(&mut self, instant: Instant<T>, pull: &mut [T]) {
+    fn subtract_loads_there_are(&mut self, instant: Instant<T>, restoring: &mut [T]) {
         let size = self.mass.size().max(1);
-        for pull in pull.chunks_mut(size) {
-            self.loads.add(moment(instant), -T::one(), pull);
+        for restoring in restoring.chunks_mut(size) {
+            self.loads.add(moment(instant), -T::one(), restoring);
         }
-        for (loads, pull) in self.cases.iter_mut().zip(pull.chunks_mut(size)) {
-            loads.add(moment(instant), -T::one(), pull);
+        for (loads, restoring) in self.cases.iter_mut().zip(restoring.chunks_mut(size)) {
+            loads.add(moment(instant), -T::one(), restoring);
         }
     }
 
     /// K q + b.
-    fn quadratic_pull(&self, position: &[T], pull: &mut [T]) {
-        if !self.paired_rows.as_ref().is_some_and(|rows| rows.multiply(position, pull)) {
-            pull.fill(T::zero());
+    fn quadratic_restoring_force(&self, position: &[T], restoring: &mut [T]) {
+        if !self.paired_rows.as_ref().is_some_and(|rows| rows.multiply(position, restoring)) {
+            restoring.fill(T::zero());
             if let Some(base) = &self.base {
-                base.multiply_add(T::one(), position, pull);
+                base.multiply_add(T::one(), position, restoring);
             }
-            self.quadratic.multiply_add(T::one(), position, pull);
+            self.quadratic.multiply_add(T::one(), position, restoring);
         }
         for &(coordinate, entry) in &self.linear {
-            pull[coordinate] += entry;
+            restoring[coordinate] += entry;
         }
     }
 }
@@ -315,45 +315,45 @@ impl<T: Elementary> Mechanics<T, AnySpace> for Model<T> {
         }
     }
 
-    fn pull(&mut self, instant: Instant<T>, position: &Vec<T>, pull: &mut [T]) {
+    fn restoring_force(&mut self, instant: Instant<T>, position: &Vec<T>, restoring: &mut [T]) {
         if self.pulls_by_paired_rows
             && let Some(rows) = &self.paired_rows
-            && rows.multiply(position, pull)
+            && rows.multiply(position, restoring)
         {
             return;
         }
-        self.pull_of_all(instant, position, pull);
+        self.restoring_force_of_all(instant, position, restoring);
     }
 
     fn linearise(
         &mut self,
         instant: Instant<T>,
         position: &Vec<T>,
-        pull: &mut [T],
+        restoring: &mut [T],
         stiffness: &mut Matrix<T>,
     ) {
         let Matrix::Sparse(stiffness) = stiffness else {
-            return self.pull(instant, position, pull);
+            return self.restoring_force(instant, position, restoring);
         };
-        self.quadratic_pull(position, pull);
+        self.quadratic_restoring_force(position, restoring);
         if self.is_constant {
             stiffness.values = self.constant.values.clone();
-            return self.subtract_loads(instant, pull);
+            return self.subtract_loads(instant, restoring);
         }
         let values = stiffness.values.own();
         values.copy_from_slice(&self.constant.values);
         if let Some(potential) = &self.potential {
             let places = (self.hessian_slots.as_slice(), &mut *values);
             let point = sided(&mut self.potential_sides, position);
-            potential.add_rest_derivatives_again(&mut self.rest_registers, point, pull, places);
+            potential.add_rest_derivatives_again(&mut self.rest_registers, point, restoring, places);
         }
         if let Some(own) = &mut self.own {
-            own.add_linearisation(moment(instant), position, pull, values);
+            own.add_linearisation(moment(instant), position, restoring, values);
         }
         for elements in &mut self.elements {
-            elements.add_rest_derivatives(position, pull, values);
+            elements.add_rest_derivatives(position, restoring, values);
         }
-        self.subtract_loads(instant, pull);
+        self.subtract_loads(instant, restoring);
         if !self.forced {
             return;
         }
@@ -361,7 +361,7 @@ impl<T: Elementary> Mechanics<T, AnySpace> for Model<T> {
         let jacobian = &mut self.entries[..self.jacobian_slots.len()];
         let point = sided(&mut self.force_sides, position);
         self.force.derivatives(moment(instant), point, registers, pushed, jacobian);
-        pull.iter_mut().zip(pushed).for_each(|(pull, force)| *pull -= *force);
+        restoring.iter_mut().zip(pushed).for_each(|(restoring, force)| *restoring -= *force);
         for (&slot, &mut entry) in self.jacobian_slots.iter().zip(jacobian) {
             values[slot] -= entry;
         }
@@ -375,8 +375,8 @@ impl<T: Elementary> Mechanics<T, AnySpace> for Model<T> {
         self.rough.is_some()
     }
 
-    fn excess(&mut self, rule: &NodalRule<'_, T>, excess: &mut [T]) -> bool {
-        self.rough.as_mut().is_some_and(|rough| rough.excess(rule, excess))
+    fn moment_correction(&mut self, rule: &NodalRule<'_, T>, moment_correction: &mut [T]) -> bool {
+        self.rough.as_mut().is_some_and(|rough| rough.moment_correction(rule, moment_correction))
     }
 
     fn is_linear(&self) -> bool {
@@ -400,8 +400,8 @@ impl<T: Elementary> Mechanics<T, AnySpace> for Model<T> {
             base.multiply_add(T::one(), position, &mut velocity);
             energy += half * product(position, &velocity);
             let pairs = position.chunks(size).zip(velocity.chunks(size));
-            for (energy, (q, pull)) in self.energies.iter_mut().zip(pairs) {
-                *energy += half * product(q, pull);
+            for (energy, (q, restoring)) in self.energies.iter_mut().zip(pairs) {
+                *energy += half * product(q, restoring);
             }
         }
         self.pushed = velocity;
@@ -534,21 +534,21 @@ impl<T: Elementary> EnergiesAlong<T> for Model<T> {
 impl<T: Elementary> Model<T> {
     /// What everything that there may be pulls. Not where the paired rows alone are inlined.
     #[inline(never)]
-    fn pull_of_all(&mut self, instant: Instant<T>, position: &[T], pull: &mut [T]) {
-        self.quadratic_pull(position, pull);
+    fn restoring_force_of_all(&mut self, instant: Instant<T>, position: &[T], restoring: &mut [T]) {
+        self.quadratic_restoring_force(position, restoring);
         if let Some(potential) = &self.potential {
             let point = sided(&mut self.potential_sides, position);
-            potential.add_rest_gradient_again(&mut self.pull_registers, point, pull);
+            potential.add_rest_gradient_again(&mut self.restoring_registers, point, restoring);
         }
-        self.elements.iter_mut().for_each(|elements| elements.add_rest_gradient(position, pull));
-        self.subtract_loads(instant, pull);
+        self.elements.iter_mut().for_each(|elements| elements.add_rest_gradient(position, restoring));
+        self.subtract_loads(instant, restoring);
         if self.forced {
             let point = sided(&mut self.force_sides, position);
             self.force.value(moment(instant), point, &mut self.registers, &mut self.pushed);
-            pull.iter_mut().zip(&self.pushed).for_each(|(pull, &force)| *pull -= force);
+            restoring.iter_mut().zip(&self.pushed).for_each(|(restoring, &force)| *restoring -= force);
         }
         if let Some(own) = &mut self.own {
-            own.add_pull(moment(instant), position, pull);
+            own.add_restoring_force(moment(instant), position, restoring);
         }
     }
 
@@ -590,7 +590,7 @@ impl<T: Elementary> Model<T> {
 #[derive(Clone, Debug)]
 struct Anchor<T> {
     /// C q₀.
-    pull: Vec<T>,
+    restoring: Vec<T>,
     /// ½ q₀ᵀC q₀.
     energy: T,
 }
@@ -598,29 +598,37 @@ struct Anchor<T> {
 impl<T: Real> Anchor<T> {
     fn of(scenario: &Scenario) -> Option<Self> {
         let position = &scenario.initial.position;
-        let mut pull = vec![0.0; position.len()];
+        let mut restoring = vec![0.0; position.len()];
         for term in &scenario.system.damping {
             let spring = term.transfer.spring();
             if spring != 0.0 && term.derivative == Derivative::Caputo {
-                pull.iter_mut().zip(term.coefficient.times(position)).for_each(|(sum, x)| *sum += spring * x);
+                restoring
+                    .iter_mut()
+                    .zip(term.coefficient.times(position))
+                    .for_each(|(sum, x)| *sum += spring * x);
             }
         }
-        let energy: f64 = 0.5 * pull.iter().zip(position).map(|(pull, q)| pull * q).sum::<f64>();
-        (pull.iter().any(|&pull| pull != 0.0)).then(|| Self { pull: vector(&pull), energy: T::of(energy) })
+        let energy: f64 =
+            0.5 * restoring.iter().zip(position).map(|(restoring, q)| restoring * q).sum::<f64>();
+        (restoring.iter().any(|&restoring| restoring != 0.0))
+            .then(|| Self { restoring: vector(&restoring), energy: T::of(energy) })
     }
 
     /// (coordinate, entry) of the constant part of the gradient, for motions side by side.
-    fn pulls(&self, copies: usize) -> impl Iterator<Item = (usize, T)> + '_ {
-        let size = self.pull.len();
+    fn restoring_forces(&self, copies: usize) -> impl Iterator<Item = (usize, T)> + '_ {
+        let size = self.restoring.len();
         let of_motion = move |motion: usize| {
-            self.pull.iter().enumerate().map(move |(index, &pull)| (motion * size + index, -pull))
+            self.restoring
+                .iter()
+                .enumerate()
+                .map(move |(index, &restoring)| (motion * size + index, -restoring))
         };
         (0..copies).flat_map(of_motion)
     }
 
     /// What there is beside ½ qᵀCq.
     fn energy(&self, position: &[T]) -> T {
-        position.iter().zip(&self.pull).fold(self.energy, |sum, (&q, &pull)| sum - q * pull)
+        position.iter().zip(&self.restoring).fold(self.energy, |sum, (&q, &restoring)| sum - q * restoring)
     }
 }
 

@@ -61,7 +61,11 @@ impl Nodes<'_> {
             let first = self.step_at(from);
             for step in (first..self.time.steps).take_while(|&step| self.time.time(step) < to) {
                 let value = |moment: Moment<f64>| expression.value(moment, &[]).abs();
-                if self.misses(step, value, |rule| moments.excess(rule).map(|excess| excess[0] + excess[1])) {
+                if self.misses(step, value, |rule| {
+                    moments
+                        .moment_correction(rule)
+                        .map(|moment_correction| moment_correction[0] + moment_correction[1])
+                }) {
                     return Some(self.time.time(step));
                 }
             }
@@ -83,7 +87,11 @@ impl Nodes<'_> {
                 return None;
             }
             let value = |moment: Moment<f64>| record.at(moment).abs();
-            if self.misses(step, value, |rule| moments.excess(rule).map(|excess| excess[0] + excess[1])) {
+            if self.misses(step, value, |rule| {
+                moments
+                    .moment_correction(rule)
+                    .map(|moment_correction| moment_correction[0] + moment_correction[1])
+            }) {
                 return Some(self.time.time(step));
             }
         }
@@ -105,7 +113,7 @@ impl Nodes<'_> {
         &mut self,
         step: usize,
         value: impl Fn(Moment<f64>) -> f64,
-        excess: impl FnOnce(&NodalRule<'_, f64>) -> Option<f64>,
+        moment_correction: impl FnOnce(&NodalRule<'_, f64>) -> Option<f64>,
     ) -> bool {
         self.looks += 1;
         let (start, length) = (self.time.time(step), self.time.time(step + 1) - self.time.time(step));
@@ -120,7 +128,7 @@ impl Nodes<'_> {
             shapes: &self.nodes,
             tests: &tests,
         };
-        let Some(missed) = excess(&rule) else { return false };
+        let Some(missed) = moment_correction(&rule) else { return false };
         let seen = |step: usize| -> f64 {
             let (start, length) = (self.time.time(step), self.time.time(step + 1) - self.time.time(step));
             let at = |node: f64| match node {

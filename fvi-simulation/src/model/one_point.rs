@@ -187,7 +187,7 @@ impl<T: Real> OnePoint<T> {
             shapes: &self.shape,
             tests: &self.test,
         };
-        mechanics.excess(&rule, moments)
+        mechanics.moment_correction(&rule, moments)
     }
 }
 
@@ -244,7 +244,7 @@ where
     #[inline(always)]
     fn look_at(&mut self, point: T) {
         let mut force = [T::zero()];
-        self.mechanics.pull(self.instant(), &SVector::from([point]), &mut force);
+        self.mechanics.restoring_force(self.instant(), &SVector::from([point]), &mut force);
         self.force = self.with_input(force[0]);
     }
 
@@ -262,8 +262,8 @@ where
 
     /// G of what pulls.
     #[inline(always)]
-    fn with_input(&self, pull: T) -> T {
-        let force = self.step.input.first().map_or(pull, |&input| pull - input);
+    fn with_input(&self, restoring: T) -> T {
+        let force = self.step.input.first().map_or(restoring, |&input| restoring - input);
         if AT_NODE { force + self.known } else { force }
     }
 
@@ -410,7 +410,7 @@ impl<T: Real> DenseOutput<T, Fixed<1>> for OnePoint<T> {
         &room.increment
     }
 
-    fn look_into(
+    fn interpolate(
         &self,
         solution: &[T],
         mechanics: &impl Mechanics<T, Fixed<1>>,

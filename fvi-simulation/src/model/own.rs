@@ -8,7 +8,7 @@ use crate::scenario::SharedTerms;
 pub(super) struct Own {
     terms: SharedTerms,
     position: Vec<f64>,
-    pull: Vec<f64>,
+    restoring: Vec<f64>,
     /// Row by row; none where nothing depends on the position.
     stiffness: Vec<f64>,
     depends_on_position: bool,
@@ -18,8 +18,8 @@ impl Own {
     pub(super) fn new(terms: SharedTerms, size: usize) -> Self {
         let depends_on_position = terms.depend_on_position();
         let places = if depends_on_position { size * size } else { 0 };
-        let (position, pull) = (vec![0.0; size], vec![0.0; size]);
-        Self { terms, position, pull, stiffness: vec![0.0; places], depends_on_position }
+        let (position, restoring) = (vec![0.0; size], vec![0.0; size]);
+        Self { terms, position, restoring, stiffness: vec![0.0; places], depends_on_position }
     }
 
     pub(super) fn depends_on_position(&self) -> bool {
@@ -37,11 +37,17 @@ impl Own {
         T::of(self.terms.with(|terms| terms.potential(&self.position)))
     }
 
-    pub(super) fn add_pull<T: Elementary>(&mut self, moment: Moment<T>, position: &[T], pull: &mut [T]) {
+    pub(super) fn add_restoring_force<T: Elementary>(
+        &mut self,
+        moment: Moment<T>,
+        position: &[T],
+        restoring: &mut [T],
+    ) {
         self.at(position);
-        self.pull.fill(0.0);
-        self.terms.with(|terms| terms.add_pull(moment.in_double(), &self.position, &mut self.pull));
-        add(&self.pull, pull);
+        self.restoring.fill(0.0);
+        self.terms
+            .with(|terms| terms.add_restoring_force(moment.in_double(), &self.position, &mut self.restoring));
+        add(&self.restoring, restoring);
     }
 
     /// `stiffness` has every place, row by row, where anything depends on the position.
@@ -49,20 +55,20 @@ impl Own {
         &mut self,
         moment: Moment<T>,
         position: &[T],
-        pull: &mut [T],
+        restoring: &mut [T],
         stiffness: &mut [T],
     ) {
         if !self.depends_on_position {
-            return self.add_pull(moment, position, pull);
+            return self.add_restoring_force(moment, position, restoring);
         }
         self.at(position);
-        self.pull.fill(0.0);
+        self.restoring.fill(0.0);
         self.stiffness.fill(0.0);
-        let (own_pull, own_stiffness) = (&mut self.pull, &mut self.stiffness);
+        let (own_restoring, own_stiffness) = (&mut self.restoring, &mut self.stiffness);
         self.terms.with(|terms| {
-            terms.add_linearisation(moment.in_double(), &self.position, own_pull, own_stiffness);
+            terms.add_linearisation(moment.in_double(), &self.position, own_restoring, own_stiffness);
         });
-        add(&self.pull, pull);
+        add(&self.restoring, restoring);
         add(&self.stiffness, stiffness);
     }
 }
@@ -86,18 +92,18 @@ mod tests {
             -9.0 * libm::cos(position[0])
         }
 
-        fn add_pull(&mut self, moment: Moment<f64>, position: &[f64], pull: &mut [f64]) {
-            pull[0] += 9.0 * libm::sin(position[0]) - libm::sin(3.0 * moment.sided());
+        fn add_restoring_force(&mut self, moment: Moment<f64>, position: &[f64], restoring: &mut [f64]) {
+            restoring[0] += 9.0 * libm::sin(position[0]) - libm::sin(3.0 * moment.sided());
         }
 
         fn add_linearisation(
             &mut self,
             moment: Moment<f64>,
             position: &[f64],
-            pull: &mut [f64],
+            restoring: &mut [f64],
             stiffness: &mut [f64],
         ) {
-            self.add_pull(moment, position, pull);
+            self.add_restoring_force(moment, position, restoring);
             stiffness[0] += 9.0 * libm::cos(position[0]);
         }
 
@@ -153,8 +159,8 @@ mod tests {
             false
         }
 
-        fn add_pull(&mut self, moment: Moment<f64>, _: &[f64], pull: &mut [f64]) {
-            pull.iter_mut().for_each(|pull| *pull -= libm::sin(moment.sided()));
+        fn add_restoring_force(&mut self, moment: Moment<f64>, _: &[f64], restoring: &mut [f64]) {
+            restoring.iter_mut().for_each(|restoring| *restoring -= libm::sin(moment.sided()));
         }
 
         fn add_linearisation(&mut self, _: Moment<f64>, _: &[f64], _: &mut [f64], _: &mut [f64]) {

@@ -102,26 +102,33 @@ impl RoughForces {
 
     /// Writes by how much the moments exceed what the nodes give, ν = 0…S, N numbers each and for each
     /// motion, and returns whether they do.
-    pub(crate) fn excess<T: Real>(&mut self, rule: &NodalRule<'_, T>, excess: &mut [T]) -> bool {
+    pub(crate) fn moment_correction<T: Real>(
+        &mut self,
+        rule: &NodalRule<'_, T>,
+        moment_correction: &mut [T],
+    ) -> bool {
         let everywhere = [
-            self.force.as_mut().and_then(|force| force.excess(rule)),
-            self.unbounded.as_mut().and_then(|force| force.excess(rule)),
-            self.input.as_mut().and_then(|input| input.excess(rule)),
-            self.live.as_mut().and_then(|input| input.excess(rule)),
+            self.force.as_mut().and_then(|force| force.moment_correction(rule)),
+            self.unbounded.as_mut().and_then(|force| force.moment_correction(rule)),
+            self.input.as_mut().and_then(|input| input.moment_correction(rule)),
+            self.live.as_mut().and_then(|input| input.moment_correction(rule)),
         ];
         let mut found = false;
         for moments in everywhere.into_iter().flatten() {
-            clear(excess, &mut found);
-            excess.iter_mut().zip(moments).for_each(|(place, &number)| *place += T::of(number));
+            clear(moment_correction, &mut found);
+            moment_correction.iter_mut().zip(moments).for_each(|(place, &number)| *place += T::of(number));
         }
         let expressions =
-            self.expressions.iter_mut().map(|(amplitude, load)| (amplitude.excess(rule), &*load));
-        let records = self.records.iter_mut().map(|(record, load)| (record.excess(rule), &*load));
+            self.expressions.iter_mut().map(|(amplitude, load)| (amplitude.moment_correction(rule), &*load));
+        let records = self.records.iter_mut().map(|(record, load)| (record.moment_correction(rule), &*load));
         for (moments, RoughLoad { load, motions }) in expressions.chain(records) {
             let Some(moments) = moments else { continue };
-            clear(excess, &mut found);
-            for (excess, moment) in excess.chunks_exact_mut(self.coordinates * self.motions).zip(moments) {
-                for motion in excess.chunks_exact_mut(self.coordinates).take(motions.end).skip(motions.start)
+            clear(moment_correction, &mut found);
+            for (moment_correction, moment) in
+                moment_correction.chunks_exact_mut(self.coordinates * self.motions).zip(moments)
+            {
+                for motion in
+                    moment_correction.chunks_exact_mut(self.coordinates).take(motions.end).skip(motions.start)
                 {
                     for &(coordinate, number) in load.pattern.entries.iter() {
                         motion[coordinate as usize] += T::of(number * moment);
@@ -134,8 +141,8 @@ impl RoughForces {
 }
 
 /// Sets what is to be summed to zero, once.
-fn clear<T: Real>(excess: &mut [T], found: &mut bool) {
+fn clear<T: Real>(moment_correction: &mut [T], found: &mut bool) {
     if !std::mem::replace(found, true) {
-        excess.fill(T::zero());
+        moment_correction.fill(T::zero());
     }
 }

@@ -6,9 +6,9 @@ use super::matrices::Matrix;
 use super::space::{AnyEquations, AnyFactors, AnySpace};
 use crate::scenario::{ConvolutionFamily, DampedAt, Quadrature, Scenario, Scheme as ScenarioScheme};
 use fvi_core::{
-    Block, CollocationTables, Damping, DiscreteLagrangian, ExplicitEuler, Galerkin, ImplicitEuler, Kept,
-    Mechanics, ParameterError, Real, RungeKutta, Sampling, Scheme, Space, State, Step, StepError, Tables,
-    Workspace, add_multiple, gauss_rule, lobatto_rule,
+    Block, CachedFactor, CollocationTables, Damping, DiscreteLagrangian, ExplicitEuler, Galerkin,
+    ImplicitEuler, Mechanics, ParameterError, Real, RungeKutta, Sampling, Scheme, Space, State, Step,
+    StepError, Tables, Workspace, add_multiple, gauss_rule, lobatto_rule,
 };
 use linear::Line;
 
@@ -174,7 +174,7 @@ impl<T: Real> AnyScheme<T> {
         step: &Step<'_, T>,
         state: &mut State<Vec<T>>,
     ) -> Result<u32, StepError> {
-        let (behind, pull) = room.carried.split_at_mut(room.behind);
+        let (behind, restoring) = room.carried.split_at_mut(room.behind);
         let mut work = Workspace::<T, AnySpace, _> {
             increments: &mut room.increments,
             residual: &mut room.residual,
@@ -183,8 +183,8 @@ impl<T: Real> AnyScheme<T> {
             known: &mut room.known,
             scratch: &mut room.scratch,
             behind,
-            pull,
-            excess: &mut room.excess,
+            restoring,
+            moment_correction: &mut room.moment_correction,
             point: &mut room.point,
             stiffness: &mut room.stiffness,
             matrix: &mut room.matrix,
@@ -271,11 +271,11 @@ pub struct Room<T: Real> {
     carried: Vec<T>,
     /// Numbers of the first.
     behind: usize,
-    excess: Vec<T>,
+    moment_correction: Vec<T>,
     point: Vec<T>,
     stiffness: Matrix<T>,
     matrix: AnyEquations<T>,
-    kept: Kept<AnyFactors<T>, T>,
+    kept: CachedFactor<AnyFactors<T>, T>,
 }
 
 impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
@@ -296,13 +296,13 @@ impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
             forces: numbers(points),
             known: numbers(samples),
             scratch: numbers(samples + 1),
-            excess: numbers(degree + 1),
+            moment_correction: numbers(degree + 1),
             carried: numbers(behind + usize::from(guessed)),
             behind: behind * size,
             point: numbers(1),
             stiffness: mechanics.stiffness(),
             matrix: space.equations(degree),
-            kept: Kept::nothing(AnyFactors::default()),
+            kept: CachedFactor::nothing(AnyFactors::default()),
         }
     }
 
@@ -339,12 +339,12 @@ impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
 /// A scheme whose steps can be looked into.
 pub trait DenseOutput<T: Real, X: Space<T>>: Scheme<T, X> {
     /// What the last step has solved for: with the state at its beginning, all that
-    /// [`look_into`](Self::look_into) needs.
+    /// [`interpolate`](Self::interpolate) needs.
     fn solution(storage: &Self::Storage) -> &[T];
 
     /// Moves position and momentum from the beginning of a step, of the given length, to the given fraction
     /// of it, by the polynomial that the scheme itself works with.
-    fn look_into(
+    fn interpolate(
         &self,
         solution: &[T],
         mechanics: &impl Mechanics<T, X>,
@@ -359,7 +359,7 @@ impl<T: Real> DenseOutput<T, AnySpace> for AnyScheme<T> {
         &room.increments
     }
 
-    fn look_into(
+    fn interpolate(
         &self,
         solution: &[T],
         mechanics: &impl Mechanics<T, AnySpace>,

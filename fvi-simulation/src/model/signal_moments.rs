@@ -100,9 +100,9 @@ impl<S: Signal> SignalMoments<S> {
         &mut self.signal
     }
 
-    /// The excess, as of [`ForceMoments`](super::force_moments::ForceMoments); `None` in a step without a
-    /// break inside, which is left to the nodes.
-    pub(super) fn excess<T: Real>(&mut self, rule: &NodalRule<'_, T>) -> Option<&[f64]> {
+    /// The moment correction, as of [`ForceMoments`](super::force_moments::ForceMoments); `None` in a step
+    /// without a break inside, which is left to the nodes.
+    pub(super) fn moment_correction<T: Real>(&mut self, rule: &NodalRule<'_, T>) -> Option<&[f64]> {
         let (start, length) = (rule.start.to_f64(), rule.length.to_f64());
         let (first, last) = S::edges(rule);
         self.breaks.clear();

@@ -119,7 +119,7 @@ impl<T> Default for AnyFactors<T> {
 }
 
 impl<T: Real> Equations<T, Matrix<T>> for AnyEquations<T> {
-    type Kept = AnyFactors<T>;
+    type Factor = AnyFactors<T>;
 
     fn clear(&mut self) {
         match self {

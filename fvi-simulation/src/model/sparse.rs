@@ -140,7 +140,7 @@ impl SparseEquations {
 }
 
 impl<T: Real> Equations<T, Matrix<T>> for SparseEquations {
-    type Kept = Option<Factored>;
+    type Factor = Option<Factored>;
 
     fn clear(&mut self) {
         self.values.clear();

@@ -347,7 +347,7 @@ impl<'s> AdaptiveSteps<'s> {
         simulation.step_over(2.0 * half, end, input)?;
         simulation.read_without_energy(&mut self.whole);
         if let Some(inside) = &mut self.inside {
-            simulation.look_into(between, inside);
+            simulation.interpolate(between, inside);
         }
         simulation.restore(&self.saved)?;
         let iterations = simulation.step_over(half, between, input)?;

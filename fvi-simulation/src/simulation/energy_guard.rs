@@ -9,7 +9,7 @@ use crate::numerics::transfer::TransferFunction;
 use crate::scenario::{Derivative, OnEnergyGrowth, Scenario, Scheme, SharedTerms, SymmetricMatrix};
 use crate::simulation::GridState;
 use crate::simulation::stability;
-use crate::simulation::stretch::Stretch;
+use crate::simulation::step_batch::StepBatch;
 use fvi_core::NodalRule;
 use nalgebra::Complex;
 use serde::{Deserialize, Serialize};
@@ -76,9 +76,9 @@ pub struct EnergyGuard {
     may_lose: Option<f64>,
     /// That more was lost.
     lost: Option<String>,
-    /// Twice the kinetic energies of a stretch, then its potential energies.
+    /// Twice the kinetic energies of a batch, then its potential energies.
     heights: Vec<f64>,
-    /// A state of a stretch.
+    /// A state of a batch.
     state: GridState,
 }
 
@@ -219,22 +219,22 @@ impl EnergyGuard {
         }
     }
 
-    /// Takes in the states of a stretch, whose first step began at the time `begin`; `input` is held over the
+    /// Takes in the states of a batch, whose first step began at the time `begin`; `input` is held over the
     /// step to each of them, which began at the given time. Returns the state at which the run must stop, if
     /// it must, and why.
     pub(crate) fn take_along<'a>(
         &mut self,
-        stretch: &Stretch,
+        batch: &StepBatch,
         begin: f64,
         input: impl Fn(usize, f64) -> &'a [f64],
     ) -> Option<(usize, String)> {
-        if self.is_done() || self.take_without_rise(stretch) {
+        if self.is_done() || self.take_without_rise(batch) {
             return None;
         }
         let mut state = std::mem::take(&mut self.state);
         let mut from = begin;
-        let found = (0..stretch.len()).find_map(|index| {
-            stretch.read(index, &mut state);
+        let found = (0..batch.len()).find_map(|index| {
+            batch.read(index, &mut state);
             let reason = self.take(input(index, from), &state);
             from = state.time;
             reason.map(|reason| (index, reason))
@@ -243,28 +243,28 @@ impl EnergyGuard {
         found
     }
 
-    /// Takes in the states of a stretch if nothing drives the motion and the energy of none is out of bounds;
+    /// Takes in the states of a batch if nothing drives the motion and the energy of none is out of bounds;
     /// returns whether.
     ///
-    /// The bound grows with the fall of the potential: what is below the bound before the stretch is so after
+    /// The bound grows with the fall of the potential: what is below the bound before the batch is so after
     /// every step.
-    fn take_without_rise(&mut self, stretch: &Stretch) -> bool {
+    fn take_without_rise(&mut self, batch: &StepBatch) -> bool {
         let SymmetricMatrix::Diagonal(inverse) = &self.inverse_mass else { return false };
         // Beyond the bound, or not a number.
-        let within = highest(stretch.energies()) - self.first_energy <= FACTOR * self.explained();
+        let within = highest(batch.energies()) - self.first_energy <= FACTOR * self.explained();
         if self.is_driven || !within {
             return false;
         }
         self.heights.clear();
-        self.heights.resize(stretch.len(), 0.0);
-        for (momentum, inverse) in stretch.momenta().zip(inverse) {
+        self.heights.resize(batch.len(), 0.0);
+        for (momentum, inverse) in batch.momenta().zip(inverse) {
             self.heights.iter_mut().zip(momentum).for_each(|(sum, p)| *sum += p * (inverse * p));
         }
-        self.heights.iter_mut().zip(stretch.energies()).for_each(|(height, energy)| {
+        self.heights.iter_mut().zip(batch.energies()).for_each(|(height, energy)| {
             *height = energy - 0.5 * *height;
         });
         self.lowest_potential = self.lowest_potential.min(lowest(&self.heights));
-        if let (Some(&energy), Some(&time)) = (stretch.energies().last(), stretch.times().last()) {
+        if let (Some(&energy), Some(&time)) = (batch.energies().last(), batch.times().last()) {
             self.judge_loss(energy, time);
         }
         true
@@ -394,7 +394,7 @@ impl EnergyGuard {
             work +=
                 fading * push.iter().enumerate().map(|(index, push)| push.abs() * way(index)).sum::<f64>();
         }
-        if let (Some((rough, excess)), Some(&node)) = (&mut self.rough, self.nodes.first()) {
+        if let (Some((rough, moment_correction)), Some(&node)) = (&mut self.rough, self.nodes.first()) {
             // Whatever the scheme has there: ∫F is F at its first node and the sum of these two moments.
             let (shapes, tests) = ([node], [1.0 - node]);
             let rule = NodalRule {
@@ -406,8 +406,8 @@ impl EnergyGuard {
                 shapes: &shapes,
                 tests: &tests,
             };
-            if rough.excess(&rule, excess) {
-                let moments = excess.iter().enumerate();
+            if rough.moment_correction(&rule, moment_correction) {
+                let moments = moment_correction.iter().enumerate();
                 work += moments.map(|(index, moment)| moment.abs() * way(index % from.len())).sum::<f64>();
             }
         }

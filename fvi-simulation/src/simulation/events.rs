@@ -133,12 +133,12 @@ impl Watch {
         }
     }
 
-    /// Looks at the step that has led to `state`, by `look_into`; keeps what has happened in it, in the order
-    /// of time, up to the first event that ends the run, and returns the state there.
+    /// Looks at the step that has led to `state`, by `interpolate`; keeps what has happened in it, in the
+    /// order of time, up to the first event that ends the run, and returns the state there.
     pub fn take(
         &mut self,
         state: &GridState,
-        mut look_into: impl FnMut(f64, &mut GridState),
+        mut interpolate: impl FnMut(f64, &mut GridState),
     ) -> Option<GridState> {
         let (from, to) = (self.time, state.time);
         let mut found: Vec<(f64, usize, bool)> = Vec::new();
@@ -148,7 +148,7 @@ impl Watch {
             if look == LOOKS {
                 point.clone_from(state);
             } else {
-                look_into(from + (to - from) * (look as f64 / LOOKS as f64), &mut point);
+                interpolate(from + (to - from) * (look as f64 / LOOKS as f64), &mut point);
             }
             self.stand_at(&point);
             let (now, variables) = (self.time, &mut self.variables);
@@ -169,7 +169,7 @@ impl Watch {
                 };
                 if negative.replace(is_negative) == Some(rising) && wanted {
                     let value_at = |time: f64| {
-                        look_into(time, &mut point);
+                        interpolate(time, &mut point);
                         place(variables, &point);
                         event.function.value(Moment::inside(time), variables)
                     };
@@ -195,7 +195,7 @@ impl Watch {
                 continue;
             }
             let mut there = state.clone();
-            look_into(time, &mut there);
+            interpolate(time, &mut there);
             let GridState { position, momentum, energy, .. } = there;
             self.seen.happened.push(Happened { event, rising, time, position, momentum, energy });
         }

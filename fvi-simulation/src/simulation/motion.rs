@@ -8,14 +8,14 @@ use crate::simulation::control::{Control, Drive, acts_inside_steps, control};
 use crate::simulation::energy_guard::{EnergyGuard, Gathered};
 use crate::simulation::forces_of_time;
 use crate::simulation::not_finite::{first_not_finite, reason, start};
-use crate::simulation::stretch::Stretch;
+use crate::simulation::step_batch::StepBatch;
 use crate::simulation::tangent::Tangent;
 use crate::simulation::{GridState, Precision, Simulation};
 use fvi_core::StateError;
 
 /// A scenario on its way from grid point to grid point.
 ///
-/// The one loop body of all that runs scenarios: a stretch of steps with their sampled inputs, then a look at
+/// The one loop body of all that runs scenarios: a batch of steps with their sampled inputs, then a look at
 /// whether their states are finite, and one at their energies.
 pub struct Motion<'s> {
     scenario: &'s Scenario,
@@ -27,7 +27,7 @@ pub struct Motion<'s> {
     /// The state after them.
     state: GridState,
     /// The states that were made last.
-    stretch: Stretch,
+    batch: StepBatch,
     next: GridState,
     /// The controllers, what they put on the step made last, and their columns before it.
     control: Option<Box<dyn Control>>,
@@ -95,8 +95,8 @@ impl<'s> Motion<'s> {
             || scenario.sensitivity.is_some()
             || scenario.system.own_terms.is_some();
         let every = if adaptive.is_some() { 1 } else { simulation.energies_every(scenario) };
-        let mut stretch = Stretch::new(scenario.coordinates() * scenario.copies(), one_by_one, every);
-        stretch.push_state(&state, 0);
+        let mut batch = StepBatch::new(scenario.coordinates() * scenario.copies(), one_by_one, every);
+        batch.push_state(&state, 0);
         let next = state.clone();
         let notes = forces_of_time::warnings(scenario);
         let control_before = state.control.clone();
@@ -107,7 +107,7 @@ impl<'s> Motion<'s> {
             adaptive,
             steps: 0,
             state,
-            stretch,
+            batch,
             next,
             control,
             drive,
@@ -132,7 +132,7 @@ impl<'s> Motion<'s> {
         self.tangent = Tangent::new(self.scenario, tables)?;
         if let Some(tangent) = &self.tangent {
             tangent.write(&mut self.state.sensitivities);
-            self.stretch.sensitivities_mut().clone_from(&self.state.sensitivities);
+            self.batch.sensitivities_mut().clone_from(&self.state.sensitivities);
         }
         Ok(self)
     }
@@ -202,8 +202,8 @@ impl<'s> Motion<'s> {
             adaptive.go_on(&mut self.simulation, chosen);
         }
         self.steps = steps;
-        self.stretch.begin(steps);
-        self.stretch.push_state(&self.state, 0);
+        self.batch.begin(steps);
+        self.batch.push_state(&self.state, 0);
         self.guard.go_on(gathered, &self.state);
         Ok(())
     }
@@ -215,34 +215,34 @@ impl<'s> Motion<'s> {
     /// has grown without a cause has been made, and [`steps`](Self::steps) counts it.
     pub fn advance(&mut self) -> Result<u32, Failure> {
         self.advance_along(1)?;
-        Ok(self.stretch.iterations().iter().sum())
+        Ok(self.batch.iterations().iter().sum())
     }
 
-    /// Makes some of the next steps, no more than `most`; [`stretch`](Self::stretch) has the states after
+    /// Makes some of the next steps, no more than `most`; [`batch`](Self::batch) has the states after
     /// them.
     ///
     /// # Errors
-    /// [`Failure`] of the step behind the last state of the stretch; or of the step to that state, if the
+    /// [`Failure`] of the step behind the last state of the batch; or of the step to that state, if the
     /// energy has grown without a cause at its end.
     pub fn advance_along(&mut self, most: usize) -> Result<(), Failure> {
         let (before, begin) = (self.steps, self.state.time);
-        self.stretch.begin(before + 1);
+        self.batch.begin(before + 1);
         let mut failure = self.make_steps(most).err();
-        if let Some((index, what)) = first_not_finite(&self.stretch, &mut self.next) {
-            self.stretch.truncate(index);
+        if let Some((index, what)) = first_not_finite(&self.batch, &mut self.next) {
+            self.batch.truncate(index);
             failure = Some(reason(what));
         }
-        if let (Some(tangent), 1, None) = (&mut self.tangent, self.stretch.len(), &failure) {
+        if let (Some(tangent), 1, None) = (&mut self.tangent, self.batch.len(), &failure) {
             self.simulation.increments(&mut self.increments);
             match tangent.advance(before, &self.state.position, &self.increments) {
-                Ok(()) => tangent.write(self.stretch.sensitivities_mut()),
+                Ok(()) => tangent.write(self.batch.sensitivities_mut()),
                 Err(reason) => {
-                    self.stretch.truncate(0);
+                    self.batch.truncate(0);
                     failure = Some(reason);
                 }
             }
         }
-        let mut failed = self.stretch.len();
+        let mut failed = self.batch.len();
         let (input, on_grid) = (self.scenario.input.as_ref(), self.adaptive.is_none());
         let driven = self.control.is_some().then_some(self.drive.largest.as_slice());
         let input_over = |index: usize, time: f64| {
@@ -256,9 +256,9 @@ impl<'s> Motion<'s> {
             held.unwrap_or(&[])
         };
         let grown = match self.guard.asks_for_energies() {
-            false => self.guard.take_along(&self.stretch, begin, input_over),
-            true if self.stretch.len() == 1 => {
-                self.stretch.read(0, &mut self.next);
+            false => self.guard.take_along(&self.batch, begin, input_over),
+            true if self.batch.len() == 1 => {
+                self.batch.read(0, &mut self.next);
                 let (simulation, room) = (&mut self.simulation, &mut self.state);
                 let energy = || {
                     simulation.read(room);
@@ -270,32 +270,32 @@ impl<'s> Motion<'s> {
             true => None,
         };
         if let Some((index, grown)) = grown {
-            self.stretch.truncate(index + 1);
+            self.batch.truncate(index + 1);
             (failure, failed) = (Some(grown), index);
         }
-        if let (Some(control), false) = (&mut self.control, self.stretch.is_empty()) {
-            self.stretch.read(0, &mut self.next);
+        if let (Some(control), false) = (&mut self.control, self.batch.is_empty()) {
+            self.batch.read(0, &mut self.next);
             if failure.is_none()
                 && let Err(reason) = control.take(before as u64 + 1, &self.next)
             {
                 (failure, failed) = (Some(reason), 1);
             }
             self.control_before.clone_from(&self.state.control);
-            control.columns(self.stretch.control_mut());
+            control.columns(self.batch.control_mut());
         }
-        if let Some(last) = self.stretch.len().checked_sub(1) {
-            self.steps = before + self.stretch.len();
-            self.stretch.read(last, &mut self.state);
+        if let Some(last) = self.batch.len().checked_sub(1) {
+            self.steps = before + self.batch.len();
+            self.batch.read(last, &mut self.state);
         }
         let Some(reason) = failure else { return Ok(()) };
-        let time = failed.checked_sub(1).map_or(begin, |index| self.stretch.times()[index]);
+        let time = failed.checked_sub(1).map_or(begin, |index| self.batch.times()[index]);
         Err(Failure { step: before + failed, time, reason })
     }
 
-    /// Makes steps and puts their states into the empty stretch; the error says why the one behind them could
+    /// Makes steps and puts their states into the empty batch; the error says why the one behind them could
     /// not be made.
     fn make_steps(&mut self, most: usize) -> Result<(), String> {
-        let Self { scenario, simulation, adaptive, stretch, next, control, drive, state, .. } = self;
+        let Self { scenario, simulation, adaptive, batch, next, control, drive, state, .. } = self;
         let left = scenario.time.steps.saturating_sub(self.steps);
         match adaptive {
             Some(_) if left == 0 => {
@@ -304,10 +304,10 @@ impl<'s> Motion<'s> {
             }
             Some(adaptive) => {
                 let iterations = adaptive.advance(simulation, next)?;
-                stretch.push_state(next, iterations);
+                batch.push_state(next, iterations);
             }
             None => {
-                let steps = most.min(stretch.room()).min(left);
+                let steps = most.min(batch.room()).min(left);
                 let drive = control.as_mut().map(|control| {
                     drive.held.clear();
                     drive.held.resize(scenario.coordinates(), 0.0);
@@ -316,7 +316,7 @@ impl<'s> Motion<'s> {
                     control.drive(self.steps as u64, state.time, drive);
                     &*drive
                 });
-                simulation.advance(scenario, steps, stretch, drive).map_err(|error| error.to_string())?;
+                simulation.advance(scenario, steps, batch, drive).map_err(|error| error.to_string())?;
             }
         }
         simulation.read_energies(&mut self.energies);
@@ -343,14 +343,14 @@ impl<'s> Motion<'s> {
     }
 
     /// The states that were made last: the first at the beginning, then those after the steps made together.
-    pub fn stretch(&self) -> &Stretch {
-        &self.stretch
+    pub fn batch(&self) -> &StepBatch {
+        &self.batch
     }
 
-    /// Shows a state in place of the last one of the [`stretch`](Self::stretch), or none where it was shown
+    /// Shows a state in place of the last one of the [`batch`](Self::batch), or none where it was shown
     /// before; the motion stays where it is.
     pub fn show(&mut self, state: Option<&GridState>) {
-        self.stretch.replace_last(state);
+        self.batch.replace_last(state);
     }
 
     /// Steps made.
@@ -369,8 +369,8 @@ impl<'s> Motion<'s> {
     }
 
     /// Writes the state at a time within the last step, by the scheme's own polynomial.
-    pub fn look_into(&mut self, time: f64, state: &mut GridState) {
-        self.simulation.look_into(time, state);
+    pub fn interpolate(&mut self, time: f64, state: &mut GridState) {
+        self.simulation.interpolate(time, state);
         state.control.clear();
         state.control.extend_from_slice(self.control_at(time));
     }
@@ -432,10 +432,10 @@ mod tests {
         let mut failure = None;
         while !motion.is_done() && failure.is_none() {
             failure = motion.advance_along(most).err();
-            let stretch = motion.stretch();
-            for (index, &iterations) in stretch.iterations().iter().enumerate() {
-                stretch.read(index, &mut state);
-                states.push((stretch.first() + index, state.clone(), iterations));
+            let batch = motion.batch();
+            for (index, &iterations) in batch.iterations().iter().enumerate() {
+                batch.read(index, &mut state);
+                states.push((batch.first() + index, state.clone(), iterations));
             }
             assert_eq!(states.last().map_or(0, |last| last.0), motion.steps());
             assert!(states.last().is_none_or(|last| last.1 == *motion.state()));

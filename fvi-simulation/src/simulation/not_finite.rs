@@ -4,7 +4,7 @@ use crate::language::{InputError, Problem};
 use crate::memory::Tables;
 use crate::numerics::column::is_finite;
 use crate::scenario::Scenario;
-use crate::simulation::stretch::Stretch;
+use crate::simulation::step_batch::StepBatch;
 use crate::simulation::{GridState, Precision, Simulation, SolverChoice};
 
 /// A simulation and its state at t = 0.
@@ -83,16 +83,16 @@ pub(crate) fn what_is_not_finite(state: &GridState) -> Option<&'static str> {
 }
 
 /// The first state that is not finite, and what of it is not.
-pub(crate) fn first_not_finite(stretch: &Stretch, scratch: &mut GridState) -> Option<(usize, &'static str)> {
-    let all_finite = match stretch.alone() {
-        Some((position, momentum)) => [position, momentum, stretch.energies()].into_iter().all(is_finite),
-        None => stretch.positions().chain(stretch.momenta()).chain([stretch.energies()]).all(is_finite),
+pub(crate) fn first_not_finite(batch: &StepBatch, scratch: &mut GridState) -> Option<(usize, &'static str)> {
+    let all_finite = match batch.alone() {
+        Some((position, momentum)) => [position, momentum, batch.energies()].into_iter().all(is_finite),
+        None => batch.positions().chain(batch.momenta()).chain([batch.energies()]).all(is_finite),
     };
     if all_finite {
         return None;
     }
-    (0..stretch.len()).find_map(|index| {
-        stretch.read(index, scratch);
+    (0..batch.len()).find_map(|index| {
+        batch.read(index, scratch);
         what_is_not_finite(scratch).map(|what| (index, what))
     })
 }

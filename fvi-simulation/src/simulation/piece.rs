@@ -14,7 +14,7 @@ pub(super) struct Piece<T> {
 }
 
 /// A place in a step.
-pub(super) enum Place {
+pub(super) enum WithinStep {
     /// At this fraction of it.
     Inside(f64),
     /// At its end, to rounding.
@@ -34,12 +34,12 @@ impl<T: Real> Piece<T> {
     }
 
     /// Where a time lies in it; the end where no step has been made.
-    pub(super) fn place(&self, time: f64) -> Place {
+    pub(super) fn place(&self, time: f64) -> WithinStep {
         let length = self.to - self.from;
         // Times to rounding at the end of the step are its end.
         if length <= 0.0 || self.to - time <= 4.0 * f64::EPSILON * self.to {
-            return Place::End;
+            return WithinStep::End;
         }
-        Place::Inside(((time - self.from) / length).max(0.0))
+        WithinStep::Inside(((time - self.from) / length).max(0.0))
     }
 }

@@ -55,8 +55,13 @@ impl Linearised {
             if scenario.time.adaptive().is_some() { 1.0 } else { scenario.time.time(scenario.time.steps) };
         let mut stiffness_at = |time: f64| {
             let mut stiffness = model.stiffness();
-            let mut pull = vec![0.0; size];
-            model.linearise(Instant::in_step(time, 0.5, 0.0), &position.to_vec(), &mut pull, &mut stiffness);
+            let mut restoring = vec![0.0; size];
+            model.linearise(
+                Instant::in_step(time, 0.5, 0.0),
+                &position.to_vec(),
+                &mut restoring,
+                &mut stiffness,
+            );
             stiffness
         };
         let stiffness = stiffness_at(0.0);

@@ -247,12 +247,12 @@ impl Tangent {
         let linear = Mechanics::is_linear(&self.model);
         let mut stiffnesses = Vec::new();
         let mut forces = vec![0.0; points * c];
-        let mut pull = vec![0.0; n];
+        let mut restoring = vec![0.0; n];
         for i in 0..points {
             let instant = Instant::in_step(time, view.nodes[i], h);
             let place: Vec<f64> = start.iter().zip(&stages[i * n..][..n]).map(|(q, e)| q + e).collect();
             if !linear || (i == 0 && self.factors.is_none()) {
-                self.model.linearise(instant, &place, &mut pull, &mut self.stiffness);
+                self.model.linearise(instant, &place, &mut restoring, &mut self.stiffness);
             }
             for (parameter, direct) in self.direct.iter_mut().enumerate() {
                 direct.add(instant, &place, &mut forces[i * c + parameter * n..][..n]);

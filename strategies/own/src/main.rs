@@ -51,7 +51,8 @@ impl Memory<f64> for Coarse {
         let near = k - groups * GROUP;
         let recent: f64 =
             self.samples[k - near..].iter().rev().zip(&self.weights[1..]).map(|(x, w)| x * w).sum();
-        // The newest of these groups has the lags near + 1 … near + 16, the one before it the sixteen that follow.
+        // The newest of these groups has the lags near + 1 … near + 16, the one before it the sixteen that
+        // follow.
         let weight = |group: usize| {
             let first = near + 1 + group * GROUP;
             self.sums[first + GROUP] - self.sums[first]

@@ -7,7 +7,7 @@ use std::path::Path;
 use serde_json::Value;
 
 /// Line and column, both from one on, as cargo-mutants counts them.
-pub type Place = (usize, usize);
+pub type LineColumn = (usize, usize);
 
 /// One change of one place.
 #[derive(Clone, Debug)]
@@ -16,8 +16,8 @@ pub struct Mutant {
     pub file: String,
     pub genre: String,
     pub replacement: String,
-    pub start: Place,
-    pub end: Place,
+    pub start: LineColumn,
+    pub end: LineColumn,
     pub returns: String,
 }
 

@@ -16,7 +16,7 @@ use syn::spanned::Spanned;
 use syn::visit::{self, Visit};
 use syn::{BinOp, Expr, UnOp};
 
-use crate::mutant::{Mutant, Place};
+use crate::mutant::{LineColumn, Mutant};
 
 /// Where code is rewritten, by bytes.
 struct Site {
@@ -75,7 +75,7 @@ struct Constant {
 
 struct Finder<'m> {
     mutants: &'m [Mutant],
-    wanted: HashMap<(&'m str, Place), Vec<usize>>,
+    wanted: HashMap<(&'m str, LineColumn), Vec<usize>>,
     sites: Vec<Site>,
     constants: Vec<Constant>,
 }
@@ -85,7 +85,7 @@ fn opaque(mutant: &Mutant) -> bool {
     mutant.genre == "FnValue" && mutant.returns.contains("impl ")
 }
 
-fn place(span: Span) -> Place {
+fn place(span: Span) -> LineColumn {
     (span.start().line, span.start().column + 1)
 }
 
@@ -114,7 +114,7 @@ impl<'m> Finder<'m> {
         for item in items {
             let syn::Item::Const(item) = item else { continue };
             let (span, end) = (item.expr.span(), item.span().byte_range().end);
-            let within = |at: &Place| {
+            let within = |at: &LineColumn| {
                 (span.start().line, span.start().column) < *at && *at <= (span.end().line, span.end().column)
             };
             let keys: Vec<_> = self.wanted.keys().filter(|(_, at)| within(at)).copied().collect();
@@ -274,7 +274,7 @@ impl Rewriting<'_> {
 
     /// The text of a range with one mutant in it, on a line.
     fn mutated(&self, range: &Range<usize>, mutant: &Mutant) -> String {
-        let byte = |(line, column): Place| {
+        let byte = |(line, column): LineColumn| {
             let before: usize = self.text.split_inclusive('\n').take(line - 1).map(str::len).sum();
             before + self.text[before..].chars().take(column - 1).map(char::len_utf8).sum::<usize>()
         };
@@ -396,7 +396,7 @@ pub fn plant(tree: &Tree, mutants: &[Mutant], refused: &BTreeSet<usize>) -> Vec<
     let mut texts: BTreeMap<String, String> = BTreeMap::new();
     for &file in &changed {
         let text = fs::read_to_string(tree.sources.join(file)).expect("a source file");
-        let mut wanted: HashMap<(&str, Place), Vec<usize>> = HashMap::new();
+        let mut wanted: HashMap<(&str, LineColumn), Vec<usize>> = HashMap::new();
         for (at, mutant) in mutants.iter().enumerate() {
             let plantable = !opaque(mutant) || mutant.replacement == "::std::iter::empty()";
             if mutant.file == file && plantable && !refused.contains(&at) {

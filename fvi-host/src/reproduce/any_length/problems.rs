@@ -288,7 +288,7 @@ impl Problem {
 /// Runs a scenario with a reference.
 pub(super) fn measured(scenario: &Scenario, stop: &AtomicBool) -> Result<Made, ReproduceError> {
     let run = Run::start(scenario, Precision::F64)?;
-    let summary = run.stretches_to_the_end(stop, &mut |_| ());
+    let summary = run.batches_to_the_end(stop, &mut |_| ());
     match summary.end {
         RunEnd::Completed | RunEnd::Event { .. } => {}
         RunEnd::Stopped => return Err(ReproduceError::Stopped),

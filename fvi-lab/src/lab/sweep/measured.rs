@@ -2,7 +2,7 @@
 
 use crate::numerics::column::{highest, lowest};
 use crate::scenario::Scenario;
-use crate::simulation::stretch::Stretch;
+use crate::simulation::step_batch::StepBatch;
 
 /// Gathers along one run.
 #[derive(Clone, Debug)]
@@ -31,17 +31,17 @@ impl Measured {
         Self { settled, energy_at_start: f64::NAN, ranges: Vec::new() }
     }
 
-    /// Takes in the states of a stretch, whose numbers are finite.
-    pub(super) fn take(&mut self, stretch: &Stretch) {
-        if stretch.first() == 0 {
-            self.energy_at_start = stretch.energies().first().copied().unwrap_or(f64::NAN);
-            self.ranges = vec![(f64::INFINITY, f64::NEG_INFINITY); stretch.positions().count()];
+    /// Takes in the states of a batch, whose numbers are finite.
+    pub(super) fn take(&mut self, batch: &StepBatch) {
+        if batch.first() == 0 {
+            self.energy_at_start = batch.energies().first().copied().unwrap_or(f64::NAN);
+            self.ranges = vec![(f64::INFINITY, f64::NEG_INFINITY); batch.positions().count()];
         }
         let first = match self.settled {
-            Settled::Step(first) => first.saturating_sub(stretch.first()),
-            Settled::Time(first) => stretch.times().partition_point(|&time| time < first),
+            Settled::Step(first) => first.saturating_sub(batch.first()),
+            Settled::Time(first) => batch.times().partition_point(|&time| time < first),
         };
-        for (range, column) in self.ranges.iter_mut().zip(stretch.positions()) {
+        for (range, column) in self.ranges.iter_mut().zip(batch.positions()) {
             let settled = column.get(first..).unwrap_or(&[]);
             if !settled.is_empty() {
                 *range = (range.0.min(lowest(settled)), range.1.max(highest(settled)));

@@ -66,7 +66,7 @@ impl<T: Elementary> SingleModel<T> {
             mass: Coefficients::Diagonal([entry(&model.mass)].into()),
             inverse_mass: inverse_mass[0],
             quadratic: entry(&model.quadratic),
-            linear: model.linear.iter().fold(T::zero(), |sum, &(_, pull)| sum + pull),
+            linear: model.linear.iter().fold(T::zero(), |sum, &(_, restoring)| sum + restoring),
             constant: model.constant.values.iter().fold(T::zero(), |sum, &value| sum + value),
             is_linear: model.is_linear(),
             model,
@@ -84,14 +84,14 @@ impl<T: Elementary> SingleModel<T> {
         pushed[0]
     }
 
-    /// Takes F off the pull, and its derivative off the stiffness.
+    /// Takes F off the restoring force, and its derivative off the stiffness.
     #[inline(never)]
-    fn linearise_push(&mut self, instant: Instant<T>, q: T, (pull, mut stiffness): (T, T)) -> (T, T) {
+    fn linearise_push(&mut self, instant: Instant<T>, q: T, (restoring, mut stiffness): (T, T)) -> (T, T) {
         let Model { force, registers, entries, .. } = &mut self.model;
         let mut pushed = [T::zero()];
         force.derivatives(moment(instant), &[q], registers, &mut pushed, entries);
         entries.iter().take(force.pattern().len()).for_each(|&entry| stiffness -= entry);
-        (pull - pushed[0], stiffness)
+        (restoring - pushed[0], stiffness)
     }
 }
 
@@ -122,17 +122,17 @@ impl<T: Elementary> Mechanics<T, Fixed<1>> for SingleModel<T> {
     }
 
     #[inline(always)]
-    fn pull(&mut self, instant: Instant<T>, position: &SVector<T, 1>, pull: &mut [T]) {
-        let [pull] = pull else { return };
+    fn restoring_force(&mut self, instant: Instant<T>, position: &SVector<T, 1>, restoring: &mut [T]) {
+        let [restoring] = restoring else { return };
         let q = position[0];
-        *pull = self.quadratic * q + self.linear;
+        *restoring = self.quadratic * q + self.linear;
         if !self.is_linear
             && let Some(potential) = &self.model.potential
         {
-            *pull = potential.add_rest_slope(&mut self.model.pull_registers, q, *pull);
+            *restoring = potential.add_rest_slope(&mut self.model.restoring_registers, q, *restoring);
         }
         if self.model.forced {
-            *pull -= self.push(instant, q);
+            *restoring -= self.push(instant, q);
         }
     }
 
@@ -141,10 +141,10 @@ impl<T: Elementary> Mechanics<T, Fixed<1>> for SingleModel<T> {
         &mut self,
         instant: Instant<T>,
         position: &SVector<T, 1>,
-        pull: &mut [T],
+        restoring: &mut [T],
         stiffness: &mut Coefficients<T, 1>,
     ) {
-        let [pull] = pull else { return };
+        let [restoring] = restoring else { return };
         let q = position[0];
         let mut numbers = (self.quadratic * q + self.linear, self.constant);
         if let Some(potential) = &self.model.potential {
@@ -154,7 +154,7 @@ impl<T: Elementary> Mechanics<T, Fixed<1>> for SingleModel<T> {
         if self.model.forced {
             numbers = self.linearise_push(instant, q, numbers);
         }
-        *pull = numbers.0;
+        *restoring = numbers.0;
         *stiffness = Coefficients::Diagonal([numbers.1].into());
     }
 
@@ -169,8 +169,8 @@ impl<T: Elementary> Mechanics<T, Fixed<1>> for SingleModel<T> {
     }
 
     #[inline(always)]
-    fn excess(&mut self, rule: &NodalRule<'_, T>, excess: &mut [T]) -> bool {
-        self.model.rough.as_mut().is_some_and(|rough| rough.excess(rule, excess))
+    fn moment_correction(&mut self, rule: &NodalRule<'_, T>, moment_correction: &mut [T]) -> bool {
+        self.model.rough.as_mut().is_some_and(|rough| rough.moment_correction(rule, moment_correction))
     }
 
     #[inline(always)]

@@ -75,7 +75,7 @@ impl<T: Real> Line<T> {
         if damped_at_node {
             // From increments of zero, as a stiff motion at speed would be guessed so far off that its place
             // is lost in rounding.
-            mechanics.pull(instant, &state.position, forces);
+            mechanics.restoring_force(instant, &state.position, forces);
             take_input(forces);
             combine(forces, known, |force, known| force + known);
             combine_two(residual, momentum, forces, |_, p, force| p + T::zero() - force * factor);
@@ -85,7 +85,7 @@ impl<T: Real> Line<T> {
                 let e = velocity * h;
                 (e, q + e * shape)
             });
-            mechanics.pull(instant, &room.point, forces);
+            mechanics.restoring_force(instant, &room.point, forces);
             take_input(forces);
             let start = (momentum, (factor, forces.as_slice()));
             mechanics.mass().balance(start, (kinetic / h, increments), residual);
@@ -96,7 +96,7 @@ impl<T: Real> Line<T> {
             let e = if damped_at_node { T::zero() } else { e } - left;
             (e, q + e * shape)
         });
-        mechanics.pull(instant, residual, forces);
+        mechanics.restoring_force(instant, residual, forces);
         take_input(forces);
         let impulse = h * weight;
         if damped_at_node {

@@ -38,10 +38,10 @@ pub(super) fn check_large(
     let (step, steps) = (scenario.time.step, scenario.time.steps);
     let size = scenario.coordinates();
     let mut stiffness = model.stiffness();
-    let mut pull = vec![0.0; size];
+    let mut restoring = vec![0.0; size];
     let instant = Instant::in_step(0.0, 0.5, step);
     let start = &scenario.initial.position;
-    model.linearise(instant, start, &mut pull, &mut stiffness);
+    model.linearise(instant, start, &mut restoring, &mut stiffness);
     let fastest = MARGIN * largest_eigenvalue(model, &stiffness, size);
     let damping: Vec<(f64, &TransferFunction)> = scenario
         .system

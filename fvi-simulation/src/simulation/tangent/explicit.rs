@@ -16,7 +16,7 @@ pub(super) enum Direct {
         entries: Vec<(usize, usize, f64)>,
         rest: Vec<f64>,
     },
-    /// What springs of kernels pull by, where their place of rest is the initial position.
+    /// What springs of kernels restoring force by, where their place of rest is the initial position.
     Constant(Vec<f64>),
     Expressions(Box<Expressions>),
 }
@@ -51,13 +51,17 @@ impl Direct {
                 Self::Spring { entries: entries.collect(), rest }
             }
             &Quantity::Position(index) => {
-                let mut pull = vec![0.0; size];
+                let mut restoring = vec![0.0; size];
                 let mut one = vec![0.0; size];
                 one[index] = 1.0;
                 for term in damping.iter().filter(|term| term.derivative == Derivative::Caputo) {
-                    matrix::<f64>(&term.coefficient).multiply_add(-term.transfer.spring(), &one, &mut pull);
+                    matrix::<f64>(&term.coefficient).multiply_add(
+                        -term.transfer.spring(),
+                        &one,
+                        &mut restoring,
+                    );
                 }
-                if pull.iter().all(|&x| x == 0.0) { Self::None } else { Self::Constant(pull) }
+                if restoring.iter().all(|&x| x == 0.0) { Self::None } else { Self::Constant(restoring) }
             }
             Quantity::Named(named) => Self::Expressions(Box::new(Expressions::new(scenario, named))),
             _ => Self::None,
@@ -76,7 +80,9 @@ impl Direct {
                     out[row] += entry * (position[column] - rest[column]);
                 }
             }
-            Self::Constant(pull) => out.iter_mut().zip(pull).for_each(|(out, pull)| *out += *pull),
+            Self::Constant(restoring) => {
+                out.iter_mut().zip(restoring).for_each(|(out, restoring)| *out += *restoring)
+            }
             Self::Expressions(expressions) => expressions.add(instant, position, out),
         }
     }

@@ -12,7 +12,7 @@ use crate::results::snapshots::Snapshots;
 use crate::results::trajectory::{Format, TrajectoryMark, TrajectoryWriter};
 use crate::scenario::Scenario;
 use crate::simulation::GridState;
-use crate::simulation::stretch::Stretch;
+use crate::simulation::step_batch::StepBatch;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -23,7 +23,7 @@ const MAP: &str = "map.svg";
 
 /// One motion of a run at a grid point.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct View<'a> {
+pub(crate) struct StateView<'a> {
     pub(crate) time: f64,
     pub(crate) position: &'a [f64],
     pub(crate) momentum: &'a [f64],
@@ -33,7 +33,7 @@ pub(crate) struct View<'a> {
     pub(crate) sensitivities: &'a [f64],
 }
 
-impl View<'_> {
+impl StateView<'_> {
     /// As far as it is written and drawn.
     pub(crate) fn shown(&self, scenario: &Scenario) -> GridState {
         let of = |numbers: &[f64]| match &scenario.output.coordinates {
@@ -47,34 +47,34 @@ impl View<'_> {
     }
 }
 
-impl<'a> From<&'a GridState> for View<'a> {
+impl<'a> From<&'a GridState> for StateView<'a> {
     fn from(state: &'a GridState) -> Self {
         let GridState { time, position, momentum, energy, control, sensitivities } = state;
         Self { time: *time, position, momentum, energy: *energy, control, sensitivities }
     }
 }
 
-/// One motion of a run over a stretch of steps.
+/// One motion of a run over a batch of steps.
 #[derive(Clone, Debug)]
-pub(crate) struct Passage<'a> {
-    stretch: &'a Stretch,
+pub(crate) struct BatchView<'a> {
+    batch: &'a StepBatch,
     /// Its coordinates among those of all motions.
     places: Range<usize>,
     energies: &'a [f64],
 }
 
-impl<'a> Passage<'a> {
+impl<'a> BatchView<'a> {
     /// The motion of these coordinates, with its energies.
-    pub(crate) fn new(stretch: &'a Stretch, places: Range<usize>, energies: &'a [f64]) -> Self {
-        Self { stretch, places, energies }
+    pub(crate) fn new(batch: &'a StepBatch, places: Range<usize>, energies: &'a [f64]) -> Self {
+        Self { batch, places, energies }
     }
 
     fn position(&self, coordinate: usize) -> &'a [f64] {
-        self.stretch.position(self.places.start + coordinate)
+        self.batch.position(self.places.start + coordinate)
     }
 
     fn momentum(&self, coordinate: usize) -> &'a [f64] {
-        self.stretch.momentum(self.places.start + coordinate)
+        self.batch.momentum(self.places.start + coordinate)
     }
 
     /// A state, these coordinates of it.
@@ -89,10 +89,10 @@ impl<'a> Passage<'a> {
     pub(crate) fn read(&self, index: usize, chosen: &[usize], state: &mut GridState) {
         let GridState { time, position, momentum, energy, control, sensitivities } = state;
         control.clear();
-        control.extend_from_slice(self.stretch.control());
-        (*time, *energy) = (self.stretch.times()[index], self.energies[index]);
-        if !self.stretch.sensitivities().is_empty() {
-            let of_all = self.stretch.sensitivities().chunks(self.places.len().max(1));
+        control.extend_from_slice(self.batch.control());
+        (*time, *energy) = (self.batch.times()[index], self.energies[index]);
+        if !self.batch.sensitivities().is_empty() {
+            let of_all = self.batch.sensitivities().chunks(self.places.len().max(1));
             sensitivities.clear();
             sensitivities.extend(of_all.flat_map(|all| chosen.iter().map(|&coordinate| all[coordinate])));
         }
@@ -105,13 +105,13 @@ impl<'a> Passage<'a> {
 
 /// How far the files of one motion have got.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(crate) struct OutletMark {
+pub(crate) struct OutputMark {
     pub(crate) trajectory: TrajectoryMark,
     /// Of each array; empty without snapshots.
     pub(crate) snapshots: Vec<Mark>,
 }
 
-impl OutletMark {
+impl OutputMark {
     /// What is wrong with the files in a directory, of which those that were marked are wanted; nothing is
     /// changed.
     pub(crate) fn missing(&self, directory: &Path) -> Option<String> {
@@ -129,7 +129,7 @@ impl OutletMark {
 }
 
 /// The files of one motion.
-pub(crate) struct Outlet {
+pub(crate) struct OutputSink {
     directory: PathBuf,
     /// The coordinates that are written and drawn.
     chosen: Vec<usize>,
@@ -138,7 +138,7 @@ pub(crate) struct Outlet {
     snapshots: Option<Snapshots>,
 }
 
-impl Outlet {
+impl OutputSink {
     /// Those of a run that begins.
     ///
     /// # Errors
@@ -174,14 +174,14 @@ impl Outlet {
     pub(crate) fn resume_all(
         scenario: &Scenario,
         directory: &Path,
-        marks: &[OutletMark],
+        marks: &[OutputMark],
         traces: Vec<RunTraces>,
         index: usize,
     ) -> Result<Vec<Self>, FileError> {
         let (count, every) = (scenario.written_coordinates().len(), scenario.output.every);
         let columns = (count, scenario.controllers.len());
         let directories = Self::directories(scenario, directory).into_iter();
-        let resume = |((directory, mark), traces): ((PathBuf, &OutletMark), RunTraces)| {
+        let resume = |((directory, mark), traces): ((PathBuf, &OutputMark), RunTraces)| {
             let path = directory.join(mark.trajectory.format.file());
             let writer = TrajectoryWriter::resume(&directory, &mark.trajectory, columns, every, index)
                 .map_err(FileError::at(&path))?;
@@ -198,7 +198,7 @@ impl Outlet {
         case_directories(directory, scenario.cases.iter().map(|case| case.name.as_str()))
     }
 
-    /// Takes a stretch of the motion, and the states between its last two that were asked for.
+    /// Takes a batch of the motion, and the states between its last two that were asked for.
     ///
     /// # Errors
     /// If a row cannot be written.
@@ -206,24 +206,24 @@ impl Outlet {
         &mut self,
         scenario: &Scenario,
         between: &[GridState],
-        passage: &Passage<'_>,
+        batch_view: &BatchView<'_>,
     ) -> Result<(), FileError> {
         let Self { directory, chosen, writer, traces, snapshots } = self;
-        let (stretch, format) = (passage.stretch, writer.format());
+        let (batch, format) = (batch_view.batch, writer.format());
         let failed = |error| FileError::at(&directory.join(format.file()))(error);
         if scenario.output.times.is_empty() {
-            writer.push_all(stretch.len(), |index| passage.state(index, chosen)).map_err(failed)?;
+            writer.push_all(batch.len(), |index| batch_view.state(index, chosen)).map_err(failed)?;
         }
         for row in between {
-            writer.push(&View::from(row).shown(scenario)).map_err(failed)?;
+            writer.push(&StateView::from(row).shown(scenario)).map_err(failed)?;
         }
-        let drawn = chosen.iter().map(|&index| (passage.position(index), passage.momentum(index)));
-        traces.take(stretch.times(), drawn, (passage.energies, stretch.with_energy()));
-        traces.take_control(stretch.times(), stretch.control());
+        let drawn = chosen.iter().map(|&index| (batch_view.position(index), batch_view.momentum(index)));
+        traces.take(batch.times(), drawn, (batch_view.energies, batch.with_energy()));
+        traces.take_control(batch.times(), batch.control());
         let Some(snapshots) = snapshots else { return Ok(()) };
-        let whole: Vec<usize> = (0..passage.places.len()).collect();
-        for index in stretch.multiples(snapshots.every()) {
-            let GridState { time, position, momentum, .. } = passage.state(index, &whole);
+        let whole: Vec<usize> = (0..batch_view.places.len()).collect();
+        for index in batch.multiples(snapshots.every()) {
+            let GridState { time, position, momentum, .. } = batch_view.state(index, &whole);
             snapshots
                 .take(time, &position, &momentum)
                 .map_err(|error| FileError::at(&directory.join(SNAPSHOTS))(error))?;
@@ -240,13 +240,13 @@ impl Outlet {
     ///
     /// # Errors
     /// If rows cannot be written.
-    pub(crate) fn mark(&mut self) -> Result<OutletMark, FileError> {
+    pub(crate) fn mark(&mut self) -> Result<OutputMark, FileError> {
         let path = self.directory.join(self.writer.format().file());
         let trajectory = self.writer.mark().map_err(FileError::at(&path))?;
         let path = self.directory.join(SNAPSHOTS);
         let snapshots = self.snapshots.as_mut().map(Snapshots::mark).transpose();
         let snapshots = snapshots.map_err(FileError::at(&path))?.unwrap_or_default();
-        Ok(OutletMark { trajectory, snapshots })
+        Ok(OutputMark { trajectory, snapshots })
     }
 
     /// Has the rows kept for a run that goes on.
@@ -278,7 +278,7 @@ impl Outlet {
         let Self { directory, writer, traces, snapshots, .. } = self;
         let format = writer.format();
         let path = directory.join(format.file());
-        writer.finish(&View::from(last).shown(scenario)).map_err(FileError::at(&path))?;
+        writer.finish(&StateView::from(last).shown(scenario)).map_err(FileError::at(&path))?;
         remove(&directory.join(format.other().file()))?;
         files.push(format.file());
         let path = directory.join(SNAPSHOTS);

@@ -6,7 +6,7 @@ use crate::memory::{ActsOn, Memory, MemoryError, check_channels};
 
 /// A memory whose terms and leading weights are given numbers, whatever its samples are.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Told {
+pub(crate) struct RecordingMemory {
     pub(crate) stages: usize,
     /// S² numbers of each kernel.
     pub(crate) leading: Vec<f64>,
@@ -19,7 +19,7 @@ pub(crate) struct Told {
     pub(crate) samples: Vec<Vec<f64>>,
 }
 
-impl Memory<f64> for Told {
+impl Memory<f64> for RecordingMemory {
     fn channels(&self) -> usize {
         self.terms.len() / self.kernels()
     }
@@ -70,7 +70,7 @@ impl Memory<f64> for Told {
     }
 }
 
-impl Told {
+impl RecordingMemory {
     fn check_room(&self) -> Result<(), MemoryError> {
         let full = MemoryError::Full { capacity: self.capacity };
         if self.samples.len() < self.capacity { Ok(()) } else { Err(full) }

@@ -5,15 +5,15 @@ use super::GridState;
 /// Most steps that are made before anyone looks at their states.
 const STEPS: usize = 64;
 
-/// Numbers of positions that a stretch holds at most: what is looked at is still in the fastest cache.
+/// Numbers of positions that a batch holds at most: what is looked at is still in the fastest cache.
 const NUMBERS: usize = 1024;
 
 /// States after consecutive steps: times, energies and every coordinate by themselves, step after step.
 ///
-/// A run makes the steps of a stretch and then looks at all of its states, which costs less than to look
+/// A run makes the steps of a batch and then looks at all of its states, which costs less than to look
 /// after every step: each look goes along one column.
 #[derive(Clone, Debug)]
-pub struct Stretch {
+pub struct StepBatch {
     /// Steps that there is room for.
     room: usize,
     /// States that there are.
@@ -34,7 +34,7 @@ pub struct Stretch {
     energies_every: usize,
 }
 
-impl Stretch {
+impl StepBatch {
     /// Room for states of so many coordinates: for one where every step is looked at by itself, else for
     /// many. The energies of those after multiples of `energies_every` steps will be known.
     pub fn new(coordinates: usize, one_by_one: bool, energies_every: usize) -> Self {
@@ -264,11 +264,11 @@ mod tests {
             let numbers = |first: usize| (0..20).map(|place| (first + place) as f64).collect();
             GridState { position: numbers(index), momentum: numbers(30 * index), ..state(index) }
         };
-        let mut single = Stretch::new(2, true, 1);
+        let mut single = StepBatch::new(2, true, 1);
         assert_eq!(single.alone(), None);
         single.push_state(&state(3), 1);
         assert_eq!(single.alone(), Some((&[3.0, -3.0][..], &[1.5, 7.0][..])));
-        let mut large = Stretch::new(20, false, 1);
+        let mut large = StepBatch::new(20, false, 1);
         large.begin(1);
         (1..40).for_each(|index| large.push_state(&many(index), 3));
         let mut found = many(0);
@@ -276,33 +276,33 @@ mod tests {
             large.read(index - 1, &mut found);
             assert_eq!(found, many(index));
         }
-        let mut stretch = Stretch::new(2, false, 1);
-        stretch.begin(10);
-        (10..15).for_each(|index| stretch.push_state(&state(index), 3));
+        let mut batch = StepBatch::new(2, false, 1);
+        batch.begin(10);
+        (10..15).for_each(|index| batch.push_state(&state(index), 3));
         let mut found = state(0);
         for index in 0..5 {
-            stretch.read(index, &mut found);
+            batch.read(index, &mut found);
             assert_eq!(found, state(10 + index));
         }
         assert_eq!(
-            (stretch.position(1), stretch.iterations()),
+            (batch.position(1), batch.iterations()),
             (&[-10.0, -11.0, -12.0, -13.0, -14.0][..], &[3; 5][..])
         );
-        assert_eq!(stretch.alone(), None);
-        assert_eq!(stretch.multiples(4).collect::<Vec<_>>(), [2]);
-        assert_eq!(stretch.multiples(1).count(), 5);
-        stretch.replace_last(Some(&state(3)));
-        stretch.read(4, &mut found);
+        assert_eq!(batch.alone(), None);
+        assert_eq!(batch.multiples(4).collect::<Vec<_>>(), [2]);
+        assert_eq!(batch.multiples(1).count(), 5);
+        batch.replace_last(Some(&state(3)));
+        batch.read(4, &mut found);
         assert_eq!(found, state(3));
-        stretch.truncate(2);
-        assert_eq!((stretch.len(), stretch.energies()), (2, &[100.0, 121.0][..]));
+        batch.truncate(2);
+        assert_eq!((batch.len(), batch.energies()), (2, &[100.0, 121.0][..]));
     }
 
     #[test]
     fn large_states_are_looked_at_one_by_one() {
-        assert_eq!(Stretch::new(1, false, 1).room(), STEPS);
-        assert_eq!(Stretch::new(64, false, 1).room(), 16);
-        assert_eq!(Stretch::new(5000, false, 1).room(), 1);
-        assert_eq!(Stretch::new(1, true, 1).room(), 1);
+        assert_eq!(StepBatch::new(1, false, 1).room(), STEPS);
+        assert_eq!(StepBatch::new(64, false, 1).room(), 16);
+        assert_eq!(StepBatch::new(5000, false, 1).room(), 1);
+        assert_eq!(StepBatch::new(1, true, 1).room(), 1);
     }
 }
