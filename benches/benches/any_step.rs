@@ -1,7 +1,7 @@
 //! What steps of any length cost: the memory that takes them against the fixed-step memories of the same
 //! Runge–Kutta quadrature, in one process and in turn, for steps of one length, for lengths that come back
 //! and for steps of which each has a new one. `.ci/variable-steps` puts the table into
-//! docs/variable-steps.md.
+//! book/src/theory/variable-steps.md.
 
 use std::hint::black_box;
 use std::time::Instant;

@@ -1,9 +1,9 @@
 //! Exponential sums for many channels: nanoseconds for each channel and step, and bytes of state for each
 //! channel.
 //!
-//! `cargo bench -p fvi-benches --bench channels` prints a table for docs/large.md. The answers are compared
-//! first. Times are minima over rounds of two chunks, in which the memories take turns, so that what else the
-//! machine does meets all of them.
+//! `cargo bench -p fvi-benches --bench channels` prints a table for book/src/use/large.md. The answers are
+//! compared first. Times are minima over rounds of two chunks, in which the memories take turns, so that what
+//! else the machine does meets all of them.
 //!
 //! A second table is about dampings of different orders on the same coordinates: a memory each, against one
 //! whose exponentials they share. A third one is about threads: one and two take turns, some chunks at a

@@ -7,8 +7,9 @@
 //! `cargo bench -p fvi-benches --bench steps`, with a name behind `--` for the systems that contain it.
 //!
 //! `-- --only PATH SYSTEM STEPS` makes that many steps of one of them and nothing else, for tools that count
-//! instructions: `.ci/steps` writes `docs/steps.md` with it. Paths are `run`, `hand` and `plain`, and `nodes`
-//! and `hand-nodes`, damped at the quadrature node; systems are `pendulum`, `linear-N` and `nonlinear-N`.
+//! instructions: `.ci/steps` writes `book/src/engines/steps.md` with it. Paths are `run`, `hand` and `plain`,
+//! and `nodes` and `hand-nodes`, damped at the quadrature node; systems are `pendulum`, `linear-N` and
+//! `nonlinear-N`.
 
 use std::hint::black_box;
 use std::path::Path;

@@ -5,7 +5,7 @@
 
 CELLS along the length, ACROSS in both other directions: 3 CELLS (ACROSS + 1)² coordinates. A rank has the nodes of some cross-sections.
 Runs STEPS steps with damping in proportion to the stiffness and a damper at the tip, writes DIRECTORY, and goes on from a checkpoint in
-it. `docs/cluster.md` explains it.
+it. `book/src/use/cluster.md` explains it.
 """
 
 import sys

@@ -4,7 +4,7 @@
     measure.py FVI DIRECTORY [CELLS] [STEPS]
 
 FVI is the program, DIRECTORY has the matrices of `make.py cantilever DIRECTORY CELLS` or gets them; 144 cells along the length, which are 97 200
-coordinates, and 100 steps by default. Prints a table for docs/large.md: seconds on the clock and on the processors for each step, without
+coordinates, and 100 steps by default. Prints a table for book/src/use/large.md: seconds on the clock and on the processors for each step, without
 those before the first one, what 10 000 steps take at that, and the most memory in use. Last a run that is interrupted half-way goes on, and
 must leave the bytes of one that was not.
 """

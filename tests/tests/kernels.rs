@@ -272,7 +272,7 @@ fn runge_kutta_quadrature_has_its_order_with_every_kernel_that_relaxes() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
 
-    /// The theorem of docs/kernels.md.
+    /// The theorem of book/src/theory/kernels.md.
     #[test]
     fn the_midpoint_rule_gains_no_energy_from_a_passive_kernel(
         transfer in kernels(),

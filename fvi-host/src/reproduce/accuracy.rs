@@ -19,9 +19,9 @@ pub(super) const EXHIBITS: [Exhibit; 1] =
 
 /// What the page begins with.
 pub(super) const HEAD: &str = "# Accuracy\n\n\
-    `fvi reproduce accuracy --out docs` writes this page, its pictures and the CSV files behind them: errors against exact solutions \
+    `fvi reproduce accuracy --out book/src/assurance` writes this page, its pictures and the CSV files behind them: errors against exact solutions \
     of q̈ + ½ D^β q + q = 0 at t = 1, 2, 3, 4, 6, 8 (21 digits, `tests/reference/oscillator.py`). *nodes* is damping at the quadrature \
-    nodes, the default ([node-form.md](node-form.md)); *main nodes* the papers' form.\n\n\
+    nodes, the default ([node-form.md](../theory/node-form.md)); *main nodes* the papers' form.\n\n\
     ## What to take\n\n\
     | problem | `[scheme]` and `[convolution]` |\n|---|---|\n\
     | any stiffness, any damping, errors of 10⁻³ to 10⁻⁵ | say nothing: midpoint rule, BDF 2 at the nodes; every step is stable |\n\
@@ -110,7 +110,7 @@ fn compute(stop: &AtomicBool) -> Result<Findings, ReproduceError> {
          these is stable, or fewer than two errors are above that. BDF 5 and 6 begin with a transient that dies out like 0.71ᵏ and 0.86ᵏ with \
          the number k of steps: at t = 1 their errors fall faster than their order while k is small. The momentum of the main nodes is the \
          mean of those before and after the kick. For Riemann–Liouville damping with q(0) ≠ 0 and two nodes and more an offset of \
-         order 2 that is known is taken off the momentum (`node-form.md`).",
+         order 2 that is known is taken off the momentum (`theory/node-form.md`).",
     ))
 }
 

@@ -153,7 +153,7 @@ fn singular(stop: &AtomicBool) -> Result<Findings, ReproduceError> {
         "q̈ + ½ D^β q + q = 0, q(0) = 1, q̇(0) = 0 in the sense of Riemann and Liouville, against exact values. At the nodes all orders meet in one \
          motion, that of the equation; at the main nodes the sum leaves out the kick of t = 0. With two nodes and more the momentum of \
          the discrete Lagrangian, one-sided, holds the offset (h²/12) ρ q(0) t^(−1−β)/Γ(−β), of order 2, which fades with time: the constant part \
-         of q is sampled alike at all nodes of a step (`docs/node-form.md`). It is taken off the momentum that is reported, which has the order of q. At \
+         of q is sampled alike at all nodes of a step (`book/src/theory/node-form.md`). It is taken off the momentum that is reported, which has the order of q. At \
          the main nodes one-sided is after the kick.",
     ))
 }

@@ -123,20 +123,21 @@ fn every_exhibit_of_the_papers_is_on_the_page_with_files_that_hold_the_same_valu
     the_committed_page_is_the_one_written(&place, &page, &files);
 }
 
-/// `docs/reproduction` is what `fvi reproduce all --out docs/reproduction` writes.
+/// `book/src/assurance/reproduction` is what `fvi reproduce all --out book/src/assurance/reproduction`
+/// writes.
 fn the_committed_page_is_the_one_written(place: &Workplace, page: &str, files: &[&str]) {
-    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../docs/reproduction");
+    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../book/src/assurance/reproduction");
     let committed = fs::read_to_string(folder.join("reproduction.md")).unwrap();
     for section in page.split("\n## ").skip(1) {
         assert!(
             committed.contains(section.trim_end()),
-            "docs/reproduction/reproduction.md is not up to date:\n{section}"
+            "book/src/assurance/reproduction/reproduction.md is not up to date:\n{section}"
         );
     }
     for file in files.iter().filter(|file| file.ends_with(".csv")) {
         let read = |path: PathBuf| fs::read_to_string(path).unwrap_or_else(|error| panic!("{file}: {error}"));
         let same = read(folder.join(file)) == read(place.path("out").join(file));
-        assert!(same, "docs/reproduction/{file} is not up to date");
+        assert!(same, "book/src/assurance/reproduction/{file} is not up to date");
     }
 }
 

@@ -30,7 +30,7 @@ impl MultistepRule {
     }
 
     /// Whether Re γ ≥ 0 in |z| ≤ 1 and arg γ ∈ [−π/2, 0] on the upper half of the circle: what the theorem on
-    /// passive kernels asks for (docs/kernels.md).
+    /// passive kernels asks for (book/src/theory/kernels.md).
     pub fn is_passive(self) -> bool {
         self.order() <= 2
     }

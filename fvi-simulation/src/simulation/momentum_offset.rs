@@ -15,7 +15,7 @@ use fvi_core::Real;
 /// p_k = p(t_k) + Σ_m ρ_m ((h²/12) f_m′(t_k) − (h⁴/240) f_m‴(t_k)) + … ,
 /// ```
 ///
-/// the first terms of −D⁻¹ [(y/sinh y)² − 1] ρ f with y = hD/2: derived in `docs/node-form.md`.
+/// the first terms of −D⁻¹ [(y/sinh y)² − 1] ρ f with y = hD/2: derived in `book/src/theory/node-form.md`.
 #[derive(Clone, Debug, Default)]
 pub(super) struct MomentumOffset<T> {
     /// K_m, and ρ_m q₀.
@@ -115,7 +115,7 @@ mod tests {
             assert!((found / expected - 1.0).abs() < 0.25, "{found} and {expected}");
         };
         for derivative in ["caputo", "riemann-liouville"] {
-            // What a velocity leaves at t = 1: docs/node-form.md.
+            // What a velocity leaves at t = 1: book/src/theory/node-form.md.
             let [q, p] = errors(derivative, [0.0, 1.0], h);
             assert_near(q, -h4 / 720.0 * once);
             assert_near(p, h4 / 240.0 * twice);

@@ -172,7 +172,7 @@ pub fn check_stability(
 /// and in |z| < 1 the first term has a positive real part, the others have none that is negative: on the
 /// upper half of |z| = 1, arg 1/w = π/2 and −π/2 ≤ arg γ_p ≤ 0, so arg γ_p^β/w stays within ±π/2 for
 /// 0 ≤ β ≤ 2; it is harmonic, so it does inside too. Every other passive kernel is a positive combination of
-/// resonators, for which the same holds (docs/kernels.md).
+/// resonators, for which the same holds (book/src/theory/kernels.md).
 fn is_always_stable(discretisation: &Discretisation, part: &Part) -> bool {
     if !part.is_damped() && part.stiffness.amax() == 0.0 {
         return true;

@@ -1,5 +1,5 @@
 //! Compares what firmware can choose from: accuracy against exact values, bytes, instructions. Prints the
-//! tables of docs/firmware.md and draws its picture.
+//! tables of book/src/use/firmware.md and draws its picture.
 //!
 //! `accuracy COSTS PICTURE`: the costs as the measuring image prints them, and where to put the picture.
 

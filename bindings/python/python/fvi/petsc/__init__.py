@@ -2,7 +2,7 @@
 
 `integrate` takes matrices and vectors as PETSc has distributed them and makes the steps that `fvi.integrate` makes of a large
 linear system. Matrices, products and solutions are PETSc's; each process keeps the memory of its own rows, or of its own dampers,
-and sends nothing of the past to others. The guide is `docs/cluster.md` of the repository.
+and sends nothing of the past to others. The guide is `book/src/use/cluster.md` of the repository.
 
 Needs petsc4py, mpi4py and PETSc with real numbers: Debian's python3-petsc4py and python3-mpi4py, or conda-forge's petsc4py.
 """

@@ -27,7 +27,7 @@ class Stepper:
         q_{k+1} = q_k + e ,      p_{k+1} = p_k − h (K X_k + Σ ρ D X_k) + J₀ + J₁ ,      X_k = q_k + e/2 ,
 
     J₀ and J₁ what loads give to the momenta at both ends of the step (a half of h F each, where F is smooth).
-    Source: docs/node-form.md.
+    Source: book/src/theory/node-form.md.
     """
 
     def __init__(
