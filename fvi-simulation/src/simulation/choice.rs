@@ -2,7 +2,7 @@
 
 use crate::language::{InputError, Problem};
 use crate::model::{AnySpace, Elimination, Matrix, Model, matrix};
-use crate::scenario::{ConvolutionFamily, Scenario, Scheme, SharedTerms};
+use crate::scenario::{Scenario, Scheme, SharedTerms};
 use crate::simulation::available_memory::available_memory;
 use fvi_core::Mechanics;
 use serde::Serialize;
@@ -52,9 +52,9 @@ const SLOW: usize = 300;
 
 /// What to know about full matrices where the scenario has many coordinates: why, and what avoids them.
 pub(super) fn dense_warning(scenario: &Scenario) -> Option<String> {
-    let (degree, coordinates) = (degree(scenario), scenario.coordinates());
+    let (degree, coordinates) = (scenario.scheme_descriptor().unknowns, scenario.coordinates());
     let owned = scenario.system.own_terms.as_ref().is_some_and(SharedTerms::depend_on_position);
-    let collocation = matches!(scenario.scheme, Scheme::Collocation);
+    let collocation = scenario.scheme == Scheme::Collocation;
     if coordinates.saturating_mul(degree) < SLOW {
         return None;
     }
@@ -90,11 +90,11 @@ pub(super) fn sparse_space(
     scenario: &Scenario,
     choice: SolverChoice,
 ) -> Result<Option<AnySpace>, InputError> {
-    let (degree, count) = (degree(scenario), scenario.coordinates());
+    let (degree, count) = (scenario.scheme_descriptor().unknowns, scenario.coordinates());
     let many = count > MANY || (count > SEVERAL && scenario.system.has_sparse_matrices());
     let pushed = scenario.system.force.iter().flatten().any(|force| force.has_variables());
     let owned = scenario.system.own_terms.as_ref().is_some_and(SharedTerms::depend_on_position);
-    let collocation = matches!(scenario.scheme, Scheme::Collocation);
+    let collocation = scenario.scheme == Scheme::Collocation;
     let suits = degree == 1 && !collocation && !pushed && !owned;
     let wanted = match choice {
         // Load cases share a sparse factor, however small it is.
@@ -146,18 +146,6 @@ pub(super) fn sparse_space(
 /// Whether there are so few coordinates that full matrices are a choice.
 pub(super) fn is_of_few(scenario: &Scenario, choice: SolverChoice) -> bool {
     choice == SolverChoice::Automatic && scenario.cases.is_empty() && scenario.coordinates() <= MANY
-}
-
-/// How many vectors of coordinates a step solves for.
-fn degree(scenario: &Scenario) -> usize {
-    match scenario.scheme {
-        Scheme::Collocation => match scenario.convolution.family {
-            ConvolutionFamily::RadauIia { stages } | ConvolutionFamily::LobattoIiic { stages } => stages,
-            ConvolutionFamily::Bdf { .. } | ConvolutionFamily::Trapezoidal => 1,
-        },
-        Scheme::Galerkin { degree, .. } => degree,
-        Scheme::LowOrder { .. } | Scheme::ExplicitEuler | Scheme::ImplicitEuler => 1,
-    }
 }
 
 fn too_large(scenario: &Scenario, pushed: bool) -> InputError {
