@@ -94,7 +94,7 @@ fn copies(threads: usize, rounds: usize) -> f64 {
     (NUMBERS * size_of::<f64>()) as f64 / best * 1e-9
 }
 
-/// What the steps of a chunk differ in: whether they end it, end eight places of it, or do neither.
+/// Kinds of steps within a chunk: those that end it, those that end eight places of it, and the rest.
 const KINDS: [&str; 3] = ["between", "ends of eight places", "ends of chunks"];
 
 /// The kind of the step at a place.

@@ -411,7 +411,7 @@ struct Motion<S, const AT_NODES: bool, const COMPENSATED: bool> {
     memory: HostMemory<f64>,
     position: Vec<f64>,
     momentum: Vec<f64>,
-    /// What rounding has taken from position and momentum.
+    /// Rounding errors of position and momentum so far.
     rests: [Vec<f64>; 2],
     increment: Vec<f64>,
     /// q_k − X_{k−1}: how far the last node lies behind.

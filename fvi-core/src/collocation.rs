@@ -224,7 +224,7 @@ impl<T: Real> CollocationTables<'_, T> {
 
 /// The equations of one step at a guess of the accelerations.
 struct CollocationEquations<'a, T: Real, X: Space<T>, G, D> {
-    /// What forces at the nodes lack.
+    /// Moment corrections of the forces at the nodes.
     moment_correction: &'a [T],
     tables: &'a CollocationTables<'a, T>,
     mechanics: &'a mut G,

@@ -303,7 +303,7 @@ impl<T: Real, X: Space<T>, M: Memory<T>> DampedMotion<T, X, M> {
         }
     }
 
-    /// What its state begins with.
+    /// Header of the saved state: what a state must agree with to be restored.
     fn shape(&self) -> Shape<3> {
         let left_out = match self.start {
             Subtraction::Nothing => 0,
@@ -543,7 +543,7 @@ mod tests {
         [2.0 + 3.0 * time - 2.0 * time * time, -1.0 + 0.5 * time + time.powi(3)]
     }
 
-    /// What derivatives do not act on.
+    /// Part of the motion that derivatives do not act on.
     fn left_out(derivative: Derivative, exponent: f64, time: f64) -> [f64; 2] {
         match derivative {
             Derivative::RiemannLiouville => [0.0; 2],

@@ -58,7 +58,7 @@ impl<T, const H: usize> Ring<T> for Deque<T, H> {
     }
 }
 
-/// What happens when a sample comes and the ring is full.
+/// Policy for a sample that comes when the ring is full.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Overflow {
     /// Refuse it with [`MemoryError::Full`]: the memory is exact as long as it works.
@@ -190,7 +190,7 @@ where
         self.rings.as_ref().iter().map(Ring::capacity).min().unwrap_or(0)
     }
 
-    /// What its state begins with.
+    /// Header of the saved state: what a state must agree with to be restored.
     fn shape(&self) -> Shape<3> {
         let kernel = fingerprint(self.leading());
         [

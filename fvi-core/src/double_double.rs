@@ -60,7 +60,7 @@ impl DoubleDouble {
         self.high
     }
 
-    /// What [`to_f64`](Self::to_f64) leaves out.
+    /// Rounding error of [`to_f64`](Self::to_f64).
     pub const fn low(self) -> f64 {
         self.low
     }

@@ -9,7 +9,7 @@ pub struct ParameterError {
     pub parameter: &'static str,
     /// The value that was given.
     pub value: f64,
-    /// What is allowed, as a phrase.
+    /// Allowed values, as a phrase.
     pub allowed: &'static str,
 }
 
@@ -43,7 +43,7 @@ pub(crate) const fn check_step_size(step_size: f64) -> Result<(), ParameterError
     )
 }
 
-/// What is wrong with a matrix of coefficients.
+/// Reasons to refuse a matrix of coefficients.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum MatrixError {

@@ -341,7 +341,7 @@ where
         &self.table
     }
 
-    /// What its state begins with.
+    /// Header of the saved state: what a state must agree with to be restored.
     fn shape(&self) -> Shape<4> {
         let table = self.table.borrow();
         let kernel = fingerprint(table.head.iter().chain(table.exponentials)) ^ self.scale.bits();
@@ -587,7 +587,7 @@ fn absorb_number<T: Real>(
     *totals = lanes(|lane| at(totals, lane) + at(&coefficient, lane) * at(&before, lane));
 }
 
-/// What the steps of all channels share.
+/// Values that the steps of all channels share.
 struct NumberStep<'a, T> {
     /// w₁ … w_{n₀−1}.
     weights: &'a [T],

@@ -53,7 +53,7 @@ pub struct FractionalIntegral<T, M> {
     step_size: T,
     /// s.
     sum: T,
-    /// What rounding took from s.
+    /// Rounding error of s so far (compensated summation).
     rest: T,
 }
 
@@ -152,7 +152,7 @@ impl<T: Real, M: Memory<T>> FractionalIntegral<T, M> {
         Ok(PendingIntegral { derivative, sum: (&mut self.sum, sum), rest: (&mut self.rest, rest) })
     }
 
-    /// What a unit of the next sample adds to the next value, h w₀ = h^λ.
+    /// Change of the next value for a unit of the next sample, h w₀ = h^λ.
     pub fn leading(&self) -> T {
         let leading = self.derivative.memory().leading().first().copied().unwrap_or(T::zero());
         self.step_size * leading
@@ -244,7 +244,7 @@ impl<T: Real, M: Memory<T>> FractionalIntegral<T, M> {
         Ok(())
     }
 
-    /// What its state begins with.
+    /// Header of the saved state: what a state must agree with to be restored.
     fn shape(&self) -> Shape<1> {
         [("bits of the step size", self.step_size.bits())]
     }

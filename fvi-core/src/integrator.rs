@@ -382,13 +382,13 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         Ok(())
     }
 
-    /// What its state begins with.
+    /// Header of the saved state: what a state must agree with to be restored.
     fn shape(&self) -> Shape<2> {
         let coordinates = self.space.coordinates() as u64;
         [("coordinates", coordinates), ("bits of the step size", self.step_size.bits())]
     }
 
-    /// What the scheme keeps between steps.
+    /// Storage of the scheme between steps.
     pub fn storage(&self) -> &S::Storage {
         &self.storage
     }

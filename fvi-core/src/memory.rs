@@ -5,7 +5,7 @@ use core::fmt;
 
 use crate::saving::{StateError, StateReader, StateWriter};
 
-/// What the samples of a memory are, for the motion X that the operator acts on (q itself, or q − q₀ …).
+/// Kind of samples that a memory takes of the motion X that its operator acts on (q itself, or q − q₀ …).
 ///
 /// The same derivative D^β X = Σ_n W_n X_{k−n} may be served from any of them, by kernels that differ by a
 /// factor: with Y_k = X_k − X_{k−1} the kernel has the sums W_0 + … + W_n, of generating function
@@ -63,7 +63,7 @@ pub trait Memory<T> {
         1
     }
 
-    /// What the samples are: which differences of the motion the kernel is for.
+    /// Kind of samples: which differences of the motion the kernel is for.
     ///
     /// A damping term asks, and pushes what it is told; for the memory itself a sample is a sample.
     fn acts_on(&self) -> ActsOn {

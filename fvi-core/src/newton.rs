@@ -18,7 +18,7 @@ const SHRINKING: f64 = 0.125;
 ///
 /// [`StepMatrix`] is the dense one, in place. A host brings others, sparse ones included.
 pub trait Equations<T: Real, B: Block<T>> {
-    /// What solves the equations step after step while the matrix stays the same.
+    /// Factors that solve the equations of every step while the matrix stays the same.
     type Factor;
 
     /// Sets all entries to zero.

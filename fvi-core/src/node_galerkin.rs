@@ -32,7 +32,7 @@ pub struct NodeGalerkin<T, const S: usize, const Q: usize> {
     galerkin: Galerkin<T, S, Q>,
 }
 
-/// What a scheme with Q nodes in its memory keeps between steps.
+/// Storage between steps of a scheme with Q nodes in its memory.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NodeStorage<T, const N: usize, const S: usize, const Q: usize> {
     pub(crate) kept: CachedFactor<Factors<T, N, S>, T>,

@@ -93,7 +93,7 @@ pub struct Pending<'a, T, M> {
     acted_on: T,
     reference: T,
     time: T,
-    /// What the past adds to the value.
+    /// Contribution of the past to the next value.
     term: T,
     value: T,
 }
@@ -380,7 +380,7 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
         Ok(())
     }
 
-    /// What its state begins with.
+    /// Header of the saved state: what a state must agree with to be restored.
     fn shape(&self) -> Shape<3> {
         let (kind, rise) = match self.start {
             Start::RiemannLiouville => (0, T::zero()),

@@ -103,7 +103,7 @@ pub type ExponentialPid<'w, T, const I: usize, const D: usize, L = PidLaw<T>> =
 pub type ExponentialPi<'w, T, const I: usize, L = PidLaw<T>> =
     FractionalPid<T, ExponentialSum<T, &'w [T], [T; I]>, Memoryless<T>, L>;
 
-/// What a loop remembers beside its operators.
+/// State of a loop beside that of its operators.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct PidState<T> {
     mode: Mode,
@@ -117,7 +117,7 @@ struct PidState<T> {
     gains: PidGains<T>,
     /// The integral term of the last tick.
     integral: T,
-    /// What lies beside the operator.
+    /// State beside the operator.
     beside: Beside<T>,
 }
 
@@ -176,7 +176,7 @@ enum Mode {
     Transfer,
 }
 
-/// What a tick is told. [`PidInputs::new`] leaves out what few have.
+/// Inputs of a tick. [`PidInputs::new`] sets those that every loop has.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PidInputs<T> {
     /// r.
@@ -188,7 +188,7 @@ pub struct PidInputs<T> {
     pub rate: T,
     /// u_ff.
     pub feed_forward: T,
-    /// What became of the output of the tick before.
+    /// Response of the actuator to the output of the tick before.
     pub actuator: Actuator<T>,
 }
 
@@ -200,7 +200,7 @@ impl<T: Real> PidInputs<T> {
     }
 }
 
-/// What an actuator made of the output of the tick before.
+/// Response of an actuator to the output of the tick before.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Actuator<T> {
     /// It did as it was told.
@@ -725,7 +725,7 @@ where
         Ok(())
     }
 
-    /// What its state begins with.
+    /// Header of the saved state: what a state must agree with to be restored.
     fn shape(&self) -> Shape<4> {
         let settings = self.law.borrow().settings();
         let series = u64::from(matches!(settings.gains, PidGains::Series { .. }));

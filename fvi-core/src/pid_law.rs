@@ -84,7 +84,7 @@ impl<T: Real> PidGains<T> {
     }
 }
 
-/// What the derivative of the parallel form passes through.
+/// Filter of the derivative in the parallel form.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum DerivativeFilter {
     /// Nothing.
@@ -103,7 +103,7 @@ pub enum DerivativeFilter {
     },
 }
 
-/// What the derivative of the parallel form acts on.
+/// Signal that the derivative of the parallel form acts on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DerivativeOf {
     /// c r − y, whose values before the first tick count as zero, as those of the integral do.
@@ -114,7 +114,7 @@ pub enum DerivativeOf {
     MeasuredRate,
 }
 
-/// What keeps the integral from growing while the output is at a limit.
+/// Method that keeps the integral from growing while the output is at a limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum AntiWindup {
     /// Nothing.
@@ -161,18 +161,18 @@ pub struct PidSettings<T> {
     pub sample: Option<f64>,
     /// b and c of the parallel form. The series form acts on r − y.
     pub setpoint_weights: [T; 2],
-    /// What the derivative acts on.
+    /// Signal that the derivative acts on.
     pub derivative_of: DerivativeOf,
-    /// What the derivative passes through.
+    /// Filter of the derivative.
     pub derivative_filter: DerivativeFilter,
     /// The least output and the largest; infinite for none.
     pub limits: [T; 2],
     /// How far the output moves in a unit of time at most; infinite for any. Before the first tick it is 0,
     /// or where [`manual`](crate::FractionalPid::manual) has put it.
     pub rate_limit: T,
-    /// What keeps the integral within reach of the limits, that of the rate included.
+    /// Anti-windup for the limits of output and rate.
     pub anti_windup: AntiWindup,
-    /// What changes of gains leave.
+    /// Value that a change of gains keeps.
     pub bumpless: Bumpless,
 }
 
@@ -295,7 +295,7 @@ impl<T: Real> PidLaw<T> {
         })
     }
 
-    /// What it was made of.
+    /// Settings it was made of.
     pub fn settings(&self) -> &PidSettings<T> {
         &self.settings
     }

@@ -42,7 +42,7 @@ pub struct StateReader<'a> {
     rest: &'a [u8],
 }
 
-/// What a state must have in common with the object that it is restored to: names and values.
+/// Header of a saved state: names and values that the object it is restored to must share.
 pub type Shape<const E: usize> = [(&'static str, u64); E];
 
 /// Bytes of a header with E entries in its shape: a tag, the size of a number, the entries.
@@ -80,7 +80,7 @@ pub enum StateError {
     },
     /// The state belongs to an object of another shape, kernel or precision.
     Mismatch {
-        /// What differs.
+        /// Name of the value that differs.
         what: &'static str,
         /// As the object has it.
         expected: u64,
@@ -89,7 +89,7 @@ pub enum StateError {
     },
     /// A count is larger than the object has room for.
     TooLarge {
-        /// What is counted.
+        /// Name of what is counted.
         what: &'static str,
         /// The largest count that is possible.
         limit: u64,

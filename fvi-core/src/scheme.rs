@@ -50,7 +50,7 @@ pub struct Rounding<V> {
     pub momentum: V,
 }
 
-/// What the memory stores of each step.
+/// Samples that the memory stores of each step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Sampling<'a, T> {
     /// The main nodes q_0, q_1, …: one sample before the first step and one at the end of every step.
@@ -75,13 +75,13 @@ impl<T> Sampling<'_, T> {
 /// steps: the factors of a linear system's equations, and scratch space where the stack is not the place for
 /// it.
 pub trait Scheme<T: Real, X: Space<T>> {
-    /// What is kept between steps.
+    /// Storage between steps.
     type Storage;
 
     /// Storage for a system in the given space.
     fn storage<G: Mechanics<T, X>>(&self, space: &X, mechanics: &G) -> Self::Storage;
 
-    /// What the memory stores of each step.
+    /// Samples that the memory stores of each step.
     fn sampling(&self) -> Sampling<'_, T>;
 
     /// The part of the storage that belongs to the state: q_k − X_{k−1,i}, how far the nodes of the last
@@ -115,7 +115,7 @@ pub trait Scheme<T: Real, X: Space<T>> {
     ) -> Result<u32, StepError>;
 }
 
-/// What a step has found.
+/// Result of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outcome<'a, T> {
     /// e_1, …, e_R of the sample, one node after another.

@@ -275,7 +275,7 @@ pub struct NodalRule<'a, T> {
 /// Moments of the highest degree there is, 6.
 pub(crate) const MAX_MOMENTS: usize = 7;
 
-/// What schemes ask of a system in the space X.
+/// A mechanical system as schemes see it, in the space X.
 ///
 /// [`System`] answers for the fixed space. Methods take `&mut self` so that a host can keep scratch space
 /// with its models.

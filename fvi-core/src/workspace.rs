@@ -37,7 +37,7 @@ pub struct Workspace<'a, T: Real, X: Space<T>, E: Equations<T, X::Block>> {
     pub stiffness: &'a mut X::Block,
     /// The equations of a step.
     pub matrix: &'a mut E,
-    /// What solves them while they stay the same.
+    /// Factors that solve them while they stay the same.
     pub kept: &'a mut CachedFactor<E::Factor, T>,
 }
 
@@ -58,10 +58,10 @@ impl<T: Real, X: Space<T>, E: Equations<T, X::Block>> Workspace<'_, T, X, E> {
     }
 }
 
-/// What solves the equations of a linear system, once it is prepared.
+/// Prepared factors of the equations of a linear system.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CachedFactor<K, T> {
-    /// What [`Equations::keep`] prepares.
+    /// Factors made by [`Equations::keep`].
     pub solver: K,
     /// The length of the steps whose equations it is for; zero where it is for none.
     pub length: T,

@@ -40,7 +40,7 @@ pub struct BlockFft<T: Scalar> {
     unit: Arch,
 }
 
-/// What a run of unknown length needs to go on.
+/// State that a run of unknown length needs to go on.
 struct Growth<T: Scalar> {
     source: Box<dyn Weights<T> + Send>,
     /// For each entry of the matrices, row by row, all weights asked for so far.

@@ -83,7 +83,7 @@ struct Block<T, const S: usize> {
 struct Coordinate<T, const S: usize> {
     /// Memory terms of this chunk, as far as the samples are known.
     terms: [Row<T>; S],
-    /// What samples before this chunk add to the terms of the next one.
+    /// Contribution of the samples before this chunk to the terms of the next one.
     next: [Row<T>; S],
     /// Samples of this chunk.
     samples: [Row<T>; S],
@@ -152,7 +152,7 @@ impl<T: Scalar, const S: usize> ChunkedExponentialSum<T, S> {
         Self { acts_on, ..self }
     }
 
-    /// What its state begins with.
+    /// Header of the saved state: what a state must agree with to be restored.
     fn shape(&self) -> Shape<3> {
         let channels = (self.coordinates.len() * S) as u64;
         [("channels", channels), ("stages", S as u64), ("fingerprint of the kernel", self.fingerprint)]

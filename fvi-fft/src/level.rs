@@ -39,7 +39,7 @@ pub(crate) struct Level<T: Scalar> {
     unit: Arch,
 }
 
-/// What a level is made for.
+/// Size and shape of a level.
 pub(crate) struct LevelShape {
     /// Samples of a block, B.
     pub(crate) block: usize,

@@ -387,7 +387,7 @@ fn kernels_of_no_or_five_stages_and_channels_without_a_partner_are_refused() {
     assert_eq!(ChunkedExponentialSum::<f64, 2>::new(&two.table(), 3).err().unwrap().parameter, "channels");
 }
 
-/// What is known of a memory beforehand.
+/// Facts about a memory that are known beforehand.
 struct Promise<'a, T> {
     name: &'static str,
     build: &'a dyn Fn() -> Engine<T>,

@@ -82,7 +82,7 @@ struct Relaxations<T> {
     coefficients: Row<T>,
 }
 
-/// What the relaxations are worth in steps of one length.
+/// Values of the relaxations for steps of one length.
 #[derive(Clone, Debug)]
 struct Step<T, const R: usize> {
     length: T,
@@ -331,7 +331,7 @@ impl<T: Scalar, const R: usize> VectorVariableSteps<T, R> {
         }
     }
 
-    /// What its state begins with.
+    /// Header of the saved state: what a state must agree with to be restored.
     fn shape(&self) -> Shape<3> {
         [
             ("coordinates", self.last.len() as u64),

@@ -120,7 +120,7 @@ struct Plan<T> {
     slow: usize,
 }
 
-/// What is a kernel's own.
+/// Data that belong to one kernel.
 struct KernelPlan<T> {
     /// w₀ … w₇.
     near: [T; GROUP],
@@ -631,7 +631,7 @@ impl<T: Scalar, P: Scalar> WideExponentialSum<T, P> {
         (self.plan.places() + self.plan.losses.len()) * size_of::<P>() + self.plan.slow * size_of::<u32>()
     }
 
-    /// What the state of so many channels begins with.
+    /// Header of the saved state of so many channels.
     fn shape(&self, channels: usize) -> Shape<3> {
         let bytes = size_of::<P>() as u64;
         [

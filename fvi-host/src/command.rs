@@ -156,7 +156,7 @@ impl CommandError {
         }
     }
 
-    /// What is written to standard error.
+    /// Text for standard error.
     fn report(&self) -> String {
         let Self::Input(error) = self else { return visible(&format!("fvi: {self}\n")).into_owned() };
         let theme = if std::io::stderr().is_terminal() {

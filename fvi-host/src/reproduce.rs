@@ -52,7 +52,7 @@ pub struct Exhibit {
     pub name: &'static str,
     /// Where it is printed.
     pub origin: Origin,
-    /// What it shows.
+    /// Caption.
     pub title: &'static str,
     /// Computes it; the flag ends the computation early with [`ReproduceError::Stopped`].
     pub compute: Compute,

@@ -72,7 +72,7 @@ impl Memories for f64 {
     }
 }
 
-/// What a memory is wanted for.
+/// Request for a memory: kernel, quadrature, number of samples and channels, engine.
 #[derive(Clone, Debug)]
 pub struct MemoryRequest<'a> {
     /// How the fractional derivative is discretised.
@@ -611,7 +611,7 @@ impl MemoryRequest<'_> {
         HostMemory::new(memory, engine, self.acts_on())
     }
 
-    /// What tells a table of this kernel from others of its type.
+    /// Key that tells a table of this kernel from others of its type.
     fn key(&self, reach: u64, tolerance: f64) -> Vec<u64> {
         let (family, size) = match self.convolution.family {
             ConvolutionFamily::Bdf { order } => (0, order),

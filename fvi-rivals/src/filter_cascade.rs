@@ -92,7 +92,7 @@ impl FilterCascade {
         self.direct.len()
     }
 
-    /// What passes through the sections if the sample to come is zero.
+    /// Output of the sections if the next sample is zero.
     #[inline(always)]
     fn prepare(&mut self) {
         if self.is_prepared {

@@ -60,7 +60,7 @@ const MOST_COLUMNS: usize = 64;
 /// A scenario with all its values checked.
 #[derive(Clone, Debug, Serialize)]
 pub struct Scenario {
-    /// What it is, in words; heads the pictures.
+    /// Title of the pictures.
     pub title: Option<String>,
     /// The mechanical system.
     pub system: System,
@@ -74,21 +74,21 @@ pub struct Scenario {
     pub time: TimeGrid,
     /// The memory engine.
     pub history: History,
-    /// What is written.
+    /// Output options.
     pub output: OutputOptions,
     /// A force given by samples, held between them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub input: Option<SampledInput>,
-    /// What the solution is known to be.
+    /// Known solution to compare with.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reference: Option<Reference>,
     /// Load cases, integrated together; none: one motion under the loads of the system.
     #[serde(rename = "case", skip_serializing_if = "Vec::is_empty")]
     pub cases: Vec<Case>,
-    /// What is watched for on the way.
+    /// Events to detect.
     #[serde(rename = "event", skip_serializing_if = "Vec::is_empty")]
     pub events: Vec<Event>,
-    /// What measures and drives the system.
+    /// Controllers.
     #[serde(rename = "controller", skip_serializing_if = "Vec::is_empty")]
     pub controllers: Vec<Controller>,
     /// By what the motion is differentiated.
@@ -96,6 +96,15 @@ pub struct Scenario {
     pub sensitivity: Option<Sensitivity>,
     #[serde(skip)]
     document: Document,
+}
+
+impl std::str::FromStr for Scenario {
+    type Err = InputError;
+
+    /// Reads and checks a scenario in TOML; files that it names are relative to the working directory.
+    fn from_str(text: &str) -> Result<Self, InputError> {
+        Self::from_document(Document::new("scenario", Path::new(""), text))
+    }
 }
 
 impl Scenario {

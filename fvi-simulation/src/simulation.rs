@@ -65,7 +65,7 @@ pub struct Simulation {
     warning: Option<String>,
 }
 
-/// What the integrator of any scalar can do.
+/// A simulation, whatever its scalar type.
 trait Stepper {
     fn step(&mut self, input: &[f64]) -> Result<u32, StepError>;
     fn step_over(&mut self, length: f64, end: f64, input: &[f64]) -> Result<u32, StepError>;
@@ -299,7 +299,7 @@ impl Simulation {
         self.solver
     }
 
-    /// What to know about how they are solved: full matrices of many coordinates.
+    /// Warning about how they are solved: full matrices of many coordinates.
     pub fn warning(&self) -> Option<&str> {
         self.warning.as_deref()
     }
@@ -319,7 +319,7 @@ impl Simulation {
         self.stepper.missed()
     }
 
-    /// What it computes in.
+    /// Floating-point precision.
     pub fn precision(&self) -> Precision {
         self.precision
     }
@@ -578,7 +578,7 @@ fn refused(scenario: &Scenario, error: &IntegratorError) -> InputError {
     scenario.error_at(path, Problem::Precision { reason: error.to_string() })
 }
 
-/// What the memory of a damping term is wanted for.
+/// Request for the memory of a damping term.
 fn memory_request<'a>(
     scenario: &'a Scenario,
     (channels, nodes): (usize, usize),
@@ -709,7 +709,7 @@ struct DampingTerms<T: Elementary + Memories> {
 /// The fractional force Σ_m ρ_m (D^{β_m} q)_k at the main nodes: the momentum p_k of such a scheme is the one
 /// after its kick.
 struct Kick<T> {
-    /// What is known of the next one.
+    /// Known part of the next one.
     next: Vec<T>,
     /// The last one; zero at t = 0, where there is none.
     last: Vec<T>,

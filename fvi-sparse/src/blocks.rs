@@ -17,7 +17,7 @@ pub(crate) struct Blocks {
     pub(crate) row_starts: Vec<usize>,
     pub(crate) rows: Vec<u32>,
     pub(crate) number_starts: Vec<usize>,
-    /// What of the elimination tree is eliminated apart from the rest.
+    /// Part of the elimination tree that is eliminated apart from the rest.
     pub(crate) subtrees: Subtrees,
 }
 

@@ -199,7 +199,7 @@ fn weights(graph: &Graph, sides: &[Side]) -> [u64; 3] {
     weights
 }
 
-/// What a part of a graph of this weight may weigh.
+/// Largest weight of a part of a graph of this weight.
 fn largest(total: u64) -> u64 {
     (LARGEST * total as f64) as u64
 }
@@ -261,7 +261,7 @@ impl<'a> Search<'a> {
         score(self.weights)
     }
 
-    /// What the separator loses when a vertex of it moves to a side.
+    /// Decrease of the separator when a vertex of it moves to a side.
     fn gain(&self, vertex: u32, side: Side) -> i64 {
         i64::from(self.graph.weights()[vertex as usize])
             - self.near[vertex as usize][1 - side as usize] as i64

@@ -28,7 +28,7 @@ pub(crate) struct Run {
     pub(crate) channels: Arc<Vec<usize>>,
 }
 
-/// What is asked of the thread.
+/// Request to the thread.
 enum Job {
     Make(Task),
     /// A run whose terms are looked at.
@@ -37,7 +37,7 @@ enum Job {
     Times(Run, Vec<u32>),
 }
 
-/// What it answers.
+/// Its answer.
 enum Answer {
     Made { setup_ns: f64, own_weights: Option<Arc<Vec<f64>>>, flops: Flops },
     Declined(Declined),
@@ -46,7 +46,7 @@ enum Answer {
     Failed(String),
 }
 
-/// What has been made.
+/// The strategy made.
 pub(crate) struct Making {
     pub(crate) setup_ns: f64,
     pub(crate) own_weights: Option<Arc<Vec<f64>>>,
@@ -124,7 +124,7 @@ impl Drop for Contestant {
     }
 }
 
-/// What a panic says.
+/// Message of a panic.
 fn words(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
     let text = text.or_else(|| panic.downcast_ref::<String>().cloned());

@@ -52,7 +52,7 @@ pub(crate) fn least(race: &RaceRecord, of: impl Fn(&Row) -> f64) -> Option<&Row>
     eligible(race).into_iter().min_by(|a, b| of(a).total_cmp(&of(b)))
 }
 
-/// What a race has in common with those at other lengths.
+/// Key that a race shares with those at other lengths.
 pub(crate) type Family<'a> = (&'a str, usize, Precision, f64);
 
 pub(crate) fn family(race: &RaceRecord) -> Family<'_> {

@@ -25,7 +25,7 @@ pub struct Lab {
     strategies: Vec<Strategy>,
 }
 
-/// What came out of a race.
+/// Result of a race.
 #[derive(Clone, Debug)]
 pub struct Summary {
     /// Everything that was measured.
@@ -58,7 +58,7 @@ pub enum LabError {
         kernel: String,
         /// Number of steps.
         length: usize,
-        /// What is wrong.
+        /// The problem.
         error: ParameterError,
     },
     /// Two strategies have one name.
@@ -69,7 +69,7 @@ pub enum LabError {
     Resume {
         /// The record.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The problem with it.
         reason: String,
     },
 }

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// What times depend on besides the program.
+/// Machine and compiler, on which times depend.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Machine {
     /// The processor, as the system names it.

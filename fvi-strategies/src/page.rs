@@ -205,7 +205,7 @@ fn growth(page: &mut String, races: &[&RaceRecord], names: &[String]) {
     );
 }
 
-/// What is seen from one point of view.
+/// One view of the results.
 struct View {
     title: &'static str,
     x: &'static str,

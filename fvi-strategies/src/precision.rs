@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// What samples are.
+/// Type of the samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Precision {

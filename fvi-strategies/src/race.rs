@@ -22,7 +22,7 @@ pub struct FoundOut {
     pub strategy: String,
     /// The race, in a few words.
     pub race: String,
-    /// What is wrong.
+    /// The problem.
     pub reason: String,
 }
 
@@ -323,7 +323,7 @@ impl Sums {
     }
 }
 
-/// What reading the clock adds to the time of a step, in nanoseconds.
+/// Time that reading the clock adds to a step, in nanoseconds.
 fn clock_nanoseconds() -> f64 {
     const READINGS: u32 = 1000;
     let reading = || {

@@ -25,13 +25,13 @@ pub struct RaceRecord {
     pub length: usize,
     /// Number of channels.
     pub channels: usize,
-    /// What samples are.
+    /// Type of the samples.
     pub precision: Precision,
     /// The error that was asked for, relative to Σ|w||x|.
     pub tolerance: f64,
     /// Interleaved rounds that were made.
     pub rounds: usize,
-    /// What was measured.
+    /// Measurements.
     pub rows: Vec<Row>,
     /// Who is not among them.
     pub absent: Vec<Absence>,
@@ -58,7 +58,7 @@ pub struct Row {
     pub stands: bool,
     /// Median over the steps of the shortest time of each.
     pub p50_ns: f64,
-    /// What one step in a thousand exceeds.
+    /// 99.9 % quantile of a step.
     pub p999_ns: f64,
     /// The longest.
     pub worst_ns: f64,

@@ -9,7 +9,7 @@ use fvi_rivals::Operations;
 use crate::kernel::Kernel;
 use crate::precision::Precision;
 
-/// What a strategy is asked to serve.
+/// Request to a strategy.
 #[derive(Clone, Debug)]
 pub struct Task {
     pub(crate) kernel: Arc<Kernel>,
@@ -19,7 +19,7 @@ pub struct Task {
     pub length: usize,
     /// Number of channels, on each of which the weights act alike.
     pub channels: usize,
-    /// What the samples are.
+    /// Type of the samples.
     pub precision: Precision,
     /// Largest error that is wanted, relative to Σ|w||x|.
     pub tolerance: f64,
@@ -113,7 +113,7 @@ impl Declined {
     }
 }
 
-/// What goes wrong when a strategy is made is told with the name of the strategy.
+/// Errors in making a strategy are reported with its name.
 impl<E: Error> From<E> for Declined {
     fn from(error: E) -> Self {
         Self::Failed(error.to_string())

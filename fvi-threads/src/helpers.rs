@@ -27,7 +27,7 @@ impl Group {
     }
 }
 
-/// What threads that stay awake look at.
+/// Flag that threads look at while they stay awake.
 #[derive(Default)]
 struct Watch {
     /// How often they were called.

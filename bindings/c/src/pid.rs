@@ -85,7 +85,7 @@ pub struct FviPidSettings {
     pub bumpless: u32,
 }
 
-/// What a tick may be told.
+/// Inputs of a tick.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct FviPidInputs {
@@ -95,11 +95,11 @@ pub struct FviPidInputs {
     pub measured: f32,
     /// The rate of y, for FVI_PID_OF_RATE.
     pub rate: f32,
-    /// What is added to the output inside its limits.
+    /// Added to the output, inside its limits.
     pub feed_forward: f32,
     /// FVI_PID_FOLLOWED, FVI_PID_APPLIED or FVI_PID_LIMITED.
     pub actuator: u32,
-    /// What the actuator did with the output of the tick before.
+    /// Output of the tick before as the actuator applied it.
     pub applied: f32,
 }
 

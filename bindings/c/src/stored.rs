@@ -5,7 +5,7 @@ use core::mem::MaybeUninit;
 use crate::pointer::check;
 use crate::status::FviStatus;
 
-/// What may lie in storage of the caller.
+/// Values that may lie in storage of the caller.
 pub(crate) trait Storable: Sized {
     /// Tells the types apart, and all of them from storage that was never set up.
     const TAG: u64;

@@ -34,7 +34,7 @@ impl Source {
         }
     }
 
-    /// What is wrong with the document.
+    /// The problem with the document.
     pub(crate) fn failure(&self, error: &InputError) -> Failure {
         Failure::of_document(error, self.is_file())
     }

@@ -7,7 +7,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 pyo3::import_exception!(fvi._errors, InputError);
 
-/// What a call of the library may end with.
+/// Errors that a call of the library may end with.
 pub(crate) type Outcome<T> = Result<T, Failure>;
 
 /// Why a call ends without a result.

@@ -158,7 +158,7 @@ pub(crate) fn engine(name: &str) -> Result<Engine, Failure> {
     })
 }
 
-/// What runs of one model have in common: matrices with their analyses and factors, tables of memories.
+/// Shared between runs of one model: matrices with their analyses and factors, tables of memories.
 #[pyclass(frozen, module = "fvi._fvi")]
 pub(crate) struct Prepared {
     matrices: KnownMatrices,

@@ -32,7 +32,7 @@ pub(crate) struct Sweep {
     tables: Tables,
 }
 
-/// What went wrong, told without places where there is no file to look for them.
+/// Error text, without places where there is no file to look for them.
 fn unusable(error: &InputError, sources: &[&Source]) -> Failure {
     let in_file = sources.iter().any(|source| match source {
         Source::File(path) => path.display().to_string() == error.file(),
@@ -96,7 +96,7 @@ impl Sweep {
         })
     }
 
-    /// What another process needs to make runs.
+    /// Data from which another process can make runs.
     fn parts(&self, py: Python<'_>) -> PyResult<PartsInPython> {
         let Parts { sweep, scenario, directory, files } =
             py.detach(|| guarded(|| Ok(self.sweep.parts()?)))?;
@@ -290,7 +290,7 @@ impl Ledger {
     }
 }
 
-/// What the last bits of runs depend on besides their numbers.
+/// Facts of the machine on which the last bits of runs depend.
 #[pyfunction]
 pub(crate) fn vector_units() -> &'static str {
     fvi_host::memory::vector_units()

@@ -23,7 +23,7 @@ pub struct ControllerArguments {
     /// Numbers of the constants; those of C are single
     #[arg(long, value_enum, default_value = "f32")]
     precision: ListingPrecision,
-    /// What the names of the constants begin with
+    /// Prefix of the names of the constants
     #[arg(long, value_parser = identifier, default_value = "controller")]
     name: String,
     /// Write to this file instead of standard output

@@ -44,7 +44,7 @@ impl KernelChoice {
         })
     }
 
-    /// What it is, for the head of a listing.
+    /// Description for the head of a listing.
     pub(super) fn origin(&self, transfer: &TransferFunction) -> String {
         match transfer.exponent() {
             Some(exponent) => format!("exponent {exponent}"),

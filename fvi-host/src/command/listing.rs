@@ -161,7 +161,7 @@ pub(super) fn exponentials_listing(
     }
 }
 
-/// What the names of C begin with: those of objects, and those of macros.
+/// Prefixes of names in C: of objects, and of macros.
 fn names_of_c(name: Option<&str>) -> (String, String) {
     let name = name.unwrap_or("fvi");
     (name.to_ascii_lowercase(), name.to_ascii_uppercase())

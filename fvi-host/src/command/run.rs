@@ -22,7 +22,7 @@ pub struct RunArguments {
     /// The memory engine, in place of the scenario's
     #[arg(long, value_enum)]
     engine: Option<Choice<Engine>>,
-    /// What to compute in
+    /// Floating-point precision
     #[arg(long, value_enum, default_value_t)]
     precision: Choice<Precision>,
     /// The format of the trajectory: a table of text, or NumPy arrays (default: csv)

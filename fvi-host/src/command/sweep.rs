@@ -27,7 +27,7 @@ pub struct SweepArguments {
     /// Join the shards in the directory to the table, and make no runs
     #[arg(long, conflicts_with_all = ["shard", "jobs"])]
     gather: bool,
-    /// What to compute in
+    /// Floating-point precision
     #[arg(long, value_enum, default_value_t)]
     precision: Choice<Precision>,
     /// Neither progress nor result on the terminal

@@ -17,7 +17,7 @@ pub(super) const PAGE: &str = "accuracy.md";
 pub(super) const EXHIBITS: [Exhibit; 1] =
     [Exhibit::beyond("accuracy", "errors against exact solutions, and what to take", compute).on_page(PAGE)];
 
-/// What the page begins with.
+/// Head of the page.
 pub(super) const HEAD: &str = "# Accuracy\n\n\
     `fvi reproduce accuracy --out book/src/assurance` writes this page, its pictures and the CSV files behind them: errors against exact solutions \
     of q̈ + ½ D^β q + q = 0 at t = 1, 2, 3, 4, 6, 8 (21 digits, `tests/reference/oscillator.py`). *nodes* is damping at the quadrature \

@@ -3,7 +3,7 @@
 use super::table::Table;
 use crate::results::picture::Chart;
 
-/// What an exhibit found: pictures, tables, and what the paper says beside what was measured.
+/// Results of an exhibit: pictures, tables, and printed values beside measured ones.
 #[derive(Clone, Debug, Default)]
 pub struct Findings {
     /// Pictures, in the order of the page.
@@ -12,16 +12,16 @@ pub struct Findings {
     pub tables: Vec<Table>,
     /// Printed and measured values.
     pub comparisons: Vec<Comparison>,
-    /// What else a reader should know, a paragraph each.
+    /// Remarks, a paragraph each.
     pub remarks: Vec<String>,
 }
 
 /// A picture with its place among an exhibit's.
 #[derive(Clone, Debug)]
 pub struct Picture {
-    /// What tells its file from the exhibit's other files; empty for the only one.
+    /// Suffix of its file's name; empty for the only file of an exhibit.
     pub name: &'static str,
-    /// What it shows, for readers who do not see it.
+    /// Description for readers who do not see the picture.
     pub caption: String,
     /// The picture.
     pub chart: Chart,
@@ -30,7 +30,7 @@ pub struct Picture {
 /// A printed value and the measured one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Comparison {
-    /// What is compared.
+    /// Name of the compared quantity.
     pub quantity: String,
     /// As printed.
     pub paper: String,

@@ -38,7 +38,7 @@ fn file_name(exhibit: &Exhibit, part: &str, ending: &str) -> String {
     if part.is_empty() { format!("{name}.{ending}") } else { format!("{name}-{part}.{ending}") }
 }
 
-/// What the page begins with.
+/// Head of the page.
 const HEAD: &str = "# Figures and tables of the papers, computed again\n\n\
     `fvi reproduce all` writes this page, its pictures and the CSV files behind them; `fvi reproduce NAME` \
     makes one exhibit. Keys are those of `REFERENCES.md`. Errors are the largest over the grid points of a \

@@ -86,7 +86,7 @@ impl Problem {
     }
 }
 
-/// What a method did on one problem.
+/// Results of a method on one problem.
 pub(super) struct Outcome {
     pub(super) problem: Problem,
     pub(super) damping_order: f64,

@@ -3,9 +3,9 @@
 /// A table with named columns.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
-    /// What tells its file from the exhibit's other files; empty for the only one.
+    /// Suffix of its file's name; empty for the only file of an exhibit.
     pub name: &'static str,
-    /// What it holds; heads it on the page.
+    /// Heading on the page.
     pub caption: String,
     /// Its columns.
     pub columns: Vec<Column>,
@@ -79,7 +79,7 @@ impl Column {
         self
     }
 
-    /// What the page shows of a cell.
+    /// Text of a cell on the page.
     fn show(&self, cell: &Cell) -> String {
         match cell {
             Cell::Empty => "–".to_owned(),

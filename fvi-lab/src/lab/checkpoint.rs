@@ -51,9 +51,9 @@ pub enum CheckpointError {
         "{newest}; {previous}: no checkpoint is left to go on from; without `--resume` the run begins anew"
     )]
     Damaged {
-        /// What is wrong with the newest.
+        /// Problem with the newest.
         newest: String,
-        /// What is wrong with the one before.
+        /// Problem with the one before.
         previous: String,
     },
     /// The checkpoint is of another run.
@@ -61,7 +61,7 @@ pub enum CheckpointError {
     OtherRun {
         /// The checkpoint.
         file: String,
-        /// What differs.
+        /// Name of the value that differs.
         differences: Vec<String>,
     },
     /// The checkpoint is of another machine or version, whose bits differ.
@@ -72,7 +72,7 @@ pub enum CheckpointError {
     OtherMachine {
         /// The checkpoint.
         file: String,
-        /// What differs.
+        /// Name of the value that differs.
         differences: Vec<String>,
     },
     /// The run has got further than it is to go now.
@@ -92,7 +92,7 @@ pub enum CheckpointError {
     State {
         /// The checkpoint.
         file: String,
-        /// What the memory or integrator says.
+        /// Error of the memory or the integrator.
         source: StateError,
     },
 }
@@ -116,7 +116,7 @@ pub(crate) struct Progress {
     /// Of position, momentum and energy, and how many values of the reference are undefined.
     pub(crate) errors: ([ErrorMeasure; 3], usize),
     pub(crate) guard: Gathered,
-    /// What has been seen of events.
+    /// State of the event watch.
     pub(crate) events: Seen,
     /// Of steps that are chosen on the way.
     pub(crate) chosen: Option<Chosen>,
@@ -138,7 +138,7 @@ pub(crate) struct Checkpoint {
     pub(crate) state: Vec<u8>,
     /// Of each load case; one without.
     pub(crate) traces: Vec<RunTraces>,
-    /// What is to be said about where it comes from.
+    /// Note about where it comes from.
     pub(crate) notes: Vec<String>,
     pub(crate) generations: Generations,
     file: String,

@@ -17,7 +17,7 @@ use std::hint::black_box;
 use std::path::Path;
 use std::time::Instant;
 
-/// What the engines are compared on.
+/// Problem on which the engines are compared.
 #[derive(Clone, Debug)]
 pub struct Comparison {
     /// Numbers of steps.
@@ -28,7 +28,7 @@ pub struct Comparison {
     pub repetitions: Option<usize>,
 }
 
-/// What a candidate is asked to serve: one coordinate in `f64`.
+/// Request to a candidate: one coordinate in `f64`.
 #[derive(Clone, Copy, Debug)]
 pub struct Task<'a> {
     /// Order of the backward differentiation formula.
@@ -82,7 +82,7 @@ pub enum ComparisonError {
     NoRoom {
         /// Its number of steps.
         length: usize,
-        /// What would be needed.
+        /// Bytes that would be needed.
         no_room: NoRoom,
     },
     /// An engine cannot be made.
@@ -90,7 +90,7 @@ pub enum ComparisonError {
     Making {
         /// Name of the engine.
         engine: String,
-        /// What it said.
+        /// Its message.
         error: Box<dyn Error + Send + Sync>,
     },
     /// An engine took fewer samples than it was made for.
@@ -100,7 +100,7 @@ pub enum ComparisonError {
         engine: String,
         /// The step.
         step: usize,
-        /// What it said.
+        /// Its message.
         error: MemoryError,
     },
 }
@@ -127,7 +127,7 @@ impl<'a> Contender<'a> {
     /// The engine for a task.
     ///
     /// # Errors
-    /// What the engine's constructor says.
+    /// Error of the engine's constructor.
     pub fn make(&self, task: Task<'_>) -> Candidate {
         (self.make)(task)
     }
@@ -332,7 +332,7 @@ fn run_timed(
     Ok(())
 }
 
-/// What reading the clock adds to the time of a step, in nanoseconds.
+/// Time that reading the clock adds to a step, in nanoseconds.
 fn clock_nanoseconds() -> f64 {
     const READINGS: u32 = 1000;
     let reading = || {

@@ -26,7 +26,7 @@ pub struct Grids {
     pub from: f64,
 }
 
-/// What errors are measured of.
+/// Quantity whose errors are measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Quantity {
@@ -60,7 +60,7 @@ impl Quantity {
     }
 }
 
-/// What the errors of a quantity are measured against.
+/// Reference for the errors of a quantity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Against {
@@ -91,7 +91,7 @@ pub struct Level {
 /// Errors over a sequence of step sizes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Convergence {
-    /// What each quantity is measured against, in the order of [`Quantity::ALL`].
+    /// Reference of each quantity, in the order of [`Quantity::ALL`].
     pub against: [Against; 3],
     /// The runs, coarsest first.
     pub levels: Vec<Level>,
@@ -137,7 +137,7 @@ const FINER: u32 = 2;
 pub enum Outcome {
     /// With its last step.
     Done {
-        /// What the steps took on the clock, without what was done with their states.
+        /// Wall-clock seconds of the steps alone.
         seconds: f64,
     },
     /// Before, because of a step that failed.
@@ -353,7 +353,7 @@ impl Convergence {
         slope(&self.points(quantity))
     }
 
-    /// What is to be said when values of the reference could not be compared with.
+    /// Warning about values of the reference that could not be compared with.
     pub fn warning(&self) -> Option<String> {
         self.levels.iter().rev().find_map(|level| level.errors.warning())
     }

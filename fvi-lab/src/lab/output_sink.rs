@@ -255,7 +255,7 @@ impl OutputSink {
         self.snapshots.iter_mut().for_each(Snapshots::keep);
     }
 
-    /// What the pictures are drawn from.
+    /// Data of the pictures.
     pub(crate) fn traces(&self) -> &RunTraces {
         &self.traces
     }

@@ -18,7 +18,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// A number of a response.
 pub type Complex<T = f64> = nalgebra::Complex<T>;
 
-/// What is asked for.
+/// Request.
 #[derive(Clone, Debug)]
 pub struct ResponseOptions {
     /// First and last angular frequency; without them those that the run can see, 2π over its time to π over
@@ -47,7 +47,7 @@ impl Default for ResponseOptions {
     }
 }
 
-/// What a damped structure answers.
+/// Response of a damped structure.
 #[derive(Clone, Debug)]
 pub struct Response {
     /// ω, ascending.
@@ -60,11 +60,11 @@ pub struct Response {
     pub poles: Result<Vec<SystemPole>, String>,
     /// One for each damping term.
     pub kernels: Vec<KernelCurves>,
-    /// What makes the result other than it may seem.
+    /// Warnings.
     pub warnings: Vec<String>,
 }
 
-/// What a kernel does to vibrations and to unit steps.
+/// Moduli, creep and relaxation of a kernel.
 #[derive(Clone, Debug)]
 pub struct KernelCurves {
     /// Its name.
@@ -226,7 +226,7 @@ struct Summary<'a> {
     frequencies: usize,
     #[serde(skip_serializing_if = "Option::is_none")]
     poles: Option<usize>,
-    /// What there is no file of, and why.
+    /// Results that were left out, with the reasons.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     left_out: Vec<String>,
     warnings: &'a [String],
@@ -235,7 +235,7 @@ struct Summary<'a> {
 }
 
 impl Response {
-    /// What there is no file of, and why.
+    /// Results that were left out, with the reasons.
     pub fn left_out(&self) -> Vec<String> {
         let reasons = [
             ("response_discrete.csv", self.discrete.as_ref().err()),

@@ -27,7 +27,7 @@ use std::time::Instant;
 pub struct RunOptions {
     /// Where its files go; made if it is not there, and closed to other runs meanwhile.
     pub directory: PathBuf,
-    /// What it computes in.
+    /// Floating-point precision.
     pub precision: Precision,
     /// The format of the trajectory; absent: CSV, or that of the checkpoint.
     pub format: Option<Format>,
@@ -89,7 +89,7 @@ pub struct RunSummary {
     pub version: &'static str,
     /// Operating system and processor.
     pub platform: String,
-    /// What it computed in.
+    /// Floating-point precision.
     pub precision: Precision,
     /// How the equations of a step were solved.
     pub solver: Solver,
@@ -136,7 +136,7 @@ pub struct RunSummary {
     /// The last and the largest energy of each.
     #[serde(skip)]
     energies: Vec<(f64, f64)>,
-    /// What makes the result other than it may seem.
+    /// Warnings.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
     /// Errors against the reference.
@@ -149,7 +149,7 @@ pub struct RunSummary {
     pub files: Vec<&'static str>,
     /// The inputs as used, defaults filled in.
     pub scenario: Scenario,
-    /// What is to be said about how it began.
+    /// Note about how it began.
     #[serde(skip)]
     pub notes: Vec<String>,
 }
@@ -163,7 +163,7 @@ pub struct StepLengths {
     pub largest: f64,
 }
 
-/// What was made of attempts at steps that are chosen on the way, each at a pair of steps.
+/// Counts of accepted and rejected attempts at adaptive steps, each a pair of steps.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Attempts {
     /// All of them.

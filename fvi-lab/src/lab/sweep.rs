@@ -46,7 +46,7 @@ const FLUSH: Duration = Duration::from_secs(5);
 pub struct SweepOptions {
     /// Where its files go.
     pub directory: PathBuf,
-    /// What it computes in.
+    /// Floating-point precision.
     pub precision: Precision,
     /// Threads; absent: one for each core.
     pub jobs: Option<NonZero<usize>>,
@@ -62,7 +62,7 @@ impl SweepOptions {
     }
 }
 
-/// What became of a sweep.
+/// Outcome of a sweep.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct SweepSummary {
     /// Runs of the sweep.
@@ -107,7 +107,7 @@ pub enum SweepError {
     Incomplete {
         /// The directory.
         directory: PathBuf,
-        /// What is missing or twice there.
+        /// Shards that are missing or present twice.
         reasons: Vec<String>,
     },
 }

@@ -16,7 +16,7 @@ use std::thread::JoinHandle;
 pub struct FileError {
     /// The file or directory.
     pub path: PathBuf,
-    /// What the system, the plotting library or the serialiser says.
+    /// Message of the system, the plotting library or the serialiser.
     pub source: io::Error,
 }
 

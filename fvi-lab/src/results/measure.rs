@@ -87,7 +87,7 @@ impl ReferenceErrors {
         Self { position, momentum, energy, undefined }
     }
 
-    /// What is to be said when values of the reference could not be compared with.
+    /// Warning about values of the reference that could not be compared with.
     pub fn warning(&self) -> Option<String> {
         (self.undefined > 0).then(|| {
             format!("reference: {} of its values are not finite numbers and are not compared", self.undefined)

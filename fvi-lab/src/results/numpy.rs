@@ -9,7 +9,7 @@ use std::io::{self, BufWriter, Write};
 /// come.
 pub(crate) const HEAD: u64 = 128;
 
-/// What the numbers of an array are.
+/// Type of the numbers of an array.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     /// f64.

@@ -4,7 +4,7 @@
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("about {} MB of memory are needed, more than there is, or more than may be taken", .bytes.div_ceil(1 << 20))]
 pub struct NoRoom {
-    /// What would be needed.
+    /// Bytes that would be needed.
     pub bytes: usize,
 }
 

@@ -24,7 +24,7 @@ pub struct Document {
     kept: Option<Arc<Mutex<KeptFiles>>>,
 }
 
-/// What was in files, by their paths.
+/// Contents of files by their paths.
 type KeptFiles = HashMap<PathBuf, Arc<[u8]>>;
 
 impl Document {

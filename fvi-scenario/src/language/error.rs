@@ -94,7 +94,7 @@ impl InputError {
         self.0.place.as_ref().map(|place| place.line)
     }
 
-    /// What is wrong.
+    /// The problem.
     pub fn problem(&self) -> &Problem {
         &self.0.problem
     }
@@ -134,7 +134,7 @@ impl Diagnostic for InputError {
     }
 }
 
-/// What a layer above found wrong, whole. Two are equal if they say the same.
+/// Error of a layer above. Two are equal if their texts are.
 #[derive(Clone, Debug)]
 pub struct Cause(Arc<dyn Error + Send + Sync>);
 
@@ -163,20 +163,20 @@ impl PartialEq for Cause {
     }
 }
 
-/// What is wrong with a key or its value.
+/// Problem with a key or its value.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Problem {
     /// The file cannot be read.
     #[error("cannot be read: {reason}")]
     Unreadable {
-        /// What the system says.
+        /// Message of the operating system.
         reason: String,
     },
     /// The file is not TOML.
     #[error("not valid TOML: {reason}")]
     Syntax {
-        /// What the parser says.
+        /// Message of the parser.
         reason: String,
     },
     /// A key that does not exist.
@@ -202,15 +202,15 @@ pub enum Problem {
     /// A value of another type.
     #[error("{found} instead of {expected}")]
     WrongType {
-        /// What it should be.
+        /// Expected type or shape.
         expected: &'static str,
-        /// What it is.
+        /// Found type or shape.
         found: &'static str,
     },
     /// A value outside what is allowed.
     #[error("not allowed")]
     OutOfRange {
-        /// What is allowed.
+        /// Allowed values.
         allowed: String,
     },
     /// A list or matrix of another size.
@@ -254,7 +254,7 @@ pub enum Problem {
     /// A value that is not finite where the run begins.
     #[error("{what} is not finite at {place}")]
     NotFinite {
-        /// What is not finite.
+        /// Name of the quantity that is not finite.
         what: &'static str,
         /// Where.
         place: String,
@@ -264,13 +264,13 @@ pub enum Problem {
     Unstable {
         /// The largest stable step; `None` if there is none worth naming.
         largest_step: Option<f64>,
-        /// What to change.
+        /// Advice.
         advice: String,
     },
     /// A value that the core refuses in the precision of the run.
     #[error("cannot be used in this precision: {reason}")]
     Precision {
-        /// What the core says.
+        /// Error of the core.
         reason: String,
     },
     /// The memory engine cannot serve the scheme.
@@ -281,7 +281,7 @@ pub enum Problem {
     Incompatible {
         /// The other setting.
         with: String,
-        /// What does go.
+        /// Values that can be combined.
         allowed: String,
     },
     /// Another file cannot take what is said here.
@@ -289,7 +289,7 @@ pub enum Problem {
     Refused {
         /// The other file.
         file: String,
-        /// What is wrong, and what is allowed.
+        /// The problem, and what is allowed.
         reason: String,
     },
     /// A value that cannot be used for a reason that takes a sentence.
@@ -303,7 +303,7 @@ pub enum Problem {
     File {
         /// The file.
         file: String,
-        /// What is wrong, with the place in the file.
+        /// The problem, with its place in the file.
         reason: String,
     },
     /// A line of a table file that cannot be used.
@@ -313,7 +313,7 @@ pub enum Problem {
         file: String,
         /// Its line, from 1.
         line: u64,
-        /// What is wrong there.
+        /// The problem there.
         reason: String,
     },
 }
@@ -326,7 +326,7 @@ fn largest_stable(step: Option<f64>) -> String {
 }
 
 impl Problem {
-    /// What is allowed instead, where that can be said.
+    /// Allowed instead, where that can be said.
     pub fn allowed(&self) -> Option<String> {
         match self {
             Self::UnknownKey { suggestion: Some(near), allowed } => {

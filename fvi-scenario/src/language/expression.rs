@@ -233,7 +233,7 @@ impl Expression {
         self.root.varies()
     }
 
-    /// What it says, as a tree.
+    /// The expression as a tree.
     pub fn root(&self) -> &Node {
         &self.root
     }

@@ -22,7 +22,7 @@ const MOST: usize = 1 << 31;
 /// Reads a matrix from the bytes of a file; the ending of its name says what they are.
 ///
 /// # Errors
-/// What is wrong, in words, with the line or the member of the archive.
+/// The problem in words, with the line or the member of the archive.
 pub(crate) fn read(name: &str, bytes: &[u8]) -> Result<FileMatrix, String> {
     let matrix = match ending(name).as_str() {
         "mtx" => matrix_market(bytes)?,

@@ -36,7 +36,7 @@ const LONGEST_HEADER: usize = 1 << 16;
 /// Reads the bytes of a `.npy` file.
 ///
 /// # Errors
-/// What is wrong with them, in words.
+/// The problem in words.
 pub fn read(bytes: &[u8]) -> Result<Array, String> {
     let truncated = || "the file ends within its header".to_owned();
     let rest = bytes.strip_prefix(MAGIC).ok_or("not a file of numpy.save")?;

@@ -257,7 +257,7 @@ fn quotient(a: DoubleDouble, b: DoubleDouble) -> DoubleDouble {
     DoubleDouble::exact(first).add(DoubleDouble::exact(second)).add(DoubleDouble::exact(last))
 }
 
-/// What the nearest number to ln 2 leaves out.
+/// ln 2 minus the nearest number to it.
 const LOW_OF_LN_2: f64 = 2.319_046_813_846_299_6e-17;
 
 /// Halvings of the argument of an exponential, and terms of its series.

@@ -9,7 +9,7 @@ const LINE: usize = 64;
 /// read back.
 #[derive(Debug)]
 pub struct Aligned<T> {
-    /// What lies before the line, then the numbers.
+    /// Padding up to the cache line, then the numbers.
     room: Vec<T>,
     first: usize,
 }

@@ -100,7 +100,7 @@ pub const SMALLEST_TOLERANCE: f64 = 4e-15;
 /// Below this tolerance, rounding takes a good part of it.
 const ROUNDING_COUNTS: f64 = 1e-14;
 
-/// What rounding in double precision adds to the measured error of a weight.
+/// Share of rounding in double precision in the measured error of a weight.
 const ROUNDING: f64 = 8.0 * f64::EPSILON;
 
 /// Errors of a tail count for nothing that are this much smaller than those allowed of the first weight.

@@ -39,7 +39,7 @@ pub const TRUSTED_CONDITION: f64 = 1e8;
 #[derive(Clone, Debug)]
 pub struct StartingCorrection<T, M> {
     memory: M,
-    /// What its kernel with step size 1 misses of D^β t^ν.
+    /// Error of its kernel with step size 1 on D^β t^ν.
     defects: PowerDefects,
     /// h^{−β}.
     scale: f64,
@@ -93,7 +93,7 @@ impl<T: Real, M: Memory<T>> StartingCorrection<T, M> {
         Ok(this)
     }
 
-    /// What its state begins with.
+    /// Header of the saved state: what a state must agree with to be restored.
     fn shape(&self) -> Shape<2> {
         let exponents = fingerprint(&self.exponents);
         [("channels", self.memory.channels() as u64), ("fingerprint of the starting exponents", exponents)]

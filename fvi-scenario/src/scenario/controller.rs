@@ -34,7 +34,7 @@ pub struct Controller {
     pub delay: f64,
     /// Quanta of the measured value and of the output.
     pub quantise: Quantise,
-    /// What is added to the measured value.
+    /// Noise added to the measured value.
     pub noise: Noise,
 }
 

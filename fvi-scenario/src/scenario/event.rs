@@ -14,7 +14,7 @@ pub struct Event {
     pub when: Expression,
     /// The direction in which it passes.
     pub direction: Direction,
-    /// What happens then.
+    /// Action.
     pub action: Action,
 }
 
@@ -31,7 +31,7 @@ pub enum Direction {
     Both,
 }
 
-/// What an event does.
+/// Action of an event.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Action {

@@ -175,7 +175,7 @@ impl Grid {
         &self.must_hit
     }
 
-    /// What steps keep to that are chosen on the way, if they are.
+    /// Rule for steps that are chosen on the way, if they are.
     pub fn adaptive(&self) -> Option<&Adaptive> {
         match &self.rule {
             GridRule::Adaptive(adaptive) => Some(adaptive),

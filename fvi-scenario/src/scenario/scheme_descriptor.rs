@@ -1,5 +1,4 @@
-//! What the program asks of a scheme, in one description: the only place, beside its keys and its tables, that
-//! knows the schemes by name.
+//! Scheme descriptor: the only place, beside the schemes' keys and tables, that knows schemes by name.
 
 use super::scheme::{ConvolutionFamily, Scheme};
 
@@ -20,7 +19,8 @@ pub struct SchemeDescriptor {
     pub is_variational: bool,
     /// Whether a motion that nothing damps loses energy of itself.
     pub is_dissipative: bool,
-    /// Whether it takes the impulse of a force of time by exact moments, rather than its values at grid points.
+    /// Whether it takes the impulse of a force of time by exact moments, rather than its values at grid
+    /// points.
     pub takes_moments: bool,
     /// Whether an input that changes inside a step acts from then on, rather than from the next grid point.
     pub takes_inputs_inside: bool,

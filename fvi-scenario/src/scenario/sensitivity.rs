@@ -26,7 +26,7 @@ pub struct Sensitivity {
 pub struct Parameter {
     /// Where it is, such as `system.damping[0].order`.
     pub path: String,
-    /// What it is.
+    /// Kind of the parameter.
     pub what: Quantity,
 }
 
@@ -36,7 +36,7 @@ impl Serialize for Parameter {
     }
 }
 
-/// What a parameter is.
+/// Kind of a parameter.
 #[derive(Clone, Debug)]
 pub enum Quantity {
     /// An entry of q₀.

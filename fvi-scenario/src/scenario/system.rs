@@ -55,7 +55,7 @@ pub struct Damping {
     pub transfer: TransferFunction,
     /// ρ, symmetric positive semidefinite.
     pub coefficient: SymmetricMatrix,
-    /// What the derivative acts on.
+    /// Signal that the derivative acts on.
     pub derivative: Derivative,
     /// Where ρ = B diag(strength) Bᵀ comes from, if the scenario gives it so.
     pub attached: Option<Attached>,
@@ -86,7 +86,7 @@ pub enum ForceQuadrature {
     Nodes,
 }
 
-/// What a fractional derivative acts on.
+/// Motion that a fractional derivative acts on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Derivative {

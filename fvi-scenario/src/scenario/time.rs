@@ -109,7 +109,7 @@ impl Serialize for TimeGrid {
     }
 }
 
-/// What happens when energy grows that nothing has put in.
+/// Reaction to energy that grows without work done on the system.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum OnEnergyGrowth {
@@ -194,7 +194,7 @@ impl TimeGrid {
         }
     }
 
-    /// What the steps keep to, where they are chosen on the way.
+    /// Rule for steps that are chosen on the way.
     pub fn adaptive(&self) -> Option<&Adaptive> {
         self.grid.as_ref().and_then(Grid::adaptive)
     }
@@ -219,7 +219,7 @@ impl TimeGrid {
         self.grid.as_ref().map_or_else(|| format!("step {}", self.step), Grid::describe)
     }
 
-    /// What happens when energy grows that nothing has put in.
+    /// Reaction to energy that grows without work done on the system.
     pub fn on_energy_growth(&self) -> OnEnergyGrowth {
         let default = if self.allow_unstable { OnEnergyGrowth::Ignore } else { OnEnergyGrowth::Stop };
         self.energy_guard.unwrap_or(default)
@@ -348,7 +348,7 @@ impl Engine {
     }
 }
 
-/// What the direct engine does with a sample that no longer fits.
+/// Policy of the direct engine for a sample that no longer fits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Overflow {
@@ -402,7 +402,7 @@ pub struct History {
     /// Samples that the direct engine keeps; absent: all.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub capacity: Option<usize>,
-    /// What happens when they are more.
+    /// Policy when there are more.
     #[serde(skip_serializing_if = "Overflow::is_default")]
     pub overflow: Overflow,
     /// In what the exponential sum keeps its state; absent: in the precision of the run.
@@ -550,7 +550,7 @@ pub enum ReportedMomentum {
     OneSided,
 }
 
-/// What is written.
+/// Output options.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct OutputOptions {
     /// Every how many steps a row of the trajectory is written; the last row always is.

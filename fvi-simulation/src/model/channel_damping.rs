@@ -28,7 +28,7 @@ pub struct ChannelDamping<T: Real, M> {
     from: Vec<T>,
     behind: Vec<T>,
     increments: Vec<T>,
-    /// What is known of the derivatives: K numbers for each node and term.
+    /// Known part of the derivatives: K numbers for each node and term.
     known: Vec<T>,
     scratch: Vec<T>,
     /// N numbers.
@@ -43,7 +43,7 @@ pub struct Coefficient<T> {
     pub strength: Vec<T>,
 }
 
-/// What the memory follows.
+/// Directions that the memory follows.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Directions<T> {
     /// These coordinates, in ascending order; the rows of all others are empty.

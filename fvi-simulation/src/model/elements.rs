@@ -109,7 +109,7 @@ impl<T: Elementary> Elements<T> {
         }
     }
 
-    /// What jumps or has a kink, and the number of the place.
+    /// Name of the function that jumps or has a kink, and the number of its row.
     pub(super) fn describe_switch(&self, index: usize) -> (String, usize) {
         let Some((_, point)) = &self.sides else { return Default::default() };
         (point.name(index % point.len()).to_owned(), index / point.len())

@@ -21,7 +21,7 @@ use fvi_core::{Instant, NodalRule, Real};
 pub struct ForceMoments {
     force: CompiledForce<f64>,
     rough: RoughArguments,
-    /// What may be narrower than a step; none where all steps are known to be short enough.
+    /// Terms that may be narrower than a step; none where all steps are known to be short enough.
     terms: Option<TimeTerms>,
     /// Where the force has no bound: then the scheme does not look at it, and the moment correction is all of
     /// it.
@@ -69,7 +69,7 @@ const NEAR: f64 = 1e-9;
 /// Parts of a run that are looked at for whether all its steps are smooth.
 const CELLS: usize = 64;
 
-/// What a piece of a step is integrated against.
+/// Weight functions against which a piece of a step is integrated.
 #[derive(Clone, Debug)]
 pub(super) enum Against {
     /// The polynomials ℓ_0 … ℓ_S on 0 and these points.

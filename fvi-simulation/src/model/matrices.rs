@@ -316,7 +316,7 @@ pub struct DenseEquations<T> {
     has_factors: bool,
 }
 
-/// What solves [`DenseEquations`] while they stay the same.
+/// Factors of [`DenseEquations`] for many right-hand sides.
 #[derive(Clone, Debug)]
 pub enum DenseFactors<T> {
     /// The factors, column by column; their pivots stay with the equations, where nothing else is solved

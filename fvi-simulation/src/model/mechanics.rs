@@ -50,9 +50,9 @@ pub struct Model<T> {
     is_constant: bool,
     /// Whether the paired rows are.
     pulls_by_paired_rows: bool,
-    /// What is rough in time, so that its moments are taken exactly.
+    /// Forces that are rough in time, so that their moments are taken exactly.
     rough: Option<RoughForces>,
-    /// What code supplies.
+    /// Potentials and forces supplied as code.
     own: Option<Own>,
     /// The jumps and kinks of potential and force in the position, where steps end at them.
     potential_sides: Option<SidedPoint<T>>,
@@ -76,7 +76,7 @@ pub struct Model<T> {
 /// Arguments of jumps and kinks within each other.
 const DEEPEST: usize = 64;
 
-/// What makes velocities of momenta.
+/// Inverse of the mass.
 #[derive(Clone, Debug)]
 enum InverseMass<T> {
     Matrix(Matrix<T>),
@@ -246,7 +246,7 @@ impl<T: Elementary> Model<T> {
         self.rough.as_ref().and_then(RoughForces::missed)
     }
 
-    /// What controllers change inside the step to come.
+    /// Input that controllers change inside the next step.
     pub(crate) fn live(&mut self) -> Option<&mut SampledInput> {
         self.rough.as_mut().and_then(RoughForces::live)
     }
@@ -533,7 +533,7 @@ impl<T: Elementary> Model<T> {
 }
 
 impl<T: Elementary> Model<T> {
-    /// What everything that there may be pulls. Not where the paired rows alone are inlined.
+    /// The restoring force of all parts. Not inlined where the paired rows are the only part.
     #[inline(never)]
     fn restoring_force_of_all(&mut self, instant: Instant<T>, position: &[T], restoring: &mut [T]) {
         self.quadratic_restoring_force(position, restoring);
@@ -627,7 +627,7 @@ impl<T: Real> Anchor<T> {
         (0..copies).flat_map(of_motion)
     }
 
-    /// What there is beside ½ qᵀCq.
+    /// The energy beside ½ qᵀCq.
     fn energy(&self, position: &[T]) -> T {
         position.iter().zip(&self.restoring).fold(self.energy, |sum, (&q, &restoring)| sum - q * restoring)
     }

@@ -16,13 +16,13 @@ pub(crate) struct RoughForces {
     /// Motions integrated together, one for each load case.
     motions: usize,
     force: Option<ForceMoments>,
-    /// What of it the scheme does not look at.
+    /// Part of it whose values the scheme does not use.
     unbounded: Option<ForceMoments>,
     /// Amplitudes that are expressions.
     expressions: Vec<(ForceMoments, RoughLoad)>,
     records: Vec<(SignalMoments<Record>, RoughLoad)>,
     input: Option<SignalMoments<SampledInput>>,
-    /// What controllers change inside the step to come.
+    /// Input that controllers change inside the next step.
     live: Option<SignalMoments<SampledInput>>,
 }
 
@@ -88,7 +88,7 @@ impl RoughForces {
         is_rough.then_some(Self { coordinates, motions, force, unbounded, expressions, records, input, live })
     }
 
-    /// What controllers change inside the step to come.
+    /// Input that controllers change inside the next step.
     pub(crate) fn live(&mut self) -> Option<&mut SampledInput> {
         self.live.as_mut().map(SignalMoments::signal_mut)
     }

@@ -16,7 +16,7 @@ fn derivative(term: &scenario::Damping) -> Derivative {
     }
 }
 
-/// What the memory of a term follows; `None`: every coordinate.
+/// Directions that the memory of a term follows; `None`: every coordinate.
 fn directions<T: Elementary>(term: &scenario::Damping) -> Option<Directions<T>> {
     match (&term.attached, &term.coefficient) {
         (Some(attached), _) => Some(Directions::of_dampers(attached)),

@@ -104,7 +104,7 @@ pub enum AnyEquations<T> {
     Sparse(SparseEquations),
 }
 
-/// What solves [`AnyEquations`] while they stay the same.
+/// Factors of [`AnyEquations`] for many right-hand sides.
 pub enum AnyFactors<T> {
     /// That of dense ones.
     Dense(DenseFactors<T>),

@@ -97,7 +97,7 @@ impl<T: Elementary> SidedPoint<T> {
         self.sides.names().len()
     }
 
-    /// What jumps, or has a kink.
+    /// Name of the function that jumps, or has a kink.
     pub(super) fn name(&self, index: usize) -> &str {
         &self.sides.names()[index]
     }

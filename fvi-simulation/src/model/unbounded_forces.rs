@@ -8,7 +8,7 @@ use crate::language::expression::{Expression, Node, Operator};
 use crate::scenario::{Amplitude, Load, Scenario, Scheme};
 use std::ops::Range;
 
-/// What is taken out.
+/// Terms that are taken out.
 #[derive(Clone, Debug)]
 pub(crate) struct UnboundedForces {
     /// The scenario without it.

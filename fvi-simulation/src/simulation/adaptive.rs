@@ -43,7 +43,7 @@ pub(crate) struct AdaptiveSteps<'s> {
     end: GridState,
     /// By the polynomial of the whole step, where steps are looked into.
     inside: Option<GridState>,
-    /// What positions and momenta inside a step count for.
+    /// Weights of positions and momenta inside a step.
     share_inside: [f64; 2],
     /// Of the error in the length of the step: at its end, and inside of it.
     orders: [f64; 2],
@@ -53,7 +53,7 @@ pub(crate) struct AdaptiveSteps<'s> {
     iterations_ahead: u32,
 }
 
-/// What a later run needs to go on.
+/// State that a later run needs to go on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Progress {
     control: StepControl,
@@ -75,7 +75,7 @@ impl Progress {
     }
 }
 
-/// What was made of attempts.
+/// Counts of attempts.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Counts {
     /// Attempts at pairs of steps that were rejected.
@@ -164,7 +164,7 @@ impl<'s> AdaptiveSteps<'s> {
         self.progress.second.is_none() && self.progress.time >= self.rule.end
     }
 
-    /// What a later run needs to go on from the state that was shown last.
+    /// State that a later run needs to go on from the state that was shown last.
     pub(crate) fn progress(&self) -> &Progress {
         &self.progress
     }

@@ -22,7 +22,7 @@ pub enum Solver {
     },
 }
 
-/// What a caller may ask for.
+/// Choice of a solver by the caller.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SolverChoice {
     /// Sparse for large systems, dense for small ones.
@@ -50,7 +50,7 @@ const MOST_DENSE: usize = 6_000;
 /// Unknowns of a step from which on full matrices are worth a warning.
 const SLOW: usize = 300;
 
-/// What to know about full matrices where the scenario has many coordinates: why, and what avoids them.
+/// Warning about full matrices of many coordinates: the reason, and what avoids them.
 pub(super) fn dense_warning(scenario: &Scenario) -> Option<String> {
     let (degree, coordinates) = (scenario.scheme_descriptor().unknowns, scenario.coordinates());
     let owned = scenario.system.own_terms.as_ref().is_some_and(SharedTerms::depend_on_position);

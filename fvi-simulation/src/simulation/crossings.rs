@@ -32,7 +32,7 @@ const LEFT: f64 = 0.1;
 /// the tolerance.
 const WIDTH: f64 = 0.02;
 
-/// What a later run needs to go on.
+/// State that a later run needs to go on.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Standing {
     /// The sides that the present pair is made on.
@@ -43,7 +43,7 @@ pub(super) struct Standing {
     cautious: Option<(f64, f64)>,
 }
 
-/// What is found of the sides at the beginning of a pair.
+/// Sides at the beginning of a pair of steps.
 #[derive(Clone, Copy, Debug, Default)]
 struct Trial {
     /// Whether the motion goes to the side that it is on: below, above.
@@ -64,7 +64,7 @@ enum Beginning {
     Unclear,
 }
 
-/// What a pair has crossed.
+/// Crossings within a pair of steps.
 #[derive(Debug)]
 pub(super) enum Verdict {
     /// Nothing.

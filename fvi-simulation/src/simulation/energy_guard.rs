@@ -47,7 +47,7 @@ pub struct EnergyGuard {
     inverse_mass: SymmetricMatrix,
     /// Whether that is of a larger, diagonal mass in place of the system's.
     is_lumped: bool,
-    /// What the start does to the memory: forces |f| t^{−e} of each coordinate.
+    /// Forces |f| t^{−e} of each coordinate that the start leaves in the memory.
     /// ρ x, K(s) and j: a force like ρ x L⁻¹[K(s)/s^{1+j}](t).
     pushes: Vec<(Vec<f64>, TransferFunction, f64)>,
     first_energy: f64,
@@ -65,7 +65,7 @@ pub struct EnergyGuard {
     /// The velocity at the end of the step.
     new_velocity: Vec<f64>,
     force: Option<Forces>,
-    /// What acts between nodes, and its moments in a step.
+    /// Forces between nodes, and their moments in a step.
     rough: Option<(RoughForces, Vec<f64>)>,
     /// Forces in code, and the largest of a step.
     own: Option<(SharedTerms, Vec<f64>)>,
@@ -82,7 +82,7 @@ pub struct EnergyGuard {
     state: GridState,
 }
 
-/// What a guard has gathered since the start.
+/// State of a guard since the start.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Gathered {
     lowest_potential: f64,
@@ -169,7 +169,7 @@ impl EnergyGuard {
         }
     }
 
-    /// What it has gathered.
+    /// Its state.
     pub(crate) fn gathered(&self) -> Gathered {
         let Self { lowest_potential, work, warning, lost, .. } = self;
         let (warning, lost) = (warning.clone(), lost.clone());
@@ -357,7 +357,7 @@ impl EnergyGuard {
         }
     }
 
-    /// What is done about an energy that nothing explains.
+    /// Reaction to an energy that nothing explains.
     #[cold]
     fn react(&mut self, energy: f64, time: f64, explained: f64) -> Option<String> {
         let reason = format!(
@@ -374,7 +374,7 @@ impl EnergyGuard {
         }
     }
 
-    /// What there is to warn of.
+    /// Warning.
     pub fn warning(&self) -> Option<&str> {
         self.warning.as_deref().or(self.lost.as_deref())
     }

@@ -45,7 +45,7 @@ impl Happened {
 /// Most events that are kept.
 const MOST_EVENTS: usize = 100_000;
 
-/// What a watch has seen: what a later run needs to go on.
+/// State of a watch that a later run needs to go on.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Seen {
     /// The events, in their order.
@@ -110,7 +110,7 @@ impl Watch {
         self.time
     }
 
-    /// What has been seen.
+    /// State of the watch.
     pub fn seen(&self) -> &Seen {
         &self.seen
     }

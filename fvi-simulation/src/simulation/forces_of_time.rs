@@ -41,7 +41,7 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), InputError> {
     Ok(())
 }
 
-/// What whoever runs it should know.
+/// Warnings.
 pub(super) fn warnings(scenario: &Scenario) -> Vec<String> {
     let mut warnings = Vec::new();
     let by_nodes = !takes_moments(scenario);

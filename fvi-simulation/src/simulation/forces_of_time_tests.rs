@@ -243,7 +243,7 @@ fn forces_with_an_impulse_are_taken_where_they_have_no_bound() {
     assert!(checked > 100, "{checked}");
 }
 
-/// What a run warns of.
+/// Warnings of a run.
 fn notes(system: &Value, scheme: &Value, time: &Value) -> Vec<String> {
     let mut all = json!({ "mass": [1.0] });
     all.as_object_mut().unwrap().extend(system.as_object().unwrap().clone());
@@ -330,7 +330,7 @@ impl Rough {
         Self { system: json!({ "force": [force.join(" + ")] }), value: Box::new(value), edges, _file: None }
     }
 
-    /// What is left of a sine outside of a dead zone.
+    /// A sine outside of a dead zone.
     fn dead_zone(random: &mut Random, end: f64) -> Self {
         let (rate, zone) = (10_f64.powf(random.between(0.0, 2.5)), random.between(0.1, 0.99));
         let sine = format!("sin({rate:?}*t)");

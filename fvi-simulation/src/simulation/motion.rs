@@ -21,7 +21,7 @@ pub struct Motion<'s> {
     scenario: &'s Scenario,
     simulation: Simulation,
     guard: EnergyGuard,
-    /// What chooses the steps, where they are chosen on the way.
+    /// Controller of adaptive steps.
     adaptive: Option<AdaptiveSteps<'s>>,
     steps: usize,
     /// The state after them.
@@ -35,10 +35,10 @@ pub struct Motion<'s> {
     control_before: Vec<f64>,
     /// Of the motions under load cases.
     energies: Vec<f64>,
-    /// What is to be known of forces of time.
+    /// Warning about forces of time.
     notes: Vec<String>,
     tangent: Option<Tangent>,
-    /// What the last step was solved by, where that is differentiated.
+    /// Solution of the last step, where it is differentiated.
     increments: Vec<f64>,
 }
 
@@ -137,7 +137,7 @@ impl<'s> Motion<'s> {
         Ok(self)
     }
 
-    /// What watches it has gathered.
+    /// States of its watches.
     pub fn gathered(&self) -> Gathered {
         self.guard.gathered()
     }
@@ -159,12 +159,12 @@ impl<'s> Motion<'s> {
         Ok(bytes)
     }
 
-    /// What steps that are chosen on the way need to go on.
+    /// State that adaptive steps need to go on.
     pub fn chosen(&self) -> Option<Progress> {
         self.adaptive.as_ref().map(|adaptive| adaptive.progress().clone())
     }
 
-    /// What was made of attempts at steps, where they are chosen on the way.
+    /// Counts of attempts at adaptive steps.
     pub fn counts(&self) -> Option<Counts> {
         self.adaptive.as_ref().map(|adaptive| adaptive.progress().counts)
     }
@@ -381,12 +381,12 @@ impl<'s> Motion<'s> {
         if time < self.state.time { &self.control_before } else { &self.state.control }
     }
 
-    /// What moves.
+    /// The simulation.
     pub fn simulation(&self) -> &Simulation {
         &self.simulation
     }
 
-    /// What there is to warn of in forces of time.
+    /// Warning about forces of time.
     pub fn notes(&self) -> Vec<String> {
         let missed = self.simulation.missed().map(|time| {
             format!(
@@ -397,7 +397,7 @@ impl<'s> Motion<'s> {
         self.notes.iter().cloned().chain(missed).collect()
     }
 
-    /// What the guard of the energy has to warn of.
+    /// Warning of the energy guard.
     pub fn warning(&self) -> Option<&str> {
         self.guard.warning()
     }

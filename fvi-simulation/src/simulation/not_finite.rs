@@ -68,7 +68,7 @@ fn check_range(scenario: &Scenario) -> Result<(), InputError> {
     Ok(())
 }
 
-/// What of a state is infinite or not a number.
+/// Name of the first number of a state that is infinite or not a number.
 pub(crate) fn what_is_not_finite(state: &GridState) -> Option<&'static str> {
     let finite = |numbers: &[f64]| numbers.iter().all(|number| number.is_finite());
     if !finite(&state.position) {

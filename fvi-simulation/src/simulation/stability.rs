@@ -109,7 +109,7 @@ impl LinearSystem {
     }
 }
 
-/// What the check finds.
+/// Result of the check.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Verdict {
     /// No motion grows.

@@ -120,7 +120,7 @@ impl StepBatch {
         }
     }
 
-    /// What the controllers saw and put out last, at the last state.
+    /// Measured values and outputs of the controllers at the last state.
     pub fn control(&self) -> &[f64] {
         &self.control
     }

@@ -466,7 +466,7 @@ fn said(error: MemoryError) -> String {
     error.to_string()
 }
 
-/// What is known of the derivatives of a motion of so many coordinates before its sample is, node after node.
+/// Known part of the derivatives of a motion before its sample is known, node after node.
 fn known(
     motion: &mut Remembered,
     sample: &Sample<'_, f64>,

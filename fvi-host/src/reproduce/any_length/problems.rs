@@ -39,7 +39,7 @@ pub(super) struct Problem {
     pub(super) jumps: &'static [f64],
 }
 
-/// What a run came to.
+/// Result of a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Made {
     pub(super) steps: usize,

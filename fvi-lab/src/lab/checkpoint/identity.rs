@@ -11,7 +11,8 @@ use std::collections::BTreeMap;
 pub(crate) struct Identity {
     /// Version of the program.
     version: String,
-    /// What the last bits of the engines depend on; nothing for engines that have the same bits everywhere.
+    /// Facts on which the last bits of the engines depend; none for engines that have the same bits
+    /// everywhere.
     vector_units: Option<String>,
     /// Samples that engine and table were chosen for.
     pub(crate) planned: usize,
@@ -79,7 +80,7 @@ impl Identity {
         differences
     }
 
-    /// What of the machine or the program differs so that bits may.
+    /// Differences of machine or program that may change bits.
     pub(super) fn other_machine(&self, wanted: &Self) -> Vec<String> {
         let mut differences = Vec::new();
         if self.version != wanted.version {
@@ -97,7 +98,7 @@ impl Identity {
     }
 }
 
-/// What is written into summaries has no value that JSON does not know.
+/// Summaries hold no value that JSON does not know.
 fn json(value: &impl Serialize) -> Value {
     serde_json::to_value(value).unwrap_or_default()
 }

@@ -38,7 +38,7 @@ pub struct MadeRun {
 }
 
 impl Sweep {
-    /// What another process needs to make runs.
+    /// Data from which another process can make runs.
     ///
     /// # Errors
     /// If a file that the scenario names cannot be read any more.

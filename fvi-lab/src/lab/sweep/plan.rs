@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 pub struct Sweep {
     document: Document,
     base: Scenario,
-    /// What the scenario's file says.
+    /// Values of the scenario's file.
     values: toml::Table,
     axes: Vec<Axis>,
     sampling: Sampling,
@@ -46,7 +46,7 @@ pub(super) struct PictureRequest {
     pub(super) limit: Option<String>,
 }
 
-/// What a picture shows besides a quantity over one axis.
+/// Second axis of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Over {
     /// Nothing.
@@ -414,7 +414,7 @@ impl Sweep {
         Layout { runs: self.runs, columns: self.quantities.columns().len() }
     }
 
-    /// What two sweeps have in common whose runs may stand in one table.
+    /// Identity that two sweeps share whose runs may stand in one table.
     pub(super) fn identity(&self, precision: Precision) -> Vec<u8> {
         let identity = json!({
             "version": env!("CARGO_PKG_VERSION"),

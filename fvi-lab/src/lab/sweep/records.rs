@@ -141,7 +141,7 @@ impl Status {
     }
 }
 
-/// What is recorded of a run.
+/// Record of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Record {
     pub(super) status: Status,

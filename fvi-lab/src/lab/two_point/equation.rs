@@ -47,7 +47,7 @@ struct CompiledTerm {
     of: Vec<CompiledFunction<f64>>,
 }
 
-/// What a second derivative becomes.
+/// Discrete form of a second derivative.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Embedding {

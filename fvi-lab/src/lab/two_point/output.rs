@@ -37,7 +37,7 @@ pub struct ExtremalSummary {
     pub relative_residual: f64,
     /// Largest left side of the discrete Euler–Lagrange equation.
     pub residual: f64,
-    /// What the rounding of the positions alone may leave there.
+    /// Residual that rounding of the positions alone may leave there.
     pub rounding_level: f64,
     /// Errors against the reference on this grid and coarser ones.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -83,7 +83,7 @@ pub enum OutputError {
     NoRoom {
         /// Its number of steps.
         steps: usize,
-        /// What would be needed.
+        /// Bytes that would be needed.
         no_room: NoRoom,
     },
     /// A file cannot be written.

@@ -16,9 +16,9 @@ use std::path::Path;
 /// A problem file with all its values checked.
 #[derive(Clone, Debug, Serialize)]
 pub struct ProblemFile {
-    /// What it is, in words; heads the pictures.
+    /// Title of the pictures.
     pub title: Option<String>,
-    /// What is to hold between the ends.
+    /// Equation to solve between the ends.
     #[serde(flatten)]
     pub statement: Statement,
     /// Named constants of the expressions.
@@ -39,14 +39,14 @@ pub struct ProblemFile {
     pub method: Option<Method>,
     /// When they count as solved.
     pub solver: NewtonOptions,
-    /// What the extremal is known to be.
+    /// Known extremal to compare with.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reference: Option<KnownPositions>,
     #[serde(skip)]
     name: String,
 }
 
-/// What is to hold between the ends.
+/// Equation to solve between the ends.
 #[derive(Clone, Debug, Serialize)]
 #[serde(untagged)]
 pub enum Statement {

@@ -5,7 +5,7 @@ use super::axis::Axis;
 /// Values at places of a chart.
 #[derive(Clone, Debug)]
 pub struct ColourMap {
-    /// What the colours mean.
+    /// Label of the colour scale.
     pub(super) quantity: Axis,
     /// ((x, y), value).
     pub(super) values: Vec<((f64, f64), f64)>,

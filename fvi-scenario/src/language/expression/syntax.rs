@@ -14,7 +14,7 @@ const MAX_DEPTH: usize = 128;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{fault} (column {})", self.column())]
 pub struct ExpressionError {
-    /// What is wrong.
+    /// The problem.
     pub fault: ExpressionFault,
     /// The bytes of the text that are to blame; empty at the end of the text.
     pub span: Range<usize>,
@@ -27,7 +27,7 @@ impl ExpressionError {
         self.column
     }
 
-    /// What is allowed instead, where that can be said.
+    /// Allowed instead, where that can be said.
     pub fn advice(&self) -> Option<String> {
         match &self.fault {
             ExpressionFault::UnknownName { suggestion: Some(near), allowed, .. } => {
@@ -49,7 +49,7 @@ impl ExpressionError {
     }
 }
 
-/// What is wrong with an expression.
+/// Problem with an expression.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ExpressionFault {

@@ -13,7 +13,7 @@ pub struct Node {
     varies: bool,
 }
 
-/// What a part is.
+/// Kind of a part.
 #[derive(Clone, Debug)]
 pub enum Kind {
     /// A number.
@@ -124,7 +124,7 @@ impl Node {
         self.varies
     }
 
-    /// What it is.
+    /// Kind of the node.
     pub fn kind(&self) -> &Kind {
         &self.kind
     }

@@ -28,7 +28,7 @@ pub(super) struct Enclosure {
     pub(super) bend: Bounds,
 }
 
-/// What functions of `libm` may be off by, relative.
+/// Relative error bound of functions of `libm`.
 const ROUNDING: f64 = 8.0 * f64::EPSILON;
 
 /// Arguments of sine and its kin of which no period is told from another.

@@ -79,7 +79,7 @@ impl Graph {
         }
     }
 
-    /// What it is the negative of, if it is made as one.
+    /// Its negative, if it is made as one.
     fn negated(&self, value: Value) -> Option<Value> {
         match self.origin(value) {
             Origin::Computed(Operation::Negate, [inner, ..]) => Some(inner),

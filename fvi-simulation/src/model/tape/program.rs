@@ -39,7 +39,7 @@ pub(super) struct Program<T> {
     plan: Plan,
 }
 
-/// What a program does, whatever the numbers are that it does it with.
+/// The operations of a program, independent of the scalar type.
 ///
 /// The registers hold, in this order, the constants, t, t as seen from its side, q, what crosses from window
 /// to window, and the values of the current window.
@@ -226,11 +226,11 @@ struct Single {
     x: u8,
     y: u8,
     z: u8,
-    /// What [`Kind::Other`] stands for.
+    /// Operation of [`Kind::Other`].
     other: Operation,
 }
 
-/// What is told apart with one look; the most frequent operations have a kind of their own.
+/// Kind of an operation, for dispatch; the most frequent operations have a kind of their own.
 #[derive(Clone, Copy, Debug)]
 enum Kind {
     Negate,
@@ -264,7 +264,7 @@ impl Kind {
     }
 }
 
-/// What a run does with each of its operands.
+/// Work of a run on each of its operands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Work {
     One(Operation),

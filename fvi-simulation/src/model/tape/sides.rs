@@ -14,7 +14,7 @@ use std::collections::HashMap;
 #[derive(Debug)]
 pub(super) struct SideArguments {
     coordinates: u32,
-    /// What variables are called, before their numbers.
+    /// Prefix of the names of variables.
     letter: char,
     names: Vec<String>,
     derivatives: Vec<(Value, Vec<(u32, Value)>)>,

@@ -16,7 +16,7 @@ pub struct Singularity {
 /// Below this exponent there is no integral, or none that could be told from that.
 const SMALLEST_EXPONENT: f64 = -0.99;
 
-/// What a search has found.
+/// Result of a search.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Unbounded {
     /// Ascending; no one behind the first that has no integral.

@@ -150,7 +150,7 @@ impl Characteristic {
         (0..self.degree).map(|nu| at(nu) * (step * step)).collect()
     }
 
-    /// What depends on h of a damping term: h^{2−β}, or h² K(γ_p(z)/h).
+    /// Factor of a damping term that depends on h: h^{2−β}, or h² K(γ_p(z)/h).
     fn scale(&self, transfer: &TransferFunction, step: f64, z: Complex<f64>) -> Complex<f64> {
         match (transfer.exponent(), &self.form) {
             (Some(order), _) => Complex::new(libm::pow(step, 2.0 - order), 0.0),

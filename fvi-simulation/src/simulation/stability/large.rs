@@ -12,7 +12,7 @@ use nalgebra::DMatrix;
 /// others, and a few per cent are enough.
 const ITERATIONS: usize = 40;
 
-/// What is added to the largest eigenvalue that the iteration has found, which is never too large.
+/// Margin added to the largest eigenvalue that the iteration has found, which is never too large.
 const MARGIN: f64 = 1.02;
 
 /// Whether the scheme is stable at every step, whatever the stiffness and damping: the midpoint rule, damped

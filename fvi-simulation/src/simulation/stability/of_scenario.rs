@@ -86,7 +86,7 @@ fn may_drive(scenario: &Scenario) -> bool {
     scenario.system.damping.iter().any(|term| term.transfer.active().is_some())
 }
 
-/// What to change about a scheme whose step is too long.
+/// Advice for a scheme whose step is too long.
 fn advice(discretisation: &Discretisation, shorter: bool) -> String {
     let mut ways = Vec::new();
     if shorter {

@@ -21,7 +21,7 @@ const FINENESS: Fineness = Fineness { followed: 0.5, parts: 16, halvings: 41 };
 /// number.
 const MOST_VALUES: usize = 20_000;
 
-/// What a count finds.
+/// Result of a count.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Count {
     /// So many zeros.

@@ -16,7 +16,7 @@ pub(super) enum Direct {
         entries: Vec<(usize, usize, f64)>,
         rest: Vec<f64>,
     },
-    /// What springs of kernels restoring force by, where their place of rest is the initial position.
+    /// Force of the springs of kernels, where their place of rest is the initial position.
     Constant(Vec<f64>),
     Expressions(Box<Expressions>),
 }
