@@ -12,7 +12,7 @@ use crate::node_galerkin::NodeStorage;
 use crate::real::Real;
 use crate::runge_kutta::RungeKutta;
 use crate::scheme::{Outcome, Sampling, Scheme, State, Step, StepError, conclude};
-use crate::space::{Block, Space, called, vectors, vectors_mut};
+use crate::space::{Block, Space, called, part, part_mut, vector_at, vectors, vectors_mut};
 use crate::system::{Instant, Mechanics, NodalRule};
 use crate::workspace::Workspace;
 
@@ -148,8 +148,7 @@ impl<T: Real> CollocationTables<'_, T> {
             };
             mechanics.moment_correction(&rule, work.moment_correction)
         };
-        let moment_correction =
-            if rough { work.moment_correction.get(..work.forces.len()).unwrap_or(&[]) } else { &[] };
+        let moment_correction = if rough { part(work.moment_correction, work.forces.len()) } else { &[] };
         let mut equations = CollocationEquations {
             moment_correction,
             tables: self,
@@ -198,7 +197,7 @@ impl<T: Real> CollocationTables<'_, T> {
         for (&weight, acceleration) in self.weights.iter().zip(vectors(work.increments, coordinates)) {
             add_multiple(mean, weight, acceleration);
         }
-        let kick = work.residual.get_mut(..coordinates).unwrap_or(&mut []);
+        let kick = part_mut(work.residual, coordinates);
         kick.fill(T::zero());
         mechanics.mass().multiply_add(step.size, mean, kick);
         let found = Outcome { increments: work.stages, rise, kick };
@@ -301,7 +300,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> CollocationEqua
         self.damping.add_leading(self.stages, self.forces, self.scratch);
         if let Some(matrix) = matrix {
             self.damping.visit_leading(stages, |i, l, leading, rho| {
-                let row = vectors(tables.square, stages).nth(l).unwrap_or(&[]);
+                let row = vector_at(tables.square, stages, l);
                 for (j, &factor) in row.iter().enumerate() {
                     matrix.add(i, j, h * h * factor * leading, rho);
                 }

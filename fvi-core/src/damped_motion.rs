@@ -8,7 +8,7 @@ use crate::linear::add_multiple;
 use crate::memory::{ActsOn, Memory, MemoryError};
 use crate::real::Real;
 use crate::saving::{Shape, StateError, StateReader, StateWriter, header_bytes};
-use crate::space::{Space, vectors, vectors_mut};
+use crate::space::{Space, part_mut, vectors, vectors_mut};
 
 /// On what the fractional derivative acts.
 ///
@@ -259,7 +259,7 @@ impl<T: Real, X: Space<T>, M: Memory<T>> DampedMotion<T, X, M> {
             self.add_offset(sample, 0, T::one(), stored);
             return self.memory.push(stored);
         }
-        let node = rest.get_mut(..coordinates).unwrap_or(&mut []);
+        let node = part_mut(rest, coordinates);
         for (stage, increment) in vectors(increments, coordinates).enumerate() {
             copy(node, increment);
             self.add_offset(sample, stage, T::one(), node);
@@ -300,7 +300,7 @@ impl<T: Real, X: Space<T>, M: Memory<T>> DampedMotion<T, X, M> {
                 (if from_rest { &[] } else { sample.from }, into)
             }
             ActsOn::Increments => {
-                (vectors(sample.behind, sample.from.len()).nth(j).unwrap_or(&[]), sample.length)
+                (vectors(sample.behind, sample.from.len()).nth(j).unwrap_or_default(), sample.length)
             }
             ActsOn::Rises => (&[][..], into),
         };

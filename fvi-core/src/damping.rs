@@ -9,7 +9,7 @@ use crate::linear::add_multiple;
 use crate::memory::{Memory, MemoryError};
 use crate::real::Real;
 use crate::saving::{StateError, StateReader, StateWriter};
-use crate::space::{Block, Space, vectors, vectors_mut};
+use crate::space::{Block, Space, part_mut, vectors, vectors_mut};
 
 /// Damping with memory: anything between no damping and many terms.
 ///
@@ -203,7 +203,7 @@ impl<T: Real, X: Space<T>, M: Memory<T>> Damping<T, X> for DampingTerm<T, X, M> 
             self.coefficients.multiply_add(T::one(), term, known);
             return Ok(());
         }
-        let sum = rest.get_mut(..coordinates).unwrap_or(&mut []);
+        let sum = part_mut(rest, coordinates);
         for (i, known) in vectors_mut(known, coordinates).enumerate() {
             self.motion.complete_node((0, i), sample, term, sum);
             self.coefficients.multiply_add(T::one(), sum, known);
@@ -217,7 +217,7 @@ impl<T: Real, X: Space<T>, M: Memory<T>> Damping<T, X> for DampingTerm<T, X, M> 
         if increments.len() == coordinates {
             return self.coefficients.multiply_add(self.motion.leading(0, 1, 0, 0), increments, force);
         }
-        let sum = scratch.get_mut(..coordinates).unwrap_or(&mut []);
+        let sum = part_mut(scratch, coordinates);
         let nodes = vectors(increments, coordinates).count();
         for (i, force) in vectors_mut(force, coordinates).enumerate() {
             sum.fill(T::zero());

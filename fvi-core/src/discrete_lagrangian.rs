@@ -7,7 +7,7 @@ use crate::newton::{Equations, newton, size};
 use crate::one_node::OneNode;
 use crate::real::Real;
 use crate::scheme::{Outcome, State, Step, StepError, conclude};
-use crate::space::{Block, Space, called, vectors, vectors_mut};
+use crate::space::{Block, Space, called, part, part_mut, vector_at, vectors, vectors_mut};
 use crate::system::{Instant, Mechanics, NodalRule};
 use crate::workspace::Workspace;
 
@@ -109,7 +109,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         let rise = vectors(work.increments, coordinates).last().unwrap_or(&[]);
         damping.add_leading(rise, work.known, work.scratch);
         // The impulse lies in the first numbers of the residual, which end as p_{k+1} − p_k.
-        let kick = work.residual.get_mut(..coordinates).unwrap_or(&mut []);
+        let kick = part_mut(work.residual, coordinates);
         combine(kick, work.known, |impulse, force| -impulse - force * step.size);
         let found = Outcome { increments: rise, rise, kick };
         conclude(damping, step, &at_end, &found, state, work.behind, work.scratch)?;
@@ -151,7 +151,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         let iterations = self.solve(work, mechanics, Some(damping), step, state)?;
         let coordinates = X::slice(&state.position).len();
         let rise = vectors(work.increments, coordinates).last().unwrap_or(&[]);
-        let kick = work.residual.get_mut(..coordinates).unwrap_or(&mut []);
+        let kick = part_mut(work.residual, coordinates);
         kick.iter_mut().for_each(|number| *number = -*number);
         let found = Outcome { increments: work.stages, rise, kick };
         conclude(damping, step, self.nodes, &found, state, work.behind, work.scratch)?;
@@ -236,7 +236,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
             // lost in rounding.
             work.increments.fill(T::zero());
         } else {
-            let drift = work.scratch.get_mut(..coordinates).unwrap_or(&mut []);
+            let drift = part_mut(work.scratch, coordinates);
             // Where nothing is solved for, the guess is the result.
             if self.drifts() {
                 mechanics.velocity(momentum, drift);
@@ -249,7 +249,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
                 }
             }
         }
-        let moment_correction = work.moment_correction.get(..moments).unwrap_or(&[]);
+        let moment_correction = part(work.moment_correction, moments);
         let mut equations = StepEquations {
             lagrangian: self,
             mechanics,
@@ -305,7 +305,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         if !equations.mechanics.is_linear() || self.drifts() {
             equations.forces::<E>(work.increments, None);
         }
-        let impulse = work.residual.get_mut(..coordinates).unwrap_or(&mut []);
+        let impulse = part_mut(work.residual, coordinates);
         impulse.fill(T::zero());
         for (&weight, force) in self.weights.iter().zip(vectors(equations.forces, coordinates)) {
             add_multiple(impulse, step.size * weight, force);
@@ -387,8 +387,8 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> StepEquations<'
         let Some(matrix) = matrix else { return };
         damping.visit_leading(lagrangian.nodes.len(), |i, j, leading, rho| {
             let weight = lagrangian.weights.get(i).copied().unwrap_or(T::zero());
-            let tests = vectors(lagrangian.tests, degree).nth(i).unwrap_or(&[]);
-            let shapes = vectors(lagrangian.shapes, degree).nth(j).unwrap_or(&[]);
+            let tests = vector_at(lagrangian.tests, degree, i);
+            let shapes = vector_at(lagrangian.shapes, degree, j);
             for (row, &test) in tests.iter().enumerate() {
                 for (column, &shape) in shapes.iter().enumerate() {
                     matrix.add(row, column, -(h * weight * test * shape * leading), rho);
@@ -445,7 +445,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> StepEquations<'
                 add_multiple(residual, T::one(), self.momentum);
             }
         }
-        let product = self.scratch.get_mut(..coordinates).unwrap_or(&mut []);
+        let product = part_mut(self.scratch, coordinates);
         for (column, increment) in vectors(increments, coordinates).enumerate() {
             product.fill(T::zero());
             self.mechanics.mass().multiply_add(T::one(), increment, product);

@@ -6,7 +6,7 @@ use crate::linear::{combine, combine_two, fill_pair};
 use crate::newton::{Equations, newton, size};
 use crate::real::Real;
 use crate::scheme::{State, Step, StepError};
-use crate::space::{Block, Space, vectors};
+use crate::space::{Block, Space, part, vectors};
 use crate::system::{Instant, Mechanics};
 use crate::workspace::Workspace;
 
@@ -66,7 +66,7 @@ impl<T: Real> OneNode<T> {
             ..
         } = work;
         let (position, momentum) = (X::slice(&state.position), X::slice(&state.momentum));
-        let moment_correction = moment_correction.get(..moments).unwrap_or(&[]);
+        let moment_correction = part(moment_correction, moments);
         let (linear, drifts) = (mechanics.is_linear(), self.test == T::zero());
         let from_rest = linear && damping.is_some() && !drifts;
         if from_rest {

@@ -75,6 +75,34 @@ pub(crate) fn vectors<T>(mut rest: &[T], width: usize) -> impl Iterator<Item = &
     })
 }
 
+/// The first `count` numbers of a work array.
+///
+/// Work arrays are as long as the shapes of scheme, system and memory say. The unit tests find one that is
+/// shorter; elsewhere it counts as empty, since no step panics.
+#[inline(always)]
+pub(crate) fn part<T>(numbers: &[T], count: usize) -> &[T] {
+    #[cfg(test)]
+    assert!(count <= numbers.len(), "a work array of {} numbers, {count} wanted", numbers.len());
+    numbers.get(..count).unwrap_or_default()
+}
+
+/// As [`part`], to change them.
+#[inline(always)]
+pub(crate) fn part_mut<T>(numbers: &mut [T], count: usize) -> &mut [T] {
+    #[cfg(test)]
+    assert!(count <= numbers.len(), "a work array of {} numbers, {count} wanted", numbers.len());
+    numbers.get_mut(..count).unwrap_or_default()
+}
+
+/// Vector `index` of a row of vectors, as [`part`].
+#[inline(always)]
+pub(crate) fn vector_at<T>(numbers: &[T], width: usize, index: usize) -> &[T] {
+    let found = vectors(numbers, width).nth(index);
+    #[cfg(test)]
+    assert!(found.is_some(), "no vector {index} of {width} in {} numbers", numbers.len());
+    found.unwrap_or_default()
+}
+
 /// As [`vectors`], to change them.
 #[inline(always)]
 pub(crate) fn vectors_mut<T>(mut rest: &mut [T], width: usize) -> impl Iterator<Item = &mut [T]> {

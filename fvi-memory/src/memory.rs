@@ -20,6 +20,7 @@ use fvi_core::{
     ParameterError, RungeKutta, SavedChannels, StateError, StateReader, StateWriter,
 };
 use fvi_fft::{Engines, VectorVariableSteps, Vectorised, WIDE_KERNELS, Weights, WideExponentialSum};
+use fvi_scenario::with_staged_method;
 
 /// A memory engine chosen at run time.
 pub struct HostMemory<T> {
@@ -296,42 +297,26 @@ impl MemoryRequest<'_> {
             // The memory is made from the same family and exponent; there is no one step to compare.
             return fvi_core::Kernel::given(exponent);
         }
-        match self.convolution.family {
-            ConvolutionFamily::Bdf { order } => {
-                fvi_core::Kernel::bdf(BdfOrder::new(order)?, exponent, step_size)
-            }
-            // The identity, by any rule.
-            ConvolutionFamily::Trapezoidal => fvi_core::Kernel::bdf(BdfOrder::new(1)?, exponent, step_size),
-            ConvolutionFamily::RadauIia { stages } => match stages {
-                1 => fvi_core::Kernel::runge_kutta(&RungeKutta::<1>::radau_iia()?, exponent, step_size),
-                2 => fvi_core::Kernel::runge_kutta(&RungeKutta::<2>::radau_iia()?, exponent, step_size),
-                _ => fvi_core::Kernel::runge_kutta(&RungeKutta::<3>::radau_iia()?, exponent, step_size),
-            },
-            ConvolutionFamily::LobattoIiic { stages } => match stages {
-                2 => fvi_core::Kernel::runge_kutta(&RungeKutta::<2>::lobatto_iiic()?, exponent, step_size),
-                3 => fvi_core::Kernel::runge_kutta(&RungeKutta::<3>::lobatto_iiic()?, exponent, step_size),
-                _ => fvi_core::Kernel::runge_kutta(&RungeKutta::<4>::lobatto_iiic()?, exponent, step_size),
-            },
+        if let Some(staged) = self.convolution.family.staged() {
+            return with_staged_method!(staged, method => fvi_core::Kernel::runge_kutta(&method, exponent, step_size))?;
         }
+        // Of the trapezoidal rule only the identity is left, by any rule.
+        let order = match self.convolution.family {
+            ConvolutionFamily::Bdf { order } => order,
+            _ => 1,
+        };
+        fvi_core::Kernel::bdf(BdfOrder::new(order)?, exponent, step_size)
     }
 
     fn kernel_of_transfer(&self) -> Result<fvi_core::Kernel, ParameterError> {
         let (transfer, step_size) = (self.transfer, self.step_size);
-        let rule = match self.convolution.family {
-            _ if self.any_step() => return fvi_core::Kernel::given(transfer.growth()),
-            ConvolutionFamily::Bdf { order } => BdfOrder::new(order)?.into(),
-            ConvolutionFamily::Trapezoidal => MultistepRule::Trapezoidal,
-            ConvolutionFamily::RadauIia { stages } => match stages {
-                1 => return self.matrix_kernel(&RungeKutta::<1>::radau_iia()?),
-                2 => return self.matrix_kernel(&RungeKutta::<2>::radau_iia()?),
-                _ => return self.matrix_kernel(&RungeKutta::<3>::radau_iia()?),
-            },
-            ConvolutionFamily::LobattoIiic { stages } => match stages {
-                2 => return self.matrix_kernel(&RungeKutta::<2>::lobatto_iiic()?),
-                3 => return self.matrix_kernel(&RungeKutta::<3>::lobatto_iiic()?),
-                _ => return self.matrix_kernel(&RungeKutta::<4>::lobatto_iiic()?),
-            },
-        };
+        if self.any_step() {
+            return fvi_core::Kernel::given(transfer.growth());
+        }
+        if let Some(staged) = self.convolution.family.staged() {
+            return with_staged_method!(staged, method => self.matrix_kernel(&method))?;
+        }
+        let rule = self.convolution.family.multistep()?.unwrap_or(MultistepRule::Trapezoidal);
         let weights = multistep_weights(transfer, rule, step_size, false, 2)?;
         let first = [0, 1].map(|n| weights.get(n).copied().unwrap_or(0.0));
         fvi_core::Kernel::weights(transfer.growth(), first, step_size)
@@ -390,20 +375,11 @@ impl MemoryRequest<'_> {
             let reason = "its weights are for equal steps; \"any-step\" takes those of this grid";
             return Err(EngineError::Unsuited { engine, reason });
         }
-        match self.convolution.family {
-            ConvolutionFamily::Bdf { order } => self.scalar(engine, BdfOrder::new(order)?.into(), tables),
-            ConvolutionFamily::Trapezoidal => self.scalar(engine, MultistepRule::Trapezoidal, tables),
-            ConvolutionFamily::RadauIia { stages } => match stages {
-                1 => self.staged(engine, &RungeKutta::<1>::radau_iia()?, tables),
-                2 => self.staged(engine, &RungeKutta::<2>::radau_iia()?, tables),
-                _ => self.staged(engine, &RungeKutta::<3>::radau_iia()?, tables),
-            },
-            ConvolutionFamily::LobattoIiic { stages } => match stages {
-                2 => self.staged(engine, &RungeKutta::<2>::lobatto_iiic()?, tables),
-                3 => self.staged(engine, &RungeKutta::<3>::lobatto_iiic()?, tables),
-                _ => self.staged(engine, &RungeKutta::<4>::lobatto_iiic()?, tables),
-            },
+        if let Some(staged) = self.convolution.family.staged() {
+            return with_staged_method!(staged, method => self.staged(engine, &method, tables))?;
         }
+        let rule = self.convolution.family.multistep()?.unwrap_or(MultistepRule::Trapezoidal);
+        self.scalar(engine, rule, tables)
     }
 
     /// A memory for a kernel of plain numbers.

@@ -17,7 +17,10 @@ pub mod rate_table;
 pub mod relaxation;
 pub mod runge_kutta_weights;
 pub mod semidefinite;
+pub mod staged_method;
 pub mod starting;
 pub mod starting_defects;
 pub mod transfer;
 pub mod transfer_derivative;
+
+pub use staged_method::StagedMethod;

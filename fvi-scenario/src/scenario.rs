@@ -20,6 +20,7 @@ mod past;
 mod reference;
 mod sampled_input;
 mod scheme;
+mod scheme_descriptor;
 mod sensitivity;
 mod sparse_matrix;
 mod system;
@@ -42,6 +43,7 @@ pub use past::Past;
 pub use reference::{Reference, ReferenceRow, ReferenceSource};
 pub use sampled_input::SampledInput;
 pub use scheme::{Convolution, ConvolutionFamily, DampedAt, Quadrature, Scheme};
+pub use scheme_descriptor::SchemeDescriptor;
 pub use sensitivity::{Named, Parameter, Quantity, Sensitivity};
 pub use sparse_matrix::{KnownMatrices, SparseMatrix};
 pub use system::{Attached, Damping, Derivative, ForceQuadrature, System};
@@ -100,7 +102,21 @@ pub struct Scenario {
     document: Document,
 }
 
+impl std::str::FromStr for Scenario {
+    type Err = InputError;
+
+    /// Reads and checks a scenario in TOML; files that it names are relative to the working directory.
+    fn from_str(text: &str) -> Result<Self, InputError> {
+        Self::from_document(Document::new("scenario", Path::new(""), text))
+    }
+}
+
 impl Scenario {
+    /// The scheme with its convolution quadrature, described.
+    pub fn scheme_descriptor(&self) -> SchemeDescriptor {
+        self.scheme.descriptor(self.convolution.family)
+    }
+
     /// Reads and checks a scenario file.
     ///
     /// # Errors
@@ -202,6 +218,7 @@ impl Scenario {
             None => Convolution::default_for(&scheme),
         };
         let scheme = scheme.with_quadrature_for(convolution.family);
+        let descriptor = scheme.descriptor(convolution.family);
         let start = Adaptive::start(&system, &initial);
         let time = TimeGrid::read(&root.required("time")?.table()?, start, document)?;
         if time.grid.is_some() && !convolution.family.is_staged() {
@@ -223,8 +240,8 @@ impl Scenario {
             None => History::default(),
         };
         let output = match root.optional("output") {
-            Some(value) => OutputOptions::read(&value.table()?, &scheme, count, &time)?,
-            None => OutputOptions::default_for(&scheme),
+            Some(value) => OutputOptions::read(&value.table()?, &descriptor, count, &time)?,
+            None => OutputOptions::default_for(&descriptor),
         };
         if system.is_large() && count > MOST_COLUMNS && output.coordinates.is_none() {
             let reason = format!(
@@ -248,12 +265,12 @@ impl Scenario {
             Some(value) => value
                 .list("a list of tables, each headed [[event]]")?
                 .iter()
-                .map(|event| Event::read(&event.table()?, &system, &scheme))
+                .map(|event| Event::read(&event.table()?, &system, &descriptor))
                 .collect::<Result<_, _>>()?,
             None => Vec::new(),
         };
         let controllers = match root.optional("controller") {
-            Some(value) => Controller::read_all(&value, (&system, &scheme, &time), document)?,
+            Some(value) => Controller::read_all(&value, (&system, &descriptor, &time), document)?,
             None => Vec::new(),
         };
         if let (Some(value), false) = (root.optional("case"), controllers.is_empty()) {

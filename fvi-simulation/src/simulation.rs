@@ -15,8 +15,6 @@ mod gyroscopic;
 mod momentum_offset;
 pub mod motion;
 pub(crate) mod not_finite;
-#[cfg(test)]
-mod one_coordinate_tests;
 mod piece;
 pub mod response;
 pub mod stability;
@@ -29,15 +27,15 @@ use crate::language::expression::Elementary;
 use crate::language::{InputError, Problem};
 use crate::memory::{EngineError, HostMemory, MOST_SHARING, Memories, MemoryRequest, Tables};
 use crate::model::{
-    AnyScheme, AnySpace, DenseOutput, EnergiesAlong, EnergyRoom, Matrix, Model, OnePoint, Remembers,
-    ScenarioSpace, States, Switched,
+    AnyScheme, AnySpace, EnergyRoom, HostTerm, Matrix, Model, States, Switched, channels_of, follow_alike,
+    term_on_memory, vector,
 };
 use crate::scenario::{self, ConvolutionFamily, DampedAt, Engine, Past, ReportedMomentum, Scenario};
 pub use choice::{Solver, SolverChoice};
 use choice::{dense_warning, sparse_space};
 use control::Drive;
 use fvi_core::{
-    Damping, Fixed, Instant, Integrator, IntegratorBuilder, IntegratorError, MatrixError, Mechanics, Memory,
+    Damping, Instant, Integrator, IntegratorBuilder, IntegratorError, MatrixError, Mechanics, Memory,
     MemoryError, Mismatch, Outcome, Real, Sample, Sampling, Scheme, StateError, StateReader, StateWriter,
     StepError,
 };
@@ -202,13 +200,9 @@ impl Simulation {
             places: plan.places(),
             factor_bytes: plan.factor_bytes(),
         });
-        let alone = solver == Solver::Dense && choice == SolverChoice::Automatic;
         let stepper: Box<dyn Stepper> = match precision {
-            Precision::F64 if alone && OnePoint::<f64>::serves(scenario) => {
-                Box::new(TypedSimulation::<f64, Fixed<1>>::new(Fixed, scenario, tables)?)
-            }
-            Precision::F64 => Box::new(TypedSimulation::<f64, _>::new(space, scenario, tables)?),
-            Precision::F32 => Box::new(TypedSimulation::<f32, _>::new(space, scenario, tables)?),
+            Precision::F64 => Box::new(TypedSimulation::<f64>::new(space, scenario, tables)?),
+            Precision::F32 => Box::new(TypedSimulation::<f32>::new(space, scenario, tables)?),
         };
         let (engines, shared) = (stepper.engines(), stepper.shared());
         let warning = if solver == Solver::Dense { dense_warning(scenario) } else { None };
@@ -416,14 +410,14 @@ fn bad_mass(scenario: &Scenario, error: &MatrixError) -> InputError {
 }
 
 /// The integrator of a scenario in one precision and space.
-struct TypedSimulation<T: Elementary + Memories, X: ScenarioSpace<T>> {
-    integrator: Integrator<T, X, X::System, X::Scheme, DampingTerms<T, X>>,
-    input: X::Vector,
+struct TypedSimulation<T: Elementary + Memories> {
+    integrator: Integrator<T, AnySpace, Model<T>, AnyScheme<T>, DampingTerms<T>>,
+    input: Vec<T>,
     /// Whether the input of the last step was not zero.
     pushed: bool,
     /// The momentum that is reported where that is not the state's: the mean of those before and after the
     /// last kick, or what is left without the offset.
-    reported: Option<X::Vector>,
+    reported: Option<Vec<T>>,
     offset: MomentumOffset<T>,
     /// The last two steps, the later one first, where they are to be looked into.
     pieces: Option<[Piece<T>; 2]>,
@@ -444,33 +438,34 @@ enum Energies {
     Rows,
 }
 
-impl<T: Elementary + Memories, X: ScenarioSpace<T>> TypedSimulation<T, X> {
+impl<T: Elementary + Memories> TypedSimulation<T> {
     /// Puts system, scheme and memories together.
-    fn new(space: X, scenario: &Scenario, tables: &Tables) -> Result<Self, InputError> {
-        let scheme = space.scheme(scenario).map_err(|error| {
+    fn new(space: AnySpace, scenario: &Scenario, tables: &Tables) -> Result<Self, InputError> {
+        let scheme = AnyScheme::new(scenario).map_err(|error| {
             let allowed = format!("{} ({} given)", error.allowed, error.parameter);
             scenario.error_at("scheme", Problem::OutOfRange { allowed })
         })?;
         let nodes = scheme.sampling().nodes();
         let mut damping = damping_terms(scenario, &space, nodes, tables)?;
-        let system = space.system(scenario).map_err(|error| bad_mass(scenario, &error))?;
+        let system = Model::new(scenario).map_err(|error| bad_mass(scenario, &error))?;
         // With a past the motion begins with it, at rest.
-        let position = space.vector(scenario.initial.base());
+        let position = vector(scenario.initial.base()).repeat(space.copies());
+        let zeros = || vec![T::zero(); position.len()];
         let momentum = match scenario.initial.past {
-            None => space.vector(&scenario.initial.momentum),
-            Some(_) => space.zeros(),
+            None => vector(&scenario.initial.momentum).repeat(space.copies()),
+            Some(_) => zeros(),
         };
         let begin = scenario.time.start - scenario.initial.past_steps() as f64 * scenario.time.step;
-        let input = space.zeros();
+        let input = zeros();
         let kicked = scenario.convolution.at == DampedAt::MainNodes;
-        let is_dear = space.energy_is_dear();
+        // An energy costs about as much as a step.
+        let is_dear = space.plan().is_some();
         // With several nodes terms have memories of their own.
-        let offset =
-            MomentumOffset::of(scenario, nodes, |term| resisting(&damping.terms[term], &position, &space));
+        let offset = MomentumOffset::of(scenario, nodes, |term| resisting(&damping.terms[term], &position));
         let mean = kicked && scenario.output.momentum == ReportedMomentum::Mean;
-        damping.kick = mean.then(|| Kick { next: space.zeros(), last: space.zeros() });
-        let reported = (mean || !offset.is_empty()).then(|| space.zeros());
-        if let (Some(skew), Sampling::Nodes(fractions)) = (space.gyroscopic(scenario), scheme.sampling()) {
+        damping.kick = mean.then(|| Kick { next: zeros(), last: zeros() });
+        let reported = (mean || !offset.is_empty()).then(zeros);
+        if let (Some(skew), Sampling::Nodes(fractions)) = (gyroscopic(scenario, &space), scheme.sampling()) {
             damping.gyroscopic = Some(Gyroscopic::new(skew, fractions, T::of(scenario.time.step)));
         }
         let mut integrator = IntegratorBuilder::in_space(space, system, scheme, T::of(scenario.time.step))
@@ -498,7 +493,7 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> TypedSimulation<T, X> {
     }
 }
 
-impl<T: Elementary + Memories, X: ScenarioSpace<T>> TypedSimulation<T, X> {
+impl<T: Elementary + Memories> TypedSimulation<T> {
     /// Takes in the input, and notes where the step begins.
     #[inline(always)]
     fn prepare(&mut self, input: &[f64]) {
@@ -511,18 +506,14 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> TypedSimulation<T, X> {
     fn prepare_there_is(&mut self, input: &[f64]) {
         if !input.is_empty() || self.pushed {
             self.pushed = !input.is_empty();
-            for (index, place) in X::slice_mut(&mut self.input).iter_mut().enumerate() {
+            for (index, place) in self.input.iter_mut().enumerate() {
                 *place = input.get(index).map_or(T::zero(), |&number| T::of(number));
             }
         }
         if let Some(pieces) = &mut self.pieces {
             let state = self.integrator.state();
             pieces.swap(0, 1);
-            pieces[0].begin(
-                self.integrator.time().to_f64(),
-                X::slice(&state.position),
-                X::slice(&state.momentum),
-            );
+            pieces[0].begin(self.integrator.time().to_f64(), &state.position, &state.momentum);
         }
     }
 
@@ -531,13 +522,7 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> TypedSimulation<T, X> {
         for (numbers, vector) in [(&mut state.position, position), (&mut state.momentum, momentum)] {
             numbers.iter_mut().zip(vector).for_each(|(place, number)| *place = number.to_f64());
         }
-        let of_space = |integrator: &Integrator<T, X, X::System, X::Scheme, DampingTerms<T, X>>, of: &[T]| {
-            let mut vector = integrator.state().position.clone();
-            X::slice_mut(&mut vector).clone_from_slice(of);
-            vector
-        };
-        let (position, momentum) =
-            (of_space(&self.integrator, position), of_space(&self.integrator, momentum));
+        let (position, momentum) = (position.to_vec(), momentum.to_vec());
         state.energy = self.integrator.energy_of(&position, &momentum).to_f64();
     }
 
@@ -554,7 +539,7 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> TypedSimulation<T, X> {
                 self.prepare(scenario.input.as_ref().and_then(|input| input.at_step(step)).unwrap_or(&[]));
             }
             Some(drive) => {
-                let live = X::live(self.integrator.system_mut());
+                let live = self.integrator.system_mut().live();
                 if let (Some(live), Some(inside)) = (live, &drive.inside) {
                     live.clone_from(inside);
                 }
@@ -562,7 +547,7 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> TypedSimulation<T, X> {
             }
         }
         let made = match &scenario.time.grid {
-            None => self.integrator.step_under(if self.pushed { X::slice(&self.input) } else { &[] }),
+            None => self.integrator.step_under(if self.pushed { &self.input } else { &[] }),
             Some(_) => {
                 let (begin, end) = (scenario.time.time(step), scenario.time.time(step + 1));
                 self.integrator.step_over(T::of(end - begin), T::of(end), &self.input)
@@ -575,21 +560,21 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> TypedSimulation<T, X> {
     #[inline(always)]
     fn take_momentum(&mut self) {
         let Some(reported) = &mut self.reported else { return };
-        let (reported, state) = (X::slice_mut(reported), self.integrator.state());
+        let (reported, state) = ((reported), self.integrator.state());
         let step_size = self.integrator.step_size();
         let Some(kick) = &self.integrator.damping().kick else {
-            reported.copy_from_slice(X::slice(&state.momentum));
+            reported.copy_from_slice(&state.momentum);
             return self.offset.take_off(self.integrator.time().to_f64(), step_size.to_f64(), reported);
         };
         let half = step_size / T::of(2.0);
-        let momenta = reported.iter_mut().zip(X::slice(&state.momentum)).zip(X::slice(&kick.last));
+        let momenta = reported.iter_mut().zip(&state.momentum).zip(&kick.last);
         momenta.for_each(|((mean, &after), &force)| *mean = after + half * force);
     }
 
     /// The momentum that is reported.
     #[inline(always)]
     fn momentum(&self) -> &[T] {
-        X::slice(self.reported.as_ref().unwrap_or(&self.integrator.state().momentum))
+        self.reported.as_ref().unwrap_or(&self.integrator.state().momentum)
     }
 
     /// Computes the energy of the state with the momentum that is reported.
@@ -604,7 +589,7 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> TypedSimulation<T, X> {
     /// Keeps what the step has found that may be looked into.
     fn keep_piece(&mut self, made: Result<u32, StepError>) -> Result<u32, StepError> {
         if let (Ok(_), Some([piece, _])) = (&made, &mut self.pieces) {
-            piece.end(self.integrator.time().to_f64(), X::Scheme::solution(self.integrator.storage()));
+            piece.end(self.integrator.time().to_f64(), AnyScheme::solution(self.integrator.storage()));
         }
         made
     }
@@ -618,8 +603,8 @@ fn in_double<T: Real>(numbers: &[T]) -> impl Iterator<Item = f64> {
 
 /// Tells the memories of an integrator at the beginning of the past what was, and takes it to the initial
 /// state.
-fn follow_past<T: Elementary + Memories, X: ScenarioSpace<T>>(
-    integrator: &mut Integrator<T, X, X::System, X::Scheme, DampingTerms<T, X>>,
+fn follow_past<T: Elementary + Memories>(
+    integrator: &mut Integrator<T, AnySpace, Model<T>, AnyScheme<T>, DampingTerms<T>>,
     scenario: &Scenario,
     past: &Past,
 ) -> Result<(), InputError> {
@@ -632,7 +617,7 @@ fn follow_past<T: Elementary + Memories, X: ScenarioSpace<T>>(
     let (mut rise, mut increments) = (vec![T::zero(); size], Vec::new());
     let (mut known, mut scratch) = (Vec::new(), Vec::new());
     for step in 0..steps {
-        let from = X::slice(&integrator.state().position);
+        let from = integrator.state().position.as_slice();
         let end = past.end(step).unwrap_or(&scenario.initial.position);
         rise.iter_mut().zip(end).zip(from).for_each(|((rise, &end), &from)| *rise = T::of(end) - from);
         increments.clear();
@@ -658,7 +643,7 @@ fn follow_past<T: Elementary + Memories, X: ScenarioSpace<T>>(
     }
     // What acted at the end of the past has acted before the initial momentum.
     if let Some(kick) = integrator.damping_mut().kick.as_mut() {
-        X::slice_mut(&mut kick.last).fill(T::zero());
+        kick.last.fill(T::zero());
     }
     Ok(())
 }
@@ -698,21 +683,21 @@ fn memory_request<'a>(
 /// The damping terms of a scenario on their memories, and which of the scenario's terms each of them serves:
 /// where several follow the same coordinates with sums of exponentials for many channels, they have one
 /// memory.
-fn damping_terms<T: Elementary + Memories, X: ScenarioSpace<T>>(
+fn damping_terms<T: Elementary + Memories>(
     scenario: &Scenario,
-    space: &X,
+    space: &AnySpace,
     nodes: usize,
     tables: &Tables,
-) -> Result<DampingTerms<T, X>, InputError> {
+) -> Result<DampingTerms<T>, InputError> {
     let damping = &scenario.system.damping;
     let request = |index: usize| {
         let term = &damping[index];
-        memory_request(scenario, (space.channels(term), nodes), term)
+        memory_request(scenario, (channels_of(term, space.copies()), nodes), term)
     };
     let alike = |one: usize, other: usize| {
         nodes == 1
             && request(one).may_share_with(&request(other))
-            && space.follow_alike(&damping[one], &damping[other])
+            && follow_alike::<T>(&damping[one], &damping[other])
     };
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for index in 0..damping.len() {
@@ -746,20 +731,20 @@ fn damping_terms<T: Elementary + Memories, X: ScenarioSpace<T>>(
 }
 
 /// Terms of a scenario on a memory of their kernels.
-fn term_on<'a, T: Elementary + Memories, X: ScenarioSpace<T>>(
+fn term_on<'a, T: Elementary + Memories>(
     scenario: &Scenario,
-    space: &X,
+    space: &AnySpace,
     indices: &[usize],
     request: impl Fn(usize) -> MemoryRequest<'a>,
     memory: HostMemory<T>,
-) -> Result<X::Term<HostMemory<T>>, InputError> {
+) -> Result<HostTerm<T, HostMemory<T>>, InputError> {
     let with_kernel = |&index: &usize| {
         let kernel =
             request(index).kernel().map_err(|error| refused_memory(scenario, index, error.into()))?;
         Ok((&scenario.system.damping[index], kernel))
     };
     let terms = indices.iter().map(with_kernel).collect::<Result<Vec<_>, InputError>>()?;
-    space.term(&terms, memory).map_err(|error| {
+    term_on_memory(space, &terms, memory).map_err(|error| {
         let path = format!("system.damping[{}]", indices[0]);
         scenario.error_at(&path, Problem::Precision { reason: error.to_string() })
     })
@@ -782,41 +767,43 @@ fn refused_memory(scenario: &Scenario, index: usize, error: EngineError) -> Inpu
     scenario.error_at_first(places, Problem::Engine(Cause::new(error)))
 }
 
+/// G, skew-symmetric; `None` without gyroscopic forces.
+fn gyroscopic<T: Elementary>(scenario: &Scenario, space: &AnySpace) -> Option<Matrix<T>> {
+    let skew = scenario.system.gyroscopic.as_ref()?;
+    let entries = skew.entries().iter().map(|&(row, column, entry)| (row as usize, column as usize, entry));
+    Some(Matrix::of_entries(scenario.coordinates(), entries).on_threads(space.threads()))
+}
+
 /// ρ x of a term whose kernel is of plain numbers.
-fn resisting<T: Elementary + Memories, X: ScenarioSpace<T>>(
-    term: &X::Term<HostMemory<T>>,
-    vector: &X::Vector,
-    space: &X,
-) -> Vec<T> {
-    let vector = X::slice(vector);
-    let mut scratch = space.zeros();
+fn resisting<T: Elementary + Memories>(term: &HostTerm<T, HostMemory<T>>, vector: &[T]) -> Vec<T> {
+    let mut scratch = vec![T::zero(); vector.len()];
     let mut force = vec![T::zero(); vector.len()];
-    term.add_leading(vector, &mut force, X::slice_mut(&mut scratch));
+    term.add_leading(vector, &mut force, &mut scratch);
     let leading = term.memory().leading().first().copied().unwrap_or(T::one());
     force.iter_mut().for_each(|number| *number /= leading);
     force
 }
 
 /// Any number of damping terms on their memories.
-struct DampingTerms<T: Elementary + Memories, X: ScenarioSpace<T>> {
-    terms: Vec<X::Term<HostMemory<T>>>,
+struct DampingTerms<T: Elementary + Memories> {
+    terms: Vec<HostTerm<T, HostMemory<T>>>,
     /// The scenario's terms that each of them serves.
     served: Vec<Vec<usize>>,
-    kick: Option<Kick<X::Vector>>,
+    kick: Option<Kick<T>>,
     /// What acts like a damping without memory.
-    gyroscopic: Option<Gyroscopic<T, X::Block>>,
+    gyroscopic: Option<Gyroscopic<T, Matrix<T>>>,
 }
 
 /// The fractional force Σ_m ρ_m (D^{β_m} q)_k at the main nodes: the momentum p_k of such a scheme is the one
 /// after its kick.
-struct Kick<V> {
+struct Kick<T> {
     /// Known part of the next one.
-    next: V,
+    next: Vec<T>,
     /// The last one; zero at t = 0, where there is none.
-    last: V,
+    last: Vec<T>,
 }
 
-impl<T: Elementary + Memories, X: ScenarioSpace<T>> Damping<T, X> for DampingTerms<T, X> {
+impl<T: Elementary + Memories> Damping<T, AnySpace> for DampingTerms<T> {
     fn check(&self, coordinates: usize, nodes: usize, step_size: T) -> Result<(), Mismatch> {
         self.terms[..].check(coordinates, nodes, step_size)
     }
@@ -838,7 +825,7 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> Damping<T, X> for DampingTer
     ) -> Result<(), MemoryError> {
         self.terms[..].add_known(sample, known, scratch)?;
         if let Some(kick) = &mut self.kick {
-            X::slice_mut(&mut kick.next).iter_mut().zip(known).for_each(|(next, known)| *next = *known);
+            kick.next.iter_mut().zip(known).for_each(|(next, known)| *next = *known);
         }
         Ok(())
     }
@@ -851,7 +838,7 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> Damping<T, X> for DampingTer
         }
     }
 
-    fn visit_leading(&self, nodes: usize, mut visit: impl FnMut(usize, usize, T, &X::Block)) {
+    fn visit_leading(&self, nodes: usize, mut visit: impl FnMut(usize, usize, T, &Matrix<T>)) {
         self.terms[..].visit_leading(nodes, &mut visit);
         if let Some(gyroscopic) = &self.gyroscopic {
             gyroscopic.visit(visit);
@@ -871,31 +858,31 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> Damping<T, X> for DampingTer
     ) -> Result<(), MemoryError> {
         // The leading weight of starting weights is another one after the push.
         if let Some(kick) = &mut self.kick {
-            self.terms[..].add_leading(increments, X::slice_mut(&mut kick.next), scratch);
+            self.terms[..].add_leading(increments, &mut kick.next, scratch);
         }
         self.terms[..].push(sample, increments, scratch)?;
         if let Some(Kick { next, last }) = &mut self.kick {
             std::mem::swap(next, last);
-            X::slice_mut(next).fill(T::zero());
+            next.fill(T::zero());
         }
         Ok(())
     }
 
     fn state_bytes(&self) -> usize {
-        let kick = self.kick.as_ref().map_or(0, |kick| X::slice(&kick.last).len() * T::BYTES);
+        let kick = self.kick.as_ref().map_or(0, |kick| kick.last.len() * T::BYTES);
         kick + self.terms[..].state_bytes()
     }
 
     fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
         if let Some(kick) = &self.kick {
-            to.numbers(X::slice(&kick.last))?;
+            to.numbers(&kick.last)?;
         }
         self.terms[..].save(to)
     }
 
     fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         if let Some(kick) = &self.kick {
-            from.skip::<T>(X::slice(&kick.last).len())?;
+            from.skip::<T>(kick.last.len())?;
         }
         self.terms[..].check_state(from)
     }
@@ -903,13 +890,13 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> Damping<T, X> for DampingTer
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         self.check_state(&mut from.clone())?;
         if let Some(kick) = &mut self.kick {
-            from.numbers(X::slice_mut(&mut kick.last))?;
+            from.numbers(&mut kick.last)?;
         }
         self.terms[..].restore(from)
     }
 }
 
-impl<T: Elementary + Memories, X: ScenarioSpace<T>> Stepper for TypedSimulation<T, X> {
+impl<T: Elementary + Memories> Stepper for TypedSimulation<T> {
     fn step(&mut self, input: &[f64]) -> Result<u32, StepError> {
         self.prepare(input);
         let made = self.integrator.step(&self.input);
@@ -954,7 +941,7 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> Stepper for TypedSimulation<
         position.clear();
         let Some([last, before]) = &self.pieces else { return };
         let (piece, end) = if time > last.from || before.solution.is_empty() {
-            (last, X::slice(&self.integrator.state().position))
+            (last, self.integrator.state().position.as_slice())
         } else {
             (before, last.position.as_slice())
         };
@@ -976,7 +963,7 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> Stepper for TypedSimulation<
 
     fn increments(&self, numbers: &mut Vec<f64>) {
         numbers.clear();
-        numbers.extend(in_double(X::Scheme::solution(self.integrator.storage())));
+        numbers.extend(in_double(AnyScheme::solution(self.integrator.storage())));
     }
 
     fn advance(
@@ -1004,7 +991,7 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> Stepper for TypedSimulation<
                 Energies::Rows if row() => self.take_energy(),
                 Energies::Rows | Energies::Together => {}
             }
-            let position = in_double(X::slice(&self.integrator.state().position));
+            let position = in_double(&self.integrator.state().position);
             let time = self.integrator.time().to_f64();
             batch.push((time, self.energy), position, in_double(self.momentum()), iterations);
         }
@@ -1023,7 +1010,7 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> Stepper for TypedSimulation<
         let write = |places: &mut [f64], numbers: &[T]| {
             places.iter_mut().zip(numbers).for_each(|(place, number)| *place = number.to_f64());
         };
-        write(&mut grid.position, X::slice(&self.integrator.state().position));
+        write(&mut grid.position, &self.integrator.state().position);
         write(&mut grid.momentum, self.momentum());
     }
 
@@ -1035,7 +1022,7 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> Stepper for TypedSimulation<
 
     fn energies(&self, energies: &mut Vec<f64>) {
         energies.clear();
-        energies.extend(X::energies(self.integrator.system()).iter().map(|energy| energy.to_f64()));
+        energies.extend(self.integrator.system().energies().iter().map(|energy| energy.to_f64()));
     }
 
     fn has_energies_of_rows_only(&self) -> bool {
@@ -1044,7 +1031,7 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> Stepper for TypedSimulation<
 
     fn engines(&self) -> Vec<Engine> {
         let DampingTerms { terms, served, .. } = self.integrator.damping();
-        let of_memory = |(term, served): (&X::Term<HostMemory<T>>, &Vec<usize>)| {
+        let of_memory = |(term, served): (&HostTerm<T, HostMemory<T>>, &Vec<usize>)| {
             let engine = term.memory().engine();
             served.iter().map(move |&index| (index, engine)).collect::<Vec<_>>()
         };
@@ -1054,7 +1041,7 @@ impl<T: Elementary + Memories, X: ScenarioSpace<T>> Stepper for TypedSimulation<
     }
 
     fn missed(&self) -> Option<f64> {
-        X::missed(self.integrator.system())
+        self.integrator.system().missed()
     }
 
     fn shared(&self) -> Vec<Vec<usize>> {

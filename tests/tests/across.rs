@@ -3,6 +3,7 @@
 
 mod collocation;
 mod conformance;
+mod documented_keys;
 mod engines;
 mod exponential_sum;
 mod failures;

@@ -3,8 +3,10 @@
 use super::CommandError;
 use super::kernel_choice::KernelChoice;
 use super::listing::{ListingPrecision, emit, identifier, parameter_error, rates_csv, rates_rust};
+use crate::numerics::StagedMethod;
 use crate::numerics::rate_table::rate_table;
 use fvi_core::{ParameterError, RateTable, Real, RungeKutta};
+use fvi_scenario::with_staged_method;
 use std::fmt::LowerExp;
 use std::path::PathBuf;
 
@@ -64,33 +66,18 @@ enum Format {
 
 impl RatesArguments {
     pub(super) fn execute(self) -> Result<(), CommandError> {
-        match (self.family, self.stages) {
-            (Family::RadauIia, 1) => self.list("Radau IIA", RungeKutta::<1>::radau_iia()),
-            (Family::RadauIia, 2) => self.list("Radau IIA", RungeKutta::<2>::radau_iia()),
-            (Family::RadauIia, 3) => self.list("Radau IIA", RungeKutta::<3>::radau_iia()),
-            (Family::LobattoIiic, 2) => self.list("Lobatto IIIC", RungeKutta::<2>::lobatto_iiic()),
-            (Family::LobattoIiic, 3) => self.list("Lobatto IIIC", RungeKutta::<3>::lobatto_iiic()),
-            (Family::LobattoIiic, 4) => self.list("Lobatto IIIC", RungeKutta::<4>::lobatto_iiic()),
-            (family, stages) => {
-                let allowed = match family {
-                    Family::RadauIia => "1, 2 or 3 with the family radau-iia",
-                    Family::LobattoIiic => "2, 3 or 4 with the family lobatto-iiic",
-                };
-                Err(parameter_error(ParameterError { parameter: "stages", value: stages as f64, allowed }))
-            }
-        }
+        let staged = match self.family {
+            Family::RadauIia => StagedMethod::RadauIia(self.stages),
+            Family::LobattoIiic => StagedMethod::LobattoIiic(self.stages),
+        };
+        with_staged_method!(staged, method => self.list(staged.family(), &method)).map_err(parameter_error)?
     }
 
-    fn list<const R: usize>(
-        &self,
-        name: &str,
-        method: Result<RungeKutta<R>, ParameterError>,
-    ) -> Result<(), CommandError> {
-        let method = method.map_err(parameter_error)?;
+    fn list<const R: usize>(&self, name: &str, method: &RungeKutta<R>) -> Result<(), CommandError> {
         // A table has the digits of double precision, whatever its constant would have.
         let listing = match (self.format, self.precision) {
-            (Format::Rust, ListingPrecision::F32) => self.listed::<f32, R>(name, &method, "f32")?,
-            _ => self.listed::<f64, R>(name, &method, "f64")?,
+            (Format::Rust, ListingPrecision::F32) => self.listed::<f32, R>(name, method, "f32")?,
+            _ => self.listed::<f64, R>(name, method, "f64")?,
         };
         emit(|out| out.write_all(listing.as_bytes()), self.out.as_deref())
     }

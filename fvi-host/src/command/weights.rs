@@ -3,12 +3,14 @@
 use super::CommandError;
 use super::kernel_choice::KernelChoice;
 use super::listing::{ListingFormat, emit, identifier, parameter_error, write_matrix_weights, write_weights};
+use crate::numerics::StagedMethod;
 use crate::numerics::multistep_rule::MultistepRule;
 use crate::numerics::multistep_weights::multistep_weights;
 use crate::numerics::runge_kutta_weights::RungeKuttaWeights;
 use crate::numerics::transfer::TransferFunction;
 use crate::results::room::require;
 use fvi_core::{BdfOrder, ConvolutionWeights, ParameterError, RungeKutta};
+use fvi_scenario::with_staged_method;
 use std::path::PathBuf;
 
 /// Arguments of `fvi weights`.
@@ -71,12 +73,8 @@ impl WeightsArguments {
             (Family::Trapezoidal, None) => {
                 self.of_transfer(&self.kernel.transfer()?, MultistepRule::Trapezoidal)
             }
-            (Family::RadauIia, Some(1)) => self.matrices(RungeKutta::<1>::radau_iia()),
-            (Family::RadauIia, Some(2)) => self.matrices(RungeKutta::<2>::radau_iia()),
-            (Family::RadauIia, Some(3)) => self.matrices(RungeKutta::<3>::radau_iia()),
-            (Family::LobattoIiic, Some(2)) => self.matrices(RungeKutta::<2>::lobatto_iiic()),
-            (Family::LobattoIiic, Some(3)) => self.matrices(RungeKutta::<3>::lobatto_iiic()),
-            (Family::LobattoIiic, Some(4)) => self.matrices(RungeKutta::<4>::lobatto_iiic()),
+            (Family::RadauIia, Some(stages)) => self.staged(StagedMethod::RadauIia(stages)),
+            (Family::LobattoIiic, Some(stages)) => self.staged(StagedMethod::LobattoIiic(stages)),
             (family, stages) => {
                 let allowed = match family {
                     Family::Bdf => "none with the family bdf",
@@ -126,25 +124,19 @@ impl WeightsArguments {
         emit(write, self.out.as_deref())
     }
 
-    fn matrices<const R: usize>(
-        &self,
-        method: Result<RungeKutta<R>, ParameterError>,
-    ) -> Result<(), CommandError> {
+    fn staged(&self, staged: StagedMethod) -> Result<(), CommandError> {
+        with_staged_method!(staged, method => self.matrices(staged.family(), &method))
+            .map_err(parameter_error)?
+    }
+
+    fn matrices<const R: usize>(&self, name: &str, method: &RungeKutta<R>) -> Result<(), CommandError> {
         let exponent = self.kernel.power("weights of Runge–Kutta families")?;
-        let weights = method
-            .and_then(|method| {
-                let make = if self.increments { RungeKuttaWeights::on_rises } else { RungeKuttaWeights::new };
-                make(&method, exponent, self.step, self.count)
-            })
-            .map_err(parameter_error)?;
+        let make = if self.increments { RungeKuttaWeights::on_rises } else { RungeKuttaWeights::new };
+        let weights = make(method, exponent, self.step, self.count).map_err(parameter_error)?;
         require(self.count.saturating_mul(R * R * size_of::<f64>()))
             .map_err(|error| CommandError::NoRoom(format!("--count: {error}")))?;
         let planes = weights.planes();
         self.check(planes.iter().copied())?;
-        let name = match self.family {
-            Family::LobattoIiic => "Lobatto IIIC",
-            _ => "Radau IIA",
-        };
         let on = if self.increments { " on rises" } else { "" };
         let origin = format!("{name}, {R} stages, exponent {exponent}{on}, step {}", self.step);
         let said = (&*origin, self.name.as_deref());

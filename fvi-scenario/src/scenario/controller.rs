@@ -1,7 +1,7 @@
 //! `[controller]`: a sampled fractional PID controller whose output is a force on the coordinates.
 
 use super::load::Pattern;
-use super::scheme::Scheme;
+use super::scheme_descriptor::SchemeDescriptor;
 use super::system::{ForceQuadrature, System};
 use super::time::TimeGrid;
 use crate::language::document::{Document, Table, Value};
@@ -137,7 +137,7 @@ impl Controller {
     /// Reads `[controller]`, or any number of `[[controller]]`.
     pub(super) fn read_all(
         value: &Value<'_>,
-        (system, scheme, time): (&System, &Scheme, &TimeGrid),
+        (system, scheme, time): (&System, &SchemeDescriptor, &TimeGrid),
         document: &Document,
     ) -> Result<Vec<Self>, InputError> {
         if time.grid.is_some() {
@@ -159,7 +159,7 @@ impl Controller {
 
     fn read(
         table: &Table<'_>,
-        (system, scheme, time): (&System, &Scheme, &TimeGrid),
+        (system, scheme, time): (&System, &SchemeDescriptor, &TimeGrid),
         document: &Document,
     ) -> Result<Self, InputError> {
         table.allow(&[
@@ -319,13 +319,8 @@ impl Controller {
 }
 
 /// Whether a force that changes inside a step is taken from then on.
-fn acts_inside_steps(system: &System, scheme: &Scheme) -> bool {
-    let by_scheme = match scheme {
-        Scheme::LowOrder { kappa } => *kappa != 0.0,
-        Scheme::Galerkin { .. } => true,
-        Scheme::Collocation | Scheme::ExplicitEuler | Scheme::ImplicitEuler => false,
-    };
-    by_scheme && system.force_quadrature == ForceQuadrature::Moments
+fn acts_inside_steps(system: &System, scheme: &SchemeDescriptor) -> bool {
+    scheme.takes_inputs_inside && system.force_quadrature == ForceQuadrature::Moments
 }
 
 fn not_negative(value: &Value<'_>) -> Result<f64, InputError> {

@@ -1,6 +1,6 @@
 //! `[[event]]`: what is watched for on the way.
 
-use super::scheme::Scheme;
+use super::scheme_descriptor::SchemeDescriptor;
 use super::system::System;
 use crate::language::document::Table;
 use crate::language::error::{InputError, Problem};
@@ -74,7 +74,11 @@ pub enum Action {
 }
 
 impl Event {
-    pub(super) fn read(table: &Table<'_>, system: &System, scheme: &Scheme) -> Result<Self, InputError> {
+    pub(super) fn read(
+        table: &Table<'_>,
+        system: &System,
+        scheme: &SchemeDescriptor,
+    ) -> Result<Self, InputError> {
         table.allow(&["when", "direction", "action"])?;
         let count = system.coordinates();
         let names = |letter: char| (0..count).map(move |index| format!("{letter}{index}"));
@@ -91,7 +95,7 @@ impl Event {
         if when.root().as_number().is_some() {
             return Err(value.out_of_range("a function of t, positions or momenta, which may pass zero"));
         }
-        if scheme != &Scheme::Collocation && value.expression(&of_positions).is_err() {
+        if !scheme.has_momentum_inside && value.expression(&of_positions).is_err() {
             return Err(value.error(Problem::Incompatible {
                 with: "a momentum that jumps from step to step: inside steps variational schemes have that of a polynomial of q".to_owned(),
                 allowed: "a function of t and positions here, or `scheme.kind` = \"collocation\"".to_owned(),

@@ -34,13 +34,7 @@ pub(super) fn nodes(scheme: &Scheme, convolution: &Convolution) -> usize {
     if convolution.at == DampedAt::MainNodes && !convolution.family.is_staged() {
         return 1;
     }
-    match scheme {
-        Scheme::Galerkin { .. } | Scheme::Collocation => match convolution.family.stages() {
-            Some(stages) => stages,
-            None => scheme.quadrature().map_or(1, |quadrature| quadrature.points()),
-        },
-        Scheme::LowOrder { .. } | Scheme::ExplicitEuler | Scheme::ImplicitEuler => 1,
-    }
+    scheme.descriptor(convolution.family).nodes
 }
 
 impl Past {

@@ -3,6 +3,7 @@
 use super::system::System;
 use crate::language::document::Table;
 use crate::language::error::{InputError, Problem};
+use crate::numerics::StagedMethod;
 use crate::numerics::multistep_rule::MultistepRule;
 use fvi_core::{BdfOrder, ParameterError};
 use serde::Serialize;
@@ -134,16 +135,26 @@ impl ConvolutionFamily {
         })
     }
 
-    /// Whether it is a Runge–Kutta family, with stages.
-    pub fn is_staged(&self) -> bool {
-        self.stages().is_some()
+    /// The Runge–Kutta method behind it; `None` for multistep rules.
+    pub fn staged(&self) -> Option<StagedMethod> {
+        match *self {
+            Self::RadauIia { stages } => Some(StagedMethod::RadauIia(stages)),
+            Self::LobattoIiic { stages } => Some(StagedMethod::LobattoIiic(stages)),
+            Self::Bdf { .. } | Self::Trapezoidal => None,
+        }
     }
 
-    /// The stages of a Runge–Kutta family.
-    pub fn stages(&self) -> Option<usize> {
-        match *self {
-            Self::RadauIia { stages } | Self::LobattoIiic { stages } => Some(stages),
-            Self::Bdf { .. } | Self::Trapezoidal => None,
+    /// Whether it is a Runge–Kutta family, with stages.
+    pub fn is_staged(&self) -> bool {
+        self.staged().is_some()
+    }
+
+    /// Order of the quadrature on smooth signals.
+    pub fn order(&self) -> usize {
+        match (*self, self.staged()) {
+            (_, Some(method)) => method.order(),
+            (Self::Bdf { order }, _) => order,
+            _ => 2,
         }
     }
 }

@@ -4,7 +4,7 @@ use super::Scenario;
 use super::element::Element;
 use super::load::Amplitude;
 use super::matrix::SymmetricMatrix;
-use super::scheme::{Convolution, ConvolutionFamily, DampedAt, Scheme};
+use super::scheme::{Convolution, ConvolutionFamily, DampedAt};
 use super::system::Derivative;
 use super::time::ReportedMomentum;
 use crate::language::document::{Table, Value};
@@ -26,7 +26,7 @@ pub struct Sensitivity {
 pub struct Parameter {
     /// Where it is, such as `system.damping[0].order`.
     pub path: String,
-    /// Found type or shape.
+    /// Kind of the parameter.
     pub what: Quantity,
 }
 
@@ -112,16 +112,11 @@ fn refuse_what_is_not_covered(scenario: &Scenario) -> Result<(), InputError> {
     if scenario.time.grid.is_some() {
         return refused("time.grid", "equal steps: derivatives are those of one grid".to_owned());
     }
-    let degree = match scenario.scheme {
-        Scheme::LowOrder { .. } => 1,
-        Scheme::Galerkin { degree, .. } => degree,
-        _ => {
-            return refused(
-                "scheme.kind",
-                "\"low-order\" or \"galerkin\", the variational schemes".to_owned(),
-            );
-        }
-    };
+    let scheme = scenario.scheme_descriptor();
+    if !scheme.is_variational {
+        return refused("scheme.kind", "\"low-order\" or \"galerkin\", the variational schemes".to_owned());
+    }
+    let degree = scheme.unknowns;
     if !scenario.cases.is_empty() {
         return refused("case", "one motion".to_owned());
     }
@@ -169,10 +164,7 @@ fn refuse_what_is_not_covered(scenario: &Scenario) -> Result<(), InputError> {
 /// Whether the momentum that is reported is another one than that of the scheme at several nodes.
 fn has_momentum_offset(scenario: &Scenario) -> bool {
     let Convolution { family, at, .. } = &scenario.convolution;
-    let nodes = match (scenario.scheme, scenario.scheme.quadrature()) {
-        (Scheme::Galerkin { degree, .. }, quadrature) => quadrature.map_or(degree, |rule| rule.points()),
-        _ => 1,
-    };
+    let nodes = scenario.scheme_descriptor().nodes;
     matches!(family, ConvolutionFamily::Bdf { order: 3.. })
         && *at == DampedAt::Nodes
         && nodes > 1

@@ -2,7 +2,8 @@
 
 use super::adaptive::{Adaptive, MOST_STEPS_CHOSEN, Start};
 use super::grid::{Grid, GridRule, read_must_hit};
-use super::scheme::{ConvolutionFamily, Scheme};
+use super::scheme::ConvolutionFamily;
+use super::scheme_descriptor::SchemeDescriptor;
 use crate::language::document::{Document, Table};
 use crate::language::error::{InputError, Problem};
 use crate::numerics::exponential_table::SMALLEST_TOLERANCE;
@@ -609,17 +610,15 @@ pub struct OutputOptions {
 impl OutputOptions {
     /// What a scenario has that does not say. Euler's methods, baselines of order 1, have the momentum that
     /// they compute.
-    pub fn default_for(scheme: &Scheme) -> Self {
-        let momentum = match scheme {
-            Scheme::ExplicitEuler | Scheme::ImplicitEuler => ReportedMomentum::OneSided,
-            Scheme::LowOrder { .. } | Scheme::Galerkin { .. } | Scheme::Collocation => ReportedMomentum::Mean,
-        };
+    pub fn default_for(scheme: &SchemeDescriptor) -> Self {
+        let momentum =
+            if scheme.reports_own_momentum { ReportedMomentum::OneSided } else { ReportedMomentum::Mean };
         Self { every: 1, momentum, coordinates: None, snapshots: None, times: Vec::new() }
     }
 
     pub(super) fn read(
         table: &Table<'_>,
-        scheme: &Scheme,
+        scheme: &SchemeDescriptor,
         count: usize,
         grid: &TimeGrid,
     ) -> Result<Self, InputError> {

@@ -15,18 +15,6 @@ pub struct States<'a> {
     pub stride: usize,
 }
 
-/// A system whose energies may be computed for many states together, at less cost than one by one.
-pub trait EnergiesAlong<T> {
-    /// Whether it has an energy of the kind ½ Σ p_i²/m_i + U(q) with one expression for U.
-    fn has_plain_energy(&self) -> bool;
-
-    /// Writes the energies of as many states as there are places, to the bits of each by itself.
-    ///
-    /// For systems with a [plain](Self::has_plain_energy) energy; for others it writes nothing. `room` serves
-    /// this system only.
-    fn write_energies(&self, states: &States<'_>, room: &mut EnergyRoom<T>, energies: &mut [f64]);
-}
-
 /// Room to compute energies in.
 #[derive(Clone, Debug)]
 pub struct EnergyRoom<T> {

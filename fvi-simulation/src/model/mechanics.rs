@@ -1,12 +1,8 @@
 //! The mechanics of a scenario: mass, compiled potential and force.
 
-mod single;
-
-pub use single::SingleModel;
-
 use super::chain::PairedRows;
 use super::elements::Elements;
-use super::energies::{EnergiesAlong, EnergyRoom, States, write_plain};
+use super::energies::{EnergyRoom, States, write_plain};
 use super::loads::Loads;
 use super::matrices::{Matrix, Sparse};
 use super::moment::moment;
@@ -512,8 +508,9 @@ impl<T: Elementary> Switched for Model<T> {
     }
 }
 
-impl<T: Elementary> EnergiesAlong<T> for Model<T> {
-    fn has_plain_energy(&self) -> bool {
+impl<T: Elementary> Model<T> {
+    /// Whether it has an energy of the kind ½ Σ p_i²/m_i + U(q) with one expression for U.
+    pub fn has_plain_energy(&self) -> bool {
         let diagonal = matches!(self.inverse_mass, InverseMass::Matrix(Matrix::Diagonal(_)));
         diagonal
             && self.base.is_none()
@@ -522,7 +519,11 @@ impl<T: Elementary> EnergiesAlong<T> for Model<T> {
             && self.cases.is_empty()
     }
 
-    fn write_energies(&self, states: &States<'_>, room: &mut EnergyRoom<T>, energies: &mut [f64]) {
+    /// Writes the energies of as many states as there are places, to the bits of each by itself.
+    ///
+    /// For systems with a [plain](Self::has_plain_energy) energy; for others it writes nothing. `room` serves
+    /// this system only.
+    pub fn write_energies(&self, states: &States<'_>, room: &mut EnergyRoom<T>, energies: &mut [f64]) {
         if let InverseMass::Matrix(Matrix::Diagonal(inverse_masses)) = &self.inverse_mass {
             write_plain(inverse_masses, self.potential.as_ref(), states, room, energies);
         }

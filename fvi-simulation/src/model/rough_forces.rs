@@ -4,7 +4,7 @@ use super::force_moments::{ForceMoments, StepLengths};
 use super::scenario_loads::{loads, takes_moments};
 use super::signal_moments::SignalMoments;
 use super::unbounded_forces::UnboundedForces;
-use crate::scenario::{Amplitude, Load, Record, SampledInput, Scenario, Scheme};
+use crate::scenario::{Amplitude, Load, Record, SampledInput, Scenario};
 use fvi_core::{NodalRule, Real};
 use std::ops::Range;
 use std::slice::from_ref;
@@ -73,8 +73,7 @@ impl RoughForces {
             }
         }
         let force = ForceMoments::new(system.force.as_deref().unwrap_or_default(), lengths, run);
-        // With collocation samples count from grid points on.
-        let input = scenario.input.clone().filter(|_| scenario.scheme != Scheme::Collocation);
+        let input = scenario.input.clone().filter(|_| scenario.scheme_descriptor().takes_inputs_inside);
         let input = input.map(SignalMoments::new);
         let step = scenario.time.step;
         let inside = scenario.controllers.iter().any(|controller| controller.delay_in_steps(step).1 != 0.0);

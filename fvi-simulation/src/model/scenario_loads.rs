@@ -1,17 +1,11 @@
 //! The loads of a scenario, and whether its scheme takes more of forces of time than their values at nodes.
 
-use crate::scenario::{ForceQuadrature, Load, Scenario, Scheme};
+use crate::scenario::{ForceQuadrature, Load, Scenario};
 use std::ops::Range;
 
 /// Whether the scheme of a scenario can take forces of time by more than its nodes.
 pub(crate) fn takes_moments(scenario: &Scenario) -> bool {
-    scenario.system.force_quadrature == ForceQuadrature::Moments
-        && match scenario.scheme {
-            // No force moves the position.
-            Scheme::LowOrder { kappa } => kappa != 0.0,
-            Scheme::Galerkin { .. } | Scheme::Collocation => true,
-            Scheme::ExplicitEuler | Scheme::ImplicitEuler => false,
-        }
+    scenario.system.force_quadrature == ForceQuadrature::Moments && scenario.scheme_descriptor().takes_moments
 }
 
 /// The loads of a scenario, with the motions that they act on.

@@ -1,16 +1,15 @@
 //! The schemes of scenarios: any degree, any quadrature, known at run time.
 
-mod linear;
-
 use super::matrices::Matrix;
 use super::space::{AnyEquations, AnyFactors, AnySpace};
-use crate::scenario::{ConvolutionFamily, DampedAt, Quadrature, Scenario, Scheme as ScenarioScheme};
+use crate::numerics::StagedMethod;
+use crate::scenario::{DampedAt, Quadrature, Scenario, Scheme as ScenarioScheme};
 use fvi_core::{
     Block, CachedFactor, CollocationTables, Damping, DiscreteLagrangian, ExplicitEuler, Galerkin,
     ImplicitEuler, Mechanics, ParameterError, Real, RungeKutta, Sampling, Scheme, Space, State, Step,
     StepError, Tables, Workspace, add_multiple, gauss_rule, lobatto_rule,
 };
-use linear::Line;
+use fvi_scenario::with_staged_method;
 
 /// Any of the core's schemes, its tables on the heap.
 #[derive(Clone, Debug)]
@@ -61,23 +60,13 @@ impl<T: Real> AnyScheme<T> {
             }
             ScenarioScheme::Galerkin { degree, .. } => degree,
             ScenarioScheme::Collocation => {
-                return match scenario.convolution.family {
-                    ConvolutionFamily::RadauIia { stages: 1 } => {
-                        Ok(Self::collocation(&RungeKutta::<1>::radau_iia()?))
-                    }
-                    ConvolutionFamily::RadauIia { stages: 2 } => {
-                        Ok(Self::collocation(&RungeKutta::<2>::radau_iia()?))
-                    }
-                    _ => Ok(Self::collocation(&RungeKutta::<3>::radau_iia()?)),
-                };
+                let staged = scenario.convolution.family.staged().unwrap_or(StagedMethod::RadauIia(3));
+                return with_staged_method!(staged, method => Self::collocation(&method));
             }
         };
-        let rule = match scenario.convolution.family {
-            ConvolutionFamily::Bdf { .. } | ConvolutionFamily::Trapezoidal => {
-                Rule::of(scenario.scheme.quadrature().unwrap_or(Quadrature::Gauss(degree)))?
-            }
-            ConvolutionFamily::RadauIia { stages } => Rule::radau_iia(stages)?,
-            ConvolutionFamily::LobattoIiic { stages } => Rule::lobatto_iiic(stages)?,
+        let rule = match scenario.convolution.family.staged() {
+            None => Rule::of(scenario.scheme.quadrature().unwrap_or(Quadrature::Gauss(degree)))?,
+            Some(staged) => with_staged_method!(staged, method => Rule::of_method(&method))?,
         };
         Self::galerkin(degree, &rule, form)
     }
@@ -149,7 +138,7 @@ impl<T: Real> AnyScheme<T> {
     /// The discrete Lagrangian of degree one with one quadrature point, as a view whose lengths the compiler
     /// knows: loops over nodes and points vanish from its step.
     #[inline(always)]
-    pub(super) fn of_one_point(&self) -> Option<DiscreteLagrangian<'_, T>> {
+    fn of_one_point(&self) -> Option<DiscreteLagrangian<'_, T>> {
         fn one<T>(numbers: &[T]) -> Option<&[T; 1]> {
             numbers.try_into().ok()
         }
@@ -161,62 +150,6 @@ impl<T: Real> AnyScheme<T> {
             tests: one(&self.tests)?,
             kinetic: one(&self.kinetic)?,
         })
-    }
-
-    /// A step of any scheme and any system.
-    // Out of line: with all of this beside them, the steps of a line would have fewer registers.
-    #[inline(never)]
-    fn step_in_general<G: Mechanics<T, AnySpace>, D: Damping<T, AnySpace>>(
-        &self,
-        room: &mut Room<T>,
-        mechanics: &mut G,
-        damping: &mut D,
-        step: &Step<'_, T>,
-        state: &mut State<Vec<T>>,
-    ) -> Result<u32, StepError> {
-        let (behind, restoring) = room.carried.split_at_mut(room.behind);
-        let mut work = Workspace::<T, AnySpace, _> {
-            increments: &mut room.increments,
-            residual: &mut room.residual,
-            stages: &mut room.stages,
-            forces: &mut room.forces,
-            known: &mut room.known,
-            scratch: &mut room.scratch,
-            behind,
-            restoring,
-            moment_correction: &mut room.moment_correction,
-            point: &mut room.point,
-            stiffness: &mut room.stiffness,
-            matrix: &mut room.matrix,
-            kept: &mut room.kept,
-        };
-        match (self.form, self.of_one_point()) {
-            (Form::MainNodes, Some(lagrangian)) => {
-                lagrangian.step_damped_at_main_nodes(&mut work, mechanics, damping, step, state)
-            }
-            (Form::EndOfStep | Form::Nodes, Some(lagrangian)) => {
-                lagrangian.step_damped_at_nodes(&mut work, mechanics, damping, step, state)
-            }
-            (Form::MainNodes, None) => {
-                self.view().step_damped_at_main_nodes(&mut work, mechanics, damping, step, state)
-            }
-            (Form::EndOfStep | Form::Nodes, None) => {
-                self.view().step_damped_at_nodes(&mut work, mechanics, damping, step, state)
-            }
-            (Form::Collocation, _) => {
-                let Self { square, weights, nodes, .. } = self;
-                CollocationTables { square, weights, nodes }.step(&mut work, mechanics, damping, step, state)
-            }
-        }
-    }
-
-    /// Where a variational scheme of one point is damped; `None` for the other schemes.
-    pub(super) fn one_point_form(&self) -> Option<DampedAt> {
-        match self.form {
-            Form::MainNodes => Some(DampedAt::MainNodes),
-            Form::Nodes => Some(DampedAt::Nodes),
-            Form::EndOfStep | Form::Collocation => None,
-        }
     }
 }
 
@@ -235,22 +168,6 @@ impl Rule {
             Quadrature::Lobatto(_) => lobatto_rule(&mut nodes, &mut weights)?,
         }
         Ok(Self { nodes, weights })
-    }
-
-    fn radau_iia(stages: usize) -> Result<Self, ParameterError> {
-        match stages {
-            1 => Ok(Self::of_method(&RungeKutta::<1>::radau_iia()?)),
-            2 => Ok(Self::of_method(&RungeKutta::<2>::radau_iia()?)),
-            _ => Ok(Self::of_method(&RungeKutta::<3>::radau_iia()?)),
-        }
-    }
-
-    fn lobatto_iiic(stages: usize) -> Result<Self, ParameterError> {
-        match stages {
-            2 => Ok(Self::of_method(&RungeKutta::<2>::lobatto_iiic()?)),
-            3 => Ok(Self::of_method(&RungeKutta::<3>::lobatto_iiic()?)),
-            _ => Ok(Self::of_method(&RungeKutta::<4>::lobatto_iiic()?)),
-        }
     }
 
     fn of_method<const R: usize>(method: &RungeKutta<R>) -> Self {
@@ -329,37 +246,53 @@ impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
         step: &Step<'_, T>,
         state: &mut State<Vec<T>>,
     ) -> Result<u32, StepError> {
-        if let Some(line) = Line::of(self, room, mechanics, step) {
-            return line.step(room, mechanics, damping, step, state);
+        let (behind, restoring) = room.carried.split_at_mut(room.behind);
+        let mut work = Workspace::<T, AnySpace, _> {
+            increments: &mut room.increments,
+            residual: &mut room.residual,
+            stages: &mut room.stages,
+            forces: &mut room.forces,
+            known: &mut room.known,
+            scratch: &mut room.scratch,
+            behind,
+            restoring,
+            moment_correction: &mut room.moment_correction,
+            point: &mut room.point,
+            stiffness: &mut room.stiffness,
+            matrix: &mut room.matrix,
+            kept: &mut room.kept,
+        };
+        match (self.form, self.of_one_point()) {
+            (Form::MainNodes, Some(lagrangian)) => {
+                lagrangian.step_damped_at_main_nodes(&mut work, mechanics, damping, step, state)
+            }
+            (Form::EndOfStep | Form::Nodes, Some(lagrangian)) => {
+                lagrangian.step_damped_at_nodes(&mut work, mechanics, damping, step, state)
+            }
+            (Form::MainNodes, None) => {
+                self.view().step_damped_at_main_nodes(&mut work, mechanics, damping, step, state)
+            }
+            (Form::EndOfStep | Form::Nodes, None) => {
+                self.view().step_damped_at_nodes(&mut work, mechanics, damping, step, state)
+            }
+            (Form::Collocation, _) => {
+                let Self { square, weights, nodes, .. } = self;
+                CollocationTables { square, weights, nodes }.step(&mut work, mechanics, damping, step, state)
+            }
         }
-        self.step_in_general(room, mechanics, damping, step, state)
     }
 }
 
-/// A scheme whose steps can be looked into.
-pub trait DenseOutput<T: Real, X: Space<T>>: Scheme<T, X> {
+impl<T: Real> AnyScheme<T> {
     /// What the last step has solved for: with the state at its beginning, all that
     /// [`interpolate`](Self::interpolate) needs.
-    fn solution(storage: &Self::Storage) -> &[T];
-
-    /// Moves position and momentum from the beginning of a step, of the given length, to the given fraction
-    /// of it, by the polynomial that the scheme itself works with.
-    fn interpolate(
-        &self,
-        solution: &[T],
-        mechanics: &impl Mechanics<T, X>,
-        length_and_fraction: (T, T),
-        position: &mut [T],
-        momentum: &mut [T],
-    );
-}
-
-impl<T: Real> DenseOutput<T, AnySpace> for AnyScheme<T> {
-    fn solution(room: &Room<T>) -> &[T] {
+    pub fn solution(room: &Room<T>) -> &[T] {
         &room.increments
     }
 
-    fn interpolate(
+    /// Moves position and momentum from the beginning of a step, of the given length, to the given fraction
+    /// of it, by the polynomial that the scheme itself works with.
+    pub fn interpolate(
         &self,
         solution: &[T],
         mechanics: &impl Mechanics<T, AnySpace>,

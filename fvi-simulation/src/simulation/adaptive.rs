@@ -5,7 +5,7 @@ use super::crossings::{Crossings, Standing, Verdict};
 use super::step_control::StepControl;
 use super::{GridState, Precision, Simulation};
 use crate::language::{InputError, Problem};
-use crate::scenario::{Adaptive, ConvolutionFamily, Scenario, Scheme};
+use crate::scenario::{Adaptive, Scenario};
 use fvi_core::{StateError, StepError};
 use serde::{Deserialize, Serialize};
 
@@ -112,7 +112,8 @@ impl<'s> AdaptiveSteps<'s> {
         }
         let first = rule.first.map_or(FIRST * rule.tolerance.sqrt() * rule.end, |first| 2.0 * first);
         let first = rule.unjudged.unwrap_or(first);
-        let orders = [order(scenario) + 1.0, order_inside(scenario)];
+        let scheme = scenario.scheme_descriptor();
+        let orders = [scheme.order as f64 + 1.0, scheme.order_inside as f64];
         let control = StepControl::new(orders[0], first.max(2.0 * rule.shortest));
         let largest =
             [&start.position, &start.momentum].map(|numbers| numbers.iter().map(|x| x.abs()).collect());
@@ -148,9 +149,9 @@ impl<'s> AdaptiveSteps<'s> {
             inside: scenario.is_looked_into().then(|| start.clone()),
             // The polynomial of half the step is as much better. Galerkin's has momenta of a low order, which
             // are not held to the tolerance.
-            share_inside: match scenario.scheme {
-                Scheme::Collocation => [libm::pow(2.0, -orders[1]); 2],
-                _ => [libm::pow(2.0, -orders[1]), 0.0],
+            share_inside: match scheme.has_momentum_inside {
+                true => [libm::pow(2.0, -orders[1]); 2],
+                false => [libm::pow(2.0, -orders[1]), 0.0],
             },
             orders,
             ahead: false,
@@ -413,33 +414,5 @@ impl From<StepError> for AttemptError {
 impl From<StateError> for AttemptError {
     fn from(error: StateError) -> Self {
         Self::State(error)
-    }
-}
-
-/// The order of the scheme on smooth motions.
-fn order(scenario: &Scenario) -> f64 {
-    let of_quadrature = match scenario.convolution.family {
-        ConvolutionFamily::RadauIia { stages } => 2 * stages - 1,
-        ConvolutionFamily::LobattoIiic { stages } => 2 * stages - 2,
-        ConvolutionFamily::Bdf { order } => order,
-        ConvolutionFamily::Trapezoidal => 2,
-    };
-    let order = match scenario.scheme {
-        Scheme::Galerkin { degree, .. } => of_quadrature.min(2 * degree),
-        _ => of_quadrature,
-    };
-    order as f64
-}
-
-/// The order of the error inside a step in its length.
-fn order_inside(scenario: &Scenario) -> f64 {
-    let stages = match scenario.convolution.family {
-        ConvolutionFamily::RadauIia { stages } | ConvolutionFamily::LobattoIiic { stages } => stages,
-        ConvolutionFamily::Bdf { .. } | ConvolutionFamily::Trapezoidal => 1,
-    };
-    match scenario.scheme {
-        // Of velocities; positions have one more.
-        Scheme::Galerkin { degree, .. } => degree as f64 + 1.0,
-        _ => stages as f64 + 1.0,
     }
 }

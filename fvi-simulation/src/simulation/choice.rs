@@ -2,7 +2,7 @@
 
 use crate::language::{InputError, Problem};
 use crate::model::{AnySpace, Elimination, Matrix, Model, matrix};
-use crate::scenario::{ConvolutionFamily, Scenario, Scheme, SharedTerms};
+use crate::scenario::{Scenario, Scheme, SharedTerms};
 use crate::simulation::available_memory::available_memory;
 use fvi_core::Mechanics;
 use serde::Serialize;
@@ -52,9 +52,9 @@ const SLOW: usize = 300;
 
 /// Warning about full matrices of many coordinates: the reason, and what avoids them.
 pub(super) fn dense_warning(scenario: &Scenario) -> Option<String> {
-    let (degree, coordinates) = (degree(scenario), scenario.coordinates());
+    let (degree, coordinates) = (scenario.scheme_descriptor().unknowns, scenario.coordinates());
     let owned = scenario.system.own_terms.as_ref().is_some_and(SharedTerms::are_full);
-    let collocation = matches!(scenario.scheme, Scheme::Collocation);
+    let collocation = scenario.scheme == Scheme::Collocation;
     if coordinates.saturating_mul(degree) < SLOW {
         return None;
     }
@@ -96,12 +96,12 @@ pub(super) fn sparse_space(
     scenario: &Scenario,
     choice: SolverChoice,
 ) -> Result<Option<AnySpace>, InputError> {
-    let (degree, count) = (degree(scenario), scenario.coordinates());
+    let (degree, count) = (scenario.scheme_descriptor().unknowns, scenario.coordinates());
     let known = scenario.system.has_sparse_matrices() || scenario.system.has_sparse_terms();
     let many = count > MANY || (count > SEVERAL && known);
     let pushed = scenario.system.force.iter().flatten().any(|force| force.has_variables());
     let owned = scenario.system.own_terms.as_ref().is_some_and(SharedTerms::are_full);
-    let collocation = matches!(scenario.scheme, Scheme::Collocation);
+    let collocation = scenario.scheme == Scheme::Collocation;
     let suits = degree == 1 && !collocation && !pushed && !owned && scenario.system.gyroscopic.is_none();
     let wanted = match choice {
         // Load cases share a sparse factor, however small it is.
@@ -158,18 +158,6 @@ pub(super) fn is_of_few(scenario: &Scenario, choice: SolverChoice) -> bool {
 /// Whether there are so many coordinates that eigenvalues of full matrices take longer than short runs.
 pub(super) fn are_several(scenario: &Scenario) -> bool {
     scenario.coordinates() > SEVERAL
-}
-
-/// How many vectors of coordinates a step solves for.
-fn degree(scenario: &Scenario) -> usize {
-    match scenario.scheme {
-        Scheme::Collocation => match scenario.convolution.family {
-            ConvolutionFamily::RadauIia { stages } | ConvolutionFamily::LobattoIiic { stages } => stages,
-            ConvolutionFamily::Bdf { .. } | ConvolutionFamily::Trapezoidal => 1,
-        },
-        Scheme::Galerkin { degree, .. } => degree,
-        Scheme::LowOrder { .. } | Scheme::ExplicitEuler | Scheme::ImplicitEuler => 1,
-    }
 }
 
 fn too_large(scenario: &Scenario, pushed: bool) -> InputError {

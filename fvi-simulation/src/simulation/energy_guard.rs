@@ -6,7 +6,7 @@ use crate::model::{Loads, RoughForces};
 use crate::numerics::column::{highest, lowest};
 use crate::numerics::dense;
 use crate::numerics::transfer::TransferFunction;
-use crate::scenario::{Derivative, OnEnergyGrowth, Scenario, Scheme, SharedTerms, SymmetricMatrix};
+use crate::scenario::{Derivative, OnEnergyGrowth, Scenario, SharedTerms, SymmetricMatrix};
 use crate::simulation::GridState;
 use crate::simulation::stability;
 use crate::simulation::step_batch::StepBatch;
@@ -457,7 +457,7 @@ fn may_lose(scenario: &Scenario) -> Option<f64> {
     }
     match scenario.time.adaptive() {
         Some(rule) => Some((LOST_IN_TOLERANCES * rule.tolerance).min(LOST)),
-        None => (scenario.scheme == Scheme::Collocation).then_some(LOST),
+        None => scenario.scheme_descriptor().is_dissipative.then_some(LOST),
     }
 }
 

@@ -5,7 +5,7 @@ use crate::language::expression::{Expression, Kind, Node};
 use crate::language::{InputError, Problem};
 use crate::model::tape::{Singularity, Unbounded, terms};
 use crate::model::{first_missed, takes_moments};
-use crate::scenario::{Amplitude, Scenario, Scheme};
+use crate::scenario::{Amplitude, Scenario};
 
 /// Refuses forces of time whose integral does not exist, and those that grow without bound where the scheme
 /// can take neither their integral nor their values.
@@ -26,9 +26,7 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), InputError> {
                     ),
                 );
             }
-            let looks = matches!(scenario.scheme, Scheme::ExplicitEuler | Scheme::ImplicitEuler)
-                || scenario.scheme == (Scheme::LowOrder { kappa: 0.0 });
-            if looks {
+            if !scenario.scheme_descriptor().takes_moments {
                 return refused(
                     &key,
                     format!(

@@ -381,7 +381,7 @@ impl<'s> Motion<'s> {
         if time < self.state.time { &self.control_before } else { &self.state.control }
     }
 
-    /// The scenario.
+    /// The simulation.
     pub fn simulation(&self) -> &Simulation {
         &self.simulation
     }

@@ -9,7 +9,7 @@ pub(super) struct Piece<T> {
     pub(super) to: f64,
     pub(super) position: Vec<T>,
     pub(super) momentum: Vec<T>,
-    /// [`DenseOutput::solution`](crate::model::DenseOutput::solution).
+    /// [`AnyScheme::solution`](crate::model::AnyScheme::solution).
     pub(super) solution: Vec<T>,
 }
 

@@ -11,7 +11,8 @@ use std::collections::BTreeMap;
 pub(crate) struct Identity {
     /// Version of the program.
     version: String,
-    /// Facts on which the last bits of the engines depend; none for engines that have the same bits everywhere.
+    /// Facts on which the last bits of the engines depend; none for engines that have the same bits
+    /// everywhere.
     vector_units: Option<String>,
     /// Samples that engine and table were chosen for.
     pub(crate) planned: usize,

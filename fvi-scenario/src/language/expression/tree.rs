@@ -124,7 +124,7 @@ impl Node {
         self.varies
     }
 
-    /// Found type or shape.
+    /// Kind of the node.
     pub fn kind(&self) -> &Kind {
         &self.kind
     }

@@ -209,32 +209,6 @@ impl<T: Elementary> CompiledPotential<T> {
     }
 }
 
-impl<T: Elementary> CompiledPotential<T> {
-    /// Adds the slope of the rest of a potential of one coordinate to `slope`, with registers that serve
-    /// nothing else.
-    #[inline]
-    pub(in crate::model) fn add_rest_slope(&self, registers: &mut OwnRegisters<T>, q: T, slope: T) -> T {
-        match &self.rest {
-            Some(rest) => rest.gradient.evaluate_single(registers, q, (slope, T::zero())).0,
-            None => slope,
-        }
-    }
-
-    /// As [`add_rest_slope`](Self::add_rest_slope), and adds the curvature of the rest to the other number.
-    #[inline]
-    pub(in crate::model) fn add_rest_slope_and_curvature(
-        &self,
-        registers: &mut OwnRegisters<T>,
-        q: T,
-        slope_and_curvature: (T, T),
-    ) -> (T, T) {
-        match &self.rest {
-            Some(rest) => rest.derivatives.evaluate_single(registers, q, slope_and_curvature),
-            None => slope_and_curvature,
-        }
-    }
-}
-
 /// A potential does not depend on the time.
 fn moment<T: Elementary>() -> Moment<T> {
     Moment::inside(T::zero())

@@ -36,8 +36,6 @@ const STRIDE: usize = 8;
 #[derive(Clone, Debug)]
 pub(super) struct Program<T> {
     constants: Vec<T>,
-    /// The program, where one wave is all there is.
-    wave: Option<Wave<T>>,
     plan: Plan,
 }
 
@@ -232,22 +230,6 @@ struct Single {
     other: Operation,
 }
 
-/// Waves of one variable, of which forces of pendulums are made, as the outputs of a program: one of the
-/// first kind, and of the second one or none.
-#[derive(Clone, Copy, Debug)]
-enum Wave<T> {
-    /// The sine by a factor, of the first kind.
-    Sine(T),
-    /// The sine and the cosine, each by its factor, and which of them is of the first kind.
-    SineAndCosine([T; 2], First),
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum First {
-    Sine,
-    Cosine,
-}
-
 /// Kind of an operation, for dispatch; the most frequent operations have a kind of their own.
 #[derive(Clone, Copy, Debug)]
 enum Kind {
@@ -311,7 +293,7 @@ impl<T: Elementary> Program<T> {
     ) -> Self {
         let (plan, constants) = Plan::new(graph, coordinates, sums, entries);
         let constants: Vec<T> = constants.into_iter().map(T::of).collect();
-        Self { wave: plan.wave(&constants), constants, plan }
+        Self { constants, plan }
     }
 
     /// Operations of an evaluation, sums included.
@@ -371,48 +353,6 @@ impl<T: Elementary> Program<T> {
         });
     }
 
-    /// As [`evaluate_again`](Self::evaluate_again) with one variable: adds all outputs of the first kind to
-    /// `sum`, those of the second to `entry`.
-    // Out of line: a call takes less than what it would do to the numbers of its callers.
-    #[inline(never)]
-    pub(super) fn evaluate_single(
-        &self,
-        registers: &mut OwnRegisters<T>,
-        variable: T,
-        (sum, entry): (T, T),
-    ) -> (T, T) {
-        match self.wave {
-            Some(Wave::Sine(factor)) => (sum + variable.sine() * factor, entry),
-            Some(Wave::SineAndCosine(factors, first)) => {
-                let (sine, cosine) = variable.sine_cosine();
-                let (sine, cosine) = (sine * factors[0], cosine * factors[1]);
-                if first == First::Sine { (sum + sine, entry + cosine) } else { (sum + cosine, entry + sine) }
-            }
-            None => self.evaluate_single_program(registers, variable, (sum, entry)),
-        }
-    }
-
-    #[inline(never)]
-    fn evaluate_single_program(
-        &self,
-        registers: &mut OwnRegisters<T>,
-        variable: T,
-        (sum, entry): (T, T),
-    ) -> (T, T) {
-        let registers = &mut registers.0;
-        if registers.is_empty() {
-            self.prepare(registers);
-        }
-        let plan = &self.plan;
-        let Some(few) = registers.first_chunk_mut::<ALL_OF_A_BYTE>().filter(|_| !plan.singles.is_empty())
-        else {
-            return plan.evaluate_single_windows(registers, variable, (sum, entry));
-        };
-        few[plan.first_variable() % ALL_OF_A_BYTE] = variable;
-        plan.singles.iter().for_each(|single| single.evaluate(few));
-        (add_outputs(few, &plan.sums, sum), add_outputs(few, &plan.entries, entry))
-    }
-
     #[cold]
     fn prepare(&self, registers: &mut Vec<T>) {
         registers.resize(self.plan.room(), T::zero());
@@ -421,28 +361,6 @@ impl<T: Elementary> Program<T> {
 }
 
 impl Plan {
-    /// The program as a wave, if it is one.
-    fn wave<T: Elementary>(&self, constants: &[T]) -> Option<Wave<T>> {
-        let ([single], [(first, _)]) = (&*self.singles, &*self.sums) else { return None };
-        let target = u32::from(single.target);
-        let factor = |register: u8| constants.get(usize::from(register)).copied();
-        if self.coordinates != 1 || usize::from(single.x) != self.first_variable() {
-            return None;
-        }
-        match (single.kind, &*self.entries) {
-            (Kind::SineBy, []) if *first == target => Some(Wave::Sine(factor(single.y)?)),
-            (Kind::SineAndCosineBy, [(second, _)]) => {
-                let factors = [factor(single.y)?, factor(single.z)?];
-                match (first.wrapping_sub(target), second.wrapping_sub(target)) {
-                    (0, 1) => Some(Wave::SineAndCosine(factors, First::Sine)),
-                    (1, 0) => Some(Wave::SineAndCosine(factors, First::Cosine)),
-                    _ => None,
-                }
-            }
-            _ => None,
-        }
-    }
-
     /// The register behind the constants and the two times.
     fn first_variable(&self) -> usize {
         self.constants + 2
@@ -494,18 +412,6 @@ impl Plan {
             hand_out(registers, (added, sums), (written, &mut set));
         }
     }
-
-    #[inline(never)]
-    fn evaluate_single_windows<T: Elementary>(
-        &self,
-        registers: &mut [T],
-        variable: T,
-        (sum, mut entry): (T, T),
-    ) -> (T, T) {
-        let mut sums = [sum];
-        self.execute(registers, &[variable], &mut sums, |_, value| entry += value);
-        (sums[0], entry)
-    }
 }
 
 /// Registers of one program.
@@ -530,16 +436,6 @@ fn hand_out<T: Elementary>(
     }
     for &(from, to) in written {
         set(to as usize, registers[from as usize]);
-    }
-}
-
-/// A number and outputs added to it, of which there mostly is one.
-#[inline(always)]
-fn add_outputs<T: Elementary>(registers: &[T; ALL_OF_A_BYTE], outputs: &[(u32, u32)], start: T) -> T {
-    let register = |from: u32| registers[from as usize % ALL_OF_A_BYTE];
-    match outputs {
-        &[(from, _)] => start + register(from),
-        _ => outputs.iter().fold(start, |sum, &(from, _)| sum + register(from)),
     }
 }
 

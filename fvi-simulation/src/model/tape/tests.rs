@@ -76,29 +76,6 @@ fn derivatives_without_a_quadratic_part_are_those_of_forward_differentiation_to_
 }
 
 #[test]
-fn slope_and_curvature_of_one_coordinate_are_those_of_forward_differentiation_to_the_bit() {
-    let texts = [
-        "9.81*(1 - cos(q0))",
-        "0.7*sin(q0)",
-        "3*cos(q0) + sin(q0)",
-        "cos(1.3*q0)",
-        "sin(q0)*sin(q0)",
-        "2.5*exp(-q0)",
-        "sin(q0)^3 + 0.3*tanh(q0)",
-    ];
-    for text in texts {
-        let potential = CompiledPotential::<f64>::compile(&parse(text, 1), 1);
-        let mut registers = [OwnRegisters::default(), OwnRegisters::default()];
-        for q in [0.4, -1.3, 0.0] {
-            let slope = potential.add_rest_slope(&mut registers[0], q, 0.0);
-            let both = potential.add_rest_slope_and_curvature(&mut registers[1], q, (0.0, 0.0));
-            let (_, gradient, hessian) = dual(text, [q]);
-            assert_eq!((slope, both), (gradient[0], (gradient[0], hessian[(0, 0)])), "{text} at {q}");
-        }
-    }
-}
-
-#[test]
 fn values_along_many_points_have_the_bits_of_each_by_itself() {
     let long: Vec<String> = (0..700).map(|k| format!("sin(q0 + {k})*q1^2 + abs(q2 - {k})")).collect();
     let texts = [

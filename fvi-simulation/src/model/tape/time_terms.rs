@@ -90,7 +90,7 @@ impl TimeTerms {
         self.terms.len()
     }
 
-    /// Their kind.
+    /// The terms as trees.
     pub fn nodes(&self) -> impl Iterator<Item = &Node> {
         self.terms.iter().map(|term| &term.node)
     }

@@ -8,6 +8,7 @@ use crate::scenario::{
     ConvolutionFamily, DampedAt, Quadrature, Scenario, Scheme, SharedTerms, SymmetricMatrix,
 };
 use fvi_core::RungeKutta;
+use fvi_scenario::with_staged_method;
 use nalgebra::{DMatrix, DVector};
 
 /// Refuses a step at which motions near the start grow, unless the scenario allows it; the Euler methods,
@@ -144,20 +145,19 @@ pub(crate) fn discretisation(scenario: &Scenario) -> Option<Discretisation> {
         Scheme::Galerkin { degree, .. } => (degree, None),
         Scheme::Collocation | Scheme::ExplicitEuler | Scheme::ImplicitEuler => return None,
     };
-    let (form, rule) = match scenario.convolution.family {
-        ConvolutionFamily::Bdf { .. } | ConvolutionFamily::Trapezoidal => {
+    let (form, rule) = match scenario.convolution.family.multistep().ok()? {
+        Some(multistep) => {
             let nodes = match kappa {
                 Some(kappa) => (vec![1.0 - kappa], vec![1.0]),
                 None => rule(scenario.scheme.quadrature()?)?,
             };
-            let rule = scenario.convolution.family.multistep().ok()??;
             let form = match scenario.convolution.at {
-                DampedAt::MainNodes => DampingForm::MainNodes { rule },
-                DampedAt::Nodes => DampingForm::Nodes { rule },
+                DampedAt::MainNodes => DampingForm::MainNodes { rule: multistep },
+                DampedAt::Nodes => DampingForm::Nodes { rule: multistep },
             };
             (form, nodes)
         }
-        family => stages_of_family(family)?,
+        None => stages_of_family(scenario.convolution.family)?,
     };
     let (nodes, weights) = rule;
     Some(Discretisation { degree, nodes, weights, form })
@@ -175,15 +175,7 @@ pub(crate) fn force_nodes(scenario: &Scenario) -> Vec<f64> {
 
 /// The stages of a Runge–Kutta family.
 pub(crate) fn stages_of_family(family: ConvolutionFamily) -> Option<(DampingForm, Rule)> {
-    Some(match family {
-        ConvolutionFamily::RadauIia { stages: 1 } => stages_of(&RungeKutta::<1>::radau_iia().ok()?),
-        ConvolutionFamily::RadauIia { stages: 2 } => stages_of(&RungeKutta::<2>::radau_iia().ok()?),
-        ConvolutionFamily::RadauIia { stages: 3 } => stages_of(&RungeKutta::<3>::radau_iia().ok()?),
-        ConvolutionFamily::LobattoIiic { stages: 2 } => stages_of(&RungeKutta::<2>::lobatto_iiic().ok()?),
-        ConvolutionFamily::LobattoIiic { stages: 3 } => stages_of(&RungeKutta::<3>::lobatto_iiic().ok()?),
-        ConvolutionFamily::LobattoIiic { stages: 4 } => stages_of(&RungeKutta::<4>::lobatto_iiic().ok()?),
-        _ => return None,
-    })
+    with_staged_method!(family.staged()?, method => stages_of(&method)).ok()
 }
 
 /// Nodes and weights.

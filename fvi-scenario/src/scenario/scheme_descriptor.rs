@@ -1,0 +1,109 @@
+//! Scheme descriptor: the only place, beside the schemes' keys and tables, that knows schemes by name.
+
+use super::scheme::{ConvolutionFamily, Scheme};
+
+/// A scheme with its convolution quadrature as the rest of the program sees it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SchemeDescriptor {
+    /// Vectors of N coordinates that a step solves for.
+    pub unknowns: usize,
+    /// Nodes in a step.
+    pub nodes: usize,
+    /// Order in h of positions at grid points, of smooth motions on a fine enough quadrature of forces.
+    pub order: usize,
+    /// Order in h of velocities inside a step.
+    pub order_inside: usize,
+    /// Whether the momentum inside a step has that order too.
+    pub has_momentum_inside: bool,
+    /// Whether a step makes a discrete action stationary.
+    pub is_variational: bool,
+    /// Whether a motion that nothing damps loses energy of itself.
+    pub is_dissipative: bool,
+    /// Whether it takes the impulse of a force of time by exact moments, rather than its values at grid
+    /// points.
+    pub takes_moments: bool,
+    /// Whether an input that changes inside a step acts from then on, rather than from the next grid point.
+    pub takes_inputs_inside: bool,
+    /// Whether the momentum that it computes is reported, rather than the mean of those before and after the
+    /// kick of the damping, unless the scenario says.
+    pub reports_own_momentum: bool,
+}
+
+impl Scheme {
+    /// The description of the scheme with a convolution quadrature.
+    pub fn descriptor(&self, family: ConvolutionFamily) -> SchemeDescriptor {
+        let stages = family.staged().map(|method| method.stages());
+        let variational = SchemeDescriptor {
+            unknowns: 1,
+            nodes: 1,
+            order: family.order(),
+            order_inside: 2,
+            has_momentum_inside: false,
+            is_variational: true,
+            is_dissipative: false,
+            takes_moments: true,
+            takes_inputs_inside: true,
+            reports_own_momentum: false,
+        };
+        let baseline = SchemeDescriptor {
+            order: 1,
+            is_variational: false,
+            takes_moments: false,
+            takes_inputs_inside: false,
+            reports_own_momentum: true,
+            ..variational
+        };
+        match *self {
+            Self::LowOrder { kappa } => SchemeDescriptor {
+                order: family.order().min(if kappa == 0.5 { 2 } else { 1 }),
+                // With κ = 0 no force moves the position.
+                takes_moments: kappa != 0.0,
+                takes_inputs_inside: kappa != 0.0,
+                ..variational
+            },
+            Self::Galerkin { degree, quadrature } => SchemeDescriptor {
+                unknowns: degree,
+                nodes: stages.or(quadrature.map(|rule| rule.points())).unwrap_or(degree),
+                order: family.order().min(2 * degree),
+                order_inside: degree + 1,
+                ..variational
+            },
+            Self::Collocation => {
+                let stages = stages.unwrap_or(1);
+                SchemeDescriptor {
+                    unknowns: stages,
+                    nodes: stages,
+                    order_inside: stages + 1,
+                    has_momentum_inside: true,
+                    is_variational: false,
+                    is_dissipative: true,
+                    takes_inputs_inside: false,
+                    ..variational
+                }
+            }
+            Self::ExplicitEuler | Self::ImplicitEuler => baseline,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario::Quadrature;
+
+    #[test]
+    fn a_description_counts_unknowns_nodes_and_orders() {
+        let counts = |scheme: Scheme, family| {
+            let SchemeDescriptor { unknowns, nodes, order, .. } = scheme.descriptor(family);
+            (unknowns, nodes, order)
+        };
+        let galerkin = |degree, points| Scheme::Galerkin { degree, quadrature: points };
+        let bdf = |order| ConvolutionFamily::Bdf { order };
+        assert_eq!(counts(Scheme::LowOrder { kappa: 0.5 }, bdf(2)), (1, 1, 2));
+        assert_eq!(counts(Scheme::LowOrder { kappa: 0.3 }, bdf(2)), (1, 1, 1));
+        assert_eq!(counts(galerkin(3, Some(Quadrature::Lobatto(4))), bdf(5)), (3, 4, 5));
+        assert_eq!(counts(galerkin(2, None), ConvolutionFamily::LobattoIiic { stages: 3 }), (2, 3, 4));
+        assert_eq!(counts(Scheme::Collocation, ConvolutionFamily::RadauIia { stages: 3 }), (3, 3, 5));
+        assert_eq!(counts(Scheme::ImplicitEuler, bdf(1)), (1, 1, 1));
+    }
+}

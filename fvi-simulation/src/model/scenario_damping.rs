@@ -1,0 +1,77 @@
+//! The damping terms of a scenario on memories: how many channels they have, which of them may share one.
+
+use super::channel_damping::{ChannelDamping, Coefficient, Directions, HostTerm};
+use super::matrices::Matrix;
+use super::mechanics::matrix;
+use super::space::AnySpace;
+use crate::language::expression::Elementary;
+use crate::scenario::{self, SymmetricMatrix};
+use fvi_core::{DampingError, DampingTerm, Derivative, Kernel, Memory};
+
+/// On what the derivative of a term acts.
+fn derivative(term: &scenario::Damping) -> Derivative {
+    match term.derivative {
+        scenario::Derivative::RiemannLiouville => Derivative::RiemannLiouville,
+        scenario::Derivative::Caputo => Derivative::Caputo,
+    }
+}
+
+/// Directions that the memory of a term follows; `None`: every coordinate.
+fn directions<T: Elementary>(term: &scenario::Damping) -> Option<Directions<T>> {
+    match (&term.attached, &term.coefficient) {
+        (Some(attached), _) => Some(Directions::of_dampers(attached)),
+        (None, SymmetricMatrix::Sparse(entries)) => Some(Directions::of_rows(entries.pattern.rows())),
+        (None, _) => None,
+    }
+}
+
+/// The same, every coordinate by its number.
+fn all_directions<T: Elementary>(term: &scenario::Damping) -> Directions<T> {
+    directions(term).unwrap_or_else(|| Directions::Coordinates((0..term.coefficient.size()).collect()))
+}
+
+/// Number of channels that the memory of a term has for each node, where so many motions are integrated
+/// together.
+pub fn channels_of(term: &scenario::Damping, copies: usize) -> usize {
+    let for_one = match (&term.attached, &term.coefficient) {
+        (Some(attached), _) => attached.columns.len(),
+        (None, SymmetricMatrix::Sparse(entries)) => {
+            entries.pattern.rows().filter(|slots| !slots.is_empty()).count().max(1)
+        }
+        (None, other) => other.size(),
+    };
+    for_one * copies
+}
+
+/// Whether the memories of two terms would follow the same numbers, so that they may have one.
+pub fn follow_alike<T: Elementary>(one: &scenario::Damping, other: &scenario::Damping) -> bool {
+    let same_derivative = one.derivative == other.derivative
+        && (derivative(one) == Derivative::RiemannLiouville
+            || (one.transfer.growth() > 1.0) == (other.transfer.growth() > 1.0));
+    same_derivative && all_directions::<T>(one) == all_directions::<T>(other)
+}
+
+/// Damping terms on a memory of their kernels. Where there are several they follow the same numbers.
+///
+/// # Errors
+/// If the coefficients are not positive semidefinite in the precision of `T`, or the memory is not one of the
+/// kernels.
+pub fn term_on_memory<T: Elementary, M: Memory<T>>(
+    space: &AnySpace,
+    terms: &[(&scenario::Damping, Kernel)],
+    memory: M,
+) -> Result<HostTerm<T, M>, DampingError> {
+    let rho =
+        |term: &scenario::Damping| -> Matrix<T> { matrix(&term.coefficient).on_threads(space.threads()) };
+    let (first, kernel) = terms[0];
+    if terms.len() == 1 && directions::<T>(first).is_none() {
+        return DampingTerm::in_space(space, kernel, rho(first), derivative(first), memory)
+            .map(HostTerm::Everywhere);
+    }
+    let coefficient =
+        |&(term, _): &(&scenario::Damping, Kernel)| Coefficient::new(rho(term), term.attached.as_ref());
+    let coefficients = terms.iter().map(coefficient).collect();
+    let kernels: Vec<Kernel> = terms.iter().map(|(_, kernel)| *kernel).collect();
+    let shape = (coefficients, all_directions(first), space.copies());
+    ChannelDamping::new(&kernels, shape, derivative(first), memory).map(HostTerm::Channels)
+}
