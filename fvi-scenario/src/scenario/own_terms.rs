@@ -22,8 +22,6 @@ pub trait OwnTerms: Send {
     fn places(&self) -> Option<Vec<(u32, u32)>> {
         None
     }
-    /// Adds ∇U(q) − F(t, q).
-    fn add_restoring_force(&mut self, moment: Moment<f64>, position: &[f64], restoring: &mut [f64]);
 
     /// Adds ∇U(q) − F(t, q).
     fn add_restoring_force(&mut self, moment: Moment<f64>, position: &[f64], restoring: &mut [f64]);
