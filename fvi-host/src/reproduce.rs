@@ -11,6 +11,7 @@ mod exact_oscillator;
 mod findings;
 mod hjo;
 mod jo;
+mod materials;
 mod methods;
 mod motion;
 mod node_form;
@@ -138,6 +139,7 @@ pub fn exhibits() -> Vec<Exhibit> {
         work_precision::EXHIBITS.as_slice(),
         any_length::EXHIBITS.as_slice(),
         accuracy::EXHIBITS.as_slice(),
+        materials::EXHIBITS.as_slice(),
     ]
     .concat()
 }

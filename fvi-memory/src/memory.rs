@@ -289,6 +289,11 @@ impl MemoryRequest<'_> {
     /// If the exponent or the step size is outside its range.
     pub fn kernel(&self) -> Result<fvi_core::Kernel, ParameterError> {
         let (transfer, step_size) = (self.transfer, self.step_size);
+        if let (Some(_), true) = (transfer.table(), self.convolution.family.is_staged()) {
+            let allowed =
+                "those of a multistep rule, one number for each lag: take `convolution.family` = \"bdf\"";
+            return Err(ParameterError { parameter: "weights", value: f64::NAN, allowed });
+        }
         let Some(exponent) = transfer.exponent() else { return self.kernel_of_transfer() };
         if self.convolution.family == ConvolutionFamily::Trapezoidal && exponent != 0.0 {
             return self.kernel_of_transfer();
@@ -317,7 +322,8 @@ impl MemoryRequest<'_> {
             return with_staged_method!(staged, method => self.matrix_kernel(&method))?;
         }
         let rule = self.convolution.family.multistep()?.unwrap_or(MultistepRule::Trapezoidal);
-        let weights = multistep_weights(transfer, rule, step_size, false, 2)?;
+        let first = transfer.table().map_or(2, |table| table.weights().len().min(2));
+        let weights = multistep_weights(transfer, rule, step_size, false, first)?;
         let first = [0, 1].map(|n| weights.get(n).copied().unwrap_or(0.0));
         fvi_core::Kernel::weights(transfer.growth(), first, step_size)
     }
@@ -358,6 +364,7 @@ impl MemoryRequest<'_> {
             None if (self.planned() <= PLAIN && few) || self.history.capacity.is_some() => Engine::Direct,
             None if self.planned() <= CROSSOVER && few => Engine::BlockFft,
             None if self.convolution.family == ConvolutionFamily::Trapezoidal => Engine::BlockFft,
+            None if self.transfer.table().is_some() => Engine::BlockFft,
             None => Engine::ExponentialSum,
         }
     }
@@ -399,6 +406,11 @@ impl MemoryRequest<'_> {
                 _ => self.transfer_weights(engine, rule),
             },
             Engine::ExponentialSum | Engine::ExponentialSumCore => {
+                if self.transfer.table().is_some() {
+                    let reason = "weights do not tell the kernel K(s), whose exponentials it takes: take \"direct\", \"block-fft\" or \
+                                  \"real-time\"";
+                    return Err(EngineError::Unsuited { engine, reason });
+                }
                 let MultistepRule::Bdf(order) = rule else {
                     let reason = "the weights of the trapezoidal rule alternate in sign and do not fall off: take \"direct\", \
                                   \"block-fft\" or \"real-time\"";
@@ -461,7 +473,10 @@ impl MemoryRequest<'_> {
         // The weights in double precision and in that of the run.
         self.room::<f64>(engine, count.saturating_mul(2))?;
         let on_increments = self.acts_on() != ActsOn::Values;
-        let weights = multistep_weights(self.transfer, rule, self.step_size, on_increments, count)?;
+        // Of those that are given no more than meet a sample.
+        let met = if self.transfer.table().is_some() { count.min(self.samples.max(1)) } else { count };
+        let mut weights = multistep_weights(self.transfer, rule, self.step_size, on_increments, met)?;
+        weights.resize(count, 0.0);
         let numbers: Vec<T> = weights.into_iter().map(T::of).collect();
         match engine {
             Engine::Direct => self.direct(numbers, 1, T::one()),
@@ -477,6 +492,10 @@ impl MemoryRequest<'_> {
         tables: &Tables,
     ) -> Result<HostMemory<T>, EngineError> {
         if engine == Engine::AnyStep {
+            if self.transfer.table().is_some() {
+                let reason = "weights are for equal steps, those of their file";
+                return Err(EngineError::Unsuited { engine, reason });
+            }
             let Some(exponent) = self.transfer.exponent() else {
                 let reason = "steps of any length are for the kernels s^β: take equal steps";
                 return Err(EngineError::Unsuited { engine, reason });

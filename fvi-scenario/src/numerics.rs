@@ -1,5 +1,6 @@
 //! Numerical mathematics that needs an allocator or is done once: tables for memories, weights, benchmarks.
 
+pub mod active;
 pub mod algebra;
 pub mod aligned;
 pub mod column;
@@ -22,5 +23,6 @@ pub mod starting;
 pub mod starting_defects;
 pub mod transfer;
 pub mod transfer_derivative;
+pub mod weight_table;
 
 pub use staged_method::StagedMethod;

@@ -18,6 +18,7 @@ mod own_terms;
 mod parameters;
 mod past;
 mod reference;
+mod relaxation_matrix;
 mod sampled_input;
 mod scheme;
 mod scheme_descriptor;
@@ -35,12 +36,13 @@ pub use event::{Action, Direction, Event, SharedFunction};
 pub use grid::{Grid, GridRule};
 pub use gyroscopic::SkewMatrix;
 pub use initial::InitialState;
-pub use kernel::{kernel_of_document, kernel_of_file, kernel_of_symbol, kernel_of_table};
+pub use kernel::{kernel_of_document, kernel_of_file, kernel_of_symbol, kernel_of_table, weights_of};
 pub use load::{Amplitude, Load, Pattern, Record};
 pub use matrix::SymmetricMatrix;
 pub use own_terms::{OwnTerms, SharedTerms};
 pub use past::Past;
 pub use reference::{Reference, ReferenceRow, ReferenceSource};
+pub use relaxation_matrix::RelaxationMatrix;
 pub use sampled_input::SampledInput;
 pub use scheme::{Convolution, ConvolutionFamily, DampedAt, Quadrature, Scheme};
 pub use scheme_descriptor::SchemeDescriptor;
@@ -203,7 +205,10 @@ impl Scenario {
         ])?;
         let title = root.optional("title").map(|value| value.text().map(str::to_owned)).transpose()?;
         let system_table = root.required("system")?.table()?;
-        let system = System::read(&system_table, known)?;
+        // Of steps that differ there is no `step`; what is wrong about it `time` says.
+        let step =
+            root.optional("time").and_then(|value| value.table().ok()?.optional("step")?.positive().ok());
+        let system = System::read(&system_table, known, step)?;
         let count = system.coordinates();
         let mut initial = match root.optional("initial") {
             Some(value) => InitialState::read(&value.table()?, &system)?,

@@ -11,7 +11,9 @@ pub mod events;
 mod forces_of_time;
 #[cfg(test)]
 mod forces_of_time_tests;
+mod given_weights;
 mod gyroscopic;
+mod memory_energy;
 mod momentum_offset;
 pub mod motion;
 pub(crate) mod not_finite;
@@ -127,11 +129,15 @@ pub struct GridState {
     /// ∂q_k/∂θ and ∂p_k/∂θ of each parameter of `[sensitivity]`, one after the other.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub sensitivities: Vec<f64>,
+    /// Energy stored in the memories, and dissipated by them since t = 0, where `output.memory_energy` asks
+    /// for them.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub memory: Vec<f64>,
 }
 
 impl GridState {
-    /// Appends a line t,q0,…,p0,…,energy, u,setpoint,measure of each controller and the sensitivities, with
-    /// 17 significant digits, which tell one f64 from another.
+    /// Appends a line t,q0,…,p0,…,energy, u,setpoint,measure of each controller, the sensitivities and the
+    /// energies of memories, with 17 significant digits, which tell one f64 from another.
     ///
     /// Runs that keep every row spend most of their time here: in this crate it is compiled for speed.
     pub fn append_row(&self, text: &mut String) {
@@ -139,7 +145,7 @@ impl GridState {
         let _ = write!(text, "{:.16e}", self.time);
         let energy = [&self.energy];
         let numbers = self.position.iter().chain(&self.momentum).chain(energy).chain(&self.control);
-        for number in numbers.chain(&self.sensitivities) {
+        for number in numbers.chain(&self.sensitivities).chain(&self.memory) {
             let _ = write!(text, ",{number:.16e}");
         }
         text.push('\n');
@@ -178,6 +184,7 @@ impl Simulation {
         tables: &Tables,
     ) -> Result<Self, InputError> {
         forces_of_time::check(scenario)?;
+        given_weights::check(scenario)?;
         let space = match sparse_space(scenario, choice)? {
             Some(space) => {
                 if choice::is_of_few(scenario, choice) && !stability::is_unconditional(scenario) {

@@ -1,11 +1,11 @@
 //! The kernels of a race.
 
 use fvi_core::{BdfOrder, ParameterError};
-use fvi_scenario::language::document::{Document, Table, Value};
-use fvi_scenario::language::{InputError, Problem};
+use fvi_scenario::language::InputError;
+use fvi_scenario::language::document::{Table, Value};
 use fvi_scenario::numerics::multistep_weights::multistep_weights;
 use fvi_scenario::numerics::transfer::TransferFunction;
-use fvi_scenario::scenario::kernel_of_table;
+use fvi_scenario::scenario::{kernel_of_table, weights_of};
 
 /// A kernel: what it is, and the quadrature that gives its weights.
 #[derive(Clone, Debug)]
@@ -91,7 +91,6 @@ const BESIDE_WITH_ORDER: [&str; 4] = ["name", "family", "step", "order"];
 /// Reads a `[[kernel]]`; `longest` is the number of weights that will be asked for.
 pub(crate) fn read_kernel(
     table: &Table<'_>,
-    document: &Document,
     parameters: Option<&Value<'_>>,
     longest: usize,
 ) -> Result<Kernel, InputError> {
@@ -129,7 +128,7 @@ pub(crate) fn read_kernel(
     };
     let source = if let Some(value) = of.optional("weights") {
         of.beside(beside).allow(&["weights"])?;
-        Source::Table(read_weights(&value, document, longest)?)
+        Source::Table(read_weights(&value, longest)?)
     } else if form == Some("random") {
         of.beside(beside).allow(&["form", "decay", "seed"])?;
         let decay = of.required("decay")?;
@@ -168,47 +167,13 @@ pub(crate) fn read_kernel(
 }
 
 /// A file with the columns `n,weight`, or a list.
-fn read_weights(value: &Value<'_>, document: &Document, longest: usize) -> Result<Vec<f64>, InputError> {
-    let weights = if value.is_list() { value.numbers()? } else { read_weight_file(value, document)? };
+fn read_weights(value: &Value<'_>, longest: usize) -> Result<Vec<f64>, InputError> {
+    let weights = weights_of(value)?;
     if weights.len() < longest {
         return Err(value.out_of_range(format!(
             "at least {longest} weights, as many as the longest of `lengths`; there are {}",
             weights.len()
         )));
-    }
-    Ok(weights)
-}
-
-fn read_weight_file(value: &Value<'_>, document: &Document) -> Result<Vec<f64>, InputError> {
-    let path = document.resolve(value.text()?);
-    let file = path.display().to_string();
-    let unreadable = |reason: String| value.error(Problem::Unreadable { reason });
-    let fault = |line: u64, reason: String| value.error(Problem::Table { file: file.clone(), line, reason });
-    let mut reader = csv::ReaderBuilder::new()
-        .comment(Some(b'#'))
-        .trim(csv::Trim::All)
-        .from_path(&path)
-        .map_err(|error| unreadable(error.to_string()))?;
-    let header = reader.headers().map_err(|error| unreadable(error.to_string()))?.clone();
-    if header.iter().collect::<Vec<_>>() != ["n", "weight"] {
-        return Err(fault(1, "the columns must be n,weight".to_owned()));
-    }
-    let mut weights = Vec::new();
-    for record in reader.records() {
-        let record = record
-            .map_err(|error| fault(error.position().map_or(0, csv::Position::line), error.to_string()))?;
-        let line = record.position().map_or(0, csv::Position::line);
-        if record.get(0).and_then(|cell| cell.parse().ok()) != Some(weights.len()) {
-            return Err(fault(
-                line,
-                format!("n must be {}: weights come in order from n = 0", weights.len()),
-            ));
-        }
-        let weight = record.get(1).and_then(|cell| cell.parse::<f64>().ok()).filter(|w| w.is_finite());
-        let Some(weight) = weight else {
-            return Err(fault(line, "the weight is not a finite number".to_owned()));
-        };
-        weights.push(weight);
     }
     Ok(weights)
 }

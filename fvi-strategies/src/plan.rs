@@ -140,7 +140,7 @@ impl Plan {
         let parameters = root.optional("parameters");
         let kernel_list = root.required("kernel")?;
         let kernels = list(&kernel_list, |value| {
-            read_kernel(&value.table()?, document, parameters.as_ref(), longest).map(Arc::new)
+            read_kernel(&value.table()?, parameters.as_ref(), longest).map(Arc::new)
         })?;
         for (index, kernel) in kernels.iter().enumerate() {
             if kernels[..index].iter().any(|other| other.name == kernel.name) {

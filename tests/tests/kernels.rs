@@ -10,7 +10,8 @@ use fvi_host::memory::{EngineError, Memories, MemoryRequest};
 use fvi_host::numerics::multistep_weights::multistep_weights;
 use fvi_host::numerics::transfer::TransferFunction;
 use fvi_host::scenario::{Convolution, ConvolutionFamily, Engine, History, Scenario, kernel_of_symbol};
-use fvi_host::simulation::{Precision, Simulation};
+use fvi_host::simulation::motion::Motion;
+use fvi_host::simulation::{GridState, Precision, Simulation};
 use fvi_tests::convergence::observed_order;
 use nalgebra::Complex;
 use proptest::prelude::*;
@@ -309,6 +310,129 @@ proptest! {
     }
 }
 
+/// An oscillator damped by these keys of a kernel.
+fn damped(keys: &str, rest: &str) -> String {
+    format!(
+        "[system]\nmass = [1.0]\npotential = \"0.5*q0^2\"\n[[system.damping]]\ncoefficient = [0.7]\n{keys}\n[initial]\n\
+         position = [1.0]\nvelocity = [0.3]\n{rest}"
+    )
+}
+
+#[test]
+fn weights_of_a_file_move_a_system_as_the_kernel_that_they_are_of() {
+    let (step, steps) = (0.05, 700);
+    let order = BdfOrder::new(2).unwrap();
+    let weights =
+        |transfer: &TransferFunction| multistep_weights(transfer, order, step, false, steps + 1).unwrap();
+    let maxwell = TransferFunction::maxwell(0.8, 0.1, 0.4).unwrap();
+    let tempered = TransferFunction::tempered(0.4, 1.7).unwrap();
+    for (transfer, keys) in [
+        (&maxwell, "kernel = { form = \"maxwell\", order = 0.8, inner = 0.1, time = 0.4 }"),
+        (&tempered, "kernel = { form = \"tempered\", order = 0.4, rate = 1.7 }"),
+    ] {
+        let given = format!("kernel = {{ weights = {:?} }}", weights(transfer));
+        for scheme in [
+            "[convolution]\norder = 2\n",
+            "[scheme]\nkind = \"galerkin\"\ndegree = 2\n[convolution]\norder = 2\n",
+            "[scheme]\nkind = \"low-order\"\nkappa = 0.0\n[convolution]\norder = 2\nat = \"main-nodes\"\n",
+            "[scheme]\nkind = \"explicit-euler\"\n[convolution]\norder = 2\n",
+        ] {
+            for engine in ["direct", "block-fft", "real-time"] {
+                for derivative in ["caputo", "riemann-liouville"] {
+                    // What its samples leave in the momentum is known of K(s) alone.
+                    let rest = format!(
+                        "{scheme}[time]\nstep = {step}\nsteps = {steps}\nenergy_guard = \"warn\"\n[history]\n\
+                         engine = \"{engine}\"\n"
+                    );
+                    let told = |kernel: &str| {
+                        states(&damped(&format!("{kernel}\nderivative = \"{derivative}\""), &rest), None)
+                    };
+                    let (found, known) = (told(&given), told(keys));
+                    for (found, known) in found.iter().zip(&known) {
+                        let error = (found.position[0] - known.position[0])
+                            .abs()
+                            .max((found.momentum[0] - known.momentum[0]).abs());
+                        assert!(error < 2e-12, "{keys}, {scheme}, {engine}, t = {}: {error:e}", known.time);
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn weights_are_refused_where_they_are_none_of_the_run() {
+    let refusal = |keys: &str, rest: &str| {
+        let document = Document::new("weights.toml", Path::new("."), &damped(keys, rest));
+        Scenario::from_document(document)
+            .and_then(|scenario| Simulation::new(&scenario, Precision::F64).map(|_| ()))
+            .map_err(|error| error.to_string())
+    };
+    // A damper of ρ = 0.7 by backward differences at h = 0.1.
+    let linear = |count: usize, rest: &str| {
+        let mut weights = vec![0.0; count];
+        (weights[0], weights[1]) = (10.0, -10.0);
+        format!("kernel = {{ weights = {weights:?}{rest} }}")
+    };
+    let time = "[time]\nstep = 0.1\nsteps = 10\n";
+    assert_eq!(refusal(&linear(11, ""), time), Ok(()));
+    assert_eq!(refusal(&linear(11, ", step = 0.1"), time), Ok(()));
+    let short = "[history]\nengine = \"direct\"\ncapacity = 3\noverflow = \"forget\"\n";
+    assert_eq!(refusal(&linear(4, ""), &format!("{time}{short}")), Ok(()));
+    let staged =
+        "[scheme]\nkind = \"galerkin\"\ndegree = 2\n[convolution]\nfamily = \"radau-iia\"\nstages = 2\n";
+    let graded = "[scheme]\nkind = \"collocation\"\n[time]\ngrid = \"graded\"\nexponent = 2.0\nsteps = 10\nend = 1.0\n";
+    let starting = "[convolution]\norder = 2\nat = \"main-nodes\"\nstarting = [0.5]\n";
+    let active = "kernel = { weights = [-1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0] }";
+    for (keys, rest, reason) in [
+        (linear(10, ""), time.to_owned(), "10 weights where a run of 10 steps needs 11, n = 0…10"),
+        (linear(3, ""), format!("{time}{short}"), "3 weights where a run of 10 steps needs 4"),
+        (linear(11, ", step = 0.2"), time.to_owned(), "`time.step` = 0.1"),
+        (linear(11, ""), format!("{staged}{time}"), "a Runge–Kutta family"),
+        (linear(11, ""), graded.to_owned(), "steps that differ"),
+        (linear(11, ""), format!("{starting}{time}"), "system.damping.kernel"),
+        (
+            linear(11, ""),
+            format!("{time}[history]\nengine = \"exponential-sum\"\n"),
+            "weights do not tell the kernel",
+        ),
+        (active.to_owned(), time.to_owned(), "not allowed"),
+    ] {
+        let message = refusal(&keys, &rest).unwrap_err();
+        assert!(message.contains(reason), "{keys}\n{rest}\n{message}");
+    }
+    assert_eq!(refusal(&format!("{active}\nallow_active = true"), time), Ok(()));
+    // Other steps over the same time, as a study of convergence takes them.
+    let document = Document::new("weights.toml", Path::new("."), &damped(&linear(21, ""), time));
+    let scenario = Scenario::from_document(document).unwrap().in_steps(20);
+    let refused = Simulation::new(&scenario, Precision::F64).err().unwrap().to_string();
+    assert!(refused.contains("steps of 0.05"), "{refused}");
+}
+
+#[test]
+fn the_step_of_weights_is_checked_as_that_of_their_kernel() {
+    // Gauss 2 with BDF 4, strongly damped by s^1.4: too long a step is found by K(γ(z)/h) and by Σ w_n zⁿ
+    // alike.
+    let order = BdfOrder::new(4).unwrap();
+    let transfer = TransferFunction::tempered(1.4, 0.5).unwrap();
+    for (step, is_stable) in [(0.01, true), (0.4, false)] {
+        let weights = multistep_weights(&transfer, order, step, false, 401).unwrap();
+        let rest = format!(
+            "[scheme]\nkind = \"galerkin\"\ndegree = 2\n[convolution]\norder = 4\n[time]\nstep = {step}\nsteps = 400\n"
+        );
+        for keys in [
+            "kernel = { form = \"tempered\", order = 1.4, rate = 0.5 }".to_owned(),
+            format!("kernel = {{ weights = {weights:?} }}"),
+        ] {
+            let text = damped(&keys, &rest).replace("[0.7]", "[3.0]");
+            let scenario = Scenario::from_document(Document::new("w.toml", Path::new("."), &text)).unwrap();
+            let found =
+                Simulation::new(&scenario, Precision::F64).map(|_| ()).map_err(|error| error.to_string());
+            assert_eq!(found.is_ok(), is_stable, "{keys:.40}: {found:?}");
+        }
+    }
+}
+
 #[test]
 fn kernels_are_refused_where_they_have_no_memory() {
     let scenario = |rest: &str| {
@@ -343,4 +467,187 @@ fn kernels_are_refused_where_they_have_no_memory() {
     )
     .unwrap_err();
     assert!(message.contains("alternate in sign"), "{message}");
+}
+
+/// A frame of three masses on materials with memory, with a harmonic force on the last.
+fn material(kernels: &[(&str, &str)], convolution: &str, rest: &str) -> String {
+    let term = |(keys, coefficient): &(&str, &str)| {
+        format!("[[system.damping]]\ncoefficient = {coefficient}\n{keys}\n")
+    };
+    let damping: String = kernels.iter().map(term).collect();
+    format!(
+        "[system]\nmass = [1.0, 0.5, 2.0]\nstiffness = [[40.0, -15.0, 0.0], [-15.0, 30.0, -10.0], [0.0, -10.0, 12.0]]\n\
+         force = [\"0\", \"0\", \"0.4*cos(1.3*t)\"]\nforce_quadrature = \"nodes\"\n{damping}[initial]\n\
+         position = [0.3, -0.2, 0.1]\nvelocity = [0.5, 0.0, -1.0]\n[convolution]\n{convolution}\n\
+         [output]\nmemory_energy = true\n[time]\nstep = 0.02\nsteps = 600\n{rest}"
+    )
+}
+
+/// The states of a motion with everything that its scenario asks for.
+fn moved(text: &str) -> Vec<GridState> {
+    let scenario = Scenario::from_document(Document::new("energy.toml", Path::new("."), text)).unwrap();
+    let mut motion = Motion::start(&scenario, Precision::F64).unwrap();
+    let mut states = vec![motion.state().clone()];
+    while !motion.is_done() {
+        motion.advance().unwrap();
+        states.push(motion.state().clone());
+    }
+    states
+}
+
+#[test]
+fn what_is_stored_and_dissipated_makes_up_the_work_in_every_step() {
+    let zener = "kernel = { form = \"maxwell\", order = 0.7, time = 0.4 }";
+    let prony = "kernel = { form = \"prony\", strengths = [3.0, 0.4], times = [0.05, 7.0] }";
+    let jumping = "kernel = { form = \"havriliak-negami\", order = 0.8, power = 0.6, time = 0.3 }\n\
+                   derivative = \"riemann-liouville\"";
+    let rho = "[[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]]";
+    let springpot = ("order = 0.35", "[0.5, 0.0, 0.2]");
+    let dashpot = ("order = 1.0", "[0.0, 0.3, 0.0]");
+    let engines = ["exponential-sum", "direct", "block-fft"];
+    for (convolution, engine) in
+        ["order = 1", "order = 2", "symbol = \"trapezoidal\""].into_iter().zip(engines)
+    {
+        let kernels = [(zener, rho), (prony, "[1.0, 0.3, 2.0]"), (jumping, rho), springpot, dashpot];
+        let engine = format!("[history]\nengine = \"{engine}\"\n");
+        let states = moved(&material(&kernels, convolution, &engine));
+        let total = |index: usize| {
+            let state = &states[index];
+            state.energy + state.memory[0] + state.memory[1]
+        };
+        let (mut most, mut turned) = (0.0_f64, 0.0_f64);
+        for k in 0..states.len() - 1 {
+            let push = 0.4 * (1.3 * 0.02 * (k as f64 + 0.5)).cos();
+            let work = push * (states[k + 1].position[2] - states[k].position[2]);
+            let error = (total(k + 1) - total(k) - work).abs();
+            turned += (states[k + 1].energy - states[k].energy).abs();
+            most = most.max(error);
+            let lost = states[k + 1].memory[1] - states[k].memory[1];
+            assert!(lost >= 0.0 && states[k].memory[0] >= 0.0, "{convolution}, {k}: {lost:e}");
+        }
+        let dissipated = states.last().unwrap().memory[1];
+        assert!(dissipated > 1.0 && turned > dissipated, "{convolution}: {dissipated}");
+        // Relative to the energy that there is; a step turns over some 10⁻³ of it.
+        assert!(most < 1e-13 * total(0), "{convolution}: {most:e} of {}", total(0));
+    }
+}
+
+#[test]
+fn energies_of_memories_are_refused_where_nothing_balances() {
+    let refusal = |kernel: &str, convolution: &str, rest: &str| {
+        let text = material(&[(kernel, "[1.0, 1.0, 1.0]")], convolution, rest);
+        let document = Document::new("energy.toml", Path::new("."), &text);
+        let scenario = Scenario::from_document(document).unwrap();
+        fvi_host::simulation::motion::Motion::start(&scenario, Precision::F64)
+            .err()
+            .map(|error| error.to_string())
+    };
+    let maxwell = "kernel = { form = \"maxwell\", order = 0.7, time = 0.4 }";
+    assert_eq!(refusal(maxwell, "order = 2", ""), None);
+    let gauss = "[scheme]\nkind = \"galerkin\"\ndegree = 2\n";
+    let mut spring = vec![0.0; 601];
+    spring[0] = 1.0;
+    let weights = format!("kernel = {{ weights = {spring:?} }}");
+    for (kernel, convolution, rest, reason) in [
+        ("order = 1.5", "order = 2", "", "grows faster than s"),
+        (weights.as_str(), "order = 2", "", "is weights and has no states"),
+        (
+            "kernel = { symbol = \"0.5*s*(s + 0.1)/((s + 0.1)^2 + 4)\" }",
+            "order = 2",
+            "",
+            "off the negative real axis",
+        ),
+        (maxwell, "order = 3", "[scheme]\nkind = \"low-order\"\nkappa = 0.5\n", "this scheme"),
+        (maxwell, "order = 2", gauss, "this scheme"),
+        ("order = 0.5\nderivative = \"riemann-liouville\"", "symbol = \"trapezoidal\"", "", "the jump"),
+    ] {
+        let message = refusal(kernel, convolution, rest).unwrap();
+        assert!(message.contains("output.memory_energy") && message.contains(reason), "{kernel}: {message}");
+    }
+}
+
+/// A matrix of relaxation functions Σ_k a_k a_kᵀ e^{−t/τ_k} of two coordinates, in files, and the keys that
+/// name them.
+fn cummins(couplings: &[([f64; 2], f64)], spoil: impl Fn(usize, usize, f64) -> f64, rest: &str) -> Document {
+    let mut text =
+        "[system]\nmass = [1.0, 2.0]\nstiffness = [[5.0, -1.0], [-1.0, 3.0]]\n[[system.damping]]\n"
+            .to_owned();
+    text +=
+        "kernel = { relaxation = [[\"G00.csv\", \"G01.csv\"], [\"G10.csv\", \"G11.csv\"]], decay = 1.0 }\n";
+    text += rest;
+    text += "\n[initial]\nposition = [1.0, -0.5]\nvelocity = [0.0, 0.4]\n[convolution]\norder = 2\n[time]\nstep = 0.02\nsteps = 400\n";
+    let mut document = Document::new("cummins.toml", Path::new("."), &text);
+    for (i, j) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+        let rows = (0..=600).map(|k| {
+            let t = 1e-2 * f64::from(k);
+            let relaxation: f64 = couplings.iter().map(|(a, time)| a[i] * a[j] * (-t / time).exp()).sum();
+            format!("{t},{}\n", spoil(i, j, relaxation))
+        });
+        let rows: String = rows.collect();
+        document = document.with_attached(&format!("G{i}{j}.csv"), format!("t,G\n{rows}"));
+    }
+    document
+}
+
+#[test]
+fn a_matrix_of_relaxation_functions_moves_as_its_prony_series() {
+    let couplings = [([1.0, 0.5], 1.0), ([-0.3, 0.8], 0.2)];
+    let scenario = Scenario::from_document(cummins(&couplings, |_, _, g| g, "")).unwrap();
+    let term = |([x, y], time): &([f64; 2], f64)| {
+        format!(
+            "[[system.damping]]\ncoefficient = [[{}, {}], [{}, {}]]\nkernel = {{ form = \"prony\", strengths = [1.0], \
+             times = [{time}] }}\n",
+            x * x,
+            x * y,
+            x * y,
+            y * y
+        )
+    };
+    let series: String = couplings.iter().map(term).collect();
+    let known = states(
+        &format!(
+            "[system]\nmass = [1.0, 2.0]\nstiffness = [[5.0, -1.0], [-1.0, 3.0]]\n{series}[initial]\nposition = [1.0, -0.5]\n\
+             velocity = [0.0, 0.4]\n[convolution]\norder = 2\n[time]\nstep = 0.02\nsteps = 400\n"
+        ),
+        None,
+    );
+    for engine in [Engine::Direct, Engine::BlockFft, Engine::RealTime] {
+        let mut scenario = scenario.clone();
+        scenario.history.choose(engine);
+        let mut motion = Motion::start(&scenario, Precision::F64).unwrap();
+        for known in &known[1..] {
+            motion.advance().unwrap();
+            for (found, known) in motion.state().position.iter().zip(&known.position) {
+                // The rows are linear in between.
+                assert!(
+                    (found - known).abs() < 1e-4,
+                    "{engine:?}, t = {}: {found} {known}",
+                    motion.state().time
+                );
+            }
+        }
+    }
+    // The record of the scenario is the scenario.
+    let value = serde_json::to_value(&scenario).unwrap();
+    let terms = value["system"]["damping"].as_array().unwrap();
+    assert_eq!(terms.len(), 1);
+    assert!(terms[0]["kernel"]["relaxation"][1][0].as_str().unwrap().ends_with("G10.csv"));
+}
+
+#[test]
+fn matrices_that_drive_or_are_not_symmetric_are_refused() {
+    let couplings = [([1.0, 0.5], 1.0), ([-0.3, 0.8], 0.2)];
+    let refusal = |spoil: &dyn Fn(usize, usize, f64) -> f64, rest: &str| {
+        let document = cummins(&couplings, |i, j, g| spoil(i, j, g), rest);
+        Scenario::from_document(document).err().map(|error| format!("{error:?}"))
+    };
+    // Every entry by itself is passive, or may push.
+    let strong = |i: usize, j: usize, g: f64| if i == j { g } else { 4.0 * g };
+    let message = refusal(&strong, "").unwrap();
+    assert!(message.contains("smallest eigenvalue of this matrix drives the motion at ω"), "{message}");
+    assert_eq!(refusal(&strong, "allow_active = true"), None);
+    let message = refusal(&|i, j, g| if (i, j) == (1, 0) { 1.1 * g } else { g }, "").unwrap();
+    assert!(message.contains("the numbers of entry [0][1]"), "{message}");
+    let message = refusal(&|_, _, g| g, "coefficient = [1.0, 1.0]").unwrap();
+    assert!(message.contains("a kernel that is a matrix of files"), "{message}");
 }

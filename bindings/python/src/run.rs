@@ -22,14 +22,15 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 /// What a motion hands to Python: the name of its load case, t, q, p, energy, u, setpoint and measure of each
-/// controller, the derivatives of q and p by each parameter, how it ended, and the summary, both as JSON: the
-/// latter is long where there are many coordinates, and seldom looked at.
+/// controller, the derivatives of q and p by each parameter, the energies of memories, how it ended, and the
+/// summary, both as JSON: the latter is long where there are many coordinates, and seldom looked at.
 type Motion<'py> = (
     String,
     Bound<'py, PyArray1<f64>>,
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray2<f64>>,
     String,
@@ -329,6 +330,8 @@ struct Rows {
     control: Vec<f64>,
     controllers: usize,
     derivatives: Vec<f64>,
+    /// Row by row, what is stored in memories and dissipated by them, where that is asked for.
+    memory: Vec<f64>,
 }
 
 impl Rows {
@@ -344,7 +347,8 @@ impl Rows {
         let controllers = scenario.controllers.len();
         let parameters = scenario.sensitivity.as_ref().map_or(0, |asked| asked.parameters.len());
         let derivatives = coordinates.saturating_mul(2).saturating_mul(parameters);
-        let more = derivatives.saturating_add(controllers.saturating_mul(3));
+        let memory = if scenario.output.memory_energy { 2 } else { 0 };
+        let more = derivatives.saturating_add(controllers.saturating_mul(3)).saturating_add(memory);
         let numbers = coordinates.saturating_mul(2).saturating_add(2).saturating_add(more);
         let no_room = |what: String| {
             Failure::NoRoom(format!(
@@ -368,6 +372,7 @@ impl Rows {
                 control: room(rows * 3 * controllers)?,
                 controllers,
                 derivatives: room(rows * derivatives)?,
+                memory: room(rows * memory)?,
             })
         };
         (0..copies).map(one).collect()
@@ -380,14 +385,17 @@ impl Rows {
         };
         let end = json(serde_json::to_string(&summary.in_short()))?;
         let summary = json(serde_json::to_string(summary))?;
-        let Self { coordinates, time, position, momentum, energy, control, controllers, derivatives } = self;
+        let Self { coordinates, time, position, momentum, energy, control, controllers, derivatives, memory } =
+            self;
         let rows = time.len();
         let table = |numbers: Vec<f64>, columns| numbers.into_pyarray(py).reshape([rows, columns]);
-        let columns = derivatives.len().checked_div(rows).unwrap_or(0);
+        let per_row = |numbers: &Vec<f64>| numbers.len().checked_div(rows).unwrap_or(0);
+        let (columns, of_memory) = (per_row(&derivatives), per_row(&memory));
         let (position, momentum) = (table(position, coordinates)?, table(momentum, coordinates)?);
         let (control, derivatives) = (table(control, 3 * controllers)?, table(derivatives, columns)?);
         let (time, energy) = (time.into_pyarray(py), energy.into_pyarray(py));
-        Ok((name, time, position, momentum, energy, control, derivatives, end, summary))
+        let memory = table(memory, of_memory)?;
+        Ok((name, time, position, momentum, energy, control, derivatives, memory, end, summary))
     }
 
     fn bytes(&self) -> usize {
@@ -402,5 +410,6 @@ impl Rows {
         self.energy.push(state.energy);
         self.derivatives.extend_from_slice(&state.sensitivities);
         self.control.extend_from_slice(&state.control);
+        self.memory.extend_from_slice(&state.memory);
     }
 }

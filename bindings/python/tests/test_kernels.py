@@ -97,3 +97,42 @@ def test_exponent_and_kernel_are_one_of_two():
         fvi.weights(exponent=0.5, kernel=fvi.Kernel.power(0.5), step=0.1, count=3)
     with pytest.raises(fvi.InputError, match="fvi.Kernel"):
         fvi.weights(kernel="maxwell", step=0.1, count=3)
+
+
+def test_weights_are_a_kernel(tmp_path):
+    form = fvi.Kernel.tempered(order=0.7, rate=2.5)
+    weights = fvi.weights(kernel=form, step=0.05, order=2, count=101)
+    expected = decay(form).q
+    given = fvi.Kernel.weights(weights, step=0.05)
+    np.testing.assert_allclose(decay(given).q, expected, rtol=0, atol=1e-12)
+    file = tmp_path / "w.csv"
+    file.write_text("n,weight\n" + "".join(f"{n},{weight!r}\n" for n, weight in enumerate(weights.tolist())))
+    np.testing.assert_array_equal(decay(fvi.Kernel.weights(file)).q, decay(given).q)
+    np.testing.assert_array_equal(fvi.weights(kernel=given, step=0.05, count=101), weights)
+    samples = np.sin(np.arange(80.0))
+    derived = fvi.derivative(samples, given, 0.05, start="riemann-liouville")
+    np.testing.assert_allclose(derived, np.convolve(weights, samples)[:80], rtol=0, atol=1e-12 * weights[0])
+    for make, message in [
+        (lambda: decay(fvi.Kernel.weights(weights[:100])), "100 weights where a run of 100 steps needs 101"),
+        (lambda: decay(fvi.Kernel.weights(weights, step=0.1)), "time.step"),
+        (lambda: decay(given, engine="exponential-sum"), "weights do not tell the kernel"),
+        (lambda: decay(fvi.Kernel.weights(-weights)), "passive"),
+        (lambda: fvi.weights(kernel=given, step=0.05, count=102), "number of weights"),
+        (lambda: fvi.weights(kernel=given, step=0.1, count=10), "step of the weights"),
+        (lambda: fvi.Kernel.weights([]), "weights"),
+    ]:
+        with pytest.raises(fvi.InputError, match=message):
+            make()
+
+
+def test_energies_of_memories_balance(tmp_path):
+    kernel = fvi.Kernel.maxwell(order=0.55, time=0.8)
+    result = decay(kernel, memory_energy=True)
+    total = result.energy + result.memory_stored + result.memory_dissipated
+    np.testing.assert_allclose(total, total[0], rtol=1e-12)
+    assert result.memory_stored[0] > result.energy[0] and (np.diff(result.memory_dissipated) >= 0).all()
+    assert decay(kernel).memory_stored is None
+    result.save(tmp_path / "r.npz")
+    np.testing.assert_array_equal(fvi.load(tmp_path / "r.npz").memory_dissipated, result.memory_dissipated)
+    with pytest.raises(fvi.InputError, match="this scheme"):
+        decay(kernel, memory_energy=True, scheme="galerkin", degree=2)

@@ -24,7 +24,7 @@ use crate::simulation::adaptive::Progress as Chosen;
 use crate::simulation::energy_guard::Gathered;
 use crate::simulation::events::Seen;
 use fvi_core::StateError;
-pub(crate) use identity::Identity;
+pub(crate) use identity::{Identity, contents_of_kernels};
 use serde::{Deserialize, Serialize};
 use std::fs::{self, File};
 use std::io::{self, Write};

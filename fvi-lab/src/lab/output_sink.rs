@@ -9,7 +9,7 @@ use crate::results::run_traces::RunTraces;
 #[cfg(feature = "pictures")]
 use crate::results::snapshots;
 use crate::results::snapshots::Snapshots;
-use crate::results::trajectory::{Format, TrajectoryMark, TrajectoryWriter};
+use crate::results::trajectory::{Columns, Format, TrajectoryMark, TrajectoryWriter};
 use crate::scenario::Scenario;
 use crate::simulation::GridState;
 use crate::simulation::step_batch::StepBatch;
@@ -31,6 +31,8 @@ pub(crate) struct StateView<'a> {
     /// Of the controllers.
     pub(crate) control: &'a [f64],
     pub(crate) sensitivities: &'a [f64],
+    /// Of the memories.
+    pub(crate) memory: &'a [f64],
 }
 
 impl StateView<'_> {
@@ -42,15 +44,15 @@ impl StateView<'_> {
         };
         let (position, momentum) = (of(self.position), of(self.momentum));
         let sensitivities = self.sensitivities.chunks(self.position.len().max(1)).flat_map(of).collect();
-        let control = self.control.to_vec();
-        GridState { time: self.time, position, momentum, energy: self.energy, control, sensitivities }
+        let (control, memory) = (self.control.to_vec(), self.memory.to_vec());
+        GridState { time: self.time, position, momentum, energy: self.energy, control, sensitivities, memory }
     }
 }
 
 impl<'a> From<&'a GridState> for StateView<'a> {
     fn from(state: &'a GridState) -> Self {
-        let GridState { time, position, momentum, energy, control, sensitivities } = state;
-        Self { time: *time, position, momentum, energy: *energy, control, sensitivities }
+        let GridState { time, position, momentum, energy, control, sensitivities, memory } = state;
+        Self { time: *time, position, momentum, energy: *energy, control, sensitivities, memory }
     }
 }
 
@@ -87,7 +89,9 @@ impl<'a> BatchView<'a> {
 
     /// Writes it to a state that has places for these coordinates.
     pub(crate) fn read(&self, index: usize, chosen: &[usize], state: &mut GridState) {
-        let GridState { time, position, momentum, energy, control, sensitivities } = state;
+        let GridState { time, position, momentum, energy, control, sensitivities, memory } = state;
+        memory.clear();
+        memory.extend_from_slice(self.batch.memory());
         control.clear();
         control.extend_from_slice(self.batch.control());
         (*time, *energy) = (self.batch.times()[index], self.energies[index]);
@@ -154,14 +158,20 @@ impl OutputSink {
             std::fs::create_dir_all(&directory).map_err(FileError::at(&directory))?;
             let parameters = scenario.sensitivity.as_ref().map_or(0, |asked| asked.parameters.len());
             let controllers = scenario.controllers.len();
-            let columns = (chosen.as_slice(), controllers, parameters);
+            let columns = Columns {
+                coordinates: &chosen,
+                controllers,
+                parameters,
+                memory_energy: scenario.output.memory_energy,
+            };
             let writer = TrajectoryWriter::create(&directory, format, columns, scenario.output.every)
                 .map_err(FileError::at(&path))?;
             let path = directory.join(SNAPSHOTS);
             let create = |every| Snapshots::create(&path, every, scenario.coordinates());
             let snapshots =
                 scenario.output.snapshots.map(create).transpose().map_err(FileError::at(&path))?;
-            let (chosen, traces) = (chosen.clone(), RunTraces::new(chosen.len(), controllers));
+            let with_memory = scenario.output.memory_energy;
+            let (chosen, traces) = (chosen.clone(), RunTraces::new(chosen.len(), controllers, with_memory));
             Ok(Self { directory, chosen, writer, traces, snapshots })
         };
         Self::directories(scenario, directory).into_iter().map(open).collect()
@@ -220,6 +230,7 @@ impl OutputSink {
         let drawn = chosen.iter().map(|&index| (batch_view.position(index), batch_view.momentum(index)));
         traces.take(batch.times(), drawn, (batch_view.energies, batch.with_energy()));
         traces.take_control(batch.times(), batch.control());
+        traces.take_memory(batch.times(), batch.memory());
         let Some(snapshots) = snapshots else { return Ok(()) };
         let whole: Vec<usize> = (0..batch_view.places.len()).collect();
         for index in batch.multiples(snapshots.every()) {

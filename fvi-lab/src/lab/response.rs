@@ -184,6 +184,11 @@ pub fn respond(
     if linearised.changes_with_time() {
         warnings.push("the stiffness changes with time: the response is that of t = 0".to_owned());
     }
+    if let Some(highest) = linearised.highest() {
+        warnings.push(format!(
+            "a kernel is given by weights w_n: its K(iω) is the sum of w_n e^(-iωnh), for frequencies up to π/h = {highest}"
+        ));
+    }
     let highest = PI / scenario.time.step * (1.0 + 1e-12);
     let mut response = Vec::with_capacity(omega.len());
     let mut discrete =
@@ -245,7 +250,7 @@ impl Response {
         let active = self.kernels.iter().enumerate().filter(|(_, kernel)| kernel.creep.is_none());
         let active = active.map(|(term, kernel)| {
             format!(
-                "creep_{term}.csv, relaxation_{term}.csv: the kernel {} is active or its curves not finite",
+                "creep_{term}.csv, relaxation_{term}.csv: the kernel {} is given by weights, active, or its curves are not finite",
                 kernel.name
             )
         });

@@ -292,6 +292,12 @@ pub fn run(
     progress: &mut dyn FnMut(usize),
 ) -> Result<RunSummary, RunError> {
     refuse_with_sensitivities(scenario, options)?;
+    if scenario.output.memory_energy && options.format == Some(Format::Npz) {
+        let (with, allowed) = ("`--format npz`".to_owned(), "columns of `trajectory.csv`".to_owned());
+        return Err(scenario
+            .error_at("output.memory_energy", Problem::Incompatible { with, allowed })
+            .into());
+    }
     let mut scenario = scenario.clone();
     let mut found = None;
     let mut claimed = None;
@@ -727,8 +733,8 @@ impl<'s> Run<'s> {
         };
         let position = state.position.get(places.clone()).unwrap_or(&[]);
         let momentum = state.momentum.get(places).unwrap_or(&[]);
-        let (control, sensitivities) = (&state.control, &state.sensitivities);
-        StateView { time: state.time, position, momentum, energy, control, sensitivities }
+        let GridState { control, sensitivities, memory, .. } = state;
+        StateView { time: state.time, position, momentum, energy, control, sensitivities, memory }
     }
 
     /// What was made last of one load case; without cases of the motion.

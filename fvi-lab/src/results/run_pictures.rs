@@ -97,8 +97,11 @@ impl RunTraces {
 
     fn energy(&self, scenario: &Scenario, reference: &[ReferenceRow]) -> Chart {
         let points = reference.iter().filter_map(|row| Some((row.time, row.energy?))).collect();
-        let chart = chart(scenario, time_axis(scenario), Axis::linear("energy ½ pᵀM⁻¹p + U(q)"))
+        let mut chart = chart(scenario, time_axis(scenario), Axis::linear("energy ½ pᵀM⁻¹p + U(q)"))
             .with(Series::new("energy", Style::Line, self.energy.points()));
+        for (name, envelope) in ["stored in memories", "dissipated by them"].into_iter().zip(&self.memory) {
+            chart = chart.with(Series::new(name, Style::Line, envelope.points()));
+        }
         with_reference(chart, scenario, "reference", points)
     }
 

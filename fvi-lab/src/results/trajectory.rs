@@ -39,6 +39,19 @@ impl Format {
     }
 }
 
+/// The columns of a trajectory.
+#[derive(Clone, Copy, Debug)]
+pub struct Columns<'a> {
+    /// The coordinates, which name columns.
+    pub coordinates: &'a [usize],
+    /// Number of controllers.
+    pub controllers: usize,
+    /// Number of parameters with respect to which there are derivatives, which text has room for.
+    pub parameters: usize,
+    /// Whether there are the energies stored in memories and dissipated by them, which text has room for.
+    pub memory_energy: bool,
+}
+
 /// Writes grid points row by row, so that a reader gets the same f64 back.
 ///
 /// The rows live in files beside the destination, under names with `.part`, until [`finish`](Self::finish)
@@ -69,17 +82,12 @@ pub(crate) struct TrajectoryMark {
 
 impl TrajectoryWriter {
     /// A writer into a directory of every `every`-th row; the first and the last are always written. The
-    /// states that it takes hold these coordinates, which name the columns, so many controllers, and
-    /// derivatives with respect to so many parameters, which text has room for.
+    /// states that it takes hold these columns.
     ///
     /// # Errors
     /// If a file cannot be created.
-    pub fn create(
-        directory: &Path,
-        format: Format,
-        (coordinates, controllers, parameters): (&[usize], usize, usize),
-        every: usize,
-    ) -> io::Result<Self> {
+    pub fn create(directory: &Path, format: Format, columns: Columns<'_>, every: usize) -> io::Result<Self> {
+        let Columns { coordinates, controllers, parameters, memory_energy } = columns;
         let path = directory.join(format.file());
         let rows = match format {
             Format::Csv => {
@@ -96,7 +104,8 @@ impl TrajectoryWriter {
                 };
                 let both = |parameter| derived('q', parameter).chain(derived('p', parameter));
                 let derivatives: String = (0..parameters).flat_map(both).collect();
-                writeln!(file, "t{names},energy{control}{derivatives}")?;
+                let memory = if memory_energy { ",memory_stored,memory_dissipated" } else { "" };
+                writeln!(file, "t{names},energy{control}{derivatives}{memory}")?;
                 Rows::Csv(file)
             }
             Format::Npz => {
@@ -259,6 +268,9 @@ fn whole(path: &PathBuf) -> io::Result<Box<dyn Read>> {
 mod tests {
     use super::*;
 
+    const ONE: Columns<'static> =
+        Columns { coordinates: &[0], controllers: 0, parameters: 0, memory_energy: false };
+
     fn state(index: usize) -> GridState {
         let time = index as f64 * 0.1;
         GridState {
@@ -272,8 +284,7 @@ mod tests {
 
     fn rows(every: usize, count: usize) -> Vec<String> {
         let directory = tempfile::tempdir().unwrap();
-        let mut writer =
-            TrajectoryWriter::create(directory.path(), Format::Csv, (&[0], 0, 0), every).unwrap();
+        let mut writer = TrajectoryWriter::create(directory.path(), Format::Csv, ONE, every).unwrap();
         (0..count).for_each(|index| writer.push(&state(index)).unwrap());
         let path = directory.path().join("trajectory.csv");
         assert!(!path.exists());
@@ -309,8 +320,7 @@ mod tests {
             for every in [1, 3] {
                 let written = |interrupted: bool, finished: bool| {
                     let directory = tempfile::tempdir().unwrap();
-                    let mut writer =
-                        TrajectoryWriter::create(directory.path(), format, (&[0], 0, 0), every).unwrap();
+                    let mut writer = TrajectoryWriter::create(directory.path(), format, ONE, every).unwrap();
                     (0..11).for_each(|index| writer.push(&state(index)).unwrap());
                     if interrupted {
                         let mark = writer.mark().unwrap();

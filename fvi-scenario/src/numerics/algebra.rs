@@ -99,6 +99,11 @@ impl Algebra for Complex<f64> {
     }
 }
 
+/// Exponents from which on e^{−x} loses digits of two parts, and whose root is nothing, too: then delays of
+/// 512 steps and more, whose weights are no series.
+const DEEP: f64 = 600.0;
+const DEEPEST: f64 = 1300.0;
+
 /// The first coefficients of a power series in z, to about 30 digits.
 ///
 /// Coefficients are those of functions that are real for real z. Products, quotients, powers, exponentials
@@ -215,14 +220,24 @@ impl Algebra for Series {
     }
 
     /// n g_n = Σ_{j≥1} j f_j g_{n−j}.
+    ///
+    /// The first number of a delay e^{−sT} of many steps is nothing in double precision, while those at T are
+    /// not: it begins with the root of it, and the other root follows.
     fn exponential(&self) -> Self {
-        self.recursion(exponential(self.at(0)), |n, made| {
+        let first = self.at(0);
+        let is_delay = (-DEEPEST..-DEEP).contains(&first.to_f64());
+        let start = exponential(if is_delay { first.scale(0.5) } else { first });
+        let mut made = self.recursion(start, |n, made| {
             let parts = self.coefficients.iter().enumerate().take(n + 1).skip(1);
             let sum = parts.fold(DoubleDouble::ZERO, |sum, (j, part)| {
                 sum.add(part.scale(j as f64).multiply(made[n - j]))
             });
             sum.divide(n as f64)
-        })
+        });
+        if is_delay {
+            made.coefficients.iter_mut().for_each(|number| *number = number.multiply(start));
+        }
+        made
     }
 
     /// n f₀ g_n = n f_n − Σ_{0<j<n} j g_j f_{n−j}.

@@ -243,6 +243,13 @@ impl ExponentialKernel {
             let make = if on_increments { Self::bdf_on_increments } else { Self::bdf };
             return make(order, exponent, step_size, horizon, tolerance);
         }
+        if let Some(table) = transfer.table() {
+            return Err(ExponentialKernelError::Parameter(ParameterError {
+                parameter: "number of weights",
+                value: table.weights().len() as f64,
+                allowed: "none: exponentials are those of a kernel K(s), which weights do not tell",
+            }));
+        }
         let reach = if horizon == ENDLESS { ENDLESS_REACH } else { horizon };
         check_range(reach, tolerance)?;
         let count = MEASURED_HEADS * LONGEST_HEAD.min(reach) + 2;

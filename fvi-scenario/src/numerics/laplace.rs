@@ -5,7 +5,7 @@ use nalgebra::Complex;
 use std::f64::consts::PI;
 
 /// The relaxation function G(t) = L⁻¹\[K(s)/s\] at a time t > 0, the spring included: the force after a unit
-/// step of the displacement. `None` for kernels that are not passive.
+/// step of the displacement. `None` for kernels that are not passive, and for weights.
 ///
 /// Units: those of K. To about 11 digits where all singularities of K lie on the negative real axis, to about
 /// 7 for other formulas ([`TransferFunction::is_relaxation`]). Source: \[Mainardi10\].
@@ -14,7 +14,7 @@ pub fn relaxation(transfer: &TransferFunction, time: f64) -> Option<f64> {
 }
 
 /// The creep function J(t) = L⁻¹\[1/(s K(s))\] at a time t > 0, the spring included: the displacement under
-/// a unit step of the force. `None` for kernels that are not passive.
+/// a unit step of the force. `None` for kernels that are not passive, and for weights.
 ///
 /// Units: those of 1/K; digits as for [`relaxation`]. Source: \[Mainardi10\].
 pub fn creep(transfer: &TransferFunction, time: f64) -> Option<f64> {
@@ -31,7 +31,7 @@ fn invert(
     time: f64,
     image: impl Fn(Complex<f64>) -> Complex<f64>,
 ) -> Option<f64> {
-    if transfer.active().is_some() {
+    if transfer.active().is_some() || transfer.table().is_some() {
         return None;
     }
     let value = if transfer.is_relaxation() { talbot(time, image) } else { bromwich(time, image) };

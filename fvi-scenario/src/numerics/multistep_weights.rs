@@ -7,6 +7,7 @@ use super::multistep_rule::MultistepRule;
 use super::principal_cut::PrincipalCut;
 use super::transfer::TransferFunction;
 use super::transfer_derivative::TransferDerivative;
+use super::weight_table::WeightTable;
 use fvi_core::{ConvolutionWeights, DoubleDouble, ParameterError};
 use fvi_fft::real_transforms;
 use nalgebra::Complex;
@@ -50,6 +51,9 @@ pub fn multistep_weights(
     count: usize,
 ) -> Result<Vec<f64>, ParameterError> {
     let rule = rule.into();
+    if let Some(table) = transfer.table() {
+        return given_weights(table, step_size, on_increments, count);
+    }
     if let (Some(exponent), MultistepRule::Bdf(order)) = (transfer.exponent(), rule) {
         let weights = ConvolutionWeights::bdf(order, exponent, step_size)?;
         let weights = if on_increments { weights.on_increments() } else { weights };
@@ -103,6 +107,29 @@ pub fn multistep_weights(
         }
     }
     Ok(weights)
+}
+
+/// Of those that are given, the first.
+fn given_weights(
+    table: &WeightTable,
+    step_size: f64,
+    on_increments: bool,
+    count: usize,
+) -> Result<Vec<f64>, ParameterError> {
+    table.check_step(step_size)?;
+    let given = table.weights().get(..count).ok_or(ParameterError {
+        parameter: "number of weights",
+        value: table.weights().len() as f64,
+        allowed: "at least as many as are wanted, one for each lag from 0; where the kernel has ended they are 0",
+    })?;
+    if !on_increments {
+        return Ok(given.to_vec());
+    }
+    let sums = given.iter().scan(DoubleDouble::ZERO, |sum, &weight| {
+        *sum = sum.add(DoubleDouble::exact(weight));
+        Some(sum.to_f64())
+    });
+    Ok(sums.collect())
 }
 
 /// The derivatives of [`multistep_weights`] with respect to a parameter of K: the first of them from a power

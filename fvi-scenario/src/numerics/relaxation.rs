@@ -19,6 +19,8 @@ pub struct Relaxation {
     /// t and G, one after the other.
     rows: Vec<f64>,
     decay: Option<f64>,
+    /// Whether it is one of a matrix, which alone is passive or not.
+    part: bool,
 }
 
 impl Relaxation {
@@ -26,7 +28,12 @@ impl Relaxation {
     /// `decay`; without one, G is zero behind them.
     pub fn new(name: &str, rows: &[(f64, f64)], decay: Option<f64>) -> Self {
         let rows = rows.iter().flat_map(|&(time, modulus)| [time, modulus]).collect();
-        Self { name: name.to_owned(), rows, decay }
+        Self { name: name.to_owned(), rows, decay, part: false }
+    }
+
+    /// The same as an entry of a matrix: not looked at by itself.
+    pub fn of_matrix(self) -> Self {
+        Self { part: true, ..self }
     }
 
     fn row(&self, index: usize) -> (f64, f64) {
@@ -121,7 +128,7 @@ impl Formula for Relaxation {
     }
 
     fn is_passive(&self) -> bool {
-        self.is_convex()
+        self.part || self.is_convex()
     }
 }
 
@@ -165,6 +172,21 @@ mod tests {
             }
         }
         assert_eq!(measured.active(), None);
+    }
+
+    #[test]
+    fn weights_at_the_delay_of_many_steps_are_those_of_short_tables() {
+        // K(0) = 0 is the sum of all weights. e^{−4γ(0)/h} is e^{−768} at the shortest step.
+        let rows = [(0.0, 1.0), (1.0, 0.25), (2.0, -0.1), (3.0, 0.03), (4.0, 0.0)];
+        let transfer = TransferFunction::formula(Arc::new(Relaxation::new("rows", &rows, None))).unwrap();
+        for order in [1, 2] {
+            for (step, count) in [(1.0 / 64.0, 511), (1.0 / 128.0, 1600), (1.0 / 300.0, 3000)] {
+                let order = BdfOrder::new(order).unwrap();
+                let weights = multistep_weights(&transfer, order, step, false, count).unwrap();
+                let sum: f64 = weights.iter().sum();
+                assert!(sum.abs() < 1e-12, "{order:?}, h = {step}: {sum:e}");
+            }
+        }
     }
 
     #[test]

@@ -1,6 +1,9 @@
 //! Transfer functions of memories: what a damping force does to the motion, K(s) in the Laplace variable.
 
+pub use super::active::Active;
 use super::algebra::{Algebra, Series};
+use super::multistep_rule::MultistepRule;
+use super::weight_table::WeightTable;
 use fvi_core::{DoubleDouble, ParameterError};
 use nalgebra::Complex;
 use std::f64::consts::PI;
@@ -17,6 +20,7 @@ use std::sync::Arc;
 /// | [`prony`](Self::prony) | Σ g τ s/(1 + τ s) |
 /// | [`havriliak_negami`](Self::havriliak_negami) | 1 − (1 + (τs)^α)^{−γ} |
 /// | [`formula`](Self::formula) | any formula that is analytic off the negative real axis |
+/// | [`weights`](Self::weights) | unknown: the weights of one step are given |
 ///
 /// It is the one place that knows a form: its value, its jump across the cut, its poles, how it grows, and
 /// the numbers by which tables and files tell it from others. Powers are principal branches.
@@ -59,6 +63,7 @@ enum Form {
         relaxation: bool,
         active: Option<Active>,
     },
+    Weights(Arc<WeightTable>),
 }
 
 /// A formula in the Laplace variable.
@@ -118,38 +123,6 @@ pub struct Pole {
     pub rate: f64,
     /// The residue.
     pub residue: f64,
-}
-
-/// Where a transfer function is not passive: Im K(iω)/ω < 0 in a band of angular frequencies, or, if there is
-/// none, Re K(s)/s < 0 on a stretch of a ray into the right half-plane. Of several the lowest.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Active {
-    /// s where it is worst.
-    pub place: Complex<f64>,
-    /// Re (K(s)/s) |s|/|K(s)| there, in [−1, 0).
-    pub resistance: f64,
-    /// |s| from which on; `None` from the lowest that is looked at, 10⁻³⁰.
-    pub from: Option<f64>,
-    /// |s| up to which; `None` to the highest, 10³⁰.
-    pub to: Option<f64>,
-}
-
-impl fmt::Display for Active {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let on_axis = self.place.re == 0.0;
-        let name = if on_axis { "ω" } else { "|s|" };
-        match (self.from, self.to) {
-            (Some(from), Some(to)) => write!(f, "{name} from {from:.4e} to {to:.4e}")?,
-            (Some(from), None) => write!(f, "{name} above {from:.4e}")?,
-            (None, Some(to)) => write!(f, "{name} below {to:.4e}")?,
-            (None, None) => write!(f, "every {name}")?,
-        }
-        if on_axis {
-            f.write_str(", where Im K(iω)/ω < 0")
-        } else {
-            write!(f, " with arg s = {:.0}°, where Re K(s)/s < 0", self.place.arg().to_degrees())
-        }
-    }
 }
 
 const POSITIVE: &str = "positive and finite";
@@ -275,6 +248,27 @@ impl TransferFunction {
         Ok(made)
     }
 
+    /// Weights in place of a transfer function: what is asked of K(s) is answered by [`WeightTable::value`].
+    pub fn weights(table: WeightTable) -> Self {
+        Self { form: Form::Weights(Arc::new(table)) }
+    }
+
+    /// The weights, if it is given by them.
+    pub fn table(&self) -> Option<&WeightTable> {
+        match &self.form {
+            Form::Weights(table) => Some(table),
+            _ => None,
+        }
+    }
+
+    /// K(γ(z)/h) for |z| < 1: Σ w_n zⁿ, whose weights are those of the rule or given.
+    pub fn symbol(&self, rule: MultistepRule, step: f64, z: Complex<f64>) -> Complex<f64> {
+        match &self.form {
+            Form::Weights(table) => table.symbol(z),
+            _ => self.value(rule.symbol(z) / step),
+        }
+    }
+
     /// β, if this is s^β.
     pub fn exponent(&self) -> Option<f64> {
         match self.form {
@@ -288,7 +282,8 @@ impl TransferFunction {
         match self.form {
             Form::Power { order } | Form::Tempered { order, .. } => order,
             Form::Maxwell { inner, .. } => inner,
-            Form::Prony { .. } | Form::HavriliakNegami { .. } => 0.0,
+            // Weights act on values, and on q − q₀ in Caputo's form.
+            Form::Prony { .. } | Form::HavriliakNegami { .. } | Form::Weights(_) => 0.0,
             Form::Formula { growth, .. } => growth,
         }
     }
@@ -298,6 +293,7 @@ impl TransferFunction {
         match &self.form {
             Form::Formula { formula, spring, is_beside: true, .. } => formula.0.value(s) - spring,
             Form::Formula { formula, .. } => formula.0.value(s),
+            Form::Weights(table) => table.value(s),
             _ => self.of(&s),
         }
     }
@@ -339,7 +335,8 @@ impl TransferFunction {
             Form::HavriliakNegami { order, power, time } => {
                 s.scale(*time).power(exact(*order)).power_beside_one(-*power).negate()
             }
-            Form::Formula { .. } => s.constant(f64::NAN),
+            // A series of weights is no function of a series.
+            Form::Formula { .. } | Form::Weights(_) => s.constant(f64::NAN),
         }
     }
 
@@ -362,7 +359,7 @@ impl TransferFunction {
             Form::HavriliakNegami { order, .. } => {
                 Some(Cut { start: 0.0, power: order, strip: half.min(PI / order - PI) })
             }
-            Form::Prony { .. } => None,
+            Form::Prony { .. } | Form::Weights(_) => None,
             Form::Formula { .. } => {
                 let size = |d: f64| self.jump(d).abs();
                 let (near, far) = (size(1e-40), size(1e-30));
@@ -394,7 +391,7 @@ impl TransferFunction {
                 let (re, im) = (1.0 + w * sine_of_turns(0.5 - order), w * sine_of_turns(order));
                 libm::pow(libm::hypot(re, im), -power) * libm::sin(power * libm::atan2(im, re)) / PI
             }
-            Form::Prony { .. } => 0.0,
+            Form::Prony { .. } | Form::Weights(_) => 0.0,
             Form::Formula { ref formula, .. } => formula.0.value(Complex::new(-d, 0.0)).im / PI,
         }
     }
@@ -429,7 +426,7 @@ impl TransferFunction {
 
     /// Whether there is nothing beside cut and poles: a sum of decaying exponentials.
     pub fn is_relaxation(&self) -> bool {
-        !matches!(self.form, Form::Formula { relaxation: false, .. })
+        !matches!(self.form, Form::Formula { relaxation: false, .. } | Form::Weights(_))
     }
 
     /// The k-th derivative of L⁻¹\[K\](t) at a time t > 0, by the jump across the cut and the poles; `None`
@@ -489,6 +486,7 @@ impl TransferFunction {
             Form::Prony { strengths, .. } if strengths.iter().all(|&strength| strength > 0.0) => None,
             Form::HavriliakNegami { order, power, .. } if order * power <= 1.0 => None,
             Form::Formula { active, .. } => *active,
+            Form::Weights(table) => table.active(),
             _ => self.look_for_activity(),
         }
     }
@@ -570,6 +568,7 @@ impl TransferFunction {
             Form::Prony { .. } => "prony",
             Form::HavriliakNegami { .. } => "havriliak-negami",
             Form::Formula { formula, .. } => formula.0.form(),
+            Form::Weights(_) => "weights",
         }
     }
 
@@ -592,21 +591,24 @@ impl TransferFunction {
             Form::Formula { formula, .. } => {
                 formula.0.parameters().into_iter().map(|(name, number)| (name, one(number))).collect()
             }
+            Form::Weights(table) => table.step().map(|step| ("step", one(step))).into_iter().collect(),
         }
     }
 
-    /// The text of a formula.
+    /// The text of a formula, or the name of a file; empty for rows that were given in place of a file.
     pub fn text(&self) -> Option<&str> {
         match &self.form {
             Form::Formula { formula, .. } => Some(formula.0.text()),
+            Form::Weights(table) => Some(table.name()),
             _ => None,
         }
     }
 
-    /// The numbers behind the text of a formula.
+    /// The numbers behind the text of a formula, or of a file.
     pub fn numbers(&self) -> &[f64] {
         match &self.form {
             Form::Formula { formula, .. } => formula.0.numbers(),
+            Form::Weights(table) => table.weights(),
             _ => &[],
         }
     }
@@ -631,6 +633,10 @@ impl fmt::Display for TransferFunction {
             Form::Power { order } => write!(f, "s^{order}"),
             Form::Tempered { order, rate } => write!(f, "(s + {rate})^{order} − {rate}^{order}"),
             Form::Formula { formula, .. } => f.write_str(formula.0.text()),
+            Form::Weights(table) => {
+                write!(f, "{} weights", table.weights().len())?;
+                if table.name().is_empty() { Ok(()) } else { write!(f, " of {}", table.name()) }
+            }
             _ => {
                 f.write_str(self.form())?;
                 for (name, numbers) in self.parameters() {

@@ -8,6 +8,7 @@ use crate::language::number_table::NumberTable;
 use crate::numerics::algebra::{Algebra, Series};
 use crate::numerics::relaxation::Relaxation;
 use crate::numerics::transfer::{Formula, TransferFunction};
+use crate::numerics::weight_table::WeightTable;
 use fvi_core::{DoubleDouble, ParameterError};
 use nalgebra::Complex;
 use std::collections::BTreeMap;
@@ -24,14 +25,16 @@ enum Form {
     HavriliakNegami,
 }
 
-/// Reads `order`, or `kernel` in its place.
+/// Reads `order`, or `kernel` in its place; `step` is that of a run with equal steps, to which weights of a
+/// file belong.
 ///
 /// # Errors
 /// If neither or both are there, or a parameter of the kernel is outside its range, or the kernel is not
-/// passive and `allow_active` is not set.
+/// passive and `allow_active` is not set, or weights belong to another step.
 pub(super) fn read_transfer(
     table: &Table<'_>,
     parameters: &BTreeMap<String, f64>,
+    step: Option<f64>,
 ) -> Result<TransferFunction, InputError> {
     let (is_order, value) = table.either("order", "kernel")?;
     let allow_active = match table.optional("allow_active") {
@@ -46,7 +49,18 @@ pub(super) fn read_transfer(
         }
         return TransferFunction::power(order).map_err(|_| refused());
     }
-    let transfer = read_kernel(&value.table()?, parameters)?;
+    let kernel = value.table()?;
+    let mut transfer = read_kernel(&kernel, parameters)?;
+    if let (Some(weights), Some(step)) = (transfer.table(), step) {
+        let bound = weights.clone().at_step(step).map_err(|_| {
+            let place = kernel.optional("step").unwrap_or_else(|| value.clone());
+            place.error(Problem::Incompatible {
+                with: format!("`time.step` = {step}"),
+                allowed: "weights of that step: those of another one are another kernel".to_owned(),
+            })
+        })?;
+        transfer = TransferFunction::weights(bound);
+    }
     match transfer.active() {
         Some(active) if !allow_active => Err(value.out_of_range(format!(
             "a passive kernel: this one can drive the motion at {active}; `allow_active = true` admits it"
@@ -111,6 +125,9 @@ pub(super) fn read_kernel(
 ) -> Result<TransferFunction, InputError> {
     if let Some(value) = table.optional("relaxation") {
         return read_relaxation(table, &value);
+    }
+    if let Some(value) = table.optional("weights") {
+        return read_weights(table, &value);
     }
     let (is_form, value) = table.either("form", "symbol")?;
     if !is_form {
@@ -181,6 +198,19 @@ pub(super) fn read_kernel(
 fn read_relaxation(table: &Table<'_>, value: &Value<'_>) -> Result<TransferFunction, InputError> {
     table.allow(&["relaxation", "decay"])?;
     let decay = table.optional("decay").map(|decay| decay.positive()).transpose()?;
+    relaxation_of(value, decay, None)
+}
+
+/// The relaxation function of a file or rows; that of an entry of a matrix may push by itself, and is wanted
+/// with a sign.
+///
+/// # Errors
+/// With the row that is wrong.
+pub(super) fn relaxation_of(
+    value: &Value<'_>,
+    decay: Option<f64>,
+    of_matrix: Option<f64>,
+) -> Result<TransferFunction, InputError> {
     let (file, rows) = if value.is_text() {
         let read = NumberTable::read(value, value.document(), &["G".to_owned()])?;
         let file = value.document().resolve(value.text()?).display().to_string();
@@ -210,7 +240,7 @@ fn read_relaxation(table: &Table<'_>, value: &Value<'_>) -> Result<TransferFunct
         ));
     }
     // One that swings about zero, as that of waves does, rises in places; whether it is passive is looked at.
-    let swings = rows.iter().any(|row| row.1 < 0.0);
+    let swings = of_matrix.is_some() || rows.iter().any(|row| row.1 < 0.0);
     if let Some(index) = rows.windows(2).position(|pair| pair[1].1 > pair[0].1).filter(|_| !swings) {
         return Err(refused(index + 1, format!("G rises to {}: the material would push", rows[index + 1].1)));
     }
@@ -223,9 +253,76 @@ fn read_relaxation(table: &Table<'_>, value: &Value<'_>) -> Result<TransferFunct
             ),
         ));
     }
-    TransferFunction::formula(Arc::new(Relaxation::new(&file, &rows, decay))).map_err(|error| {
+    let made = match of_matrix {
+        None => Relaxation::new(&file, &rows, decay),
+        Some(sign) => {
+            let signed: Vec<(f64, f64)> =
+                rows.iter().map(|&(time, modulus)| (time, sign * modulus)).collect();
+            Relaxation::new(&file, &signed, decay).of_matrix()
+        }
+    };
+    TransferFunction::formula(Arc::new(made)).map_err(|error| {
         value.out_of_range(format!("{}; {} is {:e} here", error.allowed, error.parameter, error.value))
     })
+}
+
+/// Reads weights, and the step to which they belong.
+fn read_weights(table: &Table<'_>, value: &Value<'_>) -> Result<TransferFunction, InputError> {
+    table.allow(&["weights", "step"])?;
+    let refused =
+        |error: ParameterError| value.out_of_range(format!("{} {}", error.parameter, error.allowed));
+    let file = if value.is_list() {
+        String::new()
+    } else {
+        value.document().resolve(value.text()?).display().to_string()
+    };
+    let mut made = WeightTable::new(&file, weights_of(value)?).map_err(refused)?;
+    if let Some(step) = table.optional("step") {
+        made = made.at_step(step.positive()?).map_err(refused)?;
+    }
+    Ok(TransferFunction::weights(made))
+}
+
+/// The weights of a file with the columns `n,weight`, n = 0, 1, …, or of a list.
+///
+/// # Errors
+/// If there is no such file, or a row is not the next one, or a weight is not a finite number, with the line.
+pub fn weights_of(value: &Value<'_>) -> Result<Vec<f64>, InputError> {
+    if value.is_list() {
+        return value.numbers();
+    }
+    let document = value.document();
+    let file = document.resolve(value.text()?).display().to_string();
+    let unreadable = |reason: String| value.error(Problem::Unreadable { reason });
+    let fault = |line: u64, reason: String| value.error(Problem::Table { file: file.clone(), line, reason });
+    let text = document.read_named(value.text()?).map_err(|error| unreadable(error.to_string()))?;
+    let mut reader =
+        csv::ReaderBuilder::new().comment(Some(b'#')).trim(csv::Trim::All).from_reader(text.as_bytes());
+    let header = reader.headers().map_err(|error| unreadable(error.to_string()))?.clone();
+    if header.iter().collect::<Vec<_>>() != ["n", "weight"] {
+        return Err(fault(1, "the columns must be n,weight".to_owned()));
+    }
+    let mut weights = Vec::new();
+    for record in reader.records() {
+        let record = record
+            .map_err(|error| fault(error.position().map_or(0, csv::Position::line), error.to_string()))?;
+        let line = record.position().map_or(0, csv::Position::line);
+        if record.get(0).and_then(|cell| cell.parse().ok()) != Some(weights.len()) {
+            return Err(fault(
+                line,
+                format!("n must be {}: weights come in order from n = 0", weights.len()),
+            ));
+        }
+        let weight = record.get(1).and_then(|cell| cell.parse::<f64>().ok()).filter(|w| w.is_finite());
+        let Some(weight) = weight else {
+            return Err(fault(line, "the weight is not a finite number".to_owned()));
+        };
+        weights.push(weight);
+    }
+    if weights.is_empty() {
+        return Err(fault(1, "there are no rows".to_owned()));
+    }
+    Ok(weights)
 }
 
 /// Reads K(s) as an expression in s and the parameters.
@@ -459,6 +556,42 @@ mod tests {
         assert!(read("relaxation = [[0, 1], [1, 0.5]]\ndecay = 2.0").is_ok());
         // A rectangle pushes back at some frequencies.
         assert!(read("relaxation = [[0, 1], [1, 1], [1.001, 0]]").unwrap().active().is_some());
+    }
+
+    #[test]
+    fn weights_are_read_and_checked_row_by_row() {
+        let read = |keys: &str| {
+            let document = Document::new("kernel.toml", Path::new("/data"), &format!("[kernel]\n{keys}\n"))
+                .with_attached("w.csv", "# by hand\nn,weight\n0,10.0\n1,-10.0\n")
+                .with_attached("gap.csv", "n,weight\n0,1\n2,1\n")
+                .with_attached("text.csv", "n,weight\n0,1\n1,one\n")
+                .with_attached("names.csv", "k,w\n0,1\n")
+                .with_attached("empty.csv", "n,weight\n");
+            kernel_of_document(&document).map_err(|error| {
+                let help = miette::Diagnostic::help(&error).map(|help| help.to_string()).unwrap_or_default();
+                format!("{error} {help}")
+            })
+        };
+        let (file, list) = (read("weights = \"w.csv\"").unwrap(), read("weights = [10.0, -10.0]").unwrap());
+        assert_eq!((file.text(), list.text()), (Some("/data/w.csv"), Some("")));
+        assert_eq!((file.numbers(), file.active(), file.spring()), (&[10.0, -10.0][..], None, 0.0));
+        assert_eq!(file.numbers(), list.numbers());
+        let stated = read("weights = \"w.csv\"\nstep = 0.1").unwrap();
+        assert_eq!(stated.table().unwrap().step(), Some(0.1));
+        assert_eq!(stated.parameters(), [("step", vec![0.1])]);
+        for (keys, reason) in [
+            ("weights = \"gap.csv\"", "gap.csv, line 3: n must be 1"),
+            ("weights = \"text.csv\"", "line 3: the weight is not a finite number"),
+            ("weights = \"names.csv\"", "the columns must be n,weight"),
+            ("weights = \"empty.csv\"", "there are no rows"),
+            ("weights = \"none.csv\"", "none.csv"),
+            ("weights = []", "number of weights at least 1"),
+            ("weights = \"w.csv\"\nstep = 0", "step"),
+            ("weights = \"w.csv\"\norder = 1", "unknown key"),
+        ] {
+            let message = read(keys).unwrap_err();
+            assert!(message.contains(reason), "{keys}: {message}");
+        }
     }
 
     #[test]

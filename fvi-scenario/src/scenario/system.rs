@@ -7,14 +7,18 @@ use super::load::Load;
 use super::matrix::SymmetricMatrix;
 use super::own_terms::SharedTerms;
 use super::parameters::{read_parameters, symbols_of};
+use super::relaxation_matrix::{Pair, RelaxationMatrix};
 use super::sparse_matrix::{KnownMatrices, Matrices, SparseMatrix};
 use crate::language::document::{Table, Value};
 use crate::language::error::{InputError, Problem};
 use crate::language::expression::{Expression, Symbols};
+use crate::numerics::active::Active;
 use crate::numerics::transfer::TransferFunction;
+use nalgebra::DMatrix;
 use serde::ser::SerializeMap;
 use serde::{Serialize, Serializer};
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// d/dt (M q̇) + G q̇ + K q + ∇U(q) + Σ_e ∇U_e(q) = F(t, q) + Σ_l f_l a_l(t) − Σ_m ρ_m K_m(D) q, K_m(D) =
 /// D^{β_m} or of another transfer function.
@@ -36,7 +40,9 @@ pub struct System {
     pub force_quadrature: ForceQuadrature,
     /// Named constants of the expressions.
     pub parameters: BTreeMap<String, f64>,
-    /// The damping terms, summed.
+    /// The damping terms, summed; behind those that the scenario writes further parts of kernels that are
+    /// matrices.
+    #[serde(serialize_with = "written")]
     pub damping: Vec<Damping>,
     /// U_e: potentials of a few coordinates each.
     #[serde(rename = "element", skip_serializing_if = "Vec::is_empty")]
@@ -65,6 +71,22 @@ pub struct Damping {
     pub attached: Option<Attached>,
     /// By which the matrix of a file was multiplied.
     scale: Option<f64>,
+    /// Whose part it is, where the kernel is a matrix.
+    matrix: Option<Part>,
+}
+
+/// A part of a kernel that is a matrix: one of its pairs of coordinates.
+#[derive(Clone, Debug, PartialEq)]
+struct Part {
+    whole: Arc<RelaxationMatrix>,
+    /// Whether it stands where the scenario writes the term.
+    stands_for_it: bool,
+}
+
+/// The terms that the scenario writes.
+fn written<S: Serializer>(terms: &[Damping], serializer: S) -> Result<S::Ok, S::Error> {
+    let is_written = |term: &&Damping| term.matrix.as_ref().is_none_or(|part| part.stands_for_it);
+    serializer.collect_seq(terms.iter().filter(is_written))
 }
 
 /// Dampers: ρ = B diag(strength) Bᵀ, one column of B for each.
@@ -102,7 +124,12 @@ pub enum Derivative {
 }
 
 impl System {
-    pub(super) fn read(table: &Table<'_>, shared: Option<&KnownMatrices>) -> Result<Self, InputError> {
+    /// Reads the system; `step` is that of a run with equal steps.
+    pub(super) fn read(
+        table: &Table<'_>,
+        shared: Option<&KnownMatrices>,
+        step: Option<f64>,
+    ) -> Result<Self, InputError> {
         table.allow(&[
             "mass",
             "stiffness",
@@ -172,8 +199,9 @@ impl System {
             Some(value) => value
                 .list("a list of tables, each headed [[system.damping]]")?
                 .iter()
-                .map(|term| Damping::read(&term.table()?, count, &parameters, &mut known))
-                .collect::<Result<_, _>>()?,
+                .map(|term| Damping::read(&term.table()?, count, (&parameters, step), &mut known))
+                .collect::<Result<_, _>>()
+                .map(in_order)?,
             None => Vec::new(),
         };
         Ok(Self {
@@ -228,9 +256,9 @@ impl Damping {
     fn read(
         table: &Table<'_>,
         count: usize,
-        parameters: &BTreeMap<String, f64>,
+        (parameters, step): (&BTreeMap<String, f64>, Option<f64>),
         known: &mut Matrices<'_>,
-    ) -> Result<Self, InputError> {
+    ) -> Result<Vec<Self>, InputError> {
         table.allow(&[
             "order",
             "kernel",
@@ -241,7 +269,35 @@ impl Damping {
             "strength",
             "derivative",
         ])?;
-        let transfer = read_transfer(table, parameters)?;
+        let derivative = match table.optional("derivative") {
+            Some(value) => value.choice(&[
+                ("caputo", Derivative::Caputo),
+                ("riemann-liouville", Derivative::RiemannLiouville),
+            ])?,
+            None => Derivative::Caputo,
+        };
+        let kernel = table.optional("kernel").and_then(|value| Some((value.table().ok()?, value)));
+        if let Some((kernel, value)) = &kernel
+            && let Some(files) = kernel.optional("relaxation").filter(RelaxationMatrix::is_one)
+        {
+            for key in ["order", "coefficient", "attached", "scale", "strength"] {
+                if let Some(other) = table.optional(key) {
+                    let with = "a kernel that is a matrix of files".to_owned();
+                    let allowed = "the matrix alone: its entries hold forces over velocities".to_owned();
+                    return Err(other.error(Problem::Incompatible { with, allowed }));
+                }
+            }
+            let (whole, pairs) = RelaxationMatrix::read(kernel, &files, count)?;
+            let allow_active = table.optional("allow_active").map_or(Ok(false), |value| value.truth())?;
+            if let (Some(active), false) = (whole.active, allow_active) {
+                return Err(value.out_of_range(format!(
+                    "a passive kernel: the smallest eigenvalue of this matrix drives the motion at {active}; \
+                     `allow_active = true` admits it"
+                )));
+            }
+            return Ok(Self::of_matrix(whole, pairs, count, derivative));
+        }
+        let transfer = read_transfer(table, parameters, step)?;
         let scale = table.optional("scale");
         let (given, value) = table.either("coefficient", "attached")?;
         let (coefficient, attached, scale) = if given {
@@ -261,21 +317,69 @@ impl Damping {
             let attached = Attached::read(&value, &table.required("strength")?, count)?;
             (attached.coefficient(), Some(attached), None)
         };
-        let derivative = match table.optional("derivative") {
-            Some(value) => value.choice(&[
-                ("caputo", Derivative::Caputo),
-                ("riemann-liouville", Derivative::RiemannLiouville),
-            ])?,
-            None => Derivative::Caputo,
-        };
-        Ok(Self { transfer, coefficient, derivative, attached, scale })
+        Ok(vec![Self { transfer, coefficient, derivative, attached, scale, matrix: None }])
     }
+
+    /// The pairs of coordinates of a matrix of kernels: E_ii K_ii, and (E_ij + E_ji) K_ij as
+    /// (e_i + e_j)(e_i + e_j)ᵀ K_ij + (E_ii + E_jj)(−K_ij), whose matrices are positive semidefinite.
+    fn of_matrix(
+        whole: RelaxationMatrix,
+        pairs: Vec<Pair>,
+        count: usize,
+        derivative: Derivative,
+    ) -> Vec<Self> {
+        let whole = Arc::new(whole);
+        let terms = pairs.into_iter().flat_map(|((i, j), [transfer, negative])| {
+            let mut coefficient = DMatrix::zeros(count, count);
+            (coefficient[(i, i)], coefficient[(j, j)]) = (1.0, 1.0);
+            let alone = coefficient.clone();
+            (coefficient[(i, j)], coefficient[(j, i)]) = (1.0, 1.0);
+            [(coefficient, transfer), (alone, negative)].into_iter().take(if i == j { 1 } else { 2 })
+        });
+        let part = |(index, (coefficient, transfer)): (usize, (DMatrix<f64>, TransferFunction))| Self {
+            transfer,
+            coefficient: SymmetricMatrix::Dense(coefficient),
+            derivative,
+            attached: None,
+            scale: None,
+            matrix: Some(Part { whole: Arc::clone(&whole), stands_for_it: index == 0 }),
+        };
+        terms.enumerate().map(part).collect()
+    }
+
+    /// Where its kernel drives a motion; of a matrix the whole of it.
+    pub fn active(&self) -> Option<Active> {
+        match &self.matrix {
+            Some(part) => part.whole.active,
+            None => self.transfer.active(),
+        }
+    }
+}
+
+/// The terms as they are written, and behind them further parts of those that are matrices.
+fn in_order(terms: Vec<Vec<Damping>>) -> Vec<Damping> {
+    let (mut first, mut further) = (Vec::new(), Vec::new());
+    for term in terms {
+        let mut parts = term.into_iter();
+        first.extend(parts.next());
+        further.extend(parts);
+    }
+    first.extend(further);
+    first
 }
 
 /// The keys that the scenario gave.
 impl Serialize for Damping {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut map = serializer.serialize_map(None)?;
+        if let Some(part) = &self.matrix {
+            map.serialize_entry("kernel", &*part.whole)?;
+            if part.whole.active.is_some() {
+                map.serialize_entry("allow_active", &true)?;
+            }
+            map.serialize_entry("derivative", &self.derivative)?;
+            return map.end();
+        }
         match self.transfer.exponent() {
             Some(order) => map.serialize_entry("order", &order)?,
             None => map.serialize_entry("kernel", &KernelKeys(&self.transfer))?,
@@ -309,6 +413,7 @@ impl Serialize for KernelKeys<'_> {
         let mut map = serializer.serialize_map(None)?;
         match self.0.text() {
             // Rows that were given in place of a file.
+            Some("") if self.0.table().is_some() => map.serialize_entry(self.0.form(), self.0.numbers())?,
             Some("") => {
                 let rows: Vec<&[f64]> = self.0.numbers().chunks(2).collect();
                 map.serialize_entry(self.0.form(), &rows)?;

@@ -605,6 +605,10 @@ pub struct OutputOptions {
     /// points.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub times: Vec<f64>,
+    /// Whether the energies stored in the memories of damping and dissipated by them are columns of the
+    /// trajectory.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub memory_energy: bool,
 }
 
 impl OutputOptions {
@@ -613,7 +617,14 @@ impl OutputOptions {
     pub fn default_for(scheme: &SchemeDescriptor) -> Self {
         let momentum =
             if scheme.reports_own_momentum { ReportedMomentum::OneSided } else { ReportedMomentum::Mean };
-        Self { every: 1, momentum, coordinates: None, snapshots: None, times: Vec::new() }
+        Self {
+            every: 1,
+            momentum,
+            coordinates: None,
+            snapshots: None,
+            times: Vec::new(),
+            memory_energy: false,
+        }
     }
 
     pub(super) fn read(
@@ -622,7 +633,7 @@ impl OutputOptions {
         count: usize,
         grid: &TimeGrid,
     ) -> Result<Self, InputError> {
-        table.allow(&["every", "momentum", "coordinates", "snapshots", "times"])?;
+        table.allow(&["every", "momentum", "coordinates", "snapshots", "times", "memory_energy"])?;
         let default = Self::default_for(scheme);
         let every = table.optional("every").map_or(Ok(default.every), |value| value.whole(1..=usize::MAX))?;
         let momentum = match table.optional("momentum") {
@@ -657,7 +668,9 @@ impl OutputOptions {
             None => None,
         };
         let snapshots = table.optional("snapshots").map(|value| value.whole(1..=usize::MAX)).transpose()?;
-        let output = Self { every, momentum, coordinates, snapshots, times: Vec::new() };
+        let memory_energy = table.optional("memory_energy").map_or(Ok(false), |value| value.truth())?;
+        let times = Vec::new();
+        let output = Self { every, momentum, coordinates, snapshots, times, memory_energy };
         let Some(value) = table.optional("times") else {
             return Ok(output);
         };

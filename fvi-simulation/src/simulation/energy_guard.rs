@@ -397,7 +397,10 @@ impl EnergyGuard {
             // About L⁻¹[K(s)/s^{1+j}](t).
             let since = state.time - self.start;
             let rate = Complex::new(1.0 / since, 0.0);
-            let fading = transfer.value(rate).norm() * libm::pow(since, *integrals);
+            let fading = match transfer.table() {
+                Some(table) => table.after_a_jump(since),
+                None => transfer.value(rate).norm() * libm::pow(since, *integrals),
+            };
             work +=
                 fading * push.iter().enumerate().map(|(index, push)| push.abs() * way(index)).sum::<f64>();
         }

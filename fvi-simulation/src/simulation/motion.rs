@@ -7,6 +7,7 @@ use crate::simulation::adaptive::{AdaptiveSteps, Counts, Progress};
 use crate::simulation::control::{Control, Drive, acts_inside_steps, control};
 use crate::simulation::energy_guard::{EnergyGuard, Gathered};
 use crate::simulation::forces_of_time;
+use crate::simulation::memory_energy::MemoryEnergy;
 use crate::simulation::not_finite::{first_not_finite, reason, start};
 use crate::simulation::step_batch::StepBatch;
 use crate::simulation::tangent::Tangent;
@@ -38,6 +39,7 @@ pub struct Motion<'s> {
     /// Warning about forces of time.
     notes: Vec<String>,
     tangent: Option<Tangent>,
+    memory_energy: Option<MemoryEnergy>,
     /// Solution of the last step, where it is differentiated.
     increments: Vec<f64>,
 }
@@ -79,6 +81,10 @@ impl<'s> Motion<'s> {
             })?;
             control.columns(&mut state.control);
         }
+        let memory_energy = MemoryEnergy::new(scenario)?;
+        if let Some(memory_energy) = &memory_energy {
+            memory_energy.write(&mut state.memory);
+        }
         let inside = acts_inside_steps(scenario);
         let drive =
             Drive { inside: inside.then(|| SampledInput::of(Vec::new(), Vec::new())), ..Drive::default() };
@@ -93,6 +99,7 @@ impl<'s> Motion<'s> {
             || scenario.is_looked_into()
             || !scenario.cases.is_empty()
             || scenario.sensitivity.is_some()
+            || memory_energy.is_some()
             || scenario.system.own_terms.is_some();
         let every = if adaptive.is_some() { 1 } else { simulation.energies_every(scenario) };
         let mut batch = StepBatch::new(scenario.coordinates() * scenario.copies(), one_by_one, every);
@@ -115,6 +122,7 @@ impl<'s> Motion<'s> {
             energies,
             notes,
             tangent: None,
+            memory_energy,
             increments: Vec::new(),
         })
     }
@@ -156,6 +164,11 @@ impl<'s> Motion<'s> {
             control.save(&mut bytes)?;
             bytes.extend((length as u64).to_le_bytes());
         }
+        if let Some(memory_energy) = &self.memory_energy {
+            let length = bytes.len();
+            memory_energy.save(&mut bytes)?;
+            bytes.extend((length as u64).to_le_bytes());
+        }
         Ok(bytes)
     }
 
@@ -181,13 +194,19 @@ impl<'s> Motion<'s> {
         gathered: Gathered,
         chosen: Option<Progress>,
     ) -> Result<(), StateError> {
+        let state = match &mut self.memory_energy {
+            None => state,
+            Some(memory_energy) => {
+                let (state, of_memory) = split_last(state)?;
+                memory_energy.restore(of_memory)?;
+                memory_energy.write(&mut self.state.memory);
+                state
+            }
+        };
         let state = match &mut self.control {
             None => state,
             Some(control) => {
-                let cut_off = StateError::Truncated { needed: 8, left: state.len() };
-                let (both, length) = state.split_last_chunk::<8>().ok_or(cut_off)?;
-                let length = usize::try_from(u64::from_le_bytes(*length)).unwrap_or(usize::MAX);
-                let (state, of_control) = both.split_at_checked(length).ok_or(cut_off)?;
+                let (state, of_control) = split_last(state)?;
                 control.restore(of_control)?;
                 control.columns(&mut self.state.control);
                 self.control_before.clone_from(&self.state.control);
@@ -241,6 +260,11 @@ impl<'s> Motion<'s> {
                     failure = Some(reason);
                 }
             }
+        }
+        if let (Some(memory_energy), 1, None) = (&mut self.memory_energy, self.batch.len(), &failure) {
+            self.batch.read(0, &mut self.next);
+            memory_energy.advance(&self.state.position, &self.next.position);
+            memory_energy.write(self.batch.memory_mut());
         }
         let mut failed = self.batch.len();
         let (input, on_grid) = (self.scenario.input.as_ref(), self.adaptive.is_none());
@@ -401,6 +425,14 @@ impl<'s> Motion<'s> {
     pub fn warning(&self) -> Option<&str> {
         self.guard.warning()
     }
+}
+
+/// A part of a state that was appended, with its place behind it, and what is before it.
+fn split_last(state: &[u8]) -> Result<(&[u8], &[u8]), StateError> {
+    let cut_off = StateError::Truncated { needed: 8, left: state.len() };
+    let (both, length) = state.split_last_chunk::<8>().ok_or(cut_off)?;
+    let length = usize::try_from(u64::from_le_bytes(*length)).unwrap_or(usize::MAX);
+    both.split_at_checked(length).ok_or(cut_off)
 }
 
 #[cfg(test)]

@@ -115,11 +115,16 @@ impl Linearised {
     }
 
     /// H(ω) = (−ω²M + K + Σ_m ρ_m K_m(iω))⁻¹, the column of one input: displacements under a force e^{iωt} on
-    /// the coordinate `input`.
+    /// the coordinate `input`. Of weights that are given there is K_m up to ω = π/h.
     ///
     /// # Errors
     /// In words, where the equations have no solution to rounding: at a resonance without damping.
     pub fn response(&self, omega: f64, input: usize) -> Result<Vec<Complex<f64>>, String> {
+        if let Some(highest) = self.highest().filter(|highest| omega > highest * (1.0 + 1e-12)) {
+            return Err(format!(
+                "no response at ω = {omega}: a kernel is given by weights, which tell it up to π/h = {highest}"
+            ));
+        }
         let s = Complex::new(0.0, omega);
         let one = |entry: Complex<f64>| DMatrix::from_element(1, 1, entry);
         let factors = SchemeFactors {
@@ -156,6 +161,9 @@ impl Linearised {
     /// In words: if there are too many coupled coordinates, or zeros too close to each other to be told
     /// apart.
     pub fn poles(&self) -> Result<Vec<SystemPole>, String> {
+        if self.transfers.iter().any(|transfer| transfer.table().is_some()) {
+            return Err("weights of a file do not tell K(s) to the left of the imaginary axis".to_owned());
+        }
         let Equations::Dense { mass, stiffness, damping } = &self.equations else {
             return Err(format!(
                 "poles are sought in systems of up to {DENSE} coordinates, or given by full matrices"
@@ -203,6 +211,12 @@ impl Linearised {
             }
         }
         Some(vector[factors.answer * self.size..][..self.size].to_vec())
+    }
+
+    /// The highest frequency up to which kernels are known that are given by weights; `None` without one.
+    pub fn highest(&self) -> Option<f64> {
+        let is_given = self.transfers.iter().any(|transfer| transfer.table().is_some());
+        is_given.then_some(std::f64::consts::PI / self.step)
     }
 
     /// The damping terms' transfer functions.

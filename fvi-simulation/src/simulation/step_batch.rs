@@ -30,6 +30,8 @@ pub struct StepBatch {
     control: Vec<f64>,
     /// Of a state that is looked at by itself.
     sensitivities: Vec<f64>,
+    /// Of the memories, likewise.
+    memory: Vec<f64>,
     /// Energies are those of the states after multiples of so many steps.
     energies_every: usize,
 }
@@ -52,6 +54,7 @@ impl StepBatch {
             iterations: vec![0; room],
             control: Vec::new(),
             sensitivities: Vec::new(),
+            memory: Vec::new(),
             energies_every,
         }
     }
@@ -99,11 +102,22 @@ impl StepBatch {
         self.push((state.time, state.energy), position, momentum, iterations);
         self.control.clone_from(&state.control);
         self.sensitivities.clone_from(&state.sensitivities);
+        self.memory.clone_from(&state.memory);
     }
 
     /// ∂q/∂θ and ∂p/∂θ of the state; none where nothing is differentiated.
     pub fn sensitivities(&self) -> &[f64] {
         &self.sensitivities
+    }
+
+    /// Energies of the memories at the last state.
+    pub fn memory(&self) -> &[f64] {
+        &self.memory
+    }
+
+    /// [`memory`](Self::memory), to be written.
+    pub(crate) fn memory_mut(&mut self) -> &mut Vec<f64> {
+        &mut self.memory
     }
 
     /// [`sensitivities`](Self::sensitivities), to be written.
@@ -220,6 +234,9 @@ impl StepBatch {
         state.control.clone_from(&self.control);
         state.position.iter_mut().zip(self.positions()).for_each(|(place, column)| *place = column[index]);
         state.momentum.iter_mut().zip(self.momenta()).for_each(|(place, column)| *place = column[index]);
+        if !self.memory.is_empty() {
+            state.memory.clone_from(&self.memory);
+        }
         if !self.sensitivities.is_empty() {
             state.sensitivities.clone_from(&self.sensitivities);
         }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from typing import Any, final
 
@@ -16,7 +17,7 @@ from fvi._errors import InputError
 class Kernel:
     """A kernel K(s) in place of s^β: the damping force is −ρ K(D) q.
 
-    Made by `power`, `tempered`, `maxwell`, `prony`, `havriliak_negami`, `symbol` or `relaxation`; taken by `Damping`, `Memory`, `weights` and
+    Made by `power`, `tempered`, `maxwell`, `prony`, `havriliak_negami`, `symbol`, `relaxation` or `weights`; taken by `Damping`, `Memory`, `weights` and
     `derivative`. A kernel that is not passive, one that could drive a motion, is refused by `integrate` with the band of frequencies, unless
     the damping says ``allow_active=True``.
 
@@ -86,6 +87,25 @@ class Kernel:
         keys: dict[str, Any] = {"relaxation": np.column_stack([times, moduli]).tolist()}
         if decay is not None:
             keys["decay"] = _arrays.positive("decay", decay)
+        return Kernel(**keys)
+
+    @staticmethod
+    def weights(weights: ArrayLike | str | os.PathLike[str], step: float | None = None) -> Kernel:
+        """The memory Σ w_n q_{k−n} of weights w_0, w_1, … that are known, or of a file with the columns n, weight.
+
+        They belong to the time step of the run, or to `step`, which must be that one; a run needs one more of them than it has
+        steps. K(s) itself is not known: there are no exponentials, no steps of any length and no Runge–Kutta families.
+        """
+        keys: dict[str, Any] = {}
+        if isinstance(weights, str | os.PathLike):
+            keys["weights"] = os.path.abspath(weights)
+        else:
+            numbers = np.asarray(_arrays.numbers("weights", weights))
+            if numbers.ndim != 1 or numbers.size == 0:
+                raise InputError(f"weights: shape {numbers.shape} instead of a list of one number at least", "weights", str(numbers.shape))
+            keys["weights"] = numbers.tolist()
+        if step is not None:
+            keys["step"] = _arrays.positive("step", step)
         return Kernel(**keys)
 
     def __repr__(self) -> str:

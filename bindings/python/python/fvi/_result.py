@@ -57,6 +57,10 @@ class Continuation:
     standing: Any
 
 
+#: Columns that some results have.
+_MORE = ("u", "setpoint", "measure", "memory_stored", "memory_dissipated")
+
+
 @dataclass(frozen=True, repr=False)
 class Result:
     """A trajectory, and the record of the run that made it.
@@ -79,6 +83,8 @@ class Result:
         How it ended, in words.
     u, setpoint, measure : ndarray, shape (K,), or (K, C) of C controllers, or None without
         What the controllers put out, wanted and saw at their last sample up to the time of the row.
+    memory_stored, memory_dissipated : ndarray, shape (K,), or None unless ``output.memory_energy`` is set
+        Energy stored in the memories of damping, and dissipated by them since t = 0.
     """
 
     t: FloatArray
@@ -94,6 +100,8 @@ class Result:
     u: FloatArray | None = None
     setpoint: FloatArray | None = None
     measure: FloatArray | None = None
+    memory_stored: FloatArray | None = None
+    memory_dissipated: FloatArray | None = None
     _derivatives: FloatArray | None = field(default=None, compare=False)
     _continuation: Continuation | None = field(default=None, compare=False)
 
@@ -238,8 +246,8 @@ class Result:
 
     @property
     def _control(self) -> dict[str, FloatArray]:
-        """The columns of the controllers that there are."""
-        columns = {"u": self.u, "setpoint": self.setpoint, "measure": self.measure}
+        """The columns of controllers and memories that there are."""
+        columns = {name: getattr(self, name) for name in _MORE}
         return {name: column for name, column in columns.items() if column is not None}
 
     def __repr__(self) -> str:
@@ -416,7 +424,7 @@ def load(path: str | os.PathLike[str]) -> Result:
             return _of_directory(os.fspath(path))
         with np.load(path, allow_pickle=False) as arrays:
             t, q, p, energy = (arrays[name] for name in ("t", "q", "p", "energy"))
-            control = {name: arrays[name] for name in ("u", "setpoint", "measure") if name in arrays}
+            control = {name: arrays[name] for name in _MORE if name in arrays}
             end = json.loads(str(arrays["end"]))
             derivatives = arrays["derivatives"] if "derivatives" in arrays.files else None
         record = json.dumps(end["summary"])

@@ -220,8 +220,8 @@ def compute(
         scenario, engine=engine, precision=precision, progress=progress, terms=functions.terms, prepared=prepared, spent=spent,
         events=functions.events, go_on=standing, keep=keep_memory,
     )
-    ((_, t, q, p, energy, control, derivatives, end, record),) = motions
-    result = _result(t, q, p, energy, control, end, record, mass, derivatives)
+    ((_, t, q, p, energy, control, derivatives, memory, end, record),) = motions
+    result = _result(t, q, p, energy, control, end, record, mass, derivatives, memory)
     if junction is not None:
         result = _behind(junction, result)
     if reached is not None and isinstance(scenario, tuple):
@@ -259,7 +259,7 @@ def compute_cases(
     progress = check_progress(progress)
     motions, raised, _ = _fvi.run(scenario, engine=engine, precision=precision, progress=progress, cases=True)
     results = {
-        name: _result(t, q, p, energy, control, end, record) for name, t, q, p, energy, control, _, end, record in motions
+        name: _result(t, q, p, energy, control, end, record) for name, t, q, p, energy, control, _, _, end, record in motions
     }
     if raised is not None:
         _raise(raised, results)
@@ -301,6 +301,7 @@ def _result(
     record: str,
     mass: Any = None,
     derivatives: FloatArray | None = None,
+    memory: FloatArray | None = None,
 ) -> Result:
     """The result with what its record says of the end; the record itself is read when it is asked for."""
     known = json.loads(end)
@@ -313,6 +314,8 @@ def _result(
             name: control[:, :, index] if several else control[:, 0, index].copy()
             for index, name in enumerate(("u", "setpoint", "measure"))
         }
+    if memory is not None and memory.size:
+        columns |= {"memory_stored": memory[:, 0].copy(), "memory_dissipated": memory[:, 1].copy()}
     warned = tuple(known.get("warnings", ()))
     return Result(
         t, q, p, energy, status == 0, status, message, record, warned, mass, _derivatives=derivatives, **columns

@@ -58,6 +58,7 @@ SHORT_NAMES = {
     "coordinates": "output.coordinates",
     "parameters": "system.parameters",
     "sensitivities": "sensitivity.parameters",
+    "memory_energy": "output.memory_energy",
 }
 """Names of arguments, with the keys of a scenario that they stand for."""
 

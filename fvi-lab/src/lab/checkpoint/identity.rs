@@ -1,6 +1,6 @@
 //! What a run and its checkpoint must have in common.
 
-use crate::scenario::{Engine, Scenario};
+use crate::scenario::{Damping, Engine, Scenario};
 use crate::simulation::Precision;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -40,6 +40,7 @@ impl Identity {
         };
         values.retain(|path, _| !FREE.iter().any(|free| is_part_of(path, free)));
         values.insert("precision".to_owned(), json(&precision).to_string());
+        values.extend(contents_of_kernels(scenario));
         let same_everywhere = [Engine::Direct, Engine::ExponentialSumCore];
         let vector_units = engines
             .iter()
@@ -96,6 +97,21 @@ impl Identity {
         }
         differences
     }
+}
+
+/// The numbers of kernels that are in files, by their checksum: the scenario names the files alone.
+pub(crate) fn contents_of_kernels(scenario: &Scenario) -> Vec<(String, String)> {
+    let terms = scenario.system.damping.iter().enumerate();
+    let in_files = terms.filter(|(_, term)| {
+        !term.transfer.numbers().is_empty() && term.transfer.text().is_some_and(|name| !name.is_empty())
+    });
+    let content = |(index, term): (usize, &Damping)| {
+        let numbers = term.transfer.numbers();
+        let bytes: Vec<u8> = numbers.iter().flat_map(|number| number.to_bits().to_le_bytes()).collect();
+        let told = format!("{} numbers with the checksum {:08x}", numbers.len(), crc32fast::hash(&bytes));
+        (format!("system.damping[{index}].kernel, its file"), told)
+    };
+    in_files.map(content).collect()
 }
 
 /// Summaries hold no value that JSON does not know.

@@ -4,6 +4,7 @@ use super::axis::{self, Axis, Values, put};
 use super::keep::{Quantities, Quantity};
 use super::points::{MOST_SOBOL, MOST_SOBOL_AXES, Sampling};
 use super::records::Layout;
+use crate::lab::checkpoint::contents_of_kernels;
 use crate::language::document::{Document, Table, Value};
 use crate::language::expression::nearest;
 use crate::language::{InputError, Problem};
@@ -207,6 +208,19 @@ impl Sweep {
         {
             let reason = format!("the scenario has no parameter `{name}`");
             return Err(self.no_such_key(place, &axis.path, Some(reason)));
+        }
+        if axis.path == "time.step" {
+            let terms = self.base.system.damping.iter().enumerate();
+            let mut given = terms.filter(|(_, term)| term.transfer.table().is_some());
+            let varies = |index: usize| {
+                let kernel = format!("system.damping[{index}].kernel");
+                !self.axes.iter().any(|axis| axis.path.starts_with(&kernel))
+            };
+            if let Some((index, _)) = given.find(|&(index, _)| varies(index)) {
+                let with = format!("`system.damping[{index}].kernel.weights`, which belong to one step");
+                let allowed = "one `time.step`, or an axis with a file of weights for each".to_owned();
+                return Err(place.error(Problem::Incompatible { with, allowed }));
+            }
         }
         let elements = if place.is_list() { place.list("a list of values")? } else { Vec::new() };
         let mut values: Vec<(Option<&Value<'_>>, toml::Value)> = match (&axis.values, &self.sampling) {
@@ -445,7 +459,7 @@ impl Sweep {
 
     /// Identity that two sweeps share whose runs may stand in one table.
     pub(super) fn identity(&self, precision: Precision) -> Vec<u8> {
-        let identity = json!({
+        let mut identity = json!({
             "version": env!("CARGO_PKG_VERSION"),
             "precision": precision,
             "scenario": self.base,
@@ -461,6 +475,10 @@ impl Sweep {
             "settled": self.settled,
             "trajectories": self.trajectories,
         });
+        let kernels = contents_of_kernels(&self.base);
+        if !kernels.is_empty() {
+            identity["kernels"] = json!(kernels);
+        }
         identity.to_string().into_bytes()
     }
 }

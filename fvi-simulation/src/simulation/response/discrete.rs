@@ -1,7 +1,6 @@
 //! The equations of a step for harmonic motions, of every scheme on equal steps.
 
 use crate::numerics::dense;
-use crate::numerics::multistep_rule::MultistepRule;
 use crate::numerics::transfer::TransferFunction;
 use crate::scenario::{ConvolutionFamily, Scenario, Scheme};
 use crate::simulation::stability::characteristic::{Characteristic, MatrixFactors};
@@ -55,6 +54,11 @@ impl StepEquations {
     pub(super) fn of(scenario: &Scenario, transfers: &[TransferFunction]) -> Result<Self, String> {
         if scenario.time.grid.is_some() {
             return Err("a scheme has a frequency response on equal steps only".to_owned());
+        }
+        if scenario.convolution.family.is_staged()
+            && transfers.iter().any(|transfer| transfer.table().is_some())
+        {
+            return Err("weights of a file are none of a Runge–Kutta family".to_owned());
         }
         let transfers = transfers.to_vec();
         if let Some(discretisation) = discretisation(scenario) {
@@ -127,7 +131,7 @@ impl StepEquations {
                 let damped = transfers.iter().map(|transfer| {
                     let value = match transfer.exponent() {
                         Some(beta) => symbol::multistep((*order).into(), beta, z) / libm::pow(step, beta),
-                        None => transfer.value(MultistepRule::from(*order).symbol(z) / step),
+                        None => transfer.symbol((*order).into(), step, z),
                     };
                     one(resisting * value)
                 });

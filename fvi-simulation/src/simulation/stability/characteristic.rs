@@ -155,7 +155,7 @@ impl Characteristic {
         match (transfer.exponent(), &self.form) {
             (Some(order), _) => Complex::new(libm::pow(step, 2.0 - order), 0.0),
             (None, Form::MainNodes(rule) | Form::Nodes(rule)) => {
-                transfer.value(rule.symbol(z) / step) * (step * step)
+                transfer.symbol(*rule, step, z) * (step * step)
             }
             (None, Form::Stages { .. }) => Complex::new(step * step, 0.0),
         }

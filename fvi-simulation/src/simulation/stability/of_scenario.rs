@@ -93,7 +93,7 @@ pub(crate) fn takes_gyroscopic(scenario: &Scenario) -> bool {
 
 /// Whether a kernel of it is not passive: then motions may grow by themselves, at any step.
 fn may_drive(scenario: &Scenario) -> bool {
-    scenario.system.damping.iter().any(|term| term.transfer.active().is_some())
+    scenario.system.damping.iter().any(|term| term.active().is_some())
 }
 
 /// Advice for a scheme whose step is too long.

@@ -1,0 +1,48 @@
+//! `[output] memory_energy = true`: what materials have stored and turned into heat.
+
+use crate::workplace::{Workplace, text};
+use std::fs;
+
+fn scenario(steps: usize) -> String {
+    format!(
+        "[system]\nmass = [1.0]\npotential = \"2*q0^2\"\n[[system.damping]]\ncoefficient = [1.5]\n\
+         kernel = {{ form = \"maxwell\", order = 0.6, time = 0.3 }}\n[initial]\nposition = [1.0]\n[output]\n\
+         memory_energy = true\n[history]\nengine = \"direct\"\n[time]\nstep = 0.02\nsteps = {steps}\n"
+    )
+}
+
+fn fvi(place: &Workplace, arguments: &str) -> (bool, String) {
+    let output = place.fvi(&arguments.split(' ').collect::<Vec<_>>());
+    (output.status.success(), text(&output.stderr))
+}
+
+#[test]
+fn columns_and_curves_are_written_and_a_run_that_goes_on_has_the_same() {
+    let place = Workplace::new();
+    for (steps, out, more) in [(600, "whole", ""), (250, "parts", ""), (600, "parts", " --resume")] {
+        place.write("run.toml", &scenario(steps));
+        let command = format!("run run.toml --out {out} --checkpoint-every 100{more}");
+        let (done, message) = fvi(&place, &command);
+        assert!(done, "{command}: {message}");
+    }
+    let table = |run: &str| fs::read_to_string(place.path(run).join("trajectory.csv")).unwrap();
+    let whole = table("whole");
+    assert!(whole.starts_with("t,q0,p0,energy,memory_stored,memory_dissipated\n"));
+    assert_eq!(table("parts"), whole);
+    let row = |line: &str| -> Vec<f64> { line.split(',').map(|cell| cell.parse().unwrap()).collect() };
+    let rows: Vec<Vec<f64>> = whole.lines().skip(1).map(row).collect();
+    for row in &rows {
+        assert!((row[3] + row[4] + row[5] - rows[0][3]).abs() < 1e-12 * rows[0][3], "{row:?}");
+    }
+    assert!(rows[300][5] > 0.5 * rows[0][3]);
+    let picture = fs::read_to_string(place.path("whole/energy.svg")).unwrap();
+    assert!(picture.contains("stored in memories") && picture.contains("dissipated by them"));
+}
+
+#[test]
+fn formats_without_these_columns_are_refused() {
+    let place = Workplace::new();
+    place.write("run.toml", &scenario(10));
+    let (done, message) = fvi(&place, "run run.toml --out out --format npz");
+    assert!(!done && message.contains("output.memory_energy"), "{message}");
+}

@@ -1,0 +1,43 @@
+//! What weights of a file ask of a run.
+
+use crate::language::{InputError, Problem};
+use crate::scenario::Scenario;
+
+/// Refuses damping terms by weights where the run asks for others: for another step or steps that differ, for
+/// matrices, or for more of them.
+pub(super) fn check(scenario: &Scenario) -> Result<(), InputError> {
+    for (index, term) in scenario.system.damping.iter().enumerate() {
+        let Some(table) = term.transfer.table() else { continue };
+        let path = format!("system.damping[{index}].kernel.weights");
+        let incompatible = |with: String, allowed: &str| {
+            Err(scenario.error_at(&path, Problem::Incompatible { with, allowed: allowed.to_owned() }))
+        };
+        if scenario.time.grid.is_some() {
+            return incompatible("steps that differ".to_owned(), "equal steps, those of the file");
+        }
+        if scenario.convolution.family.is_staged() {
+            return incompatible(
+                "a Runge–Kutta family".to_owned(),
+                "the family \"bdf\", whose weights are numbers",
+            );
+        }
+        if table.check_step(scenario.time.step).is_err() {
+            let with = format!("steps of {}", scenario.time.step);
+            let own = table.step().unwrap_or(f64::NAN);
+            return incompatible(with, &format!("steps of {own}, to which these weights belong"));
+        }
+        // One for each lag that occurs; a memory that forgets keeps fewer samples.
+        let lags = scenario.time.steps.saturating_add(1);
+        let wanted = scenario.history.capacity.map_or(lags, |capacity| lags.min(capacity.saturating_add(1)));
+        let rows = table.weights().len();
+        if rows < wanted {
+            let reason = format!(
+                "{rows} weights where a run of {} steps needs {wanted}, n = 0…{}; where the kernel has ended they are 0",
+                scenario.time.steps,
+                wanted - 1
+            );
+            return Err(scenario.error_at(&path, Problem::Unusable { reason }));
+        }
+    }
+    Ok(())
+}
