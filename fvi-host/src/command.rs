@@ -6,6 +6,7 @@ pub mod controller;
 pub mod converge;
 pub mod exponentials;
 pub mod extremal;
+pub mod fit;
 mod kernel_choice;
 mod listing;
 mod progress;
@@ -46,6 +47,8 @@ enum Command {
     Sweep(sweep::SweepArguments),
     /// Error and order of a scenario over step sizes, against its reference or a finer run
     Converge(converge::ConvergeArguments),
+    /// Fit numbers of a scenario to data: estimates, how well they are determined, the fitted scenario
+    Fit(fit::FitArguments),
     /// Frequency response of a scenario, its poles, and the moduli, creep and relaxation of its kernels
     Response(response::ResponseArguments),
     /// The figures and tables of the papers, computed again and set beside the printed values
@@ -125,6 +128,7 @@ impl Program {
             Command::Converge(arguments) => arguments.execute(),
             Command::Reproduce(arguments) => arguments.execute(),
             Command::Response(arguments) => arguments.execute(),
+            Command::Fit(arguments) => arguments.execute(),
             Command::Extremal(arguments) => arguments.execute(),
             Command::Weights(arguments) => arguments.execute(),
             Command::Exponentials(arguments) => arguments.execute(),

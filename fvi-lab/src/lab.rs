@@ -3,6 +3,7 @@
 pub mod checkpoint;
 pub mod compare_engines;
 pub mod converge;
+pub mod fit;
 mod output_sink;
 pub mod response;
 pub mod run;

@@ -2,7 +2,7 @@
 
 pub mod document;
 pub mod error;
-pub(crate) mod excerpt;
+pub mod excerpt;
 pub mod expression;
 pub(crate) mod matrix_file;
 pub mod npy;

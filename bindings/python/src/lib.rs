@@ -8,6 +8,7 @@ mod derivative;
 mod documents;
 mod engines;
 mod errors;
+mod fit;
 mod loads;
 mod memory;
 mod response;
@@ -28,6 +29,8 @@ mod _fvi {
     use super::derivative::derivative;
     #[pymodule_export]
     use super::engines::{Memory, Operator};
+    #[pymodule_export]
+    use super::fit::fit;
     #[pymodule_export]
     use super::loads::Loads;
     #[pymodule_export]

@@ -8,6 +8,7 @@ mod engine_comparison;
 mod events;
 mod extremals;
 mod faults;
+mod fits;
 mod grids;
 mod independent_trajectories;
 mod large_systems;

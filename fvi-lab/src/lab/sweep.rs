@@ -17,6 +17,7 @@ mod points;
 mod records;
 mod table;
 
+pub(super) use axis::put;
 pub use elsewhere::{Ledger, MadeRun, Parts};
 pub use plan::Sweep;
 pub use records::{Shard, ShardError};

@@ -138,7 +138,10 @@ impl Document {
     }
 
     /// The content of a file that the document names: attached to it, or in its directory.
-    pub(crate) fn read_named(&self, path: &str) -> std::io::Result<String> {
+    ///
+    /// # Errors
+    /// If it cannot be read, or is no text in UTF-8.
+    pub fn read_named(&self, path: &str) -> std::io::Result<String> {
         String::from_utf8(self.read_bytes_named(path)?).map_err(|error| {
             let reason = not_text(error.as_bytes(), &error.utf8_error());
             std::io::Error::new(std::io::ErrorKind::InvalidData, reason)
@@ -363,17 +366,17 @@ impl<'a> Value<'a> {
     }
 
     /// Whether it is a table.
-    pub(crate) fn is_table(&self) -> bool {
+    pub fn is_table(&self) -> bool {
         self.value.get_ref().is_table()
     }
 
     /// The document that it stands in.
-    pub(crate) fn document(&self) -> &'a Document {
+    pub fn document(&self) -> &'a Document {
         self.document
     }
 
     /// An error about the file that this value names.
-    pub(crate) fn file_error(&self, reason: impl Into<String>) -> InputError {
+    pub fn file_error(&self, reason: impl Into<String>) -> InputError {
         let file = excerpt(self.text().unwrap_or_default());
         self.error(Problem::File { file, reason: reason.into() })
     }
@@ -403,7 +406,7 @@ impl<'a> Value<'a> {
     }
 
     /// A finite number > 0.
-    pub(crate) fn positive(&self) -> Result<f64, InputError> {
+    pub fn positive(&self) -> Result<f64, InputError> {
         let number = self.number()?;
         if number > 0.0 { Ok(number) } else { Err(self.out_of_range("a number > 0")) }
     }
@@ -454,7 +457,7 @@ impl<'a> Value<'a> {
     }
 
     /// A list of `count` numbers, one for each coordinate, or a file that holds one.
-    pub(crate) fn vector(&self, count: usize) -> Result<Vec<f64>, InputError> {
+    pub fn vector(&self, count: usize) -> Result<Vec<f64>, InputError> {
         if self.is_text() {
             let vector = self.of_file(matrix_file::read_vector)?;
             return if vector.length == count {

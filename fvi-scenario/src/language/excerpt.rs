@@ -7,7 +7,7 @@ const LONGEST: usize = 60;
 const MOST_NAMES: usize = 40;
 
 /// A text on one line, cut after 60 characters, control characters written out.
-pub(crate) fn excerpt(text: &str) -> String {
+pub fn excerpt(text: &str) -> String {
     let mut shown = String::new();
     let mut letters = 0;
     let mut words = text.split_whitespace();
@@ -35,7 +35,7 @@ pub(crate) fn excerpt(text: &str) -> String {
 }
 
 /// Names separated by commas, at most 40 of them.
-pub(crate) fn excerpt_list(names: &[&str]) -> String {
+pub fn excerpt_list(names: &[&str]) -> String {
     let shown: Vec<String> = names.iter().take(MOST_NAMES).map(|name| excerpt(name)).collect();
     let rest = names.len().saturating_sub(MOST_NAMES);
     if rest == 0 { shown.join(", ") } else { format!("{} and {rest} more", shown.join(", ")) }

@@ -36,6 +36,46 @@ impl Factored {
     }
 }
 
+/// A = U diag(σ) Vᵀ, the singular values in descending order.
+#[derive(Clone, Debug)]
+pub struct SingularValues {
+    /// Columns of U, one for each value.
+    pub u: DMatrix<f64>,
+    /// σ.
+    pub values: DVector<f64>,
+    /// Rows of Vᵀ, one for each value.
+    pub v_t: DMatrix<f64>,
+}
+
+impl SingularValues {
+    /// Those of a matrix.
+    pub fn of(matrix: DMatrix<f64>) -> Self {
+        let (rows, columns) = matrix.shape();
+        let count = rows.min(columns);
+        if count == 0 {
+            let (u, v_t) = (DMatrix::zeros(rows, 0), DMatrix::zeros(0, columns));
+            return Self { u, values: DVector::zeros(0), v_t };
+        }
+        let parts = matrix.svd(true, true);
+        let u = parts.u.unwrap_or_else(|| DMatrix::zeros(rows, count));
+        let v_t = parts.v_t.unwrap_or_else(|| DMatrix::zeros(count, columns));
+        Self { u, values: parts.singular_values, v_t }
+    }
+}
+
+/// R and the first entries of Qᵀb with A = QR: |Ax + b|² is |Rx + Qᵀb|² and a number that does not depend
+/// on x.
+pub fn triangle(matrix: DMatrix<f64>, right: &DVector<f64>) -> (DMatrix<f64>, DVector<f64>) {
+    let count = matrix.nrows().min(matrix.ncols());
+    if count == 0 {
+        return (DMatrix::zeros(0, matrix.ncols()), DVector::zeros(0));
+    }
+    let factors = matrix.qr();
+    let mut rotated = right.clone();
+    factors.q_tr_mul(&mut rotated);
+    (factors.unpack_r(), rotated.rows(0, count).into_owned())
+}
+
 /// The solution x of A x = b for complex numbers, A row by row, by elimination with exchange of rows; `None`
 /// where a pivot is zero or a number not finite.
 pub fn solve_complex(matrix: &mut [Complex<f64>], vector: &mut [Complex<f64>]) -> Option<()> {
@@ -75,6 +115,22 @@ pub fn solve_complex(matrix: &mut [Complex<f64>], vector: &mut [Complex<f64>]) -
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_triangle_stands_for_all_rows() {
+        let matrix = DMatrix::from_row_slice(3, 2, &[1.0, 2.0, -3.0, 0.5, 2.0, 2.0]);
+        let right = DVector::from_vec(vec![1.0, -2.0, 0.5]);
+        let (r, c) = triangle(matrix.clone(), &right);
+        let left_over = right.norm_squared() - c.norm_squared();
+        for x in [[0.0, 0.0], [1.0, -2.0], [0.3, 4.0]] {
+            let x = DVector::from_row_slice(&x);
+            let whole = (&matrix * &x + &right).norm_squared();
+            assert!((whole - (&r * &x + &c).norm_squared() - left_over).abs() < 1e-12 * whole, "{x:?}");
+        }
+        let parts = SingularValues::of(matrix.clone());
+        let again = &parts.u * DMatrix::from_diagonal(&parts.values) * &parts.v_t;
+        assert!((again - matrix).norm() < 1e-14 && parts.values[0] >= parts.values[1]);
+    }
 
     #[test]
     fn complex_equations_are_solved_where_the_first_pivot_is_zero() {

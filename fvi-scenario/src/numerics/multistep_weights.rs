@@ -8,7 +8,7 @@ use super::principal_cut::PrincipalCut;
 use super::transfer::TransferFunction;
 use super::transfer_derivative::TransferDerivative;
 use super::weight_table::WeightTable;
-use fvi_core::{ConvolutionWeights, DoubleDouble, ParameterError};
+use fvi_core::{BdfOrder, ConvolutionWeights, DoubleDouble, ParameterError};
 use fvi_fft::real_transforms;
 use nalgebra::Complex;
 
@@ -150,6 +150,9 @@ pub fn derivative_weights(
         return refused("step size", step_size, "positive and finite");
     }
     let rule = rule.into();
+    if let (Some(exponent), MultistepRule::Bdf(order)) = (derivative.of_power(), rule) {
+        return Ok(power_derivative(exponent, order, step_size, on_increments, count));
+    }
     let series = derivative.series(&rule.series(step_size, count.min(HEAD)));
     let mut weights = if on_increments { series.sums() } else { series.to_numbers() };
     if count > HEAD {
@@ -162,6 +165,51 @@ pub fn derivative_weights(
         Some(&weight) => refused("derivative of a weight", weight, "finite"),
         None => Ok(weights),
     }
+}
+
+/// The derivatives by β of the weights of s^β, of y = (γ(z)/h)^β, or of y = (γ(z)/h)^β/(1 − z), by backward
+/// differentiation: with γ = Σ γ_k z^k, P = γ/(1 − z) and c = 1 on increments, 0 otherwise,
+///
+/// ```text
+/// γ y' = (β γ' + c P) y :       n γ_0 y_n = Σ_k [(β k − (n − k)) γ_k + c P_{k−1}] y_{n−k} ,
+/// ```
+///
+/// and the derivative of that by β, in double-double arithmetic, both relative to y_0 = (γ_0/h)^β.
+fn power_derivative(
+    exponent: f64,
+    order: BdfOrder,
+    step_size: f64,
+    on_increments: bool,
+    count: usize,
+) -> Vec<f64> {
+    // Sixty times the coefficients are whole numbers.
+    let gamma: Vec<f64> = order.coefficients().into_iter().map(|entry| (60.0 * entry).round()).collect();
+    let mut sum = 0.0;
+    let quotient = gamma.iter().map(|entry| {
+        sum += entry;
+        if on_increments { sum } else { 0.0 }
+    });
+    let quotient: Vec<f64> = quotient.collect();
+    let leading = gamma[0] / 60.0 / step_size;
+    let (first, logarithm) = (libm::pow(leading, exponent), libm::log(leading));
+    let mut known = vec![(DoubleDouble::ONE, DoubleDouble::ZERO)];
+    let mut derivatives = Vec::with_capacity(count);
+    for n in 1..=count {
+        let (y, slope) = known[n - 1];
+        derivatives.push(y.scale(logarithm).add(slope).scale(first).to_f64());
+        let (mut next, mut next_slope) = (DoubleDouble::ZERO, DoubleDouble::ZERO);
+        for k in 1..gamma.len().min(n + 1) {
+            let (y, slope) = known[n - k];
+            let back = (n - k) as f64;
+            let own = DoubleDouble::product(exponent, k as f64).add(DoubleDouble::exact(-back));
+            let share = own.scale(gamma[k]).add(DoubleDouble::exact(quotient[k - 1]));
+            next = next.add(share.multiply(y));
+            next_slope = next_slope.add(share.multiply(slope)).add(y.scale(k as f64 * gamma[k]));
+        }
+        let divisor = n as f64 * gamma[0];
+        known.push((next.divide(divisor), next_slope.divide(divisor)));
+    }
+    derivatives
 }
 
 /// The weights of s^β by the trapezoidal rule, of (2/h)^β (1 − z)^a (1 + z)^(−β), a = β or β − 1: from
@@ -370,6 +418,25 @@ mod tests {
                 let difference = (8.0 * (one[n] - other[n]) - (far[n] - away[n])) / (12.0 * h);
                 let error = (found[n] - difference).abs();
                 assert!(error < 1e-10 * found[0].abs(), "{n}: {} {difference}", found[n]);
+            }
+        }
+    }
+
+    #[test]
+    fn derivatives_of_powers_are_those_of_their_series() {
+        for (order, exponent) in [(1, 0.6), (2, 1.3), (3, 0.0), (4, 1.0), (5, 0.2), (6, 1.9)] {
+            let rule = MultistepRule::Bdf(BdfOrder::new(order).unwrap());
+            let power = TransferFunction::power(exponent).unwrap();
+            let derivative = TransferDerivative::new(&power, "order", 0).unwrap();
+            let series = derivative.series(&rule.series(0.03, HEAD));
+            for (on_increments, known) in [(false, series.to_numbers()), (true, series.sums())] {
+                let found = derivative_weights(&derivative, rule, 0.03, on_increments, HEAD).unwrap();
+                let weights = multistep_weights(&power, rule, 0.03, on_increments, HEAD).unwrap();
+                for n in 0..HEAD {
+                    let size = known[n].abs() + weights[n].abs();
+                    let error = (found[n] - known[n]).abs();
+                    assert!(error <= 1e-14 * size, "BDF {order}, {exponent}: {n}: {} {}", found[n], known[n]);
+                }
             }
         }
     }

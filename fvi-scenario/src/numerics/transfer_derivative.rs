@@ -46,6 +46,12 @@ impl TransferDerivative {
         Some(Self { form: transfer.form(), numbers, parameter, term, growth })
     }
 
+    /// β, if this is the derivative of s^β by β.
+    pub fn of_power(&self) -> Option<f64> {
+        let number = self.numbers.first().copied();
+        number.filter(|_| (self.form, self.parameter) == ("power", "order"))
+    }
+
     /// An exponent μ with which ∂K/∂θ = O(s^μ) for large s.
     pub fn growth(&self) -> f64 {
         self.growth

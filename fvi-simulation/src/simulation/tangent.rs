@@ -60,6 +60,47 @@ pub(crate) struct Tangent {
     behind: Vec<f64>,
     motion_behind: Vec<f64>,
     scratch: Vec<f64>,
+    room: Room,
+}
+
+/// Numbers on the way through a step, kept for the next one: of n coordinates, R points and p parameters.
+struct Room {
+    /// X_i − q_k, R n numbers.
+    stages: Vec<f64>,
+    /// What damping exerts at the nodes: p n numbers each.
+    damped: Vec<f64>,
+    /// ∂G_i at the points, likewise.
+    forces: Vec<f64>,
+    /// n numbers each.
+    restoring: Vec<f64>,
+    place: Vec<f64>,
+    right: Vec<f64>,
+    /// ∂X_i − ∂q_k, and ∂q_{k+1} − ∂q_k.
+    own_stages: Vec<f64>,
+    own_rise: Vec<f64>,
+    /// The equations of each parameter, and what solves them.
+    columns: DMatrix<f64>,
+    /// What memories tell.
+    derivative: Vec<f64>,
+    terms: Vec<f64>,
+}
+
+impl Room {
+    fn new(n: usize, (degree, points, nodes): (usize, usize, usize), p: usize) -> Self {
+        Self {
+            stages: vec![0.0; points * n],
+            damped: vec![0.0; nodes * p * n],
+            forces: vec![0.0; points * p * n],
+            restoring: vec![0.0; n],
+            place: vec![0.0; n],
+            right: vec![0.0; n],
+            own_stages: vec![0.0; points * p * n],
+            own_rise: vec![0.0; p * n],
+            columns: DMatrix::zeros(degree * n, p),
+            derivative: Vec::new(),
+            terms: Vec::new(),
+        }
+    }
 }
 
 /// ∂ρ by its entries (row, column, number).
@@ -149,7 +190,9 @@ impl Tangent {
         }
         let stiffness = model.stiffness();
         let direct = parameters.iter().map(|parameter| Direct::new(scenario, &parameter.what)).collect();
+        let (degree, points) = (scheme.view().control_points.len(), scheme.view().nodes.len());
         let mut made = Self {
+            room: Room::new(size, (degree, points, nodes), count),
             size,
             count,
             step: scenario.time.step,
@@ -205,8 +248,21 @@ impl Tangent {
         let nodes = fractions.len();
         let shape = |i: usize, mu: usize| view.shapes[i * degree + mu];
         let test = |i: usize, nu: usize| view.tests[i * degree + nu];
+        let Room {
+            stages,
+            damped,
+            forces,
+            restoring,
+            place,
+            right,
+            own_stages,
+            own_rise,
+            columns,
+            derivative,
+            terms,
+        } = &mut self.room;
         // X_i − q_k at the quadrature points, and what the memory is told.
-        let mut stages = vec![0.0; points * n];
+        stages.fill(0.0);
         for i in 0..points {
             for mu in 0..degree {
                 add(&mut stages[i * n..][..n], shape(i, mu), &increments[mu * n..][..n]);
@@ -216,16 +272,16 @@ impl Tangent {
         let told = if self.at_main_nodes { rise } else { &stages[..] };
         let sample = Sample { from: start, behind: &self.motion_behind, time, length: h, fractions };
         // ρ D δX as far as it is known, δρ D X, and ρ (∂D) X, at every node.
-        let mut damped = vec![0.0; nodes * c];
+        damped.fill(0.0);
         let tangent_sample =
             Sample { from: &self.position, behind: &self.behind, time, length: h, fractions };
         for term in &mut self.terms {
-            let known = known(&mut term.tangent, &tangent_sample, nodes, c)?;
-            for (damped, known) in damped.chunks_mut(n).zip(known.chunks(n)) {
+            known(&mut term.tangent, &tangent_sample, (nodes, c), terms, derivative)?;
+            for (damped, known) in damped.chunks_mut(n).zip(derivative.chunks(n)) {
                 term.rho.multiply_add(1.0, known, damped);
             }
             if let Some(value) = &mut term.value {
-                let derivative = whole(value, &sample, told, nodes, n)?;
+                whole(value, &sample, told, (nodes, n), terms, derivative)?;
                 for (parameter, change) in &term.changes {
                     for node in 0..nodes {
                         let place = &mut damped[node * c + parameter * n..][..n];
@@ -236,7 +292,7 @@ impl Tangent {
                 }
             }
             for (parameter, kernel) in &mut term.kernels {
-                let derivative = whole(kernel, &sample, told, nodes, n)?;
+                whole(kernel, &sample, told, (nodes, n), terms, derivative)?;
                 for node in 0..nodes {
                     let place = &mut damped[node * c + *parameter * n..][..n];
                     term.rho.multiply_add(1.0, &derivative[node * n..][..n], place);
@@ -246,29 +302,28 @@ impl Tangent {
         // (∂²U − ∂F) and ∂G/∂θ at the quadrature points.
         let linear = Mechanics::is_linear(&self.model);
         let mut stiffnesses = Vec::new();
-        let mut forces = vec![0.0; points * c];
-        let mut restoring = vec![0.0; n];
+        forces.fill(0.0);
         for i in 0..points {
             let instant = Instant::in_step(time, view.nodes[i], h);
-            let place: Vec<f64> = start.iter().zip(&stages[i * n..][..n]).map(|(q, e)| q + e).collect();
+            place.iter_mut().zip(start.iter().zip(&stages[i * n..])).for_each(|(x, (q, e))| *x = q + e);
             if !linear || (i == 0 && self.factors.is_none()) {
-                self.model.linearise(instant, &place, &mut restoring, &mut self.stiffness);
+                self.model.linearise(instant, place, restoring, &mut self.stiffness);
             }
             for (parameter, direct) in self.direct.iter_mut().enumerate() {
-                direct.add(instant, &place, &mut forces[i * c + parameter * n..][..n]);
+                direct.add(instant, place, &mut forces[i * c + parameter * n..][..n]);
             }
             for parameter in 0..self.count {
                 let at = &mut forces[i * c + parameter * n..][..n];
                 self.stiffness.multiply_add(1.0, &self.position[parameter * n..][..n], at);
             }
-            if !linear {
+            if !linear && points > 1 {
                 stiffnesses.push(self.stiffness.clone());
             }
             if !self.at_main_nodes {
                 add(&mut forces[i * c..][..c], 1.0, &damped[i * c..][..c]);
             }
         }
-        let stiffness = |i: usize| if linear { &self.stiffness } else { &stiffnesses[i] };
+        let stiffness = |i: usize| if linear || points == 1 { &self.stiffness } else { &stiffnesses[i] };
         let stays = linear && self.terms.iter().all(|term| term.tangent.memory().leading_is_constant());
         if self.factors.is_none() || !stays {
             let mut matrix = DMatrix::zeros(degree * n, degree * n);
@@ -298,16 +353,15 @@ impl Tangent {
             self.factors = Some(Factored::new(matrix).ok_or(SINGULAR)?);
         }
         let Some(factors) = &self.factors else { return Err(SINGULAR.to_owned()) };
-        let mut columns = DMatrix::zeros(degree * n, self.count);
         for parameter in 0..self.count {
             for nu in 0..degree {
-                let mut right = vec![0.0; n];
+                right.fill(0.0);
                 if nu == 0 {
-                    add(&mut right, -1.0, &self.momentum[parameter * n..][..n]);
+                    add(right, -1.0, &self.momentum[parameter * n..][..n]);
                 }
                 for i in 0..points {
                     let factor = h * view.weights[i] * test(i, nu);
-                    add(&mut right, factor, &forces[i * c + parameter * n..][..n]);
+                    add(right, factor, &forces[i * c + parameter * n..][..n]);
                 }
                 for mu in 0..degree {
                     let factor = -view.kinetic[nu * degree + mu] / h;
@@ -316,18 +370,15 @@ impl Tangent {
                         right[row] += factor * increment[column];
                     }
                 }
-                (0..n).for_each(|row| columns[(nu * n + row, parameter)] = right[row]);
+                columns.column_mut(parameter).rows_mut(nu * n, n).copy_from_slice(right);
             }
         }
-        factors.solve(&mut columns);
+        factors.solve(columns);
         if !columns.iter().all(|number| number.is_finite()) {
             return Err("a derivative is not finite".to_owned());
         }
         // The increments of the derivatives: at the points, and at the end of the step.
-        let mut own_stages = vec![0.0; points * c];
-        let mut own_rise = vec![0.0; c];
-        for parameter in 0..self.count {
-            let column = columns.column(parameter);
+        for (parameter, column) in columns.as_slice().chunks_exact(degree * n).enumerate() {
             for row in 0..n {
                 own_rise[parameter * n + row] = column[(degree - 1) * n + row];
                 for i in 0..points {
@@ -340,16 +391,16 @@ impl Tangent {
             let own = forces[i * c..][..c].chunks_mut(n).zip(own_stages[i * c..][..c].chunks(n));
             own.for_each(|(force, own)| stiffness(i).multiply_add(1.0, own, force));
             if !self.at_main_nodes {
-                add_leading(&self.terms, (i, nodes), &own_stages, n, &mut forces[i * c..][..c]);
+                add_leading(&self.terms, (i, nodes), own_stages, n, &mut forces[i * c..][..c]);
             }
             add(&mut self.momentum, -h * view.weights[i], &forces[i * c..][..c]);
         }
         if self.at_main_nodes {
-            add_leading(&self.terms, (0, 1), &own_rise, n, &mut damped);
-            add(&mut self.momentum, -h, &damped);
-            self.kick.copy_from_slice(&damped);
+            add_leading(&self.terms, (0, 1), own_rise, n, damped);
+            add(&mut self.momentum, -h, damped);
+            self.kick.copy_from_slice(damped);
         }
-        let own_told = if self.at_main_nodes { &own_rise } else { &own_stages };
+        let own_told = if self.at_main_nodes { &own_rise[..] } else { &own_stages[..] };
         for term in &mut self.terms {
             term.tangent.push(&tangent_sample, own_told, &mut self.scratch).map_err(said)?;
             let motions = term.value.iter_mut().chain(term.kernels.iter_mut().map(|(_, motion)| motion));
@@ -357,9 +408,9 @@ impl Tangent {
                 motion.push(&sample, told, &mut self.scratch).map_err(said)?;
             }
         }
-        leave_behind(&mut self.motion_behind, rise, &stages);
-        leave_behind(&mut self.behind, &own_rise, &own_stages);
-        add(&mut self.position, 1.0, &own_rise);
+        leave_behind(&mut self.motion_behind, rise, stages);
+        leave_behind(&mut self.behind, own_rise, own_stages);
+        add(&mut self.position, 1.0, own_rise);
         Ok(())
     }
 
@@ -466,41 +517,47 @@ fn said(error: MemoryError) -> String {
     error.to_string()
 }
 
-/// Known part of the derivatives of a motion before its sample is known, node after node.
+/// Writes what is known of the derivatives of a motion before its sample is, of so many nodes and
+/// coordinates, node after node.
 fn known(
     motion: &mut Remembered,
     sample: &Sample<'_, f64>,
-    nodes: usize,
-    coordinates: usize,
-) -> Result<Vec<f64>, String> {
-    let mut terms = vec![0.0; nodes * coordinates];
-    motion.memory_terms(sample, &mut terms).map_err(said)?;
+    (nodes, coordinates): (usize, usize),
+    terms: &mut Vec<f64>,
+    known: &mut Vec<f64>,
+) -> Result<(), String> {
+    known.clear();
+    known.resize(nodes * coordinates, 0.0);
     if nodes == 1 {
-        motion.complete(0, sample, &mut terms);
-        return Ok(terms);
+        motion.memory_terms(sample, known).map_err(said)?;
+        motion.complete(0, sample, known);
+        return Ok(());
     }
-    let mut known = vec![0.0; nodes * coordinates];
+    terms.clear();
+    terms.resize(nodes * coordinates, 0.0);
+    motion.memory_terms(sample, terms).map_err(said)?;
     for (node, known) in known.chunks_mut(coordinates).enumerate() {
-        motion.complete_node((0, node), sample, &terms, known);
+        motion.complete_node((0, node), sample, terms, known);
     }
-    Ok(known)
+    Ok(())
 }
 
-/// The derivatives themselves, of a motion whose sample is known.
+/// Writes the derivatives themselves, of a motion whose sample is known.
 fn whole(
     motion: &mut Remembered,
     sample: &Sample<'_, f64>,
     increments: &[f64],
-    nodes: usize,
-    coordinates: usize,
-) -> Result<Vec<f64>, String> {
-    let mut derivative = known(motion, sample, nodes, coordinates)?;
+    (nodes, coordinates): (usize, usize),
+    terms: &mut Vec<f64>,
+    derivative: &mut Vec<f64>,
+) -> Result<(), String> {
+    known(motion, sample, (nodes, coordinates), terms, derivative)?;
     for (i, place) in derivative.chunks_mut(coordinates).enumerate() {
         for (j, increment) in increments.chunks(coordinates).enumerate() {
             add(place, motion.leading(0, nodes, i, j), increment);
         }
     }
-    Ok(derivative)
+    Ok(())
 }
 
 /// Adds Σ_m ρ_m Σ_j W_ij e_j of node i, of as many derivatives as there are.

@@ -22,6 +22,7 @@ integrated by variational schemes whose memory of the whole past is exact to rou
 `converge`              errors and orders of a scenario over step sizes
 `compare_engines`       the memory engines side by side
 `response`              frequency response, poles, moduli, creep and relaxation
+`fit`                   numbers of a scenario from data, with their errors
 `extremal`              two-point fractional Euler–Lagrange problems
 `fvi.petsc`             one large run on the ranks of MPI, with PETSc; imported by itself
 ======================  ==============================================================
@@ -31,6 +32,7 @@ The compiled half releases the interpreter while it computes; results are the bi
 
 from fvi._controller import FractionalPid
 from fvi._errors import InputError, StepError
+from fvi._fit import Estimate, Fit, FitTable, fit
 from fvi._fvi import __version__
 from fvi._integrate import integrate, integrate_cases
 from fvi._kernel import Kernel
@@ -47,8 +49,11 @@ from fvi._terms import Damping, Element, Event, Force, Load, Potential
 __all__ = [
     "Damping",
     "Element",
+    "Estimate",
     "Event",
     "Extremal",
+    "Fit",
+    "FitTable",
     "Force",
     "FractionalPid",
     "InputError",
@@ -68,6 +73,7 @@ __all__ = [
     "converge",
     "derivative",
     "extremal",
+    "fit",
     "integrate",
     "integrate_cases",
     "load",

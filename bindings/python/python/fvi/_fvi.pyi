@@ -22,6 +22,7 @@ __all__ = [
     "converge",
     "derivative",
     "extremal",
+    "fit",
     "kernel_facts",
     "past_nodes",
     "response",
@@ -83,6 +84,9 @@ def response(
     output: int = 0,
     position: list[float] | None = None,
 ) -> dict[str, Any]: ...
+def fit(
+    plan: Any, scenario: Any, progress: Any = None
+) -> tuple[list[str], int, list[str], str, list[tuple[_Array, str, list[tuple[_Array, _Array, _Array]]]]]: ...
 def derivative(
     samples: _Array,
     exponent: float | None,

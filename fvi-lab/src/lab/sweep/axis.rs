@@ -172,7 +172,7 @@ pub(super) fn cell(value: &toml::Value) -> String {
 }
 
 /// Puts a value at a path; the error says how far the path leads.
-pub(super) fn put(table: &mut toml::Table, path: &str, value: toml::Value) -> Result<(), String> {
+pub(in crate::lab) fn put(table: &mut toml::Table, path: &str, value: toml::Value) -> Result<(), String> {
     let mut so_far = String::new();
     let parts: Vec<&str> = path.split('.').collect();
     let mut here = table;

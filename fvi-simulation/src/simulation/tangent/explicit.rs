@@ -28,7 +28,32 @@ pub(super) struct Expressions {
     force: Option<CompiledForce<f64>>,
     elements: Vec<(CompiledPotential<f64>, Vec<Vec<usize>>)>,
     loads: Vec<(crate::language::expression::Expression, Vec<(u32, f64)>)>,
+    room: Room,
+}
+
+/// Numbers on the way, kept for the next step.
+#[derive(Default)]
+struct Room {
     registers: Vec<f64>,
+    point: Vec<f64>,
+    gradient: Vec<f64>,
+    second: Vec<f64>,
+}
+
+impl Room {
+    /// Numbers and the constant behind them.
+    fn begin(&mut self, numbers: impl Iterator<Item = f64>, constant: f64) {
+        self.point.clear();
+        self.point.extend(numbers.chain(std::iter::once(constant)));
+    }
+
+    /// Zeros for a gradient and so many second derivatives.
+    fn derivatives(&mut self, second: usize) {
+        self.gradient.clear();
+        self.gradient.resize(self.point.len(), 0.0);
+        self.second.clear();
+        self.second.resize(second, 0.0);
+    }
 }
 
 impl Direct {
@@ -116,33 +141,31 @@ impl Expressions {
             force,
             elements: elements.collect(),
             loads: loads.collect(),
-            registers: Vec::new(),
+            room: Room::default(),
         }
     }
 
     fn add(&mut self, instant: Instant<f64>, position: &[f64], out: &mut [f64]) {
-        let Self { value, potential, force, elements, loads, registers } = self;
-        let with_value = |numbers: &mut dyn Iterator<Item = f64>| -> Vec<f64> {
-            numbers.chain(std::iter::once(*value)).collect()
-        };
-        let point = with_value(&mut position.iter().copied());
+        let Self { value, potential, force, elements, loads, room } = self;
         if let Some(potential) = potential {
-            mixed(potential, &point, registers, |coordinate, entry| out[coordinate] += entry);
+            room.begin(position.iter().copied(), *value);
+            mixed(potential, room, |coordinate, entry| out[coordinate] += entry);
         }
         for (potential, places) in elements {
             for place in places {
-                let point = with_value(&mut place.iter().map(|&coordinate| position[coordinate]));
-                mixed(potential, &point, registers, |index, entry| out[place[index]] += entry);
+                room.begin(place.iter().map(|&coordinate| position[coordinate]), *value);
+                mixed(potential, room, |index, entry| out[place[index]] += entry);
             }
         }
         if let Some(force) = force {
+            room.begin(position.iter().copied(), *value);
             let last = position.len() as u32;
-            let mut room = vec![0.0; point.len()];
-            let mut jacobian = vec![0.0; force.pattern().len()];
-            force.derivatives(moment(instant), &point, registers, &mut room, &mut jacobian);
+            room.derivatives(force.pattern().len());
+            let Room { registers, point, gradient, second } = room;
+            force.derivatives(moment(instant), point, registers, gradient, second);
             let constant = force.linear().iter().map(|&(row, column, entry)| (row, column, entry));
             let changing =
-                force.pattern().iter().zip(&jacobian).map(|(&(row, column), &entry)| (row, column, entry));
+                force.pattern().iter().zip(&*second).map(|(&(row, column), &entry)| (row, column, entry));
             for (row, _, entry) in constant.chain(changing).filter(|&(_, column, _)| column == last) {
                 if let Some(place) = out.get_mut(row as usize) {
                     *place -= entry;
@@ -156,19 +179,15 @@ impl Expressions {
     }
 }
 
-/// ∂²U/∂x_i∂θ, θ the last variable.
-fn mixed(
-    potential: &CompiledPotential<f64>,
-    point: &[f64],
-    registers: &mut Vec<f64>,
-    mut take: impl FnMut(usize, f64),
-) {
+/// ∂²U/∂x_i∂θ at the point of the room, θ the last variable.
+fn mixed(potential: &CompiledPotential<f64>, room: &mut Room, mut take: impl FnMut(usize, f64)) {
+    room.derivatives(potential.pattern().len());
+    let Room { registers, point, gradient, second } = room;
     let last = point.len() - 1;
-    let (mut gradient, mut hessian) = (vec![0.0; point.len()], vec![0.0; potential.pattern().len()]);
-    potential.derivatives(point, registers, &mut gradient, &mut hessian);
+    potential.derivatives(point, registers, gradient, second);
     let constant = potential.quadratic().stiffness.iter().copied();
     let changing =
-        potential.pattern().iter().zip(&hessian).map(|(&(row, column), &entry)| (row, column, entry));
+        potential.pattern().iter().zip(&*second).map(|(&(row, column), &entry)| (row, column, entry));
     for (row, column, entry) in constant.chain(changing) {
         // The lower triangle: the last row.
         if row as usize == last && (column as usize) < last {

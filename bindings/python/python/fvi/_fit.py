@@ -1,0 +1,449 @@
+"""Numbers of a scenario from data."""
+
+from __future__ import annotations
+
+import copy
+import html
+import json
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fvi import _arrays, _fvi
+from fvi._errors import InputError
+from fvi._result import Picture, _module
+from fvi._run import Progress, check_progress
+from fvi._scenario import Scenario, by_path, put, source
+from fvi._types import FloatArray
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A number that was sought.
+
+    Attributes
+    ----------
+    start, estimate : float
+        Where the search began, and the value with the smallest sum of squares.
+    standard_error : float or None
+        None where the data do not determine it, and at a bound.
+    interval : (float, float) or None
+        The 95 % interval, likewise.
+    at_bound : {"lower", "upper"} or None
+        The bound that holds it.
+    derivative : {"exact", "differences"}
+        Whether the program differentiates its own numbers, or differences of runs were taken.
+    profile_interval : (float or None, float or None) or None
+        The 95 % interval of the likelihood, where it was asked for; None for an end that was not reached.
+    profile : ndarray, shape (L, 2), or None
+        Values of the parameter and χ² with the others at their best.
+    """
+
+    start: float
+    estimate: float
+    standard_error: float | None
+    interval: tuple[float, float] | None
+    at_bound: str | None
+    derivative: str
+    profile_interval: tuple[float | None, float | None] | None = None
+    profile: FloatArray | None = field(default=None, compare=False)
+
+
+@dataclass(frozen=True)
+class FitTable:
+    """A table of data beside what the fitted model says.
+
+    Attributes
+    ----------
+    over : {"t", "omega"}
+        What the rows are told over.
+    places : ndarray, shape (K,)
+        Times or frequencies.
+    data, model, deviation : dict of ndarray
+        By the names of the columns.
+    """
+
+    over: str
+    places: FloatArray
+    data: dict[str, FloatArray]
+    model: dict[str, FloatArray]
+    deviation: dict[str, FloatArray]
+
+
+@dataclass(frozen=True, repr=False)
+class Fit:
+    """Estimates with their errors, and the scenario that has them.
+
+    Attributes
+    ----------
+    parameters : dict of Estimate
+        By their paths.
+    correlation : ndarray, shape (P, P)
+        Of the estimates, in their order; NaN where one has no standard error.
+    chi2 : float
+        Σ ((model − datum)/deviation)², with deviations of 1 where none are known.
+    degrees_of_freedom : int
+        Data less parameters that are determined.
+    reduced_chi2 : float or None
+        χ² over these.
+    aic, bic : float
+        Criteria of Akaike and of Schwarz, with the whole likelihood of normal deviations.
+    converged : bool
+        Whether the search ended where nothing is left to gain.
+    undetermined, notes : tuple of str
+        What the data do not determine, and what else is to be known, in words.
+    name : str or None
+        The model, where several were compared.
+    models : dict
+        The records of all models, where several were compared, by their names.
+    scenario : dict
+        The scenario with the estimates in their places: `fvi.run` takes it.
+    scenarios : tuple of dict
+        The same for each table of data, with what is its own.
+    tables : tuple of FitTable
+        The data, and what the model says of them.
+    record : dict
+        Everything else, as `fvi fit` writes it to ``fit.json``.
+    """
+
+    parameters: dict[str, Estimate]
+    correlation: FloatArray
+    chi2: float
+    degrees_of_freedom: int
+    reduced_chi2: float | None
+    aic: float
+    bic: float
+    converged: bool
+    undetermined: tuple[str, ...]
+    notes: tuple[str, ...]
+    name: str | None
+    models: dict[str, dict[str, Any]]
+    scenario: dict[str, Any]
+    scenarios: tuple[dict[str, Any], ...]
+    tables: tuple[FitTable, ...]
+    record: dict[str, Any]
+    _report: str = ""
+
+    @property
+    def estimates(self) -> dict[str, float]:
+        """The estimates by their paths."""
+        return {path: found.estimate for path, found in self.parameters.items()}
+
+    @property
+    def standard_errors(self) -> dict[str, float | None]:
+        """Their standard errors."""
+        return {path: found.standard_error for path, found in self.parameters.items()}
+
+    @property
+    def intervals(self) -> dict[str, tuple[float, float] | None]:
+        """Their 95 % intervals."""
+        return {path: found.interval for path, found in self.parameters.items()}
+
+    def __repr__(self) -> str:
+        return self._report.rstrip()
+
+    def _repr_html_(self) -> str:
+        """The estimates as a table, for notebooks."""
+
+        def cell(number: float | None) -> str:
+            return "–" if number is None else f"{number:.6g}"
+
+        rows = []
+        for path, found in self.parameters.items():
+            interval = "not determined" if found.interval is None else " to ".join(map(cell, found.interval))
+            if found.at_bound is not None:
+                interval = f"at its {found.at_bound} bound"
+            cells = [html.escape(path), cell(found.estimate), cell(found.standard_error), interval]
+            rows.append("<tr>" + "".join(f"<td>{entry}</td>" for entry in cells) + "</tr>")
+        head = "".join(f"<th>{name}</th>" for name in ("parameter", "estimate", "standard error", "95 % interval"))
+        said = "".join(f"<li>{html.escape(sentence)}</li>" for sentence in (*self.undetermined, *self.notes))
+        model = "" if self.name is None else f"{html.escape(self.name)}: "
+        end = f"<p>{model}χ² = {self.chi2:.6g}, AIC = {self.aic:.6g}, BIC = {self.bic:.6g}</p>"
+        return f"<table><tr>{head}</tr>{''.join(rows)}</table>{end}<ul>{said}</ul>"
+
+    def plot(self) -> Picture:
+        """Data and model, and the residuals over their deviations below, a column for each table of data.
+
+        Needs matplotlib. Returns the axes, those of the data first; `Picture.figure` and `Picture.savefig` are at hand.
+        """
+        plots = _module("matplotlib.pyplot", "plot")
+        count = len(self.tables)
+        _, axes = plots.subplots(2, count, sharex="col", squeeze=False, figsize=(max(6.0, 4.5 * count), 5.5))
+        for column, table in enumerate(self.tables):
+            above, below = axes[0][column], axes[1][column]
+            for index, name in enumerate(table.data):
+                colour = f"C{index}"
+                above.plot(table.places, table.data[name], ".", color=colour, label=f"{name}, data")
+                above.plot(table.places, table.model[name], "-", color=colour, label=f"{name}, model")
+                left = (table.data[name] - table.model[name]) / table.deviation[name]
+                below.plot(table.places, left, ".", color=colour)
+            if table.over == "omega":
+                above.set_xscale("log")
+                if all((values > 0).all() for values in (*table.data.values(), *table.model.values())):
+                    above.set_yscale("log")
+            above.legend()
+            below.axhline(0, color="0.5", linewidth=0.8)
+            below.set_xlabel("ω" if table.over == "omega" else "t")
+        axes[1][0].set_ylabel("(datum − model)/deviation")
+        return Picture([*axes[0], *axes[1]])
+
+
+Free = Mapping[str, Any] | Sequence[Any]
+"""Paths of the numbers that are sought, with what is known of each."""
+
+
+def fit(
+    scenario: Scenario,
+    free: Free,
+    data: Mapping[str, Any] | Sequence[Mapping[str, Any]],
+    *,
+    models: Mapping[str, Mapping[str, Any]] | None = None,
+    starts: int = 1,
+    seed: int = 1,
+    deviations: str | None = None,
+    profile: bool | Sequence[str] = False,
+    most_iterations: int | None = None,
+    progress: Progress | None = None,
+    overrides: Mapping[str, Any] | None = None,
+    **keys: Any,
+) -> Fit:
+    """The numbers of a scenario with which it says what was measured, as the program `fvi fit` finds them.
+
+    Weighted least squares within bounds, by the method of Levenberg and Marquardt, with the exact derivatives of the
+    program's own numbers where it has them.
+
+    Parameters
+    ----------
+    scenario : path or dict
+        As in `run`.
+    free : dict or list
+        Paths of the numbers that are sought, such as ``"system.damping[0].order"``; as a dictionary with what is known of
+        each: None, a start, or a dictionary of `start` (unless said the scenario's value), `bounds`, `scale` ("linear" or
+        "log") and `data`, the index of the one table whose own it is.
+    data : dict or list of dict
+        Tables of data: `t` and any of `q0`, `p0`, `v0`, `a0`, …, `energy`; or `omega` with `re` and `im`, or `storage` and
+        `loss`, or a complex `value`: a receptance (`input`, `output`), with ``quantity="modulus"`` the entry of
+        K + Σ ρ K(iω), or K(iω) of the damping `term`. `deviation`, a number, an array or a dictionary by columns;
+        `relative_deviation`; or `weight`, an array. `set`: values that the scenario has for this table, by their paths.
+        `file` names a CSV file in place of the columns.
+    models : dict, optional
+        Models to compare by their names: dictionaries of `set`, values by their paths, `scenario`, a path, and `free`, more
+        numbers that are sought, as above. The one with the smallest AIC is returned.
+    starts, seed : int
+        Searches from so many points between the bounds.
+    deviations : {"known", "relative"}, optional
+        Whether deviations are those of the data, so that errors follow from them, or known but for a factor, which is then
+        estimated. "known" unless said where there are any.
+    profile : bool or list of str
+        Whether, or of which paths, intervals are sought by the likelihood, too.
+    most_iterations : int, optional
+        Steps of a search.
+    progress : callable, optional
+        Called about ten times a second with the number of runs made, and None.
+    overrides, **keys
+        As in `run`.
+
+    Returns
+    -------
+    Fit
+        What the data do not determine has no interval, and is in `undetermined`.
+
+    Raises
+    ------
+    InputError
+        If the scenario or the data cannot be used.
+
+    Warns
+    -----
+    UserWarning
+        If a search has not converged.
+
+    Examples
+    --------
+    >>> import fvi, numpy as np
+    >>> oscillator = {"system": {"mass": [1.0], "potential": "2*q0^2", "damping": [{"order": 0.5, "coefficient": [0.1]}]},
+    ...               "initial": {"position": [1.0]}, "time": {"step": 0.05, "steps": 200}}
+    >>> measured = fvi.run(oscillator)
+    >>> found = fvi.fit(oscillator, {"system.damping[0].order": 0.8, "system.damping[0].coefficient[0]": 0.2},
+    ...                 {"t": measured.t, "q0": measured.q[:, 0]})
+    >>> bool(abs(found.estimates["system.damping[0].order"] - 0.5) < 1e-8)
+    True
+    >>> fvi.run(found.scenario).success
+    True
+    """
+    given = source(scenario, by_path(overrides, keys))
+    files: dict[str, bytes] = {}
+    if isinstance(data, Mapping):
+        data = [data]
+    plan: dict[str, Any] = {
+        "scenario": "the one at hand",
+        "free": _free("free", free),
+        "data": [_table(index, table, files) for index, table in enumerate(data)],
+        "starts": _arrays.whole("starts", starts, 1),
+        "seed": _arrays.whole("seed", seed),
+        "profile": profile if isinstance(profile, bool) else [str(path) for path in profile],
+    }
+    if most_iterations is not None:
+        plan["most_iterations"] = _arrays.whole("most_iterations", most_iterations, 1)
+    if deviations is not None:
+        plan["deviations"] = deviations
+    if models is not None:
+        plan["model"] = [_model(name, model) for name, model in models.items()]
+    name, directory, written, more = source(plan, {}, "fit")
+    progress = check_progress(progress)
+    records, best, scenarios, report, tables = _fvi.fit((name, directory, written, {**more, **files}), given, progress)
+    found = [json.loads(record) for record in records]
+    record = found[best]
+    for model in found:
+        if not model["converged"]:
+            of = f" of model {model['name']}" if "name" in model else ""
+            warnings.warn(f"the search{of} has not converged: {model['end']}", stacklevel=2)
+    fitted = [json.loads(entry) for entry in scenarios]
+    if isinstance(scenario, Mapping) and isinstance(given, tuple) and given[3]:
+        # Names of files stand for arrays there: the dictionary that has these takes the estimates.
+        fitted = [_with_estimates(scenario, by_path(overrides, keys), plan, record, index) for index in range(len(fitted))]
+    return Fit(
+        parameters={path: _estimate(entry) for path, entry in record["parameters"].items()},
+        correlation=np.array(record["correlation"], dtype=np.float64),
+        chi2=record["chi2"],
+        degrees_of_freedom=record["degrees_of_freedom"],
+        reduced_chi2=record["reduced_chi2"],
+        aic=_number(record["aic"]),
+        bic=_number(record["bic"]),
+        converged=record["converged"],
+        undetermined=tuple(record["undetermined"]),
+        notes=tuple(record["notes"]),
+        name=record.get("name"),
+        models={model["name"]: model for model in found if "name" in model},
+        scenario=fitted[0],
+        scenarios=tuple(fitted[1:]),
+        tables=tuple(_told(table, entry) for table, entry in zip(tables, record["tables"])),
+        record=record,
+        _report=report,
+    )
+
+
+def _number(value: float | None) -> float:
+    # Numbers that are not finite have no form in JSON; only a perfect fit has an AIC that is none.
+    return -np.inf if value is None else value
+
+
+def _free(place: str, given: Free) -> list[dict[str, Any]]:
+    if isinstance(given, (str, bytes)) or not isinstance(given, (Mapping, Sequence)):
+        raise InputError(f"{place}: a dictionary or a list of paths is needed", place, repr(given))
+    entries = given.items() if isinstance(given, Mapping) else [(entry, None) for entry in given]
+    tables = []
+    for path, known in entries:
+        if isinstance(path, Mapping):
+            tables.append(dict(path))
+        elif known is None:
+            tables.append({"path": path})
+        elif isinstance(known, Mapping):
+            tables.append({"path": path, **known})
+        else:
+            tables.append({"path": path, "start": _arrays.real(f"{place}[{path!r}]", known)})
+    return tables
+
+
+def _model(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
+    place = f"models[{name!r}]"
+    if not isinstance(given, Mapping):
+        raise InputError(f"{place}: a dictionary is needed", place, repr(given))
+    model = {"name": name, **given}
+    if isinstance(model.get("scenario"), Mapping):
+        raise InputError(f"{place}.scenario: a path is needed; `set` changes a dictionary", f"{place}.scenario", "a dictionary")
+    if "free" in model:
+        model["free"] = _free(f"{place}.free", model["free"])
+    return model
+
+
+KEYS = ("quantity", "input", "output", "term", "position", "relative_deviation", "set", "file", "deviation")
+"""Keys of a table of data that are no columns."""
+
+
+def _table(index: int, given: Mapping[str, Any], files: dict[str, bytes]) -> dict[str, Any]:
+    place = f"data[{index}]"
+    if not isinstance(given, Mapping):
+        raise InputError(f"{place}: a dictionary is needed", place, repr(given))
+    keys = {key: given[key] for key in KEYS if given.get(key) is not None}
+    columns: dict[str, Any] = {key: value for key, value in given.items() if key not in KEYS}
+    if "file" in keys:
+        if columns:
+            message = f"{place}.file: cannot stand beside columns; here there are {', '.join(columns)}"
+            raise InputError(message, f"{place}.file", str(keys["file"]))
+        return {**keys, "file": str(Path(keys["file"]).absolute())}
+    if "value" in columns:
+        value = np.asarray(columns.pop("value"))
+        columns.update(re=value.real, im=value.imag)
+    deviation = keys.get("deviation")
+    if isinstance(deviation, Mapping):
+        if any(np.ndim(entry) for entry in deviation.values()):
+            del keys["deviation"]
+            sizes = {name: np.size(columns[name]) for name in deviation if name in columns}
+            for name, entry in deviation.items():
+                columns[f"{name}_deviation"] = entry if np.ndim(entry) else np.full(sizes.get(name, 1), entry)
+    elif deviation is not None and np.ndim(deviation) > 0:
+        columns["deviation"] = keys.pop("deviation")
+    order: list[str] = [name for name in ("t", "omega") if name in columns]
+    if len(order) != 1:
+        message = f"{place}: one of t and omega is needed; here there are {', '.join(columns) or 'no columns'}"
+        raise InputError(message, place)
+    order += [name for name in columns if name not in order]
+    arrays = [np.atleast_1d(_arrays.numbers(f"{place}.{name}", columns[name])) for name in order]
+    for name, array in zip(order, arrays):
+        if array.shape != arrays[0].shape or array.ndim != 1:
+            message = f"{place}.{name}: {array.shape} instead of {arrays[0].shape}, the shape of {order[0]}"
+            raise InputError(message, f"{place}.{name}", str(array.shape))
+    rows = [",".join(order)]
+    rows += [",".join(map(repr, row)) for row in zip(*(array.tolist() for array in arrays))]
+    keys["file"] = f"{place}.csv"
+    files[keys["file"]] = ("\n".join(rows) + "\n").encode()
+    return keys
+
+
+def _estimate(entry: dict[str, Any]) -> Estimate:
+    profile = entry.get("profile")
+    interval = entry["interval"]
+    return Estimate(
+        start=entry["start"],
+        estimate=entry["estimate"],
+        standard_error=entry["standard_error"],
+        interval=None if interval is None else (interval[0], interval[1]),
+        at_bound=entry.get("at_bound"),
+        derivative=entry["derivative"],
+        profile_interval=None if profile is None else (profile["interval"][0], profile["interval"][1]),
+        profile=None if profile is None else np.array(profile["points"], dtype=np.float64).reshape(-1, 2),
+    )
+
+
+def _told(table: tuple[FloatArray, str, list[tuple[FloatArray, FloatArray, FloatArray]]], entry: dict[str, Any]) -> FitTable:
+    places, over, columns = table
+    names = entry["columns"]
+    data, model, deviation = ({name: column[which] for name, column in zip(names, columns)} for which in range(3))
+    return FitTable(over, places, data, model, deviation)
+
+
+def _with_estimates(
+    scenario: Mapping[str, Any], changes: Mapping[str, Any], plan: dict[str, Any], record: dict[str, Any], index: int
+) -> dict[str, Any]:
+    """The dictionary that was given with the estimates in their places; of a table of data for an index from 1."""
+    values = copy.deepcopy(dict(scenario))
+    for path, value in changes.items():
+        if value is not None:
+            put(values, path, value)
+    for model in plan.get("model", []):
+        if model["name"] == record.get("name"):
+            for path, value in model.get("set", {}).items():
+                put(values, path, value)
+    if index > 0:
+        for path, value in plan["data"][index - 1].get("set", {}).items():
+            put(values, path, value)
+    for key, entry in record["parameters"].items():
+        own, _, path = key.rpartition("]: ")
+        if not own or own == f"data[{index - 1}":
+            put(values, path, entry["estimate"])
+    return values

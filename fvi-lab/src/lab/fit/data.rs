@@ -1,0 +1,495 @@
+//! Measured data: tables of numbers over time or frequency.
+
+use crate::language::document::{Table, Value};
+use crate::language::excerpt::excerpt;
+use crate::language::expression::nearest;
+use crate::language::{InputError, Problem};
+
+/// A table of data, all under the same conditions.
+#[derive(Clone, Debug)]
+pub(super) struct Record {
+    /// The file.
+    pub(super) name: String,
+    /// What it is a table of.
+    pub(super) domain: Domain,
+    /// Keys of the scenario that have values of their own here, by their paths.
+    pub(super) set: Vec<(String, toml::Value)>,
+    /// t or ω of each row.
+    pub(super) places: Vec<f64>,
+    pub(super) columns: Vec<Column>,
+    /// What is known of the deviations.
+    pub(super) deviations: Deviations,
+}
+
+/// What the rows are told over.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Domain {
+    /// Time: the motion.
+    Time,
+    /// Frequency: what the linearised system answers, about a position if one is said.
+    Frequency { answer: Answer, position: Option<Vec<f64>> },
+}
+
+/// A complex function of the frequency.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Answer {
+    /// The displacement of a coordinate under a force on another one.
+    Receptance { input: usize, output: usize },
+    /// The entry of K + Σ ρ_m K_m(iω) of two coordinates: the modulus of a material without its mass.
+    Modulus { input: usize, output: usize },
+    /// K_m(iω) of a damping term.
+    Kernel { term: usize },
+}
+
+/// What stands in a column.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Observed {
+    Position(usize),
+    Momentum(usize),
+    /// M⁻¹p.
+    Velocity(usize),
+    /// Its derivative.
+    Acceleration(usize),
+    Energy,
+    Real,
+    Imaginary,
+}
+
+/// A column of data.
+#[derive(Clone, Debug)]
+pub(super) struct Column {
+    pub(super) name: String,
+    pub(super) what: Observed,
+    pub(super) values: Vec<f64>,
+    /// Standard deviations, but perhaps for a factor.
+    pub(super) deviations: Vec<f64>,
+}
+
+/// What a table says of its deviations.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Deviations {
+    /// Nothing.
+    None,
+    /// How they compare, by weights.
+    Relative,
+    /// Their kind.
+    Known,
+}
+
+impl Observed {
+    /// Quantities of one kind have one unit.
+    pub(super) fn kind(self, domain: &Domain) -> &'static str {
+        match (self, domain) {
+            (_, Domain::Frequency { answer: Answer::Receptance { .. }, .. }) => "a receptance",
+            (_, Domain::Frequency { answer: Answer::Modulus { .. }, .. }) => "a modulus",
+            (_, Domain::Frequency { answer: Answer::Kernel { .. }, .. }) => "a kernel",
+            (Self::Position(_), _) => "positions",
+            (Self::Momentum(_), _) => "momenta",
+            (Self::Velocity(_), _) => "velocities",
+            (Self::Acceleration(_), _) => "accelerations",
+            _ => "energies",
+        }
+    }
+
+    fn of_name(name: &str, domain: &Domain) -> Option<Self> {
+        if let Domain::Frequency { .. } = domain {
+            return match name {
+                "re" | "storage" => Some(Self::Real),
+                "im" | "loss" => Some(Self::Imaginary),
+                _ => None,
+            };
+        }
+        if name == "energy" {
+            return Some(Self::Energy);
+        }
+        let mut letters = name.chars();
+        let letter = letters.next()?;
+        let digits = letters.as_str();
+        if digits.is_empty() || !digits.bytes().all(|byte| byte.is_ascii_digit()) {
+            return None;
+        }
+        let index = digits.parse().ok()?;
+        match letter {
+            'q' => Some(Self::Position(index)),
+            'p' => Some(Self::Momentum(index)),
+            'v' => Some(Self::Velocity(index)),
+            'a' => Some(Self::Acceleration(index)),
+            _ => None,
+        }
+    }
+
+    /// The coordinate that it is about.
+    fn coordinate(self) -> Option<usize> {
+        match self {
+            Self::Position(index) | Self::Momentum(index) | Self::Velocity(index) => Some(index),
+            Self::Acceleration(index) => Some(index),
+            Self::Energy | Self::Real | Self::Imaginary => None,
+        }
+    }
+}
+
+const KEYS: [&str; 9] =
+    ["file", "quantity", "input", "output", "term", "position", "deviation", "relative_deviation", "set"];
+
+/// What a scenario has, as far as data are about it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Extent {
+    pub(super) coordinates: usize,
+    pub(super) terms: usize,
+    /// The last time.
+    pub(super) end: f64,
+}
+
+/// Behind the name of a column, that of its deviations.
+const DEVIATION: &str = "_deviation";
+
+/// A cell of a table, with its place.
+struct Cells<'v, 'd> {
+    value: &'v Value<'d>,
+    file: String,
+    names: Vec<String>,
+    /// The line of the names.
+    header: u64,
+    /// Row by row, with the line in the file.
+    rows: Vec<(u64, Vec<f64>)>,
+}
+
+impl Cells<'_, '_> {
+    fn fault(&self, line: u64, reason: String) -> InputError {
+        self.value.error(Problem::Table { file: self.file.clone(), line, reason })
+    }
+
+    fn column(&self, name: &str) -> Option<usize> {
+        self.names.iter().position(|own| own == name)
+    }
+
+    fn values(&self, column: usize) -> Vec<f64> {
+        self.rows.iter().map(|(_, row)| row[column]).collect()
+    }
+}
+
+fn cells<'v, 'd>(value: &'v Value<'d>) -> Result<Cells<'v, 'd>, InputError> {
+    let document = value.document();
+    let name = value.text()?;
+    let text = document.read_named(name).map_err(|error| value.file_error(error.to_string()))?;
+    let mut read = Cells {
+        value,
+        file: document.resolve(name).display().to_string(),
+        names: Vec::new(),
+        header: 1,
+        rows: Vec::new(),
+    };
+    let mut reader =
+        csv::ReaderBuilder::new().comment(Some(b'#')).trim(csv::Trim::All).from_reader(text.as_bytes());
+    let headers = reader.headers().map_err(|error| value.file_error(error.to_string()))?;
+    read.names = headers.iter().map(str::to_owned).collect();
+    read.header = headers.position().map_or(1, csv::Position::line);
+    for (index, name) in read.names.iter().enumerate() {
+        if read.names[..index].contains(name) {
+            let reason = format!("column {}: `{}` stands there twice", index + 1, excerpt(name));
+            return Err(read.fault(read.header, reason));
+        }
+    }
+    for record in reader.records() {
+        let record = record.map_err(|error| {
+            let line = error.position().map_or(0, csv::Position::line);
+            read.fault(line, error.to_string())
+        })?;
+        let line = record.position().map_or(0, csv::Position::line);
+        let number = |(index, cell): (usize, &str)| {
+            let number = cell.parse::<f64>().ok().filter(|number| number.is_finite());
+            number.ok_or_else(|| {
+                let column = excerpt(&read.names[index]);
+                let cell = excerpt(cell);
+                read.fault(line, format!("column {} ({column}): `{cell}` is not a finite number", index + 1))
+            })
+        };
+        let row = record.iter().enumerate().map(number).collect::<Result<Vec<_>, _>>()?;
+        read.rows.push((line, row));
+    }
+    if read.rows.is_empty() {
+        return Err(read.fault(read.header, "there are no rows".to_owned()));
+    }
+    Ok(read)
+}
+
+impl Record {
+    /// Reads one table of `[[data]]`; `plain` is the same without places.
+    pub(super) fn read(value: &Value<'_>, plain: &toml::Value, extent: Extent) -> Result<Self, InputError> {
+        let table = value.table()?;
+        table.allow(&KEYS)?;
+        let file = table.required("file")?;
+        let cells = cells(&file)?;
+        let domain = match cells.names.first().map(String::as_str) {
+            Some("t") => {
+                for key in ["quantity", "input", "output", "term", "position"] {
+                    if let Some(value) = table.optional(key) {
+                        let allowed = "data over frequencies, with a first column omega".to_owned();
+                        let with = "data over time".to_owned();
+                        return Err(value.key_error(Problem::Incompatible { with, allowed }));
+                    }
+                }
+                Domain::Time
+            }
+            Some("omega") => frequency(&table, extent)?,
+            _ => return Err(cells.fault(cells.header, "the first column must be t or omega".to_owned())),
+        };
+        let set = plain.get("set").and_then(toml::Value::as_table);
+        let set = set.map_or_else(Vec::new, |set| {
+            let entries = table.optional("set").and_then(|value| value.table().ok());
+            let order = entries.map(|table| table.entries()).unwrap_or_default();
+            let value = |(path, _): &(&str, Value<'_>)| Some(((*path).to_owned(), set.get(*path)?.clone()));
+            order.iter().filter_map(value).collect()
+        });
+        if let Some(value) = table.optional("set") {
+            value.table()?;
+        }
+        let mut record = Self {
+            name: file.text()?.to_owned(),
+            domain,
+            set,
+            places: cells.values(0),
+            columns: Vec::new(),
+            deviations: Deviations::None,
+        };
+        // A table with a time of its own is asked about it later.
+        let own_time = record.set.iter().any(|(path, _)| path == "time" || path.starts_with("time."));
+        let end = if own_time { f64::INFINITY } else { extent.end };
+        record.check_places(&cells, end)?;
+        record.read_columns(&cells, extent)?;
+        record.read_deviations(&cells, &table)?;
+        Ok(record)
+    }
+
+    fn check_places(&self, cells: &Cells<'_, '_>, end: f64) -> Result<(), InputError> {
+        let name = &cells.names[0];
+        for (index, (&place, (line, _))) in self.places.iter().zip(&cells.rows).enumerate() {
+            let before = index.checked_sub(1).map(|before| self.places[before]);
+            let reason = match self.domain {
+                Domain::Time if place < 0.0 => Some("is before the motion begins, at t = 0".to_owned()),
+                Domain::Time if place > end * (1.0 + 1e-12) => {
+                    Some(format!("is after the motion ends, at t = {end}"))
+                }
+                Domain::Frequency { .. } if place <= 0.0 => Some("is not a frequency > 0".to_owned()),
+                _ if before.is_some_and(|before| before > place) => {
+                    Some("comes before the one of the row above: rows ascend".to_owned())
+                }
+                _ => None,
+            };
+            if let Some(reason) = reason {
+                return Err(cells.fault(*line, format!("column 1 ({name}): {name} = {place} {reason}")));
+            }
+        }
+        Ok(())
+    }
+
+    fn read_columns(&mut self, cells: &Cells<'_, '_>, extent: Extent) -> Result<(), InputError> {
+        let known: Vec<String> = match self.domain {
+            Domain::Time => {
+                let of = |letter: char| (0..extent.coordinates).map(move |index| format!("{letter}{index}"));
+                "qpva".chars().flat_map(of).chain(["energy".to_owned()]).collect()
+            }
+            Domain::Frequency { .. } => ["re", "im", "storage", "loss"].map(str::to_owned).to_vec(),
+        };
+        let allowed = match self.domain {
+            Domain::Time => {
+                format!("q0, p0, v0, a0 and so on to {}, energy", extent.coordinates.saturating_sub(1))
+            }
+            Domain::Frequency { .. } => "re and im, or storage and loss".to_owned(),
+        };
+        let more = format!("a column with {DEVIATION} behind its name, deviation, weight");
+        for (index, name) in cells.names.iter().enumerate().skip(1) {
+            let base = name.strip_suffix(DEVIATION).unwrap_or(name);
+            let is_of_row = name == "deviation" || name == "weight";
+            let what = Observed::of_name(base, &self.domain);
+            let is_there =
+                what.is_some_and(|what| what.coordinate().is_none_or(|at| at < extent.coordinates));
+            if !is_of_row && !is_there {
+                let near = nearest(base, known.iter().map(String::as_str));
+                let near = near.map_or_else(String::new, |near| format!("; did you mean `{near}`?"));
+                let (place, name) = (index + 1, excerpt(name));
+                let reason =
+                    format!("column {place}: unknown column `{name}`{near}; columns: {allowed}; {more}");
+                return Err(cells.fault(cells.header, reason));
+            }
+            if let (Some(what), false, true) = (what, is_of_row, base == name) {
+                if self.columns.iter().any(|column| column.what == what) {
+                    let reason = format!("column {}: `{name}` says what another column does", index + 1);
+                    return Err(cells.fault(cells.header, reason));
+                }
+                let deviations = vec![1.0; cells.rows.len()];
+                self.columns.push(Column {
+                    name: name.clone(),
+                    what,
+                    values: cells.values(index),
+                    deviations,
+                });
+            }
+        }
+        if self.columns.is_empty() {
+            return Err(cells.fault(cells.header, format!("there is no column of data; columns: {allowed}")));
+        }
+        for name in &cells.names {
+            if let Some(base) = name.strip_suffix(DEVIATION)
+                && !self.columns.iter().any(|column| column.name == base)
+            {
+                return Err(cells.fault(cells.header, format!("`{name}`: there is no column `{base}`")));
+            }
+        }
+        Ok(())
+    }
+
+    fn read_deviations(&mut self, cells: &Cells<'_, '_>, table: &Table<'_>) -> Result<(), InputError> {
+        let of_columns: Vec<&String> =
+            cells.names.iter().filter(|name| name.ends_with(DEVIATION) || *name == "deviation").collect();
+        let by_weight = cells.column("weight");
+        let deviation = table.optional("deviation");
+        let relative = table.optional("relative_deviation");
+        let mut ways: Vec<String> = Vec::new();
+        ways.extend(of_columns.first().map(|name| format!("the column {name}")));
+        ways.extend(by_weight.map(|_| "the column weight".to_owned()));
+        let keys = [("deviation", &deviation), ("relative_deviation", &relative)];
+        for (key, value) in keys {
+            if let (Some(value), Some(other)) = (value, ways.first()) {
+                return Err(value.key_error(Problem::Conflict { other: other.clone() }));
+            }
+            ways.extend(value.as_ref().map(|_| key.to_owned()));
+        }
+        if by_weight.is_some() && !of_columns.is_empty() {
+            return Err(cells
+                .fault(cells.header, "columns of deviations and of weights: give one of them".to_owned()));
+        }
+        let positive = |name: &str, column: usize| -> Result<Vec<f64>, InputError> {
+            let wrong = cells.rows.iter().find(|(_, row)| row[column] <= 0.0);
+            if let Some((line, row)) = wrong {
+                let reason = format!("column {} ({name}): {} is not > 0", column + 1, row[column]);
+                return Err(cells.fault(*line, reason));
+            }
+            Ok(cells.values(column))
+        };
+        self.deviations = if ways.is_empty() { Deviations::None } else { Deviations::Known };
+        if let Some(column) = by_weight {
+            self.deviations = Deviations::Relative;
+            let weights = positive("weight", column)?;
+            let deviations: Vec<f64> = weights.iter().map(|weight| weight.sqrt().recip()).collect();
+            self.columns.iter_mut().for_each(|column| column.deviations.clone_from(&deviations));
+        }
+        for column in &mut self.columns {
+            let own = format!("{}{DEVIATION}", column.name);
+            let found =
+                [own.as_str(), "deviation"].into_iter().find_map(|name| Some((name, cells.column(name)?)));
+            match found {
+                Some((name, index)) => column.deviations = positive(name, index)?,
+                None if !of_columns.is_empty() => {
+                    return Err(cells.fault(cells.header, format!("`{}` has no column `{own}`", column.name)));
+                }
+                None => {}
+            }
+        }
+        if let Some(value) = &deviation {
+            if value.is_table() {
+                let table = value.table()?;
+                let names: Vec<&str> = self.columns.iter().map(|column| column.name.as_str()).collect();
+                table.allow(&names)?;
+                for column in &mut self.columns {
+                    let one = table.required(&column.name)?.positive()?;
+                    column.deviations.fill(one);
+                }
+            } else {
+                let one = value.positive()?;
+                self.columns.iter_mut().for_each(|column| column.deviations.fill(one));
+            }
+        }
+        if let Some(value) = &relative {
+            let share = value.positive()?;
+            for row in 0..self.places.len() {
+                // Of a complex number its magnitude counts, so that a part may be zero.
+                let whole = self.columns.iter().map(|column| column.values[row].powi(2)).sum::<f64>().sqrt();
+                for column in &mut self.columns {
+                    let size = match self.domain {
+                        Domain::Time => column.values[row].abs(),
+                        Domain::Frequency { .. } => whole,
+                    };
+                    if size == 0.0 {
+                        let reason = format!("{} = 0 has no deviation relative to it", column.name);
+                        return Err(cells.fault(cells.rows[row].0, reason));
+                    }
+                    column.deviations[row] = share * size;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether all it is about is there; what is not, in words.
+    pub(super) fn check_extent(&self, extent: Extent) -> Result<(), String> {
+        let highest = self.columns.iter().filter_map(|column| column.what.coordinate()).max();
+        let highest = match self.domain {
+            Domain::Frequency {
+                answer: Answer::Receptance { input, output } | Answer::Modulus { input, output },
+                ..
+            } => Some(input.max(output)),
+            _ => highest,
+        };
+        if let Some(highest) = highest.filter(|&highest| highest >= extent.coordinates) {
+            return Err(format!("data of coordinate {highest} of {}", extent.coordinates));
+        }
+        match self.domain {
+            Domain::Frequency { answer: Answer::Kernel { term }, .. } if term >= extent.terms => {
+                Err(format!("data of damping term {term} of {}", extent.terms))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Numbers of data.
+    pub(super) fn len(&self) -> usize {
+        self.places.len() * self.columns.len()
+    }
+
+    /// The name of what it is told over.
+    pub(super) fn over(&self) -> &'static str {
+        if self.domain == Domain::Time { "t" } else { "omega" }
+    }
+}
+
+/// What data over frequencies are.
+fn frequency(table: &Table<'_>, extent: Extent) -> Result<Domain, InputError> {
+    let (input, output, term) = (table.optional("input"), table.optional("output"), table.optional("term"));
+    let names = [("receptance", 0), ("modulus", 1), ("kernel", 2)];
+    let quantity = match table.optional("quantity") {
+        Some(value) => value.choice(&names)?,
+        None if term.is_some() => 2,
+        None => 0,
+    };
+    let index = |value: &Option<Value<'_>>, count: usize| match value {
+        Some(value) => value.whole(0..=count.saturating_sub(1)),
+        None => Ok(0),
+    };
+    let belongs = |value: &Option<Value<'_>>, to: &str| match value {
+        Some(value) => Err(value.key_error(Problem::Incompatible {
+            with: format!("the quantity \"{}\"", names[quantity].0),
+            allowed: to.to_owned(),
+        })),
+        None => Ok(()),
+    };
+    let position = table.optional("position");
+    let answer = if quantity == 2 {
+        belongs(&input, "`term`")?;
+        belongs(&output, "`term`")?;
+        belongs(&position, "`term`")?;
+        if extent.terms == 0 {
+            return Err(table.required("file")?.key_error(Problem::Incompatible {
+                with: "a scenario without damping".to_owned(),
+                allowed: "data of a kernel where there is one".to_owned(),
+            }));
+        }
+        Answer::Kernel { term: index(&term, extent.terms)? }
+    } else {
+        belongs(&term, "`input` and `output`; a damping term's own K(iω) is the quantity \"kernel\"")?;
+        let (input, output) = (index(&input, extent.coordinates)?, index(&output, extent.coordinates)?);
+        if quantity == 0 { Answer::Receptance { input, output } } else { Answer::Modulus { input, output } }
+    };
+    let position = position.map(|value| value.vector(extent.coordinates)).transpose()?;
+    Ok(Domain::Frequency { answer, position })
+}

@@ -1,0 +1,314 @@
+//! Nonlinear least squares within bounds: the method of Levenberg and Marquardt on the parameters that no
+//! bound holds, with the weight of a step's length after \[Nielsen99\].
+
+use crate::numerics::dense::{SingularValues, triangle};
+use nalgebra::{DMatrix, DVector};
+
+/// Residuals at a point, and their derivatives where they were asked for.
+#[derive(Clone, Debug)]
+pub(super) struct Evaluation {
+    pub(super) residuals: DVector<f64>,
+    pub(super) jacobian: Option<DMatrix<f64>>,
+}
+
+impl Evaluation {
+    /// Half the sum of squares.
+    pub(super) fn cost(&self) -> f64 {
+        0.5 * self.residuals.norm_squared()
+    }
+}
+
+/// Why there are no residuals.
+#[derive(Debug)]
+pub(super) enum Refusal<E> {
+    /// The point is none of the model's: another one is tried.
+    Point(String),
+    /// Nothing goes on.
+    End(E),
+}
+
+/// Residuals as a function of the parameters.
+pub(super) trait Residuals {
+    type End;
+
+    /// Those at a point, with their derivatives if these are wanted.
+    fn evaluate(&mut self, point: &[f64], derivatives: bool) -> Result<Evaluation, Refusal<Self::End>>;
+}
+
+/// Where to look.
+#[derive(Clone, Debug)]
+pub(super) struct Region {
+    pub(super) lower: Vec<f64>,
+    pub(super) upper: Vec<f64>,
+    /// Sizes that changes of the parameters are compared with.
+    pub(super) typical: Vec<f64>,
+    /// A cost that is rounding.
+    pub(super) rounding: f64,
+}
+
+/// How a search ended.
+#[derive(Clone, Debug)]
+pub(super) struct Minimum {
+    pub(super) point: Vec<f64>,
+    /// With derivatives.
+    pub(super) evaluation: Evaluation,
+    pub(super) iterations: usize,
+    pub(super) end: End,
+}
+
+/// Why a search ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum End {
+    /// Nothing is left to gain.
+    Converged,
+    /// As many steps as allowed were made.
+    Iterations,
+    /// No step along the gradient makes the residuals smaller, though they should become so.
+    Stuck,
+}
+
+/// A step shorter than this, relative to the parameters, ends the search.
+const SHORTEST: f64 = 1e-12;
+
+/// Where all that a step could gain is less than this, relative to the sum of squares, the search ends.
+const LEAST_GAIN: f64 = 1e-13;
+
+/// Directions with smaller singular values than this, relative to the largest, promise nothing.
+const FLAT: f64 = 1e-9;
+
+/// Below this share of the sum of squares rounding may hide what is left to gain.
+const NO_GAIN: f64 = 1e-9;
+
+/// So small a cosine between the residuals and each column of their derivatives ends the search.
+const ORTHOGONAL: f64 = 1e-11;
+
+/// The weight of a step's length at which nothing more is to be hoped for.
+const HEAVIEST: f64 = 1e14;
+
+/// Which parameters a bound holds: those at one beyond which the sum of squares would fall.
+pub(super) fn held(point: &[f64], region: &Region, gradient: &[f64]) -> Vec<bool> {
+    let bounds = region.lower.iter().zip(&region.upper);
+    let with_slope = point.iter().zip(gradient).zip(bounds);
+    with_slope
+        .map(|((&x, &slope), (&low, &high))| {
+            low == high || (x <= low && slope > 0.0) || (x >= high && slope < 0.0)
+        })
+        .collect()
+}
+
+/// Jᵀr.
+pub(super) fn gradient(evaluation: &Evaluation) -> Vec<f64> {
+    let Some(jacobian) = &evaluation.jacobian else { return Vec::new() };
+    jacobian.column_iter().map(|column| column.dot(&evaluation.residuals)).collect()
+}
+
+/// The smallest sum of squares that is found from a start.
+///
+/// # Errors
+/// What the residuals end by; in words if there are none at the start.
+pub(super) fn minimise<R: Residuals>(
+    residuals: &mut R,
+    start: &[f64],
+    region: &Region,
+    most: usize,
+) -> Result<Minimum, Refusal<R::End>> {
+    let size = start.len();
+    let clamped = |index: usize, x: f64| x.max(region.lower[index]).min(region.upper[index]);
+    let mut point: Vec<f64> = (0..size).map(|index| clamped(index, start[index])).collect();
+    let mut now = residuals.evaluate(&point, true)?;
+    let mut scales = vec![0.0f64; size];
+    let (mut weight, mut growth) = (1e-3, 2.0);
+    let mut iterations = 0;
+    let end = loop {
+        let Some(jacobian) = &now.jacobian else { break End::Stuck };
+        let slopes = gradient(&now);
+        let held = held(&point, region, &slopes);
+        let free: Vec<usize> = (0..size).filter(|&index| !held[index]).collect();
+        let norms: Vec<f64> = jacobian.column_iter().map(|column| column.norm()).collect();
+        let size_of_residuals = now.residuals.norm();
+        let is_orthogonal =
+            |&index: &usize| slopes[index].abs() <= ORTHOGONAL * norms[index] * size_of_residuals;
+        if free.iter().all(is_orthogonal) {
+            break End::Converged;
+        }
+        if iterations == most {
+            break End::Iterations;
+        }
+        iterations += 1;
+        scales.iter_mut().zip(&norms).for_each(|(scale, norm)| *scale = scale.max(*norm));
+        let scale = |index: usize| if scales[index] > 0.0 { scales[index] } else { 1.0 };
+        let columns = DMatrix::from_fn(jacobian.nrows(), free.len(), |row, column| {
+            jacobian[(row, free[column])] / scale(free[column])
+        });
+        // R and Qᵀr stand for all rows.
+        let (triangle, right) = triangle(columns, &now.residuals);
+        let parts = SingularValues::of(triangle.clone());
+        let projected = parts.u.tr_mul(&right);
+        let cost = now.cost();
+        // What a step of any length would gain if the model were linear.
+        let steep = |k: &usize| parts.values[*k] > FLAT * parts.values.max();
+        let shares = (0..parts.values.len()).filter(steep).map(|k| projected[k] * projected[k]);
+        let potential = 0.5 * shares.sum::<f64>();
+        if potential <= LEAST_GAIN * cost {
+            break End::Converged;
+        }
+        // Where the residuals jump, steps become short though much is left to gain.
+        // Residuals that are rounding, and changes of larger ones that are.
+        let noise = region.rounding.max(4.0 * (cost * region.rounding).sqrt());
+        let is_done = potential <= NO_GAIN * cost || potential <= noise;
+        let end_of_short = if is_done { End::Converged } else { End::Stuck };
+        let (next, step_end) = loop {
+            let shares = DVector::from_fn(parts.values.len(), |k, _| {
+                let sigma = parts.values[k];
+                -sigma / (sigma * sigma + weight) * projected[k]
+            });
+            let step = parts.v_t.tr_mul(&shares);
+            let mut trial = point.clone();
+            for (column, &index) in free.iter().enumerate() {
+                trial[index] = clamped(index, point[index] + step[column] / scale(index));
+            }
+            let made = DVector::from_fn(free.len(), |column, _| {
+                let index = free[column];
+                (trial[index] - point[index]) * scale(index)
+            });
+            let predicted = 0.5 * (right.norm_squared() - (&right + &triangle * &made).norm_squared());
+            let is_short = free.iter().all(|&index| {
+                let size = point[index].abs().max(1e-3 * region.typical[index]);
+                (trial[index] - point[index]).abs() <= SHORTEST * size
+            });
+            if predicted > 0.0 {
+                match residuals.evaluate(&trial, growth == 2.0) {
+                    Ok(tried) => {
+                        let gained = cost - tried.cost();
+                        let is_finite = tried.residuals.iter().all(|residual| residual.is_finite());
+                        if is_finite && gained > 1e-4 * predicted {
+                            let ratio = 2.0 * gained / predicted - 1.0;
+                            weight = (weight * (1.0 - ratio * ratio * ratio).clamp(0.1, 1.0)).max(1e-16);
+                            growth = 2.0;
+                            break (Some((trial, tried)), is_short.then_some(end_of_short));
+                        }
+                        // What is left to gain is below the rounding of the sum of squares.
+                        if is_finite && potential <= 1e-12 * cost && gained.abs() <= 1e-12 * cost {
+                            break (None, Some(End::Converged));
+                        }
+                    }
+                    Err(Refusal::Point(_)) => {}
+                    Err(end) => return Err(end),
+                }
+            }
+            if is_short {
+                break (None, Some(end_of_short));
+            }
+            weight *= growth;
+            growth *= 2.0;
+            if weight > HEAVIEST {
+                break (None, Some(end_of_short));
+            }
+        };
+        if let Some((trial, tried)) = next {
+            point = trial;
+            now = tried;
+        }
+        if now.jacobian.is_none() {
+            now = residuals.evaluate(&point, true)?;
+        }
+        if let Some(end) = step_end {
+            break end;
+        }
+    };
+    Ok(Minimum { point, evaluation: now, iterations, end })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// r(x) as a function with its derivatives.
+    struct Function<F>(F, usize);
+
+    impl<F: Fn(&[f64]) -> Option<(Vec<f64>, Vec<Vec<f64>>)>> Residuals for Function<F> {
+        type End = ();
+
+        fn evaluate(&mut self, point: &[f64], derivatives: bool) -> Result<Evaluation, Refusal<()>> {
+            self.1 += 1;
+            let (residuals, rows) = (self.0)(point).ok_or(Refusal::Point(String::new()))?;
+            let matrix = DMatrix::from_fn(residuals.len(), point.len(), |i, j| rows[i][j]);
+            Ok(Evaluation {
+                residuals: DVector::from_vec(residuals),
+                jacobian: derivatives.then_some(matrix),
+            })
+        }
+    }
+
+    fn region(bounds: &[(f64, f64)]) -> Region {
+        Region {
+            lower: bounds.iter().map(|bounds| bounds.0).collect(),
+            upper: bounds.iter().map(|bounds| bounds.1).collect(),
+            typical: vec![1.0; bounds.len()],
+            rounding: 0.0,
+        }
+    }
+
+    const OPEN: (f64, f64) = (f64::NEG_INFINITY, f64::INFINITY);
+
+    /// Rosenbrock's valley.
+    #[expect(clippy::unnecessary_wraps, reason = "functions may refuse")]
+    fn valley(x: &[f64]) -> Option<(Vec<f64>, Vec<Vec<f64>>)> {
+        Some((vec![10.0 * (x[1] - x[0] * x[0]), 1.0 - x[0]], vec![vec![-20.0 * x[0], 10.0], vec![-1.0, 0.0]]))
+    }
+
+    #[test]
+    fn the_end_of_a_curved_valley_is_found() {
+        let mut function = Function(valley, 0);
+        let found = minimise(&mut function, &[-1.2, 1.0], &region(&[OPEN, OPEN]), 200).unwrap();
+        assert_eq!(found.end, End::Converged);
+        assert!(found.point.iter().all(|x| (x - 1.0).abs() < 1e-10), "{:?}", found.point);
+        assert!(function.1 < 60, "{} evaluations", function.1);
+    }
+
+    #[test]
+    fn a_bound_holds_what_would_leave_it() {
+        // With x0 ≤ 0.5 the smallest sum of squares is at x = (0.5, 0.25).
+        let mut function = Function(valley, 0);
+        let within = region(&[(-2.0, 0.5), OPEN]);
+        let found = minimise(&mut function, &[-1.2, 1.0], &within, 200).unwrap();
+        assert_eq!(found.end, End::Converged);
+        assert_eq!(found.point[0], 0.5);
+        assert!((found.point[1] - 0.25).abs() < 1e-8, "{:?}", found.point);
+        let held = held(&found.point, &within, &gradient(&found.evaluation));
+        assert_eq!(held, [true, false]);
+    }
+
+    #[test]
+    fn a_bound_that_is_met_on_the_way_is_left_again() {
+        let mut function = Function(valley, 0);
+        let within = region(&[(-2.0, 2.0), (0.9, 5.0)]);
+        let found = minimise(&mut function, &[1.5, 0.9], &within, 500).unwrap();
+        assert!(found.point.iter().all(|x| (x - 1.0).abs() < 1e-8), "{found:?}");
+    }
+
+    #[test]
+    fn points_that_are_refused_are_gone_around() {
+        // √x exists for x ≥ 0 only, and the first step would lead below.
+        let root = |x: &[f64]| (x[0] > 0.0).then(|| (vec![x[0].sqrt() - 0.1], vec![vec![0.5 / x[0].sqrt()]]));
+        let found = minimise(&mut Function(root, 0), &[4.0], &region(&[OPEN]), 200).unwrap();
+        assert!((found.point[0] - 0.01).abs() < 1e-12, "{found:?}");
+    }
+
+    #[test]
+    fn a_jump_is_no_minimum() {
+        // From x > 1 the slope leads to 0, but the residual jumps up at 1.
+        let jump = |x: &[f64]| Some((vec![if x[0] > 1.0 { x[0] } else { x[0] + 5.0 }], vec![vec![1.0]]));
+        let found = minimise(&mut Function(jump, 0), &[3.0], &region(&[(0.0, 9.0)]), 200).unwrap();
+        assert_eq!(found.end, End::Stuck, "{found:?}");
+    }
+
+    #[test]
+    fn what_two_parameters_say_together_leaves_their_difference_where_it_was() {
+        let sum = |x: &[f64]| {
+            Some((vec![x[0] + x[1] - 3.0, 2.0 * (x[0] + x[1]) - 6.0], vec![vec![1.0; 2], vec![2.0; 2]]))
+        };
+        let found = minimise(&mut Function(sum, 0), &[1.0, 0.0], &region(&[OPEN, OPEN]), 200).unwrap();
+        assert!((found.point[0] - 2.0).abs() < 1e-6 && (found.point[1] - 1.0).abs() < 1e-6, "{found:?}");
+    }
+}

@@ -1,0 +1,51 @@
+//! The pictures of a fit: data and model, and what is between them.
+
+use super::FittedModel;
+use super::data::{Column, Domain, Record};
+use super::plan::Fit;
+use crate::results::picture::{Axis, Chart, Series, Style};
+
+/// Most tables of data that are drawn.
+const MOST_TABLES: usize = 20;
+
+/// The charts of a fitted model, with the names of their files.
+pub(super) fn charts(plan: &Fit, fitted: &FittedModel) -> Vec<(String, Chart)> {
+    let mut charts = Vec::new();
+    for (index, record) in plan.records.iter().take(MOST_TABLES).enumerate() {
+        let told = &fitted.told[index];
+        let values = || record.columns.iter().flat_map(|column| &column.values).chain(told.iter().flatten());
+        let over = || match record.domain {
+            Domain::Time => Axis::linear("time t"),
+            Domain::Frequency { .. } => Axis::logarithmic("angular frequency ω"),
+        };
+        // Moduli go over decades; parts of a receptance have signs.
+        let is_positive = record.domain != Domain::Time && values().all(|&value| value > 0.0);
+        let names: Vec<&str> = record.columns.iter().map(|column| column.name.as_str()).collect();
+        let names = names.join(", ");
+        let y = if is_positive { Axis::logarithmic(&names) } else { Axis::linear(&names) };
+        let chart = |y: Axis| Chart::new(plan.heading(), over(), y).with_subtitle(record.name.clone());
+        let (mut both, mut left) = (chart(y), chart(Axis::linear("(datum − model)/deviation")));
+        for (number, (column, told)) in record.columns.iter().zip(told).enumerate() {
+            let colour = |series: Series| series.with_colour_of(number);
+            let data = points(record, &column.values);
+            both =
+                both.with(colour(Series::new(format!("{}, data", column.name), Style::Points, data))).with(
+                    colour(Series::new(format!("{}, model", column.name), Style::Line, points(record, told))),
+                );
+            let residuals = points(record, &weighted(column, told));
+            left = left.with(colour(Series::new(column.name.clone(), Style::Points, residuals)));
+        }
+        charts.push((format!("fit_{index}.svg"), both));
+        charts.push((format!("residuals_{index}.svg"), left));
+    }
+    charts
+}
+
+fn points(record: &Record, values: &[f64]) -> Vec<(f64, f64)> {
+    record.places.iter().copied().zip(values.iter().copied()).collect()
+}
+
+fn weighted(column: &Column, told: &[f64]) -> Vec<f64> {
+    let data = column.values.iter().zip(told).zip(&column.deviations);
+    data.map(|((datum, told), deviation)| (datum - told) / deviation).collect()
+}

@@ -1,0 +1,107 @@
+//! The search for the parameters of one model: weighted residuals on the scales of the parameters.
+
+use super::data::Record;
+use super::least_squares::{Evaluation, Minimum, Refusal, Region, Residuals, minimise};
+use super::plan::{Fit, Free, Model, Scale};
+use super::prediction::{NoPrediction, Predicted, Predictions};
+use nalgebra::DVector;
+
+/// The residuals of a model's predictions.
+pub(super) struct Search<'p, 'f> {
+    pub(super) predictions: &'p mut Predictions<'f>,
+    pub(super) free: &'f [Free],
+    pub(super) data: DVector<f64>,
+    pub(super) deviations: DVector<f64>,
+    most_iterations: usize,
+}
+
+/// What is left of residuals by rounding, relative to the largest datum.
+const ROUNDING: f64 = 1e-13;
+
+/// It was stopped.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Stopped;
+
+impl Residuals for Search<'_, '_> {
+    type End = Stopped;
+
+    fn evaluate(&mut self, point: &[f64], derivatives: bool) -> Result<Evaluation, Refusal<Stopped>> {
+        let values = self.outside(point);
+        let Predicted { values: told, jacobian, .. } =
+            self.predictions.at(&values, derivatives).map_err(|reason| match reason {
+                NoPrediction::Refused(reason) => Refusal::Point(reason),
+                NoPrediction::Stopped => Refusal::End(Stopped),
+            })?;
+        let residuals = (told - &self.data).component_div(&self.deviations);
+        let jacobian = jacobian.map(|mut jacobian| {
+            for (index, mut column) in jacobian.column_iter_mut().enumerate() {
+                let stretch = if self.free[index].scale == Scale::Logarithmic { values[index] } else { 1.0 };
+                column
+                    .iter_mut()
+                    .zip(&self.deviations)
+                    .for_each(|(slope, deviation)| *slope *= stretch / deviation);
+            }
+            jacobian
+        });
+        let is_finite = |numbers: &[f64]| numbers.iter().all(|number| number.is_finite());
+        let all_finite = is_finite(residuals.as_slice())
+            && jacobian.as_ref().is_none_or(|jacobian| is_finite(jacobian.as_slice()));
+        if !all_finite {
+            return Err(Refusal::Point(
+                "what the model says, or a derivative of it, is not finite".to_owned(),
+            ));
+        }
+        Ok(Evaluation { residuals, jacobian })
+    }
+}
+
+impl<'p, 'f> Search<'p, 'f> {
+    pub(super) fn new(plan: &'f Fit, model: &'f Model, predictions: &'p mut Predictions<'f>) -> Self {
+        let row = |record: &Record, of: fn(&super::data::Column) -> &Vec<f64>| -> Vec<f64> {
+            let rows = 0..record.places.len();
+            rows.flat_map(|row| record.columns.iter().map(move |column| of(column)[row])).collect()
+        };
+        let all = |of: fn(&super::data::Column) -> &Vec<f64>| -> DVector<f64> {
+            DVector::from_vec(plan.records.iter().flat_map(|record| row(record, of)).collect())
+        };
+        Self {
+            predictions,
+            free: &model.free,
+            data: all(|column| &column.values),
+            deviations: all(|column| &column.deviations),
+            most_iterations: plan.most_iterations,
+        }
+    }
+
+    /// The values of the parameters at a point of the search.
+    pub(super) fn outside(&self, point: &[f64]) -> Vec<f64> {
+        let pairs = self.free.iter().zip(point);
+        // A bound is met to the bit, whatever the scale.
+        pairs.map(|(free, &x)| free.scale.outside(x).max(free.bounds.0).min(free.bounds.1)).collect()
+    }
+
+    /// The point of such values.
+    pub(super) fn inside(&self, values: &[f64]) -> Vec<f64> {
+        self.free.iter().zip(values).map(|(free, &value)| free.scale.inside(value)).collect()
+    }
+
+    /// Where the search may go, about a point.
+    pub(super) fn region(&self, values: &[f64]) -> Region {
+        let bounds =
+            |of: fn(&Free) -> f64| self.free.iter().map(|free| free.scale.inside(of(free))).collect();
+        let typical = self.free.iter().zip(values).map(|(free, &value)| free.typical(value)).collect();
+        let largest = self.data.component_div(&self.deviations).amax();
+        let rounding = self.data.len() as f64 * (ROUNDING * largest).powi(2);
+        Region { lower: bounds(|free| free.bounds.0), upper: bounds(|free| free.bounds.1), typical, rounding }
+    }
+
+    /// The smallest sum of squares from a start, with some parameters held where they are.
+    pub(super) fn from(&mut self, start: &[f64], hold: Option<usize>) -> Result<Minimum, Refusal<Stopped>> {
+        let mut region = self.region(&self.outside(start));
+        if let Some(index) = hold {
+            (region.lower[index], region.upper[index]) = (start[index], start[index]);
+        }
+        let most = self.most_iterations;
+        minimise(self, start, &region, most)
+    }
+}
