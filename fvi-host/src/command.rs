@@ -18,6 +18,7 @@ mod stop;
 pub mod strategies;
 pub mod sweep;
 mod terminal;
+pub mod tune;
 pub mod weights;
 
 use crate::lab::checkpoint::CheckpointError;
@@ -51,6 +52,8 @@ enum Command {
     Fit(fit::FitArguments),
     /// Frequency response of a scenario, its poles, and the moduli, creep and relaxation of its kernels
     Response(response::ResponseArguments),
+    /// Gains and orders of a fractional controller for a plant, margins, and pictures of the loop
+    Tune(tune::TuneArguments),
     /// The figures and tables of the papers, computed again and set beside the printed values
     Reproduce(reproduce::ReproduceArguments),
     /// Solve a two-point fractional Euler–Lagrange problem: the discrete extremal between fixed end points
@@ -129,6 +132,7 @@ impl Program {
             Command::Reproduce(arguments) => arguments.execute(),
             Command::Response(arguments) => arguments.execute(),
             Command::Fit(arguments) => arguments.execute(),
+            Command::Tune(arguments) => arguments.execute(),
             Command::Extremal(arguments) => arguments.execute(),
             Command::Weights(arguments) => arguments.execute(),
             Command::Exponentials(arguments) => arguments.execute(),

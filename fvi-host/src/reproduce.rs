@@ -20,6 +20,7 @@ mod problems;
 mod roots_of_time;
 mod runge_kutta_orders;
 mod table;
+mod tuning;
 mod work_precision;
 
 pub use error_curve::ErrorCurve;
@@ -138,6 +139,7 @@ pub fn exhibits() -> Vec<Exhibit> {
         runge_kutta_orders::EXHIBITS.as_slice(),
         work_precision::EXHIBITS.as_slice(),
         any_length::EXHIBITS.as_slice(),
+        tuning::EXHIBITS.as_slice(),
         accuracy::EXHIBITS.as_slice(),
         materials::EXHIBITS.as_slice(),
     ]

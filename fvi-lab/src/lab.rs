@@ -8,4 +8,5 @@ mod output_sink;
 pub mod response;
 pub mod run;
 pub mod sweep;
+pub mod tune;
 pub mod two_point;

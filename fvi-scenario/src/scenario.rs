@@ -17,6 +17,7 @@ mod matrix;
 mod own_terms;
 mod parameters;
 mod past;
+mod plant_formula;
 mod reference;
 mod relaxation_matrix;
 mod sampled_input;
@@ -40,7 +41,9 @@ pub use kernel::{kernel_of_document, kernel_of_file, kernel_of_symbol, kernel_of
 pub use load::{Amplitude, Load, Pattern, Record};
 pub use matrix::SymmetricMatrix;
 pub use own_terms::{OwnTerms, SharedTerms};
+pub use parameters::read_parameters;
 pub use past::Past;
+pub use plant_formula::PlantFormula;
 pub use reference::{Reference, ReferenceRow, ReferenceSource};
 pub use relaxation_matrix::RelaxationMatrix;
 pub use sampled_input::SampledInput;

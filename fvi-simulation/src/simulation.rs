@@ -4,6 +4,7 @@ pub mod adaptive;
 mod available_memory;
 mod breaks;
 mod choice;
+pub mod closed_loop;
 pub mod control;
 mod crossings;
 pub mod energy_guard;

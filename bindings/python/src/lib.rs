@@ -16,6 +16,7 @@ mod run;
 mod studies;
 mod sweep;
 mod terms;
+mod tune;
 mod watch;
 mod weights;
 
@@ -43,6 +44,8 @@ mod _fvi {
     use super::studies::{compare_engines, converge, extremal};
     #[pymodule_export]
     use super::sweep::{Ledger, Sweep, vector_units};
+    #[pymodule_export]
+    use super::tune::tune;
     #[pymodule_export]
     use super::weights::weights;
     use pyo3::prelude::*;

@@ -1,6 +1,7 @@
 //! Instructions counted by SysTick, which QEMU's `-icount` drives: 1.6 ticks of 25 MHz per instruction of 64
 //! ns.
 
+use cortex_m::Peripherals;
 use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
 
@@ -12,36 +13,10 @@ pub struct Counter {
     overhead: u32,
 }
 
-/// Mean and worst case of several runs.
-#[derive(Clone, Copy, Default)]
-pub struct Spread {
-    total: u64,
-    runs: u32,
-    worst: u32,
-}
-
-impl Spread {
-    /// Takes a run into account.
-    pub fn add(&mut self, instructions: u32) {
-        self.total += u64::from(instructions);
-        self.runs += 1;
-        self.worst = self.worst.max(instructions);
-    }
-
-    /// Mean.
-    pub fn mean(&self) -> f32 {
-        self.total as f32 / self.runs.max(1) as f32
-    }
-
-    /// Worst case.
-    pub fn worst(&self) -> u32 {
-        self.worst
-    }
-}
-
 impl Counter {
     /// A counter that has measured its own cost.
-    pub fn new(mut timer: SYST) -> Self {
+    pub fn new(peripherals: Peripherals) -> Self {
+        let mut timer = peripherals.SYST;
         timer.set_clock_source(SystClkSource::Core);
         timer.set_reload(RELOAD);
         timer.clear_current();

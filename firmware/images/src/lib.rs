@@ -1,7 +1,10 @@
 //! What the images share: how they print, and how they end.
 #![no_std]
 
+#[cfg(feature = "cycles")]
+pub mod cycles;
 pub mod instructions;
+pub mod spread;
 pub mod stack;
 
 use core::fmt;

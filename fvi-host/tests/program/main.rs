@@ -25,5 +25,6 @@ mod sensitivities;
 mod stability;
 mod strategies;
 mod sweeps;
+mod tune;
 mod weights_of_files;
 mod workplace;

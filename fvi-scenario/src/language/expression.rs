@@ -254,6 +254,17 @@ impl Expression {
         (jet.value(), jet.gradient)
     }
 
+    /// The derivative with respect to one variable.
+    pub fn slope<T: Elementary>(&self, moment: Moment<T>, point: &[T], index: usize) -> T {
+        let variables: Vec<FirstOrder<T, 1>> = point
+            .iter()
+            .enumerate()
+            .map(|(own, &value)| FirstOrder::variable(value, usize::from(own != index)))
+            .collect();
+        let jet: FirstOrder<T, 1> = self.root.evaluate(moment.time, moment.sided, &variables);
+        jet.gradient[0]
+    }
+
     /// Value, gradient and (symmetric) Hessian with respect to the variables.
     pub fn hessian<T: Elementary, const N: usize>(
         &self,

@@ -348,7 +348,7 @@ fn read_symbol(
 }
 
 /// A function in it that is not analytic, or has no power series here.
-fn unsuited(node: &Node) -> Option<String> {
+pub(super) fn unsuited(node: &Node) -> Option<String> {
     match node.kind() {
         Kind::Number(_) | Kind::Variable(_) => None,
         Kind::Time | Kind::SidedTime => Some("the time".to_owned()),
@@ -388,7 +388,8 @@ impl Formula for Symbol {
     }
 }
 
-fn evaluate<A: Algebra>(node: &Node, s: &A) -> A {
+/// The value of an expression in s.
+pub(super) fn evaluate<A: Algebra>(node: &Node, s: &A) -> A {
     let of = |node: &Node| evaluate(node, s);
     match node.kind() {
         Kind::Number(value) => s.constant(*value),

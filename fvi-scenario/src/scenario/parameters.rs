@@ -5,7 +5,11 @@ use crate::language::error::{InputError, Problem};
 use crate::language::expression::Symbols;
 use std::collections::BTreeMap;
 
-pub(super) fn read_parameters(value: &Value<'_>) -> Result<BTreeMap<String, f64>, InputError> {
+/// Reads named constants.
+///
+/// # Errors
+/// If a name cannot be one, or a value is no finite number.
+pub fn read_parameters(value: &Value<'_>) -> Result<BTreeMap<String, f64>, InputError> {
     let mut parameters = BTreeMap::new();
     for (name, entry) in value.table()?.entries() {
         Symbols::new()

@@ -4,6 +4,7 @@
 mod discrete;
 mod poles;
 
+use super::stability::characteristic::log_determinant;
 use super::stability::{self, LinearDamping, LinearSystem};
 use crate::language::{InputError, Problem};
 use crate::model::{Matrix, Model, matrix};
@@ -146,6 +147,45 @@ impl Linearised {
     pub fn discrete_response(&self, omega: f64, input: usize) -> Result<Vec<Complex<f64>>, String> {
         let scheme = self.scheme.as_ref().map_err(Clone::clone)?;
         self.solve(&scheme.factors(self.step, omega), input).ok_or_else(|| unsolved(omega))
+    }
+
+    /// A(s)⁻¹ f for A(s) = s²M + K + Σ_m ρ_m K_m(s), Re s ≥ 0, and ln det A(s) on any branch: A is analytic
+    /// to the right of the imaginary axis, and the zeros of its determinant there are motions that grow.
+    ///
+    /// # Errors
+    /// In words: where the equations have no solution, and of systems that are solved as sparse ones.
+    pub fn transfer(
+        &self,
+        s: Complex<f64>,
+        load: &[f64],
+    ) -> Result<(Vec<Complex<f64>>, Complex<f64>), String> {
+        let Equations::Dense { mass, stiffness, damping } = &self.equations else {
+            return Err(format!("its determinant is taken of systems of up to {DENSE} coordinates"));
+        };
+        let size = self.size;
+        let values: Vec<_> = self.transfers.iter().map(|transfer| transfer.value(s)).collect();
+        let mut matrix = vec![Complex::ZERO; size * size];
+        for row in 0..size {
+            for column in 0..size {
+                let place = (row, column);
+                let entry = s * s * mass[place] + stiffness[place];
+                let damped = values.iter().zip(damping);
+                matrix[row * size + column] =
+                    damped.fold(entry, |sum, (value, rho)| sum + value * rho[place]);
+            }
+        }
+        let unsolved = || format!("no solution at s = {s}: a motion that nothing damps");
+        let mut solution: Vec<_> = load.iter().map(|&force| Complex::new(force, 0.0)).collect();
+        let logarithm = log_determinant(&mut matrix.clone(), size).ok_or_else(unsolved)?;
+        solve_complex(&mut matrix, &mut solution).ok_or_else(unsolved)?;
+        Ok((solution, logarithm))
+    }
+
+    /// M v.
+    pub fn momentum(&self, velocity: &[Complex<f64>]) -> Option<Vec<Complex<f64>>> {
+        let Equations::Dense { mass, .. } = &self.equations else { return None };
+        let row = |row: usize| velocity.iter().enumerate().map(|(column, v)| v * mass[(row, column)]).sum();
+        Some((0..self.size).map(row).collect())
     }
 
     /// Why the scheme has no response of its own; `None` if it has.

@@ -23,6 +23,7 @@ integrated by variational schemes whose memory of the whole past is exact to rou
 `compare_engines`       the memory engines side by side
 `response`              frequency response, poles, moduli, creep and relaxation
 `fit`                   numbers of a scenario from data, with their errors
+`tune`                  gains and orders of a fractional controller for a plant
 `extremal`              two-point fractional Euler–Lagrange problems
 `fvi.petsc`             one large run on the ranks of MPI, with PETSc; imported by itself
 ======================  ==============================================================
@@ -45,6 +46,7 @@ from fvi._sequences import derivative, weights
 from fvi._studies import compare_engines, converge, extremal
 from fvi._sweep import sweep
 from fvi._terms import Damping, Element, Event, Force, Load, Potential
+from fvi._tune import Tuning, tune
 
 __all__ = [
     "Damping",
@@ -68,6 +70,7 @@ __all__ = [
     "Result",
     "StepError",
     "Table",
+    "Tuning",
     "__version__",
     "compare_engines",
     "converge",
@@ -81,5 +84,6 @@ __all__ = [
     "run",
     "run_cases",
     "sweep",
+    "tune",
     "weights",
 ]

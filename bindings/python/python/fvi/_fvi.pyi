@@ -28,6 +28,7 @@ __all__ = [
     "response",
     "run",
     "run_in",
+    "tune",
     "vector_units",
     "weights",
 ]
@@ -87,6 +88,9 @@ def response(
 def fit(
     plan: Any, scenario: Any, progress: Any = None
 ) -> tuple[list[str], int, list[str], str, list[tuple[_Array, str, list[tuple[_Array, _Array, _Array]]]]]: ...
+def tune(
+    source: Any,
+) -> tuple[str, str, tuple[list[list[float]], list[list[float]]]]: ...
 def derivative(
     samples: _Array,
     exponent: float | None,

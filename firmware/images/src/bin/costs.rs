@@ -13,7 +13,11 @@ use fvi_core::{
     Memory, NoForce, NodeGalerkin, Overflow, PidLaw, Quadratic, RungeKutta, Scheme, Start, System, Tiled,
     VariableStepMemory, monic_bdf_table_f32,
 };
-use images::instructions::{Counter, Spread};
+#[cfg(feature = "cycles")]
+use images::cycles::Counter;
+#[cfg(not(feature = "cycles"))]
+use images::instructions::Counter;
+use images::spread::Spread;
 use images::stack::used_by;
 use images::{Refused, main};
 use nalgebra::SVector;
@@ -297,9 +301,10 @@ impl Bench<'_> {
 #[entry]
 fn start() -> ! {
     main(|out| {
-        let timer = cortex_m::Peripherals::take().ok_or(Refused)?.SYST;
-        let _ = writeln!(out, "name,instructions,worst,products,ram,table,stack");
-        let mut bench = Bench { out, counter: Counter::new(timer) };
+        let peripherals = cortex_m::Peripherals::take().ok_or(Refused)?;
+        let unit = if cfg!(feature = "cycles") { "cycles" } else { "instructions" };
+        let _ = writeln!(out, "name,{unit},worst,products,ram,table,stack");
+        let mut bench = Bench { out, counter: Counter::new(peripherals) };
         bench.direct::<1, 32>()?;
         bench.direct::<1, 64>()?;
         bench.direct::<1, 128>()?;

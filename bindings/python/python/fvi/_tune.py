@@ -1,0 +1,122 @@
+"""Gains and orders of fractional controllers for a plant."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi import _fvi
+from fvi._scenario import Scenario, by_path, source
+from fvi._types import FloatArray
+
+ComplexArray = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """A tuned controller, and what comes of it.
+
+    Attributes
+    ----------
+    kp, ki, lam, kd, mu : float
+        Gains and orders; of the series form ki = kp/T_i and kd = kp T_d, which `record` has by themselves.
+    margins, sampled_margins : dict
+        `gain_margin`, `gain_reduction`, `phase_margin` (degrees), `delay_margin`, `gain_crossovers`, `phase_crossovers`,
+        `ms`, `ms_at`, `mt`, `mt_at`; of the loop in continuous time, and of the one that ticks.
+    record : dict
+        All that the program's `tune.json` says.
+    controller : str
+        `[controller]` of a scenario, as TOML.
+    omega : ndarray, shape (W,)
+        Angular frequencies.
+    plant, loop, sampled_loop : ndarray, shape (W,)
+        P, L = C P, and the L of the loop that ticks, NaN above π/sample.
+    t, step, control, load : ndarray, shape (K,)
+        Times, the measured value and the output after a unit step of the setpoint, and the measured value after one of
+        a load at the plant's input; of the loop in continuous time.
+    """
+
+    kp: float
+    ki: float
+    lam: float
+    kd: float
+    mu: float
+    margins: dict[str, Any]
+    sampled_margins: dict[str, Any]
+    record: dict[str, Any]
+    controller: str
+    omega: FloatArray
+    plant: ComplexArray
+    loop: ComplexArray
+    sampled_loop: ComplexArray
+    t: FloatArray
+    step: FloatArray
+    control: FloatArray
+    load: FloatArray
+
+
+def tune(problem: Scenario, *, overrides: Mapping[str, Any] | None = None, **keys: Any) -> Tuning:
+    """Gains and orders of a controller for a plant, as the program `fvi tune` finds them.
+
+    Parameters
+    ----------
+    problem : path or dict
+        A file or a dictionary with its keys: `plant`, `controller`, `specification`.
+    overrides, **keys
+        As in `run`.
+
+    Returns
+    -------
+    Tuning
+
+    Raises
+    ------
+    InputError
+        If a key cannot be used.
+    RuntimeError
+        If no controller meets the specification, or its loop would be unstable.
+
+    Examples
+    --------
+    >>> import fvi
+    >>> found = fvi.tune({"plant": {"transfer": "1.0263/(s*(0.71*s + 1))"},
+    ...                   "controller": {"structure": "pd", "sample": 1e-3},
+    ...                   "specification": {"crossover": 2.51, "phase_margin": 83.9, "flat_phase": True}})
+    >>> print(f"{found.kp:.5f} {found.kd / found.kp:.6f} {found.mu:.6f}")
+    2.69908 0.619222 0.969410
+    """
+    text, controller, (response, steps) = _fvi.tune(source(problem, by_path(overrides, keys)))
+    record = json.loads(text)
+    for warning in record["warnings"]:
+        warnings.warn(warning, stacklevel=2)
+    curves = np.array(response)
+    times = np.array(steps)
+
+    def complex_numbers(column: int) -> ComplexArray:
+        return np.ascontiguousarray(curves[:, column : column + 2]).view(np.complex128)[:, 0]
+
+    return Tuning(
+        kp=record["kp"],
+        ki=record["ki"],
+        lam=record["lambda"],
+        kd=record["kd"],
+        mu=record["mu"],
+        margins=record["margins"],
+        sampled_margins=record["sampled_margins"],
+        record=record,
+        controller=controller,
+        omega=curves[:, 0],
+        plant=complex_numbers(1),
+        loop=complex_numbers(3),
+        sampled_loop=complex_numbers(5),
+        t=times[:, 0],
+        step=times[:, 1],
+        control=times[:, 2],
+        load=times[:, 3],
+    )

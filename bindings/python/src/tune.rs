@@ -1,0 +1,30 @@
+//! Tunings of controllers.
+
+use crate::documents::Source;
+use crate::errors::{Failure, guarded};
+use fvi_host::lab::tune::{TuningProblem, tune as find};
+use pyo3::prelude::*;
+use std::sync::atomic::AtomicBool;
+
+/// ω, plant, loop and sampled loop in parts, and t, y, u, y under a load.
+type Curves = (Vec<[f64; 7]>, Vec<[f64; 4]>);
+
+/// Tunes a controller: `tune.json` as text, `[controller]` as text, and the curves.
+#[pyfunction]
+pub(crate) fn tune(py: Python<'_>, source: Source) -> PyResult<(String, String, Curves)> {
+    py.detach(|| {
+        guarded(|| {
+            let problem = source.document().and_then(TuningProblem::from_document);
+            let problem = problem.map_err(|error| source.failure(&error))?;
+            let found = find(&problem, &AtomicBool::new(false));
+            let found = found.map_err(|error| Failure::Failed(error.to_string()))?;
+            let record = serde_json::to_string(&found.record(&problem));
+            let record = record.map_err(|error| Failure::Failed(error.to_string()))?;
+            let rows = found.response.iter().map(|at| {
+                let sampled = at.sampled.map_or([f64::NAN; 2], |value| [value.re, value.im]);
+                [at.omega, at.plant.re, at.plant.im, at.open.re, at.open.im, sampled[0], sampled[1]]
+            });
+            Ok((record, found.controller_table(&problem), (rows.collect(), found.steps.clone())))
+        })
+    })
+}

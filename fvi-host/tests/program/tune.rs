@@ -1,0 +1,416 @@
+//! `fvi tune`: margins by a scan written here, loops by runs of the plant, refusals.
+
+use crate::workplace::{Workplace, text};
+use serde_json::Value;
+use std::f64::consts::PI;
+use std::fs;
+
+/// A complex number, by itself: nothing of the program's arithmetic takes part.
+#[derive(Clone, Copy, Debug)]
+struct Complex(f64, f64);
+
+impl Complex {
+    fn plus(self, other: Self) -> Self {
+        Self(self.0 + other.0, self.1 + other.1)
+    }
+
+    fn times(self, other: Self) -> Self {
+        Self(self.0 * other.0 - self.1 * other.1, self.0 * other.1 + self.1 * other.0)
+    }
+
+    fn scaled(self, factor: f64) -> Self {
+        Self(self.0 * factor, self.1 * factor)
+    }
+
+    fn inverse(self) -> Self {
+        let size = self.0 * self.0 + self.1 * self.1;
+        Self(self.0 / size, -self.1 / size)
+    }
+
+    fn size(self) -> f64 {
+        self.0.hypot(self.1)
+    }
+
+    fn phase(self) -> f64 {
+        self.1.atan2(self.0)
+    }
+
+    fn power(self, exponent: f64) -> Self {
+        let (size, phase) = (self.size().powf(exponent), exponent * self.phase());
+        Self(size * phase.cos(), size * phase.sin())
+    }
+}
+
+const ONE: Complex = Complex(1.0, 0.0);
+
+/// Tunes; the record.
+fn tune(place: &Workplace, problem: &str) -> Value {
+    place.write("plant.toml", problem);
+    let output = place.fvi(&["tune", "plant.toml", "--out", "out"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    serde_json::from_str(&fs::read_to_string(place.path("out").join("tune.json")).unwrap()).unwrap()
+}
+
+fn number(record: &Value, path: &str) -> f64 {
+    let value = path.split('.').fold(record, |value, key| &value[key]);
+    value.as_f64().unwrap_or_else(|| panic!("{path}: {value}"))
+}
+
+/// C(iω) of a record in the parallel form without filter.
+fn law(record: &Value) -> impl Fn(f64) -> Complex + use<> {
+    let [kp, ki, lambda, kd, mu] = ["kp", "ki", "lambda", "kd", "mu"].map(|key| number(record, key));
+    move |omega| {
+        let s = Complex(0.0, omega);
+        Complex(kp, 0.0).plus(s.power(-lambda).scaled(ki)).plus(s.power(mu).scaled(kd))
+    }
+}
+
+/// The example of the repository, with a band in place of a frequency.
+fn liquid_level() -> String {
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../tunings/liquid-level.toml");
+    let text = fs::read_to_string(file).unwrap();
+    assert!(text.contains("at = 10,"));
+    text.replace("at = 10,", "from = 10, to = 100,")
+}
+
+#[test]
+fn margins_are_those_of_a_dense_scan() {
+    let place = Workplace::new();
+    let record = tune(&place, &liquid_level());
+    let law = law(&record);
+    let open = |omega: f64| {
+        let plant = Complex(1.0, 433.33 * omega).inverse().scaled(3.13);
+        plant.times(Complex((50.0 * omega).cos(), -(50.0 * omega).sin())).times(law(omega))
+    };
+    let crossed = open(0.008);
+    assert!((crossed.size() - 1.0).abs() < 1e-9, "{crossed:?}");
+    assert!((crossed.phase().to_degrees() + 120.0).abs() < 1e-7);
+    let slope = (open(0.008 * 1.0001).phase() - open(0.008 / 1.0001).phase()) / (2.0 * 1.0001f64.ln());
+    assert!(slope.abs() < 1e-5, "{slope}");
+    let sensitivity = |omega: f64| ONE.plus(open(omega)).size().recip();
+    let complementary = |omega: f64| open(omega).size() * sensitivity(omega);
+    assert!(20.0 * sensitivity(0.001).log10() <= -20.0);
+    let scan = |from: f64, to: f64| (0..=200_000).map(move |k| from * (to / from).powf(f64::from(k) / 2e5));
+    assert!(scan(10.0, 100.0).all(|omega| 20.0 * complementary(omega).log10() <= -20.0));
+    let largest = |size: &dyn Fn(f64) -> f64| scan(1e-5, 10.0).map(size).fold(0.0, f64::max);
+    for (key, found) in [("margins.ms", largest(&sensitivity)), ("margins.mt", largest(&complementary))] {
+        assert!((number(&record, key) / found - 1.0).abs() < 1e-6, "{key}: {found}");
+    }
+    // The gain margin: the first frequency at which L is a negative number.
+    let before: Vec<f64> = scan(0.008, 1.0).collect();
+    let pair = before.windows(2).find(|pair| open(pair[0]).1 < 0.0 && open(pair[1]).1 >= 0.0).unwrap();
+    let margin = open(pair[0]).size().recip();
+    assert!((number(&record, "margins.gain_margin") / margin - 1.0).abs() < 1e-3, "{margin}");
+    let delay = 60f64.to_radians() / 0.008;
+    assert!((number(&record, "margins.delay_margin") / delay - 1.0).abs() < 1e-9);
+    for name in ["controller.toml", "loop.csv", "steps.csv", "bode-magnitude.svg", "nyquist.svg", "step.svg"]
+    {
+        assert!(fs::metadata(place.path("out").join(name)).unwrap().len() > 100, "{name}");
+    }
+}
+
+/// A first-order plant as a scenario: p' = −p/2 + 3 u, seen as 0.5 p, and the time that a run has.
+const FIRST_ORDER: &str = "
+[system]
+mass = [1.0]
+potential = \"0\"
+[[system.damping]]
+order = 1.0
+coefficient = [0.5]
+[time]
+step = 0.005
+end = 12.0
+";
+
+#[test]
+fn a_run_of_the_plant_with_the_controller_makes_the_step_that_was_foretold() {
+    let place = Workplace::new();
+    place.write("plant-alone.toml", FIRST_ORDER);
+    let problem = "
+plant = { scenario = \"plant-alone.toml\", measures = \"0.5*p0\", drives = [3.0], dead_time = 0.1 }
+controller = { structure = \"pi\", sample = 0.005, setpoint_weights = [0.6, 0.0] }
+specification = { crossover = 2.0, phase_margin = 65, flat_phase = true }
+";
+    let record = tune(&place, problem);
+    // The same plant by its formula.
+    let formula = problem.replace(
+        "scenario = \"plant-alone.toml\", measures = \"0.5*p0\", drives = [3.0], dead_time = 0.1",
+        "transfer = \"1.5*exp(-0.1*s)/(s + 0.5)\"",
+    );
+    let by_formula = tune(&Workplace::new(), &formula);
+    for key in ["kp", "ki", "lambda", "margins.ms", "margins.phase_margin", "sampled_margins.ms"] {
+        let (one, other) = (number(&record, key), number(&by_formula, key));
+        assert!((one / other - 1.0).abs() < 1e-9, "{key}: {one} {other}");
+    }
+    let controller = fs::read_to_string(place.path("out").join("controller.toml")).unwrap();
+    place.write("loop.toml", &format!("{FIRST_ORDER}\n{controller}"));
+    let output = place.fvi(&["run", "loop.toml", "--out", "run"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let rows = |path: &str| -> Vec<Vec<f64>> {
+        let table = fs::read_to_string(place.path(path)).unwrap();
+        table
+            .lines()
+            .skip(1)
+            .map(|line| line.split(',').map(|cell| cell.parse().unwrap()).collect())
+            .collect()
+    };
+    let (motion, foretold) = (rows("run/trajectory.csv"), rows("out/steps.csv"));
+    let (mut compared, mut worst) = (0, 0f64);
+    for row in &foretold {
+        let Some(step) = motion.iter().rposition(|state| state[0] <= row[0] + 1e-9) else { continue };
+        if step + 1 < motion.len() {
+            let part = (row[0] - motion[step][0]) / 0.005;
+            let [before, after] = [step, step + 1].map(|step| 0.5 * motion[step][2]);
+            worst = worst.max((before + part * (after - before) - row[1]).abs());
+            compared += 1;
+        }
+    }
+    // Samples of 5 ms make some hundredths of a unit at a crossover of 2.
+    assert!(compared > 100 && worst < 0.02, "{compared} {worst}");
+}
+
+#[test]
+fn samples_that_make_a_loop_unstable_are_refused_and_runs_agree() {
+    let place = Workplace::new();
+    place.write("plant-alone.toml", FIRST_ORDER);
+    let problem = |sample: f64| {
+        format!(
+            "plant = {{ scenario = \"plant-alone.toml\", measures = \"p0\", drives = [1.0] }}\n\
+             controller = {{ structure = \"pi\", lambda = 0.7, sample = {sample} }}\n\
+             specification = {{ crossover = 3.0, phase_margin = 75 }}\n"
+        )
+    };
+    // The largest sample time that is taken, by halves.
+    let accepted = |sample: f64| {
+        place.write("plant.toml", &problem(sample));
+        let output = place.fvi(&["tune", "plant.toml", "--out", "out"]);
+        let message = text(&output.stderr);
+        assert!(output.status.success() || message.contains("controller.sample"), "{message}");
+        output.status.success()
+    };
+    assert!(accepted(0.4) && !accepted(0.9));
+    let (mut good, mut bad) = (0.4, 0.9);
+    while bad - good > 0.006 {
+        let middle = f64::round((good + bad) / 2.0 / 0.005) * 0.005;
+        if accepted(middle) { good = middle } else { bad = middle }
+    }
+    assert!(accepted(0.005));
+    let controller = fs::read_to_string(place.path("out").join("controller.toml")).unwrap();
+    // The size of the last oscillations against those before, at sample times on either side.
+    let grows = |sample: f64| {
+        let controller = controller.replace("sample = 0.005", &format!("sample = {sample}"));
+        let plant = FIRST_ORDER.replace("end = 12.0", "end = 400.0");
+        place.write("loop.toml", &format!("{plant}\n{controller}"));
+        let output = place.fvi(&["run", "loop.toml", "--out", "run"]);
+        let table = fs::read_to_string(place.path("run").join("trajectory.csv")).unwrap();
+        let outputs: Vec<f64> =
+            table.lines().skip(1).map(|line| line.split(',').nth(4).unwrap().parse().unwrap()).collect();
+        let spread = |part: &[f64]| {
+            part.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+                - part.iter().copied().fold(f64::INFINITY, f64::min)
+        };
+        let quarter = outputs.len() / 4;
+        let [before, after] = [quarter, 3 * quarter].map(|at| spread(&outputs[at..at + quarter]));
+        !output.status.success() || after > before
+    };
+    let step = |sample: f64, part: f64| f64::round(sample * part / 0.005) * 0.005;
+    assert!(!grows(step(good, 0.97)) && grows(step(bad, 1.03)), "{good} {bad}");
+}
+
+#[test]
+fn rules_and_bounds_give_what_they_say() {
+    let place = Workplace::new();
+    let plant =
+        |rest: &str| format!("plant = {{ gain = 2.0, time_constant = 1.0, dead_time = 0.2 }}\n{rest}");
+    // Lambda tuning: the loop is e^{−Ls}/((λ + L) s).
+    let record = tune(
+        &place,
+        &plant(
+            "controller = { structure = \"pi\", sample = 1e-3 }\n\
+             specification = { rule = \"lambda\", closed_loop_time = 0.3 }\n",
+        ),
+    );
+    assert!((number(&record, "kp") - 1.0).abs() < 1e-12 && (number(&record, "ki") - 1.0).abs() < 1e-12);
+    assert!((number(&record, "margins.gain_margin") - 0.5 * PI / 0.2 * 0.5).abs() < 1e-6);
+    // SIMC with its own closed loop time, L.
+    let record = tune(
+        &place,
+        &plant("controller = { structure = \"pi\", sample = 1e-3 }\nspecification = { rule = \"simc\" }\n"),
+    );
+    assert!((number(&record, "kp") - 1.0 / (2.0 * 0.4)).abs() < 1e-12);
+    assert!((number(&record, "kp") / number(&record, "ki") - 1.0).abs() < 1e-12);
+    // Ziegler and Nichols: the ultimate point solves tan(ωL) = −ωT.
+    let record = tune(
+        &place,
+        &plant("controller = { sample = 1e-3 }\nspecification = { rule = \"ziegler-nichols\" }\n"),
+    );
+    let omega = number(&record, "ultimate.frequency");
+    assert!((omega * 0.2 + omega.atan() - PI).abs() < 1e-9);
+    assert!((number(&record, "kp") - 0.6 * omega.hypot(1.0) / 2.0).abs() < 1e-9);
+    // Ms: the largest integral gain, so that a little more breaks it.
+    let record = tune(
+        &place,
+        &plant(
+            "controller = { structure = \"pi\", lambda = 0.9, sample = 1e-3 }\nspecification = { ms = 1.4 }\n",
+        ),
+    );
+    assert!((number(&record, "margins.ms") - 1.4).abs() < 1e-4, "{record}");
+    let [kp, ki] = ["kp", "ki"].map(|key| number(&record, key));
+    let largest = |kp: f64, ki: f64| {
+        let size = |k: u32| {
+            let omega = 1e-3 * 1e6f64.powf(f64::from(k) / 4e4);
+            let law = Complex(kp, 0.0).plus(Complex(0.0, omega).power(-0.9).scaled(ki));
+            let plant = Complex(1.0, omega).inverse().scaled(2.0);
+            let open = law.times(plant).times(Complex((0.2 * omega).cos(), -(0.2 * omega).sin()));
+            ONE.plus(open).size().recip()
+        };
+        (0..=40_000).map(size).fold(0.0, f64::max)
+    };
+    for share in [-0.04, -0.02, -0.01, 0.0, 0.01, 0.02, 0.04] {
+        assert!(largest(kp * (1.0 + share), 1.01 * ki) > 1.4, "{share}");
+    }
+    // A rod that is heated at one end and seen at the other: poles at −π²(n + ½)², none lost to overflow.
+    let record = tune(
+        &place,
+        "plant = { transfer = \"1/cosh(sqrt(s))\" }\ncontroller = { structure = \"pi\", sample = 1e-3 }\n\
+         specification = { ms = 1.5 }\n",
+    );
+    assert!((number(&record, "margins.ms") - 1.5).abs() < 1e-4, "{record}");
+    // cosh((1 + i) x) = cosh x cos x + i sinh x sin x is a negative number at x = √(ω/2) = π.
+    assert!((number(&record, "ultimate.frequency") - 2.0 * PI * PI).abs() < 1e-9);
+    // The series form with its filter goes into the table of a scenario.
+    let record = tune(
+        &place,
+        &plant(
+            "controller = { sample = 1e-3 }\n\
+             specification = { rule = \"padula-visioli\", ms = 2.0, purpose = \"load\" }\n",
+        ),
+    );
+    assert_eq!(record["form"], "series");
+    let table = fs::read_to_string(place.path("out").join("controller.toml")).unwrap();
+    for key in ["form = \"series\"", "integral_time", "derivative_time", "filter_ratio", "mu = 1.1"] {
+        assert!(table.contains(key), "{key}: {table}");
+    }
+}
+
+#[test]
+fn a_relay_finds_the_ultimate_point_of_a_scenario() {
+    let place = Workplace::new();
+    place.write("plant-alone.toml", &FIRST_ORDER.replace("step = 0.005", "step = 0.002"));
+    let record = tune(
+        &place,
+        "plant = { scenario = \"plant-alone.toml\", measures = \"p0\", drives = [1.0], dead_time = 0.3 }\n\
+         controller = { structure = \"pi\", sample = 0.002 }\n\
+         specification = { rule = \"ziegler-nichols\" }\n\
+         relay = { amplitude = 2.0 }\n",
+    );
+    // p' = −p/2 + u, 0.3 later. Under a relay p rises for the dead time and falls as long, between ±a:
+    // a = d (1 − e^{−L/T}) T and T_u = 2 (L + T ln(2 − e^{−L/T})), T = 2.
+    let share = (-0.15f64).exp();
+    let period = 2.0 * (0.3 + 2.0 * (2.0 - share).ln());
+    let amplitude = 2.0 * 2.0 * (1.0 - share);
+    let found = [number(&record, "relay.frequency"), number(&record, "relay.oscillation")];
+    assert!((found[0] * period / (2.0 * PI) - 1.0).abs() < 0.01, "{found:?} {period}");
+    assert!((found[1] / amplitude - 1.0).abs() < 0.02, "{found:?} {amplitude}");
+    let describing = number(&record, "relay.describing_gain");
+    assert!((describing - 4.0 * 2.0 / (PI * found[1])).abs() < 1e-9);
+    // The describing function is off by what it leaves out, here by less than a fifth.
+    let exact = number(&record, "ultimate.gain");
+    assert!((describing / exact - 1.0).abs() < 0.25, "{describing} {exact}");
+    assert!((number(&record, "kp") - 0.45 * describing).abs() < 1e-9);
+}
+
+#[test]
+fn what_cannot_be_met_is_said_with_what_is_missed() {
+    let place = Workplace::new();
+    let cases = [
+        (liquid_level().replacen("below = -20", "below = -60", 1), "|S(iω)| in dB at ω = 0.001 is -"),
+        (
+            "plant = { transfer = \"1/(s - 1)\" }\ncontroller = { structure = \"pi\", sample = 0.01 }\n\
+             specification = { ms = 1.5 }\n"
+                .to_owned(),
+            "motions that grow",
+        ),
+        (
+            "plant = { transfer = \"1/s^2\" }\ncontroller = { structure = \"pi\", sample = 0.01 }\n\
+             specification = { crossover = 1.0, phase_margin = 45 }\n"
+                .to_owned(),
+            "would have to turn it by 45.00°",
+        ),
+        (
+            "plant = { transfer = \"exp(-s)/(s + 1)\" }\ncontroller = { structure = \"pd\", mu = 1.5, sample = 0.01 }\n\
+             specification = { crossover = 0.5, phase_margin = 170 }\n"
+                .to_owned(),
+            "unstable",
+        ),
+    ];
+    for (problem, part) in cases {
+        place.write("plant.toml", &problem);
+        let output = place.fvi(&["tune", "plant.toml", "--out", "out"]);
+        let message = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{problem}: {message}");
+        assert!(message.contains("plant.toml") && message.contains(part), "{problem}: {message}");
+        assert!(!place.path("out").join("tune.json").exists());
+    }
+}
+
+#[test]
+fn mistakes_are_named_with_file_key_and_value() {
+    let place = Workplace::new();
+    place.write("plant-alone.toml", FIRST_ORDER);
+    let base = "[plant]\ngain = 2.0\ntime_constant = 1.0\ndead_time = 0.2\n[controller]\nstructure = \"pid\"\n\
+                sample = 0.01\n[specification]\ncrossover = 1.0\nphase_margin = 60\n";
+    let cases = [
+        ("gain = 2.0", "gain = 0", "plant.gain = 0"),
+        ("time_constant = 1.0", "time_constant = -1.0", "plant.time_constant = -1.0"),
+        ("time_constant = 1.0\n", "", "time_constant"),
+        ("time_constant = 1.0", "time_constant = 1.0\ntransfer = \"1/s\"", "plant.transfer"),
+        ("dead_time = 0.2", "dead_time = -0.2", "plant.dead_time = -0.2"),
+        ("gain = 2.0\ntime_constant = 1.0", "transfer = \"exp(s)\"", "plant.transfer = \"exp(s)\""),
+        ("gain = 2.0\ntime_constant = 1.0", "transfer = \"1/(s + q)\"", "q"),
+        (
+            "gain = 2.0\ntime_constant = 1.0",
+            "scenario = \"none.toml\"\nmeasures = \"q0\"\ndrives = [1.0]",
+            "none.toml",
+        ),
+        (
+            "gain = 2.0\ntime_constant = 1.0",
+            "scenario = \"plant-alone.toml\"\nmeasures = \"q1\"\ndrives = [1.0]",
+            "plant.measures = \"q1\"",
+        ),
+        (
+            "gain = 2.0\ntime_constant = 1.0",
+            "scenario = \"plant-alone.toml\"\nmeasures = \"q0\"\ndrives = [1.0, 2.0]",
+            "plant.drives",
+        ),
+        ("\"pid\"", "\"pip\"", "controller.structure = \"pip\""),
+        ("\"pid\"", "\"pd\"\nlambda = 0.5", "controller.lambda"),
+        ("\"pid\"", "\"pid\"\nmu = 2.0", "controller.mu = 2.0"),
+        ("sample = 0.01", "sample = 0", "controller.sample = 0"),
+        ("sample = 0.01\n", "", "sample"),
+        ("crossover = 1.0", "crossover = 400", "specification.crossover = 400"),
+        ("phase_margin = 60", "phase_margin = 180", "specification.phase_margin = 180"),
+        ("phase_margin = 60", "phase_margin = 60\nms = 0.9", "specification.ms = 0.9"),
+        ("phase_margin = 60", "phase_margin = 60\nsensitivity = [{ at = 0.1 }]", "below"),
+        ("phase_margin = 60", "phase_margin = 60\nsensitivity = [{ from = 2, to = 1, below = 0 }]", "to = 1"),
+        ("crossover = 1.0\nphase_margin = 60", "ms = 1.4", "specification.ms"),
+        ("crossover = 1.0\nphase_margin = 60", "rule = \"simc\"", "specification.rule = \"simc\""),
+        (
+            "crossover = 1.0\nphase_margin = 60",
+            "rule = \"padula-visioli\"\nms = 1.5\npurpose = \"load\"",
+            "ms = 1.5",
+        ),
+        ("phase_margin = 60", "phase_margin = 60\nrule = \"simc\"", "specification"),
+        ("phase_margin = 60", "phase_margin = 60\n[relay]\namplitude = 1.0", "relay"),
+        ("phase_margin = 60", "phase_margins = 60", "specification.phase_margins"),
+    ];
+    for (written, mistake, part) in cases {
+        assert!(base.contains(written));
+        place.write("plant.toml", &base.replace(written, mistake));
+        let output = place.fvi(&["tune", "plant.toml", "--out", "out"]);
+        let message = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{mistake}: {message}");
+        assert!(message.contains("plant.toml") && message.contains(part), "{mistake}: {message}");
+    }
+    assert!(!place.path("out").exists());
+}

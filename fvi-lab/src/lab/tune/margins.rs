@@ -1,0 +1,245 @@
+//! Margins of a loop from its frequency response.
+
+use nalgebra::Complex;
+use serde::Serialize;
+use std::f64::consts::PI;
+
+/// How far a loop is from −1.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Margins {
+    /// The factor by which the gain may grow until the loop is at −1; none if by any.
+    pub gain_margin: Option<f64>,
+    /// The factor by which it may shrink; none if by any.
+    pub gain_reduction: Option<f64>,
+    /// The smallest distance of the phase from −180° where |L| = 1, in degrees; none where |L| is never 1.
+    pub phase_margin: Option<f64>,
+    /// The dead time that the loop bears besides.
+    pub delay_margin: Option<f64>,
+    /// ω where |L| = 1, ascending.
+    pub gain_crossovers: Vec<f64>,
+    /// ω where L is a negative number, the first one and those with |L| > 0.1, ascending.
+    pub phase_crossovers: Vec<f64>,
+    /// The largest |S| = 1/|1 + L|.
+    pub ms: f64,
+    /// ω where it is.
+    pub ms_at: f64,
+    /// The largest |T| = |L|/|1 + L|.
+    pub mt: f64,
+    /// ω where it is.
+    pub mt_at: f64,
+}
+
+/// A loop as a function of ω; `None` where it has no value.
+pub(super) type Loop<'a> = dyn Fn(f64) -> Option<Complex<f64>> + 'a;
+
+/// Ratio of neighbouring frequencies, logarithm of.
+const SPACING: f64 = 0.01;
+
+/// How far e^{−iωL} may turn between neighbours.
+const TURN: f64 = 0.1;
+
+/// |L| below which no margin is decided.
+const SMALL: f64 = 0.02;
+
+/// Halvings of an interval in which the loop bends.
+const HALVINGS: u32 = 24;
+
+/// Most frequencies of a response.
+const MOST: usize = 2_000_000;
+
+/// The response over frequencies that are close enough to see every bend of it.
+///
+/// # Errors
+/// In words, where it has no value.
+pub(super) fn follow(
+    open: &Loop<'_>,
+    from: f64,
+    to: f64,
+    dead_time: f64,
+) -> Result<Vec<(f64, Complex<f64>)>, String> {
+    let at = |omega: f64| match open(omega) {
+        Some(value) if value.re.is_finite() && value.im.is_finite() => Ok((omega, value)),
+        _ => Err(format!("the loop has no finite value at ω = {omega:e}")),
+    };
+    let mut last = at(from)?;
+    let mut points = vec![last];
+    while last.0 < to {
+        let mut ratio = SPACING;
+        if last.1.norm() > SMALL {
+            ratio = ratio.min(TURN / (dead_time * last.0));
+        }
+        let omega = last.0 * libm::exp(ratio);
+        let next = at(if omega >= to { to } else { omega })?;
+        refine(last, next, HALVINGS, &at, &mut points)?;
+        last = next;
+        if points.len() > MOST {
+            return Err(format!(
+                "the loop gain stays above {SMALL} over so many turns of its dead time that they cannot be followed: \
+                 ω = {:e} is reached",
+                last.0
+            ));
+        }
+    }
+    Ok(points)
+}
+
+/// Adds what lies between two points, the second one included.
+fn refine(
+    left: (f64, Complex<f64>),
+    right: (f64, Complex<f64>),
+    halvings: u32,
+    at: &dyn Fn(f64) -> Result<(f64, Complex<f64>), String>,
+    points: &mut Vec<(f64, Complex<f64>)>,
+) -> Result<(), String> {
+    let middle = at(libm::sqrt(left.0 * right.0))?;
+    let straight = (left.1 + right.1) * 0.5;
+    let size = left.1.norm().max(right.1.norm()).max(middle.1.norm());
+    if (middle.1 - straight).norm() > 0.01 * size && halvings > 0 && size > SMALL {
+        refine(left, middle, halvings - 1, at, points)?;
+        return refine(middle, right, halvings - 1, at, points);
+    }
+    points.extend([middle, right]);
+    Ok(())
+}
+
+/// The zero of a function that changes its sign in an interval of ω.
+fn zero(function: &dyn Fn(f64) -> Option<f64>, mut low: f64, mut high: f64) -> Option<f64> {
+    let begins = function(low)? > 0.0;
+    for _ in 0..100 {
+        let middle = 0.5 * (low + high);
+        if middle <= low || middle >= high {
+            break;
+        }
+        if (function(middle)? > 0.0) == begins { low = middle } else { high = middle }
+    }
+    Some(0.5 * (low + high))
+}
+
+/// The largest value of a function over the points of a response, refined between them, and its place.
+pub(super) fn largest(
+    points: &[(f64, Complex<f64>)],
+    open: &Loop<'_>,
+    size: fn(Complex<f64>) -> f64,
+) -> (f64, f64) {
+    let values: Vec<f64> = points.iter().map(|point| size(point.1)).collect();
+    let mut best = (points[0].0, f64::NEG_INFINITY);
+    for (index, (&value, point)) in values.iter().zip(points).enumerate() {
+        let left = values[index.saturating_sub(1)];
+        let right = values[(index + 1).min(values.len() - 1)];
+        if value >= left && value >= right {
+            if value > best.1 {
+                best = (point.0, value);
+            }
+            // What lies higher between neighbours than on them lies little higher.
+            if value > 0.98 * best.1 {
+                let (low, high) =
+                    (points[index.saturating_sub(1)].0, points[(index + 1).min(points.len() - 1)].0);
+                let (place, peak) = summit(&|omega| open(omega).map_or(f64::NAN, size), low, high);
+                if peak > best.1 {
+                    best = (place, peak);
+                }
+            }
+        }
+    }
+    best
+}
+
+/// The largest value over points that are close to each other, by parabolas through neighbours.
+pub(super) fn largest_by_parabolas(
+    points: impl Iterator<Item = Complex<f64>>,
+    size: fn(Complex<f64>) -> f64,
+) -> f64 {
+    let (mut before, mut last, mut best) = (f64::NAN, f64::NAN, f64::NEG_INFINITY);
+    for value in points.map(size) {
+        best = best.max(value);
+        if last >= before && last >= value {
+            let (rise, bend) = (value - before, before - 2.0 * last + value);
+            if bend < 0.0 {
+                best = best.max(last - 0.125 * rise * rise / bend);
+            }
+        }
+        (before, last) = (last, value);
+    }
+    best
+}
+
+/// The maximum of a function in an interval where it has one summit, by golden sections.
+pub(super) fn summit(function: &dyn Fn(f64) -> f64, mut low: f64, mut high: f64) -> (f64, f64) {
+    const GOLDEN: f64 = 0.618_033_988_749_894_8;
+    let mut inner = [high - GOLDEN * (high - low), low + GOLDEN * (high - low)];
+    let mut values = inner.map(function);
+    for _ in 0..80 {
+        if values[0] > values[1] {
+            high = inner[1];
+            inner = [high - GOLDEN * (high - low), inner[0]];
+            values = [function(inner[0]), values[0]];
+        } else {
+            low = inner[0];
+            inner = [inner[1], low + GOLDEN * (high - low)];
+            values = [values[1], function(inner[1])];
+        }
+    }
+    if values[0] > values[1] { (inner[0], values[0]) } else { (inner[1], values[1]) }
+}
+
+/// |S| = 1/|1 + L|.
+pub(super) fn sensitivity(open: Complex<f64>) -> f64 {
+    (open + 1.0).norm().recip()
+}
+
+/// |T| = |L|/|1 + L|.
+pub(super) fn complementary(open: Complex<f64>) -> f64 {
+    open.norm() / (open + 1.0).norm()
+}
+
+/// The largest |S| whatever the phase of L is, for |L| < 1.
+pub(super) fn sensitivity_at_any_phase(open: Complex<f64>) -> f64 {
+    if open.norm() < 1.0 { (1.0 - open.norm()).recip() } else { f64::INFINITY }
+}
+
+/// The largest |T| whatever the phase of L is, for |L| < 1.
+pub(super) fn complementary_at_any_phase(open: Complex<f64>) -> f64 {
+    open.norm() * sensitivity_at_any_phase(open)
+}
+
+/// The margins of a response that was followed.
+pub(super) fn margins(points: &[(f64, Complex<f64>)], open: &Loop<'_>) -> Margins {
+    let mut found = Margins::default();
+    for pair in points.windows(2) {
+        let ((low, left), (high, right)) = (pair[0], pair[1]);
+        if (left.norm() > 1.0) != (right.norm() > 1.0) {
+            found.gain_crossovers.extend(zero(&|omega| Some(open(omega)?.norm() - 1.0), low, high));
+        }
+        if (left.im > 0.0) != (right.im > 0.0) && left.re.min(right.re) < 0.0 {
+            let crossed = zero(&|omega| Some(open(omega)?.im), low, high);
+            let none = found.phase_crossovers.is_empty();
+            found.phase_crossovers.extend(
+                crossed
+                    .filter(|&at| open(at).is_some_and(|value| value.re < 0.0 && (none || value.re < -0.1))),
+            );
+        }
+    }
+    let phases: Vec<(f64, f64)> = found
+        .gain_crossovers
+        .iter()
+        .filter_map(|&omega| Some((omega, -open(omega)?)))
+        .map(|(omega, value)| (omega, libm::atan2(value.im, value.re)))
+        .collect();
+    let smallest = |numbers: &mut dyn Iterator<Item = f64>| numbers.reduce(f64::min);
+    found.phase_margin = phases
+        .iter()
+        .map(|phase| phase.1.to_degrees())
+        .reduce(|least, other| if other.abs() < least.abs() { other } else { least });
+    found.delay_margin = smallest(
+        &mut phases
+            .iter()
+            .map(|&(omega, phase)| (if phase < 0.0 { phase + 2.0 * PI } else { phase }) / omega),
+    );
+    let factors: Vec<f64> =
+        found.phase_crossovers.iter().filter_map(|&omega| Some(open(omega)?.norm().recip())).collect();
+    found.gain_margin = smallest(&mut factors.iter().copied().filter(|&factor| factor > 1.0));
+    found.gain_reduction = factors.iter().copied().filter(|&factor| factor <= 1.0).reduce(f64::max);
+    (found.ms_at, found.ms) = largest(points, open, sensitivity);
+    (found.mt_at, found.mt) = largest(points, open, complementary);
+    found
+}

@@ -1,0 +1,398 @@
+//! What is to be controlled, as a function of s.
+
+use super::margins::Loop;
+use crate::language::document::{Table, Value};
+use crate::language::expression::Moment;
+use crate::language::{Document, InputError, Problem};
+use crate::scenario::{Controller, PlantFormula, Scenario, read_parameters};
+use crate::simulation::closed_loop::OpenLoop;
+use crate::simulation::response::Linearised;
+use nalgebra::Complex;
+use serde::{Serialize, Serializer};
+use std::collections::BTreeMap;
+
+/// P(s) e^{−Ls}.
+pub struct Plant {
+    kind: Kind,
+    /// L that is written beside P.
+    dead_time: f64,
+}
+
+enum Kind {
+    /// K/(T s + 1)
+    FirstOrder { gain: f64, time: f64 },
+    /// K/(a s² + b s + 1)
+    SecondOrder { gain: f64, coefficients: [f64; 2] },
+    /// An expression.
+    Formula { formula: PlantFormula, parameters: BTreeMap<String, f64> },
+    /// A scenario about a position, from the output of a controller to what it measures.
+    Scenario(Box<ScenarioPlant>),
+}
+
+/// A scenario, linearised.
+pub struct ScenarioPlant {
+    /// The file as named.
+    pub file: String,
+    /// The scenario without controllers of its own.
+    pub scenario: Scenario,
+    /// `measures`, `drives` and the sample of the controller as it stands in the scenario.
+    pub controller: Controller,
+    /// The scenario's document, and its keys with the controller.
+    pub(super) document: Document,
+    pub(super) values: toml::Table,
+    linearised: Linearised,
+    at_rest: Vec<f64>,
+    load: Vec<f64>,
+    /// ∂y/∂q, ∂y/∂p.
+    measure: [Vec<f64>; 2],
+}
+
+/// A first-order plant, which rules are for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FirstOrder {
+    /// K.
+    pub gain: f64,
+    /// T.
+    pub time: f64,
+    /// L.
+    pub dead_time: f64,
+}
+
+fn not_negative(value: &Value<'_>) -> Result<f64, InputError> {
+    let number = value.number()?;
+    if number >= 0.0 { Ok(number) } else { Err(value.out_of_range("at least 0")) }
+}
+
+fn not_zero(value: &Value<'_>) -> Result<f64, InputError> {
+    let number = value.number()?;
+    if number != 0.0 { Ok(number) } else { Err(value.out_of_range("a number other than 0")) }
+}
+
+impl Plant {
+    /// Reads `[plant]`; a scenario's controller has the time `sample` between its ticks.
+    ///
+    /// # Errors
+    /// What in the table cannot be used, or in the scenario that it names.
+    pub fn read(table: &Table<'_>, document: &Document, sample: &Value<'_>) -> Result<Self, InputError> {
+        let dead_time = table.optional("dead_time").map_or(Ok(0.0), |value| not_negative(&value))?;
+        let forms = ["time_constant", "time_constants", "frequency", "transfer", "scenario"];
+        let mut given = forms.iter().filter(|form| table.optional(form).is_some());
+        let form = match given.next() {
+            Some(&form) => form,
+            None => {
+                table.required(&forms.join("` or `"))?;
+                forms[0]
+            }
+        };
+        if let Some(other) = given.next() {
+            let other = table.required(other)?;
+            return Err(other.key_error(Problem::Conflict { other: format!("plant.{form}") }));
+        }
+        let gain = || table.optional("gain").map_or(Ok(1.0), |value| not_zero(&value));
+        let kind = match form {
+            "time_constant" => {
+                table.allow(&["gain", "time_constant", "dead_time"])?;
+                Kind::FirstOrder { gain: gain()?, time: table.required(form)?.positive()? }
+            }
+            "time_constants" => {
+                table.allow(&["gain", "time_constants", "dead_time"])?;
+                let value = table.required(form)?;
+                let times = value.numbers()?;
+                let [first, second] = <[f64; 2]>::try_from(times)
+                    .ok()
+                    .filter(|times| times.iter().all(|&time| time > 0.0))
+                    .ok_or_else(|| value.out_of_range("two positive numbers"))?;
+                Kind::SecondOrder { gain: gain()?, coefficients: [first * second, first + second] }
+            }
+            "frequency" => {
+                table.allow(&["gain", "frequency", "damping", "dead_time"])?;
+                let frequency = table.required(form)?.positive()?;
+                let damping = table.required("damping")?.number()?;
+                let coefficients = [frequency.powi(-2), 2.0 * damping / frequency];
+                Kind::SecondOrder { gain: gain()?, coefficients }
+            }
+            "transfer" => {
+                table.allow(&["transfer", "parameters", "dead_time"])?;
+                let parameters = table.optional("parameters");
+                let parameters = parameters.map_or(Ok(BTreeMap::new()), |value| read_parameters(&value))?;
+                let formula = PlantFormula::read(&table.required(form)?, &parameters)?;
+                Kind::Formula { formula, parameters }
+            }
+            _ => {
+                table.allow(&["scenario", "measures", "drives", "position", "dead_time"])?;
+                Kind::Scenario(Box::new(ScenarioPlant::read(table, document, sample, dead_time)?))
+            }
+        };
+        Ok(Self { kind, dead_time })
+    }
+
+    /// P(s) e^{−Ls} and ln D(s), for Re s ≥ 0 and Im s ≥ 0; `None` where it has no value.
+    pub fn at(&self, s: Complex<f64>) -> Option<OpenLoop> {
+        let later = (s * -self.dead_time).exp();
+        let of = |numerator: Complex<f64>, denominator: Complex<f64>| OpenLoop {
+            value: numerator / denominator * later,
+            log_denominator: logarithm(denominator),
+        };
+        Some(match &self.kind {
+            Kind::FirstOrder { gain, time } => of(Complex::new(*gain, 0.0), s * *time + 1.0),
+            Kind::SecondOrder { gain, coefficients: [a, b] } => {
+                of(Complex::new(*gain, 0.0), s * s * *a + s * *b + 1.0)
+            }
+            Kind::Formula { formula, .. } => {
+                let [numerator, denominator] = formula.fraction(s);
+                of(numerator, denominator)
+            }
+            Kind::Scenario(plant) => {
+                let (value, log_denominator) = plant.at(s)?;
+                OpenLoop { value: value * later, log_denominator }
+            }
+        })
+    }
+
+    /// The sum of all dead times.
+    pub fn dead_time(&self) -> f64 {
+        self.dead_time
+            + match &self.kind {
+                Kind::Formula { formula, .. } => formula.dead_time(),
+                _ => 0.0,
+            }
+    }
+
+    /// The plant as one of first order, if it is written so.
+    pub fn first_order(&self) -> Option<FirstOrder> {
+        match self.kind {
+            Kind::FirstOrder { gain, time } => Some(FirstOrder { gain, time, dead_time: self.dead_time }),
+            _ => None,
+        }
+    }
+
+    /// K, T₁ ≥ T₂ and L of a plant with two time constants.
+    pub fn two_time_constants(&self) -> Option<(f64, [f64; 2])> {
+        let Kind::SecondOrder { gain, coefficients: [a, b] } = self.kind else { return None };
+        let discriminant = b * b - 4.0 * a;
+        if discriminant < -1e-12 * b * b || b <= 0.0 {
+            return None;
+        }
+        let first = 0.5 * (b + libm::sqrt(discriminant.max(0.0)));
+        Some((gain, [first, a / first]))
+    }
+
+    /// The scenario behind it.
+    pub fn scenario(&self) -> Option<&ScenarioPlant> {
+        match &self.kind {
+            Kind::Scenario(plant) => Some(plant),
+            _ => None,
+        }
+    }
+
+    /// The sign of the gains that may make a stable loop: a D + b N must not change its sign between s = 0
+    /// and infinity.
+    pub fn sign(&self) -> f64 {
+        let scale = self.scale();
+        let at = |s: f64| self.at(Complex::new(s, 0.0));
+        let turned = |plant: OpenLoop| libm::cos(plant.log_denominator.im);
+        let (Some(low), Some(high)) = (at(1e-4 * scale), at(1e4 * scale)) else { return 1.0 };
+        let sign = low.value.re * turned(low) * turned(high);
+        if sign < 0.0 { -1.0 } else { 1.0 }
+    }
+
+    /// A frequency about which it changes: where its phase has fallen by 45° from that at low frequencies.
+    pub fn scale(&self) -> f64 {
+        match self.kind {
+            Kind::FirstOrder { time, .. } => (time + self.dead_time).recip(),
+            Kind::SecondOrder { coefficients: [a, _], .. } => (libm::sqrt(a) + self.dead_time).recip(),
+            _ => {
+                let mut last: Option<Complex<f64>> = None;
+                let mut turned = 0.0;
+                for index in -540..540 {
+                    let omega = libm::exp10(f64::from(index) / 60.0);
+                    let Some(value) = self.at(Complex::new(0.0, omega)).map(|plant| plant.value) else {
+                        continue;
+                    };
+                    if let Some(last) = last {
+                        let turn = value / last;
+                        turned += libm::atan2(turn.im, turn.re);
+                    }
+                    if turned < -0.25 * std::f64::consts::PI {
+                        return omega;
+                    }
+                    last = Some(value);
+                }
+                1.0
+            }
+        }
+    }
+
+    /// The frequency at which the phase is −180° for the first time, and the gain that brings a proportional
+    /// controller there to the limit of stability; `None` if there is none.
+    pub fn ultimate(&self) -> Option<(f64, f64)> {
+        let scale = self.scale();
+        let sign = self.sign();
+        let open: &Loop<'_> = &|omega| Some(self.at(Complex::new(0.0, omega))?.value * sign);
+        let highest = 1e4 * scale;
+        let points = super::margins::follow(open, 1e-4 * scale, highest, self.dead_time()).ok()?;
+        let found = super::margins::margins(&points, open);
+        let omega = *found.phase_crossovers.first()?;
+        Some((sign / open(omega)?.norm(), omega))
+    }
+}
+
+impl ScenarioPlant {
+    fn read(
+        table: &Table<'_>,
+        document: &Document,
+        sample: &Value<'_>,
+        dead_time: f64,
+    ) -> Result<Self, InputError> {
+        let file = table.required("scenario")?;
+        let name = file.text()?;
+        let refused = |error: &InputError| {
+            file.error(Problem::Refused { file: name.to_owned(), reason: error.to_string() })
+        };
+        let of_file = Document::read(&document.resolve(name)).map_err(|error| refused(&error))?;
+        let mut values = of_file.values().map_err(|error| refused(&error))?;
+        // What a controller measures and drives is read as a controller's own keys are.
+        let mut entries = toml::Table::new();
+        let (measures, drives) = (table.required("measures")?, table.required("drives")?);
+        entries.insert("measures".to_owned(), measures.text()?.into());
+        let drives = drives.numbers()?;
+        entries.insert("drives".to_owned(), toml::Value::Array(drives.iter().map(|&u| u.into()).collect()));
+        entries.insert("setpoint".to_owned(), "0".into());
+        entries.insert("sample".to_owned(), sample.number()?.into());
+        entries.insert("delay".to_owned(), dead_time.into());
+        values.insert("controller".to_owned(), toml::Value::Table(entries));
+        let mut scenario =
+            Scenario::from_document(of_file.with_values(&values)).map_err(|error| {
+                match error.key().strip_prefix("controller.") {
+                    Some("sample") => sample.error(error.problem().clone()),
+                    Some("delay") => table
+                        .required("dead_time")
+                        .map_or_else(|other| other, |value| value.error(error.problem().clone())),
+                    Some(key) => table
+                        .required(key)
+                        .map_or_else(|other| other, |value| value.error(error.problem().clone())),
+                    None => refused(&error),
+                }
+            })?;
+        let Some(controller) = scenario.controllers.pop() else {
+            return Err(file.error(Problem::MissingKey { key: "controller".to_owned() }));
+        };
+        scenario.controllers.clear();
+        let count = scenario.coordinates();
+        let position = match table.optional("position") {
+            None => scenario.initial.position.clone(),
+            Some(value) => {
+                let position = value.numbers()?;
+                if position.len() != count {
+                    let expected = format!("{count} numbers, one for each coordinate");
+                    let found = format!("{} numbers", position.len());
+                    return Err(value.error(Problem::WrongShape { expected, found }));
+                }
+                position
+            }
+        };
+        let linearised = Linearised::new(&scenario, &position).map_err(|error| refused(&error))?;
+        let mut load = vec![0.0; count];
+        controller.drives.entries.iter().for_each(|&(row, number)| load[row as usize] = number);
+        let at_rest: Vec<f64> = position.iter().copied().chain((0..count).map(|_| 0.0)).collect();
+        let slope = |index| controller.measures.slope(Moment::inside(0.0), &at_rest, index);
+        let measure = [(0..count).map(slope).collect::<Vec<_>>(), (count..2 * count).map(slope).collect()];
+        if measure.iter().flatten().any(|slope| !slope.is_finite()) {
+            return Err(measures.out_of_range("an expression with a derivative at the position"));
+        }
+        if measure.iter().flatten().all(|&slope| slope == 0.0) {
+            return Err(measures.out_of_range("an expression that changes with the motion at the position"));
+        }
+        let plant = Self {
+            file: name.to_owned(),
+            scenario,
+            controller,
+            document: of_file,
+            values,
+            linearised,
+            at_rest,
+            load,
+            measure,
+        };
+        match plant.linearised.transfer(Complex::new(1.0, 0.0), &plant.load) {
+            Err(reason) if reason.contains("up to") => Err(file.error(Problem::Unusable { reason })),
+            _ => Ok(plant),
+        }
+    }
+
+    /// The measured value at the position about which it is linearised.
+    pub fn rest(&self) -> f64 {
+        self.controller.measures.value(Moment::inside(0.0), &self.at_rest)
+    }
+
+    /// The force on the coordinates for each unit of output.
+    pub fn load(&self) -> &[f64] {
+        &self.load
+    }
+
+    /// Whether its stiffness is another one at later times.
+    pub fn changes_with_time(&self) -> bool {
+        self.linearised.changes_with_time()
+    }
+
+    fn at(&self, s: Complex<f64>) -> Option<(Complex<f64>, Complex<f64>)> {
+        let (position, logarithm) = self.linearised.transfer(s, &self.load).ok()?;
+        let velocity: Vec<_> = position.iter().map(|q| q * s).collect();
+        let momentum = self.linearised.momentum(&velocity)?;
+        let [of_position, of_momentum] = &self.measure;
+        let sum = |slopes: &[f64], values: &[Complex<f64>]| {
+            slopes.iter().zip(values).map(|(slope, value)| value * *slope).sum::<Complex<f64>>()
+        };
+        Some((sum(of_position, &position) + sum(of_momentum, &momentum), logarithm))
+    }
+}
+
+/// ln z.
+pub(super) fn logarithm(z: Complex<f64>) -> Complex<f64> {
+    Complex::new(libm::log(z.norm()), libm::atan2(z.im, z.re))
+}
+
+/// A plant as it is written.
+#[derive(Default, Serialize)]
+struct Record<'a> {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    gain: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    time_constant: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    polynomial: Option<[f64; 3]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    transfer: Option<&'a PlantFormula>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    parameters: Option<&'a BTreeMap<String, f64>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    scenario: Option<&'a str>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    measures: Option<&'a str>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    drives: Option<&'a [f64]>,
+    dead_time: f64,
+}
+
+impl Serialize for Plant {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut record = Record { dead_time: self.dead_time, ..Record::default() };
+        match &self.kind {
+            Kind::FirstOrder { gain, time } => {
+                (record.gain, record.time_constant) = (Some(*gain), Some(*time));
+            }
+            Kind::SecondOrder { gain, coefficients: [a, b] } => {
+                (record.gain, record.polynomial) = (Some(*gain), Some([*a, *b, 1.0]));
+            }
+            Kind::Formula { formula, parameters } => {
+                (record.transfer, record.parameters) = (Some(formula), Some(parameters));
+            }
+            Kind::Scenario(plant) => {
+                record.scenario = Some(&plant.file);
+                record.measures = Some(plant.controller.measures.text());
+                record.drives = Some(&plant.load);
+            }
+        }
+        record.serialize(serializer)
+    }
+}

@@ -1,0 +1,315 @@
+//! Transfer functions of plants, written as expressions in s: as fractions whose parts are analytic.
+
+use super::kernel::{evaluate, unsuited};
+use super::parameters::symbols_of;
+use crate::language::document::Value;
+use crate::language::error::{InputError, Problem};
+use crate::language::expression::{Expression, Function, Kind, Node, Operator};
+use crate::numerics::algebra::Algebra;
+use fvi_core::DoubleDouble;
+use nalgebra::Complex;
+use serde::{Serialize, Serializer};
+use std::collections::BTreeMap;
+use std::f64::consts::PI;
+
+/// P(s) as an expression in s and the parameters, such as `3.13*exp(-50*s)/(433.33*s + 1)`.
+///
+/// It is kept as a fraction N(s)/D(s) whose parts are analytic for Re s > 0, however sums and quotients are
+/// nested: the zeros of D there are the plant's unstable poles, and those of a D + b N the unstable poles of
+/// a loop. Powers are principal branches.
+#[derive(Clone, Debug)]
+pub struct PlantFormula {
+    expression: Expression,
+    dead_time: f64,
+}
+
+/// Bounds of the argument of a part for s in the upper right quarter of the plane; none where unknown.
+type Sector = Option<(f64, f64)>;
+
+impl PlantFormula {
+    /// Reads the expression.
+    ///
+    /// # Errors
+    /// If it is none, has functions that are not analytic, an exponential that grows to the right (a
+    /// prediction), a power or logarithm of something that may be a negative number to the right of the
+    /// imaginary axis, or is not real for positive s.
+    pub fn read(value: &Value<'_>, parameters: &BTreeMap<String, f64>) -> Result<Self, InputError> {
+        if parameters.contains_key("s") {
+            return Err(value.out_of_range(
+                "an expression beside parameters none of which is named `s`, the Laplace variable",
+            ));
+        }
+        let symbols = symbols_of(parameters).with_variables(["s".to_owned()]);
+        let expression = value.expression(&symbols)?;
+        if let Some(function) = unsuited(expression.root()) {
+            return Err(value.out_of_range(format!(
+                "+ − * / ^, sqrt, exp, log, sinh, cosh and tanh of the complex variable s, not {function}"
+            )));
+        }
+        let unusable = |reason: String| value.error(Problem::Unusable { reason });
+        analytic(expression.root()).map_err(unusable)?;
+        let dead_time = dead_time(expression.root());
+        let formula = Self { expression, dead_time };
+        for exponent in -6..=6 {
+            let s = libm::exp10(0.5 * f64::from(exponent) + 0.1234);
+            let [numerator, denominator] = formula.fraction(Complex::new(s, 0.0));
+            let found = numerator / denominator;
+            let is_real = found.im.abs() <= 1e-9 * found.re.abs();
+            if !(is_real && numerator.re.is_finite() && denominator.re.is_finite()) {
+                return Err(value.out_of_range(format!(
+                    "an expression that is a real number for every s > 0 (it is {} at s = {s:.4})",
+                    numerator / denominator
+                )));
+            }
+        }
+        Ok(formula)
+    }
+
+    /// N(s) and D(s), for Re s ≥ 0 and Im s ≥ 0.
+    pub fn fraction(&self, s: Complex<f64>) -> [Complex<f64>; 2] {
+        fraction(self.expression.root(), s)
+    }
+
+    /// A bound on how fast the phases of its exponentials e^{−Ls} turn: the sum of all L.
+    pub fn dead_time(&self) -> f64 {
+        self.dead_time
+    }
+
+    /// How it is written.
+    pub fn text(&self) -> &str {
+        self.expression.text()
+    }
+}
+
+impl Serialize for PlantFormula {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.expression.serialize(serializer)
+    }
+}
+
+fn fraction(node: &Node, s: Complex<f64>) -> [Complex<f64>; 2] {
+    const ONE: Complex<f64> = Complex::new(1.0, 0.0);
+    if !node.varies() {
+        return [evaluate(node, &s), ONE];
+    }
+    let of = |node: &Node| fraction(node, s);
+    match node.kind() {
+        Kind::Negation(inner) => {
+            let [numerator, denominator] = of(inner);
+            [-numerator, denominator]
+        }
+        Kind::Chain(first, operands) => operands.iter().fold(of(first), |[n, d], (operator, operand)| {
+            let [right_n, right_d] = of(operand);
+            match operator {
+                Operator::Add => [n * right_d + right_n * d, d * right_d],
+                Operator::Subtract => [n * right_d - right_n * d, d * right_d],
+                Operator::Multiply => [n * right_n, d * right_d],
+                Operator::Divide => [n * right_d, d * right_n],
+            }
+        }),
+        Kind::Power(sides) => {
+            let [base, exponent] = sides.as_ref();
+            let whole = exponent.as_number().filter(|number| number.fract() == 0.0 && number.abs() <= 64.0);
+            match (whole, exponent.as_number()) {
+                (Some(whole), _) => {
+                    let [n, d] = of(base).map(|part| part.powi(whole.abs() as i32));
+                    if whole < 0.0 { [d, n] } else { [n, d] }
+                }
+                // A negative power of what vanishes at s = 0 alone belongs below.
+                (None, Some(exponent)) if exponent < 0.0 => {
+                    [ONE, evaluate(base, &s).power(DoubleDouble::exact(-exponent))]
+                }
+                _ => [evaluate(node, &s), ONE],
+            }
+        }
+        Kind::Call(Function::Tanh, argument) => {
+            let small = (evaluate(argument, &s) * -2.0).exponential();
+            [ONE - small, ONE + small]
+        }
+        _ => [evaluate(node, &s), ONE],
+    }
+}
+
+/// Why the parts of a fraction would not be analytic to the right of the imaginary axis.
+fn analytic(node: &Node) -> Result<(), String> {
+    if !node.varies() {
+        return Ok(());
+    }
+    match node.kind() {
+        Kind::Negation(inner) => analytic(inner),
+        Kind::Chain(first, operands) => {
+            analytic(first)?;
+            operands.iter().try_for_each(|(_, operand)| analytic(operand))
+        }
+        Kind::Power(sides) => {
+            let [base, exponent] = sides.as_ref();
+            let Some(number) = exponent.as_number() else {
+                return Err("s in an exponent: write exp(−L*s) for a dead time L".to_owned());
+            };
+            if number.fract() == 0.0 && number.abs() <= 64.0 { analytic(base) } else { branch(base, "power") }
+        }
+        Kind::Call(Function::Sqrt, argument) => branch(argument, "root"),
+        Kind::Call(Function::Log, argument) => branch(argument, "logarithm"),
+        Kind::Call(function, argument) => {
+            if divides(argument) {
+                return Err("a quotient in s inside a function: it has no value where its divisor vanishes"
+                    .to_owned());
+            }
+            analytic(argument)?;
+            let at = |exponent: i32| evaluate(argument, &Complex::new(libm::exp10(exponent.into()), 0.0)).re;
+            let grows = |from: i32, to: i32| at(to) > at(from) + 1e-9 * at(from).abs();
+            if *function == Function::Exp && (grows(0, 3) || grows(3, 6)) {
+                return Err(
+                    "exp of something that grows with s, a prediction: a dead time L is exp(−L*s)".to_owned()
+                );
+            }
+            Ok(())
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Whether a power, root or logarithm of a part is analytic: where the part meets no negative number.
+fn branch(base: &Node, what: &str) -> Result<(), String> {
+    match sector(base) {
+        Some((low, high)) if !divides(base) && low >= -PI - 1e-9 && high <= PI + 1e-9 => Ok(()),
+        _ => Err(format!(
+            "a {what} of something that is not known to stay off the negative numbers for Re s > 0, as sums of \
+             positive numbers times powers of s up to s^2 are"
+        )),
+    }
+}
+
+/// Whether something that depends on s stands below a line.
+fn divides(node: &Node) -> bool {
+    node.any(&|part| match part.kind() {
+        Kind::Chain(_, operands) => {
+            operands.iter().any(|(operator, operand)| *operator == Operator::Divide && operand.varies())
+        }
+        Kind::Power(sides) => sides[0].varies() && sides[1].as_number().is_none_or(|number| number < 0.0),
+        _ => false,
+    })
+}
+
+fn sector(node: &Node) -> Sector {
+    if !node.varies() {
+        let value = evaluate(node, &Complex::new(1.0, 0.0)).re;
+        return match value {
+            value if value > 0.0 => Some((0.0, 0.0)),
+            value if value < 0.0 => Some((PI, PI)),
+            _ => None,
+        };
+    }
+    match node.kind() {
+        Kind::Variable(_) => Some((0.0, 0.5 * PI)),
+        Kind::Chain(first, operands) => {
+            operands.iter().try_fold(sector(first)?, |bounds, (operator, operand)| {
+                let (low, high) = bounds;
+                // Of a number that is zero nothing is known, and nothing is lost without it.
+                let (right_low, right_high) = sector(operand)?;
+                match operator {
+                    Operator::Add => {
+                        let hull = (low.min(right_low), high.max(right_high));
+                        (hull.1 - hull.0 <= PI).then_some(hull)
+                    }
+                    Operator::Subtract => None,
+                    Operator::Multiply => Some((low + right_low, high + right_high)),
+                    Operator::Divide => Some((low - right_high, high - right_low)),
+                }
+            })
+        }
+        Kind::Power(sides) => {
+            let exponent = sides[1].as_number().filter(|&exponent| exponent > 0.0)?;
+            let (low, high) = sector(&sides[0])?;
+            Some((exponent * low, exponent * high))
+        }
+        Kind::Call(Function::Sqrt, argument) => sector(argument).map(|(low, high)| (0.5 * low, 0.5 * high)),
+        _ => None,
+    }
+}
+
+/// The sum of L over all e^{−Ls}.
+fn dead_time(node: &Node) -> f64 {
+    match node.kind() {
+        _ if !node.varies() => 0.0,
+        Kind::Negation(inner) => dead_time(inner),
+        Kind::Chain(first, operands) => {
+            dead_time(first) + operands.iter().map(|(_, operand)| dead_time(operand)).sum::<f64>()
+        }
+        Kind::Power(sides) => {
+            dead_time(&sides[0]) * sides[1].as_number().map_or(1.0, |number| number.abs().max(1.0))
+        }
+        Kind::Call(function, argument) => {
+            let turns = |omega: f64| evaluate(argument, &Complex::new(0.0, omega)).im.abs() / omega;
+            let own = if matches!(function, Function::Sqrt | Function::Log) {
+                0.0
+            } else {
+                // Of roots nothing is left at high frequencies, of L s all of it.
+                let far = turns(1e12);
+                let times = if *function == Function::Exp { 1.0 } else { 2.0 };
+                if far > 1e-4 * turns(1.0) { times * far } else { 0.0 }
+            };
+            own + dead_time(argument)
+        }
+        _ => 0.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::language::Document;
+    use std::path::Path;
+
+    fn read(text: &str) -> Result<PlantFormula, String> {
+        let document = Document::new("plant.toml", Path::new(""), &format!("p = \"{text}\""));
+        document
+            .with_root(|root| PlantFormula::read(&root.required("p")?, &BTreeMap::new()))
+            .map_err(|error| format!("{error} {:?}", error.problem()))
+    }
+
+    #[test]
+    fn fractions_have_the_value_of_the_expression_and_no_poles() {
+        let s = Complex::new(0.3, 1.7);
+        for (text, value) in [
+            ("3.13*exp(-50*s)/(433.33*s + 1)", (s * -50.0).exp() * 3.13 / (s * 433.33 + 1.0)),
+            ("1/(s*(0.71*s + 1))", (s * (s * 0.71 + 1.0)).inv()),
+            ("1/(0.8*s^2.2 + 0.5*s^0.9 + 1)", (s.powf(2.2) * 0.8 + s.powf(0.9) * 0.5 + 1.0).inv()),
+            ("2/(s - 1) + s^-0.5/(1 + 1/s)", (s - 1.0).inv() * 2.0 + s.powf(-0.5) / (s.inv() + 1.0)),
+            ("1/(s^2 + s + 1)^0.5", (s * s + s + 1.0).sqrt().inv()),
+            ("1/cosh(sqrt(s))", s.sqrt().cosh().inv()),
+            ("tanh(sqrt(s))/sqrt(s)", s.sqrt().tanh() / s.sqrt()),
+        ] {
+            let [n, d] = read(text).unwrap().fraction(s);
+            assert!((n / d - value).norm() < 1e-13 * value.norm(), "{text}: {} {value}", n / d);
+        }
+        // An unstable pole is a zero of D, and N is finite there.
+        let [n, d] = read("2/(s - 1) + 1").unwrap().fraction(Complex::new(1.0, 0.0));
+        assert_eq!((d.norm(), n.re), (0.0, 2.0));
+    }
+
+    #[test]
+    fn dead_times_are_found_wherever_they_stand() {
+        assert_eq!(read("exp(-2*s)/(1 + s)").unwrap().dead_time(), 2.0);
+        assert_eq!(read("exp(-2*s)*exp(-s*0.5)/(1 + exp(-s))").unwrap().dead_time(), 3.5);
+        assert_eq!(read("exp(-sqrt(s))").unwrap().dead_time(), 0.0);
+    }
+
+    #[test]
+    fn what_is_not_analytic_to_the_right_is_refused() {
+        for (text, part) in [
+            ("exp(s)", "a prediction"),
+            ("(s - 1)^0.5", "negative numbers"),
+            ("log(1 - s)", "negative numbers"),
+            ("exp(-1/s)", "divisor vanishes"),
+            ("2^s", "s in an exponent"),
+            ("abs(s)", "not abs"),
+            ("(s^3 + 1)^0.5", "negative numbers"),
+            ("(0 - 1)^0.5*s", "NaN"),
+            ("1/(s", "p"),
+        ] {
+            let message = read(text).unwrap_err();
+            assert!(message.contains(part), "{text}: {message}");
+        }
+    }
+}
