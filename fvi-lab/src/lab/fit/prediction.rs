@@ -380,14 +380,14 @@ impl<'f> Predictions<'f> {
         let (mut opened, mut open): (usize, Vec<usize>) = (0, Vec::new());
         let mut index = 0;
         loop {
-            for place in 0..motion.stretch().len() {
-                motion.stretch().read(place, &mut state);
+            for place in 0..motion.batch().len() {
+                motion.batch().read(place, &mut state);
                 while needs.get(opened).is_some_and(|need| need.stencil.first <= index) {
                     open.push(opened);
                     opened += 1;
                 }
                 if !open.is_empty() {
-                    derived.look(&state, motion.stretch().sensitivities());
+                    derived.look(&state, motion.batch().sensitivities());
                 }
                 for &number in &open {
                     let Need { place, what, stencil } = &needs[number];
