@@ -1,4 +1,5 @@
-//! The resonance of a mass on a polymer whose Prony series is known: frequency response, poles, damping ratios.
+//! The resonance of a mass on a polymer whose Prony series is known: frequency response, poles, damping
+//! ratios.
 
 use fvi_host::lab::response::{ResponseOptions, respond};
 use fvi_host::scenario::Scenario;

@@ -1,4 +1,5 @@
-//! A simulation without files: system, kernel, scheme, engine, grid and event in code, states as they are made.
+//! A simulation without files: system, kernel, scheme, engine, grid and event in code, states as they are
+//! made.
 //!
 //! A mass on a fractional Zener solid is let go; the run ends when it first passes its place of rest.
 
