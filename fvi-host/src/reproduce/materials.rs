@@ -28,8 +28,8 @@ pub(super) const EXHIBITS: [Exhibit; 2] = [
 
 /// Head of the page.
 pub(super) const HEAD: &str = "# Which kernel for which material\n\n\
-    `fvi reproduce materials kernels --out docs` writes this page, its pictures and the CSV files behind them. What a kernel is and where it \
-    serves: [kernels.md](kernels.md).\n\n\
+    `fvi reproduce materials kernels --out book/src/use` writes this page, its pictures and the CSV files behind them. What a kernel is and where it \
+    serves: [kernels.md](../theory/kernels.md).\n\n\
     | what is observed | `[[system.damping]]` | scenario |\n|---|---|---|\n\
     | creep that goes on like t^β over many decades, no plateau | `order = β`, a springpot | `creep-seventeen-decades.toml` |\n\
     | a plateau at long times, a glass modulus at short ones, a broad slope between them | a spring (`potential` or `stiffness`) beside \
