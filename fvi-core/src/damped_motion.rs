@@ -376,6 +376,7 @@ impl<T: Real, X: Space<T>, M> DampedMotion<T, X, M> {
 
 /// Why a damping does not go with an integrator.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum Mismatch {
     /// A memory has another number of channels or stages than the system and the scheme need.
@@ -417,6 +418,7 @@ impl core::error::Error for Mismatch {}
 
 /// Why a damping term cannot be made.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum DampingError {
     /// The damping order is outside [0, 2).

@@ -4,6 +4,7 @@ use core::fmt;
 
 /// A number given to a constructor lies outside what is allowed; not-a-number and infinities always do.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ParameterError {
     /// Name of the parameter.
     pub parameter: &'static str,
@@ -45,6 +46,7 @@ pub(crate) const fn check_step_size(step_size: f64) -> Result<(), ParameterError
 
 /// Reasons to refuse a matrix of coefficients.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum MatrixError {
     /// An entry is infinite or not a number.

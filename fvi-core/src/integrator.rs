@@ -89,6 +89,7 @@ enum Motion {
 
 /// Why an integrator cannot be made.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum IntegratorError {
     /// The step size is not positive and finite.

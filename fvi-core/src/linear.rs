@@ -212,6 +212,7 @@ pub fn add_multiple<T: Real>(target: &mut [T], factor: T, x: &[T]) {
 
 /// A pivot vanished: the matrix is singular to working precision.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Singular;
 
 impl core::fmt::Display for Singular {

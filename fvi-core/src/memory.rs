@@ -195,6 +195,7 @@ pub struct SavedChannels {
 
 /// Why a memory engine refused a call. The engine is as it was before.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum MemoryError {
     /// The engine keeps at most `capacity` samples (or its table reaches no further) and has them all.

@@ -144,6 +144,7 @@ const TAG: [u8; 4] = *b"oper";
 
 /// Why the operator refused a sample. It is as it was before.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum OperatorError {
     /// The sample, or the result, is infinite or not a number.

@@ -215,6 +215,7 @@ pub enum Actuator<T> {
 
 /// Why a controller refused a call. It is as it was before.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum PidError {
     /// A number that it was given, or that came out, is infinite or not a number.

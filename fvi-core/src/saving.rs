@@ -52,6 +52,7 @@ pub const fn header_bytes(entries: usize) -> usize {
 
 /// Why a state was not saved or not restored. An object that refuses to be restored is as it was before.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum StateError {
     /// The bytes to write to are too few.

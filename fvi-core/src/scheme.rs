@@ -170,6 +170,7 @@ fn add_compensated<T: Real>(numbers: &mut [T], rests: &mut [T], changes: &[T]) {
 
 /// Why a step failed. State and memory are as before the step.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum StepError {
     /// Newton's method did not converge.
