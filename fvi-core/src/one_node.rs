@@ -256,7 +256,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> Equation<'_, T,
         combine(self.stage, increments, |_, e| e * shape);
     }
 
-    /// Writes what the equation leaves.
+    /// Writes the residual of the equation.
     #[inline(always)]
     fn balance(&self, increments: &[T], residual: &mut [T]) {
         let h = self.step.size;

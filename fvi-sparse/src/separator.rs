@@ -230,7 +230,7 @@ struct Search<'a> {
     /// Weights of the parts and of the separator.
     weights: [u64; 3],
     largest: u64,
-    /// Moves by what they take off the separator.
+    /// Moves of a vertex to a side, ordered by how much they shrink the separator.
     moves: BinaryHeap<(i64, Reverse<u32>, Side)>,
     /// Round in which each vertex was moved last.
     moved: Vec<u32>,

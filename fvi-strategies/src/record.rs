@@ -60,7 +60,7 @@ pub struct Row {
     pub p50_ns: f64,
     /// 99.9 % quantile of a step.
     pub p999_ns: f64,
-    /// The longest.
+    /// Longest step.
     pub worst_ns: f64,
     /// Time to make it.
     pub setup_ns: f64,

@@ -101,7 +101,7 @@ pub enum CheckpointError {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Progress {
     pub(crate) steps: usize,
-    /// Of each load case; one without.
+    /// Marks of the files of each load case; a single one without load cases.
     pub(crate) files: Vec<OutputMark>,
     /// The names of the load cases, whose directories the files lie in.
     pub(crate) cases: Vec<String>,

@@ -247,7 +247,7 @@ impl OutputSink {
         self.traces.take_energy(last.time, last.energy);
     }
 
-    /// How far the files have got.
+    /// Marks how far the files are written.
     ///
     /// # Errors
     /// If rows cannot be written.

@@ -69,7 +69,7 @@ pub struct Damping {
     pub derivative: Derivative,
     /// Where ρ = B diag(strength) Bᵀ comes from, if the scenario gives it so.
     pub attached: Option<Attached>,
-    /// By which the matrix of a file was multiplied.
+    /// Factor by which the matrix of a file was multiplied.
     scale: Option<f64>,
     /// Whose part it is, where the kernel is a matrix.
     matrix: Option<Part>,

@@ -7,7 +7,7 @@ use crate::language::expression::{Function, Kind, Node};
 use crate::numerics::starting::{TRUSTED_CONDITION, starting_condition};
 
 impl Scenario {
-    /// What whoever runs it should know, a sentence or two each, with the key in front.
+    /// Warnings about the scenario, a sentence or two each, with the key in front.
     pub fn warnings(&self) -> Vec<String> {
         let starting = self.starting_warning();
         let terms = self.system.damping.iter().enumerate();

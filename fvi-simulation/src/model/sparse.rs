@@ -46,7 +46,7 @@ impl Elimination {
         Self { analysis: Analysis::new(&pattern), pattern }
     }
 
-    /// N.
+    /// Number of coordinates N.
     pub fn coordinates(&self) -> usize {
         self.pattern.size()
     }

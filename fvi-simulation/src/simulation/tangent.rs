@@ -122,7 +122,7 @@ struct Term {
 pub(crate) const SINGULAR: &str = "the equations of the derivatives have no solution";
 
 impl Tangent {
-    /// The derivatives at t = 0; `None` for a scenario that asks for none.
+    /// The derivatives at t = 0; `None` without `[sensitivity]`.
     ///
     /// # Errors
     /// If a memory cannot be made, or a parameter is in forces that are not differentiated by it.
