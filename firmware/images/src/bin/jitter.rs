@@ -12,7 +12,7 @@ use scenarios::jitter::{Jitter, PRINTED, TICKS};
 #[entry]
 fn start() -> ! {
     main(|out| {
-        let mut counter = Counter::new(cortex_m::Peripherals::take().ok_or(Refused)?.SYST);
+        let mut counter = Counter::new(cortex_m::Peripherals::take().ok_or(Refused)?);
         let mut jitter = Jitter::new().map_err(|refusal| Refused::because(out, refusal))?;
         let (mut total, mut worst) = (0_u64, 0);
         while jitter.ticks() < TICKS {
