@@ -638,7 +638,7 @@ fn a_matrix_of_relaxation_functions_moves_as_its_prony_series() {
 fn matrices_that_drive_or_are_not_symmetric_are_refused() {
     let couplings = [([1.0, 0.5], 1.0), ([-0.3, 0.8], 0.2)];
     let refusal = |spoil: &dyn Fn(usize, usize, f64) -> f64, rest: &str| {
-        let document = cummins(&couplings, |i, j, g| spoil(i, j, g), rest);
+        let document = cummins(&couplings, spoil, rest);
         Scenario::from_document(document).err().map(|error| format!("{error:?}"))
     };
     // Every entry by itself is passive, or may push.

@@ -112,7 +112,7 @@ impl WeightTable {
         self.sums[before..=(index + 1).min(last)].iter().fold(0.0, |most, sum| most.max(sum.abs()))
     }
 
-    /// Where it gives energy to a harmonic motion: see [`look_for_activity`].
+    /// Where it gives energy to a harmonic motion: see `look_for_activity`.
     pub fn active(&self) -> Option<Active> {
         let scale = self.step.unwrap_or(1.0);
         self.active.map(|active| Active {
