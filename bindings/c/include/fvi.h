@@ -542,7 +542,7 @@ typedef struct FviPidSettings {
 } FviPidSettings;
 
 /*
- What a tick may be told.
+ Inputs of a tick.
  */
 typedef struct FviPidInputs {
   /*
@@ -558,7 +558,7 @@ typedef struct FviPidInputs {
    */
   float rate;
   /*
-   What is added to the output inside its limits.
+   Added to the output, inside its limits.
    */
   float feed_forward;
   /*
@@ -566,7 +566,7 @@ typedef struct FviPidInputs {
    */
   uint32_t actuator;
   /*
-   What the actuator did with the output of the tick before.
+   Output of the tick before as the actuator applied it.
    */
   float applied;
 } FviPidInputs;
