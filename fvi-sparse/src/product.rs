@@ -48,15 +48,21 @@ impl Pattern {
         let size = self.size();
         let count = y.len() / size;
         let threads = (self.len() * count / SHARE).clamp(1, threads.max(1));
+        let (matrix, unit) = (Matrix { pattern: self, values, factor }, Arch::new());
+        if threads == 1 {
+            // Without allocation, which takes longer than the product of a small matrix.
+            let mut vectors = y.chunks_mut(size);
+            let mut y: [&mut [T]; W] = core::array::from_fn(|_| vectors.next().unwrap_or_default());
+            return unit.dispatch(Product { matrix, x, first: 0, y: &mut y[..count.min(W)] });
+        }
         // A thread that is held up leaves parts to the others.
-        let rows = if threads > 1 { size.div_ceil(4 * threads) } else { size };
+        let rows = size.div_ceil(4 * threads);
         let mut parts: Vec<(usize, Vec<&mut [T]>)> =
             (0..size).step_by(rows).map(|first| (first, Vec::with_capacity(count))).collect();
         for y in y.chunks_mut(size) {
             parts.iter_mut().zip(y.chunks_mut(rows)).for_each(|((_, part), rows)| part.push(rows));
         }
-        let (matrix, unit) = (Matrix { pattern: self, values, factor }, Arch::new());
-        share(threads, parts, |(first, y)| unit.dispatch(Product { matrix, x, first, y }));
+        share(threads, parts, |(first, mut y)| unit.dispatch(Product { matrix, x, first, y: &mut y }));
     }
 }
 
@@ -76,15 +82,15 @@ struct Matrix<'a, T> {
 }
 
 /// The product of the rows from `first` on, compiled once for every vector unit.
-struct Product<'a, 'y, T, const W: usize> {
+struct Product<'a, 'y, 'r, T, const W: usize> {
     matrix: Matrix<'a, T>,
     x: &'a [[T; W]],
     first: usize,
     /// These rows of each vector.
-    y: Vec<&'y mut [T]>,
+    y: &'y mut [&'r mut [T]],
 }
 
-impl<T, const W: usize> WithSimd for Product<'_, '_, T, W>
+impl<T, const W: usize> WithSimd for Product<'_, '_, '_, T, W>
 where
     T: Copy + Default + Add<Output = T> + Mul<Output = T>,
 {
@@ -92,7 +98,7 @@ where
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let Self { matrix, x, first, mut y } = self;
+        let Self { matrix, x, first, y } = self;
         let count = y.first().map_or(0, |rows| rows.len());
         for index in 0..count {
             let sums = matrix.row(x, first + index);
