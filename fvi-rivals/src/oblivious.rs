@@ -121,7 +121,7 @@ impl Sums {
 }
 
 impl Level {
-    /// Takes a sample; `known` is their number then.
+    /// Takes a sample; `known` is the number of samples up to and with it.
     #[inline(always)]
     fn push(&mut self, channel: usize, sample: f64, known: usize) {
         let sums = &mut self.channels[channel];

@@ -38,7 +38,7 @@ const LARGEST: f64 = 0.6;
 /// Where a vertex is: in part 0 or 1, or between them.
 pub(crate) type Side = u8;
 
-/// The side of what separates.
+/// The side of vertices of the separator.
 pub(crate) const BETWEEN: Side = 2;
 
 /// The side of each vertex; no edge leads from one part into the other.

@@ -122,7 +122,7 @@ impl ControlLoop {
     /// One tick: read the position, compute the input, let the plant make a step with it.
     ///
     /// # Errors
-    /// What an operator or a step refuses; with these numbers, nothing.
+    /// Errors of the operators and of the step; none occurs with the numbers of this loop.
     #[inline]
     pub fn tick(&mut self) -> Result<Tick, Refusal> {
         let reference = if (self.tick / HALF_PERIOD).is_multiple_of(2) { 1.0 } else { -1.0 };

@@ -284,7 +284,7 @@ pub enum Problem {
         /// Values that can be combined.
         allowed: String,
     },
-    /// Another file cannot take what is said here.
+    /// A value that another file, which this one refers to, does not allow.
     #[error("{file} cannot take it: {reason}")]
     Refused {
         /// The other file.

@@ -123,7 +123,8 @@ impl Adaptive {
         Some(if time == 0.0 { first } else { 0.2 * time })
     }
 
-    /// Two neighbours of 0, some increasing times and the end between which no pair of steps fits.
+    /// Two neighbouring times, of 0, the given increasing ones and the end, so close that no pair of steps fits
+    /// between them; `None` if there are none.
     pub(super) fn too_near(&self, times: &[f64]) -> Option<(f64, f64)> {
         let ends = [&[0.0], times, &[self.end]].concat();
         let near = |pair: &&[f64]| pair[1] > pair[0] && pair[1] - pair[0] < 2.0 * self.shortest;

@@ -284,8 +284,8 @@ impl KnownMatrices {
     }
 }
 
-/// Matrices from files of one scenario: a file is read once, and places that are equal are held, and
-/// analysed, once.
+/// Matrices from the files of one scenario: a file is read once, and equal patterns are stored and analysed
+/// once.
 #[derive(Default)]
 pub(super) struct Matrices<'a> {
     own: Vec<SparseMatrix>,

@@ -54,7 +54,7 @@ pub struct EnergyGuard {
     first_energy: f64,
     first_potential: f64,
     lowest_potential: f64,
-    /// T₀ and the springs of order 0.
+    /// Kinetic energy at the start, and the energy in damping terms of order 0, which are springs.
     stored: f64,
     /// Whether anything from outside or from the start can do work at all; without it positions and
     /// velocities need not be kept.

@@ -140,7 +140,7 @@ pub(super) struct Extent {
     pub(super) end: f64,
 }
 
-/// Behind the name of a column, that of its deviations.
+/// Suffix of the column with the standard deviations of another one.
 const DEVIATION: &str = "_deviation";
 
 /// A cell of a table, with its place.

@@ -43,7 +43,7 @@ struct Point {
     slope: f64,
 }
 
-/// A candidate by what it misses, then by what is preferred.
+/// How good a candidate is: first by how far it violates the specification, then by the objective.
 #[derive(Clone, Copy, Debug)]
 struct Merit {
     missed: f64,
