@@ -732,7 +732,7 @@ mod tests {
         assert_taken_whole(|one, other| &mut *std::vec![one, other].leak());
     }
 
-    /// A force ρ q̇ of the step at hand, and nothing else that is offered.
+    /// A force ρ q̇ of the current step; it ignores everything else that a damping is told.
     struct Viscous;
 
     impl Damping<f64, Fixed<1>> for Viscous {

@@ -19,8 +19,8 @@ pub enum ActsOn {
     Values,
     /// The increments X_{k,i} − X_{k−1,i} of every node, X_{−1,i} = 0.
     Increments,
-    /// What every node is beyond the main node before it, X_{k,i} − x_k with x_0 = 0, x_k the main node at
-    /// the beginning of the step.
+    /// Differences X_{k,i} − x_k between every node and the main node x_k at the beginning of its step, with
+    /// x_0 = 0.
     Rises,
 }
 

@@ -68,7 +68,7 @@ const LARGE: usize = 2_000;
 /// dimensions, or so many places in all: below that it takes longer than it saves in a thousand steps.
 const DISSECTED: (u64, u64) = (64, 2_000_000);
 
-/// Places of a column on average from which on elimination takes so long that dissection may take its time.
+/// From so many entries a column on average, elimination takes so long that a thorough dissection pays.
 const LONG: u64 = 300;
 
 /// The way of elimination, of some, with which the factor is smallest: minimum degree, the rows as they come,

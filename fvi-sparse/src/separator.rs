@@ -27,7 +27,7 @@ impl Care {
     /// For structures whose elimination takes no longer.
     pub(crate) const QUICK: Self =
         Self { leaf: 300, trials: 1, coarsest: 60, seeds: 4, rounds: 4, patience: (15, 0.25), nearly: 0.25 };
-    /// Separators are smaller by some hundredths for five times the time.
+    /// For separators that are a few per cent smaller, at five times the time.
     pub(crate) const THOROUGH: Self =
         Self { leaf: 64, trials: 2, coarsest: 96, seeds: 8, rounds: 6, patience: (40, 1.0), nearly: 1.0 };
 }

@@ -231,7 +231,7 @@ fn trapezoidal_power(exponent: f64, first: f64, on_increments: bool, count: usiz
     weights
 }
 
-/// The largest weight relative to the first that is taken for one of a kernel without growing parts.
+/// Weights that exceed the first by more than this factor are taken for those of a kernel with growing parts.
 const GROWN: f64 = 1e6;
 
 /// Weights from `first` to `count` by the integral over the cut, each relative to itself.

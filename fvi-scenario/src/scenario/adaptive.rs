@@ -11,8 +11,9 @@ pub(super) const MOST_STEPS_CHOSEN: usize = 10_000_000;
 /// The shortest step, where the scenario does not say, as a share of the end.
 const SHORTEST: f64 = 1e-12;
 
-/// Where the momentum begins like t^e with e < 1 the first step h leaves an error like h^e, and `SHORTEST` is
-/// too long. Down to this share of the end the shortest step is where that is a small part of the tolerance.
+/// The shortest step that is ever taken, as a share of the end. Where the momentum begins like t^e with e < 1, the
+/// first step h leaves an error like h^e, for which `SHORTEST` may be too long: the shortest step is then chosen,
+/// down to this bound, so that this error is a small part of the tolerance.
 const SHORTEST_OF_ALL: f64 = 1e-30;
 const SMALL_PART: f64 = 0.03;
 

@@ -108,7 +108,7 @@ impl Nodes<'_> {
         low
     }
 
-    /// Whether what the impulse over a step exceeds that of its nodes by is most of what acts there.
+    /// Whether the nodes of a step miss most of the force's impulse over it.
     fn misses(
         &mut self,
         step: usize,
