@@ -71,7 +71,7 @@ fn runs(criterion: &mut Criterion) {
     }
     group.finish();
 
-    // In turn, so that all of them meet the same moods of the machine.
+    // In turn, so that all of them are slowed down alike by what else the machine does.
     let mut fastest = [f64::INFINITY; 3];
     for _ in 0..TURNS {
         for (run, fastest) in runs.iter_mut().zip(&mut fastest) {

@@ -3,7 +3,7 @@
 //! third one is plain: it updates position and momentum without keeping what rounding takes away.
 //!
 //! All start from the same state; what they end at is compared before anything is timed. They are timed in
-//! turn, so that all meet the same moods of the machine, and the fastest turn of each counts.
+//! turn, so that changes of the machine's speed meet all alike, and the fastest turn of each counts.
 //! `cargo bench -p fvi-benches --bench steps`, with a name behind `--` for the systems that contain it.
 //!
 //! `-- --only PATH SYSTEM STEPS` makes that many steps of one of them and nothing else, for tools that count

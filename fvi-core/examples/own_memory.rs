@@ -1,4 +1,4 @@
-//! A memory of one's own: whatever implements [`Memory`] works with every scheme.
+//! Your own memory: whatever implements [`Memory`] works with every scheme.
 //!
 //! Here the kernel is that of the ordinary derivative, w = (1, −1)/h: the damping ρ q̇ of an oscillator, and
 //! one sample to remember.
@@ -61,7 +61,7 @@ impl Memory<f64> for Difference {
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let memory = Difference { leading: [0.0], last: 0.0, count: 0 };
-    // The weights are vouched for by whoever wrote the memory.
+    // The author of the memory is responsible for its weights.
     let kernel = Kernel::given(1.0)?;
     let rho = Coefficients::Diagonal([0.2].into());
     let damping = DampingTerm::new(kernel, rho, Derivative::Caputo, memory)?;

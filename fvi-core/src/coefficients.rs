@@ -180,7 +180,7 @@ mod tests {
         };
         assert_eq!(off(3.0), Ok(()));
         assert_eq!(off(6.0), Err(MatrixError::NotSymmetric { row: 1, column: 0 }));
-        // A negative direction of rounding's size is none; the room is 64 u for each coordinate.
+        // Negative pivots as small as rounding count as zero; the tolerance is 64 u for each coordinate.
         let negative =
             |part: f64| Coefficients::Diagonal(vector![1.0, -part, 1.0, 1.0]).check_positive_semidefinite();
         assert_eq!(negative(100.0 * f64::EPSILON), Ok(()));

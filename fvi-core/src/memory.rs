@@ -65,7 +65,7 @@ pub trait Memory<T> {
 
     /// Kind of samples: which differences of the motion the kernel is for.
     ///
-    /// A damping term asks, and pushes what it is told; for the memory itself a sample is a sample.
+    /// A damping term asks, and pushes samples of that kind; the memory itself does not distinguish them.
     fn acts_on(&self) -> ActsOn {
         ActsOn::Values
     }

@@ -4,7 +4,7 @@ use crate::error::ParameterError;
 
 /// Quadrature of Q points on [0, 1]: ∫₀¹ f(τ) dτ ≈ Σ_i b_i f(c_i).
 ///
-/// Nodes in increasing order, in `f64`; whoever works in another precision rounds them. Source: \[HJO\] §2.3.
+/// Nodes in increasing order, in `f64`; callers in another precision round them. Source: \[HJO\] §2.3.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quadrature<const Q: usize> {
     pub(crate) nodes: [f64; Q],

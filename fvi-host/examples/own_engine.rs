@@ -1,9 +1,9 @@
-//! A memory engine of one's own joins the comparison by implementing one trait.
+//! Your own memory engine joins the comparison by implementing one trait.
 //!
 //! This one keeps every sample for a while and then only the mean of ever longer stretches, a popular
 //! approximation: the table shows how fast it is and what it costs in accuracy.
 
-// fvi-host hands fvi-core on: a crate of one's own depends on fvi-host alone.
+// fvi-host hands fvi-core on: your crate depends on fvi-host alone.
 use fvi_host::fvi_core::{BdfOrder, Memory, MemoryError, check_channels};
 use fvi_host::lab::compare_engines::{Comparison, Contender, text_table};
 

@@ -18,7 +18,7 @@
 //! The first three are those of `fvi-scenario`, the next one is that of `fvi-memory`, the next two are those
 //! of `fvi-simulation`, and two more those of `fvi-lab`.
 //!
-//! `fvi-core`, whose traits engines of one's own implement, is here as [`fvi_core`]: one dependency is
+//! `fvi-core`, whose traits your own engines implement, is here as [`fvi_core`]: one dependency is
 //! enough.
 //!
 //! The feature `program` brings the last, with what it needs of a terminal; `pictures` brings those of runs

@@ -5,6 +5,7 @@ mod available_memory;
 mod breaks;
 mod choice;
 pub mod closed_loop;
+pub mod columns;
 pub mod control;
 mod crossings;
 pub mod energy_guard;
@@ -124,29 +125,25 @@ pub struct GridState {
     pub momentum: Vec<f64>,
     /// ½ p_kᵀM⁻¹p_k + U(q_k) with this p_k.
     pub energy: f64,
-    /// Output, setpoint and measured value of each controller, as of its last sample up to this time.
+    /// The numbers of the run's [`Columns`](columns::Columns).
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub control: Vec<f64>,
+    pub columns: Vec<f64>,
     /// ∂q_k/∂θ and ∂p_k/∂θ of each parameter of `[sensitivity]`, one after the other.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub sensitivities: Vec<f64>,
-    /// Energy stored in the memories, and dissipated by them since t = 0, where `output.memory_energy` asks
-    /// for them.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub memory: Vec<f64>,
 }
 
 impl GridState {
-    /// Appends a line t,q0,…,p0,…,energy, u,setpoint,measure of each controller, the sensitivities and the
-    /// energies of memories, with 17 significant digits, which tell one f64 from another.
+    /// Appends a line t,q0,…,p0,…,energy, the run's columns and the sensitivities, with 17 significant digits,
+    /// which tell one f64 from another.
     ///
     /// Runs that keep every row spend most of their time here: in this crate it is compiled for speed.
     pub fn append_row(&self, text: &mut String) {
         // A string takes whatever is written.
         let _ = write!(text, "{:.16e}", self.time);
         let energy = [&self.energy];
-        let numbers = self.position.iter().chain(&self.momentum).chain(energy).chain(&self.control);
-        for number in numbers.chain(&self.sensitivities).chain(&self.memory) {
+        let numbers = self.position.iter().chain(&self.momentum).chain(energy).chain(&self.columns);
+        for number in numbers.chain(&self.sensitivities) {
             let _ = write!(text, ",{number:.16e}");
         }
         text.push('\n');

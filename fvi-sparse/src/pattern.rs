@@ -74,7 +74,7 @@ impl Pattern {
     }
 
     /// The pattern, for which [`Analysis::factor_of`] remembers the last two factors for as long as a copy of
-    /// it lives: they serve whoever factors the same matrix again.
+    /// it lives: they serve later factorisations of the same matrix.
     pub fn remembering_factors(mut self) -> Self {
         self.remembered = Some(Arc::default());
         self

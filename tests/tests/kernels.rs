@@ -513,7 +513,7 @@ fn what_is_stored_and_dissipated_makes_up_the_work_in_every_step() {
         let states = moved(&material(&kernels, convolution, &engine));
         let total = |index: usize| {
             let state = &states[index];
-            state.energy + state.memory[0] + state.memory[1]
+            state.energy + state.columns[0] + state.columns[1]
         };
         let (mut most, mut turned) = (0.0_f64, 0.0_f64);
         for k in 0..states.len() - 1 {
@@ -522,10 +522,10 @@ fn what_is_stored_and_dissipated_makes_up_the_work_in_every_step() {
             let error = (total(k + 1) - total(k) - work).abs();
             turned += (states[k + 1].energy - states[k].energy).abs();
             most = most.max(error);
-            let lost = states[k + 1].memory[1] - states[k].memory[1];
-            assert!(lost >= 0.0 && states[k].memory[0] >= 0.0, "{convolution}, {k}: {lost:e}");
+            let lost = states[k + 1].columns[1] - states[k].columns[1];
+            assert!(lost >= 0.0 && states[k].columns[0] >= 0.0, "{convolution}, {k}: {lost:e}");
         }
-        let dissipated = states.last().unwrap().memory[1];
+        let dissipated = states.last().unwrap().columns[1];
         assert!(dissipated > 1.0 && turned > dissipated, "{convolution}: {dissipated}");
         // Relative to the energy that there is; a step turns over some 10⁻³ of it.
         assert!(most < 1e-13 * total(0), "{convolution}: {most:e} of {}", total(0));

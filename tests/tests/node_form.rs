@@ -309,7 +309,7 @@ proptest! {
         cases: from_environment("PROPTEST_CASES", 24) as u32, failure_persistence: None, ..ProptestConfig::default()
     })]
 
-    /// ½ pᵀM⁻¹p + ½ qᵀKq never rises above its first value, ωh to 10⁶, ρ to 10¹⁰, but for what rounding heats
+    /// ½ pᵀM⁻¹p + ½ qᵀKq never rises above its first value, ωh to 10⁶, ρ to 10¹⁰, but for rounding
     /// where such a ρ acts on rounded positions: less than 10⁻³ in 10⁴ steps. `STIFF_STEPS` says over how
     /// many steps.
     #[test]

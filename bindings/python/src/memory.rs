@@ -1,4 +1,4 @@
-//! Memories of the library for whoever asks in Python.
+//! Memories of the library as Python objects.
 
 use crate::documents::Tree;
 use crate::errors::{Failure, Outcome, guarded};

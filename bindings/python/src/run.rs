@@ -13,25 +13,26 @@ use fvi_host::memory::Tables;
 use fvi_host::results::room::require;
 use fvi_host::results::trajectory::Format;
 use fvi_host::scenario::{Engine, KnownMatrices, Scenario, SharedTerms};
+use fvi_host::simulation::columns::Columns;
 use fvi_host::simulation::{GridState, Precision, sample_fractions};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 use std::convert::Infallible;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// What a motion hands to Python: the name of its load case, t, q, p, energy, u, setpoint and measure of each
-/// controller, the derivatives of q and p by each parameter, the energies of memories, how it ended, and the
-/// summary, both as JSON: the latter is long where there are many coordinates, and seldom looked at.
+/// What a motion hands to Python: the name of its load case, t, q, p, energy, its columns by their names, the
+/// derivatives of q and p by each parameter, how it ended, and the summary, both as JSON: the latter is long where
+/// there are many coordinates, and seldom looked at.
 type Motion<'py> = (
     String,
     Bound<'py, PyArray1<f64>>,
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray1<f64>>,
-    Bound<'py, PyArray2<f64>>,
-    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyDict>,
     Bound<'py, PyArray2<f64>>,
     String,
     String,
@@ -326,12 +327,10 @@ struct Rows {
     position: Vec<f64>,
     momentum: Vec<f64>,
     energy: Vec<f64>,
-    /// Row by row, three numbers for each controller.
-    control: Vec<f64>,
-    controllers: usize,
+    columns: Columns,
+    /// Row by row, the numbers of the columns.
+    of_columns: Vec<f64>,
     derivatives: Vec<f64>,
-    /// Row by row, what is stored in memories and dissipated by them, where that is asked for.
-    memory: Vec<f64>,
 }
 
 impl Rows {
@@ -344,11 +343,10 @@ impl Rows {
             0 => (steps / scenario.output.every).saturating_add(2),
             times => times,
         };
-        let controllers = scenario.controllers.len();
+        let columns = Columns::of(scenario);
         let parameters = scenario.sensitivity.as_ref().map_or(0, |asked| asked.parameters.len());
         let derivatives = coordinates.saturating_mul(2).saturating_mul(parameters);
-        let memory = if scenario.output.memory_energy { 2 } else { 0 };
-        let more = derivatives.saturating_add(controllers.saturating_mul(3)).saturating_add(memory);
+        let more = derivatives.saturating_add(columns.len());
         let numbers = coordinates.saturating_mul(2).saturating_add(2).saturating_add(more);
         let no_room = |what: String| {
             Failure::NoRoom(format!(
@@ -369,10 +367,9 @@ impl Rows {
                 position: room(rows * coordinates)?,
                 momentum: room(rows * coordinates)?,
                 energy: room(rows)?,
-                control: room(rows * 3 * controllers)?,
-                controllers,
+                columns: columns.clone(),
+                of_columns: room(rows * columns.len())?,
                 derivatives: room(rows * derivatives)?,
-                memory: room(rows * memory)?,
             })
         };
         (0..copies).map(one).collect()
@@ -385,17 +382,23 @@ impl Rows {
         };
         let end = json(serde_json::to_string(&summary.in_short()))?;
         let summary = json(serde_json::to_string(summary))?;
-        let Self { coordinates, time, position, momentum, energy, control, controllers, derivatives, memory } =
-            self;
+        let Self { coordinates, time, position, momentum, energy, columns, of_columns, derivatives } = self;
         let rows = time.len();
         let table = |numbers: Vec<f64>, columns| numbers.into_pyarray(py).reshape([rows, columns]);
-        let per_row = |numbers: &Vec<f64>| numbers.len().checked_div(rows).unwrap_or(0);
-        let (columns, of_memory) = (per_row(&derivatives), per_row(&memory));
+        let per_row = derivatives.len().checked_div(rows).unwrap_or(0);
         let (position, momentum) = (table(position, coordinates)?, table(momentum, coordinates)?);
-        let (control, derivatives) = (table(control, 3 * controllers)?, table(derivatives, columns)?);
+        let derivatives = table(derivatives, per_row)?;
         let (time, energy) = (time.into_pyarray(py), energy.into_pyarray(py));
-        let memory = table(memory, of_memory)?;
-        Ok((name, time, position, momentum, energy, control, derivatives, memory, end, summary))
+        let by_name = PyDict::new(py);
+        for quantity in columns.quantities() {
+            let of_rows = of_columns.chunks_exact(columns.len());
+            let numbers: Vec<f64> = of_rows.flat_map(|row| quantity.of(row)).collect();
+            match quantity.members {
+                1 => by_name.set_item(quantity.name, numbers.into_pyarray(py))?,
+                members => by_name.set_item(quantity.name, table(numbers, members)?)?,
+            }
+        }
+        Ok((name, time, position, momentum, energy, by_name, derivatives, end, summary))
     }
 
     fn bytes(&self) -> usize {
@@ -409,7 +412,6 @@ impl Rows {
         self.momentum.extend_from_slice(&state.momentum);
         self.energy.push(state.energy);
         self.derivatives.extend_from_slice(&state.sensitivities);
-        self.control.extend_from_slice(&state.control);
-        self.memory.extend_from_slice(&state.memory);
+        self.of_columns.extend_from_slice(&state.columns);
     }
 }

@@ -153,7 +153,7 @@ def run(directory, steps, *how):
 
 
 def numbers_of_ranks(directory):
-    """A system with fewer rows than ranks: PETSc's binary snapshots, rows without energy, a solver of one's own, f32 states, no steps."""
+    """A system with fewer rows than ranks: PETSc's binary snapshots, rows without energy, another solver, f32 states, no steps."""
     mass, stiffness = PETSc.Vec().createMPI(2, comm=WORLD), PETSc.Mat().createAIJ((2, 2), nnz=1, comm=WORLD)
     mass.set(1.0)
     first, end = stiffness.getOwnershipRange()

@@ -24,7 +24,7 @@ SWEEP = {
 
 
 class Cable:
-    """Hands on what is sent to an address, until it is cut; then again for whoever connects anew."""
+    """Hands on what is sent to an address, until it is cut; then again for new connections."""
 
     def __init__(self, address):
         self.there = address

@@ -48,10 +48,10 @@ def test_the_numbers_are_those_of_the_program(scenario, precision, tmp_path):
     with pytest.warns() if "warnings" in json.loads((tmp_path / "summary.json").read_text()) else open(os.devnull):
         result = fvi.run(scenario, precision=precision)
     record = json.loads((tmp_path / "summary.json").read_text())
-    mine = np.column_stack([result.t, result.q, result.p, result.energy, *result._control.values()])
+    mine = np.column_stack([result.t, result.q, result.p, result.energy, *result.columns.values()])
     assert np.array_equal(bits(mine), bits(rows))
     read = fvi.load(tmp_path)
-    for name in ("t", "q", "p", "energy", "dq", "dp", *result._control):
+    for name in ("t", "q", "p", "energy", "dq", "dp", *result.columns):
         assert np.array_equal(bits(getattr(read, name)), bits(getattr(result, name))), name
     assert read.message == result.message
     for key in ("steps", "last", "largest", "engine", "scenario", "newton_iterations"):
@@ -165,7 +165,7 @@ def test_an_interrupt_ends_a_long_run_at_once():
     # 10⁹ steps; a second thread interrupts after the run has begun.
     script = f"""
         import _thread, signal, threading, time, fvi
-        # Whoever started the tests may have had interrupts ignored, which is inherited.
+        # The tests may have been started with interrupts ignored, which processes inherit.
         signal.signal(signal.SIGINT, signal.default_int_handler)
         began = threading.Event()
         def interrupt():

@@ -26,7 +26,7 @@ pub(super) fn flag() -> Arc<AtomicBool> {
     stop
 }
 
-/// Whether whoever started the program wants hang-ups ignored, as far as the system tells.
+/// Whether the program was started with hang-ups ignored, as far as the system tells.
 #[cfg(unix)]
 fn hang_up_is_ignored() -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();

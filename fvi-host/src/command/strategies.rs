@@ -1,4 +1,4 @@
-//! `fvi strategies`: any kernel, every strategy of the field, programs of one's own.
+//! `fvi strategies`: any kernel, every strategy of the field, your own programs.
 
 use super::progress::Progress;
 use super::{CommandError, default_directory, stop, terminal};

@@ -1,4 +1,4 @@
-//! What the program says, to whoever still listens.
+//! Output to the terminal; closed pipes are no error.
 
 use super::CommandError;
 use crate::language::visible::visible;

@@ -8,8 +8,8 @@ use crate::results::output_directory::OutputDirectory;
 /// Name of the page in the output directory that holds all exhibits but those with a page of their own.
 pub const PAGE: &str = "reproduction.md";
 
-/// Writes pictures and tables of the exhibits, then the pages about them; each file appears whole or not at
-/// all.
+/// Writes pictures and tables of the exhibits, then the pages about them; each file appears
+/// atomically.
 ///
 /// # Errors
 /// [`FileError`].

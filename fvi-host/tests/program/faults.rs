@@ -49,7 +49,7 @@ impl Workplace {
         self.write("long.toml", LONG);
         let mut command = self.command(&["run", "long.toml", "--out", "out"]);
         if cfg!(target_os = "linux") {
-            // Whoever started the tests may have had hang-ups ignored, which is passed on.
+            // The tests may have been started with hang-ups ignored, which processes inherit.
             command = Command::new("env");
             command.args([
                 "--default-signal=HUP",

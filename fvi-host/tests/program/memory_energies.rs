@@ -40,9 +40,27 @@ fn columns_and_curves_are_written_and_a_run_that_goes_on_has_the_same() {
 }
 
 #[test]
-fn formats_without_these_columns_are_refused() {
+fn numpy_files_hold_the_numbers_of_the_text_after_an_interruption_too() {
     let place = Workplace::new();
-    place.write("run.toml", &scenario(10));
-    let (done, message) = fvi(&place, "run run.toml --out out --format npz");
-    assert!(!done && message.contains("output.memory_energy"), "{message}");
+    place.write("run.toml", &scenario(300));
+    place.write("begun.toml", &scenario(120));
+    for command in [
+        "run run.toml --out text",
+        "run run.toml --out whole --format npz",
+        "run begun.toml --out parts --format npz --checkpoint-every 50",
+        "run run.toml --out parts --format npz --resume",
+    ] {
+        let (done, message) = fvi(&place, command);
+        assert!(done, "{command}: {message}");
+    }
+    let archive = fs::read(place.path("whole/trajectory.npz")).unwrap();
+    assert!(fs::read(place.path("parts/trajectory.npz")).unwrap() == archive);
+    let text = fs::read_to_string(place.path("text/trajectory.csv")).unwrap();
+    let names: Vec<&str> = text.lines().next().unwrap().split(',').collect();
+    for name in ["memory_stored", "memory_dissipated"] {
+        let column = names.iter().position(|&heading| heading == name).unwrap();
+        let number = |line: &str| line.split(',').nth(column).unwrap().parse::<f64>().unwrap();
+        let numbers: Vec<u8> = text.lines().skip(1).flat_map(|line| number(line).to_le_bytes()).collect();
+        assert!(archive.windows(numbers.len()).any(|bytes| bytes == numbers), "{name}");
+    }
 }

@@ -9,9 +9,10 @@ use crate::results::run_traces::RunTraces;
 #[cfg(feature = "pictures")]
 use crate::results::snapshots;
 use crate::results::snapshots::Snapshots;
-use crate::results::trajectory::{Columns, Format, TrajectoryMark, TrajectoryWriter};
+use crate::results::trajectory::{Format, Shape, TrajectoryMark, TrajectoryWriter};
 use crate::scenario::Scenario;
 use crate::simulation::GridState;
+use crate::simulation::columns::Columns;
 use crate::simulation::step_batch::StepBatch;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -28,11 +29,9 @@ pub(crate) struct StateView<'a> {
     pub(crate) position: &'a [f64],
     pub(crate) momentum: &'a [f64],
     pub(crate) energy: f64,
-    /// Of the controllers.
-    pub(crate) control: &'a [f64],
+    /// Of the registry.
+    pub(crate) columns: &'a [f64],
     pub(crate) sensitivities: &'a [f64],
-    /// Of the memories.
-    pub(crate) memory: &'a [f64],
 }
 
 impl StateView<'_> {
@@ -44,15 +43,15 @@ impl StateView<'_> {
         };
         let (position, momentum) = (of(self.position), of(self.momentum));
         let sensitivities = self.sensitivities.chunks(self.position.len().max(1)).flat_map(of).collect();
-        let (control, memory) = (self.control.to_vec(), self.memory.to_vec());
-        GridState { time: self.time, position, momentum, energy: self.energy, control, sensitivities, memory }
+        let columns = self.columns.to_vec();
+        GridState { time: self.time, position, momentum, energy: self.energy, columns, sensitivities }
     }
 }
 
 impl<'a> From<&'a GridState> for StateView<'a> {
     fn from(state: &'a GridState) -> Self {
-        let GridState { time, position, momentum, energy, control, sensitivities, memory } = state;
-        Self { time: *time, position, momentum, energy: *energy, control, sensitivities, memory }
+        let GridState { time, position, momentum, energy, columns, sensitivities } = state;
+        Self { time: *time, position, momentum, energy: *energy, columns, sensitivities }
     }
 }
 
@@ -89,11 +88,9 @@ impl<'a> BatchView<'a> {
 
     /// Writes it to a state that has places for these coordinates.
     pub(crate) fn read(&self, index: usize, chosen: &[usize], state: &mut GridState) {
-        let GridState { time, position, momentum, energy, control, sensitivities, memory } = state;
-        memory.clear();
-        memory.extend_from_slice(self.batch.memory());
-        control.clear();
-        control.extend_from_slice(self.batch.control());
+        let GridState { time, position, momentum, energy, columns, sensitivities } = state;
+        columns.clear();
+        columns.extend_from_slice(self.batch.columns());
         (*time, *energy) = (self.batch.times()[index], self.energies[index]);
         if !self.batch.sensitivities().is_empty() {
             let of_all = self.batch.sensitivities().chunks(self.places.len().max(1));
@@ -157,21 +154,15 @@ impl OutputSink {
             let path = directory.join(format.file());
             std::fs::create_dir_all(&directory).map_err(FileError::at(&directory))?;
             let parameters = scenario.sensitivity.as_ref().map_or(0, |asked| asked.parameters.len());
-            let controllers = scenario.controllers.len();
-            let columns = Columns {
-                coordinates: &chosen,
-                controllers,
-                parameters,
-                memory_energy: scenario.output.memory_energy,
-            };
-            let writer = TrajectoryWriter::create(&directory, format, columns, scenario.output.every)
+            let columns = Columns::of(scenario);
+            let shape = Shape { coordinates: &chosen, columns: &columns, parameters };
+            let writer = TrajectoryWriter::create(&directory, format, shape, scenario.output.every)
                 .map_err(FileError::at(&path))?;
             let path = directory.join(SNAPSHOTS);
             let create = |every| Snapshots::create(&path, every, scenario.coordinates());
             let snapshots =
                 scenario.output.snapshots.map(create).transpose().map_err(FileError::at(&path))?;
-            let with_memory = scenario.output.memory_energy;
-            let (chosen, traces) = (chosen.clone(), RunTraces::new(chosen.len(), controllers, with_memory));
+            let (chosen, traces) = (chosen.clone(), RunTraces::new(chosen.len(), columns.len()));
             Ok(Self { directory, chosen, writer, traces, snapshots })
         };
         Self::directories(scenario, directory).into_iter().map(open).collect()
@@ -189,12 +180,13 @@ impl OutputSink {
         index: usize,
     ) -> Result<Vec<Self>, FileError> {
         let (count, every) = (scenario.written_coordinates().len(), scenario.output.every);
-        let columns = (count, scenario.controllers.len());
+        let columns = Columns::of(scenario);
         let directories = Self::directories(scenario, directory).into_iter();
         let resume = |((directory, mark), traces): ((PathBuf, &OutputMark), RunTraces)| {
             let path = directory.join(mark.trajectory.format.file());
-            let writer = TrajectoryWriter::resume(&directory, &mark.trajectory, columns, every, index)
-                .map_err(FileError::at(&path))?;
+            let writer =
+                TrajectoryWriter::resume(&directory, &mark.trajectory, (count, &columns), every, index)
+                    .map_err(FileError::at(&path))?;
             let path = directory.join(SNAPSHOTS);
             let resume = |every| Snapshots::resume(&path, every, scenario.coordinates(), &mark.snapshots);
             let snapshots =
@@ -229,8 +221,7 @@ impl OutputSink {
         }
         let drawn = chosen.iter().map(|&index| (batch_view.position(index), batch_view.momentum(index)));
         traces.take(batch.times(), drawn, (batch_view.energies, batch.with_energy()));
-        traces.take_control(batch.times(), batch.control());
-        traces.take_memory(batch.times(), batch.memory());
+        traces.take_columns(batch.times(), batch.columns());
         let Some(snapshots) = snapshots else { return Ok(()) };
         let whole: Vec<usize> = (0..batch_view.places.len()).collect();
         for index in batch.multiples(snapshots.every()) {

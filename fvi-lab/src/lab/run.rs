@@ -292,12 +292,6 @@ pub fn run(
     progress: &mut dyn FnMut(usize),
 ) -> Result<RunSummary, RunError> {
     refuse_with_sensitivities(scenario, options)?;
-    if scenario.output.memory_energy && options.format == Some(Format::Npz) {
-        let (with, allowed) = ("`--format npz`".to_owned(), "columns of `trajectory.csv`".to_owned());
-        return Err(scenario
-            .error_at("output.memory_energy", Problem::Incompatible { with, allowed })
-            .into());
-    }
     let mut scenario = scenario.clone();
     let mut found = None;
     let mut claimed = None;
@@ -470,11 +464,11 @@ fn small_beside_scale(scenario: &Scenario, largest: &Largest) -> Option<String> 
     })
 }
 
-/// A run that writes nothing by itself: whoever makes it sees its states, and has its record at the end.
+/// A run that writes nothing by itself: its caller sees its states, and has its record at the end.
 pub struct Run<'s> {
     scenario: &'s Scenario,
     motion: Motion<'s>,
-    /// Whether whoever makes it has seen the present state.
+    /// Whether the caller has seen the present state.
     seen: bool,
     begin: Instant,
     preparation_seconds: f64,
@@ -733,8 +727,8 @@ impl<'s> Run<'s> {
         };
         let position = state.position.get(places.clone()).unwrap_or(&[]);
         let momentum = state.momentum.get(places).unwrap_or(&[]);
-        let GridState { control, sensitivities, memory, .. } = state;
-        StateView { time: state.time, position, momentum, energy, control, sensitivities, memory }
+        let GridState { columns, sensitivities, .. } = state;
+        StateView { time: state.time, position, momentum, energy, columns, sensitivities }
     }
 
     /// What was made last of one load case; without cases of the motion.
@@ -849,7 +843,7 @@ impl<'s> Run<'s> {
         let state = self.motion.state().clone();
         self.ended = self.watch.take(&state, |time, place| self.motion.interpolate(time, place));
         if let Some(ended) = &mut self.ended {
-            ended.control = self.motion.control_at(ended.time).to_vec();
+            ended.columns = self.motion.columns_at(ended.time).to_vec();
         }
     }
 

@@ -2,7 +2,7 @@
 //! on with at any time.
 //!
 //! Every run has a place of fixed size in a file of records, `sweep.fvi`, or `sweep.shard-1-of-8.fvi` where a
-//! part of the runs is made by another process. Whoever ends a sweep reads the records in the order of the
+//! part of the runs is made by another process. The process that ends a sweep reads the records in the order of the
 //! runs, so that the table has the same bytes however many threads and processes filled them, and however
 //! often these were interrupted.
 
@@ -30,6 +30,7 @@ use crate::results::files::FileError;
 use crate::results::output_directory::OutputDirectory;
 use crate::results::trajectory::TrajectoryWriter;
 use crate::simulation::Precision;
+use crate::simulation::columns::Columns;
 use measured::Measured;
 use records::{Record, Records, Status};
 use serde::Serialize;
@@ -284,8 +285,8 @@ impl Sweep {
                 let writing = FileError::at(&path);
                 let parent = path.parent().unwrap_or(&options.directory);
                 std::fs::create_dir_all(parent).map_err(&writing)?;
-                let columns = (scenario.written_coordinates().len(), scenario.controllers.len());
-                Some(TrajectoryWriter::npz(&path, columns, 1).map_err(&writing)?)
+                let (coordinates, columns) = (scenario.written_coordinates().len(), Columns::of(&scenario));
+                Some(TrajectoryWriter::npz(&path, coordinates, &columns).map_err(&writing)?)
             }
             None => None,
         };

@@ -1,4 +1,4 @@
-//! Files of results: each appears whole or not at all, and an error names the one it is about.
+//! Files of results: each appears atomically, and an error names the one it is about.
 
 #[cfg(feature = "pictures")]
 use crate::results::picture::Chart;
@@ -244,7 +244,7 @@ pub(crate) fn remove(path: &Path) -> Result<(), FileError> {
     }
 }
 
-/// Writes a text, whole or not at all.
+/// Writes a text atomically.
 ///
 /// # Errors
 /// [`FileError`] if it cannot be written; what was there is then as it was.
@@ -260,7 +260,7 @@ pub(crate) fn write_json(path: &Path, record: &impl Serialize) -> Result<(), Fil
     })
 }
 
-/// Draws a picture and writes it as SVG, whole or not at all.
+/// Draws a picture and writes it as SVG, atomically.
 ///
 /// # Errors
 /// [`FileError`] if it cannot be drawn or written; what was there is then as it was.

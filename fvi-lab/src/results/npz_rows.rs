@@ -8,66 +8,43 @@ use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-/// Times, positions, momenta and, in some archives, energies and what controllers saw and put out, in the
-/// order of the archive.
-const NAMES: [&str; 7] = ["t", "q", "p", "energy", "u", "setpoint", "measure"];
-
 /// Arrays, each in a part that `np.load` opens at any time: its head counts the rows that are written.
 pub(crate) struct NpzRows {
     path: PathBuf,
     arrays: Vec<Array>,
 }
 
-/// Which of the arrays there are.
+/// Name and shape of an array.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Arrays {
-    /// `t`, `q`, `p`.
-    States,
-    /// These and `energy`.
-    WithEnergies,
-    /// These and `u`, `setpoint` and `measure` of so many controllers.
-    WithControl(usize),
+pub(crate) struct Shape {
+    pub(crate) name: &'static str,
+    /// Columns, if it is a matrix.
+    pub(crate) columns: Option<usize>,
 }
 
-impl Arrays {
-    /// Those of a trajectory with so many controllers.
-    pub(crate) fn of_rows(controllers: usize) -> Self {
-        if controllers == 0 { Self::WithEnergies } else { Self::WithControl(controllers) }
-    }
-
-    fn count(self) -> usize {
-        match self {
-            Self::States => 3,
-            Self::WithEnergies => 4,
-            Self::WithControl(_) => 7,
-        }
-    }
+/// The arrays of states with so many coordinates: `t`, `q`, `p`.
+pub(crate) fn states(coordinates: usize) -> [Shape; 3] {
+    let columns = Some(coordinates);
+    [Shape { name: "t", columns: None }, Shape { name: "q", columns }, Shape { name: "p", columns }]
 }
 
 struct Array {
-    name: &'static str,
+    shape: Shape,
     file: GrowingFile,
-    /// Columns, if it is a matrix.
-    columns: Option<usize>,
     /// Bytes behind the head when the head was written.
     counted: u64,
 }
 
 impl NpzRows {
     /// Arrays without rows.
-    pub(crate) fn create(path: &Path, arrays: Arrays, coordinates: usize) -> io::Result<Self> {
-        Self::with_files(path, arrays, coordinates, |name| GrowingFile::begin(&array_path(path, name), HEAD))
+    pub(crate) fn create(path: &Path, arrays: &[Shape]) -> io::Result<Self> {
+        Self::with_files(path, arrays, |name| GrowingFile::begin(&array_path(path, name), HEAD))
     }
 
     /// Goes on behind marks.
-    pub(crate) fn resume(
-        path: &Path,
-        arrays: Arrays,
-        coordinates: usize,
-        marks: &[Mark],
-    ) -> io::Result<Self> {
+    pub(crate) fn resume(path: &Path, arrays: &[Shape], marks: &[Mark]) -> io::Result<Self> {
         let mut marks = marks.iter();
-        Self::with_files(path, arrays, coordinates, |name| {
+        Self::with_files(path, arrays, |name| {
             let mark = marks.next().ok_or(io::ErrorKind::InvalidData)?;
             GrowingFile::resume(&array_path(path, name), HEAD, mark, || member(path, name))
         })
@@ -75,27 +52,25 @@ impl NpzRows {
 
     fn with_files(
         path: &Path,
-        arrays: Arrays,
-        coordinates: usize,
+        arrays: &[Shape],
         mut file: impl FnMut(&str) -> io::Result<GrowingFile>,
     ) -> io::Result<Self> {
-        let mut array = |name: &'static str| -> io::Result<Array> {
-            let columns = match (name, arrays) {
-                ("q" | "p", _) => Some(coordinates),
-                ("u" | "setpoint" | "measure", Arrays::WithControl(several @ 2..)) => Some(several),
-                _ => None,
-            };
-            let mut array = Array { name, file: file(name)?, columns, counted: 0 };
+        let mut array = |&shape: &Shape| -> io::Result<Array> {
+            let mut array = Array { shape, file: file(shape.name)?, counted: 0 };
             array.write_head()?;
             Ok(array)
         };
-        let arrays = NAMES.into_iter().take(arrays.count()).map(&mut array).collect::<io::Result<_>>()?;
+        let arrays = arrays.iter().map(&mut array).collect::<io::Result<_>>()?;
         Ok(Self { path: path.to_owned(), arrays })
     }
 
-    /// Takes a row: time, position, momentum, and energy and what controllers have where there are arrays for
-    /// them.
-    pub(crate) fn push(&mut self, row: [&[f64]; 7]) -> io::Result<()> {
+    /// The names of the arrays.
+    pub(crate) fn names(&self) -> impl Iterator<Item = &'static str> {
+        self.arrays.iter().map(|array| array.shape.name)
+    }
+
+    /// Takes a row: the numbers of each array.
+    pub(crate) fn push<'a>(&mut self, row: impl IntoIterator<Item = &'a [f64]>) -> io::Result<()> {
         self.arrays.iter_mut().zip(row).try_for_each(|(array, numbers)| array.push(numbers))
     }
 
@@ -112,7 +87,7 @@ impl NpzRows {
         let mut archive = numpy::Archive::new(files::begin(&self.path)?);
         let mut parts = Vec::new();
         for mut array in self.arrays {
-            let name = array.name;
+            let name = array.shape.name;
             array.file.flush()?;
             array.write_head()?;
             let (mut file, part) = array.file.reread()?;
@@ -142,17 +117,17 @@ impl Array {
     /// Counts the rows that are written.
     fn write_head(&mut self) -> io::Result<()> {
         self.counted = self.file.written();
-        let row = 8 * self.columns.unwrap_or(1).max(1) as u64;
-        self.file.write_head(&numpy::head(Kind::Number, self.counted / row, self.columns))
+        let row = 8 * self.shape.columns.unwrap_or(1).max(1) as u64;
+        self.file.write_head(&numpy::head(Kind::Number, self.counted / row, self.shape.columns))
     }
 }
 
-/// Whether parts or archive hold what was marked: arrays of states, with energies, or with controllers.
-pub(crate) fn can_resume(path: &Path, marks: &[Mark]) -> bool {
-    matches!(marks.len(), 3 | 4 | 7)
-        && marks.iter().zip(NAMES).all(|(mark, name)| {
-            GrowingFile::can_resume(&array_path(path, name), HEAD, mark, || member(path, name))
-        })
+/// Whether parts or archive hold what was marked of the arrays with these names.
+pub(crate) fn can_resume(path: &Path, names: &[impl AsRef<str>], marks: &[Mark]) -> bool {
+    let is_there = |(mark, name): (&Mark, &str)| {
+        GrowingFile::can_resume(&array_path(path, name), HEAD, mark, || member(path, name))
+    };
+    marks.len() == names.len() && marks.iter().zip(names.iter().map(AsRef::as_ref)).all(is_there)
 }
 
 /// The numbers of an array of a finished archive, `columns` at a time.

@@ -3,7 +3,9 @@
 use crate::results::files::{FileError, remove, write_picture};
 use crate::results::picture::{Axis, Chart, Series, Style};
 use crate::results::run_traces::RunTraces;
+use crate::results::trace::Envelope;
 use crate::scenario::{ReferenceRow, ReferenceSource, Scenario};
+use crate::simulation::columns::{Columns, Source};
 use std::path::Path;
 
 /// Intervals of the polygon by which a reference is drawn.
@@ -28,7 +30,7 @@ impl RunTraces {
             // A portrait from an earlier run of another system would pass for this one's.
             None => remove(&directory.join("phase.svg"))?,
         }
-        if self.control.is_empty() {
+        if scenario.controllers.is_empty() {
             ["control.svg", "output.svg"].iter().try_for_each(|name| remove(&directory.join(name)))?;
         } else {
             charts.extend([("control.svg", self.followed(scenario)), ("output.svg", self.put_out(scenario))]);
@@ -38,6 +40,11 @@ impl RunTraces {
             files.push(name);
         }
         Ok(())
+    }
+
+    /// The columns of a source.
+    fn of(&self, scenario: &Scenario, source: Source) -> &[Envelope] {
+        self.columns.get(Columns::of(scenario).places(source)).unwrap_or(&[])
     }
 
     fn coordinates(&self, scenario: &Scenario, reference: &[ReferenceRow]) -> Chart {
@@ -62,9 +69,9 @@ impl RunTraces {
 
     /// Setpoints and measured values.
     fn followed(&self, scenario: &Scenario) -> Chart {
-        let several = self.control.len() > 3;
+        let several = scenario.controllers.len() > 1;
         let mut chart = chart(scenario, time_axis(scenario), Axis::linear("setpoint and measured value"));
-        for (index, curves) in self.control.chunks_exact(3).enumerate() {
+        for (index, curves) in self.of(scenario, Source::Controllers).chunks_exact(3).enumerate() {
             let name = |what: &str| if several { format!("{what} {index}") } else { what.to_owned() };
             chart = chart
                 .with(Series::new(name("setpoint"), Style::Reference, curves[1].points()))
@@ -75,10 +82,10 @@ impl RunTraces {
 
     /// Outputs of the controllers, and their limits where they come near them.
     fn put_out(&self, scenario: &Scenario) -> Chart {
-        let several = self.control.len() > 3;
+        let several = scenario.controllers.len() > 1;
         let mut chart = chart(scenario, time_axis(scenario), Axis::linear("output u"));
         for (index, (curves, controller)) in
-            self.control.chunks_exact(3).zip(&scenario.controllers).enumerate()
+            self.of(scenario, Source::Controllers).chunks_exact(3).zip(&scenario.controllers).enumerate()
         {
             let name = |what: &str| if several { format!("{what} {index}") } else { what.to_owned() };
             let points = curves[0].points();
@@ -99,7 +106,8 @@ impl RunTraces {
         let points = reference.iter().filter_map(|row| Some((row.time, row.energy?))).collect();
         let mut chart = chart(scenario, time_axis(scenario), Axis::linear("energy ½ pᵀM⁻¹p + U(q)"))
             .with(Series::new("energy", Style::Line, self.energy.points()));
-        for (name, envelope) in ["stored in memories", "dissipated by them"].into_iter().zip(&self.memory) {
+        let of_memories = self.of(scenario, Source::Memories);
+        for (name, envelope) in ["stored in memories", "dissipated by them"].into_iter().zip(of_memories) {
             chart = chart.with(Series::new(name, Style::Line, envelope.points()));
         }
         with_reference(chart, scenario, "reference", points)

@@ -10,30 +10,25 @@ pub(crate) struct RunTraces {
     pub(super) energy: Envelope,
     /// (q₀, p₀), for a single coordinate.
     pub(super) phase: Option<PathTrace>,
-    /// Output, setpoint and measured value of each controller.
-    pub(super) control: Vec<Envelope>,
-    /// Energies stored in memories, and dissipated by them.
-    pub(super) memory: Vec<Envelope>,
+    /// The run's columns.
+    pub(super) columns: Vec<Envelope>,
 }
 
 impl RunTraces {
-    /// For as many coordinates as are drawn, and controllers, and with the energies of memories.
-    pub(crate) fn new(coordinates: usize, controllers: usize, memory: bool) -> Self {
+    /// For as many coordinates as are drawn, and columns.
+    pub(crate) fn new(coordinates: usize, columns: usize) -> Self {
         Self {
             coordinates: vec![Envelope::new(); coordinates],
             energy: Envelope::new(),
             phase: (coordinates == 1).then(PathTrace::new),
-            control: vec![Envelope::new(); 3 * controllers],
-            memory: vec![Envelope::new(); if memory { 2 } else { 0 }],
+            columns: vec![Envelope::new(); columns],
         }
     }
 
     /// Whether what was read could have been gathered along a run with so many coordinates.
     pub(crate) fn is_sound(&self, coordinates: usize) -> bool {
         (1..=coordinates).contains(&self.coordinates.len())
-            && self.control.len().is_multiple_of(3)
-            && matches!(self.memory.len(), 0 | 2)
-            && self.coordinates.iter().chain(&self.control).chain(&self.memory).all(Envelope::is_sound)
+            && self.coordinates.iter().chain(&self.columns).all(Envelope::is_sound)
             && self.energy.is_sound()
             && self.phase.is_some() == (self.coordinates.len() == 1)
             && self.phase.iter().all(PathTrace::is_sound)
@@ -60,18 +55,10 @@ impl RunTraces {
         }
     }
 
-    /// Takes in what the controllers saw and put out, at the last of these times.
-    pub(crate) fn take_control(&mut self, times: &[f64], control: &[f64]) {
+    /// Takes in the run's columns, at the last of these times.
+    pub(crate) fn take_columns(&mut self, times: &[f64], columns: &[f64]) {
         let Some(time) = times.last() else { return };
-        for (envelope, number) in self.control.iter_mut().zip(control) {
-            envelope.push_all(&[*time], &[*number]);
-        }
-    }
-
-    /// Takes in the energies of memories, at the last of these times.
-    pub(crate) fn take_memory(&mut self, times: &[f64], memory: &[f64]) {
-        let Some(time) = times.last() else { return };
-        for (envelope, number) in self.memory.iter_mut().zip(memory) {
+        for (envelope, number) in self.columns.iter_mut().zip(columns) {
             envelope.push_all(&[*time], &[*number]);
         }
     }

@@ -1,7 +1,7 @@
 //! `snapshots.npz`: the whole state at some grid points, as NumPy reads it.
 
 use crate::results::growing_file::Mark;
-use crate::results::npz_rows::{self, Arrays, NpzRows};
+use crate::results::npz_rows::{self, NpzRows};
 #[cfg(feature = "pictures")]
 use crate::results::picture::Map;
 use std::io;
@@ -14,21 +14,22 @@ pub(crate) struct Snapshots {
 }
 
 impl Snapshots {
-    /// The file for states of so many coordinates, every how many steps.
+    /// A file for states of so many coordinates, one after every `every` steps.
     pub(crate) fn create(path: &Path, every: usize, coordinates: usize) -> io::Result<Self> {
-        let rows = NpzRows::create(path, Arrays::States, coordinates)?;
+        let rows = NpzRows::create(path, &npz_rows::states(coordinates))?;
         Ok(Self { every: every.max(1), rows })
     }
 
     /// Goes on behind marks.
     pub(crate) fn resume(path: &Path, every: usize, coordinates: usize, marks: &[Mark]) -> io::Result<Self> {
-        let rows = NpzRows::resume(path, Arrays::States, coordinates, marks)?;
+        let rows = NpzRows::resume(path, &npz_rows::states(coordinates), marks)?;
         Ok(Self { every: every.max(1), rows })
     }
 
     /// Whether what was marked is still there. Nothing is changed.
     pub(crate) fn can_resume(path: &Path, marks: &[Mark]) -> bool {
-        npz_rows::can_resume(path, marks)
+        let names = npz_rows::states(0).map(|array| array.name);
+        npz_rows::can_resume(path, &names, marks)
     }
 
     /// Every how many steps a state is kept.
@@ -38,7 +39,7 @@ impl Snapshots {
 
     /// Keeps a state.
     pub(crate) fn take(&mut self, time: f64, position: &[f64], momentum: &[f64]) -> io::Result<()> {
-        self.rows.push([&[time], position, momentum, &[], &[], &[], &[]])
+        self.rows.push([&[time], position, momentum])
     }
 
     /// Has everything on the disk; returns how far the arrays have got.

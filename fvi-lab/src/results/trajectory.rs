@@ -1,8 +1,9 @@
 //! `trajectory.csv` or `trajectory.npz`: one row for each grid point, streamed.
 
 use crate::results::growing_file::{GrowingFile, Mark};
-use crate::results::npz_rows::{self, Arrays, NpzRows};
+use crate::results::npz_rows::{self, NpzRows};
 use crate::simulation::GridState;
+use crate::simulation::columns::{Columns, Quantity};
 use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::{self, Read, Write};
@@ -12,12 +13,12 @@ use std::path::{Path, PathBuf};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Format {
-    /// `trajectory.csv`: `t,q0,…,p0,…,energy` with 17 significant digits, and `u,setpoint,measure` of a
-    /// controller, `u0,setpoint0,measure0,u1,…` of several.
+    /// `trajectory.csv`: `t,q0,…,p0,…,energy` with 17 significant digits, and the run's columns, as
+    /// `u,setpoint,measure` of a controller and `u0,setpoint0,measure0,u1,…` of several.
     #[default]
     Csv,
-    /// `trajectory.npz`: the NumPy arrays `t` (rows), `q` and `p` (rows × coordinates) and `energy` (rows);
-    /// `u`, `setpoint` and `measure` (rows, or rows × controllers).
+    /// `trajectory.npz`: the NumPy arrays `t` (rows), `q` and `p` (rows × coordinates) and `energy` (rows), and
+    /// those of the run's columns, as `u`, `setpoint` and `measure` (rows, or rows × controllers).
     Npz,
 }
 
@@ -39,17 +40,15 @@ impl Format {
     }
 }
 
-/// The columns of a trajectory.
+/// What the rows of a trajectory hold beside time and energy.
 #[derive(Clone, Copy, Debug)]
-pub struct Columns<'a> {
+pub struct Shape<'a> {
     /// The coordinates, which name columns.
     pub coordinates: &'a [usize],
-    /// Number of controllers.
-    pub controllers: usize,
+    /// The run's columns.
+    pub columns: &'a Columns,
     /// Number of parameters with respect to which there are derivatives, which text has room for.
     pub parameters: usize,
-    /// Whether there are the energies stored in memories and dissipated by them, which text has room for.
-    pub memory_energy: bool,
 }
 
 /// Writes grid points row by row, so that a reader gets the same f64 back.
@@ -69,7 +68,25 @@ pub struct TrajectoryWriter {
 
 enum Rows {
     Csv(GrowingFile),
-    Npz(Box<NpzRows>),
+    Npz(Box<NpzRows>, Vec<Quantity>),
+}
+
+impl Rows {
+    /// NumPy arrays for so many coordinates and these columns, whose files `rows` opens.
+    fn npz(
+        coordinates: usize,
+        columns: &Columns,
+        rows: impl FnOnce(&[npz_rows::Shape]) -> io::Result<NpzRows>,
+    ) -> io::Result<Self> {
+        let quantities: Vec<_> = columns.quantities().collect();
+        let mut arrays = npz_rows::states(coordinates).to_vec();
+        arrays.push(npz_rows::Shape { name: "energy", columns: None });
+        arrays.extend(quantities.iter().map(|quantity| npz_rows::Shape {
+            name: quantity.name,
+            columns: (quantity.members > 1).then_some(quantity.members),
+        }));
+        Ok(Self::Npz(Box::new(rows(&arrays)?), quantities))
+    }
 }
 
 /// How far a trajectory has got: what of its files belongs to so many grid points.
@@ -77,6 +94,8 @@ enum Rows {
 pub(crate) struct TrajectoryMark {
     pub(crate) format: Format,
     written: bool,
+    /// The names of the arrays, if there are some.
+    arrays: Vec<String>,
     files: Vec<Mark>,
 }
 
@@ -86,46 +105,35 @@ impl TrajectoryWriter {
     ///
     /// # Errors
     /// If a file cannot be created.
-    pub fn create(directory: &Path, format: Format, columns: Columns<'_>, every: usize) -> io::Result<Self> {
-        let Columns { coordinates, controllers, parameters, memory_energy } = columns;
+    pub fn create(directory: &Path, format: Format, shape: Shape<'_>, every: usize) -> io::Result<Self> {
+        let Shape { coordinates, columns, parameters } = shape;
         let path = directory.join(format.file());
         let rows = match format {
             Format::Csv => {
                 let mut file = GrowingFile::begin(&path, 0)?;
-                let columns = |letter: char| coordinates.iter().map(move |index| format!(",{letter}{index}"));
-                let names: String = columns('q').chain(columns('p')).collect();
-                let control = (0..controllers).map(|index| match controllers {
-                    1 => ",u,setpoint,measure".to_owned(),
-                    _ => format!(",u{index},setpoint{index},measure{index}"),
-                });
-                let control: String = control.collect();
+                let states = |letter: char| coordinates.iter().map(move |index| format!(",{letter}{index}"));
+                let names: String = states('q').chain(states('p')).collect();
+                let more: String = columns.headings().iter().map(|heading| format!(",{heading}")).collect();
                 let derived = |letter: char, parameter: usize| {
                     coordinates.iter().map(move |index| format!(",d{letter}{index}_d{parameter}"))
                 };
                 let both = |parameter| derived('q', parameter).chain(derived('p', parameter));
                 let derivatives: String = (0..parameters).flat_map(both).collect();
-                let memory = if memory_energy { ",memory_stored,memory_dissipated" } else { "" };
-                writeln!(file, "t{names},energy{control}{derivatives}{memory}")?;
+                writeln!(file, "t{names},energy{more}{derivatives}")?;
                 Rows::Csv(file)
             }
-            Format::Npz => {
-                Rows::Npz(Box::new(NpzRows::create(&path, Arrays::of_rows(controllers), coordinates.len())?))
-            }
+            Format::Npz => Rows::npz(coordinates.len(), columns, |arrays| NpzRows::create(&path, arrays))?,
         };
         Ok(Self::behind(rows, every, 0, true))
     }
 
-    /// A writer to a file of NumPy arrays of any name.
+    /// A writer of every row to a file of NumPy arrays of any name.
     ///
     /// # Errors
     /// If a file cannot be created.
-    pub(crate) fn npz(
-        path: &Path,
-        (coordinates, controllers): (usize, usize),
-        every: usize,
-    ) -> io::Result<Self> {
-        let rows = Rows::Npz(Box::new(NpzRows::create(path, Arrays::of_rows(controllers), coordinates)?));
-        Ok(Self::behind(rows, every, 0, true))
+    pub(crate) fn npz(path: &Path, coordinates: usize, columns: &Columns) -> io::Result<Self> {
+        let rows = Rows::npz(coordinates, columns, |arrays| NpzRows::create(path, arrays))?;
+        Ok(Self::behind(rows, 1, 0, true))
     }
 
     /// A writer that goes on behind a mark with grid point `index`.
@@ -135,7 +143,7 @@ impl TrajectoryWriter {
     pub(crate) fn resume(
         directory: &Path,
         mark: &TrajectoryMark,
-        (coordinates, controllers): (usize, usize),
+        (coordinates, columns): (usize, &Columns),
         every: usize,
         index: usize,
     ) -> io::Result<Self> {
@@ -143,7 +151,7 @@ impl TrajectoryWriter {
         let rows = match (mark.format, mark.files.as_slice()) {
             (Format::Csv, [csv]) => Rows::Csv(GrowingFile::resume(&path, 0, csv, || whole(&path))?),
             (Format::Npz, marks) => {
-                Rows::Npz(Box::new(NpzRows::resume(&path, Arrays::of_rows(controllers), coordinates, marks)?))
+                Rows::npz(coordinates, columns, |arrays| NpzRows::resume(&path, arrays, marks))?
             }
             _ => return Err(io::ErrorKind::InvalidData.into()),
         };
@@ -159,7 +167,7 @@ impl TrajectoryWriter {
         let path = directory.join(mark.format.file());
         match (mark.format, mark.files.as_slice()) {
             (Format::Csv, [csv]) => GrowingFile::can_resume(&path, 0, csv, || whole(&path)),
-            (Format::Npz, marks) => npz_rows::can_resume(&path, marks),
+            (Format::Npz, marks) => npz_rows::can_resume(&path, &mark.arrays, marks),
             _ => false,
         }
     }
@@ -168,7 +176,7 @@ impl TrajectoryWriter {
     pub fn format(&self) -> Format {
         match self.rows {
             Rows::Csv(_) => Format::Csv,
-            Rows::Npz(_) => Format::Npz,
+            Rows::Npz(..) => Format::Npz,
         }
     }
 
@@ -208,19 +216,12 @@ impl TrajectoryWriter {
                 state.append_row(&mut self.line);
                 file.write_all(self.line.as_bytes())
             }
-            Rows::Npz(rows) => {
-                let control = |column: usize| state.control.iter().skip(column).step_by(3).copied();
-                let control: [Vec<f64>; 3] = std::array::from_fn(|column| control(column).collect());
-                let [output, setpoint, measure] = &control;
-                rows.push([
-                    &[state.time],
-                    &state.position,
-                    &state.momentum,
-                    &[state.energy],
-                    output,
-                    setpoint,
-                    measure,
-                ])
+            Rows::Npz(rows, quantities) => {
+                let (time, energy) = ([state.time], [state.energy]);
+                let of = |quantity: &Quantity| quantity.of(&state.columns).collect();
+                let more: Vec<Vec<f64>> = quantities.iter().map(of).collect();
+                let row = [&time[..], &state.position, &state.momentum, &energy];
+                rows.push(row.into_iter().chain(more.iter().map(Vec::as_slice)))
             }
         }
     }
@@ -230,18 +231,18 @@ impl TrajectoryWriter {
     /// # Errors
     /// If it cannot be written.
     pub(crate) fn mark(&mut self) -> io::Result<TrajectoryMark> {
-        let (format, files) = match &mut self.rows {
-            Rows::Csv(file) => (Format::Csv, vec![file.mark()?]),
-            Rows::Npz(rows) => (Format::Npz, rows.mark()?),
+        let (format, arrays, files) = match &mut self.rows {
+            Rows::Csv(file) => (Format::Csv, Vec::new(), vec![file.mark()?]),
+            Rows::Npz(rows, _) => (Format::Npz, rows.names().map(str::to_owned).collect(), rows.mark()?),
         };
-        Ok(TrajectoryMark { format, written: self.written, files })
+        Ok(TrajectoryMark { format, written: self.written, arrays, files })
     }
 
     /// From now on the parts stay when the writer is dropped.
     pub(crate) fn keep(&mut self) {
         match &mut self.rows {
             Rows::Csv(file) => file.keep(),
-            Rows::Npz(rows) => rows.keep(),
+            Rows::Npz(rows, _) => rows.keep(),
         }
     }
 
@@ -255,7 +256,7 @@ impl TrajectoryWriter {
         }
         match self.rows {
             Rows::Csv(file) => file.commit(),
-            Rows::Npz(rows) => rows.finish(),
+            Rows::Npz(rows, _) => rows.finish(),
         }
     }
 }
@@ -267,9 +268,6 @@ fn whole(path: &PathBuf) -> io::Result<Box<dyn Read>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    const ONE: Columns<'static> =
-        Columns { coordinates: &[0], controllers: 0, parameters: 0, memory_energy: false };
 
     fn state(index: usize) -> GridState {
         let time = index as f64 * 0.1;
@@ -284,7 +282,9 @@ mod tests {
 
     fn rows(every: usize, count: usize) -> Vec<String> {
         let directory = tempfile::tempdir().unwrap();
-        let mut writer = TrajectoryWriter::create(directory.path(), Format::Csv, ONE, every).unwrap();
+        let columns = Columns::default();
+        let one = Shape { coordinates: &[0], columns: &columns, parameters: 0 };
+        let mut writer = TrajectoryWriter::create(directory.path(), Format::Csv, one, every).unwrap();
         (0..count).for_each(|index| writer.push(&state(index)).unwrap());
         let path = directory.path().join("trajectory.csv");
         assert!(!path.exists());
@@ -320,7 +320,9 @@ mod tests {
             for every in [1, 3] {
                 let written = |interrupted: bool, finished: bool| {
                     let directory = tempfile::tempdir().unwrap();
-                    let mut writer = TrajectoryWriter::create(directory.path(), format, ONE, every).unwrap();
+                    let columns = Columns::default();
+                    let one = Shape { coordinates: &[0], columns: &columns, parameters: 0 };
+                    let mut writer = TrajectoryWriter::create(directory.path(), format, one, every).unwrap();
                     (0..11).for_each(|index| writer.push(&state(index)).unwrap());
                     if interrupted {
                         let mark = writer.mark().unwrap();
@@ -332,8 +334,8 @@ mod tests {
                             drop(writer);
                         }
                         assert!(TrajectoryWriter::can_resume(directory.path(), &mark));
-                        writer =
-                            TrajectoryWriter::resume(directory.path(), &mark, (1, 0), every, 11).unwrap();
+                        writer = TrajectoryWriter::resume(directory.path(), &mark, (1, &columns), every, 11)
+                            .unwrap();
                     }
                     (11..20).for_each(|index| writer.push(&state(index)).unwrap());
                     writer.finish(&state(19)).unwrap();

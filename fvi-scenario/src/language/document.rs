@@ -61,7 +61,7 @@ impl Document {
         Self { name, directory, text, attached: Vec::new(), kept: None }
     }
 
-    /// A value with the keys of a file, such as a map or a struct of one's own, as the document that says the
+    /// A value with the keys of a file, such as a map or your own struct, as the document that says the
     /// same.
     ///
     /// # Errors

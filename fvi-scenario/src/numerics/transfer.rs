@@ -454,7 +454,7 @@ impl TransferFunction {
         Some(poles - spacing * (0..=nodes).map(node).sum::<f64>())
     }
 
-    /// K with K(0) in it, for whoever asks for K(D) of a signal: its first weight has the spring, and a
+    /// K with K(0) in it, for K(D) of a signal: its first weight has the spring, and a
     /// memory
     /// acts on values.
     #[must_use]

@@ -11,7 +11,7 @@ use fvi_core::{keep_factors, substitute, substitute_kept};
 use fvi_sparse::Pattern;
 use std::sync::Arc;
 
-/// An N×N matrix, stored as it deserves.
+/// An N×N matrix: diagonal, full or sparse.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Matrix<T> {
     /// Diagonal entries.

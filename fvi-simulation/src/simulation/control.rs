@@ -35,7 +35,7 @@ pub(crate) trait Control {
     /// inputs of the scenario in it.
     fn drive(&mut self, step: u64, time: f64, drive: &mut Drive);
     /// Output, setpoint and measured value of each controller at its last sample.
-    fn columns(&self, columns: &mut Vec<f64>);
+    fn write(&self, columns: &mut [f64]);
     /// Appends the state.
     ///
     /// # Errors
@@ -316,9 +316,9 @@ impl<T: Elementary> Control for Loops<T> {
         *inside = SampledInput::of(times, samples);
     }
 
-    fn columns(&self, columns: &mut Vec<f64>) {
-        columns.clear();
-        columns.extend(self.loops.iter().flat_map(|one| one.columns).map(|number| number.to_f64()));
+    fn write(&self, columns: &mut [f64]) {
+        let numbers = self.loops.iter().flat_map(|one| one.columns);
+        columns.iter_mut().zip(numbers).for_each(|(place, number)| *place = number.to_f64());
     }
 
     fn save(&self, bytes: &mut Vec<u8>) -> Result<(), StateError> {

@@ -158,13 +158,13 @@ impl MemoryEnergy {
     }
 
     /// Writes what is stored, and what has been dissipated.
-    pub(crate) fn write(&self, numbers: &mut Vec<f64>) {
+    pub(crate) fn write(&self, columns: &mut [f64]) {
         let of = |term: &Term| -> f64 {
             let pairs = term.elements.iter().zip(&term.states);
             pairs.map(|(element, state)| element.stored(term.rule, state, &term.rho)).sum()
         };
-        numbers.clear();
-        numbers.extend([self.terms.iter().map(of).sum(), self.dissipated]);
+        let numbers = [self.terms.iter().map(of).sum(), self.dissipated];
+        columns.iter_mut().zip(numbers).for_each(|(place, number)| *place = number);
     }
 
     fn numbers(&self) -> impl Iterator<Item = &f64> {

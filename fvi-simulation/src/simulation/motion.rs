@@ -4,6 +4,7 @@ use crate::language::{InputError, Problem};
 use crate::memory::Tables;
 use crate::scenario::{SampledInput, Scenario};
 use crate::simulation::adaptive::{AdaptiveSteps, Counts, Progress};
+use crate::simulation::columns::{Columns, Source};
 use crate::simulation::control::{Control, Drive, acts_inside_steps, control};
 use crate::simulation::energy_guard::{EnergyGuard, Gathered};
 use crate::simulation::forces_of_time;
@@ -30,10 +31,12 @@ pub struct Motion<'s> {
     /// The states that were made last.
     batch: StepBatch,
     next: GridState,
-    /// The controllers, what they put on the step made last, and their columns before it.
+    /// The controllers, and what they put on the step made last.
     control: Option<Box<dyn Control>>,
     drive: Drive,
-    control_before: Vec<f64>,
+    /// Its columns, and their numbers before the step made last.
+    columns: Columns,
+    columns_before: Vec<f64>,
     /// Of the motions under load cases.
     energies: Vec<f64>,
     /// Warning about forces of time.
@@ -74,16 +77,18 @@ impl<'s> Motion<'s> {
         tables: &Tables,
     ) -> Result<Self, InputError> {
         let (mut simulation, mut state) = start(scenario, precision, tables)?;
+        let columns = Columns::of(scenario);
+        state.columns.resize(columns.len(), 0.0);
         let mut control = control(scenario, precision)?;
         if let Some(control) = &mut control {
             control.take(0, &state).map_err(|reason| {
                 scenario.error_at("controller", Problem::Unusable { reason: format!("{reason}, at t = 0") })
             })?;
-            control.columns(&mut state.control);
+            control.write(&mut state.columns[columns.places(Source::Controllers)]);
         }
         let memory_energy = MemoryEnergy::new(scenario)?;
         if let Some(memory_energy) = &memory_energy {
-            memory_energy.write(&mut state.memory);
+            memory_energy.write(&mut state.columns[columns.places(Source::Memories)]);
         }
         let inside = acts_inside_steps(scenario);
         let drive =
@@ -106,7 +111,7 @@ impl<'s> Motion<'s> {
         batch.push_state(&state, 0);
         let next = state.clone();
         let notes = forces_of_time::warnings(scenario);
-        let control_before = state.control.clone();
+        let columns_before = state.columns.clone();
         Ok(Self {
             scenario,
             simulation,
@@ -118,7 +123,8 @@ impl<'s> Motion<'s> {
             next,
             control,
             drive,
-            control_before,
+            columns,
+            columns_before,
             energies,
             notes,
             tangent: None,
@@ -199,7 +205,7 @@ impl<'s> Motion<'s> {
             Some(memory_energy) => {
                 let (state, of_memory) = split_last(state)?;
                 memory_energy.restore(of_memory)?;
-                memory_energy.write(&mut self.state.memory);
+                memory_energy.write(&mut self.state.columns[self.columns.places(Source::Memories)]);
                 state
             }
         };
@@ -208,11 +214,11 @@ impl<'s> Motion<'s> {
             Some(control) => {
                 let (state, of_control) = split_last(state)?;
                 control.restore(of_control)?;
-                control.columns(&mut self.state.control);
-                self.control_before.clone_from(&self.state.control);
+                control.write(&mut self.state.columns[self.columns.places(Source::Controllers)]);
                 state
             }
         };
+        self.columns_before.clone_from(&self.state.columns);
         self.simulation.restore(state)?;
         self.simulation.read(&mut self.state);
         self.simulation.read_energies(&mut self.energies);
@@ -264,7 +270,7 @@ impl<'s> Motion<'s> {
         if let (Some(memory_energy), 1, None) = (&mut self.memory_energy, self.batch.len(), &failure) {
             self.batch.read(0, &mut self.next);
             memory_energy.advance(&self.state.position, &self.next.position);
-            memory_energy.write(self.batch.memory_mut());
+            memory_energy.write(&mut self.batch.columns_mut()[self.columns.places(Source::Memories)]);
         }
         let mut failed = self.batch.len();
         let (input, on_grid) = (self.scenario.input.as_ref(), self.adaptive.is_none());
@@ -304,10 +310,10 @@ impl<'s> Motion<'s> {
             {
                 (failure, failed) = (Some(reason), 1);
             }
-            self.control_before.clone_from(&self.state.control);
-            control.columns(self.batch.control_mut());
+            control.write(&mut self.batch.columns_mut()[self.columns.places(Source::Controllers)]);
         }
         if let Some(last) = self.batch.len().checked_sub(1) {
+            self.columns_before.clone_from(&self.state.columns);
             self.steps = before + self.batch.len();
             self.batch.read(last, &mut self.state);
         }
@@ -395,14 +401,13 @@ impl<'s> Motion<'s> {
     /// Writes the state at a time within the last step, by the scheme's own polynomial.
     pub fn interpolate(&mut self, time: f64, state: &mut GridState) {
         self.simulation.interpolate(time, state);
-        state.control.clear();
-        state.control.extend_from_slice(self.control_at(time));
+        state.columns.clear();
+        state.columns.extend_from_slice(self.columns_at(time));
     }
 
-    /// What the controllers saw and put out last at a time within the last step: at its end they have taken
-    /// its state, inside not yet.
-    pub fn control_at(&self, time: f64) -> &[f64] {
-        if time < self.state.time { &self.control_before } else { &self.state.control }
+    /// The numbers of its columns at a time within the last step: inside those of its beginning.
+    pub fn columns_at(&self, time: f64) -> &[f64] {
+        if time < self.state.time { &self.columns_before } else { &self.state.columns }
     }
 
     /// The simulation.

@@ -26,12 +26,10 @@ pub struct StepBatch {
     positions: Vec<f64>,
     momenta: Vec<f64>,
     iterations: Vec<u32>,
-    /// Of the controllers at the last state; with controllers it is the only one.
-    control: Vec<f64>,
+    /// The run's columns at the last state; where there are some, it is the only one.
+    columns: Vec<f64>,
     /// Of a state that is looked at by itself.
     sensitivities: Vec<f64>,
-    /// Of the memories, likewise.
-    memory: Vec<f64>,
     /// Energies are those of the states after multiples of so many steps.
     energies_every: usize,
 }
@@ -42,19 +40,18 @@ impl StepBatch {
     pub fn new(coordinates: usize, one_by_one: bool, energies_every: usize) -> Self {
         let room = if one_by_one { 1 } else { (NUMBERS / coordinates.max(1)).clamp(1, STEPS) };
         let column = || vec![0.0; room];
-        let columns = || vec![0.0; room * coordinates];
+        let coordinates = || vec![0.0; room * coordinates];
         Self {
             room,
             len: 0,
             first: 0,
             times: column(),
             energies: column(),
-            positions: columns(),
-            momenta: columns(),
+            positions: coordinates(),
+            momenta: coordinates(),
             iterations: vec![0; room],
-            control: Vec::new(),
+            columns: Vec::new(),
             sensitivities: Vec::new(),
-            memory: Vec::new(),
             energies_every,
         }
     }
@@ -100,24 +97,13 @@ impl StepBatch {
     pub fn push_state(&mut self, state: &GridState, iterations: u32) {
         let (position, momentum) = (state.position.iter().copied(), state.momentum.iter().copied());
         self.push((state.time, state.energy), position, momentum, iterations);
-        self.control.clone_from(&state.control);
+        self.columns.clone_from(&state.columns);
         self.sensitivities.clone_from(&state.sensitivities);
-        self.memory.clone_from(&state.memory);
     }
 
     /// ∂q/∂θ and ∂p/∂θ of the state; none where nothing is differentiated.
     pub fn sensitivities(&self) -> &[f64] {
         &self.sensitivities
-    }
-
-    /// Energies of the memories at the last state.
-    pub fn memory(&self) -> &[f64] {
-        &self.memory
-    }
-
-    /// [`memory`](Self::memory), to be written.
-    pub(crate) fn memory_mut(&mut self) -> &mut Vec<f64> {
-        &mut self.memory
     }
 
     /// [`sensitivities`](Self::sensitivities), to be written.
@@ -134,14 +120,14 @@ impl StepBatch {
         }
     }
 
-    /// Measured values and outputs of the controllers at the last state.
-    pub fn control(&self) -> &[f64] {
-        &self.control
+    /// The run's columns at the last state.
+    pub fn columns(&self) -> &[f64] {
+        &self.columns
     }
 
-    /// To be written by whoever asks them.
-    pub(crate) fn control_mut(&mut self) -> &mut Vec<f64> {
-        &mut self.control
+    /// [`columns`](Self::columns), to be written.
+    pub(crate) fn columns_mut(&mut self) -> &mut [f64] {
+        &mut self.columns
     }
 
     /// How many states there are.
@@ -231,12 +217,9 @@ impl StepBatch {
     pub fn read(&self, index: usize, state: &mut GridState) {
         state.time = self.times[index];
         state.energy = self.energies[index];
-        state.control.clone_from(&self.control);
+        state.columns.clone_from(&self.columns);
         state.position.iter_mut().zip(self.positions()).for_each(|(place, column)| *place = column[index]);
         state.momentum.iter_mut().zip(self.momenta()).for_each(|(place, column)| *place = column[index]);
-        if !self.memory.is_empty() {
-            state.memory.clone_from(&self.memory);
-        }
         if !self.sensitivities.is_empty() {
             state.sensitivities.clone_from(&self.sensitivities);
         }

@@ -56,7 +56,8 @@ pub(crate) struct Tangent {
     position: Vec<f64>,
     momentum: Vec<f64>,
     kick: Vec<f64>,
-    /// How far the nodes of the last sample lie behind the position, of the derivatives and of the motion.
+    /// Difference between the position at the end of the last step and at each of its nodes: its derivatives by
+    /// the parameters, and its value.
     behind: Vec<f64>,
     motion_behind: Vec<f64>,
     scratch: Vec<f64>,

@@ -1,4 +1,4 @@
-//! A strategy of one's own in a race with those of the field:
+//! Your own strategy in a race with those of the field:
 //!
 //!     cargo run --release -- race.toml out
 

@@ -12,7 +12,7 @@ use crate::compile::Program;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Verdict {
     Caught,
-    /// A test went on for much longer than it takes: whoever runs it notices.
+    /// A test ran for much longer than it should: its caller notices.
     Endless,
     Survived,
     /// No test runs this code.

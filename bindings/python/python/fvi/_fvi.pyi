@@ -61,7 +61,7 @@ def run(
     go_on: Standing | None = None,
     keep: bool | None = None,
 ) -> tuple[
-    list[tuple[str, _Array, _Array, _Array, _Array, _Array, _Array, _Array, str, str]], BaseException | None, Standing | None
+    list[tuple[str, _Array, _Array, _Array, _Array, dict[str, _Array], _Array, str, str]], BaseException | None, Standing | None
 ]: ...
 def run_in(
     source: Any,

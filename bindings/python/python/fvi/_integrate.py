@@ -430,7 +430,7 @@ def _scenario(
         changes["output.coordinates"] = list(range(size))[chosen]
     scenario["initial"] = initial
     scenario["time"] = time
-    # A file has to choose its columns; whoever asks for arrays gets them all.
+    # A file has to choose its columns; arrays hold all coordinates.
     if size > MOST_COLUMNS and changes.get("output.coordinates") is None:
         changes["output.coordinates"] = range(size)
     functions = Functions(terms if any((terms.gradient, terms.force)) else None, watched)

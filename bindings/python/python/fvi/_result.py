@@ -57,8 +57,8 @@ class Continuation:
     standing: Any
 
 
-#: Columns that some results have.
-_MORE = ("u", "setpoint", "measure", "memory_stored", "memory_dissipated")
+#: Arrays that every file of rows has.
+_STATE = ("t", "q", "p", "energy")
 
 
 @dataclass(frozen=True, repr=False)
@@ -81,9 +81,11 @@ class Result:
         0: all steps were made; −1: a step failed; 1: the run was stopped.
     message : str
         How it ended, in words.
-    u, setpoint, measure : ndarray, shape (K,), or (K, C) of C controllers, or None without
+    columns : dict of ndarray, shape (K,), or (K, C) of C controllers
+        What a run has beside these, by the names of its columns in ``trajectory.csv``; those below are of it.
+    u, setpoint, measure : ndarray, or None without controllers
         What the controllers put out, wanted and saw at their last sample up to the time of the row.
-    memory_stored, memory_dissipated : ndarray, shape (K,), or None unless ``output.memory_energy`` is set
+    memory_stored, memory_dissipated : ndarray, or None unless ``output.memory_energy`` is set
         Energy stored in the memories of damping, and dissipated by them since t = 0.
     """
 
@@ -97,11 +99,7 @@ class Result:
     _record: str = "{}"
     _warnings: tuple[str, ...] = field(default=(), compare=False)
     _mass: Any = field(default=None, compare=False)
-    u: FloatArray | None = None
-    setpoint: FloatArray | None = None
-    measure: FloatArray | None = None
-    memory_stored: FloatArray | None = None
-    memory_dissipated: FloatArray | None = None
+    columns: dict[str, FloatArray] = field(default_factory=dict)
     _derivatives: FloatArray | None = field(default=None, compare=False)
     _continuation: Continuation | None = field(default=None, compare=False)
 
@@ -125,6 +123,31 @@ class Result:
             "the result has no memory: it was read from a file, made of a scenario's file, or its memory is large and was not kept; "
             "`keep_memory=True` keeps it, and a run with `out` is gone on with by `resume=True`"
         )
+
+    @property
+    def u(self) -> FloatArray | None:
+        """What the controllers put out, held at the time of the row."""
+        return self.columns.get("u")
+
+    @property
+    def setpoint(self) -> FloatArray | None:
+        """What the controllers wanted at their last sample."""
+        return self.columns.get("setpoint")
+
+    @property
+    def measure(self) -> FloatArray | None:
+        """What the controllers saw at their last sample."""
+        return self.columns.get("measure")
+
+    @property
+    def memory_stored(self) -> FloatArray | None:
+        """Energy stored in the memories of damping."""
+        return self.columns.get("memory_stored")
+
+    @property
+    def memory_dissipated(self) -> FloatArray | None:
+        """Energy dissipated by the memories of damping since t = 0."""
+        return self.columns.get("memory_dissipated")
 
     @property
     def dq(self) -> FloatArray:
@@ -239,16 +262,10 @@ class Result:
         """
         with open(path, "wb") as file:
             derivatives = np.zeros((len(self.t), 0)) if self._derivatives is None else self._derivatives
-            more: dict[str, Any] = dict(self._control) | {"derivatives": derivatives}
-            np.savez(file, t=self.t, q=self.q, p=self.p, energy=self.energy, **more, end=np.array(
+            columns: dict[str, Any] = dict(self.columns)
+            np.savez(file, t=self.t, q=self.q, p=self.p, energy=self.energy, **columns, derivatives=derivatives, end=np.array(
                 json.dumps({"success": self.success, "status": self.status, "message": self.message, "summary": self.summary})
             ))
-
-    @property
-    def _control(self) -> dict[str, FloatArray]:
-        """The columns of controllers and memories that there are."""
-        columns = {name: getattr(self, name) for name in _MORE}
-        return {name: column for name, column in columns.items() if column is not None}
 
     def __repr__(self) -> str:
         rows, coordinates = self.q.shape
@@ -310,12 +327,11 @@ class Result:
         for letter, values in (("q", self.q), ("p", self.p)):
             columns.update({f"{letter}{coordinate}": values[:, column] for column, coordinate in enumerate(self.coordinates)})
         columns["energy"] = self.energy
-        if self.u is not None and self.u.ndim == 1:
-            columns.update(self._control)
-        else:
-            # As in the file: those of one controller behind those of the other.
-            for controller in range(0 if self.u is None else self.u.shape[1]):
-                columns.update({f"{name}{controller}": column[:, controller] for name, column in self._control.items()})
+        # As in the file: those of one controller behind those of the other.
+        several = max((column.shape[1] for column in self.columns.values() if column.ndim == 2), default=0)
+        for member in range(several):
+            columns.update({f"{name}{member}": column[:, member] for name, column in self.columns.items() if column.ndim == 2})
+        columns.update({name: column for name, column in self.columns.items() if column.ndim == 1})
         for parameter in range(self.dq.shape[1]):
             for letter, values in (("dq", self.dq), ("dp", self.dp)):
                 of = enumerate(self.coordinates)
@@ -331,11 +347,17 @@ class Result:
                 "q": (("t", "coordinate"), self.q),
                 "p": (("t", "coordinate"), self.p),
                 "energy": ("t", self.energy),
-                **{name: (("t", "controller")[: column.ndim], column) for name, column in self._control.items()},
+                **{name: (("t", "controller")[: column.ndim], column) for name, column in self.columns.items()},
             },
             coords={"t": self.t, "coordinate": self.coordinates},
             attrs={"title": self.title, **scalars},
         )
+
+
+def of_arrays(arrays: Any) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, dict[str, FloatArray]]:
+    """t, q, p, energy and the columns in a file of NumPy arrays."""
+    t, q, p, energy = (arrays[name] for name in _STATE)
+    return t, q, p, energy, {name: arrays[name] for name in arrays if name not in (*_STATE, "end", "derivatives")}
 
 
 def ending(known: Mapping[str, Any]) -> tuple[int, str]:
@@ -358,15 +380,10 @@ def _of_directory(path: str) -> Result:
     status, message = ending(known)
     warned = tuple(known.get("warnings", ()))
     arrays = os.path.join(path, "trajectory.npz")
-    columns: dict[str, Any] = {}
     if "trajectory.npz" in known["files"]:
         with np.load(arrays, allow_pickle=False) as kept:
-            t, q, p, energy = (kept[name] for name in ("t", "q", "p", "energy"))
-            for name in ("u", "setpoint", "measure"):
-                if name in kept:
-                    column = kept[name].reshape(len(t), -1)
-                    columns[name] = column[:, 0].copy() if column.shape[1] == 1 else column
-        return Result(t, q, p, energy, status == 0, status, message, record, warned, **columns)
+            t, q, p, energy, columns = of_arrays(kept)
+        return Result(t, q, p, energy, status == 0, status, message, record, warned, columns=columns)
     with open(os.path.join(path, "trajectory.csv"), encoding="utf-8") as file:
         names = file.readline().rstrip("\n").split(",")
         rows = np.loadtxt(file, delimiter=",", ndmin=2)
@@ -378,16 +395,17 @@ def _of_directory(path: str) -> Result:
         return np.ascontiguousarray(rows[:, taken(pattern)])
 
     q, p = part(r"q\d+"), part(r"p\d+")
-    for name in ("u", "setpoint", "measure"):
-        if taken(name):
-            columns[name] = part(name)[:, 0]
-        elif taken(rf"{name}\d+"):
-            columns[name] = part(rf"{name}\d+")
+    columns = {}
+    for heading in names:
+        name = heading.rstrip("0123456789")
+        if re.fullmatch(r"t|energy|[qp]\d+|d[qp]\d+_d\d+", heading) or name in columns:
+            continue
+        columns[name] = part(re.escape(name))[:, 0] if name == heading else part(rf"{re.escape(name)}\d+")
     parameters = len(taken(r"dq\d+_d\d+")) // q.shape[1]
     by_parameter = [part(rf"d{letter}\d+_d{parameter}") for parameter in range(parameters) for letter in "qp"]
     derivatives = np.concatenate(by_parameter, axis=1) if by_parameter else None
     t, energy = part("t")[:, 0], part("energy")[:, 0]
-    return Result(t, q, p, energy, status == 0, status, message, record, warned, _derivatives=derivatives, **columns)
+    return Result(t, q, p, energy, status == 0, status, message, record, warned, columns=columns, _derivatives=derivatives)
 
 
 def load(path: str | os.PathLike[str]) -> Result:
@@ -423,13 +441,12 @@ def load(path: str | os.PathLike[str]) -> Result:
         if os.path.isdir(path):
             return _of_directory(os.fspath(path))
         with np.load(path, allow_pickle=False) as arrays:
-            t, q, p, energy = (arrays[name] for name in ("t", "q", "p", "energy"))
-            control = {name: arrays[name] for name in _MORE if name in arrays}
+            t, q, p, energy, columns = of_arrays(arrays)
             end = json.loads(str(arrays["end"]))
             derivatives = arrays["derivatives"] if "derivatives" in arrays.files else None
         record = json.dumps(end["summary"])
         return Result(
-            t, q, p, energy, end["success"], end["status"], end["message"], record, _derivatives=derivatives, **control
+            t, q, p, energy, end["success"], end["status"], end["message"], record, columns=columns, _derivatives=derivatives
         )
     except (KeyError, ValueError, TypeError, EOFError) as error:
         raise InputError(f"path: {os.fspath(path)} holds no result of fvi: {error}", "path", os.fspath(path)) from None

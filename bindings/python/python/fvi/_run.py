@@ -16,7 +16,7 @@ import numpy as np
 from fvi import _fvi
 from fvi._types import FloatArray
 from fvi._errors import InputError, StepError
-from fvi._result import Continuation, Result, ending
+from fvi._result import Continuation, Result, ending, of_arrays
 from fvi._scenario import Files, Scenario, by_path, source
 from fvi._terms import Functions, out_of
 
@@ -137,11 +137,8 @@ def run(
         accept_other_machine=accept_other_machine,
     )
     with np.load(Path(out) / "trajectory.npz") as arrays:
-        t, q, p, energy = (arrays[name] for name in ("t", "q", "p", "energy"))
-        control = None
-        if "u" in arrays:
-            control = np.stack([arrays[name].reshape(len(t), -1) for name in ("u", "setpoint", "measure")], axis=2)
-    return _finish(_result(t, q, p, energy, control, record, record), raised, check)
+        t, q, p, energy, columns = of_arrays(arrays)
+    return _finish(_result(t, q, p, energy, columns, record, record), raised, check)
 
 
 def run_cases(
@@ -220,8 +217,8 @@ def compute(
         scenario, engine=engine, precision=precision, progress=progress, terms=functions.terms, prepared=prepared, spent=spent,
         events=functions.events, go_on=standing, keep=keep_memory,
     )
-    ((_, t, q, p, energy, control, derivatives, memory, end, record),) = motions
-    result = _result(t, q, p, energy, control, end, record, mass, derivatives, memory)
+    ((_, t, q, p, energy, columns, derivatives, end, record),) = motions
+    result = _result(t, q, p, energy, columns, end, record, mass, derivatives)
     if junction is not None:
         result = _behind(junction, result)
     if reached is not None and isinstance(scenario, tuple):
@@ -238,9 +235,8 @@ def _behind(before: Result, result: Result) -> Result:
         return result
     chosen = scenario["output"].get("coordinates")
     q, p = (np.array(last[name]) if chosen is None else np.array(last[name])[chosen] for name in ("position", "momentum"))
-    control: dict[str, Any] = {
-        name: np.concatenate([getattr(before, name)[-1:], column]) for name, column in result._control.items()
-        if getattr(before, name) is not None
+    columns = {
+        name: np.concatenate([before.columns[name][-1:], column]) for name, column in result.columns.items() if name in before.columns
     }
     return replace(
         result,
@@ -248,7 +244,7 @@ def _behind(before: Result, result: Result) -> Result:
         q=np.concatenate([q[None], result.q]),
         p=np.concatenate([p[None], result.p]),
         energy=np.concatenate([[last["energy"]], result.energy]),
-        **control,
+        columns=columns,
     )
 
 
@@ -259,7 +255,7 @@ def compute_cases(
     progress = check_progress(progress)
     motions, raised, _ = _fvi.run(scenario, engine=engine, precision=precision, progress=progress, cases=True)
     results = {
-        name: _result(t, q, p, energy, control, end, record) for name, t, q, p, energy, control, _, _, end, record in motions
+        name: _result(t, q, p, energy, columns, end, record) for name, t, q, p, energy, columns, _, end, record in motions
     }
     if raised is not None:
         _raise(raised, results)
@@ -296,29 +292,18 @@ def _result(
     q: FloatArray,
     p: FloatArray,
     energy: FloatArray,
-    control: FloatArray | None,
+    columns: dict[str, FloatArray],
     end: str,
     record: str,
     mass: Any = None,
     derivatives: FloatArray | None = None,
-    memory: FloatArray | None = None,
 ) -> Result:
     """The result with what its record says of the end; the record itself is read when it is asked for."""
     known = json.loads(end)
     status, message = ending(known)
-    columns: dict[str, Any] = {}
-    if control is not None and control.size:
-        control = control.reshape(len(t), -1, 3)
-        several = control.shape[1] > 1
-        columns = {
-            name: control[:, :, index] if several else control[:, 0, index].copy()
-            for index, name in enumerate(("u", "setpoint", "measure"))
-        }
-    if memory is not None and memory.size:
-        columns |= {"memory_stored": memory[:, 0].copy(), "memory_dissipated": memory[:, 1].copy()}
     warned = tuple(known.get("warnings", ()))
     return Result(
-        t, q, p, energy, status == 0, status, message, record, warned, mass, _derivatives=derivatives, **columns
+        t, q, p, energy, status == 0, status, message, record, warned, mass, columns=columns, _derivatives=derivatives
     )
 
 

@@ -75,8 +75,8 @@ pub(super) fn experiment(
     let summary = run.to_the_end(stop, |step, state| {
         if step % every == 0 {
             times.push(state.time);
-            outputs.push(state.control[0]);
-            measured.push(state.control[2] - rest);
+            outputs.push(state.columns[0]);
+            measured.push(state.columns[2] - rest);
         }
         Ok::<_, Infallible>(())
     });

@@ -73,7 +73,7 @@ class Output:
 
 
 def whole_file(path: Path, write: Callable[[Any], object]) -> int:
-    """Writes a file whole or not at all: beside its place, flushed to the disk, then renamed. Returns its size."""
+    """Writes a file atomically: beside its place, flushed to the disk, then renamed. Returns its size."""
     beside = path.with_name(path.name + ".part")
     with open(beside, "wb") as file:
         write(file)

@@ -1,0 +1,159 @@
+//! The registry of output columns: the numbers that a run has at each grid point beside t, q, p, energy and
+//! derivatives.
+
+use crate::scenario::Scenario;
+use std::ops::Range;
+
+/// Where the numbers of some columns come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Source {
+    /// The controllers, as of their last sample up to the time of the row.
+    Controllers,
+    /// The memories of damping.
+    Memories,
+}
+
+/// Quantities of each member of a source.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Group {
+    source: Source,
+    quantities: &'static [&'static str],
+    members: usize,
+}
+
+/// The columns of a run, in the order in which a state holds their numbers: source by source, member by
+/// member, the quantities of a member side by side.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Columns {
+    groups: Vec<Group>,
+}
+
+/// One quantity of all members of its source: an array in `trajectory.npz` and in Python.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Quantity {
+    /// Its name.
+    pub name: &'static str,
+    /// How many members have it.
+    pub members: usize,
+    first: usize,
+    stride: usize,
+}
+
+impl Quantity {
+    /// Its numbers, one for each member, among those of all columns.
+    pub fn of<'a>(&self, columns: &'a [f64]) -> impl Iterator<Item = f64> + use<'a> {
+        columns.iter().skip(self.first).step_by(self.stride).take(self.members).copied()
+    }
+}
+
+impl Columns {
+    /// Those of a scenario. **The registry**: a new column is a line here and a line in `motion.rs` that
+    /// writes its numbers.
+    pub fn of(scenario: &Scenario) -> Self {
+        let group = |source, quantities, members| Group { source, quantities, members };
+        let memories = usize::from(scenario.output.memory_energy);
+        let mut groups = vec![
+            group(Source::Controllers, &["u", "setpoint", "measure"], scenario.controllers.len()),
+            group(Source::Memories, &["memory_stored", "memory_dissipated"], memories),
+        ];
+        groups.retain(|group| group.members > 0);
+        Self { groups }
+    }
+
+    /// How many columns there are.
+    pub fn len(&self) -> usize {
+        self.groups.iter().map(|group| group.quantities.len() * group.members).sum()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.groups.is_empty()
+    }
+
+    /// The quantities, in the order of their names' appearance.
+    pub fn quantities(&self) -> impl Iterator<Item = Quantity> {
+        let mut begin = 0;
+        self.groups.iter().flat_map(move |group| {
+            let (first, stride) = (begin, group.quantities.len());
+            begin += stride * group.members;
+            let quantity = move |(place, &name): (usize, &&'static str)| Quantity {
+                name,
+                members: group.members,
+                first: first + place,
+                stride,
+            };
+            group.quantities.iter().enumerate().map(quantity)
+        })
+    }
+
+    /// The heading of each column in `trajectory.csv`: the name of its quantity, with the number of the member
+    /// behind it where there are several.
+    pub fn headings(&self) -> Vec<String> {
+        let of_group = |group: &Group| -> Vec<String> {
+            let of_member = |member: usize| {
+                group.quantities.iter().map(move |name| match group.members {
+                    1 => (*name).to_owned(),
+                    _ => format!("{name}{member}"),
+                })
+            };
+            (0..group.members).flat_map(of_member).collect()
+        };
+        self.groups.iter().flat_map(of_group).collect()
+    }
+
+    /// The places of a source's columns; empty if it has none.
+    pub fn places(&self, source: Source) -> Range<usize> {
+        let mut begin = 0;
+        for group in &self.groups {
+            let end = begin + group.quantities.len() * group.members;
+            if group.source == source {
+                return begin..end;
+            }
+            begin = end;
+        }
+        begin..begin
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn headings_quantities_and_places_agree() {
+        let group = |source, quantities, members| Group { source, quantities, members };
+        let columns = Columns {
+            groups: vec![
+                group(Source::Controllers, &["u", "setpoint", "measure"], 2),
+                group(Source::Memories, &["memory_stored", "memory_dissipated"], 1),
+            ],
+        };
+        let headings = columns.headings();
+        let expected = [
+            "u0",
+            "setpoint0",
+            "measure0",
+            "u1",
+            "setpoint1",
+            "measure1",
+            "memory_stored",
+            "memory_dissipated",
+        ];
+        assert_eq!(headings, expected);
+        assert_eq!(
+            (columns.len(), columns.places(Source::Controllers), columns.places(Source::Memories)),
+            (8, 0..6, 6..8)
+        );
+        let row: Vec<f64> = (0..8).map(f64::from).collect();
+        for quantity in columns.quantities() {
+            let found: Vec<String> =
+                quantity.of(&row).map(|place| headings[place as usize].clone()).collect();
+            let expected: Vec<String> = match quantity.members {
+                1 => vec![quantity.name.to_owned()],
+                members => (0..members).map(|member| format!("{}{member}", quantity.name)).collect(),
+            };
+            assert_eq!(found, expected);
+        }
+        assert!(Columns::default().is_empty() && Columns::default().quantities().next().is_none());
+    }
+}
