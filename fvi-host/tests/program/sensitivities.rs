@@ -158,18 +158,22 @@ const KERNELS: Case = Case {
     ],
 };
 
-/// Without parameters of kernels: these are differentiated for plain weights.
+/// For matrix weights.
 const STAGES: Case = Case {
     name: "stages",
     scenario: "[system]\nmass = [{m}, 1.0]\npotential = \"k*q0^2 + q1^2 + 0.2*(q1 - q0)^4\"\nparameters = { k = {k} }\n\
-        [[system.damping]]\norder = 0.6\ncoefficient = [{r}, 0.1]\n[[system.damping]]\ncoefficient = [0.3, {c}]\n\
-        kernel = { form = \"maxwell\", order = 0.8, time = 0.7 }\nderivative = \"riemann-liouville\"\n\
+        [[system.damping]]\norder = {b}\ncoefficient = [{r}, 0.1]\n[[system.damping]]\ncoefficient = [0.3, {c}]\n\
+        kernel = { form = \"maxwell\", order = {o}, inner = {i}, time = {u} }\nderivative = \"riemann-liouville\"\n\
         [initial]\nposition = [{q}, 0.4]\nvelocity = [0.1, {v}]\n{scheme}\n[time]\nstep = 0.1\nsteps = 60\n",
     numbers: &[
         ("m", 1.4, "system.mass[0]"),
         ("k", 1.5, "system.parameters.k"),
         ("r", 0.5, "system.damping[0].coefficient[0]"),
         ("c", 0.2, "system.damping[1].coefficient[1]"),
+        ("b", 1.3, "system.damping[0].order"),
+        ("o", 0.8, "system.damping[1].kernel.order"),
+        ("i", 0.2, "system.damping[1].kernel.inner"),
+        ("u", 0.7, "system.damping[1].kernel.time"),
         ("q", 0.6, "initial.position[0]"),
         ("v", -0.2, "initial.velocity[1]"),
     ],
@@ -454,9 +458,6 @@ fn what_is_not_differentiated_is_refused_with_key_and_reason() {
     place.run(&at_nodes, &[]);
     let order = |more: &str| format!("{}{more}", by("system.damping[0].order"));
     refused(&order("[convolution]\norder = 2\nstarting = [0.0]\n"), &[], "without `convolution.starting`");
-    let staged =
-        "[scheme]\nkind = \"galerkin\"\ndegree = 2\n[convolution]\nfamily = \"radau-iia\"\nstages = 2\n";
-    refused(&order(staged), &[], "matrix weights are not differentiated");
     refused(&order("").replace("order = 0.5", "order = 0.0"), &[], "Caputo's derivative jumps there");
     let symbol = by("system.parameters.a").replace("order = 0.5", "kernel = { symbol = \"a*s^0.5\" }");
     refused(&symbol, &[], "give that kernel as one of the forms");

@@ -300,11 +300,6 @@ impl Reader<'_> {
     fn kernel(&self, term: usize, name: &str, index: usize) -> Result<Quantity, InputError> {
         let damping = &self.scenario.system.damping[term];
         let convolution = &self.scenario.convolution;
-        if !matches!(convolution.family, ConvolutionFamily::Bdf { .. } | ConvolutionFamily::Trapezoidal) {
-            return Err(self.refused(
-                "parameters of kernels with backward differentiation or the trapezoidal rule: matrix weights are not differentiated",
-            ));
-        }
         if !convolution.starting.is_empty() {
             return Err(self.refused(
                 "parameters of kernels without `convolution.starting`: starting weights are not differentiated by them",

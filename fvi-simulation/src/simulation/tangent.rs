@@ -8,6 +8,7 @@ use crate::memory::{EngineError, HostMemory, MemoryRequest, Tables};
 use crate::model::{AnyEquations, AnyFactors, AnyScheme, AnySpace, Matrix, Model, RoughForces, matrix};
 use crate::numerics::dense::Factored;
 use crate::numerics::multistep_weights::derivative_weights;
+use crate::numerics::runge_kutta_derivative::runge_kutta_derivative;
 use crate::numerics::transfer_derivative::TransferDerivative;
 use crate::scenario::{self, Parameter, Quantity, ReportedMomentum, Scenario, Sensitivity, SharedTerms};
 use crate::simulation::choice::{SolverChoice, sparse_space};
@@ -16,6 +17,7 @@ use fvi_core::{
     Block, DampedMotion, Derivative, Equations, Instant, Kernel, Mechanics, Memory, MemoryError,
     ParameterError, Real, Sample, Sampling, Scheme, StateError, StateReader, StateWriter,
 };
+use fvi_scenario::with_staged_method;
 use nalgebra::DMatrix;
 
 /// A motion on a memory, of any number of coordinates.
@@ -670,17 +672,24 @@ fn derivative_memory(
     request: &MemoryRequest<'_>,
     by: &TransferDerivative,
 ) -> Result<(Kernel, HostMemory<f64>), EngineError> {
+    let step = scenario.time.step;
+    if let Some(staged) = scenario.convolution.family.staged() {
+        let weights = |on_rises, count| with_staged_method!(staged, method => runge_kutta_derivative(&method, by, step, on_rises, count))?;
+        // The memory's own weights are not compared with others; an exponent of 0 would leave nothing out of the
+        // motion.
+        let kernel = Kernel::given(request.transfer.growth().max(f64::MIN_POSITIVE))?;
+        return Ok((kernel, request.build_of_weights(staged.stages(), &weights)?));
+    }
     let rule = scenario.convolution.family.multistep()?.ok_or(ParameterError {
         parameter: "convolution.family",
         value: f64::NAN,
         allowed: "a multistep rule where a parameter of a kernel is differentiated by",
     })?;
-    let step = scenario.time.step;
     let weights = |on_increments, count| derivative_weights(by, rule, step, on_increments, count);
     let first = weights(false, 2)?;
     let first = [0, 1].map(|n| first.get(n).copied().unwrap_or(0.0));
     let kernel = Kernel::weights(request.transfer.growth(), first, step)?;
-    Ok((kernel, request.build_of_weights(&weights)?))
+    Ok((kernel, request.build_of_weights(1, &weights)?))
 }
 
 /// Most unknowns of a step that full matrices are solved for.
