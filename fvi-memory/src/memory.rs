@@ -212,7 +212,7 @@ impl MemoryRequest<'_> {
         Ok(HostMemory::new(Box::new(corrected), engine, acts_on))
     }
 
-    /// A memory of other plain weights for the same samples, such as derivatives of the kernel's with respect
+    /// A memory of other weights for the same samples, plain ones or planes of matrices of so many stages, such as derivatives of the kernel's with respect
     /// to a parameter: the plain sum where the engine asked for is that, transforms elsewhere. `weights` is
     /// told whether they are to act on increments, and how many are wanted.
     ///
@@ -220,16 +220,17 @@ impl MemoryRequest<'_> {
     /// [`EngineError`], and those of `weights`.
     pub fn build_of_weights(
         &self,
+        stages: usize,
         weights: &dyn Fn(bool, usize) -> Result<Vec<f64>, ParameterError>,
     ) -> Result<HostMemory<f64>, EngineError> {
         let direct = self.engine() == Engine::Direct;
         let samples = if direct { self.kept() } else { self.samples };
         let count = samples.saturating_add(1);
-        self.room::<f64>(Engine::BlockFft, count.saturating_mul(2))?;
+        self.room::<f64>(Engine::BlockFft, count.saturating_mul(2 * stages * stages))?;
         let numbers = weights(self.acts_on() != ActsOn::Values, count)?;
         match direct {
-            true => self.direct(numbers, 1, 1.0),
-            false => self.transforms(Engine::BlockFft, Planes { numbers, stages: 1 }, 1),
+            true => self.direct(numbers, stages, 1.0),
+            false => self.transforms(Engine::BlockFft, Planes { numbers, stages }, stages),
         }
     }
 

@@ -16,6 +16,7 @@ pub mod podlubny_matrix;
 mod principal_cut;
 pub mod rate_table;
 pub mod relaxation;
+pub mod runge_kutta_derivative;
 pub mod runge_kutta_weights;
 pub mod semidefinite;
 pub mod staged_method;

@@ -235,6 +235,65 @@ fn every_ten(directory: &Path) -> RunOptions {
 }
 
 #[test]
+fn derivatives_of_an_interrupted_run_go_on_to_the_same_bits() {
+    let base = json!({
+        "system": {
+            "mass": [1.0, 2.0],
+            "potential": "k*q0^2 + (q1 - q0)^4",
+            "parameters": { "k": 1.0 },
+            "damping": [
+                { "order": 0.6, "coefficient": [0.3, 0.1] },
+                { "kernel": { "form": "maxwell", "order": 0.8, "time": 0.7 }, "coefficient": [0.0, 0.2] },
+            ],
+        },
+        "initial": { "position": [1.0, 0.2], "velocity": [0.0, 0.3] },
+        "time": { "step": 0.05, "steps": 150 },
+    });
+    let common =
+        ["system.parameters.k", "system.mass[1]", "system.damping[0].coefficient[0]", "initial.velocity[1]"];
+    let kernels = ["system.damping[0].order", "system.damping[1].kernel.time"];
+    let nodes = json!({ "family": "bdf", "order": 2, "at": "nodes" });
+    let cases = [
+        (json!({ "kind": "low-order" }), nodes.clone(), json!({ "engine": "direct" })),
+        (json!({ "kind": "low-order" }), nodes.clone(), json!({ "engine": "block-fft" })),
+        (
+            json!({ "kind": "low-order" }),
+            json!({ "at": "main-nodes", "order": 1 }),
+            json!({ "engine": "real-time" }),
+        ),
+        (json!({ "kind": "low-order" }), nodes.clone(), json!({ "engine": "exponential-sum" })),
+        (json!({ "kind": "galerkin", "degree": 2 }), nodes, json!({})),
+        (json!({ "kind": "collocation" }), json!({ "family": "radau-iia", "stages": 2 }), json!({})),
+    ];
+    let place = tempfile::tempdir().unwrap();
+    for (index, (scheme, convolution, history)) in cases.into_iter().enumerate() {
+        let mut value = base.clone();
+        (value["scheme"], value["convolution"], value["history"]) = (scheme, convolution, history);
+        let all = [&common[..], &kernels[..]].concat();
+        value["sensitivity"] = json!({ "parameters": all });
+        let scenario = Scenario::from_value(&value).unwrap();
+        let options = |name: &str| RunOptions {
+            checkpoints: CheckpointEvery::Steps(20),
+            resume: true,
+            ..RunOptions::new(place.path().join(format!("{name}-{index}")))
+        };
+        let (undisturbed, interrupted) = (options("undisturbed"), options("interrupted"));
+        assert!(run_until(&scenario, &undisturbed, None).unwrap());
+        for at in [(33, Interruption::Kill), (34, Interruption::Stop), (101, Interruption::Kill)] {
+            assert!(!run_until(&scenario, &interrupted, Some(at)).unwrap());
+        }
+        // Derivatives by other numbers are another run.
+        let mut other = value.clone();
+        other["sensitivity"] = json!({ "parameters": common[1..] });
+        let error =
+            run_until(&Scenario::from_value(&other).unwrap(), &interrupted, None).unwrap_err().to_string();
+        assert!(error.contains("sensitivity.parameters"), "{error}");
+        assert!(run_until(&scenario, &interrupted, None).unwrap());
+        assert_same(&interrupted.directory, &undisturbed.directory);
+    }
+}
+
+#[test]
 fn a_damaged_generation_is_passed_over_and_two_are_refused() {
     let place = tempfile::tempdir().unwrap();
     let scenario = oscillator(&[]);

@@ -80,7 +80,7 @@ fn worst(case: &Case, scheme: &str) -> f64 {
     worst
 }
 
-const SCHEMES: [&str; 10] = [
+const SCHEMES: [&str; 11] = [
     "",
     "[scheme]\nkappa = 0.3\n[convolution]\norder = 3",
     "[scheme]\nkappa = 0.0\n[convolution]\nat = \"main-nodes\"\norder = 1",
@@ -91,6 +91,7 @@ const SCHEMES: [&str; 10] = [
     "[convolution]\nsymbol = \"trapezoidal\"",
     "[history]\nengine = \"exponential-sum\"",
     "[history]\nengine = \"real-time\"\n[scheme]\nkind = \"galerkin\"\ndegree = 2",
+    "[scheme]\nkind = \"implicit-euler\"",
 ];
 
 const PENDULUM: Case = Case {
@@ -157,18 +158,22 @@ const KERNELS: Case = Case {
     ],
 };
 
-/// Without parameters of kernels: these are differentiated for plain weights.
+/// For matrix weights.
 const STAGES: Case = Case {
     name: "stages",
     scenario: "[system]\nmass = [{m}, 1.0]\npotential = \"k*q0^2 + q1^2 + 0.2*(q1 - q0)^4\"\nparameters = { k = {k} }\n\
-        [[system.damping]]\norder = 0.6\ncoefficient = [{r}, 0.1]\n[[system.damping]]\ncoefficient = [0.3, {c}]\n\
-        kernel = { form = \"maxwell\", order = 0.8, time = 0.7 }\nderivative = \"riemann-liouville\"\n\
+        [[system.damping]]\norder = {b}\ncoefficient = [{r}, 0.1]\n[[system.damping]]\ncoefficient = [0.3, {c}]\n\
+        kernel = { form = \"maxwell\", order = {o}, inner = {i}, time = {u} }\nderivative = \"riemann-liouville\"\n\
         [initial]\nposition = [{q}, 0.4]\nvelocity = [0.1, {v}]\n{scheme}\n[time]\nstep = 0.1\nsteps = 60\n",
     numbers: &[
         ("m", 1.4, "system.mass[0]"),
         ("k", 1.5, "system.parameters.k"),
         ("r", 0.5, "system.damping[0].coefficient[0]"),
         ("c", 0.2, "system.damping[1].coefficient[1]"),
+        ("b", 1.3, "system.damping[0].order"),
+        ("o", 0.8, "system.damping[1].kernel.order"),
+        ("i", 0.2, "system.damping[1].kernel.inner"),
+        ("u", 0.7, "system.damping[1].kernel.time"),
         ("q", 0.6, "initial.position[0]"),
         ("v", -0.2, "initial.velocity[1]"),
     ],
@@ -216,6 +221,9 @@ fn derivatives_are_differences_of_runs() {
             }
         }
     }
+    for case in [&PENDULUM, &LINEAR] {
+        worst_of_all = worst_of_all.max(worst(case, "[scheme]\nkind = \"explicit-euler\""));
+    }
     let forgetting =
         "[convolution]\norder = 2\n[history]\nengine = \"direct\"\ncapacity = 20\noverflow = \"forget\"";
     worst_of_all = worst_of_all.max(worst(&PENDULUM, forgetting));
@@ -223,6 +231,9 @@ fn derivatives_are_differences_of_runs() {
         "[scheme]\nkind = \"galerkin\"\ndegree = 2\n[convolution]\nfamily = \"radau-iia\"\nstages = 2",
         "[scheme]\nkind = \"galerkin\"\ndegree = 3\n[convolution]\nfamily = \"lobatto-iiic\"\nstages = 4",
         "[scheme]\nkind = \"galerkin\"\ndegree = 2\n[convolution]\nfamily = \"radau-iia\"\nstages = 3\n[history]\nengine = \"block-fft\"",
+        "[scheme]\nkind = \"collocation\"\n[convolution]\nfamily = \"radau-iia\"\nstages = 1",
+        "[scheme]\nkind = \"collocation\"\n[convolution]\nfamily = \"radau-iia\"\nstages = 3",
+        "[scheme]\nkind = \"collocation\"\n[convolution]\nfamily = \"radau-iia\"\nstages = 2\n[history]\nengine = \"exponential-sum\"",
     ] {
         worst_of_all = worst_of_all.max(worst(&STAGES, scheme));
     }
@@ -430,13 +441,10 @@ fn what_is_not_differentiated_is_refused_with_key_and_reason() {
     let good = by("system.parameters.k");
     refused(&good, &["--precision", "f32"], "single precision");
     refused(&good, &["--format", "npz"], "columns of `trajectory.csv`");
-    refused(&good, &["--resume"], "checkpoints do not hold derivatives");
     refused(&format!("{PLAIN}[sensitivity]\nparameters = []\n"), &[], "one path at least");
     refused(&good.replace("k\"]", "k\", \"system.parameters.k\"]"), &[], "paths that differ");
     let controller = "[controller]\nkind = \"fractional-pid\"\nmeasures = \"q0\"\nsetpoint = \"1\"\ndrives = [1.0]\nkp = 2.0\nsample = 0.1\n";
     refused(&format!("{good}{controller}"), &[], "loops that are open");
-    refused(&format!("{good}[scheme]\nkind = \"implicit-euler\"\n"), &[], "variational schemes");
-    refused(&format!("{good}[scheme]\nkind = \"collocation\"\n"), &[], "variational schemes");
     refused(&format!("{good}[[event]]\nwhen = \"q0\"\n"), &[], "nothing looks into");
     refused(&format!("{good}[output]\ntimes = [0.05]\n"), &[], "rows at grid points");
     let forced = |force: &str| {
@@ -450,10 +458,54 @@ fn what_is_not_differentiated_is_refused_with_key_and_reason() {
     place.run(&at_nodes, &[]);
     let order = |more: &str| format!("{}{more}", by("system.damping[0].order"));
     refused(&order("[convolution]\norder = 2\nstarting = [0.0]\n"), &[], "without `convolution.starting`");
-    let staged =
-        "[scheme]\nkind = \"galerkin\"\ndegree = 2\n[convolution]\nfamily = \"radau-iia\"\nstages = 2\n";
-    refused(&order(staged), &[], "matrix weights are not differentiated");
     refused(&order("").replace("order = 0.5", "order = 0.0"), &[], "Caputo's derivative jumps there");
     let symbol = by("system.parameters.a").replace("order = 0.5", "kernel = { symbol = \"a*s^0.5\" }");
     refused(&symbol, &[], "give that kernel as one of the forms");
+}
+
+#[test]
+fn large_systems_are_differentiated_by_their_sparse_factors() {
+    // 700 coordinates in a chain, more than full matrices are solved for, beside the same in 40 by a full matrix.
+    let chain = |size: usize, mass: f64, k: f64, order: f64, asked: bool| {
+        let list = |f: &dyn Fn(usize) -> String| (0..size).map(f).collect::<Vec<_>>().join(", ");
+        let mut text = format!(
+            "[system]\nmass = [{}]\nparameters = {{ k = {k:?} }}\n[[system.element]]\npotential = \"k*(x1 - x0)^2 + (x1 - x0)^4\"\n\
+             coordinates = [{}]\n[[system.element]]\npotential = \"x0^2\"\ncoordinates = [{}]\n\
+             [[system.damping]]\norder = {order:?}\ncoefficient = [{}]\n[initial]\nposition = [{}]\n[convolution]\norder = 2\n\
+             at = \"nodes\"\n[time]\nstep = 0.1\nsteps = 12\n[output]\ncoordinates = [0, 3, 5, 9]\n",
+            list(&|i| if i == 3 { format!("{mass:?}") } else { "1.0".to_owned() }),
+            (1..size).map(|i| format!("[{}, {i}]", i - 1)).collect::<Vec<_>>().join(", "),
+            list(&|i| format!("[{i}]")),
+            list(&|_| "0.2".to_owned()),
+            list(&|i| format!("{:?}", if i < 6 { 0.3 * (i as f64).cos() } else { 0.0 })),
+        );
+        if asked {
+            text += "[sensitivity]\nparameters = [\"system.mass[3]\", \"system.parameters.k\", \"system.damping[0].order\"]\n";
+        }
+        text
+    };
+    let numbers = [1.3, 0.8, 0.6];
+    let of = |size, [mass, k, order]: [f64; 3], asked| rows(&chain(size, mass, k, order, asked));
+    for size in [40, 700] {
+        let (motion, found) = of(size, numbers, true);
+        assert_eq!(motion, of(size, numbers, false).0);
+        for index in 0..3 {
+            let h = 1e-3;
+            let beside = [1.0, -1.0, 2.0, -2.0].map(|by| {
+                let mut numbers = numbers;
+                numbers[index] += by * h;
+                of(size, numbers, false).0
+            });
+            let (mut largest, mut error) = (0.0_f64, 0.0_f64);
+            for (row, found) in found.iter().enumerate() {
+                for column in 0..found.len() / 3 {
+                    let [one, other, far, away] = [0, 1, 2, 3].map(|run: usize| beside[run][row][column]);
+                    let difference = (8.0 * (one - other) - (far - away)) / (12.0 * h);
+                    largest = largest.max(difference.abs());
+                    error = error.max((found[index * found.len() / 3 + column] - difference).abs());
+                }
+            }
+            assert!(error < 1e-8 * largest, "{size}, {index}: {error:e} of {largest:e}");
+        }
+    }
 }

@@ -334,8 +334,7 @@ pub fn run(
             generations = checkpoint::Generations::default();
         }
     }
-    // What a checkpoint holds is not enough to go on with derivatives.
-    let every = if scenario.sensitivity.is_some() { CheckpointEvery::Never } else { options.checkpoints };
+    let every = options.checkpoints;
     let mut timer = Timer::new(every);
     let mut write_checkpoint = |run: &Run<'_>, sinks: &mut [OutputSink]| {
         let marks = sinks.iter_mut().map(OutputSink::mark).collect::<Result<_, _>>()?;
@@ -411,23 +410,12 @@ pub fn run(
     Ok(summary)
 }
 
-/// Refuses what derivatives are not written to, or cannot go on from.
+/// Refuses what derivatives are not written to.
 fn refuse_with_sensitivities(scenario: &Scenario, options: &RunOptions) -> Result<(), InputError> {
-    if scenario.sensitivity.is_none() {
-        return Ok(());
-    }
-    let refused = |with: &str, allowed: &str| {
-        let (with, allowed) = (with.to_owned(), allowed.to_owned());
-        Err(scenario.error_at("sensitivity", Problem::Incompatible { with, allowed }))
-    };
-    if options.format == Some(Format::Npz) {
-        return refused("`--format npz`", "derivatives are columns of `trajectory.csv`");
-    }
-    if !matches!(options.checkpoints, CheckpointEvery::Minute | CheckpointEvery::Never) {
-        return refused("`--checkpoint-every`", "a run in one go: checkpoints do not hold derivatives");
-    }
-    if options.resume {
-        return refused("`--resume`", "a run from its start: checkpoints do not hold derivatives");
+    if scenario.sensitivity.is_some() && options.format == Some(Format::Npz) {
+        let (with, allowed) =
+            ("`--format npz`".to_owned(), "derivatives are columns of `trajectory.csv`".to_owned());
+        return Err(scenario.error_at("sensitivity", Problem::Incompatible { with, allowed }));
     }
     Ok(())
 }

@@ -72,9 +72,6 @@ pub struct Named {
     pub loads: Vec<(usize, Expression)>,
 }
 
-/// Most unknowns of a step of which derivatives are taken: their equations are solved in full matrices.
-const MOST_UNKNOWNS: usize = 600;
-
 /// The paths that there are.
 const PATHS: &str = "system.damping[m].order, .coefficient[i] or [i][j], .scale, .strength[l], .kernel.NAME or .kernel.NAME[j]; \
     system.parameters.NAME; system.mass[i] or [i][j]; system.stiffness[i] or [i][j]; initial.position[i], initial.momentum[i] or \
@@ -112,11 +109,6 @@ fn refuse_what_is_not_covered(scenario: &Scenario) -> Result<(), InputError> {
     if scenario.time.grid.is_some() {
         return refused("time.grid", "equal steps: derivatives are those of one grid".to_owned());
     }
-    let scheme = scenario.scheme_descriptor();
-    if !scheme.is_variational {
-        return refused("scheme.kind", "\"low-order\" or \"galerkin\", the variational schemes".to_owned());
-    }
-    let degree = scheme.unknowns;
     if !scenario.cases.is_empty() {
         return refused("case", "one motion".to_owned());
     }
@@ -139,15 +131,6 @@ fn refuse_what_is_not_covered(scenario: &Scenario) -> Result<(), InputError> {
         return refused(
             "system",
             format!("expressions without jumps and kinks in the position; here there is {}", kinked.text()),
-        );
-    }
-    let unknowns = scenario.coordinates().saturating_mul(degree);
-    if unknowns > MOST_UNKNOWNS {
-        return refused(
-            "system.mass",
-            format!(
-                "up to {MOST_UNKNOWNS} unknowns a step, degree times coordinates; here there are {unknowns}"
-            ),
         );
     }
     if has_momentum_offset(scenario) {
@@ -317,11 +300,6 @@ impl Reader<'_> {
     fn kernel(&self, term: usize, name: &str, index: usize) -> Result<Quantity, InputError> {
         let damping = &self.scenario.system.damping[term];
         let convolution = &self.scenario.convolution;
-        if !matches!(convolution.family, ConvolutionFamily::Bdf { .. } | ConvolutionFamily::Trapezoidal) {
-            return Err(self.refused(
-                "parameters of kernels with backward differentiation or the trapezoidal rule: matrix weights are not differentiated",
-            ));
-        }
         if !convolution.starting.is_empty() {
             return Err(self.refused(
                 "parameters of kernels without `convolution.starting`: starting weights are not differentiated by them",

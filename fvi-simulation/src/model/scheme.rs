@@ -135,6 +135,16 @@ impl<T: Real> AnyScheme<T> {
         }
     }
 
+    /// A² of collocation, whose unknowns are accelerations; `None` for schemes that solve for increments.
+    pub fn square(&self) -> Option<&[T]> {
+        (self.form == Form::Collocation).then_some(&self.square)
+    }
+
+    /// Whether the fractional force acts in the new momentum only.
+    pub fn kicks_at_main_nodes(&self) -> bool {
+        self.form == Form::MainNodes
+    }
+
     /// The discrete Lagrangian of degree one with one quadrature point, as a view whose lengths the compiler
     /// knows: loops over nodes and points vanish from its step.
     #[inline(always)]

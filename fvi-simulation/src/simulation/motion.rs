@@ -175,6 +175,11 @@ impl<'s> Motion<'s> {
             memory_energy.save(&mut bytes)?;
             bytes.extend((length as u64).to_le_bytes());
         }
+        if let Some(tangent) = &self.tangent {
+            let length = bytes.len();
+            tangent.save(&mut bytes)?;
+            bytes.extend((length as u64).to_le_bytes());
+        }
         Ok(bytes)
     }
 
@@ -200,6 +205,16 @@ impl<'s> Motion<'s> {
         gathered: Gathered,
         chosen: Option<Progress>,
     ) -> Result<(), StateError> {
+        let state = match &mut self.tangent {
+            None => state,
+            Some(tangent) => {
+                let (state, of_tangent) = split_last(state)?;
+                tangent.restore(of_tangent)?;
+                tangent.write(&mut self.state.sensitivities);
+                self.batch.sensitivities_mut().clone_from(&self.state.sensitivities);
+                state
+            }
+        };
         let state = match &mut self.memory_energy {
             None => state,
             Some(memory_energy) => {
@@ -259,7 +274,8 @@ impl<'s> Motion<'s> {
         }
         if let (Some(tangent), 1, None) = (&mut self.tangent, self.batch.len(), &failure) {
             self.simulation.increments(&mut self.increments);
-            match tangent.advance(before, &self.state.position, &self.increments) {
+            let begin = (&self.state.position[..], &self.state.momentum[..]);
+            match tangent.advance(before, begin, &self.increments) {
                 Ok(()) => tangent.write(self.batch.sensitivities_mut()),
                 Err(reason) => {
                     self.batch.truncate(0);

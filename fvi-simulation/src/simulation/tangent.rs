@@ -5,23 +5,25 @@ mod explicit;
 use crate::language::error::Cause;
 use crate::language::{InputError, Problem};
 use crate::memory::{EngineError, HostMemory, MemoryRequest, Tables};
-use crate::model::{AnyScheme, AnySpace, Matrix, Model, RoughForces, matrix};
+use crate::model::{AnyEquations, AnyFactors, AnyScheme, AnySpace, Matrix, Model, RoughForces, matrix};
 use crate::numerics::dense::Factored;
 use crate::numerics::multistep_weights::derivative_weights;
+use crate::numerics::runge_kutta_derivative::runge_kutta_derivative;
 use crate::numerics::transfer_derivative::TransferDerivative;
-use crate::scenario::{
-    self, DampedAt, Parameter, Quantity, ReportedMomentum, Scenario, Sensitivity, SharedTerms,
-};
+use crate::scenario::{self, Parameter, Quantity, ReportedMomentum, Scenario, Sensitivity, SharedTerms};
+use crate::simulation::choice::{SolverChoice, sparse_space};
 use explicit::Direct;
 use fvi_core::{
-    Block, DampedMotion, Derivative, Instant, Kernel, Mechanics, Memory, MemoryError, ParameterError, Sample,
+    Block, DampedMotion, Derivative, Equations, Instant, Kernel, Mechanics, Memory, MemoryError,
+    ParameterError, Real, Sample, Sampling, Scheme, StateError, StateReader, StateWriter,
 };
+use fvi_scenario::with_staged_method;
 use nalgebra::DMatrix;
 
 /// A motion on a memory, of any number of coordinates.
 type Remembered = DampedMotion<f64, AnySpace, HostMemory<f64>>;
 
-/// ∂q_k/∂θ and ∂p_k/∂θ of the numbers that a variational scheme on equal steps makes, for p parameters.
+/// ∂q_k/∂θ and ∂p_k/∂θ of the numbers that a scheme on equal steps makes, for p parameters.
 ///
 /// The equations of a step (`discrete_lagrangian.rs`), differentiated, are linear in the derivatives and have
 /// the matrix of Newton's method; with δ for ∂/∂θ and G_i the forces at the nodes
@@ -34,13 +36,22 @@ type Remembered = DampedMotion<f64, AnySpace, HostMemory<f64>>;
 ///
 /// D_m acts on δX with the weights that it has, on a memory of its own with p times the channels, and
 /// ∂D_m/∂θ on X with their derivatives. Where the force acts at the main nodes its three parts are in the
-/// last equation only. So the derivatives are those of the program's own numbers, not of the motion that
+/// last equation only. Collocation has, with v = M⁻¹p,
+///
+/// ```text
+/// 0 = M δa_i + δM a_i + δG_i ,      δX_i − δq_k = h c_i δv_k + h² Σ_j (A²)_ij δa_j ,
+/// δp_{k+1} = δp_k + h Σ_j b_j (M δa_j + δM a_j) ,      M δv_k = δp_k − δM v_k .
+/// ```
+///
+/// So the derivatives are those of the program's own numbers, not of the motion that
 /// they stand for, but for rounding.
 pub(crate) struct Tangent {
     size: usize,
     count: usize,
     step: f64,
     scheme: AnyScheme<f64>,
+    /// Whether damping acts in the new momentum only, and whether memories take main nodes.
+    kicks: bool,
     at_main_nodes: bool,
     /// Whether half of the last kick belongs to the momentum that is reported.
     mean: bool,
@@ -51,7 +62,7 @@ pub(crate) struct Tangent {
     /// ∂M: entries of each parameter.
     mass_changes: Vec<Vec<(usize, usize)>>,
     terms: Vec<Term>,
-    factors: Option<Factored>,
+    solver: Solver,
     /// ∂q, ∂p and the derivative of the last kick: p times N numbers.
     position: Vec<f64>,
     momentum: Vec<f64>,
@@ -76,6 +87,9 @@ struct Room {
     restoring: Vec<f64>,
     place: Vec<f64>,
     right: Vec<f64>,
+    /// h c_i ∂v_k and ∂v_k of collocation.
+    base: Vec<f64>,
+    velocity: Vec<f64>,
     /// ∂X_i − ∂q_k, and ∂q_{k+1} − ∂q_k.
     own_stages: Vec<f64>,
     own_rise: Vec<f64>,
@@ -95,12 +109,81 @@ impl Room {
             restoring: vec![0.0; n],
             place: vec![0.0; n],
             right: vec![0.0; n],
+            base: vec![0.0; points * p * n],
+            velocity: vec![0.0; p * n],
             own_stages: vec![0.0; points * p * n],
             own_rise: vec![0.0; p * n],
             columns: DMatrix::zeros(degree * n, p),
             derivative: Vec::new(),
             terms: Vec::new(),
         }
+    }
+}
+
+/// How the equations of the derivatives are solved, and what is kept of their matrix.
+enum Solver {
+    /// In a full matrix.
+    Dense(Option<Factored>),
+    /// By a sparse factor, in the space of the motion.
+    Sparse { equations: AnyEquations<f64>, kept: Option<AnyFactors<f64>> },
+}
+
+impl Solver {
+    fn is_ready(&self) -> bool {
+        match self {
+            Self::Dense(factors) => factors.is_some(),
+            Self::Sparse { kept, .. } => kept.is_some(),
+        }
+    }
+
+    fn forget(&mut self) {
+        match self {
+            Self::Dense(factors) => *factors = None,
+            Self::Sparse { kept, .. } => *kept = None,
+        }
+    }
+
+    /// Takes the matrix of so many unknowns whose parts `parts` hands over: row and column of the block, its
+    /// factor and itself.
+    fn factor(
+        &mut self,
+        (degree, n): (usize, usize),
+        mass: &Matrix<f64>,
+        parts: impl FnOnce(&mut dyn FnMut(usize, usize, f64, &Matrix<f64>)),
+    ) -> Result<(), &'static str> {
+        match self {
+            Self::Dense(factors) => {
+                let mut matrix = DMatrix::zeros(degree * n, degree * n);
+                parts(&mut |nu, mu, factor, block| {
+                    if factor != 0.0 {
+                        for (row, column, entry) in block.entries() {
+                            matrix[(nu * n + row, mu * n + column)] += factor * entry;
+                        }
+                    }
+                });
+                *factors = Some(Factored::new(matrix).ok_or(SINGULAR)?);
+            }
+            Self::Sparse { equations, kept } => {
+                *kept = None;
+                Equations::<f64, _>::clear(equations);
+                parts(&mut |nu, mu, factor, block| equations.add(nu, mu, factor, block));
+                let mut factors = AnyFactors::default();
+                equations.keep(&mut factors, (0.0, mass)).map_err(|_| SINGULAR)?;
+                *kept = Some(factors);
+            }
+        }
+        Ok(())
+    }
+
+    /// Puts the solutions in place of the columns.
+    fn solve(&mut self, columns: &mut DMatrix<f64>) -> Result<(), &'static str> {
+        match self {
+            Self::Dense(factors) => factors.as_ref().ok_or(SINGULAR)?.solve(columns),
+            Self::Sparse { equations, kept } => {
+                equations.solve_kept(kept.as_ref().ok_or(SINGULAR)?, columns.as_mut_slice());
+            }
+        }
+        Ok(())
     }
 }
 
@@ -137,11 +220,13 @@ impl Tangent {
         }
         let size = scenario.coordinates();
         let count = parameters.len();
+        let solver = solver(scenario)?;
         let shape = |error: fvi_core::ParameterError| {
             scenario.error_at("scheme", Problem::OutOfRange { allowed: error.allowed.to_owned() })
         };
         let scheme = AnyScheme::<f64>::new(scenario).map_err(shape)?;
-        let at_main_nodes = scenario.convolution.at == DampedAt::MainNodes;
+        let kicks = scheme.kicks_at_main_nodes();
+        let at_main_nodes = matches!(Scheme::<f64, AnySpace>::sampling(&scheme), Sampling::MainNodes);
         let nodes = if at_main_nodes { 1 } else { scheme.view().nodes.len() };
         let model = Model::<f64>::new(scenario).map_err(|error| super::bad_mass(scenario, &error))?;
         let velocity_of = |momentum: &[f64]| {
@@ -197,14 +282,15 @@ impl Tangent {
             size,
             count,
             step: scenario.time.step,
+            kicks,
             at_main_nodes,
-            mean: at_main_nodes && scenario.output.momentum == ReportedMomentum::Mean,
+            mean: kicks && scenario.output.momentum == ReportedMomentum::Mean,
             model,
             stiffness,
             direct,
             mass_changes,
             terms,
-            factors: None,
+            solver,
             kick: vec![0.0; count * size],
             behind: vec![0.0; if at_main_nodes { 0 } else { nodes * count * size }],
             motion_behind: vec![0.0; if at_main_nodes { 0 } else { nodes * size }],
@@ -235,11 +321,17 @@ impl Tangent {
         Ok(())
     }
 
-    /// The derivatives after the step that began at `start` and was solved by these increments.
+    /// The derivatives after the step that began at this position and momentum and was solved by these
+    /// increments, those of collocation by these accelerations.
     ///
     /// # Errors
     /// In words.
-    pub(crate) fn advance(&mut self, step: usize, start: &[f64], increments: &[f64]) -> Result<(), String> {
+    pub(crate) fn advance(
+        &mut self,
+        step: usize,
+        (start, momentum): (&[f64], &[f64]),
+        increments: &[f64],
+    ) -> Result<(), String> {
         let (n, c, h) = (self.size, self.size * self.count, self.step);
         let time = step as f64 * h;
         let view = self.scheme.view();
@@ -247,8 +339,21 @@ impl Tangent {
         let at_end = [1.0];
         let fractions = if self.at_main_nodes { &at_end[..] } else { view.nodes };
         let nodes = fractions.len();
-        let shape = |i: usize, mu: usize| view.shapes[i * degree + mu];
-        let test = |i: usize, nu: usize| view.tests[i * degree + nu];
+        let square = self.scheme.square();
+        // δX_i − δq_k = base_i + Σ_μ shape(i, μ) δe^μ
+        let shape = |i: usize, mu: usize| match square {
+            Some(square) => h * h * square[i * degree + mu],
+            None => view.shapes[i * degree + mu],
+        };
+        // Row ν of the equations: Σ_μ κ(ν, μ) (M δe^μ + δM e^μ) + Σ_i φ(i, ν) δG_i, with δ_ν0 δp_k of increments.
+        let inertia = |nu: usize, mu: usize| match square {
+            Some(_) => f64::from(u8::from(nu == mu)),
+            None => view.kinetic[nu * degree + mu] / h,
+        };
+        let part = |i: usize, nu: usize| match square {
+            Some(_) => f64::from(u8::from(i == nu)),
+            None => -h * view.weights[i] * view.tests[i * degree + nu],
+        };
         let Room {
             stages,
             damped,
@@ -256,6 +361,8 @@ impl Tangent {
             restoring,
             place,
             right,
+            base,
+            velocity,
             own_stages,
             own_rise,
             columns,
@@ -264,12 +371,27 @@ impl Tangent {
         } = &mut self.room;
         // X_i − q_k at the quadrature points, and what the memory is told.
         stages.fill(0.0);
+        if square.is_some() {
+            self.model.velocity(momentum, place);
+            for (parameter, change) in self.mass_changes.iter().enumerate() {
+                right.copy_from_slice(&self.momentum[parameter * n..][..n]);
+                change.iter().for_each(|&(row, column)| right[row] -= place[column]);
+                self.model.velocity(right, &mut velocity[parameter * n..][..n]);
+            }
+            for i in 0..points {
+                add(&mut stages[i * n..][..n], h * view.nodes[i], place);
+                base[i * c..][..c].iter_mut().zip(&*velocity).for_each(|(b, v)| *b = h * view.nodes[i] * v);
+            }
+        }
         for i in 0..points {
             for mu in 0..degree {
                 add(&mut stages[i * n..][..n], shape(i, mu), &increments[mu * n..][..n]);
             }
         }
-        let rise = &increments[(degree - 1) * n..][..n];
+        let rise = match square {
+            Some(_) => &stages[(points - 1) * n..],
+            None => &increments[(degree - 1) * n..][..n],
+        };
         let told = if self.at_main_nodes { rise } else { &stages[..] };
         let sample = Sample { from: start, behind: &self.motion_behind, time, length: h, fractions };
         // ρ D δX as far as it is known, δρ D X, and ρ (∂D) X, at every node.
@@ -307,7 +429,7 @@ impl Tangent {
         for i in 0..points {
             let instant = Instant::in_step(time, view.nodes[i], h);
             place.iter_mut().zip(start.iter().zip(&stages[i * n..])).for_each(|(x, (q, e))| *x = q + e);
-            if !linear || (i == 0 && self.factors.is_none()) {
+            if !linear || (i == 0 && !self.solver.is_ready()) {
                 self.model.linearise(instant, place, restoring, &mut self.stiffness);
             }
             for (parameter, direct) in self.direct.iter_mut().enumerate() {
@@ -316,56 +438,54 @@ impl Tangent {
             for parameter in 0..self.count {
                 let at = &mut forces[i * c + parameter * n..][..n];
                 self.stiffness.multiply_add(1.0, &self.position[parameter * n..][..n], at);
+                if square.is_some() {
+                    self.stiffness.multiply_add(1.0, &base[i * c + parameter * n..][..n], at);
+                }
             }
             if !linear && points > 1 {
                 stiffnesses.push(self.stiffness.clone());
             }
-            if !self.at_main_nodes {
+            if !self.kicks {
                 add(&mut forces[i * c..][..c], 1.0, &damped[i * c..][..c]);
+            }
+            if square.is_some() {
+                add_leading(&self.terms, (i, nodes), base, n, &mut forces[i * c..][..c]);
             }
         }
         let stiffness = |i: usize| if linear || points == 1 { &self.stiffness } else { &stiffnesses[i] };
         let stays = linear && self.terms.iter().all(|term| term.tangent.memory().leading_is_constant());
-        if self.factors.is_none() || !stays {
-            let mut matrix = DMatrix::zeros(degree * n, degree * n);
-            let mut insert = |nu: usize, mu: usize, factor: f64, block: &Matrix<f64>| {
-                if factor != 0.0 {
-                    for (row, column, entry) in block.entries() {
-                        matrix[(nu * n + row, mu * n + column)] += factor * entry;
-                    }
-                }
-            };
-            for nu in 0..degree {
-                for mu in 0..degree {
-                    insert(nu, mu, view.kinetic[nu * degree + mu] / h, self.model.mass());
-                    for i in 0..points {
-                        let factor = -h * view.weights[i] * test(i, nu);
-                        insert(nu, mu, factor * shape(i, mu), stiffness(i));
-                        if self.at_main_nodes {
-                            continue;
-                        }
-                        for term in &self.terms {
-                            let weight = |j: usize| term.tangent.leading(0, nodes, i, j) * shape(j, mu);
-                            insert(nu, mu, factor * (0..nodes).map(weight).sum::<f64>(), &term.rho);
+        if !self.solver.is_ready() || !stays {
+            let Self { solver, model, terms, kicks, .. } = self;
+            solver.factor((degree, n), model.mass(), |insert| {
+                for nu in 0..degree {
+                    for mu in 0..degree {
+                        insert(nu, mu, inertia(nu, mu), model.mass());
+                        for i in 0..points {
+                            let factor = part(i, nu);
+                            insert(nu, mu, factor * shape(i, mu), stiffness(i));
+                            if *kicks {
+                                continue;
+                            }
+                            for term in &*terms {
+                                let weight = |j: usize| term.tangent.leading(0, nodes, i, j) * shape(j, mu);
+                                insert(nu, mu, factor * (0..nodes).map(weight).sum::<f64>(), &term.rho);
+                            }
                         }
                     }
                 }
-            }
-            self.factors = Some(Factored::new(matrix).ok_or(SINGULAR)?);
+            })?;
         }
-        let Some(factors) = &self.factors else { return Err(SINGULAR.to_owned()) };
         for parameter in 0..self.count {
             for nu in 0..degree {
                 right.fill(0.0);
-                if nu == 0 {
+                if nu == 0 && square.is_none() {
                     add(right, -1.0, &self.momentum[parameter * n..][..n]);
                 }
                 for i in 0..points {
-                    let factor = h * view.weights[i] * test(i, nu);
-                    add(right, factor, &forces[i * c + parameter * n..][..n]);
+                    add(right, -part(i, nu), &forces[i * c + parameter * n..][..n]);
                 }
                 for mu in 0..degree {
-                    let factor = -view.kinetic[nu * degree + mu] / h;
+                    let factor = -inertia(nu, mu);
                     let increment = &increments[mu * n..][..n];
                     for &(row, column) in &self.mass_changes[parameter] {
                         right[row] += factor * increment[column];
@@ -374,29 +494,46 @@ impl Tangent {
                 columns.column_mut(parameter).rows_mut(nu * n, n).copy_from_slice(right);
             }
         }
-        factors.solve(columns);
+        self.solver.solve(columns)?;
         if !columns.iter().all(|number| number.is_finite()) {
             return Err("a derivative is not finite".to_owned());
         }
         // The increments of the derivatives: at the points, and at the end of the step.
         for (parameter, column) in columns.as_slice().chunks_exact(degree * n).enumerate() {
-            for row in 0..n {
-                own_rise[parameter * n + row] = column[(degree - 1) * n + row];
-                for i in 0..points {
-                    own_stages[i * c + parameter * n + row] =
-                        (0..degree).map(|mu| shape(i, mu) * column[mu * n + row]).sum();
+            for i in 0..points {
+                let own = &mut own_stages[i * c + parameter * n..][..n];
+                for (row, own) in own.iter_mut().enumerate() {
+                    *own = (0..degree).map(|mu| shape(i, mu) * column[mu * n + row]).sum();
                 }
             }
-        }
-        for i in 0..points {
-            let own = forces[i * c..][..c].chunks_mut(n).zip(own_stages[i * c..][..c].chunks(n));
-            own.for_each(|(force, own)| stiffness(i).multiply_add(1.0, own, force));
-            if !self.at_main_nodes {
-                add_leading(&self.terms, (i, nodes), own_stages, n, &mut forces[i * c..][..c]);
+            if square.is_none() {
+                own_rise[parameter * n..][..n].copy_from_slice(&column[(degree - 1) * n..]);
             }
-            add(&mut self.momentum, -h * view.weights[i], &forces[i * c..][..c]);
         }
-        if self.at_main_nodes {
+        if square.is_some() {
+            add(own_stages, 1.0, base);
+            own_rise.copy_from_slice(&own_stages[(points - 1) * c..]);
+            // δp_{k+1} = δp_k + h Σ_j b_j (M δa_j + δM a_j)
+            for (parameter, column) in columns.as_slice().chunks_exact(degree * n).enumerate() {
+                let momentum = &mut self.momentum[parameter * n..][..n];
+                for (j, weight) in view.weights.iter().enumerate() {
+                    self.model.mass().multiply_add(h * weight, &column[j * n..][..n], momentum);
+                    for &(row, other) in &self.mass_changes[parameter] {
+                        momentum[row] += h * weight * increments[j * n + other];
+                    }
+                }
+            }
+        } else {
+            for i in 0..points {
+                let own = forces[i * c..][..c].chunks_mut(n).zip(own_stages[i * c..][..c].chunks(n));
+                own.for_each(|(force, own)| stiffness(i).multiply_add(1.0, own, force));
+                if !self.kicks {
+                    add_leading(&self.terms, (i, nodes), own_stages, n, &mut forces[i * c..][..c]);
+                }
+                add(&mut self.momentum, -h * view.weights[i], &forces[i * c..][..c]);
+            }
+        }
+        if self.kicks {
             add_leading(&self.terms, (0, 1), own_rise, n, damped);
             add(&mut self.momentum, -h, damped);
             self.kick.copy_from_slice(damped);
@@ -413,6 +550,56 @@ impl Tangent {
         leave_behind(&mut self.behind, own_rise, own_stages);
         add(&mut self.position, 1.0, own_rise);
         Ok(())
+    }
+
+    /// The motions that memories are told, in a fixed order.
+    fn motions(&self) -> impl Iterator<Item = &Remembered> {
+        self.terms.iter().flat_map(|Term { tangent, value, kernels, .. }| {
+            std::iter::once(tangent).chain(value).chain(kernels.iter().map(|(_, motion)| motion))
+        })
+    }
+
+    fn numbers(&self) -> [&[f64]; 5] {
+        [&self.position, &self.momentum, &self.kick, &self.behind, &self.motion_behind]
+    }
+
+    /// Appends the state.
+    ///
+    /// # Errors
+    /// [`StateError`] if a memory cannot be saved.
+    pub(crate) fn save(&self, bytes: &mut Vec<u8>) -> Result<(), StateError> {
+        let count: usize = self.numbers().iter().map(|numbers| numbers.len()).sum();
+        let begin = bytes.len();
+        let memories: usize = self.motions().map(DampedMotion::state_bytes).sum();
+        bytes.resize(begin + count * f64::BYTES + memories, 0);
+        let mut writer = StateWriter::new(&mut bytes[begin..]);
+        self.numbers().into_iter().try_for_each(|numbers| writer.numbers(numbers))?;
+        self.motions().try_for_each(|motion| motion.save(&mut writer))?;
+        let length = begin + writer.written();
+        bytes.truncate(length);
+        Ok(())
+    }
+
+    /// Takes over a state that the derivatives of the same scenario saved; those that follow have the bits of
+    /// these.
+    ///
+    /// # Errors
+    /// [`StateError`] if the bytes are no such state; the derivatives are of no use then.
+    pub(crate) fn restore(&mut self, bytes: &[u8]) -> Result<(), StateError> {
+        let mut reader = StateReader::new(bytes);
+        let Self { position, momentum, kick, behind, motion_behind, terms, .. } = self;
+        for numbers in [position, momentum, kick, behind, motion_behind] {
+            reader.numbers(numbers)?;
+        }
+        for Term { tangent, value, kernels, .. } in terms {
+            let motions =
+                std::iter::once(tangent).chain(value).chain(kernels.iter_mut().map(|(_, motion)| motion));
+            for motion in motions {
+                motion.restore(&mut reader)?;
+            }
+        }
+        self.solver.forget();
+        reader.finish()
     }
 
     /// Writes ∂q and ∂p of every parameter, one after the other.
@@ -486,17 +673,44 @@ fn derivative_memory(
     request: &MemoryRequest<'_>,
     by: &TransferDerivative,
 ) -> Result<(Kernel, HostMemory<f64>), EngineError> {
+    let step = scenario.time.step;
+    if let Some(staged) = scenario.convolution.family.staged() {
+        let weights = |on_rises, count| with_staged_method!(staged, method => runge_kutta_derivative(&method, by, step, on_rises, count))?;
+        // The memory's own weights are not compared with others; an exponent of 0 would leave nothing out of the
+        // motion.
+        let kernel = Kernel::given(request.transfer.growth().max(f64::MIN_POSITIVE))?;
+        return Ok((kernel, request.build_of_weights(staged.stages(), &weights)?));
+    }
     let rule = scenario.convolution.family.multistep()?.ok_or(ParameterError {
         parameter: "convolution.family",
         value: f64::NAN,
         allowed: "a multistep rule where a parameter of a kernel is differentiated by",
     })?;
-    let step = scenario.time.step;
     let weights = |on_increments, count| derivative_weights(by, rule, step, on_increments, count);
     let first = weights(false, 2)?;
     let first = [0, 1].map(|n| first.get(n).copied().unwrap_or(0.0));
     let kernel = Kernel::weights(request.transfer.growth(), first, step)?;
-    Ok((kernel, request.build_of_weights(&weights)?))
+    Ok((kernel, request.build_of_weights(1, &weights)?))
+}
+
+/// Most unknowns of a step that full matrices are solved for.
+const MOST_UNKNOWNS: usize = 600;
+
+/// As the motion itself is solved for: by a sparse factor where it has one.
+fn solver(scenario: &Scenario) -> Result<Solver, InputError> {
+    if let Some(space) = sparse_space(scenario, SolverChoice::default())? {
+        return Ok(Solver::Sparse { equations: space.equations(1), kept: None });
+    }
+    let unknowns = scenario.coordinates().saturating_mul(scenario.scheme_descriptor().unknowns);
+    if unknowns > MOST_UNKNOWNS {
+        let with = "`[sensitivity]`".to_owned();
+        let allowed = format!(
+            "up to {MOST_UNKNOWNS} unknowns a step, degree times coordinates, where a step has no sparse factor; here there \
+             are {unknowns}"
+        );
+        return Err(scenario.error_at("system.mass", Problem::Incompatible { with, allowed }));
+    }
+    Ok(Solver::Dense(None))
 }
 
 /// Refuses constants of forces whose moments are taken exactly: these are not differentiated.
