@@ -29,10 +29,10 @@ type Remembered = DampedMotion<f64, AnySpace, HostMemory<f64>>;
 /// ```text
 /// 0 = δ_{ν0} δp_k + (1/h) Σ_μ K_νμ (M δe^μ + δM e^μ) − h Σ_i b_i ℓ_ν(c_i) δG_i ,      ν = 0…S−1
 /// δp_{k+1} = δp_k − h Σ_i b_i δG_i ,
-/// δG_i = (∂²U − ∂F) δX_i + ∂G_i/∂θ + Σ_m [ρ_m D_m δX + δρ_m D_m X + ρ_m (∂D_m/∂θ) X]_i .
+/// δG_i = (∂²U − ∂F) δX_i − ∂F/∂v δV_i + ∂G_i/∂θ + Σ_m [ρ_m D_m δX + δρ_m D_m X + ρ_m (∂D_m/∂θ) X]_i .
 /// ```
 ///
-/// D_m acts on δX with the weights that it has, on a memory of its own with p times the channels, and
+/// with δV_i = Σ_ν ℓ̇_ν(c_i) δe^ν/h where forces depend on the velocity of the polynomial. D_m acts on δX with the weights that it has, on a memory of its own with p times the channels, and
 /// ∂D_m/∂θ on X with their derivatives. Where the force acts at the main nodes its three parts are in the
 /// last equation only. So the derivatives are those of the program's own numbers, not of the motion that
 /// they stand for, but for rounding.
@@ -47,6 +47,8 @@ pub(crate) struct Tangent {
     model: Model<f64>,
     /// ∂²U − ∂F; of a linear system once for all.
     stiffness: Matrix<f64>,
+    /// −∂F/∂v likewise, where forces depend on the velocity.
+    resistance: Option<Matrix<f64>>,
     direct: Vec<Direct>,
     /// ∂M: entries of each parameter.
     mass_changes: Vec<Vec<(usize, usize)>>,
@@ -74,6 +76,7 @@ struct Room {
     /// n numbers each.
     restoring: Vec<f64>,
     place: Vec<f64>,
+    velocity: Vec<f64>,
     right: Vec<f64>,
     /// ∂X_i − ∂q_k, and ∂q_{k+1} − ∂q_k.
     own_stages: Vec<f64>,
@@ -93,6 +96,7 @@ impl Room {
             forces: vec![0.0; points * p * n],
             restoring: vec![0.0; n],
             place: vec![0.0; n],
+            velocity: vec![0.0; n],
             right: vec![0.0; n],
             own_stages: vec![0.0; points * p * n],
             own_rise: vec![0.0; p * n],
@@ -189,6 +193,7 @@ impl Tangent {
             terms.push(term);
         }
         let stiffness = model.stiffness();
+        let resistance = Mechanics::depends_on_velocity(&model).then(|| model.stiffness());
         let direct = parameters.iter().map(|parameter| Direct::new(scenario, &parameter.what)).collect();
         let (degree, points) = (scheme.view().control_points.len(), scheme.view().nodes.len());
         let mut made = Self {
@@ -200,6 +205,7 @@ impl Tangent {
             mean: at_main_nodes && scenario.output.momentum == ReportedMomentum::Mean,
             model,
             stiffness,
+            resistance,
             direct,
             mass_changes,
             terms,
@@ -254,6 +260,7 @@ impl Tangent {
             forces,
             restoring,
             place,
+            velocity,
             right,
             own_stages,
             own_rise,
@@ -301,16 +308,28 @@ impl Tangent {
         }
         // (∂²U − ∂F) and ∂G/∂θ at the quadrature points.
         let linear = Mechanics::is_linear(&self.model);
-        let mut stiffnesses = Vec::new();
+        let (mut stiffnesses, mut resistances) = (Vec::new(), Vec::new());
+        // δV_i = Σ_μ slope(i, μ) δe^μ.
+        let slope = |i: usize, mu: usize| view.slope(i, mu) / h;
         forces.fill(0.0);
         for i in 0..points {
             let instant = Instant::in_step(time, view.nodes[i], h);
             place.iter_mut().zip(start.iter().zip(&stages[i * n..])).for_each(|(x, (q, e))| *x = q + e);
-            if !linear || (i == 0 && self.factors.is_none()) {
+            if let Some(resistance) = &mut self.resistance {
+                velocity.fill(0.0);
+                for mu in 0..degree {
+                    add(velocity, slope(i, mu), &increments[mu * n..][..n]);
+                }
+                if !linear || (i == 0 && self.factors.is_none()) {
+                    let stiffness = &mut self.stiffness;
+                    self.model.linearise_in_motion(instant, place, velocity, restoring, stiffness);
+                    self.model.resistance(instant, place, velocity, resistance);
+                }
+            } else if !linear || (i == 0 && self.factors.is_none()) {
                 self.model.linearise(instant, place, restoring, &mut self.stiffness);
             }
             for (parameter, direct) in self.direct.iter_mut().enumerate() {
-                direct.add(instant, place, &mut forces[i * c + parameter * n..][..n]);
+                direct.add(instant, (place, velocity), &mut forces[i * c + parameter * n..][..n]);
             }
             for parameter in 0..self.count {
                 let at = &mut forces[i * c + parameter * n..][..n];
@@ -318,12 +337,15 @@ impl Tangent {
             }
             if !linear && points > 1 {
                 stiffnesses.push(self.stiffness.clone());
+                resistances.extend(self.resistance.clone());
             }
             if !self.at_main_nodes {
                 add(&mut forces[i * c..][..c], 1.0, &damped[i * c..][..c]);
             }
         }
         let stiffness = |i: usize| if linear || points == 1 { &self.stiffness } else { &stiffnesses[i] };
+        let resistance =
+            |i: usize| if linear || points == 1 { self.resistance.as_ref() } else { resistances.get(i) };
         let stays = linear && self.terms.iter().all(|term| term.tangent.memory().leading_is_constant());
         if self.factors.is_none() || !stays {
             let mut matrix = DMatrix::zeros(degree * n, degree * n);
@@ -340,6 +362,9 @@ impl Tangent {
                     for i in 0..points {
                         let factor = -h * view.weights[i] * test(i, nu);
                         insert(nu, mu, factor * shape(i, mu), stiffness(i));
+                        if let Some(resistance) = resistance(i) {
+                            insert(nu, mu, factor * slope(i, mu), resistance);
+                        }
                         if self.at_main_nodes {
                             continue;
                         }
@@ -390,6 +415,14 @@ impl Tangent {
         for i in 0..points {
             let own = forces[i * c..][..c].chunks_mut(n).zip(own_stages[i * c..][..c].chunks(n));
             own.for_each(|(force, own)| stiffness(i).multiply_add(1.0, own, force));
+            if let Some(resistance) = resistance(i) {
+                for (parameter, force) in forces[i * c..][..c].chunks_mut(n).enumerate() {
+                    for mu in 0..degree {
+                        let own = &columns.as_slice()[(parameter * degree + mu) * n..][..n];
+                        resistance.multiply_add(slope(i, mu), own, force);
+                    }
+                }
+            }
             if !self.at_main_nodes {
                 add_leading(&self.terms, (i, nodes), own_stages, n, &mut forces[i * c..][..c]);
             }
