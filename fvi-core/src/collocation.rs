@@ -23,8 +23,9 @@ const LINEAR_CORRECTIONS: u32 = 2;
 /// Collocation by a Runge–Kutta method, as a view of its numbers.
 ///
 /// ```text
-/// M a_i + ∇U(X_i) − F(t_k + c_i h, X_i) − u + Σ_m ρ_m (D^{β_m} X)_{k,i} = 0 ,      i = 1…R
-/// X_i − q_k = h c_i v_k + h² Σ_j (A²)_ij a_j ,      v_{k+1} = v_k + h Σ_j b_j a_j ,      q_{k+1} = X_R
+/// M a_i + ∇U(X_i) − F(t_k + c_i h, X_i, V_i) − u + Σ_m ρ_m (D^{β_m} X)_{k,i} = 0 ,      i = 1…R
+/// X_i − q_k = h c_i v_k + h² Σ_j (A²)_ij a_j ,      V_i = v_k + h Σ_j A_ij a_j ,
+/// v_{k+1} = v_k + h Σ_j b_j a_j ,      q_{k+1} = X_R
 /// ```
 ///
 /// with v = M⁻¹p. Radau IIA makes it L-stable: neither stiff springs nor strong damping limit the step. It is
@@ -32,7 +33,9 @@ const LINEAR_CORRECTIONS: u32 = 2;
 /// function R, |R(iy)|² = 1 − O(y^{2R}). Source: \[HW\]; the fractional force as in \[LO93\] and \[LFS16\].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CollocationTables<'a, T> {
-    /// A², R·R numbers row by row.
+    /// A, R·R numbers row by row.
+    pub matrix: &'a [T],
+    /// A², likewise.
     pub square: &'a [T],
     /// b, the last row of A.
     pub weights: &'a [T],
@@ -48,6 +51,7 @@ pub struct CollocationTables<'a, T> {
 /// ([`VariableStepMemory`](crate::VariableStepMemory)).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Collocation<T, const R: usize> {
+    matrix: [[T; R]; R],
     square: [[T; R]; R],
     weights: [T; R],
     nodes: [T; R],
@@ -58,6 +62,7 @@ impl<T: Real, const R: usize> Collocation<T, R> {
     pub fn new(method: &RungeKutta<R>) -> Self {
         let (square, quadrature) = (method.square(), method.quadrature());
         Self {
+            matrix: method.matrix().map(|row| row.map(T::of)),
             square: square.map(|row| row.map(T::of)),
             weights: quadrature.weights().map(T::of),
             nodes: quadrature.nodes().map(T::of),
@@ -66,7 +71,12 @@ impl<T: Real, const R: usize> Collocation<T, R> {
 
     /// Its numbers.
     pub fn tables(&self) -> CollocationTables<'_, T> {
-        CollocationTables { square: self.square.as_flattened(), weights: &self.weights, nodes: &self.nodes }
+        CollocationTables {
+            matrix: self.matrix.as_flattened(),
+            square: self.square.as_flattened(),
+            weights: &self.weights,
+            nodes: &self.nodes,
+        }
     }
 }
 
@@ -280,7 +290,27 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> CollocationEqua
                 *place = q + e;
             }
             let instant = Instant::in_step(self.step.time, node, h);
-            if let Some(matrix) = matrix.as_deref_mut() {
+            if self.mechanics.depends_on_velocity() {
+                let velocity = part_mut(self.scratch, coordinates);
+                velocity.iter_mut().zip(self.velocity).for_each(|(place, &v)| *place = v);
+                let integrals = vector_at(tables.matrix, stages, i);
+                for (&factor, acceleration) in integrals.iter().zip(vectors(accelerations, coordinates)) {
+                    add_multiple(velocity, h * factor, acceleration);
+                }
+                if let Some(matrix) = matrix.as_deref_mut() {
+                    let written = (&mut *force, &mut *self.stiffness);
+                    self.mechanics.linearise_in_motion(instant, self.point, velocity, written.0, written.1);
+                    for (j, &factor) in row.iter().enumerate() {
+                        matrix.add(i, j, h * h * factor, self.stiffness);
+                    }
+                    self.mechanics.resistance(instant, self.point, velocity, self.stiffness);
+                    for (j, &factor) in integrals.iter().enumerate() {
+                        matrix.add(i, j, h * factor, self.stiffness);
+                    }
+                } else {
+                    self.mechanics.restoring_force_in_motion(instant, self.point, velocity, force);
+                }
+            } else if let Some(matrix) = matrix.as_deref_mut() {
                 self.mechanics.linearise(instant, self.point, force, self.stiffness);
                 for (j, &factor) in row.iter().enumerate() {
                     matrix.add(i, j, h * h * factor, self.stiffness);

@@ -58,6 +58,31 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         self.degree() == 1 && self.tests.iter().all(|test| *test == T::zero())
     }
 
+    /// ℓ̇_ν(c_i) of node i and the unknown ν = 1…S, both counted from zero: the velocity of the polynomial at
+    /// the node is Σ_ν ℓ̇_ν(c_i) e^ν/h.
+    pub fn slope(&self, node: usize, unknown: usize) -> T {
+        let numbers = (self.nodes.get(node), self.control_points.get(unknown));
+        let (Some(&tau), Some(&own)) = numbers else { return T::zero() };
+        // ℓ_ν = τ/d_ν Π (τ − d_μ)/(d_ν − d_μ), differentiated factor by factor.
+        let inverse = T::one() / own;
+        let (mut value, mut slope) = (tau * inverse, inverse);
+        for (_, &other) in self.control_points.iter().enumerate().filter(|&(index, _)| index != unknown) {
+            let inverse = T::one() / (own - other);
+            let factor = (tau - other) * inverse;
+            slope = slope * factor + value * inverse;
+            value *= factor;
+        }
+        slope
+    }
+
+    /// The velocity of the polynomial at a node.
+    fn velocity_at(&self, node: usize, increments: &[T], h: T, velocity: &mut [T]) {
+        velocity.fill(T::zero());
+        for (unknown, increment) in vectors(increments, velocity.len()).enumerate() {
+            add_multiple(velocity, self.slope(node, unknown) / h, increment);
+        }
+    }
+
     /// X_i − q_k = Σ_ν ℓ_ν(c_i) e^ν for every node.
     #[inline(always)]
     fn place_stages(&self, increments: &[T], stages: &mut [T], coordinates: usize) {
@@ -162,8 +187,8 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
     /// Solves the first S equations for the nodes and leaves, in the first N numbers of `work.residual`, the
     /// impulse h Σ_i b_i G_i: what the momentum loses by the forces at the quadrature nodes.
     ///
-    /// With G_i = ∇U(X_i) − F(t_k + c_i h, X_i) − u, plus the fractional force where it acts at the nodes,
-    /// equation ν = 0…S−1 is
+    /// With G_i = ∇U(X_i) − F(t_k + c_i h, X_i, V_i) − u, V_i = q̇_d(c_i h), plus the fractional force where it
+    /// acts at the nodes, equation ν = 0…S−1 is
     ///
     /// ```text
     /// 0 = δ_{ν0} p_k + (1/h) Σ_μ K_{νμ} M e^μ − h Σ_i b_i ℓ_ν(c_i) G_i ,
@@ -358,15 +383,36 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> StepEquations<'
         let tests = vectors(lagrangian.tests, degree);
         let stages = vectors(self.stages, coordinates);
         let forces = vectors_mut(self.forces, coordinates);
-        for ((((&weight, &node), (shapes, tests)), stage), force) in
-            of_node.zip(shapes.zip(tests)).zip(stages).zip(forces)
-        {
+        let of_nodes = of_node.zip(shapes.zip(tests)).zip(stages).zip(forces).enumerate();
+        for (index, ((((&weight, &node), (shapes, tests)), stage), force)) in of_nodes {
             let point = X::slice_mut(self.point);
             for ((place, &q), &e) in point.iter_mut().zip(self.position).zip(stage) {
                 *place = q + e;
             }
             let instant = Instant::in_step(self.step.time, node, h);
-            if let Some(matrix) = matrix.as_deref_mut() {
+            if self.mechanics.depends_on_velocity() {
+                let velocity = part_mut(self.scratch, coordinates);
+                lagrangian.velocity_at(index, increments, h, velocity);
+                if let Some(matrix) = matrix.as_deref_mut() {
+                    let written = (&mut *force, &mut *self.stiffness);
+                    self.mechanics.linearise_in_motion(instant, self.point, velocity, written.0, written.1);
+                    for (row, &test) in tests.iter().enumerate() {
+                        let factor = h * weight * test;
+                        for (column, &shape) in shapes.iter().enumerate() {
+                            matrix.add(row, column, -(factor * shape), self.stiffness);
+                        }
+                    }
+                    self.mechanics.resistance(instant, self.point, velocity, self.stiffness);
+                    for (row, &test) in tests.iter().enumerate() {
+                        for column in 0..degree {
+                            let factor = weight * test * lagrangian.slope(index, column);
+                            matrix.add(row, column, -factor, self.stiffness);
+                        }
+                    }
+                } else {
+                    self.mechanics.restoring_force_in_motion(instant, self.point, velocity, force);
+                }
+            } else if let Some(matrix) = matrix.as_deref_mut() {
                 self.mechanics.linearise(instant, self.point, force, self.stiffness);
                 for (row, &test) in tests.iter().enumerate() {
                     let factor = h * weight * test;
@@ -502,9 +548,43 @@ mod tests {
         }
     }
 
-    struct Push;
+    struct Push {
+        /// Of forces of the velocity; without them there is none.
+        drag: f64,
+    }
 
     impl Force<f64, 2> for Push {
+        fn depends_on_velocity(&self) -> bool {
+            self.drag != 0.0
+        }
+
+        fn value_in_motion(
+            &self,
+            instant: Instant<f64>,
+            q: &SVector<f64, 2>,
+            v: &SVector<f64, 2>,
+        ) -> SVector<f64, 2> {
+            self.value(instant, q) - vector![v[0] * v[0] * v[0] + v[1], q[0] * v[1] - v[0]] * self.drag
+        }
+
+        fn jacobian_in_motion(
+            &self,
+            instant: Instant<f64>,
+            q: &SVector<f64, 2>,
+            v: &SVector<f64, 2>,
+        ) -> SMatrix<f64, 2, 2> {
+            self.jacobian(instant, q) - matrix![0.0, 0.0; v[1], 0.0] * self.drag
+        }
+
+        fn velocity_jacobian(
+            &self,
+            _: Instant<f64>,
+            q: &SVector<f64, 2>,
+            v: &SVector<f64, 2>,
+        ) -> SMatrix<f64, 2, 2> {
+            matrix![3.0 * v[0] * v[0], 1.0; -1.0, q[0]] * -self.drag
+        }
+
         fn value(&self, instant: Instant<f64>, q: &SVector<f64, 2>) -> SVector<f64, 2> {
             vector![(2.0 * instant.time).cos() - q[1] / 4.0, instant.time * q[0] / 8.0]
         }
@@ -514,9 +594,9 @@ mod tests {
         }
     }
 
-    fn system() -> System<f64, 2, Coupled, Push> {
+    fn system(drag: f64) -> System<f64, 2, Coupled, Push> {
         let mass = Mass::new(Coefficients::Dense(matrix![2.0, 0.5; 0.5, 1.0])).unwrap();
-        System { mass, potential: Coupled, force: Push }
+        System { mass, potential: Coupled, force: Push { drag } }
     }
 
     const STEP: Step<'static, f64> = Step { time: 0.7, end: 0.95, size: 0.25, input: &[0.3, -0.2] };
@@ -589,8 +669,9 @@ mod tests {
     fn solved<const S: usize, const Q: usize>(
         galerkin: &Galerkin<f64, S, Q>,
         damping: &Affine<Q>,
+        drag: f64,
     ) -> ([SVector<f64, 2>; S], SVector<f64, 2>) {
-        let mut system = system();
+        let mut system = system(drag);
         let (mut increments, mut residual) = ([[0.0; 2]; S], [[0.0; 2]; S]);
         let (mut stages, mut forces, mut known) = ([[0.0; 2]; Q], [[0.0; 2]; Q], [[0.0; 2]; Q]);
         let mut work = Workspace::<f64, Fixed<2>, StepMatrix<f64, 2, S>> {
@@ -645,10 +726,21 @@ mod tests {
         control_points: &[f64],
         damping: Option<&Affine<Q>>,
     ) {
+        for drag in [0.0, 0.4] {
+            assert_stationary_with::<S, Q>(quadrature, control_points, damping, drag);
+        }
+    }
+
+    fn assert_stationary_with<const S: usize, const Q: usize>(
+        quadrature: &Quadrature<Q>,
+        control_points: &[f64],
+        damping: Option<&Affine<Q>>,
+        drag: f64,
+    ) {
         let galerkin = Galerkin::<f64, S, Q>::new(quadrature).unwrap();
-        let (system, h) = (system(), STEP.size);
+        let (system, h) = (system(drag), STEP.size);
         let none = Affine { known: [SVector::zeros(); Q], leading: [[SMatrix::zeros(); Q]; Q] };
-        let (increments, new_momentum) = solved(&galerkin, damping.unwrap_or(&none));
+        let (increments, new_momentum) = solved(&galerkin, damping.unwrap_or(&none), drag);
         let mut nodes = std::vec![POSITION];
         nodes.extend(increments.iter().map(|increment| POSITION + increment));
         let rules = || quadrature.nodes().iter().zip(quadrature.weights());
@@ -671,7 +763,8 @@ mod tests {
                 let shape = interpolate(control_points, &unit, c).0[0];
                 let instant = Instant::in_step(STEP.time, c, h);
                 let input = vector![STEP.input[0], STEP.input[1]];
-                let mut force = system.force.value(instant, &(POSITION + stages[i])) + input;
+                let v = interpolate(control_points, &nodes, c).1 / h;
+                let mut force = system.force.value_in_motion(instant, &(POSITION + stages[i]), &v) + input;
                 if let Some(damping) = damping {
                     force -= damping.at(i, &stages);
                 }

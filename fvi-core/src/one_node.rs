@@ -6,7 +6,7 @@ use crate::linear::{combine, combine_two, fill_pair};
 use crate::newton::{Equations, newton, size};
 use crate::real::Real;
 use crate::scheme::{State, Step, StepError};
-use crate::space::{Block, Space, part, vectors};
+use crate::space::{Block, Space, part, part_mut, vectors};
 use crate::system::{Instant, Mechanics};
 use crate::workspace::Workspace;
 
@@ -32,7 +32,8 @@ impl<T: Real> OneNode<T> {
     /// 0 = p_k + (K/h) M e − h b ℓ₀(c) G ,     G = ∇U(X) − F(t_k + ch, X) − u ,     X = q_k + ℓ₁(c) e ,
     /// ```
     ///
-    /// G with the fractional force where it acts at the node, for e = q_{k+1} − q_k, and leaves h b G in
+    /// where F may depend on the velocity e/h of the line, and G has the fractional force where it acts at the
+    /// node, for e = q_{k+1} − q_k, and leaves h b G in
     /// `work.residual`, as is done for any degree. The first `moments` numbers of
     /// `work.moment_correction` are moments of the force that the node lacks.
     ///
@@ -115,7 +116,7 @@ impl<T: Real> OneNode<T> {
                 equation.look_first(increments, from_rest, false);
             } else {
                 equation.look_first(increments, from_rest, true);
-                equation.write_matrix(&mut *work.matrix);
+                equation.write_matrix(increments, &mut *work.matrix);
                 let inertia = (self.kinetic / step.size, equation.mechanics.mass());
                 work.matrix.keep(&mut work.kept.solver, inertia).map_err(|_| StepError::SingularJacobian)?;
                 work.kept.length = if stays { step.size } else { T::zero() };
@@ -143,13 +144,15 @@ impl<T: Real> OneNode<T> {
                 equation.look(increments, matrix.is_some());
                 equation.balance(increments, residual);
                 if let Some(matrix) = matrix {
-                    equation.write_matrix(matrix);
+                    equation.write_matrix(increments, matrix);
                 }
             };
             let converged = newton(increments, residual, size(position), &mut *work.matrix, balance)?;
             // The force at the end is the last one and its linear change, where what that leaves is rounding.
             let rounding = T::of(0.25) * T::EPSILON * step.size * self.weight * size(equation.force);
-            if converged.residual.is_some_and(|left| left <= rounding) {
+            // With a force of the velocity the matrix at hand is its resistance.
+            let changes = !equation.mechanics.depends_on_velocity();
+            if changes && converged.residual.is_some_and(|left| left <= rounding) {
                 equation.carry_on(increments, residual);
             } else {
                 equation.look(increments, false);
@@ -175,6 +178,12 @@ fn scale<T: Real>(x: &mut [T], factor: T) {
 #[inline(always)]
 fn take_off<T: Real>(x: &mut [T], correction: &[T]) {
     combine(x, correction, |x, correction| x - correction);
+}
+
+/// The velocity e/h of a straight line.
+#[inline(always)]
+fn line_velocity<T: Real>(increments: &[T], h: T, velocity: &mut [T]) {
+    velocity.iter_mut().zip(increments).for_each(|(velocity, &e)| *velocity = e / h);
 }
 
 /// The equation at a guess of e.
@@ -206,7 +215,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> Equation<'_, T,
         let shape = self.numbers.shape;
         let places = (&mut *self.stage, X::slice_mut(self.point));
         fill_pair(places, (increments, self.position), |e, q| (e * shape, q + e * shape));
-        self.find_force(linearise);
+        self.find_force(increments, linearise);
         if let Some(damping) = self.damping {
             damping.add_leading(self.stage, self.force, self.scratch);
         }
@@ -219,14 +228,23 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> Equation<'_, T,
             return self.look(increments, linearise);
         }
         combine(X::slice_mut(self.point), self.position, |_, q| q);
-        self.find_force(linearise);
+        self.find_force(increments, linearise);
     }
 
     /// Finds G at the node, but for what the increments add to the damping.
     #[inline(always)]
-    fn find_force(&mut self, linearise: bool) {
+    fn find_force(&mut self, increments: &[T], linearise: bool) {
         let instant = Instant::in_step(self.step.time, self.numbers.node, self.step.size);
-        if linearise {
+        if self.mechanics.depends_on_velocity() {
+            let velocity = part_mut(self.scratch, increments.len());
+            line_velocity(increments, self.step.size, velocity);
+            if linearise {
+                let restoring = (&mut *self.force, &mut *self.stiffness);
+                self.mechanics.linearise_in_motion(instant, self.point, velocity, restoring.0, restoring.1);
+            } else {
+                self.mechanics.restoring_force_in_motion(instant, self.point, velocity, self.force);
+            }
+        } else if linearise {
             self.mechanics.linearise(instant, self.point, self.force, self.stiffness);
         } else {
             self.mechanics.restoring_force(instant, self.point, self.force);
@@ -268,14 +286,21 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> Equation<'_, T,
         residual.iter_mut().zip(self.moment_correction).for_each(|(place, &moment)| *place += moment * h);
     }
 
-    /// Writes its derivative.
+    /// Writes its derivative at the increments that were last looked at with theirs.
     #[inline(always)]
-    fn write_matrix<E: Equations<T, X::Block>>(&self, matrix: &mut E) {
+    fn write_matrix<E: Equations<T, X::Block>>(&mut self, increments: &[T], matrix: &mut E) {
         let (h, numbers) = (self.step.size, self.numbers);
         let factor = h * numbers.weight * numbers.test * numbers.shape;
         matrix.clear();
         matrix.add(0, 0, numbers.kinetic / h, self.mechanics.mass());
         matrix.add(0, 0, -factor, self.stiffness);
+        if self.mechanics.depends_on_velocity() {
+            let instant = Instant::in_step(self.step.time, numbers.node, h);
+            let velocity = part_mut(self.scratch, increments.len());
+            line_velocity(increments, h, velocity);
+            self.mechanics.resistance(instant, self.point, velocity, self.stiffness);
+            matrix.add(0, 0, -(numbers.weight * numbers.test), self.stiffness);
+        }
         if let Some(damping) = self.damping {
             damping.visit_leading(1, |_, _, leading, rho| matrix.add(0, 0, -(factor * leading), rho));
         }

@@ -174,9 +174,59 @@ impl<T: Real> Instant<T> {
     }
 }
 
-/// External force F(t, q).
+/// External force F(t, q), or F(t, q, v) where it depends on the velocity.
+///
+/// A force of the velocity says so by [`depends_on_velocity`](Force::depends_on_velocity) and gives
+/// [`value_in_motion`](Force::value_in_motion) with its derivatives. Schemes take it at their quadrature nodes
+/// with the velocity of their polynomial there, collocation with that of its stages, and keep their orders.
+///
+/// ```
+/// # use fvi_core::*;
+/// # use nalgebra::{SMatrix, SVector};
+/// /// Air drag −c |v| v.
+/// struct Drag(f64);
+///
+/// impl Force<f64, 1> for Drag {
+///     fn value(&self, _: Instant<f64>, _: &SVector<f64, 1>) -> SVector<f64, 1> {
+///         [0.0].into()
+///     }
+///     fn depends_on_position(&self) -> bool {
+///         false
+///     }
+///     fn depends_on_velocity(&self) -> bool {
+///         true
+///     }
+///     fn value_in_motion(
+///         &self,
+///         _: Instant<f64>,
+///         _: &SVector<f64, 1>,
+///         v: &SVector<f64, 1>,
+///     ) -> SVector<f64, 1> {
+///         [-self.0 * v[0].abs() * v[0]].into()
+///     }
+///     fn velocity_jacobian(
+///         &self,
+///         _: Instant<f64>,
+///         _: &SVector<f64, 1>,
+///         v: &SVector<f64, 1>,
+///     ) -> SMatrix<f64, 1, 1> {
+///         [[-2.0 * self.0 * v[0].abs()]].into()
+///     }
+/// }
+///
+/// // Without other forces v = v₀/(1 + c v₀ t).
+/// let potential = Quadratic::diagonal([0.0])?;
+/// let system = System { mass: Mass::diagonal([1.0])?, potential, force: Drag(0.5) };
+/// let mut integrator =
+///     Integrator::builder(system, Galerkin::low_order(0.5)?, 0.01).velocity([2.0]).build()?;
+/// for _ in 0..100 {
+///     integrator.step(&[0.0].into())?;
+/// }
+/// assert!((integrator.state().momentum[0] - 1.0).abs() < 1e-5);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub trait Force<T: Real, const N: usize> {
-    /// F(t, q).
+    /// F(t, q); of a force that depends on the velocity F(t, q, 0).
     fn value(&self, instant: Instant<T>, position: &SVector<T, N>) -> SVector<T, N>;
 
     /// ∂F/∂q, entry (i, j) = ∂F_i/∂q_j. Zero unless given; a force that does depend on q without it slows
@@ -188,6 +238,41 @@ pub trait Force<T: Real, const N: usize> {
     /// Whether F depends on the position at all.
     fn depends_on_position(&self) -> bool {
         true
+    }
+
+    /// Whether F depends on the velocity: then schemes ask for it, and for its derivatives, in motion.
+    fn depends_on_velocity(&self) -> bool {
+        false
+    }
+
+    /// F(t, q, v).
+    fn value_in_motion(
+        &self,
+        instant: Instant<T>,
+        position: &SVector<T, N>,
+        _velocity: &SVector<T, N>,
+    ) -> SVector<T, N> {
+        self.value(instant, position)
+    }
+
+    /// ∂F/∂q at (t, q, v).
+    fn jacobian_in_motion(
+        &self,
+        instant: Instant<T>,
+        position: &SVector<T, N>,
+        _velocity: &SVector<T, N>,
+    ) -> SMatrix<T, N, N> {
+        self.jacobian(instant, position)
+    }
+
+    /// ∂F/∂v at (t, q, v), entry (i, j) = ∂F_i/∂v_j. Zero unless given, which slows Newton's method.
+    fn velocity_jacobian(
+        &self,
+        _instant: Instant<T>,
+        _position: &SVector<T, N>,
+        _velocity: &SVector<T, N>,
+    ) -> SMatrix<T, N, N> {
+        zero_matrix()
     }
 
     /// Writes the moments ∫₀¹ ℓ_ν(τ) F(`start` + τ·`length`) dτ, ν = 0…S, of a force that depends on time
@@ -234,10 +319,10 @@ impl<T: Real, const N: usize, F: Fn(Instant<T>) -> SVector<T, N>> Force<T, N> fo
     }
 }
 
-/// Mechanical system with the Lagrangian L = ½ vᵀ M v − U(q) and an external force F(t, q).
+/// Mechanical system with the Lagrangian L = ½ vᵀ M v − U(q) and an external force F(t, q) or F(t, q, v).
 ///
 /// ```text
-/// d/dt ∂L/∂v − ∂L/∂q = F(t, q) − Σ_m ρ_m D₋^{β_m} q
+/// d/dt ∂L/∂v − ∂L/∂q = F(t, q, v) − Σ_m ρ_m D₋^{β_m} q
 /// ```
 ///
 /// The damping on the right is not part of it: it has a memory, see [`DampingTerm`](crate::DampingTerm).
@@ -304,6 +389,51 @@ pub trait Mechanics<T: Real, X: Space<T>> {
         stiffness: &mut X::Block,
     );
 
+    /// Whether F depends on the velocity. Then schemes call the three methods that follow in place of the two
+    /// above.
+    #[inline(always)]
+    fn depends_on_velocity(&self) -> bool {
+        false
+    }
+
+    /// ∇U(q) − F(t, q, v).
+    #[inline(always)]
+    fn restoring_force_in_motion(
+        &mut self,
+        instant: Instant<T>,
+        position: &X::Vector,
+        _velocity: &[T],
+        restoring: &mut [T],
+    ) {
+        self.restoring_force(instant, position, restoring);
+    }
+
+    /// [`restoring_force_in_motion`](Mechanics::restoring_force_in_motion) together with its derivative
+    /// ∂²U/∂q² − ∂F/∂q.
+    #[inline(always)]
+    fn linearise_in_motion(
+        &mut self,
+        instant: Instant<T>,
+        position: &X::Vector,
+        _velocity: &[T],
+        restoring: &mut [T],
+        stiffness: &mut X::Block,
+    ) {
+        self.linearise(instant, position, restoring, stiffness);
+    }
+
+    /// Writes −∂F/∂v at the place that [`linearise_in_motion`](Mechanics::linearise_in_motion) was asked for
+    /// last, which is told again; `resistance` is the matrix that it wrote to.
+    #[inline(always)]
+    fn resistance(
+        &mut self,
+        _instant: Instant<T>,
+        _position: &X::Vector,
+        _velocity: &[T],
+        _resistance: &mut X::Block,
+    ) {
+    }
+
     /// Whether [`moment_correction`](Mechanics::moment_correction) need be asked at all.
     #[inline(always)]
     fn is_rough(&self) -> bool {
@@ -332,7 +462,8 @@ pub trait Mechanics<T: Real, X: Space<T>> {
     /// A matrix for [`linearise`](Mechanics::linearise) to write to.
     fn stiffness(&self) -> X::Block;
 
-    /// Whether the stiffness is the same at every position and time.
+    /// Whether the stiffness, and the resistance if there is one, is the same at every position, velocity and
+    /// time.
     fn is_linear(&self) -> bool;
 
     /// Energy E = ½ pᵀ M⁻¹ p + U(q) (\[JO\] §5).
@@ -382,6 +513,53 @@ impl<T: Real, const N: usize, P: Potential<T, N>, F: Force<T, N>> Mechanics<T, F
     }
 
     #[inline(always)]
+    fn depends_on_velocity(&self) -> bool {
+        self.force.depends_on_velocity()
+    }
+
+    #[inline(always)]
+    fn restoring_force_in_motion(
+        &mut self,
+        instant: Instant<T>,
+        position: &SVector<T, N>,
+        velocity: &[T],
+        restoring: &mut [T],
+    ) {
+        let velocity = of_slice(velocity);
+        let found =
+            self.potential.gradient(position) - self.force.value_in_motion(instant, position, &velocity);
+        for (place, &number) in restoring.iter_mut().zip(found.iter()) {
+            *place = number;
+        }
+    }
+
+    #[inline(always)]
+    fn linearise_in_motion(
+        &mut self,
+        instant: Instant<T>,
+        position: &SVector<T, N>,
+        velocity: &[T],
+        restoring: &mut [T],
+        stiffness: &mut Coefficients<T, N>,
+    ) {
+        self.restoring_force_in_motion(instant, position, velocity, restoring);
+        let of_force = self.force.jacobian_in_motion(instant, position, &of_slice(velocity));
+        *stiffness = Coefficients::Dense(self.potential.hessian(position) - of_force);
+    }
+
+    #[inline(always)]
+    fn resistance(
+        &mut self,
+        instant: Instant<T>,
+        position: &SVector<T, N>,
+        velocity: &[T],
+        resistance: &mut Coefficients<T, N>,
+    ) {
+        let of_force = self.force.velocity_jacobian(instant, position, &of_slice(velocity));
+        *resistance = Coefficients::Dense(-of_force);
+    }
+
+    #[inline(always)]
     fn moment_correction(&mut self, rule: &NodalRule<'_, T>, moment_correction: &mut [T]) -> bool {
         // Collocation takes forces at its nodes.
         if rule.shapes.is_empty() {
@@ -414,13 +592,23 @@ impl<T: Real, const N: usize, P: Potential<T, N>, F: Force<T, N>> Mechanics<T, F
 
     #[inline(always)]
     fn is_linear(&self) -> bool {
-        self.potential.is_quadratic() && !self.force.depends_on_position()
+        self.potential.is_quadratic()
+            && !self.force.depends_on_position()
+            && !self.force.depends_on_velocity()
     }
 
     #[inline(always)]
     fn energy(&mut self, position: &SVector<T, N>, momentum: &SVector<T, N>) -> T {
         System::energy(self, position, momentum)
     }
+}
+
+/// The vector with these numbers; zeros where there are fewer.
+#[inline(always)]
+fn of_slice<T: Real, const N: usize>(numbers: &[T]) -> SVector<T, N> {
+    let mut vector: SVector<T, N> = zero_vector();
+    vector.iter_mut().zip(numbers).for_each(|(place, &number)| *place = number);
+    vector
 }
 
 #[cfg(test)]

@@ -60,6 +60,8 @@ pub use time::{
 use crate::language::document::{Document, Table};
 use crate::language::expression::Moment;
 use crate::language::{InputError, Problem};
+use crate::numerics::dense;
+use nalgebra::DVector;
 use serde::Serialize;
 use std::path::Path;
 
@@ -497,6 +499,21 @@ impl Scenario {
         Ok(())
     }
 
+    /// v₀ = M⁻¹ p₀; `None` for a mass that is known by its entries, which takes a solution of equations.
+    pub fn initial_velocity(&self) -> Option<Vec<f64>> {
+        let momentum = &self.initial.momentum;
+        match &self.system.mass {
+            SymmetricMatrix::Diagonal(masses) => {
+                Some(momentum.iter().zip(masses).map(|(p, mass)| p / mass).collect())
+            }
+            SymmetricMatrix::Dense(mass) => {
+                let inverse = dense::inverse(mass.clone())?;
+                Some((inverse * DVector::from_column_slice(momentum)).as_slice().to_vec())
+            }
+            SymmetricMatrix::Sparse(_) => None,
+        }
+    }
+
     /// Refuses a potential or force that is not finite where the run begins.
     fn check_start(&self) -> Result<(), InputError> {
         let (start, half) = (self.time.start, self.time.start + 0.5 * self.time.step);
@@ -526,11 +543,18 @@ impl Scenario {
                 return Err(self.error_at(&format!("{path}.amplitude"), problem));
             }
         }
+        let moves = self.system.force_in_words_depends_on_velocity();
+        let velocity = if moves { self.initial_velocity() } else { None };
+        let point: Vec<f64> =
+            self.initial.position.iter().chain(velocity.iter().flatten()).copied().collect();
         for (index, force) in self.system.force.iter().flatten().enumerate() {
+            if velocity.is_none() && force.root().has_variable_from(self.coordinates()) {
+                continue;
+            }
             // A force may be singular at t = 0 alone, where schemes with interior nodes never look; only a
             // force that is not a number there because of its coordinates is certain to fail.
-            let value = force.value(Moment::inside(start), &self.initial.position);
-            let later = force.value(Moment::inside(half), &self.initial.position);
+            let value = force.value(Moment::inside(start), &point);
+            let later = force.value(Moment::inside(half), &point);
             if !value.is_finite() && !later.is_finite() {
                 let problem = Problem::NotFinite { what: "the force", place };
                 return Err(self.error_at(&format!("system.force[{index}]"), problem));

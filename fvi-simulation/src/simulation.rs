@@ -13,6 +13,8 @@ pub mod events;
 mod forces_of_time;
 #[cfg(test)]
 mod forces_of_time_tests;
+#[cfg(test)]
+mod forces_of_velocity_tests;
 mod given_weights;
 mod gyroscopic;
 mod memory_energy;
@@ -382,22 +384,36 @@ fn check_stability(scenario: &Scenario) -> Result<(), InputError> {
     if scenario.coordinates() > ALL_MOTIONS {
         return stability::check_large_step(scenario);
     }
-    stability::check_step(scenario, &stiffness(scenario)?)
+    let (stiffness, resistance) = linearised(scenario)?;
+    stability::check_step(scenario, (&stiffness, resistance.as_ref()))
 }
 
-/// ∂²U/∂q² − ∂F/∂q at the initial position in the middle of the first step.
-fn stiffness(scenario: &Scenario) -> Result<DMatrix<f64>, InputError> {
+/// ∂²U/∂q² − ∂F/∂q and, where forces depend on the velocity, −∂F/∂v at the initial state in the middle of the
+/// first step.
+fn linearised(scenario: &Scenario) -> Result<(DMatrix<f64>, Option<DMatrix<f64>>), InputError> {
     let mut model = Model::<f64>::new(scenario).map_err(|error| bad_mass(scenario, &error))?;
     let size = scenario.coordinates();
     let instant = Instant::in_step(scenario.time.start, 0.5, scenario.time.step);
     let mut restoring = vec![0.0; size];
     let mut stiffness = model.stiffness();
-    model.linearise(instant, &scenario.initial.position, &mut restoring, &mut stiffness);
-    let mut dense = DMatrix::zeros(size, size);
-    for (row, column, entry) in Matrix::entries(&stiffness) {
-        dense[(row, column)] = entry;
+    let position = &scenario.initial.position;
+    let full = |matrix: &Matrix<f64>| {
+        let mut dense = DMatrix::zeros(size, size);
+        for (row, column, entry) in Matrix::entries(matrix) {
+            dense[(row, column)] = entry;
+        }
+        dense
+    };
+    if !Mechanics::depends_on_velocity(&model) {
+        model.linearise(instant, position, &mut restoring, &mut stiffness);
+        return Ok((full(&stiffness), None));
     }
-    Ok(dense)
+    let mut velocity = vec![0.0; size];
+    model.velocity(&scenario.initial.momentum, &mut velocity);
+    let mut resistance = model.stiffness();
+    model.linearise_in_motion(instant, position, &velocity, &mut restoring, &mut stiffness);
+    model.resistance(instant, position, &velocity, &mut resistance);
+    Ok((full(&stiffness), Some(full(&resistance))))
 }
 
 /// Where in a step the nodes are whose positions `initial.past` has beside those at grid points; none where

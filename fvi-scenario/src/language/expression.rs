@@ -72,6 +72,20 @@ impl Symbols {
         self.with_variables((0..count).map(|index| format!("q{index}")))
     }
 
+    /// Adds the velocities `v0`, `v1`, … as variables behind those there are. A name that means something
+    /// else already, as `taken` says or a parameter does, goes on meaning that.
+    pub fn with_velocities(mut self, count: usize, taken: impl Fn(&str) -> bool) -> Self {
+        for index in 0..count {
+            let name = format!("v{index}");
+            let is_known = taken(&name) || self.parameters.iter().any(|(known, _)| *known == name);
+            if !is_known {
+                self.indices.entry(name.clone()).or_insert(self.variables.len());
+            }
+            self.variables.push(name);
+        }
+        self
+    }
+
     /// Adds a named constant.
     ///
     /// # Errors

@@ -4,7 +4,7 @@ use crate::language::expression::Moment;
 use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// A potential U(q) and a force F(t, q) in code; they are added to those that a scenario writes.
+/// A potential U(q) and a force F(t, q) or F(t, q, v) in code; they are added to those that a scenario writes.
 ///
 /// All numbers are in double precision, whatever the run computes in. A call that fails writes a NaN, which
 /// ends the step it is made for, and keeps the reason to itself.
@@ -36,6 +36,37 @@ pub trait OwnTerms: Send {
         stiffness: &mut [f64],
     );
 
+    /// Whether F depends on the velocity. Then the two methods that follow are called in place of the two
+    /// above; everything depends on the position as well, and all places have entries.
+    fn depends_on_velocity(&self) -> bool {
+        false
+    }
+
+    /// Adds ∇U(q) − F(t, q, v).
+    fn add_restoring_force_in_motion(
+        &mut self,
+        moment: Moment<f64>,
+        position: &[f64],
+        velocity: &[f64],
+        restoring: &mut [f64],
+    ) {
+        let _ = velocity;
+        self.add_restoring_force(moment, position, restoring);
+    }
+
+    /// Adds ∇U(q) − F(t, q, v), and its derivatives ∂²U/∂q² − ∂F/∂q and −∂F/∂v to two matrices, row by row.
+    fn add_linearisation_in_motion(
+        &mut self,
+        moment: Moment<f64>,
+        (position, velocity): (&[f64], &[f64]),
+        restoring: &mut [f64],
+        stiffness: &mut [f64],
+        resistance: &mut [f64],
+    ) {
+        let _ = (velocity, resistance);
+        self.add_linearisation(moment, position, restoring, stiffness);
+    }
+
     /// Writes the largest |F_i| that was seen since this was last called, and forgets it.
     fn take_largest_force(&mut self, largest: &mut [f64]);
 }
@@ -55,14 +86,22 @@ impl SharedTerms {
         self.with(|terms| terms.depends_on_position())
     }
 
-    /// Whether they make the equations of a step full: they depend on the position, and do not say where.
+    /// Whether they depend on the velocity.
+    pub fn depend_on_velocity(&self) -> bool {
+        self.with(|terms| terms.depends_on_velocity())
+    }
+
+    /// Whether they make the equations of a step full: they depend on the position, and do not say where, or
+    /// on the velocity.
     pub fn are_full(&self) -> bool {
-        self.with(|terms| terms.depends_on_position() && terms.places().is_none())
+        self.with(|terms| {
+            terms.depends_on_velocity() || (terms.depends_on_position() && terms.places().is_none())
+        })
     }
 
     /// Whether they depend on the position in places that they say.
     pub fn are_sparse(&self) -> bool {
-        self.with(|terms| terms.depends_on_position() && terms.places().is_some())
+        !self.are_full() && self.depend_on_position()
     }
 
     /// Calls them.

@@ -350,13 +350,23 @@ impl Reader<'_> {
         };
         let mut force = None;
         if let Some(components) = &system.force {
-            let symbols = || others.clone().with_time().with_coordinates(count).with_variables(variable());
+            // The constant comes behind positions, and behind velocities where there are any.
+            let moves = system.force_in_words_depends_on_velocity();
+            let variables = if moves { 2 * count } else { count };
+            let symbols = || {
+                let symbols = others.clone().with_time().with_coordinates(count);
+                match moves {
+                    true => symbols.with_velocities(count, |other| other == name),
+                    false => symbols,
+                }
+                .with_variables(variable())
+            };
             let parsed = components.iter().map(|component| {
                 Expression::parse(component.text(), &symbols())
                     .map_err(|error| self.value.error(Problem::Expression(error)))
             });
             let parsed: Vec<Expression> = parsed.collect::<Result<_, _>>()?;
-            force = parsed.iter().any(|component| component.root().has_variable(count)).then_some(parsed);
+            force = parsed.iter().any(|component| component.root().has_variable(variables)).then_some(parsed);
         }
         let mut elements = Vec::new();
         for (index, Element { potential, coordinates }) in system.elements.iter().enumerate() {

@@ -20,7 +20,7 @@ use serde::{Serialize, Serializer};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// d/dt (M q̇) + G q̇ + K q + ∇U(q) + Σ_e ∇U_e(q) = F(t, q) + Σ_l f_l a_l(t) − Σ_m ρ_m K_m(D) q, K_m(D) =
+/// d/dt (M q̇) + G q̇ + K q + ∇U(q) + Σ_e ∇U_e(q) = F(t, q, q̇) + Σ_l f_l a_l(t) − Σ_m ρ_m K_m(D) q, K_m(D) =
 /// D^{β_m} or of another transfer function.
 #[derive(Clone, Debug, Serialize)]
 pub struct System {
@@ -34,7 +34,8 @@ pub struct System {
     pub gyroscopic: Option<SkewMatrix>,
     /// U(q); absent: none.
     pub potential: Option<Expression>,
-    /// F(t, q), one expression for each coordinate; absent: none.
+    /// F(t, q, v), one expression for each coordinate, whose variables are q_0 … q_{N−1}, v_0 … v_{N−1};
+    /// absent: none.
     pub force: Option<Vec<Expression>>,
     /// How schemes take the work of the part of the force that depends on time alone.
     pub force_quadrature: ForceQuadrature,
@@ -171,7 +172,10 @@ impl System {
             .transpose()?;
         let force = table
             .optional("force")
-            .map(|value| value.expressions(&symbols.with_time().with_coordinates(count), count))
+            .map(|value| {
+                let symbols = symbols.with_time().with_coordinates(count);
+                value.expressions(&symbols.with_velocities(count, |_| false), count)
+            })
             .transpose()?;
         let force_quadrature = match table.optional("force_quadrature") {
             Some(value) => {
@@ -223,6 +227,18 @@ impl System {
     /// Number of coordinates N.
     pub fn coordinates(&self) -> usize {
         self.mass.size()
+    }
+
+    /// Whether a force depends on the velocity, in words or in code.
+    pub fn has_forces_of_velocity(&self) -> bool {
+        self.force_in_words_depends_on_velocity()
+            || self.own_terms.as_ref().is_some_and(SharedTerms::depend_on_velocity)
+    }
+
+    /// Whether a force that is written as expressions does.
+    pub fn force_in_words_depends_on_velocity(&self) -> bool {
+        let count = self.coordinates();
+        self.force.iter().flatten().any(|component| component.root().has_variable_from(count))
     }
 
     /// Whether the scenario uses any of the keys for large systems.

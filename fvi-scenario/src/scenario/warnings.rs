@@ -78,8 +78,18 @@ impl Scenario {
 
     /// Forces that jump in the position, on steps that do not end there.
     fn jumps_warning(&self) -> Option<String> {
-        let force = self.system.force.iter().flatten().any(|component| jumps(component.root()));
-        let potential = self.system.potential.iter().any(|potential| jumps(potential.root()));
+        let count = self.coordinates();
+        let mut components = self.system.force.iter().flatten();
+        let with_velocity = |argument: &Node| argument.has_variable_from(count);
+        if components.clone().any(|component| jumps(component.root(), &with_velocity)) {
+            return Some(
+                "system.force: `step` or `sign` of a velocity jumps inside of steps, which leaves the order 1 at best; no \
+                 steps end there: take a smooth function, as `tanh(v0/w)` with a small w"
+                    .to_owned(),
+            );
+        }
+        let force = components.any(|component| jumps(component.root(), &Node::varies));
+        let potential = self.system.potential.iter().any(|potential| jumps(potential.root(), &Node::varies));
         let key = if force { "system.force" } else { "system.potential" };
         ((force || potential) && self.time.adaptive().is_none()).then(|| {
             format!(
@@ -142,18 +152,10 @@ impl Scenario {
     }
 }
 
-/// Whether a jump in the position is in a part of an expression.
-fn jumps(node: &Node) -> bool {
-    node.varies()
-        && match node.kind() {
-            Kind::Number(_) | Kind::Time | Kind::SidedTime | Kind::Variable(_) => false,
-            Kind::Negation(inner) => jumps(inner),
-            Kind::Chain(first, operands) => {
-                jumps(first) || operands.iter().any(|(_, operand)| jumps(operand))
-            }
-            Kind::Power(sides) | Kind::Choice(_, sides) => sides.iter().any(jumps),
-            Kind::Call(function, argument) => {
-                matches!(function, Function::Step | Function::Sign) || jumps(argument)
-            }
-        }
+/// Whether a jump is in a part of an expression, or of what varies in it, whose argument passes a test.
+fn jumps(node: &Node, test: &dyn Fn(&Node) -> bool) -> bool {
+    node.any(&|part| match part.kind() {
+        Kind::Call(Function::Step | Function::Sign, argument) => argument.varies() && test(argument),
+        _ => false,
+    })
 }

@@ -13,7 +13,7 @@ use super::space::AnySpace;
 use super::switches::{Side, SidedPoint, Switched};
 use super::unbounded_forces::UnboundedForces;
 use crate::language::expression::Elementary;
-use crate::model::tape::{CompiledForce, CompiledPotential, OwnRegisters};
+use crate::model::tape::{CompiledForce, CompiledPotential, OwnRegisters, force_variables};
 use crate::scenario::{Derivative, SampledInput, Scenario, SymmetricMatrix, System};
 use fvi_core::{Block, Instant, MatrixError, Mechanics, NodalRule, Real};
 use fvi_core::{combine_two, factor, invert_factored};
@@ -61,8 +61,11 @@ pub struct Model<T> {
     constant: Sparse<T>,
     /// Slots of the entries of the potential's Hessian, and of their mirror images.
     hessian_slots: Vec<(u32, u32)>,
-    /// Slots of the entries of the force's Jacobian.
+    /// Slots of the entries of the force's Jacobian by the position, and by the velocity.
     jacobian_slots: Vec<usize>,
+    resistance_slots: Vec<usize>,
+    /// Where forces depend on the velocity.
+    moving: Option<Moving<T>>,
     registers: Vec<T>,
     /// Those of the gradient of the potential's rest, and those of both its derivatives.
     restoring_registers: OwnRegisters<T>,
@@ -72,6 +75,20 @@ pub struct Model<T> {
     /// Entries of a Jacobian.
     entries: Vec<T>,
 }
+
+/// What forces of the velocity need.
+#[derive(Clone, Debug)]
+struct Moving<T> {
+    /// Whether those in words depend on it.
+    in_words: bool,
+    /// Values of the resistance −∂F/∂v that never change, by slot; none where all are zero.
+    constant: Vec<T>,
+    /// q, and v behind it.
+    point: Vec<T>,
+}
+
+/// The slot of an entry that is in another matrix.
+const NOWHERE: usize = usize::MAX;
 
 /// Arguments of jumps and kinks within each other.
 const DEEPEST: usize = 64;
@@ -106,9 +123,11 @@ impl<T: Elementary> Model<T> {
         });
         let (potential, potential_sides) = compiled.map_or((None, None), |(u, sides)| (Some(u), sides));
         let components = system.force.as_deref().unwrap_or_default();
+        let in_words = system.force_in_words_depends_on_velocity();
+        let variables = force_variables(components);
         let (force, force_sides) = match is_sided {
-            true => CompiledForce::<T>::compile_sided(components),
-            false => (CompiledForce::<T>::compile(components), None),
+            true => CompiledForce::<T>::compile_sided(components, variables),
+            false => (CompiledForce::<T>::compile_of(components, variables), None),
         };
         let index = |&(row, column): &(u32, u32)| (row as usize, column as usize);
         let entry = |&(row, column, entry): &(u32, u32, T)| (row as usize, column as usize, entry);
@@ -131,7 +150,11 @@ impl<T: Elementary> Model<T> {
             .collect();
         let curved: Vec<_> =
             potential.iter().flat_map(|potential| potential.pattern().iter().map(index)).collect();
-        let pushed: Vec<_> = force.linear().iter().map(entry).collect();
+        // Columns from N on are those of the velocities.
+        let (pushed, resisted): (Vec<_>, Vec<_>) =
+            force.linear().iter().map(entry).partition(|&(_, column, _)| column < size);
+        let resisted: Vec<_> =
+            resisted.into_iter().map(|(row, column, entry)| (row, column - size, entry)).collect();
         let turned: Vec<_> = force.pattern().iter().map(index).collect();
 
         let both = |(row, column): (usize, usize)| [(row, column), (column, row)];
@@ -140,7 +163,10 @@ impl<T: Elementary> Model<T> {
             .map(|&(row, column, _)| (row, column))
             .chain(curved.iter().copied())
             .chain(elements.iter().flat_map(Elements::places));
-        let of_force = pushed.iter().map(|&(row, column, _)| (row, column)).chain(turned.iter().copied());
+        let of_velocity =
+            |&(row, column): &(usize, usize)| (row, if column < size { column } else { column - size });
+        let linear_places = pushed.iter().chain(&resisted).map(|&(row, column, _)| (row, column));
+        let of_force = linear_places.chain(turned.iter().map(of_velocity));
         let mut own = system.own_terms.clone().map(|terms| Own::new(terms, size));
         let of_own = own.iter().flat_map(Own::places);
         let places: Vec<_> = of_potential.flat_map(both).chain(of_force).chain(of_own).collect();
@@ -155,7 +181,17 @@ impl<T: Elementary> Model<T> {
             (narrow(place.0), narrow(place.1))
         };
         let hessian_slots: Vec<_> = curved.iter().map(slots).map(narrow).collect();
-        let jacobian_slots: Vec<_> = turned.iter().map(|&(row, column)| pattern.slot(row, column)).collect();
+        let (jacobian_slots, resistance_slots): (Vec<_>, Vec<_>) = match in_words {
+            false => (turned.iter().map(|&(row, column)| pattern.slot(row, column)).collect(), Vec::new()),
+            true => {
+                // Either has a slot for every entry: none where the entry is of the other.
+                let slots = |&(row, column): &(usize, usize)| match column < size {
+                    true => (pattern.slot(row, column), NOWHERE),
+                    false => (NOWHERE, pattern.slot(row, column - size)),
+                };
+                turned.iter().map(slots).unzip()
+            }
+        };
         elements.iter_mut().for_each(|elements| elements.settle(&pattern));
         own.iter_mut().for_each(|own| own.settle(&pattern));
         let mut values = of_base(base.as_ref(), &pattern);
@@ -169,6 +205,14 @@ impl<T: Elementary> Model<T> {
         for &(row, column, entry) in &pushed {
             values.own()[pattern.slot(row, column)] -= entry;
         }
+        let moves = in_words || own.as_ref().is_some_and(Own::depends_on_velocity);
+        let moving = moves.then(|| {
+            let mut constant = vec![T::zero(); pattern.len()];
+            for &(row, column, entry) in &resisted {
+                constant[pattern.slot(row, column)] -= entry;
+            }
+            Moving { in_words, constant, point: vec![T::zero(); if in_words { 2 * size } else { 0 }] }
+        });
         let constant = Sparse { pattern: Arc::clone(&pattern), values, threads: 1 };
         let is_constant = places.is_empty()
             && potential.is_none()
@@ -212,6 +256,8 @@ impl<T: Elementary> Model<T> {
             constant,
             hessian_slots,
             jacobian_slots,
+            resistance_slots,
+            moving,
             registers: Vec::new(),
             restoring_registers: OwnRegisters::default(),
             rest_registers: OwnRegisters::default(),
@@ -353,12 +399,63 @@ impl<T: Elementary> Mechanics<T, AnySpace> for Model<T> {
         }
         let (registers, pushed) = (&mut self.registers, &mut self.pushed);
         let jacobian = &mut self.entries[..self.jacobian_slots.len()];
+        let position = with_velocity(&mut self.moving, position);
         let point = sided(&mut self.force_sides, position);
         self.force.derivatives(moment(instant), point, registers, pushed, jacobian);
         restoring.iter_mut().zip(pushed).for_each(|(restoring, force)| *restoring -= *force);
-        for (&slot, &mut entry) in self.jacobian_slots.iter().zip(jacobian) {
-            values[slot] -= entry;
+        if self.resistance_slots.is_empty() {
+            for (&slot, &mut entry) in self.jacobian_slots.iter().zip(jacobian) {
+                values[slot] -= entry;
+            }
+        } else {
+            for (&slot, &mut entry) in self.jacobian_slots.iter().zip(jacobian) {
+                if slot != NOWHERE {
+                    values[slot] -= entry;
+                }
+            }
         }
+    }
+
+    fn depends_on_velocity(&self) -> bool {
+        self.moving.is_some()
+    }
+
+    fn restoring_force_in_motion(
+        &mut self,
+        instant: Instant<T>,
+        position: &Vec<T>,
+        velocity: &[T],
+        restoring: &mut [T],
+    ) {
+        self.move_at(velocity);
+        self.restoring_force_of_all(instant, position, restoring);
+    }
+
+    fn linearise_in_motion(
+        &mut self,
+        instant: Instant<T>,
+        position: &Vec<T>,
+        velocity: &[T],
+        restoring: &mut [T],
+        stiffness: &mut Matrix<T>,
+    ) {
+        self.move_at(velocity);
+        self.linearise(instant, position, restoring, stiffness);
+    }
+
+    fn resistance(&mut self, _: Instant<T>, _: &Vec<T>, _: &[T], resistance: &mut Matrix<T>) {
+        let (Some(moving), Matrix::Sparse(resistance)) = (&self.moving, resistance) else { return };
+        let values = resistance.values.own();
+        values.copy_from_slice(&moving.constant);
+        // The derivatives of the place that was linearised last.
+        for (&slot, &entry) in self.resistance_slots.iter().zip(&self.entries) {
+            if slot != NOWHERE {
+                values[slot] -= entry;
+            }
+        }
+        // Terms in code have every place, row by row.
+        let in_code = self.own.iter().flat_map(Own::resistance);
+        values.iter_mut().zip(in_code).for_each(|(value, &entry)| *value += T::of(entry));
     }
 
     fn stiffness(&self) -> Matrix<T> {
@@ -412,6 +509,18 @@ impl<T: Elementary> Mechanics<T, AnySpace> for Model<T> {
             energy += own.potential(position);
         }
         energy
+    }
+}
+
+/// A position, with the velocity behind it where forces in words depend on it.
+#[inline(always)]
+fn with_velocity<'a, T: Elementary>(moving: &'a mut Option<Moving<T>>, position: &'a [T]) -> &'a [T] {
+    match moving {
+        Some(Moving { in_words: true, point, .. }) => {
+            point.iter_mut().zip(position).for_each(|(place, &number)| *place = number);
+            point
+        }
+        _ => position,
     }
 }
 
@@ -531,6 +640,17 @@ impl<T: Elementary> Model<T> {
 }
 
 impl<T: Elementary> Model<T> {
+    /// Notes the velocity for what is asked for next.
+    fn move_at(&mut self, velocity: &[T]) {
+        let size = self.mass.size();
+        if let Some(Moving { point, .. }) = &mut self.moving {
+            point.iter_mut().skip(size).zip(velocity).for_each(|(place, &number)| *place = number);
+        }
+        if let Some(own) = &mut self.own {
+            own.move_at(velocity);
+        }
+    }
+
     /// The restoring force of all parts. Not inlined where the paired rows are the only part.
     #[inline(never)]
     fn restoring_force_of_all(&mut self, instant: Instant<T>, position: &[T], restoring: &mut [T]) {
@@ -542,6 +662,7 @@ impl<T: Elementary> Model<T> {
         self.elements.iter_mut().for_each(|elements| elements.add_rest_gradient(position, restoring));
         self.subtract_loads(instant, restoring);
         if self.forced {
+            let position = with_velocity(&mut self.moving, position);
             let point = sided(&mut self.force_sides, position);
             self.force.value(moment(instant), point, &mut self.registers, &mut self.pushed);
             restoring.iter_mut().zip(&self.pushed).for_each(|(restoring, &force)| *restoring -= force);

@@ -9,7 +9,11 @@ use fvi_sparse::Pattern;
 pub(super) struct Own {
     terms: SharedTerms,
     position: Vec<f64>,
+    /// Where forces depend on it.
+    velocity: Vec<f64>,
     restoring: Vec<f64>,
+    /// −∂F/∂v, row by row, where they do.
+    resistance: Vec<f64>,
     /// One for each place, row by row where all are; none where nothing depends on the position.
     stiffness: Vec<f64>,
     /// Where these are in the stiffness of the model; empty: as they come.
@@ -20,8 +24,10 @@ pub(super) struct Own {
 
 impl Own {
     pub(super) fn new(terms: SharedTerms, size: usize) -> Self {
-        let depends_on_position = terms.depend_on_position();
-        let places = terms.with(|terms| terms.places()).filter(|_| depends_on_position);
+        let depends_on_velocity = terms.depend_on_velocity();
+        let depends_on_position = depends_on_velocity || terms.depend_on_position();
+        let moving = if depends_on_velocity { size } else { 0 };
+        let places = terms.with(|terms| terms.places()).filter(|_| depends_on_position && moving == 0);
         let count = match &places {
             Some(places) => places.len(),
             None if depends_on_position => size * size,
@@ -31,7 +37,9 @@ impl Own {
         Self {
             terms,
             position,
+            velocity: vec![0.0; moving],
             restoring,
+            resistance: vec![0.0; moving * moving],
             stiffness: vec![0.0; count],
             slots: Vec::new(),
             places,
@@ -41,6 +49,20 @@ impl Own {
 
     pub(super) fn depends_on_position(&self) -> bool {
         self.depends_on_position
+    }
+
+    pub(super) fn depends_on_velocity(&self) -> bool {
+        !self.velocity.is_empty()
+    }
+
+    /// Notes the velocity for what follows.
+    pub(super) fn move_at<T: Elementary>(&mut self, velocity: &[T]) {
+        self.velocity.iter_mut().zip(velocity).for_each(|(place, number)| *place = number.to_f64());
+    }
+
+    /// −∂F/∂v where it was linearised last, row by row; nothing where no force depends on the velocity.
+    pub(super) fn resistance(&self) -> &[f64] {
+        &self.resistance
     }
 
     /// The places of the stiffness, in the order of its numbers.
@@ -78,8 +100,13 @@ impl Own {
     ) {
         self.at(position);
         self.restoring.fill(0.0);
-        self.terms
-            .with(|terms| terms.add_restoring_force(moment.in_double(), &self.position, &mut self.restoring));
+        let (moment, velocity) = (moment.in_double(), self.velocity.as_slice());
+        self.terms.with(|terms| match velocity {
+            [] => terms.add_restoring_force(moment, &self.position, &mut self.restoring),
+            _ => {
+                terms.add_restoring_force_in_motion(moment, &self.position, velocity, &mut self.restoring);
+            }
+        });
         add(&self.restoring, restoring);
     }
 
@@ -98,8 +125,14 @@ impl Own {
         self.restoring.fill(0.0);
         self.stiffness.fill(0.0);
         let (own_restoring, own_stiffness) = (&mut self.restoring, &mut self.stiffness);
-        self.terms.with(|terms| {
-            terms.add_linearisation(moment.in_double(), &self.position, own_restoring, own_stiffness);
+        self.resistance.fill(0.0);
+        let (moment, place) = (moment.in_double(), (self.position.as_slice(), self.velocity.as_slice()));
+        let resistance = &mut self.resistance;
+        self.terms.with(|terms| match place {
+            (position, []) => terms.add_linearisation(moment, position, own_restoring, own_stiffness),
+            _ => {
+                terms.add_linearisation_in_motion(moment, place, own_restoring, own_stiffness, resistance);
+            }
         });
         add(&self.restoring, restoring);
         if self.places.is_none() {

@@ -20,7 +20,8 @@ pub struct AnyScheme<T> {
     shapes: Vec<T>,
     tests: Vec<T>,
     kinetic: Vec<T>,
-    /// A² of collocation.
+    /// A and A² of collocation.
+    matrix: Vec<T>,
     square: Vec<T>,
     form: Form,
 }
@@ -81,6 +82,7 @@ impl<T: Real> AnyScheme<T> {
             shapes: numbers(points * degree),
             tests: numbers(points * degree),
             kinetic: numbers(degree * degree),
+            matrix: Vec::new(),
             square: Vec::new(),
             form,
         };
@@ -103,6 +105,7 @@ impl<T: Real> AnyScheme<T> {
             shapes: view.shapes.to_vec(),
             tests: view.tests.to_vec(),
             kinetic: view.kinetic.to_vec(),
+            matrix: Vec::new(),
             square: Vec::new(),
             form,
         }
@@ -118,6 +121,7 @@ impl<T: Real> AnyScheme<T> {
             shapes: Vec::new(),
             tests: Vec::new(),
             kinetic: Vec::new(),
+            matrix: super::vector(method.matrix().as_flattened()),
             square: super::vector(method.square().as_flattened()),
             form: Form::Collocation,
         }
@@ -133,6 +137,11 @@ impl<T: Real> AnyScheme<T> {
             tests: &self.tests,
             kinetic: &self.kinetic,
         }
+    }
+
+    /// A of collocation, R·R numbers row by row.
+    pub fn matrix(&self) -> Option<&[T]> {
+        (self.form == Form::Collocation).then_some(&self.matrix)
     }
 
     /// A² of collocation, whose unknowns are accelerations; `None` for schemes that solve for increments.
@@ -286,8 +295,9 @@ impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
                 self.view().step_damped_at_nodes(&mut work, mechanics, damping, step, state)
             }
             (Form::Collocation, _) => {
-                let Self { square, weights, nodes, .. } = self;
-                CollocationTables { square, weights, nodes }.step(&mut work, mechanics, damping, step, state)
+                let Self { matrix, square, weights, nodes, .. } = self;
+                let tables = CollocationTables { matrix, square, weights, nodes };
+                tables.step(&mut work, mechanics, damping, step, state)
             }
         }
     }

@@ -22,7 +22,7 @@ mod sides;
 mod time_terms;
 mod unbounded;
 
-pub use force::CompiledForce;
+pub use force::{CompiledForce, variables as force_variables};
 pub use function::CompiledFunction;
 pub use potential::{CompiledPotential, QuadraticPart};
 pub(super) use program::{LANES, LaneRegisters, OwnRegisters};

@@ -61,12 +61,16 @@ pub(super) fn dense_warning(scenario: &Scenario) -> Option<String> {
     let (key, why, instead) = if owned {
         let instead = "a potential whose pattern or sparse Hessian is known, expressions in `[[system.element]]` and functions of t alone leave \
              the matrices sparse";
-        ("system", "the functions take the position, so that their derivatives may be full", instead)
+        (
+            "system",
+            "the functions take the position or the velocity, so that their derivatives may be full",
+            instead,
+        )
     } else if !scenario.system.is_large() {
         return None;
     } else if scenario.system.force.iter().flatten().any(|force| force.has_variables()) {
         let instead = "potentials in `[[system.element]]` and loads leave the matrices sparse";
-        ("system.force", "the force depends on the position", instead)
+        ("system.force", "the force depends on the position or the velocity", instead)
     } else if scenario.system.gyroscopic.is_some() {
         (
             "system.gyroscopic",
@@ -88,7 +92,7 @@ pub(super) fn dense_warning(scenario: &Scenario) -> Option<String> {
 /// The sparse space for a scenario, or `None` if it runs in the dense one.
 ///
 /// Sparse factors serve symmetric matrices of one unknown node: variational schemes of degree 1 without a
-/// force that depends on the position.
+/// force that depends on the position or the velocity.
 ///
 /// # Errors
 /// If the system is too large for the solver that its scheme needs, or its factor for the memory.

@@ -36,7 +36,9 @@ const FACTOR: f64 = 1000.0;
 /// U₀ − min U) + W_k, with the kinetic energy T and the potential U: a rise that no constant in U, fall into
 /// a well or resonance explains. Forces are taken at the nodes of the scheme, with what is added where they
 /// are rough between nodes, and the larger of Δq and h v at both ends of the step for the way that they act
-/// along. The memory of a Riemann–Liouville derivative pushes with up to |ρ q₀| t^{−β}, that of Caputo's for
+/// along. Of a force F(t, q, v) that is F(t, q, 0) alone; what the velocity adds, R = F(t, q, v) − F(t, q, 0),
+/// counts for the power R·v that it has where that is positive: drag explains no energy at all, and a force
+/// that drives a motion what it puts in. Forces of the velocity in code count whole. The memory of a Riemann–Liouville derivative pushes with up to |ρ q₀| t^{−β}, that of Caputo's for
 /// β > 1 with up to |ρ v₀| t^{1−β}; for β = 0 it is a spring and holds ½ q₀ᵀρ q₀.
 ///
 /// With a mass matrix from a file velocities would cost a solution of equations each. The diagonal matrix L
@@ -426,9 +428,10 @@ impl EnergyGuard {
             terms.with(|terms| terms.take_largest_force(largest));
             work += largest.iter().enumerate().map(|(index, force)| force * way(index)).sum::<f64>();
         }
-        let Some(Forces { force, loads, registers, place, value, largest }) = &mut self.force else {
+        let Some(Forces { force, moves, loads, registers, place, value, largest }) = &mut self.force else {
             return work;
         };
+        let mut gained: f64 = 0.0;
         largest.fill(0.0);
         for &node in &self.nodes {
             let moment = match node {
@@ -440,7 +443,26 @@ impl EnergyGuard {
                 *place = from + node * (to - from);
             }
             value.fill(0.0);
-            if !force.is_zero() {
+            if let Some(Moves { velocity, moved }) = moves {
+                let ends = self.velocity.iter().zip(&self.new_velocity).zip(from.iter().zip(to));
+                for (v, ((first, last), (from, to))) in velocity.iter_mut().zip(ends) {
+                    // Those of a lumped mass are too small.
+                    *v = if self.is_lumped { (to - from) / step } else { first + node * (last - first) };
+                }
+                let count = velocity.len();
+                place[count..].copy_from_slice(velocity);
+                force.value(moment, place, registers, moved);
+                place[count..].fill(0.0);
+                force.value(moment, place, registers, value);
+                if value.iter().all(|force| force.is_finite()) {
+                    let added = moved.iter().zip(&*value).map(|(moved, still)| moved - still);
+                    let power: f64 = added.zip(&*velocity).map(|(force, v)| force * v).sum();
+                    gained = gained.max(step * power);
+                } else {
+                    // It is not defined at rest.
+                    value.copy_from_slice(moved);
+                }
+            } else if !force.is_zero() {
                 force.value(moment, place, registers, value);
             }
             loads.add(moment, 1.0, value);
@@ -448,7 +470,7 @@ impl EnergyGuard {
                 *largest = largest.max(value.abs());
             }
         }
-        work + largest.iter().enumerate().map(|(index, force)| force * way(index)).sum::<f64>()
+        work + gained + largest.iter().enumerate().map(|(index, force)| force * way(index)).sum::<f64>()
     }
 }
 
@@ -464,9 +486,16 @@ fn may_lose(scenario: &Scenario) -> Option<f64> {
     }
 }
 
+/// A velocity, and the force there, where it depends on it.
+struct Moves {
+    velocity: Vec<f64>,
+    moved: Vec<f64>,
+}
+
 /// The external forces, and room for looking at them.
 struct Forces {
     force: CompiledForce<f64>,
+    moves: Option<Moves>,
     loads: Loads<f64>,
     registers: Vec<f64>,
     place: Vec<f64>,
@@ -482,9 +511,12 @@ impl Forces {
         if components.is_empty() && loads.is_empty() {
             return None;
         }
-        let zeros = || vec![0.0; scenario.coordinates()];
+        let (count, zeros) = (scenario.coordinates(), || vec![0.0; scenario.coordinates()]);
         let force = CompiledForce::compile(components);
-        Some(Self { force, loads, registers: Vec::new(), place: zeros(), value: zeros(), largest: zeros() })
+        let moves = scenario.system.force_in_words_depends_on_velocity();
+        let place = vec![0.0; if moves { 2 * count } else { count }];
+        let moves = moves.then(|| Moves { velocity: zeros(), moved: zeros() });
+        Some(Self { force, moves, loads, registers: Vec::new(), place, value: zeros(), largest: zeros() })
     }
 }
 

@@ -54,6 +54,14 @@ impl Linearised {
             let problem = Problem::Incompatible { with: with.to_owned(), allowed: allowed.to_owned() };
             return Err(scenario.error_at("system.gyroscopic", problem));
         }
+        if scenario.system.has_forces_of_velocity() {
+            let (with, allowed) = (
+                "a frequency response",
+                "a system without forces of the velocity; linear damping is `[[system.damping]]` with `order` = 1",
+            );
+            let problem = Problem::Incompatible { with: with.to_owned(), allowed: allowed.to_owned() };
+            return Err(scenario.error_at("system.force", problem));
+        }
         let mut alone = scenario.clone();
         alone.cases.clear();
         let mut model = Model::<f64>::new(&alone).map_err(|error| super::bad_mass(scenario, &error))?;

@@ -67,10 +67,12 @@ pub struct LinearDamping {
     pub transfer: TransferFunction,
 }
 
-/// M q̈ + K q + Σ_m ρ_m K_m(D) q = 0, in coordinates where M is the identity.
+/// M q̈ + C q̇ + K q + Σ_m ρ_m K_m(D) q = 0, in coordinates where M is the identity.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinearSystem {
     stiffness: DMatrix<f64>,
+    /// C = −∂F/∂v.
+    resistance: Option<DMatrix<f64>>,
     damping: Vec<LinearDamping>,
 }
 
@@ -82,6 +84,19 @@ impl LinearSystem {
     pub fn new(
         mass: &DMatrix<f64>,
         stiffness: &DMatrix<f64>,
+        damping: Vec<LinearDamping>,
+    ) -> Result<Self, ParameterError> {
+        Self::resisted(mass, (stiffness, None), damping)
+    }
+
+    /// As [`new`](Self::new), with C = −∂F/∂v of forces of the velocity behind the stiffness, if there are
+    /// any: a matrix of any kind.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn resisted(
+        mass: &DMatrix<f64>,
+        (stiffness, resistance): (&DMatrix<f64>, Option<&DMatrix<f64>>),
         mut damping: Vec<LinearDamping>,
     ) -> Result<Self, ParameterError> {
         let refused = ParameterError {
@@ -96,11 +111,15 @@ impl LinearSystem {
             term.coefficients = in_new_coordinates(&term.coefficients);
         }
         let stiffness = in_new_coordinates(stiffness);
+        let resistance = resistance.map(in_new_coordinates);
         let finite = |matrix: &DMatrix<f64>| matrix.iter().all(|entry| entry.is_finite());
-        if !finite(&stiffness) || !damping.iter().all(|term| finite(&term.coefficients)) {
+        if !finite(&stiffness)
+            || !resistance.iter().all(finite)
+            || !damping.iter().all(|term| finite(&term.coefficients))
+        {
             return Err(refused);
         }
-        Ok(Self { stiffness, damping })
+        Ok(Self { stiffness, resistance, damping })
     }
 
     /// The parts of it that do not act on each other; `None` if one has more than [`LARGEST_PART`]
@@ -135,7 +154,8 @@ const MARGINS: (f64, f64) = (1e-7, 1e-3);
 /// det A in |z| < 1 is a motion that grows, and a motion that grows is such a zero. They are counted by the
 /// argument principle, on a circle a little inside |z| = 1: a motion may grow by the factor 2 over the run.
 /// So what neither grows nor decays is accepted, as are undamped systems. Where the system itself makes
-/// motions grow (K not positive semidefinite, forces that do not come from a potential) none may grow more
+/// motions grow (K not positive semidefinite, forces that do not come from a potential, forces of the velocity
+/// that drive) none may grow more
 /// than twice as fast as the system's fastest can.
 ///
 /// Matrices that commute are split into their modes. Parts of more than 40 coupled coordinates are taken
@@ -175,9 +195,10 @@ pub fn check_stability(
 /// and in |z| < 1 the first term has a positive real part, the others have none that is negative: on the
 /// upper half of |z| = 1, arg 1/w = π/2 and −π/2 ≤ arg γ_p ≤ 0, so arg γ_p^β/w stays within ±π/2 for
 /// 0 ≤ β ≤ 2; it is harmonic, so it does inside too. Every other passive kernel is a positive combination of
-/// resonators, for which the same holds (book/src/theory/kernels.md).
+/// resonators, for which the same holds (book/src/theory/kernels.md). A force of the velocity adds v*C v,
+/// whose real part is not negative where C drives nothing.
 fn is_always_stable(discretisation: &Discretisation, part: &Part) -> bool {
-    if !part.is_damped() && part.stiffness.amax() == 0.0 {
+    if !part.is_damped() && !part.is_resisted() && part.stiffness.amax() == 0.0 {
         return true;
     }
     let mut nodes =

@@ -31,15 +31,17 @@ type Remembered = DampedMotion<f64, AnySpace, HostMemory<f64>>;
 /// ```text
 /// 0 = δ_{ν0} δp_k + (1/h) Σ_μ K_νμ (M δe^μ + δM e^μ) − h Σ_i b_i ℓ_ν(c_i) δG_i ,      ν = 0…S−1
 /// δp_{k+1} = δp_k − h Σ_i b_i δG_i ,
-/// δG_i = (∂²U − ∂F) δX_i + ∂G_i/∂θ + Σ_m [ρ_m D_m δX + δρ_m D_m X + ρ_m (∂D_m/∂θ) X]_i .
+/// δG_i = (∂²U − ∂F) δX_i − ∂F/∂v δV_i + ∂G_i/∂θ + Σ_m [ρ_m D_m δX + δρ_m D_m X + ρ_m (∂D_m/∂θ) X]_i .
 /// ```
 ///
-/// D_m acts on δX with the weights that it has, on a memory of its own with p times the channels, and
+/// with δV_i = Σ_ν ℓ̇_ν(c_i) δe^ν/h where forces depend on the velocity of the polynomial. D_m acts on δX with
+/// the weights that it has, on a memory of its own with p times the channels, and
 /// ∂D_m/∂θ on X with their derivatives. Where the force acts at the main nodes its three parts are in the
 /// last equation only. Collocation has, with v = M⁻¹p,
 ///
 /// ```text
 /// 0 = M δa_i + δM a_i + δG_i ,      δX_i − δq_k = h c_i δv_k + h² Σ_j (A²)_ij δa_j ,
+/// δV_i = δv_k + h Σ_j A_ij δa_j ,
 /// δp_{k+1} = δp_k + h Σ_j b_j (M δa_j + δM a_j) ,      M δv_k = δp_k − δM v_k .
 /// ```
 ///
@@ -58,6 +60,8 @@ pub(crate) struct Tangent {
     model: Model<f64>,
     /// ∂²U − ∂F; of a linear system once for all.
     stiffness: Matrix<f64>,
+    /// −∂F/∂v likewise, where forces depend on the velocity.
+    resistance: Option<Matrix<f64>>,
     direct: Vec<Direct>,
     /// ∂M: entries of each parameter.
     mass_changes: Vec<Vec<(usize, usize)>>,
@@ -86,10 +90,11 @@ struct Room {
     /// n numbers each.
     restoring: Vec<f64>,
     place: Vec<f64>,
+    velocity: Vec<f64>,
     right: Vec<f64>,
     /// h c_i ∂v_k and ∂v_k of collocation.
     base: Vec<f64>,
-    velocity: Vec<f64>,
+    start_velocities: Vec<f64>,
     /// ∂X_i − ∂q_k, and ∂q_{k+1} − ∂q_k.
     own_stages: Vec<f64>,
     own_rise: Vec<f64>,
@@ -108,9 +113,10 @@ impl Room {
             forces: vec![0.0; points * p * n],
             restoring: vec![0.0; n],
             place: vec![0.0; n],
+            velocity: vec![0.0; n],
             right: vec![0.0; n],
             base: vec![0.0; points * p * n],
-            velocity: vec![0.0; p * n],
+            start_velocities: vec![0.0; p * n],
             own_stages: vec![0.0; points * p * n],
             own_rise: vec![0.0; p * n],
             columns: DMatrix::zeros(degree * n, p),
@@ -275,6 +281,7 @@ impl Tangent {
             terms.push(term);
         }
         let stiffness = model.stiffness();
+        let resistance = Mechanics::depends_on_velocity(&model).then(|| model.stiffness());
         let direct = parameters.iter().map(|parameter| Direct::new(scenario, &parameter.what)).collect();
         let (degree, points) = (scheme.view().control_points.len(), scheme.view().nodes.len());
         let mut made = Self {
@@ -287,6 +294,7 @@ impl Tangent {
             mean: kicks && scenario.output.momentum == ReportedMomentum::Mean,
             model,
             stiffness,
+            resistance,
             direct,
             mass_changes,
             terms,
@@ -360,9 +368,10 @@ impl Tangent {
             forces,
             restoring,
             place,
+            velocity,
             right,
             base,
-            velocity,
+            start_velocities,
             own_stages,
             own_rise,
             columns,
@@ -376,11 +385,12 @@ impl Tangent {
             for (parameter, change) in self.mass_changes.iter().enumerate() {
                 right.copy_from_slice(&self.momentum[parameter * n..][..n]);
                 change.iter().for_each(|&(row, column)| right[row] -= place[column]);
-                self.model.velocity(right, &mut velocity[parameter * n..][..n]);
+                self.model.velocity(right, &mut start_velocities[parameter * n..][..n]);
             }
             for i in 0..points {
                 add(&mut stages[i * n..][..n], h * view.nodes[i], place);
-                base[i * c..][..c].iter_mut().zip(&*velocity).for_each(|(b, v)| *b = h * view.nodes[i] * v);
+                let pairs = base[i * c..][..c].iter_mut().zip(&*start_velocities);
+                pairs.for_each(|(b, v)| *b = h * view.nodes[i] * v);
             }
         }
         for i in 0..points {
@@ -424,26 +434,48 @@ impl Tangent {
         }
         // (∂²U − ∂F) and ∂G/∂θ at the quadrature points.
         let linear = Mechanics::is_linear(&self.model);
-        let mut stiffnesses = Vec::new();
+        let (mut stiffnesses, mut resistances) = (Vec::new(), Vec::new());
+        // δV_i = Σ_μ slope(i, μ) δe^μ, and δv_k of collocation.
+        let slope = |i: usize, mu: usize| match self.scheme.matrix() {
+            Some(matrix) => h * matrix[i * degree + mu],
+            None => view.slope(i, mu) / h,
+        };
         forces.fill(0.0);
         for i in 0..points {
             let instant = Instant::in_step(time, view.nodes[i], h);
             place.iter_mut().zip(start.iter().zip(&stages[i * n..])).for_each(|(x, (q, e))| *x = q + e);
-            if !linear || (i == 0 && !self.solver.is_ready()) {
+            if let Some(resistance) = &mut self.resistance {
+                match square {
+                    Some(_) => self.model.velocity(momentum, velocity),
+                    None => velocity.fill(0.0),
+                }
+                for mu in 0..degree {
+                    add(velocity, slope(i, mu), &increments[mu * n..][..n]);
+                }
+                if !linear || (i == 0 && !self.solver.is_ready()) {
+                    let stiffness = &mut self.stiffness;
+                    self.model.linearise_in_motion(instant, place, velocity, restoring, stiffness);
+                    self.model.resistance(instant, place, velocity, resistance);
+                }
+            } else if !linear || (i == 0 && !self.solver.is_ready()) {
                 self.model.linearise(instant, place, restoring, &mut self.stiffness);
             }
             for (parameter, direct) in self.direct.iter_mut().enumerate() {
-                direct.add(instant, place, &mut forces[i * c + parameter * n..][..n]);
+                direct.add(instant, (place, velocity), &mut forces[i * c + parameter * n..][..n]);
             }
             for parameter in 0..self.count {
                 let at = &mut forces[i * c + parameter * n..][..n];
                 self.stiffness.multiply_add(1.0, &self.position[parameter * n..][..n], at);
                 if square.is_some() {
                     self.stiffness.multiply_add(1.0, &base[i * c + parameter * n..][..n], at);
+                    if let Some(resistance) = &self.resistance {
+                        resistance.multiply_add(1.0, &start_velocities[parameter * n..][..n], at);
+                    }
                 }
             }
             if !linear && points > 1 {
                 stiffnesses.push(self.stiffness.clone());
+                resistances.extend(self.resistance.clone());
             }
             if !self.kicks {
                 add(&mut forces[i * c..][..c], 1.0, &damped[i * c..][..c]);
@@ -453,6 +485,8 @@ impl Tangent {
             }
         }
         let stiffness = |i: usize| if linear || points == 1 { &self.stiffness } else { &stiffnesses[i] };
+        let resistance =
+            |i: usize| if linear || points == 1 { self.resistance.as_ref() } else { resistances.get(i) };
         let stays = linear && self.terms.iter().all(|term| term.tangent.memory().leading_is_constant());
         if !self.solver.is_ready() || !stays {
             let Self { solver, model, terms, kicks, .. } = self;
@@ -463,6 +497,9 @@ impl Tangent {
                         for i in 0..points {
                             let factor = part(i, nu);
                             insert(nu, mu, factor * shape(i, mu), stiffness(i));
+                            if let Some(resistance) = resistance(i) {
+                                insert(nu, mu, factor * slope(i, mu), resistance);
+                            }
                             if *kicks {
                                 continue;
                             }
@@ -527,6 +564,14 @@ impl Tangent {
             for i in 0..points {
                 let own = forces[i * c..][..c].chunks_mut(n).zip(own_stages[i * c..][..c].chunks(n));
                 own.for_each(|(force, own)| stiffness(i).multiply_add(1.0, own, force));
+                if let Some(resistance) = resistance(i) {
+                    for (parameter, force) in forces[i * c..][..c].chunks_mut(n).enumerate() {
+                        for mu in 0..degree {
+                            let own = &columns.as_slice()[(parameter * degree + mu) * n..][..n];
+                            resistance.multiply_add(slope(i, mu), own, force);
+                        }
+                    }
+                }
                 if !self.kicks {
                     add_leading(&self.terms, (i, nodes), own_stages, n, &mut forces[i * c..][..c]);
                 }

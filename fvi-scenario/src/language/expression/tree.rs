@@ -147,6 +147,11 @@ impl Node {
         self.any(&|node| matches!(node.kind, Kind::Variable(own) if own == index))
     }
 
+    /// Whether a variable of this number or a higher one occurs in it.
+    pub fn has_variable_from(&self, first: usize) -> bool {
+        self.any(&|node| matches!(node.kind, Kind::Variable(own) if own >= first))
+    }
+
     /// Whether it has jumps or kinks in its variables: `step`, `sign`, `abs`, `min` or `max` of them.
     pub fn has_kinks(&self) -> bool {
         self.any(&|node| match &node.kind {

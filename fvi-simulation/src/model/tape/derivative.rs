@@ -91,10 +91,10 @@ impl Differentiation<'_> {
                 }
             }
             Kind::Call(function, argument) => {
-                let varies = argument.varies();
+                let is_sided = self.sides.as_ref().is_some_and(|sides| sides.take(argument));
                 let inner = self.node(argument);
                 match function {
-                    Function::Step | Function::Sign | Function::Abs if varies && self.sides.is_some() => {
+                    Function::Step | Function::Sign | Function::Abs if is_sided => {
                         self.sided_function(*function, node, inner)
                     }
                     _ => self.function(*function, inner),
@@ -103,7 +103,7 @@ impl Differentiation<'_> {
             Kind::Choice(function, sides) => {
                 let [left, right] = sides.as_ref();
                 let (left, right) = (self.node(left), self.node(right));
-                match node.varies() && self.sides.is_some() {
+                match self.sides.as_ref().is_some_and(|sides| sides.take(node)) {
                     true => self.sided_choice(*function, node, &left, &right),
                     false => self.choice(*function, left, right),
                 }

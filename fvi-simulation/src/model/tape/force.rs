@@ -29,21 +29,27 @@ struct Rest<T> {
 impl<T: Elementary> CompiledForce<T> {
     /// Compiles F, one expression for each coordinate; none at all is no force.
     pub fn compile(components: &[Expression]) -> Self {
+        Self::compile_of(components, variables(components))
+    }
+
+    /// As [`compile`](Self::compile), of so many variables: the coordinates, and velocities behind them, by
+    /// which it is differentiated as well. Positions are then followed by velocities.
+    pub fn compile_of(components: &[Expression], variables: usize) -> Self {
         let (mut force, rest) = Self::without_rest(components);
-        force.rest = Rest::new(&rest, components.len());
+        force.rest = Rest::new(&rest, variables);
         force
     }
 
-    /// As [`compile`](Self::compile), with the sides of jumps and kinks in the position as inputs, where
-    /// there are any: positions have two numbers for each of them behind the coordinates.
-    pub fn compile_sided(components: &[Expression]) -> (Self, Option<CompiledSides>) {
+    /// As [`compile_of`](Self::compile_of), with the sides of jumps and kinks in the position as inputs, where
+    /// there are any: positions have two numbers for each of them behind the variables.
+    pub fn compile_sided(components: &[Expression], variables: usize) -> (Self, Option<CompiledSides>) {
         let (mut force, rest) = Self::without_rest(components);
-        match Rest::sided(&rest, components.len()) {
+        match Rest::sided(&rest, (components.len(), variables)) {
             Some((rest, sides)) => {
                 force.rest = Some(rest);
                 (force, Some(sides))
             }
-            None => (Self::compile(components), None),
+            None => (Self::compile_of(components, variables), None),
         }
     }
 
@@ -175,8 +181,12 @@ impl<T: Elementary> Rest<T> {
         Some(Self { pattern, depends_on_time: graph.knows_time(), value, derivatives })
     }
 
-    fn sided(components: &[(u32, &Node)], count: usize) -> Option<(Self, CompiledSides)> {
-        let (mut graph, mut sides) = (Graph::default(), SideArguments::new(count, 'q'));
+    fn sided(
+        components: &[(u32, &Node)],
+        (coordinates, variables): (usize, usize),
+    ) -> Option<(Self, CompiledSides)> {
+        let mut graph = Graph::default();
+        let mut sides = SideArguments::new(coordinates, 'q').with_variables(variables);
         let (mut values, mut slopes) = (Vec::new(), Vec::new());
         for &(row, node) in components {
             let component = graph.differentiate_sided(node, Order::Gradient, &mut sides);
@@ -191,6 +201,13 @@ impl<T: Elementary> Rest<T> {
         let derivatives = Program::new(&graph, inputs, &values, &entries);
         Some((Self { pattern, depends_on_time: graph.knows_time(), value, derivatives }, sides))
     }
+}
+
+/// The variables of a force: its coordinates, and as many velocities if it depends on any.
+pub fn variables(components: &[Expression]) -> usize {
+    let count = components.len();
+    let moves = components.iter().any(|component| component.root().has_variable_from(count));
+    if moves { 2 * count } else { count }
 }
 
 /// A component of a force by what it depends on.

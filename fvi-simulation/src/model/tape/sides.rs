@@ -13,7 +13,10 @@ use std::collections::HashMap;
 /// The arguments of jumps and kinks that have been met in an expression.
 #[derive(Debug)]
 pub(super) struct SideArguments {
+    /// Variables before the sides.
     coordinates: u32,
+    /// Variables that turn with the position: none from this one on.
+    positions: usize,
     /// Prefix of the names of variables.
     letter: char,
     names: Vec<String>,
@@ -25,8 +28,28 @@ pub(super) struct SideArguments {
 impl SideArguments {
     /// None, of functions of so many coordinates that are called by this letter and their numbers.
     pub(super) fn new(coordinates: usize, letter: char) -> Self {
+        let positions = coordinates;
         let coordinates = u32::try_from(coordinates).expect("fewer than 2³² coordinates");
-        Self { coordinates, letter, names: Vec::new(), derivatives: Vec::new(), known: HashMap::new() }
+        Self {
+            coordinates,
+            positions,
+            letter,
+            names: Vec::new(),
+            derivatives: Vec::new(),
+            known: HashMap::new(),
+        }
+    }
+
+    /// As they are, where there are further variables behind the coordinates, so many in all, of which jumps
+    /// and kinks are left as they are.
+    pub(super) fn with_variables(self, count: usize) -> Self {
+        let coordinates = u32::try_from(count).expect("fewer than 2³² variables");
+        Self { coordinates, ..self }
+    }
+
+    /// Whether the sides of a jump or kink in this part are inputs.
+    pub(super) fn take(&self, node: &Node) -> bool {
+        node.varies() && !node.has_variable_from(self.positions)
     }
 
     /// The inputs a and b of the side a + b g of a jump or kink with the argument g and its gradient.

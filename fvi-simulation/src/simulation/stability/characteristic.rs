@@ -16,7 +16,7 @@ use std::rc::Rc;
 ///
 /// ```text
 /// A(z) v = 0 ,
-/// A_νμ(z) = Σ_i b_i [ ψ̇_ν(c_i) φ̇_μ(c_i) M − h² ψ_ν(c_i) φ_μ(c_i) K ] − Σ_m h^{2−β_m} D^m_νμ(z) ρ_m
+/// A_νμ(z) = Σ_i b_i [ ψ̇_ν(c_i) φ̇_μ(c_i) M − h ψ_ν(c_i) φ̇_μ(c_i) C − h² ψ_ν(c_i) φ_μ(c_i) K ] − Σ_m h^{2−β_m} D^m_νμ(z) ρ_m
 /// ```
 ///
 /// with φ₀ = z(1 − τ) + τ, ψ₀ = 1 − τ + zτ and the bubbles at both places for 0 < μ < S. The damping enters
@@ -47,6 +47,7 @@ enum Form {
 /// The factors of M, K and the ρ_m at one place z, S×S.
 struct Factors {
     kinetic: DMatrix<Complex<f64>>,
+    viscous: DMatrix<Complex<f64>>,
     elastic: DMatrix<Complex<f64>>,
     /// Of transfer functions other than powers without their value.
     damped: Vec<DMatrix<Complex<f64>>>,
@@ -68,21 +69,26 @@ impl MatrixFactors {
         stiffness: &DMatrix<f64>,
         damping: &[DMatrix<f64>],
     ) {
-        let (degree, size) = (self.mass.nrows(), mass.nrows());
-        let rows = degree * size;
         let pairs = [(&self.mass, mass), (&self.stiffness, stiffness)];
         for (factors, of) in pairs.into_iter().chain(self.damping.iter().zip(damping)) {
-            for nu in 0..degree {
-                for mu in 0..degree {
-                    let factor = factors[(nu, mu)];
-                    if factor == Complex::ZERO {
-                        continue;
-                    }
-                    for i in 0..size {
-                        for j in 0..size {
-                            matrix[(nu * size + i) * rows + mu * size + j] += factor * of[(i, j)];
-                        }
-                    }
+            add_product(matrix, factors, of);
+        }
+    }
+}
+
+/// Adds a matrix with its factors, S×S, to one of S·N rows.
+fn add_product(matrix: &mut [Complex<f64>], factors: &DMatrix<Complex<f64>>, of: &DMatrix<f64>) {
+    let (degree, size) = (factors.nrows(), of.nrows());
+    let rows = degree * size;
+    for nu in 0..degree {
+        for mu in 0..degree {
+            let factor = factors[(nu, mu)];
+            if factor == Complex::ZERO {
+                continue;
+            }
+            for i in 0..size {
+                for j in 0..size {
+                    matrix[(nu * size + i) * rows + mu * size + j] += factor * of[(i, j)];
                 }
             }
         }
@@ -119,6 +125,10 @@ impl Characteristic {
         let mut matrix = vec![Complex::ZERO; rows * rows];
         let factors = self.factors_of_matrices(step, z);
         factors.add_to(&mut matrix, &DMatrix::identity(size, size), &part.stiffness, &part.damping);
+        if let Some(resistance) = &part.resistance {
+            let viscous = self.factors(z).viscous.map(|entry| -entry * step);
+            add_product(&mut matrix, &viscous, resistance);
+        }
         log_determinant(&mut matrix, rows)
     }
 
@@ -208,7 +218,7 @@ impl Characteristic {
     }
 
     fn factors_at(&self, z: Complex<f64>) -> Factors {
-        let Polynomials { kinetic, elastic, .. } = &self.polynomials;
+        let Polynomials { kinetic, elastic, viscous, .. } = &self.polynomials;
         let one = Complex::new(1.0, 0.0);
         let both = |products: &DMatrix<f64>, trial, test: [Complex<f64>; 2]| {
             let half = self.wide(products, trial);
@@ -220,6 +230,7 @@ impl Characteristic {
         // φ̇₀ = 1 − z and ψ̇₀ = z − 1, not as sums in which slow motions would lose their digits.
         let kinetic = both(kinetic, [Complex::ZERO, one - z], [Complex::ZERO, z - one]);
         let elastic = both(elastic, [z, one], [one, z]);
+        let viscous = both(viscous, [Complex::ZERO, one - z], [one, z]);
         let damped = self.transfers.iter().map(|transfer| match &self.form {
             Form::MainNodes(rule) => {
                 let mut only = DMatrix::zeros(self.degree, self.degree);
@@ -237,7 +248,7 @@ impl Characteristic {
             }
         });
         let damped = damped.collect();
-        Factors { kinetic, elastic, damped }
+        Factors { kinetic, viscous, elastic, damped }
     }
 }
 

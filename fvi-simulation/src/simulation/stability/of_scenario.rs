@@ -14,8 +14,12 @@ use nalgebra::{DMatrix, DVector};
 /// Refuses a step at which motions near the start grow, unless the scenario allows it; the Euler methods,
 /// baselines that grow by themselves, are not checked.
 ///
-/// `stiffness` is ∂²U/∂q² − ∂F/∂q where the run begins.
-pub(crate) fn check_step(scenario: &Scenario, stiffness: &DMatrix<f64>) -> Result<(), InputError> {
+/// `stiffness` and `resistance` are ∂²U/∂q² − ∂F/∂q and, where forces depend on the velocity, −∂F/∂v where the
+/// run begins.
+pub(crate) fn check_step(
+    scenario: &Scenario,
+    (stiffness, resistance): (&DMatrix<f64>, Option<&DMatrix<f64>>),
+) -> Result<(), InputError> {
     let Some(discretisation) = discretisation(scenario) else { return Ok(()) };
     // Where steps are chosen on the way, motions that grow make them shorter.
     if scenario.time.allow_unstable || scenario.time.adaptive().is_some() || may_drive(scenario) {
@@ -25,10 +29,10 @@ pub(crate) fn check_step(scenario: &Scenario, stiffness: &DMatrix<f64>) -> Resul
         coefficients: dense(&term.coefficient),
         transfer: term.transfer.clone(),
     });
-    let system =
-        LinearSystem::new(&dense(&scenario.system.mass), stiffness, damping.collect()).map_err(|error| {
-            scenario.error_at("system.mass", Problem::Precision { reason: error.to_string() })
-        })?;
+    let matrices = (stiffness, resistance);
+    let system = LinearSystem::resisted(&dense(&scenario.system.mass), matrices, damping.collect()).map_err(
+        |error| scenario.error_at("system.mass", Problem::Precision { reason: error.to_string() }),
+    )?;
     match check_stability(&discretisation, &system, scenario.time.longest_step(), scenario.time.steps) {
         Verdict::Stable => Ok(()),
         Verdict::Unstable { largest_stable_step } => {

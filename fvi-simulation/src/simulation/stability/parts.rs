@@ -15,6 +15,8 @@ pub(crate) const LARGEST_PART: usize = 40;
 pub(crate) struct Part {
     /// K.
     pub(crate) stiffness: DMatrix<f64>,
+    /// C, if there is one.
+    pub(crate) resistance: Option<DMatrix<f64>>,
     /// ρ of each term.
     pub(crate) damping: Vec<DMatrix<f64>>,
 }
@@ -30,11 +32,26 @@ impl Part {
         self.damping.iter().any(|term| term.amax() > 0.0)
     }
 
+    /// The negative of the smallest eigenvalue of the symmetric part of C, if that is negative; else zero.
+    fn driving(&self) -> f64 {
+        let Some(resistance) = &self.resistance else { return 0.0 };
+        let smallest = symmetric_eigenvalues((resistance + resistance.transpose()) * 0.5).min();
+        let rounding = 1e-14 * self.size() as f64 * resistance.amax();
+        if -smallest > rounding { -smallest } else { 0.0 }
+    }
+
+    /// Whether forces of the velocity act on it.
+    pub(crate) fn is_resisted(&self) -> bool {
+        self.resistance.as_ref().is_some_and(|resistance| resistance.amax() > 0.0)
+    }
+
     /// No motion of the part grows faster than e^{σt}.
     ///
     /// Where s² + k + iκ + Σ ρ s^β = 0 with ρ ≥ 0, k and iκ the symmetric and skew parts of K along the
     /// motion, and Re s > 0, then (Re s)² ≤ max(−k, 0) + |κ|/2: the imaginary part of the equation bounds 2
-    /// Re s |Im s| by |κ|, the real part the rest.
+    /// Re s |Im s| by |κ|, the real part the rest. With forces of the velocity, −γ being the smallest
+    /// eigenvalue of the symmetric part of C if that is negative, the real part of the equation divided by s
+    /// is Re s ≤ γ + (max(−k, 0) + |κ|/2)/Re s.
     pub(super) fn growth_rate(&self) -> f64 {
         let transposed = self.stiffness.transpose();
         let symmetric = (&self.stiffness + &transposed) * 0.5;
@@ -43,7 +60,11 @@ impl Part {
         let rounding = 1e-14 * self.size() as f64 * self.stiffness.amax();
         let pushing = if -smallest > rounding { -smallest } else { 0.0 };
         let turning = skew.norm();
-        libm::sqrt(pushing + if turning > rounding { 0.5 * turning } else { 0.0 })
+        let square = pushing + if turning > rounding { 0.5 * turning } else { 0.0 };
+        match self.driving() {
+            0.0 => libm::sqrt(square),
+            driving => 0.5 * driving + libm::sqrt(0.25 * driving * driving + square),
+        }
     }
 }
 
@@ -55,7 +76,7 @@ impl Part {
 pub(super) fn parts(system: &LinearSystem) -> Vec<Part> {
     let mut parts = match all_parts(system) {
         Ok(parts) => parts,
-        Err(matrices) => return neglecting_coupling(&matrices),
+        Err(matrices) => return neglecting_coupling(&matrices, system.resistance.is_some()),
     };
     // Of equal modes one is enough.
     parts.sort_by(|a, b| order(a).partial_cmp(&order(b)).unwrap_or(std::cmp::Ordering::Equal));
@@ -68,7 +89,10 @@ pub(super) fn all_parts(system: &LinearSystem) -> Result<Vec<Part>, Vec<DMatrix<
     let size = system.stiffness.nrows();
     let mut matrices = vec![system.stiffness.clone()];
     matrices.extend(system.damping.iter().map(|term| term.coefficients.clone()));
-    let symmetric = (&matrices[0] - matrices[0].transpose()).amax() <= ROUNDING * matrices[0].amax();
+    let is_symmetric =
+        |matrix: &DMatrix<f64>| (matrix - matrix.transpose()).amax() <= ROUNDING * matrix.amax();
+    let symmetric = is_symmetric(&matrices[0]) && system.resistance.as_ref().is_none_or(is_symmetric);
+    matrices.extend(system.resistance.clone());
     if symmetric && size > 1 {
         turn(&mut matrices, |index| libm::sqrt(2.0 + index as f64));
     }
@@ -77,7 +101,8 @@ pub(super) fn all_parts(system: &LinearSystem) -> Result<Vec<Part>, Vec<DMatrix<
         return Err(matrices);
     }
     found.iter_mut().for_each(|members| members.sort_unstable());
-    Ok(found.iter().map(|members| part(&matrices, members)).collect())
+    let resists = system.resistance.is_some();
+    Ok(found.iter().map(|members| part(&matrices, members, resists)).collect())
 }
 
 /// Turns all matrices into the eigenvectors of their combination with these factors.
@@ -117,21 +142,27 @@ fn components(matrices: &[DMatrix<f64>]) -> Vec<Vec<usize>> {
     found
 }
 
-fn part(matrices: &[DMatrix<f64>], members: &[usize]) -> Part {
+/// The last of the matrices is C if the system `resists`.
+fn part(matrices: &[DMatrix<f64>], members: &[usize], resists: bool) -> Part {
     let of = |matrix: &DMatrix<f64>| {
         let block = DMatrix::from_fn(members.len(), members.len(), |i, j| matrix[(members[i], members[j])]);
         // A number that stands for zero is zero, so that undamped modes are known as such.
         let rounding = ROUNDING * matrix.amax();
         if block.amax() <= rounding { DMatrix::zeros(members.len(), members.len()) } else { block }
     };
-    let (stiffness, damping) = matrices.split_first().map_or((&matrices[0], &[][..]), |split| split);
-    Part { stiffness: of(stiffness), damping: damping.iter().map(of).collect() }
+    let (stiffness, rest) = matrices.split_first().map_or((&matrices[0], &[][..]), |split| split);
+    let (damping, resistance) = rest.split_at(rest.len() - usize::from(resists));
+    Part {
+        stiffness: of(stiffness),
+        resistance: resistance.first().map(of),
+        damping: damping.iter().map(of).collect(),
+    }
 }
 
 /// Every mode of the stiffness, and every mode of the damping, by itself.
-fn neglecting_coupling(matrices: &[DMatrix<f64>]) -> Vec<Part> {
+fn neglecting_coupling(matrices: &[DMatrix<f64>], resists: bool) -> Vec<Part> {
     let one_by_one = |matrices: &[DMatrix<f64>]| -> Vec<Part> {
-        (0..matrices[0].nrows()).map(|index| part(matrices, &[index])).collect()
+        (0..matrices[0].nrows()).map(|index| part(matrices, &[index], resists)).collect()
     };
     let (mut elastic, mut damped) = (matrices.to_vec(), matrices.to_vec());
     turn(&mut elastic, |index| if index == 0 { 1.0 } else { 0.0 });
@@ -145,7 +176,8 @@ fn order(part: &Part) -> Vec<f64> {
         let unit = libm::exp10(libm::log10(number.abs()).floor() - 8.0);
         if unit > 0.0 { (number / unit).round() * unit } else { 0.0 }
     };
-    let numbers = part.stiffness.iter().chain(part.damping.iter().flat_map(|term| term.iter()));
+    let others = part.damping.iter().chain(&part.resistance);
+    let numbers = part.stiffness.iter().chain(others.flat_map(|matrix| matrix.iter()));
     std::iter::once(part.size() as f64).chain(numbers.map(digits)).collect()
 }
 

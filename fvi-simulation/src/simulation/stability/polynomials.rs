@@ -15,6 +15,8 @@ pub(super) struct Polynomials {
     pub(super) weights: Vec<f64>,
     /// Row i, column μ: the polynomial μ at c_i.
     pub(super) values: DMatrix<f64>,
+    /// Σ_i b_i φ_μ(c_i) φ̇_ν(c_i).
+    pub(super) viscous: DMatrix<f64>,
     /// Σ_i b_i φ̇_μ(c_i) φ̇_ν(c_i).
     pub(super) kinetic: DMatrix<f64>,
     /// Σ_i b_i φ_μ(c_i) φ_ν(c_i).
@@ -30,12 +32,13 @@ impl Polynomials {
             DMatrix::from_fn(nodes.len(), degree + 1, |i, index| part(nodes[i], index))
         };
         let (values, slopes) = (at(value), at(slope));
-        let products = |at: &DMatrix<f64>| {
+        let products = |left: &DMatrix<f64>, right: &DMatrix<f64>| {
             DMatrix::from_fn(degree + 1, degree + 1, |mu, nu| {
-                weights.iter().enumerate().map(|(i, weight)| weight * at[(i, mu)] * at[(i, nu)]).sum()
+                weights.iter().enumerate().map(|(i, weight)| weight * left[(i, mu)] * right[(i, nu)]).sum()
             })
         };
-        Self { kinetic: products(&slopes), elastic: products(&values), nodes, weights, values }
+        let (kinetic, elastic) = (products(&slopes, &slopes), products(&values, &values));
+        Self { kinetic, elastic, viscous: products(&values, &slopes), nodes, weights, values }
     }
 }
 

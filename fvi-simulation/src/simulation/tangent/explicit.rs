@@ -26,6 +26,8 @@ pub(super) struct Expressions {
     value: f64,
     potential: Option<CompiledPotential<f64>>,
     force: Option<CompiledForce<f64>>,
+    /// Whether it depends on the velocity.
+    moves: bool,
     elements: Vec<(CompiledPotential<f64>, Vec<Vec<usize>>)>,
     loads: Vec<(crate::language::expression::Expression, Vec<(u32, f64)>)>,
     room: Room,
@@ -93,8 +95,13 @@ impl Direct {
         }
     }
 
-    /// Adds ∂G/∂θ at an instant and a position.
-    pub(super) fn add(&mut self, instant: Instant<f64>, position: &[f64], out: &mut [f64]) {
+    /// Adds ∂G/∂θ at an instant, a position and a velocity.
+    pub(super) fn add(
+        &mut self,
+        instant: Instant<f64>,
+        (position, velocity): (&[f64], &[f64]),
+        out: &mut [f64],
+    ) {
         match self {
             Self::None => {}
             Self::Entries(entries) => {
@@ -108,7 +115,7 @@ impl Direct {
             Self::Constant(restoring) => {
                 out.iter_mut().zip(restoring).for_each(|(out, restoring)| *out += *restoring)
             }
-            Self::Expressions(expressions) => expressions.add(instant, position, out),
+            Self::Expressions(expressions) => expressions.add(instant, (position, velocity), out),
         }
     }
 }
@@ -117,14 +124,11 @@ impl Expressions {
     fn new(scenario: &Scenario, named: &Named) -> Self {
         let size = scenario.coordinates();
         let system = &scenario.system;
+        let moves = system.force_in_words_depends_on_velocity();
+        let variables = if moves { 2 * size } else { size };
         let force = named.force.as_ref().map(|components| {
-            // One component more, as there is one variable more.
-            let nothing = components
-                .iter()
-                .take(1)
-                .map(|component| component.with_root(crate::language::expression::Node::number(0.0)));
-            let components: Vec<_> = components.iter().cloned().chain(nothing).collect();
-            CompiledForce::compile(&components)
+            // One variable more, behind those of the force.
+            CompiledForce::compile_of(components, variables + 1)
         });
         let elements = named.elements.iter().map(|(group, potential)| {
             let coordinates = system.elements[*group].coordinates.clone();
@@ -139,14 +143,15 @@ impl Expressions {
             value: named.value,
             potential: named.potential.as_ref().map(|u| CompiledPotential::compile(u, size + 1)),
             force,
+            moves,
             elements: elements.collect(),
             loads: loads.collect(),
             room: Room::default(),
         }
     }
 
-    fn add(&mut self, instant: Instant<f64>, position: &[f64], out: &mut [f64]) {
-        let Self { value, potential, force, elements, loads, room } = self;
+    fn add(&mut self, instant: Instant<f64>, (position, velocity): (&[f64], &[f64]), out: &mut [f64]) {
+        let Self { value, potential, force, moves, elements, loads, room } = self;
         if let Some(potential) = potential {
             room.begin(position.iter().copied(), *value);
             mixed(potential, room, |coordinate, entry| out[coordinate] += entry);
@@ -158,8 +163,9 @@ impl Expressions {
             }
         }
         if let Some(force) = force {
-            room.begin(position.iter().copied(), *value);
-            let last = position.len() as u32;
+            let velocity = if *moves { velocity } else { &[] };
+            room.begin(position.iter().chain(velocity).copied(), *value);
+            let last = (position.len() + velocity.len()) as u32;
             room.derivatives(force.pattern().len());
             let Room { registers, point, gradient, second } = room;
             force.derivatives(moment(instant), point, registers, gradient, second);

@@ -1,10 +1,10 @@
 //! Schemes, dampings and the integrator.
 
 use fvi_core::{
-    BdfOrder, Coefficients, Damping, DampingTerm, Derivative, Direct, ExplicitDamping, ExplicitEuler, Fixed,
-    Galerkin, ImplicitEuler, Integrator, Kernel, Mass, NoForce, NodeGalerkin, Outcome, Overflow, Potential,
-    Quadratic, Quadrature, Real, RungeKutta, Scheme, Stability, StateReader, StateWriter, System, TimeForce,
-    check_stability,
+    BdfOrder, Coefficients, Collocation, Damping, DampingTerm, Derivative, Direct, ExplicitDamping,
+    ExplicitEuler, Fixed, Force, Galerkin, ImplicitEuler, Instant, Integrator, Kernel, Mass, NoForce,
+    NodeGalerkin, Outcome, Overflow, Potential, Quadratic, Quadrature, Real, RungeKutta, Scheme, Stability,
+    StateReader, StateWriter, System, TimeForce, check_stability,
 };
 use heapless::Deque;
 use nalgebra::{SMatrix, SVector};
@@ -27,6 +27,43 @@ impl<T: Real, const N: usize> Potential<T, N> for Springs {
         let diagonal = position.map(|q| T::one() + T::of(3.0) * q * q);
         Coefficients::Diagonal(diagonal).to_matrix()
     }
+}
+
+/// A force −c v³.
+struct Drag<T>(T);
+
+impl<T: Real, const N: usize> Force<T, N> for Drag<T> {
+    fn value(&self, _: Instant<T>, position: &SVector<T, N>) -> SVector<T, N> {
+        position * T::zero()
+    }
+
+    fn depends_on_velocity(&self) -> bool {
+        true
+    }
+
+    fn value_in_motion(&self, _: Instant<T>, _: &SVector<T, N>, velocity: &SVector<T, N>) -> SVector<T, N> {
+        velocity.map(|v| -self.0 * v * v * v)
+    }
+
+    fn velocity_jacobian(
+        &self,
+        _: Instant<T>,
+        _: &SVector<T, N>,
+        velocity: &SVector<T, N>,
+    ) -> SMatrix<T, N, N> {
+        Coefficients::Diagonal(velocity.map(|v| -self.0 * T::of(3.0) * v * v)).to_matrix()
+    }
+}
+
+/// A step under a force of the velocity.
+fn dragged<T: Real>(scheme: impl Scheme<T, Fixed<2>>, numbers: &[f64; 8]) -> Option<T> {
+    let [mass, rho, _, h, q, p, u, _] = numbers.map(T::of);
+    let mass = Mass::dense(SMatrix::from([[mass, u], [u, mass]])).ok()?;
+    let system = System { mass, potential: Springs, force: Drag(rho) };
+    let mut integrator =
+        Integrator::builder(system, scheme, h).position([q, p]).momentum([p, q]).build().ok()?;
+    let iterations = integrator.step(&SVector::from([u, u])).ok()?;
+    Some(integrator.state().momentum.sum() + T::from_count(iterations.into()))
 }
 
 /// A step, and what an integrator tells.
@@ -117,7 +154,9 @@ pub fn of_one_node<T: Real>(table: &[T], numbers: &[f64; 8]) -> Option<T> {
     Some(
         run::<T, 2>(Galerkin::low_order(kappa).ok()?, table, numbers)?
             + run::<T, 2>(ImplicitEuler, table, numbers)?
-            + run::<T, 2>(ExplicitEuler, table, numbers)?,
+            + run::<T, 2>(ExplicitEuler, table, numbers)?
+            + dragged(Galerkin::low_order(kappa).ok()?, numbers)?
+            + dragged(ExplicitEuler, numbers)?,
     )
 }
 
@@ -133,7 +172,10 @@ pub fn of_higher_degree(table: &[f64], numbers: &[f64; 8]) -> Option<f64> {
             + step(gauss, term::<f64, 2>(table, Derivative::Caputo, numbers)?, numbers)?
             + step(lobatto, term::<f64, 2>(table, Derivative::Caputo, numbers)?, numbers)?
             + run::<f64, 4>(radau, table, numbers)?
-            + run::<f64, 6>(lobatto_iiic, table, numbers)?,
+            + run::<f64, 6>(lobatto_iiic, table, numbers)?
+            + dragged(gauss, numbers)?
+            + dragged(radau, numbers)?
+            + dragged(Collocation::new(&RungeKutta::<2>::radau_iia().ok()?), numbers)?,
     )
 }
 
