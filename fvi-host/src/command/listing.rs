@@ -3,6 +3,7 @@
 use super::CommandError;
 use super::terminal::output;
 use crate::numerics::exponential_table::{ENDLESS, ExponentialKernel};
+use crate::numerics::rust_constants::{is_identifier, rows, table_constant, table_fits};
 use crate::results::files::write_out;
 use fvi_core::{ParameterError, RateTable, Real};
 use std::fmt::LowerExp;
@@ -38,9 +39,7 @@ pub(super) fn parameter_error(error: ParameterError) -> CommandError {
 
 /// A name that constants of Rust and of C may have.
 pub(super) fn identifier(text: &str) -> Result<String, String> {
-    let mut characters = text.chars();
-    let begins = characters.next().is_some_and(|first| first.is_ascii_alphabetic());
-    if begins && characters.all(|character| character.is_ascii_alphanumeric() || character == '_') {
+    if is_identifier(text) {
         return Ok(text.to_owned());
     }
     Err("a name has letters, digits and underscores, and begins with a letter".to_owned())
@@ -125,11 +124,9 @@ pub(super) fn check_exponentials(
     step: f64,
     precision: ListingPrecision,
 ) -> Result<(), CommandError> {
-    let coefficients = kernel.exponentials().iter().map(|e| e.coefficient);
-    let mut numbers = kernel.head().iter().copied().chain(coefficients);
-    let held = |number: f64| match precision {
-        ListingPrecision::F64 => number == 0.0 || number.is_normal(),
-        ListingPrecision::F32 => number == 0.0 || (number as f32).is_normal(),
+    let fits = match precision {
+        ListingPrecision::F64 => table_fits::<f64>(kernel),
+        ListingPrecision::F32 => table_fits::<f32>(kernel),
     };
     let allowed = match precision {
         ListingPrecision::F64 => {
@@ -139,7 +136,7 @@ pub(super) fn check_exponentials(
             "a step and a horizon whose weights, from h^−exponent in size, single precision holds"
         }
     };
-    if numbers.all(held) {
+    if fits {
         return Ok(());
     }
     Err(parameter_error(ParameterError { parameter: "step", value: step, allowed }))
@@ -152,10 +149,11 @@ pub(super) fn exponentials_listing(
     format: ListingFormat,
     precision: ListingPrecision,
 ) -> String {
+    let (origin, name) = (said.0, said.1.unwrap_or("TABLE"));
     match (format, precision) {
         (ListingFormat::Csv, _) => exponentials_csv(kernel),
-        (ListingFormat::Rust, ListingPrecision::F64) => exponentials_rust::<f64>(kernel, said, "f64"),
-        (ListingFormat::Rust, ListingPrecision::F32) => exponentials_rust::<f32>(kernel, said, "f32"),
+        (ListingFormat::Rust, ListingPrecision::F64) => table_constant::<f64>(kernel, origin, name),
+        (ListingFormat::Rust, ListingPrecision::F32) => table_constant::<f32>(kernel, origin, name),
         (ListingFormat::C, ListingPrecision::F64) => exponentials_c::<f64>(kernel, said, "double"),
         (ListingFormat::C, ListingPrecision::F32) => exponentials_c::<f32>(kernel, said, "float"),
     }
@@ -182,35 +180,6 @@ fn exponentials_csv(kernel: &ExponentialKernel) -> String {
     );
     let rows = kernel.exponentials().iter().map(|e| format!("{:.16e},{:.16e}\n", e.rate, e.coefficient));
     std::iter::once(comments).chain(rows).collect()
-}
-
-fn exponentials_rust<T: Real + LowerExp>(
-    kernel: &ExponentialKernel,
-    (origin, name): (&str, Option<&str>),
-    scalar: &str,
-) -> String {
-    let table = kernel.table::<T>();
-    let name = name.unwrap_or("TABLE").to_ascii_uppercase();
-    let horizon = match kernel.horizon() {
-        ENDLESS => "fvi_core::ExponentialTable::<()>::ENDLESS".to_owned(),
-        horizon => horizon.to_string(),
-    };
-    format!(
-        "/// {origin}: {} weights, then {} exponentials; tolerance {:e}.\n///\n\
-         /// `fvi_core::Kernel::exponential_sum` takes it, with \
-         `{name}.state_len(channels)` numbers of state.\n\
-         pub const {name}: fvi_core::ExponentialTable<&[{scalar}]> = fvi_core::ExponentialTable {{\n    \
-         stages: 1,\n    head: &[\n{}    ],\n    exponentials: &[\n{}    ],\n    slow_blocks: {},\n    \
-         far_blocks: {},\n    horizon: {horizon},\n    step_size: {:?},\n}};\n",
-        kernel.head().len(),
-        kernel.exponentials().len(),
-        kernel.tolerance(),
-        rows(table.head.as_ref(), "        ", ""),
-        rows(table.exponentials.as_ref(), "        ", ""),
-        table.slow_blocks,
-        table.far_blocks,
-        table.step_size,
-    )
 }
 
 fn exponentials_c<T: Real + LowerExp>(
@@ -302,15 +271,4 @@ pub(super) fn rates_rust<T: Real + LowerExp>(
         table.shortest,
         table.horizon,
     )
-}
-
-/// Numbers in rows of four, each with the digits that bring the same number back, and a suffix.
-fn rows<T: LowerExp>(numbers: &[T], indent: &str, suffix: &str) -> String {
-    numbers
-        .chunks(4)
-        .map(|row| {
-            let row: Vec<String> = row.iter().map(|number| format!("{number:e}{suffix}")).collect();
-            format!("{indent}{},\n", row.join(", "))
-        })
-        .collect()
 }

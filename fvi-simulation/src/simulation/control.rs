@@ -3,11 +3,12 @@
 use crate::language::InputError;
 use crate::language::Problem;
 use crate::language::expression::{Elementary, Moment};
+use crate::numerics::controller_source::ControllerTables;
 use crate::numerics::exponential_table::{ENDLESS, ENDLESS_REACH, ExponentialKernel, SMALLEST_TOLERANCE};
 use crate::scenario::{Controller, SampledInput, Scenario};
 use crate::simulation::{GridState, Precision};
 use fvi_core::{
-    BdfOrder, ExponentialSum, ExponentialTable, FractionalPid, Kernel, PidInputs, PidLaw, Real, StateError,
+    ExponentialSum, ExponentialTable, FractionalPid, Kernel, PidInputs, PidLaw, Real, StateError,
     StateReader, StateWriter,
 };
 use std::collections::VecDeque;
@@ -130,16 +131,6 @@ impl<T: Elementary> Loops<T> {
     }
 }
 
-/// The memories of a controller: of its integral, its derivative, and a fractional filter.
-pub struct Tables {
-    /// D^{−λ}, or D^{1−λ} for λ ≥ 1.
-    pub integral: ExponentialKernel,
-    /// D^μ, on increments.
-    pub derivative: ExponentialKernel,
-    /// D^ν.
-    pub filter: Option<ExponentialKernel>,
-}
-
 /// A controller of a scenario before its first sample.
 ///
 /// # Errors
@@ -163,31 +154,13 @@ pub fn pid<T: Real>(scenario: &Scenario, controller: &Controller) -> Result<SumP
 ///
 /// # Errors
 /// Why there are none: its `sample` is no whole number of steps, or a tolerance cannot be met.
-pub fn tables(scenario: &Scenario, controller: &Controller) -> Result<Tables, String> {
+pub fn tables(scenario: &Scenario, controller: &Controller) -> Result<ControllerTables, String> {
     let step = scenario.time.step;
     let every = controller.steps_between(step).ok_or_else(|| format!("`sample` is no multiple of {step}"))?;
     // Tables are made for the run that was planned, and serve one that is carried further.
     let planned = scenario.history.planned.unwrap_or(scenario.time.steps.saturating_add(1));
-    let ticks = [planned, scenario.time.steps].map(|steps| (steps as u64 / every) as usize + 2);
+    let [planned, ticks] = [planned, scenario.time.steps].map(|steps| (steps as u64 / every) as usize + 2);
     let law = controller.law::<f64>().map_err(|error| error.to_string())?;
-    let of = |kernel: Result<Kernel, fvi_core::ParameterError>| {
-        table(&kernel.map_err(|error| error.to_string())?, ticks, scenario)
-    };
-    let filter = law.filter_kernel().map_err(|error| error.to_string())?;
-    Ok(Tables {
-        integral: of(law.integral_kernel())?,
-        derivative: of(law.derivative_kernel())?,
-        filter: filter.map(|kernel| of(Ok(kernel))).transpose()?,
-    })
-}
-
-/// The exponential sum that firmware runs, for so many ticks.
-fn table(
-    kernel: &Kernel,
-    [planned, ticks]: [usize; 2],
-    scenario: &Scenario,
-) -> Result<ExponentialKernel, String> {
-    let exponent = kernel.symbol().growth();
     let tolerance = scenario.history.tolerance.unwrap_or(SMALLEST_TOLERANCE);
     let reach = match scenario.history.horizon {
         Some(horizon) => horizon.max(planned),
@@ -199,8 +172,7 @@ fn table(
         ));
     }
     let horizon = if reach > ENDLESS_REACH { ENDLESS } else { reach };
-    let made = if exponent > 0.0 { ExponentialKernel::bdf_on_increments } else { ExponentialKernel::bdf };
-    made(BdfOrder::GRUNWALD_LETNIKOV, exponent, 1.0, horizon, tolerance).map_err(|error| error.to_string())
+    ControllerTables::new(&law, horizon, tolerance).map_err(|error| error.to_string())
 }
 
 /// The memory of a kernel on its table.
