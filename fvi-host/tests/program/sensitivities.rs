@@ -161,13 +161,15 @@ const KERNELS: Case = Case {
 /// For matrix weights.
 const STAGES: Case = Case {
     name: "stages",
-    scenario: "[system]\nmass = [{m}, 1.0]\npotential = \"k*q0^2 + q1^2 + 0.2*(q1 - q0)^4\"\nparameters = { k = {k} }\n\
+    scenario: "[system]\nmass = [{m}, 1.0]\npotential = \"k*q0^2 + q1^2 + 0.2*(q1 - q0)^4\"\n\
+        force = [\"-d*v0^3 + 0.1*q1*v1\", \"-0.2*v1\"]\nparameters = { k = {k}, d = {d} }\n\
         [[system.damping]]\norder = {b}\ncoefficient = [{r}, 0.1]\n[[system.damping]]\ncoefficient = [0.3, {c}]\n\
         kernel = { form = \"maxwell\", order = {o}, inner = {i}, time = {u} }\nderivative = \"riemann-liouville\"\n\
         [initial]\nposition = [{q}, 0.4]\nvelocity = [0.1, {v}]\n{scheme}\n[time]\nstep = 0.1\nsteps = 60\n",
     numbers: &[
         ("m", 1.4, "system.mass[0]"),
         ("k", 1.5, "system.parameters.k"),
+        ("d", 0.3, "system.parameters.d"),
         ("r", 0.5, "system.damping[0].coefficient[0]"),
         ("c", 0.2, "system.damping[1].coefficient[1]"),
         ("b", 1.3, "system.damping[0].order"),
