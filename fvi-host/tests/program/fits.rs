@@ -187,12 +187,18 @@ fn a_truth_without_noise_is_found_again() {
     let schemes = [
         "",
         "[scheme]\nkind = \"galerkin\"\ndegree = 2\n[history]\nengine = \"direct\"\n",
-        // Where derivatives are differences of runs.
         "[scheme]\nkind = \"implicit-euler\"\n",
+        // Where the derivative by the order is a difference of runs.
+        "starting",
     ];
     for scheme in schemes {
         let place = Workplace::new();
-        let scenario = format!("{OSCILLATOR}{scheme}");
+        let scenario = match scheme {
+            "starting" => {
+                OSCILLATOR.replace("family = \"bdf\"\norder = 2", "order = 2\nstarting = [0.0, 1.0]")
+            }
+            _ => format!("{OSCILLATOR}{scheme}"),
+        };
         let data = data_of_run(&place, &scenario, &["t", "q0"], 3);
         place.write("data.csv", &data);
         let found = fitted(&place, &format!("{FREE}[[data]]\nfile = \"data.csv\"\n"));
@@ -204,7 +210,7 @@ fn a_truth_without_noise_is_found_again() {
             assert!((estimate(&found, path) - truth).abs() < 1e-8, "{scheme}: {path}: {found:#}");
         }
         let derivative = &found["parameters"]["system.damping[0].order"]["derivative"];
-        assert_eq!(derivative, if scheme.contains("euler") { "differences" } else { "exact" });
+        assert_eq!(derivative, if scheme == "starting" { "differences" } else { "exact" });
         // What was found is a scenario that says what the fit does.
         let again = place.fvi(&["run", "out/fitted.toml", "--out", "again", "--quiet"]);
         assert!(again.status.success(), "{}", text(&again.stderr));
@@ -308,6 +314,18 @@ fn what_the_data_do_not_determine_is_said() {
     assert!(!said[1].contains("order") && said[1].contains("+1.000 : +1.000 : +1.000"), "{said:?}");
     let ratio = estimate(&found, "system.parameters.k") / estimate(&found, "system.mass[0]");
     assert!((ratio - 4.0).abs() < 1e-7, "{ratio}");
+}
+
+#[test]
+fn data_without_noise_are_said_to_be_such() {
+    let place = Workplace::new();
+    place.write("data.csv", &data_of_run(&place, OSCILLATOR, &["t", "q0"], 3));
+    let start = "scenario = \"scenario.toml\"\n[[free]]\npath = \"system.parameters.k\"\n";
+    for (more, is_said) in [("", true), ("deviation = 0.01\n", false)] {
+        let found = fitted(&place, &format!("{start}[[data]]\nfile = \"data.csv\"\n{more}"));
+        let notes = found["notes"].to_string();
+        assert_eq!(notes.contains("the model says the data to rounding"), is_said, "{notes}");
+    }
 }
 
 #[test]
@@ -618,6 +636,18 @@ fn bad_files_are_refused_with_their_places() {
         ("omega,re,im\n1.0,0.9,1\n", with("input = 1\n"), &["data[0].input = 1"]),
         (good, with("term = 0\n"), &["data[0].term", "data over time"]),
         (good, with("deviation = 0.0\n"), &["data[0].deviation = 0.0", "a number > 0"]),
+        (
+            good,
+            with("deviation = 1e-300\n"),
+            &["data.csv, line 2", "q0", "deviation of 1e-300", "1e-70 to 1e70"],
+        ),
+        (good, with("deviation = 1e300\n"), &["data.csv, line 2", "deviation of 1e300"]),
+        ("t,q0\n0.1,0.9\n0.2,8e180\n", with(""), &["line 3", "q0 = 8e180", "a larger unit"]),
+        (
+            "t,q0\n0.1,3e-180\n0.2,2e-180\n",
+            with(""),
+            &["line 1", "the largest q0 is 3e-180", "a smaller unit"],
+        ),
         (good, with("sigma = 1.0\n"), &["data[0].sigma", "unknown key"]),
         (good, with("set = { \"initial.positon[0]\" = 1.0 }\n"), &["data[0].set", "initial"]),
         (

@@ -140,6 +140,10 @@ pub(super) struct Extent {
     pub(super) end: f64,
 }
 
+/// Sizes of data and deviations, such that squares of their ratios, and sums of these, are numbers.
+const SMALLEST: f64 = 1e-70;
+const LARGEST: f64 = 1e70;
+
 /// Suffix of the column with the standard deviations of another one.
 const DEVIATION: &str = "_deviation";
 
@@ -416,6 +420,36 @@ impl Record {
                     }
                     column.deviations[row] = share * size;
                 }
+            }
+        }
+        self.check_sizes(cells, &ways)
+    }
+
+    /// Whether squares of the data over their deviations are numbers.
+    fn check_sizes(&self, cells: &Cells<'_, '_>, ways: &[String]) -> Result<(), InputError> {
+        for column in &self.columns {
+            let Column { name, values, deviations, .. } = column;
+            for (row, (value, deviation)) in values.iter().zip(deviations).enumerate() {
+                if value.abs() > LARGEST {
+                    let reason =
+                        format!("{name} = {value:e} is larger than {LARGEST:e}: give it in a larger unit");
+                    return Err(cells.fault(cells.rows[row].0, reason));
+                }
+                if !(SMALLEST..=LARGEST).contains(deviation) {
+                    let way = ways.first().map_or("", String::as_str);
+                    let reason = format!(
+                        "{name}, by {way}, has a deviation of {deviation:e}: those from {SMALLEST:e} to {LARGEST:e} are taken"
+                    );
+                    return Err(cells.fault(cells.rows[row].0, reason));
+                }
+            }
+            // Where no deviation is known the data themselves are the only measure.
+            let largest = values.iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
+            if ways.is_empty() && largest > 0.0 && largest < SMALLEST {
+                let reason = format!(
+                    "the largest {name} is {largest:e}, less than {SMALLEST:e}: give it in a smaller unit"
+                );
+                return Err(cells.fault(cells.header, reason));
             }
         }
         Ok(())

@@ -268,6 +268,13 @@ pub(super) fn estimate(
         }
     }
     notes.extend(surprises(plan, &best, known, chi2, degrees_of_freedom));
+    if !known && degrees_of_freedom > 0 && chi2 <= 2.0 * region.rounding {
+        notes.push(
+            "the model says the data to rounding: nothing is left that tells the size of their deviations, and standard errors \
+             and intervals are those of rounding"
+                .to_owned(),
+        );
+    }
     notes.extend(resolution_note(search, &predicted, variance));
     notes.extend(starts_note(&starts, chi2));
     if plan.records.iter().any(|record| record.domain != Domain::Time) {

@@ -116,6 +116,9 @@ pub(super) fn minimise<R: Residuals>(
     let clamped = |index: usize, x: f64| x.max(region.lower[index]).min(region.upper[index]);
     let mut point: Vec<f64> = (0..size).map(|index| clamped(index, start[index])).collect();
     let mut now = residuals.evaluate(&point, true)?;
+    if !now.cost().is_finite() {
+        return Err(Refusal::Point("the sum of squares there is not a finite number".to_owned()));
+    }
     let mut scales = vec![0.0f64; size];
     let (mut weight, mut growth) = (1e-3, 2.0);
     let mut iterations = 0;
@@ -293,6 +296,13 @@ mod tests {
         let root = |x: &[f64]| (x[0] > 0.0).then(|| (vec![x[0].sqrt() - 0.1], vec![vec![0.5 / x[0].sqrt()]]));
         let found = minimise(&mut Function(root, 0), &[4.0], &region(&[OPEN]), 200).unwrap();
         assert!((found.point[0] - 0.01).abs() < 1e-12, "{found:?}");
+    }
+
+    #[test]
+    fn a_start_without_a_finite_sum_of_squares_is_refused() {
+        let huge = |x: &[f64]| Some((vec![1e200 * x[0]], vec![vec![1e200]]));
+        let refused = minimise(&mut Function(huge, 0), &[1.0], &region(&[OPEN]), 200);
+        assert!(matches!(refused, Err(Refusal::Point(reason)) if reason.contains("not a finite number")));
     }
 
     #[test]
