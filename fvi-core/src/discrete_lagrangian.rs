@@ -187,8 +187,8 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
     /// Solves the first S equations for the nodes and leaves, in the first N numbers of `work.residual`, the
     /// impulse h Σ_i b_i G_i: what the momentum loses by the forces at the quadrature nodes.
     ///
-    /// With G_i = ∇U(X_i) − F(t_k + c_i h, X_i, V_i) − u, V_i = q̇_d(c_i h), plus the fractional force where it
-    /// acts at the nodes, equation ν = 0…S−1 is
+    /// With G_i = ∇U(X_i) − F(t_k + c_i h, X_i, V_i) − u, V_i = q̇_d(c_i h), plus the fractional force where
+    /// it acts at the nodes, equation ν = 0…S−1 is
     ///
     /// ```text
     /// 0 = δ_{ν0} p_k + (1/h) Σ_μ K_{νμ} M e^μ − h Σ_i b_i ℓ_ν(c_i) G_i ,

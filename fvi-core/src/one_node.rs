@@ -32,8 +32,8 @@ impl<T: Real> OneNode<T> {
     /// 0 = p_k + (K/h) M e − h b ℓ₀(c) G ,     G = ∇U(X) − F(t_k + ch, X) − u ,     X = q_k + ℓ₁(c) e ,
     /// ```
     ///
-    /// where F may depend on the velocity e/h of the line, and G has the fractional force where it acts at the
-    /// node, for e = q_{k+1} − q_k, and leaves h b G in
+    /// where F may depend on the velocity e/h of the line, and G has the fractional force where it acts at
+    /// the node, for e = q_{k+1} − q_k, and leaves h b G in
     /// `work.residual`, as is done for any degree. The first `moments` numbers of
     /// `work.moment_correction` are moments of the force that the node lacks.
     ///

@@ -177,8 +177,9 @@ impl<T: Real> Instant<T> {
 /// External force F(t, q), or F(t, q, v) where it depends on the velocity.
 ///
 /// A force of the velocity says so by [`depends_on_velocity`](Force::depends_on_velocity) and gives
-/// [`value_in_motion`](Force::value_in_motion) with its derivatives. Schemes take it at their quadrature nodes
-/// with the velocity of their polynomial there, collocation with that of its stages, and keep their orders.
+/// [`value_in_motion`](Force::value_in_motion) with its derivatives. Schemes take it at their quadrature
+/// nodes with the velocity of their polynomial there, collocation with that of its stages, and keep their
+/// orders.
 ///
 /// ```
 /// # use fvi_core::*;

@@ -88,7 +88,9 @@ pub(crate) fn run<'py>(
                 if let Some(callables) = terms {
                     let mut terms = PythonTerms::new(callables, scenario.coordinates(), slot.clone());
                     if go_on.is_none() {
-                        terms.look_at_the_start(scenario.time.start, &scenario.initial.position)?;
+                        let (start, position) = (scenario.time.start, &scenario.initial.position);
+                        let velocity = scenario.initial_velocity();
+                        terms.look_at_the_start(start, position, velocity.as_deref())?;
                     }
                     scenario = scenario.with_own_terms(SharedTerms::new(terms));
                 }

@@ -16,10 +16,13 @@ pub(crate) struct Callables {
     value: Option<Py<PyAny>>,
     gradient: Option<Py<PyAny>>,
     hessian: Option<Py<PyAny>>,
-    /// F(t, q) and ∂F/∂q; a force that takes no position is F(t).
+    /// F(t, q), ∂F/∂q and ∂F/∂v; a force that takes no position is F(t), one that takes a velocity
+    /// F(t, q, v), as its derivatives are.
     force: Option<Py<PyAny>>,
     jacobian: Option<Py<PyAny>>,
+    velocity_jacobian: Option<Py<PyAny>>,
     takes_position: bool,
+    takes_velocity: bool,
     /// Where ∂²U/∂q² has entries, of which the Hessian then gives one number each, row and column one behind
     /// the other; none: row by row.
     places: Option<Vec<u32>>,
@@ -37,7 +40,9 @@ impl Callables {
                 hessian: again(&self.hessian),
                 force: again(&self.force),
                 jacobian: again(&self.jacobian),
+                velocity_jacobian: again(&self.velocity_jacobian),
                 takes_position: self.takes_position,
+                takes_velocity: self.takes_velocity,
                 places: self.places.clone(),
             }
         })
@@ -82,10 +87,19 @@ impl PythonTerms {
     }
 
     /// Refuses functions that fail, or are not finite, where the run begins.
-    pub(crate) fn look_at_the_start(&mut self, time: f64, position: &[f64]) -> Outcome<()> {
+    pub(crate) fn look_at_the_start(
+        &mut self,
+        time: f64,
+        position: &[f64],
+        velocity: Option<&[f64]>,
+    ) -> Outcome<()> {
         let value = self.potential(position);
         let mut restoring = vec![0.0; self.size];
-        self.add_restoring_force(Moment::inside(time), position, &mut restoring);
+        // Where the velocity takes a solution of equations the first step looks at the force.
+        let velocity = if self.callables.takes_velocity { velocity } else { Some(&[][..]) };
+        if let Some(velocity) = velocity {
+            self.add_restoring_force_in_motion(Moment::inside(time), position, velocity, &mut restoring);
+        }
         if let Some(error) = self.slot.take() {
             return Err(Failure::Raised(error));
         }
@@ -107,6 +121,18 @@ impl PythonTerms {
 
     /// Calls a function and keeps its numbers in `answer`, `count` of them; NaN if it fails.
     fn call(&mut self, which: Which, time: Option<f64>, position: Option<&[f64]>, count: usize) {
+        self.call_moving(which, time, position, None, count);
+    }
+
+    /// As [`call`](Self::call), with a velocity behind the position.
+    fn call_moving(
+        &mut self,
+        which: Which,
+        time: Option<f64>,
+        position: Option<&[f64]>,
+        velocity: Option<&[f64]>,
+        count: usize,
+    ) {
         self.answer.clear();
         if self.slot.is_full() {
             self.answer.resize(count, f64::NAN);
@@ -118,6 +144,7 @@ impl PythonTerms {
             Which::Hessian => ("potential.hessian", &self.callables.hessian),
             Which::Force => ("force", &self.callables.force),
             Which::Jacobian => ("force.jacobian", &self.callables.jacobian),
+            Which::VelocityJacobian => ("force.velocity_jacobian", &self.callables.velocity_jacobian),
         };
         let Some(function) = function else {
             self.answer.resize(count, 0.0);
@@ -127,11 +154,14 @@ impl PythonTerms {
         let result = Python::attach(|py| {
             let function = function.bind(py);
             let array = |position: &[f64]| PyArray1::from_slice(py, position);
-            let returned = match (time, position) {
-                (Some(time), Some(position)) => function.call1((time, array(position))),
-                (Some(time), None) => function.call1((time,)),
-                (None, Some(position)) => function.call1((array(position),)),
-                (None, None) => function.call1(PyTuple::empty(py)),
+            let returned = match (time, position, velocity) {
+                (Some(time), Some(position), Some(velocity)) => {
+                    function.call1((time, array(position), array(velocity)))
+                }
+                (Some(time), Some(position), None) => function.call1((time, array(position))),
+                (Some(time), None, _) => function.call1((time,)),
+                (None, Some(position), _) => function.call1((array(position),)),
+                (None, None, _) => function.call1(PyTuple::empty(py)),
             }?;
             numbers(name, &returned, count, answer)
         });
@@ -142,10 +172,11 @@ impl PythonTerms {
         }
     }
 
-    /// The force at a time and a position, in `answer`.
-    fn force(&mut self, time: f64, position: &[f64]) {
+    /// The force at a time, a position and a velocity, if it takes them, in `answer`.
+    fn force(&mut self, time: f64, position: &[f64], velocity: &[f64]) {
         let position = self.callables.takes_position.then_some(position);
-        self.call(Which::Force, Some(time), position, self.size);
+        let velocity = self.callables.takes_velocity.then_some(velocity);
+        self.call_moving(Which::Force, Some(time), position, velocity, self.size);
     }
 
     /// Differences of what `look` leaves in `answer`, one coordinate at a time, added to `stiffness` with a
@@ -190,6 +221,7 @@ enum Which {
     Hessian,
     Force,
     Jacobian,
+    VelocityJacobian,
 }
 
 impl OwnTerms for PythonTerms {
@@ -208,14 +240,7 @@ impl OwnTerms for PythonTerms {
     }
 
     fn add_restoring_force(&mut self, moment: Moment<f64>, position: &[f64], restoring: &mut [f64]) {
-        if self.callables.gradient.is_some() {
-            self.call(Which::Gradient, None, Some(position), self.size);
-            restoring.iter_mut().zip(&self.answer).for_each(|(restoring, number)| *restoring += number);
-        }
-        if self.callables.force.is_some() {
-            self.force(moment.sided(), position);
-            self.add_force(restoring);
-        }
+        self.add_restoring_force_in_motion(moment, position, &[], restoring);
     }
 
     fn add_linearisation(
@@ -224,6 +249,38 @@ impl OwnTerms for PythonTerms {
         position: &[f64],
         restoring: &mut [f64],
         stiffness: &mut [f64],
+    ) {
+        self.add_linearisation_in_motion(moment, (position, &[]), restoring, stiffness, &mut []);
+    }
+
+    fn depends_on_velocity(&self) -> bool {
+        self.callables.takes_velocity
+    }
+
+    fn add_restoring_force_in_motion(
+        &mut self,
+        moment: Moment<f64>,
+        position: &[f64],
+        velocity: &[f64],
+        restoring: &mut [f64],
+    ) {
+        if self.callables.gradient.is_some() {
+            self.call(Which::Gradient, None, Some(position), self.size);
+            restoring.iter_mut().zip(&self.answer).for_each(|(restoring, number)| *restoring += number);
+        }
+        if self.callables.force.is_some() {
+            self.force(moment.sided(), position, velocity);
+            self.add_force(restoring);
+        }
+    }
+
+    fn add_linearisation_in_motion(
+        &mut self,
+        moment: Moment<f64>,
+        (position, velocity): (&[f64], &[f64]),
+        restoring: &mut [f64],
+        stiffness: &mut [f64],
+        resistance: &mut [f64],
     ) {
         let (square, places) = (self.size * self.size, stiffness.len());
         if self.callables.gradient.is_some() {
@@ -238,16 +295,34 @@ impl OwnTerms for PythonTerms {
                 });
             }
         }
-        if self.callables.force.is_some() {
-            let time = moment.sided();
-            self.force(time, position);
-            self.add_force(restoring);
-            if self.callables.jacobian.is_some() {
-                self.call(Which::Jacobian, Some(time), Some(position), square);
-                stiffness.iter_mut().zip(&self.answer).for_each(|(entry, number)| *entry -= number);
-            } else if self.callables.takes_position {
-                self.add_differences(position, -1.0, stiffness, |terms, nearby| terms.force(time, nearby));
-            }
+        if self.callables.force.is_none() {
+            return;
+        }
+        let time = moment.sided();
+        let moving = self.callables.takes_velocity.then_some(velocity);
+        self.force(time, position, velocity);
+        self.add_force(restoring);
+        let force = std::mem::take(&mut self.answer);
+        if self.callables.jacobian.is_some() {
+            self.call_moving(Which::Jacobian, Some(time), Some(position), moving, square);
+            stiffness.iter_mut().zip(&self.answer).for_each(|(entry, number)| *entry -= number);
+        } else if self.callables.takes_position {
+            self.answer.clone_from(&force);
+            self.add_differences(position, -1.0, stiffness, |terms, nearby| {
+                terms.force(time, nearby, velocity);
+            });
+        }
+        if moving.is_none() {
+            return;
+        }
+        if self.callables.velocity_jacobian.is_some() {
+            self.call_moving(Which::VelocityJacobian, Some(time), Some(position), moving, square);
+            resistance.iter_mut().zip(&self.answer).for_each(|(entry, number)| *entry -= number);
+        } else {
+            self.answer = force;
+            self.add_differences(velocity, -1.0, resistance, |terms, nearby| {
+                terms.force(time, position, nearby);
+            });
         }
     }
 

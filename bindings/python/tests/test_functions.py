@@ -182,12 +182,6 @@ def test_sweeps_on_threads_take_functions():
         fvi.sweep({**sweep, "scenario": {**OSCILLATOR, "system": {**OSCILLATOR["system"], "force": breaks}}}, jobs=2)
 
 
-def test_a_force_of_the_velocity_is_refused_with_what_there_is():
-    with pytest.raises(fvi.InputError, match="order=1.*gyroscopic") as caught:
-        fvi.integrate(mass=[1.0], position=[0.0], step=0.1, steps=1, force=lambda t, q, v: -v)
-    assert caught.value.key == "force"
-
-
 def test_the_trapezoidal_rule_is_a_keyword():
     common = dict(mass=[1.0], stiffness=[1.0], position=[1.0], damping=fvi.Damping(0.5, [0.5]), step=0.1, steps=50)
     family = fvi.integrate(**common, convolution="trapezoidal")

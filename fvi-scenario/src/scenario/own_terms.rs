@@ -4,7 +4,8 @@ use crate::language::expression::Moment;
 use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// A potential U(q) and a force F(t, q) or F(t, q, v) in code; they are added to those that a scenario writes.
+/// A potential U(q) and a force F(t, q) or F(t, q, v) in code; they are added to those that a scenario
+/// writes.
 ///
 /// All numbers are in double precision, whatever the run computes in. A call that fails writes a NaN, which
 /// ends the step it is made for, and keeps the reason to itself.
@@ -81,9 +82,9 @@ impl SharedTerms {
         Self(Arc::new(Mutex::new(terms)))
     }
 
-    /// Whether they depend on the position.
+    /// Whether they depend on the position, as those of the velocity count.
     pub fn depend_on_position(&self) -> bool {
-        self.with(|terms| terms.depends_on_position())
+        self.with(|terms| terms.depends_on_position() || terms.depends_on_velocity())
     }
 
     /// Whether they depend on the velocity.

@@ -25,7 +25,7 @@ pub(super) struct Own {
 impl Own {
     pub(super) fn new(terms: SharedTerms, size: usize) -> Self {
         let depends_on_velocity = terms.depend_on_velocity();
-        let depends_on_position = depends_on_velocity || terms.depend_on_position();
+        let depends_on_position = terms.depend_on_position();
         let moving = if depends_on_velocity { size } else { 0 };
         let places = terms.with(|terms| terms.places()).filter(|_| depends_on_position && moving == 0);
         let count = match &places {

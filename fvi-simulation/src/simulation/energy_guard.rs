@@ -33,13 +33,14 @@ const FACTOR: f64 = 1000.0;
 /// ```
 ///
 /// up to the error of the scheme. The guard trips where E_k − E₀ passes a thousand times T₀ + max(|U₀|,
-/// U₀ − min U) + W_k, with the kinetic energy T and the potential U: a rise that no constant in U, fall into
-/// a well or resonance explains. Forces are taken at the nodes of the scheme, with what is added where they
-/// are rough between nodes, and the larger of Δq and h v at both ends of the step for the way that they act
-/// along. Of a force F(t, q, v) that is F(t, q, 0) alone; what the velocity adds, R = F(t, q, v) − F(t, q, 0),
-/// counts for the power R·v that it has where that is positive: drag explains no energy at all, and a force
-/// that drives a motion what it puts in. Forces of the velocity in code count whole. The memory of a Riemann–Liouville derivative pushes with up to |ρ q₀| t^{−β}, that of Caputo's for
-/// β > 1 with up to |ρ v₀| t^{1−β}; for β = 0 it is a spring and holds ½ q₀ᵀρ q₀.
+/// U₀ − min U) + W_k, with the kinetic energy T and the potential U: a rise that no constant in U, fall
+/// into a well or resonance explains. Forces are taken at the nodes of the scheme, with what is added where
+/// they are rough between nodes, and the larger of Δq and h v at both ends of the step for the way that
+/// they act along. Of a force F(t, q, v) that is F(t, q, 0) alone; what the velocity adds, R = F(t, q, v) −
+/// F(t, q, 0), counts for the power R·v that it has where that is positive: drag explains no energy at all,
+/// and a force that drives a motion what it puts in. Forces of the velocity in code count whole. The memory
+/// of a Riemann–Liouville derivative pushes with up to |ρ q₀| t^{−β}, that of Caputo's for β > 1 with up to
+/// |ρ v₀| t^{1−β}; for β = 0 it is a spring and holds ½ q₀ᵀρ q₀.
 ///
 /// With a mass matrix from a file velocities would cost a solution of equations each. The diagonal matrix L
 /// of the sums of |m_ij| over rows stands for it: M ≤ L, so that ½ pᵀL⁻¹p is no more than T. The energy is

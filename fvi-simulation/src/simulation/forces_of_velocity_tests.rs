@@ -242,6 +242,26 @@ fn single_precision_and_adaptive_steps_follow() {
 }
 
 #[test]
+fn steps_end_at_kinks_in_the_position_beside_a_drag() {
+    let state = |system: &str| {
+        end(
+            &scenario(&format!(
+                "[system]\nmass = [1.0]\n{system}\n[initial]\nposition = [-1.0]\nmomentum = [0.0]\n\
+                 [scheme]\nkind = \"collocation\"\n[convolution]\nfamily = \"radau-iia\"\nstages = 3\n\
+                 [time]\ngrid = \"adaptive\"\ntolerance = 1e-9\nend = 5.0\n"
+            )),
+            Precision::F64,
+        )
+    };
+    let drag = "0.3*v0^3 - 0.1*v0*abs(v0)";
+    let one = state(&format!("potential = \"0.5*q0^2 + 10*max(q0, 0)^2\"\nforce = [\"-{drag}\"]"));
+    let other = state(&format!("force = [\"-q0 - 20*max(q0, 0) - {drag}\"]"));
+    for (a, b) in [(one.position[0], other.position[0]), (one.momentum[0], other.momentum[0])] {
+        assert!((a - b).abs() < 1e-7, "{one:?} {other:?}");
+    }
+}
+
+#[test]
 fn sensitivities_are_differences_of_runs() {
     let paths = [
         "system.parameters.mu",

@@ -154,8 +154,8 @@ const MARGINS: (f64, f64) = (1e-7, 1e-3);
 /// det A in |z| < 1 is a motion that grows, and a motion that grows is such a zero. They are counted by the
 /// argument principle, on a circle a little inside |z| = 1: a motion may grow by the factor 2 over the run.
 /// So what neither grows nor decays is accepted, as are undamped systems. Where the system itself makes
-/// motions grow (K not positive semidefinite, forces that do not come from a potential, forces of the velocity
-/// that drive) none may grow more
+/// motions grow (K not positive semidefinite, forces that do not come from a potential, forces of the
+/// velocity that drive) none may grow more
 /// than twice as fast as the system's fastest can.
 ///
 /// Matrices that commute are split into their modes. Parts of more than 40 coupled coordinates are taken

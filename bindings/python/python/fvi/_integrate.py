@@ -91,8 +91,8 @@ def integrate(
     potential : str or Potential, optional
         U(q): an expression in q0, q1, … and the parameters, or functions.
     force : str, list of str, callable or Force, optional
-        F(t, q): an expression for each coordinate in t, q0, … and the parameters, or a function of (t, q), or of t alone, which
-        leaves large systems sparse.
+        F(t, q, v): an expression for each coordinate in t, q0, …, v0, … and the parameters, or a function of (t, q, v), of (t, q),
+        or of t alone, which leaves large systems sparse.
     damping : Damping or list of Damping, optional
         The damping terms; dictionaries with the same keys serve as well.
     loads : Load or list of Load, optional

@@ -45,23 +45,30 @@ class Potential:
 
 @dataclass(frozen=True)
 class Force:
-    """A force F(t, q) given by functions of the time and an array of N positions.
+    """A force F(t, q, v) given by functions of the time and arrays of N positions and N velocities.
 
     Parameters
     ----------
     value : callable
-        F(t, q), N numbers; or F(t), if the time is all that it needs: parameters with defaults are its own.
+        F(t, q, v), N numbers; or F(t, q), or F(t), if that is all that it needs: parameters with defaults are its own.
     jacobian : callable, optional
-        ∂F/∂q, N×N numbers, as a function of t and q. Without it differences of the force serve, where it takes a position.
+        ∂F/∂q, N×N numbers, as a function of t and q, or of t, q and v as `value` is. Without it differences of the force serve,
+        where it takes a position.
+    velocity_jacobian : callable, optional
+        ∂F/∂v, N×N numbers, entry (i, j) = ∂F_i/∂v_j, as a function of t, q and v. Without it differences of the force serve.
 
     Notes
     -----
+    The velocity is that of the scheme's polynomial where it looks at the force, of a stage with collocation; every scheme keeps
+    its order. The matrix of a step is full with a force that takes a position.
+
     At a grid point a force is asked for within rounding of the time, on the side of the step that asks: a force that jumps at
     a grid point, such as ``8.0*(t <= 1.0)``, jumps between two steps.
     """
 
     value: Function
     jacobian: Function | None = None
+    velocity_jacobian: Function | None = None
 
 
 @dataclass(frozen=True)
@@ -155,6 +162,8 @@ class Terms(NamedTuple):
     jacobian: Function | None
     takes_position: bool
     places: list[int] | None = None
+    velocity_jacobian: Function | None = None
+    takes_velocity: bool = False
 
 
 def parameters_without_default(function: Function) -> int | None:
@@ -181,8 +190,8 @@ def terms_of(
 ) -> tuple[list[str], Terms, list[str] | None]:
     """Expressions of the potential, functions, expressions of the force. `name` is what the places of errors begin with."""
     texts: list[str] = []
-    value = gradient = hessian = push = jacobian = None
-    of_position = False
+    value = gradient = hessian = push = jacobian = velocity_jacobian = None
+    of_position = of_velocity = False
     force_texts = None
     if isinstance(potential, str):
         texts.append(f"({potential})")
@@ -198,15 +207,19 @@ def terms_of(
     if isinstance(force, str):
         force_texts = [force]
     elif isinstance(force, Force) or callable(force):
-        push, jacobian = (force.value, force.jacobian) if isinstance(force, Force) else (force, None)
+        push = force.value if isinstance(force, Force) else force
+        if isinstance(force, Force):
+            jacobian, velocity_jacobian = force.jacobian, force.velocity_jacobian
         if not callable(push):
             raise InputError(f"{name}force.value = {push!r}: a function is needed", f"{name}force.value", repr(push))
-        if (asked := parameters_without_default(push)) is not None and asked > 2:
-            message = (
-                f"{name}force: a function of (t, q) or of t is needed; of the velocity are dampers, fvi.Damping(order=1, …), and "
-                "gyroscopic forces"
-            )
-            raise InputError(message, f"{name}force", repr(push))
+        asked = parameters_without_default(push)
+        if asked is not None and asked > 3:
+            raise InputError(f"{name}force: a function of (t, q, v), of (t, q) or of t is needed", f"{name}force", repr(push))
+        of_velocity = asked == 3
+        if velocity_jacobian is not None and not of_velocity:
+            place = f"{name}force.velocity_jacobian"
+            message = f"{place}: belongs to a force of (t, q, v); this one takes no velocity"
+            raise InputError(message, place, repr(velocity_jacobian))
         of_position = takes_position(push)
     elif force is not None:
         force_texts = list(force)
@@ -215,7 +228,8 @@ def terms_of(
                 place = f"{name}force[{index}]"
                 message = f"{place} = {text!r}: an expression in quotes is needed; or give a function of (t, q)"
                 raise InputError(message, place, repr(text))
-    return texts, Terms(value, gradient, hessian, push, jacobian, of_position), force_texts
+    terms = Terms(value, gradient, hessian, push, jacobian, of_position, None, velocity_jacobian, of_velocity)
+    return texts, terms, force_texts
 
 
 def on_its_pattern(terms: Terms, potential: Any, position: Any, name: str = "") -> Terms:

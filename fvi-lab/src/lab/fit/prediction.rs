@@ -511,6 +511,13 @@ fn size(free: &Free, value: f64) -> f64 {
 
 /// K = ∂²U/∂q² − ∂F/∂q at t = 0, with the springs of kernels.
 fn static_stiffness(scenario: &Scenario, position: &[f64]) -> Result<DMatrix<f64>, NoPrediction> {
+    if scenario.system.has_forces_of_velocity() {
+        return Err(NoPrediction::Refused(
+            "system.force: a modulus of a system with forces of the velocity, which it leaves out; linear damping is \
+             `[[system.damping]]` with `order` = 1"
+                .to_owned(),
+        ));
+    }
     let size = scenario.coordinates();
     let mut system =
         System::<f64>::new(scenario).map_err(|error| NoPrediction::Refused(error.to_string()))?;

@@ -40,8 +40,8 @@ impl<T: Elementary> CompiledForce<T> {
         force
     }
 
-    /// As [`compile_of`](Self::compile_of), with the sides of jumps and kinks in the position as inputs, where
-    /// there are any: positions have two numbers for each of them behind the variables.
+    /// As [`compile_of`](Self::compile_of), with the sides of jumps and kinks in the position as inputs,
+    /// where there are any: positions have two numbers for each of them behind the variables.
     pub fn compile_sided(components: &[Expression], variables: usize) -> (Self, Option<CompiledSides>) {
         let (mut force, rest) = Self::without_rest(components);
         match Rest::sided(&rest, (components.len(), variables)) {

@@ -16,7 +16,8 @@ use std::rc::Rc;
 ///
 /// ```text
 /// A(z) v = 0 ,
-/// A_νμ(z) = Σ_i b_i [ ψ̇_ν(c_i) φ̇_μ(c_i) M − h ψ_ν(c_i) φ̇_μ(c_i) C − h² ψ_ν(c_i) φ_μ(c_i) K ] − Σ_m h^{2−β_m} D^m_νμ(z) ρ_m
+/// A_νμ(z) = Σ_i b_i [ ψ̇_ν(c_i) φ̇_μ(c_i) M − h ψ_ν(c_i) φ̇_μ(c_i) C − h² ψ_ν(c_i) φ_μ(c_i) K ]
+///           − Σ_m h^{2−β_m} D^m_νμ(z) ρ_m
 /// ```
 ///
 /// with φ₀ = z(1 − τ) + τ, ψ₀ = 1 − τ + zτ and the bubbles at both places for 0 < μ < S. The damping enters

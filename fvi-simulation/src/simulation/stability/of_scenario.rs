@@ -14,8 +14,8 @@ use nalgebra::{DMatrix, DVector};
 /// Refuses a step at which motions near the start grow, unless the scenario allows it; the Euler methods,
 /// baselines that grow by themselves, are not checked.
 ///
-/// `stiffness` and `resistance` are ∂²U/∂q² − ∂F/∂q and, where forces depend on the velocity, −∂F/∂v where the
-/// run begins.
+/// `stiffness` and `resistance` are ∂²U/∂q² − ∂F/∂q and, where forces depend on the velocity, −∂F/∂v where
+/// the run begins.
 pub(crate) fn check_step(
     scenario: &Scenario,
     (stiffness, resistance): (&DMatrix<f64>, Option<&DMatrix<f64>>),
