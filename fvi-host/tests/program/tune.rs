@@ -7,35 +7,35 @@ use std::fs;
 
 /// A complex number, by itself: nothing of the program's arithmetic takes part.
 #[derive(Clone, Copy, Debug)]
-struct Complex(f64, f64);
+pub(crate) struct Complex(pub(crate) f64, pub(crate) f64);
 
 impl Complex {
-    fn plus(self, other: Self) -> Self {
+    pub(crate) fn plus(self, other: Self) -> Self {
         Self(self.0 + other.0, self.1 + other.1)
     }
 
-    fn times(self, other: Self) -> Self {
+    pub(crate) fn times(self, other: Self) -> Self {
         Self(self.0 * other.0 - self.1 * other.1, self.0 * other.1 + self.1 * other.0)
     }
 
-    fn scaled(self, factor: f64) -> Self {
+    pub(crate) fn scaled(self, factor: f64) -> Self {
         Self(self.0 * factor, self.1 * factor)
     }
 
-    fn inverse(self) -> Self {
+    pub(crate) fn inverse(self) -> Self {
         let size = self.0 * self.0 + self.1 * self.1;
         Self(self.0 / size, -self.1 / size)
     }
 
-    fn size(self) -> f64 {
+    pub(crate) fn size(self) -> f64 {
         self.0.hypot(self.1)
     }
 
-    fn phase(self) -> f64 {
+    pub(crate) fn phase(self) -> f64 {
         self.1.atan2(self.0)
     }
 
-    fn power(self, exponent: f64) -> Self {
+    pub(crate) fn power(self, exponent: f64) -> Self {
         let (size, phase) = (self.size().powf(exponent), exponent * self.phase());
         Self(size * phase.cos(), size * phase.sin())
     }

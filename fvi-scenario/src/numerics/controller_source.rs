@@ -188,8 +188,7 @@ pub fn source_with_tables<T: Real + LowerExp>(
         made("INTEGRAL", "shared.integral_kernel()?")
     );
     if differentiates {
-        let _ =
-            writeln!(body, "    let derivative = {};", made("DERIVATIVE", "shared.derivative_kernel()?"));
+        let _ = writeln!(body, "    let derivative = {};", made("DERIVATIVE", "shared.derivative_kernel()?"));
     }
     body += &match (&tables.filter, differentiates) {
         (Some(_), _) => format!(

@@ -90,16 +90,26 @@ pub fn axis_law() -> Result<fvi_core::PidLaw<f32>, fvi_core::ParameterError> {
     })
 }
 
-/// The controller.
-pub type AxisPid = fvi_core::FractionalPid<f32, fvi_core::ExponentialSum<f32, &'static [f32], [f32; AXIS_INTEGRAL.state_len(1)]>, fvi_core::ExponentialSum<f32, &'static [f32], [f32; AXIS_DERIVATIVE.state_len(1)]>>;
+/// The controller, with a law of its own or one that it borrows.
+pub type AxisPid<L = fvi_core::PidLaw<f32>> = fvi_core::FractionalPid<f32, fvi_core::ExponentialSum<f32, &'static [f32], [f32; AXIS_INTEGRAL.state_len(1)]>, fvi_core::ExponentialSum<f32, &'static [f32], [f32; AXIS_DERIVATIVE.state_len(1)]>, L>;
 
-/// The controller, before its first tick.
+/// The controller with a law of its own, before its first tick.
 ///
 /// # Errors
 /// None: it has been checked.
 pub fn new_axis() -> Result<AxisPid, fvi_core::ParameterError> {
-    let law = axis_law()?;
-    let integral = law.integral_kernel()?.exponential_sum(AXIS_INTEGRAL, 1, [0.0; AXIS_INTEGRAL.state_len(1)])?;
-    let derivative = law.derivative_kernel()?.exponential_sum(AXIS_DERIVATIVE, 1, [0.0; AXIS_DERIVATIVE.state_len(1)])?;
+    axis_with(axis_law()?)
+}
+
+/// The same with this law, by value or by reference: one with other gains, or one that loops share.
+///
+/// # Errors
+/// If its orders or its sample time are others than those of the tables.
+pub fn axis_with<L: core::borrow::Borrow<fvi_core::PidLaw<f32>>>(
+    law: L,
+) -> Result<AxisPid<L>, fvi_core::ParameterError> {
+    let shared: &fvi_core::PidLaw<f32> = law.borrow();
+    let integral = shared.integral_kernel()?.exponential_sum(AXIS_INTEGRAL, 1, [0.0; AXIS_INTEGRAL.state_len(1)])?;
+    let derivative = shared.derivative_kernel()?.exponential_sum(AXIS_DERIVATIVE, 1, [0.0; AXIS_DERIVATIVE.state_len(1)])?;
     fvi_core::FractionalPid::new(law, integral, derivative)
 }

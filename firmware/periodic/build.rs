@@ -1,0 +1,29 @@
+//! Makes the constants of the controller from its orders, gains, sample time and horizon.
+
+use std::error::Error;
+use std::path::Path;
+use std::{env, fs};
+
+use fvi_core::{AntiWindup, DerivativeFilter, PidGains, PidSettings};
+use fvi_scenario::numerics::controller_source::controller_source;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    // u = 8 (r − y) + 4 I^0.9 (r − y) − 2 D^0.8 y, filtered, within ±2, every millisecond.
+    let gains = PidGains::Parallel { proportional: 8.0f32, integral: 4.0, derivative: 2.0 };
+    let settings = PidSettings {
+        integral_order: 0.9,
+        derivative_order: 0.8,
+        derivative_filter: DerivativeFilter::FirstOrder { time: 0.01 },
+        limits: [-2.0, 2.0],
+        anti_windup: AntiWindup::BackCalculation { time: 0.2 },
+        ..PidSettings::new(gains, 1e-3)
+    };
+    // Weights within 10⁻⁷ over 10⁸ ticks, more than a day.
+    let source = controller_source("axis", &settings, 100_000_000, 1e-7)?;
+    fs::write(Path::new(&env::var("OUT_DIR")?).join("axis.rs"), source)?;
+    println!("cargo::rerun-if-changed=build.rs");
+    // The memory map of the part.
+    println!("cargo::rerun-if-changed=../images/memory.x");
+    println!("cargo::rustc-link-search={}/../images", env!("CARGO_MANIFEST_DIR"));
+    Ok(())
+}

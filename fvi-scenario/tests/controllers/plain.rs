@@ -1,0 +1,67 @@
+/// Integral, s^-0.5: 5 weights, then 15 exponentials; tolerance 1e-6.
+///
+/// `fvi_core::Kernel::exponential_sum` takes it, with `PLAIN_INTEGRAL.state_len(channels)` numbers of state.
+pub const PLAIN_INTEGRAL: fvi_core::ExponentialTable<&[f64]> = fvi_core::ExponentialTable {
+    stages: 1,
+    head: &[
+        1e0, 5e-1, 3.75e-1, 3.125e-1,
+        2.734375e-1,
+    ],
+    exponentials: &[
+        7.255003566199433e-5, 6.181802034613402e-4, 1.5799395799006883e-3, 3.080257658430836e-3,
+        1.0766259200780566e-2, 9.897071734487183e-3, 9.220151509672692e-3, 1.1097459301460312e-2,
+        5.800640400402077e-3, 1.088744707436207e-2, 2.0343706127208767e-2, 3.7700122976035026e-2,
+        1.4904772516921126e-2, 1.9850856073213224e-2, 2.573862464002005e-2, 3.175729608870436e-2,
+        6.882402900554309e-2, 1.2237515074275662e-1, 2.0827406588594344e-1, 3.316807621820875e-1,
+        3.5810426811058726e-2, 3.447548630744244e-2, 2.55237308859934e-2, 1.2683429638492593e-2,
+        4.8354954580106707e-1, 6.390843749692785e-1, 7.850018255656601e-1, 0e0,
+        3.7097351786108544e-3, 6.055439011301224e-4, 5.290611892844529e-5, 0e0,
+    ],
+    slow_blocks: 2,
+    far_blocks: 0,
+    horizon: 1000,
+    step_size: 1.0,
+};
+
+/// The law of the controller, sample 0.01.
+///
+/// # Errors
+/// None: it has been checked.
+pub fn plain_law() -> Result<fvi_core::PidLaw<f64>, fvi_core::ParameterError> {
+    fvi_core::PidLaw::new(fvi_core::PidSettings {
+        gains: fvi_core::PidGains::Series { proportional: 0.3, integral_rate: 2.0, derivative_time: 0.0, filter_ratio: 10.0 },
+        integral_order: 0.5,
+        derivative_order: 1.0,
+        sample: Some(0.01),
+        setpoint_weights: [1.0, 0.0],
+        derivative_of: fvi_core::DerivativeOf::Values,
+        derivative_filter: fvi_core::DerivativeFilter::None,
+        limits: [f64::NEG_INFINITY, f64::INFINITY],
+        rate_limit: f64::INFINITY,
+        anti_windup: fvi_core::AntiWindup::None,
+        bumpless: fvi_core::Bumpless::Whole,
+    })
+}
+
+/// The controller, with a law of its own or one that it borrows.
+pub type PlainPid<L = fvi_core::PidLaw<f64>> = fvi_core::FractionalPid<f64, fvi_core::ExponentialSum<f64, &'static [f64], [f64; PLAIN_INTEGRAL.state_len(1)]>, fvi_core::Memoryless<f64>, L>;
+
+/// The controller with a law of its own, before its first tick.
+///
+/// # Errors
+/// None: it has been checked.
+pub fn new_plain() -> Result<PlainPid, fvi_core::ParameterError> {
+    plain_with(plain_law()?)
+}
+
+/// The same with this law, by value or by reference: one with other gains, or one that loops share.
+///
+/// # Errors
+/// If its orders or its sample time are others than those of the tables.
+pub fn plain_with<L: core::borrow::Borrow<fvi_core::PidLaw<f64>>>(
+    law: L,
+) -> Result<PlainPid<L>, fvi_core::ParameterError> {
+    let shared: &fvi_core::PidLaw<f64> = law.borrow();
+    let integral = shared.integral_kernel()?.exponential_sum(PLAIN_INTEGRAL, 1, [0.0; PLAIN_INTEGRAL.state_len(1)])?;
+    fvi_core::FractionalPid::without_derivative(law, integral)
+}
