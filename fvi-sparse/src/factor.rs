@@ -65,12 +65,12 @@ impl Analysis {
         numbers.try_reserve_exact(self.factor_len()).map_err(no_room)?;
         numbers.resize(self.factor_len(), 0.0);
         let blocks = self.blocks();
-        Arch::new()
-            .dispatch(Elimination { blocks, pattern, values, numbers: &mut numbers })
-            .map_err(|pivot| FactorError::Pivot {
+        Arch::new().dispatch(Elimination { blocks, pattern, values, numbers: &mut numbers }).map_err(
+            |pivot| FactorError::Pivot {
                 pivot,
                 coordinate: blocks.order[pivot] as usize / if blocks.in_pairs { 2 } else { 1 },
-            })?;
+            },
+        )?;
         Ok(Factor { analysis: self.clone(), numbers: Arc::new(numbers) })
     }
 }
@@ -178,7 +178,8 @@ fn eliminate(blocks: &Blocks, pattern: &Pattern, values: &[f64], numbers: &mut [
                 next[earlier] = std::mem::replace(&mut waiting[later], earlier as u32);
             }
         }
-        factor_block(own, width, height, &mut products, blocks.in_pairs).map_err(|pivot| columns.start + pivot)?;
+        factor_block(own, width, height, &mut products, blocks.in_pairs)
+            .map_err(|pivot| columns.start + pivot)?;
         if let Some(&row) = rows.first() {
             let later = blocks.block_of[row as usize] as usize;
             next[block] = std::mem::replace(&mut waiting[later], block as u32);
@@ -359,7 +360,12 @@ mod tests {
             .iter()
             .zip(&upper)
             .flat_map(|(&(row, column), &g)| {
-                [g, coupling(row, column), coupling(column, row), -(g + if row == column { 0.5 } else { 0.0 })]
+                [
+                    g,
+                    coupling(row, column),
+                    coupling(column, row),
+                    -(g + if row == column { 0.5 } else { 0.0 }),
+                ]
             })
             .collect();
         let entries = values.clone();
