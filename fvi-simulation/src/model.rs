@@ -41,5 +41,5 @@ pub(crate) use scenario_loads::takes_moments;
 pub use scheme::{AnyScheme, Room};
 pub use shared::Shared;
 pub use space::{AnyEquations, AnyFactors, AnySpace};
-pub use sparse::{Elimination, Factored, SparseEquations};
+pub use sparse::{Elimination, Factored, SparseEquations, StagePair};
 pub use switches::{Side, Switched};

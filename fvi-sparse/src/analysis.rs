@@ -33,6 +33,25 @@ impl Analysis {
         Self { blocks: Arc::new(places(pattern, order, place, first)) }
     }
 
+    /// How matrices are eliminated that have 2×2 numbers at each place of the pattern, and are symmetric and
+    /// quasidefinite:
+    ///
+    /// ```text
+    /// A = [G  B; Bᵀ  −H] ,    G and H positive definite,
+    /// ```
+    ///
+    /// G in the first numbers of the diagonal of all places, −H in the second. The values of a place are
+    /// those of its two rows, one after the other; rows 2i and 2i + 1 of vectors and solutions are those of
+    /// row i of the pattern. The order of elimination is that of the pattern.
+    ///
+    /// Every symmetric permutation of A has a factor L Σ Lᵀ with the signs Σ of the pairs (\[Vanderbei95\]). How
+    /// far its numbers grow is bounded by what B H⁻¹ Bᵀ is beside G, and Bᵀ G⁻¹ B beside H
+    /// (\[GillSaundersShinnerl96\]).
+    #[must_use]
+    pub fn of_pairs(&self) -> Self {
+        Self { blocks: Arc::new(self.blocks.paired()) }
+    }
+
     /// Number of rows.
     pub fn size(&self) -> usize {
         self.blocks.order.len()
@@ -359,7 +378,8 @@ fn places(pattern: &Pattern, order: Vec<u32>, place: Vec<u32>, first: Vec<u32>) 
         }
     }
     let subtrees = Subtrees::default();
-    let mut blocks = Blocks { order, place, first, block_of, row_starts, rows, number_starts, subtrees };
+    let mut blocks =
+        Blocks { order, place, first, block_of, row_starts, rows, number_starts, in_pairs: false, subtrees };
     blocks.subtrees = Subtrees::of(&blocks);
     blocks
 }

@@ -17,11 +17,36 @@ pub(crate) struct Blocks {
     pub(crate) row_starts: Vec<usize>,
     pub(crate) rows: Vec<u32>,
     pub(crate) number_starts: Vec<usize>,
+    /// Whether two rows stand in the place of each of the pattern's, the second with a negative pivot.
+    pub(crate) in_pairs: bool,
     /// Part of the elimination tree that is eliminated apart from the rest.
     pub(crate) subtrees: Subtrees,
 }
 
 impl Blocks {
+    /// The same with two rows in the place of each.
+    pub(crate) fn paired(&self) -> Self {
+        let twice = |row: &u32| [2 * row, 2 * row + 1];
+        let mut number_starts = vec![0];
+        for block in 0..self.count() {
+            let (width, height) = (self.columns(block).len(), self.rows(block).len());
+            number_starts.push(number_starts[block] + 4 * width * (width + height));
+        }
+        let mut paired = Self {
+            order: self.order.iter().flat_map(twice).collect(),
+            place: self.place.iter().flat_map(twice).collect(),
+            first: self.first.iter().map(|first| 2 * first).collect(),
+            block_of: self.block_of.iter().flat_map(|&block| [block; 2]).collect(),
+            row_starts: self.row_starts.iter().map(|start| 2 * start).collect(),
+            rows: self.rows.iter().flat_map(twice).collect(),
+            number_starts,
+            in_pairs: true,
+            subtrees: Subtrees::default(),
+        };
+        paired.subtrees = Subtrees::of(&paired);
+        paired
+    }
+
     pub(crate) fn count(&self) -> usize {
         self.first.len() - 1
     }

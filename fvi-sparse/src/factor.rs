@@ -1,4 +1,4 @@
-//! A = L Lᵀ, block by block, and what it solves.
+//! A = L Lᵀ, or L Σ Lᵀ with the signs of pairs, block by block, and what it solves.
 
 use crate::Pattern;
 use crate::analysis::Analysis;
@@ -12,11 +12,11 @@ use std::sync::Arc;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum FactorError {
-    /// The matrix is not positive definite: elimination met a pivot that is not.
+    /// The matrix is not positive definite, or not quasidefinite: elimination met a pivot without its sign.
     Pivot {
-        /// How many pivots were positive before.
+        /// How many pivots had theirs before.
         pivot: usize,
-        /// The row of the matrix that it belongs to, from 0.
+        /// The row of the pattern that it belongs to, from 0.
         coordinate: usize,
     },
     /// There is not enough memory.
@@ -54,7 +54,8 @@ pub struct Factor {
 const PANEL: usize = 32;
 
 impl Analysis {
-    /// Factors the symmetric matrix with these values, one for each place of the pattern that was analysed.
+    /// Factors the symmetric matrix with these values, one for each place of the pattern that was analysed, or
+    /// four [in pairs](Self::of_pairs).
     ///
     /// # Errors
     /// [`FactorError`].
@@ -64,9 +65,12 @@ impl Analysis {
         numbers.try_reserve_exact(self.factor_len()).map_err(no_room)?;
         numbers.resize(self.factor_len(), 0.0);
         let blocks = self.blocks();
-        Arch::new()
-            .dispatch(Elimination { blocks, pattern, values, numbers: &mut numbers })
-            .map_err(|pivot| FactorError::Pivot { pivot, coordinate: blocks.order[pivot] as usize })?;
+        Arch::new().dispatch(Elimination { blocks, pattern, values, numbers: &mut numbers }).map_err(
+            |pivot| FactorError::Pivot {
+                pivot,
+                coordinate: blocks.order[pivot] as usize / if blocks.in_pairs { 2 } else { 1 },
+            },
+        )?;
         Ok(Factor { analysis: self.clone(), numbers: Arc::new(numbers) })
     }
 }
@@ -119,7 +123,7 @@ fn eliminate(blocks: &Blocks, pattern: &Pattern, values: &[f64], numbers: &mut [
     let mut come = vec![0; blocks.count()];
     // Where the rows of the block under way lie in it.
     let mut local = vec![0_u32; blocks.order.len()];
-    let (mut product, mut products) = (Vec::new(), Products::default());
+    let (mut product, mut products) = (Vec::new(), Products::signed(blocks.in_pairs));
     for block in 0..blocks.count() {
         let (columns, rows) = (blocks.columns(block), blocks.rows(block));
         let (width, height) = (columns.len(), columns.len() + rows.len());
@@ -129,11 +133,23 @@ fn eliminate(blocks: &Blocks, pattern: &Pattern, values: &[f64], numbers: &mut [
             local[row] = index as u32;
         }
         for (index, &row) in blocks.order[columns.clone()].iter().enumerate() {
-            let slots = pattern.row(row as usize);
-            for (&column, &value) in pattern.columns()[slots.clone()].iter().zip(&values[slots]) {
-                let place = blocks.place[column as usize] as usize;
+            let mut put = |column: usize, value: f64| {
+                let place = blocks.place[column] as usize;
                 if place >= columns.start + index {
                     own[index * height + local[place] as usize] += value;
+                }
+            };
+            if blocks.in_pairs {
+                let side = row as usize % 2;
+                for slot in pattern.row(row as usize / 2) {
+                    let column = 2 * pattern.columns()[slot] as usize;
+                    put(column, values[4 * slot + 2 * side]);
+                    put(column + 1, values[4 * slot + 2 * side + 1]);
+                }
+            } else {
+                let slots = pattern.row(row as usize);
+                for (&column, &value) in pattern.columns()[slots.clone()].iter().zip(&values[slots]) {
+                    put(column as usize, value);
                 }
             }
         }
@@ -162,7 +178,8 @@ fn eliminate(blocks: &Blocks, pattern: &Pattern, values: &[f64], numbers: &mut [
                 next[earlier] = std::mem::replace(&mut waiting[later], earlier as u32);
             }
         }
-        factor_block(own, width, height, &mut products).map_err(|pivot| columns.start + pivot)?;
+        factor_block(own, width, height, &mut products, blocks.in_pairs)
+            .map_err(|pivot| columns.start + pivot)?;
         if let Some(&row) = rows.first() {
             let later = blocks.block_of[row as usize] as usize;
             next[block] = std::mem::replace(&mut waiting[later], block as u32);
@@ -171,9 +188,16 @@ fn eliminate(blocks: &Blocks, pattern: &Pattern, values: &[f64], numbers: &mut [
     Ok(())
 }
 
-/// Factors the lower trapezoid of a block of `width` columns and `height` rows in place.
+/// Factors the lower trapezoid of a block of `width` columns and `height` rows in place; of pairs the second
+/// columns have negative pivots.
 #[inline(always)]
-fn factor_block(own: &mut [f64], width: usize, height: usize, products: &mut Products) -> Result<(), usize> {
+fn factor_block(
+    own: &mut [f64],
+    width: usize,
+    height: usize,
+    products: &mut Products,
+    in_pairs: bool,
+) -> Result<(), usize> {
     let mut first = 0;
     while first < width {
         let end = (first + PANEL).min(width);
@@ -184,16 +208,18 @@ fn factor_block(own: &mut [f64], width: usize, height: usize, products: &mut Pro
         }
         for column in first..end {
             let (own, right) = panel[(column - first) * height..].split_at_mut(height);
-            let pivot = own[column];
+            let sign = if in_pairs && column % 2 == 1 { -1.0 } else { 1.0 };
+            let pivot = sign * own[column];
             if !(pivot > 0.0 && pivot.is_finite()) {
                 return Err(column);
             }
             let root = pivot.sqrt();
             own[column] = root;
-            own[column + 1..].iter_mut().for_each(|number| *number /= root);
+            let divisor = sign * root;
+            own[column + 1..].iter_mut().for_each(|number| *number /= divisor);
             for (index, target) in right.chunks_exact_mut(height).take(end - column - 1).enumerate() {
                 let row = column + 1 + index;
-                let factor = own[row];
+                let factor = sign * own[row];
                 for (place, &number) in target[row..].iter_mut().zip(&own[row..]) {
                     *place -= factor * number;
                 }
@@ -317,6 +343,77 @@ mod tests {
             let mut together = pushed.clone();
             factor.solve_on_threads(&mut together, threads);
             assert!(together == alone);
+        }
+    }
+
+    /// [G B; Bᵀ −H] in pairs, with G and H like the cube's matrix and B without symmetry, and its product with
+    /// a vector.
+    fn pairs(k: usize) -> (Pattern, Vec<f64>, impl Fn(&[f64]) -> Vec<f64>) {
+        let (pattern, upper) = cube(k);
+        let coupling = |row: usize, column: usize| 2.0 + (row as f64 - 0.3 * column as f64).sin();
+        let rows = pattern.rows().enumerate();
+        let places: Vec<(usize, usize)> = rows
+            .flat_map(|(row, slots)| slots.map(move |slot| (row, slot)))
+            .map(|(row, slot)| (row, pattern.columns()[slot] as usize))
+            .collect();
+        let values: Vec<f64> = places
+            .iter()
+            .zip(&upper)
+            .flat_map(|(&(row, column), &g)| {
+                [
+                    g,
+                    coupling(row, column),
+                    coupling(column, row),
+                    -(g + if row == column { 0.5 } else { 0.0 }),
+                ]
+            })
+            .collect();
+        let entries = values.clone();
+        let product = move |x: &[f64]| {
+            let mut product = vec![0.0; x.len()];
+            for (&(row, column), entries) in places.iter().zip(entries.chunks_exact(4)) {
+                for (side, entries) in entries.chunks_exact(2).enumerate() {
+                    product[2 * row + side] += entries[0] * x[2 * column] + entries[1] * x[2 * column + 1];
+                }
+            }
+            product
+        };
+        (pattern, values, product)
+    }
+
+    #[test]
+    fn quasidefinite_pairs_are_solved_on_any_number_of_threads() {
+        // The last one is large enough to be taken apart and shared.
+        for k in [1, 2, 3, 8, 14] {
+            let (pattern, values, product) = pairs(k);
+            let analysis = Analysis::new(&pattern).of_pairs();
+            let factor = analysis.factor(&pattern, &values).unwrap();
+            let n = 2 * k * k * k;
+            assert!(factor.size() == n && factor.bytes() == analysis.factor_bytes());
+            assert!(k < 14 || factor.blocks().subtrees.parts.len() > 2);
+            let known: Vec<f64> = (0..3 * n).map(|i| (i as f64 * 0.7).sin() + 0.1).collect();
+            let pushed: Vec<f64> = known.chunks(n).flat_map(&product).collect();
+            let mut together = pushed.clone();
+            factor.solve(&mut together);
+            for (found, known) in together.iter().zip(&known) {
+                assert!((found - known).abs() < 1e-13, "k = {k}: {found} {known}");
+            }
+            let (mut alone, mut shared) = (pushed[n..2 * n].to_vec(), pushed);
+            factor.solve(&mut alone);
+            factor.solve_on_threads(&mut shared, 3);
+            assert!(alone == together[n..2 * n] && shared == together, "k = {k}");
+        }
+    }
+
+    #[test]
+    fn a_pivot_of_a_pair_without_its_sign_is_named_by_its_coordinate() {
+        let pattern = Pattern::from_rows((0..600).map(|row| [row]));
+        let analysis = Analysis::new(&pattern).of_pairs();
+        for (side, value) in [(0, -2.0), (0, 0.0), (3, 5.0), (3, f64::NAN)] {
+            let mut values = [1.0, 0.5, 0.5, -1.0].repeat(600);
+            values[4 * 417 + side] = value;
+            let refused = analysis.factor(&pattern, &values).unwrap_err();
+            assert!(matches!(refused, FactorError::Pivot { coordinate: 417, .. }), "{refused}");
         }
     }
 

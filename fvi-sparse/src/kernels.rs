@@ -16,9 +16,16 @@ const ROWS: usize = 64;
 pub(crate) struct Products {
     a: Vec<[f64; TILE.0]>,
     b: Vec<[f64; TILE.1]>,
+    /// Whether every second column of A and B counts with a minus.
+    signed: bool,
 }
 
 impl Products {
+    /// Products A Bᵀ, or A Σ Bᵀ with the signs 1, −1, 1, …
+    pub(crate) fn signed(signed: bool) -> Self {
+        Self { signed, ..Self::default() }
+    }
+
     /// C ← C − A Bᵀ: C with `rows` rows of which neighbouring columns are `c_step` apart, one for each of the
     /// first `columns` rows of B; A and B with `depth` columns, `step` apart.
     #[inline(always)]
@@ -34,6 +41,11 @@ impl Products {
             return;
         }
         pack(&mut self.b, b, (columns, depth), step);
+        if self.signed {
+            for pair in self.b.chunks_exact_mut(2) {
+                pair[1].iter_mut().for_each(|number| *number = -*number);
+            }
+        }
         for first in (0..rows).step_by(ROWS) {
             let count = (rows - first).min(ROWS);
             pack(&mut self.a, &a[first..], (count, depth), step);

@@ -1,4 +1,4 @@
-//! L Lᵀ x = b.
+//! L Lᵀ x = b, or L Σ Lᵀ x = b.
 
 use crate::Factor;
 use crate::blocks::{Blocks, Subtree};
@@ -59,6 +59,9 @@ impl Factor {
             let Subtree { blocks: range, columns } = crown.part;
             let work = Work { blocks, numbers, start: columns.start, threads: 1 };
             unit.dispatch(Forward { work, range: range.clone(), vectors: &mut crown.vectors });
+            if blocks.in_pairs {
+                take_signs(&mut crown.vectors[..columns.len()]);
+            }
         });
         for crown in &crowns {
             crown.give_up(blocks, &mut sorted);
@@ -66,6 +69,10 @@ impl Factor {
         let trunk = Work { blocks, numbers, start: 0, threads };
         for range in subtrees.trunk(blocks.count()) {
             unit.dispatch(Forward { work: trunk, range, vectors: &mut sorted });
+        }
+        if blocks.in_pairs {
+            // What is there in the place of subtrees is not used any more.
+            take_signs(&mut sorted);
         }
         for range in subtrees.trunk(blocks.count()).rev() {
             unit.dispatch(Backward { work: trunk, range, vectors: &mut sorted });
@@ -123,6 +130,13 @@ impl<'a, const W: usize> Crown<'a, W> {
     fn bring_down(&self, sorted: &mut [[f64; W]]) {
         let columns = &self.part.columns;
         sorted[columns.clone()].copy_from_slice(&self.vectors[..columns.len()]);
+    }
+}
+
+/// Σ times a vector that begins with the first row of a pair.
+fn take_signs<const W: usize>(vectors: &mut [[f64; W]]) {
+    for numbers in vectors.iter_mut().skip(1).step_by(2) {
+        *numbers = numbers.map(|number| -number);
     }
 }
 

@@ -70,6 +70,17 @@ impl Chain {
 
     /// Released along modes of these numbers; ρ = 0.02 K.
     fn scenario(&self, modes: &[usize], step: f64, steps: usize, at: &str) -> Scenario {
+        self.of_scheme(modes, step, steps, (at, "kind = 'low-order'", 2))
+    }
+
+    /// The same with another scheme and another order of the convolution quadrature.
+    fn of_scheme(
+        &self,
+        modes: &[usize],
+        step: f64,
+        steps: usize,
+        (at, scheme, order): (&str, &str, usize),
+    ) -> Scenario {
         let n = (self.n + 1) as f64;
         let mut position = vec![0.0; self.n];
         for &mode in modes {
@@ -77,8 +88,8 @@ impl Chain {
         }
         let text = format!(
             "[system]\nmass = 'M.mtx'\nstiffness = 'K.mtx'\n[[system.damping]]\norder = 0.6\ncoefficient = 'K.mtx'\nscale = 0.02\n\
-             [initial]\nposition = {position:?}\nmomentum = {:?}\n[scheme]\nkind = 'low-order'\n\
-             [convolution]\nat = '{at}'\norder = 2\n[time]\nstep = {step:e}\nsteps = {steps}\n[output]\ncoordinates = [0]\n",
+             [initial]\nposition = {position:?}\nmomentum = {:?}\n[scheme]\n{scheme}\n\
+             [convolution]\nat = '{at}'\norder = {order}\n[time]\nstep = {step:e}\nsteps = {steps}\n[output]\ncoordinates = [0]\n",
             vec![0.0; self.n]
         );
         let document = Document::new("chain", Path::new(""), &text)
@@ -104,6 +115,9 @@ impl Chain {
         states(&scenario, SolverChoice::Dense).into_iter().map(|state| state.position[0]).collect()
     }
 }
+
+/// Two Gauss points, with two unknowns at each coordinate.
+const GAUSS: &str = "kind = 'galerkin'\ndegree = 2";
 
 /// Modes do not disturb each other, so that each moves as a fractional oscillator by itself.
 #[test]
@@ -187,9 +201,16 @@ fn a_chain_of_soft_and_stiff_springs_keeps_its_energy() {
 #[test]
 fn the_sparse_way_leads_where_the_dense_one_does() {
     let chain = Chain { n: 60 };
-    // Both forms of damping that the sparse solver serves.
-    for (at, step) in [("nodes", 0.05), ("main-nodes", 0.002)] {
-        let scenario = chain.scenario(&[1, 2, 3, 5, 8, 60], step, 300, at);
+    let low = "kind = 'low-order'";
+    // Both forms of damping, one unknown and two.
+    for (at, scheme, order, step) in [
+        ("nodes", low, 2, 0.05),
+        ("main-nodes", low, 2, 0.002),
+        ("nodes", GAUSS, 3, 0.01),
+        ("nodes", GAUSS, 4, 0.005),
+        ("main-nodes", GAUSS, 2, 0.002),
+    ] {
+        let scenario = chain.of_scheme(&[1, 2, 3, 5, 8, 60], step, 300, (at, scheme, order));
         let sparse = states(&scenario, SolverChoice::Sparse);
         let dense = states(&scenario, SolverChoice::Dense);
         for (one, other) in sparse.iter().zip(&dense) {
@@ -271,29 +292,46 @@ fn dampings_of_several_orders_on_the_same_coordinates_share_a_memory() {
 #[test]
 fn engines_agree_on_a_large_chain() {
     let chain = Chain { n: 150 };
-    let mut scenario = chain.scenario(&[1, 7], 0.05, 100, "nodes");
-    let mut of = |engine| {
-        scenario.history.choose(engine);
-        states(&scenario, SolverChoice::Automatic).pop().unwrap().position
-    };
-    let direct = of(Engine::Direct);
-    for engine in [Engine::ExponentialSum, Engine::BlockFft, Engine::RealTime, Engine::ExponentialSumCore] {
-        let error = apart(&of(engine), &direct);
-        assert!(error < 1e-9, "{engine:?}: {error:e}");
+    for (scheme, order, step) in [("kind = 'low-order'", 2, 0.05), (GAUSS, 3, 0.002)] {
+        let mut scenario = chain.of_scheme(&[1, 7], step, 100, ("nodes", scheme, order));
+        let mut of = |engine| {
+            scenario.history.choose(engine);
+            states(&scenario, SolverChoice::Automatic).pop().unwrap().position
+        };
+        let direct = of(Engine::Direct);
+        for engine in [Engine::ExponentialSum, Engine::BlockFft, Engine::RealTime, Engine::ExponentialSumCore]
+        {
+            let error = apart(&of(engine), &direct);
+            assert!(error < 1e-9, "{scheme} {engine:?}: {error:e}");
+        }
     }
 }
 
-fn small(system: serde_json::Value, steps: usize) -> Vec<GridState> {
+/// The midpoint rule, and two Gauss points: (scheme, order of the convolution quadrature).
+fn schemes() -> [(serde_json::Value, u32); 3] {
+    let gauss = json!({ "kind": "galerkin", "degree": 2 });
+    [(json!({ "kind": "low-order" }), 2), (gauss.clone(), 3), (gauss, 4)]
+}
+
+fn small(
+    system: serde_json::Value,
+    (scheme, order): &(serde_json::Value, u32),
+    steps: usize,
+) -> Vec<GridState> {
     let count = system["mass"].as_array().unwrap().len();
     let position: Vec<f64> = (0..count).map(|i| 0.3 - 0.2 * i as f64).collect();
     let scenario = Scenario::from_value(&json!({
         "system": system,
         "initial": { "position": position, "velocity": vec![0.1; count] },
-        "scheme": { "kind": "low-order" },
-        "convolution": { "family": "bdf", "order": 2, "at": "nodes" },
+        "scheme": scheme,
+        "convolution": { "family": "bdf", "order": order, "at": "nodes" },
         "time": { "step": 0.05, "steps": steps },
     }))
     .unwrap();
+    assert!(matches!(
+        Simulation::with_solver(&scenario, Precision::F64, SolverChoice::Sparse).unwrap().solver(),
+        Solver::Sparse { .. }
+    ));
     let dense = states(&scenario, SolverChoice::Dense);
     let sparse = states(&scenario, SolverChoice::Sparse);
     for (one, other) in sparse.iter().zip(&dense) {
@@ -312,33 +350,41 @@ fn assert_same(one: &[GridState], other: &[GridState]) {
 /// Dampers, elements, loads and a stiffness are short for coefficients, a potential and forces.
 #[test]
 fn two_ways_to_say_the_same_give_the_same_motion() {
-    let short = small(
-        json!({
-            "mass": [1.0, 2.0, 1.5],
-            "stiffness": [[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]],
-            "parameters": { "k3": 4.0 },
-            "damping": [{ "order": 0.6, "attached": [[1.0, 0.0], [-1.0, 0.5], [0.0, -0.5]], "strength": [0.3, 0.8] }],
-            "element": [{ "potential": "0.25*k3*(x1 - x0)^4 + 0.1*x0", "coordinates": [[0, 1], [2, 1]] }],
-            "load": [
-                { "pattern": { "coordinate": 2, "value": 0.5 }, "amplitude": "sin(2*t)" },
-                { "pattern": [1.0, 0.0, -1.0], "amplitude": "step(1 - t)" },
-            ],
-        }),
-        80,
-    );
-    let long = small(
-        json!({
-            "mass": [1.0, 2.0, 1.5],
-            "potential": "q0^2 + q1^2 + 0.5*q2^2 - q0*q1 - q1*q2 + 0.25*k3*((q1 - q0)^4 + (q1 - q2)^4) + 0.1*(q0 + q2)",
-            "force": ["step(1 - t)", "0", "0.5*sin(2*t) - step(1 - t)"],
-            // Loads are taken at the nodes.
-            "force_quadrature": "nodes",
-            "parameters": { "k3": 4.0 },
-            "damping": [{ "order": 0.6, "coefficient": [[0.3, -0.3, 0.0], [-0.3, 0.5, -0.2], [0.0, -0.2, 0.2]] }],
-        }),
-        80,
-    );
-    assert_same(&short, &long);
+    let short = |scheme: &_| {
+        small(
+            json!({
+                "mass": [1.0, 2.0, 1.5],
+                "stiffness": [[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]],
+                "parameters": { "k3": 4.0 },
+                "damping": [{ "order": 0.6, "attached": [[1.0, 0.0], [-1.0, 0.5], [0.0, -0.5]], "strength": [0.3, 0.8] }],
+                "element": [{ "potential": "0.25*k3*(x1 - x0)^4 + 0.1*x0", "coordinates": [[0, 1], [2, 1]] }],
+                "load": [
+                    { "pattern": { "coordinate": 2, "value": 0.5 }, "amplitude": "sin(2*t)" },
+                    { "pattern": [1.0, 0.0, -1.0], "amplitude": "step(1 - t)" },
+                ],
+            }),
+            scheme,
+            80,
+        )
+    };
+    let long = |scheme: &_| {
+        small(
+            json!({
+                "mass": [1.0, 2.0, 1.5],
+                "potential": "q0^2 + q1^2 + 0.5*q2^2 - q0*q1 - q1*q2 + 0.25*k3*((q1 - q0)^4 + (q1 - q2)^4) + 0.1*(q0 + q2)",
+                "force": ["step(1 - t)", "0", "0.5*sin(2*t) - step(1 - t)"],
+                // Loads are taken at the nodes.
+                "force_quadrature": "nodes",
+                "parameters": { "k3": 4.0 },
+                "damping": [{ "order": 0.6, "coefficient": [[0.3, -0.3, 0.0], [-0.3, 0.5, -0.2], [0.0, -0.2, 0.2]] }],
+            }),
+            scheme,
+            80,
+        )
+    };
+    for scheme in &schemes() {
+        assert_same(&short(scheme), &long(scheme));
+    }
 }
 
 fn of_repository(name: &str) -> Scenario {
@@ -484,10 +530,17 @@ fn the_exact_oscillator_is_one() {
 }
 
 /// The position at the end of a run released at rest from `start`.
-fn end_of_release(system: &serde_json::Value, start: &[f64], end: f64, steps: usize) -> Vec<f64> {
+fn end_of_release(
+    (system, (scheme, order)): (&serde_json::Value, &(serde_json::Value, u32)),
+    start: &[f64],
+    end: f64,
+    steps: usize,
+) -> Vec<f64> {
     let scenario = Scenario::from_value(&json!({
         "system": system,
         "initial": { "position": start, "momentum": vec![0.0; start.len()] },
+        "scheme": scheme,
+        "convolution": { "family": "bdf", "order": order },
         "time": { "step": end / steps as f64, "steps": steps },
         "output": { "coordinates": [0] },
     }))
@@ -504,7 +557,7 @@ fn end_of_release(system: &serde_json::Value, start: &[f64], end: f64, steps: us
 /// The error at the end, over the largest number of the start, with so many steps and with twice as many;
 /// modes as (shape, ω²).
 fn errors_of_release(
-    system: &serde_json::Value,
+    system: (&serde_json::Value, &(serde_json::Value, u32)),
     (beta, scale): (f64, f64),
     modes: &[(Vec<f64>, f64)],
     end: f64,
@@ -563,7 +616,7 @@ fn cantilever_and_plate_move_as_their_exact_modes_to_the_order_of_the_scheme() {
             "mass": file("M"), "stiffness": file("K"),
             "damping": [{ "order": beta, "coefficient": file("K"), "scale": scale }],
         });
-        let [coarse, fine] = errors_of_release(&system, (beta, scale), &modes, end, 80);
+        let [coarse, fine] = errors_of_release((&system, &schemes()[0]), (beta, scale), &modes, end, 80);
         let ratio = coarse / fine;
         assert!(fine < 2e-3 && (3.5..4.6).contains(&ratio), "{name}: {coarse:e} {fine:e} {ratio}");
     }
@@ -588,7 +641,72 @@ fn a_chain_of_five_thousand_moves_as_its_exact_modes() {
         "damping": [{ "order": 0.6, "coefficient": stiffness, "scale": 0.02 }],
     });
     // ωh of the fastest mode is 170 and 85.
-    let [coarse, fine] = errors_of_release(&system, (0.6, 0.02), &modes, 0.6, 60);
+    let [coarse, fine] = errors_of_release((&system, &schemes()[0]), (0.6, 0.02), &modes, 0.6, 60);
     let ratio = coarse / fine;
     assert!(fine < 2e-3 && (3.5..4.6).contains(&ratio), "{coarse:e} {fine:e} {ratio}");
+}
+
+/// Orders 2, 3 and 4 on ten thousand coordinates: springs between neighbours and to the ground, with frequencies
+/// from 1 to 2.2, damped in proportion to the stiffness, so that every mode is a fractional oscillator whose
+/// motion is known.
+#[test]
+fn a_chain_of_ten_thousand_moves_as_its_exact_modes_to_orders_up_to_four() {
+    let chain = Chain { n: 10_000 };
+    let modes: Vec<_> =
+        [1, 4_000, 10_000].map(|mode| (chain.shape(mode), 3.0 - 2.0 * chain.angle(mode).cos())).into();
+    let folder = tempfile::tempdir().unwrap();
+    let stiffness = folder.path().join("K.mtx");
+    std::fs::write(&stiffness, chain.file(3.0, -1.0)).unwrap();
+    let system = json!({
+        "mass": vec![1.0; chain.n], "stiffness": stiffness,
+        "damping": [{ "order": 0.6, "coefficient": stiffness, "scale": 0.1 }],
+    });
+    for scheme in &schemes() {
+        let order = scheme.1;
+        // h = 0.1 and 0.05, and half as long where errors begin to fall later.
+        let steps = if order == 4 { 80 } else { 40 };
+        let [coarse, fine] = errors_of_release((&system, scheme), (0.6, 0.1), &modes, 4.0, steps);
+        let found = (coarse / fine).log2();
+        assert!(found > f64::from(order) - 0.3, "{order}: {coarse:e} {fine:e} {found}");
+        println!("order {order}: {coarse:e} {fine:e} {found}");
+    }
+}
+
+/// Elements that differ from stage to stage, in double and single precision.
+#[test]
+fn nonlinear_elements_on_two_gauss_points_move_sparse_as_dense() {
+    let n = 40;
+    let pairs: Vec<[usize; 2]> = (1..n).map(|i| [i - 1, i]).collect();
+    let position: Vec<f64> = (0..n).map(|i| (0.9 * i as f64).sin()).collect();
+    let scenario = |scheme: &serde_json::Value, order: u32| {
+        Scenario::from_value(&json!({
+            "system": {
+                "mass": vec![1.0; n], "stiffness": vec![1.0; n],
+                "damping": [{ "order": 0.6, "coefficient": vec![0.05; n] }],
+                "element": [{ "potential": "8*(x1 - x0)^4", "coordinates": pairs }],
+            },
+            "initial": { "position": position, "momentum": vec![0.0; n] },
+            "scheme": scheme,
+            "convolution": { "family": "bdf", "order": order },
+            "time": { "step": 0.05, "steps": 40 },
+        }))
+        .unwrap()
+    };
+    for (scheme, order) in &schemes()[1..] {
+        let scenario = scenario(scheme, *order);
+        let dense = states(&scenario, SolverChoice::Dense);
+        let sparse = states(&scenario, SolverChoice::Sparse);
+        for (one, other) in sparse.iter().zip(&dense) {
+            let error = apart(&one.position, &other.position).max(apart(&one.momentum, &other.momentum));
+            assert!(error < 1e-10, "t = {}: {error:e}", one.time);
+        }
+        let mut single = Simulation::with_solver(&scenario, Precision::F32, SolverChoice::Sparse).unwrap();
+        let mut state = sparse[0].clone();
+        for _ in 0..scenario.time.steps {
+            single.step(&[]).unwrap();
+        }
+        single.read(&mut state);
+        let error = apart(&state.position, &dense[scenario.time.steps].position);
+        assert!(error > 0.0 && error < 1e-4, "{error:e}");
+    }
 }

@@ -48,6 +48,20 @@ def test_a_model_has_the_bits_of_integrate(k):
         assert same(model.integrate(**changes), fvi.integrate(**{**given, **changes})), changes
 
 
+@pytest.mark.parametrize("order", [3, 4])
+@pytest.mark.parametrize("precision", ["f64", "f32"])
+def test_two_gauss_points_have_sparse_factors(order, precision):
+    given = arguments(15, scheme="galerkin", degree=2, order=order, precision=precision)
+    model = fvi.Model(**given)
+    sparse = model.integrate()
+    assert sparse.summary["solver"]["kind"] == "sparse"
+    assert same(sparse, fvi.integrate(**given)) and same(sparse, model.integrate())
+    with pytest.warns(UserWarning, match="full matrices"):
+        dense = fvi.integrate(**given, force=lambda t, q: 0.0 * q)
+    assert dense.summary["solver"]["kind"] == "dense"
+    assert 0.0 < np.abs(dense.q).max() and np.abs(sparse.q - dense.q).max() < (1e-12 if precision == "f64" else 1e-6)
+
+
 def test_a_model_keeps_the_arrays_it_was_given_and_refuses_what_integrate_does():
     stiffness = membrane(15)
     model = fvi.Model(**{**arguments(15), "stiffness": stiffness})
@@ -135,8 +149,8 @@ def test_full_matrices_of_many_coordinates_are_warned_of():
     common = dict(mass=np.ones(n), stiffness=sp.eye(n, format="csr"), position=np.zeros(n), step=0.01, steps=1, coordinates=[0])
     with pytest.warns(UserWarning, match="320 coordinates are solved with full matrices.*take the position"):
         fvi.integrate(force=lambda t, q: -0.1 * q, **common)
-    with pytest.warns(UserWarning, match="full matrices.*one unknown a step"):
-        fvi.integrate(scheme="galerkin", degree=2, **common)
+    with pytest.warns(UserWarning, match="full matrices.*two Gauss points.*`degree` = 2"):
+        fvi.integrate(scheme="galerkin", degree=3, **common)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         fvi.integrate(force=lambda t: np.ones(n), **common)

@@ -34,6 +34,11 @@ coordinates = [149, 0]
 snapshots = 10
 "#;
 
+/// The chain with two unknowns at each coordinate.
+fn gauss() -> String {
+    CHAIN.replace("kind = \"low-order\"", "kind = \"galerkin\"\ndegree = 2").replace("order = 2", "order = 4")
+}
+
 /// A tridiagonal matrix of 150 rows.
 fn tridiagonal(own: f64, beside: f64) -> String {
     let mut text = "%%MatrixMarket matrix coordinate real symmetric\n150 150 299\n".to_owned();
@@ -94,18 +99,20 @@ fn chosen_coordinates_snapshots_and_a_map_are_written() {
 #[test]
 fn a_run_that_goes_on_has_the_bytes_of_one_that_was_not_interrupted() {
     let place = place();
-    place.run(CHAIN, &[]);
-    // A pause in the middle of a snapshot's steps, and at one.
-    for (steps, arguments) in
-        [("steps = 17", [].as_slice()), ("steps = 20", &["--resume"]), ("steps = 40", &["--resume"])]
-    {
-        place.write("scenario.toml", &CHAIN.replace("steps = 40", steps));
-        let output = place.fvi(&[&["run", "scenario.toml", "--out", "parts"], arguments].concat());
-        assert!(output.status.success(), "{}", text(&output.stderr));
-    }
-    for file in ["trajectory.csv", "snapshots.npz", "map.svg"] {
-        let of = |directory: &str| fs::read(place.path(directory).join(file)).unwrap();
-        assert!(of("parts") == of("out"), "{file}");
+    for chain in [gauss(), CHAIN.to_owned()] {
+        assert_eq!(place.run(&chain, &[]).summary["solver"]["kind"], "sparse");
+        // A pause in the middle of a snapshot's steps, and at one.
+        for (steps, arguments) in
+            [("steps = 17", [].as_slice()), ("steps = 20", &["--resume"]), ("steps = 40", &["--resume"])]
+        {
+            place.write("scenario.toml", &chain.replace("steps = 40", steps));
+            let output = place.fvi(&[&["run", "scenario.toml", "--out", "parts"], arguments].concat());
+            assert!(output.status.success(), "{}", text(&output.stderr));
+        }
+        for file in ["trajectory.csv", "snapshots.npz", "map.svg"] {
+            let of = |directory: &str| fs::read(place.path(directory).join(file)).unwrap();
+            assert!(of("parts") == of("out"), "{file}");
+        }
     }
     // Snapshots that are gone cannot be gone on with.
     fs::remove_file(place.path("parts/snapshots.npz")).unwrap();
@@ -248,7 +255,7 @@ name = "none-of-its-own"
 "#;
 
 /// The chain alone under the loads of one case.
-fn alone(case: &str) -> String {
+fn alone(chain: &str, case: &str) -> String {
     let loads: String = CASES
         .split("[[case]]")
         .find(|text| text.contains(&format!("\"{case}\"")))
@@ -257,16 +264,24 @@ fn alone(case: &str) -> String {
         .filter(|line| !line.starts_with("name"))
         .map(|line| line.replace("[[case.load]]", "[[system.load]]") + "\n")
         .collect();
-    CHAIN.replace("[scheme]", &format!("{loads}[scheme]"))
+    chain.replace("[scheme]", &format!("{loads}[scheme]"))
 }
 
 #[test]
 fn load_cases_leave_the_files_of_runs_of_their_own() {
+    leave_the_files_of_runs_of_their_own(CHAIN);
+}
+
+#[test]
+fn load_cases_on_two_gauss_points_leave_the_files_of_runs_of_their_own() {
+    leave_the_files_of_runs_of_their_own(&gauss());
+}
+
+fn leave_the_files_of_runs_of_their_own(chain: &str) {
     let place = place();
-    place.write("scenario.toml", &format!("{CHAIN}{CASES}"));
     // What an earlier run without cases has left there goes.
-    place.run(CHAIN, &[]);
-    place.write("scenario.toml", &format!("{CHAIN}{CASES}"));
+    place.run(chain, &[]);
+    place.write("scenario.toml", &format!("{chain}{CASES}"));
     let output = place.fvi(&["run", "scenario.toml", "--out", "out"]);
     assert!(output.status.success(), "{}", text(&output.stderr));
     assert!(text(&output.stdout).contains("3 load cases (near, far-and-near, none-of-its-own)"));
@@ -279,7 +294,7 @@ fn load_cases_leave_the_files_of_runs_of_their_own() {
     );
     assert!(!place.path("out/trajectory.csv").exists() && !place.path("out/snapshots.npz").exists());
     for case in ["near", "far-and-near", "none-of-its-own"] {
-        place.write("alone.toml", &alone(case));
+        place.write("alone.toml", &alone(chain, case));
         let output = place.fvi(&["run", "alone.toml", "--out", "alone"]);
         assert!(output.status.success(), "{}", text(&output.stderr));
         for file in ["trajectory.csv", "snapshots.npz"] {
@@ -337,8 +352,8 @@ fn load_cases_of_what_is_not_linear_are_refused() {
         (with("\"sin(4*t)\"", "\"1/t + q0\""), &["case[0].load[0].amplitude", "q0"]),
         (with("[time]", "[reference]\nposition = \"r\"\n[time]"), &["reference"]),
         (
-            with("kind = \"low-order\"", "kind = \"galerkin\"\ndegree = 2"),
-            &["scheme", "[[case]]", "sparse factor"],
+            with("kind = \"low-order\"", "kind = \"galerkin\"\ndegree = 3"),
+            &["scheme", "[[case]]", "sparse factor", "`degree` = 2 on two Gauss points"],
         ),
     ];
     for (scenario, said) in cases {

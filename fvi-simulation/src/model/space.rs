@@ -66,7 +66,7 @@ impl AnySpace {
         match &self.plan {
             None => AnyEquations::Dense(DenseEquations::new(self.coordinates, nodes)),
             Some(plan) => {
-                debug_assert_eq!(nodes, 1, "schemes with inner nodes run in the dense space");
+                debug_assert_eq!(nodes, plan.nodes(), "the plan is one for schemes of other nodes");
                 AnyEquations::Sparse(SparseEquations::new(plan, self.threads))
             }
         }

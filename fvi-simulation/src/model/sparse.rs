@@ -2,15 +2,17 @@
 
 use super::matrices::Matrix;
 use crate::scenario::KnownMatrices;
-use fvi_core::{Equations, Real, Singular};
+use fvi_core::{DiscreteLagrangian, Equations, Real, Singular};
 use fvi_sparse::{Analysis, Factor, Pattern};
 use std::sync::Arc;
 
-/// How the equations of a step with one unknown node are eliminated, known before the first step.
+/// How the equations of a step are eliminated, known before the first step.
 #[derive(Clone, Debug)]
 pub struct Elimination {
     pattern: Arc<Pattern>,
     analysis: Analysis,
+    /// With two unknown nodes.
+    pair: Option<StagePair>,
 }
 
 impl Elimination {
@@ -43,12 +45,23 @@ impl Elimination {
     }
 
     fn with_pattern(pattern: Arc<Pattern>) -> Self {
-        Self { analysis: Analysis::new(&pattern), pattern }
+        Self { analysis: Analysis::new(&pattern), pattern, pair: None }
+    }
+
+    /// The same for equations of two unknown nodes.
+    #[must_use]
+    pub fn of_pairs(self, pair: StagePair) -> Self {
+        Self { analysis: self.analysis.of_pairs(), pair: Some(pair), ..self }
     }
 
     /// Number of coordinates N.
     pub fn coordinates(&self) -> usize {
         self.pattern.size()
+    }
+
+    /// Unknown nodes of a step.
+    pub fn nodes(&self) -> usize {
+        if self.pair.is_some() { 2 } else { 1 }
     }
 
     /// Numbers of the factor.
@@ -63,11 +76,87 @@ impl Elimination {
 
     /// Number of places in the matrix.
     pub fn places(&self) -> usize {
-        self.pattern.len()
+        self.pattern.len() * if self.pair.is_some() { 4 } else { 1 }
     }
 }
 
-/// The sparse equations of a step with one unknown node, whose matrix is symmetric and definite.
+/// Two rows or columns of numbers, one for each unknown node.
+type Pair = [[f64; 2]; 2];
+
+/// What makes the equations of a step with two unknown nodes, damped at two quadrature nodes or at none,
+/// symmetric and quasidefinite.
+///
+/// With stages X_i = q_k + Σ_μ ℓ_μ(c_i) e^μ as unknowns and equations that are combined so that each has the
+/// force of one stage, their matrix is
+///
+/// ```text
+/// h [K₁ + a₁₁ M/h²    a₁₂ M/h²     ;
+///    a₂₁ M/h²         K₂ + a₂₂ M/h²] ,
+/// ```
+///
+/// K_i the stiffness at stage i with the leading weights of the damping there. Of Gauss's rule
+/// a = (A²)⁻¹ = [6, 6(2√3 − 3); −6(2√3 + 3), 6], A that of collocation. So with g² = −a₂₁/a₁₂, g times the
+/// second unknown in its place, and −1/g times the second equation,
+///
+/// ```text
+/// h [K₁ + a₁₁ M/h²    c M/h²          ;
+///    c M/h²           −(K₂ + a₂₂ M/h²)] ,       c = g a₁₂ = 6√3 ,
+/// ```
+///
+/// which is quasidefinite, and has a factor L Σ Lᵀ in every order of elimination, where G_i = K_i + a_ii M/h²
+/// is positive definite. Its numbers hardly grow: (c M/h²) G_i⁻¹ (c M/h²) ≤ (c²/a₁₁) M/h² = 3 a₁₁ M/h² ≤ 3 G_j where
+/// no K_i is negative (\[GillSaundersShinnerl96\]).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StagePair {
+    /// Combinations of the equations: row by row, one number for each equation.
+    equations: Pair,
+    /// Combinations of the unknowns: row by row, one number for each of the new ones.
+    unknowns: Pair,
+}
+
+impl StagePair {
+    /// For a discrete Lagrangian; `None` where it has other than two unknown nodes and two points, or its
+    /// equations cannot be combined so.
+    pub fn of<T: Real>(lagrangian: &DiscreteLagrangian<'_, T>) -> Option<Self> {
+        fn pair<T: Real>(numbers: &[T]) -> Option<Pair> {
+            let numbers: &[T; 4] = numbers.try_into().ok()?;
+            let [a, b, c, d] = numbers.each_ref().map(|number| number.to_f64());
+            Some([[a, b], [c, d]])
+        }
+        let &[first, second] = lagrangian.weights else { return None };
+        // Row by row one node.
+        let (shapes, [one, other]) = (pair(lagrangian.shapes)?, pair(lagrangian.tests)?);
+        // Row ν and column μ of the matrix have −h Σ_i b_i ℓ_ν(c_i) ℓ_μ(c_i) K_i.
+        let (first, second) = (-first.to_f64(), -second.to_f64());
+        let forces = [[first * one[0], second * other[0]], [first * one[1], second * other[1]]];
+        let (mut equations, mut unknowns) = (inverse(forces)?, inverse(shapes)?);
+        let inertia = product(product(equations, pair(lagrangian.kinetic)?), unknowns);
+        let square = -inertia[1][0] / inertia[0][1];
+        if !(inertia[0][0] > 0.0 && inertia[1][1] > 0.0 && square > 0.0 && square.is_finite()) {
+            return None;
+        }
+        let scale = square.sqrt();
+        equations[1] = equations[1].map(|number| -number / scale);
+        unknowns.iter_mut().for_each(|row| row[1] *= scale);
+        Some(Self { equations, unknowns })
+    }
+}
+
+fn product(a: Pair, b: Pair) -> Pair {
+    core::array::from_fn(|row| {
+        core::array::from_fn(|column| a[row][0] * b[0][column] + a[row][1] * b[1][column])
+    })
+}
+
+fn inverse([[a, b], [c, d]]: Pair) -> Option<Pair> {
+    let determinant = a * d - b * c;
+    let size = (a * d).abs() + (b * c).abs();
+    (determinant.abs() > 1e-3 * size)
+        .then(|| [[d, -b], [-c, a]].map(|row| row.map(|number| number / determinant)))
+}
+
+/// The sparse equations of a step: with one unknown node their matrix is symmetric and definite, with two it
+/// is made [symmetric and quasidefinite](StagePair).
 ///
 /// The pattern is analysed once. Newton's method factors again where the matrix has changed since it was
 /// factored last.
@@ -75,7 +164,8 @@ pub struct SparseEquations {
     pattern: Arc<Pattern>,
     /// Of the pattern; `None` after it grew.
     analysis: Option<Analysis>,
-    /// One for each place; times `sign`.
+    pair: Option<StagePair>,
+    /// One for each place, times `sign`; of pairs four.
     values: Vec<f64>,
     /// The sign that makes the first entry positive; 0 while nothing has been added.
     sign: f64,
@@ -90,9 +180,10 @@ pub struct SparseEquations {
 /// The factor of a matrix A, or of what it is with a minus.
 pub struct Factored {
     factor: Factor,
+    pair: Option<StagePair>,
     sign: f64,
     threads: usize,
-    /// √A_ii.
+    /// √A_ii; nothing of pairs.
     scales: Vec<f64>,
 }
 
@@ -101,10 +192,29 @@ const ROUNDINGS: f64 = 32.0;
 
 impl Factored {
     fn solve<T: Real>(&self, buffer: &mut Vec<f64>, vector: &mut [T]) {
+        if let Some(pair) = &self.pair {
+            return self.solve_pairs(pair, buffer, vector);
+        }
         buffer.clear();
         buffer.extend(vector.iter().map(|number| number.to_f64() * self.sign));
         self.factor.solve_on_threads(buffer, self.threads);
         vector.iter_mut().zip(buffer.iter()).for_each(|(place, &number)| *place = T::of(number));
+    }
+
+    /// The numbers of both nodes, those of all motions of the first one before those of the second, as pairs.
+    fn solve_pairs<T: Real>(&self, pair: &StagePair, buffer: &mut Vec<f64>, vector: &mut [T]) {
+        let (first, second) = vector.split_at_mut(vector.len() / 2);
+        let combined = |[a, b]: [f64; 2], x: f64, y: f64| a * x + b * y;
+        buffer.clear();
+        for (x, y) in first.iter().zip(&*second) {
+            let (x, y) = (x.to_f64(), y.to_f64());
+            buffer.extend(pair.equations.map(|row| combined(row, x, y)));
+        }
+        self.factor.solve_on_threads(buffer, self.threads);
+        for ((first, second), solved) in first.iter_mut().zip(second).zip(buffer.chunks_exact(2)) {
+            let [x, y] = pair.unknowns.map(|row| combined(row, solved[0], solved[1]));
+            (*first, *second) = (T::of(x), T::of(y));
+        }
     }
 }
 
@@ -114,6 +224,7 @@ impl SparseEquations {
         Self {
             pattern: Arc::clone(&plan.pattern),
             analysis: Some(plan.analysis.clone()),
+            pair: plan.pair,
             values: Vec::new(),
             sign: 0.0,
             threads,
@@ -122,20 +233,42 @@ impl SparseEquations {
         }
     }
 
+    /// Numbers at each place of the pattern.
+    fn numbers(&self) -> usize {
+        if self.pair.is_some() { 4 } else { 1 }
+    }
+
     fn factored(&mut self, remembers: bool) -> Result<Factored, Singular> {
-        let analysis = self.analysis.get_or_insert_with(|| Analysis::new(&self.pattern));
+        let analysis = self.analysis.get_or_insert_with(|| {
+            let analysis = Analysis::new(&self.pattern);
+            if self.pair.is_some() { analysis.of_pairs() } else { analysis }
+        });
         let factor = match remembers {
             true => analysis.factor_of(&self.pattern, &self.values),
             false => analysis.factor(&self.pattern, &self.values),
         };
         match factor {
             Ok(factor) => {
-                let diagonal = (0..self.pattern.size()).map(|row| self.values[self.pattern.slot(row, row)]);
+                let rows = if self.pair.is_some() { 0 } else { self.pattern.size() };
+                let diagonal = (0..rows).map(|row| self.values[self.pattern.slot(row, row)]);
                 let scales = diagonal.map(f64::sqrt).collect();
-                Ok(Factored { factor, sign: self.sign, threads: self.threads, scales })
+                Ok(Factored { factor, pair: self.pair, sign: self.sign, threads: self.threads, scales })
             }
             Err(_) => Err(Singular),
         }
+    }
+}
+
+/// Adds to each place the numbers times the entry there.
+fn add_pairs<T: Real>(pattern: &Pattern, places: &mut [[f64; 4]], numbers: &[f64], block: &Matrix<T>) {
+    for (row, slots) in pattern.rows().enumerate() {
+        let mut places = pattern.columns()[slots.clone()].iter().zip(&mut places[slots]);
+        for_each_entry(block, row, |column, entry| {
+            if let Some((_, place)) = places.find(|(place, _)| **place as usize == column) {
+                let entry = entry.to_f64();
+                place.iter_mut().zip(numbers).for_each(|(place, number)| *place += number * entry);
+            }
+        });
     }
 }
 
@@ -144,11 +277,11 @@ impl<T: Real> Equations<T, Matrix<T>> for SparseEquations {
 
     fn clear(&mut self) {
         self.values.clear();
-        self.values.resize(self.pattern.len(), 0.0);
+        self.values.resize(self.pattern.len() * self.numbers(), 0.0);
         self.sign = 0.0;
     }
 
-    fn add(&mut self, _: usize, _: usize, factor: T, block: &Matrix<T>) {
+    fn add(&mut self, row: usize, column: usize, factor: T, block: &Matrix<T>) {
         let factor = factor.to_f64();
         if factor == 0.0 {
             return;
@@ -157,17 +290,26 @@ impl<T: Real> Equations<T, Matrix<T>> for SparseEquations {
             self.sign = factor.signum();
         }
         if let Some(wider) = widened(&self.pattern, block) {
-            let mut values = vec![0.0; wider.len()];
+            let numbers = self.numbers();
+            let mut values = vec![0.0; wider.len() * numbers];
             for (new, old) in wider.rows().zip(self.pattern.rows()) {
-                let mut places = wider.columns()[new.clone()].iter().zip(&mut values[new]);
-                for (&column, &value) in self.pattern.columns()[old.clone()].iter().zip(&self.values[old]) {
-                    if let Some((_, place)) = places.find(|(other, _)| **other == column) {
-                        *place = value;
+                let mut places = wider.columns()[new.clone()].iter().zip(new);
+                for (&column, old) in self.pattern.columns()[old.clone()].iter().zip(old) {
+                    if let Some((_, new)) = places.find(|(other, _)| **other == column) {
+                        values[new * numbers..(new + 1) * numbers]
+                            .copy_from_slice(&self.values[old * numbers..(old + 1) * numbers]);
                     }
                 }
             }
             (self.values, self.pattern) = (values, Arc::new(wider));
             (self.analysis, self.last) = (None, None);
+        }
+        if let Some(StagePair { equations, unknowns }) = &self.pair {
+            let numbers: Pair = core::array::from_fn(|own| {
+                unknowns[column].map(|unknown| factor * equations[own][row] * unknown)
+            });
+            let places = self.values.as_chunks_mut::<4>().0;
+            return add_pairs(&self.pattern, places, numbers.as_flattened(), block);
         }
         let factor = factor * self.sign;
         for (row, slots) in self.pattern.rows().enumerate() {
@@ -220,7 +362,7 @@ impl<T: Real> Equations<T, Matrix<T>> for SparseEquations {
         }
     }
 
-    /// Each motion by itself: |r_i| > 32 ε √A_ii · max_j √A_jj (|e_j| + |q_j|) for some i, or not a number.
+    /// Of one unknown node, each motion by itself: |r_i| > 32 ε √A_ii · max_j √A_jj (|e_j| + |q_j|) for some i, or not a number.
     ///
     /// The factor is that of A + E with E symmetric and |E_ij| ≤ c ε √(A_ii A_jj), c growing with the entries
     /// of a row (\[Demmel89\] theorem 2.1), and the entries of A and of the stiffness in it are no larger
@@ -235,7 +377,8 @@ impl<T: Real> Equations<T, Matrix<T>> for SparseEquations {
         position: &[T],
         residual: &mut [T],
     ) -> bool {
-        let Some(Factored { scales, .. }) = kept else { return true };
+        // What the rounding of a pair's factor does is no change of a mass.
+        let Some(Factored { scales, pair: None, .. }) = kept else { return true };
         let size = scales.len().max(1);
         let motions = increments.chunks(size).zip(position.chunks(size)).zip(residual.chunks_mut(size));
         let mut unsettled = false;
@@ -307,7 +450,7 @@ fn widened<T: Real>(pattern: &Arc<Pattern>, block: &Matrix<T>) -> Option<Pattern
 mod tests {
     use super::*;
     use crate::model::DenseEquations;
-    use fvi_core::Block;
+    use fvi_core::{Block, Galerkin};
 
     fn chain(size: usize) -> Matrix<f64> {
         let diagonal = (0..size).map(|row| (row, row, 2.5 + row as f64 * 0.1));
@@ -341,6 +484,87 @@ mod tests {
                 assert!((found - expected).abs() < 1e-14, "{sign} {known}: {found} {expected}");
             }
         }
+    }
+
+    fn two_gauss_points() -> Galerkin<f64, 2, 2> {
+        Galerkin::new(&fvi_core::Quadrature::gauss().unwrap()).unwrap()
+    }
+
+    #[test]
+    fn two_gauss_points_make_quasidefinite_equations() {
+        let scheme = two_gauss_points();
+        let StagePair { equations, unknowns } = StagePair::of(&scheme.view()).unwrap();
+        let view = scheme.view();
+        let rows = |numbers: &[f64]| [[numbers[0], numbers[1]], [numbers[2], numbers[3]]];
+        let (shapes, tests) = (rows(view.shapes), rows(view.tests));
+        let near = |found: Pair, expected: Pair| {
+            for (found, expected) in found.as_flattened().iter().zip(expected.as_flattened()) {
+                assert!((found - expected).abs() < 1e-13, "{found} {expected}");
+            }
+        };
+        let coupling = 6.0 * 3.0_f64.sqrt();
+        near(product(product(equations, rows(view.kinetic)), unknowns), [[6.0, coupling], [coupling, -6.0]]);
+        // Each stage's stiffness by itself.
+        for (stage, expected) in [[[1.0, 0.0], [0.0, 0.0]], [[0.0, 0.0], [0.0, -1.0]]].into_iter().enumerate()
+        {
+            let force = tests[stage].map(|test| shapes[stage].map(|shape| -0.5 * test * shape));
+            near(product(product(equations, force), unknowns), expected);
+        }
+        // Nor more points, nor fewer unknowns, nor points at the ends.
+        let lobatto = fvi_core::Quadrature::<3>::lobatto().unwrap();
+        assert!(StagePair::of(&Galerkin::<f64, 2, 3>::new(&lobatto).unwrap().view()).is_none());
+        assert!(StagePair::of(&Galerkin::low_order(0.5).unwrap().view()).is_none());
+        let ends = fvi_core::Quadrature::<2>::lobatto().unwrap();
+        assert!(StagePair::of(&Galerkin::<f64, 2, 2>::new(&ends).unwrap().view()).is_none());
+    }
+
+    #[test]
+    fn equations_of_two_nodes_are_solved_like_dense_ones() {
+        let size = 7;
+        let scheme = two_gauss_points();
+        let (view, pair) = (scheme.view(), StagePair::of(&scheme.view()).unwrap());
+        let mass = Matrix::Diagonal((1..=size).map(|i| i as f64).collect());
+        // Another stiffness at each stage, the second with a place more than is known.
+        let more = Matrix::symmetric(size, [(0, 0, 3.0), (3, 1, 0.5), (6, 2, -0.25)].into_iter());
+        let stiffness = [chain(size), more];
+        let plan = Elimination::of(size, &[&mass, &stiffness[0]]).of_pairs(pair);
+        assert_eq!((plan.nodes(), plan.places()), (2, 4 * (3 * size - 2)));
+        let mut sparse = SparseEquations::new(&plan, 1);
+        let mut dense = DenseEquations::new(size, 2);
+        Equations::<f64, _>::clear(&mut sparse);
+        dense.clear();
+        let mut add = |row, column, factor, block: &Matrix<f64>| {
+            sparse.add(row, column, factor, block);
+            dense.add(row, column, factor, block);
+        };
+        for row in 0..2 {
+            for column in 0..2 {
+                add(row, column, 4.0 * view.kinetic[2 * row + column], &mass);
+                for (stage, block) in stiffness.iter().enumerate() {
+                    let of_stage = view.tests[2 * stage + row] * view.shapes[2 * stage + column];
+                    add(row, column, -0.125 * of_stage, block);
+                }
+            }
+        }
+        let right: Vec<f64> = (0..2 * size).map(|i| (1.0 + i as f64).sin()).collect();
+        let (mut found, mut kept, mut expected) = (right.clone(), right.clone(), right);
+        Equations::<f64, Matrix<f64>>::solve(&mut sparse, &mut found).unwrap();
+        let mut factored = None;
+        sparse.keep(&mut factored, (0.0, &mass)).unwrap();
+        Equations::<f64, Matrix<f64>>::solve_kept(&mut sparse, &factored, &mut kept);
+        dense.solve(&mut expected).unwrap();
+        for (found, expected) in found.iter().chain(&kept).zip(expected.iter().cycle()) {
+            assert!((found - expected).abs() < 1e-14, "{found} {expected}");
+        }
+        // Of a factor in pairs every residual is worth a correction.
+        let at_rest = vec![0.0; size];
+        assert!(Equations::<f64, Matrix<f64>>::is_unsettled(
+            &sparse,
+            &factored,
+            &kept,
+            &at_rest,
+            &mut vec![0.0; 2 * size]
+        ));
     }
 
     #[test]

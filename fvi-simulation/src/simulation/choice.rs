@@ -1,7 +1,7 @@
 //! Dense or sparse: in which space a scenario runs.
 
 use crate::language::{InputError, Problem};
-use crate::model::{AnySpace, Elimination, Matrix, Model, matrix};
+use crate::model::{AnyScheme, AnySpace, Elimination, Matrix, Model, StagePair, matrix};
 use crate::scenario::{Scenario, Scheme, SharedTerms};
 use crate::simulation::available_memory::available_memory;
 use fvi_core::Mechanics;
@@ -50,6 +50,10 @@ const MOST_DENSE: usize = 6_000;
 /// Unknowns of a step from which on full matrices are worth a warning.
 const SLOW: usize = 300;
 
+/// The schemes that have sparse factors, from the one that is stable at every step on.
+const SPARSE_SCHEMES: &str = "there are sparse factors for `kind` = \"low-order\" with `[convolution] at` = \"nodes\", `order` = 2, \
+     and for \"galerkin\" of `degree` = 2 on two Gauss points with `[convolution] family` = \"bdf\", `order` = 3 or 4";
+
 /// Warning about full matrices of many coordinates: the reason, and what avoids them.
 pub(super) fn dense_warning(scenario: &Scenario) -> Option<String> {
     let (degree, coordinates) = (scenario.scheme_descriptor().unknowns, scenario.coordinates());
@@ -78,9 +82,8 @@ pub(super) fn dense_warning(scenario: &Scenario) -> Option<String> {
             "systems without it have sparse factors",
         )
     } else if degree > 1 || collocation {
-        let instead =
-            "`kind` = \"low-order\" with `[convolution] at` = \"nodes\", `order` = 2 has sparse factors";
-        ("scheme", "the scheme has none but for one unknown a step", instead)
+        let why = "the scheme has none but with one unknown a step, or two on two Gauss points";
+        ("scheme", why, SPARSE_SCHEMES)
     } else {
         return None;
     };
@@ -89,10 +92,22 @@ pub(super) fn dense_warning(scenario: &Scenario) -> Option<String> {
     ))
 }
 
+/// What makes the matrix of a step of two unknown nodes a symmetric one: that of Gauss's two points, unless
+/// the damping joins them.
+fn stage_pair(scenario: &Scenario) -> Option<StagePair> {
+    let scheme = match scenario.scheme {
+        Scheme::Galerkin { degree: 2, .. } if scenario.convolution.family.staged().is_none() => {
+            AnyScheme::<f64>::new(scenario).ok()?
+        }
+        _ => return None,
+    };
+    StagePair::of(&scheme.view())
+}
+
 /// The sparse space for a scenario, or `None` if it runs in the dense one.
 ///
-/// Sparse factors serve symmetric matrices of one unknown node: variational schemes of degree 1 without a
-/// force that depends on the position or the velocity.
+/// Sparse factors serve symmetric matrices of one unknown node, and of two on two Gauss points: variational
+/// schemes of degree 1 and 2 without a force that depends on the position or the velocity.
 ///
 /// # Errors
 /// If the system is too large for the solver that its scheme needs, or its factor for the memory.
@@ -106,7 +121,9 @@ pub(super) fn sparse_space(
     let pushed = scenario.system.force.iter().flatten().any(|force| force.has_variables());
     let owned = scenario.system.own_terms.as_ref().is_some_and(SharedTerms::are_full);
     let collocation = scenario.scheme == Scheme::Collocation;
-    let suits = degree == 1 && !collocation && !pushed && !owned && scenario.system.gyroscopic.is_none();
+    let pair = stage_pair(scenario);
+    let eliminated = (degree == 1 && !collocation) || pair.is_some();
+    let suits = eliminated && !pushed && !owned && scenario.system.gyroscopic.is_none();
     let wanted = match choice {
         // Load cases share a sparse factor, however small it is.
         SolverChoice::Automatic => (scenario.system.is_large() && many) || !scenario.cases.is_empty(),
@@ -114,9 +131,8 @@ pub(super) fn sparse_space(
         SolverChoice::Sparse => true,
     };
     if !scenario.cases.is_empty() && (!wanted || !suits) {
-        let allowed =
-            "a scheme with one unknown a step, such as `kind` = \"low-order\", solved by a sparse factor";
-        let (with, allowed) = ("`[[case]]`".to_owned(), allowed.to_owned());
+        let allowed = format!("a scheme whose steps are solved by a sparse factor: {SPARSE_SCHEMES}");
+        let with = "`[[case]]`".to_owned();
         return Err(scenario.error_at("scheme", Problem::Incompatible { with, allowed }));
     }
     if !wanted || !suits {
@@ -137,7 +153,12 @@ pub(super) fn sparse_space(
         Some(known) => Elimination::knowing(scenario.coordinates(), &blocks, known),
         None => Elimination::of(scenario.coordinates(), &blocks),
     };
-    if is_of_few(scenario, choice) && plan.factor_len() as f64 > SMALL * (count * count) as f64 {
+    let plan = match pair {
+        Some(pair) => plan.of_pairs(pair),
+        None => plan,
+    };
+    let unknowns = count * plan.nodes();
+    if is_of_few(scenario, choice) && plan.factor_len() as f64 > SMALL * (unknowns * unknowns) as f64 {
         return Ok(None);
     }
     if let Some(available) = available_memory()
@@ -175,6 +196,5 @@ fn too_large(scenario: &Scenario, pushed: bool) -> InputError {
         let allowed = format!("at most {MOST_DENSE} coordinates: the matrix of a step is unsymmetric");
         return scenario.error_at("system.gyroscopic", Problem::Incompatible { with, allowed });
     }
-    let allowed = "`kind` = \"low-order\" with `[convolution] at` = \"nodes\", `order` = 2, for which there are sparse factors";
-    scenario.error_at("scheme", Problem::Incompatible { with, allowed: allowed.to_owned() })
+    scenario.error_at("scheme", Problem::Incompatible { with, allowed: SPARSE_SCHEMES.to_owned() })
 }

@@ -133,8 +133,9 @@ def integrate(
 
     Notes
     -----
-    Sparse matrices of more than 32 rows stay sparse, and so do arrays of more than 128 rows: schemes of degree 1 then solve with a
-    sparse Cholesky factor. `coordinates` chooses what the result holds of a large system, `every` and `times` when.
+    Sparse matrices of more than 32 rows stay sparse, and so do arrays of more than 128 rows: schemes of degree 1, and of
+    degree 2 on two Gauss points (`scheme="galerkin", degree=2, order=3` or `4`), then solve with a sparse factor.
+    `coordinates` chooses what the result holds of a large system, `every` and `times` when.
 
     Functions are called with new arrays, several times a step, from the thread that calls this; with expressions the
     interpreter is released. A function's value may be anything that `numpy.asarray` makes numbers of.
