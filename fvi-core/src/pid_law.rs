@@ -144,7 +144,7 @@ pub enum Bumpless {
     /// The output but for its proportional term, which is that of the new gain. The series form knows the
     /// whole only.
     ExceptProportional,
-    /// Nothing is taken up. (What the integral has gathered is in units of the output and does not change.)
+    /// Nothing: the output changes with the gains. (The integral, kept in units of the output, does not.)
     Nothing,
 }
 
