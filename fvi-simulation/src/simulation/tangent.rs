@@ -33,9 +33,9 @@ type Remembered = DampedMotion<f64, AnySpace, HostMemory<f64>>;
 /// ```
 ///
 /// with δV_i = Σ_ν ℓ̇_ν(c_i) δe^ν/h where forces depend on the velocity of the polynomial. D_m acts on δX
-/// with the weights that it has, on a memory of its own with p times the channels, and ∂D_m/∂θ on X with their
-/// derivatives. Where the force acts at the main nodes its three parts are in the last equation only. So the
-/// derivatives are those of the program's own numbers, not of the motion that they stand for, but for
+/// with the weights that it has, on a memory of its own with p times the channels, and ∂D_m/∂θ on X with
+/// their derivatives. Where the force acts at the main nodes its three parts are in the last equation only.
+/// So the derivatives are those of the program's own numbers, not of the motion that they stand for, but for
 /// rounding.
 pub(crate) struct Tangent {
     size: usize,
