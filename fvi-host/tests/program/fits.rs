@@ -469,6 +469,21 @@ fn moduli_of_a_fractional_zener_material_are_fitted_over_frequencies() {
 }
 
 #[test]
+fn answers_at_frequencies_are_refused_where_forces_of_the_velocity_take_part() {
+    let place = Workplace::new();
+    let force = "mass = [1.0]\nforce = [\"-e*v0\"]";
+    place.write("scenario.toml", &MATERIAL.replace("mass = [1.0]", force));
+    place.write("data.csv", "omega,re,im\n1,1,1\n2,1,1\n3,1,1\n");
+    let free = "scenario = \"scenario.toml\"\n[[free]]\npath = \"system.parameters.e\"\n";
+    for what in ["quantity = \"modulus\"", "input = 0\noutput = 0"] {
+        place.write("fit.toml", &format!("{free}[[data]]\nfile = \"data.csv\"\n{what}\n"));
+        let output = place.fvi(&["fit", "fit.toml"]);
+        let error = text(&output.stderr);
+        assert!(!output.status.success() && error.contains("forces of the velocity"), "{what}: {error}");
+    }
+}
+
+#[test]
 fn a_receptance_is_fitted() {
     let place = Workplace::new();
     place.write("scenario.toml", OSCILLATOR);

@@ -72,6 +72,27 @@ fn every_scenario_is_accepted_and_makes_its_first_steps() {
 }
 
 #[test]
+fn van_der_pols_oscillator_reaches_its_cycle_on_adaptive_steps_too() {
+    let cycle = run("van-der-pol");
+    let largest =
+        |run: &Run| run.rows.iter().filter(|row| row[0] > 40.0).map(|row| row[1].abs()).fold(0.0, f64::max);
+    assert!((1.8..2.1).contains(&largest(&cycle)) && cycle.rows[0][1] == 0.01, "{}", largest(&cycle));
+    // The same cycle by other means.
+    let step = "step = 0.02\nend = 60.0";
+    let adaptive = "grid = \"adaptive\"\ntolerance = 1e-6\nend = 60.0";
+    let place = Workplace::new();
+    let scenario = std::fs::read_to_string(folder().join("van-der-pol.toml")).unwrap();
+    let scheme = "kind = \"low-order\"\nkappa = 0.5\n\n[convolution]\norder = 2";
+    assert!(scenario.contains(step) && scenario.contains(scheme));
+    let stages = "kind = \"collocation\"\n\n[convolution]\nfamily = \"radau-iia\"\nstages = 3";
+    place.write("adaptive.toml", &scenario.replace(step, adaptive).replace(scheme, stages));
+    let output = place.fvi(&["run", "adaptive.toml", "--out", "out"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let other = Run::read(&place.path("out"));
+    assert!((largest(&other) - largest(&cycle)).abs() < 2e-2, "{} {}", largest(&other), largest(&cycle));
+}
+
+#[test]
 fn the_pulse_driven_plate_agrees_with_the_exact_solution() {
     let run = run("bagley-torvik-pulse");
     assert_eq!(run.rows.len(), 3001);

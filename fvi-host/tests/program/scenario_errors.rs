@@ -38,7 +38,7 @@ const MISTAKES: &[(usize, &str, &str, &[&str])] = &[
         "0.5*k*q0**2",
         &["system.potential", "unexpected character `*`", "powers are written with ^"],
     ),
-    (4, "\"0\"", "\"q2\"", &["system.force[1]", "unknown name `q2`", "t, q0, q1, k, pi"]),
+    (4, "\"0\"", "\"q2\"", &["system.force[1]", "unknown name `q2`", "t, q0, q1, v0, v1, k, pi"]),
     (4, ", \"0\"]", "]", &["system.force", "1 entries instead of 2"]),
     (
         7,

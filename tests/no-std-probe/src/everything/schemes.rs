@@ -175,7 +175,7 @@ pub fn of_higher_degree(table: &[f64], numbers: &[f64; 8]) -> Option<f64> {
             + run::<f64, 6>(lobatto_iiic, table, numbers)?
             + dragged(gauss, numbers)?
             + dragged(radau, numbers)?
-            + dragged(Collocation::new(&RungeKutta::<2>::radau_iia().ok()?), numbers)?,
+            + dragged(Collocation::<f64, 2>::new(&RungeKutta::radau_iia().ok()?), numbers)?,
     )
 }
 
