@@ -646,9 +646,9 @@ fn a_chain_of_five_thousand_moves_as_its_exact_modes() {
     assert!(fine < 2e-3 && (3.5..4.6).contains(&ratio), "{coarse:e} {fine:e} {ratio}");
 }
 
-/// Orders 2, 3 and 4 on ten thousand coordinates: springs between neighbours and to the ground, with frequencies
-/// from 1 to 2.2, damped in proportion to the stiffness, so that every mode is a fractional oscillator whose
-/// motion is known.
+/// Orders 2, 3 and 4 on ten thousand coordinates: springs between neighbours and to the ground, with
+/// frequencies from 1 to 2.2, damped in proportion to the stiffness, so that every mode is a fractional
+/// oscillator whose motion is known.
 #[test]
 fn a_chain_of_ten_thousand_moves_as_its_exact_modes_to_orders_up_to_four() {
     let chain = Chain { n: 10_000 };
