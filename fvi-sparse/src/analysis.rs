@@ -44,9 +44,9 @@ impl Analysis {
     /// those of its two rows, one after the other; rows 2i and 2i + 1 of vectors and solutions are those of
     /// row i of the pattern. The order of elimination is that of the pattern.
     ///
-    /// Every symmetric permutation of A has a factor L Σ Lᵀ with the signs Σ of the pairs (\[Vanderbei95\]). How
-    /// far its numbers grow is bounded by what B H⁻¹ Bᵀ is beside G, and Bᵀ G⁻¹ B beside H
-    /// (\[GillSaundersShinnerl96\]).
+    /// Every symmetric permutation of A has a factor L Σ Lᵀ with the signs Σ of the pairs
+    /// (\[Vanderbei95\]). How far its numbers grow is bounded by what B H⁻¹ Bᵀ is beside G, and Bᵀ G⁻¹ B
+    /// beside H (\[GillSaundersShinnerl96\]).
     #[must_use]
     pub fn of_pairs(&self) -> Self {
         Self { blocks: Arc::new(self.blocks.paired()) }

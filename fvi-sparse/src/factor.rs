@@ -54,8 +54,8 @@ pub struct Factor {
 const PANEL: usize = 32;
 
 impl Analysis {
-    /// Factors the symmetric matrix with these values, one for each place of the pattern that was analysed, or
-    /// four [in pairs](Self::of_pairs).
+    /// Factors the symmetric matrix with these values, one for each place of the pattern that was analysed,
+    /// or four [in pairs](Self::of_pairs).
     ///
     /// # Errors
     /// [`FactorError`].
@@ -346,8 +346,8 @@ mod tests {
         }
     }
 
-    /// [G B; Bᵀ −H] in pairs, with G and H like the cube's matrix and B without symmetry, and its product with
-    /// a vector.
+    /// [G B; Bᵀ −H] in pairs, with G and H like the cube's matrix and B without symmetry, and its product
+    /// with a vector.
     fn pairs(k: usize) -> (Pattern, Vec<f64>, impl Fn(&[f64]) -> Vec<f64>) {
         let (pattern, upper) = cube(k);
         let coupling = |row: usize, column: usize| 2.0 + (row as f64 - 0.3 * column as f64).sin();

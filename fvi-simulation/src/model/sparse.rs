@@ -103,9 +103,9 @@ type Pair = [[f64; 2]; 2];
 ///    c M/h²           −(K₂ + a₂₂ M/h²)] ,       c = g a₁₂ = 6√3 ,
 /// ```
 ///
-/// which is quasidefinite, and has a factor L Σ Lᵀ in every order of elimination, where G_i = K_i + a_ii M/h²
-/// is positive definite. Its numbers hardly grow: (c M/h²) G_i⁻¹ (c M/h²) ≤ (c²/a₁₁) M/h² = 3 a₁₁ M/h² ≤ 3 G_j where
-/// no K_i is negative (\[GillSaundersShinnerl96\]).
+/// which is quasidefinite, and has a factor L Σ Lᵀ in every order of elimination, where
+/// G_i = K_i + a_ii M/h² is positive definite. Its numbers hardly grow where K_i is positive semidefinite
+/// (\[GillSaundersShinnerl96\]): (c M/h²) G_i⁻¹ (c M/h²) ≤ (c²/a₁₁) M/h² = 3 a₁₁ M/h² ≤ 3 G_j.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StagePair {
     /// Combinations of the equations: row by row, one number for each equation.
@@ -362,7 +362,8 @@ impl<T: Real> Equations<T, Matrix<T>> for SparseEquations {
         }
     }
 
-    /// Of one unknown node, each motion by itself: |r_i| > 32 ε √A_ii · max_j √A_jj (|e_j| + |q_j|) for some i, or not a number.
+    /// Of one unknown node, each motion by itself: |r_i| > 32 ε √A_ii · max_j √A_jj (|e_j| + |q_j|) for some
+    /// i, or not a number. Of two always.
     ///
     /// The factor is that of A + E with E symmetric and |E_ij| ≤ c ε √(A_ii A_jj), c growing with the entries
     /// of a row (\[Demmel89\] theorem 2.1), and the entries of A and of the stiffness in it are no larger

@@ -1,7 +1,7 @@
 //! What a factor in pairs of rows, that of two unknown nodes at each coordinate, costs beside one of single
 //! rows: a table for book/src/use/large.md.
 //!
-//! `cargo run --release -p fvi-sparse --example pairs`
+//! `cargo bench -p fvi-benches --bench pairs`
 
 use fvi_sparse::{Analysis, FactorError, Pattern};
 use std::time::Instant;
