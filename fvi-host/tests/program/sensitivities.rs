@@ -290,12 +290,22 @@ impl std::ops::Div for Dual {
     }
 }
 
+/// A scheme that is written out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Way {
+    Midpoint,
+    MainNodes,
+    Implicit,
+}
+
 /// m, k, c, ρ, β, q₀, v₀ of m q̈ + k sin q + c q³ + ρ D^β q = 0: rows (q, p) of the midpoint rule with BDF 2
-/// at the node, or BDF 1 at the main nodes, written out.
-fn by_hand(numbers: [f64; 7], h: f64, steps: usize, main_nodes: bool) -> Vec<[Dual; 2]> {
+/// at the node, or BDF 1 at the main nodes, or of the implicit Euler method with BDF 1, written out. The last is
+/// collocation with the one stage of Radau IIA too.
+fn by_hand(numbers: [f64; 7], h: f64, steps: usize, way: Way) -> Vec<[Dual; 2]> {
     let [m, k, c, rho, beta, q0, v0] = std::array::from_fn(|i| Dual::variable(numbers[i], i));
     let number = Dual::constant;
-    let gamma: Vec<f64> = if main_nodes { vec![1.0, -1.0] } else { vec![1.5, -2.0, 0.5] };
+    let (main_nodes, at_end) = (way == Way::MainNodes, way == Way::Implicit);
+    let gamma: Vec<f64> = if way == Way::Midpoint { vec![1.5, -2.0, 0.5] } else { vec![1.0, -1.0] };
     let gamma: Vec<f64> = gamma.iter().map(|g| g / h).collect();
     // w₀ = γ₀^β, and the recursion for powers of a polynomial.
     let logarithm = gamma[0].ln();
@@ -319,19 +329,21 @@ fn by_hand(numbers: [f64; 7], h: f64, steps: usize, main_nodes: bool) -> Vec<[Du
     for step in 0..steps {
         let known =
             (1..=samples.len()).fold(number(0.0), |sum, j| sum + weights[j] * samples[samples.len() - j]);
-        let middle = (step as f64 + 0.5) * h;
+        // Where the forces are taken, and how much of them moves the position.
+        let node = if at_end { 1.0 } else { 0.5 };
+        let middle = (step as f64 + node) * h;
         let mut e = p / m * number(h);
         let mut pull = number(0.0);
         for _ in 0..40 {
-            let x = q + e * number(0.5);
+            let x = q + e * number(node);
             pull = force(x);
             let mut own = slope(x.0);
             if !main_nodes {
                 pull = pull + rho * (known + weights[0] * acted(x, middle));
                 own += rho.0 * weights[0].0;
             }
-            let residual = p - m * e / number(h) - pull * number(0.5 * h);
-            e = e + residual / number(m.0 / h + 0.25 * h * own);
+            let residual = p - m * e / number(h) - pull * number(node * h);
+            e = e + residual / number(m.0 / h + node * node * h * own);
         }
         let mut kick = number(0.0);
         if main_nodes {
@@ -339,7 +351,7 @@ fn by_hand(numbers: [f64; 7], h: f64, steps: usize, main_nodes: bool) -> Vec<[Du
             kick = rho * (known + weights[0] * next);
             samples.push(next);
         } else {
-            samples.push(acted(q + e * number(0.5), middle));
+            samples.push(acted(q + e * number(node), middle));
         }
         q = q + e;
         p = p - (pull + kick) * number(h);
@@ -357,28 +369,35 @@ fn derivatives_are_those_of_dual_numbers_in_a_hundred_random_scenarios() {
     let mut worst = 0.0_f64;
     for number in 0..100 {
         let mut between = |low: f64, high: f64| low + (high - low) * random.f64();
-        let main_nodes = number % 2 == 1;
+        let (way, convolution) = [
+            (Way::Midpoint, "[convolution]\norder = 2"),
+            (Way::MainNodes, "[convolution]\nat = \"main-nodes\"\norder = 1"),
+            (Way::Implicit, "[scheme]\nkind = \"implicit-euler\""),
+            (
+                Way::Implicit,
+                "[scheme]\nkind = \"collocation\"\n[convolution]\nfamily = \"radau-iia\"\nstages = 1",
+            ),
+        ][number % 4];
         let numbers = [
             between(0.5, 2.0),
             between(0.2, 3.0),
             between(0.0, 1.0),
             between(0.05, 0.8),
-            between(0.15, if main_nodes { 1.2 } else { 1.9 }),
+            between(0.15, if way == Way::MainNodes { 1.2 } else { 1.9 }),
             between(-1.0, 1.0),
             between(-1.0, 1.0),
         ];
         let [m, k, c, rho, beta, q0, v0] = numbers;
         let (h, steps) = (between(0.02, 0.1), 80);
-        let convolution = if main_nodes { "at = \"main-nodes\"\norder = 1" } else { "order = 2" };
         let engine = ["direct", "block-fft", "real-time"][number % 3];
         let text = format!(
             "[system]\nmass = [{m:?}]\npotential = \"-k*cos(q0) + c*q0^4/4\"\nparameters = {{ k = {k:?}, c = {c:?} }}\n\
              [[system.damping]]\norder = {beta:?}\ncoefficient = [{rho:?}]\n[initial]\nposition = [{q0:?}]\n\
-             velocity = [{v0:?}]\n[convolution]\n{convolution}\n[history]\nengine = \"{engine}\"\n\
+             velocity = [{v0:?}]\n{convolution}\n[history]\nengine = \"{engine}\"\n\
              [time]\nstep = {h:?}\nsteps = {steps}\n[sensitivity]\nparameters = [{paths}]\n"
         );
         let (motion, found) = rows(&text);
-        let known = by_hand(numbers, h, steps, main_nodes);
+        let known = by_hand(numbers, h, steps, way);
         let mut largest = [1e-3_f64; 7];
         for row in &known {
             for (parameter, largest) in largest.iter_mut().enumerate() {

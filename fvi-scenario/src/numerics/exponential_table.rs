@@ -254,6 +254,9 @@ impl ExponentialKernel {
         check_range(reach, tolerance)?;
         let count = MEASURED_HEADS * LONGEST_HEAD.min(reach) + 2;
         let mut reached = f64::INFINITY;
+        if transfer.cut().is_some_and(|cut| cut.is_narrow()) {
+            return Err(ExponentialKernelError::ToleranceMissed { tolerance, reached });
+        }
         // The strip of a formula is a guess.
         for refinement in [1.0, 0.5, 0.25] {
             let source = TransferSource {

@@ -116,6 +116,17 @@ pub struct Cut {
     pub strip: f64,
 }
 
+/// Narrowest strip through which an integral over the cut is taken: the points of the rule are as many as the
+/// inverse of its width, and that of Maxwell's form goes to zero where the difference of its orders goes to 1.
+const NARROWEST: f64 = 0.01;
+
+impl Cut {
+    /// Whether an integral over the cut would take too many points.
+    pub fn is_narrow(&self) -> bool {
+        self.strip < NARROWEST
+    }
+}
+
 /// A simple pole on the negative real axis: K(s) = `residue`/(s + `rate`) + …
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pole {

@@ -131,7 +131,7 @@ enum Solver {
     /// In a full matrix.
     Dense(Option<Factored>),
     /// By a sparse factor, in the space of the motion.
-    Sparse { equations: AnyEquations<f64>, kept: Option<AnyFactors<f64>> },
+    Sparse { equations: Box<AnyEquations<f64>>, kept: Option<Box<AnyFactors<f64>>> },
 }
 
 impl Solver {
@@ -171,11 +171,11 @@ impl Solver {
             }
             Self::Sparse { equations, kept } => {
                 *kept = None;
-                Equations::<f64, _>::clear(equations);
+                Equations::<f64, _>::clear(&mut **equations);
                 parts(&mut |nu, mu, factor, block| equations.add(nu, mu, factor, block));
                 let mut factors = AnyFactors::default();
                 equations.keep(&mut factors, (0.0, mass)).map_err(|_| SINGULAR)?;
-                *kept = Some(factors);
+                *kept = Some(Box::new(factors));
             }
         }
         Ok(())
@@ -744,7 +744,7 @@ const MOST_UNKNOWNS: usize = 600;
 /// As the motion itself is solved for: by a sparse factor where it has one.
 fn solver(scenario: &Scenario) -> Result<Solver, InputError> {
     if let Some(space) = sparse_space(scenario, SolverChoice::default())? {
-        return Ok(Solver::Sparse { equations: space.equations(1), kept: None });
+        return Ok(Solver::Sparse { equations: Box::new(space.equations(1)), kept: None });
     }
     let unknowns = scenario.coordinates().saturating_mul(scenario.scheme_descriptor().unknowns);
     if unknowns > MOST_UNKNOWNS {
