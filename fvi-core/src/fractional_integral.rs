@@ -30,6 +30,11 @@ use crate::weights::BdfOrder;
 /// do: s then drifts by ε h^λ for each sample, k^{1−λ} ε of I^λ after k of them. On increments the error
 /// stays at ε.
 ///
+/// **In single precision** for λ < 1 the sum gathers what the memory of D^{1−λ} rounds: of exponential sums,
+/// over 10⁷ samples with a mean, 10⁻³ of the value for λ = 0.5 and 5·10⁻³ for λ = 0.9, in proportion to the
+/// samples. The [`FractionalOperator`] of exponent −λ stays within 4·10⁻⁷, and so does
+/// [`FractionalPid`](crate::FractionalPid), which has it. For λ ≥ 1 nothing is gathered.
+///
 /// ```
 /// # use fvi_core::{BdfOrder, FractionalIntegral, Kernel, monic_increment_table};
 /// static WEIGHTS: [f64; 256] = monic_increment_table(BdfOrder::GRUNWALD_LETNIKOV, 0.5);
