@@ -142,6 +142,16 @@ impl Kernel {
         Ok(Self { rule: Rule::Given, symbol: Symbol::Power { exponent }, step_size: None })
     }
 
+    /// Another symbol, like s^`growth` for large s, for a memory that the caller answers for, as
+    /// [`given`](Kernel::given) is for s^β: that of a table of relaxations, say, on steps of any length. With
+    /// a growth of 0 it is not the identity: Caputo's form leaves out the first value.
+    ///
+    /// # Errors
+    /// If the growth is outside (−1, 2).
+    pub fn given_growth(growth: f64) -> Result<Self, ParameterError> {
+        Self::other(growth, Rule::Given, None)
+    }
+
     /// Another symbol, like s^`growth` for large s, by plain weights whose first two on values are `first`: a
     /// memory with others is refused.
     ///
@@ -593,6 +603,8 @@ mod tests {
             assert!(Kernel::bdf(BdfOrder::GRUNWALD_LETNIKOV, exponent, 0.1).is_err(), "{exponent}");
         }
         assert_eq!(Kernel::given(1.75).unwrap().symbol().growth(), 1.75);
+        assert_eq!(Kernel::given_growth(0.0).unwrap().symbol(), Symbol::Other { growth: 0.0 });
+        assert!(Kernel::given_growth(2.0).is_err());
         assert_eq!(Kernel::any_step(&method, -0.5).unwrap().step_size(), None);
         assert!(Kernel::runge_kutta(&method, 0.5, 0.0).is_err());
     }

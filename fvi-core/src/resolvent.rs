@@ -87,6 +87,60 @@ impl<T: Real, const R: usize> Resolvent<T, R> {
         decrement
     }
 
+    /// What relaxations c_j/(s + λ_j) of the derivative of order `derivatives` are worth within a step of
+    /// length h, Σ_j c_j (I + hλ_jA)⁻¹ (hA)^{1−d}, for the `matrix` A and its inverse.
+    ///
+    /// With σ_k = Σ_j c_j x_j^k/p(x_j), x_j = hλ_j, the sum is Σ_k σ_k B_k, a polynomial in A.
+    #[cold]
+    pub fn leading(
+        &self,
+        [matrix, inverse]: [&[[T; R]; R]; 2],
+        derivatives: usize,
+        length: T,
+        relaxations: impl Iterator<Item = (T, T)>,
+    ) -> [[T; R]; R] {
+        let (zero, one) = (T::zero(), T::one());
+        let mut sums = [zero; R];
+        for (rate, c) in relaxations {
+            let x = length * rate;
+            let (high, low) = if x <= one { (x, one) } else { (one, one / x) };
+            let (mut power, mut determinant) = (one, one);
+            for &p in &self.determinant {
+                power *= high;
+                determinant = determinant * low + p * power;
+            }
+            // high^k low^{R−k}, of which one factor is 1.
+            let mut part = c * low / determinant;
+            if x <= one {
+                for sum in &mut sums {
+                    *sum += part;
+                    part *= high;
+                }
+            } else {
+                for sum in sums.iter_mut().rev() {
+                    *sum += part;
+                    part *= low;
+                }
+            }
+        }
+        // B_k = Σ_m p_{k−m} (−A)^m, so the coefficient of (−A)^m is σ_m + Σ_{k>m} p_{k−m} σ_k.
+        let mut polynomial = [[zero; R]; R];
+        for m in (0..R).rev() {
+            let higher = sums.iter().skip(m + 1).zip(&self.determinant);
+            let coefficient = higher.fold(zero, |sum, (&sigma, &p)| sum + p * sigma);
+            let coefficient = coefficient + sums.get(m).copied().unwrap_or(zero);
+            polynomial = product(matrix, &polynomial).map(|row| row.map(|number| -number));
+            for (index, row) in polynomial.iter_mut().enumerate() {
+                row.iter_mut().skip(index).take(1).for_each(|diagonal| *diagonal += coefficient);
+            }
+        }
+        match derivatives {
+            0 => product(matrix, &polynomial).map(|row| row.map(|number| number * length)),
+            1 => polynomial,
+            _ => product(inverse, &polynomial).map(|row| row.map(|number| number / length)),
+        }
+    }
+
     /// In powers of x up to 1 and of 1/x beyond, so that nothing overflows; by the same operations for every
     /// x of the block, so that they are those of vectors.
     #[inline(always)]
@@ -130,9 +184,9 @@ impl<T: Real, const R: usize> Resolvent<T, R> {
     }
 }
 
-fn product<const R: usize>(a: &[[f64; R]; R], b: &[[f64; R]; R]) -> [[f64; R]; R] {
+fn product<T: Real, const R: usize>(a: &[[T; R]; R], b: &[[T; R]; R]) -> [[T; R]; R] {
     a.map(|row| {
-        let mut sum = [0.0; R];
+        let mut sum = [T::zero(); R];
         for (&factor, numbers) in row.iter().zip(b) {
             sum.iter_mut().zip(numbers).for_each(|(sum, &number)| *sum += factor * number);
         }
@@ -173,6 +227,51 @@ mod tests {
         let at = resolvent.at([f64::INFINITY, 1e-9, 0.3, 40.0]);
         assert!(at.column.iter().all(|numbers| all_finite(numbers)) && at.decrement[0] == 1.0);
         assert_eq!(at.decrement[1..], [1e-9, 0.3, 40.0].map(|x| resolvent.at([x; LANES]).decrement[2]));
+    }
+
+    /// Σ_j c_j (I + hλ_jA)⁻¹ (hA)^{1−d} solved for by columns, from resolvents of one rate.
+    fn assert_leading<const R: usize>(method: &RungeKutta<R>) {
+        let resolvent = Resolvent::<f64, R>::new(method);
+        let (matrix, inverse) = (*method.matrix(), method.inverse().unwrap());
+        let relaxations = [(0.0, 0.5), (1e-9, 2.0), (0.7, 1.5), (3.0, 1.0), (40.0, 7.0), (1e12, 1e13)];
+        for length in [1e-3, 1.0, 25.0] {
+            let worth = |derivatives| {
+                resolvent.leading([&matrix, &inverse], derivatives, length, relaxations.into_iter())
+            };
+            // Each by itself: (I + xA) L = c I.
+            for (rate, c) in relaxations {
+                let one = resolvent.leading([&matrix, &inverse], 1, length, [(rate, c)].into_iter());
+                let scaled = product(&matrix, &one);
+                for i in 0..R {
+                    for j in 0..R {
+                        let left = one[i][j] + length * rate * scaled[i][j];
+                        let right = if i == j { c } else { 0.0 };
+                        assert!((left - right).abs() < 1e-12 * c, "{R} stages, x = {}", length * rate);
+                    }
+                }
+            }
+            let size =
+                |numbers: &[[f64; R]; R]| numbers.as_flattened().iter().fold(0.0, |a: f64, b| a.max(b.abs()));
+            let mut sum = [[0.0; R]; R];
+            for relaxation in relaxations {
+                let one = resolvent.leading([&matrix, &inverse], 1, length, [relaxation].into_iter());
+                sum.as_flattened_mut().iter_mut().zip(one.as_flattened()).for_each(|(sum, one)| *sum += one);
+            }
+            let zeroth = product(&matrix, &sum).map(|row| row.map(|number| number * length));
+            let second = product(&inverse, &sum).map(|row| row.map(|number| number / length));
+            for (found, expected) in [(worth(1), sum), (worth(0), zeroth), (worth(2), second)] {
+                for (found, known) in found.as_flattened().iter().zip(expected.as_flattened()) {
+                    assert!((found - known).abs() < 1e-13 * size(&expected), "{R} stages, h = {length}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_relaxations_are_worth_within_a_step_solves_its_equations() {
+        assert_leading(&RungeKutta::<1>::radau_iia().unwrap());
+        assert_leading(&RungeKutta::<3>::radau_iia().unwrap());
+        assert_leading(&RungeKutta::<4>::lobatto_iiic().unwrap());
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! The memory for steps of any length: generalised convolution quadrature by exponentials in continuous time.
 
 use crate::error::ParameterError;
+use crate::linear::all_finite;
 use crate::memory::{Memory, MemoryError, check_channels};
 use crate::real::Real;
 use crate::resolvent::{At, LANES, Lanes, Resolvent};
@@ -22,11 +23,16 @@ const SLACK: f64 = 1e-6;
 /// It serves D^β on every grid whose steps are no shorter than `shortest` and which reaches no further than
 /// `horizon`, both in units of time. For whole β there are no rates. This is plain data, so that it can lie
 /// in flash; `C` is anything that holds numbers. Source: \[LFS16\].
+///
+/// A table without `leading` is that of any kernel K(s) = s^d Σ_j c_j (s + λ_j)^{−1}, d = ⌈`exponent`⌉, such
+/// as a Prony series: in the step at hand, too, it is worth what its relaxations are.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RateTable<C> {
-    /// β, the order of the derivative: above −1 and below 2; integrals have negative orders.
+    /// β, the order of the derivative: above −1 and below 2; integrals have negative orders. Without
+    /// `leading` it counts by ⌈β⌉ alone.
     pub exponent: f64,
-    /// (A^{−β})_{ab}, R×R numbers row by row, for the matrix A of the method.
+    /// (A^{−β})_{ab}, R×R numbers row by row, for the matrix A of the method; or none, for a kernel that is
+    /// its relaxations.
     pub leading: C,
     /// λ_j ≥ 0, a multiple of four of them. The last may be filled up with zeros.
     pub rates: C,
@@ -81,7 +87,8 @@ impl<T: Real> RateTable<&[T]> {
             self.exponent,
             "greater than -1 and less than 2",
         )?;
-        count("leading numbers", self.leading.len(), self.leading.len() == planes, "the stages squared")?;
+        let leading = self.leading.len();
+        count("leading numbers", leading, leading == planes || leading == 0, "the stages squared, or none")?;
         let rates = self.rates.len();
         count("rates", rates, rates.is_multiple_of(LANES), "a multiple of four")?;
         let coefficients = self.coefficients.len();
@@ -233,6 +240,28 @@ where
         Some(Parts { operators: operators.as_chunks_mut().0, leading, coordinates })
     }
 
+    /// Forms the leading weight of a step from the relaxations.
+    #[cold]
+    #[inline(never)]
+    fn write_leading(&mut self, length: T) -> Result<(), MemoryError> {
+        let table = self.table.borrow();
+        let derivatives = match self.derivatives {
+            Derivatives::None => 0,
+            Derivatives::One => 1,
+            Derivatives::Two => 2,
+        };
+        let relaxations = table.rates.iter().copied().zip(table.coefficients.iter().copied());
+        let matrices = [&self.matrix, &self.inverse];
+        let formed = self.resolvent.leading(matrices, derivatives, length, relaxations);
+        if !all_finite(formed.as_flattened()) {
+            return Err(MemoryError::StepLength);
+        }
+        if let Some(parts) = self.parts() {
+            parts.leading.iter_mut().zip(formed.as_flattened()).for_each(|(place, &number)| *place = number);
+        }
+        Ok(())
+    }
+
     /// Numbers of a coordinate.
     fn stride(&self) -> usize {
         2 * self.table.rates.as_ref().len() + 2
@@ -322,6 +351,9 @@ where
         // Whatever is not a number is not in range.
         if !in_range || !scale.is_finite() {
             return Err(MemoryError::StepLength);
+        }
+        if self.table.borrow().leading.is_empty() {
+            self.write_leading(length)?;
         }
         let resolvent = self.resolvent;
         let table = self.table.borrow();

@@ -37,8 +37,8 @@ pub struct VectorVariableSteps<T: Scalar, const R: usize> {
     derivatives: usize,
     /// Tells the table from others.
     fingerprint: u64,
-    /// (A^{−β}), row by row.
-    leading: [[T; R]; R],
+    /// (A^{−β}), row by row; `None` where it is what the relaxations are worth.
+    leading: Option<[[T; R]; R]>,
     matrix: [[T; R]; R],
     inverse: [[T; R]; R],
     nodes: [T; R],
@@ -303,7 +303,7 @@ impl<T: Scalar, const R: usize> VectorVariableSteps<T, R> {
             scaling: T::of(-table.exponent),
             derivatives: table.exponent.ceil().max(0.0) as usize,
             fingerprint: fingerprint(numbers),
-            leading: matrix_of(|a, b| table.leading[a * R + b]),
+            leading: (!table.leading.is_empty()).then(|| matrix_of(|a, b| table.leading[a * R + b])),
             matrix: matrix_of(|a, b| T::of(method.matrix()[a][b])),
             inverse: matrix_of(|a, b| T::of(inverse[a][b])),
             nodes,
@@ -357,6 +357,18 @@ impl<T: Scalar, const R: usize> VectorVariableSteps<T, R> {
     /// The step at hand, if its length is known.
     fn step(&self) -> Result<&Step<T, R>, MemoryError> {
         self.steps.first().filter(|step| step.length > T::zero()).ok_or(MemoryError::StepLength)
+    }
+
+    /// W₀ of a step.
+    fn leading_of(&self, length: T) -> [[T; R]; R] {
+        if let Some(leading) = &self.leading {
+            let scale = length.power(self.scaling);
+            return matrix_of(|a, b| leading[a][b] * scale);
+        }
+        let relaxations =
+            self.relaxations.iter().flat_map(|block| block.rates.0.iter().zip(&block.coefficients.0));
+        let relaxations = relaxations.map(|(&rate, &c)| (rate, c));
+        self.resolvent.leading([&self.matrix, &self.inverse], self.derivatives, length, relaxations)
     }
 
     /// A sample that stays on its way.
@@ -516,14 +528,13 @@ impl<T: Scalar, const R: usize> Memory<T> for VectorVariableSteps<T, R> {
         }
         let kept = self.steps.iter().position(|step| step.length == length);
         if kept.is_none() {
-            let scale = length.power(self.scaling);
-            if !scale.is_finite() {
+            let leading = self.leading_of(length);
+            if !leading.as_flattened().iter().all(|number| number.is_finite()) {
                 return Err(MemoryError::StepLength);
             }
             // In the place of the one that has not been needed for longest.
             if let Some(step) = self.steps.last_mut() {
-                step.length = length;
-                step.leading = matrix_of(|a, b| self.leading[a][b] * scale);
+                (step.length, step.leading) = (length, leading);
             }
         }
         self.steps[..=kept.unwrap_or(KEPT - 1)].rotate_right(1);

@@ -10,7 +10,7 @@ use crate::numerics::exponential_table::{self, ExponentialKernel, ExponentialKer
 use crate::numerics::growing_ring::GrowingRing;
 use crate::numerics::multistep_rule::MultistepRule;
 use crate::numerics::multistep_weights::multistep_weights;
-use crate::numerics::rate_table::rate_table;
+use crate::numerics::rate_table::{RateTableError, rate_table_of};
 use crate::numerics::runge_kutta_weights::RungeKuttaWeights;
 use crate::numerics::starting::StartingCorrection;
 use crate::numerics::transfer::TransferFunction;
@@ -123,6 +123,9 @@ pub enum EngineError {
     /// No table of exponentials reaches the tolerance.
     #[error(transparent)]
     Table(ExponentialKernelError),
+    /// No relaxations make up the kernel for steps of any length.
+    #[error(transparent)]
+    Rates(RateTableError),
     /// The run that is carried further began with a table of exponentials that ends too early.
     #[error(
         "the run began with a table of exponentials for {reach} samples, and its memory cannot be carried to {samples}: \
@@ -164,7 +167,8 @@ pub const MOST_SHARING: usize = WIDE_KERNELS;
 /// The part of the tolerance that is left to the table where a state in single precision takes the rest.
 const PART_OF_THE_TABLE: f64 = 0.5;
 
-/// Relative error of the past in a table for steps of any length: a few times rounding.
+/// Relative error of the past in a table for steps of any length: a few times rounding. Formulas that have
+/// lost digits themselves may take a hundred times that.
 const RATE_TOLERANCE: f64 = 1e-13;
 
 /// Relative error of a weight that does not show beside rounding.
@@ -175,6 +179,15 @@ impl From<ExponentialKernelError> for EngineError {
         match error {
             ExponentialKernelError::Parameter(error) => Self::Parameter(error),
             error => Self::Table(error),
+        }
+    }
+}
+
+impl From<RateTableError> for EngineError {
+    fn from(error: RateTableError) -> Self {
+        match error {
+            RateTableError::Parameter(error) => Self::Parameter(error),
+            error => Self::Rates(error),
         }
     }
 }
@@ -204,11 +217,12 @@ impl MemoryRequest<'_> {
             return Ok(memory);
         }
         let (engine, acts_on, order) = (memory.engine(), memory.acts_on, BdfOrder::new(order)?);
-        let Some(exponent) = self.transfer.exponent() else {
-            let reason = "`convolution.starting` is for the kernels s^β; leave it out";
+        if !self.transfer.is_relaxation() {
+            let reason = "`convolution.starting` is for kernels whose singularities lie on the negative real axis; leave it out";
             return Err(EngineError::Unsuited { engine, reason });
-        };
-        let corrected = StartingCorrection::new(memory, order, exponent, self.step_size, exponents)?;
+        }
+        let corrected =
+            StartingCorrection::of_transfer(memory, order, self.transfer, self.step_size, exponents)?;
         Ok(HostMemory::new(Box::new(corrected), engine, acts_on))
     }
 
@@ -317,7 +331,7 @@ impl MemoryRequest<'_> {
     fn kernel_of_transfer(&self) -> Result<fvi_core::Kernel, ParameterError> {
         let (transfer, step_size) = (self.transfer, self.step_size);
         if self.any_step() {
-            return fvi_core::Kernel::given(transfer.growth());
+            return fvi_core::Kernel::given_growth(transfer.growth());
         }
         if let Some(staged) = self.convolution.family.staged() {
             return with_staged_method!(staged, method => self.matrix_kernel(&method))?;
@@ -497,11 +511,7 @@ impl MemoryRequest<'_> {
                 let reason = "weights are for equal steps, those of their file";
                 return Err(EngineError::Unsuited { engine, reason });
             }
-            let Some(exponent) = self.transfer.exponent() else {
-                let reason = "steps of any length are for the kernels s^β: take equal steps";
-                return Err(EngineError::Unsuited { engine, reason });
-            };
-            return self.variable_steps(method, exponent, tables);
+            return self.variable_steps(method, tables);
         }
         if !self.transfer.is_relaxation() {
             let reason = "this kernel has singularities off the negative real axis: take `convolution.family` = \"bdf\"";
@@ -536,7 +546,6 @@ impl MemoryRequest<'_> {
     fn variable_steps<T: Engines, const R: usize>(
         &self,
         method: &RungeKutta<R>,
-        exponent: f64,
         tables: &Tables,
     ) -> Result<HostMemory<T>, EngineError> {
         let horizon = match self.end {
@@ -546,7 +555,12 @@ impl MemoryRequest<'_> {
         // Single precision rounds more than that.
         let tolerance = RATE_TOLERANCE.max(0.01 * T::EPSILON.to_f64());
         let table = tables.get(&self.key(horizon.to_bits(), tolerance), || {
-            Ok(rate_table::<T, R>(method, exponent, self.step_size, horizon, tolerance)?)
+            let made = |part| {
+                rate_table_of::<T, R>(method, self.transfer, self.step_size, horizon, part * tolerance)
+            };
+            // Formulas may have lost a few digits themselves at times as long as the run.
+            let losses: &[f64] = if self.transfer.text().is_some() { &[10.0, 100.0] } else { &[] };
+            Ok(losses.iter().fold(made(1.0), |table, &loss| table.or_else(|_| made(loss)))?)
         })?;
         let memory = VectorVariableSteps::new(method, &table.borrow(), self.coordinates)?;
         let memory = memory.acting_on(self.acts_on());

@@ -778,7 +778,7 @@ fn refused_memory(scenario: &Scenario, index: usize, error: EngineError) -> Inpu
         EngineError::TableEnds { .. } => &["history.horizon", "history.engine"],
         EngineError::NoRoom { .. } => &["history.engine", "time.steps", "time.end"],
         EngineError::Unsuited { .. } => &["history.engine", "time.grid"],
-        EngineError::Parameter(_) => {
+        EngineError::Parameter(_) | EngineError::Rates(_) => {
             let paths = ["order", "kernel"].map(|key| format!("system.damping[{index}].{key}"));
             let places = [paths[0].as_str(), paths[1].as_str()];
             return scenario.error_at_first(&places, Problem::Engine(Cause::new(error)));

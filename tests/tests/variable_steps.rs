@@ -4,8 +4,9 @@
 use fvi_core::{Memory, MemoryError, Real, RungeKutta, StateReader, StateWriter, VariableStepMemory};
 use fvi_fft::{Scalar, VectorVariableSteps};
 use fvi_host::numerics::aligned::Aligned;
-use fvi_host::numerics::rate_table::rate_table;
+use fvi_host::numerics::rate_table::{rate_table, rate_table_of};
 use fvi_host::numerics::runge_kutta_weights::RungeKuttaWeights;
+use fvi_host::numerics::transfer::TransferFunction;
 
 const TOLERANCE: f64 = 1e-12;
 
@@ -59,7 +60,7 @@ fn random_steps(count: usize, seed: u64) -> Vec<f64> {
 }
 
 /// Numbers in [0, 1).
-fn noise(seed: u64) -> impl FnMut() -> f64 {
+pub(crate) fn noise(seed: u64) -> impl FnMut() -> f64 {
     let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
     move || {
         state ^= state << 13;
@@ -527,4 +528,140 @@ fn an_integrator_takes_ticks_that_come_early_or_late() {
     assert!(plant.step_by(-0.01, &[0.0].into()).is_err() && plant.step_by(1e9, &[0.0].into()).is_err());
     assert_eq!(*plant.state(), before);
     assert_eq!(plant.time(), time);
+}
+
+/// The memory of any kernel, of the core's and in vectors.
+fn memories_of<const R: usize>(
+    method: &RungeKutta<R>,
+    transfer: &TransferFunction,
+    steps: &[f64],
+) -> (AnyMemory<f64, R>, VectorVariableSteps<f64, R>) {
+    let shortest = steps.iter().copied().fold(f64::INFINITY, f64::min);
+    let table = rate_table_of::<f64, R>(method, transfer, shortest, steps.iter().sum(), TOLERANCE).unwrap();
+    let in_vectors = VectorVariableSteps::new(method, &table.borrow(), 1).unwrap();
+    let state = Aligned::zeros(table.borrow::<f64>().state_len(1, R));
+    (VariableStepMemory::new(method, table, 1, state).unwrap(), in_vectors)
+}
+
+/// Passive kernels of every form with random parameters.
+pub(crate) fn random_kernel(numbers: &mut impl FnMut() -> f64) -> TransferFunction {
+    let form = (6.0 * numbers()) as usize;
+    let mut time = || 10f64.powf(4.0 * numbers() - 2.0);
+    let (one, other) = (time(), time());
+    let mut between = |low: f64, high: f64| low + (high - low) * numbers();
+    match form {
+        0 => TransferFunction::tempered(between(0.05, 1.95), one),
+        1 => TransferFunction::maxwell(between(0.05, 0.99), 0.0, one),
+        2 => TransferFunction::maxwell(between(0.4, 1.0), between(0.0, 0.35), one),
+        3 => TransferFunction::prony(&[between(0.1, 5.0), between(0.1, 5.0)], &[one, other]),
+        4 => TransferFunction::havriliak_negami(between(0.1, 0.97), between(0.1, 1.0), one),
+        _ => TransferFunction::havriliak_negami(1.0, between(0.1, 0.9), one),
+    }
+    .unwrap()
+}
+
+fn assert_equal_steps_of_kernels<const R: usize>(method: &RungeKutta<R>, seed: u64) {
+    let count = 60;
+    let mut numbers = noise(seed);
+    for _ in 0..30 {
+        let (transfer, step) = (random_kernel(&mut numbers), 10f64.powf(-3.0 * numbers()));
+        let (steps, samples) = (vec![step; count], random_samples::<R>(count, 7));
+        let weights = RungeKuttaWeights::of_transfer(method, &transfer, false, step, count).unwrap().planes();
+        let (plain, in_vectors) = memories_of(method, &transfer, &steps);
+        let found = operator_in::<f64, R>(plain, &steps, &samples);
+        let other = operator_in::<f64, R>(in_vectors, &steps, &samples);
+        let scale = largest(&found);
+        for (k, (found, other)) in found.iter().zip(&other).enumerate() {
+            for (a, (&found, &other)) in found.iter().zip(other).enumerate() {
+                let mut expected = 0.0;
+                for n in 0..=k {
+                    for b in 0..R {
+                        expected += weights[(a * R + b) * count + n] * samples[k - n][b];
+                    }
+                }
+                let error = (found - expected).abs().max((other - expected).abs()) / scale;
+                assert!(error < 10.0 * TOLERANCE, "{R} stages, {transfer}, h = {step}, step {k}: {error:e}");
+            }
+        }
+    }
+}
+
+#[test]
+fn equal_steps_are_runge_kutta_quadrature_of_any_kernel() {
+    assert_equal_steps_of_kernels(&RungeKutta::<1>::radau_iia().unwrap(), 61);
+    assert_equal_steps_of_kernels(&RungeKutta::<2>::radau_iia().unwrap(), 62);
+    assert_equal_steps_of_kernels(&RungeKutta::<3>::radau_iia().unwrap(), 63);
+    assert_equal_steps_of_kernels(&RungeKutta::<4>::lobatto_iiic().unwrap(), 64);
+}
+
+/// K(D) X on any grid by Cauchy's integral about the negative real axis, K(D) X = Σ_q K(s_q) y_q with
+/// y the solutions of ẏ = s_q y + X by the method: nothing in common with rates.
+fn on_a_contour<const R: usize>(
+    method: &RungeKutta<R>,
+    transfer: &TransferFunction,
+    steps: &[f64],
+    samples: &[[f64; R]],
+) -> Vec<[f64; R]> {
+    use nalgebra::Complex;
+    type Matrix<const R: usize> = nalgebra::SMatrix<Complex<f64>, R, R>;
+    let complex = |number: f64| Complex::new(number, 0.0);
+    let matrix = Matrix::<R>::from_fn(|i, j| complex(method.matrix()[i][j]));
+    let inverse = matrix.try_inverse().unwrap();
+    let ones = nalgebra::SVector::<Complex<f64>, R>::repeat(complex(1.0));
+    let shortest = steps.iter().copied().fold(f64::INFINITY, f64::min);
+    // Two derivatives are taken of the samples, so that K/s² ends on both branches.
+    let mut derivatives: Vec<nalgebra::SVector<Complex<f64>, R>> =
+        samples.iter().map(|sample| nalgebra::SVector::from(sample.map(complex))).collect();
+    for _ in 0..2 {
+        let mut before = complex(0.0);
+        for (&length, derivative) in steps.iter().zip(&mut derivatives) {
+            let last = derivative[R - 1];
+            *derivative = inverse * (*derivative - ones * before) / complex(length);
+            before = last;
+        }
+    }
+    let mut values = vec![nalgebra::SVector::<Complex<f64>, R>::zeros(); steps.len()];
+    // s = s₀ + e^{y ± iφ}: two rays to the left from a place on the positive axis.
+    const SPACING: f64 = 0.08;
+    let total: f64 = steps.iter().sum();
+    let (low, high) = (-40.0 - total.ln(), 40.0 - shortest.ln());
+    let (place, angle) = (0.5 / total, 0.75 * std::f64::consts::PI);
+    for node in 0..((high - low) / SPACING) as usize {
+        let ray = Complex::from_polar((low + SPACING * node as f64).exp(), angle);
+        let s = ray + place;
+        // Both rays add up to twice the real part of the upper one: (1/2πi) ∫ F(s) y ds, ds = ray dy.
+        let weight = transfer.value(s) / (s * s) * ray * SPACING / Complex::new(0.0, std::f64::consts::PI);
+        let mut z = complex(0.0);
+        for ((&length, derivative), value) in steps.iter().zip(&derivatives).zip(&mut values) {
+            let resolvent = (Matrix::<R>::identity() - matrix * (s * length)).try_inverse().unwrap();
+            let stages = resolvent * (ones * z + matrix * derivative * complex(length));
+            *value += stages * weight;
+            z = stages[R - 1];
+        }
+    }
+    values.iter().map(|value| std::array::from_fn(|stage| value[stage].re)).collect()
+}
+
+#[test]
+fn random_steps_of_any_kernel_agree_with_a_contour_integral() {
+    let method = RungeKutta::<3>::radau_iia().unwrap();
+    let mut numbers = noise(71);
+    for seed in 0..20 {
+        let transfer = random_kernel(&mut numbers);
+        let (steps, samples) = (random_steps(60, 80 + seed), random_samples::<3>(60, 90 + seed));
+        let expected = on_a_contour(&method, &transfer, &steps, &samples);
+        let (plain, in_vectors) = memories_of(&method, &transfer, &steps);
+        for found in [
+            operator_in::<f64, 3>(plain, &steps, &samples),
+            operator_in::<f64, 3>(in_vectors, &steps, &samples),
+        ] {
+            let scale = largest(&expected);
+            for (k, (found, expected)) in found.iter().zip(&expected).enumerate() {
+                for (found, expected) in found.iter().zip(expected) {
+                    let error = (found - expected).abs() / scale;
+                    assert!(error < 1e-10, "{transfer}, step {k}: {error:e}");
+                }
+            }
+        }
+    }
 }

@@ -1,6 +1,8 @@
 //! Convolution-quadrature weights against independent values and against the identities of the papers.
 
 use fvi_core::{BdfOrder, ConvolutionWeights, left_operator, right_operator};
+use fvi_host::numerics::multistep_weights::multistep_weights;
+use fvi_host::numerics::transfer::TransferFunction;
 use fvi_tests::motion::weights;
 use fvi_tests::reference;
 
@@ -39,6 +41,47 @@ fn weights_agree_with_thirty_digit_values_up_to_twenty_thousand() {
         }
     }
     assert!(checked > 500, "only {checked} reference values were read");
+}
+
+/// Lags of 10⁵ and more, some ten seconds for each kernel, where LONG is set: `.ci/kernels` does.
+#[test]
+fn weights_of_other_kernels_agree_with_twenty_four_digits() {
+    let most = if std::env::var("LONG").is_ok() { usize::MAX } else { 12_345 };
+    let text = include_str!("../reference/kernel_weights.csv");
+    let rows: Vec<Vec<&str>> = text.lines().skip(1).map(|line| line.split(',').collect()).collect();
+    let mut checked = 0;
+    for group in rows.chunk_by(|a, b| a[..3] == b[..3]) {
+        let parameters: Vec<f64> = group[0][1].split(' ').map(|number| number.parse().unwrap()).collect();
+        let transfer = match (group[0][0], &parameters[..]) {
+            ("tempered", &[order, rate]) => TransferFunction::tempered(order, rate),
+            ("maxwell", &[order, inner, time]) => TransferFunction::maxwell(order, inner, time),
+            ("havriliak-negami", &[order, power, time]) => {
+                TransferFunction::havriliak_negami(order, power, time)
+            }
+            other => panic!("{other:?}"),
+        };
+        let (transfer, order) = (transfer.unwrap(), BdfOrder::new(group[0][2].parse().unwrap()).unwrap());
+        let step: f64 = group[0][3].parse().unwrap();
+        let lag = |row: &Vec<&str>| row[4].parse::<usize>().unwrap();
+        let last = group.iter().map(lag).filter(|&n| n <= most).max().unwrap();
+        let weights = multistep_weights(&transfer, order, step, false, last + 1).unwrap();
+        for row in group.iter().filter(|row| lag(row) <= most) {
+            let (n, exact): (usize, f64) = (lag(row), row[5].parse().unwrap());
+            let error = (weights[n] - exact).abs() / (0.5 * f64::EPSILON);
+            // Those of the series are rounded once or twice. Behind it rounding of rates counts, and of
+            // what has fallen by thirty digits nothing is promised.
+            let allowed = if n < 512 { 4.0 } else { 40.0 } * exact.abs();
+            let nothing = if n < 512 { 0.0 } else { 1e-28 * weights[0].abs() };
+            assert!(
+                error <= allowed.max(nothing),
+                "{transfer}, BDF {}, n = {n}: {:.1} u",
+                order.get(),
+                error / exact.abs()
+            );
+            checked += 1;
+        }
+    }
+    assert!(checked > 250, "{checked}");
 }
 
 /// Coefficients of a product of power series.

@@ -136,3 +136,54 @@ def test_energies_of_memories_balance(tmp_path):
     np.testing.assert_array_equal(fvi.load(tmp_path / "r.npz").memory_dissipated, result.memory_dissipated)
     with pytest.raises(fvi.InputError, match="this scheme"):
         decay(kernel, memory_energy=True, scheme="galerkin", degree=2)
+
+
+def waves(kernels, **keys):
+    return fvi.integrate(
+        mass=[1.0, 2.0],
+        stiffness=[[5.0, -1.0], [-1.0, 3.0]],
+        damping=[fvi.Damping(kernel=kernel, coefficient=rho) for kernel, rho in kernels],
+        position=[1.0, -0.5],
+        step=0.02,
+        steps=300,
+        **keys,
+    )
+
+
+def test_a_matrix_of_relaxation_functions_is_the_sum_of_its_entries(tmp_path):
+    times = np.linspace(0.0, 8.0, 801)
+    couplings = [(np.array([1.0, 0.5]), 1.0), (np.array([-0.3, 0.8]), 0.2)]
+
+    def entry(i, j):
+        moduli = sum(a[i] * a[j] * np.exp(-times / tau) for a, tau in couplings)
+        path = tmp_path / f"G{min(i, j)}{max(i, j)}.csv"
+        np.savetxt(path, np.column_stack([times, moduli]), delimiter=",", header="t,G", comments="", fmt="%.17g")
+        return path
+
+    files = [[entry(i, j) for j in range(2)] for i in range(2)]
+    found = waves([(fvi.Kernel.relaxation_matrix(files, decay=1.0), None)])
+    known = waves([(fvi.Kernel.prony([1.0], [tau]), np.outer(a, a)) for a, tau in couplings])
+    assert np.abs(found.q - known.q).max() < 1e-4  # linear between rows
+    alone = waves([(fvi.Kernel.relaxation_matrix([[files[0][0], ""], ["", files[1][1]]], decay=1.0), None)])
+    assert np.abs(alone.q - known.q).max() > 1e-2
+    for wrong in ("G.csv", [["G.csv"], ["G.csv"]], [[1.0]]):
+        with pytest.raises(fvi.InputError, match="files"):
+            fvi.Kernel.relaxation_matrix(wrong)
+
+
+def test_steps_of_any_length_take_kernels_that_relax():
+    def end(kernel, **keys):
+        return fvi.integrate(
+            mass=[1.0],
+            potential="0.5*q0^2",
+            damping=fvi.Damping(kernel=kernel, coefficient=[1.0]),
+            position=[1.0],
+            scheme="collocation",
+            **keys,
+        ).q[-1, 0]
+
+    zener = fvi.Kernel.maxwell(order=0.6, time=1.0)
+    graded = end(zener, grid="graded", exponent=3.0, end=3.0, steps=60)
+    assert abs(graded - end(zener, step=1e-3, steps=3000)) < 1e-8
+    with pytest.raises(fvi.InputError, match="steps of any length"):
+        end(fvi.Kernel.symbol("0.5*s*(s + 0.1)/((s + 0.1)^2 + 4)"), grid="graded", exponent=3.0, end=3.0, steps=60)

@@ -234,10 +234,14 @@ fn exponentials_c<T: Real + LowerExp>(
 }
 
 /// A table for steps of any length: rates λ and coefficients c of s^−μ ≈ Σ c/(s + λ),
-/// μ = ⌈exponent⌉ − exponent.
+/// μ = ⌈exponent⌉ − exponent, or of K(s)/s^d, d = ⌈exponent⌉, for another kernel.
 pub(super) fn rates_csv<T: Real + LowerExp>(table: &RateTable<&[T]>, origin: &str, tolerance: f64) -> String {
+    let sum = match table.leading.is_empty() {
+        true => format!("# K(s)/s^{} = sum of coefficient/(s + rate)\n", table.exponent.ceil()),
+        false => String::new(),
+    };
     let comments = format!(
-        "# {origin}\n# shortest step = {:e}\n# horizon = {:e}\n# tolerance = {tolerance:e}\nrate,coefficient\n",
+        "# {origin}\n{sum}# shortest step = {:e}\n# horizon = {:e}\n# tolerance = {tolerance:e}\nrate,coefficient\n",
         table.shortest, table.horizon,
     );
     // The zeros that fill a block up tell nothing.

@@ -4,7 +4,8 @@ use super::CommandError;
 use super::kernel_choice::KernelChoice;
 use super::listing::{ListingPrecision, emit, identifier, parameter_error, rates_csv, rates_rust};
 use crate::numerics::StagedMethod;
-use crate::numerics::rate_table::rate_table;
+use crate::numerics::rate_table::{RateTableError, rate_table_of};
+use crate::numerics::transfer::TransferFunction;
 use fvi_core::{ParameterError, RateTable, Real, RungeKutta};
 use fvi_scenario::with_staged_method;
 use std::fmt::LowerExp;
@@ -70,14 +71,21 @@ impl RatesArguments {
             Family::RadauIia => StagedMethod::RadauIia(self.stages),
             Family::LobattoIiic => StagedMethod::LobattoIiic(self.stages),
         };
-        with_staged_method!(staged, method => self.list(staged.family(), &method)).map_err(parameter_error)?
+        let transfer = self.kernel.transfer()?;
+        with_staged_method!(staged, method => self.list(staged.family(), &method, &transfer))
+            .map_err(parameter_error)?
     }
 
-    fn list<const R: usize>(&self, name: &str, method: &RungeKutta<R>) -> Result<(), CommandError> {
+    fn list<const R: usize>(
+        &self,
+        name: &str,
+        method: &RungeKutta<R>,
+        transfer: &TransferFunction,
+    ) -> Result<(), CommandError> {
         // A table has the digits of double precision, whatever its constant would have.
         let listing = match (self.format, self.precision) {
-            (Format::Rust, ListingPrecision::F32) => self.listed::<f32, R>(name, method, "f32")?,
-            _ => self.listed::<f64, R>(name, method, "f64")?,
+            (Format::Rust, ListingPrecision::F32) => self.listed::<f32, R>(name, method, transfer, "f32")?,
+            _ => self.listed::<f64, R>(name, method, transfer, "f64")?,
         };
         emit(|out| out.write_all(listing.as_bytes()), self.out.as_deref())
     }
@@ -86,12 +94,16 @@ impl RatesArguments {
         &self,
         name: &str,
         method: &RungeKutta<R>,
+        transfer: &TransferFunction,
         scalar: &str,
     ) -> Result<String, CommandError> {
         let Self { shortest, horizon, tolerance, .. } = *self;
-        let exponent = self.kernel.power("rates for steps of any length")?;
-        let table =
-            rate_table::<T, R>(method, exponent, shortest, horizon, tolerance).map_err(parameter_error)?;
+        let table = rate_table_of::<T, R>(method, transfer, shortest, horizon, tolerance).map_err(
+            |error| match error {
+                RateTableError::Parameter(error) => parameter_error(error),
+                error => CommandError::Unsuited(error.to_string()),
+            },
+        )?;
         let table: RateTable<&[T]> = table.borrow();
         let held =
             |number: &T| number.is_finite() && (*number == T::zero() || number.abs() >= T::SMALLEST_NORMAL);
@@ -101,7 +113,7 @@ impl RatesArguments {
             return Err(parameter_error(ParameterError { parameter: "shortest", value: shortest, allowed }));
         }
         let stages = if R == 1 { "stage" } else { "stages" };
-        let origin = format!("{name}, {R} {stages}, exponent {exponent}");
+        let origin = format!("{name}, {R} {stages}, {}", self.kernel.origin(transfer));
         Ok(match self.format {
             Format::Csv => rates_csv(&table, &origin, tolerance),
             Format::Rust => rates_rust(&table, (&origin, self.name.as_deref()), tolerance, scalar),

@@ -172,6 +172,36 @@ fn matrix_weights_are_listed_entry_by_entry() {
 }
 
 #[test]
+fn rates_of_other_kernels_are_listed_and_refused_where_there_are_none() {
+    // s/(1 + s^½) = s Σ c/(s + λ).
+    let range = "--stages 3 --shortest 0.001 --horizon 100 --tolerance 1e-12";
+    let listed = |symbol: &str, more: &str| {
+        let arguments = format!("rates {range} {more}");
+        let mut command = Command::new(env!("CARGO_BIN_EXE_fvi"));
+        let output = command.args(arguments.split_whitespace()).args(["--symbol", symbol]).output().unwrap();
+        (
+            output.status.code(),
+            String::from_utf8(output.stdout).unwrap(),
+            String::from_utf8(output.stderr).unwrap(),
+        )
+    };
+    let (code, table, _) = listed("s/(1 + s^0.5)", "");
+    assert!(code == Some(0) && table.contains("# K(s)/s^1 = sum of coefficient/(s + rate)"), "{table}");
+    let rates = rows(&table, "rate,coefficient");
+    for s in [0.01, 1.0, 300.0] {
+        let sum: f64 = rates.iter().map(|[rate, coefficient]| coefficient * s / (s + rate)).sum();
+        assert!((sum * (1.0 + s.sqrt()) / s - 1.0).abs() < 2e-12, "{s}: {sum}");
+    }
+    let (code, constant, _) = listed("s/(1 + s^0.5)", "--format rust --precision f32");
+    assert!(code == Some(0) && constant.contains("leading: &[\n    ],"), "{constant}");
+    let (code, _, message) = listed("0.5*s*(s + 0.1)/((s + 0.1)^2 + 4)", "");
+    assert!(
+        code == Some(2) && message.contains("singularities must all lie on the negative real axis"),
+        "{message}"
+    );
+}
+
+#[test]
 fn listed_rates_sum_up_to_the_kernel_of_their_integral() {
     // s^(−1/2) is the integral of order 1/2, with the kernel 1/√(πt).
     let arguments = "rates --stages 3 --exponent 0.5 --shortest 0.001 --horizon 1e4 --tolerance 1e-10";

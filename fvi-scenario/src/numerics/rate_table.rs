@@ -6,38 +6,30 @@
 //! ```
 //!
 //! The integrals over ln λ are those of analytic functions that decay at both ends, for which the trapezoidal
-//! rule converges like e^{−π²/d} in its spacing d. What lies below the horizon's rate acts as a polynomial in
-//! λ, what lies above the shortest step's as λ^{−2} times one in 1/λ: there Gauss rules of the trapezoidal
-//! rule's own measure take the place of its nodes. So the number of rates grows with the logarithm of horizon
-//! over shortest step, and by nothing else.
+//! rule converges like e^{−π²/d} in its spacing d. Its slowest and fastest nodes are replaced by fewer
+//! (`rate_rules.rs`), so that the number of rates grows with the logarithm of horizon over shortest step, and
+//! by nothing else.
+//!
+//! Other kernels have other densities in place of the power of λ (`spectrum.rs`).
 
 use std::f64::consts::PI;
+use std::fmt;
 
 use super::aligned::Aligned;
-use super::exponential_table::{JacobiMatrix, LONGEST_RULE};
-use super::inverse::inverse;
+use super::rate_rules::{
+    Compression, Relaxation, Response, early_responses, late_responses, responses_beyond, responses_within,
+};
 use super::runge_kutta_weights::RungeKuttaWeights;
+use super::spectrum::Spectrum;
+use super::transfer::TransferFunction;
 use fvi_core::{ParameterError, RateTable, Real, RungeKutta};
-use nalgebra::{SMatrix, SVector};
+use nalgebra::SMatrix;
 
 /// Smallest relative tolerance of a table: below it rounding decides.
 pub const SMALLEST_TOLERANCE: f64 = 1e-14;
 
 /// Rates in a block of the core's memory.
 const BLOCK: usize = 4;
-
-/// How far the slow nodes reach that a Gauss rule is tried for, as rate · horizon.
-const SLOW_REACHES: [f64; 6] = [0.5, 1.0, 2.0, 4.0, 8.0, 16.0];
-
-/// How far down the fast nodes reach, as rate · shortest step.
-const FAST_REACHES: [f64; 6] = [64.0, 32.0, 16.0, 8.0, 4.0, 2.0];
-
-/// A relaxation c/(s + λ).
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Relaxation {
-    rate: f64,
-    coefficient: f64,
-}
 
 /// The table of D^`exponent` for a method, for steps from `shortest` on and times up to `horizon`, with the
 /// weights of the past within the relative tolerance `tolerance`.
@@ -52,6 +44,20 @@ pub fn rate_table<T: Real, const R: usize>(
     horizon: f64,
     tolerance: f64,
 ) -> Result<RateTable<Aligned<T>>, ParameterError> {
+    check_ranges(shortest, horizon, tolerance)?;
+    let leading = *RungeKuttaWeights::new(method, exponent, 1.0, 1)?.leading();
+    let matrix = SMatrix::<f64, R, R>::from_fn(|i, j| method.matrix()[i][j]);
+    let relaxations = if exponent == exponent.round() {
+        Vec::new()
+    } else {
+        Power { mu: exponent.ceil() - exponent, jump: (PI * (exponent - exponent.round())).sin().abs() / PI }
+            .compressed(early_responses(&matrix, shortest), [shortest, horizon], tolerance)
+    };
+    let leading = (0..R * R).map(|index| T::of(leading[(index / R, index % R)])).collect();
+    Ok(table(exponent, leading, &relaxations, [shortest, horizon]))
+}
+
+fn check_ranges(shortest: f64, horizon: f64, tolerance: f64) -> Result<(), ParameterError> {
     let range = |accepted, parameter, value, allowed| match accepted {
         true => Ok(()),
         false => Err(ParameterError { parameter, value, allowed }),
@@ -74,28 +80,135 @@ pub fn rate_table<T: Real, const R: usize>(
         "tolerance",
         tolerance,
         "at least 1e-14 and at most 0.1",
-    )?;
-    let leading = *RungeKuttaWeights::new(method, exponent, 1.0, 1)?.leading();
-    let matrix = SMatrix::<f64, R, R>::from_fn(|i, j| method.matrix()[i][j]);
-    let relaxations = if exponent == exponent.round() {
-        Vec::new()
-    } else {
-        Power { mu: exponent.ceil() - exponent, jump: (PI * (exponent - exponent.round())).sin().abs() / PI }
-            .compressed(early_responses(&matrix, shortest), [shortest, horizon], tolerance)
-    };
+    )
+}
+
+fn table<T: Real>(
+    exponent: f64,
+    leading: Aligned<T>,
+    relaxations: &[Relaxation],
+    [shortest, horizon]: [f64; 2],
+) -> RateTable<Aligned<T>> {
     let filled = relaxations.len().next_multiple_of(BLOCK);
     let numbers = |of: &dyn Fn(&Relaxation) -> f64| {
         let numbers = relaxations.iter().map(|relaxation| T::of(of(relaxation)));
         numbers.chain(std::iter::repeat(T::zero())).take(filled).collect::<Aligned<T>>()
     };
-    Ok(RateTable {
+    RateTable {
         exponent,
-        leading: (0..R * R).map(|index| T::of(leading[(index / R, index % R)])).collect(),
+        leading,
         rates: numbers(&|relaxation| relaxation.rate),
         coefficients: numbers(&|relaxation| relaxation.coefficient),
         shortest,
         horizon,
-    })
+    }
+}
+
+/// Why a kernel has no table.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum RateTableError {
+    /// A parameter is not allowed.
+    Parameter(ParameterError),
+    /// No sum of relaxations is the kernel to the tolerance.
+    ToleranceMissed {
+        /// The tolerance that was asked for.
+        tolerance: f64,
+        /// The error that was reached.
+        reached: f64,
+    },
+}
+
+impl fmt::Display for RateTableError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Parameter(error) => error.fmt(f),
+            Self::ToleranceMissed { tolerance, reached } => write!(
+                f,
+                "no relaxations make up this kernel within {tolerance:e} for steps of any length, but to {reached:.1e}: \
+                 its singularities must all lie on the negative real axis, and what grows faster than s must vanish like s; \
+                 `convolution.family` = \"bdf\" on equal steps takes any kernel"
+            ),
+        }
+    }
+}
+
+impl std::error::Error for RateTableError {}
+
+impl From<ParameterError> for RateTableError {
+    fn from(error: ParameterError) -> Self {
+        Self::Parameter(error)
+    }
+}
+
+/// Fastest rate, as rate · shortest step: beyond, relaxations count by c/λ alone.
+const ENDLESS: f64 = 1e16;
+
+/// The table of any transfer function whose singularities lie on the negative real axis.
+///
+/// The relaxations make up K(s)/s^d to `tolerance`, relative to K, for |s| from the inverse of the horizon to
+/// ten times that of the shortest step, Re s ≥ 0. That of s^β is [`rate_table`]'s, of a Prony series its
+/// terms.
+///
+/// # Errors
+/// As [`rate_table`]; and [`RateTableError::ToleranceMissed`] where K has singularities elsewhere, or a
+/// formula is not so accurate; and for weights, which are for equal steps.
+pub fn rate_table_of<T: Real, const R: usize>(
+    method: &RungeKutta<R>,
+    transfer: &TransferFunction,
+    shortest: f64,
+    horizon: f64,
+    tolerance: f64,
+) -> Result<RateTable<Aligned<T>>, RateTableError> {
+    if let Some(exponent) = transfer.exponent() {
+        return Ok(rate_table(method, exponent, shortest, horizon, tolerance)?);
+    }
+    if let Some(table) = transfer.table() {
+        let (parameter, value) = ("number of weights", table.weights().len() as f64);
+        return Err(ParameterError { parameter, value, allowed: "none: weights are for equal steps" }.into());
+    }
+    check_ranges(shortest, horizon, tolerance)?;
+    let growth = transfer.growth();
+    let (derivatives, exponent) = match growth {
+        growth if growth < 0.0 => (0, growth),
+        // One derivative makes a measure of decaying functions of it, G(t) = L⁻¹[K(s)/s].
+        0.0 => (1, 1.0),
+        growth if growth <= 1.0 => (1, growth),
+        growth => (2, growth),
+    };
+    let [nodes, ends] = Spectrum { transfer, derivatives, shortest, horizon, tolerance }
+        .relaxations()
+        .map_err(|reached| RateTableError::ToleranceMissed { tolerance, reached })?;
+    let finished = |mut relaxations: Vec<Relaxation>| {
+        relaxations.extend_from_slice(&ends);
+        relaxations.sort_by(|a, b| a.rate.total_cmp(&b.rate));
+        Ok(table(exponent, Aligned::zeros(0), &relaxations, [shortest, horizon]))
+    };
+    // A series is itself.
+    if !transfer.poles().is_empty() {
+        return finished(nodes);
+    }
+    let matrix = SMatrix::<f64, R, R>::from_fn(|i, j| method.matrix()[i][j]);
+    let of_sign = |sign: f64| {
+        let nodes: Vec<Relaxation> = nodes
+            .iter()
+            .filter(|node| node.coefficient * sign > 0.0)
+            .map(|node| Relaxation { coefficient: node.coefficient.abs(), ..*node })
+            .collect();
+        let within = [1.0, 30.0].map(|ratio| responses_beyond(&matrix, ratio * shortest));
+        let early =
+            early_responses(&matrix, shortest).into_iter().chain(within.into_iter().flatten()).collect();
+        let late = late_responses(horizon).into_iter().chain(responses_within(&matrix, horizon)).collect();
+        let closing = Some(ENDLESS / shortest);
+        let compression = Compression { early, late, shortest, horizon, tolerance, closing };
+        compression.of(&nodes).into_iter().map(move |node| {
+            // So that products with steps are numbers of single precision, too.
+            let rate = node.rate.min(ENDLESS / shortest);
+            let worth = if node.rate > rate { node.coefficient / node.rate * rate } else { node.coefficient };
+            Relaxation { rate, coefficient: sign * worth }
+        })
+    };
+    finished(of_sign(1.0).chain(of_sign(-1.0)).collect())
 }
 
 /// s^{−μ}
@@ -144,136 +257,20 @@ impl Power {
     /// responses.
     fn compressed(
         &self,
-        early_responses: Vec<Response>,
+        early: Vec<Response>,
         [shortest, horizon]: [f64; 2],
         tolerance: f64,
     ) -> Vec<Relaxation> {
         let nodes = self.trapezoidal_rule(shortest, horizon, tolerance);
-        let allowed = (0.25 * tolerance).max(4.0 * f64::EPSILON);
-        let late = Agreement::new(&nodes, allowed, late_responses(horizon));
-        let early = Agreement::new(&nodes, allowed, early_responses);
-        let slow = |reach: f64| {
-            let count = nodes.partition_point(|node| node.rate * horizon <= reach);
-            late.shortest_rule(&nodes[..count], Relaxation::slow_rules(&nodes[..count]))
-        };
-        let fast = |reach: f64| {
-            let count = nodes.partition_point(|node| node.rate * shortest <= reach);
-            early.shortest_rule(&nodes[count..], Relaxation::fast_rules(&nodes[count..]))
-        };
-        // Of the reaches, the one that saves most.
-        let most = |rules: Vec<(usize, Vec<Relaxation>)>| {
-            rules.into_iter().max_by_key(|(replaced, rule)| replaced - rule.len()).unwrap_or_default()
-        };
-        let (slow_count, slow_rule) = most(SLOW_REACHES.map(slow).into());
-        let (fast_count, fast_rule) = most(FAST_REACHES.map(fast).into());
-        // Runs of a few steps: the two may meet.
-        let middle = nodes.get(slow_count..nodes.len() - fast_count);
-        match middle {
-            Some(middle) => [&slow_rule, middle, &fast_rule].concat(),
-            None => [&slow_rule, &nodes[slow_count..]].concat(),
-        }
+        Compression { early, late: late_responses(horizon), shortest, horizon, tolerance, closing: None }
+            .of(&nodes)
     }
-}
-
-impl Relaxation {
-    /// Gauss rules of the measure in λ, by size.
-    fn slow_rules(group: &[Self]) -> impl Fn(usize) -> Vec<Self> {
-        let unit = group.last().map_or(1.0, |node| node.rate).max(f64::MIN_POSITIVE);
-        let measure: Vec<_> = group.iter().map(|node| (node.rate / unit, node.coefficient)).collect();
-        let jacobi = JacobiMatrix::of(&measure);
-        move |size| {
-            let rule = jacobi.gauss_rule(size).into_iter();
-            rule.map(|(x, coefficient)| Self { rate: x.max(0.0) * unit, coefficient }).collect()
-        }
-    }
-
-    /// Gauss rules of the measure in u = 1/λ with weight u², by size.
-    fn fast_rules(group: &[Self]) -> impl Fn(usize) -> Vec<Self> {
-        let unit = group.first().map_or(1.0, |node| node.rate);
-        let measure: Vec<_> = group
-            .iter()
-            .map(|node| (unit / node.rate, node.coefficient * (unit / node.rate).powi(2)))
-            .collect();
-        let jacobi = JacobiMatrix::of(&measure);
-        move |size| {
-            let node = |(u, mass): (f64, f64)| Self { rate: unit / u, coefficient: mass / (u * u) };
-            let rule = jacobi.gauss_rule(size).into_iter().filter(|(u, _)| *u > 0.0);
-            let mut rule: Vec<Self> = rule.map(node).collect();
-            rule.sort_by(|a, b| a.rate.total_cmp(&b.rate));
-            rule
-        }
-    }
-}
-
-/// f(λ)
-type Response = Box<dyn Fn(f64) -> f64>;
-
-/// Whether a rule takes the place of some nodes, judged by responses.
-struct Agreement {
-    /// Each with the difference that is allowed.
-    responses: Vec<(Response, f64)>,
-}
-
-impl Agreement {
-    fn new(nodes: &[Relaxation], allowed: f64, responses: Vec<Response>) -> Self {
-        let responses = responses.into_iter().map(|response| {
-            let size: f64 = nodes.iter().map(|node| node.coefficient * response(node.rate).abs()).sum();
-            (response, allowed * size)
-        });
-        Self { responses: responses.collect() }
-    }
-
-    /// Number of nodes replaced and the shortest rule that agrees with them, or the nodes themselves.
-    fn shortest_rule(
-        &self,
-        group: &[Relaxation],
-        rules: impl Fn(usize) -> Vec<Relaxation>,
-    ) -> (usize, Vec<Relaxation>) {
-        let sum = |nodes: &[Relaxation], response: &Response| -> f64 {
-            nodes.iter().map(|node| node.coefficient * response(node.rate)).sum()
-        };
-        let wanted: Vec<f64> = self.responses.iter().map(|(response, _)| sum(group, response)).collect();
-        let agrees = |rule: &Vec<Relaxation>| {
-            let of_rule = self.responses.iter().zip(&wanted);
-            of_rule
-                .into_iter()
-                .all(|((response, allowed), wanted)| (sum(rule, response) - wanted).abs() <= *allowed)
-        };
-        let rule = (1..group.len().min(LONGEST_RULE + 1)).map(rules).find(agrees);
-        (group.len(), rule.unwrap_or_else(|| group.to_vec()))
-    }
-}
-
-/// What is left of a relaxation after times up to the horizon: of many short steps e^{−λt}, of two long ones
-/// (1 + λt/2)^{−2}.
-fn late_responses(horizon: f64) -> Vec<Response> {
-    let times = (0..24).map(move |k| horizon * 0.5_f64.powi(k));
-    let responses = times.flat_map(|time| -> [Response; 2] {
-        [Box::new(move |rate| (-rate * time).exp()), Box::new(move |rate| (1.0 + 0.5 * rate * time).powi(-2))]
-    });
-    responses.collect()
-}
-
-/// The entries of (I + h′λA)⁻¹1 · R(−hλ)ⁿ · e_Rᵀ(I + hλA)⁻¹ for the shortest step h, some n and h′ ≥ h.
-fn early_responses<const R: usize>(matrix: &SMatrix<f64, R, R>, shortest: f64) -> Vec<Response> {
-    let matrix = *matrix;
-    let resolvent = move |x: f64| inverse(&(SMatrix::identity() + matrix * x));
-    let shapes = [1.0, 3.0, 30.0].into_iter().flat_map(|ratio| [0, 1, 4].map(|steps| (ratio, steps)));
-    let entries = shapes.flat_map(|shape| (0..R * R).map(move |entry| (shape, entry)));
-    let response = move |((ratio, steps), entry): ((f64, i32), usize)| -> Response {
-        Box::new(move |rate: f64| {
-            let before = resolvent(shortest * rate);
-            let here = resolvent(ratio * shortest * rate) * SVector::repeat(1.0);
-            let decay = before.row(R - 1).sum();
-            here[entry / R] * decay.powi(steps) * before[(R - 1, entry % R)]
-        })
-    };
-    entries.map(response).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Complex;
 
     fn radau() -> RungeKutta<3> {
         RungeKutta::radau_iia().unwrap()
@@ -296,6 +293,80 @@ mod tests {
                     assert!(error.abs() < tolerance, "{exponent}, {tolerance:e}: {error:e} at {time:e}");
                 }
             }
+        }
+    }
+
+    /// Σ c/(s + λ) s^d
+    fn value(table: &RateTable<Aligned<f64>>, s: Complex<f64>) -> Complex<f64> {
+        let relaxations = table.rates.as_ref().iter().zip(table.coefficients.as_ref());
+        let sum: Complex<f64> = relaxations.map(|(rate, c)| (s + rate).inv() * *c).sum();
+        sum * s.powi(table.exponent.ceil() as i32)
+    }
+
+    #[test]
+    fn every_form_has_a_table_over_seventeen_decades() {
+        let symbol = |text: &str| crate::scenario::kernel_of_symbol(text);
+        for (transfer, most) in [
+            (TransferFunction::tempered(0.5, 0.3).unwrap(), 300),
+            (TransferFunction::tempered(0.95, 3.0).unwrap(), 300),
+            (TransferFunction::tempered(1.5, 2.0).unwrap(), 300),
+            (TransferFunction::tempered(1.95, 2e-3).unwrap(), 300),
+            (TransferFunction::maxwell(0.05, 0.0, 1.5).unwrap(), 200),
+            (TransferFunction::maxwell(0.999, 0.0, 1e-3).unwrap(), 300),
+            (TransferFunction::maxwell(1.0, 0.3, 0.5).unwrap(), 300),
+            (TransferFunction::maxwell(0.5, 0.48, 0.5).unwrap(), 200),
+            (TransferFunction::prony(&[1.0, 0.7, -0.1], &[1.0, 0.1, 1e-9]).unwrap(), 4),
+            (TransferFunction::havriliak_negami(0.1, 0.1, 1.0).unwrap(), 200),
+            (TransferFunction::havriliak_negami(0.95, 0.5, 1.0).unwrap(), 300),
+            (TransferFunction::havriliak_negami(1.0, 0.95, 2.0).unwrap(), 300),
+            (symbol("0.5 + 1.5*s^0.6/(1 + s^0.6)").unwrap(), 300),
+            (symbol("s + s^0.5").unwrap(), 300),
+            (symbol("s^1.5/(1 + s^0.3)").unwrap(), 300),
+            (symbol("1/(1 + s^0.5)").unwrap(), 300),
+            (symbol("s^0.3 - s^0.6").unwrap(), 300),
+        ] {
+            let table =
+                rate_table_of::<f64, 3>(&radau(), &transfer, 1e-9, 1e8, 1e-12).unwrap_or_else(|error| {
+                    panic!("{transfer}: {error}");
+                });
+            let count = table.rates.as_ref().len();
+            assert!(count <= most && table.leading.as_ref().is_empty(), "{transfer}: {count} rates");
+            for decade in -5..=8 {
+                // Off the axis, and by the rates that are left.
+                let s = Complex::from_polar(10f64.powi(decade), 1.2);
+                let (found, known) = (value(&table, s), transfer.value(s));
+                let error = (found - known).norm() / (known.norm() + transfer.spring());
+                assert!(error < 2e-12, "{transfer}, s = {s:e}: {error:e}");
+            }
+        }
+    }
+
+    #[test]
+    fn formulas_whose_cut_begins_somewhere_have_a_table_as_far_as_they_are_accurate() {
+        for text in ["sqrt(s + 1) - 1", "log(1 + 2*s)"] {
+            let transfer = crate::scenario::kernel_of_symbol(text).unwrap();
+            let table = rate_table_of::<f64, 3>(&radau(), &transfer, 1e-4, 10.0, 1e-12).unwrap();
+            for decade in -1..=4 {
+                let s = Complex::from_polar(10f64.powi(decade), 1.2);
+                let error = (value(&table, s) / transfer.value(s) - 1.0).norm();
+                assert!(error < 2e-12, "{text}, s = {s:e}: {error:e}");
+            }
+            // √(s + 1) − 1 has no digits of double precision left at s = 10⁻¹⁶.
+            assert!(rate_table_of::<f64, 3>(&radau(), &transfer, 1e-4, 1e16, 1e-12).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn kernels_that_are_no_relaxations_are_refused() {
+        let symbol = |text: &str| crate::scenario::kernel_of_symbol(text).unwrap();
+        for transfer in [
+            symbol("0.5*s*(s + 0.1)/((s + 0.1)^2 + 4)"),
+            symbol("sqrt(s)*tanh(sqrt(s))"),
+            symbol("s^1.3 + s^0.5"),
+            symbol("s/(1 + s)"),
+        ] {
+            let refused = rate_table_of::<f64, 3>(&radau(), &transfer, 1e-3, 1.0, 1e-12);
+            assert!(matches!(refused, Err(RateTableError::ToleranceMissed { .. })), "{transfer}");
         }
     }
 

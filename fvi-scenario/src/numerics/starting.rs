@@ -1,6 +1,8 @@
 //! Starting weights: fractional derivatives that are exact on chosen powers of time.
 
+use crate::numerics::kernel_defects::KernelDefects;
 use crate::numerics::starting_defects::PowerDefects;
+use crate::numerics::transfer::TransferFunction;
 use fvi_core::{
     ActsOn, BdfOrder, Memory, MemoryError, ParameterError, Real, Shape, StateError, StateReader, StateWriter,
     check_channels, fingerprint, header_bytes,
@@ -39,10 +41,8 @@ pub const TRUSTED_CONDITION: f64 = 1e8;
 #[derive(Clone, Debug)]
 pub struct StartingCorrection<T, M> {
     memory: M,
-    /// Error of its kernel with step size 1 on D^β t^ν.
-    defects: PowerDefects,
-    /// h^{−β}.
-    scale: f64,
+    /// Error of its kernel on K(D) t^ν.
+    defects: Defects,
     /// ν, ascending.
     exponents: Vec<f64>,
     /// The first values, one row of channels for each.
@@ -52,6 +52,24 @@ pub struct StartingCorrection<T, M> {
     /// a_ν for each channel, once the first samples are known.
     coefficients: Option<DMatrix<f64>>,
     leading: [T; 1],
+}
+
+/// Defects of powers of time.
+#[derive(Clone, Debug)]
+enum Defects {
+    /// Of s^β with step size 1, and h^{−β}.
+    Power { defects: PowerDefects, scale: f64 },
+    /// Of another kernel.
+    Kernel(Box<KernelDefects>),
+}
+
+impl Defects {
+    fn bytes(&self) -> usize {
+        match self {
+            Self::Power { defects, .. } => defects.bytes(),
+            Self::Kernel(defects) => defects.bytes(),
+        }
+    }
 }
 
 impl<T: Real, M: Memory<T>> StartingCorrection<T, M> {
@@ -68,6 +86,37 @@ impl<T: Real, M: Memory<T>> StartingCorrection<T, M> {
         step_size: f64,
         exponents: &[f64],
     ) -> Result<Self, ParameterError> {
+        let scale = libm::pow(step_size, -exponent);
+        let defects = |sorted: &[f64]| {
+            Ok(Defects::Power { defects: PowerDefects::new(order, exponent, sorted)?, scale })
+        };
+        Self::with(memory, exponents, defects)
+    }
+
+    /// The same for any kernel whose singularities lie on the negative real axis.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new); and for other kernels, and weights.
+    pub fn of_transfer(
+        memory: M,
+        order: BdfOrder,
+        transfer: &TransferFunction,
+        step_size: f64,
+        exponents: &[f64],
+    ) -> Result<Self, ParameterError> {
+        if let Some(exponent) = transfer.exponent() {
+            return Self::new(memory, order, exponent, step_size, exponents);
+        }
+        Self::with(memory, exponents, |sorted| {
+            Ok(Defects::Kernel(Box::new(KernelDefects::new(transfer, order, step_size, sorted)?)))
+        })
+    }
+
+    fn with(
+        memory: M,
+        exponents: &[f64],
+        defects: impl FnOnce(&[f64]) -> Result<Defects, ParameterError>,
+    ) -> Result<Self, ParameterError> {
         let refuse = |parameter, value, allowed| Err(ParameterError { parameter, value, allowed });
         if memory.stages() != 1 {
             return refuse("stages", memory.stages() as f64, "1 for starting weights");
@@ -82,8 +131,7 @@ impl<T: Real, M: Memory<T>> StartingCorrection<T, M> {
         let mut this = Self {
             leading: [T::zero()],
             memory,
-            defects: PowerDefects::new(order, exponent, &sorted)?,
-            scale: libm::pow(step_size, -exponent),
+            defects: defects(&sorted)?,
             exponents: sorted,
             first: Vec::new(),
             last: Vec::new(),
@@ -106,7 +154,11 @@ impl<T: Real, M: Memory<T>> StartingCorrection<T, M> {
 
     /// D^β t^ν minus its quadrature at step k ≥ 1, for every ν: what the corrections have to make up.
     fn defects(&self) -> Vec<f64> {
-        self.defects.at(self.memory.len()).map(|defect| self.scale * defect).collect()
+        let k = self.memory.len();
+        match &self.defects {
+            Defects::Power { defects, scale } => defects.at(k).map(|defect| scale * defect).collect(),
+            Defects::Kernel(defects) => defects.at(k),
+        }
     }
 
     /// The weights h^{−β} ϖ_{k,j} of the first `count` samples from the defects of the `count` smallest

@@ -48,7 +48,7 @@ const TERMS: usize = 24;
 
 /// Steps until the other zeros of γ_p, of absolute value 1/r, have died out like r^k, and the expansion has
 /// converged.
-const FAR: [usize; 6] = [32, 48, 64, 96, 160, 384];
+pub(crate) const FAR: [usize; 6] = [32, 48, 64, 96, 160, 384];
 
 impl PowerDefects {
     /// The defects for the operator D^β by BDF p and the exponents ν ≥ 0.
@@ -185,7 +185,7 @@ pub fn reciprocal_gamma(x: f64) -> f64 {
 }
 
 /// ζ(−x) for x ≥ 0, by the functional equation from ζ(1 + x).
-fn zeta_at_minus(x: f64) -> f64 {
+pub(crate) fn zeta_at_minus(x: f64) -> f64 {
     use core::f64::consts::PI;
     if x == 0.0 {
         return -0.5;

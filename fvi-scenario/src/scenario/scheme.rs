@@ -1,6 +1,6 @@
 //! `[scheme]` and `[convolution]`: how the motion and its fractional derivatives are discretised.
 
-use super::system::System;
+use super::system::{Damping, System};
 use crate::language::document::Table;
 use crate::language::error::{InputError, Problem};
 use crate::numerics::StagedMethod;
@@ -443,7 +443,8 @@ impl Convolution {
     /// order 0 has no error.
     pub(super) fn highest_exponent(&self, system: &System) -> f64 {
         let ConvolutionFamily::Bdf { order } = self.family else { return f64::INFINITY };
-        let orders = system.damping.iter().map(|term| term.transfer.growth()).filter(|&beta| beta > 0.0);
+        let whole = |term: &&Damping| term.transfer.exponent() != Some(0.0);
+        let orders = system.damping.iter().filter(whole).map(|term| term.transfer.growth());
         order as f64 + orders.fold(f64::INFINITY, f64::min)
     }
 
@@ -451,10 +452,11 @@ impl Convolution {
     pub(super) fn check_exponents(&self, table: &Table<'_>, system: &System) -> Result<(), InputError> {
         let highest = self.highest_exponent(system);
         let Some(value) = table.optional("starting") else { return Ok(()) };
-        if !self.starting.is_empty() && system.damping.iter().any(|term| term.transfer.exponent().is_none()) {
+        if !self.starting.is_empty() && !system.damping.iter().all(|term| term.transfer.is_relaxation()) {
             return Err(value.error(Problem::Incompatible {
-                with: "`system.damping.kernel`".to_owned(),
-                allowed: "starting weights beside terms with an `order`".to_owned(),
+                with: "this `system.damping.kernel`".to_owned(),
+                allowed: "starting weights beside kernels whose singularities lie on the negative real axis"
+                    .to_owned(),
             }));
         }
         match value.list("a list of numbers")?.iter().zip(&self.starting).find(|(_, nu)| **nu > highest) {

@@ -51,7 +51,8 @@ impl Scenario {
         let lowers = |term: &Damping| {
             let order = term.transfer.growth();
             let is_taken_worse = moves || (is_off && (order > 1.0 || highest > 2.0));
-            term.derivative == Derivative::Caputo && order > 0.0 && is_taken_worse
+            let acts = term.transfer.exponent() != Some(0.0);
+            term.derivative == Derivative::Caputo && acts && is_taken_worse
         };
         (!self.convolution.starting.is_empty() && self.system.damping.iter().any(lowers)).then(|| {
             "convolution.starting: where Caputo damping begins from a state that is not zero starting weights can lower the \

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, final
 
 import numpy as np
@@ -17,7 +17,7 @@ from fvi._errors import InputError
 class Kernel:
     """A kernel K(s) in place of s^β: the damping force is −ρ K(D) q.
 
-    Made by `power`, `tempered`, `maxwell`, `prony`, `havriliak_negami`, `symbol`, `relaxation` or `weights`; taken by `Damping`, `Memory`, `weights` and
+    Made by `power`, `tempered`, `maxwell`, `prony`, `havriliak_negami`, `symbol`, `relaxation`, `relaxation_matrix` or `weights`; taken by `Damping`, `Memory`, `weights` and
     `derivative`. A kernel that is not passive, one that could drive a motion, is refused by `integrate` with the band of frequencies, unless
     the damping says ``allow_active=True``.
 
@@ -85,6 +85,29 @@ class Kernel:
         if times.ndim != 1 or times.shape != moduli.shape:
             raise InputError(f"G: shape {moduli.shape} instead of {times.shape}, that of t", "G", str(moduli.shape))
         keys: dict[str, Any] = {"relaxation": np.column_stack([times, moduli]).tolist()}
+        if decay is not None:
+            keys["decay"] = _arrays.positive("decay", decay)
+        return Kernel(**keys)
+
+    @staticmethod
+    def relaxation_matrix(
+        files: Sequence[Sequence[str | os.PathLike[str]]], decay: float | None = None
+    ) -> Kernel:
+        """A relaxation function for each pair of coordinates, the force −Σ_j ∫ G_ij(t − τ) q̇_j(τ) dτ: Cummins' equation.
+
+        `files` has N rows of N files with the columns t, G, each as :meth:`relaxation` says, with ``""`` where nothing
+        couples; G is symmetric. The term, ``fvi.Damping(kernel=…)``, has no `coefficient`.
+        """
+        if isinstance(files, str) or not all(isinstance(row, Sequence) and not isinstance(row, str) for row in files):
+            raise InputError(f"files = {files!r}: rows of files are needed", "files", repr(files))
+        for entry in (entry for row in files for entry in row):
+            if not isinstance(entry, str | os.PathLike):
+                raise InputError(f"files: {entry!r}, where the name of a file is needed", "files", repr(entry))
+        rows = [[os.path.abspath(entry) if entry != "" else "" for entry in row] for row in files]
+        if any(len(row) != len(rows) for row in rows):
+            shape = [len(row) for row in rows]
+            raise InputError(f"files: rows of {shape} entries instead of {len(rows)} each", "files", repr(shape))
+        keys: dict[str, Any] = {"relaxation": rows}
         if decay is not None:
             keys["decay"] = _arrays.positive("decay", decay)
         return Kernel(**keys)
