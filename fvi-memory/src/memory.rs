@@ -226,9 +226,10 @@ impl MemoryRequest<'_> {
         Ok(HostMemory::new(Box::new(corrected), engine, acts_on))
     }
 
-    /// A memory of other weights for the same samples, plain ones or planes of matrices of so many stages, such as derivatives of the kernel's with respect
-    /// to a parameter: the plain sum where the engine asked for is that, transforms elsewhere. `weights` is
-    /// told whether they are to act on increments, and how many are wanted.
+    /// A memory of other weights for the same samples, plain ones or planes of matrices of so many
+    /// stages, such as derivatives of the kernel's with respect to a parameter: the plain sum where the
+    /// engine asked for is that, transforms elsewhere. `weights` is told whether they are to act on
+    /// increments, and how many are wanted.
     ///
     /// # Errors
     /// [`EngineError`], and those of `weights`.

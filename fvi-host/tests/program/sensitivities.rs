@@ -299,8 +299,8 @@ enum Way {
 }
 
 /// m, k, c, ρ, β, q₀, v₀ of m q̈ + k sin q + c q³ + ρ D^β q = 0: rows (q, p) of the midpoint rule with BDF 2
-/// at the node, or BDF 1 at the main nodes, or of the implicit Euler method with BDF 1, written out. The last is
-/// collocation with the one stage of Radau IIA too.
+/// at the node, or BDF 1 at the main nodes, or of the implicit Euler method with BDF 1, written out. The last
+/// is collocation with the one stage of Radau IIA too.
 fn by_hand(numbers: [f64; 7], h: f64, steps: usize, way: Way) -> Vec<[Dual; 2]> {
     let [m, k, c, rho, beta, q0, v0] = std::array::from_fn(|i| Dual::variable(numbers[i], i));
     let number = Dual::constant;
@@ -486,7 +486,7 @@ fn what_is_not_differentiated_is_refused_with_key_and_reason() {
 
 #[test]
 fn large_systems_are_differentiated_by_their_sparse_factors() {
-    // 700 coordinates in a chain, more than full matrices are solved for, beside the same in 40 by a full matrix.
+    // 700 coordinates in a chain, more than full matrices are solved for, beside 40 by a full matrix.
     let chain = |size: usize, mass: f64, k: f64, order: f64, asked: bool| {
         let list = |f: &dyn Fn(usize) -> String| (0..size).map(f).collect::<Vec<_>>().join(", ");
         let mut text = format!(

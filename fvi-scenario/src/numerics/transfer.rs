@@ -117,7 +117,8 @@ pub struct Cut {
 }
 
 /// Narrowest strip through which an integral over the cut is taken: the points of the rule are as many as the
-/// inverse of its width, and that of Maxwell's form goes to zero where the difference of its orders goes to 1.
+/// inverse of its width, and that of Maxwell's form goes to zero where the difference of its orders goes to
+/// 1.
 const NARROWEST: f64 = 0.01;
 
 impl Cut {

@@ -353,7 +353,7 @@ impl Tangent {
             Some(square) => h * h * square[i * degree + mu],
             None => view.shapes[i * degree + mu],
         };
-        // Row ν of the equations: Σ_μ κ(ν, μ) (M δe^μ + δM e^μ) + Σ_i φ(i, ν) δG_i, with δ_ν0 δp_k of increments.
+        // Row ν: Σ_μ κ(ν, μ) (M δe^μ + δM e^μ) + Σ_i φ(i, ν) δG_i, and δ_ν0 δp_k where increments are sought.
         let inertia = |nu: usize, mu: usize| match square {
             Some(_) => f64::from(u8::from(nu == mu)),
             None => view.kinetic[nu * degree + mu] / h,
@@ -721,8 +721,8 @@ fn derivative_memory(
     let step = scenario.time.step;
     if let Some(staged) = scenario.convolution.family.staged() {
         let weights = |on_rises, count| with_staged_method!(staged, method => runge_kutta_derivative(&method, by, step, on_rises, count))?;
-        // The memory's own weights are not compared with others; an exponent of 0 would leave nothing out of the
-        // motion.
+        // The memory's own weights are not compared with others; an exponent of 0 would leave nothing out of
+        // the motion.
         let kernel = Kernel::given(request.transfer.growth().max(f64::MIN_POSITIVE))?;
         return Ok((kernel, request.build_of_weights(staged.stages(), &weights)?));
     }
