@@ -102,6 +102,19 @@ pub(super) fn gradient(evaluation: &Evaluation) -> Vec<f64> {
     jacobian.column_iter().map(|column| column.dot(&evaluation.residuals)).collect()
 }
 
+/// The residuals at a point; `None` where there are none, or no derivatives that are asked for.
+fn at<R: Residuals>(
+    residuals: &mut R,
+    point: &[f64],
+    derivatives: bool,
+) -> Result<Option<Evaluation>, Refusal<R::End>> {
+    match residuals.evaluate(point, derivatives) {
+        Ok(evaluation) => Ok(Some(evaluation)),
+        Err(Refusal::Point(_)) => Ok(None),
+        Err(end) => Err(end),
+    }
+}
+
 /// The smallest sum of squares that is found from a start.
 ///
 /// # Errors
@@ -179,24 +192,26 @@ pub(super) fn minimise<R: Residuals>(
                 let size = point[index].abs().max(1e-3 * region.typical[index]);
                 (trial[index] - point[index]).abs() <= SHORTEST * size
             });
-            if predicted > 0.0 {
-                match residuals.evaluate(&trial, growth == 2.0) {
-                    Ok(tried) => {
-                        let gained = cost - tried.cost();
-                        let is_finite = tried.residuals.iter().all(|residual| residual.is_finite());
-                        if is_finite && gained > 1e-4 * predicted {
-                            let ratio = 2.0 * gained / predicted - 1.0;
-                            weight = (weight * (1.0 - ratio * ratio * ratio).clamp(0.1, 1.0)).max(1e-16);
-                            growth = 2.0;
-                            break (Some((trial, tried)), is_short.then_some(end_of_short));
-                        }
-                        // What is left to gain is below the rounding of the sum of squares.
-                        if is_finite && potential <= 1e-12 * cost && gained.abs() <= 1e-12 * cost {
-                            break (None, Some(End::Converged));
-                        }
+            if predicted > 0.0
+                && let Some(tried) = at(residuals, &trial, growth == 2.0)?
+            {
+                let gained = cost - tried.cost();
+                let is_finite = tried.residuals.iter().all(|residual| residual.is_finite());
+                if is_finite && gained > 1e-4 * predicted {
+                    // A point where the next step could not begin is avoided as one without residuals is.
+                    let whole = match tried.jacobian {
+                        Some(_) => Some(tried),
+                        None => at(residuals, &trial, true)?,
+                    };
+                    if let Some(whole) = whole {
+                        let ratio = 2.0 * gained / predicted - 1.0;
+                        weight = (weight * (1.0 - ratio * ratio * ratio).clamp(0.1, 1.0)).max(1e-16);
+                        growth = 2.0;
+                        break (Some((trial, whole)), is_short.then_some(end_of_short));
                     }
-                    Err(Refusal::Point(_)) => {}
-                    Err(end) => return Err(end),
+                } else if is_finite && potential <= 1e-12 * cost && gained.abs() <= 1e-12 * cost {
+                    // What is left to gain is below the rounding of the sum of squares.
+                    break (None, Some(End::Converged));
                 }
             }
             if is_short {
@@ -211,9 +226,6 @@ pub(super) fn minimise<R: Residuals>(
         if let Some((trial, tried)) = next {
             point = trial;
             now = tried;
-        }
-        if now.jacobian.is_none() {
-            now = residuals.evaluate(&point, true)?;
         }
         if let Some(end) = step_end {
             break end;
@@ -296,6 +308,34 @@ mod tests {
         let root = |x: &[f64]| (x[0] > 0.0).then(|| (vec![x[0].sqrt() - 0.1], vec![vec![0.5 / x[0].sqrt()]]));
         let found = minimise(&mut Function(root, 0), &[4.0], &region(&[OPEN]), 200).unwrap();
         assert!((found.point[0] - 0.01).abs() < 1e-12, "{found:?}");
+    }
+
+    /// (x + 1)², which is flat at its end, with derivatives for x > 0 only.
+    struct WithoutDerivatives;
+
+    impl Residuals for WithoutDerivatives {
+        type End = ();
+
+        fn evaluate(&mut self, point: &[f64], derivatives: bool) -> Result<Evaluation, Refusal<()>> {
+            let x = point[0];
+            if derivatives && x <= 0.0 {
+                return Err(Refusal::Point("no derivatives".to_owned()));
+            }
+            // Far away the model promises too much, so that a shorter step is tried, without derivatives.
+            let residuals =
+                DVector::from_vec(vec![(x + 1.0) * (x + 1.0) + if x < -0.5 { 100.0 } else { 0.0 }]);
+            Ok(Evaluation {
+                residuals,
+                jacobian: derivatives.then(|| DMatrix::from_element(1, 1, 2.0 * (x + 1.0))),
+            })
+        }
+    }
+
+    #[test]
+    fn points_without_derivatives_are_gone_around_too() {
+        let found = minimise(&mut WithoutDerivatives, &[3.0], &region(&[OPEN]), 200).unwrap();
+        assert!((0.0..1e-3).contains(&found.point[0]), "{found:?}");
+        assert!(found.evaluation.jacobian.is_some());
     }
 
     #[test]
