@@ -1,8 +1,8 @@
 //! A motor under a fractional PID controller that ticks in a periodic task of RTIC, while a slower task of a
 //! lower priority changes the setpoint.
 //!
-//! The motor, T ÿ + ẏ = u with a drive that gives at most 2, is simulated in place of an encoder and a bridge.
-//! `build.rs` makes the controller's constants; the struct below names its type.
+//! The motor, T ÿ + ẏ = u with a drive that gives at most 2, is simulated in place of an encoder and a
+//! bridge. `build.rs` makes the controller's constants; the struct below names its type.
 #![no_std]
 #![no_main]
 

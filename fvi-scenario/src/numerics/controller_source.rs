@@ -88,8 +88,8 @@ impl From<ExponentialKernelError> for ControllerSourceError {
 /// fractional filter); the law by `axis_law()`, with these settings; the type `AxisPid`, a
 /// [`FractionalPid`](fvi_core::FractionalPid) to name in a struct, which has its law by value, and as
 /// `AxisPid<&'static PidLaw<f32>>` shares it; `new_axis()` with a law of its own, and `axis_with(law)` with
-/// the one given. Where the gain of the derivative is 0 there is no memory for it. The numbers are those of T,
-/// `f32` or `f64`; nothing but fvi-core is named.
+/// the one given. Where the gain of the derivative is 0 there is no memory for it. The numbers are those of
+/// T, `f32` or `f64`; nothing but fvi-core is named.
 ///
 /// `horizon` is the number of ticks that the weights hold for, each to the relative tolerance `tolerance`
 /// ([`ExponentialKernel::bdf`]); [`ENDLESS`](crate::numerics::exponential_table::ENDLESS) for no end.
@@ -209,7 +209,8 @@ pub fn source_with_tables<T: Real + LowerExp>(
          /// None: it has been checked.\n\
          pub fn new_{small}() -> Result<{camel}Pid, fvi_core::ParameterError> {{\n    \
          {small}_with({small}_law()?)\n}}\n\n\
-         /// The same with this law, by value or by reference: one with other gains, or one that loops share.\n\
+         /// The same with this law, by value or by reference: one with other gains, \
+         or one that loops share.\n\
          ///\n/// # Errors\n/// If its orders or its sample time are others than those of the tables.\n\
          pub fn {small}_with<L: core::borrow::Borrow<{law_type}>>(\n    law: L,\n\
          ) -> Result<{camel}Pid<L>, fvi_core::ParameterError> {{\n{body}}}\n"
