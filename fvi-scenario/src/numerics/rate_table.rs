@@ -342,21 +342,6 @@ mod tests {
     }
 
     #[test]
-    fn formulas_whose_cut_begins_somewhere_have_a_table_as_far_as_they_are_accurate() {
-        for text in ["sqrt(s + 1) - 1", "log(1 + 2*s)"] {
-            let transfer = crate::scenario::kernel_of_symbol(text).unwrap();
-            let table = rate_table_of::<f64, 3>(&radau(), &transfer, 1e-4, 10.0, 1e-12).unwrap();
-            for decade in -1..=4 {
-                let s = Complex::from_polar(10f64.powi(decade), 1.2);
-                let error = (value(&table, s) / transfer.value(s) - 1.0).norm();
-                assert!(error < 2e-12, "{text}, s = {s:e}: {error:e}");
-            }
-            // √(s + 1) − 1 has no digits of double precision left at s = 10⁻¹⁶.
-            assert!(rate_table_of::<f64, 3>(&radau(), &transfer, 1e-4, 1e16, 1e-12).is_err(), "{text}");
-        }
-    }
-
-    #[test]
     fn kernels_that_are_no_relaxations_are_refused() {
         let symbol = |text: &str| crate::scenario::kernel_of_symbol(text).unwrap();
         for transfer in [
