@@ -136,8 +136,8 @@ pub struct GridState {
 }
 
 impl GridState {
-    /// Appends a line t,q0,…,p0,…,energy, the run's columns and the sensitivities, with 17 significant digits,
-    /// which tell one f64 from another.
+    /// Appends a line t,q0,…,p0,…,energy, the run's columns and the sensitivities, with 17 significant
+    /// digits, which tell one f64 from another.
     ///
     /// Runs that keep every row spend most of their time here: in this crate it is compiled for speed.
     pub fn append_row(&self, text: &mut String) {

@@ -1,8 +1,9 @@
 //! The stepper: fractionally damped systems of one to six coordinates, with callbacks for the potential.
 //!
-//! There is a function for each number of coordinates and place of the damping, so that a program links the one
-//! that it calls: 20 to 42 kB of flash on a Cortex-M4F. One function that takes the number would link them all,
-//! 286 kB; saving through the stepper's table of calls would add 9 kB to every program that never saves.
+//! There is a function for each number of coordinates and place of the damping, so that a program links the
+//! one that it calls: 20 to 42 kB of flash on a Cortex-M4F. One function that takes the number would link
+//! them all, 286 kB; saving through the stepper's table of calls would add 9 kB to every program that never
+//! saves.
 
 use core::ffi::c_void;
 

@@ -24,8 +24,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 /// What a motion hands to Python: the name of its load case, t, q, p, energy, its columns by their names, the
-/// derivatives of q and p by each parameter, how it ended, and the summary, both as JSON: the latter is long where
-/// there are many coordinates, and seldom looked at.
+/// derivatives of q and p by each parameter, how it ended, and the summary, both as JSON: the latter is long
+/// where there are many coordinates, and seldom looked at.
 type Motion<'py> = (
     String,
     Bound<'py, PyArray1<f64>>,

@@ -2,9 +2,9 @@
 //! on with at any time.
 //!
 //! Every run has a place of fixed size in a file of records, `sweep.fvi`, or `sweep.shard-1-of-8.fvi` where a
-//! part of the runs is made by another process. The process that ends a sweep reads the records in the order of the
-//! runs, so that the table has the same bytes however many threads and processes filled them, and however
-//! often these were interrupted.
+//! part of the runs is made by another process. The process that ends a sweep reads the records in the order
+//! of the runs, so that the table has the same bytes however many threads and processes filled them, and
+//! however often these were interrupted.
 
 mod axis;
 mod elsewhere;

@@ -17,8 +17,8 @@ pub enum Format {
     /// `u,setpoint,measure` of a controller and `u0,setpoint0,measure0,u1,…` of several.
     #[default]
     Csv,
-    /// `trajectory.npz`: the NumPy arrays `t` (rows), `q` and `p` (rows × coordinates) and `energy` (rows), and
-    /// those of the run's columns, as `u`, `setpoint` and `measure` (rows, or rows × controllers).
+    /// `trajectory.npz`: the NumPy arrays `t` (rows), `q` and `p` (rows × coordinates) and `energy` (rows),
+    /// and those of the run's columns, as `u`, `setpoint` and `measure` (rows, or rows × controllers).
     Npz,
 }
 

@@ -108,12 +108,8 @@ impl From<ExponentialKernelError> for ControllerSourceError {
 ///     ..PidSettings::new(gains, 1e-3)
 /// };
 /// let source = controller_source("axis", &settings, 100_000_000, 1e-7)?;
-/// # let out = std::env::temp_dir().join(format!("fvi-axis-{}.rs", std::process::id()));
-/// # let _ = "
-/// let out = Path::new(&env::var("OUT_DIR")?).join("axis.rs");
-/// # ";
-/// std::fs::write(&out, source)?;
-/// # std::fs::remove_file(&out)?;
+/// // std::fs::write(Path::new(&env::var("OUT_DIR")?).join("axis.rs"), source)?;
+/// assert!(source.contains("pub fn new_axis()"));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 ///

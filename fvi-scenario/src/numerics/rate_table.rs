@@ -147,8 +147,10 @@ const ENDLESS: f64 = 1e16;
 /// The table of any transfer function whose singularities lie on the negative real axis.
 ///
 /// The relaxations make up K(s)/s^d to `tolerance`, relative to K, for |s| from the inverse of the horizon to
-/// ten times that of the shortest step, Re s ≥ 0. That of s^β is [`rate_table`]'s, of a Prony series its
-/// terms.
+/// ten times that of the shortest step, Re s ≥ 0. Then those faster than the shortest step or slower than the
+/// horizon are merged, which changes responses at times between the two by `tolerance` at most: as a function
+/// of s the sum is that accurate some way within both ends only. The table of s^β is [`rate_table`]'s, that
+/// of a Prony series has its terms.
 ///
 /// # Errors
 /// As [`rate_table`]; and [`RateTableError::ToleranceMissed`] where K has singularities elsewhere, or a

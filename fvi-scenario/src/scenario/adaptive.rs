@@ -11,9 +11,9 @@ pub(super) const MOST_STEPS_CHOSEN: usize = 10_000_000;
 /// The shortest step, where the scenario does not say, as a share of the end.
 const SHORTEST: f64 = 1e-12;
 
-/// The shortest step that is ever taken, as a share of the end. Where the momentum begins like t^e with e < 1, the
-/// first step h leaves an error like h^e, for which `SHORTEST` may be too long: the shortest step is then chosen,
-/// down to this bound, so that this error is a small part of the tolerance.
+/// The shortest step that is ever taken, as a share of the end. Where the momentum begins like t^e with e <
+/// 1, the first step h leaves an error like h^e, for which `SHORTEST` may be too long: the shortest step is
+/// then chosen, down to this bound, so that this error is a small part of the tolerance.
 const SHORTEST_OF_ALL: f64 = 1e-30;
 const SMALL_PART: f64 = 0.03;
 
@@ -124,8 +124,8 @@ impl Adaptive {
         Some(if time == 0.0 { first } else { 0.2 * time })
     }
 
-    /// Two neighbouring times, of 0, the given increasing ones and the end, so close that no pair of steps fits
-    /// between them; `None` if there are none.
+    /// Two neighbouring times, of 0, the given increasing ones and the end, so close that no pair of steps
+    /// fits between them; `None` if there are none.
     pub(super) fn too_near(&self, times: &[f64]) -> Option<(f64, f64)> {
         let ends = [&[0.0], times, &[self.end]].concat();
         let near = |pair: &&[f64]| pair[1] > pair[0] && pair[1] - pair[0] < 2.0 * self.shortest;

@@ -86,8 +86,8 @@ impl Columns {
         })
     }
 
-    /// The heading of each column in `trajectory.csv`: the name of its quantity, with the number of the member
-    /// behind it where there are several.
+    /// The heading of each column in `trajectory.csv`: the name of its quantity, with the number of the
+    /// member behind it where there are several.
     pub fn headings(&self) -> Vec<String> {
         let of_group = |group: &Group| -> Vec<String> {
             let of_member = |member: usize| {

@@ -34,8 +34,8 @@ type Remembered = DampedMotion<f64, AnySpace, HostMemory<f64>>;
 /// δG_i = (∂²U − ∂F) δX_i − ∂F/∂v δV_i + ∂G_i/∂θ + Σ_m [ρ_m D_m δX + δρ_m D_m X + ρ_m (∂D_m/∂θ) X]_i .
 /// ```
 ///
-/// with δV_i = Σ_ν ℓ̇_ν(c_i) δe^ν/h where forces depend on the velocity of the polynomial. D_m acts on δX with
-/// the weights that it has, on a memory of its own with p times the channels, and
+/// with δV_i = Σ_ν ℓ̇_ν(c_i) δe^ν/h where forces depend on the velocity of the polynomial. D_m acts on δX
+/// with the weights that it has, on a memory of its own with p times the channels, and
 /// ∂D_m/∂θ on X with their derivatives. Where the force acts at the main nodes its three parts are in the
 /// last equation only. Collocation has, with v = M⁻¹p,
 ///
@@ -71,8 +71,8 @@ pub(crate) struct Tangent {
     position: Vec<f64>,
     momentum: Vec<f64>,
     kick: Vec<f64>,
-    /// Difference between the position at the end of the last step and at each of its nodes: its derivatives by
-    /// the parameters, and its value.
+    /// Difference between the position at the end of the last step and at each of its nodes: its derivatives
+    /// by the parameters, and its value.
     behind: Vec<f64>,
     motion_behind: Vec<f64>,
     scratch: Vec<f64>,

@@ -44,8 +44,9 @@ const BESIDE: i32 = 4;
 /// Within a piece of a step the same against the largest |f|, where the quadrature is one of 15 nodes.
 const MISSED_IN_PIECE: f64 = 0.5;
 
-/// An adaptive step is cut into eighths to look for peaks of f that its nodes would miss. There is none where f
-/// lies, between neighbouring points, within this part of the largest |f| of the straight line through them.
+/// An adaptive step is cut into eighths to look for peaks of f that its nodes would miss. There is none where
+/// f lies, between neighbouring points, within this part of the largest |f| of the straight line through
+/// them.
 const BETWEEN_EIGHTHS: f64 = 0.125;
 
 /// Looks at a step that is proposed.
