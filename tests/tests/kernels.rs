@@ -519,8 +519,8 @@ proptest! {
         );
         let states = states(&text, None);
         let first = states[0].energy;
-        // The factor of a stiff step is rounded, as if the mass were another by u (ωh)²/4 of itself: the energy
-        // with that mass does not rise, and this one goes up and down beside it by as much.
+        // The factor of a stiff step is rounded, as if the mass were another by u (ωh)²/4 of itself: the
+        // energy with that mass does not rise, and this one goes up and down beside it by as much.
         let turned = 10f64.powf(0.5 * stiffness + step);
         let rounding = 0.5 * f64::EPSILON * turned * turned;
         for state in &states {
