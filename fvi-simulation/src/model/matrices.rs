@@ -441,7 +441,7 @@ impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
             return Ok(());
         }
         if self.is_banded() {
-            return band::solve(&mut self.entries, self.band, vector);
+            return band::solve(&mut self.entries, self.band, &mut self.pivots, vector);
         }
         self.has_factors = true;
         fvi_core::solve(&mut self.entries, &mut self.pivots, vector)
@@ -469,7 +469,8 @@ impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
             return Ok(());
         }
         if self.is_banded() {
-            *kept = DenseFactors::Banded(BandFactors::of(&mut self.entries, n, self.band)?);
+            let factors = BandFactors::of(&mut self.entries, self.band, &mut self.pivots)?;
+            *kept = DenseFactors::Banded(factors);
             return Ok(());
         }
         // The factors may fill the matrix.
