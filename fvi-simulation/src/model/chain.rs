@@ -19,70 +19,6 @@ pub struct ChainFactors<T> {
     one_solve_suffices: bool,
 }
 
-/// A matrix with entries on the diagonal and beside it, for products: pairs of rows are computed together.
-#[derive(Clone, Debug)]
-pub(super) struct PairedRows<T> {
-    /// Of two rows each: the entries left of the diagonal, on it, right of it. Left of the first row there is
-    /// zero.
-    pairs: Vec<[[T; 2]; 3]>,
-    /// The last of them. Right of the last row there is zero.
-    last: [[T; 2]; 3],
-    /// The last row where it has no partner.
-    single: Option<[T; 2]>,
-}
-
-impl<T: Real> PairedRows<T> {
-    /// From the first row, those between, and the last.
-    pub(super) fn new(first: [T; 2], middle: &[[T; 3]], last: [T; 2]) -> Self {
-        let mut rows = vec![[T::zero(), first[0], first[1]]];
-        rows.extend(middle);
-        rows.push([last[0], last[1], T::zero()]);
-        let (pairs, single) = rows.as_chunks::<2>();
-        let column = |[upper, lower]: &[[T; 3]; 2], place: usize| [upper[place], lower[place]];
-        let columns = |pair: &[[T; 3]; 2]| [0, 1, 2].map(|place| column(pair, place));
-        let mut pairs: Vec<_> = pairs.iter().map(columns).collect();
-        let last = pairs.pop().unwrap_or([[T::zero(); 2]; 3]);
-        Self { pairs, last, single: single.first().map(|&[left, own, _]| [left, own]) }
-    }
-
-    /// out ← A x, if these are as many numbers as A has rows; whether they are.
-    #[inline(always)]
-    pub(super) fn multiply(&self, x: &[T], out: &mut [T]) -> bool {
-        let ((xs, x), (outs, out)) = (x.as_chunks::<2>(), out.as_chunks_mut::<2>());
-        let ([first, later @ ..], [outs @ .., last]) = (xs, outs) else { return false };
-        let (count, left) = (self.pairs.len(), usize::from(self.single.is_some()));
-        if later.len() != count || outs.len() != count || x.len() != left || out.len() != left {
-            return false;
-        }
-        // Numbers are read in the pairs that they were written in, each once: a processor hands on what was
-        // just written only whole.
-        let (mut before, mut own) = ([T::zero(); 2], *first);
-        for row in 0..count {
-            let numbers = (self.pairs.get(row), outs.get_mut(row), later.get(row));
-            let (Some(pair), Some(out), Some(&after)) = numbers else { return false };
-            *out = of_pair(pair, before, own, after);
-            (before, own) = (own, after);
-            // Each pair is a vector by itself.
-            core::hint::black_box(());
-        }
-        let behind = [x.first().copied().unwrap_or(T::zero()), T::zero()];
-        *last = of_pair(&self.last, before, own, behind);
-        if let (Some([left, middle]), [out]) = (self.single, out) {
-            *out = left * own[1] + middle * behind[0];
-        }
-        true
-    }
-}
-
-/// A pair of rows times the numbers around it: those of the pair itself and its neighbours.
-#[inline(always)]
-fn of_pair<T: Real>([left, own, right]: &[[T; 2]; 3], before: [T; 2], x: [T; 2], after: [T; 2]) -> [T; 2] {
-    [
-        left[0] * before[1] + own[0] * x[0] + right[0] * x[1],
-        left[1] * x[0] + own[1] * x[1] + right[1] * after[0],
-    ]
-}
-
 impl<T: Real> Chain<T> {
     /// The zero matrix for so many unknowns.
     pub(super) fn zero(size: usize) -> Self {
@@ -247,25 +183,6 @@ mod tests {
         let mut chain = chain(9, 1.5, 0.0);
         chain.factor().unwrap();
         assert!(!chain.kept(1.5, None).one_solve_suffices());
-    }
-
-    #[test]
-    fn products_of_paired_rows_are_those_of_the_whole_matrix() {
-        for size in [2, 3, 8, 9] {
-            let chain = chain(size, 1.5, 0.3);
-            let entries = dense(&chain, size);
-            let row = |row: usize, first: usize| [0, 1].map(|place| entries[row * size + first + place]);
-            let middle: Vec<_> = (1..size - 1).map(|row| chain.rows[row]).collect();
-            let rows = PairedRows::new(row(0, 0), &middle, row(size - 1, size - 2));
-            let x: Vec<f64> = (0..size).map(|index| 1.0 - 0.3 * index as f64).collect();
-            let (mut found, mut longer) = (vec![f64::NAN; size], vec![0.0; size + 1]);
-            assert!(rows.multiply(&x, &mut found));
-            let products = entries.chunks_exact(size).map(|row| row.iter().zip(&x).map(|(a, x)| a * x).sum());
-            for (found, expected) in found.iter().zip(products.collect::<Vec<f64>>()) {
-                assert!((found - expected).abs() < 1e-14, "{found} {expected} of {size}");
-            }
-            assert!(!rows.multiply(&x, &mut longer) && !rows.multiply(&longer.clone(), &mut longer));
-        }
     }
 
     #[test]
