@@ -4,8 +4,8 @@
 use fvi_core::{BdfOrder, ConvolutionWeights, Memory, MemoryError};
 use fvi_fft::baseline::{Signal, memory_term};
 use fvi_rivals::{
-    NonUniformPartition, ObliviousQuadrature, Operations, PlainSum, RelaxedProduct, TextbookHls,
-    UniformPartition, jiang, kernel_compression, l1_weights, matsuda, oustaloup, short_memory, vectorised,
+    ObliviousQuadrature, Operations, PlainSum, RelaxedProduct, TextbookHls, jiang, kernel_compression,
+    l1_weights, matsuda, non_uniform_partition, oustaloup, short_memory, uniform_partition, vectorised,
 };
 use nalgebra::Complex;
 
@@ -70,8 +70,8 @@ fn of_terms(absolute: f64, _: f64) -> f64 {
 /// Exact rivals, by how errors are measured: of each term, or of the norms as transforms have them.
 fn exact_rivals(weights: &[f64], channels: usize, steps: usize) -> Vec<(&'static str, bool, Boxed)> {
     let plain = PlainSum::new(weights, channels, steps).unwrap();
-    let uniform = UniformPartition::new(weights, channels, steps).unwrap();
-    let partition = NonUniformPartition::new(weights, channels, steps).unwrap();
+    let uniform = uniform_partition(weights, channels, steps).unwrap();
+    let partition = non_uniform_partition(weights, channels, steps).unwrap();
     let relaxed = RelaxedProduct::new(weights, channels, steps).unwrap();
     let hls = TextbookHls::new(weights, channels, steps).unwrap();
     vec![
@@ -126,7 +126,7 @@ fn a_wrong_weight_is_seen() {
     let weights = quadrature(1, 0.5, 500);
     let mut wrong = weights.clone();
     wrong[400] *= 1.0 + 1e-9;
-    let mut memory = NonUniformPartition::new(&wrong, 1, 500).unwrap();
+    let mut memory = non_uniform_partition(&wrong, 1, 500).unwrap();
     let error = largest_error(&mut memory, &weights, Signal::Growing, 500, of_terms);
     assert!(error < 40.0, "what is far back in a growing signal does not count: {error}");
     let error = largest_error(&mut memory, &weights, Signal::Decaying, 500, of_terms);
@@ -187,7 +187,7 @@ fn what_cannot_be_made_is_refused() {
     let order = BdfOrder::GRUNWALD_LETNIKOV;
     let weights = quadrature(1, 0.5, 10);
     assert!(PlainSum::new(&[], 1, 10).is_err() && PlainSum::new(&weights, 0, 10).is_err());
-    assert!(UniformPartition::new(&weights, 1, 0).is_err());
+    assert!(uniform_partition(&weights, 1, 0).is_err());
     assert!(jiang(1.5, 1.0, 1, 10, 1e-6).is_err() && jiang(0.5, 1.0, 1, 10, 0.0).is_err());
     assert!(jiang(0.5, 1.0, 1, 10, 1e-30).is_err() && kernel_compression(0.5, -1.0, 1, 10, 1e-6).is_err());
     assert!(
@@ -370,9 +370,9 @@ fn operations_grow_as_theory_says() {
     // (log 2¹⁶/log 2¹²)² is the growth of log² N, 4/3 that of log N.
     let squared_logarithm = (16.0f64 / 12.0).log2() / 2.0;
     let logarithm = squared_logarithm / 2.0;
-    let (slope, counts) = growth(|n| counted!(UniformPartition::new(&weights(n), 1, n).unwrap()));
+    let (slope, counts) = growth(|n| counted!(uniform_partition(&weights(n), 1, n).unwrap()));
     assert!((slope - 0.5).abs() < 0.1, "uniform: {slope}, {counts:?}");
-    let (slope, counts) = growth(|n| counted!(NonUniformPartition::new(&weights(n), 1, n).unwrap()));
+    let (slope, counts) = growth(|n| counted!(non_uniform_partition(&weights(n), 1, n).unwrap()));
     assert!((slope - squared_logarithm).abs() < 0.1, "non-uniform: {slope}, {counts:?}");
     let (slope, counts) = growth(|n| counted!(RelaxedProduct::new(&weights(n), 1, n).unwrap()));
     assert!((slope - squared_logarithm).abs() < 0.1, "relaxed: {slope}, {counts:?}");
