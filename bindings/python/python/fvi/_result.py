@@ -226,8 +226,8 @@ class Result:
     def __call__(self, t: Any) -> FloatArray:
         """Positions between the rows, by the cubic polynomials that have their positions and velocities.
 
-        Beside the error of the run these have one of (length between rows)⁴; near t = 0, where the motion is not smooth, a larger
-        one. `times` asks the scheme itself.
+        Beside the error of the run these have one of (length between rows)⁴, and of (length)³ at coordinates without mass, whose
+        slopes are differences; near t = 0, where the motion is not smooth, a larger one. `times` asks the scheme itself.
 
         Parameters
         ----------
@@ -251,6 +251,9 @@ class Result:
         if len(self.t) == 1:
             return np.broadcast_to(self.q[0], (*times.shape, self.q.shape[1])).copy()
         v = self.v
+        if np.isnan(v).any():
+            # Coordinates without mass: slopes of the rows.
+            v = np.where(np.isnan(v), np.gradient(self.q, self.t, axis=0, edge_order=min(2, len(self.t) - 1)), v)
         row = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, len(self.t) - 2)
         length = (self.t[row + 1] - self.t[row])[..., None]
         s = (times - self.t[row])[..., None] / length
