@@ -186,7 +186,8 @@ impl SymmetricMatrix {
     fn without(self, rows: &[usize]) -> Self {
         match self {
             Self::Diagonal(entries) => {
-                let left = entries.into_iter().enumerate().filter(|(row, _)| !rows.contains(row));
+                let left =
+                    entries.into_iter().enumerate().filter(|(row, _)| rows.binary_search(row).is_err());
                 Self::Diagonal(left.map(|(_, entry)| entry).collect())
             }
             Self::Dense(matrix) => Self::Dense(matrix.remove_rows_at(rows).remove_columns_at(rows)),

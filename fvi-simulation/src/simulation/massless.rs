@@ -225,6 +225,24 @@ impl Held {
                 .to_owned();
             return Err(scenario.error_at("scheme", Problem::Incompatible { with, allowed }));
         }
+        // What they are at the end of a step would need the input there, which may change inside it.
+        let held = |row: usize| {
+            self.places[row].is_some_and(|place| !self.remembered[place] && !self.resisted[place])
+        };
+        let driven = scenario.controllers.iter().flat_map(|controller| controller.drives.entries.iter());
+        let driven = driven.map(|&(row, _)| row as usize).find(|&row| held(row));
+        let pushed = scenario
+            .input
+            .as_ref()
+            .and_then(|input| self.rows.iter().copied().find(|&row| held(row) && input.pushes(row)));
+        for (key, row) in [("controller", driven), ("input", pushed)] {
+            if let Some(row) = row {
+                let with =
+                    format!("coordinate {row} (from 0), which has no mass and no damper: it pushes it");
+                let allowed = "forces on others, loads, or \"collocation\"".to_owned();
+                return Err(scenario.error_at(key, Problem::Incompatible { with, allowed }));
+            }
+        }
         let Some(place) = self.remembered.iter().position(|&remembered| remembered) else { return Ok(()) };
         let with = format!("damping of coordinate {} (from 0), which has no mass", self.rows[place]);
         if convolution.at == DampedAt::MainNodes {

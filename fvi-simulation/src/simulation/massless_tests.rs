@@ -222,7 +222,8 @@ fn a_mass_matrix_with_rows_of_zeros_is_that_of_fewer_coordinates() {
              [initial]\nposition = {position}\n{scheme}\n[time]\nstep = 0.05\nsteps = 60\n"
         ))
     };
-    for scheme in [MIDPOINT, GAUSS_4, RADAU_3] {
+    const KICKED: &str = "[convolution]\norder = 2\nat = \"main-nodes\"";
+    for scheme in [MIDPOINT, GAUSS_4, RADAU_3, KICKED] {
         let whole =
             end(&of(full, "(q0 - q1)^2 + (q1 - q2)^2 + q0^2", "[1.0, 0.0, -0.5]", "[0.3, 0.0, 0.2]", scheme));
         let condensed = end(&of(
@@ -343,6 +344,10 @@ fn what_needs_a_mass_is_refused_with_the_coordinate() {
         (
             with(&format!("{start}[sensitivity]\nparameters = [\"initial.position[0]\"]")),
             &["sensitivity", "coordinate 1"],
+        ),
+        (
+            with(&format!("{start}[input]\nperiod = 0.5\nsamples = [[0.0, 1.0], [0.0, 2.0]]")),
+            &["input", "coordinate 1", "loads"],
         ),
         (
             with(&format!("{}[output]\nmemory_energy = true", damped("order = 0.5"))),
@@ -467,5 +472,43 @@ fn a_sparse_frame_with_massless_rotations_is_its_static_condensation() {
         for (one, other) in sparse.position.iter().zip(&dense.position) {
             assert!((one - other).abs() < 1e-9 * largest, "{scheme}: {one} {other}");
         }
+    }
+}
+
+#[test]
+fn collocation_takes_any_grid_and_kernels_that_yield_at_once() {
+    // A Maxwell element as a Prony series on a massless coordinate, with a spring behind it: x − 5 − z, and on z
+    // 2.5 s/(1 + s/2) and 1: the force on x is that of the kernel of both.
+    let of = |grid: &str| {
+        scenario(&format!(
+            "[system]\nmass = [2.0, 0.0]\nstiffness = [[8.0, -5.0], [-5.0, 6.0]]\n\
+             [[system.damping]]\nkernel = {{ form = \"prony\", strengths = [5.0], times = [0.5] }}\ncoefficient = [0.0, 1.0]\n\
+             [initial]\nposition = [1.0, 0.0]\n{RADAU_3}\n{grid}\n"
+        ))
+    };
+    // y = (x, p, u), u the elongation of the dashpot: 5 (x − z) = z + 5 (z − 5/6 − u), 2.5 u̇ = 5 (z − 5/6 − u).
+    let z = |x: f64, u: f64| (5.0 * x + 5.0 * (5.0 / 6.0) + 5.0 * u) / 11.0;
+    let rate = |[x, p, u]: [f64; 3]| {
+        let z = z(x, u);
+        [0.5 * p, -3.0 * x - 5.0 * (x - z), 2.0 * (z - 5.0 / 6.0 - u)]
+    };
+    let mut y = [1.0, 0.0, 0.0];
+    let h = 2.0 / 2000.0;
+    for _ in 0..2000 {
+        let moved = |by: f64, k: [f64; 3]| std::array::from_fn(|i| y[i] + by * h * k[i]);
+        let a = rate(y);
+        let b = rate(moved(0.5, a));
+        let c = rate(moved(0.5, b));
+        let d = rate(moved(1.0, c));
+        y = std::array::from_fn(|i| y[i] + h / 6.0 * (a[i] + 2.0 * b[i] + 2.0 * c[i] + d[i]));
+    }
+    for grid in [
+        "[time]\nend = 2.0\nstep = 0.02",
+        "[time]\ngrid = \"graded\"\nend = 2.0\nsteps = 100\nexponent = 2.0",
+        "[time]\ngrid = \"adaptive\"\nend = 2.0\ntolerance = 1e-8",
+    ] {
+        let state = end(&of(grid));
+        let errors = [state.position[0] - y[0], state.momentum[0] - y[1], state.position[1] - z(y[0], y[2])];
+        assert!(errors.iter().all(|error| error.abs() < 1e-6), "{grid}: {errors:?}");
     }
 }
