@@ -484,6 +484,20 @@ fn answers_at_frequencies_are_refused_where_forces_of_the_velocity_take_part() {
 }
 
 #[test]
+fn a_modulus_of_a_system_with_gyroscopic_forces_is_refused() {
+    let place = Workplace::new();
+    let text_of = "[system]\nmass = [1.0, 1.0]\nstiffness = [{k}, 2.0]\ngyroscopic = [[0.0, -0.5], [0.5, 0.0]]\n[initial]\n\
+        position = [1.0, 0.0]\nvelocity = [0.0, 0.0]\n[scheme]\nkind = \"low-order\"\nkappa = 0.5\n[time]\nstep = 0.1\nsteps = 10\n";
+    place.write("scenario.toml", &text_of.replace("{k}", "1.5"));
+    place.write("data.csv", "omega,re,im\n1,1,1\n2,1,1\n3,1,1\n");
+    let free = "scenario = \"scenario.toml\"\n[[free]]\npath = \"system.stiffness[0]\"\n";
+    place.write("fit.toml", &format!("{free}[[data]]\nfile = \"data.csv\"\nquantity = \"modulus\"\n"));
+    let output = place.fvi(&["fit", "fit.toml"]);
+    let error = text(&output.stderr);
+    assert!(!output.status.success() && error.contains("gyroscopic forces"), "{error}");
+}
+
+#[test]
 fn a_receptance_is_fitted() {
     let place = Workplace::new();
     place.write("scenario.toml", OSCILLATOR);

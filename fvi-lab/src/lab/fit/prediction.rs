@@ -518,6 +518,13 @@ fn static_stiffness(scenario: &Scenario, position: &[f64]) -> Result<DMatrix<f64
                 .to_owned(),
         ));
     }
+    if scenario.system.gyroscopic.is_some() {
+        return Err(NoPrediction::Refused(
+            "system.gyroscopic: a modulus of a system with gyroscopic forces, which it leaves out; give the \
+             modulus by a scenario without them"
+                .to_owned(),
+        ));
+    }
     let size = scenario.coordinates();
     let mut system =
         System::<f64>::new(scenario).map_err(|error| NoPrediction::Refused(error.to_string()))?;
