@@ -294,7 +294,8 @@ impl Fit {
 /// What data may be about.
 fn extent(scenario: &Scenario) -> Extent {
     let terms = scenario.system.damping.len();
-    Extent { coordinates: scenario.coordinates(), terms, end: scenario.time.end() }
+    let time = &scenario.time;
+    Extent { coordinates: scenario.coordinates(), terms, begin: time.start, end: time.end() }
 }
 
 /// Refuses scenarios whose numbers are no smooth function of their parameters.
@@ -539,6 +540,11 @@ impl Model {
         if record.over() == "t" && highest > own.end * (1.0 + 1e-12) {
             let end = own.end;
             let reason = format!("data up to t = {highest}: the motion ends at t = {end}");
+            return Err(refused(place, &self.base, &reason));
+        }
+        let lowest = record.places.first().copied().unwrap_or(f64::INFINITY);
+        if record.over() == "t" && lowest < own.begin * (1.0 - 1e-12) {
+            let reason = format!("data from t = {lowest} on: the motion begins at t = {}", own.begin);
             return Err(refused(place, &self.base, &reason));
         }
         record.check_extent(own).map_err(|reason| refused(place, &self.base, &reason))

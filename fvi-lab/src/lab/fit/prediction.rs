@@ -170,7 +170,7 @@ impl<'f> Predictions<'f> {
                                 Observed::Acceleration(_) => Of::Slope,
                                 _ => Of::Value,
                             };
-                            let stencil = Stencil::new(&grid, time.min(grid.end()), of);
+                            let stencil = Stencil::new(&grid, time.clamp(grid.time(0), grid.end()), of);
                             group.last = group.last.max(stencil.last());
                             let place = begin + row * record.columns.len() + column;
                             group.needs.push(Need { place, what: data.what, stencil });
