@@ -234,11 +234,7 @@ impl TransferFunction {
         check(growth.is_finite() && growth < 2.0, "growth of the symbol", growth, allowed)?;
         let allowed = "a symbol that does not vanish like an integral for large s";
         check(growth > -1.0, "growth of the symbol", growth, allowed)?;
-        let at = |exponent: f64| formula.value(Complex::new(libm::exp10(exponent), 0.0)).re;
-        let (near, far) = (at(-60.0), at(-50.0));
-        // What falls to nothing is no spring, nor what rounding leaves of sums.
-        let stays = (near - far).abs() <= 1e-9 * near.abs() && near.abs() > 1e-13 * at(0.0).abs();
-        let spring = if stays { near } else { 0.0 };
+        let spring = value_at_zero(&*formula);
         let formula = SharedFormula(formula);
         let (relaxation, active, is_beside) = (false, None, true);
         let mut made =
@@ -669,6 +665,14 @@ impl fmt::Display for TransferFunction {
             }
         }
     }
+}
+
+/// K(0) of a formula; 0 where it falls to nothing, or has what rounding leaves of sums.
+pub(super) fn value_at_zero(formula: &dyn Formula) -> f64 {
+    let at = |exponent: f64| formula.value(Complex::new(libm::exp10(exponent), 0.0)).re;
+    let (near, far) = (at(-60.0), at(-50.0));
+    let stays = (near - far).abs() <= 1e-9 * near.abs() && near.abs() > 1e-13 * at(0.0).abs();
+    if stays { near } else { 0.0 }
 }
 
 /// sin πx, right to rounding near whole numbers.
