@@ -27,7 +27,7 @@ mod unbounded_forces;
 
 pub use band::BandFactors;
 pub use chain::ChainFactors;
-pub use channel_damping::{ChannelDamping, Directions, HostTerm};
+pub use channel_damping::{ChannelDamping, Directions};
 pub use elements::Elements;
 pub use energies::{EnergyRoom, States};
 pub use force_moments::{ForceMoments, StepLengths};

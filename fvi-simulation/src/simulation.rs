@@ -36,8 +36,8 @@ use crate::language::expression::Elementary;
 use crate::language::{InputError, Problem};
 use crate::memory::{EngineError, HostMemory, MOST_SHARING, Memories, MemoryRequest, Tables};
 use crate::model::{
-    AnyScheme, AnySpace, EnergyRoom, HostTerm, MasslessRows, Matrix, Model, States, Switched, channels_of,
-    follow_alike, term_on_memory, vector,
+    AnyScheme, AnySpace, ChannelDamping, EnergyRoom, MasslessRows, Matrix, Model, States, Switched,
+    channels_of, follow_alike, term_on_memory, vector,
 };
 use crate::scenario::{self, ConvolutionFamily, DampedAt, Engine, Past, ReportedMomentum, Scenario};
 pub use choice::{Solver, SolverChoice};
@@ -768,7 +768,7 @@ fn term_on<'a, T: Elementary + Memories>(
     indices: &[usize],
     request: impl Fn(usize) -> MemoryRequest<'a>,
     memory: HostMemory<T>,
-) -> Result<HostTerm<T, HostMemory<T>>, InputError> {
+) -> Result<ChannelDamping<T, HostMemory<T>>, InputError> {
     let with_kernel = |&index: &usize| {
         let kernel =
             request(index).kernel().map_err(|error| refused_memory(scenario, index, error.into()))?;
@@ -806,7 +806,7 @@ fn gyroscopic<T: Elementary>(scenario: &Scenario, space: &AnySpace) -> Option<Ma
 }
 
 /// ρ x of a term whose kernel is of plain numbers.
-fn resisting<T: Elementary + Memories>(term: &HostTerm<T, HostMemory<T>>, vector: &[T]) -> Vec<T> {
+fn resisting<T: Elementary + Memories>(term: &ChannelDamping<T, HostMemory<T>>, vector: &[T]) -> Vec<T> {
     let mut scratch = vec![T::zero(); vector.len()];
     let mut force = vec![T::zero(); vector.len()];
     term.add_leading(vector, &mut force, &mut scratch);
@@ -817,7 +817,7 @@ fn resisting<T: Elementary + Memories>(term: &HostTerm<T, HostMemory<T>>, vector
 
 /// Any number of damping terms on their memories.
 struct DampingTerms<T: Elementary + Memories> {
-    terms: Vec<HostTerm<T, HostMemory<T>>>,
+    terms: Vec<ChannelDamping<T, HostMemory<T>>>,
     /// The scenario's terms that each of them serves.
     served: Vec<Vec<usize>>,
     kick: Option<Kick<T>>,
@@ -1062,7 +1062,7 @@ impl<T: Elementary + Memories> Stepper for TypedSimulation<T> {
 
     fn engines(&self) -> Vec<Engine> {
         let DampingTerms { terms, served, .. } = self.integrator.damping();
-        let of_memory = |(term, served): (&HostTerm<T, HostMemory<T>>, &Vec<usize>)| {
+        let of_memory = |(term, served): (&ChannelDamping<T, HostMemory<T>>, &Vec<usize>)| {
             let engine = term.memory().engine();
             served.iter().map(move |&index| (index, engine)).collect::<Vec<_>>()
         };

@@ -1,5 +1,6 @@
 //! `[initial]`: where the system starts.
 
+use super::keys;
 use super::past::Past;
 use super::system::System;
 use crate::language::document::Table;
@@ -26,7 +27,7 @@ impl InitialState {
 
     /// Reads the keys; without momentum and velocity it is at rest.
     pub(super) fn read(table: &Table<'_>, system: &System) -> Result<Self, InputError> {
-        table.allow(&["position", "momentum", "velocity", "past"])?;
+        table.allow(&keys::INITIAL)?;
         let count = system.coordinates();
         let position = table.required("position")?.vector(count)?;
         if table.optional("momentum").or(table.optional("velocity")).is_none() {

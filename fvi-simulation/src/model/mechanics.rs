@@ -1,6 +1,5 @@
 //! The mechanics of a scenario: mass, compiled potential and force.
 
-use super::chain::PairedRows;
 use super::elements::Elements;
 use super::energies::{EnergyRoom, States, write_plain};
 use super::loads::Loads;
@@ -40,16 +39,12 @@ pub struct Model<T> {
     potential: Option<CompiledPotential<T>>,
     /// K of the quadratic part ½ qᵀKq + bᵀq of the potential.
     quadratic: Matrix<T>,
-    /// The same, where it is that of a chain, and no other stiffness beside it.
-    paired_rows: Option<PairedRows<T>>,
     linear: Vec<(usize, T)>,
     force: CompiledForce<T>,
     /// Whether there is a force at all.
     forced: bool,
     /// Whether the matrix from files, or the rows, are all that pulls.
     is_constant: bool,
-    /// Whether the paired rows are.
-    pulls_by_paired_rows: bool,
     /// Forces that are rough in time, so that their moments are taken exactly.
     rough: Option<RoughForces>,
     /// Potentials and forces supplied as code.
@@ -222,26 +217,12 @@ impl<T: Elementary> Model<T> {
             && own.is_none();
         let entries = vec![T::zero(); jacobian_slots.len()];
         let quadratic = Matrix::symmetric(size, springs.iter().copied());
-        let paired_rows = match (&base, &quadratic) {
-            (None, Matrix::Sparse(sparse)) => sparse.paired_rows(),
-            _ => None,
-        };
-        let pulls_by_paired_rows = paired_rows.is_some()
-            && linear.is_empty()
-            && potential.as_ref().is_none_or(CompiledPotential::is_quadratic)
-            && elements.is_empty()
-            && system.loads.is_empty()
-            && scenario.cases.is_empty()
-            && own.is_none()
-            && force.is_zero();
         let mut model = Self {
             mass,
             inverse_mass,
             threads,
             base,
             anchor,
-            paired_rows,
-            pulls_by_paired_rows,
             elements,
             loads: Loads::new(&system.loads),
             cases: scenario.cases.iter().map(|case| Loads::new(&case.loads)).collect(),
@@ -322,13 +303,11 @@ impl<T: Elementary> Model<T> {
 
     /// K q + b.
     fn quadratic_restoring_force(&self, position: &[T], restoring: &mut [T]) {
-        if !self.paired_rows.as_ref().is_some_and(|rows| rows.multiply(position, restoring)) {
-            restoring.fill(T::zero());
-            if let Some(base) = &self.base {
-                base.multiply_add(T::one(), position, restoring);
-            }
-            self.quadratic.multiply_add(T::one(), position, restoring);
+        restoring.fill(T::zero());
+        if let Some(base) = &self.base {
+            base.multiply_add(T::one(), position, restoring);
         }
+        self.quadratic.multiply_add(T::one(), position, restoring);
         for &(coordinate, entry) in &self.linear {
             restoring[coordinate] += entry;
         }
@@ -357,13 +336,22 @@ impl<T: Elementary> Mechanics<T, AnySpace> for Model<T> {
     }
 
     fn restoring_force(&mut self, instant: Instant<T>, position: &Vec<T>, restoring: &mut [T]) {
-        if self.pulls_by_paired_rows
-            && let Some(rows) = &self.paired_rows
-            && rows.multiply(position, restoring)
-        {
-            return;
+        self.quadratic_restoring_force(position, restoring);
+        if let Some(potential) = &self.potential {
+            let point = sided(&mut self.potential_sides, position);
+            potential.add_rest_gradient_again(&mut self.restoring_registers, point, restoring);
         }
-        self.restoring_force_of_all(instant, position, restoring);
+        self.elements.iter_mut().for_each(|elements| elements.add_rest_gradient(position, restoring));
+        self.subtract_loads(instant, restoring);
+        if self.forced {
+            let position = with_velocity(&mut self.moving, position);
+            let point = sided(&mut self.force_sides, position);
+            self.force.value(moment(instant), point, &mut self.registers, &mut self.pushed);
+            restoring.iter_mut().zip(&self.pushed).for_each(|(restoring, &force)| *restoring -= force);
+        }
+        if let Some(own) = &mut self.own {
+            own.add_restoring_force(moment(instant), position, restoring);
+        }
     }
 
     fn linearise(
@@ -429,7 +417,7 @@ impl<T: Elementary> Mechanics<T, AnySpace> for Model<T> {
         restoring: &mut [T],
     ) {
         self.move_at(velocity);
-        self.restoring_force_of_all(instant, position, restoring);
+        self.restoring_force(instant, position, restoring);
     }
 
     fn linearise_in_motion(
@@ -649,27 +637,6 @@ impl<T: Elementary> Model<T> {
         }
         if let Some(own) = &mut self.own {
             own.move_at(velocity);
-        }
-    }
-
-    /// The restoring force of all parts. Not inlined where the paired rows are the only part.
-    #[inline(never)]
-    fn restoring_force_of_all(&mut self, instant: Instant<T>, position: &[T], restoring: &mut [T]) {
-        self.quadratic_restoring_force(position, restoring);
-        if let Some(potential) = &self.potential {
-            let point = sided(&mut self.potential_sides, position);
-            potential.add_rest_gradient_again(&mut self.restoring_registers, point, restoring);
-        }
-        self.elements.iter_mut().for_each(|elements| elements.add_rest_gradient(position, restoring));
-        self.subtract_loads(instant, restoring);
-        if self.forced {
-            let position = with_velocity(&mut self.moving, position);
-            let point = sided(&mut self.force_sides, position);
-            self.force.value(moment(instant), point, &mut self.registers, &mut self.pushed);
-            restoring.iter_mut().zip(&self.pushed).for_each(|(restoring, &force)| *restoring -= force);
-        }
-        if let Some(own) = &mut self.own {
-            own.add_restoring_force(moment(instant), position, restoring);
         }
     }
 
