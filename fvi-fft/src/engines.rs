@@ -4,8 +4,10 @@ use fvi_core::{ExponentialTable, Memory, ParameterError};
 
 use crate::block_fft::BlockFft;
 use crate::chunked_exponential_sum::ChunkedExponentialSum;
+use crate::complex_exponential_sum::{ComplexExponentialSum, ComplexExponentials};
 use crate::real_time::{Pacing, RealTime};
 use crate::scalar::Scalar;
+use crate::vectorised::Vectorised;
 use crate::weights::Weights;
 use crate::wide_exponential_sum::WideExponentialSum;
 
@@ -41,6 +43,15 @@ pub trait Engines: Scalar {
     /// As there, and for more stages.
     fn exponential_sum(
         table: &ExponentialTable<&[f64]>,
+        channels: usize,
+    ) -> Result<Engine<Self>, ParameterError>;
+
+    /// [`ComplexExponentialSum::new`]
+    ///
+    /// # Errors
+    /// As there.
+    fn complex_exponential_sum(
+        table: &ComplexExponentials,
         channels: usize,
     ) -> Result<Engine<Self>, ParameterError>;
 
@@ -111,6 +122,13 @@ macro_rules! engines {
                         return Err(ParameterError { parameter, value: stages as f64, allowed });
                     }
                 })
+            }
+
+            fn complex_exponential_sum(
+                table: &ComplexExponentials,
+                channels: usize,
+            ) -> Result<Engine<Self>, ParameterError> {
+                Ok(Box::new(Vectorised::new(ComplexExponentialSum::<Self>::new(table, channels)?)))
             }
 
             fn wide_exponential_sum(

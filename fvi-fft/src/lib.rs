@@ -4,6 +4,7 @@
 pub mod baseline;
 mod block_fft;
 mod chunked_exponential_sum;
+mod complex_exponential_sum;
 mod cover;
 mod engines;
 mod lanes;
@@ -25,6 +26,7 @@ mod wide_exponential_sum;
 
 pub use block_fft::BlockFft;
 pub use chunked_exponential_sum::ChunkedExponentialSum;
+pub use complex_exponential_sum::{ComplexExponentialSum, ComplexExponentials};
 pub use engines::{Engine, Engines};
 pub use plans::real_transforms;
 pub use real_time::{Pacing, RealTime};

@@ -6,6 +6,7 @@ pub use fvi_fft::vector_units;
 pub use tables::Tables;
 
 use crate::numerics::aligned::Aligned;
+use crate::numerics::complex_exponential_table::complex_exponentials;
 use crate::numerics::exponential_table::{self, ExponentialKernel, ExponentialKernelError};
 use crate::numerics::growing_ring::GrowingRing;
 use crate::numerics::multistep_rule::MultistepRule;
@@ -21,6 +22,7 @@ use fvi_core::{
 };
 use fvi_fft::{Engines, VectorVariableSteps, Vectorised, WIDE_KERNELS, Weights, WideExponentialSum};
 use fvi_scenario::with_staged_method;
+use std::sync::Arc;
 
 /// A memory engine chosen at run time.
 pub struct HostMemory<T> {
@@ -170,6 +172,9 @@ const PART_OF_THE_TABLE: f64 = 0.5;
 /// Relative error of the past in a table for steps of any length: a few times rounding. Formulas that have
 /// lost digits themselves may take a hundred times that.
 const RATE_TOLERANCE: f64 = 1e-13;
+
+/// Numbers that the transform behind exact weights takes for each of them.
+const ROOM_OF_TRANSFORM: usize = 64;
 
 /// Relative error of a weight that does not show beside rounding.
 const EXACT: f64 = exponential_table::SMALLEST_TOLERANCE;
@@ -427,31 +432,94 @@ impl MemoryRequest<'_> {
                                   \"real-time\"";
                     return Err(EngineError::Unsuited { engine, reason });
                 }
-                let MultistepRule::Bdf(order) = rule else {
-                    let reason = "the weights of the trapezoidal rule alternate in sign and do not fall off: take \"direct\", \
-                                  \"block-fft\" or \"real-time\"";
-                    return Err(EngineError::Unsuited { engine, reason });
-                };
-                let tolerance = self.table_tolerance();
-                let on_increments = self.acts_on() != ActsOn::Values;
                 let horizon = self.horizon()?;
-                let (transfer, step_size) = (self.transfer, self.step_size);
-                let kernel = tables.get(&self.key(horizon as u64, tolerance), || {
-                    Ok(ExponentialKernel::of_transfer(
-                        transfer,
-                        order,
-                        on_increments,
-                        step_size,
-                        horizon,
-                        tolerance,
-                    )?)
-                })?;
+                let kernel = match rule {
+                    MultistepRule::Bdf(order) => self.exponentials(order, horizon, tables),
+                    MultistepRule::Trapezoidal if self.may_oscillate(engine) => {
+                        let (tolerance, reached) = (self.table_tolerance(), f64::INFINITY);
+                        Err(ExponentialKernelError::ToleranceMissed { tolerance, reached }.into())
+                    }
+                    MultistepRule::Trapezoidal => {
+                        let reason = "the weights of the trapezoidal rule alternate in sign and do not fall off: take \"direct\", \
+                                      \"block-fft\" or \"real-time\"";
+                        Err(EngineError::Unsuited { engine, reason })
+                    }
+                };
+                let kernel = match kernel {
+                    Err(EngineError::Table(missed)) if self.may_oscillate(engine) => {
+                        return self.complex_exponential_sum(rule, tables, missed);
+                    }
+                    other => other?,
+                };
                 match engine {
                     Engine::ExponentialSumCore => self.core_exponential_sum(kernel.table()),
                     _ => self.exponential_sum_of_numbers(&kernel.table().borrow()),
                 }
             }
         }
+    }
+
+    /// The table of real exponentials.
+    fn exponentials(
+        &self,
+        order: BdfOrder,
+        horizon: usize,
+        tables: &Tables,
+    ) -> Result<Arc<ExponentialKernel>, EngineError> {
+        let tolerance = self.table_tolerance();
+        let on_increments = self.acts_on() != ActsOn::Values;
+        let (transfer, step_size) = (self.transfer, self.step_size);
+        tables.get(&self.key(horizon as u64, tolerance), || {
+            Ok(ExponentialKernel::of_transfer(transfer, order, on_increments, step_size, horizon, tolerance)?)
+        })
+    }
+
+    /// Whether exponentials in complex pairs may take the place of real ones: where they are asked for, with
+    /// a tolerance, since they are not exact to rounding, and states are not to be in single precision.
+    fn may_oscillate(&self, engine: Engine) -> bool {
+        let asked = (self.history.engine, self.history.tolerance.is_some(), self.history.states);
+        let may = matches!(asked, (Some(Engine::ExponentialSum), true, None | Some(States::F64)));
+        may && engine == Engine::ExponentialSum && !self.transfer.is_relaxation()
+    }
+
+    /// A memory of exponentials in complex pairs; `missed` is why there are no real ones.
+    fn complex_exponential_sum<T: Engines>(
+        &self,
+        rule: MultistepRule,
+        tables: &Tables,
+        missed: ExponentialKernelError,
+    ) -> Result<HostMemory<T>, EngineError> {
+        let (tolerance, on_increments) = (self.table_tolerance(), self.acts_on() != ActsOn::Values);
+        let reach = self
+            .history
+            .horizon
+            .map_or_else(|| reach_of_pairs(self.planned()), |horizon| horizon.max(self.planned()));
+        if reach < self.samples {
+            return Err(EngineError::TableEnds { reach, samples: self.samples });
+        }
+        // The exact weights, and what their transform takes.
+        self.room::<f64>(Engine::ExponentialSum, reach.saturating_mul(ROOM_OF_TRANSFORM))?;
+        let (transfer, step_size) = (self.transfer, self.step_size);
+        let table = tables.get(&self.key(reach as u64, tolerance), || {
+            complex_exponentials(transfer, rule, on_increments, step_size, reach, tolerance)
+                .map(|(table, _)| table)
+                .map_err(EngineError::from)
+        });
+        let table = match (table, missed) {
+            // Of both tables the error of the better one.
+            (
+                Err(EngineError::Table(ExponentialKernelError::ToleranceMissed { reached, tolerance })),
+                ExponentialKernelError::ToleranceMissed { reached: real, .. },
+            ) => {
+                let reached = reached.min(real);
+                return Err(EngineError::Table(ExponentialKernelError::ToleranceMissed {
+                    tolerance,
+                    reached,
+                }));
+            }
+            (table, _) => table?,
+        };
+        Ok(self.host(T::complex_exponential_sum(&table, self.coordinates)?, Engine::ExponentialSum))
     }
 
     /// A memory that sums weights of s^β.
@@ -709,6 +777,15 @@ fn reach_over(samples: usize) -> usize {
     reach.max(samples)
 }
 
+/// The same for exponentials in complex pairs, which are compared with every weight up to there.
+fn reach_of_pairs(samples: usize) -> usize {
+    let mut reach: usize = 1 << 12;
+    while reach / 2 < samples && reach < usize::MAX / 4 {
+        reach *= 4;
+    }
+    reach.max(samples)
+}
+
 /// A kernel of matrices that lie plane by plane.
 struct Planes<T> {
     numbers: Vec<T>,
@@ -913,6 +990,78 @@ mod tests {
             let refused = EngineError::NoRoom { engine, samples: usize::MAX };
             assert_eq!(request.build::<f64>().err(), Some(refused));
         }
+    }
+
+    /// A wave s (s + 0.1)/((s + 0.1)² + 4) beside a damper.
+    fn waves() -> TransferFunction {
+        crate::scenario::kernel_of_symbol("0.2*s + s*(s + 0.1)/((s + 0.1)^2 + 4)").unwrap()
+    }
+
+    #[test]
+    fn kernels_that_oscillate_have_exponentials_in_pairs_within_the_tolerance() {
+        let transfer = waves();
+        let family =
+            |order| Convolution { family: ConvolutionFamily::Bdf { order }, ..Convolution::default() };
+        let trapezoidal = Convolution { family: ConvolutionFamily::Trapezoidal, ..Convolution::default() };
+        for convolution in [family(1), family(2), trapezoidal] {
+            let terms = |engine, tolerance| {
+                let history = History { engine: Some(engine), tolerance, ..History::default() };
+                let request = MemoryRequest {
+                    samples: 1500,
+                    transfer: &transfer,
+                    step_size: 0.05,
+                    ..request(&convolution, &history)
+                };
+                let mut memory = request.build::<f64>().unwrap();
+                assert_eq!(memory.engine(), engine);
+                let mut terms = Vec::new();
+                for k in 0..1500u16 {
+                    let mut term = [f64::NAN; 2];
+                    memory.next_term(&mut term).unwrap();
+                    terms.push(term);
+                    memory.push(&[(0.1 * f64::from(k)).sin(), 1.0]).unwrap();
+                }
+                (terms, memory.bytes(), memory.state_bytes())
+            };
+            let (exact, ..) = terms(Engine::Direct, None);
+            let (found, bytes, state) = terms(Engine::ExponentialSum, Some(1e-9));
+            // |r − r̃| ≤ ε Σ|w| |x|.
+            let rule = convolution.family.multistep().unwrap().unwrap();
+            // The second weight is that which a damping term looks at.
+            assert_eq!(found[1], exact[1], "{rule}");
+            let sum: f64 =
+                multistep_weights(&transfer, rule, 0.05, true, 1500).unwrap().iter().map(|w| w.abs()).sum();
+            let error = exact.iter().zip(&found).flat_map(|(a, b)| [a[0] - b[0], a[1] - b[1]]);
+            let error = error.fold(0.0_f64, |most, error| most.max(error.abs()));
+            assert!(error <= 1e-9 * sum, "{rule}: {error:e} {sum}");
+            assert!(bytes < 4000 && state < 2000, "{rule}: {bytes} {state}");
+        }
+    }
+
+    #[test]
+    fn pairs_are_refused_where_there_are_none() {
+        let (transfer, convolution) = (waves(), first_order());
+        let refused = |history: &History, samples| {
+            let step_size = 0.01;
+            let request =
+                MemoryRequest { samples, step_size, transfer: &transfer, ..request(&convolution, history) };
+            request.build::<f64>().err().map(|error| error.to_string())
+        };
+        let pairs =
+            History { engine: Some(Engine::ExponentialSum), tolerance: Some(1e-9), ..History::default() };
+        assert_eq!(refused(&pairs, 1500), None);
+        // No engine, no tolerance, no room for single precision, and the memory of firmware.
+        assert_eq!(refused(&History::default(), 1500), None);
+        for history in [
+            History { tolerance: None, ..pairs },
+            History { tolerance: Some(1e-6), states: Some(States::F32), ..pairs },
+            History { engine: Some(Engine::ExponentialSumCore), ..pairs },
+        ] {
+            let message = refused(&history, 1500).unwrap_or_else(|| panic!("{history:?}"));
+            assert!(message.contains("no table") && message.contains("\"block-fft\""), "{message}");
+        }
+        let short = History { horizon: Some(1000), planned: Some(900), ..pairs };
+        assert!(refused(&short, 1500).unwrap().contains("history.horizon"));
     }
 
     #[test]

@@ -4,6 +4,7 @@ pub mod active;
 pub mod algebra;
 pub mod aligned;
 pub mod column;
+pub mod complex_exponential_table;
 pub mod controller_source;
 pub mod dense;
 pub mod dual;

@@ -13,6 +13,16 @@ pub fn symmetric_eigenvalues(matrix: DMatrix<f64>) -> DVector<f64> {
     matrix.symmetric_eigenvalues()
 }
 
+/// Eigenvalues of a square matrix, conjugates together; `None` where they are not found.
+pub fn eigenvalues(matrix: DMatrix<f64>) -> Option<Vec<Complex<f64>>> {
+    const MOST: usize = 100_000;
+    if !matrix.iter().all(|entry| entry.is_finite()) {
+        return None;
+    }
+    let schur = matrix.try_schur(f64::EPSILON, MOST)?;
+    Some(schur.complex_eigenvalues().iter().copied().collect())
+}
+
 /// The inverse of a square matrix by elimination with exchange of rows; `None` where a pivot is zero.
 pub fn inverse(matrix: DMatrix<f64>) -> Option<DMatrix<f64>> {
     matrix.lu().try_inverse()

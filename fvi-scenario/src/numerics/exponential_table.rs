@@ -81,7 +81,8 @@ impl std::fmt::Display for ExponentialKernelError {
             Self::ToleranceMissed { tolerance, reached } => {
                 write!(
                     f,
-                    "no table of exponentials within the tolerance {tolerance:e}: the best has {reached:.1e}"
+                    "no table of exponentials within the tolerance {tolerance:e}: the best has {reached:.1e}; the engines \
+                     \"direct\", \"block-fft\" and \"real-time\" sum any weights"
                 )
             }
         }
@@ -457,7 +458,7 @@ impl ExponentialKernel {
     }
 }
 
-fn check_range(horizon: usize, tolerance: f64) -> Result<(), ParameterError> {
+pub(super) fn check_range(horizon: usize, tolerance: f64) -> Result<(), ParameterError> {
     let range = |accepted, parameter, value, allowed| match accepted {
         true => Ok(()),
         false => Err(ParameterError { parameter, value, allowed }),

@@ -2,12 +2,15 @@
 
 use super::exponential::Exponential;
 use super::transfer::{self, Pole, TransferFunction};
-use fvi_core::BdfOrder;
+use fvi_core::{BdfOrder, DoubleDouble};
 use std::f64::consts::PI;
 
 /// Most of the nodes that stand still, and the size relative to their sum from which on they are left out.
 const MOST_STANDING: usize = 20_000;
 const NEGLIGIBLE: f64 = 1e-18;
+
+/// Terms of the series of artanh t/t to 30 digits, for the t ≤ 0.11 of a strip of half width π/2.
+const TERMS: usize = 17;
 
 /// Weights fall by this factor until nothing of them is left.
 const NOTHING_LEFT: f64 = 1e-30;
@@ -25,6 +28,7 @@ const NOTHING_LEFT: f64 = 1e-30;
 /// the poles add falls like |ζ|^{−n} with |ζ| ≥ 1.2, and is left to the first weights.
 pub(super) struct PrincipalCut<'a> {
     transfer: &'a TransferFunction,
+    order: BdfOrder,
     step_size: f64,
     on_increments: bool,
     cut: Option<Start>,
@@ -33,11 +37,20 @@ pub(super) struct PrincipalCut<'a> {
     poles: Vec<Exponential>,
 }
 
+/// A part c δⁿ of the weights, to about 30 digits but for the jump across the cut that c comes from.
+pub(super) struct Part {
+    pub(super) coefficient: DoubleDouble,
+    /// δ, 0 < δ ≤ 1.
+    pub(super) decay: DoubleDouble,
+}
+
 /// Where the cut begins in z.
 struct Start {
     cut: transfer::Cut,
     /// m at the branch point.
     place: f64,
+    /// The same to 30 digits.
+    whole_place: DoubleDouble,
     /// g^{(k)}/k! there, k = 1, ….
     taylor: [f64; 6],
 }
@@ -51,11 +64,13 @@ impl<'a> PrincipalCut<'a> {
     ) -> Self {
         let start = |cut: transfer::Cut| {
             let place = preimage(order, cut.start * step_size)?;
-            Some(Start { cut, place, taylor: taylor(order, place) })
+            let whole_place = refined(order, place, whole(cut.start, cut.rest).scale(step_size));
+            Some(Start { cut, place, whole_place, taylor: taylor(order, place) })
         };
         let poles = transfer.poles().into_iter();
         Self {
             transfer,
+            order,
             step_size,
             on_increments,
             cut: transfer.cut().and_then(start),
@@ -114,19 +129,9 @@ impl<'a> PrincipalCut<'a> {
     ) -> Vec<Exponential> {
         let Some(Start { place, .. }) = &self.cut else { return Vec::new() };
         let slowest = self.slowest();
-        let standing = 0.01 * tolerance / horizon as f64;
-        let first = libm::log((1.0 + place) * libm::expm1(fastest - slowest));
-        let count = ((first - libm::log(standing)) / spacing).ceil().max(1.0) as usize;
+        let (first, count) = self.reach_of_rule(place, spacing, fastest, horizon, tolerance);
         let at = |k: usize| libm::exp(first - k as f64 * spacing);
-        // Term by term: next to the branch point kernels of several powers follow none of them.
-        let mut rest = 0.0;
-        for k in count + 1..count + MOST_STANDING {
-            let coefficient = self.coefficient(at(k), spacing);
-            rest += coefficient;
-            if coefficient.abs() <= NEGLIGIBLE * rest.abs() {
-                break;
-            }
-        }
+        let rest = self.standing((count + 1..).map(at), spacing);
         let node = |k: usize| {
             let d = at(k);
             let rate = slowest + libm::log1p(d / (1.0 + place));
@@ -135,6 +140,83 @@ impl<'a> PrincipalCut<'a> {
         std::iter::once(Exponential { rate: slowest, coefficient: rest })
             .chain((0..=count).rev().map(node))
             .collect()
+    }
+
+    /// ln d of the first node of the rule, the fastest, and the number of those behind it that move up to
+    /// the horizon.
+    fn reach_of_rule(
+        &self,
+        place: &f64,
+        spacing: f64,
+        fastest: f64,
+        horizon: usize,
+        tolerance: f64,
+    ) -> (f64, usize) {
+        let standing = 0.01 * tolerance / horizon as f64;
+        let first = libm::log((1.0 + place) * libm::expm1(fastest - self.slowest()));
+        (first, ((first - libm::log(standing)) / spacing).ceil().max(1.0) as usize)
+    }
+
+    /// Sum of the coefficients at these distances, which stand still: term by term, since next to the branch
+    /// point kernels of several powers follow none of them.
+    fn standing(&self, distances: impl Iterator<Item = f64>, spacing: f64) -> f64 {
+        let mut rest = 0.0;
+        for d in distances.take(MOST_STANDING) {
+            let coefficient = self.coefficient(d, spacing);
+            rest += coefficient;
+            if coefficient.abs() <= NEGLIGIBLE * rest.abs() {
+                break;
+            }
+        }
+        rest
+    }
+
+    /// Rule and poles as parts of the weights from lag `head` to `horizon`, slowest first, with their signs.
+    ///
+    /// A weight at lag n has the rounding of a decay n times, so that decays are known to 30 digits:
+    /// distances from the branch point are a geometric series of ratio (1 − t)/(1 + t), whose logarithm is
+    /// the spacing, −2 artanh t.
+    pub(super) fn parts(&self, head: usize, horizon: usize, tolerance: f64) -> Vec<Part> {
+        let poles = self.transfer.poles().into_iter();
+        let mut parts: Vec<Part> = poles.filter_map(|pole| self.part_of_pole(pole)).collect();
+        if let Some(Start { place, whole_place, .. }) = &self.cut {
+            let wanted = self.spacing(tolerance);
+            let t = libm::tanh(0.5 * wanted);
+            let beside = |sign: f64| DoubleDouble::ONE.add(DoubleDouble::exact(sign * t));
+            let ratio = quotient(beside(-1.0), beside(1.0));
+            let square = DoubleDouble::product(t, t);
+            let series = (0..TERMS).rev().fold(DoubleDouble::ZERO, |sum, k| {
+                sum.multiply(square).add(DoubleDouble::ONE.divide((2 * k + 1) as f64))
+            });
+            let spacing = series.scale(2.0 * t);
+            let fastest = self.fastest(head, tolerance);
+            let (first, count) = self.reach_of_rule(place, spacing.to_f64(), fastest, horizon, tolerance);
+            let distances = std::iter::successors(Some(DoubleDouble::exact(libm::exp(first))), |d| {
+                Some(d.multiply(ratio))
+            });
+            let moving = distances.clone().take(count + 1);
+            let standing = self.standing(distances.skip(count + 1).map(DoubleDouble::to_f64), 1.0);
+            let beyond = DoubleDouble::ONE.add(*whole_place);
+            let part = |coefficient: f64, d: DoubleDouble| Part {
+                coefficient: spacing.scale(self.sign() * coefficient),
+                decay: quotient(DoubleDouble::ONE, beyond.add(d)),
+            };
+            parts.push(part(standing, DoubleDouble::ZERO));
+            parts.extend(moving.map(|d| part(self.coefficient(d.to_f64(), 1.0), d)));
+        }
+        parts.sort_by(|a, b| b.decay.to_f64().total_cmp(&a.decay.to_f64()));
+        parts
+    }
+
+    /// As [`exponential`], to 30 digits.
+    fn part_of_pole(&self, pole: Pole) -> Option<Part> {
+        let value = whole(pole.rate, pole.rests[0]).scale(self.step_size);
+        let m = refined(self.order, preimage(self.order, value.to_f64())?, value);
+        let beyond = DoubleDouble::ONE.add(m);
+        let divisor = if self.on_increments { m.scale(-1.0) } else { DoubleDouble::ONE };
+        let residue = whole(pole.residue, pole.rests[1]).scale(self.step_size);
+        let below = slope(self.order, m).multiply(beyond).multiply(divisor);
+        Some(Part { coefficient: quotient(residue, below), decay: quotient(DoubleDouble::ONE, beyond) })
     }
 
     /// Of the node at a distance d from the branch point.
@@ -161,6 +243,35 @@ fn exponential(order: BdfOrder, step_size: f64, on_increments: bool, pole: Pole)
 /// g(m) = −γ_p(1 + m) = Σ_{i=1}^p −(−m)^i/i.
 fn negative_formula(order: BdfOrder, m: f64) -> f64 {
     m * (1..=order.get()).rev().fold(0.0, |sum, i| 1.0 / i as f64 - m * sum)
+}
+
+/// g′(m) = Σ_{i=1}^p (−m)^{i−1} to 30 digits.
+fn slope(order: BdfOrder, m: DoubleDouble) -> DoubleDouble {
+    let minus = m.scale(-1.0);
+    (0..order.get()).fold(DoubleDouble::ZERO, |sum, _| minus.multiply(sum).add(DoubleDouble::ONE))
+}
+
+/// The zero of g − `value` to 30 digits from one in double precision, by a step of Newton's method.
+fn refined(order: BdfOrder, m: f64, value: DoubleDouble) -> DoubleDouble {
+    let m = DoubleDouble::exact(m);
+    let minus = m.scale(-1.0);
+    let formula = (1..=order.get())
+        .rev()
+        .fold(DoubleDouble::ZERO, |sum, i| minus.multiply(sum).add(DoubleDouble::ONE.divide(i as f64)));
+    let miss = value.add(m.multiply(formula).scale(-1.0));
+    m.add(quotient(miss, slope(order, m)))
+}
+
+/// The sum of two numbers, the second being the rounding of the first.
+fn whole(number: f64, rest: f64) -> DoubleDouble {
+    DoubleDouble::exact(number).add(DoubleDouble::exact(rest))
+}
+
+/// a/b to about 30 digits.
+fn quotient(a: DoubleDouble, b: DoubleDouble) -> DoubleDouble {
+    let first = a.to_f64() / b.to_f64();
+    let rest = a.add(b.scale(-first));
+    DoubleDouble::exact(first).add(DoubleDouble::exact(rest.to_f64() / b.to_f64()))
 }
 
 /// g^{(k)}(m)/k!, k = 1, …, p.

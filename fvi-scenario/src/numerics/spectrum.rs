@@ -50,7 +50,7 @@ impl Spectrum<'_> {
     pub(super) fn relaxations(&self) -> Result<[Vec<Relaxation>; 2], f64> {
         let mut nodes = self.of_poles();
         // The cut of a formula may begin anywhere.
-        let anywhere = Cut { start: 0.0, power: 0.0, strip: 0.0 };
+        let anywhere = Cut { start: 0.0, rest: 0.0, power: 0.0, strip: 0.0 };
         let is_formula = self.transfer.text().is_some();
         if let Some(cut) = self.transfer.cut().or(is_formula.then_some(anywhere)) {
             let found = if cut.strip >= WIDE_STRIP { self.trapezoidal(&cut) } else { self.in_windows(&cut) };

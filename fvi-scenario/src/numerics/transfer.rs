@@ -110,6 +110,8 @@ impl PartialEq for SharedFormula {
 pub struct Cut {
     /// a ≥ 0.
     pub start: f64,
+    /// What a number of double precision leaves out of a.
+    pub rest: f64,
     /// ν > −1: the jump begins like d^ν.
     pub power: f64,
     /// Half the width of the strip about the real axis in which the jump is an analytic function of ln d.
@@ -128,6 +130,8 @@ pub struct Pole {
     pub rate: f64,
     /// The residue.
     pub residue: f64,
+    /// What numbers of double precision leave out of rate and residue.
+    pub rests: [f64; 2],
 }
 
 const POSITIVE: &str = "positive and finite";
@@ -347,25 +351,31 @@ impl TransferFunction {
         let half = 0.5 * PI;
         match self.form {
             Form::Power { order } if order.fract() == 0.0 => None,
-            Form::Power { order } => Some(Cut { start: 0.0, power: order, strip: half }),
-            Form::Tempered { order, rate } => Some(Cut { start: rate, power: order, strip: half }),
+            Form::Power { order } => Some(Cut { start: 0.0, rest: 0.0, power: order, strip: half }),
+            Form::Tempered { order, rate } => Some(Cut { start: rate, rest: 0.0, power: order, strip: half }),
             Form::Maxwell { order, inner, .. } => {
                 // Behind the cut 1 + (τs)^{β−α} vanishes at the angle π/(β − α). (τs)^1 itself has no jump.
                 let power = if order == 1.0 { 2.0 - inner } else { order };
-                Some(Cut { start: 0.0, power, strip: half.min(PI / (order - inner) - PI) })
+                Some(Cut { start: 0.0, rest: 0.0, power, strip: half.min(PI / (order - inner) - PI) })
             }
             Form::HavriliakNegami { order: 1.0, power, time } => {
-                Some(Cut { start: 1.0 / time, power: -power, strip: half })
+                let [start, rest] = ratio(1.0, time);
+                Some(Cut { start, rest, power: -power, strip: half })
             }
             Form::HavriliakNegami { order, .. } => {
-                Some(Cut { start: 0.0, power: order, strip: half.min(PI / order - PI) })
+                Some(Cut { start: 0.0, rest: 0.0, power: order, strip: half.min(PI / order - PI) })
             }
             Form::Prony { .. } | Form::Weights(_) => None,
             Form::Formula { .. } => {
                 let size = |d: f64| self.jump(d).abs();
                 let (near, far) = (size(1e-40), size(1e-30));
                 let power = (libm::log10(far) - libm::log10(near)) / 10.0;
-                (power.is_finite() && power > -1.0).then_some(Cut { start: 0.0, power, strip: 0.5 * half })
+                (power.is_finite() && power > -1.0).then_some(Cut {
+                    start: 0.0,
+                    rest: 0.0,
+                    power,
+                    strip: 0.5 * half,
+                })
             }
         }
     }
@@ -418,7 +428,11 @@ impl TransferFunction {
             // g τ s/(1 + τ s) = g − (g/τ)/(s + 1/τ)
             Form::Prony { strengths, times } => {
                 let poles = strengths.iter().zip(times);
-                poles.map(|(g, time)| Pole { rate: 1.0 / time, residue: -g / time }).collect()
+                let pole = |(&g, &time): (&f64, &f64)| {
+                    let ([rate, rest], [residue, rest_of_residue]) = (ratio(1.0, time), ratio(-g, time));
+                    Pole { rate, residue, rests: [rest, rest_of_residue] }
+                };
+                poles.map(pole).collect()
             }
             _ => Vec::new(),
         }
@@ -673,6 +687,12 @@ pub(super) fn value_at_zero(formula: &dyn Formula) -> f64 {
     let (near, far) = (at(-60.0), at(-50.0));
     let stays = (near - far).abs() <= 1e-9 * near.abs() && near.abs() > 1e-13 * at(0.0).abs();
     if stays { near } else { 0.0 }
+}
+
+/// a/b, and what rounding leaves out of it.
+fn ratio(a: f64, b: f64) -> [f64; 2] {
+    let ratio = a / b;
+    [ratio, -libm::fma(ratio, b, -a) / b]
 }
 
 /// sin πx, right to rounding near whole numbers.
