@@ -44,8 +44,12 @@ pub(crate) struct Runner {
     pub(crate) error_u: f64,
     pub(crate) bytes: usize,
     flops: Option<f64>,
-    /// Mean time of a step in each round, in nanoseconds.
-    pub(crate) means: Vec<f64>,
+    /// The terms that the run which is timed ends with, and how far from them a repetition may be.
+    last: Vec<(f64, f64)>,
+    /// Mean time of a step in each round without what the thread waited for a processor, in nanoseconds.
+    means: Vec<f64>,
+    /// The shortest of them with it.
+    pub(crate) shortest_ns: f64,
     /// Shortest time of each step, in nanoseconds with a reading of the clock; empty for what has no steps.
     steps: Vec<u32>,
 }
@@ -105,7 +109,9 @@ pub(crate) fn measure(
                 error_u: 0.0,
                 bytes: 0,
                 flops: None,
+                last: Vec::new(),
                 means: Vec::new(),
+                shortest_ns: f64::INFINITY,
                 steps: vec![u32::MAX; task.length],
             }),
             Ok(Err(Declined::SitsOut(reason))) => leave(&strategy.name, Kind::SitsOut, reason),
@@ -113,7 +119,7 @@ pub(crate) fn measure(
         }
     }
 
-    for &signal in conditions.signals {
+    for (index, &signal) in conditions.signals.iter().enumerate() {
         let compared = Compared::new(task, signal);
         let exact = compared.sums(task, &task.weights).unwrap_or_default();
         let mut own: Vec<(Arc<Vec<f64>>, Sums)> = Vec::new();
@@ -135,6 +141,13 @@ pub(crate) fn measure(
             let error = exact.largest_error(&terms, compared.run.channels.len(), task.precision.unit())?;
             runner.error_u = runner.error_u.max(error);
             runner.bytes = bytes;
+            if index == 0 {
+                let known = &exact.all[exact.all.len() - compared.run.channels.len()..];
+                let room =
+                    |known: &MemoryTerm| (2.0 * error + ROUNDING) * task.precision.unit() * known.absolute;
+                let last = &terms[terms.len() - known.len()..];
+                runner.last = last.iter().zip(known).map(|(&term, known)| (term, room(known))).collect();
+            }
             if runner.flops.is_none() {
                 runner.flops = match &runner.making.flops {
                     Flops::Unknown => None,
@@ -152,9 +165,17 @@ pub(crate) fn measure(
     while rounds < most && !runners.is_empty() {
         runners = keep(runners, &mut leave, stop, |runner| {
             let steps = std::mem::take(&mut runner.steps);
-            let (mean, steps) = runner.contestant.times(&run, steps)?;
-            runner.means.push(mean);
-            runner.steps = steps;
+            let timed = runner.contestant.times(&run, steps)?;
+            let other = timed.last.iter().zip(&runner.last);
+            if let Some((found, (term, _))) = other
+                .into_iter()
+                .find(|(found, (term, room))| !((*found - term).abs() <= *room || **found == *term))
+            {
+                return Err(format!("while it is timed its last term is {found:e}, where it was {term:e}"));
+            }
+            runner.means.push(timed.mean_ns);
+            runner.shortest_ns = runner.shortest_ns.min(timed.with_waiting_ns);
+            runner.steps = timed.steps;
             Ok(())
         })?;
         rounds += 1;
