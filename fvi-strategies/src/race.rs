@@ -71,6 +71,11 @@ pub(crate) fn run(
 ) -> Option<RaceRecord> {
     let measured = measure(&plan.conditions(), task, strategies, stop)?;
     let clock = measured.clock;
+    let quadrature = task.kernel.quadrature_error(&task.weights);
+    let of = |runner: &Runner| match &runner.making.own_weights {
+        Some(weights) => task.kernel.quadrature_error(weights),
+        None => quadrature,
+    };
     Some(RaceRecord {
         kernel: task.kernel.name.clone(),
         length: task.length,
@@ -78,7 +83,11 @@ pub(crate) fn run(
         precision: task.precision,
         tolerance: task.tolerance,
         rounds: measured.rounds,
-        rows: measured.runners.into_iter().map(|runner| row(runner, task, clock)).collect(),
+        rows: measured
+            .runners
+            .into_iter()
+            .map(|runner| Row { quadrature: of(&runner), ..row(runner, task, clock) })
+            .collect(),
         absent: measured.absent,
     })
 }
@@ -252,6 +261,7 @@ fn row(runner: Runner, task: &Task, clock: f64) -> Row {
         setup_ns: runner.making.setup_ns,
         bytes: runner.bytes,
         flops,
+        quadrature: None,
         strategy: runner.contestant.name.clone(),
     }
 }

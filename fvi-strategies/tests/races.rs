@@ -144,8 +144,8 @@ fn every_strategy_is_measured_and_the_table_has_its_columns() {
     let columns = "strategy,kernel,length,channels,precision,tolerance,error_u,mean_ns,p50_ns,p999_ns,worst_ns,setup_ns,bytes,flops";
     assert_eq!(table.lines().next(), Some(columns));
     let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
-    // In double precision all, in single precision the project's own.
-    assert_eq!(rows.len(), 8 * 17 + 8 * 5);
+    // In double precision all, in single precision the project's own; `tiled` is for one channel.
+    assert_eq!(rows.len(), 8 * 18 + 4 + 8 * 5 + 4);
     for row in &rows {
         assert_eq!(&row[1], "root, \"half\"");
         for column in 5..13 {
@@ -225,6 +225,30 @@ fn a_record_of_other_weights_is_no_beginning() {
     assert!(resume().is_ok());
     write(0.26);
     assert!(resume().unwrap_err().to_string().contains("another file of strategies"));
+}
+
+#[test]
+fn weights_have_their_own_error_against_the_operator() {
+    let place = tempfile::tempdir().unwrap();
+    let text = format!(
+        "lengths = [1000]\nstrategies = [\"naive\", \"l1\"]\nrounds = [1, 1]\n{ROOT}[[kernel]]\nname = \"random\"\nform = \"random\"\ndecay = 1.0\n\
+         [[kernel]]\nname = \"Maxwell\"\nform = \"maxwell\"\norder = 0.6\ntime = 1.0\nstep = 0.01\n"
+    );
+    let summary = race(&Lab::new(), place.path(), &text).unwrap();
+    let of = |race: usize, strategy: &str| {
+        let mut rows = summary.record.races[race].rows.iter();
+        rows.find(|row| row.strategy == strategy).unwrap().quadrature
+    };
+    // Grünwald's weights on t², order ½, by Python: 9.13696e-6; L1 has its error of order 2 − β.
+    let (grunwald, l1) = (of(0, "naive").unwrap(), of(0, "l1").unwrap());
+    assert!((grunwald / 9.136_962_8e-6 - 1.0).abs() < 1e-6, "{grunwald:e}");
+    assert!(l1 < 0.1 * grunwald, "{l1:e}");
+    assert_eq!(of(1, "naive"), None);
+    // An error of the first order: K(d/dt) t² is missed by a part of a step's length over the run's.
+    let maxwell = of(2, "naive").unwrap();
+    assert!((1e-6..1e-3).contains(&maxwell), "{maxwell:e}");
+    let page = fs::read_to_string(place.path().join("out/strategies.html")).unwrap();
+    assert!(page.contains("<td>9e-6</td>"));
 }
 
 #[test]
