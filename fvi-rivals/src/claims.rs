@@ -11,8 +11,8 @@ use crate::l1::l1_weights;
 use crate::matsuda::Rational;
 use crate::oustaloup::recursion;
 use crate::{
-    NonUniformPartition, ObliviousQuadrature, PlainSum, RelaxedProduct, TextbookHls, UniformPartition, jiang,
-    kernel_compression,
+    ObliviousQuadrature, PlainSum, RelaxedProduct, TextbookHls, jiang, kernel_compression,
+    non_uniform_partition, uniform_partition,
 };
 
 /// A statement of a source on a kernel, as a number, and the number that the strategy here has.
@@ -161,8 +161,8 @@ fn exact_sums() -> Result<Vec<Claim>, ParameterError> {
     }];
     let rivals: [(&'static str, &'static str, Box<dyn Memory<f64>>); 4] = [
         ("hls", "[HLS], [Higham02] §24.1", Box::new(TextbookHls::new(&weights, 1, STEPS)?)),
-        ("uniform", "[Wefers15], [Higham02] §24.1", Box::new(UniformPartition::new(&weights, 1, STEPS)?)),
-        ("gardner", "[Gardner95], [Higham02] §24.1", Box::new(NonUniformPartition::new(&weights, 1, STEPS)?)),
+        ("uniform", "[Wefers15], [Higham02] §24.1", Box::new(uniform_partition(&weights, 1, STEPS)?)),
+        ("gardner", "[Gardner95], [Higham02] §24.1", Box::new(non_uniform_partition(&weights, 1, STEPS)?)),
         ("relaxed", "[vdHoeven03], [Higham02] §24.1", Box::new(RelaxedProduct::new(&weights, 1, STEPS)?)),
     ];
     for (strategy, source, mut memory) in rivals {

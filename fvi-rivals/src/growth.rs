@@ -4,8 +4,8 @@ use fvi_core::{BdfOrder, ConvolutionWeights, Memory, ParameterError};
 use nalgebra::Complex;
 
 use crate::{
-    NonUniformPartition, ObliviousQuadrature, Operations, PlainSum, RelaxedProduct, TextbookHls,
-    UniformPartition, jiang, kernel_compression, l1_weights, matsuda, oustaloup, window_of,
+    ObliviousQuadrature, Operations, PlainSum, RelaxedProduct, TextbookHls, jiang, kernel_compression,
+    l1_weights, matsuda, non_uniform_partition, oustaloup, uniform_partition, window_of,
 };
 
 /// Exponent p of operations ~ xᵖ of one strategy.
@@ -119,8 +119,8 @@ pub fn growths() -> Result<Vec<Growth>, ParameterError> {
     Ok(vec![
         growth("naive", PLAIN, SHORT_LENGTHS, |n| counted!(PlainSum::new(&weights(n)?, 1, n)?))?,
         growth("hls", SQUARE, LENGTHS, |n| counted!(TextbookHls::new(&weights(n)?, 1, n)?))?,
-        growth("uniform", ROOT, LENGTHS, |n| counted!(UniformPartition::new(&weights(n)?, 1, n)?))?,
-        growth("gardner", SQUARE, LENGTHS, |n| counted!(NonUniformPartition::new(&weights(n)?, 1, n)?))?,
+        growth("uniform", ROOT, LENGTHS, |n| counted!(uniform_partition(&weights(n)?, 1, n)?))?,
+        growth("gardner", SQUARE, LENGTHS, |n| counted!(non_uniform_partition(&weights(n)?, 1, n)?))?,
         growth("relaxed", SQUARE, LENGTHS, |n| counted!(RelaxedProduct::new(&weights(n)?, 1, n)?))?,
         growth("short-memory", ("1", |_| 1.0), LENGTHS, |n| {
             counted!(PlainSum::new(&long[..=window_of(&long, 0.1)], 1, n)?)

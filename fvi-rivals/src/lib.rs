@@ -9,8 +9,7 @@
 //! |---|---|---|
 //! | [`PlainSum`] | O(N) | any weights; a window of them is the short-memory principle |
 //! | [`TextbookHls`] | O(log² N) | any weights |
-//! | [`UniformPartition`] | O(√N) | any weights |
-//! | [`NonUniformPartition`] | O(log² N) | any weights |
+//! | [`PartitionedSum`] | O(√N) or O(log² N) | any weights ([`uniform_partition`], [`non_uniform_partition`]) |
 //! | [`RelaxedProduct`] | O(log² N) | any weights |
 //! | [`FilterCascade`] | O(poles) | s^β, as a rational function ([`oustaloup`], [`matsuda`]) |
 //! | [`ExponentialModes`] | O(log N) | s^β by the L1 formula ([`jiang`], [`kernel_compression`]) |
@@ -50,7 +49,7 @@ pub use matsuda::matsuda;
 pub use oblivious::ObliviousQuadrature;
 pub use operations::Operations;
 pub use oustaloup::oustaloup;
-pub use partition::{NonUniformPartition, UniformPartition};
+pub use partition::{PartitionedSum, non_uniform_partition, uniform_partition};
 pub use plain_sum::PlainSum;
 pub use relaxed::RelaxedProduct;
 pub use short_memory::{short_memory, window_of};

@@ -3,8 +3,8 @@
 use fvi_core::{BdfOrder, ConvolutionWeights, Memory, MemoryError};
 use fvi_fft::baseline::{Signal, memory_term};
 use fvi_rivals::{
-    NonUniformPartition, ObliviousQuadrature, PlainSum, RelaxedProduct, TextbookHls, UniformPartition, jiang,
-    kernel_compression, l1_weights, matsuda, oustaloup, short_memory, vectorised,
+    ObliviousQuadrature, PlainSum, RelaxedProduct, TextbookHls, jiang, kernel_compression, l1_weights,
+    matsuda, non_uniform_partition, oustaloup, short_memory, uniform_partition, vectorised,
 };
 use nalgebra::Complex;
 
@@ -69,8 +69,8 @@ fn of_terms(absolute: f64, _: f64) -> f64 {
 /// Exact rivals, by how errors are measured: of each term, or of the norms as transforms have them.
 fn exact_rivals(weights: &[f64], channels: usize, steps: usize) -> Vec<(&'static str, bool, Boxed)> {
     let plain = PlainSum::new(weights, channels, steps).unwrap();
-    let uniform = UniformPartition::new(weights, channels, steps).unwrap();
-    let partition = NonUniformPartition::new(weights, channels, steps).unwrap();
+    let uniform = uniform_partition(weights, channels, steps).unwrap();
+    let partition = non_uniform_partition(weights, channels, steps).unwrap();
     let relaxed = RelaxedProduct::new(weights, channels, steps).unwrap();
     let hls = TextbookHls::new(weights, channels, steps).unwrap();
     vec![
@@ -125,7 +125,7 @@ fn a_wrong_weight_is_seen() {
     let weights = quadrature(1, 0.5, 500);
     let mut wrong = weights.clone();
     wrong[400] *= 1.0 + 1e-9;
-    let mut memory = NonUniformPartition::new(&wrong, 1, 500).unwrap();
+    let mut memory = non_uniform_partition(&wrong, 1, 500).unwrap();
     let error = largest_error(&mut memory, &weights, Signal::Growing, 500, of_terms);
     assert!(error < 40.0, "what is far back in a growing signal does not count: {error}");
     let error = largest_error(&mut memory, &weights, Signal::Decaying, 500, of_terms);
@@ -186,7 +186,7 @@ fn what_cannot_be_made_is_refused() {
     let order = BdfOrder::GRUNWALD_LETNIKOV;
     let weights = quadrature(1, 0.5, 10);
     assert!(PlainSum::new(&[], 1, 10).is_err() && PlainSum::new(&weights, 0, 10).is_err());
-    assert!(UniformPartition::new(&weights, 1, 0).is_err());
+    assert!(uniform_partition(&weights, 1, 0).is_err());
     assert!(jiang(1.5, 1.0, 1, 10, 1e-6).is_err() && jiang(0.5, 1.0, 1, 10, 0.0).is_err());
     assert!(jiang(0.5, 1.0, 1, 10, 1e-30).is_err() && kernel_compression(0.5, -1.0, 1, 10, 1e-6).is_err());
     assert!(
