@@ -43,8 +43,18 @@ enum Answer {
     Made { setup_ns: f64, own_weights: Option<Arc<Vec<f64>>>, flops: Flops },
     Declined(Declined),
     Terms { terms: Vec<f64>, bytes: usize },
-    Times { mean_ns: f64, steps: Vec<u32> },
+    Times(Timed),
     Failed(String),
+}
+
+/// Times of a run, and the terms that it ends with, by which work is seen that is not done while it is timed.
+pub(crate) struct Timed {
+    /// Mean time of a step without what the thread waited for a processor, and with it.
+    pub(crate) mean_ns: f64,
+    pub(crate) with_waiting_ns: f64,
+    pub(crate) steps: Vec<u32>,
+    /// Of the wanted channels.
+    pub(crate) last: Vec<f64>,
 }
 
 /// The strategy made.
@@ -111,9 +121,9 @@ impl Contestant {
         }
     }
 
-    pub(crate) fn times(&self, run: &Run, steps: Vec<u32>) -> Result<(f64, Vec<u32>), Left> {
+    pub(crate) fn times(&self, run: &Run, steps: Vec<u32>) -> Result<Timed, Left> {
         match self.ask(Job::Times(run.clone(), steps))? {
-            Answer::Times { mean_ns, steps } => Ok((mean_ns, steps)),
+            Answer::Times(timed) => Ok(timed),
             _ => Err("it answered something else".to_owned()),
         }
     }
@@ -224,8 +234,8 @@ fn answer<T: Real>(
         }
     }
     let elapsed_ns = begin.elapsed().as_secs_f64() * 1e9;
-    let waited = waited_ns() - waited;
-    let mean_ns = (elapsed_ns - waited).max(0.0) / count as f64;
+    let (mean_ns, with_waiting_ns) = of_a_step(elapsed_ns, waited_ns() - waited, count);
+    let last = run.channels.iter().map(|&channel| term[channel].to_f64()).collect();
     memory.clear();
     let mut before = Instant::now();
     for ((k, sample), step) in samples.chunks_exact(channels).enumerate().zip(&mut steps) {
@@ -238,7 +248,7 @@ fn answer<T: Real>(
             return Err("abandoned".to_owned());
         }
     }
-    Ok(Answer::Times { mean_ns, steps })
+    Ok(Answer::Times(Timed { mean_ns, with_waiting_ns, steps, last }))
 }
 
 /// The lower bound takes all samples at once, so that no time belongs to a single step.
@@ -247,15 +257,28 @@ fn offline_answer(offline: &mut OfflineFft, samples: &[f64], steps: Option<Vec<u
     let waited = waited_ns();
     let begin = Instant::now();
     offline.convolve(black_box(samples), &mut terms);
-    let elapsed_ns = begin.elapsed().as_secs_f64() * 1e9 - (waited_ns() - waited);
+    let elapsed_ns = begin.elapsed().as_secs_f64() * 1e9;
+    let (mean_ns, with_waiting_ns) = of_a_step(elapsed_ns, waited_ns() - waited, samples.len());
     // The first sum is empty; the transform has the rounding of all others there.
     if let Some(first) = terms.first_mut() {
         *first = 0.0;
     }
     match steps {
         None => Answer::Terms { terms, bytes: offline.bytes() },
-        Some(_) => Answer::Times { mean_ns: elapsed_ns.max(0.0) / samples.len() as f64, steps: Vec::new() },
+        Some(_) => Answer::Times(Timed {
+            mean_ns,
+            with_waiting_ns,
+            steps: Vec::new(),
+            last: terms.last().map(|&term| vec![term]).unwrap_or_default(),
+        }),
     }
+}
+
+/// Time of a step without waiting, and with it. What was waited is read outside of the elapsed time: where
+/// it is more than that, it lies beside it.
+fn of_a_step(elapsed_ns: f64, waited_ns: f64, count: usize) -> (f64, f64) {
+    let own_ns = if waited_ns < elapsed_ns { elapsed_ns - waited_ns } else { elapsed_ns };
+    (own_ns / count as f64, elapsed_ns / count as f64)
 }
 
 /// How long this thread has been ready and waited for a processor, in nanoseconds, where the system tells

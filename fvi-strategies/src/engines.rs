@@ -142,7 +142,7 @@ impl Comparison {
                     length,
                     order,
                     exponent,
-                    step_mean_ns: runner.means.iter().copied().fold(f64::INFINITY, f64::min),
+                    step_mean_ns: runner.shortest_ns,
                     steps_ns: measured.steps_ns(runner),
                     bytes: runner.bytes,
                     max_error_u: runner.error_u,

@@ -4,6 +4,7 @@ use fvi_core::{BdfOrder, ParameterError};
 use fvi_memory::memory::LEAST_ON_INCREMENTS;
 use fvi_scenario::language::InputError;
 use fvi_scenario::language::document::{Table, Value};
+use fvi_scenario::numerics::laplace::on_a_line;
 use fvi_scenario::numerics::multistep_weights::multistep_weights;
 use fvi_scenario::numerics::transfer::TransferFunction;
 use fvi_scenario::scenario::{kernel_of_table, weights_of};
@@ -64,6 +65,32 @@ impl Kernel {
                 Ok((0..count).map(weight).collect())
             }
         }
+    }
+
+    /// |Σ w_n x_{N−n} − K(d/dt) t²| / Σ|w||x| on x = t² after as many steps as there are weights, those of
+    /// this kernel or of another quadrature; `None` where K(d/dt) t² is not known to the digits that this
+    /// needs.
+    pub(crate) fn quadrature_error(&self, weights: &[f64]) -> Option<f64> {
+        // What a hundred times the error of the inverse transform is less than.
+        const KNOWN: f64 = 1e-5;
+        let Source::Transfer(transfer) = &self.source else { return None };
+        if self.on_increments || transfer.spring() != 0.0 || transfer.active().is_some() {
+            return None;
+        }
+        let end = weights.len() as f64 * self.step;
+        let exact = match transfer.exponent() {
+            Some(order) => 2.0 * end.powf(2.0 - order) / libm::tgamma(3.0 - order),
+            None => on_a_line(end, |s| transfer.value(s) * 2.0 / (s * s * s)),
+        };
+        let (mut sum, mut absolute) = (0.0, 0.0);
+        for (n, weight) in weights.iter().enumerate().rev() {
+            let product = weight * ((weights.len() - n) as f64 * self.step).powi(2);
+            sum += product;
+            absolute += product.abs();
+        }
+        let difference = (sum - exact).abs();
+        let is_known = transfer.exponent().is_some() || difference > KNOWN * exact.abs();
+        is_known.then_some(difference / absolute).filter(|error| error.is_finite())
     }
 
     /// A number that tells weights from others: of all that are in a table, of the first of a formula.

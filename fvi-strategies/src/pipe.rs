@@ -1,6 +1,6 @@
 //! A strategy that is a program: it reads lines and answers with lines.
 
-use std::io::{BufRead, BufReader, BufWriter, Write};
+use std::io::{BufRead, BufReader, BufWriter, Read, Write};
 use std::path::PathBuf;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -65,6 +65,10 @@ impl Program {
         Ok(made)
     }
 }
+
+/// Letters of an answer beyond which it is none: so many, and so many for each number.
+const LONGEST_LINE: u64 = 4096;
+const LONGEST_NUMBER: u64 = 400;
 
 /// Ends a program that does not answer in time.
 struct Watchdog {
@@ -204,11 +208,16 @@ impl Pipe {
         self.watchdog.arm();
         let sent = self.to.write_all(lines.as_bytes()).and_then(|()| self.to.flush());
         self.line.clear();
-        let read = sent.and_then(|()| self.from.read_line(&mut self.line));
+        let longest = LONGEST_LINE + LONGEST_NUMBER * self.term.len() as u64;
+        let read = sent.and_then(|()| self.from.by_ref().take(longest).read_line(&mut self.line));
         self.watchdog.disarm();
         let limit = self.watchdog.limit.as_secs_f64();
         match read {
             Ok(count) if count > 0 && self.line.ends_with('\n') => Ok(self.line.trim_end().to_owned()),
+            Ok(count) if count as u64 == longest => {
+                end(&mut self.watchdog.child.lock().unwrap_or_else(PoisonError::into_inner));
+                Err(format!("it answered a line of more than {longest} letters: ended"))
+            }
             _ if self.watchdog.struck.load(Ordering::Relaxed) => {
                 Err(format!("no answer within {limit:.3} s: ended"))
             }

@@ -1,8 +1,8 @@
 //! The project's own memories in the race.
 
-use fvi_core::{Direct, Memory, Overflow, ParameterError};
+use fvi_core::{Direct, Memory, MemoryError, Overflow, ParameterError, Tiled};
 use fvi_fft::{BlockFft, Engines, RealTime, WeightTable};
-use fvi_memory::memory::{EngineError, Memories, MemoryRequest, Tables};
+use fvi_memory::memory::{EngineError, HostMemory, Memories, MemoryRequest, Tables};
 use fvi_scenario::numerics::exponential_table::ExponentialKernel;
 use fvi_scenario::numerics::growing_ring::GrowingRing;
 use fvi_scenario::scenario::{Convolution, ConvolutionFamily, Engine, History};
@@ -58,7 +58,107 @@ pub(crate) fn strategies() -> Vec<Strategy> {
         Strategy::new("exponential-sum-core", "sum of exponentials of firmware, fvi-core", |task| {
             exponential_sum(task, Engine::ExponentialSumCore)
         }),
+        Strategy::new("tiled", "plain sum of firmware, eight terms at a time, fvi-core", |task| {
+            require_short(task, task.length)?;
+            if task.channels > 1 {
+                return Err(Declined::sits_out("its number of channels is fixed in code, here at one"));
+            }
+            Ok(Made::of(match task.precision {
+                Precision::F64 => AnyMemory::F64(tiled(&task.weights, task.length)?),
+                Precision::F32 => AnyMemory::F32(tiled(&task.weights, task.length)?),
+            }))
+        }),
+        Strategy::new("any-step", "exponentials for steps of any length, here equal ones, fvi-fft", any_step)
+            .without_bound(),
     ]
+}
+
+/// Its size is fixed in code: the smallest of these that takes the samples.
+fn tiled<T: Engines>(weights: &[f64], length: usize) -> Result<Box<dyn Memory<T> + Send>, Declined> {
+    fn of<T: Engines, const B: usize>(weights: &[f64]) -> Result<Box<dyn Memory<T> + Send>, Declined> {
+        // Firmware has them in flash; here they stay until the program ends.
+        let table: &'static [T] = weights.iter().map(|&weight| T::of(weight)).collect::<Vec<_>>().leak();
+        Ok(Box::new(Tiled::<T, 1, B>::new(table, T::one(), Overflow::Refuse)?))
+    }
+    match length {
+        ..=256 => of::<T, 32>(weights),
+        ..=2048 => of::<T, 256>(weights),
+        ..=16_384 => of::<T, 2048>(weights),
+        _ => Err(Declined::sits_out("its number of samples is fixed in code, here at no more than 16384")),
+    }
+}
+
+/// A memory for steps of any length on steps of one.
+struct EqualSteps {
+    memory: HostMemory<f64>,
+    step: f64,
+}
+
+impl Memory<f64> for EqualSteps {
+    fn channels(&self) -> usize {
+        self.memory.channels()
+    }
+
+    fn leading(&self) -> &[f64] {
+        self.memory.leading()
+    }
+
+    fn leading_is_constant(&self) -> bool {
+        self.memory.leading_is_constant()
+    }
+
+    fn len(&self) -> usize {
+        self.memory.len()
+    }
+
+    fn next_term(&mut self, term: &mut [f64]) -> Result<(), MemoryError> {
+        self.memory.begin_step(self.step)?;
+        self.memory.next_term(term)
+    }
+
+    fn push(&mut self, sample: &[f64]) -> Result<(), MemoryError> {
+        self.memory.push(sample)
+    }
+
+    fn clear(&mut self) {
+        self.memory.clear();
+    }
+
+    fn bytes(&self) -> usize {
+        self.memory.bytes()
+    }
+}
+
+/// Of implicit Euler, which is Radau IIA with one stage.
+fn any_step(task: &Task) -> Result<Made, Declined> {
+    let Source::Transfer(transfer) = &task.kernel.source else {
+        return Err(Declined::sits_out(
+            "its exponentials are made from K(s), which a table of weights does not tell",
+        ));
+    };
+    if task.kernel.order.get() != 1 {
+        return Err(Declined::sits_out("it is for Runge–Kutta quadrature, of which BDF of order 1 is one"));
+    }
+    if task.precision == Precision::F32 {
+        return Err(Declined::sits_out("in single precision its terms are right to some hundred u"));
+    }
+    let family = ConvolutionFamily::RadauIia { stages: 1 };
+    let convolution = Convolution { family, ..Convolution::default() };
+    let history = History { engine: Some(Engine::AnyStep), threads: Some(1), ..History::default() };
+    let request = MemoryRequest {
+        end: Some(task.length as f64 * task.kernel.step),
+        convolution: &convolution,
+        transfer,
+        step_size: task.kernel.step,
+        coordinates: task.channels,
+        motions: 1,
+        samples: task.length,
+        given: true,
+        history: &history,
+    };
+    let memory = f64::memory(&request, &Tables::default())
+        .map_err(|error: EngineError| Declined::SitsOut(error.to_string()))?;
+    Ok(Made::of(AnyMemory::F64(Box::new(EqualSteps { memory, step: task.kernel.step }))))
 }
 
 fn single(weights: &[f64]) -> Vec<f32> {
@@ -117,7 +217,7 @@ fn exponential_sum(task: &Task, engine: Engine) -> Result<Made, Declined> {
 pub(crate) fn flops(strategy: &str, task: &Task) -> Option<f64> {
     let steps = task.length as f64;
     let of_one = match strategy {
-        "direct" => steps - 1.0,
+        "direct" | "tiled" => steps - 1.0,
         "block-fft" => BlockFft::<f64>::operations(task.length) / steps,
         "real-time" => RealTime::<f64>::operations(task.length) / steps,
         "exponential-sum" | "exponential-sum-core" => {

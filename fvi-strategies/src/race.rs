@@ -44,8 +44,12 @@ pub(crate) struct Runner {
     pub(crate) error_u: f64,
     pub(crate) bytes: usize,
     flops: Option<f64>,
-    /// Mean time of a step in each round, in nanoseconds.
-    pub(crate) means: Vec<f64>,
+    /// The terms that the run which is timed ends with, and how far from them a repetition may be.
+    last: Vec<(f64, f64)>,
+    /// Mean time of a step in each round without what the thread waited for a processor, in nanoseconds.
+    means: Vec<f64>,
+    /// The shortest of them with it.
+    pub(crate) shortest_ns: f64,
     /// Shortest time of each step, in nanoseconds with a reading of the clock; empty for what has no steps.
     steps: Vec<u32>,
 }
@@ -67,6 +71,11 @@ pub(crate) fn run(
 ) -> Option<RaceRecord> {
     let measured = measure(&plan.conditions(), task, strategies, stop)?;
     let clock = measured.clock;
+    let quadrature = task.kernel.quadrature_error(&task.weights);
+    let of = |runner: &Runner| match &runner.making.own_weights {
+        Some(weights) => task.kernel.quadrature_error(weights),
+        None => quadrature,
+    };
     Some(RaceRecord {
         kernel: task.kernel.name.clone(),
         length: task.length,
@@ -74,7 +83,11 @@ pub(crate) fn run(
         precision: task.precision,
         tolerance: task.tolerance,
         rounds: measured.rounds,
-        rows: measured.runners.into_iter().map(|runner| row(runner, task, clock)).collect(),
+        rows: measured
+            .runners
+            .into_iter()
+            .map(|runner| Row { quadrature: of(&runner), ..row(runner, task, clock) })
+            .collect(),
         absent: measured.absent,
     })
 }
@@ -105,7 +118,9 @@ pub(crate) fn measure(
                 error_u: 0.0,
                 bytes: 0,
                 flops: None,
+                last: Vec::new(),
                 means: Vec::new(),
+                shortest_ns: f64::INFINITY,
                 steps: vec![u32::MAX; task.length],
             }),
             Ok(Err(Declined::SitsOut(reason))) => leave(&strategy.name, Kind::SitsOut, reason),
@@ -113,7 +128,7 @@ pub(crate) fn measure(
         }
     }
 
-    for &signal in conditions.signals {
+    for (index, &signal) in conditions.signals.iter().enumerate() {
         let compared = Compared::new(task, signal);
         let exact = compared.sums(task, &task.weights).unwrap_or_default();
         let mut own: Vec<(Arc<Vec<f64>>, Sums)> = Vec::new();
@@ -135,6 +150,13 @@ pub(crate) fn measure(
             let error = exact.largest_error(&terms, compared.run.channels.len(), task.precision.unit())?;
             runner.error_u = runner.error_u.max(error);
             runner.bytes = bytes;
+            if index == 0 {
+                let known = &exact.all[exact.all.len() - compared.run.channels.len()..];
+                let room =
+                    |known: &MemoryTerm| (2.0 * error + ROUNDING) * task.precision.unit() * known.absolute;
+                let last = &terms[terms.len() - known.len()..];
+                runner.last = last.iter().zip(known).map(|(&term, known)| (term, room(known))).collect();
+            }
             if runner.flops.is_none() {
                 runner.flops = match &runner.making.flops {
                     Flops::Unknown => None,
@@ -152,9 +174,17 @@ pub(crate) fn measure(
     while rounds < most && !runners.is_empty() {
         runners = keep(runners, &mut leave, stop, |runner| {
             let steps = std::mem::take(&mut runner.steps);
-            let (mean, steps) = runner.contestant.times(&run, steps)?;
-            runner.means.push(mean);
-            runner.steps = steps;
+            let timed = runner.contestant.times(&run, steps)?;
+            let other = timed.last.iter().zip(&runner.last);
+            if let Some((found, (term, _))) = other
+                .into_iter()
+                .find(|(found, (term, room))| !((*found - term).abs() <= *room || **found == *term))
+            {
+                return Err(format!("while it is timed its last term is {found:e}, where it was {term:e}"));
+            }
+            runner.means.push(timed.mean_ns);
+            runner.shortest_ns = runner.shortest_ns.min(timed.with_waiting_ns);
+            runner.steps = timed.steps;
             Ok(())
         })?;
         rounds += 1;
@@ -231,6 +261,7 @@ fn row(runner: Runner, task: &Task, clock: f64) -> Row {
         setup_ns: runner.making.setup_ns,
         bytes: runner.bytes,
         flops,
+        quadrature: None,
         strategy: runner.contestant.name.clone(),
     }
 }

@@ -68,6 +68,10 @@ pub struct Row {
     pub bytes: usize,
     /// Floating-point operations of a step on average, where they are counted.
     pub flops: Option<f64>,
+    /// Error of the weights themselves: |Σ w_n x_{N−n} − K(d/dt) t²| / Σ|w||x| on x = t² at the end of the
+    /// run, where K(d/dt) t² is known. No engine that sums them comes closer to the operator.
+    #[serde(default)]
+    pub quadrature: Option<f64>,
 }
 
 /// A strategy that was not measured.
