@@ -24,8 +24,8 @@ pub struct Growth {
 }
 
 impl Growth {
-    /// A row of a Markdown table: strategy, theory, its exponent, that of the counts, that of time where it has
-    /// been measured.
+    /// A row of a Markdown table: strategy, theory, its exponent, that of the counts, that of time where it
+    /// has been measured.
     pub fn row(&self, of_time: Option<f64>) -> String {
         let of_time =
             of_time.map_or_else(|| "–".to_owned(), |exponent| format!("{exponent:.2}").replace('-', "−"));

@@ -85,8 +85,8 @@ pub(crate) fn fastest_rate(tolerance: f64) -> f64 {
     8.0 - 1.5 * libm::log(tolerance)
 }
 
-/// The fewest points a rule for which the weights keep the tolerance relative to those of the formula, and the
-/// modes.
+/// The fewest points a rule for which the weights keep the tolerance relative to those of the formula, and
+/// the modes.
 pub(crate) fn fewest_points(
     order: f64,
     step: f64,

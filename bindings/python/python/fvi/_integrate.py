@@ -68,7 +68,9 @@ def integrate(
     Parameters
     ----------
     mass : array_like or sparse matrix
-        M: the diagonal, or a symmetric positive definite matrix. It says how many coordinates N there are.
+        M: the diagonal, or a symmetric positive definite matrix. It says how many coordinates N there are. Zeros in the diagonal,
+        or rows of zeros in a matrix, are coordinates without mass, which stiffness or damping must hold: their momentum is 0, and
+        where stiffness alone holds them a position of 0 at the start stands for the one at which their forces balance.
     position : array_like
         q(t₀), N numbers, or one for all coordinates. With samples as `past` it may be left out.
     step, steps, end : number
