@@ -5,13 +5,84 @@ use fvi_core::{Real, Singular, add_multiple};
 /// Solves A x = `vector` for a matrix, row by row, whose entries farther than `band` from the diagonal are
 /// zero.
 ///
-/// x replaces `vector`, the factors the matrix, of which only entries up to 2 `band` to the right of the
-/// diagonal and `band` to its left are looked at or changed. Pivots and arithmetic are those of
+/// x replaces `vector`; of the matrix, only entries up to 2 `band` to the right of the diagonal and `band` to
+/// its left are looked at or changed. Pivots and arithmetic are those of
 /// [`fvi_core::solve`], without the operations on zeros: the same bits in n·`band`² operations.
 ///
 /// # Errors
 /// [`Singular`], as [`fvi_core::solve`].
 pub(super) fn solve<T: Real>(
+    matrix: &mut [T],
+    band: usize,
+    pivots: &mut [usize],
+    vector: &mut [T],
+) -> Result<(), Singular> {
+    match band {
+        1 => solve_narrow::<T, 2, 3>(matrix, vector),
+        2 => solve_narrow::<T, 3, 5>(matrix, vector),
+        3 => solve_narrow::<T, 4, 7>(matrix, vector),
+        band => solve_wide(matrix, band, pivots, vector),
+    }
+}
+
+/// [`solve`] for a band that the compiler knows: the `ROWS` = band + 1 rows that the elimination of a column
+/// changes are held in a window of `WIDTH` = 2 band + 1 numbers each, which moves down the diagonal.
+fn solve_narrow<T: Real, const ROWS: usize, const WIDTH: usize>(
+    matrix: &mut [T],
+    vector: &mut [T],
+) -> Result<(), Singular> {
+    let n = vector.len();
+    let mut window: [([T; WIDTH], T); ROWS] =
+        core::array::from_fn(|row| (row_from(matrix, n, row, 0), at(vector, row)));
+    for column in 0..n {
+        let mut largest = T::zero();
+        for row in column.saturating_sub(WIDTH - 1)..column {
+            largest = largest.max(matrix[row * n + column].abs());
+        }
+        let (mut pivot_row, mut pivot) = (0, T::zero());
+        for (row, (entries, _)) in window.iter().enumerate() {
+            largest = largest.max(entries[0].abs());
+            if entries[0].abs() > pivot.abs() {
+                (pivot_row, pivot) = (row, entries[0]);
+            }
+        }
+        if !pivot.is_finite() || pivot.abs() <= largest * T::EPSILON {
+            return Err(Singular);
+        }
+        window.swap(0, pivot_row);
+        let (upper, known) = window[0];
+        matrix[column * n + column..(column + 1) * n]
+            .iter_mut()
+            .zip(upper)
+            .for_each(|(place, entry)| *place = entry);
+        vector[column] = known;
+        // The rows below, without their first entry, move up.
+        for row in 1..ROWS {
+            let (entries, number) = window[row];
+            let factor = entries[0] / pivot;
+            let mut moved = [T::zero(); WIDTH];
+            for index in 1..WIDTH {
+                moved[index - 1] = entries[index] - factor * upper[index];
+            }
+            window[row - 1] = (moved, number - factor * known);
+        }
+        window[ROWS - 1] = (row_from(matrix, n, column + ROWS, column + 1), at(vector, column + ROWS));
+    }
+    substitute_upper(matrix, ROWS - 1, vector);
+    Ok(())
+}
+
+/// The numbers of a row from a column on, zeros beyond the matrix.
+fn row_from<T: Real, const WIDTH: usize>(matrix: &[T], n: usize, row: usize, column: usize) -> [T; WIDTH] {
+    let mut numbers = [T::zero(); WIDTH];
+    if row < n {
+        let entries = &matrix[row * n + column..(row + 1) * n];
+        numbers.iter_mut().zip(entries).for_each(|(number, &entry)| *number = entry);
+    }
+    numbers
+}
+
+fn solve_wide<T: Real>(
     matrix: &mut [T],
     band: usize,
     pivots: &mut [usize],
@@ -26,6 +97,14 @@ pub(super) fn solve<T: Real>(
             vector[row] -= matrix[row * n + column] * known;
         }
     }
+    substitute_upper(matrix, band, vector);
+    Ok(())
+}
+
+/// Solves U x = `vector` for the rows on and right of the diagonal that elimination has left.
+#[inline(always)]
+fn substitute_upper<T: Real>(matrix: &[T], band: usize, vector: &mut [T]) {
+    let n = vector.len();
     for row in (0..n).rev() {
         let (known, solved) = vector.split_at_mut(row + 1);
         let entries = &matrix[row * n + row..row * n + (row + 2 * band + 1).min(n)];
@@ -35,7 +114,6 @@ pub(super) fn solve<T: Real>(
         }
         known[row] = number / entries[0];
     }
-    Ok(())
 }
 
 /// Factors in place, by elimination with row pivoting within the band. The multipliers of a column stay below

@@ -110,41 +110,23 @@ impl ForceMoments {
         lengths: StepLengths,
         (end, longest): (f64, Option<f64>),
     ) -> Option<Self> {
-        let rough = RoughArguments::of(components);
         // Steps that are chosen on the way follow the terms anyway.
         let terms = longest.and_then(|_| TimeTerms::of(components, end));
-        let count = rough.arguments().len();
-        let mut moments = Self {
-            force: CompiledForce::compile(components),
-            coordinates: components.len(),
-            lengths,
-            end,
-            step_size: longest.unwrap_or(f64::NAN),
-            reaches: vec![f64::INFINITY; count],
-            registers: Vec::new(),
-            values: vec![0.0; count],
-            load: vec![0.0; components.len()],
-            breaks: Vec::new(),
-            total: Vec::new(),
-            cells: Vec::new(),
-            missed: None,
-            rough,
-            terms,
-            unbounded: None,
-        };
+        let step_size = longest.unwrap_or(f64::NAN);
+        let mut moments = Self { terms, step_size, ..Self::whole(components, lengths, end, None) };
         if moments.terms.is_some() && longest.is_some_and(|step| moments.is_smooth_everywhere(step)) {
             moments.terms = None;
         }
         moments.step_size = f64::NAN;
-        (count > 0 || moments.terms.is_some()).then_some(moments)
+        (!moments.reaches.is_empty() || moments.terms.is_some()).then_some(moments)
     }
 
-    /// For a force that the scheme does not look at, since it has no bound at these times.
+    /// For all of a force: `unbounded` says where it has no bound, so that the scheme does not look at it.
     pub fn whole(
         components: &[Expression],
         lengths: StepLengths,
         end: f64,
-        singularities: Vec<Singularity>,
+        unbounded: Option<Vec<Singularity>>,
     ) -> Self {
         let rough = RoughArguments::of(components);
         let count = rough.arguments().len();
@@ -164,7 +146,7 @@ impl ForceMoments {
             missed: None,
             rough,
             terms: None,
-            unbounded: Some(singularities),
+            unbounded,
         }
     }
 

@@ -62,7 +62,7 @@ impl RoughForces {
         let (mut unbounded, coordinates) = (None, system.coordinates());
         if let Some(whole) = &whole {
             let moments = |components: &[_], singularities: &[_]| {
-                ForceMoments::whole(components, lengths, time.end(), singularities.to_vec())
+                ForceMoments::whole(components, lengths, time.end(), Some(singularities.to_vec()))
             };
             unbounded = whole.force.as_ref().map(|(components, times)| moments(components, times));
             for (load, motions, times) in &whole.loads {
