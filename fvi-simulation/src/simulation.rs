@@ -93,8 +93,6 @@ trait Stepper {
     fn position_at(&mut self, time: f64, position: &mut Vec<f64>);
     /// The jumps and kinks in the position as switches.
     fn switches(&mut self) -> &mut dyn Switched;
-    /// The increments that the last step was solved by, one control point after another.
-    fn increments(&self, numbers: &mut Vec<f64>);
     /// Time, position and momentum.
     fn read_without_energy(&mut self, state: &mut GridState);
     /// These and the energy.
@@ -284,11 +282,6 @@ impl Simulation {
     /// at them.
     pub(crate) fn switches(&mut self) -> &mut dyn Switched {
         self.stepper.switches()
-    }
-
-    /// Writes what the last step was solved by: q_d(c h) − q_k at each control point.
-    pub(crate) fn increments(&self, numbers: &mut Vec<f64>) {
-        self.stepper.increments(numbers);
     }
 
     /// Writes the present state into `state`, whose vectors have one place for each coordinate.
@@ -992,11 +985,6 @@ impl<T: Elementary + Memories> Stepper for TypedSimulation<T> {
         self.integrator.system_mut()
     }
 
-    fn increments(&self, numbers: &mut Vec<f64>) {
-        numbers.clear();
-        numbers.extend(in_double(AnyScheme::solution(self.integrator.storage())));
-    }
-
     fn advance(
         &mut self,
         scenario: &Scenario,
@@ -1025,6 +1013,7 @@ impl<T: Elementary + Memories> Stepper for TypedSimulation<T> {
             let position = in_double(&self.integrator.state().position);
             let time = self.integrator.time().to_f64();
             batch.push((time, self.energy), position, in_double(self.momentum()), iterations);
+            batch.push_increments(in_double(AnyScheme::solution(self.integrator.storage())));
         }
         if self.energies == Energies::Together {
             let stride = batch.room();

@@ -92,8 +92,9 @@ impl<'a> BatchView<'a> {
         columns.clear();
         columns.extend_from_slice(self.batch.columns());
         (*time, *energy) = (self.batch.times()[index], self.energies[index]);
-        if !self.batch.sensitivities().is_empty() {
-            let of_all = self.batch.sensitivities().chunks(self.places.len().max(1));
+        let slopes = self.batch.sensitivities(index);
+        if !slopes.is_empty() {
+            let of_all = slopes.chunks(self.places.len().max(1));
             sensitivities.clear();
             sensitivities.extend(of_all.flat_map(|all| chosen.iter().map(|&coordinate| all[coordinate])));
         }

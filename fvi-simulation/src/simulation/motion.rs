@@ -43,8 +43,8 @@ pub struct Motion<'s> {
     notes: Vec<String>,
     tangent: Option<Tangent>,
     memory_energy: Option<MemoryEnergy>,
-    /// Solution of the last step, where it is differentiated.
-    increments: Vec<f64>,
+    /// Derivatives of a state on their way to the batch.
+    slopes: Vec<f64>,
 }
 
 /// Why a motion ends before its time.
@@ -103,7 +103,6 @@ impl<'s> Motion<'s> {
             || guard.asks_for_energies()
             || scenario.is_looked_into()
             || !scenario.cases.is_empty()
-            || scenario.sensitivity.is_some()
             || memory_energy.is_some()
             || scenario.system.own_terms.is_some();
         let every = if adaptive.is_some() { 1 } else { simulation.energies_every(scenario) };
@@ -129,7 +128,7 @@ impl<'s> Motion<'s> {
             notes,
             tangent: None,
             memory_energy,
-            increments: Vec::new(),
+            slopes: Vec::new(),
         })
     }
 
@@ -146,7 +145,8 @@ impl<'s> Motion<'s> {
         self.tangent = Tangent::new(self.scenario, tables)?;
         if let Some(tangent) = &self.tangent {
             tangent.write(&mut self.state.sensitivities);
-            self.batch.sensitivities_mut().clone_from(&self.state.sensitivities);
+            self.batch.take_sensitivities(0, &self.state.sensitivities);
+            self.batch.keep_increments();
         }
         Ok(self)
     }
@@ -211,7 +211,6 @@ impl<'s> Motion<'s> {
                 let (state, of_tangent) = split_last(state)?;
                 tangent.restore(of_tangent)?;
                 tangent.write(&mut self.state.sensitivities);
-                self.batch.sensitivities_mut().clone_from(&self.state.sensitivities);
                 state
             }
         };
@@ -272,16 +271,8 @@ impl<'s> Motion<'s> {
             self.batch.truncate(index);
             failure = Some(reason(what));
         }
-        if let (Some(tangent), 1, None) = (&mut self.tangent, self.batch.len(), &failure) {
-            self.simulation.increments(&mut self.increments);
-            let begin = (&self.state.position[..], &self.state.momentum[..]);
-            match tangent.advance(before, begin, &self.increments) {
-                Ok(()) => tangent.write(self.batch.sensitivities_mut()),
-                Err(reason) => {
-                    self.batch.truncate(0);
-                    failure = Some(reason);
-                }
-            }
+        if let Err(reason) = self.differentiate(before) {
+            failure = Some(reason);
         }
         if let (Some(memory_energy), 1, None) = (&mut self.memory_energy, self.batch.len(), &failure) {
             self.batch.read(0, &mut self.next);
@@ -336,6 +327,30 @@ impl<'s> Motion<'s> {
         let Some(reason) = failure else { return Ok(()) };
         let time = failed.checked_sub(1).map_or(begin, |index| self.batch.times()[index]);
         Err(Failure { step: before + failed, time, reason })
+    }
+
+    /// Writes the derivatives of the states in the batch, the first of which is that after so many steps and
+    /// one more; those behind a state that has none are left out, and the error says why.
+    fn differentiate(&mut self, before: usize) -> Result<(), String> {
+        let Self { tangent, batch, state, next, slopes, .. } = self;
+        let Some(tangent) = tangent else { return Ok(()) };
+        for index in 0..batch.len() {
+            let begin = match index.checked_sub(1) {
+                None => &*state,
+                Some(earlier) => {
+                    batch.read(earlier, next);
+                    &*next
+                }
+            };
+            let begin = (&begin.position[..], &begin.momentum[..]);
+            if let Err(reason) = tangent.advance(before + index, begin, batch.increments(index)) {
+                batch.truncate(index);
+                return Err(reason);
+            }
+            tangent.write(slopes);
+            batch.take_sensitivities(index, slopes);
+        }
+        Ok(())
     }
 
     /// Makes steps and puts their states into the empty batch; the error says why the one behind them could

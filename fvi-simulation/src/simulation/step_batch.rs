@@ -28,8 +28,12 @@ pub struct StepBatch {
     iterations: Vec<u32>,
     /// The run's columns at the last state; where there are some, it is the only one.
     columns: Vec<f64>,
-    /// Of a state that is looked at by itself.
+    /// ∂q/∂θ and ∂p/∂θ, state after state, none where nothing is differentiated; and how many of a state.
     sensitivities: Vec<f64>,
+    slopes: usize,
+    /// What the steps were solved by, step after step, where it is kept; and how many numbers solve a step.
+    increments: Option<Vec<f64>>,
+    unknowns: usize,
     /// Energies are those of the states after multiples of so many steps.
     energies_every: usize,
 }
@@ -52,6 +56,9 @@ impl StepBatch {
             iterations: vec![0; room],
             columns: Vec::new(),
             sensitivities: Vec::new(),
+            slopes: 0,
+            increments: None,
+            unknowns: 0,
             energies_every,
         }
     }
@@ -64,6 +71,9 @@ impl StepBatch {
     /// Empties it for states of which the first is that after so many steps.
     pub fn begin(&mut self, first: usize) {
         (self.first, self.len) = (first, 0);
+        if let Some(increments) = &mut self.increments {
+            increments.clear();
+        }
     }
 
     /// Leaves the first so many states.
@@ -96,19 +106,45 @@ impl StepBatch {
     /// Takes a state.
     pub fn push_state(&mut self, state: &GridState, iterations: u32) {
         let (position, momentum) = (state.position.iter().copied(), state.momentum.iter().copied());
+        let index = self.len;
         self.push((state.time, state.energy), position, momentum, iterations);
         self.columns.clone_from(&state.columns);
-        self.sensitivities.clone_from(&state.sensitivities);
+        self.take_sensitivities(index, &state.sensitivities);
     }
 
-    /// ∂q/∂θ and ∂p/∂θ of the state; none where nothing is differentiated.
-    pub fn sensitivities(&self) -> &[f64] {
-        &self.sensitivities
+    /// ∂q/∂θ and ∂p/∂θ of a state; none where nothing is differentiated.
+    pub fn sensitivities(&self, index: usize) -> &[f64] {
+        self.sensitivities.get(index * self.slopes..(index + 1) * self.slopes).unwrap_or_default()
     }
 
-    /// [`sensitivities`](Self::sensitivities), to be written.
-    pub(crate) fn sensitivities_mut(&mut self) -> &mut Vec<f64> {
-        &mut self.sensitivities
+    /// Takes those of a state.
+    pub(crate) fn take_sensitivities(&mut self, index: usize, slopes: &[f64]) {
+        self.slopes = slopes.len();
+        self.sensitivities.resize(self.room * self.slopes, 0.0);
+        if let Some(places) = self.sensitivities.get_mut(index * self.slopes..(index + 1) * self.slopes) {
+            places.copy_from_slice(slopes);
+        }
+    }
+
+    /// From now on steps leave behind what they were solved by.
+    pub(crate) fn keep_increments(&mut self) {
+        self.increments = Some(Vec::new());
+    }
+
+    /// Takes what the step to the last state was solved by, where that is kept.
+    #[inline(always)]
+    pub(crate) fn push_increments(&mut self, numbers: impl Iterator<Item = f64>) {
+        if let Some(increments) = &mut self.increments {
+            let before = increments.len();
+            increments.extend(numbers);
+            self.unknowns = increments.len() - before;
+        }
+    }
+
+    /// What the step to a state was solved by: q_d(c h) − q_k at each control point, or accelerations.
+    pub(crate) fn increments(&self, index: usize) -> &[f64] {
+        let all = self.increments.as_deref().unwrap_or_default();
+        all.get(index * self.unknowns..(index + 1) * self.unknowns).unwrap_or_default()
     }
 
     /// Shows a state in place of the last one, or none.
@@ -220,8 +256,9 @@ impl StepBatch {
         state.columns.clone_from(&self.columns);
         state.position.iter_mut().zip(self.positions()).for_each(|(place, column)| *place = column[index]);
         state.momentum.iter_mut().zip(self.momenta()).for_each(|(place, column)| *place = column[index]);
-        if !self.sensitivities.is_empty() {
-            state.sensitivities.clone_from(&self.sensitivities);
+        if self.slopes > 0 {
+            state.sensitivities.clear();
+            state.sensitivities.extend_from_slice(self.sensitivities(index));
         }
     }
 }

@@ -387,7 +387,7 @@ impl<'f> Predictions<'f> {
                     opened += 1;
                 }
                 if !open.is_empty() {
-                    derived.look(&state, motion.batch().sensitivities());
+                    derived.look(&state, motion.batch().sensitivities(place));
                 }
                 for &number in &open {
                     let Need { place, what, stencil } = &needs[number];
