@@ -587,24 +587,26 @@ fn shift_and_add<T: Real>(mut pending: &mut [T], weights: &[T], x: T) {
 /// Adds a term of the sum of a signal's differences, kept in two parts: the first is the signal, rounded.
 #[inline(always)]
 fn add_difference<T: Real>(signal: &mut [T; 2], x: T) {
-    let (sum, rest) = sum_and_rest(signal[0], x);
-    let (sum, rest) = sum_and_rest(sum, rest + signal[1]);
-    *signal = [sum, rest];
+    let (sum, lost) = sum_and_rest(signal[0], x);
+    let rest = lost + signal[1];
+    // A few units in the last place of the sum, which is the larger of the two.
+    signal[0] = sum + rest;
+    signal[1] = rest - (signal[0] - sum);
 }
 
 /// y ← y + μ z with z = X − y for a block of slow exponentials and the signal X whose differences they take,
-/// y = settled + recent; adds the z before to the totals.
+/// y = settled + recent; adds the z before to the totals. `signal` is X, less the third part of y if there is
+/// one.
 #[inline(always)]
 fn follow<T: Real>(
     sums: &mut [T; STATE_BLOCK],
     block: &[T; STATE_BLOCK],
-    signal: T,
-    third: &Lanes<T>,
+    signal: impl Fn(usize) -> T,
     totals: &mut Lanes<T>,
 ) {
     let [decay, coefficient] = halves(*block);
     let [recent, settled] = halves(*sums);
-    let before = lanes(|lane| ((signal - at(third, lane)) - at(&settled, lane)) - at(&recent, lane));
+    let before = lanes(|lane| (signal(lane) - at(&settled, lane)) - at(&recent, lane));
     let changed = lanes(|lane| at(&recent, lane) + at(&decay, lane) * at(&before, lane));
     if let Some(recent) = sums.first_chunk_mut::<LANES>() {
         *recent = changed;
@@ -793,9 +795,21 @@ where
         let [signal, _] = self.signal;
         let (slow, fast) = step.exponentials.split_at_checked(table.slow_blocks)?;
         let (slow_sums, fast_sums) = sums.split_at_mut_checked(table.slow_blocks)?;
-        for (index, (block, sums)) in slow.iter().zip(slow_sums.iter_mut()).enumerate() {
-            let third = third.get(index).copied().unwrap_or_default();
-            follow(sums, block, signal, &third, &mut totals);
+        if third.is_empty() {
+            let (pairs, last) = slow.as_chunks::<2>();
+            let (sums_of_pairs, sums_of_last) = slow_sums.as_chunks_mut::<2>();
+            for ([first, second], [sums, more_sums]) in pairs.iter().zip(sums_of_pairs) {
+                follow(sums, first, |_| signal, &mut totals);
+                follow(more_sums, second, |_| signal, &mut totals);
+            }
+            for (block, sums) in last.iter().zip(sums_of_last) {
+                follow(sums, block, |_| signal, &mut totals);
+            }
+        } else {
+            for (index, (block, sums)) in slow.iter().zip(slow_sums.iter_mut()).enumerate() {
+                let third = third.get(index).copied().unwrap_or_default();
+                follow(sums, block, |lane| signal - at(&third, lane), &mut totals);
+            }
         }
         for (block, sums) in fast.iter().zip(fast_sums) {
             absorb_number(sums, block, leaving, &mut totals);

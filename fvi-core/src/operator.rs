@@ -202,7 +202,11 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     /// memory is full; the operator then is as before.
     #[inline]
     pub fn push(&mut self, sample: T) -> Result<T, OperatorError> {
-        self.prepare(sample)?.take()
+        let (acted_on, reference, rest) = self.compared(sample)?;
+        let (value, _) = self.value(acted_on)?;
+        self.memory.push(&[acted_on])?;
+        (self.reference, self.rest) = (reference, rest);
+        Ok(value)
     }
 
     /// What [`push`](FractionalOperator::push) would return; the operator stays as it is.
@@ -256,8 +260,11 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
             Start::RiemannLiouville if on_values || first => (sample, self.rest),
             Start::Caputo if on_values => (sample - reference, self.rest),
             Start::RiemannLiouville | Start::Caputo => {
-                let (increment, lost) = sum_and_rest(sample, -reference);
-                sum_and_rest(increment, lost + self.rest)
+                let (difference, lost) = sum_and_rest(sample, -reference);
+                // Units in the last place of the samples, and so of what they differ by or more.
+                let rest = lost + self.rest;
+                let increment = difference + rest;
+                (increment, rest - (increment - difference))
             }
             Start::CaputoWithRise { rise } => {
                 let count = self.memory.len();

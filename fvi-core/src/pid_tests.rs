@@ -784,3 +784,41 @@ fn settings_that_contradict_themselves_are_refused() {
     let mut loops = [looped().unwrap(), looped().unwrap()];
     assert_eq!((loops[0].tick(1.0, 0.0), loops[1].tick(2.0, 0.0)), (Ok(1.01), Ok(2.02)));
 }
+
+#[test]
+fn a_slow_filter_comes_to_its_value_in_single_precision() {
+    // T = 10⁵ h: without what rounding took, the filter stands still 3·10⁻³ before the value, where its change
+    // is less than half a unit in the last place.
+    let settings = PidSettings {
+        derivative_of: DerivativeOf::MeasuredRate,
+        derivative_filter: DerivativeFilter::FirstOrder { time: 1.0 },
+        ..PidSettings::new(PidGains::Parallel { proportional: 0.0f32, integral: 0.0, derivative: 1.0 }, 1e-5)
+    };
+    let law = PidLaw::new(settings).unwrap();
+    let mut pid = FractionalPid::<f32, _, _>::new(law, Memoryless::new(), Memoryless::new()).unwrap();
+    let inputs = PidInputs { rate: 1.0, ..PidInputs::new(0.0, 0.0) };
+    for _ in 0..2_000_000 {
+        pid.tick_with(&inputs).unwrap();
+    }
+    // 1 − e^{−20}
+    assert!((pid.output() + 1.0).abs() < 2e-7, "{}", pid.output());
+}
+
+#[test]
+fn settings_that_leave_single_precision_are_refused_by_their_name() {
+    let plain =
+        PidSettings::new(PidGains::Parallel { proportional: 1.0f32, integral: 0.0, derivative: 0.0 }, 1e-3);
+    let series = |derivative_time, filter_ratio| PidGains::Series {
+        proportional: 1.0f32,
+        integral_rate: 0.0,
+        derivative_time,
+        filter_ratio,
+    };
+    let refused = |settings| PidLaw::<f32>::new(settings).unwrap_err().parameter;
+    assert_eq!(refused(PidSettings { sample: Some(1e-40), ..plain }), "step size");
+    assert_eq!(refused(PidSettings { sample: Some(1e39), ..plain }), "step size");
+    assert_eq!(refused(PidSettings { rate_limit: 1e-44, ..plain }), "rate limit");
+    assert_eq!(refused(PidSettings { gains: series(1e30, 1e-30), ..plain }), "derivative time");
+    assert!(PidLaw::new(PidSettings { gains: series(1e30, 1e-3), ..plain }).is_ok());
+    assert!(PidLaw::new(PidSettings { rate_limit: 1e-30, ..plain }).is_ok());
+}
