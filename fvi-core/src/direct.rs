@@ -180,7 +180,7 @@ where
         Ok(Self { weights, stages, scale, leading, rings, overflow, acts_on, len, ring })
     }
 
-    /// The same memory, its weights being for such samples.
+    /// The same memory, with weights for samples of the given kind.
     pub fn acting_on(self, acts_on: ActsOn) -> Self {
         Self { acts_on, ..self }
     }
@@ -200,7 +200,7 @@ where
         ]
     }
 
-    /// Reads how many samples a state has seen.
+    /// Reads the number of samples in a saved state.
     fn count(&self, from: &mut StateReader<'_>) -> Result<usize, StateError> {
         from.header::<T, 3>(TAG, &self.shape())?;
         let refuses = self.overflow == Overflow::Refuse;

@@ -13,8 +13,8 @@ use crate::space::{vectors, vectors_mut};
 /// Kind of the saved state.
 const TAG: [u8; 4] = *b"expo";
 
-/// Exponentials in a block: what the table and the state hold lies in blocks, and vectors never straddle two
-/// kinds of numbers.
+/// Exponentials per block. Table and state consist of blocks, so that a vector never mixes two kinds of
+/// numbers.
 const LANES: usize = 4;
 
 /// One number for each exponential of a block.
@@ -55,11 +55,11 @@ pub struct ExponentialTable<C> {
     /// Of N samples of one size, two parts of single precision lose N 2⁻⁴⁸ at worst, 4·10⁻⁷ for N = 10⁸, and
     /// stand still from N = 2⁴⁹ on. Three parts lose N 2⁻⁷², 10⁻⁷ for N = 2⁴⁹.
     pub far_blocks: usize,
-    /// Largest lag at which the weights hold: so many samples the memory takes, and then refuses more or
-    /// forgets ([`ExponentialSum::past_horizon`]). [`ENDLESS`](ExponentialTable::ENDLESS) where they hold
-    /// longer than anything runs.
+    /// Largest lag at which the weights hold, and number of samples that the memory takes before it refuses
+    /// more or forgets ([`ExponentialSum::past_horizon`]). [`ENDLESS`](ExponentialTable::ENDLESS) for weights
+    /// that hold for longer than any run.
     pub horizon: u64,
-    /// The step size h that is in the weights; 1 for a table that any step size may scale.
+    /// The step size h contained in the weights; 1 for a table that is scaled to any step size.
     pub step_size: f64,
 }
 
@@ -106,7 +106,7 @@ impl<C> ExponentialTable<C> {
 }
 
 impl<T: Real> ExponentialTable<&[T]> {
-    /// Checks that the table can be read: what a memory refuses, whatever its channels.
+    /// Checks everything about the table that does not depend on the number of channels.
     ///
     /// # Errors
     /// If the shapes do not fit together, S is not one of 1…4, a number is not finite, a μ_j is outside
@@ -175,7 +175,7 @@ impl<T: Real> ExponentialTable<&[T]> {
 }
 
 impl<T> ExponentialTable<&[T]> {
-    /// How many numbers of state [`ExponentialSum`] needs for this table and `channels` channels.
+    /// Length of the state that [`ExponentialSum`] needs for this table and `channels` channels.
     ///
     /// 2J C/S + (2n₀ − 1) C + S² with J in whole blocks of four, and 4C for each far block: running sums in
     /// two parts or three, pending terms and delayed samples, the term, the leading weight. A `const fn`, to
@@ -243,12 +243,12 @@ pub struct ExponentialSum<T, C, B> {
     state: B,
     /// Place of the oldest delayed sample.
     oldest: usize,
-    /// Which slow block settles at the next step.
+    /// Index of the slow block that settles at the next step.
     settling: usize,
     acts_on: ActsOn,
     /// Samples so far; see [`advance`](ExponentialSum::advance).
     len: u64,
-    /// Whether it goes on past the horizon of the table.
+    /// Whether the memory goes on past the horizon of the table.
     forgets: bool,
     number: PhantomData<T>,
 }
@@ -302,21 +302,22 @@ where
         Ok(memory)
     }
 
-    /// The same memory, its weights being for such samples.
+    /// The same memory, with weights for samples of the given kind.
     pub fn acting_on(self, acts_on: ActsOn) -> Self {
         Self { acts_on, ..self }
     }
 
-    /// The same memory, with what happens once it has taken as many samples as the table's horizon: it
-    /// refuses more, as a new one does, or goes on and forgets.
+    /// The same memory, with the policy for samples beyond the table's horizon: it refuses them, as a new
+    /// memory does, or goes on and forgets.
     ///
     /// Beyond the horizon H the exponentials decay where the weights of the operator fall slowly, so that the
     /// term lacks at most max|x| Σ_{n>H} (|w_n| + |Σ_j (1 − μ_j)^{n−n₀} u_j|) at any time: for derivatives a
-    /// few times what a ring of H samples leaves out, (H h)^{−β} / Γ(1 − β). Integrals of order λ of a signal
-    /// that stays come to rest about (H h)^λ.
+    /// few times what a ring of H samples leaves out, (H h)^{−β} / Γ(1 − β). The integral of order λ of a
+    /// constant signal levels off at about (H h)^λ.
     ///
     /// # Errors
-    /// To forget, if the table has an exponential that never decays: its sum would grow without bound.
+    /// For [`Overflow::Forget`], if an exponential of the table never decays: its sum would grow without
+    /// bound.
     pub fn past_horizon(self, overflow: Overflow) -> Result<Self, ParameterError> {
         let table = self.table.borrow();
         let forgets = overflow == Overflow::Forget;
@@ -353,7 +354,7 @@ where
         ]
     }
 
-    /// Reads how many samples a state has seen.
+    /// Reads the number of samples in a saved state.
     fn count(&self, from: &mut StateReader<'_>) -> Result<u64, StateError> {
         from.header::<T, 4>(TAG, &self.shape())?;
         let (found, limit) = (from.count()?, self.capacity().min(ENDLESS - 1));
@@ -371,13 +372,13 @@ where
         self.state.as_ref().len().saturating_sub(self.layout.planes())
     }
 
-    /// How many samples are taken.
+    /// Number of samples that the memory takes.
     fn capacity(&self) -> u64 {
         if self.forgets { ENDLESS } else { self.table.horizon }
     }
 
-    /// Counts a sample. Near its end the count goes back by as many as leave the places that follow from it
-    /// where they are, so that there is always room for one more.
+    /// Counts a sample. Before the count overflows it is reduced by a multiple of both ring lengths, which
+    /// leaves `oldest` and `settling` unchanged.
     #[inline(always)]
     fn advance(&mut self) {
         self.oldest = if self.oldest + 3 < self.layout.head { self.oldest + 1 } else { 0 };
@@ -394,18 +395,18 @@ where
         self.len = self.len.saturating_sub(self.delayed_samples().saturating_mul(self.settling_blocks()));
     }
 
-    /// Places of the ring of delayed samples, or 1.
+    /// Length of the ring of delayed samples, at least 1.
     fn delayed_samples(&self) -> u64 {
         self.layout.head.saturating_sub(2).max(1) as u64
     }
 
-    /// Blocks that settle one after the other, or 1.
+    /// Number of blocks that settle in turn, at least 1.
     fn settling_blocks(&self) -> u64 {
         self.table.slow_blocks.max(1) as u64
     }
 }
 
-/// How many samples fill a memory without an end.
+/// Capacity of a memory without a horizon.
 const ENDLESS: u64 = ExponentialTable::<()>::ENDLESS;
 
 #[cold]
@@ -413,7 +414,7 @@ fn full(capacity: u64) -> MemoryError {
     MemoryError::Full { capacity: saturated(capacity) }
 }
 
-/// As many as a word can say.
+/// `count`, or the largest `usize` if it does not fit.
 fn saturated(count: u64) -> usize {
     usize::try_from(count).unwrap_or(usize::MAX)
 }
@@ -432,7 +433,7 @@ struct Layout {
 }
 
 impl Layout {
-    /// For a table and a number of channels that [`ExponentialSum::new`] has checked.
+    /// Layout for a table and a number of channels that [`ExponentialSum::new`] has checked.
     fn of<T>(table: &ExponentialTable<&[T]>, channels: usize) -> Self {
         let stages = table.stages.max(1);
         Self {
@@ -475,7 +476,7 @@ impl Layout {
         self.sums() + self.pending() + self.delayed()
     }
 
-    /// `None` if the state is too short, which the constructor excludes.
+    /// The parts of the state; `None` if it is too short, which the constructor excludes.
     #[inline(always)]
     fn split<T>(self, state: &mut [T]) -> Option<Parts<'_, T>> {
         let (sums, state) = state.split_at_mut_checked(self.sums())?;
@@ -520,7 +521,7 @@ fn lanes<T: Real>(number: impl Fn(usize) -> T) -> Lanes<T> {
     lanes
 }
 
-/// One of four numbers. In range for the compiler too, without a look at who calls.
+/// Number `lane` of a block. The remainder lets the compiler see that the index is in range.
 #[inline(always)]
 fn at<T: Real>(numbers: &Lanes<T>, lane: usize) -> T {
     numbers[lane % LANES]
@@ -546,11 +547,11 @@ fn shift_and_add<T: Real>(mut pending: &mut [T], weights: &[T], x: T) {
         let Some((here, behind)) = pending.split_first_chunk_mut::<LANES>() else { return };
         *here = moved;
         pending = behind;
-        // The compiler would make a loop over several blocks of this one, and check at every step, at a
-        // greater cost than that of the step, that no slices overlap.
+        // Otherwise the compiler would process several blocks at a time and check at every step that no
+        // slices overlap, which costs more than the step.
         core::hint::black_box(());
     }
-    // At most three, each on its own: a loop would be made into one of vectors, at a greater cost.
+    // At most three, one by one: a vectorised loop would cost more.
     let mut rest = rest.iter();
     for _ in 1..LANES {
         let (Some(&weight), Some(&next)) = (rest.next(), pending.get(1)) else { return };
@@ -587,13 +588,13 @@ fn absorb_number<T: Real>(
     *totals = lanes(|lane| at(totals, lane) + at(&coefficient, lane) * at(&before, lane));
 }
 
-/// Values that the steps of all channels share.
+/// Values shared by the steps of all channels.
 struct NumberStep<'a, T> {
     /// w₁ … w_{n₀−1}.
     weights: &'a [T],
     exponentials: &'a [[T; STATE_BLOCK]],
     scale: T,
-    /// Which block settles at this step.
+    /// Index of the block that settles at this step.
     settling: Option<usize>,
 }
 
@@ -631,11 +632,12 @@ impl<'a, T: Real> NumberStep<'a, T> {
         if let Some(sums) = self.settling.and_then(|settling| sums.get_mut(settling)) {
             settle(sums);
         }
-        // Through memory: otherwise the pairs of the total decide how the compiler lays out the loop above.
+        // The totals go through memory: otherwise their pairwise sum determines how the compiler vectorises
+        // the loop above.
         total(core::hint::black_box(totals)) * self.scale
     }
 
-    /// The same where sums of the first blocks have third parts.
+    /// As [`take`](Self::take), for tables whose first blocks have third parts.
     fn take_with_third_parts(
         &self,
         x: T,
@@ -721,7 +723,7 @@ where
     C: AsRef<[T]>,
     B: AsRef<[T]> + AsMut<[T]>,
 {
-    /// The step for plain numbers in one channel, which needs no loop and what a loop computes beforehand.
+    /// The step for plain numbers in one channel, without a loop and its set-up.
     #[inline(always)]
     fn push_number(&mut self, x: T) -> Option<()> {
         let layout = Layout { stages: 1, coordinates: 1, ..self.layout };
@@ -863,7 +865,7 @@ where
         self.check_room()?;
         let ready = self.state.as_ref().get(self.layout.term_start()..).unwrap_or(&[]);
         match (term, ready) {
-            // Without what a loop computes beforehand.
+            // One channel needs no set-up of a loop.
             ([term], [ready, ..]) => *term = *ready,
             (term, ready) => term.iter_mut().zip(ready).for_each(|(term, &ready)| *term = ready),
         }
@@ -924,7 +926,7 @@ where
         self.len = self.count(from)?;
         let changing = self.changing();
         from.numbers(self.state.as_mut().iter_mut().take(changing))?;
-        // Both go round, a place further with every sample.
+        // Both indices are cyclic and advance by one with every sample.
         self.oldest = self.len.checked_rem(self.delayed_samples()).map_or(0, saturated);
         self.settling = self.len.checked_rem(self.settling_blocks()).map_or(0, saturated);
         Ok(())
@@ -1048,7 +1050,7 @@ mod tests {
             let state = vec![0.0; table.borrow().state_len(1)];
             ExponentialSum::new(table, scale, 1, state).unwrap()
         };
-        // Scales of few bits and of many: neither of the two may hide what the other says.
+        // The fingerprint must distinguish kernels and scales of few bits and of many.
         for scale in [1.0, 0.0, f64::from_bits(1), f64::MAX] {
             let own = memory(1.0, scale);
             let mut bytes = vec![0; own.state_bytes()];
@@ -1341,7 +1343,7 @@ mod tests {
         }
     }
 
-    /// A table of 9 + 12 numbers whose places go round after 7 and 3 samples.
+    /// A table of 9 + 12 numbers whose cyclic indices have the periods 7 and 3.
     fn table<'a>(head: &'a [f32], exponentials: &'a [f32], horizon: u64) -> ExponentialTable<&'a [f32]> {
         ExponentialTable {
             stages: 1,
@@ -1354,7 +1356,7 @@ mod tests {
         }
     }
 
-    /// The state of this memory if it had seen so many samples more.
+    /// The saved state of this memory with the sample count raised by `samples`.
     fn later(memory: &ExponentialSum<f32, &[f32], Vec<f32>>, samples: u64) -> Vec<u8> {
         let mut bytes = vec![0; memory.state_bytes()];
         memory.save(&mut StateWriter::new(&mut bytes)).unwrap();
@@ -1374,7 +1376,7 @@ mod tests {
         for (end, steps) in [(1u64 << 32, 50), (u64::MAX, 2000)] {
             let mut early = build();
             (0..30).for_each(|k| early.push(&[sample(k)]).unwrap());
-            // As many more as leave all places where they are.
+            // A multiple of 21, so that all cyclic indices stay the same.
             let more = (end - 60) / 21 * 21;
             let mut late = build();
             late.restore(&mut StateReader::new(&later(&early, more))).unwrap();
@@ -1386,7 +1388,7 @@ mod tests {
                 assert_eq!(found[0].to_bits(), expected[0].to_bits(), "sample {k} before {end}");
                 early.push(&[sample(k)]).unwrap();
                 late.push(&[sample(k)]).unwrap();
-                // Saved on either side of the end it is taken back.
+                // A state saved on either side of the end can be restored.
                 let mut bytes = vec![0; late.state_bytes()];
                 late.save(&mut StateWriter::new(&mut bytes)).unwrap();
                 let mut again = build();
@@ -1421,7 +1423,7 @@ mod tests {
             assert_eq!((endless.push(&sample), forgetting.push(&sample)), (Ok(()), Ok(())), "{k}");
         }
         assert_eq!(forgetting.state, endless.state);
-        // What a horizon of 40 has seen it takes back, and nothing later.
+        // Only a memory that forgets restores a state with more samples than its horizon of 40.
         let saved = later(&forgetting, 0);
         assert!(build(table).restore(&mut StateReader::new(&saved)).is_err());
         let mut again = build(table).past_horizon(Overflow::Forget).unwrap();
@@ -1458,8 +1460,8 @@ mod tests {
         assert_eq!(made(0.001, 31.6), Some("scale"));
     }
 
-    /// What N equal samples leave behind in single precision, from a sum that has already seen as many as
-    /// would take hours to count.
+    /// Effect of N equal samples in single precision on a sum that already contains more samples than a test
+    /// can push.
     #[test]
     fn three_parts_of_a_sum_take_samples_that_two_parts_would_lose() {
         // Behind two parts, two pending sums and the term.

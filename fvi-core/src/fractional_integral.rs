@@ -30,10 +30,10 @@ use crate::weights::BdfOrder;
 /// do: s then drifts by ε h^λ for each sample, k^{1−λ} ε of I^λ after k of them. On increments the error
 /// stays at ε.
 ///
-/// **In single precision** for λ < 1 the sum gathers what the memory of D^{1−λ} rounds: of exponential sums,
-/// over 10⁷ samples with a mean, 10⁻³ of the value for λ = 0.5 and 5·10⁻³ for λ = 0.9, in proportion to the
-/// samples. The [`FractionalOperator`] of exponent −λ stays within 4·10⁻⁷, and so does
-/// [`FractionalPid`](crate::FractionalPid), which has it. For λ ≥ 1 nothing is gathered.
+/// **In single precision** for λ < 1 the sum accumulates the rounding errors of the memory of D^{1−λ}: with
+/// exponential sums, over 10⁷ samples with a nonzero mean, 10⁻³ of the value for λ = 0.5 and 5·10⁻³ for λ =
+/// 0.9, in proportion to the number of samples. The [`FractionalOperator`] of exponent −λ stays within
+/// 4·10⁻⁷, and so does [`FractionalPid`](crate::FractionalPid), which uses it. For λ ≥ 1 nothing accumulates.
 ///
 /// ```
 /// # use fvi_core::{BdfOrder, FractionalIntegral, Kernel, monic_increment_table};
@@ -62,7 +62,7 @@ pub struct FractionalIntegral<T, M> {
     rest: T,
 }
 
-/// A sample that an integral has computed with and not taken yet; dropped, it leaves the integral as it was.
+/// A sample whose value an integral has computed but not yet taken; if dropped, the integral is unchanged.
 #[derive(Debug)]
 #[must_use = "the integral has not taken the sample"]
 pub struct PendingIntegral<'a, T, M> {
@@ -100,7 +100,7 @@ impl<T: Real, M: Memory<T>> FractionalIntegral<T, M> {
     ///
     /// # Errors
     /// [`ParameterError`] if β is not in (−1, 1), the rule is not the backward differentiation formula of
-    /// order 1 with a step size, or the memory is not one of the kernel with one channel.
+    /// order 1 with a step size, or the memory does not have one channel with the weights of the kernel.
     pub fn new(kernel: &Kernel, mut memory: M) -> Result<Self, ParameterError> {
         let (exponent, step) = (kernel.symbol().growth(), kernel.step_size());
         ParameterError::check(
@@ -151,7 +151,7 @@ impl<T: Real, M: Memory<T>> FractionalIntegral<T, M> {
         if !sum.is_finite() {
             return Err(OperatorError::NotFinite);
         }
-        // What rounding took from the sum, exactly.
+        // Exact rounding error of the sum.
         let second = sum - self.sum;
         let rest = (self.sum - (sum - second)) + (gain - second);
         Ok(PendingIntegral { derivative, sum: (&mut self.sum, sum), rest: (&mut self.rest, rest) })
@@ -169,7 +169,7 @@ impl<T: Real, M: Memory<T>> FractionalIntegral<T, M> {
         self.sum
     }
 
-    /// Sets s. What D^{1−λ} knows of the past stays; see [`restart`](FractionalIntegral::restart).
+    /// Sets s. D^{1−λ} keeps its history; see [`restart`](FractionalIntegral::restart).
     ///
     /// # Errors
     /// [`OperatorError::NotFinite`] if it is not a finite number.
@@ -225,20 +225,20 @@ impl<T: Real, M: Memory<T>> FractionalIntegral<T, M> {
         header_bytes(1) + 2 * T::BYTES + self.derivative.state_bytes()
     }
 
-    /// Writes the state, so that an integral made alike that restores it goes on with the same bits.
+    /// Writes the state. An integral with the same parameters that restores it continues with identical bits.
     ///
     /// # Errors
-    /// [`StateError::NoRoom`], and what the memory says.
+    /// [`StateError::NoRoom`], and the errors of the memory.
     pub fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
         to.header::<T, 1>(TAG, &self.shape())?;
         to.numbers([&self.sum, &self.rest])?;
         self.derivative.save(to)
     }
 
-    /// Takes over a saved state in place of its own.
+    /// Replaces the state by a saved one.
     ///
     /// # Errors
-    /// [`StateError`] if the bytes are not the state of such an integral; it is as before.
+    /// [`StateError`] if the bytes are not the state of such an integral, which then is unchanged.
     pub fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         let mut ahead = from.clone();
         ahead.header::<T, 1>(TAG, &self.shape())?;
@@ -401,7 +401,7 @@ mod tests {
 
     #[test]
     fn ten_million_samples_leave_no_drift_in_single_precision() {
-        // An accumulator by itself, λ = 1, of numbers that single precision rounds.
+        // λ = 1 alone, an accumulator, with numbers that single precision rounds.
         static ONE: [f32; 1] = [1.0];
         let kernel = Kernel::bdf(ORDER, 0.0, 1e-3).unwrap();
         let memory = kernel.short_memory::<f32, 1, 1>(&ONE).unwrap();

@@ -29,11 +29,11 @@ pub(crate) fn weighted_sum<T: Real>(weights: &[T], newer: &[T], older: &[T]) -> 
     sum.total + reduce(sum.lanes)
 }
 
-/// The sum of the lags so far, from the oldest on.
+/// The sum of the lags so far, which are added from the oldest on.
 struct BlockedSum<T> {
-    /// Whole blocks.
+    /// Sum of the complete blocks.
     total: T,
-    /// The block being added.
+    /// Accumulators of the block being added.
     lanes: [T; LANES],
 }
 
@@ -45,7 +45,7 @@ fn reduce<T: Real>(lanes: [T; LANES]) -> T {
 }
 
 impl<T: Real> BlockedSum<T> {
-    /// Adds the products at the places `first`, `first` + 1, …, the last one first.
+    /// Adds the products of the indices `first`, `first` + 1, …, the last one first.
     #[inline]
     fn add(&mut self, weights: &[T], samples: &[T], first: usize) {
         let mut count = weights.len().min(samples.len());
@@ -79,7 +79,7 @@ impl<T: Real> BlockedSum<T> {
     }
 }
 
-/// Adds whole rows of products, the last row first. By value, so that the accumulators stay in registers.
+/// Adds whole rows of products, the last row first. Accumulators by value stay in registers.
 #[inline]
 fn add_chunks<T: Real>(mut lanes: [T; LANES], weights: &[[T; LANES]], samples: &[[T; LANES]]) -> [T; LANES] {
     for (w, x) in weights.iter().zip(samples).rev() {
