@@ -5,8 +5,8 @@ use super::transfer::TransferFunction;
 use fvi_core::DoubleDouble;
 use nalgebra::Complex;
 
-/// ∂K(s)/∂θ of a transfer function K and one of its parameters θ, a function of s as K is: its weights are
-/// the derivatives of those of K.
+/// ∂K(s)/∂θ of a transfer function K by one of its parameters θ, a function of s like K: its weights are the
+/// derivatives of those of K.
 ///
 /// With L = ln(τs), u = (τs)^β, v = (τs)^{β−α} and w = (τs)^α:
 ///
@@ -29,8 +29,8 @@ pub struct TransferDerivative {
 }
 
 impl TransferDerivative {
-    /// The derivative with respect to the parameter of this name, of a Prony series that of a term; `None` if
-    /// there is no such parameter, and for formulas.
+    /// The derivative with respect to the parameter of this name, for a Prony series that of the term
+    /// `index`; `None` if there is no such parameter, and for formulas.
     pub fn new(transfer: &TransferFunction, name: &str, index: usize) -> Option<Self> {
         if transfer.text().is_some() {
             return None;
@@ -41,7 +41,7 @@ impl TransferDerivative {
         let number = |position: usize| parameters.get(position).and_then(|(_, numbers)| numbers.get(index));
         let term = (number(0).copied().unwrap_or(f64::NAN), number(1).copied().unwrap_or(f64::NAN));
         let numbers = parameters.iter().filter_map(|(_, numbers)| numbers.first().copied()).collect();
-        // Beside a power of s there may be a logarithm.
+        // The power of s may be multiplied by a logarithm.
         let growth = transfer.growth() + 1e-6;
         Some(Self { form: transfer.form(), numbers, parameter, term, growth })
     }
@@ -135,7 +135,7 @@ mod tests {
 
     type Made = Result<TransferFunction, ParameterError>;
 
-    /// A parameter, its index and value, and the function of it.
+    /// A parameter, its index and value, and the kernel as a function of it.
     type Case = (&'static str, usize, f64, Box<dyn Fn(f64) -> Made>);
 
     #[test]
@@ -158,7 +158,7 @@ mod tests {
             for s in [Complex::new(0.4, 0.0), Complex::new(0.01, 3.0), Complex::new(-2.0, 0.7)] {
                 let value = |x: f64| make(x).unwrap().value(s);
                 let h = 1e-3 * at;
-                // Of order four.
+                // Difference of order four.
                 let difference = ((value(at + h) - value(at - h)) * 8.0
                     - (value(at + 2.0 * h) - value(at - 2.0 * h)))
                     / (12.0 * h);

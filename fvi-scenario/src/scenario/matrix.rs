@@ -1,4 +1,4 @@
-//! Symmetric matrices of a scenario: a list of diagonal entries, or rows.
+//! Symmetric matrices of a scenario, given as diagonal entries, rows or files.
 
 use super::sparse_matrix::{Matrices, SparseMatrix, wrong_size};
 use crate::language::document::Value;
@@ -14,7 +14,7 @@ pub enum SymmetricMatrix {
     Diagonal(Vec<f64>),
     /// All entries.
     Dense(DMatrix<f64>),
-    /// Those that need not be zero.
+    /// The structurally nonzero entries.
     Sparse(SparseMatrix),
 }
 
@@ -88,9 +88,9 @@ impl SymmetricMatrix {
         }
     }
 
-    /// Reads numbers (a diagonal), rows of numbers, or the name of a file, for as many coordinates as there
-    /// are; without a number the positive definite matrix that says how many. Files that have been read
-    /// before are among the `known`.
+    /// Reads numbers (a diagonal), rows of numbers, or the name of a file, for the given number of
+    /// coordinates; without it the matrix must be positive definite and determines that number. Files that
+    /// have been read before are taken from `known`.
     pub(super) fn read(
         value: &Value<'_>,
         coordinates: Option<usize>,
@@ -169,7 +169,7 @@ impl SymmetricMatrix {
         }
     }
 
-    /// The smallest eigenvalue, and the rounding error it may have.
+    /// The smallest eigenvalue, and a bound of its rounding error.
     fn spectrum(&self) -> (f64, f64) {
         match self {
             Self::Diagonal(entries) => (entries.iter().copied().fold(f64::INFINITY, f64::min), 0.0),
@@ -177,7 +177,7 @@ impl SymmetricMatrix {
                 let eigenvalues = symmetric_eigenvalues(matrix.clone());
                 (eigenvalues.min(), 8.0 * f64::EPSILON * matrix.nrows() as f64 * eigenvalues.amax())
             }
-            // Judged by its factor.
+            // Definiteness is checked by factorisation instead.
             Self::Sparse(_) => (f64::NAN, f64::NAN),
         }
     }
