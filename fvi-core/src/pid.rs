@@ -10,7 +10,7 @@ use crate::memory::Memory;
 use crate::memoryless::Memoryless;
 use crate::operator::{FractionalOperator, OperatorError, Pending, Start};
 use crate::pid_law::{AntiWindup, Bumpless, DerivativeFilter, DerivativeOf, PidGains, PidLaw};
-use crate::real::Real;
+use crate::real::{Real, sum_and_rest};
 use crate::saving::{Shape, StateError, StateReader, StateWriter, header_bytes};
 
 /// A fractional PID controller on memories of any kind; see [`PidLaw`] for the equations.
@@ -18,9 +18,9 @@ use crate::saving::{Shape, StateError, StateReader, StateWriter, header_bytes};
 /// One [`tick`](FractionalPid::tick) a sample time: it takes setpoint and measured value, gives the output,
 /// and is atomic: a tick that is refused (numbers that are not finite, a memory that is full) leaves
 /// everything as it was. The integral is in units of the output, I^λ of K_i e. For λ < 1 it is the value of
-/// an operator plus an offset, which absorbs transfers and changes of gains; for λ ≥ 1 it is a sum, exact to
-/// rounding, of I^{λ−1}. (I¹ D^{1−λ} for λ < 1 would accumulate the rounding of its memory: in single
-/// precision 1.6·10⁻² after 10⁷ ticks of a signal of size 1, where the operator has lost 10⁻⁶.)
+/// an operator and a number beside it, which takes up transfers and changes of gains; for λ ≥ 1 it is a sum,
+/// exact to rounding, of I^{λ−1}. (I¹ D^{1−λ} for λ < 1 would sum up the rounding of its memory: in single
+/// precision up to 10⁻² after 10⁷ ticks of a signal of size 1, where the operator has lost 10⁻⁶.)
 ///
 /// * **Limits and rate.** The output changes at most by the rate limit from one tick to the next, and never
 ///   exceeds the limits. Feed-forward is included.
@@ -111,8 +111,8 @@ struct PidState<T> {
     output: T,
     /// The output set in manual mode.
     manual: T,
-    /// The derivative after the filter of order 1.
-    filtered: T,
+    /// The derivative behind the filter of order 1, and what rounding took from it.
+    filtered: Beside<T>,
     /// The gains of the last tick.
     gains: PidGains<T>,
     /// The integral term of the last tick.
@@ -125,15 +125,8 @@ impl<T: Real> PidState<T> {
     fn new(gains: PidGains<T>) -> Self {
         let zero = T::zero();
         let beside = Beside { sum: zero, rest: zero };
-        Self {
-            mode: Mode::Automatic,
-            output: zero,
-            manual: zero,
-            filtered: zero,
-            gains,
-            integral: zero,
-            beside,
-        }
+        let filtered = beside;
+        Self { mode: Mode::Automatic, output: zero, manual: zero, filtered, gains, integral: zero, beside }
     }
 }
 
@@ -147,11 +140,8 @@ struct Beside<T> {
 impl<T: Real> Beside<T> {
     #[inline(always)]
     fn plus(self, more: T) -> Self {
-        let gain = more + self.rest;
-        let sum = self.sum + gain;
-        // Exact rounding error of the sum.
-        let second = sum - self.sum;
-        Self { sum, rest: (self.sum - (sum - second)) + (gain - second) }
+        let (sum, rest) = sum_and_rest(self.sum, more + self.rest);
+        Self { sum, rest }
     }
 
     /// The new sum or offset for this value of the operator, and the integral term: with a `step` the sum of
@@ -427,19 +417,19 @@ where
                     let pending = prepare(derivative, interval, signal)?;
                     filtered = match (settings.derivative_filter, filter) {
                         (DerivativeFilter::FirstOrder { .. }, _) => {
-                            state.filtered + share * (pending.value() - state.filtered)
+                            state.filtered.plus(share * (pending.value() - state.filtered.sum))
                         }
                         (DerivativeFilter::Fractional { .. }, Some(filter)) => {
                             let (behind, pending) =
                                 relaxed(filter, interval, law.filter_time, pending.value())?;
                             pending_filter = Some(pending);
-                            behind
+                            Beside { sum: behind, ..filtered }
                         }
-                        _ => pending.value(),
+                        _ => Beside { sum: pending.value(), ..filtered },
                     };
                     pending_derivative = Some(pending);
                 }
-                (b * setpoint - measured, filtered)
+                (b * setpoint - measured, filtered.sum)
             }
             PidGains::Series { derivative_time, filter_ratio, .. } => match derivative {
                 Some(derivative) => {
@@ -664,7 +654,7 @@ where
     pub fn state_bytes(&self) -> usize {
         let derivative = self.derivative.as_ref().map_or(0, FractionalOperator::state_bytes);
         let filter = self.filter.as_ref().map_or(0, FractionalOperator::state_bytes);
-        header_bytes(4) + 8 + 10 * T::BYTES + self.integral.state_bytes() + derivative + filter
+        header_bytes(4) + 8 + 11 * T::BYTES + self.integral.state_bytes() + derivative + filter
     }
 
     /// Writes the state with all that the memories hold. A controller with the same parameters that restores
@@ -680,8 +670,8 @@ where
             Mode::Manual => 1,
             Mode::Transfer => 2,
         })?;
-        let Beside { sum, rest } = &state.beside;
-        to.numbers([&state.output, &state.manual, &state.filtered, &state.integral, sum, rest])?;
+        to.numbers([&state.output, &state.manual, &state.filtered.sum, &state.filtered.rest])?;
+        to.numbers([&state.integral, &state.beside.sum, &state.beside.rest])?;
         to.numbers(&numbers_of(&state.gains))?;
         self.integral.save(to)?;
         if let Some(derivative) = &self.derivative {
@@ -703,7 +693,8 @@ where
             2 => Mode::Transfer,
             found => return Err(StateError::TooLarge { what: "mode", limit: 2, found }),
         };
-        let (output, manual, filtered) = (ahead.number()?, ahead.number()?, ahead.number()?);
+        let (output, manual) = (ahead.number()?, ahead.number()?);
+        let filtered = Beside { sum: ahead.number()?, rest: ahead.number()? };
         let integral = ahead.number()?;
         let beside = Beside { sum: ahead.number()?, rest: ahead.number()? };
         let numbers = [ahead.number()?, ahead.number()?, ahead.number()?, ahead.number()?];

@@ -16,11 +16,13 @@
 //! | [`ObliviousQuadrature`] | O(log N) | K(s) with singularities on the negative real axis, BDF of order 1 |
 #![forbid(unsafe_code)]
 
+mod claims;
 mod dyadic_exponentials;
 mod exponential_modes;
 mod filter_cascade;
 mod frame;
 mod gauss_jacobi;
+mod growth;
 mod jiang;
 mod kernel_compression;
 mod l1;
@@ -35,9 +37,11 @@ mod relaxed;
 mod short_memory;
 mod textbook_hls;
 
+pub use claims::{Claim, Relation, claims};
 pub use exponential_modes::ExponentialModes;
 pub use filter_cascade::{FilterCascade, Section};
 pub use fvi_fft::Vectorised;
+pub use growth::{Growth, fitted_exponent, growths};
 pub use jiang::jiang;
 pub use kernel_compression::kernel_compression;
 pub use l1::l1_weights;

@@ -449,9 +449,6 @@ impl Scenario {
         if self.time.grid.is_some() {
             return refused("time.grid", "\"uniform\"");
         }
-        if self.sensitivity.is_some() {
-            return refused("sensitivity", "a system without it: derivatives leave it out");
-        }
         if !self.cases.is_empty() {
             return refused("case", "one motion: load cases need a symmetric matrix of the step");
         }
@@ -483,9 +480,6 @@ impl Scenario {
                 "a scenario that begins at t = 0, where controllers take their first sample",
             );
         }
-        if self.sensitivity.is_some() {
-            return refused("sensitivity", "a scenario that begins at t = 0, from its initial state");
-        }
         if self.initial.past.is_some() {
             if !self.convolution.starting.is_empty() {
                 return refused(
@@ -500,15 +494,19 @@ impl Scenario {
         Ok(())
     }
 
-    /// v₀ = M⁻¹ p₀; `None` for a sparse mass matrix, for which it requires the solution of equations.
+    /// v₀ = M⁻¹ p₀, zero where there is no mass; `None` for a mass that is known by its entries, which takes a
+    /// solution of equations.
     pub fn initial_velocity(&self) -> Option<Vec<f64>> {
         let momentum = &self.initial.momentum;
         match &self.system.mass {
             SymmetricMatrix::Diagonal(masses) => {
-                Some(momentum.iter().zip(masses).map(|(p, mass)| p / mass).collect())
+                let velocity = |(&p, &mass): (&f64, &f64)| if mass == 0.0 { 0.0 } else { p / mass };
+                Some(momentum.iter().zip(masses).map(velocity).collect())
             }
             SymmetricMatrix::Dense(mass) => {
-                let inverse = dense::inverse(mass.clone())?;
+                let mut regular = mass.clone();
+                self.system.massless().into_iter().for_each(|row| regular[(row, row)] = 1.0);
+                let inverse = dense::inverse(regular)?;
                 Some((inverse * DVector::from_column_slice(momentum)).as_slice().to_vec())
             }
             SymmetricMatrix::Sparse(_) => None,

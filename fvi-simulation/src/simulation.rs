@@ -17,6 +17,9 @@ mod forces_of_time_tests;
 mod forces_of_velocity_tests;
 mod given_weights;
 mod gyroscopic;
+mod massless;
+#[cfg(test)]
+mod massless_tests;
 mod memory_energy;
 mod momentum_offset;
 pub mod motion;
@@ -33,8 +36,8 @@ use crate::language::expression::Elementary;
 use crate::language::{InputError, Problem};
 use crate::memory::{EngineError, HostMemory, MOST_SHARING, Memories, MemoryRequest, Tables};
 use crate::model::{
-    AnyScheme, AnySpace, ChannelDamping, EnergyRoom, Matrix, Model, States, Switched, channels_of,
-    follow_alike, term_on_memory, vector,
+    AnyScheme, AnySpace, ChannelDamping, EnergyRoom, MasslessRows, Matrix, Model, States, Switched,
+    channels_of, follow_alike, term_on_memory, vector,
 };
 use crate::scenario::{self, ConvolutionFamily, DampedAt, Engine, Past, ReportedMomentum, Scenario};
 pub use choice::{Solver, SolverChoice};
@@ -121,8 +124,8 @@ pub struct GridState {
     /// q_k.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub position: Vec<f64>,
-    /// p_k: if the fractional force acts at the main nodes, the mean of the momenta before and after its
-    /// kick, or the one after, according to `output.momentum`.
+    /// p_k, zero where there is no mass: where the fractional force acts at the main nodes, the mean of the momenta before and after its
+    /// kick, or the one after, as `output.momentum` says.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub momentum: Vec<f64>,
     /// ½ p_kᵀM⁻¹p_k + U(q_k) with this p_k.
@@ -186,6 +189,7 @@ impl Simulation {
     ) -> Result<Self, InputError> {
         forces_of_time::check(scenario)?;
         given_weights::check(scenario)?;
+        let (scenario, massless) = &massless::placed(scenario)?;
         let space = match sparse_space(scenario, choice)? {
             Some(space) => {
                 if choice::is_of_few(scenario, choice) && !stability::is_unconditional(scenario) {
@@ -209,8 +213,8 @@ impl Simulation {
             factor_bytes: plan.factor_bytes(),
         });
         let stepper: Box<dyn Stepper> = match precision {
-            Precision::F64 => Box::new(TypedSimulation::<f64>::new(space, scenario, tables)?),
-            Precision::F32 => Box::new(TypedSimulation::<f32>::new(space, scenario, tables)?),
+            Precision::F64 => Box::new(TypedSimulation::<f64>::new(space, scenario, massless, tables)?),
+            Precision::F32 => Box::new(TypedSimulation::<f32>::new(space, scenario, massless, tables)?),
         };
         let (engines, shared) = (stepper.engines(), stepper.shared());
         let warning = if solver == Solver::Dense { dense_warning(scenario) } else { None };
@@ -223,7 +227,7 @@ impl Simulation {
     /// # Errors
     /// If the check is not possible.
     pub fn is_predicted_stable(scenario: &Scenario) -> Result<bool, InputError> {
-        let mut scenario = scenario.clone();
+        let mut scenario = massless::placed(scenario)?.0.into_owned();
         scenario.time.allow_unstable = false;
         match check_stability(&scenario) {
             Ok(()) => Ok(true),
@@ -462,11 +466,17 @@ enum Energies {
 
 impl<T: Elementary + Memories> TypedSimulation<T> {
     /// Builds the integrator from system, scheme and memories.
-    fn new(space: AnySpace, scenario: &Scenario, tables: &Tables) -> Result<Self, InputError> {
+    fn new(
+        space: AnySpace,
+        scenario: &Scenario,
+        massless: &MasslessRows,
+        tables: &Tables,
+    ) -> Result<Self, InputError> {
         let scheme = AnyScheme::new(scenario).map_err(|error| {
             let allowed = format!("{} ({} given)", error.allowed, error.parameter);
             scenario.error_at("scheme", Problem::OutOfRange { allowed })
         })?;
+        let scheme = scheme.with_massless(massless.clone());
         let nodes = scheme.sampling().nodes();
         let mut damping = damping_terms(scenario, &space, nodes, tables)?;
         let system = Model::new(scenario).map_err(|error| bad_mass(scenario, &error))?;

@@ -12,7 +12,7 @@ use serde::Serialize;
 pub struct InitialState {
     /// q₀.
     pub position: Vec<f64>,
-    /// p₀ = M v₀.
+    /// p₀ = M v₀; zero where there is no mass.
     pub momentum: Vec<f64>,
     /// The motion before the start, for the memories; absent: the system was at rest at q₀.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -35,9 +35,16 @@ impl InitialState {
         }
         let (is_momentum, value) = table.either("momentum", "velocity")?;
         let given = value.vector(count)?;
-        let momentum = if is_momentum { given } else { system.mass.times(&given) };
+        let momentum = if is_momentum { given.clone() } else { system.mass.times(&given) };
         if momentum.iter().any(|entry| !entry.is_finite()) {
             return Err(value.out_of_range("a velocity whose momentum M v is finite"));
+        }
+        if let Some(massless) = system.massless().into_iter().find(|&index| given[index] != 0.0) {
+            let what = if is_momentum { "momentum" } else { "velocity of its own at the start" };
+            return Err(value.out_of_range(format!(
+                "0 at coordinate {massless} (from 0), which has no mass and so no {what}; {} is given",
+                given[massless]
+            )));
         }
         Ok(Self { position, momentum, past: None })
     }

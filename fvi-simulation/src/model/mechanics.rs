@@ -88,11 +88,12 @@ const NOWHERE: usize = usize::MAX;
 /// Largest depth of arguments of jumps and kinks within each other.
 const DEEPEST: usize = 64;
 
-/// Inverse of the mass.
+/// Inverse of the mass, with zeros in the rows and columns of coordinates without mass.
 #[derive(Clone, Debug)]
 enum InverseMass<T> {
     Matrix(Matrix<T>),
-    /// The factor of a sparse mass, and a lumped mass for each coordinate for a first guess.
+    /// The factor of a sparse mass, with ones for coordinates without mass, and masses of the coordinates by
+    /// themselves for a first guess, infinite for those without.
     Factor(Arc<Factor>, Vec<T>),
 }
 
@@ -100,7 +101,7 @@ impl<T: Elementary> Model<T> {
     /// Compiles the system of a scenario.
     ///
     /// # Errors
-    /// If the mass is not positive definite in the precision of `T`.
+    /// If the mass, but for rows and columns of zeros, is not positive definite in the precision of `T`.
     pub fn new(scenario: &Scenario) -> Result<Self, MatrixError> {
         let rough = RoughForces::of(scenario);
         let unbounded = UnboundedForces::of(scenario);
@@ -109,7 +110,7 @@ impl<T: Elementary> Model<T> {
         let size = system.coordinates();
         let threads = scenario.history.threads();
         let mass = matrix(&system.mass).on_threads(threads);
-        let inverse_mass = inverse(&mass, size)?;
+        let inverse_mass = inverse(&mass, &system.mass)?;
         // Adaptive steps end at jumps and kinks.
         let is_sided = scenario.time.adaptive().is_some() && scenario.cases.is_empty();
         let compiled = system.potential.as_ref().map(|potential| match is_sided {
@@ -663,10 +664,12 @@ impl<T: Elementary> Model<T> {
                 velocity.fill(T::zero());
                 inverse.multiply_add(T::one(), momentum, velocity);
             }
-            InverseMass::Factor(factor, _) => {
+            InverseMass::Factor(factor, masses) => {
                 let mut numbers: Vec<f64> = momentum.iter().map(|number| number.to_f64()).collect();
                 factor.solve_on_threads(&mut numbers, self.threads);
-                velocity.iter_mut().zip(numbers).for_each(|(place, number)| *place = T::of(number));
+                for ((place, number), mass) in velocity.iter_mut().zip(numbers).zip(masses.iter().cycle()) {
+                    *place = if mass.is_finite() { T::of(number) } else { T::zero() };
+                }
             }
         }
     }
@@ -797,19 +800,31 @@ pub fn vector<T: Real>(numbers: &[f64]) -> Vec<T> {
     numbers.iter().map(|&number| T::of(number)).collect()
 }
 
-fn inverse<T: Real>(mass: &Matrix<T>, size: usize) -> Result<InverseMass<T>, MatrixError> {
-    if let Matrix::Sparse(entries) = mass {
-        return sparse_inverse(&entries.pattern, &entries.values);
+fn inverse<T: Real>(mass: &Matrix<T>, given: &SymmetricMatrix) -> Result<InverseMass<T>, MatrixError> {
+    let massless = given.zero_rows();
+    match (mass, given) {
+        (Matrix::Sparse(entries), SymmetricMatrix::Sparse(given)) => {
+            if massless.is_empty() {
+                return sparse_inverse(&entries.pattern, &entries.values, &massless);
+            }
+            let (pattern, values) = given.with_ones(&massless);
+            sparse_inverse(&pattern, &vector(&values), &massless)
+        }
+        _ => dense_inverse(mass, &massless).map(InverseMass::Matrix),
     }
-    dense_inverse(mass, size).map(InverseMass::Matrix)
 }
 
 /// The factor of a sparse mass; for a diagonal mass its inverse.
-fn sparse_inverse<T: Real>(pattern: &Pattern, entries: &[T]) -> Result<InverseMass<T>, MatrixError> {
+fn sparse_inverse<T: Real>(
+    pattern: &Pattern,
+    entries: &[T],
+    massless: &[usize],
+) -> Result<InverseMass<T>, MatrixError> {
     let values: Vec<f64> = entries.iter().map(|entry| entry.to_f64()).collect();
     if pattern.band() == 0 {
         let full = pattern.len() == pattern.size() && values.iter().all(|&value| value > 0.0);
-        let inverses = values.iter().map(|value| T::of(value.recip())).collect();
+        let mut inverses: Vec<T> = values.iter().map(|value| T::of(value.recip())).collect();
+        massless.iter().for_each(|&row| inverses[row] = T::zero());
         let inverse = InverseMass::Matrix(Matrix::Diagonal(inverses));
         return if full { Ok(inverse) } else { Err(MatrixError::NotPositiveDefinite) };
     }
@@ -821,21 +836,30 @@ fn sparse_inverse<T: Real>(pattern: &Pattern, entries: &[T]) -> Result<InverseMa
         let sum: f64 = values[slots].iter().sum();
         T::of(sum.max(0.5 * own))
     });
-    Ok(InverseMass::Factor(Arc::new(factor), masses.collect()))
+    let mut masses: Vec<T> = masses.collect();
+    massless.iter().for_each(|&row| masses[row] = T::of(f64::INFINITY));
+    Ok(InverseMass::Factor(Arc::new(factor), masses))
 }
 
-fn dense_inverse<T: Real>(mass: &Matrix<T>, size: usize) -> Result<Matrix<T>, MatrixError> {
+fn dense_inverse<T: Real>(mass: &Matrix<T>, massless: &[usize]) -> Result<Matrix<T>, MatrixError> {
     if let Matrix::Diagonal(entries) = mass {
-        let inverses: Vec<T> = entries.iter().map(|&entry| T::one() / entry).collect();
-        let good =
-            entries.iter().zip(&inverses).all(|(entry, inverse)| *entry > T::zero() && inverse.is_finite());
+        let mut inverses: Vec<T> = entries.iter().map(|&entry| T::one() / entry).collect();
+        // A mass that rounds to zero is none of those.
+        massless.iter().for_each(|&row| inverses[row] = T::zero());
+        let mut pairs = entries.iter().zip(&inverses).enumerate();
+        let good = pairs.all(|(row, (entry, inverse))| {
+            (*entry > T::zero() && inverse.is_finite()) || massless.binary_search(&row).is_ok()
+        });
         return if good { Ok(Matrix::Diagonal(inverses)) } else { Err(MatrixError::NotPositiveDefinite) };
     }
+    let size = mass.size();
     let mut factors = vec![T::zero(); size * size];
     mass.add_to(T::one(), &mut factors, size, 0, 0);
+    massless.iter().for_each(|&row| factors[row * size + row] = T::one());
     let mut pivots = vec![0; size];
     let mut columns = vec![T::zero(); size * size];
     factor(&mut factors, &mut pivots).map_err(|_| MatrixError::NotPositiveDefinite)?;
     invert_factored(&factors, &pivots, &mut columns);
+    massless.iter().for_each(|&row| columns[row * size + row] = T::zero());
     Ok(Matrix::Dense(columns))
 }

@@ -170,7 +170,7 @@ impl<'f> Predictions<'f> {
                                 Observed::Acceleration(_) => Of::Slope,
                                 _ => Of::Value,
                             };
-                            let stencil = Stencil::new(&grid, time.min(grid.end()), of);
+                            let stencil = Stencil::new(&grid, time.clamp(grid.time(0), grid.end()), of);
                             group.last = group.last.max(stencil.last());
                             let place = begin + row * record.columns.len() + column;
                             group.needs.push(Need { place, what: data.what, stencil });
@@ -518,6 +518,13 @@ fn static_stiffness(scenario: &Scenario, position: &[f64]) -> Result<DMatrix<f64
                 .to_owned(),
         ));
     }
+    if scenario.system.gyroscopic.is_some() {
+        return Err(NoPrediction::Refused(
+            "system.gyroscopic: a modulus of a system with gyroscopic forces, which it leaves out; give the \
+             modulus by a scenario without them"
+                .to_owned(),
+        ));
+    }
     let size = scenario.coordinates();
     let mut system =
         System::<f64>::new(scenario).map_err(|error| NoPrediction::Refused(error.to_string()))?;
@@ -600,6 +607,11 @@ impl Derived {
             beside.push([other(change)?, other(-change)?]);
         }
         let tells_velocity = tells(|what| matches!(what, Observed::Velocity(_) | Observed::Acceleration(_)));
+        if let (true, Some(row)) = (tells_velocity, scenario.system.massless().first()) {
+            let reason =
+                format!("system.mass: coordinate {row} has no mass, so that no momentum tells its velocity");
+            return Err(NoPrediction::Refused(reason));
+        }
         Ok(Self {
             system: made(scenario)?,
             mass_changes,
