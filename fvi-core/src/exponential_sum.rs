@@ -46,9 +46,10 @@ pub struct ExponentialTable<C> {
     pub exponentials: C,
     /// How many blocks, from the first, hold slow exponentials, whose running sums are kept in two parts.
     ///
-    /// A sum that forgets slowly (μ_j ≪ 1) would otherwise gather the rounding errors of 1/μ_j steps, and in
-    /// single precision stand still once a sample is less than half a unit in its last place. Of differences
-    /// of a signal that jumps ([`Memory::expect_jumps`]) the parts are those of what the sum lacks of it.
+    /// A slowly decaying sum (μ_j ≪ 1) would otherwise accumulate the rounding errors of 1/μ_j steps, and in
+    /// single precision stay constant once a sample is less than half a unit in its last place. For
+    /// differences of a signal that jumps ([`Memory::expect_jumps`]) the two parts are those of the
+    /// difference between signal and sum.
     pub slow_blocks: usize,
     /// How many of these, from the first, hold exponentials so slow that their running sums are kept in three
     /// parts; only for plain numbers.
@@ -251,10 +252,10 @@ pub struct ExponentialSum<T, C, B> {
     len: u64,
     /// Whether the memory goes on past the horizon of the table.
     forgets: bool,
-    /// Whether samples are differences of a signal that jumps: then slow sums are kept as the signal less what
-    /// they lack of it.
+    /// Whether samples are differences of a signal that jumps: then slow sums are stored as their difference
+    /// from the signal.
     jumps: bool,
-    /// The sum of those samples that have reached the exponentials, in two parts.
+    /// The sum of the samples that have reached the exponentials, in two parts.
     signal: [T; 2],
     number: PhantomData<T>,
 }
@@ -386,7 +387,7 @@ where
         if self.len < self.table.horizon || self.forgets { Ok(()) } else { Err(full(self.table.horizon)) }
     }
 
-    /// What is saved of the sum of samples that jump.
+    /// The part of the signal that is saved: both parts if the signal jumps, otherwise none.
     fn saved_signal(&self) -> &[T] {
         if self.jumps { &self.signal } else { &[] }
     }
@@ -585,7 +586,7 @@ fn shift_and_add<T: Real>(mut pending: &mut [T], weights: &[T], x: T) {
     }
 }
 
-/// Adds a term of the sum of a signal's differences, kept in two parts: the first is the signal, rounded.
+/// Adds a difference to the signal, kept in two parts: the first is the rounded signal.
 #[inline(always)]
 fn add_difference<T: Real>(signal: &mut [T; 2], x: T) {
     let (sum, rest) = sum_and_rest(signal[0], x);
@@ -593,8 +594,8 @@ fn add_difference<T: Real>(signal: &mut [T; 2], x: T) {
     *signal = [sum, rest];
 }
 
-/// y ← y + μ z with z = X − y for a block of slow exponentials and the signal X whose differences they take,
-/// y = settled + recent; adds the z before to the totals.
+/// y ← y + μ z with z = X − y for a block of slow exponentials, y = settled + recent, and the signal X whose
+/// differences are the samples; adds the previous z to the totals.
 #[inline(always)]
 fn follow<T: Real>(
     sums: &mut [T; STATE_BLOCK],
@@ -767,16 +768,16 @@ where
     C: AsRef<[T]>,
     B: AsRef<[T]> + AsMut<[T]>,
 {
-    /// The step for differences of a signal that jumps. Out of line: schemes do not pay for it.
+    /// The step for differences of a signal that jumps. Out of line, so that schemes do not pay for it.
     ///
-    /// With the sum X of the samples that have come to the exponentials, a running sum is z = X − y, where
+    /// With the sum X of the samples that have reached the exponentials, a running sum is z = X − y, where
     ///
     /// ```text
     /// y ← y + μ (X − y) ,        X ← X + x :
     /// ```
     ///
-    /// of a slow exponential y takes small numbers only, where z takes x − μ z and loses the decay below the
-    /// last digit of x. X is one number for all of them, summed without loss.
+    /// For a slow exponential the changes of y are small, whereas those of z, x − μ z, lose the decay below
+    /// the last digit of x. X is one number for all exponentials, summed without rounding errors.
     #[inline(never)]
     fn push_difference(&mut self, x: T) -> Option<()> {
         let layout = Layout { stages: 1, coordinates: 1, ..self.layout };
@@ -1443,7 +1444,8 @@ mod tests {
 
     #[test]
     fn differences_of_a_signal_that_jumps_give_the_terms_of_any_others() {
-        // In two parts and in three; the slow sums are kept in another way, which is rounding.
+        // In two parts and in three; the slow sums are stored differently, with a difference of rounding
+        // size.
         for far_blocks in [0, 2] {
             let (head, exponentials) = numbers::<f64>(9, 3);
             let table = ExponentialTable {
@@ -1471,7 +1473,7 @@ mod tests {
                 assert!((found[0] - expected[0]).abs() < 1e-13, "{k}: {} {}", found[0], expected[0]);
                 plain.push(&sample).unwrap();
                 memory.push(&sample).unwrap();
-                // Saved and taken back with every bit, and by none of the other kind.
+                // Restored bit by bit, and refused by a memory that does not expect jumps.
                 let mut bytes = vec![0; memory.state_bytes()];
                 let mut writer = StateWriter::new(&mut bytes);
                 memory.save(&mut writer).unwrap();
@@ -1484,7 +1486,7 @@ mod tests {
             }
             memory.clear();
             assert_eq!((memory.signal, memory.jumps), ([0.0; 2], true));
-            // Samples of other kinds are taken as before.
+            // Samples of other kinds are treated as before.
             let mut on_values = build();
             on_values.expect_jumps();
             assert!(!on_values.jumps);

@@ -19,22 +19,22 @@ use crate::weights::BdfOrder;
 /// [`set`](FractionalIntegral::set): for limits, and for transfer without a bump. For λ > 1, where D^{1−λ}
 /// itself is an integral, and for λ = 1, where it is the identity, nothing else changes.
 ///
-/// **What a set state remembers.** Only s is set; D^{1−λ} still knows the past. After 1 s of x = 1 and then
-/// zeros I^0.8 falls from 1.07 to 0.34 within 100 s, and from whatever value s was given it falls by those
-/// 0.73 as well. [`restart`](FractionalIntegral::restart) lets D^{1−λ} forget: then s stays where it was put
-/// until samples move it.
+/// **History of a set state.** Only s is set; D^{1−λ} keeps its history. After 1 s of x = 1 and then zeros
+/// I^0.8 falls from 1.07 to 0.34 within 100 s, and from any value that s was set to it falls by the same
+/// 0.73. [`restart`](FractionalIntegral::restart) clears the history of D^{1−λ}: then s stays at its value
+/// until samples change it.
 ///
-/// **Take a memory on increments** for λ < 1
-/// ([`monic_increment_table`](crate::monic_increment_table), `fvi exponentials --increments`). That of a
-/// table on values has errors ε of its weights, which for a signal that stays do not cancel as the weights
-/// do: s then drifts by ε h^λ for each sample, k^{1−λ} ε of I^λ after k of them. On increments the error
-/// stays at ε.
+/// **Use a memory on increments** for λ < 1 ([`monic_increment_table`](crate::monic_increment_table), `fvi
+/// exponentials --increments`). The weights of a table on values have errors ε that do not cancel for a
+/// constant signal as the weights do: s then drifts by ε h^λ for each sample, k^{1−λ} ε of I^λ after k of
+/// them. On increments the error stays at ε.
 ///
-/// **Over long times in single precision** take for λ < 1 the memory of I^λ itself,
-/// [`of_integral`](FractionalIntegral::of_integral): s then is its value and a number beside it, which is set,
-/// and nothing is summed up. Its error stays at 4·10⁻⁷ of the largest value however many samples there are, as
-/// that of [`FractionalPid`](crate::FractionalPid) does. As the integral of a derivative s gathers what the
-/// values of D^{1−λ} are rounded by, N^{1−λ} of their last digits at worst. For λ ≥ 1 nothing is gathered.
+/// **Over long times in single precision** use for λ < 1 the memory of I^λ itself,
+/// [`of_integral`](FractionalIntegral::of_integral): s is then its value plus an offset that can be set, and
+/// nothing is summed. Its error stays at 4·10⁻⁷ of the largest value for any number of samples, as that of
+/// [`FractionalPid`](crate::FractionalPid) does. As the integral of a derivative, s accumulates the rounding
+/// errors of the values of D^{1−λ}, at worst N^{1−λ} of their last digits after N samples. For λ ≥ 1 nothing
+/// accumulates.
 ///
 /// ```
 /// # use fvi_core::{BdfOrder, FractionalIntegral, Kernel, monic_increment_table};
@@ -60,7 +60,7 @@ pub struct FractionalIntegral<T, M> {
     step_size: Option<T>,
     /// s.
     sum: T,
-    /// Rounding error of s so far (compensated summation), or s less the value of I^λ.
+    /// Rounding error of s (compensated summation), or the offset of s from the value of I^λ.
     rest: T,
 }
 
@@ -121,8 +121,8 @@ impl<T: Real, M: Memory<T>> FractionalIntegral<T, M> {
     /// s_k = (I^λ x)_k + c ,
     /// ```
     ///
-    /// where [`set`](FractionalIntegral::set) moves c and [`restart`](FractionalIntegral::restart) lets I^λ
-    /// forget. The values are those of [`new`](FractionalIntegral::new) on D^{1−λ}, set or not.
+    /// where [`set`](FractionalIntegral::set) changes c and [`restart`](FractionalIntegral::restart) clears
+    /// the history of I^λ. The values are those of [`new`](FractionalIntegral::new) on D^{1−λ}, set or not.
     ///
     /// # Errors
     /// As [`new`](FractionalIntegral::new), for an exponent −λ in (−1, 0).
@@ -134,7 +134,7 @@ impl<T: Real, M: Memory<T>> FractionalIntegral<T, M> {
         Ok(Self { derivative, step_size: None, sum: T::zero(), rest: T::zero() })
     }
 
-    /// The operator of a kernel with a step size, and that.
+    /// The operator of a kernel with a step size, and that step size.
     fn operator(kernel: &Kernel, mut memory: M) -> Result<(FractionalOperator<T, M>, f64), ParameterError> {
         let allowed = "one of backward differentiation of order 1, with a step size";
         let wrong = ParameterError { parameter: "kernel", value: f64::NAN, allowed };
@@ -197,10 +197,10 @@ impl<T: Real, M: Memory<T>> FractionalIntegral<T, M> {
         self.sum
     }
 
-    /// Sets s. What the operator knows of the past stays; see [`restart`](FractionalIntegral::restart).
+    /// Sets s. The operator keeps its history; see [`restart`](FractionalIntegral::restart).
     ///
     /// # Errors
-    /// [`OperatorError::NotFinite`] if it is not a finite number, or too far from the value of I^λ for one.
+    /// [`OperatorError::NotFinite`] if it is not a finite number, or its offset from the value of I^λ is not.
     pub fn set(&mut self, value: T) -> Result<(), OperatorError> {
         let rest = match self.step_size {
             Some(_) => T::zero(),

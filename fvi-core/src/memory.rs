@@ -69,11 +69,11 @@ pub trait Memory<T> {
         ActsOn::Values
     }
 
-    /// Says that samples will be differences of a signal that may jump by its own size at every sample, as a
-    /// measured value with noise does, and forgets all samples.
+    /// States that samples will be differences of a signal that may jump by its own size at every sample, as
+    /// a measured value with noise does, and clears the memory.
     ///
-    /// For engines whose sums would gather the rounding of such differences; others have nothing to do. Those
-    /// of a motion are small, and want nothing.
+    /// For engines whose sums would accumulate the rounding errors of such differences; others need no
+    /// change. The differences of a motion are small, and do not need it.
     fn expect_jumps(&mut self) {
         self.clear();
     }

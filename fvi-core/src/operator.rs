@@ -80,8 +80,8 @@ pub struct FractionalOperator<T, M> {
     start: Start<T>,
     /// The first sample; for a memory on increments the last one.
     reference: T,
-    /// Time of the last sample, where they come at any times; of a memory on increments what rounding has
-    /// taken from their sum.
+    /// Time of the last sample, if samples come at any times; for a memory on increments the rounding error
+    /// of their sum.
     rest: T,
 }
 
@@ -244,9 +244,9 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
         Ok(Pending { operator: self, acted_on, reference, rest, term, value })
     }
 
-    /// What the memory acts on for this sample, what the next one is compared with, and what rounding has
-    /// taken from increments: the next one gets it, so that their sum stays with the signal however many there
-    /// are.
+    /// The number that the memory acts on for this sample, the new reference, and the rounding error of
+    /// increments, which is added to the next one, so that their sum equals the signal for any number of
+    /// them.
     #[inline(always)]
     fn compared(&self, sample: T) -> Result<(T, T, T), OperatorError> {
         let first = self.memory.is_empty();

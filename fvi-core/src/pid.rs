@@ -15,11 +15,11 @@ use crate::saving::{Shape, StateError, StateReader, StateWriter, header_bytes};
 
 /// A fractional PID controller on memories of any kind; see [`PidLaw`] for the equations.
 ///
-/// One [`tick`](FractionalPid::tick) a sample time: it takes setpoint and measured value, gives the output,
+/// One [`tick`](FractionalPid::tick) a sample time: it takes setpoint and measured value, returns the output,
 /// and is atomic: a tick that is refused (numbers that are not finite, a memory that is full) leaves
 /// everything as it was. The integral is in units of the output, I^λ of K_i e. For λ < 1 it is the value of
-/// an operator and a number beside it, which takes up transfers and changes of gains; for λ ≥ 1 it is a sum,
-/// exact to rounding, of I^{λ−1}. (I¹ D^{1−λ} for λ < 1 would sum up the rounding of its memory: in single
+/// an operator plus an offset, which absorbs transfers and changes of gains; for λ ≥ 1 it is a sum, exact to
+/// rounding, of I^{λ−1}. (I¹ D^{1−λ} for λ < 1 would accumulate the rounding of its memory: in single
 /// precision up to 10⁻² after 10⁷ ticks of a signal of size 1, where the operator has lost 10⁻⁶.)
 ///
 /// * **Limits and rate.** The output changes at most by the rate limit from one tick to the next, and never
@@ -111,7 +111,7 @@ struct PidState<T> {
     output: T,
     /// The output set in manual mode.
     manual: T,
-    /// The derivative behind the filter of order 1, and what rounding took from it.
+    /// The derivative after the filter of order 1, as a compensated sum.
     filtered: Beside<T>,
     /// The gains of the last tick.
     gains: PidGains<T>,

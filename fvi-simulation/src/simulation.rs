@@ -124,8 +124,8 @@ pub struct GridState {
     /// q_k.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub position: Vec<f64>,
-    /// p_k, zero where there is no mass: where the fractional force acts at the main nodes, the mean of the momenta before and after its
-    /// kick, or the one after, as `output.momentum` says.
+    /// p_k, zero for coordinates without mass: if the fractional force acts at the main nodes, the mean of
+    /// the momenta before and after its kick, or the one after, according to `output.momentum`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub momentum: Vec<f64>,
     /// ½ p_kᵀM⁻¹p_k + U(q_k) with this p_k.

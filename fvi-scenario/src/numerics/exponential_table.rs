@@ -63,7 +63,7 @@ pub struct ExponentialKernel {
 pub enum ExponentialKernelError {
     /// A parameter is not allowed.
     Parameter(ParameterError),
-    /// The cut of the kernel takes more exponentials than a table has.
+    /// The cut of the kernel is so narrow that it would need more exponentials than a table may have.
     Narrow(ParameterError),
     /// No head of acceptable length gives weights within the tolerance.
     ToleranceMissed {

@@ -116,9 +116,10 @@ pub struct Cut {
     pub strip: f64,
 }
 
-/// Narrowest strip through which an integral over the cut is taken: the points of the rule are as many as the
-/// inverse of its width, and that of Maxwell's form goes to zero where the difference of its orders goes to
-/// 1, that of Havriliak and Negami where their order does. π/x − π at x = 0.9968.
+/// Width of the narrowest strip for which an integral over the cut is used: the number of points of the rule
+/// is proportional to the inverse of the width. The width for Maxwell's form goes to zero as the difference
+/// of its orders goes to 1, that for Havriliak and Negami's as its order does: π/x − π, which is 0.01 at x =
+/// 0.9968.
 const NARROWEST: f64 = 0.01;
 
 /// A simple pole on the negative real axis: K(s) = `residue`/(s + `rate`) + …
@@ -370,8 +371,8 @@ impl TransferFunction {
         }
     }
 
-    /// The parameter that makes the cut so narrow that an integral over it would take too many points;
-    /// `None` where it is wide.
+    /// The parameter that makes the cut so narrow that an integral over it would need too many points; `None`
+    /// if the cut is wide enough.
     pub fn narrow(&self) -> Option<ParameterError> {
         let allowed = "exactly 1, or at most 0.9968: between these the integral over the cut of K(s) takes too many points, and weights \
                        come from transforms, with `convolution.family` = \"bdf\" and the engines \"direct\", \"block-fft\" and \
@@ -667,7 +668,7 @@ impl fmt::Display for TransferFunction {
     }
 }
 
-/// K(0) of a formula; 0 where it falls to nothing, or has what rounding leaves of sums.
+/// K(0) of a formula; 0 if it decays to zero, or to the rounding error of a sum.
 pub(super) fn value_at_zero(formula: &dyn Formula) -> f64 {
     let at = |exponent: f64| formula.value(Complex::new(libm::exp10(exponent), 0.0)).re;
     let (near, far) = (at(-60.0), at(-50.0));
@@ -784,7 +785,7 @@ mod tests {
         assert_eq!(told(TransferFunction::maxwell(0.998, 0.0, 1.0)), orders);
         let order = Some(("`order` of the kernel", 0.999));
         assert_eq!(told(TransferFunction::havriliak_negami(0.999, 0.5, 1.0)), order);
-        // π/x − π ≥ 0.01, a pole, and a cut that begins behind 0.
+        // π/x − π ≥ 0.01, a pole, and a cut that begins beyond 0.
         assert_eq!(told(TransferFunction::maxwell(0.9968, 0.0, 1.0)), None);
         assert_eq!(told(TransferFunction::maxwell(1.0, 0.0, 1.0)), None);
         assert_eq!(told(TransferFunction::havriliak_negami(1.0, 0.5, 1.0)), None);

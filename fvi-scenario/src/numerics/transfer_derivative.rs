@@ -41,7 +41,7 @@ enum Of {
     Formula(Arc<dyn Formula>),
 }
 
-/// Beside a power of s there may be a logarithm.
+/// Allowance for a logarithm that multiplies the power of s.
 const LOGARITHM: f64 = 1e-6;
 
 impl TransferDerivative {
@@ -61,7 +61,7 @@ impl TransferDerivative {
         Some(Self { of, growth: transfer.growth() + LOGARITHM, spring: 0.0 })
     }
 
-    /// The derivative of a formula, given by itself, with what it has at s = 0.
+    /// The derivative of a formula, itself given as a formula, whose value at s = 0 is split off.
     ///
     /// # Errors
     /// If it is not finite for every positive s.
@@ -88,8 +88,8 @@ impl TransferDerivative {
         }
     }
 
-    /// ∂K(0)/∂θ, the derivative of the spring beside the memory, which [`value`](Self::value) and
-    /// [`series`](Self::series) are without.
+    /// ∂K(0)/∂θ, the derivative of the spring beside the memory, which is not included in
+    /// [`value`](Self::value) and [`series`](Self::series).
     pub fn spring(&self) -> f64 {
         self.spring
     }
@@ -99,7 +99,7 @@ impl TransferDerivative {
         self.growth
     }
 
-    /// Whether the exponent with which K grows depends on θ: then ∂K/∂θ has a logarithm beside K.
+    /// Whether the exponent with which K grows depends on θ: then ∂K/∂θ is larger than K by a logarithm.
     pub fn changes_growth_of(&self, transfer: &TransferFunction) -> bool {
         let ratio = |exponent: f64| {
             let s = Complex::new(libm::exp10(exponent), 0.0);
@@ -126,7 +126,7 @@ impl TransferDerivative {
     }
 
     fn of<A: Algebra>(&self, s: &A) -> A {
-        // A series of a formula is no function of a series.
+        // A formula's derivative has no power series here.
         let Of::Form { form, numbers, parameter, term } = &self.of else { return s.constant(f64::NAN) };
         let exact = DoubleDouble::exact;
         let one = s.constant(1.0);

@@ -281,7 +281,7 @@ impl Controller {
         (steps as u64, rest)
     }
 
-    /// The keys of `[controller]` that a parameter of the law may come from, the likeliest first.
+    /// The keys of `[controller]` from which a parameter of the law may come, the most likely first.
     pub fn keys_of(parameter: &str) -> &'static [&'static str] {
         match parameter {
             "proportional gain" => &["kp"],
@@ -466,7 +466,7 @@ fn read_settings(table: &Table<'_>, sample: f64) -> Result<PidSettings<f64>, Inp
     }
 }
 
-/// The value of a key, or of one in a table behind it: `a.b`.
+/// The value of a key, or of a key in a table under it: `a.b`.
 fn at<'a>(table: &Table<'a>, key: &str) -> Option<Value<'a>> {
     match key.split_once('.') {
         None => table.optional(key),

@@ -12,7 +12,7 @@ use serde::Serialize;
 pub struct InitialState {
     /// q₀.
     pub position: Vec<f64>,
-    /// p₀ = M v₀; zero where there is no mass.
+    /// p₀ = M v₀; zero for coordinates without mass.
     pub momentum: Vec<f64>,
     /// The motion before the start, for the memories; absent: the system was at rest at q₀.
     #[serde(skip_serializing_if = "Option::is_none")]

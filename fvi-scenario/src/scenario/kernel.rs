@@ -392,7 +392,8 @@ impl Formula for Symbol {
     }
 }
 
-/// The derivative of an expression in s and a constant behind it by that constant, at its value.
+/// The derivative of an expression in s and a constant, which follows s as a variable, by that constant at
+/// its value.
 #[derive(Debug)]
 struct SymbolSlope {
     expression: Expression,
@@ -420,10 +421,10 @@ impl Formula for SymbolSlope {
     }
 }
 
-/// The derivative of a symbol by a constant, which is the variable behind s in its expression.
+/// The derivative of a symbol by a constant, which is the variable after s in its expression.
 ///
 /// # Errors
-/// In words, what the constant may not be in.
+/// A message: the part of the symbol in which the constant may not occur.
 pub(super) fn symbol_derivative(
     transfer: &TransferFunction,
     expression: Expression,
@@ -441,7 +442,7 @@ pub(super) fn evaluate<A: Algebra>(node: &Node, s: &A) -> A {
     evaluate_at(node, s, s)
 }
 
-/// The value of an expression in s and a constant, the variable behind it.
+/// The value of an expression in s and a constant, which is the variable after s.
 fn evaluate_at<A: Algebra>(node: &Node, s: &A, constant: &A) -> A {
     let of = |node: &Node| evaluate_at(node, s, constant);
     match node.kind() {

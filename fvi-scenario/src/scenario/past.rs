@@ -94,17 +94,17 @@ impl Past {
         self.positions.len() / (self.coordinates * self.rows_of_step)
     }
 
-    /// Whether a file gives it.
+    /// Whether it was read from a file.
     pub fn is_from_file(&self) -> bool {
         self.source.is_some()
     }
 
-    /// Its rows.
+    /// Number of rows.
     pub fn rows(&self) -> usize {
         self.positions.len() / self.coordinates
     }
 
-    /// Its derivative by one of its numbers: of zeros, but for a one there.
+    /// Its derivative by one of its numbers: one at that place, zeros elsewhere.
     #[must_use]
     pub fn slope(&self, row: usize, coordinate: usize) -> Self {
         let place = row * self.coordinates + coordinate;

@@ -42,7 +42,7 @@ impl Serialize for Parameter {
 pub enum Quantity {
     /// An entry of q₀.
     Position(usize),
-    /// A row and column of the past.
+    /// An entry of the past, by row and column.
     Past(usize, usize),
     /// An entry of p₀.
     Momentum(usize),
@@ -52,7 +52,7 @@ pub enum Quantity {
     Mass(usize, usize),
     /// An entry of K together with its mirror image.
     Stiffness(usize, usize),
-    /// An entry of G, and the negative of its mirror image.
+    /// An entry of G together with the negative of its mirror image.
     Gyroscopic(usize, usize),
     /// ∂ρ of damping term number m by the parameter, as entries (row, column, number).
     Coefficient(usize, Vec<(usize, usize, f64)>),
@@ -75,7 +75,7 @@ pub struct Named {
     pub elements: Vec<(usize, Expression)>,
     /// Amplitudes of loads in t and the constant, each with the index of its load.
     pub loads: Vec<(usize, Expression)>,
-    /// Derivatives of kernels that have it in their `symbol`, by the numbers of the damping terms.
+    /// Derivatives of kernels whose `symbol` contains it, each with the index of the damping term.
     pub kernels: Vec<(usize, TransferDerivative)>,
 }
 

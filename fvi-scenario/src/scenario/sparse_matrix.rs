@@ -23,15 +23,15 @@ pub struct SparseMatrix {
 /// elements.
 const ASYMMETRY: f64 = 1e-10;
 
-/// Rows of a mass matrix for each of its entries: those without entries are coordinates without mass.
+/// Largest number of rows of a mass matrix per entry: rows without entries are coordinates without mass.
 const MOST_ROWS: usize = 64;
 
 impl SparseMatrix {
-    /// The symmetric matrix in the file that `value` names; without a number of coordinates it is the mass
-    /// matrix, which says how many there are.
+    /// The symmetric matrix in the file that `value` refers to; without a number of coordinates it is the
+    /// mass matrix, which determines that number.
     ///
-    /// Memory is allocated for each row, while a file may state any number of rows: without a given number, a
-    /// matrix with more rows than entries is refused first.
+    /// Memory is allocated for each row, while a file may state any number of rows: a mass matrix with too
+    /// many rows for its entries is refused first.
     fn read(value: &Value<'_>, coordinates: Option<usize>) -> Result<Self, InputError> {
         let file = value.matrix_file()?;
         if file.rows != file.columns {
@@ -208,7 +208,7 @@ impl SparseMatrix {
             .collect()
     }
 
-    /// The same matrix with ones on the diagonal of these rows, in which every entry is zero.
+    /// The same matrix with ones on the diagonal of these rows, whose entries are all zero.
     pub fn with_ones(&self, rows: &[usize]) -> (Pattern, Vec<f64>) {
         let entries = || {
             let own = self.pattern.rows().enumerate().flat_map(|(row, slots)| {
@@ -220,7 +220,7 @@ impl SparseMatrix {
         (Arc::unwrap_or_clone(whole.pattern), Arc::unwrap_or_clone(whole.values))
     }
 
-    /// Refuses a matrix that is not positive definite beside rows and columns of zeros.
+    /// Refuses a matrix that is not positive definite apart from rows and columns of zeros.
     fn positive_definite(self, value: &Value<'_>) -> Result<Self, InputError> {
         let massless = self.zero_rows();
         let factor = if massless.is_empty() {
@@ -362,7 +362,7 @@ impl<'a> Matrices<'a> {
         Ok(matrix)
     }
 
-    /// Refuses a matrix that is not positive definite beside rows and columns of zeros.
+    /// Refuses a matrix that is not positive definite apart from rows and columns of zeros.
     pub(super) fn positive_definite(
         &self,
         matrix: SparseMatrix,

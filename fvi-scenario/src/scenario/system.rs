@@ -24,7 +24,8 @@ use std::sync::Arc;
 /// D^{β_m} or of another transfer function.
 #[derive(Clone, Debug, Serialize)]
 pub struct System {
-    /// M, symmetric and positive definite but for rows and columns of zeros: coordinates without mass.
+    /// M, symmetric and positive definite apart from rows and columns of zeros, which are coordinates without
+    /// mass.
     pub mass: SymmetricMatrix,
     /// K, symmetric; absent: none.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -92,8 +92,8 @@ const DEEPEST: usize = 64;
 #[derive(Clone, Debug)]
 enum InverseMass<T> {
     Matrix(Matrix<T>),
-    /// The factor of a sparse mass, with ones for coordinates without mass, and masses of the coordinates by
-    /// themselves for a first guess, infinite for those without.
+    /// The factor of a sparse mass, with ones for coordinates without mass, and a lumped mass for each
+    /// coordinate for a first guess, infinite for those without mass.
     Factor(Arc<Factor>, Vec<T>),
 }
 
@@ -101,7 +101,7 @@ impl<T: Elementary> Model<T> {
     /// Compiles the system of a scenario.
     ///
     /// # Errors
-    /// If the mass, but for rows and columns of zeros, is not positive definite in the precision of `T`.
+    /// If the mass, apart from rows and columns of zeros, is not positive definite in the precision of `T`.
     pub fn new(scenario: &Scenario) -> Result<Self, MatrixError> {
         let rough = RoughForces::of(scenario);
         let unbounded = UnboundedForces::of(scenario);
@@ -844,7 +844,7 @@ fn sparse_inverse<T: Real>(
 fn dense_inverse<T: Real>(mass: &Matrix<T>, massless: &[usize]) -> Result<Matrix<T>, MatrixError> {
     if let Matrix::Diagonal(entries) = mass {
         let mut inverses: Vec<T> = entries.iter().map(|&entry| T::one() / entry).collect();
-        // A mass that rounds to zero is none of those.
+        // Only coordinates without mass; a mass that is rounded to zero is not among them.
         massless.iter().for_each(|&row| inverses[row] = T::zero());
         let mut pairs = entries.iter().zip(&inverses).enumerate();
         let good = pairs.all(|(row, (entry, inverse))| {

@@ -25,7 +25,7 @@ pub struct AnyScheme<T> {
     matrix: Vec<T>,
     square: Vec<T>,
     form: Form,
-    /// Coordinates without mass whose positions at grid points the step's polynomial does not tell.
+    /// Coordinates without mass whose positions at grid points do not follow from the step's polynomial.
     massless: MasslessRows,
 }
 
@@ -214,13 +214,13 @@ pub struct Room<T: Real> {
     forces: Vec<T>,
     known: Vec<T>,
     scratch: Vec<T>,
-    /// How far the nodes of the last sample lie behind the position, and behind it what pulled there, and the
-    /// means of massless coordinates.
+    /// Offsets of the position from the nodes of the last sample, followed by the last restoring force and
+    /// the means of coordinates without mass.
     carried: Vec<T>,
-    /// Numbers of the first, and of the second.
+    /// Lengths of the first and the second of these parts.
     behind: usize,
     pulled: usize,
-    /// Room for the ends of steps of massless coordinates.
+    /// Buffers for coordinates without mass at the ends of steps.
     settling: Settling<T>,
     moment_correction: Vec<T>,
     point: Vec<T>,

@@ -119,7 +119,7 @@ impl<'s> AdaptiveSteps<'s> {
         let largest =
             [&start.position, &start.momentum].map(|numbers| numbers.iter().map(|x| x.abs()).collect());
         let counts = Counts { rejected: 0, attempts: 0, smallest: f64::INFINITY, largest: 0.0 };
-        // Momenta without mass are zero, and so are their errors.
+        // Momenta of coordinates without mass are zero, and so are their errors.
         let of_mass = |mass: f64| if mass > 0.0 { rule.scale * mass } else { rule.scale };
         let masses = scenario.system.mass.diagonal();
         let momentum_scale: Vec<f64> = masses.iter().map(|&mass| of_mass(mass)).collect();

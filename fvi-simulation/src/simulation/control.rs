@@ -129,11 +129,11 @@ impl<T: Elementary> Loops<T> {
     }
 }
 
-/// Why a controller of a scenario cannot be made.
+/// Reason why a controller of a scenario cannot be built.
 #[derive(Clone, Debug)]
 pub struct Unusable {
-    /// The keys of `[controller]`, or of the scenario where they begin with another table's name, of which the
-    /// first that is in the file is at fault.
+    /// The keys that may be the cause, of `[controller]`, or of the scenario if they begin with the name of
+    /// another table; the first one in the file is reported.
     keys: &'static [&'static str],
     reason: String,
 }
@@ -143,7 +143,7 @@ impl Unusable {
         Self { keys, reason: reason.to_string() }
     }
 
-    /// Why a parameter of the law is refused.
+    /// The error for a parameter of the law that is refused.
     pub fn of_parameter(error: &ParameterError) -> Self {
         Self::of(Controller::keys_of(error.parameter), error)
     }

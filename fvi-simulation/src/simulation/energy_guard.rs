@@ -101,7 +101,7 @@ impl EnergyGuard {
         if !scenario.cases.is_empty() {
             return Self::blind();
         }
-        // Zero where there is no mass.
+        // Zero for coordinates without mass.
         let inverse = |mass: f64| if mass == 0.0 { 0.0 } else { mass.recip() };
         let inverse_mass = match &scenario.system.mass {
             SymmetricMatrix::Diagonal(masses) => {
@@ -110,7 +110,7 @@ impl EnergyGuard {
             SymmetricMatrix::Dense(mass) => {
                 let zero = || nalgebra::DMatrix::zeros(mass.nrows(), mass.nrows());
                 let mut regular = mass.clone();
-                // Momenta without mass are zero.
+                // Momenta of coordinates without mass are zero.
                 scenario.system.massless().into_iter().for_each(|row| regular[(row, row)] = 1.0);
                 SymmetricMatrix::Dense(dense::inverse(regular).unwrap_or_else(zero))
             }

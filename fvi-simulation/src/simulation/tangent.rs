@@ -39,11 +39,10 @@ type Remembered = DampedMotion<f64, AnySpace, HostMemory<f64>>;
 ///        + Σ_m [ρ_m D_m δX + δρ_m D_m X + ρ_m (∂D_m/∂θ) X]_i .
 /// ```
 ///
-/// with δV_i = Σ_ν ℓ̇_ν(c_i) δe^ν/h where forces depend on the velocity of the polynomial, the gyroscopic ones
-/// of the matrix G among them. D_m acts on δX
-/// with the weights that it has, on a memory of its own with p times the channels, and
-/// ∂D_m/∂θ on X with their derivatives. Where the force acts at the main nodes its three parts are in the
-/// last equation only. Collocation has, with v = M⁻¹p,
+/// with δV_i = Σ_ν ℓ̇_ν(c_i) δe^ν/h if forces, including the gyroscopic ones of the matrix G, depend on the
+/// velocity of the polynomial. D_m acts on δX with its weights, on a separate memory with p times the
+/// channels, and ∂D_m/∂θ on X with the derivatives of the weights. If the force acts at the main nodes its
+/// three parts are in the last equation only. For collocation, with v = M⁻¹p,
 ///
 /// ```text
 /// 0 = M δa_i + δM a_i + δG_i ,      δX_i − δq_k = h c_i δv_k + h² Σ_j (A²)_ij δa_j ,
@@ -69,12 +68,12 @@ pub(crate) struct Tangent {
     stiffness: Matrix<f64>,
     /// −∂F/∂v likewise, if forces depend on the velocity.
     resistance: Option<Matrix<f64>>,
-    /// ∂G/∂θ of each parameter: what adds up to it.
+    /// ∂G/∂θ of each parameter, as a sum of parts.
     direct: Vec<Vec<Direct>>,
     /// ∂M: for each parameter the places whose entry it is.
     mass_changes: Vec<Vec<(usize, usize)>>,
     terms: Vec<Term>,
-    /// G V, and δG V of the parameters in G.
+    /// G V, and δG V for the parameters in G.
     gyroscopic: Option<Gyroscopic<f64, Matrix<f64>>>,
     gyroscopic_changes: Vec<(usize, Gyroscopic<f64, Matrix<f64>>)>,
     solver: Solver,
@@ -289,7 +288,7 @@ impl Tangent {
             mass_changes.push(changes);
             pasts.push(past);
         }
-        // With a past the motion begins with it, at rest.
+        // With a past the motion begins at rest at its first position.
         let (base, mut base_slopes) = (initial.base(), position.clone());
         let mut base_velocity = v0;
         if initial.past.is_some() {
@@ -372,8 +371,8 @@ impl Tangent {
         push(terms, (&first(start), &of_motion), (&first(position), &rest), scratch)
     }
 
-    /// Tells the memories what was before the start: a past that ends at this position, and its derivatives
-    /// by the parameters, which begin with these.
+    /// Pushes the motion before the start to the memories: a past that ends at this position, and its
+    /// derivatives by the parameters, which begin with the given ones.
     fn follow(
         &mut self,
         past: &Past,
@@ -389,7 +388,7 @@ impl Tangent {
         let view = self.scheme.view();
         let at_end = [1.0];
         let fractions = if self.at_main_nodes { &at_end[..] } else { view.nodes };
-        // Nodes where there are several; a single one lies on a straight line.
+        // The nodes, if there are several; a single one lies on a straight line.
         let stages = |from: &[f64], rise: &[f64], nodes: &[f64]| -> Vec<f64> {
             match nodes {
                 [] => rise.iter().map(|rise| fractions[0] * rise).collect(),
@@ -411,7 +410,7 @@ impl Tangent {
                 })
                 .collect();
             let own_rise = difference(&slope_end, &self.position);
-            // Node after node, of every parameter.
+            // Node after node, for every parameter.
             let each: Vec<Vec<f64>> = (slopes.iter().zip(self.position.chunks(n).zip(own_rise.chunks(n))))
                 .map(|(slope, (from, rise))| match slope {
                     Some(slope) => stages(from, rise, slope.nodes(step)),
@@ -791,7 +790,7 @@ impl Tangent {
 }
 
 impl Term {
-    /// What is told the motion itself.
+    /// The memories of the motion itself.
     fn motions_mut(&mut self) -> impl Iterator<Item = &mut Remembered> {
         self.value.iter_mut().chain(self.kernels.iter_mut().map(|(_, motion)| motion))
     }
@@ -906,7 +905,8 @@ fn refuse_rough(scenario: &Scenario, parameters: &[Parameter]) -> Result<(), Inp
     Ok(())
 }
 
-/// Tells the memories of all terms a sample of the motion and one of its derivatives, with their increments.
+/// Pushes a sample of the motion and one of its derivatives, with their increments, to the memories of all
+/// terms.
 fn push(
     terms: &mut [Term],
     (motion, told): (&Sample<'_, f64>, &[f64]),

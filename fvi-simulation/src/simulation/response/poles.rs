@@ -95,7 +95,7 @@ impl<'a> Search<'a> {
                 }
             }
         }
-        // There are no zeros beyond |s|² = 2 (Σ |ρ| |K(s)| + |K|).
+        // There are no zeros beyond |s|² = Σ |ρ| |K(s)| + |K|; |s| is doubled as a margin.
         let bound = |radius: f64| {
             let angles = [0.0, 0.25 * PI, 0.5 * PI, 0.75 * PI, PI];
             let size = |transfer: &TransferFunction| {

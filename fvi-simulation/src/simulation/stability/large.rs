@@ -29,8 +29,8 @@ pub(super) fn is_unconditional(discretisation: &Discretisation, damped: bool) ->
 /// Checks single modes: one with the largest eigenvalues of K and ρ relative to M, and slower ones with
 /// smaller eigenvalues in the same proportion.
 ///
-/// Exact where the matrices are proportional; elsewhere a good sign. Coordinates without mass are held fast,
-/// which makes the others faster than they are.
+/// Exact if the matrices are proportional; heuristic otherwise. Coordinates without mass are fixed, which
+/// makes the others faster than they are.
 pub(super) fn check_large(
     discretisation: &Discretisation,
     scenario: &Scenario,

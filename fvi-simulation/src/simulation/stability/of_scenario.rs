@@ -25,7 +25,7 @@ pub(crate) fn check_step(
     if scenario.time.allow_unstable || scenario.time.adaptive().is_some() || may_drive(scenario) {
         return Ok(());
     }
-    // Whatever the mass, and without a Cholesky factor of what may be large.
+    // Stable for any mass; this avoids a Cholesky factor of a possibly large matrix.
     let massless = !scenario.system.massless().is_empty();
     if massless && large::is_unconditional(&discretisation, !scenario.system.damping.is_empty()) {
         return Ok(());

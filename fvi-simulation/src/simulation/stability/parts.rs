@@ -10,7 +10,7 @@ const ROUNDING: f64 = 1e-12;
 /// Largest number of coordinates of a part; in larger ones the coupling between the modes is neglected.
 pub(crate) const LARGEST_PART: usize = 40;
 
-/// A part of the system, in coordinates where the mass matrix is the identity, unless it is given.
+/// A part of the system, in coordinates where the mass matrix is the identity unless `mass` is given.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Part {
     /// M, positive semidefinite, if it is not the identity.
@@ -108,7 +108,7 @@ pub(super) fn all_parts(system: &LinearSystem) -> Result<Vec<Part>, Vec<DMatrix<
     Ok(found.iter().map(|members| part(&matrices, members, Has::of(system))).collect())
 }
 
-/// What the last of the matrices of a system are, behind K and ρ: C and then M, of those that there are.
+/// Which matrices of a system follow K and ρ in a list: C and then M, as far as they exist.
 #[derive(Clone, Copy)]
 struct Has {
     resistance: bool,

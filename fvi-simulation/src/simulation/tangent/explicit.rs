@@ -10,12 +10,12 @@ use nalgebra::SVector;
 pub(super) enum Direct {
     /// For entries of K, with their mirror images.
     Entries(Vec<(usize, usize, f64)>),
-    /// ∂(ρ K(0)) (q − q*) of a kernel with a spring.
+    /// ∂(ρ K(0)) (q − q*) for a kernel with a spring.
     Spring {
         entries: Vec<(usize, usize, f64)>,
         rest: Vec<f64>,
     },
-    /// Force of the springs of kernels, where their place of rest is the parameter.
+    /// Force of the springs of kernels, if the parameter is their rest position.
     Constant(Vec<f64>),
     Expressions(Box<Expressions>),
 }
@@ -58,11 +58,11 @@ impl Room {
 }
 
 impl Direct {
-    /// Those that there are.
+    /// All parts of ∂G/∂θ of a parameter.
     pub(super) fn all(scenario: &Scenario, what: &Quantity) -> Vec<Self> {
         let damping = &scenario.system.damping;
         let size = scenario.coordinates();
-        // Where the spring of a term is at rest.
+        // Rest position of the spring of a term.
         let rest = |term: usize| match damping[term].derivative {
             Derivative::Caputo => scenario.initial.base().to_vec(),
             Derivative::RiemannLiouville => vec![0.0; size],
@@ -78,7 +78,7 @@ impl Direct {
                 let entries = change.iter().map(|&(row, column, entry)| (row, column, spring * entry));
                 parts.push(Self::Spring { entries: entries.collect(), rest: rest(*term) });
             }
-            // Where the motion begins that memories know.
+            // Position at which the motion of the memories begins.
             &Quantity::Position(index) | &Quantity::Past(0, index)
                 if scenario.initial.past.is_none() || !matches!(what, Quantity::Position(_)) =>
             {
