@@ -313,7 +313,7 @@ impl<T: Real, X: Space<T>, M: Memory<T>> DampedMotion<T, X, M> {
         }
     }
 
-    /// Header of the saved state: what a state must agree with to be restored.
+    /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<3> {
         let left_out = match self.start {
             Subtraction::Nothing => 0,

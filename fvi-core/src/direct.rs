@@ -190,7 +190,7 @@ where
         self.rings.as_ref().iter().map(Ring::capacity).min().unwrap_or(0)
     }
 
-    /// Header of the saved state: what a state must agree with to be restored.
+    /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<3> {
         let kernel = fingerprint(self.leading());
         [
@@ -479,7 +479,7 @@ mod tests {
             restored.next_term(&mut found).unwrap();
             memory.next_term(&mut expected).unwrap();
             assert_eq!(found, expected);
-            // The first ring's count lies behind the header and the number of samples.
+            // The first ring's count follows the header and the number of samples.
             let place = header_bytes(4);
             let kept = bytes[place];
             bytes[place] = kept - 1;

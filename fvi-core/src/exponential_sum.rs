@@ -29,7 +29,7 @@ type Lanes<T> = [T; LANES];
 ///
 /// For plain numbers (S = 1) u_j is the value of an exponential at n = n₀ and v_j = 1; kernels of S×S
 /// matrices have rank-one terms. The table holds μ_j = 1 − R_j and not the factor R_j, which near 1 would
-/// lose the digits that decide what is left after many steps.
+/// lose the digits that determine R_j to the power of many steps.
 ///
 /// This is plain data, so that it can lie in flash; [`check`](ExponentialTable::check) checks it. `C` is
 /// anything that holds numbers: `&'static [f32]`, `[f32; 8]`, `Vec<f64>`.
@@ -359,7 +359,7 @@ where
         &self.table
     }
 
-    /// Header of the saved state: what a state must agree with to be restored.
+    /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<4> {
         let table = self.table.borrow();
         let kernel = fingerprint(table.head.iter().chain(table.exponentials)) ^ self.scale.bits();
@@ -444,8 +444,8 @@ fn saturated(count: u64) -> usize {
     usize::try_from(count).unwrap_or(usize::MAX)
 }
 
-/// Where the parts of the state lie, one behind the other. The running sums come first: where the state is
-/// aligned, so are they. Third parts of sums, which few tables have, come last but for the leading weight.
+/// Layout of the parts of the state, one after another. The running sums come first and are aligned if the
+/// state is. Third parts of sums, which few tables have, come last except for the leading weight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Layout {
     stages: usize,

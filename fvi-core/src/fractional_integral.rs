@@ -231,7 +231,7 @@ impl<T: Real, M: Memory<T>> FractionalIntegral<T, M> {
         }
     }
 
-    /// Forgets all samples and goes on from s = `value`.
+    /// Clears all samples and continues from s = `value`.
     ///
     /// # Errors
     /// [`OperatorError::NotFinite`] if it is not a finite number; nothing is forgotten then.
@@ -283,7 +283,7 @@ impl<T: Real, M: Memory<T>> FractionalIntegral<T, M> {
         Ok(())
     }
 
-    /// Header of the saved state: what a state must agree with to be restored.
+    /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<1> {
         [("bits of the step size of the sum", self.step_size.map_or(0, Real::bits))]
     }

@@ -428,7 +428,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         Ok(())
     }
 
-    /// Header of the saved state: what a state must agree with to be restored.
+    /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<2> {
         let coordinates = self.space.coordinates() as u64;
         [("coordinates", coordinates), ("bits of the step size", self.step_size.bits())]

@@ -677,7 +677,7 @@ mod tests {
             assert_eq!(made(right, &head, 1e-3), Err("leading weight of the table"), "{exponent}");
             assert_eq!(made(kernel(exponent, 1.0), &head, 1.0), Err("leading weight of the table"));
         }
-        // Three weights that end the table are not those of a kernel that goes on.
+        // A table that ends after three weights is not that of a kernel with infinitely many.
         let scale = |weights: &[f32], ends| kernel(1.0, 0.5).scale_of(weights, ends).map_err(|_| ());
         assert_eq!(scale(&[1.0, -1.0], true), Ok((2.0, ActsOn::Values)));
         assert!(kernel(0.5, 1.0).scale_of(&[1.0f32, -0.5, -0.125], true).is_err());

@@ -337,9 +337,9 @@ pub fn keep_factors<T: Real>(matrix: &mut [T], pivots: &mut [usize], kept: &mut 
 
 /// Solves A x = `vector` with what [`keep_factors`] wrote; x replaces `vector`.
 ///
-/// As many products as with the inverse of A, but what is left of A x − `vector` is rounding of A x, however
-/// stiff the equations are: the error of a product with a rounded inverse grows with the condition of A, and
-/// from 10⁸ on a stiff motion is lost in it.
+/// As many products as with the inverse of A, but the residual A x − `vector` is of the size of the rounding
+/// error of A x for any stiffness: the error of a product with a rounded inverse grows with the condition
+/// number of A, and beyond 10⁸ a stiff motion is lost in it.
 #[inline(always)]
 pub fn substitute_kept<T: Real, P: Copy + Into<usize>>(kept: &[T], pivots: &[P], vector: &mut [T]) {
     let n = pivots.len();
@@ -409,8 +409,8 @@ pub fn is_positive_definite_in_place<T: Real>(matrix: &mut [T], n: usize) -> boo
     true
 }
 
-/// Zeros. nalgebra's own constructors count what they write, and only some levels of optimisation see that
-/// the count is right and cannot fail.
+/// The zero vector. nalgebra's constructors check the number of entries written, and the check is not removed
+/// at every level of optimisation.
 #[inline(always)]
 pub(crate) fn zero_vector<T: Real, const N: usize>() -> SVector<T, N> {
     SVector::from([T::zero(); N])

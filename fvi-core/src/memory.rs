@@ -200,7 +200,7 @@ pub struct SavedChannels {
     pub to: usize,
 }
 
-/// Why a memory engine refused a call. The engine is as it was before.
+/// Reason why a memory engine refused a call; the engine is unchanged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]

@@ -382,7 +382,7 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
         Ok(())
     }
 
-    /// Header of the saved state: what a state must agree with to be restored.
+    /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<3> {
         let (kind, rise) = match self.start {
             Start::RiemannLiouville => (0, T::zero()),

@@ -719,7 +719,7 @@ where
         Ok(())
     }
 
-    /// Header of the saved state: what a state must agree with to be restored.
+    /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<4> {
         let settings = self.law.borrow().settings();
         let series = u64::from(matches!(settings.gains, PidGains::Series { .. }));

@@ -17,7 +17,7 @@ pub struct Step<'a, T> {
     pub time: T,
     /// Time t_{k+1} at its end.
     pub end: T,
-    /// Its size h.
+    /// Step size h.
     pub size: T,
     /// Input u_k: a force held over the step, added to F(t, q). Missing numbers are zero.
     pub input: &'a [T],

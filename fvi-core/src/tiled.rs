@@ -158,7 +158,7 @@ impl<'w, T: Real, const C: usize, const B: usize> Tiled<'w, T, C, B> {
         Self { acts_on, ..self }
     }
 
-    /// Header of the saved state: what a state must agree with to be restored.
+    /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<4> {
         let refuses = u64::from(self.overflow == Overflow::Refuse);
         let kernel = fingerprint(self.weights) ^ self.scale.bits();

@@ -273,7 +273,7 @@ where
         (2 * R + 1) * self.table.rates.as_ref().len() + R * R
     }
 
-    /// Header of the saved state: what a state must agree with to be restored.
+    /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<3> {
         let table = self.table.borrow();
         let numbers = table.leading.iter().chain(table.rates).chain(table.coefficients);

@@ -142,8 +142,8 @@ mod tests {
 
     #[test]
     fn a_block_of_lags_is_summed_by_itself() {
-        // The ones at the end of the first block, lags 2047 and 2048, meet before the 2⁵³ behind it, beside
-        // which each of them alone would be lost.
+        // The ones at the end of the first block, lags 2047 and 2048, are added to each other before the 2⁵³
+        // after them, to which each alone would be lost.
         let (mut weights, samples) = (std::vec![0.0; 2050], std::vec![1.0; 2049]);
         (weights[2047], weights[2048], weights[2049]) = (1.0, 1.0, 2f64.powi(53));
         assert_eq!(weighted_sum(&weights, &samples, &[]), 2f64.powi(53) + 2.0);

@@ -152,7 +152,7 @@ impl<T: Scalar, const S: usize> ChunkedExponentialSum<T, S> {
         Self { acts_on, ..self }
     }
 
-    /// Header of the saved state: what a state must agree with to be restored.
+    /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<3> {
         let channels = (self.coordinates.len() * S) as u64;
         [("channels", channels), ("stages", S as u64), ("fingerprint of the kernel", self.fingerprint)]
@@ -674,7 +674,7 @@ mod tests {
     fn bytes_are_those_of_the_object_and_of_every_number() {
         let table = ExponentialTable { head: &[1.0; 20][..], ..halves() };
         let memory = ChunkedExponentialSum::<f64, 1>::new(&table, 3).unwrap();
-        // The head spans two chunks: direct weights reach so far, and so many chunks are kept.
+        // The head spans two chunks: the reach of the direct weights, and the number of past chunks stored.
         let (row, distance, blocks) = (8 * CHUNK, 2, 1);
         let tables = 8 + distance * CHUNK * row + blocks * (3 + 1 + 1 + 16) * row;
         let coordinate = (3 * row + 2 * size_of::<Vec<f64>>()).next_multiple_of(align_of::<Row<f64>>());

@@ -334,7 +334,7 @@ impl<T: Scalar, const R: usize> VectorVariableSteps<T, R> {
         }
     }
 
-    /// Header of the saved state: what a state must agree with to be restored.
+    /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<3> {
         [
             ("coordinates", self.last.len() as u64),

@@ -93,7 +93,7 @@ pub struct MemoryRequest<'a> {
     /// Whether the samples are given values and not solved increments: then the memory acts on values, and
     /// its error is that of the plain sum for any samples.
     pub given: bool,
-    /// The engine asked for, and its settings.
+    /// The requested engine, and its settings.
     pub history: &'a History,
 }
 
@@ -198,7 +198,7 @@ impl MemoryRequest<'_> {
     /// The memory, empty, on the requested engine or on the fastest that is exact to rounding.
     ///
     /// # Errors
-    /// [`EngineError`] if the engine asked for cannot serve the kernel.
+    /// [`EngineError`] if the requested engine cannot serve the kernel.
     pub fn build<T: Memories>(&self) -> Result<HostMemory<T>, EngineError> {
         self.build_with(&Tables::default())
     }

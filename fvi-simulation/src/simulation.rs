@@ -456,11 +456,11 @@ struct TypedSimulation<T: Elementary + Memories> {
 /// Schedule for the energies of states.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Energies {
-    /// Those of a batch together.
+    /// For all states of a batch together.
     Together,
     /// After every step.
     EveryStep,
-    /// At rows that are written.
+    /// After steps whose row is written.
     Rows,
 }
 

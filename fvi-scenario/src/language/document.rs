@@ -367,17 +367,17 @@ impl<'a> Value<'a> {
         Ok(array.iter().enumerate().map(element).collect())
     }
 
-    /// Whether it is a list.
+    /// Whether the value is a list.
     pub fn is_list(&self) -> bool {
         self.value.get_ref().is_array()
     }
 
-    /// Whether it is a text.
+    /// Whether the value is a text.
     pub(crate) fn is_text(&self) -> bool {
         self.value.get_ref().is_str()
     }
 
-    /// Whether it is a table.
+    /// Whether the value is a table.
     pub fn is_table(&self) -> bool {
         self.value.get_ref().is_table()
     }

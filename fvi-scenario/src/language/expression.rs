@@ -2,7 +2,7 @@
 //!
 //! An expression is parsed once against the names it may use ([`Symbols`]); parameters and everything else
 //! that is constant are folded in `f64`. It is then evaluated in `f32` or `f64` together with as many
-//! derivatives as are asked for, by second-order forward differentiation: exact up to rounding, no
+//! derivatives as are needed, by second-order forward differentiation: exact up to rounding, no
 //! difference quotients. Every function comes from `libm`, so that a host and a microcontroller agree.
 //!
 //! Grammar, loosest binding first:

@@ -12,7 +12,7 @@ use fvi_core::{BdfOrder, ConvolutionWeights, DoubleDouble, ParameterError};
 use fvi_fft::real_transforms;
 use nalgebra::Complex;
 
-/// Number of weights computed from the power series. After so many the contributions that the integral over
+/// Number of weights computed from the power series. Beyond these the contributions that the integral over
 /// the cut leaves out are negligible: |ζ|⁻ⁿ with |ζ| ≥ 1.13 for BDF 6.
 const HEAD: usize = 512;
 

@@ -19,7 +19,7 @@ pub struct Relaxation {
     /// t and G, one after the other.
     rows: Vec<f64>,
     decay: Option<f64>,
-    /// Whether it is an entry of a matrix, for which passivity is a property of the whole.
+    /// Whether the kernel is an entry of a matrix, for which passivity is a property of the whole.
     part: bool,
 }
 

@@ -57,9 +57,9 @@ pub struct StartingCorrection<T, M> {
 /// Defects of powers of time.
 #[derive(Clone, Debug)]
 enum Defects {
-    /// Those of s^β with step size 1, and the factor h^{−β}.
+    /// Defects of s^β with step size 1, and the factor h^{−β}.
     Power { defects: PowerDefects, scale: f64 },
-    /// Those of another kernel.
+    /// Defects of another kernel.
     Kernel(Box<KernelDefects>),
 }
 
@@ -141,7 +141,7 @@ impl<T: Real, M: Memory<T>> StartingCorrection<T, M> {
         Ok(this)
     }
 
-    /// Header of the saved state: what a state must agree with to be restored.
+    /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<2> {
         let exponents = fingerprint(&self.exponents);
         [("channels", self.memory.channels() as u64), ("fingerprint of the starting exponents", exponents)]

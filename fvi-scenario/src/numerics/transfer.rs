@@ -441,7 +441,7 @@ impl TransferFunction {
         })
     }
 
-    /// Whether it is determined by cut and poles: its response is a sum of decaying exponentials.
+    /// Whether the kernel is determined by cut and poles: its response is a sum of decaying exponentials.
     pub fn is_relaxation(&self) -> bool {
         !matches!(self.form, Form::Formula { relaxation: false, .. } | Form::Weights(_))
     }

@@ -81,7 +81,7 @@ impl SkewMatrix {
         Ok(Self { entries, size, source })
     }
 
-    /// Whether it was read from a file.
+    /// Whether the matrix was read from a file.
     pub fn is_from_file(&self) -> bool {
         self.source.is_some()
     }

@@ -81,12 +81,12 @@ impl SharedTerms {
         Self(Arc::new(Mutex::new(terms)))
     }
 
-    /// Whether they depend on the position; terms that depend on the velocity count too.
+    /// Whether the terms depend on the position; terms that depend on the velocity count too.
     pub fn depend_on_position(&self) -> bool {
         self.with(|terms| terms.depends_on_position() || terms.depends_on_velocity())
     }
 
-    /// Whether they depend on the velocity.
+    /// Whether the terms depend on the velocity.
     pub fn depend_on_velocity(&self) -> bool {
         self.with(|terms| terms.depends_on_velocity())
     }
@@ -99,7 +99,7 @@ impl SharedTerms {
         })
     }
 
-    /// Whether they depend on the position and state the places of their derivatives.
+    /// Whether the terms depend on the position and state the places of their derivatives.
     pub fn are_sparse(&self) -> bool {
         !self.are_full() && self.depend_on_position()
     }

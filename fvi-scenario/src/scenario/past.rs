@@ -94,7 +94,7 @@ impl Past {
         self.positions.len() / (self.coordinates * self.rows_of_step)
     }
 
-    /// Whether it was read from a file.
+    /// Whether the past was read from a file.
     pub fn is_from_file(&self) -> bool {
         self.source.is_some()
     }

@@ -144,7 +144,7 @@ impl ConvolutionFamily {
         }
     }
 
-    /// Whether it is a Runge–Kutta family, with stages.
+    /// Whether the scheme is a Runge–Kutta family, with stages.
     pub fn is_staged(&self) -> bool {
         self.staged().is_some()
     }

@@ -15,7 +15,7 @@ pub struct SchemeDescriptor {
     pub order_inside: usize,
     /// Whether the momentum inside a step has that order too.
     pub has_momentum_inside: bool,
-    /// Whether it is variational: a step makes a discrete action stationary.
+    /// Whether the scheme is variational: a step makes a discrete action stationary.
     pub is_variational: bool,
     /// Whether an undamped motion loses energy by the scheme.
     pub is_dissipative: bool,

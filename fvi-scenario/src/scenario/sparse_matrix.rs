@@ -173,7 +173,7 @@ impl SparseMatrix {
             && (Arc::ptr_eq(&self.pattern, &other.pattern) || self.pattern == other.pattern)
     }
 
-    /// Whether it is another matrix times a number ≥ 0, to rounding.
+    /// Whether the matrix is `other` times a number ≥ 0, to rounding.
     fn is_multiple_of(&self, other: &Self) -> bool {
         let Some(largest) = other.values.iter().copied().max_by(|a, b| a.abs().total_cmp(&b.abs())) else {
             return false;
@@ -310,7 +310,7 @@ impl KnownMatrices {
         self.with(|known| known.definite.iter().any(|other| other.has_entries_of(matrix)))
     }
 
-    /// Whether it is a multiple of a known semidefinite matrix.
+    /// Whether the matrix is a multiple of a known semidefinite matrix.
     fn is_semidefinite(&self, matrix: &SparseMatrix) -> bool {
         self.with(|known| known.semidefinite.iter().any(|other| matrix.is_multiple_of(other)))
     }

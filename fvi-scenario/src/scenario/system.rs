@@ -81,7 +81,7 @@ pub struct Damping {
 #[derive(Clone, Debug, PartialEq)]
 struct Part {
     whole: Arc<RelaxationMatrix>,
-    /// Whether it takes the place of the term in the scenario.
+    /// Whether the part replaces the term in the scenario.
     stands_for_it: bool,
 }
 

@@ -25,7 +25,7 @@ pub enum Matrix<T> {
 /// The structurally nonzero entries of a matrix, row by row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sparse<T> {
-    /// Their places.
+    /// Places of the entries.
     pub pattern: Arc<Pattern>,
     /// One number for each place of the pattern.
     pub values: Shared<T>,

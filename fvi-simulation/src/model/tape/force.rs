@@ -87,17 +87,17 @@ impl<T: Elementary> CompiledForce<T> {
         self.is_constant() && self.constant.is_empty()
     }
 
-    /// Whether it depends neither on the time nor on the position.
+    /// Whether the force depends neither on the time nor on the position.
     pub fn is_constant(&self) -> bool {
         !self.depends_on_time() && !self.depends_on_position()
     }
 
-    /// Whether it depends on the time.
+    /// Whether the force depends on the time.
     pub fn depends_on_time(&self) -> bool {
         self.timed.is_some() || self.rest.as_ref().is_some_and(|rest| rest.depends_on_time)
     }
 
-    /// Whether it depends on the position.
+    /// Whether the force depends on the position.
     pub fn depends_on_position(&self) -> bool {
         !self.linear.is_empty() || self.rest.is_some()
     }
