@@ -19,22 +19,22 @@ use crate::weights::BdfOrder;
 /// [`set`](FractionalIntegral::set): for limits, and for transfer without a bump. For λ > 1, where D^{1−λ}
 /// itself is an integral, and for λ = 1, where it is the identity, nothing else changes.
 ///
-/// **What a set state remembers.** Only s is set; D^{1−λ} still knows the past. After 1 s of x = 1 and then
-/// zeros I^0.8 falls from 1.07 to 0.34 within 100 s, and from whatever value s was given it falls by those
-/// 0.73 as well. [`restart`](FractionalIntegral::restart) lets D^{1−λ} forget: then s stays where it was put
-/// until samples move it.
+/// **History of a set state.** Only s is set; D^{1−λ} keeps its history. After 1 s of x = 1 and then zeros
+/// I^0.8 falls from 1.07 to 0.34 within 100 s, and from any value that s was set to it falls by the same
+/// 0.73. [`restart`](FractionalIntegral::restart) clears the history of D^{1−λ}: then s stays at its value
+/// until samples change it.
 ///
-/// **Take a memory on increments** for λ < 1
-/// ([`monic_increment_table`](crate::monic_increment_table), `fvi exponentials --increments`). That of a
-/// table on values has errors ε of its weights, which for a signal that stays do not cancel as the weights
-/// do: s then drifts by ε h^λ for each sample, k^{1−λ} ε of I^λ after k of them. On increments the error
-/// stays at ε.
+/// **Use a memory on increments** for λ < 1 ([`monic_increment_table`](crate::monic_increment_table), `fvi
+/// exponentials --increments`). The weights of a table on values have errors ε that do not cancel for a
+/// constant signal as the weights do: s then drifts by ε h^λ for each sample, k^{1−λ} ε of I^λ after k of
+/// them. On increments the error stays at ε.
 ///
-/// **Over long times in single precision** take for λ < 1 the memory of I^λ itself,
-/// [`of_integral`](FractionalIntegral::of_integral): s then is its value and a number beside it, which is set,
-/// and nothing is summed up. Its error stays at 4·10⁻⁷ of the largest value however many samples there are, as
-/// that of [`FractionalPid`](crate::FractionalPid) does. As the integral of a derivative s gathers what the
-/// values of D^{1−λ} are rounded by, N^{1−λ} of their last digits at worst. For λ ≥ 1 nothing is gathered.
+/// **Over long times in single precision** use for λ < 1 the memory of I^λ itself,
+/// [`of_integral`](FractionalIntegral::of_integral): s is then its value plus an offset that can be set, and
+/// nothing is summed. Its error stays at 4·10⁻⁷ of the largest value for any number of samples, as that of
+/// [`FractionalPid`](crate::FractionalPid) does. As the integral of a derivative, s accumulates the rounding
+/// errors of the values of D^{1−λ}, at worst N^{1−λ} of their last digits after N samples. For λ ≥ 1 nothing
+/// accumulates.
 ///
 /// ```
 /// # use fvi_core::{BdfOrder, FractionalIntegral, Kernel, monic_increment_table};
@@ -60,11 +60,11 @@ pub struct FractionalIntegral<T, M> {
     step_size: Option<T>,
     /// s.
     sum: T,
-    /// Rounding error of s so far (compensated summation), or s less the value of I^λ.
+    /// Rounding error of s (compensated summation), or the offset of s from the value of I^λ.
     rest: T,
 }
 
-/// A sample that an integral has computed with and not taken yet; dropped, it leaves the integral as it was.
+/// A sample whose value an integral has computed but not yet taken; if dropped, the integral is unchanged.
 #[derive(Debug)]
 #[must_use = "the integral has not taken the sample"]
 pub struct PendingIntegral<'a, T, M> {
@@ -102,7 +102,7 @@ impl<T: Real, M: Memory<T>> FractionalIntegral<T, M> {
     ///
     /// # Errors
     /// [`ParameterError`] if β is not in (−1, 1), the rule is not the backward differentiation formula of
-    /// order 1 with a step size, or the memory is not one of the kernel with one channel.
+    /// order 1 with a step size, or the memory does not have one channel with the weights of the kernel.
     pub fn new(kernel: &Kernel, memory: M) -> Result<Self, ParameterError> {
         let exponent = kernel.symbol().growth();
         ParameterError::check(
@@ -121,8 +121,8 @@ impl<T: Real, M: Memory<T>> FractionalIntegral<T, M> {
     /// s_k = (I^λ x)_k + c ,
     /// ```
     ///
-    /// where [`set`](FractionalIntegral::set) moves c and [`restart`](FractionalIntegral::restart) lets I^λ
-    /// forget. The values are those of [`new`](FractionalIntegral::new) on D^{1−λ}, set or not.
+    /// where [`set`](FractionalIntegral::set) changes c and [`restart`](FractionalIntegral::restart) clears
+    /// the history of I^λ. The values are those of [`new`](FractionalIntegral::new) on D^{1−λ}, set or not.
     ///
     /// # Errors
     /// As [`new`](FractionalIntegral::new), for an exponent −λ in (−1, 0).
@@ -134,7 +134,7 @@ impl<T: Real, M: Memory<T>> FractionalIntegral<T, M> {
         Ok(Self { derivative, step_size: None, sum: T::zero(), rest: T::zero() })
     }
 
-    /// The operator of a kernel with a step size, and that.
+    /// The operator of a kernel with a step size, and that step size.
     fn operator(kernel: &Kernel, mut memory: M) -> Result<(FractionalOperator<T, M>, f64), ParameterError> {
         let allowed = "one of backward differentiation of order 1, with a step size";
         let wrong = ParameterError { parameter: "kernel", value: f64::NAN, allowed };
@@ -197,10 +197,10 @@ impl<T: Real, M: Memory<T>> FractionalIntegral<T, M> {
         self.sum
     }
 
-    /// Sets s. What the operator knows of the past stays; see [`restart`](FractionalIntegral::restart).
+    /// Sets s. The operator keeps its history; see [`restart`](FractionalIntegral::restart).
     ///
     /// # Errors
-    /// [`OperatorError::NotFinite`] if it is not a finite number, or too far from the value of I^λ for one.
+    /// [`OperatorError::NotFinite`] if it is not a finite number, or its offset from the value of I^λ is not.
     pub fn set(&mut self, value: T) -> Result<(), OperatorError> {
         let rest = match self.step_size {
             Some(_) => T::zero(),
@@ -231,7 +231,7 @@ impl<T: Real, M: Memory<T>> FractionalIntegral<T, M> {
         }
     }
 
-    /// Forgets all samples and goes on from s = `value`.
+    /// Clears all samples and continues from s = `value`.
     ///
     /// # Errors
     /// [`OperatorError::NotFinite`] if it is not a finite number; nothing is forgotten then.
@@ -259,20 +259,20 @@ impl<T: Real, M: Memory<T>> FractionalIntegral<T, M> {
         header_bytes(1) + 2 * T::BYTES + self.derivative.state_bytes()
     }
 
-    /// Writes the state, so that an integral made alike that restores it goes on with the same bits.
+    /// Writes the state. An integral with the same parameters that restores it continues with identical bits.
     ///
     /// # Errors
-    /// [`StateError::NoRoom`], and what the memory says.
+    /// [`StateError::NoRoom`], and the errors of the memory.
     pub fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
         to.header::<T, 1>(TAG, &self.shape())?;
         to.numbers([&self.sum, &self.rest])?;
         self.derivative.save(to)
     }
 
-    /// Takes over a saved state in place of its own.
+    /// Replaces the state by a saved one.
     ///
     /// # Errors
-    /// [`StateError`] if the bytes are not the state of such an integral; it is as before.
+    /// [`StateError`] if the bytes are not the state of such an integral, which then is unchanged.
     pub fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         let mut ahead = from.clone();
         ahead.header::<T, 1>(TAG, &self.shape())?;
@@ -283,7 +283,7 @@ impl<T: Real, M: Memory<T>> FractionalIntegral<T, M> {
         Ok(())
     }
 
-    /// Header of the saved state: what a state must agree with to be restored.
+    /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<1> {
         [("bits of the step size of the sum", self.step_size.map_or(0, Real::bits))]
     }
@@ -479,7 +479,7 @@ mod tests {
 
     #[test]
     fn ten_million_samples_leave_no_drift_in_single_precision() {
-        // An accumulator by itself, λ = 1, of numbers that single precision rounds.
+        // λ = 1 alone, an accumulator, with numbers that single precision rounds.
         static ONE: [f32; 1] = [1.0];
         let kernel = Kernel::bdf(ORDER, 0.0, 1e-3).unwrap();
         let memory = kernel.short_memory::<f32, 1, 1>(&ONE).unwrap();

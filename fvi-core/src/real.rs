@@ -36,7 +36,7 @@ pub trait Real: RealField + Copy + Default {
     fn power(self, exponent: Self) -> Self;
 }
 
-/// a + b rounded, and what rounding took away, exactly. \[Knuth2\]
+/// a + b rounded, and its exact rounding error. \[Knuth2\]
 #[inline(always)]
 pub(crate) fn sum_and_rest<T: Real>(a: T, b: T) -> (T, T) {
     let sum = a + b;

@@ -1,4 +1,5 @@
-//! Numerical mathematics that needs an allocator or is done once: tables for memories, weights, benchmarks.
+//! Numerical methods that need an allocator or are applied once per run: tables for memories, weights,
+//! benchmarks.
 
 pub mod active;
 pub mod algebra;

@@ -1,4 +1,5 @@
-//! A scenario's system and scheme as the core wants them: any number of coordinates, expressions compiled.
+//! A scenario's system and scheme as implementations of fvi-core's traits: any number of coordinates,
+//! compiled expressions.
 
 mod band;
 mod chain;

@@ -1,4 +1,4 @@
-//! Values with their derivatives by one number, in any algebra that transfer functions are computed in.
+//! Values with their derivatives by one number, in any algebra in which transfer functions are evaluated.
 
 use super::algebra::Algebra;
 use fvi_core::DoubleDouble;
@@ -13,12 +13,12 @@ pub struct Dual<A> {
 }
 
 impl<A: Algebra> Dual<A> {
-    /// What does not depend on θ.
+    /// A value that does not depend on θ.
     pub fn constant_in(value: &A) -> Self {
         Self { value: value.clone(), slope: value.constant(0.0) }
     }
 
-    /// g(f(θ)) with g′ at f(θ).
+    /// g(f(θ)), from g and g′ at f(θ).
     fn chain(&self, value: A, slope: &A) -> Self {
         Self { value, slope: self.slope.multiply(slope) }
     }

@@ -6,8 +6,8 @@ use fvi_core::{DoubleDouble, ParameterError};
 use nalgebra::Complex;
 use std::sync::Arc;
 
-/// ∂K(s)/∂θ of a transfer function K and one of its parameters θ, a function of s as K is: its weights are
-/// the derivatives of those of K.
+/// ∂K(s)/∂θ of a transfer function K by one of its parameters θ, a function of s like K: its weights are the
+/// derivatives of those of K.
 ///
 /// With L = ln(τs), u = (τs)^β, v = (τs)^{β−α} and w = (τs)^α:
 ///
@@ -41,12 +41,12 @@ enum Of {
     Formula(Arc<dyn Formula>),
 }
 
-/// Beside a power of s there may be a logarithm.
+/// Allowance for a logarithm that multiplies the power of s.
 const LOGARITHM: f64 = 1e-6;
 
 impl TransferDerivative {
-    /// The derivative with respect to the parameter of this name, of a Prony series that of a term; `None` if
-    /// there is no such parameter, and for formulas.
+    /// The derivative with respect to the parameter of this name, for a Prony series that of the term
+    /// `index`; `None` if there is no such parameter, and for formulas.
     pub fn new(transfer: &TransferFunction, name: &str, index: usize) -> Option<Self> {
         if transfer.text().is_some() {
             return None;
@@ -61,7 +61,7 @@ impl TransferDerivative {
         Some(Self { of, growth: transfer.growth() + LOGARITHM, spring: 0.0 })
     }
 
-    /// The derivative of a formula, given by itself, with what it has at s = 0.
+    /// The derivative of a formula, itself given as a formula, whose value at s = 0 is split off.
     ///
     /// # Errors
     /// If it is not finite for every positive s.
@@ -88,8 +88,8 @@ impl TransferDerivative {
         }
     }
 
-    /// ∂K(0)/∂θ, the derivative of the spring beside the memory, which [`value`](Self::value) and
-    /// [`series`](Self::series) are without.
+    /// ∂K(0)/∂θ, the derivative of the spring beside the memory, which is not included in
+    /// [`value`](Self::value) and [`series`](Self::series).
     pub fn spring(&self) -> f64 {
         self.spring
     }
@@ -99,7 +99,7 @@ impl TransferDerivative {
         self.growth
     }
 
-    /// Whether the exponent with which K grows depends on θ: then ∂K/∂θ has a logarithm beside K.
+    /// Whether the exponent with which K grows depends on θ: then ∂K/∂θ is larger than K by a logarithm.
     pub fn changes_growth_of(&self, transfer: &TransferFunction) -> bool {
         let ratio = |exponent: f64| {
             let s = Complex::new(libm::exp10(exponent), 0.0);
@@ -126,7 +126,7 @@ impl TransferDerivative {
     }
 
     fn of<A: Algebra>(&self, s: &A) -> A {
-        // A series of a formula is no function of a series.
+        // A formula's derivative has no power series here.
         let Of::Form { form, numbers, parameter, term } = &self.of else { return s.constant(f64::NAN) };
         let exact = DoubleDouble::exact;
         let one = s.constant(1.0);
@@ -195,7 +195,7 @@ mod tests {
 
     type Made = Result<TransferFunction, ParameterError>;
 
-    /// A parameter, its index and value, and the function of it.
+    /// A parameter, its index and value, and the kernel as a function of it.
     type Case = (&'static str, usize, f64, Box<dyn Fn(f64) -> Made>);
 
     #[test]
@@ -218,7 +218,7 @@ mod tests {
             for s in [Complex::new(0.4, 0.0), Complex::new(0.01, 3.0), Complex::new(-2.0, 0.7)] {
                 let value = |x: f64| make(x).unwrap().value(s);
                 let h = 1e-3 * at;
-                // Of order four.
+                // Difference of order four.
                 let difference = ((value(at + h) - value(at - h)) * 8.0
                     - (value(at + 2.0 * h) - value(at - 2.0 * h)))
                     / (12.0 * h);

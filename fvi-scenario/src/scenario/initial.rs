@@ -1,4 +1,4 @@
-//! `[initial]`: where the system starts.
+//! `[initial]`: the initial state.
 
 use super::keys;
 use super::past::Past;
@@ -12,9 +12,9 @@ use serde::Serialize;
 pub struct InitialState {
     /// q₀.
     pub position: Vec<f64>,
-    /// p₀ = M v₀; zero where there is no mass.
+    /// p₀ = M v₀; zero for coordinates without mass.
     pub momentum: Vec<f64>,
-    /// What memories know of the time before; absent: the system was at rest at q₀.
+    /// The motion before the start, for the memories; absent: the system was at rest at q₀.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub past: Option<Past>,
 }
@@ -54,8 +54,8 @@ impl InitialState {
         self.past.as_ref().map_or(0, Past::steps)
     }
 
-    /// Where the motion begins that memories know, from rest unless it begins at the start: what is left out
-    /// of Caputo's derivatives.
+    /// The position at which the motion of the memories begins, which Caputo's derivatives subtract: that at
+    /// the beginning of the past, or q₀ without a past.
     pub fn base(&self) -> &[f64] {
         self.past.as_ref().map_or(&self.position, Past::first)
     }

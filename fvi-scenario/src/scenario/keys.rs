@@ -1,4 +1,4 @@
-//! The keys of the tables that say how a system is integrated.
+//! The keys of the tables for the integration of a system.
 
 /// Keys of `[initial]`.
 pub(super) const INITIAL: [&str; 4] = ["position", "momentum", "velocity", "past"];
@@ -11,13 +11,13 @@ pub(super) const HISTORY: [&str; 7] =
 pub(super) const OUTPUT: [&str; 6] =
     ["every", "momentum", "coordinates", "snapshots", "times", "memory_energy"];
 
-/// Keys of `[scheme]`, of every kind.
+/// Keys of `[scheme]`, for all kinds.
 const SCHEME: [&str; 5] = ["kind", "kappa", "degree", "quadrature", "points"];
 
-/// Keys of `[convolution]`, of every family.
+/// Keys of `[convolution]`, for all families.
 const CONVOLUTION: [&str; 6] = ["family", "symbol", "order", "stages", "at", "starting"];
 
-/// Keys of `[time]`, of every grid.
+/// Keys of `[time]`, for all grids.
 const TIME: [&str; 16] = [
     "grid",
     "start",
@@ -37,7 +37,7 @@ const TIME: [&str; 16] = [
     "points",
 ];
 
-/// The tables by their names, each with its keys.
+/// The tables by name, each with its keys.
 pub const KEYS: [(&str, &[&str]); 6] = [
     ("initial", &INITIAL),
     ("scheme", &SCHEME),

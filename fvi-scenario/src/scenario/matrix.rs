@@ -1,4 +1,4 @@
-//! Symmetric matrices of a scenario: a list of diagonal entries, or rows.
+//! Symmetric matrices of a scenario, given as diagonal entries, rows or files.
 
 use super::sparse_matrix::{Matrices, SparseMatrix, wrong_size};
 use crate::language::document::Value;
@@ -14,7 +14,7 @@ pub enum SymmetricMatrix {
     Diagonal(Vec<f64>),
     /// All entries.
     Dense(DMatrix<f64>),
-    /// Those that need not be zero.
+    /// The structurally nonzero entries.
     Sparse(SparseMatrix),
 }
 
@@ -77,7 +77,7 @@ impl SymmetricMatrix {
         }
     }
 
-    /// The rows in which every entry is zero, from 0: of a mass matrix the coordinates without mass.
+    /// The rows, from 0, in which every entry is zero: for a mass matrix the coordinates without mass.
     pub fn zero_rows(&self) -> Vec<usize> {
         let rows = 0..self.size();
         match self {
@@ -100,9 +100,9 @@ impl SymmetricMatrix {
         }
     }
 
-    /// Reads numbers (a diagonal), rows of numbers, or the name of a file, for as many coordinates as there
-    /// are; without a number the mass matrix, which says how many. Files that have been read
-    /// before are among the `known`.
+    /// Reads numbers (a diagonal), rows of numbers, or the name of a file, for the given number of
+    /// coordinates; without it the matrix is the mass matrix, which determines that number. Files that have
+    /// been read before are taken from `known`.
     pub(super) fn read(
         value: &Value<'_>,
         coordinates: Option<usize>,
@@ -147,8 +147,8 @@ impl SymmetricMatrix {
         Ok(Self::Dense(matrix))
     }
 
-    /// Refuses a matrix that has, beside rows and columns of zeros, an eigenvalue ≤ 0 (to rounding), or one so
-    /// small that the inverse is not finite.
+    /// Refuses a matrix that, apart from rows and columns of zeros, has an eigenvalue ≤ 0 (to rounding), or
+    /// one so small that the inverse is not finite.
     pub(super) fn mass(self, value: &Value<'_>, known: &Matrices<'_>) -> Result<Self, InputError> {
         if let Self::Sparse(matrix) = self {
             return known.positive_definite(matrix, value).map(Self::Sparse);
@@ -182,7 +182,7 @@ impl SymmetricMatrix {
         }
     }
 
-    /// The matrix without these rows and columns, which are ascending.
+    /// The matrix without these rows and columns, given in ascending order.
     fn without(self, rows: &[usize]) -> Self {
         match self {
             Self::Diagonal(entries) => {
@@ -195,7 +195,7 @@ impl SymmetricMatrix {
         }
     }
 
-    /// The smallest eigenvalue, and the rounding error it may have.
+    /// The smallest eigenvalue, and a bound of its rounding error.
     fn spectrum(&self) -> (f64, f64) {
         match self {
             Self::Diagonal(entries) => (entries.iter().copied().fold(f64::INFINITY, f64::min), 0.0),
@@ -203,7 +203,7 @@ impl SymmetricMatrix {
                 let eigenvalues = symmetric_eigenvalues(matrix.clone());
                 (eigenvalues.min(), 8.0 * f64::EPSILON * matrix.nrows() as f64 * eigenvalues.amax())
             }
-            // Judged by its factor.
+            // Definiteness is checked by factorisation instead.
             Self::Sparse(_) => (f64::NAN, f64::NAN),
         }
     }

@@ -1,4 +1,4 @@
-//! `[sensitivity]`: numbers of the scenario by which the motion is differentiated.
+//! `[sensitivity]`: parameters for which derivatives of the motion are computed.
 
 use super::Scenario;
 use super::element::Element;
@@ -15,17 +15,17 @@ use crate::language::expression::Symbols;
 use crate::numerics::transfer_derivative::TransferDerivative;
 use serde::{Serialize, Serializer};
 
-/// The parameters, in their order.
+/// The parameters, in the order of the file.
 #[derive(Clone, Debug, Serialize)]
 pub struct Sensitivity {
-    /// Each by its path.
+    /// The parameters by their paths.
     pub parameters: Vec<Parameter>,
 }
 
-/// A number of the scenario.
+/// A parameter: a number of the scenario.
 #[derive(Clone, Debug)]
 pub struct Parameter {
-    /// Where it is, such as `system.damping[0].order`.
+    /// Its path, such as `system.damping[0].order`.
     pub path: String,
     /// Kind of the parameter.
     pub what: Quantity,
@@ -42,23 +42,23 @@ impl Serialize for Parameter {
 pub enum Quantity {
     /// An entry of q₀.
     Position(usize),
-    /// A row and column of the past.
+    /// An entry of the past, by row and column.
     Past(usize, usize),
     /// An entry of p₀.
     Momentum(usize),
-    /// An entry of v₀ = M⁻¹p₀, where the scenario gives that.
+    /// An entry of v₀ = M⁻¹p₀, if the scenario gives v₀.
     Velocity(usize),
-    /// An entry of M, and its mirror image.
+    /// An entry of M together with its mirror image.
     Mass(usize, usize),
-    /// An entry of K, and its mirror image.
+    /// An entry of K together with its mirror image.
     Stiffness(usize, usize),
-    /// An entry of G, and the negative of its mirror image.
+    /// An entry of G together with the negative of its mirror image.
     Gyroscopic(usize, usize),
-    /// ∂ρ of a damping term, by its entries (row, column, number).
+    /// ∂ρ of damping term number m by the parameter, as entries (row, column, number).
     Coefficient(usize, Vec<(usize, usize, f64)>),
-    /// A parameter of the kernel of a damping term.
+    /// A parameter of the kernel of damping term number m.
     Kernel(usize, TransferDerivative),
-    /// A named constant of expressions, and these with it as one variable more.
+    /// A named constant, with the expressions in which it is an additional variable.
     Named(Box<Named>),
 }
 
@@ -69,13 +69,13 @@ pub struct Named {
     pub value: f64,
     /// U in q0, … and the constant, if it occurs there.
     pub potential: Option<Expression>,
-    /// F likewise, in t, too.
+    /// F in t, q0, … and the constant, if it occurs there.
     pub force: Option<Vec<Expression>>,
-    /// The potentials of element groups in x0, … and the constant, by the numbers of the groups.
+    /// The potentials of element groups in x0, … and the constant, each with the index of its group.
     pub elements: Vec<(usize, Expression)>,
-    /// Amplitudes of loads in t and the constant, by the numbers of the loads.
+    /// Amplitudes of loads in t and the constant, each with the index of its load.
     pub loads: Vec<(usize, Expression)>,
-    /// Derivatives of kernels that have it in their `symbol`, by the numbers of the damping terms.
+    /// Derivatives of kernels whose `symbol` contains it, each with the index of the damping term.
     pub kernels: Vec<(usize, TransferDerivative)>,
 }
 
@@ -92,7 +92,7 @@ impl Quantity {
     }
 }
 
-/// The paths that there are.
+/// The valid paths.
 const PATHS: &str = "system.damping[m].order, .coefficient[i] or [i][j], .scale, .strength[l], .kernel.NAME or .kernel.NAME[j]; \
     system.parameters.NAME; system.mass[i] or [i][j]; system.stiffness[i] or [i][j]; system.gyroscopic[i][j]; initial.position[i], initial.momentum[i] or \
     initial.velocity[i]; initial.past[k][i]";
@@ -100,7 +100,7 @@ const PATHS: &str = "system.damping[m].order, .coefficient[i] or [i][j], .scale,
 const BY_NUMBERS: &str = "an entry of a matrix that the scenario gives by numbers, not by a file";
 
 impl Sensitivity {
-    /// Reads the parameters of a scenario that is complete but for them.
+    /// Reads the parameters of a scenario that is complete otherwise.
     pub(super) fn read(table: &Table<'_>, scenario: &Scenario) -> Result<Self, InputError> {
         table.allow(&["parameters"])?;
         let value = table.required("parameters")?;
@@ -122,7 +122,7 @@ impl Sensitivity {
     }
 }
 
-/// Refuses scenarios whose motion is not differentiated, with the key that stands in the way.
+/// Refuses scenarios whose derivatives are not implemented, naming the key.
 fn refuse_what_is_not_covered(scenario: &Scenario) -> Result<(), InputError> {
     let refused = |key: &str, allowed: String| {
         let with = "`[sensitivity]`".to_owned();
@@ -166,7 +166,7 @@ fn refuse_what_is_not_covered(scenario: &Scenario) -> Result<(), InputError> {
     Ok(())
 }
 
-/// Whether the momentum that is reported is another one than that of the scheme at several nodes.
+/// Whether the reported momentum differs from that of the scheme, with damping at several nodes.
 fn has_momentum_offset(scenario: &Scenario) -> bool {
     let Convolution { family, at, .. } = &scenario.convolution;
     let nodes = scenario.scheme_descriptor().nodes;
@@ -177,13 +177,13 @@ fn has_momentum_offset(scenario: &Scenario) -> bool {
         && scenario.system.damping.iter().any(|term| term.derivative == Derivative::RiemannLiouville)
 }
 
-/// Reads one path.
+/// Reader of one path.
 struct Reader<'a> {
     scenario: &'a Scenario,
     value: &'a Value<'a>,
 }
 
-/// A part of a path: its name, and the numbers behind it.
+/// The parts of a path: each a name and its indices.
 fn parts(path: &str) -> Option<Vec<(&str, Vec<usize>)>> {
     path.split('.').map(part).collect()
 }
@@ -357,7 +357,7 @@ impl Reader<'_> {
             ));
         }
         match TransferDerivative::new(&damping.transfer, name, index) {
-            // A form that is told by a simpler one has no longer the parameter that the file gives.
+            // A form that was simplified no longer has the parameter given in the file.
             Some(derivative) => Ok(Quantity::Kernel(term, derivative)),
             None => Err(self.refused(format!(
                 "a number of the kernel {}; those of tables are not differentiated, those of expressions by \
@@ -388,7 +388,8 @@ impl Reader<'_> {
         });
         let variable = || std::iter::once(name.to_owned());
         let count = self.scenario.coordinates();
-        // Where the constant does not occur, the expression is that of no variable more.
+        // The expression with the constant as an additional variable; `None` if the constant does not occur
+        // in it.
         let again = |expression: &Expression, symbols: Symbols, before: usize| -> Result<_, InputError> {
             let symbols = symbols.with_variables(variable());
             let parsed = Expression::parse(expression.text(), &symbols)
@@ -401,7 +402,7 @@ impl Reader<'_> {
         };
         let mut force = None;
         if let Some(components) = &system.force {
-            // The constant comes behind positions, and behind velocities where there are any.
+            // The constant comes after positions and, if they are variables, velocities.
             let moves = system.force_in_words_depends_on_velocity();
             let variables = if moves { 2 * count } else { count };
             let symbols = || {
@@ -472,7 +473,7 @@ impl Reader<'_> {
     }
 }
 
-/// The number by which the coefficient of a term was multiplied.
+/// The number by which the coefficient of a term is multiplied.
 fn damping_scale(scenario: &Scenario, term: usize) -> Result<f64, InputError> {
     let path = format!("system.damping[{term}].scale");
     scenario.document().with_root(|root| {

@@ -1,4 +1,4 @@
-//! Elimination in a matrix whose entries lie near its diagonal.
+//! Elimination in a banded matrix.
 
 use fvi_core::{Real, Singular, add_multiple};
 
@@ -117,8 +117,8 @@ fn substitute_upper<T: Real>(matrix: &[T], band: usize, vector: &mut [T]) {
 }
 
 /// Factors in place, by elimination with row pivoting within the band. The multipliers of a column stay below
-/// its pivot, in the rows in which they were when it was eliminated; `pivots` takes the row that each column's
-/// pivot came from.
+/// its pivot, in the rows of the time of its elimination; `pivots` gets the row that each column's pivot came
+/// from.
 fn factor<T: Real>(matrix: &mut [T], band: usize, pivots: &mut [usize]) -> Result<(), Singular> {
     let n = pivots.len();
     for (column, place) in pivots.iter_mut().enumerate() {
@@ -141,21 +141,21 @@ fn factor<T: Real>(matrix: &mut [T], band: usize, pivots: &mut [usize]) -> Resul
     Ok(())
 }
 
-/// The factors of a matrix whose entries lie near its diagonal, for many right-hand sides.
+/// The factors of a banded matrix, for many right-hand sides.
 #[derive(Clone, Debug, Default)]
 pub struct BandFactors<T> {
     band: usize,
-    /// Entries of a row to the right of the diagonal.
+    /// Number of entries of a row to the right of the diagonal.
     upper: usize,
     /// For each column: the pivot's reciprocal, the `band` multipliers of the rows below, the `upper` entries
     /// to the right of the pivot.
     columns: Vec<T>,
-    /// How many rows below the diagonal each pivot came from; empty where all were on it.
+    /// Number of rows below the diagonal from which each pivot came; empty if all were on it.
     lifts: Vec<usize>,
 }
 
 impl<T: Real> BandFactors<T> {
-    /// Factors as [`solve`] does and copies what is needed to solve with other right-hand sides.
+    /// Factors as [`solve`] does and copies the data for solutions with other right-hand sides.
     ///
     /// # Errors
     /// [`Singular`], as [`fvi_core::solve`].
@@ -228,7 +228,7 @@ fn pivot<T: Real>(matrix: &[T], n: usize, band: usize, column: usize) -> Result<
 mod tests {
     use super::*;
 
-    /// A banded matrix whose largest entries are beside the diagonal, so that rows must change places.
+    /// A banded matrix whose largest entries are off the diagonal, so that rows must be exchanged.
     fn banded(n: usize, band: usize) -> Vec<f64> {
         let entry = |row: usize, column: usize| match row.abs_diff(column) {
             0 => 0.1 * (row as f64 + 0.5).sin(),
@@ -241,7 +241,7 @@ mod tests {
     #[test]
     fn a_band_is_solved_to_the_bits_of_the_whole_matrix() {
         for (n, band) in [(1, 0), (5, 0), (9, 1), (1, 1), (11, 2), (12, 3), (4, 3), (2, 3), (14, 4), (6, 9)] {
-            // Rows that change places from the first one on, from some row on, and none.
+            // Rows are exchanged from the first one on, from some row on, and not at all.
             for heavy in [0, n / 2, n] {
                 let mut matrix = banded(n, band);
                 (0..heavy).for_each(|index| matrix[index * n + index] += 20.0);
@@ -275,7 +275,7 @@ mod tests {
     #[test]
     fn kept_factors_of_a_band_have_the_bits_of_those_of_the_whole_matrix() {
         for (n, band) in [(9, 1), (11, 2), (12, 3), (14, 4), (6, 9), (5, 0)] {
-            // With and without rows that change places.
+            // With and without exchange of rows.
             for lift in [0.0, 20.0] {
                 let mut matrix = banded(n, band);
                 (0..n).for_each(|index| matrix[index * n + index] += lift);

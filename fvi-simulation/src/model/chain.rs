@@ -1,8 +1,9 @@
-//! Equations in which every unknown meets its neighbours only: those of chains.
+//! Equations with a tridiagonal matrix, in which every unknown is coupled to its neighbours only, as in a
+//! chain.
 
 use fvi_core::{Real, Singular};
 
-/// A matrix with entries on the diagonal and beside it, and what elimination makes of it.
+/// A tridiagonal matrix and its factors.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Chain<T> {
     /// Each row: left of the diagonal, on it, right of it. The first number and the last stay zero.
@@ -10,17 +11,17 @@ pub(super) struct Chain<T> {
     factors: ChainFactors<T>,
 }
 
-/// A = L D U with ones on the diagonals of L and U, where no rows need change places.
+/// A = L D U with ones on the diagonals of L and U, if no rows need to be exchanged.
 #[derive(Clone, Debug, Default)]
 pub struct ChainFactors<T> {
     /// Each row: the entry of L, the reciprocal of that of D, the entry of U.
     rows: Vec<[T; 3]>,
-    /// Whether A is symmetric and definite, and its diagonal no more than twice that of the mass in it.
+    /// Whether A is symmetric and definite, and its diagonal at most twice that of its mass part.
     one_solve_suffices: bool,
 }
 
 impl<T: Real> Chain<T> {
-    /// The zero matrix for so many unknowns.
+    /// The zero matrix for `size` unknowns.
     pub(super) fn zero(size: usize) -> Self {
         Self { rows: vec![[T::zero(); 3]; size], factors: ChainFactors::default() }
     }
@@ -37,14 +38,14 @@ impl<T: Real> Chain<T> {
         }
     }
 
-    /// Adds factor times entries on the diagonal and beside it, row by row.
+    /// Adds factor times the entries of a tridiagonal matrix, row by row.
     pub(super) fn add_rows(&mut self, factor: T, entries: &[T]) {
-        // The same order, without the first number and the last.
+        // The same layout, without the first number and the last.
         let places = self.rows.as_flattened_mut().get_mut(1..).unwrap_or(&mut []);
         fvi_core::add_multiple(places, factor, entries);
     }
 
-    /// Hands each entry to `take` as (row, column, entry).
+    /// Calls `take(row, column, entry)` for each entry.
     pub(super) fn for_each(&self, mut take: impl FnMut(usize, usize, T)) {
         let last = self.rows.len().saturating_sub(1);
         for (row, &[left, own, right]) in self.rows.iter().enumerate() {
@@ -58,7 +59,7 @@ impl<T: Real> Chain<T> {
         }
     }
 
-    /// Factors the matrix for [`solve`](Self::solve); returns whether the pivots may stay on the diagonal.
+    /// Factors the matrix for [`solve`](Self::solve); returns whether pivots on the diagonal are acceptable.
     ///
     /// # Errors
     /// [`Singular`], as [`fvi_core::factor`].
@@ -68,14 +69,14 @@ impl<T: Real> Chain<T> {
         let (mut reciprocal, mut before, mut above) = (T::zero(), T::zero(), T::zero());
         for (place, &[left, own, right]) in factors.iter_mut().zip(rows) {
             let lower = left * reciprocal;
-            // Larger than its pivot, or not a number.
+            // The multiplier is larger than 1, or not a number.
             if lower.abs() > T::one() || !lower.is_finite() {
                 return Ok(false);
             }
             let pivot = own - before * left;
             let size = pivot.abs();
             if !pivot.is_finite() || size <= above * T::EPSILON || size == T::zero() {
-                // Another row may do better.
+                // The pivot of another row may be nonzero.
                 return if left == T::zero() && right == T::zero() { Err(Singular) } else { Ok(false) };
             }
             reciprocal = T::one() / pivot;
@@ -86,13 +87,13 @@ impl<T: Real> Chain<T> {
         Ok(true)
     }
 
-    /// Replaces `vector` by the solution with the factors that were made last.
+    /// Replaces `vector` by the solution with the factors of the last [`factor`](Self::factor).
     pub(super) fn solve(&self, vector: &mut [T]) {
         self.factors.solve(vector);
     }
 
-    /// The factors that were made last; factor times the masses, where those are a
-    /// diagonal, is the part of the mass in the matrix.
+    /// The factors of the last [`factor`](Self::factor). If `masses` is a diagonal, `factor` times it is the
+    /// mass part of the matrix.
     pub(super) fn kept(&self, factor: T, masses: Option<&[T]>) -> ChainFactors<T> {
         let symmetric = self.rows.windows(2).all(|rows| match rows {
             [[_, _, right], [left, _, _]] => left == right,
@@ -124,11 +125,11 @@ impl<T: Real> ChainFactors<T> {
         }
     }
 
-    /// Whether solutions are those of a matrix A + E with E as small as rounding makes the entries of the
+    /// Whether solutions are exact for a matrix A + E where E is as small as rounding of the entries of the
     /// mass.
     ///
-    /// Of a symmetric matrix L and U are each other's transposes to the bit, so that E is symmetric, and
-    /// where it is definite |E_ij| is a few ε |A_ij| (\[Higham02\] §9.6). The midpoint rule with A + E is
+    /// For a symmetric matrix L and U are bitwise transposes of each other, so that E is symmetric, and if
+    /// the matrix is definite |E_ij| is a few ε |A_ij| (\[Higham02\] §9.6). The midpoint rule with A + E is
     /// that of the mass M + h E.
     pub(super) fn one_solve_suffices(&self) -> bool {
         self.one_solve_suffices
@@ -139,7 +140,7 @@ impl<T: Real> ChainFactors<T> {
 mod tests {
     use super::*;
 
-    /// Springs between walls, and a mass of so much.
+    /// A chain of masses `mass` with springs between walls.
     fn chain(size: usize, mass: f64, skew: f64) -> Chain<f64> {
         let mut springs: Vec<f64> = (0..size).flat_map(|_| [-1.0, 2.0, -1.0]).collect();
         springs[2] += skew;
@@ -178,7 +179,7 @@ mod tests {
             chain.kept(inertia, Some(&[1.0; 9])).one_solve_suffices()
         };
         assert!(gentle(1.5, 0.0, 1.5) && gentle(-3.5, 0.0, -3.5));
-        // A step longer than the periods, a force that is none of a potential, a mass of another kind.
+        // A step longer than the periods, a nonsymmetric force, a mass part that does not dominate.
         assert!(!gentle(0.5, 0.0, 0.5) && !gentle(1.5, 0.1, 1.5));
         let mut chain = chain(9, 1.5, 0.0);
         chain.factor().unwrap();

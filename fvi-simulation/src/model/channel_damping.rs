@@ -1,4 +1,4 @@
-//! Damping terms of a scenario: one channel of the memory for each coordinate, or for some directions only.
+//! Damping terms of a scenario whose memory has one channel per coordinate, or per direction of dampers.
 
 use super::matrices::Matrix;
 use super::space::AnySpace;
@@ -15,23 +15,23 @@ use std::ops::Range;
 /// ρ_m D^{β_m} q = H_m D^{β_m} (G q) ,      ρ_m = H_m G
 /// ```
 ///
-/// G is the identity, picks the coordinates whose rows of ρ are not empty, or is Bᵀ of dampers ρ = B C Bᵀ, one
-/// column each. It is linear, so what remembers is the motion G q in the space of the channels. Terms of different orders
-/// with the same G have one memory, of as many kernels.
+/// G is the identity, selects the coordinates whose rows of ρ are not empty, or is Bᵀ for dampers ρ = B C Bᵀ,
+/// one column each. The memory stores the motion G q in the space of its channels. Terms of different orders
+/// with the same G share a memory of several kernels.
 pub struct ChannelDamping<T: Real, M> {
     terms: Vec<Coefficient<T>>,
     directions: Directions<T>,
     /// K, times the number of motions.
     count: usize,
     channels: DampedMotion<T, AnySpace, M>,
-    /// G of the sample and of what is known about it.
+    /// G applied to the sample: to its main node, and to the offsets of its nodes.
     from: Vec<T>,
     behind: Vec<T>,
     increments: Vec<T>,
     /// Known part of the derivatives: K numbers for each node and term.
     known: Vec<T>,
     scratch: Vec<T>,
-    /// N numbers.
+    /// Scratch vector of N numbers.
     vector: Vec<T>,
 }
 
@@ -39,27 +39,27 @@ pub struct ChannelDamping<T: Real, M> {
 pub struct Coefficient<T> {
     /// The matrix.
     pub rho: Matrix<T>,
-    /// The diagonal of C, of dampers.
+    /// The diagonal of C, for dampers.
     pub strength: Vec<T>,
 }
 
-/// Directions that the memory follows.
+/// Directions whose motion the memory stores, the rows of G.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Directions<T> {
-    /// Every coordinate of so many.
+    /// Every coordinate; their number.
     All(usize),
-    /// These coordinates, in ascending order; the rows of all others are empty.
+    /// These coordinates, ascending; the rows of all others are empty.
     Coordinates(Vec<usize>),
     /// Bᵀ q: the columns of B, each as (coordinate, number).
     Columns(Vec<Vec<(usize, T)>>),
 }
 
 impl<T: Real> Directions<T> {
-    /// The coordinates at which a matrix has entries, `rows` being the places of each row.
+    /// The coordinates at which a matrix has entries; `rows` are the ranges of each row's entries.
     pub fn of_rows(rows: impl Iterator<Item = Range<usize>>) -> Self {
         let filled = rows.enumerate().filter(|(_, slots)| !slots.is_empty());
         let mut coordinates: Vec<usize> = filled.map(|(row, _)| row).collect();
-        // A matrix without entries damps nothing; its memory has a channel all the same.
+        // A matrix without entries has no damping, but its memory needs a channel.
         if coordinates.is_empty() {
             coordinates.push(0);
         }
@@ -81,7 +81,7 @@ impl<T: Real> Directions<T> {
         }
     }
 
-    /// G x, for each of the motions in x of N coordinates one behind the other.
+    /// G x, for each of the motions in x, N coordinates each, one after another.
     fn take(&self, x: &[T], coordinates: usize, out: &mut [T]) {
         let copies = x.chunks_exact(coordinates.max(1)).zip(out.chunks_exact_mut(self.count().max(1)));
         copies.for_each(|(x, out)| self.take_one(x, out));
@@ -90,7 +90,7 @@ impl<T: Real> Directions<T> {
     fn take_one(&self, x: &[T], out: &mut [T]) {
         match self {
             Self::All(_) => out.copy_from_slice(x),
-            // All of them.
+            // All coordinates are selected.
             Self::Coordinates(_) if x.len() == out.len() => out.copy_from_slice(x),
             Self::Coordinates(coordinates) => {
                 out.iter_mut().zip(coordinates).for_each(|(place, &coordinate)| *place = x[coordinate]);
@@ -103,7 +103,7 @@ impl<T: Real> Directions<T> {
         }
     }
 
-    /// out += H s for each motion; `vector` has as many numbers as `out`.
+    /// out += H s for each motion; `vector` is scratch of the length of `out`.
     fn give(&self, coefficient: &Coefficient<T>, s: &[T], vector: &mut [T], out: &mut [T]) {
         let Coefficient { rho, strength } = coefficient;
         let (size, count) = (rho.size().max(1), self.count().max(1));
@@ -144,11 +144,12 @@ impl<T: Real, M> ChannelDamping<T, M> {
 }
 
 impl<T: Real, M: Memory<T>> ChannelDamping<T, M> {
-    /// The terms, one for each kernel, on a memory of these with K channels for each node, and for each
-    /// motion where `copies` are integrated together; every ρ, checked before, is positive semidefinite.
+    /// The terms, one for each kernel, on a memory with these kernels and K channels for each node, and for
+    /// each motion if `copies` are integrated together; every ρ must have been checked to be positive
+    /// semidefinite.
     ///
     /// # Errors
-    /// If the memory is not one of the kernels.
+    /// If the weights of the memory are not those of the kernels.
     pub fn new(
         kernels: &[Kernel],
         (terms, directions, copies): (Vec<Coefficient<T>>, Directions<T>, usize),
@@ -176,7 +177,7 @@ impl<T: Real, M: Memory<T>> ChannelDamping<T, M> {
         self.terms.first().map_or(0, |term| term.rho.size())
     }
 
-    /// Takes over G of the sample, and makes room.
+    /// Applies G to the sample, and resizes the buffers.
     fn take(&mut self, sample: &Sample<'_, T>) {
         let (count, nodes, coordinates) = (self.count, sample.fractions.len(), self.coordinates());
         self.directions.take(sample.from, coordinates, &mut self.from);
@@ -186,7 +187,7 @@ impl<T: Real, M: Memory<T>> ChannelDamping<T, M> {
     }
 }
 
-/// G of vectors of N numbers one after another.
+/// Applies G to vectors of N numbers one after another.
 fn take_each<T: Real>(directions: &Directions<T>, vectors: &[T], coordinates: usize, out: &mut Vec<T>) {
     out.resize(vectors.len() / coordinates.max(1) * directions.count(), T::zero());
     directions.take(vectors, coordinates, out);

@@ -1,22 +1,22 @@
-//! Coordinates without mass at the ends of steps.
+//! Positions of coordinates without mass at the ends of steps.
 
 use super::matrices::Matrix;
 use super::space::AnySpace;
 use fvi_core::{Instant, Mechanics, Real, State, Step, factor, substitute};
 use fvi_sparse::{Analysis, Factor, Pattern};
 
-/// Coordinates z without mass, sorted by what their positions at grid points follow from.
+/// Coordinates z without mass, by the way in which their positions at grid points are determined.
 ///
-/// With no mass M_zz the equations of a step on polynomials with as many Gauss points as its degree are
-/// G_z(X_i) = 0 at each point: the balance of forces. The positions X_i at the points follow from it alone, and
+/// With zero mass M_zz the equations of a step on polynomials with as many Gauss points as its degree are the
+/// balance of forces at each point, G_z(X_i) = 0. The positions X_i at the points follow from it alone, and
 /// the polynomial through them and z_k ends at
 ///
 /// ```text
 /// z_{k+1} = (−1)^S z_k + a combination of the X_i ,
 /// ```
 ///
-/// so that what is wrong in z_k is never forgotten. But z_k enters the equations nowhere, and may be any
-/// number. It is taken as accurate as the scheme knows it:
+/// so that an error of z_k never decays. But z_k does not occur in the equations, and may have any value. It
+/// is computed as accurately as possible:
 ///
 /// ```text
 /// held by stiffness alone     G_z(t_{k+1}, q_{k+1}) = 0
@@ -24,34 +24,35 @@ use fvi_sparse::{Analysis, Factor, Pattern};
 /// resisted by F(t, q, v)      the end of the polynomial, which depends on z_k through its velocity
 /// ```
 ///
-/// Z_k are means over steps, in which the errors of single nodes cancel; the sum is the slope at t_{k+1} of the
-/// polynomial through their integrals, of order m in h. After the first step, with one mean, it is
-/// 2Z_0 − z_0. Momenta are zero.
+/// Z_k are means over steps, in which the errors of single nodes cancel; the sum is the slope at t_{k+1} of
+/// the polynomial through their integrals, of order m in h. After the first step, with one mean, z_1 is 2Z_0
+/// − z_0. Momenta are zero.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct MasslessRows {
-    /// All of them, ascending.
+    /// All coordinates without mass, ascending.
     pub(crate) all: Vec<usize>,
-    /// Those held by stiffness alone.
+    /// Coordinates held by stiffness alone.
     pub(crate) held: Vec<usize>,
-    /// Those held by memories.
+    /// Coordinates held by memories.
     pub(crate) remembered: Vec<usize>,
-    /// Means m that count.
+    /// Number m of means used.
     pub(crate) means: usize,
 }
 
 impl MasslessRows {
-    /// Whether there is nothing to do at the end of a step.
+    /// Whether there are no coordinates without mass.
     pub(crate) fn is_empty(&self) -> bool {
         self.all.is_empty()
     }
 
-    /// Numbers that are kept from step to step: of each coordinate the means of the steps before.
+    /// Length of the state kept from step to step: for each remembered coordinate the means of the previous
+    /// steps.
     pub(crate) fn carried(&self) -> usize {
         self.remembered.len() * self.means.saturating_sub(1)
     }
 }
 
-/// What a step has found.
+/// Result of a step.
 pub(crate) struct Found<'a, T> {
     /// b_i.
     pub(crate) weights: &'a [T],
@@ -59,20 +60,20 @@ pub(crate) struct Found<'a, T> {
     pub(crate) stages: &'a [T],
 }
 
-/// What goes on from step to step.
+/// State kept from step to step.
 pub(crate) struct Carried<'a, T> {
-    /// q_{k+1} − X_i where the memory stores them.
+    /// q_{k+1} − X_i, if the memory stores the nodes.
     pub(crate) behind: &'a mut [T],
-    /// Means of the steps before, the newest ones first.
+    /// Means of the previous steps, the newest first.
     pub(crate) means: &'a mut [T],
-    /// The polynomial, by its points.
+    /// The polynomial of the step, as increments at its control points.
     pub(crate) increments: &'a mut [T],
 }
 
-/// Room for the end of a step.
+/// Buffers for the end of a step.
 pub(crate) struct Settling<T> {
     equilibrium: Option<Equilibrium<T>>,
-    /// z_k of all of them.
+    /// z_k of all coordinates without mass.
     start: Vec<T>,
     position: Vec<T>,
 }
@@ -83,12 +84,12 @@ impl<T: Real> Settling<T> {
         Self { equilibrium, start: vec![T::zero(); rows.all.len()], position: Vec::new() }
     }
 
-    /// Notes where a step begins.
+    /// Stores the positions of these coordinates at the beginning of a step.
     pub(crate) fn begin(&mut self, rows: &MasslessRows, position: &[T]) {
         self.start.iter_mut().zip(&rows.all).for_each(|(start, &row)| *start = position[row]);
     }
 
-    /// Puts massless coordinates where they belong at the end of a step.
+    /// Sets the positions of coordinates without mass at the end of a step.
     pub(crate) fn end<G: Mechanics<T, AnySpace>>(
         &mut self,
         rows: &MasslessRows,
@@ -127,7 +128,7 @@ impl<T: Real> Settling<T> {
             let instant = Instant::in_step(step.time, T::one(), step.size);
             let motion = (&mut self.position, state.momentum.as_slice());
             if equilibrium.find(mechanics, instant, step.input, motion).is_err() {
-                // There was one at the nodes: their mean is near.
+                // Forces were in balance at the nodes: the mean of these positions is a good guess.
                 for &row in &rows.held {
                     self.position[row] = mean(row);
                 }
@@ -144,7 +145,7 @@ impl<T: Real> Settling<T> {
     }
 }
 
-/// Σ_{j=1}^m (1/j) ∇^{j−1} Z at the newest of m means, those before it newest first.
+/// Σ_{j=1}^m (1/j) ∇^{j−1} Z at the newest of m means; `earlier` contains the others, newest first.
 fn slope_at_end<T: Real>(newest: T, earlier: &[T]) -> T {
     let mut slope = newest;
     for order in 1..=earlier.len() {
@@ -159,22 +160,22 @@ fn slope_at_end<T: Real>(newest: T, earlier: &[T]) -> T {
     slope
 }
 
-/// That the balance of forces was not found.
+/// Error: no balance of forces was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct NoEquilibrium;
 
-/// Most corrections of a nonlinear balance.
+/// Largest number of corrections for a nonlinear balance.
 const CORRECTIONS: usize = 25;
 
-/// Coordinates up to which the balance is solved in a full matrix.
+/// Largest number of coordinates for which the balance is solved in a full matrix.
 const FEW: usize = 64;
 
-/// The balance of forces on some coordinates, G_i(t, q) = ∂U/∂q_i − F_i − u_i = 0, solved for these.
+/// The balance of forces on some coordinates, G_i(t, q) = ∂U/∂q_i − F_i − u_i = 0, to be solved for these.
 pub(crate) struct Equilibrium<T> {
     rows: Vec<usize>,
-    /// Where a coordinate is among the rows.
+    /// Index of each coordinate among the rows.
     places: Vec<Option<usize>>,
-    /// Of a linear system, once it is known.
+    /// Solver for a linear system, once it has been built.
     kept: Option<Solver>,
     restoring: Vec<T>,
     velocity: Vec<T>,
@@ -188,7 +189,7 @@ enum Solver {
 }
 
 impl Solver {
-    /// For the rows and columns of a stiffness that have places.
+    /// A solver for the rows and columns of a stiffness that have places.
     fn new<T: Real>(stiffness: &Matrix<T>, places: &[Option<usize>], count: usize) -> Option<Self> {
         let entries: Vec<(usize, usize, f64)> = stiffness
             .entries()
@@ -214,7 +215,7 @@ impl Solver {
     }
 }
 
-/// The factor of a symmetric positive definite matrix; `None` for others.
+/// The factor of a symmetric positive definite matrix; `None` if the matrix is not.
 fn sparse_factor(count: usize, entries: &[(usize, usize, f64)]) -> Option<Factor> {
     let pattern = Pattern::new(count, entries.iter().map(|&(row, column, _)| (row, column)).collect());
     let mut values = vec![0.0; pattern.len()];
@@ -229,7 +230,7 @@ fn sparse_factor(count: usize, entries: &[(usize, usize, f64)]) -> Option<Factor
 }
 
 impl<T: Real> Equilibrium<T> {
-    /// For these coordinates, ascending.
+    /// The balance for these coordinates, ascending.
     pub(crate) fn new<G: Mechanics<T, AnySpace>>(rows: Vec<usize>, mechanics: &G) -> Self {
         let stiffness = mechanics.stiffness();
         let size = stiffness.size();
@@ -240,11 +241,11 @@ impl<T: Real> Equilibrium<T> {
         Self { rows, places, kept: None, restoring: zeros(), velocity: zeros(), stiffness, right }
     }
 
-    /// Moves the coordinates to where their forces balance, all others staying; with the momentum of the
-    /// motion, and an input u whose missing numbers are zero.
+    /// Moves the coordinates to a balance of their forces while the others stay fixed, with the momentum of
+    /// the motion and an input u whose missing numbers are zero.
     ///
     /// # Errors
-    /// If Newton's method does not find it; the position is of no use then.
+    /// If Newton's method does not converge; the position must not be used then.
     pub(crate) fn find<G: Mechanics<T, AnySpace>>(
         &mut self,
         mechanics: &mut G,
@@ -285,7 +286,7 @@ impl<T: Real> Equilibrium<T> {
             }
             let change = self.right.iter().fold(0.0, |most: f64, right| most.max(right.abs()));
             let largest = position.iter().fold(0.0, |most: f64, number| most.max(number.to_f64().abs()));
-            // To rounding, or as near as rounding of the forces lets it come.
+            // Converged to rounding, or as far as the rounding of the forces allows.
             let (fine, coarse) = (64.0 * T::EPSILON.to_f64(), T::EPSILON.to_f64().sqrt());
             if change <= fine * largest || (change >= 0.25 * before && before <= coarse * largest) {
                 return Ok(());
@@ -302,7 +303,7 @@ mod tests {
 
     #[test]
     fn the_end_of_a_polynomial_follows_from_means_over_steps() {
-        // Means of τ^p over the steps that end at 0, −1, …: the value at 0 is zero but for p = 0.
+        // Means of τ^p over the steps that end at 0, −1, …: the value of τ^p at 0 is zero except for p = 0.
         for count in 1..=6_usize {
             for power in 0..count as i32 {
                 let integral = |tau: f64| tau.powi(power + 1) / f64::from(power + 1);

@@ -1,4 +1,4 @@
-//! The mechanics of a scenario: mass, compiled potential and force.
+//! The mechanical system of a scenario: mass, compiled potential and force.
 
 use super::elements::Elements;
 use super::energies::{EnergyRoom, States, write_plain};
@@ -24,17 +24,17 @@ use std::sync::Arc;
 pub struct Model<T> {
     mass: Matrix<T>,
     inverse_mass: InverseMass<T>,
-    /// Threads that products and solutions may take.
+    /// Number of threads for products and solutions.
     threads: usize,
-    /// K of the scenario, with the springs of its kernels.
+    /// K of the scenario, including the springs of its kernels.
     base: Option<Matrix<T>>,
-    /// Where these springs are at rest.
+    /// Position at which these springs are at rest.
     anchor: Option<Anchor<T>>,
     elements: Vec<Elements<T>>,
     loads: Loads<T>,
-    /// Those of each load case, which acts on a motion of its own.
+    /// Loads of each load case, which has its own motion.
     cases: Vec<Loads<T>>,
-    /// The energies of these motions.
+    /// Energies of these motions.
     energies: Vec<T>,
     potential: Option<CompiledPotential<T>>,
     /// K of the quadratic part ½ qᵀKq + bᵀq of the potential.
@@ -43,57 +43,57 @@ pub struct Model<T> {
     force: CompiledForce<T>,
     /// Whether there is a force at all.
     forced: bool,
-    /// Whether the matrix from files, or the rows, are all that pulls.
+    /// Whether the restoring force is that of a constant matrix from files, or rows, alone.
     is_constant: bool,
-    /// Forces that are rough in time, so that their moments are taken exactly.
+    /// Forces that are rough in time, with exact moments.
     rough: Option<RoughForces>,
     /// Potentials and forces supplied as code.
     own: Option<Own>,
-    /// The jumps and kinks of potential and force in the position, where steps end at them.
+    /// The jumps and kinks of potential and force in the position, if steps end at them.
     potential_sides: Option<SidedPoint<T>>,
     force_sides: Option<SidedPoint<T>>,
-    /// Values of the stiffness that never change, by slot.
+    /// The constant part of the stiffness, by slot.
     constant: Sparse<T>,
     /// Slots of the entries of the potential's Hessian, and of their mirror images.
     hessian_slots: Vec<(u32, u32)>,
-    /// Slots of the entries of the force's Jacobian by the position, and by the velocity.
+    /// Slots of the entries of the force's Jacobians with respect to the position, and to the velocity.
     jacobian_slots: Vec<usize>,
     resistance_slots: Vec<usize>,
-    /// Where forces depend on the velocity.
+    /// Data for forces that depend on the velocity.
     moving: Option<Moving<T>>,
     registers: Vec<T>,
-    /// Those of the gradient of the potential's rest, and those of both its derivatives.
+    /// Registers for the gradient of the potential's remainder, and for both its derivatives.
     restoring_registers: OwnRegisters<T>,
     rest_registers: OwnRegisters<T>,
-    /// N numbers.
+    /// Scratch vector of N numbers.
     pushed: Vec<T>,
     /// Entries of a Jacobian.
     entries: Vec<T>,
 }
 
-/// What forces of the velocity need.
+/// Data for forces that depend on the velocity.
 #[derive(Clone, Debug)]
 struct Moving<T> {
-    /// Whether those in words depend on it.
+    /// Whether expressions depend on the velocity.
     in_words: bool,
-    /// Values of the resistance −∂F/∂v that never change, by slot; none where all are zero.
+    /// The constant part of the resistance −∂F/∂v, by slot; empty if it is zero.
     constant: Vec<T>,
-    /// q, and v behind it.
+    /// q followed by v.
     point: Vec<T>,
 }
 
-/// The slot of an entry that is in another matrix.
+/// Marker for the slot of an entry that is in the other matrix.
 const NOWHERE: usize = usize::MAX;
 
-/// Arguments of jumps and kinks within each other.
+/// Largest depth of arguments of jumps and kinks within each other.
 const DEEPEST: usize = 64;
 
 /// Inverse of the mass, with zeros in the rows and columns of coordinates without mass.
 #[derive(Clone, Debug)]
 enum InverseMass<T> {
     Matrix(Matrix<T>),
-    /// The factor of a sparse mass, with ones for coordinates without mass, and masses of the coordinates by
-    /// themselves for a first guess, infinite for those without.
+    /// The factor of a sparse mass, with ones for coordinates without mass, and a lumped mass for each
+    /// coordinate for a first guess, infinite for those without mass.
     Factor(Arc<Factor>, Vec<T>),
 }
 
@@ -101,7 +101,7 @@ impl<T: Elementary> Model<T> {
     /// Compiles the system of a scenario.
     ///
     /// # Errors
-    /// If the mass, but for rows and columns of zeros, is not positive definite in the precision of `T`.
+    /// If the mass, apart from rows and columns of zeros, is not positive definite in the precision of `T`.
     pub fn new(scenario: &Scenario) -> Result<Self, MatrixError> {
         let rough = RoughForces::of(scenario);
         let unbounded = UnboundedForces::of(scenario);
@@ -111,7 +111,7 @@ impl<T: Elementary> Model<T> {
         let threads = scenario.history.threads();
         let mass = matrix(&system.mass).on_threads(threads);
         let inverse_mass = inverse(&mass, &system.mass)?;
-        // Steps that are chosen on the way end at jumps and kinks.
+        // Adaptive steps end at jumps and kinks.
         let is_sided = scenario.time.adaptive().is_some() && scenario.cases.is_empty();
         let compiled = system.potential.as_ref().map(|potential| match is_sided {
             true => CompiledPotential::<T>::compile_sided(potential, (size, 'q')),
@@ -146,7 +146,7 @@ impl<T: Elementary> Model<T> {
             .collect();
         let curved: Vec<_> =
             potential.iter().flat_map(|potential| potential.pattern().iter().map(index)).collect();
-        // Columns from N on are those of the velocities.
+        // Columns from N on belong to the velocities.
         let (pushed, resisted): (Vec<_>, Vec<_>) =
             force.linear().iter().map(entry).partition(|&(_, column, _)| column < size);
         let resisted: Vec<_> =
@@ -180,7 +180,7 @@ impl<T: Elementary> Model<T> {
         let (jacobian_slots, resistance_slots): (Vec<_>, Vec<_>) = match in_words {
             false => (turned.iter().map(|&(row, column)| pattern.slot(row, column)).collect(), Vec::new()),
             true => {
-                // Either has a slot for every entry: none where the entry is of the other.
+                // Both lists have a slot for every entry, marked if the entry is in the other matrix.
                 let slots = |&(row, column): &(usize, usize)| match column < size {
                     true => (pattern.slot(row, column), NOWHERE),
                     false => (NOWHERE, pattern.slot(row, column - size)),
@@ -252,8 +252,8 @@ impl<T: Elementary> Model<T> {
         Ok(model)
     }
 
-    /// Takes the sides that a position at t = 0 is on. What arguments within arguments say is found by going
-    /// again.
+    /// Sets the sides of switches from a position at t = 0. It is repeated, since the sides of arguments
+    /// within arguments depend on others.
     fn take_sides_at(&mut self, position: &[f64]) {
         let (mut values, mut before) = (Vec::new(), Vec::new());
         for _ in 0..=self.switches().min(DEEPEST) {
@@ -267,7 +267,7 @@ impl<T: Elementary> Model<T> {
         }
     }
 
-    /// From where on something that is rough in time may have been overlooked.
+    /// Time from which rough points in time may have been overlooked.
     pub fn missed(&self) -> Option<f64> {
         self.rough.as_ref().and_then(RoughForces::missed)
     }
@@ -277,12 +277,12 @@ impl<T: Elementary> Model<T> {
         self.rough.as_mut().and_then(RoughForces::live)
     }
 
-    /// The energies of the motions under load cases, as computed last; none without cases.
+    /// The energies of the motions under load cases, as of the last computation; empty without cases.
     pub fn energies(&self) -> &[T] {
         &self.energies
     }
 
-    /// Subtracts the loads of the system, and of the case that each motion is under.
+    /// Subtracts the loads of the system, and those of the case of each motion.
     #[inline(always)]
     fn subtract_loads(&mut self, instant: Instant<T>, restoring: &mut [T]) {
         if !(self.loads.is_empty() && self.cases.is_empty()) {
@@ -436,13 +436,13 @@ impl<T: Elementary> Mechanics<T, AnySpace> for Model<T> {
         let (Some(moving), Matrix::Sparse(resistance)) = (&self.moving, resistance) else { return };
         let values = resistance.values.own();
         values.copy_from_slice(&moving.constant);
-        // The derivatives of the place that was linearised last.
+        // The derivatives at the last linearisation.
         for (&slot, &entry) in self.resistance_slots.iter().zip(&self.entries) {
             if slot != NOWHERE {
                 values[slot] -= entry;
             }
         }
-        // Terms in code have every place, row by row.
+        // Terms in code have full matrices, row by row.
         let in_code = self.own.iter().flat_map(Own::resistance);
         values.iter_mut().zip(in_code).for_each(|(value, &entry)| *value += T::of(entry));
     }
@@ -501,7 +501,7 @@ impl<T: Elementary> Mechanics<T, AnySpace> for Model<T> {
     }
 }
 
-/// A position, with the velocity behind it where forces in words depend on it.
+/// The position, followed by the velocity if expressions depend on it.
 #[inline(always)]
 fn with_velocity<'a, T: Elementary>(moving: &'a mut Option<Moving<T>>, position: &'a [T]) -> &'a [T] {
     match moving {
@@ -513,7 +513,7 @@ fn with_velocity<'a, T: Elementary>(moving: &'a mut Option<Moving<T>>, position:
     }
 }
 
-/// A position, with the sides of jumps and kinks behind it where there are any.
+/// A position, followed by the sides of jumps and kinks if there are any.
 #[inline(always)]
 fn sided<'a, T: Elementary>(sides: &'a mut Option<SidedPoint<T>>, position: &'a [T]) -> &'a [T] {
     match sides {
@@ -522,7 +522,7 @@ fn sided<'a, T: Elementary>(sides: &'a mut Option<SidedPoint<T>>, position: &'a 
     }
 }
 
-/// Switches are those of the potential, of the forces, and of the elements, group by group.
+/// Switches are numbered in the order: potential, forces, elements group by group.
 impl<T: Elementary> Switched for Model<T> {
     fn switches(&self) -> usize {
         let of_expressions = [&self.potential_sides, &self.force_sides].into_iter().flatten();
@@ -607,7 +607,7 @@ impl<T: Elementary> Switched for Model<T> {
 }
 
 impl<T: Elementary> Model<T> {
-    /// Whether it has an energy of the kind ½ Σ p_i²/m_i + U(q) with one expression for U.
+    /// Whether the energy has the form ½ Σ p_i²/m_i + U(q) with one expression for U.
     pub fn has_plain_energy(&self) -> bool {
         let diagonal = matches!(self.inverse_mass, InverseMass::Matrix(Matrix::Diagonal(_)));
         diagonal
@@ -617,10 +617,10 @@ impl<T: Elementary> Model<T> {
             && self.cases.is_empty()
     }
 
-    /// Writes the energies of as many states as there are places, to the bits of each by itself.
+    /// Writes the energies of `energies.len()` states, with the same bits as one by one.
     ///
-    /// For systems with a [plain](Self::has_plain_energy) energy; for others it writes nothing. `room` serves
-    /// this system only.
+    /// Only for systems with a [plain](Self::has_plain_energy) energy; otherwise nothing is written. `room`
+    /// must be used for this system only.
     pub fn write_energies(&self, states: &States<'_>, room: &mut EnergyRoom<T>, energies: &mut [f64]) {
         if let InverseMass::Matrix(Matrix::Diagonal(inverse_masses)) = &self.inverse_mass {
             write_plain(inverse_masses, self.potential.as_ref(), states, room, energies);
@@ -629,7 +629,7 @@ impl<T: Elementary> Model<T> {
 }
 
 impl<T: Elementary> Model<T> {
-    /// Notes the velocity for what is asked for next.
+    /// Sets the velocity for the next evaluation.
     fn move_at(&mut self, velocity: &[T]) {
         let size = self.mass.size();
         if let Some(Moving { point, .. }) = &mut self.moving {
@@ -648,7 +648,7 @@ impl<T: Elementary> Model<T> {
             && self.force.is_affine()
     }
 
-    /// The potential that is given as an expression.
+    /// The part of the potential that is given as an expression.
     fn potential_energy(&mut self, position: &[T]) -> T {
         let potential = self.potential.as_ref();
         potential.map_or(T::zero(), |potential| potential.value(position, &mut self.registers))
@@ -675,8 +675,8 @@ impl<T: Elementary> Model<T> {
     }
 }
 
-/// The place q₀ at which the springs K_m(0) ρ_m of kernels are at rest that act on q − q₀:
-/// ½ (q − q₀)ᵀ C (q − q₀) = ½ qᵀCq − (C q₀)ᵀq + ½ q₀ᵀC q₀ with C = Σ K_m(0) ρ_m.
+/// The initial position q₀ at which the springs K_m(0) ρ_m of kernels that act on q − q₀ are at rest: ½ (q −
+/// q₀)ᵀ C (q − q₀) = ½ qᵀCq − (C q₀)ᵀq + ½ q₀ᵀC q₀ with C = Σ K_m(0) ρ_m.
 #[derive(Clone, Debug)]
 struct Anchor<T> {
     /// C q₀.
@@ -704,7 +704,7 @@ impl<T: Real> Anchor<T> {
             .then(|| Self { restoring: vector(&restoring), energy: T::of(energy) })
     }
 
-    /// (coordinate, entry) of the constant part of the gradient, for motions side by side.
+    /// (coordinate, entry) of the constant part of the gradient, for `copies` motions one after another.
     fn restoring_forces(&self, copies: usize) -> impl Iterator<Item = (usize, T)> + '_ {
         let size = self.restoring.len();
         let of_motion = move |motion: usize| {
@@ -716,7 +716,7 @@ impl<T: Real> Anchor<T> {
         (0..copies).flat_map(of_motion)
     }
 
-    /// The energy beside ½ qᵀCq.
+    /// The energy in addition to ½ qᵀCq.
     fn energy(&self, position: &[T]) -> T {
         position.iter().zip(&self.restoring).fold(self.energy, |sum, (&q, &restoring)| sum - q * restoring)
     }
@@ -747,7 +747,7 @@ fn with_springs_of_kernels<T: Real>(
     Some(Matrix::symmetric(system.coordinates(), all.into_iter()).on_threads(threads))
 }
 
-/// The pattern of the scenario's stiffness and these places.
+/// The union of the pattern of the scenario's stiffness and these places.
 fn with_base<T: Real>(size: usize, base: Option<&Matrix<T>>, places: &[(usize, usize)]) -> Arc<Pattern> {
     match base {
         Some(Matrix::Sparse(base)) if places.is_empty() => Arc::clone(&base.pattern),
@@ -769,7 +769,7 @@ fn with_base<T: Real>(size: usize, base: Option<&Matrix<T>>, places: &[(usize, u
     }
 }
 
-/// The scenario's stiffness by the slots of a pattern that has all its places.
+/// The values of the scenario's stiffness by the slots of a pattern that includes its own.
 fn of_base<T: Real>(base: Option<&Matrix<T>>, pattern: &Pattern) -> Shared<T> {
     if let Some(Matrix::Sparse(base)) = base
         && *base.pattern == *pattern
@@ -814,7 +814,7 @@ fn inverse<T: Real>(mass: &Matrix<T>, given: &SymmetricMatrix) -> Result<Inverse
     }
 }
 
-/// The factor of a sparse mass; where that is diagonal, its inverse.
+/// The factor of a sparse mass; for a diagonal mass its inverse.
 fn sparse_inverse<T: Real>(
     pattern: &Pattern,
     entries: &[T],
@@ -830,7 +830,7 @@ fn sparse_inverse<T: Real>(
     }
     let factor =
         Analysis::new(pattern).factor_of(pattern, &values).map_err(|_| MatrixError::NotPositiveDefinite)?;
-    // The sum of a row is the mass that moves with it; where couplings make that too small, its own entry.
+    // Lumped mass: the sum of a row, or, if couplings make that too small, the diagonal entry.
     let masses = pattern.rows().enumerate().map(|(row, slots)| {
         let own = values[pattern.slot(row, row)];
         let sum: f64 = values[slots].iter().sum();
@@ -844,7 +844,7 @@ fn sparse_inverse<T: Real>(
 fn dense_inverse<T: Real>(mass: &Matrix<T>, massless: &[usize]) -> Result<Matrix<T>, MatrixError> {
     if let Matrix::Diagonal(entries) = mass {
         let mut inverses: Vec<T> = entries.iter().map(|&entry| T::one() / entry).collect();
-        // A mass that rounds to zero is none of those.
+        // Only coordinates without mass; a mass that is rounded to zero is not among them.
         massless.iter().for_each(|&row| inverses[row] = T::zero());
         let mut pairs = entries.iter().zip(&inverses).enumerate();
         let good = pairs.all(|(row, (entry, inverse))| {

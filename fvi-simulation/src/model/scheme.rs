@@ -12,7 +12,7 @@ use fvi_core::{
 };
 use fvi_scenario::with_staged_method;
 
-/// Any of the core's schemes, its tables on the heap.
+/// Any of fvi-core's schemes, with its tables on the heap.
 #[derive(Clone, Debug)]
 pub struct AnyScheme<T> {
     weights: Vec<T>,
@@ -25,20 +25,20 @@ pub struct AnyScheme<T> {
     matrix: Vec<T>,
     square: Vec<T>,
     form: Form,
-    /// Coordinates without mass whose positions at grid points the step's polynomial does not tell.
+    /// Coordinates without mass whose positions at grid points do not follow from the step's polynomial.
     massless: MasslessRows,
 }
 
-/// Where the fractional force acts, and what the memory stores.
+/// Place where the fractional force acts, and samples that the memory stores.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Form {
-    /// At q_{k+1}, in the new momentum only; the main nodes.
+    /// The force acts at q_{k+1}, in the new momentum only; the memory stores main nodes.
     MainNodes,
-    /// At the end of the step, in all equations; the main nodes.
+    /// The force acts at the end of the step, in all equations; the memory stores main nodes.
     EndOfStep,
-    /// At the quadrature nodes; these.
+    /// The force acts at the quadrature nodes, which the memory stores.
     Nodes,
-    /// At the nodes, where the equations of motion hold.
+    /// The force acts at the collocation nodes, which the memory stores.
     Collocation,
 }
 
@@ -46,7 +46,7 @@ impl<T: Real> AnyScheme<T> {
     /// The scheme of a scenario.
     ///
     /// # Errors
-    /// If degree, points and stages do not go together.
+    /// If degree, points and stages do not fit each other.
     pub fn new(scenario: &Scenario) -> Result<Self, ParameterError> {
         let form = match scenario.convolution.at {
             DampedAt::MainNodes => Form::MainNodes,
@@ -150,7 +150,7 @@ impl<T: Real> AnyScheme<T> {
         }
     }
 
-    /// A of collocation, R·R numbers row by row.
+    /// A of collocation, R·R numbers row by row; `None` for other schemes.
     pub fn matrix(&self) -> Option<&[T]> {
         (self.form == Form::Collocation).then_some(&self.matrix)
     }
@@ -165,8 +165,8 @@ impl<T: Real> AnyScheme<T> {
         self.form == Form::MainNodes
     }
 
-    /// The discrete Lagrangian of degree one with one quadrature point, as a view whose lengths the compiler
-    /// knows: loops over nodes and points vanish from its step.
+    /// The discrete Lagrangian of degree one with one quadrature point, as a view whose lengths are known to
+    /// the compiler: its step has no loops over nodes and points.
     #[inline(always)]
     fn of_one_point(&self) -> Option<DiscreteLagrangian<'_, T>> {
         fn one<T>(numbers: &[T]) -> Option<&[T; 1]> {
@@ -206,7 +206,7 @@ impl Rule {
     }
 }
 
-/// The room of a step, and what a linear system keeps between steps.
+/// Workspace of a step, and data that a linear system reuses between steps.
 pub struct Room<T: Real> {
     increments: Vec<T>,
     residual: Vec<T>,
@@ -214,13 +214,13 @@ pub struct Room<T: Real> {
     forces: Vec<T>,
     known: Vec<T>,
     scratch: Vec<T>,
-    /// How far the nodes of the last sample lie behind the position, and behind it what pulled there, and the
-    /// means of massless coordinates.
+    /// Offsets of the position from the nodes of the last sample, followed by the last restoring force and
+    /// the means of coordinates without mass.
     carried: Vec<T>,
-    /// Numbers of the first, and of the second.
+    /// Lengths of the first and the second of these parts.
     behind: usize,
     pulled: usize,
-    /// Room for the ends of steps of massless coordinates.
+    /// Buffers for coordinates without mass at the ends of steps.
     settling: Settling<T>,
     moment_correction: Vec<T>,
     point: Vec<T>,
@@ -238,7 +238,7 @@ impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
         let samples = self.sampling().nodes();
         let numbers = |count: usize| vec![T::zero(); count * size];
         let behind = if self.form == Form::Nodes { points } else { 0 };
-        // Of a linear system nothing is guessed.
+        // For a linear system there is no guess.
         let guessed = !mechanics.is_linear() && self.of_one_point().is_some();
         Room {
             increments: numbers(degree),
@@ -329,14 +329,14 @@ impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
 }
 
 impl<T: Real> AnyScheme<T> {
-    /// What the last step has solved for: with the state at its beginning, all that
-    /// [`interpolate`](Self::interpolate) needs.
+    /// The solution of the last step: with the state at its beginning it determines
+    /// [`interpolate`](Self::interpolate).
     pub fn solution(room: &Room<T>) -> &[T] {
         &room.increments
     }
 
     /// Moves position and momentum from the beginning of a step, of the given length, to the given fraction
-    /// of it, by the polynomial that the scheme itself works with.
+    /// of it, by the polynomial of the scheme.
     pub fn interpolate(
         &self,
         solution: &[T],
@@ -347,7 +347,7 @@ impl<T: Real> AnyScheme<T> {
     ) {
         let size = position.len().max(1);
         let unknowns = || solution.chunks_exact(size);
-        // Δq, and Δv or v.
+        // Δq, and Δv for collocation or v.
         let (mut way, mut velocity) = (vec![T::zero(); size], vec![T::zero(); size]);
         if self.form == Form::Collocation {
             mechanics.velocity(momentum, &mut velocity);
@@ -356,7 +356,7 @@ impl<T: Real> AnyScheme<T> {
             for (j, acceleration) in unknowns().enumerate() {
                 let [once, mut twice] = integrals_of_shape(&self.nodes, j, fraction);
                 if self.nodes.len() == 1 {
-                    // One stage goes all the way with the velocity that it ends with, Δq = h (v + h a).
+                    // With one stage the displacement follows from the final velocity, Δq = h (v + h a).
                     twice = fraction;
                 }
                 add_multiple(&mut velocity, length * once, acceleration);

@@ -1,4 +1,5 @@
-//! Coordinates without mass: what must hold them, which schemes take them, and where they start.
+//! Coordinates without mass: checks of the forces that hold them and of the scheme, and their positions at
+//! the start.
 
 use super::bad_mass;
 use crate::language::{InputError, Problem};
@@ -9,38 +10,39 @@ use fvi_sparse::{Analysis, FactorError, Pattern};
 use nalgebra::Complex;
 use std::borrow::Cow;
 
-/// Part of a diagonal entry that a pivot must have left to be more than rounding.
+/// Fraction of a diagonal entry above which a pivot is not rounding.
 const ROUNDING: f64 = 1e-13;
 
-/// How far a position that is given may be from the balance of forces, relative to the largest position.
+/// Largest distance of a given position from the balance of forces, relative to the largest position.
 const GIVEN: f64 = 1e-6;
 
-/// Largest means that positions at grid points are made of.
+/// Largest number of means from which positions at grid points are computed.
 const MOST_MEANS: usize = 6;
 
-/// What acts on coordinates without mass at the start.
+/// Coordinates without mass, with the forces that act on them at the start.
 struct Held {
     rows: Vec<usize>,
-    /// Where a coordinate is among the rows.
+    /// Index of each coordinate among the rows.
     places: Vec<Option<usize>>,
     /// ∂²U/∂q² − ∂F/∂q, and −∂F/∂v if there is one.
     stiffness: Matrix<f64>,
     resistance: Option<Matrix<f64>>,
-    /// Whether a damping term acts on each, one that grows with the frequency, and a force of the velocity.
+    /// For each whether a damping term acts on it, whether one that grows with the frequency does, and
+    /// whether a velocity-dependent force does.
     remembered: Vec<bool>,
     creeping: Vec<bool>,
     resisted: Vec<bool>,
 }
 
-/// The coordinates without mass of a scenario, and the scenario with those at the start where their forces
-/// balance that nothing else places. There is nothing to do for scenarios whose coordinates all have a mass.
+/// The coordinates without mass of a scenario, and the scenario with the initial positions of those that are
+/// determined by the balance of forces alone. Scenarios with a mass for every coordinate are unchanged.
 ///
-/// Held by stiffness alone, or by memories that yield to a jump of the force at once, z(0) follows from the
-/// other coordinates: G_z(0, q(0)) = 0. A zero that is given stands for this number, others must be near it.
-/// Dampers that resist a jump of z hold it where it is given.
+/// If z is held by stiffness alone, or by memories that yield at once to a jump of the force, z(0) follows
+/// from the other coordinates: G_z(0, q(0)) = 0. A given zero is replaced by this value, other given values
+/// must be near it. Dampers that resist a jump of z hold it at the given value.
 ///
 /// # Errors
-/// If nothing holds one of them, or the scheme, the damping or another key cannot do without its mass.
+/// If nothing holds one of them, or the scheme, the damping or another key needs its mass.
 pub(super) fn placed<'a>(scenario: &'a Scenario) -> Result<(Cow<'a, Scenario>, MasslessRows), InputError> {
     let rows = scenario.system.massless();
     if rows.is_empty() {
@@ -74,7 +76,7 @@ fn refused(scenario: &Scenario, key: &str, what: &str, row: usize) -> InputError
     scenario.error_at(key, Problem::Incompatible { with, allowed })
 }
 
-/// Refuses what asks for the mass of every coordinate.
+/// Refuses settings that need the mass of every coordinate.
 fn refuse_others(scenario: &Scenario, row: usize) -> Result<(), InputError> {
     let keys = [
         (!scenario.cases.is_empty(), "case", "load cases"),
@@ -107,7 +109,8 @@ impl Held {
                 model.resistance(instant, &position, velocity, &mut resistance);
                 resistance
             };
-            // What does not depend on the velocity does so nowhere, also where drag has no slope.
+            // The velocity is changed, so that velocity-dependent forces are found even where drag has no
+            // slope.
             let elsewhere: Vec<f64> =
                 velocity.iter().enumerate().map(|(i, v)| v + 1.0 + 0.1 * (i as f64).sin()).collect();
             let other = at(&elsewhere, &mut stiffness);
@@ -144,7 +147,7 @@ impl Held {
         Ok(Self { rows, places, stiffness, resistance, remembered, creeping, resisted })
     }
 
-    /// Refuses gyroscopic forces and dampings that need a mass, or leave where the motion begins open.
+    /// Refuses gyroscopic forces, and dampings that need a mass or leave the initial position undetermined.
     fn check_damping(&self, scenario: &Scenario) -> Result<(), InputError> {
         let row_of = |row: usize| self.places[row].map(|_| row);
         if let Some(skew) = &scenario.system.gyroscopic {
@@ -176,7 +179,8 @@ impl Held {
                 }
             }
         }
-        // Whatever dampers hold must be held in every direction, or part of it would follow from forces alone.
+        // Coordinates held by dampers must be held in every direction, or some combinations would follow from
+        // forces alone.
         if let Some(place) =
             self.loose(scenario, &self.remembered).or_else(|| self.loose(scenario, &self.creeping))
         {
@@ -190,8 +194,8 @@ impl Held {
         Ok(())
     }
 
-    /// A coordinate, of those that forces of the velocity or `these` dampers hold, on which they are not positive
-    /// definite.
+    /// A coordinate, among those held by velocity-dependent forces or by the dampers `these`, on which these
+    /// are not positive definite.
     fn loose(&self, scenario: &Scenario, these: &[bool]) -> Option<usize> {
         let count = self.rows.len();
         let damped: Vec<bool> = (0..count).map(|place| these[place] || self.resisted[place]).collect();
@@ -209,7 +213,7 @@ impl Held {
         first_loose(count, &entries)
     }
 
-    /// Refuses schemes whose equations do not determine coordinates without mass, or that have their errors
+    /// Refuses schemes whose equations do not determine coordinates without mass, or for which their errors
     /// grow.
     fn check_scheme(&self, scenario: &Scenario) -> Result<(), InputError> {
         let convolution = &scenario.convolution;
@@ -227,7 +231,7 @@ impl Held {
                 .to_owned();
             return Err(scenario.error_at("scheme", Problem::Incompatible { with, allowed }));
         }
-        // What they are at the end of a step would need the input there, which may change inside it.
+        // Their positions at the end of a step would need the input there, which may change inside the step.
         let held = |row: usize| {
             self.places[row].is_some_and(|place| !self.remembered[place] && !self.resisted[place])
         };
@@ -282,7 +286,7 @@ impl Held {
         }
     }
 
-    /// The entries of a matrix between coordinates without mass, by their places.
+    /// The entries of a matrix between coordinates without mass, by their indices among these.
     fn own_block(&self, matrix: &Matrix<f64>, factor: f64) -> Vec<(usize, usize, f64)> {
         let places = &self.places;
         let own =
@@ -290,7 +294,7 @@ impl Held {
         matrix.entries().into_iter().filter_map(own).collect()
     }
 
-    /// The position at the start, if it is not the one given.
+    /// The initial position, if it differs from the given one.
     fn start(&self, scenario: &Scenario, model: &mut Model<f64>) -> Result<Option<Vec<f64>>, InputError> {
         let standing = |place: &usize| !self.creeping[*place] && !self.resisted[*place];
         let rows: Vec<usize> = (0..self.rows.len()).filter(standing).map(|place| self.rows[place]).collect();
@@ -344,7 +348,7 @@ impl Held {
     }
 }
 
-/// The diagonal of a matrix, of the coordinates that have places.
+/// The diagonal entries of a matrix for the coordinates that have places.
 fn own_entries(matrix: &Matrix<f64>, places: &[Option<usize>], count: usize) -> Vec<f64> {
     let mut own = vec![0.0; count];
     for (row, column, entry) in matrix.entries() {
@@ -355,7 +359,7 @@ fn own_entries(matrix: &Matrix<f64>, places: &[Option<usize>], count: usize) -> 
     own
 }
 
-/// A coordinate on which the symmetric part of a matrix is not positive definite beyond rounding.
+/// The first coordinate at which the symmetric part of a matrix is not positive definite beyond rounding.
 fn first_loose(count: usize, entries: &[(usize, usize, f64)]) -> Option<usize> {
     let diagonal = (0..count).map(|place| (place, place));
     let both = entries.iter().flat_map(|&(row, column, _)| [(row, column), (column, row)]);

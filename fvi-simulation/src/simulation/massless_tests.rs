@@ -59,7 +59,7 @@ fn exponential<const N: usize>(a: [[f64; N]; N], t: f64, mut y: [f64; N]) -> [f6
     y
 }
 
-/// A mass on a spring, beside it a Maxwell element whose node between spring and dashpot has no mass:
+/// A mass on a spring, with a parallel Maxwell element whose node between spring and dashpot has no mass:
 /// 2 ẍ + 3 x + 5 (x − z) = 0 , R(z) = 5 (x − z).
 fn maxwell(dashpot: &str, z: f64, scheme: &str, steps: usize) -> Scenario {
     scenario(&format!(
@@ -76,8 +76,8 @@ fn a_maxwell_element_with_a_massless_node_follows_its_exact_solution() {
         |z: f64| exponential([[0.0, 0.5, 0.0], [-8.0, 0.0, 5.0], [2.0, 0.0, -2.0]], 2.0, [1.0, 1.0, z]);
     let memory = "[[system.damping]]\norder = 1.0\ncoefficient = [0.0, 2.5]";
     let force = "force = [\"0\", \"-2.5*v1\"]";
-    // Dashpot, scheme, steps, and the order of all numbers with a node that starts at rest. One that does not has
-    // ż(0) ≠ 0 and no past: positions of masses keep the order, p and z have order 2 by multistep memories.
+    // Dashpot, scheme, steps, and the order of all numbers if the node starts at rest. If it does not, ż(0) ≠
+    // 0 without a past: positions of masses keep the order, p and z have order 2 with multistep memories.
     let cases = [
         (memory, MIDPOINT, 64, 2.0, [2.0; 3]),
         (memory, TRAPEZOIDAL, 64, 2.0, [2.0; 3]),
@@ -112,7 +112,7 @@ fn a_maxwell_element_with_a_massless_node_follows_its_exact_solution() {
 
 #[test]
 fn a_massless_node_stands_for_the_kernel_of_its_element() {
-    // z eliminated: K(s) = 5 s/(s + 2), and with a springpot 5 · 2 s^½/(5 + 2 s^½).
+    // With z eliminated: K(s) = 5 s/(s + 2), and with a springpot 5 · 2 s^½/(5 + 2 s^½).
     let kernels = [
         (
             "order = 1.0\ncoefficient = [0.0, 2.5]",
@@ -143,7 +143,7 @@ fn a_massless_node_stands_for_the_kernel_of_its_element() {
     }
 }
 
-/// A mass on two springs in series, 4 and 6, whose joint has no mass and is pushed.
+/// A mass on two springs in series, 4 and 6, with a force on their joint, which has no mass.
 fn joint(scheme: &str, push: &str, z: f64, more: &str) -> Scenario {
     scenario(&format!(
         "[system]\nmass = [2.0, 0.0]\npotential = \"2*(q0 - q1)^2 + 3*q1^2\"\nforce = [\"0\", \"{push}\"]\n{more}\n\
@@ -246,14 +246,14 @@ fn a_mass_matrix_with_rows_of_zeros_is_that_of_fewer_coordinates() {
 
 #[test]
 fn a_start_that_is_not_given_is_computed_and_one_that_does_not_balance_is_refused() {
-    // (4 + 1)/10.
+    // z(0) = (4 + 1)/10.
     let start = |z: f64| states(&joint(MIDPOINT, "1", z, ""), Precision::F64)[0].position[1];
     assert!((start(0.0) - 0.5).abs() < 1e-15 && (start(0.500_000_1) - 0.5).abs() < 1e-15);
     let error = refused_joint(0.7);
     for part in ["initial.position", "coordinate 1", "balance at 0.", "0.7", "0 to have it computed"] {
         assert!(error.contains(part), "{error}");
     }
-    // A dashpot holds it where it is.
+    // A dashpot holds it at the given position.
     let held = end(&maxwell("[[system.damping]]\norder = 1.0\ncoefficient = [0.0, 1e9]", -0.4, MIDPOINT, 10));
     assert!((held.position[1] + 0.4).abs() < 1e-6);
 }
@@ -379,8 +379,8 @@ fn a_step_that_is_too_long_for_the_condensed_system_is_refused() {
     }
 }
 
-/// A clamped beam of Hermite elements whose rotations have no mass, in the order (w, φ) of each node, with a
-/// damping proportional to its stiffness where it is asked for.
+/// A clamped beam of Hermite elements whose rotations may have no mass, in the order (w, φ) of each node,
+/// with a damping proportional to its stiffness if `damped`.
 fn frame(elements: usize, damped: bool, massless: bool, scheme: &str) -> (Scenario, nalgebra::DMatrix<f64>) {
     let l = 1.0 / elements as f64;
     let (a, b, c, d) = (12.0 / l.powi(3), 6.0 / l.powi(2), 4.0 / l, 2.0 / l);
@@ -467,7 +467,8 @@ fn a_sparse_frame_with_massless_rotations_is_its_static_condensation() {
             );
         }
         assert!((sparse.energy - reference.energy).abs() < 1e-9 * reference.energy.abs());
-        // With a damping like the stiffness rotations are held by memories, sparse as dense.
+        // With a damping proportional to the stiffness rotations are held by memories, with sparse and dense
+        // solvers.
         let (whole, _) = frame(8, true, true, scheme);
         let ((sparse, _), (dense, _)) = (end(&whole, SolverChoice::Sparse), end(&whole, SolverChoice::Dense));
         for (one, other) in sparse.position.iter().zip(&dense.position) {
@@ -478,8 +479,8 @@ fn a_sparse_frame_with_massless_rotations_is_its_static_condensation() {
 
 #[test]
 fn collocation_takes_any_grid_and_kernels_that_yield_at_once() {
-    // A Maxwell element as a Prony series on a massless coordinate, with a spring behind it: x − 5 − z, and on z
-    // 2.5 s/(1 + s/2) and 1: the force on x is that of the kernel of both.
+    // A Maxwell element as a Prony series on a coordinate without mass, with a spring in series: x − 5 − z,
+    // and on z 2.5 s/(1 + s/2) and 1: the force on x is that of the combined kernel.
     let of = |grid: &str| {
         scenario(&format!(
             "[system]\nmass = [2.0, 0.0]\nstiffness = [[8.0, -5.0], [-5.0, 6.0]]\n\
@@ -532,13 +533,13 @@ fn a_system_without_any_mass_relaxes_like_a_mittag_leffler_function() {
 #[test]
 fn the_frequency_response_is_that_of_the_condensed_system() {
     let whole = Linearised::new(&joint(MIDPOINT, "0", 0.0, ""), &[0.0, 0.0]).unwrap();
-    // 1/(2.4 − 2 ω²), and 0.4 of it at the joint.
+    // 1/(2.4 − 2 ω²), and 0.4 times that at the joint.
     for omega in [0.3, 1.0, 5.0] {
         let exact = 1.0 / (2.4 - 2.0 * omega * omega);
         let found = whole.response(omega, 0).unwrap();
         assert!((found[0].re - exact).abs() < 1e-13 && (found[1].re - 0.4 * exact).abs() < 1e-13);
     }
-    // Positions at grid points do not follow from the polynomial of the midpoint rule.
+    // Positions at grid points do not follow from the polynomial of the midpoint rule without mass.
     assert!(whole.discrete_response(1.0, 0).unwrap_err().contains("coordinate 1 has no mass"));
     assert!(whole.poles().unwrap_err().contains("coordinate 1 has no mass"));
     let collocated = Linearised::new(&joint(RADAU_3, "0", 0.0, ""), &[0.0, 0.0]).unwrap();

@@ -1,4 +1,4 @@
-//! Whether a step is short enough: the growing motions of a linearised scheme, counted.
+//! Stability of a step: the number of growing motions of a linearised scheme.
 
 pub(super) mod characteristic;
 #[cfg(test)]
@@ -24,7 +24,7 @@ pub(crate) use parts::{LARGEST_PART, Part};
 use parts::{all_parts, parts};
 use winding::Count;
 
-/// Where the fractional force acts, and the convolution quadrature behind it.
+/// Nodes at which the fractional force acts, and its convolution quadrature.
 #[derive(Clone, Debug, PartialEq)]
 pub enum DampingForm {
     /// Explicitly at the main nodes q_k.
@@ -32,20 +32,20 @@ pub enum DampingForm {
         /// The rule of the convolution quadrature.
         rule: MultistepRule,
     },
-    /// At the quadrature nodes, each with its own sequence of values, implicitly.
+    /// Implicitly at the quadrature nodes, with a separate sequence of values for each.
     Nodes {
         /// The rule of the convolution quadrature.
         rule: MultistepRule,
     },
-    /// At the stages of a stiffly accurate Runge–Kutta method, whose nodes and weights are those of the
-    /// quadrature, implicitly.
+    /// Implicitly at the stages of a stiffly accurate Runge–Kutta method, whose nodes and weights are those
+    /// of the quadrature.
     Stages {
         /// A of the method.
         matrix: DMatrix<f64>,
     },
 }
 
-/// A scheme as far as stability goes.
+/// The properties of a scheme that determine its stability.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Discretisation {
     /// Degree S of the polynomials; 1 with one node at 1 − κ is the low-order scheme.
@@ -54,7 +54,7 @@ pub struct Discretisation {
     pub nodes: Vec<f64>,
     /// Quadrature weights b_i.
     pub weights: Vec<f64>,
-    /// Where the fractional force acts.
+    /// Nodes at which the fractional force acts.
     pub form: DampingForm,
 }
 
@@ -67,11 +67,11 @@ pub struct LinearDamping {
     pub transfer: TransferFunction,
 }
 
-/// M q̈ + C q̇ + K q + Σ_m ρ_m K_m(D) q = 0, in coordinates where M is the identity, or has zeros in place of
-/// some of its ones.
+/// M q̈ + C q̇ + K q + Σ_m ρ_m K_m(D) q = 0, in coordinates where M is the identity, with zeros instead of
+/// some of its ones if there are coordinates without mass.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinearSystem {
-    /// M, where it is not the identity.
+    /// M, if it is not the identity.
     mass: Option<DMatrix<f64>>,
     stiffness: DMatrix<f64>,
     /// C = −∂F/∂v.
@@ -83,8 +83,8 @@ impl LinearSystem {
     /// The system of a mass matrix M, a stiffness K = ∂²U/∂q² − ∂F/∂q, symmetric or not, and damping terms.
     ///
     /// # Errors
-    /// If M is not positive definite but for rows and columns of zeros, or so small that K or ρ divided by it is
-    /// not finite; or if neither stiffness alone nor damping holds a coordinate without mass.
+    /// If M is not positive definite apart from rows and columns of zeros, or so small that K or ρ divided by
+    /// it is not finite; or if neither stiffness alone nor damping holds a coordinate without mass.
     pub fn new(
         mass: &DMatrix<f64>,
         stiffness: &DMatrix<f64>,
@@ -93,8 +93,8 @@ impl LinearSystem {
         Self::resisted(mass, (stiffness, None), damping)
     }
 
-    /// As [`new`](Self::new), with C = −∂F/∂v of forces of the velocity behind the stiffness, if there are
-    /// any: a matrix of any kind.
+    /// As [`new`](Self::new), with C = −∂F/∂v of velocity-dependent forces, if there are any: an arbitrary
+    /// matrix.
     ///
     /// # Errors
     /// As [`new`](Self::new).
@@ -137,9 +137,9 @@ impl LinearSystem {
         Ok(Self { mass: None, stiffness, resistance, damping })
     }
 
-    /// The system whose mass has these rows of zeros, in coordinates where all other entries of M are those of
-    /// the identity. Coordinates held by stiffness alone are where K q = 0, at every node of a scheme too, and
-    /// are eliminated; those that are damped have the identity for the sum of what damps them.
+    /// The system whose mass has these rows of zeros, in coordinates where all other entries of M are those
+    /// of the identity. Coordinates held by stiffness alone satisfy K q = 0, at every node of a scheme too,
+    /// and are eliminated; for damped ones the sum of the damping coefficients is the identity.
     fn scaled(self, massless: &[usize]) -> Option<Self> {
         let mass = self.mass?;
         let size = mass.nrows();
@@ -188,8 +188,7 @@ impl LinearSystem {
         Some(Self { mass, stiffness, resistance, damping })
     }
 
-    /// The parts of it that do not act on each other; `None` if one has more than [`LARGEST_PART`]
-    /// coordinates.
+    /// Its uncoupled parts; `None` if one has more than [`LARGEST_PART`] coordinates.
     pub(crate) fn parts(&self) -> Option<Vec<Part>> {
         all_parts(self).ok()
     }
@@ -200,34 +199,33 @@ impl LinearSystem {
 pub enum Verdict {
     /// No motion grows.
     Stable,
-    /// Some motion grows, or whether one does is lost in rounding.
+    /// A motion grows, or rounding makes it impossible to decide.
     Unstable {
-        /// The largest shorter step at which none does, to four digits; `None` if there is none above 10⁻¹²
-        /// of the step.
+        /// The largest shorter step without growing motions, to four digits; `None` if there is none above
+        /// 10⁻¹² of the step.
         largest_stable_step: Option<f64>,
     },
 }
 
-/// Growth of a motion over the whole run that is let pass.
+/// Growth of a motion over the whole run that is accepted.
 const GROWTH: f64 = 2.0;
 
-/// The least and the largest growth in a step that is told from none: by rounding, and in short runs.
+/// Bounds of the accepted growth per step: the lower one allows for rounding, the upper one limits it in
+/// short runs.
 const MARGINS: (f64, f64) = (1e-7, 1e-3);
 
 /// Checks whether a step is short enough for runs of this length.
 ///
-/// With motions q_k = z^{−k} v the equations of a step are A(z) v = 0 (`characteristic.rs`). Every zero of
-/// det A in |z| < 1 is a motion that grows, and a motion that grows is such a zero. They are counted by the
-/// argument principle, on a circle a little inside |z| = 1: a motion may grow by the factor 2 over the run.
-/// So what neither grows nor decays is accepted, as are undamped systems. Where the system itself makes
-/// motions grow (K not positive semidefinite, forces that do not come from a potential, forces of the
-/// velocity that drive) none may grow more
-/// than twice as fast as the system's fastest can; where coordinates have no mass nothing bounds that, and such
-/// parts are not looked at.
+/// With motions q_k = z^{−k} v the equations of a step are A(z) v = 0 (`characteristic.rs`). The zeros of det
+/// A in |z| < 1 are the growing motions. They are counted by the argument principle, on a circle slightly
+/// inside |z| = 1: a motion may grow by the factor 2 over the run. So motions that neither grow nor decay,
+/// such as undamped ones, are accepted. If the system itself has growing motions (K not positive
+/// semidefinite, forces without a potential, velocity-dependent forces that add energy), none may grow more
+/// than twice as fast as the system's fastest can; with coordinates without mass there is no bound of that,
+/// and such parts are not checked.
 ///
-/// Matrices that commute are split into their modes. Parts of more than 40 coupled coordinates are taken
-/// apart along the modes of K, and along those of ρ, without what couples these: then the check is no more
-/// than a good sign.
+/// Matrices that commute are split into their modes. Parts of more than 40 coupled coordinates are split into
+/// the modes of K, and into those of ρ, neglecting the coupling: the check is then only heuristic.
 ///
 /// K is that of the initial point, so for nonlinear problems the check is local.
 pub fn check_stability(
@@ -248,25 +246,25 @@ pub fn check_stability(
     if check.is_stable(step) {
         return Verdict::Stable;
     }
-    // Weights that are given are those of one step.
+    // Given weights are for a single step size.
     let others = !system.damping.iter().any(|term| term.transfer.table().is_some());
     Verdict::Unstable { largest_stable_step: if others { check.largest_stable_step(step) } else { None } }
 }
 
 /// Whether a part is stable at every step.
 ///
-/// A free motion is. So is the midpoint rule, undamped or with BDF 1 or 2 at its node: with
-/// w = (2/h)(1 − z)/(1 + z) the equation divided by w, along v, is
+/// A free motion is. So is the midpoint rule, undamped or with BDF 1 or 2 at its node: with w = (2/h)(1 −
+/// z)/(1 + z) the equation divided by w, multiplied by v*, is
 ///
 /// ```text
 /// w + k/w + Σ ρ (γ_p(z)/h)^β / w = 0 ,
 /// ```
 ///
-/// and in |z| < 1 the first term has a positive real part, the others have none that is negative: on the
-/// upper half of |z| = 1, arg 1/w = π/2 and −π/2 ≤ arg γ_p ≤ 0, so arg γ_p^β/w stays within ±π/2 for
-/// 0 ≤ β ≤ 2; it is harmonic, so it does inside too. Every other passive kernel is a positive combination of
-/// resonators, for which the same holds (book/src/theory/kernels.md). A force of the velocity adds v*C v,
-/// whose real part is not negative where C drives nothing.
+/// and in |z| < 1 the first term has a positive real part, the others a nonnegative one: on the upper half of
+/// |z| = 1, arg 1/w = π/2 and −π/2 ≤ arg γ_p ≤ 0, so arg γ_p^β/w stays within ±π/2 for 0 ≤ β ≤ 2; it is
+/// harmonic, so this holds inside too. Every other passive kernel is a positive combination of resonators,
+/// for which the same holds (book/src/theory/kernels.md). A velocity-dependent force adds v*C v, whose real
+/// part is nonnegative if C adds no energy.
 fn is_always_stable(discretisation: &Discretisation, part: &Part) -> bool {
     if !part.is_damped() && !part.is_resisted() && part.stiffness.amax() == 0.0 {
         return true;
@@ -281,7 +279,8 @@ fn is_always_stable(discretisation: &Discretisation, part: &Part) -> bool {
     midpoint && (passive || !part.is_damped()) && part.growth_rate() == 0.0
 }
 
-/// Whether a part without some of its masses pushes, so that nothing bounds how fast its motions grow.
+/// Whether the motions of a part with coordinates without mass may grow at any rate, as with repulsive
+/// forces.
 fn may_grow_at_any_rate(part: &Part) -> bool {
     part.mass.is_some() && part.growth_rate() > 0.0
 }
@@ -297,7 +296,7 @@ impl Check {
         self.finds_none(step) == Some(true)
     }
 
-    /// Whether no motion grows; `None` where that takes more work than any step is worth.
+    /// Whether no motion grows; `None` if that would take too much work.
     fn finds_none(&self, step: f64) -> Option<bool> {
         let margin = (libm::log(GROWTH) * step / self.end).clamp(MARGINS.0, MARGINS.1);
         for part in &self.parts {
@@ -311,8 +310,8 @@ impl Check {
         Some(true)
     }
 
-    /// The first stable step below, by steps of a tenth and later by halves; then the limit above it to four
-    /// digits.
+    /// The first smaller stable step, by reductions of a tenth and later by halves; then the limit above it
+    /// to four digits.
     fn largest_stable_step(&self, step: f64) -> Option<f64> {
         let (mut low, mut high) = (step, step);
         while !self.finds_none(low)? {

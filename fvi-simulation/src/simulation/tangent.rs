@@ -1,4 +1,4 @@
-//! The derivative of a discrete motion with respect to numbers of its scenario.
+//! Derivatives of a discrete motion with respect to parameters of its scenario.
 
 mod explicit;
 
@@ -24,10 +24,10 @@ use fvi_core::{
 use fvi_scenario::with_staged_method;
 use nalgebra::DMatrix;
 
-/// A motion on a memory, of any number of coordinates.
+/// A motion with its memory, for any number of coordinates.
 type Remembered = DampedMotion<f64, AnySpace, HostMemory<f64>>;
 
-/// ∂q_k/∂θ and ∂p_k/∂θ of the numbers that a scheme on equal steps makes, for p parameters.
+/// ∂q_k/∂θ and ∂p_k/∂θ of the discrete motion of a scheme on equal steps, for p parameters.
 ///
 /// The equations of a step (`discrete_lagrangian.rs`), differentiated, are linear in the derivatives and have
 /// the matrix of Newton's method; with δ for ∂/∂θ and G_i the forces at the nodes
@@ -39,11 +39,10 @@ type Remembered = DampedMotion<f64, AnySpace, HostMemory<f64>>;
 ///        + Σ_m [ρ_m D_m δX + δρ_m D_m X + ρ_m (∂D_m/∂θ) X]_i .
 /// ```
 ///
-/// with δV_i = Σ_ν ℓ̇_ν(c_i) δe^ν/h where forces depend on the velocity of the polynomial, the gyroscopic ones
-/// of the matrix G among them. D_m acts on δX
-/// with the weights that it has, on a memory of its own with p times the channels, and
-/// ∂D_m/∂θ on X with their derivatives. Where the force acts at the main nodes its three parts are in the
-/// last equation only. Collocation has, with v = M⁻¹p,
+/// with δV_i = Σ_ν ℓ̇_ν(c_i) δe^ν/h if forces, including the gyroscopic ones of the matrix G, depend on the
+/// velocity of the polynomial. D_m acts on δX with its weights, on a separate memory with p times the
+/// channels, and ∂D_m/∂θ on X with the derivatives of the weights. If the force acts at the main nodes its
+/// three parts are in the last equation only. For collocation, with v = M⁻¹p,
 ///
 /// ```text
 /// 0 = M δa_i + δM a_i + δG_i ,      δX_i − δq_k = h c_i δv_k + h² Σ_j (A²)_ij δa_j ,
@@ -51,8 +50,7 @@ type Remembered = DampedMotion<f64, AnySpace, HostMemory<f64>>;
 /// δp_{k+1} = δp_k + h Σ_j b_j (M δa_j + δM a_j) ,      M δv_k = δp_k − δM v_k .
 /// ```
 ///
-/// So the derivatives are those of the program's own numbers, not of the motion that
-/// they stand for, but for rounding.
+/// So the derivatives are those of the computed numbers, up to rounding, not of the exact motion.
 pub(crate) struct Tangent {
     size: usize,
     count: usize,
@@ -60,22 +58,22 @@ pub(crate) struct Tangent {
     start: f64,
     step: f64,
     scheme: AnyScheme<f64>,
-    /// Whether damping acts in the new momentum only, and whether memories take main nodes.
+    /// Whether damping acts in the new momentum only, and whether memories store main nodes.
     kicks: bool,
     at_main_nodes: bool,
-    /// Whether half of the last kick belongs to the momentum that is reported.
+    /// Whether half of the last kick is part of the reported momentum.
     mean: bool,
     model: Model<f64>,
-    /// ∂²U − ∂F; of a linear system once for all.
+    /// ∂²U − ∂F; constant for a linear system.
     stiffness: Matrix<f64>,
-    /// −∂F/∂v likewise, where forces depend on the velocity.
+    /// −∂F/∂v likewise, if forces depend on the velocity.
     resistance: Option<Matrix<f64>>,
-    /// ∂G/∂θ of each parameter: what adds up to it.
+    /// ∂G/∂θ of each parameter, as a sum of parts.
     direct: Vec<Vec<Direct>>,
-    /// ∂M: entries of each parameter.
+    /// ∂M: for each parameter the places whose entry it is.
     mass_changes: Vec<Vec<(usize, usize)>>,
     terms: Vec<Term>,
-    /// G V, and δG V of the parameters in G.
+    /// G V, and δG V for the parameters in G.
     gyroscopic: Option<Gyroscopic<f64, Matrix<f64>>>,
     gyroscopic_changes: Vec<(usize, Gyroscopic<f64, Matrix<f64>>)>,
     solver: Solver,
@@ -83,21 +81,21 @@ pub(crate) struct Tangent {
     position: Vec<f64>,
     momentum: Vec<f64>,
     kick: Vec<f64>,
-    /// Difference between the position at the end of the last step and at each of its nodes: its derivatives
-    /// by the parameters, and its value.
+    /// Offset of the position at the end of the last step from each of its nodes: its derivatives by the
+    /// parameters, and its value.
     behind: Vec<f64>,
     motion_behind: Vec<f64>,
     scratch: Vec<f64>,
     room: Room,
 }
 
-/// Numbers on the way through a step, kept for the next one: of n coordinates, R points and p parameters.
+/// Buffers for a step: for n coordinates, R points and p parameters.
 struct Room {
     /// X_i − q_k, R n numbers.
     stages: Vec<f64>,
-    /// What damping exerts at the nodes: p n numbers each.
+    /// Derivatives of the damping force at the nodes: p n numbers each.
     damped: Vec<f64>,
-    /// ∂G_i at the points, likewise.
+    /// ∂G_i at the points: p n numbers each.
     forces: Vec<f64>,
     /// n numbers each.
     restoring: Vec<f64>,
@@ -110,9 +108,9 @@ struct Room {
     /// ∂X_i − ∂q_k, and ∂q_{k+1} − ∂q_k.
     own_stages: Vec<f64>,
     own_rise: Vec<f64>,
-    /// The equations of each parameter, and what solves them.
+    /// The right-hand sides for each parameter, replaced by the solutions.
     columns: DMatrix<f64>,
-    /// What memories tell.
+    /// Results of memories.
     derivative: Vec<f64>,
     terms: Vec<f64>,
 }
@@ -138,9 +136,9 @@ impl Room {
     }
 }
 
-/// How the equations of the derivatives are solved, and what is kept of their matrix.
+/// Solver of the equations of the derivatives, with the factors of their matrix.
 enum Solver {
-    /// In a full matrix.
+    /// With a full matrix.
     Dense(Option<Factored>),
     /// By a sparse factor, in the space of the motion.
     Sparse { equations: Box<AnyEquations<f64>>, kept: Option<Box<AnyFactors<f64>>> },
@@ -161,8 +159,8 @@ impl Solver {
         }
     }
 
-    /// Takes the matrix of so many unknowns whose parts `parts` hands over: row and column of the block, its
-    /// factor and itself.
+    /// Factors the matrix of the given number of unknowns, assembled from `parts`: row and column of a block,
+    /// its factor and the block.
     fn factor(
         &mut self,
         (degree, n): (usize, usize),
@@ -193,7 +191,7 @@ impl Solver {
         Ok(())
     }
 
-    /// Puts the solutions in place of the columns.
+    /// Replaces the columns by the solutions.
     fn solve(&mut self, columns: &mut DMatrix<f64>) -> Result<(), &'static str> {
         match self {
             Self::Dense(factors) => factors.as_ref().ok_or(SINGULAR)?.solve(columns),
@@ -213,21 +211,21 @@ struct Term {
     rho: Matrix<f64>,
     /// D δX.
     tangent: Remembered,
-    /// D X, where a parameter is in ρ, and ∂ρ of each.
+    /// D X, if a parameter is in ρ, and ∂ρ for each such parameter.
     value: Option<Remembered>,
     changes: Vec<(usize, Change)>,
-    /// (∂D/∂θ) X of the parameters in the kernel.
+    /// (∂D/∂θ) X for the parameters in the kernel.
     kernels: Vec<(usize, Remembered)>,
 }
 
-/// Why derivatives cannot go on.
+/// Reason why derivatives cannot be continued.
 pub(crate) const SINGULAR: &str = "the equations of the derivatives have no solution";
 
 impl Tangent {
     /// The derivatives at t = 0; `None` without `[sensitivity]`.
     ///
     /// # Errors
-    /// If a memory cannot be made, or a parameter is in forces that are not differentiated by it.
+    /// If a memory cannot be built, or derivatives of forces by a parameter are not supported.
     pub(crate) fn new(scenario: &Scenario, tables: &Tables) -> Result<Option<Self>, InputError> {
         let Some(Sensitivity { parameters }) = &scenario.sensitivity else { return Ok(None) };
         massless::refuse(scenario, "sensitivity", "sensitivities")?;
@@ -290,7 +288,7 @@ impl Tangent {
             mass_changes.push(changes);
             pasts.push(past);
         }
-        // With a past the motion begins with it, at rest.
+        // With a past the motion begins at rest at its first position.
         let (base, mut base_slopes) = (initial.base(), position.clone());
         let mut base_velocity = v0;
         if initial.past.is_some() {
@@ -365,7 +363,7 @@ impl Tangent {
         Ok(Some(made))
     }
 
-    /// Tells the memories of main nodes where the motion begins.
+    /// Pushes the initial position to the memories of main nodes.
     fn push_start(&mut self, start: &[f64]) -> Result<(), MemoryError> {
         let Self { terms, position, scratch, .. } = self;
         let first = |from| Sample { from, behind: &[], time: 0.0, length: 0.0, fractions: &[0.0] };
@@ -373,8 +371,8 @@ impl Tangent {
         push(terms, (&first(start), &of_motion), (&first(position), &rest), scratch)
     }
 
-    /// Tells the memories what was before the start: a past that ends at this position, and its derivatives
-    /// by the parameters, which begin with these.
+    /// Pushes the motion before the start to the memories: a past that ends at this position, and its
+    /// derivatives by the parameters, which begin with the given ones.
     fn follow(
         &mut self,
         past: &Past,
@@ -390,7 +388,7 @@ impl Tangent {
         let view = self.scheme.view();
         let at_end = [1.0];
         let fractions = if self.at_main_nodes { &at_end[..] } else { view.nodes };
-        // Nodes where there are several; a single one lies on a straight line.
+        // The nodes, if there are several; a single one lies on a straight line.
         let stages = |from: &[f64], rise: &[f64], nodes: &[f64]| -> Vec<f64> {
             match nodes {
                 [] => rise.iter().map(|rise| fractions[0] * rise).collect(),
@@ -412,7 +410,7 @@ impl Tangent {
                 })
                 .collect();
             let own_rise = difference(&slope_end, &self.position);
-            // Node after node, of every parameter.
+            // Node after node, for every parameter.
             let each: Vec<Vec<f64>> = (slopes.iter().zip(self.position.chunks(n).zip(own_rise.chunks(n))))
                 .map(|(slope, (from, rise))| match slope {
                     Some(slope) => stages(from, rise, slope.nodes(step)),
@@ -442,11 +440,11 @@ impl Tangent {
         Ok(())
     }
 
-    /// The derivatives after the step that began at this position and momentum and was solved by these
-    /// increments, those of collocation by these accelerations.
+    /// Computes the derivatives after the step that began at this position and momentum and was solved with
+    /// these increments, for collocation with these accelerations.
     ///
     /// # Errors
-    /// In words.
+    /// A message.
     pub(crate) fn advance(
         &mut self,
         step: usize,
@@ -466,7 +464,8 @@ impl Tangent {
             Some(square) => h * h * square[i * degree + mu],
             None => view.shapes[i * degree + mu],
         };
-        // Row ν: Σ_μ κ(ν, μ) (M δe^μ + δM e^μ) + Σ_i φ(i, ν) δG_i, and δ_ν0 δp_k where increments are sought.
+        // Row ν: Σ_μ κ(ν, μ) (M δe^μ + δM e^μ) + Σ_i φ(i, ν) δG_i, and δ_ν0 δp_k if the unknowns are
+        // increments.
         let inertia = |nu: usize, mu: usize| match square {
             Some(_) => f64::from(u8::from(nu == mu)),
             None => view.kinetic[nu * degree + mu] / h,
@@ -491,7 +490,7 @@ impl Tangent {
             derivative,
             terms,
         } = &mut self.room;
-        // X_i − q_k at the quadrature points, and what the memory is told.
+        // X_i − q_k at the quadrature points, and the samples of the memories.
         stages.fill(0.0);
         if square.is_some() {
             self.model.velocity(momentum, place);
@@ -517,7 +516,7 @@ impl Tangent {
         };
         let told = if self.at_main_nodes { rise } else { &stages[..] };
         let sample = Sample { from: start, behind: &self.motion_behind, time, length: h, fractions };
-        // ρ D δX as far as it is known, δρ D X, and ρ (∂D) X, at every node.
+        // The known part of ρ D δX, δρ D X, and ρ (∂D) X, at every node.
         damped.fill(0.0);
         let tangent_sample =
             Sample { from: &self.position, behind: &self.behind, time, length: h, fractions };
@@ -728,7 +727,7 @@ impl Tangent {
         Ok(())
     }
 
-    /// The motions that memories are told, in a fixed order.
+    /// The motions of all memories, in a fixed order.
     fn motions(&self) -> impl Iterator<Item = &Remembered> {
         self.terms.iter().flat_map(|Term { tangent, value, kernels, .. }| {
             std::iter::once(tangent).chain(value).chain(kernels.iter().map(|(_, motion)| motion))
@@ -756,11 +755,11 @@ impl Tangent {
         Ok(())
     }
 
-    /// Takes over a state that the derivatives of the same scenario saved; those that follow have the bits of
-    /// these.
+    /// Restores a state that the derivatives of the same scenario saved; the following ones have identical
+    /// bits.
     ///
     /// # Errors
-    /// [`StateError`] if the bytes are no such state; the derivatives are of no use then.
+    /// [`StateError`] if the bytes are no such state; the derivatives must not be used then.
     pub(crate) fn restore(&mut self, bytes: &[u8]) -> Result<(), StateError> {
         let mut reader = StateReader::new(bytes);
         let Self { position, momentum, kick, behind, motion_behind, terms, .. } = self;
@@ -777,7 +776,7 @@ impl Tangent {
         reader.finish()
     }
 
-    /// Writes ∂q and ∂p of every parameter, one after the other.
+    /// Writes ∂q and ∂p of every parameter, one after another.
     pub(crate) fn write(&self, values: &mut Vec<f64>) {
         values.clear();
         let half = if self.mean { 0.5 * self.step } else { 0.0 };
@@ -791,7 +790,7 @@ impl Tangent {
 }
 
 impl Term {
-    /// What is told the motion itself.
+    /// The memories of the motion itself.
     fn motions_mut(&mut self) -> impl Iterator<Item = &mut Remembered> {
         self.value.iter_mut().chain(self.kernels.iter_mut().map(|(_, motion)| motion))
     }
@@ -845,7 +844,7 @@ impl Term {
     }
 }
 
-/// The memory of ∂D/∂θ, with its kernel, which leaves out of the motion what that of D does.
+/// The memory of ∂D/∂θ, with its kernel, for which the same part of the motion is subtracted as for D.
 fn derivative_memory(
     scenario: &Scenario,
     request: &MemoryRequest<'_>,
@@ -854,8 +853,8 @@ fn derivative_memory(
     let step = scenario.time.step;
     if let Some(staged) = scenario.convolution.family.staged() {
         let weights = |on_rises, count| with_staged_method!(staged, method => runge_kutta_derivative(&method, by, step, on_rises, count))?;
-        // The memory's own weights are not compared with others; an exponent of 0 would leave nothing out of
-        // the motion.
+        // The memory's weights are not checked; with an exponent of 0 nothing would be subtracted from the
+        // motion.
         let kernel = Kernel::given(request.transfer.growth().max(f64::MIN_POSITIVE))?;
         return Ok((kernel, request.build_of_weights(staged.stages(), &weights)?));
     }
@@ -871,10 +870,10 @@ fn derivative_memory(
     Ok((kernel, request.build_of_weights(1, &weights)?))
 }
 
-/// Most unknowns of a step that full matrices are solved for.
+/// Largest number of unknowns of a step for which full matrices are solved.
 const MOST_UNKNOWNS: usize = 600;
 
-/// As the motion itself is solved for: by a sparse factor where it has one.
+/// The solver of the motion itself: a sparse factor if it has one.
 fn solver(scenario: &Scenario) -> Result<Solver, InputError> {
     if let Some(space) = sparse_space(scenario, SolverChoice::default())? {
         return Ok(Solver::Sparse { equations: Box::new(space.equations(1)), kept: None });
@@ -891,7 +890,7 @@ fn solver(scenario: &Scenario) -> Result<Solver, InputError> {
     Ok(Solver::Dense(None))
 }
 
-/// Refuses constants of forces whose moments are taken exactly: these are not differentiated.
+/// Refuses constants of forces with exact moments, whose derivatives are not supported.
 fn refuse_rough(scenario: &Scenario, parameters: &[Parameter]) -> Result<(), InputError> {
     let is_rough = RoughForces::of(scenario).is_some();
     for (index, Parameter { what, .. }) in parameters.iter().enumerate() {
@@ -906,7 +905,8 @@ fn refuse_rough(scenario: &Scenario, parameters: &[Parameter]) -> Result<(), Inp
     Ok(())
 }
 
-/// Tells the memories of all terms a sample of the motion and one of its derivatives, with their increments.
+/// Pushes a sample of the motion and one of its derivatives, with their increments, to the memories of all
+/// terms.
 fn push(
     terms: &mut [Term],
     (motion, told): (&Sample<'_, f64>, &[f64]),
@@ -926,7 +926,7 @@ fn said(error: MemoryError) -> String {
     error.to_string()
 }
 
-/// Writes what is known of the derivatives of a motion before its sample is, of so many nodes and
+/// Writes the known part of the derivatives of a motion before its sample, for the given numbers of nodes and
 /// coordinates, node after node.
 fn known(
     motion: &mut Remembered,
@@ -951,7 +951,7 @@ fn known(
     Ok(())
 }
 
-/// Writes the derivatives themselves, of a motion whose sample is known.
+/// Writes the complete derivatives of a motion with a known sample.
 fn whole(
     motion: &mut Remembered,
     sample: &Sample<'_, f64>,
@@ -969,7 +969,7 @@ fn whole(
     Ok(())
 }
 
-/// Adds Σ_m ρ_m Σ_j W_ij e_j of node i, of as many derivatives as there are.
+/// Adds Σ_m ρ_m Σ_j W_ij e_j of node i, for all parameters.
 fn add_leading(terms: &[Term], (i, nodes): (usize, usize), increments: &[f64], n: usize, out: &mut [f64]) {
     let c = out.len();
     for term in terms {

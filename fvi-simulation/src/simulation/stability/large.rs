@@ -1,4 +1,4 @@
-//! The check of the step of a large system: by its fastest motions alone.
+//! The stability check for a large system, by its fastest motions only.
 
 use super::{DampingForm, Discretisation, LinearDamping, LinearSystem, Verdict, check_stability};
 use crate::model::{Matrix, Model, matrix};
@@ -8,15 +8,15 @@ use crate::scenario::Scenario;
 use fvi_core::{Block, Instant, Mechanics};
 use nalgebra::DMatrix;
 
-/// Steps of the Lanczos iteration; the largest eigenvalues of stiffness and damping are apart from the
-/// others, and a few per cent are enough.
+/// Number of steps of the Lanczos iteration; the largest eigenvalues of stiffness and damping are well
+/// separated, and an accuracy of a few per cent suffices.
 const ITERATIONS: usize = 40;
 
-/// Margin added to the largest eigenvalue that the iteration has found, which is never too large.
+/// Margin for the largest eigenvalue, which the iteration never overestimates.
 const MARGIN: f64 = 1.02;
 
-/// Whether the scheme is stable at every step, whatever the stiffness and damping: the midpoint rule, damped
-/// at its node by BDF 1 or 2.
+/// Whether the scheme is stable at every step for any stiffness and damping: the midpoint rule, damped at its
+/// node by BDF 1 or 2.
 pub(super) fn is_unconditional(discretisation: &Discretisation, damped: bool) -> bool {
     let midpoint = discretisation.degree == 1 && discretisation.nodes == [0.5];
     let passive = match discretisation.form {
@@ -26,11 +26,11 @@ pub(super) fn is_unconditional(discretisation: &Discretisation, damped: bool) ->
     midpoint && passive
 }
 
-/// The verdict on motions from the fastest down: single modes with the largest eigenvalues of K and ρ
-/// relative to M, and smaller ones in the same proportion.
+/// Checks single modes: one with the largest eigenvalues of K and ρ relative to M, and slower ones with
+/// smaller eigenvalues in the same proportion.
 ///
-/// Exact where the matrices are proportional; elsewhere a good sign. Coordinates without mass are held fast,
-/// which makes the others faster than they are.
+/// Exact if the matrices are proportional; heuristic otherwise. Coordinates without mass are fixed, which
+/// makes the others faster than they are.
 pub(super) fn check_large(
     discretisation: &Discretisation,
     scenario: &Scenario,
@@ -86,7 +86,7 @@ fn largest_eigenvalue(model: &Model<f64>, matrix: &Matrix<f64>, massless: &[usiz
         block.multiply_add(1.0, x, &mut product);
         product
     };
-    // A start that is far from every regular pattern, the same on every machine.
+    // A pseudorandom start vector, the same on every machine.
     let mut seed = 0x9E37_79B9_7F4A_7C15_u64;
     let mut x: Vec<f64> = (0..size)
         .map(|_| {
