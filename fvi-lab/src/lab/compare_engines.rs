@@ -24,11 +24,11 @@ pub struct Comparison {
     pub lengths: Vec<usize>,
     /// Kernels: order of the backward differentiation formula and exponent of the quadrature, at step size 1.
     pub kernels: Vec<(BdfOrder, f64)>,
-    /// Timed runs of each engine; `None` for more of them the shorter they are.
+    /// Timed runs of each engine; `None`: the shorter a run, the more of them.
     pub repetitions: Option<usize>,
 }
 
-/// Request to a candidate: one coordinate in `f64`.
+/// What an engine is made for: a convolution of one channel in `f64`.
 #[derive(Clone, Copy, Debug)]
 pub struct Task<'a> {
     /// Order of the backward differentiation formula.
@@ -39,7 +39,7 @@ pub struct Task<'a> {
     pub weights: &'a [f64],
 }
 
-/// A memory, or `None` if the engine sits this task out.
+/// A memory, or `None` if the engine does not take part in this task.
 pub type Candidate = Result<Option<Box<dyn Memory<f64>>>, Box<dyn Error + Send + Sync>>;
 
 /// An engine to compare: its name and how it is made.
@@ -105,7 +105,7 @@ pub enum ComparisonError {
     },
 }
 
-/// Engines whose step grows with the run sit out longer ones.
+/// Greatest length, in steps, for engines whose cost per step grows with the length of the run.
 const LONGEST_PLAIN_SUM: usize = 1 << 15;
 
 /// Terms of each signal that are compared with the reference.
@@ -132,7 +132,7 @@ impl<'a> Contender<'a> {
         (self.make)(task)
     }
 
-    /// One of the project's engines, as a run of the program has it.
+    /// One of the project's engines, constructed as for a run of the program.
     pub fn of(engine: Engine) -> Self {
         Self::new(engine.name(), move |task| {
             if engine == Engine::Direct && task.weights.len() > LONGEST_PLAIN_SUM {
@@ -181,7 +181,8 @@ impl<'a> Contender<'a> {
 }
 
 impl Comparison {
-    /// Measures all contenders and an offline transform; `progress` is told what is under way.
+    /// Measures all contenders and an offline transform; `progress` receives a description of the current
+    /// measurement.
     ///
     /// For each kernel and length, first every engine runs on a smooth signal with noise, a decaying and a
     /// growing one, and a constant, and is compared with a sum in twice the precision. Those runs touch all
@@ -202,7 +203,7 @@ impl Comparison {
                 progress(&format!("order {}, exponent {exponent}, {length} steps", order.get()));
                 let mut weights = vec![0.0; length];
                 let on_values = ConvolutionWeights::bdf(order, exponent, 1.0)?;
-                // The kernels that runs have.
+                // The same kernels as in runs.
                 let mut source =
                     if exponent >= LEAST_ON_INCREMENTS { on_values.on_increments() } else { on_values };
                 source.fill(&mut weights);
@@ -219,8 +220,8 @@ impl Comparison {
 impl Comparison {
     /// Refuses lengths for which the engines, all at once, would not fit into memory.
     fn require_room(&self) -> Result<(), ComparisonError> {
-        // Measured on the engines of the project: 380 bytes a step while they run, with room to spare; and
-        // the times of single steps, which stay.
+        // Measured on the engines of the project: 380 bytes a step while they run, with a margin; in addition
+        // the times of single steps, which are kept.
         const RUNNING: usize = 640;
         const KEPT: usize = 56;
         let length = self.lengths.iter().copied().max().unwrap_or(0);
@@ -305,7 +306,7 @@ fn measure(
     Ok(std::iter::once(offline_row).chain(rows).collect())
 }
 
-/// Runs through the signal and keeps the terms.
+/// Feeds `signal` to the memory and stores the memory term before each sample.
 fn run(memory: &mut dyn Memory<f64>, signal: &[f64], terms: &mut [f64]) -> Result<(), (usize, MemoryError)> {
     for (k, (sample, term)) in signal.iter().zip(terms).enumerate() {
         memory.next_term(std::slice::from_mut(term)).map_err(|error| (k, error))?;
@@ -314,7 +315,8 @@ fn run(memory: &mut dyn Memory<f64>, signal: &[f64], terms: &mut [f64]) -> Resul
     Ok(())
 }
 
-/// The same with a clock read after each step; `steps` keeps the shortest time of each, in nanoseconds.
+/// Like [`run`], with a clock reading after each step; `steps[k]` keeps the shortest time of step k over all
+/// calls, in nanoseconds.
 fn run_timed(
     memory: &mut dyn Memory<f64>,
     signal: &[f64],
@@ -345,7 +347,7 @@ fn clock_nanoseconds() -> f64 {
     (0..10).map(|_| reading()).fold(f64::INFINITY, f64::min)
 }
 
-/// Terms in twice the precision, at some steps.
+/// Memory terms at selected steps, computed in twice the precision.
 struct References(Vec<(usize, fvi_fft::baseline::MemoryTerm)>);
 
 impl References {
@@ -369,7 +371,7 @@ impl References {
 }
 
 impl EngineMeasurement {
-    /// The step time that the given part of the steps does not exceed, in nanoseconds.
+    /// The step time in nanoseconds that the fraction `part` of the steps does not exceed.
     pub fn step_quantile_ns(&self, part: f64) -> Option<f64> {
         let last = self.steps_ns.len().checked_sub(1)?;
         self.steps_ns.get((part * last as f64).ceil() as usize).copied()
