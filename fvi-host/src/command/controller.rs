@@ -33,7 +33,7 @@ pub struct ControllerArguments {
     out: Option<PathBuf>,
 }
 
-/// In which language.
+/// Language of the constants.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Format {
     /// Constants of Rust
@@ -42,7 +42,7 @@ enum Format {
     C,
 }
 
-/// A controller with what belongs to its constants.
+/// A controller with the tables and options for its constants.
 struct Listed<'a> {
     controller: &'a Controller,
     tables: ControllerTables,

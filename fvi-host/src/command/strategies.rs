@@ -14,7 +14,7 @@ pub struct StrategiesArguments {
     /// Where the files go (default: `out/` and the name of the file)
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Go on from what is in the directory
+    /// Continue an interrupted race from the results in the directory
     #[arg(long)]
     resume: bool,
     /// Neither progress nor result on the terminal
