@@ -1,4 +1,4 @@
-//! A strategy on a thread of its own, where it may be slow, fail or never come back.
+//! A strategy on a thread of its own, so that a slow, failing or hanging one does not affect the others.
 
 use std::any::Any;
 use std::hint::black_box;
@@ -13,7 +13,7 @@ use fvi_core::{Memory, Real};
 
 use crate::strategy::{AnyMemory, Declined, Flops, Made, Maker, Strategy, Task, Trouble};
 
-/// Samples of a signal, one number for each channel after the other.
+/// Samples of a signal in the precision of the race, step by step, one number for each channel.
 #[derive(Debug)]
 pub(crate) enum Samples {
     F64(Vec<f64>),
@@ -24,20 +24,21 @@ pub(crate) enum Samples {
 #[derive(Clone)]
 pub(crate) struct Run {
     pub(crate) samples: Arc<Samples>,
-    /// Channels whose terms are wanted.
+    /// Channels whose terms are returned.
     pub(crate) channels: Arc<Vec<usize>>,
 }
 
 /// Request to the thread.
 enum Job {
     Make(Task),
-    /// A run whose terms are looked at.
+    /// A run that returns the terms.
     Terms(Run),
-    /// A run without a clock in between, and one with it: `steps` keeps the shortest time of each step.
+    /// A run without and one with clock readings between the steps; the vector keeps the shortest time of
+    /// each step, in nanoseconds.
     Times(Run, Vec<u32>),
 }
 
-/// Its answer.
+/// Answer of the thread.
 enum Answer {
     Made { setup_ns: f64, own_weights: Option<Arc<Vec<f64>>>, flops: Flops },
     Declined(Declined),
@@ -46,7 +47,7 @@ enum Answer {
     Failed(String),
 }
 
-/// The strategy made.
+/// Properties of the strategy once it is constructed.
 pub(crate) struct Making {
     pub(crate) setup_ns: f64,
     pub(crate) own_weights: Option<Arc<Vec<f64>>>,
@@ -62,7 +63,7 @@ pub(crate) struct Contestant {
     limit: Duration,
 }
 
-/// Why a contestant leaves the race, in words.
+/// Why a contestant leaves the race, as a sentence.
 pub(crate) type Left = String;
 
 impl Contestant {
@@ -71,14 +72,14 @@ impl Contestant {
         let (done, answers) = channel();
         let abandoned = Arc::new(AtomicBool::new(false));
         let (make, given_up) = (Arc::clone(&strategy.make), Arc::clone(&abandoned));
-        // A thread that cannot be made is seen by its first job.
+        // If the thread cannot be created, the first job returns an error.
         let _ = thread::Builder::new()
             .name(strategy.name.clone())
             .spawn(move || serve(&make, &to_do, &done, &given_up));
         Self { name: strategy.name.clone(), jobs, answers, abandoned, limit }
     }
 
-    /// Asks, and waits no longer than the limit.
+    /// Sends a job and waits for the answer up to the time limit.
     fn ask(&self, job: Job) -> Result<Answer, Left> {
         if self.jobs.send(job).is_err() {
             return Err("it has died".to_owned());
@@ -102,7 +103,7 @@ impl Contestant {
         }
     }
 
-    /// Terms of the wanted channels, step by step, and bytes after the run.
+    /// Terms of the channels in `run`, step by step, and bytes of memory after the run.
     pub(crate) fn terms(&self, run: &Run) -> Result<(Vec<f64>, usize), Left> {
         match self.ask(Job::Terms(run.clone()))? {
             Answer::Terms { terms, bytes } => Ok((terms, bytes)),
@@ -182,7 +183,7 @@ fn with_memory(
     })
 }
 
-/// Steps between two looks at whether anyone still waits.
+/// Number of steps between two checks whether the run has been abandoned.
 const STRETCH: usize = 64;
 
 fn answer<T: Real>(
@@ -239,8 +240,8 @@ fn answer<T: Real>(
     Ok(Answer::Times { mean_ns, steps })
 }
 
-/// How long this thread has been ready and waited for a processor, in nanoseconds, where the system tells
-/// (Linux): other work on the machine is no cost of a strategy.
+/// Time that this thread has spent runnable but waiting for a processor, in nanoseconds, where the system
+/// provides it (Linux). It is subtracted, since other load on the machine is not a cost of the strategy.
 fn waited_ns() -> f64 {
     let told = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
     told.split_ascii_whitespace().nth(1).and_then(|word| word.parse().ok()).unwrap_or(0.0)

@@ -7,7 +7,7 @@ use fvi_scenario::numerics::multistep_weights::multistep_weights;
 use fvi_scenario::numerics::transfer::TransferFunction;
 use fvi_scenario::scenario::{kernel_of_table, weights_of};
 
-/// A kernel: what it is, and the quadrature that gives its weights.
+/// A kernel with the quadrature that gives its weights.
 #[derive(Clone, Debug)]
 pub(crate) struct Kernel {
     pub(crate) name: String,
@@ -16,7 +16,7 @@ pub(crate) struct Kernel {
     pub(crate) step: f64,
 }
 
-/// Where weights come from.
+/// Origin of the weights.
 #[derive(Clone, Debug)]
 pub(crate) enum Source {
     Transfer(TransferFunction),
@@ -50,7 +50,7 @@ impl Kernel {
         }
     }
 
-    /// A number that tells weights from others: of all that are in a table, of the first of a formula.
+    /// Hash of the weights: of all weights of a table, of the first ones of a formula.
     pub(crate) fn fingerprint(&self) -> u64 {
         const LOOKED_AT: usize = 256;
         let computed;
@@ -68,7 +68,7 @@ impl Kernel {
         })
     }
 
-    /// In words.
+    /// Description as text.
     pub(crate) fn description(&self) -> String {
         let formula = format!("BDF of order {}, h = {}", self.order.get(), self.step);
         match &self.source {
@@ -84,11 +84,12 @@ impl Kernel {
     }
 }
 
-/// Keys beside those of the kernel itself; `order` is one of them for kernels without an order of their own.
+/// Keys in addition to those of the kernel itself; `order` is one of them for kernels without an order of
+/// their own.
 const BESIDE: [&str; 3] = ["name", "family", "step"];
 const BESIDE_WITH_ORDER: [&str; 4] = ["name", "family", "step", "order"];
 
-/// Reads a `[[kernel]]`; `longest` is the number of weights that will be asked for.
+/// Reads a `[[kernel]]`; `longest` is the largest number of weights needed.
 pub(crate) fn read_kernel(
     table: &Table<'_>,
     parameters: Option<&Value<'_>>,
@@ -156,7 +157,7 @@ pub(crate) fn read_kernel(
         }
     };
     let kernel = Kernel { name, source, order, step };
-    // Weights that do not exist are a mistake of the file, not of a strategy.
+    // Missing weights are an error of the file, not of a strategy.
     let first = kernel
         .weights(2)
         .map_err(|error| name_value.out_of_range(format!("a kernel with weights: {error}")))?;
