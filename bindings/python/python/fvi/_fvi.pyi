@@ -1,4 +1,4 @@
-"""The compiled half of the package. Arguments have been checked when they arrive here."""
+"""The compiled part of the package. Its callers have checked the arguments."""
 
 from typing import Any, Self, final
 
