@@ -287,14 +287,6 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
         self.prepare_after(interval, sample)?.take()
     }
 
-    /// What [`push_after`](FractionalOperator::push_after) would return; the operator stays as it is.
-    ///
-    /// # Errors
-    /// As there.
-    pub fn peek_after(&mut self, interval: T, sample: T) -> Result<T, OperatorError> {
-        Ok(self.prepare_after(interval, sample)?.value())
-    }
-
     /// As [`prepare`](FractionalOperator::prepare), for a sample that comes `interval` units of time after
     /// the one before.
     ///
@@ -480,8 +472,8 @@ mod tests {
         }
         let mut at_any_time = identity(Start::CaputoWithSlope { slope: 0.5 });
         at_any_time.push_after(0.25, 3.0).unwrap();
-        assert_eq!(at_any_time.peek_after(2.0, 5.0), Ok(1.0));
-        assert_eq!(at_any_time.peek_after(1.0, 5.0), Ok(1.5));
+        assert_eq!(at_any_time.prepare_after(2.0, 5.0).unwrap().value(), 1.0);
+        assert_eq!(at_any_time.prepare_after(1.0, 5.0).unwrap().value(), 1.5);
         assert_eq!(at_any_time.push_after(1.0, 5.0), Ok(1.5));
         assert_eq!(at_any_time.push_after(1.0, 5.0), Ok(1.0));
     }

@@ -33,6 +33,25 @@ impl Frame {
     }
 }
 
+/// Methods of [`Memory`](fvi_core::Memory) that only return values of the field `frame`.
+macro_rules! framed {
+    () => {
+        fn channels(&self) -> usize {
+            self.frame.channels
+        }
+
+        fn leading(&self) -> &[f64] {
+            &self.frame.leading
+        }
+
+        fn len(&self) -> usize {
+            self.frame.len
+        }
+    };
+}
+
+pub(crate) use framed;
+
 /// The leading weight w_0; an error if there are no weights.
 pub(crate) fn leading_of(weights: &[f64]) -> Result<f64, ParameterError> {
     weights.first().copied().ok_or(ParameterError {

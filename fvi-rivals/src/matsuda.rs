@@ -55,7 +55,7 @@ pub fn matsuda(
 
 /// gain · Π (s + zero)/(s + pole), both ascending.
 #[derive(Clone, Debug)]
-struct Rational {
+pub(crate) struct Rational {
     gain: f64,
     zeros: Vec<f64>,
     poles: Vec<f64>,
@@ -64,7 +64,7 @@ struct Rational {
 impl Rational {
     /// The function with `count` zeros and poles through s^β at 2·`count` + 1 points; `None` if, because of
     /// rounding, not all zeros and poles are found.
-    fn through_gains(order: f64, low: f64, high: f64, count: usize) -> Option<Self> {
+    pub(crate) fn through_gains(order: f64, low: f64, high: f64, count: usize) -> Option<Self> {
         let points = 2 * count + 1;
         let ratio = libm::pow(high / low, 1.0 / (points - 1) as f64);
         // In units of the lowest point. With the powers of the rounded number ratio^β to 30 digits, the order
@@ -122,7 +122,7 @@ impl Rational {
     }
 
     /// Value of the function at s > 0.
-    fn value(&self, s: f64) -> f64 {
+    pub(crate) fn value(&self, s: f64) -> f64 {
         let factors = self.zeros.iter().zip(&self.poles).map(|(zero, pole)| (s + zero) / (s + pole));
         self.gain * factors.product::<f64>()
     }

@@ -1,15 +1,14 @@
 //! Fractional integrals of single precision over two million samples, against double precision.
 
-use fvi_core::{
-    BdfOrder, ExponentialSum, ExponentialTable, FractionalIntegral, FractionalOperator, Kernel, Real, Start,
-};
+use fvi_core::{BdfOrder, ExponentialSum, FractionalIntegral, FractionalOperator, Kernel, Real, Start};
+use fvi_scenario::numerics::aligned::Aligned;
 use fvi_scenario::numerics::exponential_table::ExponentialKernel;
 
 const ORDER: BdfOrder = BdfOrder::GRUNWALD_LETNIKOV;
 const STEP: f64 = 1e-3;
 const SAMPLES: usize = 2_000_000;
 
-type Sum<T> = ExponentialSum<T, Vec<T>, Vec<T>>;
+type Sum<T> = ExponentialSum<T, Aligned<T>, Vec<T>>;
 
 fn kernel(exponent: f64) -> Kernel {
     Kernel::bdf(ORDER, exponent, STEP).unwrap()
@@ -19,15 +18,6 @@ fn kernel(exponent: f64) -> Kernel {
 fn memory<T: Real>(exponent: f64, tolerance: f64) -> Sum<T> {
     let made = if exponent > 0.0 { ExponentialKernel::bdf_on_increments } else { ExponentialKernel::bdf };
     let table = made(ORDER, exponent, 1.0, SAMPLES + 1, tolerance).unwrap().table::<T>();
-    let table = ExponentialTable {
-        stages: table.stages,
-        head: table.head.as_ref().to_vec(),
-        exponentials: table.exponentials.as_ref().to_vec(),
-        slow_blocks: table.slow_blocks,
-        far_blocks: table.far_blocks,
-        horizon: table.horizon,
-        step_size: table.step_size,
-    };
     let state = vec![T::of(0.0); table.borrow().state_len(1)];
     kernel(exponent).exponential_sum(table, 1, state).unwrap()
 }

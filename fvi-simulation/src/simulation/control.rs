@@ -3,13 +3,13 @@
 use crate::language::InputError;
 use crate::language::Problem;
 use crate::language::expression::{Elementary, Moment};
+use crate::numerics::aligned::Aligned;
 use crate::numerics::controller_source::ControllerTables;
 use crate::numerics::exponential_table::{ENDLESS, ENDLESS_REACH, ExponentialKernel, SMALLEST_TOLERANCE};
 use crate::scenario::{Controller, SampledInput, Scenario};
 use crate::simulation::{GridState, Precision};
 use fvi_core::{
-    ExponentialSum, ExponentialTable, FractionalPid, Kernel, PidInputs, PidLaw, Real, StateError,
-    StateReader, StateWriter,
+    ExponentialSum, FractionalPid, Kernel, PidInputs, PidLaw, Real, StateError, StateReader, StateWriter,
 };
 use std::collections::VecDeque;
 
@@ -73,7 +73,7 @@ pub(crate) fn acts_inside_steps(scenario: &Scenario) -> bool {
 }
 
 /// The memory of a controller.
-pub type Sum<T> = ExponentialSum<T, Vec<T>, Vec<T>>;
+pub type Sum<T> = ExponentialSum<T, Aligned<T>, Vec<T>>;
 
 /// A controller on exponential sums.
 pub type SumPid<T> = FractionalPid<T, Sum<T>, Sum<T>, PidLaw<T>, Sum<T>>;
@@ -178,15 +178,6 @@ pub fn tables(scenario: &Scenario, controller: &Controller) -> Result<Controller
 /// The memory of a kernel on its table.
 fn memory<T: Real>(kernel: &Kernel, table: &ExponentialKernel) -> Result<Sum<T>, String> {
     let table = table.table::<T>();
-    let table = ExponentialTable {
-        stages: table.stages,
-        head: table.head.as_ref().to_vec(),
-        exponentials: table.exponentials.as_ref().to_vec(),
-        slow_blocks: table.slow_blocks,
-        far_blocks: table.far_blocks,
-        horizon: table.horizon,
-        step_size: table.step_size,
-    };
     let state = vec![T::zero(); table.borrow().state_len(1)];
     kernel.exponential_sum(table, 1, state).map_err(|error| error.to_string())
 }

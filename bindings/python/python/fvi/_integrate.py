@@ -68,7 +68,10 @@ def integrate(
     Parameters
     ----------
     mass : array_like or sparse matrix
-        M: the diagonal, or a symmetric positive definite matrix. It determines the number of coordinates N.
+        M: the diagonal, or a symmetric positive definite matrix. It determines the number of coordinates N. Zeros in the
+        diagonal, or rows of zeros in a matrix, are coordinates without mass, on which stiffness or damping must act. Their
+        momentum is 0. Where only stiffness acts on them, an initial position of 0 is replaced by the one at which their forces
+        balance.
     position : array_like
         q(t₀), N numbers, or one for all coordinates. With samples as `past` it may be left out.
     step, steps, end : number

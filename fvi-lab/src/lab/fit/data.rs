@@ -130,7 +130,8 @@ impl Observed {
     }
 }
 
-const KEYS: [&str; 9] =
+/// Keys of a table of data.
+pub const KEYS: [&str; 9] =
     ["file", "quantity", "input", "output", "term", "position", "deviation", "relative_deviation", "set"];
 
 /// Sizes of a scenario that restrict what its data may refer to.
