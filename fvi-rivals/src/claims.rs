@@ -1,4 +1,4 @@
-//! What the sources state of their strategies, beside what is found here.
+//! Statements of the sources about their strategies, compared with values computed here.
 
 use std::f64::consts::PI;
 
@@ -15,38 +15,39 @@ use crate::{
     non_uniform_partition, uniform_partition,
 };
 
-/// A statement of a source on a kernel, as a number, and the number that the strategy here has.
+/// A quantitative statement of a source for a kernel, with the value that this implementation of the strategy
+/// gives.
 #[derive(Clone, Debug)]
 pub struct Claim {
     /// Name of the strategy in `fvi strategies`.
     pub strategy: &'static str,
-    /// Key in `REFERENCES.md`, and where in the source.
+    /// Key in `REFERENCES.md`, with the place in the source.
     pub source: &'static str,
-    /// The statement in words.
+    /// The statement as text.
     pub statement: &'static str,
     /// Kernel and parameters.
     pub setting: &'static str,
-    /// The number that is stated.
+    /// The stated value.
     pub stated: f64,
-    /// The number that is found.
+    /// The value computed here.
     pub found: f64,
-    /// How both are related if the statement holds.
+    /// Relation of the two values if the statement holds.
     pub relation: Relation,
-    /// Whether what is found is rounding of transforms, which plan by the vector units of the machine.
+    /// Whether `found` is a rounding error of transforms, which depends on the vector units of the machine.
     pub is_rounding: bool,
 }
 
-/// Relation of what is found to what is stated.
+/// Relation of the computed to the stated value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Relation {
-    /// Stated is an upper bound.
+    /// The stated value is an upper bound.
     AtMost,
-    /// Both agree up to so much.
+    /// Both agree within this difference.
     Within(f64),
 }
 
 impl Claim {
-    /// Whether the statement holds of what is found.
+    /// Whether the statement holds for the computed value.
     pub fn holds(&self) -> bool {
         match self.relation {
             Relation::AtMost => self.found <= self.stated,
@@ -54,7 +55,7 @@ impl Claim {
         }
     }
 
-    /// A row of a Markdown table: strategy, source, statement, setting, what is stated, what is found.
+    /// A row of a Markdown table: strategy, source, statement, setting, stated value, computed value.
     pub fn row(&self) -> String {
         let relation = match self.relation {
             Relation::AtMost => "≤ ",
@@ -72,7 +73,7 @@ impl Claim {
     }
 }
 
-/// Three digits.
+/// A number with three significant digits.
 fn shown(value: f64) -> String {
     match value.abs() {
         0.0 => "0".to_owned(),
@@ -90,7 +91,7 @@ const UNIT: f64 = f64::EPSILON / 2.0;
 /// All claims, in the order of the strategies.
 ///
 /// # Errors
-/// [`ParameterError`] of a strategy that cannot be made, which none is.
+/// [`ParameterError`] of a strategy that cannot be constructed; this does not occur.
 pub fn claims() -> Result<Vec<Claim>, ParameterError> {
     let mut claims = exact_sums()?;
     claims.extend(short_memory_principle()?);
@@ -101,18 +102,18 @@ pub fn claims() -> Result<Vec<Claim>, ParameterError> {
     Ok(claims)
 }
 
-/// Terms of a run, one channel.
+/// Memory terms of a run with one channel.
 fn terms(memory: &mut dyn Memory<f64>, samples: &[f64]) -> Vec<f64> {
     let mut term = [f64::NAN];
     let mut step = |sample: &f64| {
-        // Not a number in place of a term that is refused fails every claim.
+        // NaN in place of a refused term makes every claim fail.
         let served = memory.next_term(&mut term).and_then(|()| memory.push(&[*sample]));
         if served.is_ok() { term[0] } else { f64::NAN }
     };
     samples.iter().map(&mut step).collect()
 }
 
-/// Larger of two errors, where not a number is larger than any.
+/// The larger of two errors; NaN counts as larger than any number.
 fn larger(largest: f64, error: f64) -> f64 {
     if error <= largest { largest } else { error }
 }
@@ -121,7 +122,7 @@ fn weights_of_root(count: usize) -> Result<Vec<f64>, ParameterError> {
     Ok(ConvolutionWeights::bdf(BdfOrder::GRUNWALD_LETNIKOV, 0.5, 1.0)?.take(count).collect())
 }
 
-/// Largest error over what `scale` makes of a term and of ‖w‖₂‖x‖₂ up to there.
+/// Largest error of a term divided by `scale`, which is given the exact term and ‖w‖₂‖x‖₂ up to its step.
 fn rounding(
     memory: &mut dyn Memory<f64>,
     weights: &[f64],
@@ -183,7 +184,8 @@ fn exact_sums() -> Result<Vec<Claim>, ParameterError> {
 fn short_memory_principle() -> Result<Vec<Claim>, ParameterError> {
     let claim = |order: f64, setting| -> Result<Claim, ParameterError> {
         let (step, steps, window) = (0.01, 10_000, 100);
-        // Of order 2, so that the error of the quadrature is nothing beside the bound, which is nearly met.
+        // Of order 2, so that the quadrature error is negligible compared with the bound, which is nearly
+        // attained.
         let weights: Vec<f64> =
             ConvolutionWeights::bdf(BdfOrder::new(2)?, order, step)?.take(steps).collect();
         let ones = vec![1.0; steps];
