@@ -2,8 +2,8 @@
 //!
 //!     cargo run --release -p fvi-rivals --example papers [PAGE]
 //!
-//! prints both tables in Markdown or, given a page, writes them over those in it. Exponents of time are those of
-//! the map beside the page, `strategies/strategies.csv`.
+//! prints both tables in Markdown or, given a page, writes them over those in it. Exponents of time are
+//! those of the map beside the page, `strategies/strategies.csv`.
 
 use std::error::Error;
 use std::path::Path;

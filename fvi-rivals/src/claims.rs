@@ -144,8 +144,9 @@ fn exact_sums() -> Result<Vec<Claim>, ParameterError> {
     const SETTING: &str = "s^½, BDF of order 1, 4096 steps, noise on a wave";
     const STEPS: usize = 4096;
     let weights = weights_of_root(STEPS)?;
-    // Transforms of length n ≤ 2N are right to log₂ n · (1 + 4√2) u relative to the norm, with three of them and
-    // a product one after another; lags that share a transform are in two pieces at most, hence twice the norms.
+    // Transforms of length n ≤ 2N are right to log₂ n · (1 + 4√2) u relative to the norm, with three of
+    // them and a product one after another; lags that share a transform are in two pieces at most, hence
+    // twice the norms.
     let of_a_transform = (2.0 * STEPS as f64).log2() * (1.0 + 4.0 * 2.0f64.sqrt());
     let bound = 2.0 * (3.0 * of_a_transform + 4.0);
     let mut naive = PlainSum::new(&weights, 1, STEPS)?;

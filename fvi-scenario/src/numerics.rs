@@ -6,6 +6,7 @@ pub mod aligned;
 pub mod column;
 pub mod controller_source;
 pub mod dense;
+pub mod dual;
 pub mod exponential;
 pub mod exponential_table;
 pub mod growing_ring;

@@ -450,9 +450,6 @@ impl Scenario {
         if self.time.grid.is_some() {
             return refused("time.grid", "\"uniform\"");
         }
-        if self.sensitivity.is_some() {
-            return refused("sensitivity", "a system without it: derivatives leave it out");
-        }
         if !self.cases.is_empty() {
             return refused("case", "one motion: load cases need a symmetric matrix of the step");
         }
@@ -483,9 +480,6 @@ impl Scenario {
                 "controller",
                 "a scenario that begins at t = 0, where controllers take their first sample",
             );
-        }
-        if self.sensitivity.is_some() {
-            return refused("sensitivity", "a scenario that begins at t = 0, from its initial state");
         }
         if self.initial.past.is_some() {
             if !self.convolution.starting.is_empty() {

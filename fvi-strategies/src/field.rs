@@ -4,7 +4,7 @@ use fvi_core::Memory;
 use fvi_rivals::{
     ExponentialModes, FilterCascade, ObliviousQuadrature, Operations, PlainSum, RelaxedProduct, TextbookHls,
     jiang, kernel_compression, l1_weights, matsuda, non_uniform_partition, oustaloup, short_memory,
-    window_of,
+    uniform_partition, window_of,
 };
 
 use crate::kernel::Source;

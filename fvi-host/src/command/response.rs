@@ -85,7 +85,10 @@ impl ResponseArguments {
                     .map(|pole| format!("{:.6e} (damping {:.3e})", pole.frequency(), pole.damping()));
                 let more = if poles.len() > MOST_SHOWN { ", …" } else { "" };
                 let list: Vec<String> = shown.collect();
-                line += &format!("; poles at ω = {}{more}", list.join(", "));
+                line += &match list.is_empty() {
+                    true => "; no poles but at s = 0".to_owned(),
+                    false => format!("; poles at ω = {}{more}", list.join(", ")),
+                };
             }
             terminal::say(&format!("{line}; files in {}\n", directory.path().display()))?;
         }

@@ -1,9 +1,10 @@
 //! Derivatives of transfer functions with respect to their parameters.
 
 use super::algebra::{Algebra, Series};
-use super::transfer::TransferFunction;
-use fvi_core::DoubleDouble;
+use super::transfer::{Formula, TransferFunction, value_at_zero};
+use fvi_core::{DoubleDouble, ParameterError};
 use nalgebra::Complex;
+use std::sync::Arc;
 
 /// ∂K(s)/∂θ of a transfer function K and one of its parameters θ, a function of s as K is: its weights are
 /// the derivatives of those of K.
@@ -17,16 +18,31 @@ use nalgebra::Complex;
 /// | Maxwell | β, α, τ | u L/(1+v)²; u v L/(1+v)²; (β u/(1+v) − (β−α) u v/(1+v)²)/τ |
 /// | Prony | g, τ | τs/(1+τs); g s/(1+τs)² |
 /// | Havriliak–Negami | α, γ, τ | γ w L (1+w)^{−γ−1}; (1+w)^{−γ} ln(1+w); γ α w (1+w)^{−γ−1}/τ |
+/// | formula | a constant in it | ∂K/∂θ(s) − ∂K/∂θ(0), by the rules of differentiation |
 #[derive(Clone, Debug)]
 pub struct TransferDerivative {
-    form: &'static str,
-    /// The parameters in the order of the formula.
-    numbers: Vec<f64>,
-    parameter: &'static str,
-    /// Strength and time of the term, for a Prony series.
-    term: (f64, f64),
+    of: Of,
     growth: f64,
+    spring: f64,
 }
+
+#[derive(Clone, Debug)]
+enum Of {
+    /// A parameter of one of the forms.
+    Form {
+        form: &'static str,
+        /// The parameters in the order of the formula.
+        numbers: Vec<f64>,
+        parameter: &'static str,
+        /// Strength and time of the term, for a Prony series.
+        term: (f64, f64),
+    },
+    /// ∂K/∂θ itself.
+    Formula(Arc<dyn Formula>),
+}
+
+/// Beside a power of s there may be a logarithm.
+const LOGARITHM: f64 = 1e-6;
 
 impl TransferDerivative {
     /// The derivative with respect to the parameter of this name, of a Prony series that of a term; `None` if
@@ -41,15 +57,41 @@ impl TransferDerivative {
         let number = |position: usize| parameters.get(position).and_then(|(_, numbers)| numbers.get(index));
         let term = (number(0).copied().unwrap_or(f64::NAN), number(1).copied().unwrap_or(f64::NAN));
         let numbers = parameters.iter().filter_map(|(_, numbers)| numbers.first().copied()).collect();
-        // Beside a power of s there may be a logarithm.
-        let growth = transfer.growth() + 1e-6;
-        Some(Self { form: transfer.form(), numbers, parameter, term, growth })
+        let of = Of::Form { form: transfer.form(), numbers, parameter, term };
+        Some(Self { of, growth: transfer.growth() + LOGARITHM, spring: 0.0 })
+    }
+
+    /// The derivative of a formula, given by itself, with what it has at s = 0.
+    ///
+    /// # Errors
+    /// If it is not finite for every positive s.
+    pub fn of_formula(
+        transfer: &TransferFunction,
+        derivative: Arc<dyn Formula>,
+    ) -> Result<Self, ParameterError> {
+        for exponent in -60..=60 {
+            let s = libm::exp10(f64::from(exponent));
+            if !derivative.value(Complex::new(s, 0.0)).is_finite() {
+                let allowed = "a constant by which the symbol has a derivative for every s > 0";
+                return Err(ParameterError { parameter: "s", value: s, allowed });
+            }
+        }
+        let spring = value_at_zero(&*derivative);
+        Ok(Self { of: Of::Formula(derivative), growth: transfer.growth() + LOGARITHM, spring })
     }
 
     /// β, if this is the derivative of s^β by β.
     pub fn of_power(&self) -> Option<f64> {
-        let number = self.numbers.first().copied();
-        number.filter(|_| (self.form, self.parameter) == ("power", "order"))
+        match &self.of {
+            Of::Form { form: "power", numbers, parameter: "order", .. } => numbers.first().copied(),
+            _ => None,
+        }
+    }
+
+    /// ∂K(0)/∂θ, the derivative of the spring beside the memory, which [`value`](Self::value) and
+    /// [`series`](Self::series) are without.
+    pub fn spring(&self) -> f64 {
+        self.spring
     }
 
     /// An exponent μ with which ∂K/∂θ = O(s^μ) for large s.
@@ -57,21 +99,39 @@ impl TransferDerivative {
         self.growth
     }
 
+    /// Whether the exponent with which K grows depends on θ: then ∂K/∂θ has a logarithm beside K.
+    pub fn changes_growth_of(&self, transfer: &TransferFunction) -> bool {
+        let ratio = |exponent: f64| {
+            let s = Complex::new(libm::exp10(exponent), 0.0);
+            (self.value(s) / transfer.value(s)).re
+        };
+        let (near, far) = (ratio(50.0), ratio(60.0));
+        (far - near).abs() > 1e-3 * far.abs()
+    }
+
     /// ∂K/∂θ at a place off the negative real axis.
     pub fn value(&self, s: Complex<f64>) -> Complex<f64> {
-        self.of(&s)
+        match &self.of {
+            Of::Form { .. } => self.of(&s),
+            Of::Formula(formula) => formula.value(s) - self.spring,
+        }
     }
 
     /// ∂K/∂θ of a power series with a positive first coefficient.
     pub fn series(&self, s: &Series) -> Series {
-        self.of(s)
+        match &self.of {
+            Of::Form { .. } => self.of(s),
+            Of::Formula(formula) => formula.series(s).add(&s.constant(-self.spring)),
+        }
     }
 
     fn of<A: Algebra>(&self, s: &A) -> A {
+        // A series of a formula is no function of a series.
+        let Of::Form { form, numbers, parameter, term } = &self.of else { return s.constant(f64::NAN) };
         let exact = DoubleDouble::exact;
         let one = s.constant(1.0);
-        let number = |position: usize| self.numbers.get(position).copied().unwrap_or(f64::NAN);
-        match (self.form, self.parameter) {
+        let number = |position: usize| numbers.get(position).copied().unwrap_or(f64::NAN);
+        match (*form, *parameter) {
             ("power", _) => s.power(exact(number(0))).multiply(&s.logarithm()),
             ("tempered", parameter) => {
                 let (order, rate) = (number(0), number(1));
@@ -104,7 +164,7 @@ impl TransferDerivative {
                 }
             }
             ("prony", parameter) => {
-                let (strength, time) = self.term;
+                let (strength, time) = *term;
                 let below = s.scale(time).add(&one);
                 match parameter {
                     "strengths" => s.scale(time).divide(&below),

@@ -80,6 +80,11 @@ impl SkewMatrix {
         Ok(Self { entries, size, source })
     }
 
+    /// Whether a file gives it.
+    pub fn is_from_file(&self) -> bool {
+        self.source.is_some()
+    }
+
     /// (row, column, entry) of the entries that are not zero.
     pub fn entries(&self) -> &[(u32, u32, f64)] {
         &self.entries

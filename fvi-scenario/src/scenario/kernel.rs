@@ -6,8 +6,10 @@ use crate::language::error::{InputError, Problem};
 use crate::language::expression::{Expression, Function, Kind, LARGEST_MULTIPLIED, Node, Operator, Symbols};
 use crate::language::number_table::NumberTable;
 use crate::numerics::algebra::{Algebra, Series};
+use crate::numerics::dual::Dual;
 use crate::numerics::relaxation::Relaxation;
 use crate::numerics::transfer::{Formula, TransferFunction};
+use crate::numerics::transfer_derivative::TransferDerivative;
 use crate::numerics::weight_table::WeightTable;
 use fvi_core::{DoubleDouble, ParameterError};
 use nalgebra::Complex;
@@ -388,12 +390,62 @@ impl Formula for Symbol {
     }
 }
 
+/// The derivative of an expression in s and a constant behind it by that constant, at its value.
+#[derive(Debug)]
+struct SymbolSlope {
+    expression: Expression,
+    at: f64,
+}
+
+impl SymbolSlope {
+    fn of<A: Algebra>(&self, s: &A) -> A {
+        let constant = Dual { value: s.constant(self.at), slope: s.constant(1.0) };
+        evaluate_at(self.expression.root(), &Dual::constant_in(s), &constant).slope
+    }
+}
+
+impl Formula for SymbolSlope {
+    fn value(&self, s: Complex<f64>) -> Complex<f64> {
+        self.of(&s)
+    }
+
+    fn series(&self, s: &Series) -> Series {
+        self.of(s)
+    }
+
+    fn text(&self) -> &str {
+        self.expression.text()
+    }
+}
+
+/// The derivative of a symbol by a constant, which is the variable behind s in its expression.
+///
+/// # Errors
+/// In words, what the constant may not be in.
+pub(super) fn symbol_derivative(
+    transfer: &TransferFunction,
+    expression: Expression,
+    at: f64,
+) -> Result<TransferDerivative, String> {
+    if let Some(function) = unsuited(expression.root()) {
+        return Err(format!("a constant that a symbol does not have in {function}"));
+    }
+    TransferDerivative::of_formula(transfer, Arc::new(SymbolSlope { expression, at }))
+        .map_err(|error| format!("{}; {} is {:e} here", error.allowed, error.parameter, error.value))
+}
+
 /// The value of an expression in s.
 pub(super) fn evaluate<A: Algebra>(node: &Node, s: &A) -> A {
-    let of = |node: &Node| evaluate(node, s);
+    evaluate_at(node, s, s)
+}
+
+/// The value of an expression in s and a constant, the variable behind it.
+fn evaluate_at<A: Algebra>(node: &Node, s: &A, constant: &A) -> A {
+    let of = |node: &Node| evaluate_at(node, s, constant);
     match node.kind() {
         Kind::Number(value) => s.constant(*value),
-        Kind::Variable(_) => s.clone(),
+        Kind::Variable(0) => s.clone(),
+        Kind::Variable(_) => constant.clone(),
         Kind::Negation(inner) => of(inner).negate(),
         Kind::Chain(first, operands) => {
             operands.iter().fold(of(first), |joined, (operator, operand)| match operator {

@@ -94,6 +94,24 @@ impl Past {
         self.positions.len() / (self.coordinates * self.rows_of_step)
     }
 
+    /// Whether a file gives it.
+    pub fn is_from_file(&self) -> bool {
+        self.source.is_some()
+    }
+
+    /// Its rows.
+    pub fn rows(&self) -> usize {
+        self.positions.len() / self.coordinates
+    }
+
+    /// Its derivative by one of its numbers: of zeros, but for a one there.
+    #[must_use]
+    pub fn slope(&self, row: usize, coordinate: usize) -> Self {
+        let place = row * self.coordinates + coordinate;
+        let is_there = |index| f64::from(u8::from(index == place));
+        Self { positions: (0..self.positions.len()).map(is_there).collect(), ..self.clone() }
+    }
+
     /// The position where it begins, where the system had been at rest.
     pub fn first(&self) -> &[f64] {
         &self.positions[..self.coordinates]

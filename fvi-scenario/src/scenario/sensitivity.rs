@@ -2,6 +2,7 @@
 
 use super::Scenario;
 use super::element::Element;
+use super::kernel::symbol_derivative;
 use super::load::Amplitude;
 use super::matrix::SymmetricMatrix;
 use super::scheme::{Convolution, ConvolutionFamily, DampedAt};
@@ -41,6 +42,8 @@ impl Serialize for Parameter {
 pub enum Quantity {
     /// An entry of q₀.
     Position(usize),
+    /// A row and column of the past.
+    Past(usize, usize),
     /// An entry of p₀.
     Momentum(usize),
     /// An entry of v₀ = M⁻¹p₀, where the scenario gives that.
@@ -49,6 +52,8 @@ pub enum Quantity {
     Mass(usize, usize),
     /// An entry of K, and its mirror image.
     Stiffness(usize, usize),
+    /// An entry of G, and the negative of its mirror image.
+    Gyroscopic(usize, usize),
     /// ∂ρ of a damping term, by its entries (row, column, number).
     Coefficient(usize, Vec<(usize, usize, f64)>),
     /// A parameter of the kernel of a damping term.
@@ -70,12 +75,29 @@ pub struct Named {
     pub elements: Vec<(usize, Expression)>,
     /// Amplitudes of loads in t and the constant, by the numbers of the loads.
     pub loads: Vec<(usize, Expression)>,
+    /// Derivatives of kernels that have it in their `symbol`, by the numbers of the damping terms.
+    pub kernels: Vec<(usize, TransferDerivative)>,
+}
+
+impl Quantity {
+    /// The derivative of the kernel of a damping term.
+    pub fn kernel(&self, term: usize) -> Option<&TransferDerivative> {
+        match self {
+            Self::Kernel(own, derivative) if *own == term => Some(derivative),
+            Self::Named(named) => {
+                named.kernels.iter().find(|(own, _)| *own == term).map(|(_, derivative)| derivative)
+            }
+            _ => None,
+        }
+    }
 }
 
 /// The paths that there are.
 const PATHS: &str = "system.damping[m].order, .coefficient[i] or [i][j], .scale, .strength[l], .kernel.NAME or .kernel.NAME[j]; \
-    system.parameters.NAME; system.mass[i] or [i][j]; system.stiffness[i] or [i][j]; initial.position[i], initial.momentum[i] or \
-    initial.velocity[i]";
+    system.parameters.NAME; system.mass[i] or [i][j]; system.stiffness[i] or [i][j]; system.gyroscopic[i][j]; initial.position[i], initial.momentum[i] or \
+    initial.velocity[i]; initial.past[k][i]";
+
+const BY_NUMBERS: &str = "an entry of a matrix that the scenario gives by numbers, not by a file";
 
 impl Sensitivity {
     /// Reads the parameters of a scenario that is complete but for them.
@@ -189,6 +211,18 @@ impl Reader<'_> {
         let system = &self.scenario.system;
         match parts[..] {
             [("initial", []), ("position", &[index])] => Ok(Quantity::Position(self.coordinate(index)?)),
+            [("initial", []), ("past", &[row, column])] => {
+                let Some(past) = &self.scenario.initial.past else {
+                    return Err(self.refused("a number that the scenario has: there is no `initial.past`"));
+                };
+                if past.is_from_file() {
+                    return Err(self.refused(BY_NUMBERS));
+                }
+                if row >= past.rows() {
+                    return Err(self.refused(format!("a row below {}, the number of rows", past.rows())));
+                }
+                Ok(Quantity::Past(row, self.coordinate(column)?))
+            }
             [("initial", []), ("momentum", &[index])] => {
                 if self.gives_velocity() {
                     return Err(self.refused("`initial.velocity[i]`: the scenario gives the velocity"));
@@ -213,6 +247,21 @@ impl Reader<'_> {
                 };
                 let (row, column) = self.entry(stiffness, indices)?;
                 Ok(Quantity::Stiffness(row, column))
+            }
+            [("system", []), ("gyroscopic", indices)] => {
+                let Some(gyroscopic) = &system.gyroscopic else {
+                    return Err(
+                        self.refused("a number that the scenario has: there is no `system.gyroscopic`")
+                    );
+                };
+                match *indices {
+                    _ if gyroscopic.is_from_file() => Err(self.refused(BY_NUMBERS)),
+                    [row, column] if row != column => {
+                        Ok(Quantity::Gyroscopic(self.coordinate(row)?, self.coordinate(column)?))
+                    }
+                    [_, _] => Err(self.refused("an entry off the diagonal, which is 0")),
+                    _ => Err(self.refused("`[i][j]` behind it: the matrix is given by its rows")),
+                }
             }
             [("system", []), ("parameters", []), (name, [])] => self.named(name),
             [("system", []), ("damping", &[term]), ref rest @ ..] => self.damping(term, rest),
@@ -243,9 +292,7 @@ impl Reader<'_> {
             (SymmetricMatrix::Dense(_), _) => {
                 Err(self.refused("`[i][j]` behind it: the matrix is given by its rows"))
             }
-            (SymmetricMatrix::Sparse(_), _) => {
-                Err(self.refused("an entry of a matrix that the scenario gives by numbers, not by a file"))
-            }
+            (SymmetricMatrix::Sparse(_), _) => Err(self.refused(BY_NUMBERS)),
         }
     }
 
@@ -299,12 +346,7 @@ impl Reader<'_> {
 
     fn kernel(&self, term: usize, name: &str, index: usize) -> Result<Quantity, InputError> {
         let damping = &self.scenario.system.damping[term];
-        let convolution = &self.scenario.convolution;
-        if !convolution.starting.is_empty() {
-            return Err(self.refused(
-                "parameters of kernels without `convolution.starting`: starting weights are not differentiated by them",
-            ));
-        }
+        self.refuse_starting()?;
         let order = damping.transfer.exponent();
         let at_rest = self.scenario.initial.momentum.iter().all(|&p| p == 0.0);
         if damping.derivative == Derivative::Caputo
@@ -318,11 +360,20 @@ impl Reader<'_> {
             // A form that is told by a simpler one has no longer the parameter that the file gives.
             Some(derivative) => Ok(Quantity::Kernel(term, derivative)),
             None => Err(self.refused(format!(
-                "a number of the kernel {}; those of expressions and tables are not differentiated, nor one at which a form \
-                 becomes a simpler one",
+                "a number of the kernel {}; those of tables are not differentiated, those of expressions by \
+                 `system.parameters.NAME`, nor one at which a form becomes a simpler one",
                 damping.transfer
             ))),
         }
+    }
+
+    fn refuse_starting(&self) -> Result<(), InputError> {
+        if self.scenario.convolution.starting.is_empty() {
+            return Ok(());
+        }
+        Err(self.refused(
+            "parameters of kernels without `convolution.starting`: starting weights are not differentiated by them",
+        ))
     }
 
     fn named(&self, name: &str) -> Result<Quantity, InputError> {
@@ -382,22 +433,42 @@ impl Reader<'_> {
                 loads.extend(parsed.map(|parsed| (index, parsed)));
             }
         }
+        let mut kernels = Vec::new();
         for (term, damping) in system.damping.iter().enumerate() {
-            let document = self.scenario.document();
-            if document.has(&format!("system.damping[{term}].kernel.symbol"))
-                && let Some(text) = damping.transfer.text()
-            {
-                let symbols = others.clone().with_variables(["s".to_owned()]).with_variables(variable());
-                let parsed = Expression::parse(text, &symbols)
-                    .map_err(|error| self.value.error(Problem::Expression(error)))?;
-                if parsed.root().has_variable(1) {
-                    return Err(self.refused(format!(
-                        "a constant that is not in `system.damping[{term}].kernel.symbol`: give that kernel as one of the forms"
-                    )));
-                }
+            if !self.has(term, "kernel.symbol") {
+                continue;
+            }
+            let Some(text) = damping.transfer.text() else { continue };
+            let symbols = others.clone().with_variables(["s".to_owned()]).with_variables(variable());
+            let parsed = Expression::parse(text, &symbols)
+                .map_err(|error| self.value.error(Problem::Expression(error)))?;
+            if parsed.root().has_variable(1) {
+                kernels.push((term, self.symbol(term, parsed, value)?));
             }
         }
-        Ok(Quantity::Named(Box::new(Named { value, potential, force, elements, loads })))
+        Ok(Quantity::Named(Box::new(Named { value, potential, force, elements, loads, kernels })))
+    }
+
+    /// The derivative of the symbol of a term by a constant in it.
+    fn symbol(
+        &self,
+        term: usize,
+        expression: Expression,
+        value: f64,
+    ) -> Result<TransferDerivative, InputError> {
+        self.refuse_starting()?;
+        let damping = &self.scenario.system.damping[term];
+        let place = format!("; it is in `system.damping[{term}].kernel.symbol`");
+        let derivative = symbol_derivative(&damping.transfer, expression, value)
+            .map_err(|allowed| self.refused(allowed + &place))?;
+        let at_rest = self.scenario.initial.momentum.iter().all(|&p| p == 0.0);
+        let jumps = damping.derivative == Derivative::Caputo && damping.transfer.growth() == 1.0 && !at_rest;
+        if jumps && derivative.changes_growth_of(&damping.transfer) {
+            let allowed = "a value at which the symbol does not grow like s, where the motion begins with a velocity: Caputo's \
+                derivative jumps there";
+            return Err(self.refused(allowed.to_owned() + &place));
+        }
+        Ok(derivative)
     }
 }
 

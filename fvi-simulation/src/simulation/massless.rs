@@ -118,7 +118,9 @@ impl Held {
                 }
             }
             let own = own_entries(&here, &places, rows.len());
-            if let Some(place) = (0..rows.len()).find(|&place| resisted[place] && !(own[place] > 0.0)) {
+            if let Some(place) =
+                (0..rows.len()).find(|&place| resisted[place] && (own[place] <= 0.0 || own[place].is_nan()))
+            {
                 let reason = format!(
                     "the force on coordinate {}, which has no mass, depends on a velocity and does not resist the one of this \
                      coordinate at the start: −∂F/∂v is {} there",

@@ -2,6 +2,7 @@
 
 use crate::scenario::Scenario;
 use crate::simulation::motion::Motion;
+use crate::simulation::response::Linearised;
 use crate::simulation::{GridState, Precision, Simulation, Solver, SolverChoice};
 use std::fmt::Write as _;
 
@@ -511,4 +512,36 @@ fn collocation_takes_any_grid_and_kernels_that_yield_at_once() {
         let errors = [state.position[0] - y[0], state.momentum[0] - y[1], state.position[1] - z(y[0], y[2])];
         assert!(errors.iter().all(|error| error.abs() < 1e-6), "{grid}: {errors:?}");
     }
+}
+
+#[test]
+fn a_system_without_any_mass_relaxes_like_a_mittag_leffler_function() {
+    // z + D^½ z = 0 from 1: E_½(−√t) = e^t erfc(√t), at t = 1 by mpmath: exp(1)*erfc(1).
+    let exact = 0.427_583_576_155_807;
+    for (scheme, bound) in [(MIDPOINT, 1e-5), (GAUSS_3, 1e-5), (RADAU_3, 1e-8)] {
+        let state = end(&scenario(&format!(
+            "[system]\nmass = [0.0]\npotential = \"0.5*q0^2\"\n[[system.damping]]\norder = 0.5\ncoefficient = [1.0]\n\
+             [initial]\nposition = [1.0]\n{scheme}\n[time]\nstep = 0.01\nsteps = 100\n"
+        )));
+        let error = (state.position[0] - exact).abs();
+        assert!(error < bound, "{scheme}: {error:e}");
+        assert!((state.energy - 0.5 * state.position[0].powi(2)).abs() < 1e-15);
+    }
+}
+
+#[test]
+fn the_frequency_response_is_that_of_the_condensed_system() {
+    let whole = Linearised::new(&joint(MIDPOINT, "0", 0.0, ""), &[0.0, 0.0]).unwrap();
+    // 1/(2.4 − 2 ω²), and 0.4 of it at the joint.
+    for omega in [0.3, 1.0, 5.0] {
+        let exact = 1.0 / (2.4 - 2.0 * omega * omega);
+        let found = whole.response(omega, 0).unwrap();
+        assert!((found[0].re - exact).abs() < 1e-13 && (found[1].re - 0.4 * exact).abs() < 1e-13);
+    }
+    // Positions at grid points do not follow from the polynomial of the midpoint rule.
+    assert!(whole.discrete_response(1.0, 0).unwrap_err().contains("coordinate 1 has no mass"));
+    assert!(whole.poles().unwrap_err().contains("coordinate 1 has no mass"));
+    let collocated = Linearised::new(&joint(RADAU_3, "0", 0.0, ""), &[0.0, 0.0]).unwrap();
+    let found = collocated.discrete_response(1.0, 0).unwrap();
+    assert!((found[0].re - 2.5).abs() < 1e-6 && (found[1].re - 1.0).abs() < 1e-6, "{found:?}");
 }

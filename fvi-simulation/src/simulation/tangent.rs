@@ -10,8 +10,11 @@ use crate::numerics::dense::Factored;
 use crate::numerics::multistep_weights::derivative_weights;
 use crate::numerics::runge_kutta_derivative::runge_kutta_derivative;
 use crate::numerics::transfer_derivative::TransferDerivative;
-use crate::scenario::{self, Parameter, Quantity, ReportedMomentum, Scenario, Sensitivity, SharedTerms};
+use crate::scenario::{
+    self, Parameter, Past, Quantity, ReportedMomentum, Scenario, Sensitivity, SharedTerms,
+};
 use crate::simulation::choice::{SolverChoice, sparse_space};
+use crate::simulation::gyroscopic::Gyroscopic;
 use crate::simulation::massless;
 use explicit::Direct;
 use fvi_core::{
@@ -32,10 +35,12 @@ type Remembered = DampedMotion<f64, AnySpace, HostMemory<f64>>;
 /// ```text
 /// 0 = δ_{ν0} δp_k + (1/h) Σ_μ K_νμ (M δe^μ + δM e^μ) − h Σ_i b_i ℓ_ν(c_i) δG_i ,      ν = 0…S−1
 /// δp_{k+1} = δp_k − h Σ_i b_i δG_i ,
-/// δG_i = (∂²U − ∂F) δX_i − ∂F/∂v δV_i + ∂G_i/∂θ + Σ_m [ρ_m D_m δX + δρ_m D_m X + ρ_m (∂D_m/∂θ) X]_i .
+/// δG_i = (∂²U − ∂F) δX_i − ∂F/∂v δV_i + G δV_i + δG V_i + ∂G_i/∂θ
+///        + Σ_m [ρ_m D_m δX + δρ_m D_m X + ρ_m (∂D_m/∂θ) X]_i .
 /// ```
 ///
-/// with δV_i = Σ_ν ℓ̇_ν(c_i) δe^ν/h where forces depend on the velocity of the polynomial. D_m acts on δX
+/// with δV_i = Σ_ν ℓ̇_ν(c_i) δe^ν/h where forces depend on the velocity of the polynomial, the gyroscopic ones
+/// of the matrix G among them. D_m acts on δX
 /// with the weights that it has, on a memory of its own with p times the channels, and
 /// ∂D_m/∂θ on X with their derivatives. Where the force acts at the main nodes its three parts are in the
 /// last equation only. Collocation has, with v = M⁻¹p,
@@ -51,6 +56,8 @@ type Remembered = DampedMotion<f64, AnySpace, HostMemory<f64>>;
 pub(crate) struct Tangent {
     size: usize,
     count: usize,
+    /// Time at which the run begins.
+    start: f64,
     step: f64,
     scheme: AnyScheme<f64>,
     /// Whether damping acts in the new momentum only, and whether memories take main nodes.
@@ -63,10 +70,14 @@ pub(crate) struct Tangent {
     stiffness: Matrix<f64>,
     /// −∂F/∂v likewise, where forces depend on the velocity.
     resistance: Option<Matrix<f64>>,
-    direct: Vec<Direct>,
+    /// ∂G/∂θ of each parameter: what adds up to it.
+    direct: Vec<Vec<Direct>>,
     /// ∂M: entries of each parameter.
     mass_changes: Vec<Vec<(usize, usize)>>,
     terms: Vec<Term>,
+    /// G V, and δG V of the parameters in G.
+    gyroscopic: Option<Gyroscopic<f64, Matrix<f64>>>,
+    gyroscopic_changes: Vec<(usize, Gyroscopic<f64, Matrix<f64>>)>,
     solver: Solver,
     /// ∂q, ∂p and the derivative of the last kick: p times N numbers.
     position: Vec<f64>,
@@ -246,13 +257,17 @@ impl Tangent {
         let v0 = velocity_of(&initial.momentum);
         let gives_velocity = scenario.document().has("initial.velocity");
         let (mut position, mut momentum, mut velocity) = (Vec::new(), Vec::new(), Vec::new());
+        let mut pasts = Vec::new();
         let mass = matrix::<f64>(&scenario.system.mass);
         let mut mass_changes = Vec::new();
         for parameter in parameters {
             let (mut dq, mut dp, mut inertia) = (vec![0.0; size], vec![0.0; size], vec![0.0; size]);
-            let mut changes = Vec::new();
+            let (mut changes, mut past) = (Vec::new(), None);
             match parameter.what {
                 Quantity::Position(index) => dq[index] = 1.0,
+                Quantity::Past(row, column) => {
+                    past = initial.past.as_ref().map(|past| past.slope(row, column));
+                }
                 Quantity::Momentum(index) => dp[index] = 1.0,
                 Quantity::Velocity(index) => {
                     let mut one = vec![0.0; size];
@@ -273,23 +288,53 @@ impl Tangent {
             position.extend(dq);
             momentum.extend(dp);
             mass_changes.push(changes);
+            pasts.push(past);
         }
+        // With a past the motion begins with it, at rest.
+        let (base, mut base_slopes) = (initial.base(), position.clone());
+        let mut base_velocity = v0;
+        if initial.past.is_some() {
+            [&mut base_velocity, &mut velocity].into_iter().for_each(|velocity| velocity.fill(0.0));
+            for (past, slope) in pasts.iter().zip(base_slopes.chunks_mut(size)) {
+                match past {
+                    Some(past) => slope.copy_from_slice(past.first()),
+                    None => slope.fill(0.0),
+                }
+            }
+        }
+        let begin = scenario.time.start - initial.past_steps() as f64 * scenario.time.step;
         let mut terms = Vec::new();
         for index in 0..scenario.system.damping.len() {
             let mut term = Term::new(scenario, (index, nodes), parameters, tables)?;
-            term.tangent.begin(&position, &velocity);
-            let of_motion = term.value.iter_mut().chain(term.kernels.iter_mut().map(|(_, motion)| motion));
-            of_motion.for_each(|motion| motion.begin(&initial.position, &v0));
+            term.tangent.begin(&base_slopes, &velocity);
+            term.motions_mut().for_each(|motion| motion.begin(base, &base_velocity));
+            if begin != 0.0 {
+                term.motions_mut().for_each(|motion| motion.begin_at(begin));
+                term.tangent.begin_at(begin);
+            }
             terms.push(term);
+        }
+        let (mut gyroscopic, mut gyroscopic_changes) = (None, Vec::new());
+        if let Sampling::Nodes(fractions) = Scheme::<f64, AnySpace>::sampling(&scheme) {
+            let at_nodes = |skew| Gyroscopic::new(skew, fractions, scenario.time.step);
+            gyroscopic = super::gyroscopic(scenario, &AnySpace::dense(size)).map(at_nodes);
+            for (index, Parameter { what, .. }) in parameters.iter().enumerate() {
+                if let &Quantity::Gyroscopic(row, column) = what {
+                    let entries = [(row, column, 1.0), (column, row, -1.0)];
+                    let change = Matrix::of_entries(size, entries.into_iter());
+                    gyroscopic_changes.push((index, at_nodes(change)));
+                }
+            }
         }
         let stiffness = model.stiffness();
         let resistance = Mechanics::depends_on_velocity(&model).then(|| model.stiffness());
-        let direct = parameters.iter().map(|parameter| Direct::new(scenario, &parameter.what)).collect();
+        let direct = parameters.iter().map(|parameter| Direct::all(scenario, &parameter.what)).collect();
         let (degree, points) = (scheme.view().control_points.len(), scheme.view().nodes.len());
         let mut made = Self {
             room: Room::new(size, (degree, points, nodes), count),
             size,
             count,
+            start: scenario.time.start,
             step: scenario.time.step,
             kicks,
             at_main_nodes,
@@ -300,6 +345,8 @@ impl Tangent {
             direct,
             mass_changes,
             terms,
+            gyroscopic,
+            gyroscopic_changes,
             solver,
             kick: vec![0.0; count * size],
             behind: vec![0.0; if at_main_nodes { 0 } else { nodes * count * size }],
@@ -309,10 +356,12 @@ impl Tangent {
             momentum,
             scheme,
         };
-        if at_main_nodes {
-            made.push_start(&initial.position)
-                .map_err(|error| scenario.error_at("sensitivity", Problem::Engine(Cause::new(error))))?;
-        }
+        let told = match &initial.past {
+            Some(past) => made.follow(past, (&initial.position, &pasts), base_slopes),
+            None if at_main_nodes => made.push_start(base),
+            None => Ok(()),
+        };
+        told.map_err(|error| scenario.error_at("sensitivity", Problem::Engine(Cause::new(error))))?;
         Ok(Some(made))
     }
 
@@ -321,12 +370,74 @@ impl Tangent {
         let Self { terms, position, scratch, .. } = self;
         let first = |from| Sample { from, behind: &[], time: 0.0, length: 0.0, fractions: &[0.0] };
         let (rest, of_motion) = (vec![0.0; position.len()], vec![0.0; start.len()]);
-        for term in terms {
-            term.tangent.push(&first(position), &rest, scratch)?;
-            let motions = term.value.iter_mut().chain(term.kernels.iter_mut().map(|(_, motion)| motion));
-            for motion in motions {
-                motion.push(&first(start), &of_motion, scratch)?;
+        push(terms, (&first(start), &of_motion), (&first(position), &rest), scratch)
+    }
+
+    /// Tells the memories what was before the start: a past that ends at this position, and its derivatives
+    /// by the parameters, which begin with these.
+    fn follow(
+        &mut self,
+        past: &Past,
+        (end, slopes): (&[f64], &[Option<Past>]),
+        begin: Vec<f64>,
+    ) -> Result<(), MemoryError> {
+        let (n, h) = (self.size, self.step);
+        let mut from = past.first().to_vec();
+        let last = std::mem::replace(&mut self.position, begin);
+        if self.at_main_nodes {
+            self.push_start(&from)?;
+        }
+        let view = self.scheme.view();
+        let at_end = [1.0];
+        let fractions = if self.at_main_nodes { &at_end[..] } else { view.nodes };
+        // Nodes where there are several; a single one lies on a straight line.
+        let stages = |from: &[f64], rise: &[f64], nodes: &[f64]| -> Vec<f64> {
+            match nodes {
+                [] => rise.iter().map(|rise| fractions[0] * rise).collect(),
+                _ => nodes.chunks(n).flat_map(|node| node.iter().zip(from).map(|(x, q)| x - q)).collect(),
             }
+        };
+        let difference = |end: &[f64], from: &[f64]| -> Vec<f64> {
+            end.iter().zip(from).map(|(end, from)| end - from).collect()
+        };
+        for step in 0..past.steps() {
+            let time = self.start - (past.steps() - step) as f64 * h;
+            let rise = difference(past.end(step).unwrap_or(end), &from);
+            let told = stages(&from, &rise, past.nodes(step));
+            let slope_end: Vec<f64> = (slopes.iter().zip(last.chunks(n)))
+                .flat_map(|(slope, last)| match slope.as_ref().map(|slope| slope.end(step)) {
+                    Some(Some(end)) => end.to_vec(),
+                    None if past.end(step).is_none() => last.to_vec(),
+                    _ => vec![0.0; n],
+                })
+                .collect();
+            let own_rise = difference(&slope_end, &self.position);
+            // Node after node, of every parameter.
+            let each: Vec<Vec<f64>> = (slopes.iter().zip(self.position.chunks(n).zip(own_rise.chunks(n))))
+                .map(|(slope, (from, rise))| match slope {
+                    Some(slope) => stages(from, rise, slope.nodes(step)),
+                    None => stages(from, rise, &vec![0.0; past.nodes(step).len()]),
+                })
+                .collect();
+            let own_told: Vec<f64> = (0..fractions.len())
+                .flat_map(|i| each.iter().flat_map(move |stages| &stages[i * n..][..n]))
+                .copied()
+                .collect();
+            let sample = |from, behind| Sample { from, behind, time, length: h, fractions };
+            let (motion, slopes) = (sample(&from, &self.motion_behind), sample(&self.position, &self.behind));
+            let Room { terms: room, derivative, .. } = &mut self.room;
+            let (nodes, c) = (fractions.len(), self.position.len());
+            for term in &mut self.terms {
+                known(&mut term.tangent, &slopes, (nodes, c), room, derivative)?;
+                for motion_of_term in term.motions_mut() {
+                    known(motion_of_term, &motion, (nodes, n), room, derivative)?;
+                }
+            }
+            push(&mut self.terms, (&motion, &told), (&slopes, &own_told), &mut self.scratch)?;
+            leave_behind(&mut self.motion_behind, &rise, &told);
+            leave_behind(&mut self.behind, &own_rise, &own_told);
+            add(&mut from, 1.0, &rise);
+            self.position.copy_from_slice(&slope_end);
         }
         Ok(())
     }
@@ -343,7 +454,7 @@ impl Tangent {
         increments: &[f64],
     ) -> Result<(), String> {
         let (n, c, h) = (self.size, self.size * self.count, self.step);
-        let time = step as f64 * h;
+        let time = self.start + h * step as f64;
         let view = self.scheme.view();
         let (degree, points) = (view.control_points.len(), view.nodes.len());
         let at_end = [1.0];
@@ -411,12 +522,12 @@ impl Tangent {
         let tangent_sample =
             Sample { from: &self.position, behind: &self.behind, time, length: h, fractions };
         for term in &mut self.terms {
-            known(&mut term.tangent, &tangent_sample, (nodes, c), terms, derivative)?;
+            known(&mut term.tangent, &tangent_sample, (nodes, c), terms, derivative).map_err(said)?;
             for (damped, known) in damped.chunks_mut(n).zip(derivative.chunks(n)) {
                 term.rho.multiply_add(1.0, known, damped);
             }
             if let Some(value) = &mut term.value {
-                whole(value, &sample, told, (nodes, n), terms, derivative)?;
+                whole(value, &sample, told, (nodes, n), terms, derivative).map_err(said)?;
                 for (parameter, change) in &term.changes {
                     for node in 0..nodes {
                         let place = &mut damped[node * c + parameter * n..][..n];
@@ -427,12 +538,18 @@ impl Tangent {
                 }
             }
             for (parameter, kernel) in &mut term.kernels {
-                whole(kernel, &sample, told, (nodes, n), terms, derivative)?;
+                whole(kernel, &sample, told, (nodes, n), terms, derivative).map_err(said)?;
                 for node in 0..nodes {
                     let place = &mut damped[node * c + *parameter * n..][..n];
                     term.rho.multiply_add(1.0, &derivative[node * n..][..n], place);
                 }
             }
+        }
+        for (parameter, change) in &self.gyroscopic_changes {
+            change.visit(|i, j, weight, skew| {
+                let place = &mut damped[i * c + parameter * n..][..n];
+                skew.multiply_add(weight, &stages[j * n..][..n], place);
+            });
         }
         // (∂²U − ∂F) and ∂G/∂θ at the quadrature points.
         let linear = Mechanics::is_linear(&self.model);
@@ -463,7 +580,8 @@ impl Tangent {
                 self.model.linearise(instant, place, restoring, &mut self.stiffness);
             }
             for (parameter, direct) in self.direct.iter_mut().enumerate() {
-                direct.add(instant, (place, velocity), &mut forces[i * c + parameter * n..][..n]);
+                let force = &mut forces[i * c + parameter * n..][..n];
+                direct.iter_mut().for_each(|part| part.add(instant, (place, velocity), force));
             }
             for parameter in 0..self.count {
                 let at = &mut forces[i * c + parameter * n..][..n];
@@ -491,7 +609,7 @@ impl Tangent {
             |i: usize| if linear || points == 1 { self.resistance.as_ref() } else { resistances.get(i) };
         let stays = linear && self.terms.iter().all(|term| term.tangent.memory().leading_is_constant());
         if !self.solver.is_ready() || !stays {
-            let Self { solver, model, terms, kicks, .. } = self;
+            let Self { solver, model, terms, gyroscopic, kicks, .. } = self;
             solver.factor((degree, n), model.mass(), |insert| {
                 for nu in 0..degree {
                     for mu in 0..degree {
@@ -508,6 +626,13 @@ impl Tangent {
                             for term in &*terms {
                                 let weight = |j: usize| term.tangent.leading(0, nodes, i, j) * shape(j, mu);
                                 insert(nu, mu, factor * (0..nodes).map(weight).sum::<f64>(), &term.rho);
+                            }
+                            if let Some(gyroscopic) = gyroscopic {
+                                gyroscopic.visit(|row, j, weight, skew| {
+                                    if row == i {
+                                        insert(nu, mu, factor * weight * shape(j, mu), skew);
+                                    }
+                                });
                             }
                         }
                     }
@@ -575,7 +700,16 @@ impl Tangent {
                     }
                 }
                 if !self.kicks {
-                    add_leading(&self.terms, (i, nodes), own_stages, n, &mut forces[i * c..][..c]);
+                    let force = &mut forces[i * c..][..c];
+                    add_leading(&self.terms, (i, nodes), own_stages, n, force);
+                    if let Some(gyroscopic) = &self.gyroscopic {
+                        gyroscopic.visit(|row, j, weight, skew| {
+                            if row == i {
+                                let pairs = force.chunks_mut(n).zip(own_stages[j * c..][..c].chunks(n));
+                                pairs.for_each(|(force, own)| skew.multiply_add(weight, own, force));
+                            }
+                        });
+                    }
                 }
                 add(&mut self.momentum, -h * view.weights[i], &forces[i * c..][..c]);
             }
@@ -586,13 +720,8 @@ impl Tangent {
             self.kick.copy_from_slice(damped);
         }
         let own_told = if self.at_main_nodes { &own_rise[..] } else { &own_stages[..] };
-        for term in &mut self.terms {
-            term.tangent.push(&tangent_sample, own_told, &mut self.scratch).map_err(said)?;
-            let motions = term.value.iter_mut().chain(term.kernels.iter_mut().map(|(_, motion)| motion));
-            for motion in motions {
-                motion.push(&sample, told, &mut self.scratch).map_err(said)?;
-            }
-        }
+        push(&mut self.terms, (&sample, told), (&tangent_sample, own_told), &mut self.scratch)
+            .map_err(said)?;
         leave_behind(&mut self.motion_behind, rise, stages);
         leave_behind(&mut self.behind, own_rise, own_stages);
         add(&mut self.position, 1.0, own_rise);
@@ -638,10 +767,9 @@ impl Tangent {
         for numbers in [position, momentum, kick, behind, motion_behind] {
             reader.numbers(numbers)?;
         }
-        for Term { tangent, value, kernels, .. } in terms {
-            let motions =
-                std::iter::once(tangent).chain(value).chain(kernels.iter_mut().map(|(_, motion)| motion));
-            for motion in motions {
+        for term in terms {
+            term.tangent.restore(&mut reader)?;
+            for motion in term.motions_mut() {
                 motion.restore(&mut reader)?;
             }
         }
@@ -663,6 +791,11 @@ impl Tangent {
 }
 
 impl Term {
+    /// What is told the motion itself.
+    fn motions_mut(&mut self) -> impl Iterator<Item = &mut Remembered> {
+        self.value.iter_mut().chain(self.kernels.iter_mut().map(|(_, motion)| motion))
+    }
+
     fn new(
         scenario: &Scenario,
         (index, nodes): (usize, usize),
@@ -702,11 +835,9 @@ impl Term {
             .collect();
         let mut kernels = Vec::new();
         for (parameter, Parameter { what, .. }) in parameters.iter().enumerate() {
-            let Quantity::Kernel(own, by) = what else { continue };
-            if *own == index {
-                let (kernel, memory) = derivative_memory(scenario, &request(1), by).map_err(refused)?;
-                kernels.push((parameter, on_memory(1, kernel, memory)?));
-            }
+            let Some(by) = what.kernel(index) else { continue };
+            let (kernel, memory) = derivative_memory(scenario, &request(1), by).map_err(refused)?;
+            kernels.push((parameter, on_memory(1, kernel, memory)?));
         }
         let value = if changes.is_empty() { None } else { Some(of_kernel(1)?) };
         let tangent = of_kernel(parameters.len())?;
@@ -775,6 +906,22 @@ fn refuse_rough(scenario: &Scenario, parameters: &[Parameter]) -> Result<(), Inp
     Ok(())
 }
 
+/// Tells the memories of all terms a sample of the motion and one of its derivatives, with their increments.
+fn push(
+    terms: &mut [Term],
+    (motion, told): (&Sample<'_, f64>, &[f64]),
+    (derivatives, own_told): (&Sample<'_, f64>, &[f64]),
+    scratch: &mut [f64],
+) -> Result<(), MemoryError> {
+    for term in terms {
+        term.tangent.push(derivatives, own_told, scratch)?;
+        for of_motion in term.motions_mut() {
+            of_motion.push(motion, told, scratch)?;
+        }
+    }
+    Ok(())
+}
+
 fn said(error: MemoryError) -> String {
     error.to_string()
 }
@@ -787,17 +934,17 @@ fn known(
     (nodes, coordinates): (usize, usize),
     terms: &mut Vec<f64>,
     known: &mut Vec<f64>,
-) -> Result<(), String> {
+) -> Result<(), MemoryError> {
     known.clear();
     known.resize(nodes * coordinates, 0.0);
     if nodes == 1 {
-        motion.memory_terms(sample, known).map_err(said)?;
+        motion.memory_terms(sample, known)?;
         motion.complete(0, sample, known);
         return Ok(());
     }
     terms.clear();
     terms.resize(nodes * coordinates, 0.0);
-    motion.memory_terms(sample, terms).map_err(said)?;
+    motion.memory_terms(sample, terms)?;
     for (node, known) in known.chunks_mut(coordinates).enumerate() {
         motion.complete_node((0, node), sample, terms, known);
     }
@@ -812,7 +959,7 @@ fn whole(
     (nodes, coordinates): (usize, usize),
     terms: &mut Vec<f64>,
     derivative: &mut Vec<f64>,
-) -> Result<(), String> {
+) -> Result<(), MemoryError> {
     known(motion, sample, (nodes, coordinates), terms, derivative)?;
     for (i, place) in derivative.chunks_mut(coordinates).enumerate() {
         for (j, increment) in increments.chunks(coordinates).enumerate() {

@@ -139,7 +139,8 @@ pub const KEYS: [&str; 9] =
 pub(super) struct Extent {
     pub(super) coordinates: usize,
     pub(super) terms: usize,
-    /// The last time.
+    /// First and last time of the scenario.
+    pub(super) begin: f64,
     pub(super) end: f64,
 }
 
@@ -262,19 +263,21 @@ impl Record {
         };
         // A table that sets `time` itself is checked against its own time later.
         let own_time = record.set.iter().any(|(path, _)| path == "time" || path.starts_with("time."));
-        let end = if own_time { f64::INFINITY } else { extent.end };
-        record.check_places(&cells, end)?;
+        let times = if own_time { (0.0, f64::INFINITY) } else { (extent.begin, extent.end) };
+        record.check_places(&cells, times)?;
         record.read_columns(&cells, extent)?;
         record.read_deviations(&cells, &table)?;
         Ok(record)
     }
 
-    fn check_places(&self, cells: &Cells<'_, '_>, end: f64) -> Result<(), InputError> {
+    fn check_places(&self, cells: &Cells<'_, '_>, (begin, end): (f64, f64)) -> Result<(), InputError> {
         let name = &cells.names[0];
         for (index, (&place, (line, _))) in self.places.iter().zip(&cells.rows).enumerate() {
             let before = index.checked_sub(1).map(|before| self.places[before]);
             let reason = match self.domain {
-                Domain::Time if place < 0.0 => Some("is before the motion begins, at t = 0".to_owned()),
+                Domain::Time if place < begin * (1.0 - 1e-12) => {
+                    Some(format!("is before the motion begins, at t = {begin}"))
+                }
                 Domain::Time if place > end * (1.0 + 1e-12) => {
                     Some(format!("is after the motion ends, at t = {end}"))
                 }

@@ -123,21 +123,22 @@ impl Free {
     }
 }
 
-/// Puts a number at a path, and at its mirror image in a symmetric matrix.
+/// Puts a number at a path, and at its mirror image in a symmetric matrix, with the other sign in a skew one.
 pub(super) fn put_number(values: &mut toml::Table, path: &str, number: f64) -> Result<(), String> {
     put(values, path, toml::Value::Float(number))?;
-    if let Some(mirrored) = mirrored(path) {
-        put(values, &mirrored, toml::Value::Float(number))?;
+    if let Some((mirrored, sign)) = mirrored(path) {
+        put(values, &mirrored, toml::Value::Float(sign * number))?;
     }
     Ok(())
 }
 
-/// The path of the mirror image of an entry of a matrix off its diagonal.
-fn mirrored(path: &str) -> Option<String> {
+/// The path of the mirror image of an entry of a matrix off its diagonal, and the sign that it has there.
+fn mirrored(path: &str) -> Option<(String, f64)> {
     let (front, column) = path.strip_suffix(']')?.rsplit_once('[')?;
     let (front, row) = front.strip_suffix(']')?.rsplit_once('[')?;
-    let is_matrix = ["mass", "stiffness", "coefficient"].iter().any(|matrix| front.ends_with(matrix));
-    (is_matrix && row != column).then(|| format!("{front}[{column}][{row}]"))
+    let matrices = [("mass", 1.0), ("stiffness", 1.0), ("coefficient", 1.0), ("gyroscopic", -1.0)];
+    let (_, sign) = matrices.into_iter().find(|(matrix, _)| front.ends_with(matrix))?;
+    (row != column).then(|| (format!("{front}[{column}][{row}]"), sign))
 }
 
 /// The value at a path of a table.
@@ -289,7 +290,8 @@ impl Fit {
 /// The sizes of the scenario that data are checked against.
 fn extent(scenario: &Scenario) -> Extent {
     let terms = scenario.system.damping.len();
-    Extent { coordinates: scenario.coordinates(), terms, end: scenario.time.end() }
+    let time = &scenario.time;
+    Extent { coordinates: scenario.coordinates(), terms, begin: time.start, end: time.end() }
 }
 
 /// Refuses scenarios whose results are not a smooth function of their parameters.
@@ -494,7 +496,7 @@ impl Model {
                 let path_value = place.table()?.required("path")?;
                 return Err(refused(&path_value, base, &reason));
             };
-            if mirrored(path).is_some_and(|mirrored| at(&values, &mirrored).is_none()) {
+            if mirrored(path).is_some_and(|(mirrored, _)| at(&values, &mirrored).is_none()) {
                 return Err(refused(place, base, "the mirror image of this entry is missing"));
             }
             let start = start.unwrap_or(own);
@@ -536,6 +538,11 @@ impl Model {
             let reason = format!("data up to t = {highest}: the motion ends at t = {end}");
             return Err(refused(place, &self.base, &reason));
         }
+        let lowest = record.places.first().copied().unwrap_or(f64::INFINITY);
+        if record.over() == "t" && lowest < own.begin * (1.0 - 1e-12) {
+            let reason = format!("data from t = {lowest} on: the motion begins at t = {}", own.begin);
+            return Err(refused(place, &self.base, &reason));
+        }
         record.check_extent(own).map_err(|reason| refused(place, &self.base, &reason))
     }
 }
@@ -546,9 +553,11 @@ mod tests {
 
     #[test]
     fn entries_have_mirror_images() {
-        assert_eq!(mirrored("system.mass[0][1]").as_deref(), Some("system.mass[1][0]"));
+        let image = |path: &str, sign: f64| Some((path.to_owned(), sign));
+        assert_eq!(mirrored("system.mass[0][1]"), image("system.mass[1][0]", 1.0));
         let coefficient = mirrored("system.damping[3].coefficient[2][0]");
-        assert_eq!(coefficient.as_deref(), Some("system.damping[3].coefficient[0][2]"));
+        assert_eq!(coefficient, image("system.damping[3].coefficient[0][2]", 1.0));
+        assert_eq!(mirrored("system.gyroscopic[0][1]"), image("system.gyroscopic[1][0]", -1.0));
         for path in ["system.mass[1][1]", "system.mass[1]", "system.damping[0].order", "input.samples[0][1]"]
         {
             assert_eq!(mirrored(path), None, "{path}");

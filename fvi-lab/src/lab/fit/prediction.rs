@@ -171,7 +171,7 @@ impl<'f> Predictions<'f> {
                                 Observed::Acceleration(_) => Of::Slope,
                                 _ => Of::Value,
                             };
-                            let stencil = Stencil::new(&grid, time.min(grid.end()), of);
+                            let stencil = Stencil::new(&grid, time.clamp(grid.time(0), grid.end()), of);
                             group.last = group.last.max(stencil.last());
                             let place = begin + row * record.columns.len() + column;
                             group.needs.push(Need { place, what: data.what, stencil });
@@ -519,6 +519,13 @@ fn static_stiffness(scenario: &Scenario, position: &[f64]) -> Result<DMatrix<f64
         return Err(NoPrediction::Refused(
             "system.force: a modulus of a system with forces of the velocity, which it leaves out; linear damping is \
              `[[system.damping]]` with `order` = 1"
+                .to_owned(),
+        ));
+    }
+    if scenario.system.gyroscopic.is_some() {
+        return Err(NoPrediction::Refused(
+            "system.gyroscopic: a modulus of a system with gyroscopic forces, which it leaves out; give the \
+             modulus by a scenario without them"
                 .to_owned(),
         ));
     }

@@ -36,6 +36,13 @@ const CLOSER: f64 = 1e-4;
 /// Violation of a bound, in decibels or relative, up to which it counts as met.
 const SLACK: f64 = 1e-6;
 
+/// Largest ratio of the sum of magnitudes of the parts of a law to the magnitude of their sum, at the
+/// crossover: beyond, a relative change of a gain by 10⁻³ changes the loop by more than 100 %.
+const MOST_CANCELLED: f64 = 1e3;
+
+/// Number of stable loops violating a bound that the search tries to improve.
+const IMPROVED: usize = 4;
+
 /// The free parameters of the search: orders and slope of the phase.
 #[derive(Clone, Copy, Debug)]
 struct Point {
@@ -199,7 +206,8 @@ impl<'a> Search<'a> {
             .iter()
             .zip(used)
             .all(|(gain, used)| if used { gain * sign > 0.0 && gain.is_finite() } else { *gain == 0.0 });
-        right.then_some(Law {
+        let parts = proportional.abs() + ki.abs() * integral.0.norm() + kd.abs() * derivative.0.norm();
+        (right && parts <= MOST_CANCELLED * needed.norm()).then_some(Law {
             gains: PidGains::Parallel { proportional, integral: ki, derivative: kd },
             lambda: point.lambda,
             mu: point.mu,
@@ -379,14 +387,35 @@ impl<'a> Search<'a> {
         if let Some((law, _)) = best {
             return Ok(law);
         }
-        if candidates[0].1.missed <= SLACK {
-            return Err("every loop with this crossover and phase margin that keeps the bounds is unstable"
-                .to_owned());
+        // If unstable loops satisfy the bounds they are ranked first; a stable loop that satisfies them may
+        // be near a stable one that does not yet.
+        let among = if candidates[0].1.missed <= SLACK { candidates.len() } else { SHOWN_FROM };
+        let mut shown: Option<(Law, Merit)> = None;
+        let near = candidates
+            .iter()
+            .take(among)
+            .filter(|candidate| self.law(candidate.0).is_some_and(|law| stable(&law)));
+        for &(start, merit) in near.take(if is_fixed { 1 } else { IMPROVED }) {
+            let (point, merit) = if is_fixed { (start, merit) } else { self.improve(start, free) };
+            let improved = self.law(point).filter(|law| stable(law)).map(|law| (law, merit));
+            if shown.as_ref().is_none_or(|shown| merit.number() < shown.1.number()) {
+                shown = improved.or(shown);
+            }
         }
         // For the error message a stable candidate is more informative than an unstable one.
-        let shown =
-            candidates.iter().take(SHOWN_FROM).filter_map(|candidate| self.law(candidate.0)).find(stable);
-        let Some(law) = shown.or_else(|| self.law(candidates[0].0)) else { return Err(self.nothing()) };
+        let law = match shown {
+            Some((law, merit)) if merit.missed <= SLACK => return Ok(law),
+            Some((law, _)) => law,
+            None if candidates[0].1.missed <= SLACK => {
+                return Err(
+                    "every loop with this crossover and phase margin that was tried is unstable".to_owned()
+                );
+            }
+            None => match self.law(candidates[0].0) {
+                Some(law) => law,
+                None => return Err(self.nothing()),
+            },
+        };
         let missed: Vec<String> = self
             .bounds(&law)
             .iter()

@@ -6,17 +6,16 @@ use crate::scenario::{Derivative, Named, Quantity, Scenario};
 use fvi_core::{Block, Instant};
 use nalgebra::SVector;
 
-/// ∂G/∂θ of one parameter.
+/// A part of ∂G/∂θ of one parameter.
 pub(super) enum Direct {
-    None,
     /// Of an entry of K, and of its mirror image.
     Entries(Vec<(usize, usize, f64)>),
-    /// ∂ρ K(0) (q − q*) of a kernel with a spring.
+    /// ∂(ρ K(0)) (q − q*) of a kernel with a spring.
     Spring {
         entries: Vec<(usize, usize, f64)>,
         rest: Vec<f64>,
     },
-    /// Force of the springs of kernels, where their place of rest is the initial position.
+    /// Force of the springs of kernels, where their place of rest is the parameter.
     Constant(Vec<f64>),
     Expressions(Box<Expressions>),
 }
@@ -59,25 +58,30 @@ impl Room {
 }
 
 impl Direct {
-    pub(super) fn new(scenario: &Scenario, what: &Quantity) -> Self {
+    /// Those that there are.
+    pub(super) fn all(scenario: &Scenario, what: &Quantity) -> Vec<Self> {
         let damping = &scenario.system.damping;
         let size = scenario.coordinates();
-        let start = &scenario.initial.position;
+        // Where the spring of a term is at rest.
+        let rest = |term: usize| match damping[term].derivative {
+            Derivative::Caputo => scenario.initial.base().to_vec(),
+            Derivative::RiemannLiouville => vec![0.0; size],
+        };
+        let mut parts = Vec::new();
         match what {
             &Quantity::Stiffness(row, column) => {
                 let mirrored = (row != column).then_some((column, row, 1.0));
-                Self::Entries(std::iter::once((row, column, 1.0)).chain(mirrored).collect())
+                parts.push(Self::Entries(std::iter::once((row, column, 1.0)).chain(mirrored).collect()));
             }
             Quantity::Coefficient(term, change) if damping[*term].transfer.spring() != 0.0 => {
                 let spring = damping[*term].transfer.spring();
                 let entries = change.iter().map(|&(row, column, entry)| (row, column, spring * entry));
-                let rest = match damping[*term].derivative {
-                    Derivative::Caputo => start.clone(),
-                    Derivative::RiemannLiouville => vec![0.0; size],
-                };
-                Self::Spring { entries: entries.collect(), rest }
+                parts.push(Self::Spring { entries: entries.collect(), rest: rest(*term) });
             }
-            &Quantity::Position(index) => {
+            // Where the motion begins that memories know.
+            &Quantity::Position(index) | &Quantity::Past(0, index)
+                if scenario.initial.past.is_none() || !matches!(what, Quantity::Position(_)) =>
+            {
                 let mut restoring = vec![0.0; size];
                 let mut one = vec![0.0; size];
                 one[index] = 1.0;
@@ -88,11 +92,24 @@ impl Direct {
                         &mut restoring,
                     );
                 }
-                if restoring.iter().all(|&x| x == 0.0) { Self::None } else { Self::Constant(restoring) }
+                if restoring.iter().any(|&x| x != 0.0) {
+                    parts.push(Self::Constant(restoring));
+                }
             }
-            Quantity::Named(named) => Self::Expressions(Box::new(Expressions::new(scenario, named))),
-            _ => Self::None,
+            Quantity::Named(named) => {
+                parts.push(Self::Expressions(Box::new(Expressions::new(scenario, named))));
+            }
+            _ => {}
         }
+        for (term, spring) in (0..damping.len()).filter_map(|term| Some((term, what.kernel(term)?.spring())))
+        {
+            if spring != 0.0 {
+                let entries = matrix::<f64>(&damping[term].coefficient).entries().into_iter();
+                let entries = entries.map(|(row, column, entry)| (row, column, spring * entry));
+                parts.push(Self::Spring { entries: entries.collect(), rest: rest(term) });
+            }
+        }
+        parts
     }
 
     /// Adds ∂G/∂θ at an instant, a position and a velocity.
@@ -103,7 +120,6 @@ impl Direct {
         out: &mut [f64],
     ) {
         match self {
-            Self::None => {}
             Self::Entries(entries) => {
                 entries.iter().for_each(|&(row, column, entry)| out[row] += entry * position[column]);
             }
