@@ -122,7 +122,7 @@ pub enum ConvergeError {
         /// The level.
         level: u32,
     },
-    /// [`Grids::from`] lies outside the scenario's time interval.
+    /// `Grids::from` lies outside the scenario's time interval.
     #[error(transparent)]
     From(ParameterError),
     /// It was stopped.
