@@ -144,9 +144,9 @@ fn exact_sums() -> Result<Vec<Claim>, ParameterError> {
     const SETTING: &str = "s^½, BDF of order 1, 4096 steps, noise on a wave";
     const STEPS: usize = 4096;
     let weights = weights_of_root(STEPS)?;
-    // Transforms of length n ≤ 2N are right to log₂ n · (1 + 4√2) u relative to the norm, with three of
-    // them and a product one after another; lags that share a transform are in two pieces at most, hence
-    // twice the norms.
+    // Transforms of length n ≤ 2N have an error of log₂ n · (1 + 4√2) u relative to the norm; three of them
+    // and a product follow one another. Lags that share a transform are in at most two pieces, hence the
+    // factor 2.
     let of_a_transform = (2.0 * STEPS as f64).log2() * (1.0 + 4.0 * 2.0f64.sqrt());
     let bound = 2.0 * (3.0 * of_a_transform + 4.0);
     let mut naive = PlainSum::new(&weights, 1, STEPS)?;
@@ -212,8 +212,8 @@ fn short_memory_principle() -> Result<Vec<Claim>, ParameterError> {
 }
 
 fn filters() -> Vec<Claim> {
-    // Oustaloup: α = pole/zero and αη = zero/zero before; far from the ends of the band the logarithm of the
-    // filter over s^β is periodic in log ω.
+    // Oustaloup: α is the ratio pole/zero of a section, αη the ratio of successive zeros; far from the ends
+    // of the band the logarithm of the filter over s^β is periodic in log ω.
     let (order, low, high, count) = (0.4, 1e-8, 1e8, 20);
     let sections: Vec<_> = recursion(order, low, high, count).collect();
     let spacing = libm::log(sections[1].zero / sections[0].zero);
@@ -276,7 +276,7 @@ fn l1_bound(order: f64) -> f64 {
         / libm::tgamma(2.0 - order)
 }
 
-/// Largest error of D^β f on (0, 1] over `steps` of them, f zero at the start.
+/// Largest error of D^β f on (0, 1] with `steps` steps, for f zero at the start.
 fn derivative_error(
     memory: &mut dyn Memory<f64>,
     steps: usize,
@@ -338,7 +338,7 @@ fn l1_formula() -> Result<Vec<Claim>, ParameterError> {
     ])
 }
 
-/// Largest |Σ a e^{−λt} − Γ(p+1) t^{−p−1}| over `scale` of the latter, 1 ≤ t ≤ N.
+/// Largest |Σ a e^{−λt} − Γ(p+1) t^{−p−1}|, divided by `scale` of the exact value, for 1 ≤ t ≤ N.
 fn kernel_error(terms: &[Term], p: f64, steps: usize, scale: impl Fn(f64) -> f64) -> f64 {
     let gamma = libm::tgamma(p + 1.0);
     let error = |index: u32| {
@@ -354,7 +354,7 @@ fn sums_of_exponentials() -> Result<Vec<Claim>, ParameterError> {
     let (order, steps): (f64, usize) = (0.5, 100);
     let step = 1.0 / steps as f64;
     let gamma = libm::tgamma(1.0 + order);
-    // Of t^{−1−β} itself, t in seconds.
+    // Absolute error of t^{−1−β} itself, t in seconds.
     let absolute = |tolerance: f64| -> Result<(f64, usize), ParameterError> {
         let (points, _) = crate::jiang::fewest_points(order, step, steps, tolerance, |points| {
             let terms = crate::jiang::kernel_terms(order, steps, tolerance, points);
@@ -376,7 +376,8 @@ fn sums_of_exponentials() -> Result<Vec<Claim>, ParameterError> {
         Ok(kernel_compression(order, 1.0, 1, steps, 1e-8)?.modes() as f64)
     };
     let ratio = crate::kernel_compression::RATIO;
-    // Gauss rules converge as ρ^{−2n}, with ρ of the ellipse through the singularity of λ^{β−1} at zero.
+    // Gauss rules converge like ρ^{−2n}, where ρ belongs to the Bernstein ellipse through the singularity of
+    // λ^{β−1} at zero.
     let place = (ratio + 1.0) / (ratio - 1.0);
     let ellipse = place + libm::sqrt(place * place - 1.0);
     let relative = |points: usize| {

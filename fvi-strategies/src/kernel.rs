@@ -15,7 +15,7 @@ pub(crate) struct Kernel {
     pub(crate) source: Source,
     pub(crate) order: BdfOrder,
     pub(crate) step: f64,
-    /// Whether samples are known by their differences, as those of a run are, and weights act on these.
+    /// Whether the samples are differences, as in a run, and the weights act on these.
     pub(crate) on_increments: bool,
 }
 
@@ -32,7 +32,7 @@ pub(crate) enum Source {
 }
 
 impl Kernel {
-    /// s^β at step 1, as the memory of a run has it.
+    /// s^β at step 1, in the form used by the memory of a run.
     pub(crate) fn of_a_run(order: BdfOrder, exponent: f64) -> Result<Self, ParameterError> {
         Ok(Self {
             name: format!("s^{exponent}"),

@@ -46,11 +46,12 @@ pub(crate) struct Runner {
     flops: Option<f64>,
     /// Mean time of a step in each round, in nanoseconds.
     pub(crate) means: Vec<f64>,
-    /// Shortest time of each step, in nanoseconds with a reading of the clock; empty for what has no steps.
+    /// Shortest time of each step, in nanoseconds, including a clock reading; empty for strategies without
+    /// steps.
     steps: Vec<u32>,
 }
 
-/// What a race has measured.
+/// Results of a race.
 pub(crate) struct Measured {
     pub(crate) runners: Vec<Runner>,
     pub(crate) absent: Vec<Absence>,
@@ -79,7 +80,7 @@ pub(crate) fn run(
     })
 }
 
-/// Errors of every strategy first, then times in turn; `None` if it was stopped.
+/// First measures the errors of every strategy, then the times, in turn; `None` if it was stopped.
 pub(crate) fn measure(
     conditions: &Conditions<'_>,
     task: &Task,
@@ -188,7 +189,7 @@ fn keep(
 }
 
 impl Measured {
-    /// Times of the single steps without the clock's, in nanoseconds, shortest first.
+    /// Times of the single steps without that of the clock reading, in nanoseconds, shortest first.
     pub(crate) fn steps_ns(&self, runner: &Runner) -> Vec<f64> {
         sorted_steps(&runner.steps, self.clock)
     }
@@ -206,7 +207,7 @@ fn sorted_steps(steps: &[u32], clock: f64) -> Vec<f64> {
     steps.into_iter().map(|step| (f64::from(step) - clock).max(0.0)).collect()
 }
 
-/// The time that the given part of the steps does not exceed; `None` where there are none.
+/// The time that the given fraction of the steps does not exceed; `None` without step times.
 pub(crate) fn quantile(sorted: &[f64], part: f64) -> Option<f64> {
     let last = sorted.len().checked_sub(1)?;
     sorted.get((part * last as f64).ceil() as usize).copied()

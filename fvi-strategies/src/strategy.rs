@@ -28,8 +28,8 @@ pub struct Task {
 }
 
 impl Task {
-    /// The kernel s^β by a backward differentiation formula at step 1 as the memory of a run has it, in which
-    /// from β = 0.1 on weights act on differences: one channel in double precision, to rounding.
+    /// The kernel s^β by a backward differentiation formula at step 1 in the form used by the memory of a
+    /// run, whose weights act on differences for β ≥ 0.1: one channel in double precision, exact to rounding.
     ///
     /// # Errors
     /// If the exponent is not greater than −1 and less than 2.
@@ -61,11 +61,11 @@ impl Task {
     }
 }
 
-/// A memory in one of the precisions, or the lower bound that is none.
+/// A memory in one of the precisions, or the offline transform, which is not a memory.
 pub(crate) enum AnyMemory {
     F64(Box<dyn Memory<f64> + Send>),
     F32(Box<dyn Memory<f32> + Send>),
-    /// Of samples that are all known beforehand, one channel: it has no steps.
+    /// An offline transform of samples known beforehand, one channel; it has no steps.
     Offline(Box<OfflineFft>),
 }
 
@@ -108,7 +108,7 @@ impl Made {
         Self { memory, own_weights: None, flops: Flops::Unknown, trouble: None }
     }
 
-    /// The memory, where it is one in double precision.
+    /// The memory, if it is one in double precision.
     pub fn into_memory(self) -> Option<Box<dyn Memory<f64> + Send>> {
         match self.memory {
             AnyMemory::F64(memory) => Some(memory),
@@ -179,10 +179,10 @@ impl Strategy {
         Self { promises: false, ..self }
     }
 
-    /// Makes it for a task, outside of a race.
+    /// Constructs the strategy for a task, outside of a race.
     ///
     /// # Errors
-    /// Why it is not there.
+    /// Why the strategy does not take part.
     pub fn make(&self, task: &Task) -> Result<Made, Declined> {
         (self.make)(task)
     }

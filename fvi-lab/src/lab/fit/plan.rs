@@ -123,7 +123,8 @@ impl Free {
     }
 }
 
-/// Puts a number at a path, and at its mirror image in a symmetric matrix, with the other sign in a skew one.
+/// Puts a number at a path, and at its mirror image in a symmetric matrix, with the opposite sign in a
+/// skew-symmetric one.
 pub(super) fn put_number(values: &mut toml::Table, path: &str, number: f64) -> Result<(), String> {
     put(values, path, toml::Value::Float(number))?;
     if let Some((mirrored, sign)) = mirrored(path) {
@@ -132,7 +133,7 @@ pub(super) fn put_number(values: &mut toml::Table, path: &str, number: f64) -> R
     Ok(())
 }
 
-/// The path of the mirror image of an entry of a matrix off its diagonal, and the sign that it has there.
+/// The path of the mirror image of an entry of a matrix off its diagonal, and its sign there.
 fn mirrored(path: &str) -> Option<(String, f64)> {
     let (front, column) = path.strip_suffix(']')?.rsplit_once('[')?;
     let (front, row) = front.strip_suffix(']')?.rsplit_once('[')?;
