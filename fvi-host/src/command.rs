@@ -68,7 +68,8 @@ enum Command {
     Controller(controller::ControllerArguments),
     /// Memory engines side by side: agreement, then time per step and memory
     CompareEngines(compare_engines::CompareEnginesArguments),
-    /// Strategies for online convolution in a race: any kernel, those of the field, programs of your own
+    /// Strategies for online convolution compared: any kernel, strategies of the literature, your own
+    /// programs
     Strategies(strategies::StrategiesArguments),
 }
 

@@ -1,4 +1,4 @@
-//! `fvi strategies`: any kernel, every strategy of the field, your own programs.
+//! `fvi strategies`: any kernel, the strategies of the literature, your own programs.
 
 use super::progress::Progress;
 use super::{CommandError, default_directory, stop, terminal};

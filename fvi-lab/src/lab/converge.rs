@@ -361,7 +361,7 @@ impl Convergence {
         slope(&self.points(quantity))
     }
 
-    /// Warning about values of the reference that could not be compared with.
+    /// Warning about values of the reference that are not finite.
     pub fn warning(&self) -> Option<String> {
         self.levels.iter().rev().find_map(|level| level.errors.warning())
     }

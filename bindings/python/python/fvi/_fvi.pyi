@@ -38,7 +38,7 @@ __all__ = [
 __version__: str
 
 KEYS: list[tuple[str, list[str]]]
-"""Tables of a scenario that say how it is integrated, with their keys."""
+"""Tables of a scenario that control the integration, with their keys."""
 
 DATA_KEYS: list[str]
 """Keys of a table of data of a fit."""

@@ -183,7 +183,7 @@ class Result:
 
     @property
     def v(self) -> FloatArray:
-        """Velocities M⁻¹p, shape (K, N); NaN at coordinates without mass, whose velocity no momentum tells.
+        """Velocities M⁻¹p, shape (K, N); NaN at coordinates without mass, whose velocity does not follow from the momentum.
 
         Raises
         ------

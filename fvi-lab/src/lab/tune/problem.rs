@@ -72,9 +72,9 @@ pub struct Structure {
 /// A bound on |S| or |T|.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Limit {
-    /// From this frequency …
+    /// First frequency of the bound.
     pub from: f64,
-    /// … to this one, which may be the same.
+    /// Last frequency of the bound; may equal `from`.
     pub to: f64,
     /// The largest value, in decibels.
     pub decibels: f64,

@@ -109,7 +109,7 @@ impl Map {
     }
 }
 
-/// From blue over white to red.
+/// Colour of a shade: from blue through white to red.
 fn colour(shade: i32) -> String {
     let part = f64::from(shade.abs()) / f64::from(SHADES);
     let mix = |end: f64| (255.0 + (end - 255.0) * part).round() as u8;
