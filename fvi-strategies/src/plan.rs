@@ -36,11 +36,11 @@ pub struct Plan {
 /// How a race is run.
 pub(crate) struct Conditions<'a> {
     pub(crate) signals: &'a [Signal],
-    /// The fewest and the most.
+    /// Smallest and largest number of rounds.
     pub(crate) rounds: (usize, usize),
     /// Longest time of one run of one strategy.
     pub(crate) limit: Duration,
-    /// Time after which rounds are not repeated any more.
+    /// Time after which no further round is started.
     pub(crate) patience: Duration,
 }
 
