@@ -170,8 +170,9 @@ pub(super) fn minimise<R: Residuals>(
         if potential <= LEAST_GAIN * cost {
             break End::Converged;
         }
-        // Where the residuals jump, steps become short although the cost could still decrease. Residuals that
-        // consist of rounding errors, and changes of larger residuals that do.
+        // Where the residuals jump, steps become short although the cost could still decrease. `noise` bounds
+        // the cost of residuals that consist of rounding errors, and the change of the cost by rounding of
+        // larger ones.
         let noise = region.rounding.max(4.0 * (cost * region.rounding).sqrt());
         let is_done = potential <= NO_GAIN * cost || potential <= noise;
         let end_of_short = if is_done { End::Converged } else { End::Stuck };
