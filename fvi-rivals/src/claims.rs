@@ -1,4 +1,4 @@
-//! What the sources state of their strategies, beside what is found here.
+//! Statements of the sources about their strategies, compared with values computed here.
 
 use std::f64::consts::PI;
 
@@ -15,38 +15,39 @@ use crate::{
     non_uniform_partition, uniform_partition,
 };
 
-/// A statement of a source on a kernel, as a number, and the number that the strategy here has.
+/// A quantitative statement of a source for a kernel, with the value that this implementation of the strategy
+/// gives.
 #[derive(Clone, Debug)]
 pub struct Claim {
     /// Name of the strategy in `fvi strategies`.
     pub strategy: &'static str,
-    /// Key in `REFERENCES.md`, and where in the source.
+    /// Key in `REFERENCES.md`, with the place in the source.
     pub source: &'static str,
-    /// The statement in words.
+    /// The statement as text.
     pub statement: &'static str,
     /// Kernel and parameters.
     pub setting: &'static str,
-    /// The number that is stated.
+    /// The stated value.
     pub stated: f64,
-    /// The number that is found.
+    /// The value computed here.
     pub found: f64,
-    /// How both are related if the statement holds.
+    /// Relation of the two values if the statement holds.
     pub relation: Relation,
-    /// Whether what is found is rounding of transforms, which plan by the vector units of the machine.
+    /// Whether `found` is a rounding error of transforms, which depends on the vector units of the machine.
     pub is_rounding: bool,
 }
 
-/// Relation of what is found to what is stated.
+/// Relation of the computed to the stated value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Relation {
-    /// Stated is an upper bound.
+    /// The stated value is an upper bound.
     AtMost,
-    /// Both agree up to so much.
+    /// Both agree within this difference.
     Within(f64),
 }
 
 impl Claim {
-    /// Whether the statement holds of what is found.
+    /// Whether the statement holds for the computed value.
     pub fn holds(&self) -> bool {
         match self.relation {
             Relation::AtMost => self.found <= self.stated,
@@ -54,7 +55,7 @@ impl Claim {
         }
     }
 
-    /// A row of a Markdown table: strategy, source, statement, setting, what is stated, what is found.
+    /// A row of a Markdown table: strategy, source, statement, setting, stated value, computed value.
     pub fn row(&self) -> String {
         let relation = match self.relation {
             Relation::AtMost => "≤ ",
@@ -72,7 +73,7 @@ impl Claim {
     }
 }
 
-/// Three digits.
+/// A number with three significant digits.
 fn shown(value: f64) -> String {
     match value.abs() {
         0.0 => "0".to_owned(),
@@ -90,7 +91,7 @@ const UNIT: f64 = f64::EPSILON / 2.0;
 /// All claims, in the order of the strategies.
 ///
 /// # Errors
-/// [`ParameterError`] of a strategy that cannot be made, which none is.
+/// [`ParameterError`] of a strategy that cannot be constructed; this does not occur.
 pub fn claims() -> Result<Vec<Claim>, ParameterError> {
     let mut claims = exact_sums()?;
     claims.extend(short_memory_principle()?);
@@ -101,18 +102,18 @@ pub fn claims() -> Result<Vec<Claim>, ParameterError> {
     Ok(claims)
 }
 
-/// Terms of a run, one channel.
+/// Memory terms of a run with one channel.
 fn terms(memory: &mut dyn Memory<f64>, samples: &[f64]) -> Vec<f64> {
     let mut term = [f64::NAN];
     let mut step = |sample: &f64| {
-        // Not a number in place of a term that is refused fails every claim.
+        // NaN in place of a refused term makes every claim fail.
         let served = memory.next_term(&mut term).and_then(|()| memory.push(&[*sample]));
         if served.is_ok() { term[0] } else { f64::NAN }
     };
     samples.iter().map(&mut step).collect()
 }
 
-/// Larger of two errors, where not a number is larger than any.
+/// The larger of two errors; NaN counts as larger than any number.
 fn larger(largest: f64, error: f64) -> f64 {
     if error <= largest { largest } else { error }
 }
@@ -121,7 +122,7 @@ fn weights_of_root(count: usize) -> Result<Vec<f64>, ParameterError> {
     Ok(ConvolutionWeights::bdf(BdfOrder::GRUNWALD_LETNIKOV, 0.5, 1.0)?.take(count).collect())
 }
 
-/// Largest error over what `scale` makes of a term and of ‖w‖₂‖x‖₂ up to there.
+/// Largest error of a term divided by `scale`, which is given the exact term and ‖w‖₂‖x‖₂ up to its step.
 fn rounding(
     memory: &mut dyn Memory<f64>,
     weights: &[f64],
@@ -143,9 +144,9 @@ fn exact_sums() -> Result<Vec<Claim>, ParameterError> {
     const SETTING: &str = "s^½, BDF of order 1, 4096 steps, noise on a wave";
     const STEPS: usize = 4096;
     let weights = weights_of_root(STEPS)?;
-    // Transforms of length n ≤ 2N are right to log₂ n · (1 + 4√2) u relative to the norm, with three of
-    // them and a product one after another; lags that share a transform are in two pieces at most, hence
-    // twice the norms.
+    // Transforms of length n ≤ 2N have an error of log₂ n · (1 + 4√2) u relative to the norm; three of them
+    // and a product follow one another. Lags that share a transform are in at most two pieces, hence the
+    // factor 2.
     let of_a_transform = (2.0 * STEPS as f64).log2() * (1.0 + 4.0 * 2.0f64.sqrt());
     let bound = 2.0 * (3.0 * of_a_transform + 4.0);
     let mut naive = PlainSum::new(&weights, 1, STEPS)?;
@@ -184,7 +185,8 @@ fn exact_sums() -> Result<Vec<Claim>, ParameterError> {
 fn short_memory_principle() -> Result<Vec<Claim>, ParameterError> {
     let claim = |order: f64, setting| -> Result<Claim, ParameterError> {
         let (step, steps, window) = (0.01, 10_000, 100);
-        // Of order 2, so that the error of the quadrature is nothing beside the bound, which is nearly met.
+        // Of order 2, so that the quadrature error is negligible compared with the bound, which is nearly
+        // attained.
         let weights: Vec<f64> =
             ConvolutionWeights::bdf(BdfOrder::new(2)?, order, step)?.take(steps).collect();
         let ones = vec![1.0; steps];
@@ -210,8 +212,8 @@ fn short_memory_principle() -> Result<Vec<Claim>, ParameterError> {
 }
 
 fn filters() -> Vec<Claim> {
-    // Oustaloup: α = pole/zero and αη = zero/zero before; far from the ends of the band the logarithm of the
-    // filter over s^β is periodic in log ω.
+    // Oustaloup: α is the ratio pole/zero of a section, αη the ratio of successive zeros; far from the ends
+    // of the band the logarithm of the filter over s^β is periodic in log ω.
     let (order, low, high, count) = (0.4, 1e-8, 1e8, 20);
     let sections: Vec<_> = recursion(order, low, high, count).collect();
     let spacing = libm::log(sections[1].zero / sections[0].zero);
@@ -274,7 +276,7 @@ fn l1_bound(order: f64) -> f64 {
         / libm::tgamma(2.0 - order)
 }
 
-/// Largest error of D^β f on (0, 1] over `steps` of them, f zero at the start.
+/// Largest error of D^β f on (0, 1] with `steps` steps, for f zero at the start.
 fn derivative_error(
     memory: &mut dyn Memory<f64>,
     steps: usize,
@@ -336,7 +338,7 @@ fn l1_formula() -> Result<Vec<Claim>, ParameterError> {
     ])
 }
 
-/// Largest |Σ a e^{−λt} − Γ(p+1) t^{−p−1}| over `scale` of the latter, 1 ≤ t ≤ N.
+/// Largest |Σ a e^{−λt} − Γ(p+1) t^{−p−1}|, divided by `scale` of the exact value, for 1 ≤ t ≤ N.
 fn kernel_error(terms: &[Term], p: f64, steps: usize, scale: impl Fn(f64) -> f64) -> f64 {
     let gamma = libm::tgamma(p + 1.0);
     let error = |index: u32| {
@@ -352,7 +354,7 @@ fn sums_of_exponentials() -> Result<Vec<Claim>, ParameterError> {
     let (order, steps): (f64, usize) = (0.5, 100);
     let step = 1.0 / steps as f64;
     let gamma = libm::tgamma(1.0 + order);
-    // Of t^{−1−β} itself, t in seconds.
+    // Absolute error of t^{−1−β} itself, t in seconds.
     let absolute = |tolerance: f64| -> Result<(f64, usize), ParameterError> {
         let (points, _) = crate::jiang::fewest_points(order, step, steps, tolerance, |points| {
             let terms = crate::jiang::kernel_terms(order, steps, tolerance, points);
@@ -374,7 +376,8 @@ fn sums_of_exponentials() -> Result<Vec<Claim>, ParameterError> {
         Ok(kernel_compression(order, 1.0, 1, steps, 1e-8)?.modes() as f64)
     };
     let ratio = crate::kernel_compression::RATIO;
-    // Gauss rules converge as ρ^{−2n}, with ρ of the ellipse through the singularity of λ^{β−1} at zero.
+    // Gauss rules converge like ρ^{−2n}, where ρ belongs to the Bernstein ellipse through the singularity of
+    // λ^{β−1} at zero.
     let place = (ratio + 1.0) / (ratio - 1.0);
     let ellipse = place + libm::sqrt(place * place - 1.0);
     let relative = |points: usize| {

@@ -14,7 +14,7 @@ pub struct ExponentialModes {
     decays: Vec<f64>,
     newest: Vec<f64>,
     before: Vec<f64>,
-    /// The modes of one channel after those of the other.
+    /// V_i, the modes of the first channel, then those of the next, and so on.
     states: Vec<f64>,
     last: Vec<f64>,
     operations: Operations,
@@ -40,7 +40,7 @@ pub(crate) struct Modes {
 }
 
 impl Modes {
-    /// w_n for n ≥ 1, as the recursions have it.
+    /// The weight w_n, n ≥ 1, that the recursions effectively use.
     pub(crate) fn weight(&self, n: usize) -> f64 {
         let history: f64 = self
             .modes
@@ -69,7 +69,7 @@ impl ExponentialModes {
         })
     }
 
-    /// The count of its operations.
+    /// The counter of its operations.
     pub fn operations(&self) -> Operations {
         self.operations.clone()
     }

@@ -1,4 +1,4 @@
-//! How the operations of a step grow with the run, beside theory.
+//! Growth of the operations per step with the length of the run, compared with theory.
 
 use fvi_core::{BdfOrder, ConvolutionWeights, Memory, ParameterError};
 use nalgebra::Complex;
@@ -13,19 +13,19 @@ use crate::{
 pub struct Growth {
     /// Name of the strategy in `fvi strategies`.
     pub strategy: &'static str,
-    /// What theory says of a step.
+    /// Theoretical cost of a step.
     pub theory: &'static str,
-    /// The quantity x and the operations of a step there, on average over a run.
+    /// Pairs of the quantity x and the mean number of operations per step over a run.
     pub counts: Vec<(f64, f64)>,
-    /// Exponent of what theory says, over the same x.
+    /// Exponent of the theoretical cost, fitted over the same x.
     pub expected: f64,
-    /// Exponent of the counts.
+    /// Exponent fitted to the counts.
     pub found: f64,
 }
 
 impl Growth {
-    /// A row of a Markdown table: strategy, theory, its exponent, that of the counts, that of time where it
-    /// has been measured.
+    /// A row of a Markdown table: strategy, theoretical cost, its exponent, that of the counts, and that of
+    /// the times if measured.
     pub fn row(&self, of_time: Option<f64>) -> String {
         let of_time =
             of_time.map_or_else(|| "–".to_owned(), |exponent| format!("{exponent:.2}").replace('-', "−"));
@@ -49,11 +49,11 @@ pub fn fitted_exponent(points: &[(f64, f64)]) -> Option<f64> {
     (below > 0.0).then(|| above / below)
 }
 
-/// Lengths of the runs; of those whose steps grow with them, shorter ones.
+/// Lengths of the runs; shorter ones for strategies whose cost per step grows in proportion to them.
 const LENGTHS: [usize; 3] = [1 << 10, 1 << 13, 1 << 16];
 const SHORT_LENGTHS: [usize; 3] = [1 << 9, 1 << 10, 1 << 11];
 
-/// A memory and the count of its operations.
+/// A memory and the counter of its operations.
 type Counted = (Box<dyn Memory<f64>>, Operations);
 
 macro_rules! counted {
@@ -79,7 +79,7 @@ fn growth(
         let (mut memory, operations) = make(steps)?;
         let mut term = [0.0];
         for _ in 0..steps {
-            // What is refused is not counted, which the fit shows.
+            // Refused samples are not counted, which would show in the fit.
             let _ = memory.next_term(&mut term).and_then(|()| memory.push(&[1.0]));
         }
         counts.push((steps as f64, operations.count() as f64 / steps as f64));
@@ -89,17 +89,17 @@ fn growth(
     Ok(Growth { strategy, theory: theory.0, expected: of(&expected), found: of(&counts), counts })
 }
 
-/// Growth with the number of steps of each strategy on s^½, where it has a tolerance at 10⁻⁶ (filters 10⁻³,
+/// Growth with the number of steps of each strategy on s^½, for those with a tolerance at 10⁻⁶ (filters 10⁻³,
 /// `matsuda` 3·10⁻², `short-memory` 10⁻¹), and of the window of a short memory with 1/ε.
 ///
 /// # Errors
-/// [`ParameterError`] of a strategy that cannot be made, which none is.
+/// [`ParameterError`] of a strategy that cannot be constructed; this does not occur.
 pub fn growths() -> Result<Vec<Growth>, ParameterError> {
     const PLAIN: (&str, fn(f64) -> f64) = ("N", |n| n);
     const ROOT: (&str, fn(f64) -> f64) = ("√N", f64::sqrt);
     const SQUARE: (&str, fn(f64) -> f64) = ("log² N", |n| n.log2() * n.log2());
     const LOGARITHM: (&str, fn(f64) -> f64) = ("log N", f64::log2);
-    // Of the width of their bands.
+    // Their cost depends on the width of their bands.
     const OUSTALOUP: (&str, fn(f64) -> f64) = ("log 2N/ε²", |n| (2e6 * n).log2());
     const MATSUDA: (&str, fn(f64) -> f64) = ("log 2·10⁴ N", |n| (2e4 * n).log2());
     let formula = BdfOrder::GRUNWALD_LETNIKOV;

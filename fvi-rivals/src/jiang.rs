@@ -6,19 +6,19 @@ use crate::dyadic_exponentials::{Term, lags_to_compare, power_rules};
 use crate::exponential_modes::{ExponentialModes, Mode, Modes};
 use crate::l1::{check_order, second_difference};
 
-/// Points of a rule beyond which nothing is gained.
+/// Largest number of points of a rule; more do not improve the accuracy.
 pub(crate) const MOST_POINTS: usize = 24;
 
 /// The fast evaluation of the L1 formula \[JiangZhangZhangZhang17\]: O(log N) a step.
 ///
-/// The formula is integrated by parts once more, which leaves t^{−1−β} on h ≤ t ≤ T; that is a sum of
-/// exponentials by a Gauss–Jacobi rule next to zero and Gauss–Legendre rules on dyadic intervals. A mode is
-/// the integral of its exponential against the signal, straight between samples, so that with an exact kernel
-/// the sum is that of [`l1_weights`](crate::l1_weights).
+/// The formula is integrated by parts once more, which gives the kernel t^{−1−β} on h ≤ t ≤ T; this is
+/// approximated by a sum of exponentials by a Gauss–Jacobi rule next to zero and Gauss–Legendre rules on
+/// dyadic intervals. A mode is the integral of its exponential against the signal, interpolated linearly
+/// between samples, so that with an exact kernel the sum is that of [`l1_weights`](crate::l1_weights).
 ///
-/// What was chosen: the same number of points on every interval, the fewest for which the weights that come
-/// out keep `tolerance` relative to those of the formula (the paper bounds the absolute error of t^{−1−β}),
-/// and no reduction of the modes afterwards.
+/// Choices made here: the same number of points on every interval, the smallest for which the resulting
+/// weights agree with those of the formula within the relative `tolerance` (the paper bounds the absolute
+/// error of t^{−1−β}), and no reduction of the modes afterwards.
 ///
 /// # Errors
 /// If β is outside (0, 1), the step is not positive, the tolerance is not reached, or there is no channel or
@@ -80,13 +80,13 @@ fn straight(s: f64) -> (f64, f64) {
     sums
 }
 
-/// Rate beyond which e^{−λ} is nothing at the first lag of the history.
+/// Largest rate: faster exponentials are below the tolerance at the first lag of the history.
 pub(crate) fn fastest_rate(tolerance: f64) -> f64 {
     8.0 - 1.5 * libm::log(tolerance)
 }
 
-/// The fewest points a rule for which the weights keep the tolerance relative to those of the formula, and
-/// the modes.
+/// The smallest number of points per rule for which the weights agree with those of the formula within the
+/// relative tolerance, and the modes.
 pub(crate) fn fewest_points(
     order: f64,
     step: f64,

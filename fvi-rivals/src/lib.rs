@@ -1,9 +1,9 @@
 //! The field's strategies for a convolution whose samples arrive one by one, each written from its paper.
 //!
-//! They are here to be measured beside the memories of `fvi-core` and `fvi-fft`: nothing that runs a motion
-//! depends on this crate. Each is a [`Memory`](fvi_core::Memory) of plain numbers in double precision,
-//! and counts its floating-point operations ([`Operations`]). What is made by [`vectorised`] runs with
-//! the widest vectors of the processor, as the memories of `fvi-fft` do.
+//! They serve for comparison with the memories of `fvi-core` and `fvi-fft`: no simulation depends on this
+//! crate. Each is a [`Memory`](fvi_core::Memory) of scalar weights in double precision, and counts its
+//! floating-point operations ([`Operations`]). A memory wrapped by [`vectorised`] runs with the widest
+//! vectors of the processor, as the memories of `fvi-fft` do.
 //!
 //! | strategy | cost of a step | what it serves |
 //! |---|---|---|
@@ -55,7 +55,8 @@ pub use relaxed::RelaxedProduct;
 pub use short_memory::{short_memory, window_of};
 pub use textbook_hls::TextbookHls;
 
-/// A memory whose calls are compiled for every vector unit, and the one at hand taken.
+/// Wraps a memory so that its calls are compiled for every vector unit, with the best available one selected
+/// at run time.
 pub fn vectorised<M: fvi_core::Memory<f64> + Send + 'static>(
     memory: M,
 ) -> Box<dyn fvi_core::Memory<f64> + Send> {

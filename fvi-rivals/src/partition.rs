@@ -12,10 +12,10 @@ use crate::product::product;
 
 /// Blocks of weights of one size B behind lag `first`, and the spectra of the last windows of samples.
 ///
-/// A window is the last 2B samples before a time that is a multiple of B. Part p has the lags from
-/// first + pB on; the window that ends at t gives its share of the terms t − B + first + pB … (overlap–save:
-/// the second half of the cyclic product is that of the sequences). Parts of one time share an inverse
-/// transform, windows are transformed once (frequency-domain delay line).
+/// A window is the last 2B samples before a time that is a multiple of B. Part p has the lags from first + pB
+/// on; the window that ends at t contributes to the B terms from t − B + first + pB on (overlap–save: the
+/// second half of the cyclic product is that of the sequences). Parts of one time share an inverse transform,
+/// windows are transformed once (frequency-domain delay line).
 struct Segment {
     block: usize,
     first: usize,
@@ -23,7 +23,7 @@ struct Segment {
     inverse: Arc<dyn ComplexToReal<f64>>,
     /// For each part the spectrum of its weights, scaled.
     weights: Vec<Vec<Complex<f64>>>,
-    /// For each channel the spectra of the last windows, one place a part, in turn.
+    /// For each channel the spectra of the last windows, as many as parts, in a ring buffer.
     windows: Vec<Vec<Vec<Complex<f64>>>>,
     newest: usize,
     scratch: Vec<Complex<f64>>,
@@ -61,14 +61,15 @@ impl Segment {
         segment
     }
 
-    /// Transforms `numbers`.
+    /// Writes the spectrum of `numbers`.
     fn transform(&mut self, spectrum: &mut [Complex<f64>]) {
         let scratch = &mut self.scratch[..self.forward.get_scratch_len()];
-        // All lengths are those of the plan, so the transform cannot refuse.
+        // All lengths are those of the plan, so the transform cannot fail.
         let _ = self.forward.process_with_scratch(&mut self.numbers, spectrum, scratch);
     }
 
-    /// Takes the window of every channel that ends with its newest sample, and adds to the terms.
+    /// Transforms the window that ends with the newest sample of every channel, and adds its contributions to
+    /// the terms.
     #[inline(always)]
     fn advance(&mut self, samples: &[Vec<f64>], terms: &mut [Vec<f64>], operations: &Operations) {
         let parts = self.weights.len();
@@ -93,7 +94,8 @@ impl Segment {
                 let window = &self.windows[channel][(self.newest + part) % parts];
                 multiply_add(&mut self.sum, window, weights);
             }
-            // Rounding leaves the ends a little off the real line, where a real transform has them.
+            // Rounding leaves small imaginary parts in the first and last value, which a real transform
+            // requires to be real.
             self.sum[0].im = 0.0;
             self.sum[self.block].im = 0.0;
             let scratch = &mut self.scratch[..self.inverse.get_scratch_len()];
@@ -128,8 +130,8 @@ pub(crate) fn multiply_add(sum: &mut [Complex<f64>], a: &[Complex<f64>], b: &[Co
     }
 }
 
-/// A partition of the weights: near lags summed directly, the others in segments that are due at multiples of
-/// their block.
+/// A partition of the weights: small lags summed directly, the others in segments that are evaluated at
+/// multiples of their block size.
 pub struct PartitionedSum {
     frame: Frame,
     /// w_D … w_1
@@ -160,7 +162,7 @@ impl PartitionedSum {
         })
     }
 
-    /// The count of its operations.
+    /// The counter of its operations.
     pub fn operations(&self) -> Operations {
         self.operations.clone()
     }
@@ -215,7 +217,7 @@ impl Memory<f64> for PartitionedSum {
 /// Equal blocks of B weights behind B − 1 lags that are summed directly: O(√N) a step with B ≈ 2√N.
 ///
 /// B is the power of two with the fewest operations for the capacity; spectra of samples lie in a
-/// frequency-domain delay line, so that a block costs one transform and one back.
+/// frequency-domain delay line, so that a block of samples costs one forward and one inverse transform.
 ///
 /// Source: \[Wefers15\], chapter 5; \[Gardner95\].
 ///
@@ -240,11 +242,11 @@ pub fn uniform_partition(
     PartitionedSum::new(weights, channels, capacity, block - 1, segments)
 }
 
-/// Gardner's partition for an even load: 2B − 1 lags summed directly, then two blocks each of B, 2B, 4B …
-/// weights, of which one of size B begins at lag 2B: O(log² N) a step.
+/// Gardner's partition, designed for an even load: 2B − 1 lags summed directly, then two blocks each of B,
+/// 2B, 4B … weights, of which one of size B begins at lag 2B: O(log² N) a step.
 ///
-/// So a block of samples may be transformed while the next one gathers; here the work is done at once when
-/// its samples are there, without a scheduler. B = 32.
+/// With this layout a block of samples can be transformed while the next one arrives; here the work is done
+/// at once when a block is complete, without a scheduler. B = 32.
 ///
 /// Source: \[Gardner95\].
 ///

@@ -1,4 +1,4 @@
-//! A strategy on a thread of its own, where it may be slow, fail or never come back.
+//! A strategy on a thread of its own, so that a slow, failing or hanging one does not affect the others.
 
 use std::any::Any;
 use std::hint::black_box;
@@ -14,7 +14,7 @@ use fvi_fft::baseline::OfflineFft;
 
 use crate::strategy::{AnyMemory, Declined, Flops, Made, Maker, Strategy, Task, Trouble};
 
-/// Samples of a signal, one number for each channel after the other.
+/// Samples of a signal in the precision of the race, step by step, one number for each channel.
 #[derive(Debug)]
 pub(crate) enum Samples {
     F64(Vec<f64>),
@@ -25,20 +25,21 @@ pub(crate) enum Samples {
 #[derive(Clone)]
 pub(crate) struct Run {
     pub(crate) samples: Arc<Samples>,
-    /// Channels whose terms are wanted.
+    /// Channels whose terms are returned.
     pub(crate) channels: Arc<Vec<usize>>,
 }
 
 /// Request to the thread.
 enum Job {
     Make(Task),
-    /// A run whose terms are looked at.
+    /// A run that returns the terms.
     Terms(Run),
-    /// A run without a clock in between, and one with it: `steps` keeps the shortest time of each step.
+    /// A run without and one with clock readings between the steps; the vector keeps the shortest time of
+    /// each step, in nanoseconds.
     Times(Run, Vec<u32>),
 }
 
-/// Its answer.
+/// Answer of the thread.
 enum Answer {
     Made { setup_ns: f64, own_weights: Option<Arc<Vec<f64>>>, flops: Flops },
     Declined(Declined),
@@ -73,7 +74,7 @@ pub(crate) struct Contestant {
     limit: Duration,
 }
 
-/// Why a contestant leaves the race, in words.
+/// Why a contestant leaves the race, as a sentence.
 pub(crate) type Left = String;
 
 impl Contestant {
@@ -82,14 +83,14 @@ impl Contestant {
         let (done, answers) = channel();
         let abandoned = Arc::new(AtomicBool::new(false));
         let (make, given_up) = (Arc::clone(&strategy.make), Arc::clone(&abandoned));
-        // A thread that cannot be made is seen by its first job.
+        // If the thread cannot be created, the first job returns an error.
         let _ = thread::Builder::new()
             .name(strategy.name.clone())
             .spawn(move || serve(&make, &to_do, &done, &given_up));
         Self { name: strategy.name.clone(), jobs, answers, abandoned, limit }
     }
 
-    /// Asks, and waits no longer than the limit.
+    /// Sends a job and waits for the answer up to the time limit.
     fn ask(&self, job: Job) -> Result<Answer, Left> {
         if self.jobs.send(job).is_err() {
             return Err("it has died".to_owned());
@@ -113,7 +114,7 @@ impl Contestant {
         }
     }
 
-    /// Terms of the wanted channels, step by step, and bytes after the run.
+    /// Terms of the channels in `run`, step by step, and bytes of memory after the run.
     pub(crate) fn terms(&self, run: &Run) -> Result<(Vec<f64>, usize), Left> {
         match self.ask(Job::Terms(run.clone()))? {
             Answer::Terms { terms, bytes } => Ok((terms, bytes)),
@@ -194,7 +195,7 @@ fn with_memory(
     })
 }
 
-/// Steps between two looks at whether anyone still waits.
+/// Number of steps between two checks whether the run has been abandoned.
 const STRETCH: usize = 64;
 
 fn answer<T: Real>(
@@ -251,7 +252,8 @@ fn answer<T: Real>(
     Ok(Answer::Times(Timed { mean_ns, with_waiting_ns, steps, last }))
 }
 
-/// The lower bound takes all samples at once, so that no time belongs to a single step.
+/// The offline transform, a lower bound of the cost, takes all samples at once, so that single steps have no
+/// times.
 fn offline_answer(offline: &mut OfflineFft, samples: &[f64], steps: Option<Vec<u32>>) -> Answer {
     let mut terms = vec![0.0; samples.len()];
     let waited = waited_ns();

@@ -1,5 +1,5 @@
-//! The lab's shortest form, `fvi compare-engines`: the project's memories on s^β as runs have them,
-//! agreement first, then time per step and memory.
+//! The comparison of `fvi compare-engines`, a short form of the strategy lab: the project's memories for s^β
+//! as constructed in runs; first agreement, then time per step and memory.
 
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -28,7 +28,7 @@ pub struct Comparison {
     pub lengths: Vec<usize>,
     /// Kernels: order of the backward differentiation formula and exponent of the quadrature, at step size 1.
     pub kernels: Vec<(BdfOrder, f64)>,
-    /// Timed runs of each engine; `None` for more of them the shorter they are.
+    /// Timed runs of each engine; `None`: the shorter a run, the more of them.
     pub repetitions: Option<usize>,
 }
 
@@ -43,7 +43,7 @@ pub struct EngineMeasurement {
     pub order: BdfOrder,
     /// Exponent of the quadrature.
     pub exponent: f64,
-    /// Mean time of a step in nanoseconds, from a run that reads no clock in between.
+    /// Mean time of a step in nanoseconds, from a run without clock readings in between.
     pub step_mean_ns: f64,
     /// Times of the single steps in nanoseconds, shortest first; empty for an offline transform, which has no
     /// steps.
@@ -61,7 +61,7 @@ pub enum ComparisonError {
     /// A parameter of a kernel is outside its range.
     #[error(transparent)]
     Parameter(#[from] ParameterError),
-    /// There is no room for the longest comparison.
+    /// The longest comparison does not fit into memory.
     #[error("a comparison over {length} steps: {no_room}")]
     NoRoom {
         /// Its number of steps.
@@ -69,7 +69,7 @@ pub enum ComparisonError {
         /// Bytes that would be needed.
         no_room: NoRoom,
     },
-    /// An engine cannot be made, or does not run through its samples.
+    /// An engine cannot be constructed, or fails during a run.
     #[error("the engine \"{engine}\" failed: {reason}")]
     Failed {
         /// Name of the engine.
@@ -84,7 +84,7 @@ const OFFLINE: &str = "offline-fft";
 /// Longest time of one run of one engine.
 const LIMIT: Duration = Duration::from_secs(24 * 3600);
 
-/// The engines of the project between their bounds: an offline transform, and what textbooks have.
+/// The engines of the project, with an offline transform as the lower bound and the textbook algorithms.
 pub fn strategies() -> Vec<Strategy> {
     let offline = Strategy::new(OFFLINE, "one transform of known samples, the lower bound", |task| {
         let offline = OfflineFft::new(WeightTable::scalars(&task.weights), task.length)?;
@@ -102,16 +102,16 @@ pub fn strategies() -> Vec<Strategy> {
 }
 
 impl Comparison {
-    /// Measures strategies; `progress` is told what is under way.
+    /// Measures strategies; `progress` receives a description of the current measurement.
     ///
-    /// For each kernel and length it is a race: first every engine runs on a smooth signal with noise, a
+    /// For each kernel and length there is a race: first every engine runs on a smooth signal with noise, a
     /// decaying and a growing one, and a constant, and is compared with a sum in twice the precision. Those
-    /// runs touch all memory. Then the engines are timed turn by turn, and the shortest time counts: of
-    /// whole runs for the mean, of each step for the distribution. Engines whose step grows with the run
-    /// sit out longer ones.
+    /// runs touch all memory. Then the engines are timed alternately, and the shortest time counts: of whole
+    /// runs for the mean, of each step for the distribution. Engines whose cost per step grows with the run
+    /// do not take part in longer ones.
     ///
     /// # Errors
-    /// [`ComparisonError`] if an engine cannot be made or refuses a sample.
+    /// [`ComparisonError`] if an engine cannot be constructed or refuses a sample.
     pub fn run(
         &self,
         strategies: &[Strategy],
@@ -156,8 +156,8 @@ impl Comparison {
 impl Comparison {
     /// Refuses lengths for which the engines, all at once, would not fit into memory.
     fn require_room(&self) -> Result<(), ComparisonError> {
-        // Measured on the engines of the project: 380 bytes a step while they run, with room to spare; and
-        // the times of single steps, which stay.
+        // Measured on the engines of the project: 380 bytes a step while they run, with a margin; in addition
+        // the times of single steps, which are kept.
         const RUNNING: usize = 640;
         const KEPT: usize = 56;
         let length = self.lengths.iter().copied().max().unwrap_or(0);
@@ -169,7 +169,7 @@ impl Comparison {
 }
 
 impl EngineMeasurement {
-    /// The step time that the given part of the steps does not exceed, in nanoseconds.
+    /// The step time in nanoseconds that the fraction `part` of the steps does not exceed.
     pub fn step_quantile_ns(&self, part: f64) -> Option<f64> {
         quantile(&self.steps_ns, part)
     }

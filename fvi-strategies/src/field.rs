@@ -1,4 +1,4 @@
-//! The field's rivals in the race.
+//! Strategies from the literature (`fvi-rivals`) in the race.
 
 use fvi_core::Memory;
 use fvi_rivals::{
@@ -10,7 +10,7 @@ use fvi_rivals::{
 use crate::kernel::Source;
 use crate::strategy::{Declined, Made, Strategy, Task, require_double, require_short};
 
-/// All of them.
+/// All strategies of `fvi-rivals`.
 pub(crate) fn strategies() -> Vec<Strategy> {
     let of = |name: &str, description: &str, make: fn(&Task) -> Result<Made, Declined>| {
         Strategy::new(name, description, move |task: &Task| {
@@ -97,7 +97,7 @@ fn counted(memory: impl Memory<f64> + Send + 'static, operations: Operations) ->
     Made::memory(memory).counted(operations)
 }
 
-/// β of a kernel s^β for which there are filters.
+/// A filter approximation of s^β, for kernels of that form.
 fn filter(
     task: &Task,
     make: fn(

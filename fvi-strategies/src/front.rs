@@ -3,7 +3,8 @@
 use crate::precision::Precision;
 use crate::record::{RaceRecord, Record, Row};
 
-/// Indices of the points that no other is better than in both coordinates, by the first coordinate.
+/// Pareto front: indices of the points to which no other point is better in both coordinates, sorted by the
+/// first coordinate.
 pub(crate) fn front(points: &[(f64, f64)]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..points.len()).collect();
     order.sort_by(|&a, &b| {
@@ -19,12 +20,12 @@ pub(crate) fn front(points: &[(f64, f64)]) -> Vec<usize> {
     order
 }
 
-/// The rows that may win: within the tolerance.
+/// The rows that may win: those with an error within the tolerance.
 pub(crate) fn eligible(race: &RaceRecord) -> Vec<&Row> {
     race.rows.iter().filter(|row| row.within).collect()
 }
 
-/// The fastest of a race, and those whose intervals reach down to its own.
+/// The fastest row of a race, and the rows whose confidence intervals overlap its own.
 pub(crate) fn fastest(race: &RaceRecord) -> Option<(&Row, Vec<&Row>)> {
     let rows = eligible(race);
     let best = rows.iter().copied().min_by(|a, b| a.mean_ns.total_cmp(&b.mean_ns))?;
@@ -32,12 +33,12 @@ pub(crate) fn fastest(race: &RaceRecord) -> Option<(&Row, Vec<&Row>)> {
     Some((best, rows.into_iter().filter(tie).collect()))
 }
 
-/// Smallest row by a number.
+/// The row with the smallest value of `of`.
 pub(crate) fn least(race: &RaceRecord, of: impl Fn(&Row) -> f64) -> Option<&Row> {
     eligible(race).into_iter().min_by(|a, b| of(a).total_cmp(&of(b)))
 }
 
-/// Key that a race shares with those at other lengths.
+/// Key common to races that differ in length only: kernel, channels, precision and tolerance.
 pub(crate) type Family<'a> = (&'a str, usize, Precision, f64);
 
 pub(crate) fn family(race: &RaceRecord) -> Family<'_> {
@@ -57,7 +58,7 @@ pub(crate) fn families(record: &Record) -> Vec<Vec<&RaceRecord>> {
     families
 }
 
-/// Which strategy is the fastest of those within the tolerance, from which length to which.
+/// Sentences that state, for each range of lengths, the fastest strategy within the tolerance.
 pub(crate) fn winners(record: &Record) -> Vec<String> {
     families(record).iter().map(|races| sentence(races)).collect()
 }

@@ -9,18 +9,18 @@ use fvi_scenario::numerics::multistep_weights::multistep_weights;
 use fvi_scenario::numerics::transfer::TransferFunction;
 use fvi_scenario::scenario::{kernel_of_table, weights_of};
 
-/// A kernel: what it is, and the quadrature that gives its weights.
+/// A kernel with the quadrature that gives its weights.
 #[derive(Clone, Debug)]
 pub(crate) struct Kernel {
     pub(crate) name: String,
     pub(crate) source: Source,
     pub(crate) order: BdfOrder,
     pub(crate) step: f64,
-    /// Whether samples are known by their differences, as those of a run are, and weights act on these.
+    /// Whether the samples are differences, as in a run, and the weights act on these.
     pub(crate) on_increments: bool,
 }
 
-/// Where weights come from.
+/// Origin of the weights.
 #[derive(Clone, Debug)]
 pub(crate) enum Source {
     Transfer(TransferFunction),
@@ -33,7 +33,7 @@ pub(crate) enum Source {
 }
 
 impl Kernel {
-    /// s^β at step 1, as the memory of a run has it.
+    /// s^β at step 1, in the form used by the memory of a run.
     pub(crate) fn of_a_run(order: BdfOrder, exponent: f64) -> Result<Self, ParameterError> {
         Ok(Self {
             name: format!("s^{exponent}"),
@@ -111,7 +111,7 @@ impl Kernel {
         })
     }
 
-    /// In words.
+    /// Description as text.
     pub(crate) fn description(&self) -> String {
         let formula = format!("BDF of order {}, h = {}", self.order.get(), self.step);
         match &self.source {
@@ -127,11 +127,12 @@ impl Kernel {
     }
 }
 
-/// Keys beside those of the kernel itself; `order` is one of them for kernels without an order of their own.
+/// Keys in addition to those of the kernel itself; `order` is one of them for kernels without an order of
+/// their own.
 const BESIDE: [&str; 3] = ["name", "family", "step"];
 const BESIDE_WITH_ORDER: [&str; 4] = ["name", "family", "step", "order"];
 
-/// Reads a `[[kernel]]`; `longest` is the number of weights that will be asked for.
+/// Reads a `[[kernel]]`; `longest` is the largest number of weights needed.
 pub(crate) fn read_kernel(
     table: &Table<'_>,
     parameters: Option<&Value<'_>>,
@@ -199,7 +200,7 @@ pub(crate) fn read_kernel(
         }
     };
     let kernel = Kernel { name, source, order, step, on_increments: false };
-    // Weights that do not exist are a mistake of the file, not of a strategy.
+    // Missing weights are an error of the file, not of a strategy.
     let first = kernel
         .weights(2)
         .map_err(|error| name_value.out_of_range(format!("a kernel with weights: {error}")))?;

@@ -1,4 +1,4 @@
-//! The page of a race: what wins where, in words, pictures and numbers, in one file.
+//! The page of a race: which strategy is best where, as text, pictures and tables, in one file.
 
 use std::fmt::Write;
 
@@ -117,7 +117,7 @@ fn winners_table(page: &mut String, record: &Record) {
     page.push_str("</table>\n");
 }
 
-/// Who failed, and who gave other sums than were asked for.
+/// Section on strategies that failed, or whose sums were wrong.
 fn found_out(page: &mut String, record: &Record) {
     let mut rows = String::new();
     for race in &record.races {
@@ -225,7 +225,7 @@ struct View {
     of: fn(&RaceRecord, &Row) -> (f64, f64),
 }
 
-/// The lines of best compromise, at every length over all tolerances.
+/// The Pareto fronts of error and cost at every length, over all tolerances.
 fn fronts(page: &mut String, record: &Record, names: &[String]) {
     let mut groups: Vec<Vec<&RaceRecord>> = Vec::new();
     let key = |race: &RaceRecord| (race.kernel.clone(), race.length, race.channels, race.precision);
@@ -333,7 +333,7 @@ fn numbers(page: &mut String, race: &RaceRecord) {
     page.push_str("</table>\n");
 }
 
-/// Three digits, or a power of ten.
+/// A number with three digits, or with a power of ten.
 fn number(value: f64) -> String {
     match value.abs() {
         size if size >= 1e7 => format!("{value:.1e}"),

@@ -11,7 +11,7 @@ use crate::kernel::Source;
 use crate::precision::Precision;
 use crate::strategy::{AnyMemory, Declined, Made, Strategy, Task, require_short};
 
-/// All of them.
+/// All strategies of the project.
 pub(crate) fn strategies() -> Vec<Strategy> {
     vec![
         Strategy::new("direct", "plain sum in vector code, fvi-core", |task| {
@@ -165,7 +165,7 @@ fn single(weights: &[f64]) -> Vec<f32> {
     weights.iter().map(|&weight| weight as f32).collect()
 }
 
-/// As a run has it, for any weights.
+/// The engine `direct` as in a run, for any weights.
 fn direct<T: Engines>(weights: &[f64], task: &Task) -> Result<Box<dyn Memory<T> + Send>, ParameterError> {
     let mut table: Vec<T> = weights.iter().map(|&weight| T::of(weight)).collect();
     table.push(T::zero());
@@ -197,7 +197,7 @@ fn exponential_sum(task: &Task, engine: Engine) -> Result<Made, Declined> {
         given: !task.kernel.on_increments,
         history: &history,
     };
-    // A kernel without such a table is none for this strategy.
+    // Without such a table for the kernel the strategy does not take part.
     let sits_out = |error: EngineError| Declined::SitsOut(error.to_string());
     let made = Made::of(match task.precision {
         Precision::F64 => {
@@ -210,7 +210,7 @@ fn exponential_sum(task: &Task, engine: Engine) -> Result<Made, Declined> {
     Ok(made)
 }
 
-/// Floating-point operations of a step of one of these, on average over a run.
+/// Mean number of floating-point operations per step of one of these strategies, over a run.
 ///
 /// Of a sum of exponentials they are those of its recursion: a product and a sum for each weight of the head,
 /// four for each exponential.
@@ -238,7 +238,7 @@ pub(crate) fn flops(strategy: &str, task: &Task) -> Option<f64> {
 fn table_tolerance(task: &Task) -> f64 {
     match task.precision {
         Precision::F64 => task.tolerance,
-        // The table is not what limits single precision.
+        // In single precision the table should not limit the accuracy.
         Precision::F32 => task.tolerance.max(1e-9),
     }
 }

@@ -15,12 +15,12 @@ use crate::project::flops;
 use crate::record::{Absence, Kind, RaceRecord, Row};
 use crate::strategy::{Declined, Flops, Strategy, Task};
 
-/// A strategy that failed, or whose sums are not what was asked for.
+/// A strategy that failed, or whose sums were wrong.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FoundOut {
     /// Name of the strategy.
     pub strategy: String,
-    /// The race, in a few words.
+    /// Short description of the race.
     pub race: String,
     /// The problem.
     pub reason: String,
@@ -29,11 +29,11 @@ pub struct FoundOut {
 /// Steps of each signal whose terms are compared with the plain sum in twice the precision; the others are
 /// compared with `block-fft`.
 const COMPARED_STEPS: usize = 50;
-/// Channels of these that are.
+/// Number of channels of these steps that are compared.
 const COMPARED_CHANNELS: usize = 3;
-/// Errors up to so many u are rounding, whatever the tolerance.
+/// Errors up to this multiple of u count as rounding and are accepted with any tolerance.
 const ROUNDING: f64 = 16.0;
-/// A median stands if half of its confidence interval is at most this part of it.
+/// A median counts as reliable if half the width of its confidence interval is at most this fraction of it.
 const STANDS: f64 = 0.05;
 
 /// A strategy in a race.
@@ -54,7 +54,7 @@ pub(crate) struct Runner {
     steps: Vec<u32>,
 }
 
-/// What a race has measured.
+/// Results of a race.
 pub(crate) struct Measured {
     pub(crate) runners: Vec<Runner>,
     pub(crate) absent: Vec<Absence>,
@@ -92,7 +92,7 @@ pub(crate) fn run(
     })
 }
 
-/// Errors of every strategy first, then times in turn; `None` if it was stopped.
+/// First measures the errors of every strategy, then the times, in turn; `None` if it was stopped.
 pub(crate) fn measure(
     conditions: &Conditions<'_>,
     task: &Task,
@@ -139,7 +139,7 @@ pub(crate) fn measure(
                 Some(weights) => {
                     let known = own.iter().position(|(known, _)| known == weights);
                     let index = known.unwrap_or_else(|| {
-                        // The task has sums, so other weights have them.
+                        // Computing the sums of the task's weights succeeded, so it does for these.
                         let sums = compared.sums(task, weights).unwrap_or_default();
                         own.push((Arc::clone(weights), sums));
                         own.len() - 1
@@ -196,7 +196,8 @@ pub(crate) fn measure(
     Some(Measured { runners, absent, rounds, clock: clock_nanoseconds() })
 }
 
-/// Does the same with every runner, those that fail leave; `None` if it was stopped.
+/// Calls `act` for every runner and passes those that fail to `leave`; returns the others, or `None` if the
+/// race was stopped.
 fn keep(
     runners: Vec<Runner>,
     leave: &mut impl FnMut(&str, Kind, String),
@@ -217,7 +218,7 @@ fn keep(
 }
 
 impl Measured {
-    /// Times of the single steps without the clock's, in nanoseconds, shortest first.
+    /// Times of the single steps without that of the clock reading, in nanoseconds, shortest first.
     pub(crate) fn steps_ns(&self, runner: &Runner) -> Vec<f64> {
         sorted_steps(&runner.steps, self.clock)
     }
@@ -235,7 +236,7 @@ fn sorted_steps(steps: &[u32], clock: f64) -> Vec<f64> {
     steps.into_iter().map(|step| (f64::from(step) - clock).max(0.0)).collect()
 }
 
-/// The time that the given part of the steps does not exceed; `None` where there are none.
+/// The time that the given fraction of the steps does not exceed; `None` without step times.
 pub(crate) fn quantile(sorted: &[f64], part: f64) -> Option<f64> {
     let last = sorted.len().checked_sub(1)?;
     sorted.get((part * last as f64).ceil() as usize).copied()
@@ -266,7 +267,7 @@ fn row(runner: Runner, task: &Task, clock: f64) -> Row {
     }
 }
 
-/// A median, and between which of the numbers it lies with a probability of 95 %.
+/// A median with its 95 % confidence interval, whose ends are two of the numbers.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Median {
     middle: f64,
@@ -282,7 +283,7 @@ impl Median {
         let Some(last) = count.checked_sub(1) else {
             return Self { middle: f64::NAN, low: f64::NAN, high: f64::NAN };
         };
-        // Of binomial order statistics, by the normal approximation.
+        // Ranks of the ends from binomial order statistics, in the normal approximation.
         let half = 0.98 * (count as f64).sqrt();
         let rank = (0.5 * count as f64 - half).floor().max(0.0) as usize;
         let rank = rank.min(last / 2);
@@ -298,13 +299,13 @@ impl Median {
     }
 }
 
-/// A signal, and the channels of it that are looked at.
+/// A signal with the channels that are compared.
 struct Compared {
     run: Run,
 }
 
-/// What the terms of a signal should be: in twice the precision at some steps, and to a few roundings at all,
-/// step by step, channel by channel.
+/// Reference terms of a signal: in twice the precision at some steps (`exact`), and by `block-fft` at all
+/// steps (`all`), step by step, channel by channel; `largest` is the largest Σ|w||x| among the exact ones.
 #[derive(Default)]
 struct Sums {
     exact: Vec<(usize, MemoryTerm)>,
@@ -325,7 +326,7 @@ impl Compared {
         Self { run: Run { samples: Arc::new(samples), channels: Arc::new(chosen) } }
     }
 
-    /// `None` where the weights are no kernel.
+    /// The reference terms for these weights; `None` where `block-fft` refuses the weights.
     fn sums(&self, task: &Task, weights: &[f64]) -> Option<Sums> {
         match &*self.run.samples {
             Samples::F64(samples) => self.sums_of(weights, samples, task.channels),
@@ -381,7 +382,8 @@ impl Sums {
         }
         let error = |term: f64, known: &MemoryTerm| {
             let error = (term - known.sum).abs();
-            // Where nothing is summed, transforms leave the rounding of what they have beside it.
+            // Where a term is (nearly) empty, transforms leave rounding errors in proportion to their other
+            // terms.
             if error <= unit * self.largest && known.absolute <= unit * self.largest {
                 return 0.0;
             }
@@ -389,8 +391,7 @@ impl Sums {
         };
         let exact = self.exact.iter().map(|(index, known)| error(terms[*index], known)).fold(0.0, f64::max);
         let all = terms.iter().zip(&self.all).map(|(&term, known)| error(term, known)).fold(0.0, f64::max);
-        // At steps that are not looked at closely only what is beyond the rounding of what they are compared
-        // with counts.
+        // At steps without an exact reference an error counts only if it exceeds the rounding of `block-fft`.
         Ok(if all > 2.0 * exact + 2.0 * ROUNDING { all } else { exact })
     }
 }

@@ -1,7 +1,7 @@
-//! The compiled half of the Python package `fvi`: what crosses from Rust to Python and back.
+//! The compiled part of the Python package `fvi`: the interface between Rust and Python.
 //!
-//! Python code in `python/fvi` checks arguments and shapes results; this module hands them to fvi-host. No
-//! panic leaves it.
+//! Python code in `python/fvi` checks arguments and formats results; this module calls fvi-host. Panics
+//! become exceptions.
 
 mod controller;
 mod derivative;

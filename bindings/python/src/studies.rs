@@ -13,7 +13,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Solves a two-point problem: t, x, v, and what is reported of the solution.
+/// Solves a two-point problem: t, x, v, and the report on the solution.
 #[pyfunction]
 #[expect(clippy::type_complexity, reason = "three arrays and a table")]
 pub(crate) fn extremal<'py>(

@@ -1,4 +1,4 @@
-"""What people write elsewhere: taken where its meaning is clear, refused with the name to use where not."""
+"""Argument forms common in other libraries: accepted where the meaning is clear, otherwise refused with the right name."""
 
 import numpy as np
 import pytest

@@ -16,7 +16,7 @@ pub struct CompareEnginesArguments {
     #[arg(long, value_name = "POWERS", value_delimiter = ',', default_value = "10,14,17,20",
           value_parser = clap::value_parser!(u32).range(0..=28))]
     lengths: Vec<u32>,
-    /// Orders of the backward differentiation formula, each with every exponent
+    /// Orders of the backward differentiation formula, each combined with every exponent
     #[arg(long, value_name = "ORDERS", value_delimiter = ',', default_value = "1", value_parser = order)]
     order: Vec<BdfOrder>,
     /// Exponents of the convolution quadrature, greater than −1 and less than 2

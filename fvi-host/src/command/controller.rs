@@ -33,7 +33,7 @@ pub struct ControllerArguments {
     out: Option<PathBuf>,
 }
 
-/// In which language.
+/// Language of the constants.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Format {
     /// Constants of Rust
@@ -42,7 +42,7 @@ enum Format {
     C,
 }
 
-/// A controller with what belongs to its constants.
+/// A controller with the tables and options for its constants.
 struct Listed<'a> {
     controller: &'a Controller,
     tables: ControllerTables,
@@ -70,7 +70,7 @@ impl ControllerArguments {
         for (index, controller) in scenario.controllers.iter().enumerate() {
             let refused = |unusable: Unusable| CommandError::from(unusable.error(&scenario, index));
             let tables = tables(&scenario, controller).map_err(refused)?;
-            // What the part will refuse is refused here, in its precision.
+            // Values that the microcontroller would refuse are refused here, in its precision.
             let fits = match precision {
                 ListingPrecision::F32 => controller.law::<f32>().map(|_| ()),
                 ListingPrecision::F64 => controller.law::<f64>().map(|_| ()),
