@@ -495,8 +495,8 @@ impl Scenario {
         Ok(())
     }
 
-    /// v₀ = M⁻¹ p₀, zero where there is no mass; `None` for a mass that is known by its entries, which takes a
-    /// solution of equations.
+    /// v₀ = M⁻¹ p₀, zero where there is no mass; `None` for a mass that is known by its entries, which takes
+    /// a solution of equations.
     pub fn initial_velocity(&self) -> Option<Vec<f64>> {
         let momentum = &self.initial.momentum;
         match &self.system.mass {

@@ -8,8 +8,8 @@ use fvi_sparse::{Analysis, Factor, Pattern};
 /// Coordinates z without mass, sorted by what their positions at grid points follow from.
 ///
 /// With no mass M_zz the equations of a step on polynomials with as many Gauss points as its degree are
-/// G_z(X_i) = 0 at each point: the balance of forces. The positions X_i at the points follow from it alone, and
-/// the polynomial through them and z_k ends at
+/// G_z(X_i) = 0 at each point: the balance of forces. The positions X_i at the points follow from it alone,
+/// and the polynomial through them and z_k ends at
 ///
 /// ```text
 /// z_{k+1} = (−1)^S z_k + a combination of the X_i ,
@@ -24,8 +24,8 @@ use fvi_sparse::{Analysis, Factor, Pattern};
 /// resisted by F(t, q, v)      the end of the polynomial, which depends on z_k through its velocity
 /// ```
 ///
-/// Z_k are means over steps, in which the errors of single nodes cancel; the sum is the slope at t_{k+1} of the
-/// polynomial through their integrals, of order m in h. After the first step, with one mean, it is
+/// Z_k are means over steps, in which the errors of single nodes cancel; the sum is the slope at t_{k+1} of
+/// the polynomial through their integrals, of order m in h. After the first step, with one mean, it is
 /// 2Z_0 − z_0. Momenta are zero.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct MasslessRows {

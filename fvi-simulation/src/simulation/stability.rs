@@ -83,8 +83,8 @@ impl LinearSystem {
     /// The system of a mass matrix M, a stiffness K = ∂²U/∂q² − ∂F/∂q, symmetric or not, and damping terms.
     ///
     /// # Errors
-    /// If M is not positive definite but for rows and columns of zeros, or so small that K or ρ divided by it is
-    /// not finite; or if neither stiffness alone nor damping holds a coordinate without mass.
+    /// If M is not positive definite but for rows and columns of zeros, or so small that K or ρ divided by it
+    /// is not finite; or if neither stiffness alone nor damping holds a coordinate without mass.
     pub fn new(
         mass: &DMatrix<f64>,
         stiffness: &DMatrix<f64>,
@@ -137,9 +137,9 @@ impl LinearSystem {
         Ok(Self { mass: None, stiffness, resistance, damping })
     }
 
-    /// The system whose mass has these rows of zeros, in coordinates where all other entries of M are those of
-    /// the identity. Coordinates held by stiffness alone are where K q = 0, at every node of a scheme too, and
-    /// are eliminated; those that are damped have the identity for the sum of what damps them.
+    /// The system whose mass has these rows of zeros, in coordinates where all other entries of M are those
+    /// of the identity. Coordinates held by stiffness alone are where K q = 0, at every node of a scheme too,
+    /// and are eliminated; those that are damped have the identity for the sum of what damps them.
     fn scaled(self, massless: &[usize]) -> Option<Self> {
         let mass = self.mass?;
         let size = mass.nrows();
@@ -222,8 +222,8 @@ const MARGINS: (f64, f64) = (1e-7, 1e-3);
 /// So what neither grows nor decays is accepted, as are undamped systems. Where the system itself makes
 /// motions grow (K not positive semidefinite, forces that do not come from a potential, forces of the
 /// velocity that drive) none may grow more
-/// than twice as fast as the system's fastest can; where coordinates have no mass nothing bounds that, and such
-/// parts are not looked at.
+/// than twice as fast as the system's fastest can; where coordinates have no mass nothing bounds that, and
+/// such parts are not looked at.
 ///
 /// Matrices that commute are split into their modes. Parts of more than 40 coupled coordinates are taken
 /// apart along the modes of K, and along those of ρ, without what couples these: then the check is no more
