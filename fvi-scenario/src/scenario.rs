@@ -494,8 +494,8 @@ impl Scenario {
         Ok(())
     }
 
-    /// v₀ = M⁻¹ p₀, zero for coordinates without mass; `None` for a sparse mass matrix, for which it requires
-    /// the solution of equations.
+    /// v₀ = M⁻¹ p₀, zero where there is no mass; `None` for a mass that is known by its entries, which takes
+    /// a solution of equations.
     pub fn initial_velocity(&self) -> Option<Vec<f64>> {
         let momentum = &self.initial.momentum;
         match &self.system.mass {

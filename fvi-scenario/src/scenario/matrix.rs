@@ -147,8 +147,8 @@ impl SymmetricMatrix {
         Ok(Self::Dense(matrix))
     }
 
-    /// Refuses a matrix that, apart from rows and columns of zeros, has an eigenvalue ≤ 0 (to rounding), or
-    /// one so small that the inverse is not finite.
+    /// Refuses a matrix that has, beside rows and columns of zeros, an eigenvalue ≤ 0 (to rounding), or one
+    /// so small that the inverse is not finite.
     pub(super) fn mass(self, value: &Value<'_>, known: &Matrices<'_>) -> Result<Self, InputError> {
         if let Self::Sparse(matrix) = self {
             return known.positive_definite(matrix, value).map(Self::Sparse);

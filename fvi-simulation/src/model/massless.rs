@@ -7,9 +7,9 @@ use fvi_sparse::{Analysis, Factor, Pattern};
 
 /// Coordinates z without mass, by the way in which their positions at grid points are determined.
 ///
-/// With zero mass M_zz the equations of a step on polynomials with as many Gauss points as its degree are the
-/// balance of forces at each point, G_z(X_i) = 0. The positions X_i at the points follow from it alone, and
-/// the polynomial through them and z_k ends at
+/// With no mass M_zz the equations of a step on polynomials with as many Gauss points as its degree are
+/// G_z(X_i) = 0 at each point: the balance of forces. The positions X_i at the points follow from it alone,
+/// and the polynomial through them and z_k ends at
 ///
 /// ```text
 /// z_{k+1} = (−1)^S z_k + a combination of the X_i ,
@@ -25,8 +25,8 @@ use fvi_sparse::{Analysis, Factor, Pattern};
 /// ```
 ///
 /// Z_k are means over steps, in which the errors of single nodes cancel; the sum is the slope at t_{k+1} of
-/// the polynomial through their integrals, of order m in h. After the first step, with one mean, z_1 is 2Z_0
-/// − z_0. Momenta are zero.
+/// the polynomial through their integrals, of order m in h. After the first step, with one mean, it is
+/// 2Z_0 − z_0. Momenta are zero.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct MasslessRows {
     /// All coordinates without mass, ascending.

@@ -16,7 +16,7 @@ const ROUNDING: f64 = 1e-13;
 /// Largest distance of a given position from the balance of forces, relative to the largest position.
 const GIVEN: f64 = 1e-6;
 
-/// Largest number of means from which positions at grid points are computed.
+/// Most means that a position at a grid point is made of.
 const MOST_MEANS: usize = 6;
 
 /// Coordinates without mass, with the forces that act on them at the start.
@@ -51,10 +51,13 @@ pub(super) fn placed<'a>(scenario: &'a Scenario) -> Result<(Cow<'a, Scenario>, M
     refuse_others(scenario, rows[0])?;
     let mut model = Model::<f64>::new(scenario).map_err(|error| bad_mass(scenario, &error))?;
     let held = Held::new(scenario, rows, &mut model)?;
-    held.check_damping(scenario)?;
+    held.check_damping(scenario, &scenario.initial.position)?;
     held.check_scheme(scenario)?;
     held.check_hold(scenario)?;
-    let start = held.start(scenario, &mut model)?;
+    let start = held.start(scenario)?;
+    if let Some(position) = &start {
+        held.check_damping(scenario, position)?;
+    }
     let rows = held.sorted(scenario);
     let Some(position) = start else { return Ok((Cow::Borrowed(scenario), rows)) };
     let mut placed = scenario.clone();
@@ -147,8 +150,8 @@ impl Held {
         Ok(Self { rows, places, stiffness, resistance, remembered, creeping, resisted })
     }
 
-    /// Refuses gyroscopic forces, and dampings that need a mass or leave the initial position undetermined.
-    fn check_damping(&self, scenario: &Scenario) -> Result<(), InputError> {
+    /// Refuses gyroscopic forces and dampings that need a mass, or leave where the motion begins open.
+    fn check_damping(&self, scenario: &Scenario, position: &[f64]) -> Result<(), InputError> {
         let row_of = |row: usize| self.places[row].map(|_| row);
         if let Some(skew) = &scenario.system.gyroscopic {
             let turned = skew
@@ -169,7 +172,7 @@ impl Held {
                 return Err(refused(scenario, &key, what, row));
             }
             if term.derivative == Derivative::RiemannLiouville {
-                let force = term.coefficient.times(&scenario.initial.position);
+                let force = term.coefficient.times(position);
                 if let Some(&row) = self.rows.iter().find(|&&row| force[row] != 0.0) {
                     let reason = format!(
                         "the Riemann–Liouville derivative of a position that is not 0 at the start pushes coordinate {row}, which has no \
@@ -179,8 +182,7 @@ impl Held {
                 }
             }
         }
-        // Coordinates held by dampers must be held in every direction, or some combinations would follow from
-        // forces alone.
+        // Whatever dampers hold must be held in every direction, or part of it would follow from forces.
         if let Some(place) =
             self.loose(scenario, &self.remembered).or_else(|| self.loose(scenario, &self.creeping))
         {
@@ -194,8 +196,8 @@ impl Held {
         Ok(())
     }
 
-    /// A coordinate, among those held by velocity-dependent forces or by the dampers `these`, on which these
-    /// are not positive definite.
+    /// A coordinate, of those that forces of the velocity or `these` dampers hold, on which they are not
+    /// positive definite.
     fn loose(&self, scenario: &Scenario, these: &[bool]) -> Option<usize> {
         let count = self.rows.len();
         let damped: Vec<bool> = (0..count).map(|place| these[place] || self.resisted[place]).collect();
@@ -294,19 +296,23 @@ impl Held {
         matrix.entries().into_iter().filter_map(own).collect()
     }
 
-    /// The initial position, if it differs from the given one.
-    fn start(&self, scenario: &Scenario, model: &mut Model<f64>) -> Result<Option<Vec<f64>>, InputError> {
+    /// The position at the start, if it is not the one given.
+    fn start(&self, scenario: &Scenario) -> Result<Option<Vec<f64>>, InputError> {
         let standing = |place: &usize| !self.creeping[*place] && !self.resisted[*place];
         let rows: Vec<usize> = (0..self.rows.len()).filter(standing).map(|place| self.rows[place]).collect();
         if rows.is_empty() {
             return Ok(None);
         }
+        // Springs in kernels are at rest where the motion begins, wherever that is.
+        let mut alone = scenario.clone();
+        alone.system.damping.clear();
+        let mut model = Model::<f64>::new(&alone).map_err(|error| bad_mass(scenario, &error))?;
         let given = &scenario.initial.position;
         let mut position = given.clone();
         let instant = Instant::in_step(scenario.time.start, 0.0, scenario.time.step);
         let input = scenario.input.as_ref().and_then(|input| input.at_step(0)).unwrap_or(&[]);
         let motion = (&mut position, scenario.initial.momentum.as_slice());
-        if Equilibrium::new(rows.clone(), model).find(model, instant, input, motion).is_err() {
+        if Equilibrium::new(rows.clone(), &model).find(&mut model, instant, input, motion).is_err() {
             let reason = format!(
                 "no balance of the forces on coordinate {} and others without mass was found from there; give one that is nearer",
                 rows[0]

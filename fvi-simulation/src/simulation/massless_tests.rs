@@ -76,8 +76,8 @@ fn a_maxwell_element_with_a_massless_node_follows_its_exact_solution() {
         |z: f64| exponential([[0.0, 0.5, 0.0], [-8.0, 0.0, 5.0], [2.0, 0.0, -2.0]], 2.0, [1.0, 1.0, z]);
     let memory = "[[system.damping]]\norder = 1.0\ncoefficient = [0.0, 2.5]";
     let force = "force = [\"0\", \"-2.5*v1\"]";
-    // Dashpot, scheme, steps, and the order of all numbers if the node starts at rest. If it does not, ż(0) ≠
-    // 0 without a past: positions of masses keep the order, p and z have order 2 with multistep memories.
+    // Dashpot, scheme, steps, and the order of all numbers with a node that starts at rest. One that does not
+    // has ż(0) ≠ 0 and no past: positions of masses keep the order, p and z have order 2 by multistep memories.
     let cases = [
         (memory, MIDPOINT, 64, 2.0, [2.0; 3]),
         (memory, TRAPEZOIDAL, 64, 2.0, [2.0; 3]),
@@ -263,6 +263,20 @@ fn refused_joint(z: f64) -> String {
         Err(error) => error.to_string(),
         Ok(_) => panic!("not refused"),
     }
+}
+
+#[test]
+fn springs_in_kernels_are_at_rest_where_the_motion_begins() {
+    // K(s) = 2 + s/(1 + s) of z − z(0): at the start 4 (z − x) + 6 z = 1, and with x held by its mass for ever.
+    let states = states(
+        &scenario(&format!(
+            "[system]\nmass = [1e12, 0.0]\npotential = \"2*(q0 - q1)^2 + 3*q1^2\"\nforce = [\"0\", \"1\"]\n\
+                 [[system.damping]]\nkernel = {{ symbol = \"2 + s/(1 + s)\" }}\ncoefficient = [0.0, 1.0]\n\
+                 [initial]\nposition = [1.0, 0.0]\n{MIDPOINT}\n[time]\nstep = 0.1\nsteps = 50\n"
+        )),
+        Precision::F64,
+    );
+    assert!(states.iter().all(|state| (state.position[1] - 0.5).abs() < 1e-9));
 }
 
 #[test]
@@ -479,8 +493,7 @@ fn a_sparse_frame_with_massless_rotations_is_its_static_condensation() {
 
 #[test]
 fn collocation_takes_any_grid_and_kernels_that_yield_at_once() {
-    // A Maxwell element as a Prony series on a coordinate without mass, with a spring in series: x − 5 − z,
-    // and on z 2.5 s/(1 + s/2) and 1: the force on x is that of the combined kernel.
+    // A spring 5 from x to z, and on z a spring 1 beside a Maxwell element, 2.5 s/(1 + s/2).
     let of = |grid: &str| {
         scenario(&format!(
             "[system]\nmass = [2.0, 0.0]\nstiffness = [[8.0, -5.0], [-5.0, 6.0]]\n\
@@ -488,7 +501,8 @@ fn collocation_takes_any_grid_and_kernels_that_yield_at_once() {
              [initial]\nposition = [1.0, 0.0]\n{RADAU_3}\n{grid}\n"
         ))
     };
-    // y = (x, p, u), u the elongation of the dashpot: 5 (x − z) = z + 5 (z − 5/6 − u), 2.5 u̇ = 5 (z − 5/6 − u).
+    // y = (x, p, u), u the elongation of the dashpot:
+    // 5 (x − z) = z + 5 (z − 5/6 − u), 2.5 u̇ = 5 (z − 5/6 − u).
     let z = |x: f64, u: f64| (5.0 * x + 5.0 * (5.0 / 6.0) + 5.0 * u) / 11.0;
     let rate = |[x, p, u]: [f64; 3]| {
         let z = z(x, u);

@@ -83,8 +83,8 @@ impl LinearSystem {
     /// The system of a mass matrix M, a stiffness K = ∂²U/∂q² − ∂F/∂q, symmetric or not, and damping terms.
     ///
     /// # Errors
-    /// If M is not positive definite apart from rows and columns of zeros, or so small that K or ρ divided by
-    /// it is not finite; or if neither stiffness alone nor damping holds a coordinate without mass.
+    /// If M is not positive definite but for rows and columns of zeros, or so small that K or ρ divided by it
+    /// is not finite; or if neither stiffness alone nor damping holds a coordinate without mass.
     pub fn new(
         mass: &DMatrix<f64>,
         stiffness: &DMatrix<f64>,
@@ -138,8 +138,8 @@ impl LinearSystem {
     }
 
     /// The system whose mass has these rows of zeros, in coordinates where all other entries of M are those
-    /// of the identity. Coordinates held by stiffness alone satisfy K q = 0, at every node of a scheme too,
-    /// and are eliminated; for damped ones the sum of the damping coefficients is the identity.
+    /// of the identity. Coordinates held by stiffness alone are where K q = 0, at every node of a scheme too,
+    /// and are eliminated; those that are damped have the identity for the sum of what damps them.
     fn scaled(self, massless: &[usize]) -> Option<Self> {
         let mass = self.mass?;
         let size = mass.nrows();
@@ -216,13 +216,14 @@ const MARGINS: (f64, f64) = (1e-7, 1e-3);
 
 /// Checks whether a step is short enough for runs of this length.
 ///
-/// With motions q_k = z^{−k} v the equations of a step are A(z) v = 0 (`characteristic.rs`). The zeros of det
-/// A in |z| < 1 are the growing motions. They are counted by the argument principle, on a circle slightly
-/// inside |z| = 1: a motion may grow by the factor 2 over the run. So motions that neither grow nor decay,
-/// such as undamped ones, are accepted. If the system itself has growing motions (K not positive
-/// semidefinite, forces without a potential, velocity-dependent forces that add energy), none may grow more
-/// than twice as fast as the system's fastest can; with coordinates without mass there is no bound of that,
-/// and such parts are not checked.
+/// With motions q_k = z^{−k} v the equations of a step are A(z) v = 0 (`characteristic.rs`). Every zero of
+/// det A in |z| < 1 is a motion that grows, and a motion that grows is such a zero. They are counted by the
+/// argument principle, on a circle a little inside |z| = 1: a motion may grow by the factor 2 over the run.
+/// So what neither grows nor decays is accepted, as are undamped systems. Where the system itself makes
+/// motions grow (K not positive semidefinite, forces that do not come from a potential, forces of the
+/// velocity that drive) none may grow more
+/// than twice as fast as the system's fastest can; where coordinates have no mass nothing bounds that, and
+/// such parts are not looked at.
 ///
 /// Matrices that commute are split into their modes. Parts of more than 40 coupled coordinates are split into
 /// the modes of K, and into those of ρ, neglecting the coupling: the check is then only heuristic.
