@@ -82,8 +82,8 @@ fn tiled<T: Engines>(weights: &[f64], length: usize) -> Result<Box<dyn Memory<T>
     }
     match length {
         ..=256 => of::<T, 32>(weights),
-        ..=2048 => of::<T, 256>(weights),
-        ..=16_384 => of::<T, 2048>(weights),
+        257..=2048 => of::<T, 256>(weights),
+        2049..=16_384 => of::<T, 2048>(weights),
         _ => Err(Declined::sits_out("its number of samples is fixed in code, here at no more than 16384")),
     }
 }
