@@ -94,7 +94,7 @@ pub struct Direct<T, K, C, R> {
 const TAG: [u8; 4] = *b"dire";
 
 /// Largest number of stages S of a matrix kernel.
-pub const MAX_STAGES: usize = 4;
+pub(crate) const MAX_STAGES: usize = 4;
 
 /// [`Direct`] with `C` channels in rings of fixed capacity `H` and a borrowed table of weights: no
 /// allocation.

@@ -6,7 +6,7 @@ use core::marker::PhantomData;
 use crate::direct::{MAX_STAGES, Overflow};
 use crate::error::{ParameterError, check_step_size};
 use crate::memory::{ActsOn, Memory, MemoryError, check_channels};
-use crate::real::Real;
+use crate::real::{Real, sum_and_rest};
 use crate::saving::{Shape, StateError, StateReader, StateWriter, fingerprint, header_bytes};
 use crate::space::{vectors, vectors_mut};
 
@@ -47,7 +47,8 @@ pub struct ExponentialTable<C> {
     /// How many blocks, from the first, hold slow exponentials, whose running sums are kept in two parts.
     ///
     /// A sum that forgets slowly (μ_j ≪ 1) would otherwise gather the rounding errors of 1/μ_j steps, and in
-    /// single precision stand still once a sample is less than half a unit in its last place.
+    /// single precision stand still once a sample is less than half a unit in its last place. Of differences
+    /// of a signal that jumps ([`Memory::expect_jumps`]) the parts are those of what the sum lacks of it.
     pub slow_blocks: usize,
     /// How many of these, from the first, hold exponentials so slow that their running sums are kept in three
     /// parts; only for plain numbers.
@@ -250,6 +251,11 @@ pub struct ExponentialSum<T, C, B> {
     len: u64,
     /// Whether it goes on past the horizon of the table.
     forgets: bool,
+    /// Whether samples are differences of a signal that jumps: then slow sums are kept as the signal less what
+    /// they lack of it.
+    jumps: bool,
+    /// The sum of those samples that have reached the exponentials, in two parts.
+    signal: [T; 2],
     number: PhantomData<T>,
 }
 
@@ -294,10 +300,20 @@ where
             "1 for a table whose weights hold the step size",
         )?;
         let layout = Layout::of(&view, channels);
-        let (oldest, settling, acts_on, len, forgets) = (0, 0, ActsOn::Values, 0, false);
-        let number = PhantomData;
-        let mut memory =
-            Self { table, scale, layout, state, oldest, settling, acts_on, len, forgets, number };
+        let mut memory = Self {
+            table,
+            scale,
+            layout,
+            state,
+            oldest: 0,
+            settling: 0,
+            acts_on: ActsOn::Values,
+            len: 0,
+            forgets: false,
+            jumps: false,
+            signal: [T::zero(); 2],
+            number: PhantomData,
+        };
         memory.clear();
         Ok(memory)
     }
@@ -348,7 +364,10 @@ where
         [
             ("channels", self.layout.channels() as u64),
             ("stages", table.stages as u64),
-            ("slow blocks, and far ones above", table.slow_blocks as u64 | (table.far_blocks as u64) << 32),
+            (
+                "slow blocks, far ones above, and whether samples jump",
+                table.slow_blocks as u64 | (table.far_blocks as u64) << 32 | u64::from(self.jumps) << 63,
+            ),
             ("fingerprint of the kernel", kernel),
         ]
     }
@@ -364,6 +383,11 @@ where
     #[inline(always)]
     fn check_room(&self) -> Result<(), MemoryError> {
         if self.len < self.table.horizon || self.forgets { Ok(()) } else { Err(full(self.table.horizon)) }
+    }
+
+    /// What is saved of the sum of samples that jump.
+    fn saved_signal(&self) -> &[T] {
+        if self.jumps { &self.signal } else { &[] }
     }
 
     /// Numbers of the state that samples change: all but the leading weight.
@@ -560,6 +584,34 @@ fn shift_and_add<T: Real>(mut pending: &mut [T], weights: &[T], x: T) {
     }
 }
 
+/// Adds a term of the sum of a signal's differences, kept in two parts: the first is the signal, rounded.
+#[inline(always)]
+fn add_difference<T: Real>(signal: &mut [T; 2], x: T) {
+    let (sum, rest) = sum_and_rest(signal[0], x);
+    let (sum, rest) = sum_and_rest(sum, rest + signal[1]);
+    *signal = [sum, rest];
+}
+
+/// y ← y + μ z with z = X − y for a block of slow exponentials and the signal X whose differences they take,
+/// y = settled + recent; adds the z before to the totals.
+#[inline(always)]
+fn follow<T: Real>(
+    sums: &mut [T; STATE_BLOCK],
+    block: &[T; STATE_BLOCK],
+    signal: T,
+    third: &Lanes<T>,
+    totals: &mut Lanes<T>,
+) {
+    let [decay, coefficient] = halves(*block);
+    let [recent, settled] = halves(*sums);
+    let before = lanes(|lane| ((signal - at(third, lane)) - at(&settled, lane)) - at(&recent, lane));
+    let changed = lanes(|lane| at(&recent, lane) + at(&decay, lane) * at(&before, lane));
+    if let Some(recent) = sums.first_chunk_mut::<LANES>() {
+        *recent = changed;
+    }
+    *totals = lanes(|lane| at(totals, lane) + at(&coefficient, lane) * at(&before, lane));
+}
+
 /// z ← z + (x − μ z) for a block of exponentials, z = recent + settled; returns the z before.
 ///
 /// Small changes meet the small recent part. That of a slow exponential is emptied into the settled part now
@@ -674,14 +726,6 @@ impl<'a, T: Real> NumberStep<'a, T> {
     }
 }
 
-/// a + b rounded, and what rounding took away.
-#[inline(always)]
-fn sum_and_rest<T: Real>(a: T, b: T) -> (T, T) {
-    let sum = a + b;
-    let second = sum - a;
-    (sum, (a - (sum - second)) + (b - second))
-}
-
 /// Moves the recent parts of a block into the settled ones and these into the third; what rounding takes away
 /// stays, to the bit.
 #[inline(always)]
@@ -721,6 +765,51 @@ where
     C: AsRef<[T]>,
     B: AsRef<[T]> + AsMut<[T]>,
 {
+    /// The step for differences of a signal that jumps. Out of line: schemes do not pay for it.
+    ///
+    /// With the sum X of the samples that have come to the exponentials, a running sum is z = X − y, where
+    ///
+    /// ```text
+    /// y ← y + μ (X − y) ,        X ← X + x :
+    /// ```
+    ///
+    /// of a slow exponential y takes small numbers only, where z takes x − μ z and loses the decay below the
+    /// last digit of x. X is one number for all of them, summed without loss.
+    #[inline(never)]
+    fn push_difference(&mut self, x: T) -> Option<()> {
+        let layout = Layout { stages: 1, coordinates: 1, ..self.layout };
+        let table = self.table.borrow();
+        let parts = layout.split(self.state.as_mut())?;
+        let step = NumberStep::new(&table, layout, self.scale, self.settling)?;
+        let leaving = match parts.delayed.get_mut(self.oldest) {
+            Some(place) => core::mem::replace(place, x),
+            None => x,
+        };
+        shift_and_add(parts.pending, step.weights, x);
+        let head = parts.pending.first().copied().unwrap_or_default();
+        let mut totals = [head, T::zero(), T::zero(), T::zero()];
+        let sums = parts.sums.as_chunks_mut::<STATE_BLOCK>().0;
+        let third = parts.third.as_chunks_mut::<LANES>().0;
+        let [signal, _] = self.signal;
+        let (slow, fast) = step.exponentials.split_at_checked(table.slow_blocks)?;
+        let (slow_sums, fast_sums) = sums.split_at_mut_checked(table.slow_blocks)?;
+        for (index, (block, sums)) in slow.iter().zip(slow_sums.iter_mut()).enumerate() {
+            let third = third.get(index).copied().unwrap_or_default();
+            follow(sums, block, signal, &third, &mut totals);
+        }
+        for (block, sums) in fast.iter().zip(fast_sums) {
+            absorb_number(sums, block, leaving, &mut totals);
+        }
+        add_difference(&mut self.signal, leaving);
+        match (slow_sums.get_mut(self.settling), third.get_mut(self.settling)) {
+            (Some(sums), Some(third)) => settle_far(sums, third),
+            (Some(sums), None) => settle(sums),
+            (None, _) => {}
+        }
+        *parts.term.first_mut()? = total(totals) * self.scale;
+        Some(())
+    }
+
     /// The step for plain numbers in one channel, which needs no loop and what a loop computes beforehand.
     #[inline(always)]
     fn push_number(&mut self, x: T) -> Option<()> {
@@ -844,6 +933,12 @@ where
         self.acts_on
     }
 
+    fn expect_jumps(&mut self) {
+        let one = self.layout.stages == 1 && self.layout.channels() == 1;
+        self.jumps = one && self.acts_on == ActsOn::Increments;
+        self.clear();
+    }
+
     fn leading(&self) -> &[T] {
         let state = self.state.as_ref();
         state.get(state.len().saturating_sub(self.table.stages * self.table.stages)..).unwrap_or(&[])
@@ -875,6 +970,7 @@ where
         check_channels(self.layout.channels(), sample.len())?;
         self.check_room()?;
         let stored = match (self.layout.stages, sample) {
+            (_, &[x]) if self.jumps => self.push_difference(x),
             _ if self.table.far_blocks > 0 => self.push_numbers_with_third_parts(sample),
             (1, &[x]) => self.push_number(x),
             (1, _) => self.push_numbers(sample),
@@ -896,6 +992,7 @@ where
             }
         }
         (self.oldest, self.settling, self.len) = (0, 0, 0);
+        self.signal = [T::zero(); 2];
     }
 
     fn bytes(&self) -> usize {
@@ -905,25 +1002,26 @@ where
     }
 
     fn state_bytes(&self) -> usize {
-        header_bytes(5) + self.changing() * T::BYTES
+        header_bytes(5) + (self.changing() + self.saved_signal().len()) * T::BYTES
     }
 
     fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
         to.header::<T, 4>(TAG, &self.shape())?;
         to.count(self.len)?;
-        to.numbers(self.state.as_ref().iter().take(self.changing()))
+        to.numbers(self.state.as_ref().iter().take(self.changing()).chain(self.saved_signal()))
     }
 
     fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         self.count(from)?;
-        from.skip::<T>(self.changing())
+        from.skip::<T>(self.changing() + self.saved_signal().len())
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         self.check_state(&mut from.clone())?;
         self.len = self.count(from)?;
         let changing = self.changing();
-        from.numbers(self.state.as_mut().iter_mut().take(changing))?;
+        let signal = self.signal.iter_mut().take(if self.jumps { 2 } else { 0 });
+        from.numbers(self.state.as_mut().iter_mut().take(changing).chain(signal))?;
         // Both go round, a place further with every sample.
         self.oldest = self.len.checked_rem(self.delayed_samples()).map_or(0, saturated);
         self.settling = self.len.checked_rem(self.settling_blocks()).map_or(0, saturated);
@@ -1338,6 +1436,56 @@ mod tests {
                 assert_eq!(restored.state, memory.state);
                 memory.push(&sample(k)).unwrap();
             }
+        }
+    }
+
+    #[test]
+    fn differences_of_a_signal_that_jumps_give_the_terms_of_any_others() {
+        // In two parts and in three; the slow sums are kept in another way, which is rounding.
+        for far_blocks in [0, 2] {
+            let (head, exponentials) = numbers::<f64>(9, 3);
+            let table = ExponentialTable {
+                stages: 1,
+                head: &head[..],
+                exponentials: &exponentials[..],
+                slow_blocks: 2,
+                far_blocks,
+                horizon: 1000,
+                step_size: 1.0,
+            };
+            let build = || ExponentialSum::new(table, 1.0, 1, vec![0.0; table.state_len(1)]).unwrap();
+            let mut plain = build().acting_on(ActsOn::Increments);
+            let jumping = || {
+                let mut memory = build().acting_on(ActsOn::Increments);
+                memory.expect_jumps();
+                memory
+            };
+            let mut memory = jumping();
+            for k in 0..200 {
+                let sample = [libm::cos(3.0 * f64::from(k))];
+                let (mut expected, mut found) = ([f64::NAN], [f64::NAN]);
+                plain.next_term(&mut expected).unwrap();
+                memory.next_term(&mut found).unwrap();
+                assert!((found[0] - expected[0]).abs() < 1e-13, "{k}: {} {}", found[0], expected[0]);
+                plain.push(&sample).unwrap();
+                memory.push(&sample).unwrap();
+                // Saved and taken back with every bit, and by none of the other kind.
+                let mut bytes = vec![0; memory.state_bytes()];
+                let mut writer = StateWriter::new(&mut bytes);
+                memory.save(&mut writer).unwrap();
+                assert_eq!(writer.written(), memory.state_bytes());
+                let mut restored = jumping();
+                let mut reader = StateReader::new(&bytes);
+                assert_eq!((restored.restore(&mut reader), reader.finish()), (Ok(()), Ok(())));
+                assert_eq!((restored.signal, &restored.state), (memory.signal, &memory.state));
+                assert!(plain.clone().restore(&mut StateReader::new(&bytes)).is_err());
+            }
+            memory.clear();
+            assert_eq!((memory.signal, memory.jumps), ([0.0; 2], true));
+            // Samples of other kinds are taken as before.
+            let mut on_values = build();
+            on_values.expect_jumps();
+            assert!(!on_values.jumps);
         }
     }
 

@@ -130,7 +130,7 @@ pub(crate) fn subtract_and_fold<T: Real>(target: &mut [T], x: &[T], join: impl F
 
 /// (a, b) ← of(a, b, x), number by number.
 #[inline(always)]
-pub fn combine_pair<T: Real>((a, b): (&mut [T], &mut [T]), x: &[T], of: impl Fn(T, T, T) -> (T, T)) {
+pub(crate) fn combine_pair<T: Real>((a, b): (&mut [T], &mut [T]), x: &[T], of: impl Fn(T, T, T) -> (T, T)) {
     let len = a.len().min(b.len()).min(x.len());
     let ((rows_of_a, a), (rows_of_b, b), (xs, x)) = (rows_mut(a, len), rows_mut(b, len), rows(x, len));
     for ((a, b), &x) in rows_of_a.iter_mut().zip(rows_of_b).zip(xs) {
@@ -235,6 +235,22 @@ fn two_rows<T>(matrix: &mut [T], n: usize, upper: usize, lower: usize) -> Option
     Some((above.get_mut(upper * n..)?.get_mut(..n)?, below.get_mut(..n)?))
 }
 
+/// Takes multiples of a pivot's row from the rows below it, so that nothing is left below the pivot; the
+/// factors stand there instead.
+#[inline(always)]
+fn eliminate<T: Real>(matrix: &mut [T], n: usize, column: usize, pivot: T) {
+    for row in column + 1..n {
+        let Some((upper, lower)) = two_rows(matrix, n, column, row) else { continue };
+        let mut entries = lower.iter_mut().zip(upper).skip(column);
+        let Some((entry, _)) = entries.next() else { continue };
+        *entry /= pivot;
+        let factor = *entry;
+        for (entry, &mut above) in entries {
+            *entry -= factor * above;
+        }
+    }
+}
+
 /// Factors P A = L U in place, by elimination with row pivoting; `pivots` takes the row that each column's
 /// pivot came from.
 ///
@@ -265,16 +281,7 @@ pub fn factor<T: Real>(matrix: &mut [T], pivots: &mut [usize]) -> Result<(), Sin
         {
             upper.iter_mut().zip(lower).for_each(|(a, b)| core::mem::swap(a, b));
         }
-        for row in column + 1..n {
-            let Some((upper, lower)) = two_rows(matrix, n, column, row) else { continue };
-            let mut entries = lower.iter_mut().zip(upper).skip(column);
-            let Some((entry, _)) = entries.next() else { continue };
-            *entry /= pivot;
-            let factor = *entry;
-            for (entry, &mut above) in entries {
-                *entry -= factor * above;
-            }
-        }
+        eliminate(matrix, n, column, pivot);
     }
     Ok(())
 }
@@ -397,16 +404,7 @@ pub fn is_positive_definite_in_place<T: Real>(matrix: &mut [T], n: usize) -> boo
         if !(pivot.is_finite() && pivot > diagonal * T::EPSILON * T::of(4.0)) {
             return false;
         }
-        for row in column + 1..n {
-            let Some((upper, lower)) = two_rows(matrix, n, column, row) else { continue };
-            let mut entries = lower.iter_mut().zip(upper).skip(column);
-            let Some((entry, _)) = entries.next() else { continue };
-            *entry /= pivot;
-            let factor = *entry;
-            for (entry, &mut above) in entries {
-                *entry -= factor * above;
-            }
-        }
+        eliminate(matrix, n, column, pivot);
     }
     true
 }

@@ -70,6 +70,15 @@ pub trait Memory<T> {
         ActsOn::Values
     }
 
+    /// Says that samples will be differences of a signal that may jump by its own size at every sample, as a
+    /// measured value with noise does, and forgets all samples.
+    ///
+    /// For engines whose sums would gather the rounding of such differences; others have nothing to do. Those
+    /// of a motion are small, and want nothing.
+    fn expect_jumps(&mut self) {
+        self.clear();
+    }
+
     /// Leading weight W₀, S×S numbers, row by row, of each kernel.
     fn leading(&self) -> &[T];
 
@@ -245,6 +254,10 @@ impl<T, M: Memory<T> + ?Sized> Memory<T> for &mut M {
         (**self).acts_on()
     }
 
+    fn expect_jumps(&mut self) {
+        (**self).expect_jumps();
+    }
+
     fn leading(&self) -> &[T] {
         (**self).leading()
     }
@@ -342,6 +355,10 @@ mod tests {
 
         fn acts_on(&self) -> ActsOn {
             ActsOn::Rises
+        }
+
+        fn expect_jumps(&mut self) {
+            self.samples = 9;
         }
 
         fn leading(&self) -> &[f64] {
@@ -455,6 +472,8 @@ mod tests {
         assert_eq!((memory.next_term(&mut term), term), (Ok(()), [7.0; 12]));
         assert_eq!(memory.push(&[0.0]), Err(MemoryError::ChannelMismatch { expected: 6, found: 1 }));
         assert_eq!((memory.push(&[0.0; 6]), memory.len(), memory.is_empty()), (Ok(()), 1, false));
+        memory.expect_jumps();
+        assert_eq!(memory.len(), 9);
         let mut bytes = [0; 9];
         assert_eq!((memory.save(&mut StateWriter::new(&mut bytes)), bytes), (Ok(()), [1; 9]));
         assert_eq!(memory.state_bytes(), 9);

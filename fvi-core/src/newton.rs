@@ -16,7 +16,7 @@ const SHRINKING: f64 = 0.125;
 
 /// The matrix of a step's linear equations: S×S blocks of N×N numbers, put together term by term.
 ///
-/// [`StepMatrix`] is the dense one, in place. A host brings others, sparse ones included.
+/// There is a dense one in place. A host brings others, sparse ones included.
 pub trait Equations<T: Real, B: Block<T>> {
     /// Factors that solve the equations of every step while the matrix stays the same.
     type Factor;
@@ -86,7 +86,7 @@ pub trait Equations<T: Real, B: Block<T>> {
 
 /// Dense [`Equations`] for N coordinates and S nodes, in place.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct StepMatrix<T, const N: usize, const S: usize> {
+pub(crate) struct StepMatrix<T, const N: usize, const S: usize> {
     entries: Square<T, N, S>,
     pivots: [[usize; N]; S],
 }
@@ -94,7 +94,7 @@ pub struct StepMatrix<T, const N: usize, const S: usize> {
 /// (S N)×(S N) numbers, row by row.
 type Square<T, const N: usize, const S: usize> = [[[[T; N]; S]; N]; S];
 
-/// The factors of a [`StepMatrix`].
+/// The factors of the matrix of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Factors<T, const N: usize, const S: usize> {
     /// Column by column.
@@ -114,7 +114,7 @@ impl<T: Real, const N: usize, const S: usize> Factors<T, N, S> {
 impl<T: Real, const N: usize, const S: usize> StepMatrix<T, N, S> {
     /// The zero matrix.
     #[inline(always)]
-    pub fn zero() -> Self {
+    pub(crate) fn zero() -> Self {
         Self { entries: [[[[T::zero(); N]; S]; N]; S], pivots: [[0; N]; S] }
     }
 
@@ -190,11 +190,11 @@ fn larger<T: Real>(largest: T, number: T) -> T {
 
 /// How Newton's method came to its end.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Converged<T> {
+pub(crate) struct Converged<T> {
     /// Corrections made.
-    pub iterations: u32,
+    pub(crate) iterations: u32,
     /// About how large the residual is at the end, rounding apart; `None` where nothing tells.
-    pub residual: Option<T>,
+    pub(crate) residual: Option<T>,
 }
 
 /// Newton's method but for its equations: which corrections take the factors of the one before, and which of
@@ -209,7 +209,7 @@ pub struct Converged<T> {
 /// shrinking: then rounding in the residual makes them. Near the smallest normal number rounding no longer
 /// shrinks with the numbers, so neither does the bound.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Corrections<T> {
+pub(crate) struct Corrections<T> {
     offset: T,
     count: u32,
     previous: Option<T>,
@@ -220,7 +220,7 @@ pub struct Corrections<T> {
 impl<T: Real> Corrections<T> {
     /// None made yet.
     #[inline(always)]
-    pub fn new(offset: T) -> Self {
+    pub(crate) fn new(offset: T) -> Self {
         Self { offset, count: 0, previous: None, again: false, sparing: false }
     }
 
@@ -232,7 +232,7 @@ impl<T: Real> Corrections<T> {
 
     /// Whether the next correction takes the factors of the last one.
     #[inline(always)]
-    pub fn takes_factors_again(&self) -> bool {
+    pub(crate) fn takes_factors_again(&self) -> bool {
         self.again
     }
 
@@ -243,7 +243,7 @@ impl<T: Real> Corrections<T> {
     /// # Errors
     /// [`StepError::NotFinite`] or [`StepError::NotConverged`].
     #[inline(always)]
-    pub fn judge(
+    pub(crate) fn judge(
         &mut self,
         residual: T,
         (change, extent): (T, T),

@@ -3,7 +3,7 @@
 use core::fmt;
 
 use crate::memory::{ActsOn, Memory, MemoryError};
-use crate::real::Real;
+use crate::real::{Real, sum_and_rest};
 use crate::saving::{Shape, StateError, StateReader, StateWriter, header_bytes};
 
 /// Left (retarded) discrete operator: (D₋x)_k = Σ_{n=0}^{k} w_n x_{k−n}, for every k of the sequence.
@@ -80,8 +80,9 @@ pub struct FractionalOperator<T, M> {
     start: Start<T>,
     /// The first sample, or of a memory on increments the last one.
     reference: T,
-    /// Time of the last sample, where they come at any times.
-    time: T,
+    /// Time of the last sample, where they come at any times; of a memory on increments what rounding has
+    /// taken from their sum.
+    rest: T,
 }
 
 /// A sample x_k that an operator has computed with and not taken yet; dropped, it leaves the operator as it
@@ -92,7 +93,7 @@ pub struct Pending<'a, T, M> {
     operator: &'a mut FractionalOperator<T, M>,
     acted_on: T,
     reference: T,
-    time: T,
+    rest: T,
     /// Contribution of the past to the next value.
     term: T,
     value: T,
@@ -112,12 +113,12 @@ impl<T: Real, M: Memory<T>> Pending<'_, T, M> {
     /// [`OperatorError::NotFinite`] if the sample or the result is not finite.
     #[inline]
     pub(crate) fn instead(self, sample: T) -> Result<Self, OperatorError> {
-        let (acted_on, reference) = self.operator.compared(sample)?;
+        let (acted_on, reference, rest) = self.operator.compared(sample)?;
         let value = self.operator.leading() * acted_on + self.term;
         if !acted_on.is_finite() || !value.is_finite() {
             return Err(OperatorError::NotFinite);
         }
-        Ok(Self { acted_on, reference, value, ..self })
+        Ok(Self { acted_on, reference, rest, value, ..self })
     }
 
     /// w₀ of the sample.
@@ -132,9 +133,9 @@ impl<T: Real, M: Memory<T>> Pending<'_, T, M> {
     /// None, of a memory that keeps the contract of [`Memory`].
     #[inline]
     pub fn take(self) -> Result<T, OperatorError> {
-        let Self { operator, acted_on, reference, time, value, .. } = self;
+        let Self { operator, acted_on, reference, rest, value, .. } = self;
         operator.memory.push(&[acted_on])?;
-        (operator.reference, operator.time) = (reference, time);
+        (operator.reference, operator.rest) = (reference, rest);
         Ok(value)
     }
 }
@@ -190,8 +191,8 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
         {
             return Err(OperatorError::NotFinite);
         }
-        memory.clear();
-        Ok(Self { memory, start, reference: T::zero(), time: T::zero() })
+        memory.expect_jumps();
+        Ok(Self { memory, start, reference: T::zero(), rest: T::zero() })
     }
 
     /// Takes the next sample x_k and returns (D^β x)_k.
@@ -201,11 +202,7 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     /// memory is full; the operator then is as before.
     #[inline]
     pub fn push(&mut self, sample: T) -> Result<T, OperatorError> {
-        let (acted_on, reference) = self.compared(sample)?;
-        let (value, _) = self.value(acted_on)?;
-        self.memory.push(&[acted_on])?;
-        self.reference = reference;
-        Ok(value)
+        self.prepare(sample)?.take()
     }
 
     /// What [`push`](FractionalOperator::push) would return; the operator stays as it is.
@@ -242,21 +239,26 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     /// As those of [`push`](FractionalOperator::push).
     #[inline]
     pub fn prepare(&mut self, sample: T) -> Result<Pending<'_, T, M>, OperatorError> {
-        let (acted_on, reference) = self.compared(sample)?;
+        let (acted_on, reference, rest) = self.compared(sample)?;
         let (value, term) = self.value(acted_on)?;
-        let time = self.time;
-        Ok(Pending { operator: self, acted_on, reference, time, term, value })
+        Ok(Pending { operator: self, acted_on, reference, rest, term, value })
     }
 
-    /// What the memory acts on for this sample, and what the next one is compared with.
+    /// What the memory acts on for this sample, what the next one is compared with, and what rounding has
+    /// taken from increments: the next one gets it, so that their sum stays with the signal however many there
+    /// are.
     #[inline(always)]
-    fn compared(&self, sample: T) -> Result<(T, T), OperatorError> {
+    fn compared(&self, sample: T) -> Result<(T, T, T), OperatorError> {
         let first = self.memory.is_empty();
         let on_values = self.memory.acts_on() == ActsOn::Values;
         let reference = if first { sample } else { self.reference };
-        let acted_on = match self.start {
-            Start::RiemannLiouville if on_values || first => sample,
-            Start::RiemannLiouville | Start::Caputo => sample - reference,
+        let (acted_on, rest) = match self.start {
+            Start::RiemannLiouville if on_values || first => (sample, self.rest),
+            Start::Caputo if on_values => (sample - reference, self.rest),
+            Start::RiemannLiouville | Start::Caputo => {
+                let (increment, lost) = sum_and_rest(sample, -reference);
+                sum_and_rest(increment, lost + self.rest)
+            }
             Start::CaputoWithRise { rise } => {
                 let count = self.memory.len();
                 // Past the largest count there is no telling how long the line has become.
@@ -264,12 +266,18 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
                     return Err(MemoryError::Full { capacity: count }.into());
                 }
                 let rises = if on_values { T::from_count(count as u64) } else { T::of(count.min(1) as f64) };
-                sample - reference - rise * rises
+                if on_values {
+                    (sample - reference - rise * rises, self.rest)
+                } else {
+                    let (increment, lost) = sum_and_rest(sample, -reference);
+                    let (increment, more) = sum_and_rest(increment, -rise * rises);
+                    sum_and_rest(increment, (lost + more) + self.rest)
+                }
             }
             // A slope wants times.
             Start::CaputoWithSlope { .. } => return Err(MemoryError::StepLength.into()),
         };
-        Ok((acted_on, if on_values { reference } else { sample }))
+        Ok((acted_on, if on_values { reference } else { sample }, rest))
     }
 
     /// Takes a sample that comes `interval` units of time after the one before and returns (D^β x)_k: for
@@ -287,14 +295,6 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
         self.prepare_after(interval, sample)?.take()
     }
 
-    /// What [`push_after`](FractionalOperator::push_after) would return; the operator stays as it is.
-    ///
-    /// # Errors
-    /// As there.
-    pub fn peek_after(&mut self, interval: T, sample: T) -> Result<T, OperatorError> {
-        Ok(self.prepare_after(interval, sample)?.value())
-    }
-
     /// As [`prepare`](FractionalOperator::prepare), for a sample that comes `interval` units of time after
     /// the one before.
     ///
@@ -306,7 +306,7 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
             return Err(MemoryError::StepLength.into());
         }
         let first = if empty { sample } else { self.reference };
-        let time = if empty { T::zero() } else { self.time + interval };
+        let time = if empty { T::zero() } else { self.rest + interval };
         let acted_on = match self.start {
             Start::RiemannLiouville => sample,
             Start::Caputo => sample - first,
@@ -315,7 +315,7 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
         };
         self.memory.begin_step(interval)?;
         let (value, term) = self.value(acted_on)?;
-        Ok(Pending { operator: self, acted_on, reference: first, time, term, value })
+        Ok(Pending { operator: self, acted_on, reference: first, rest: time, term, value })
     }
 
     /// The value with a sample of which the memory acts on this, and what the past adds to it.
@@ -339,7 +339,7 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     /// Forgets all samples.
     pub fn clear(&mut self) {
         self.memory.clear();
-        (self.reference, self.time) = (T::zero(), T::zero());
+        (self.reference, self.rest) = (T::zero(), T::zero());
     }
 
     /// Number of bytes that [`save`](FractionalOperator::save) writes at present.
@@ -353,7 +353,7 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     /// [`StateError::NoRoom`], and what the memory says.
     pub fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
         to.header::<T, 3>(TAG, &self.shape())?;
-        to.numbers([&self.reference, &self.time])?;
+        to.numbers([&self.reference, &self.rest])?;
         self.memory.save(to)
     }
 
@@ -374,9 +374,9 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     pub fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         let mut ahead = from.clone();
         ahead.header::<T, 3>(TAG, &self.shape())?;
-        let (reference, time) = (ahead.number()?, ahead.number()?);
+        let (reference, rest) = (ahead.number()?, ahead.number()?);
         self.memory.restore(&mut ahead)?;
-        (self.reference, self.time) = (reference, time);
+        (self.reference, self.rest) = (reference, rest);
         *from = ahead;
         Ok(())
     }
@@ -480,8 +480,8 @@ mod tests {
         }
         let mut at_any_time = identity(Start::CaputoWithSlope { slope: 0.5 });
         at_any_time.push_after(0.25, 3.0).unwrap();
-        assert_eq!(at_any_time.peek_after(2.0, 5.0), Ok(1.0));
-        assert_eq!(at_any_time.peek_after(1.0, 5.0), Ok(1.5));
+        assert_eq!(at_any_time.prepare_after(2.0, 5.0).unwrap().value(), 1.0);
+        assert_eq!(at_any_time.prepare_after(1.0, 5.0).unwrap().value(), 1.5);
         assert_eq!(at_any_time.push_after(1.0, 5.0), Ok(1.5));
         assert_eq!(at_any_time.push_after(1.0, 5.0), Ok(1.0));
     }

@@ -10,7 +10,7 @@ use crate::memory::Memory;
 use crate::memoryless::Memoryless;
 use crate::operator::{FractionalOperator, OperatorError, Pending, Start};
 use crate::pid_law::{AntiWindup, Bumpless, DerivativeFilter, DerivativeOf, PidGains, PidLaw};
-use crate::real::Real;
+use crate::real::{Real, sum_and_rest};
 use crate::saving::{Shape, StateError, StateReader, StateWriter, header_bytes};
 
 /// A fractional PID controller on memories of any kind: [`PidLaw`] has the equations.
@@ -20,7 +20,7 @@ use crate::saving::{Shape, StateError, StateReader, StateWriter, header_bytes};
 /// everything as it was. The integral is in units of the output, I^λ of K_i e. For λ < 1 it is the value of
 /// an operator and a number beside it, which takes up transfers and changes of gains; for λ ≥ 1 it is a sum,
 /// exact to rounding, of I^{λ−1}. (I¹ D^{1−λ} for λ < 1 would sum up the rounding of its memory: in single
-/// precision 1.6·10⁻² after 10⁷ ticks of a signal of size 1, where the operator has lost 10⁻⁶.)
+/// precision up to 10⁻² after 10⁷ ticks of a signal of size 1, where the operator has lost 10⁻⁶.)
 ///
 /// * **Limits and rate.** The output moves at most by the rate limit from that of the tick before, and never
 ///   beyond the limits. Feed-forward is inside.
@@ -111,8 +111,8 @@ struct PidState<T> {
     output: T,
     /// The output that the manual mode asks for.
     manual: T,
-    /// The derivative behind the filter of order 1.
-    filtered: T,
+    /// The derivative behind the filter of order 1, and what rounding took from it.
+    filtered: Beside<T>,
     /// The gains of the last tick.
     gains: PidGains<T>,
     /// The integral term of the last tick.
@@ -125,15 +125,8 @@ impl<T: Real> PidState<T> {
     fn new(gains: PidGains<T>) -> Self {
         let zero = T::zero();
         let beside = Beside { sum: zero, rest: zero };
-        Self {
-            mode: Mode::Automatic,
-            output: zero,
-            manual: zero,
-            filtered: zero,
-            gains,
-            integral: zero,
-            beside,
-        }
+        let filtered = beside;
+        Self { mode: Mode::Automatic, output: zero, manual: zero, filtered, gains, integral: zero, beside }
     }
 }
 
@@ -147,11 +140,8 @@ struct Beside<T> {
 impl<T: Real> Beside<T> {
     #[inline(always)]
     fn plus(self, more: T) -> Self {
-        let gain = more + self.rest;
-        let sum = self.sum + gain;
-        // What rounding took from the sum, exactly.
-        let second = sum - self.sum;
-        Self { sum, rest: (self.sum - (sum - second)) + (gain - second) }
+        let (sum, rest) = sum_and_rest(self.sum, more + self.rest);
+        Self { sum, rest }
     }
 
     /// What is to be kept with this value of the operator, and the integral term: the sum of `step` times the
@@ -424,19 +414,19 @@ where
                     let pending = prepare(derivative, interval, signal)?;
                     filtered = match (settings.derivative_filter, filter) {
                         (DerivativeFilter::FirstOrder { .. }, _) => {
-                            state.filtered + share * (pending.value() - state.filtered)
+                            state.filtered.plus(share * (pending.value() - state.filtered.sum))
                         }
                         (DerivativeFilter::Fractional { .. }, Some(filter)) => {
                             let (behind, pending) =
                                 relaxed(filter, interval, law.filter_time, pending.value())?;
                             pending_filter = Some(pending);
-                            behind
+                            Beside { sum: behind, ..filtered }
                         }
-                        _ => pending.value(),
+                        _ => Beside { sum: pending.value(), ..filtered },
                     };
                     pending_derivative = Some(pending);
                 }
-                (b * setpoint - measured, filtered)
+                (b * setpoint - measured, filtered.sum)
             }
             PidGains::Series { derivative_time, filter_ratio, .. } => match derivative {
                 Some(derivative) => {
@@ -662,7 +652,7 @@ where
     pub fn state_bytes(&self) -> usize {
         let derivative = self.derivative.as_ref().map_or(0, FractionalOperator::state_bytes);
         let filter = self.filter.as_ref().map_or(0, FractionalOperator::state_bytes);
-        header_bytes(4) + 8 + 10 * T::BYTES + self.integral.state_bytes() + derivative + filter
+        header_bytes(4) + 8 + 11 * T::BYTES + self.integral.state_bytes() + derivative + filter
     }
 
     /// Writes the state with all that the memories hold, so that a controller made alike that restores it
@@ -678,8 +668,8 @@ where
             Mode::Manual => 1,
             Mode::Transfer => 2,
         })?;
-        let Beside { sum, rest } = &state.beside;
-        to.numbers([&state.output, &state.manual, &state.filtered, &state.integral, sum, rest])?;
+        to.numbers([&state.output, &state.manual, &state.filtered.sum, &state.filtered.rest])?;
+        to.numbers([&state.integral, &state.beside.sum, &state.beside.rest])?;
         to.numbers(&numbers_of(&state.gains))?;
         self.integral.save(to)?;
         if let Some(derivative) = &self.derivative {
@@ -701,7 +691,8 @@ where
             2 => Mode::Transfer,
             found => return Err(StateError::TooLarge { what: "mode", limit: 2, found }),
         };
-        let (output, manual, filtered) = (ahead.number()?, ahead.number()?, ahead.number()?);
+        let (output, manual) = (ahead.number()?, ahead.number()?);
+        let filtered = Beside { sum: ahead.number()?, rest: ahead.number()? };
         let integral = ahead.number()?;
         let beside = Beside { sum: ahead.number()?, rest: ahead.number()? };
         let numbers = [ahead.number()?, ahead.number()?, ahead.number()?, ahead.number()?];

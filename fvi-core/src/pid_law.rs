@@ -78,7 +78,10 @@ impl<T: Real> PidGains<T> {
                 let allowed = "at least 0 and finite";
                 ParameterError::check(time >= 0.0 && time.is_finite(), "derivative time", time, allowed)?;
                 let allowed = "positive and finite";
-                ParameterError::check(ratio > 0.0 && ratio.is_finite(), "filter ratio", ratio, allowed)
+                ParameterError::check(ratio > 0.0 && ratio.is_finite(), "filter ratio", ratio, allowed)?;
+                let finite = (derivative_time / filter_ratio).is_finite();
+                let allowed = "finite also when divided by the filter ratio";
+                ParameterError::check(finite, "derivative time", time, allowed)
             }
         }
     }
@@ -240,6 +243,9 @@ impl<T: Real> PidLaw<T> {
         }
         if let Some(sample) = settings.sample {
             check_step_size(sample)?;
+            let step = T::of(sample);
+            let allowed = "one that the precision holds with all digits";
+            check(step >= T::SMALLEST_NORMAL && step.is_finite(), "step size", sample, allowed)?;
         }
         for weight in settings.setpoint_weights {
             check(weight.is_finite(), "setpoint weight", weight.to_f64(), "a finite number")?;
@@ -250,6 +256,9 @@ impl<T: Real> PidLaw<T> {
         check(!unreachable, "limits", lower.to_f64(), "not one and the same infinity")?;
         let rate = settings.rate_limit;
         check(rate > T::zero(), "rate limit", rate.to_f64(), "positive, or infinite for none")?;
+        let stride = settings.sample.map(|sample| rate * T::of(sample));
+        let moves = stride.is_none_or(|stride| stride > T::zero());
+        check(moves, "rate limit", rate.to_f64(), "large enough for a change in a sample time")?;
         let tracking = match settings.anti_windup {
             AntiWindup::BackCalculation { time } => {
                 let tracking = T::of(libm::pow(time, -settings.integral_order));
@@ -291,7 +300,7 @@ impl<T: Real> PidLaw<T> {
             filter_share: settings.sample.map_or(T::zero(), share),
             step: T::of(settings.sample.unwrap_or(f64::NAN)),
             accumulates: settings.integral_order >= 1.0,
-            stride: settings.sample.map_or(T::of(f64::NAN), |sample| rate * T::of(sample)),
+            stride: stride.unwrap_or(T::of(f64::NAN)),
         })
     }
 

@@ -11,7 +11,7 @@
 //! | [`model`] | systems compiled to programs and matrices, schemes of any shape |
 //! | [`simulation`] | a scenario in motion; its stability and its energy |
 //! | [`results`] | trajectories, summaries, pictures, the files they go to |
-//! | [`lab`] | runs, orders of convergence, sweeps, comparisons, two-point problems |
+//! | [`lab`] | runs, orders of convergence, sweeps, two-point problems |
 //! | `reproduce` | the figures and tables of the papers, computed again |
 //! | `command` | the program `fvi` |
 //!

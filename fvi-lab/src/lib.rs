@@ -3,7 +3,7 @@
 //! | layer | what it knows |
 //! |---|---|
 //! | [`results`] | trajectories, summaries, pictures, the files they go to |
-//! | [`lab`] | runs, orders of convergence, sweeps, comparisons, two-point problems |
+//! | [`lab`] | runs, orders of convergence, sweeps, two-point problems |
 //!
 //! The feature `pictures` brings those of runs and studies.
 #![forbid(unsafe_code)]

@@ -2,7 +2,7 @@
 
 use fvi_core::{Memory, MemoryError, ParameterError};
 
-use crate::frame::Frame;
+use crate::frame::{Frame, framed};
 use crate::operations::Operations;
 use crate::product::sum;
 
@@ -81,17 +81,7 @@ impl ExponentialModes {
 }
 
 impl Memory<f64> for ExponentialModes {
-    fn channels(&self) -> usize {
-        self.frame.channels
-    }
-
-    fn leading(&self) -> &[f64] {
-        &self.frame.leading
-    }
-
-    fn len(&self) -> usize {
-        self.frame.len
-    }
+    framed!();
 
     #[inline(always)]
     fn next_term(&mut self, term: &mut [f64]) -> Result<(), MemoryError> {

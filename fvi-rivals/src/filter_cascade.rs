@@ -2,7 +2,7 @@
 
 use fvi_core::{BdfOrder, Memory, MemoryError, ParameterError};
 
-use crate::frame::Frame;
+use crate::frame::{Frame, framed};
 use crate::operations::Operations;
 
 /// One section (s + zero)/(s + pole), or s + zero where there is no pole.
@@ -141,17 +141,7 @@ fn formula(order: BdfOrder) -> Vec<f64> {
 }
 
 impl Memory<f64> for FilterCascade {
-    fn channels(&self) -> usize {
-        self.frame.channels
-    }
-
-    fn leading(&self) -> &[f64] {
-        &self.frame.leading
-    }
-
-    fn len(&self) -> usize {
-        self.frame.len
-    }
+    framed!();
 
     #[inline(always)]
     fn next_term(&mut self, term: &mut [f64]) -> Result<(), MemoryError> {

@@ -33,6 +33,25 @@ impl Frame {
     }
 }
 
+/// What a [`Memory`](fvi_core::Memory) with a field `frame` answers from it.
+macro_rules! framed {
+    () => {
+        fn channels(&self) -> usize {
+            self.frame.channels
+        }
+
+        fn leading(&self) -> &[f64] {
+            &self.frame.leading
+        }
+
+        fn len(&self) -> usize {
+            self.frame.len
+        }
+    };
+}
+
+pub(crate) use framed;
+
 /// A kernel must have its leading weight.
 pub(crate) fn leading_of(weights: &[f64]) -> Result<f64, ParameterError> {
     weights.first().copied().ok_or(ParameterError {

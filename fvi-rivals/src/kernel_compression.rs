@@ -2,13 +2,13 @@
 
 use fvi_core::ParameterError;
 
-use crate::dyadic_exponentials::power_rules;
+use crate::dyadic_exponentials::{Term, power_rules};
 use crate::exponential_modes::{ExponentialModes, Mode, Modes};
-use crate::jiang::fewest_points;
+use crate::jiang::{fastest_rate, fewest_points};
 use crate::l1::check_order;
 
 /// Ratio of one interval of rates to the one before.
-const RATIO: f64 = 3.0;
+pub(crate) const RATIO: f64 = 3.0;
 
 /// Kernel compression \[BaffetHesthaven17\] by composite Gauss–Jacobi rules \[Baffet19\]: O(log N) a step.
 ///
@@ -33,15 +33,19 @@ pub fn kernel_compression(
     tolerance: f64,
 ) -> Result<ExponentialModes, ParameterError> {
     check_order(order, step)?;
-    let modes = fewest_points(order, step, capacity, tolerance, |points, fastest| {
-        modes_of(order, step, capacity, points, fastest)
+    let (_, modes) = fewest_points(order, step, capacity, tolerance, |points| {
+        modes_of(order, step, &kernel_terms(order, capacity, tolerance, points))
     })?;
     ExponentialModes::new(&modes, channels, capacity)
 }
 
-fn modes_of(order: f64, step: f64, capacity: usize, points: usize, fastest: f64) -> Modes {
+/// Σ a e^{−λt} for Γ(β) t^{−β} between a step and the end, time in steps.
+pub(crate) fn kernel_terms(order: f64, capacity: usize, tolerance: f64, points: usize) -> Vec<Term> {
+    power_rules(order - 1.0, capacity as f64 + 1.0, RATIO, fastest_rate(tolerance), points)
+}
+
+fn modes_of(order: f64, step: f64, terms: &[Term]) -> Modes {
     let scale = libm::pow(step, -order);
-    let terms = power_rules(order - 1.0, capacity as f64 + 1.0, RATIO, fastest, points);
     // t^{−β} = Σ a e^{−λt}/Γ(β), and 1/(Γ(1−β)Γ(β)) = sin(πβ)/π.
     let factor = scale * libm::sin(std::f64::consts::PI * order) / std::f64::consts::PI;
     let mode = |rate: f64, amplitude: f64| {

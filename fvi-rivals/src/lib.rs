@@ -9,19 +9,20 @@
 //! |---|---|---|
 //! | [`PlainSum`] | O(N) | any weights; a window of them is the short-memory principle |
 //! | [`TextbookHls`] | O(log² N) | any weights |
-//! | [`UniformPartition`] | O(√N) | any weights |
-//! | [`NonUniformPartition`] | O(log² N) | any weights |
+//! | [`PartitionedSum`] | O(√N) or O(log² N) | any weights ([`uniform_partition`], [`non_uniform_partition`]) |
 //! | [`RelaxedProduct`] | O(log² N) | any weights |
 //! | [`FilterCascade`] | O(poles) | s^β, as a rational function ([`oustaloup`], [`matsuda`]) |
 //! | [`ExponentialModes`] | O(log N) | s^β by the L1 formula ([`jiang`], [`kernel_compression`]) |
 //! | [`ObliviousQuadrature`] | O(log N) | K(s) with singularities on the negative real axis, BDF of order 1 |
 #![forbid(unsafe_code)]
 
+mod claims;
 mod dyadic_exponentials;
 mod exponential_modes;
 mod filter_cascade;
 mod frame;
 mod gauss_jacobi;
+mod growth;
 mod jiang;
 mod kernel_compression;
 mod l1;
@@ -36,9 +37,11 @@ mod relaxed;
 mod short_memory;
 mod textbook_hls;
 
+pub use claims::{Claim, Relation, claims};
 pub use exponential_modes::ExponentialModes;
 pub use filter_cascade::{FilterCascade, Section};
 pub use fvi_fft::Vectorised;
+pub use growth::{Growth, fitted_exponent, growths};
 pub use jiang::jiang;
 pub use kernel_compression::kernel_compression;
 pub use l1::l1_weights;
@@ -46,7 +49,7 @@ pub use matsuda::matsuda;
 pub use oblivious::ObliviousQuadrature;
 pub use operations::Operations;
 pub use oustaloup::oustaloup;
-pub use partition::{NonUniformPartition, UniformPartition};
+pub use partition::{PartitionedSum, non_uniform_partition, uniform_partition};
 pub use plain_sum::PlainSum;
 pub use relaxed::RelaxedProduct;
 pub use short_memory::{short_memory, window_of};

@@ -55,7 +55,7 @@ pub fn matsuda(
 
 /// gain · Π (s + zero)/(s + pole), both ascending.
 #[derive(Clone, Debug)]
-struct Rational {
+pub(crate) struct Rational {
     gain: f64,
     zeros: Vec<f64>,
     poles: Vec<f64>,
@@ -63,7 +63,7 @@ struct Rational {
 
 impl Rational {
     /// `None` if zeros or poles are not all there, as rounding leaves them.
-    fn through_gains(order: f64, low: f64, high: f64, count: usize) -> Option<Self> {
+    pub(crate) fn through_gains(order: f64, low: f64, high: f64, count: usize) -> Option<Self> {
         let points = 2 * count + 1;
         let ratio = libm::pow(high / low, 1.0 / (points - 1) as f64);
         // In units of the lowest point. The powers of ratio^β to 30 digits belong to an order that differs
@@ -121,7 +121,7 @@ impl Rational {
     }
 
     /// At s > 0.
-    fn value(&self, s: f64) -> f64 {
+    pub(crate) fn value(&self, s: f64) -> f64 {
         let factors = self.zeros.iter().zip(&self.poles).map(|(zero, pole)| (s + zero) / (s + pole));
         self.gain * factors.product::<f64>()
     }

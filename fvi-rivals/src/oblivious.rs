@@ -6,7 +6,7 @@ use fvi_core::{Memory, MemoryError, ParameterError};
 use nalgebra::Complex;
 
 use crate::dyadic_exponentials::lags_to_compare;
-use crate::frame::{Frame, leading_of};
+use crate::frame::{Frame, framed, leading_of};
 use crate::operations::Operations;
 use crate::product::{product, sum};
 
@@ -296,17 +296,7 @@ fn hyperbola(
 }
 
 impl Memory<f64> for ObliviousQuadrature {
-    fn channels(&self) -> usize {
-        self.frame.channels
-    }
-
-    fn leading(&self) -> &[f64] {
-        &self.frame.leading
-    }
-
-    fn len(&self) -> usize {
-        self.frame.len
-    }
+    framed!();
 
     #[inline(always)]
     fn next_term(&mut self, term: &mut [f64]) -> Result<(), MemoryError> {

@@ -36,12 +36,22 @@ pub fn oustaloup(
     let (low, high) = band(step, capacity, tolerance);
     let spacing = PI * PI / -libm::log(tolerance);
     let count = ((libm::log(high / low) / spacing).ceil() as usize).clamp(1, MOST_SECTIONS);
-    let ratio = libm::log(high / low) / count as f64;
-    sections.extend((0..count).map(|k| {
-        let place = |shift: f64| low * libm::exp(ratio * (k as f64 + 0.5 * (1.0 + shift)));
-        Section { zero: place(-part), pole: Some(place(part)) }
-    }));
+    sections.extend(recursion(part, low, high, count));
     FilterCascade::new(libm::pow(high, part), &sections, formula, step, channels, capacity)
+}
+
+/// Zeros and poles of `count` sections between two frequencies.
+pub(crate) fn recursion(
+    order: f64,
+    low: f64,
+    high: f64,
+    count: usize,
+) -> impl Iterator<Item = Section> + Clone {
+    let ratio = libm::log(high / low) / count as f64;
+    (0..count).map(move |k| {
+        let place = |shift: f64| low * libm::exp(ratio * (k as f64 + 0.5 * (1.0 + shift)));
+        Section { zero: place(-order), pole: Some(place(order)) }
+    })
 }
 
 /// The section s for orders above 1, and the order that is left.

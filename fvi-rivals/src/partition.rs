@@ -6,7 +6,7 @@ use fvi_core::{Memory, MemoryError, ParameterError};
 use realfft::num_complex::Complex;
 use realfft::{ComplexToReal, RealToComplex};
 
-use crate::frame::{Frame, leading_of};
+use crate::frame::{Frame, framed, leading_of};
 use crate::operations::{Operations, real_transform};
 use crate::product::product;
 
@@ -128,8 +128,9 @@ pub(crate) fn multiply_add(sum: &mut [Complex<f64>], a: &[Complex<f64>], b: &[Co
     }
 }
 
-/// Near lags summed directly, the others in segments that are due at multiples of their block.
-struct Partitioned {
+/// A partition of the weights: near lags summed directly, the others in segments that are due at multiples of
+/// their block.
+pub struct PartitionedSum {
     frame: Frame,
     /// w_D … w_1
     near: Vec<f64>,
@@ -139,7 +140,7 @@ struct Partitioned {
     operations: Operations,
 }
 
-impl Partitioned {
+impl PartitionedSum {
     fn new(
         weights: &[f64],
         channels: usize,
@@ -158,6 +159,15 @@ impl Partitioned {
             operations: Operations::default(),
         })
     }
+
+    /// The count of its operations.
+    pub fn operations(&self) -> Operations {
+        self.operations.clone()
+    }
+}
+
+impl Memory<f64> for PartitionedSum {
+    framed!();
 
     #[inline(always)]
     fn next_term(&mut self, term: &mut [f64]) -> Result<(), MemoryError> {
@@ -202,77 +212,32 @@ impl Partitioned {
     }
 }
 
-macro_rules! memory_of_partitioned {
-    ($name:ident) => {
-        impl $name {
-            /// The count of its operations.
-            pub fn operations(&self) -> Operations {
-                self.0.operations.clone()
-            }
-        }
-
-        impl Memory<f64> for $name {
-            fn channels(&self) -> usize {
-                self.0.frame.channels
-            }
-
-            fn leading(&self) -> &[f64] {
-                &self.0.frame.leading
-            }
-
-            fn len(&self) -> usize {
-                self.0.frame.len
-            }
-
-            #[inline(always)]
-            fn next_term(&mut self, term: &mut [f64]) -> Result<(), MemoryError> {
-                self.0.next_term(term)
-            }
-
-            #[inline(always)]
-            fn push(&mut self, sample: &[f64]) -> Result<(), MemoryError> {
-                self.0.push(sample)
-            }
-
-            fn clear(&mut self) {
-                self.0.clear();
-            }
-
-            fn bytes(&self) -> usize {
-                self.0.bytes()
-            }
-        }
-    };
-}
-
 /// Equal blocks of B weights behind B − 1 lags that are summed directly: O(√N) a step with B ≈ 2√N.
 ///
 /// B is the power of two with the fewest operations for the capacity; spectra of samples lie in a
 /// frequency-domain delay line, so that a block costs one transform and one back.
 ///
 /// Source: \[Wefers15\], chapter 5; \[Gardner95\].
-pub struct UniformPartition(Partitioned);
-
-memory_of_partitioned!(UniformPartition);
-
-impl UniformPartition {
-    /// For at most `capacity` samples; weights beyond the table are zero.
-    ///
-    /// # Errors
-    /// If there is no weight, no channel or no capacity.
-    pub fn new(weights: &[f64], channels: usize, capacity: usize) -> Result<Self, ParameterError> {
-        let lags = weights.len().min(capacity);
-        let parts = |block: usize| lags.saturating_sub(block).div_ceil(block);
-        let cost = |block: usize| {
-            2 * block + (2 * real_transform(2 * block) + 8 * parts(block) * (block + 1)) / block
-        };
-        let block = (4..24).map(|power| 1 << power).min_by_key(|&block| cost(block)).unwrap_or(16);
-        let segments = match parts(block) {
-            0 => Vec::new(),
-            parts => vec![Segment::new(weights, block, block, parts, channels)],
-        };
-        Ok(Self(Partitioned::new(weights, channels, capacity, block - 1, segments)?))
-    }
+///
+/// For at most `capacity` samples; weights beyond the table are zero.
+///
+/// # Errors
+/// If there is no weight, no channel or no capacity.
+pub fn uniform_partition(
+    weights: &[f64],
+    channels: usize,
+    capacity: usize,
+) -> Result<PartitionedSum, ParameterError> {
+    let lags = weights.len().min(capacity);
+    let parts = |block: usize| lags.saturating_sub(block).div_ceil(block);
+    let cost =
+        |block: usize| 2 * block + (2 * real_transform(2 * block) + 8 * parts(block) * (block + 1)) / block;
+    let block = (4..24).map(|power| 1 << power).min_by_key(|&block| cost(block)).unwrap_or(16);
+    let segments = match parts(block) {
+        0 => Vec::new(),
+        parts => vec![Segment::new(weights, block, block, parts, channels)],
+    };
+    PartitionedSum::new(weights, channels, capacity, block - 1, segments)
 }
 
 /// Gardner's partition for an even load: 2B − 1 lags summed directly, then two blocks each of B, 2B, 4B …
@@ -282,22 +247,21 @@ impl UniformPartition {
 /// its samples are there, without a scheduler. B = 32.
 ///
 /// Source: \[Gardner95\].
-pub struct NonUniformPartition(Partitioned);
-
-memory_of_partitioned!(NonUniformPartition);
-
-/// Smallest block.
-const SMALLEST: usize = 32;
-
-impl NonUniformPartition {
-    /// For at most `capacity` samples; weights beyond the table are zero.
-    ///
-    /// # Errors
-    /// If there is no weight, no channel or no capacity.
-    pub fn new(weights: &[f64], channels: usize, capacity: usize) -> Result<Self, ParameterError> {
-        let lags = weights.len().min(capacity);
-        let blocks = (0..).map(|level| SMALLEST << level).take_while(|block| 2 * block < lags);
-        let segments = blocks.map(|block| Segment::new(weights, block, 2 * block, 2, channels)).collect();
-        Ok(Self(Partitioned::new(weights, channels, capacity, 2 * SMALLEST - 1, segments)?))
-    }
+///
+/// For at most `capacity` samples; weights beyond the table are zero.
+///
+/// # Errors
+/// If there is no weight, no channel or no capacity.
+pub fn non_uniform_partition(
+    weights: &[f64],
+    channels: usize,
+    capacity: usize,
+) -> Result<PartitionedSum, ParameterError> {
+    let lags = weights.len().min(capacity);
+    let blocks = (0..).map(|level| SMALLEST << level).take_while(|block| 2 * block < lags);
+    let segments = blocks.map(|block| Segment::new(weights, block, 2 * block, 2, channels)).collect();
+    PartitionedSum::new(weights, channels, capacity, 2 * SMALLEST - 1, segments)
 }
+
+/// Smallest block of [`non_uniform_partition`].
+const SMALLEST: usize = 32;

@@ -2,7 +2,7 @@
 
 use fvi_core::{Memory, MemoryError, ParameterError};
 
-use crate::frame::{Frame, leading_of};
+use crate::frame::{Frame, framed, leading_of};
 use crate::operations::Operations;
 use crate::product::product;
 
@@ -51,17 +51,7 @@ impl PlainSum {
 }
 
 impl Memory<f64> for PlainSum {
-    fn channels(&self) -> usize {
-        self.frame.channels
-    }
-
-    fn leading(&self) -> &[f64] {
-        &self.frame.leading
-    }
-
-    fn len(&self) -> usize {
-        self.frame.len
-    }
+    framed!();
 
     #[inline(always)]
     fn next_term(&mut self, term: &mut [f64]) -> Result<(), MemoryError> {

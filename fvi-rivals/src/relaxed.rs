@@ -6,7 +6,7 @@ use fvi_core::{Memory, MemoryError, ParameterError};
 use realfft::num_complex::Complex;
 use realfft::{ComplexToReal, RealToComplex};
 
-use crate::frame::{Frame, leading_of};
+use crate::frame::{Frame, framed, leading_of};
 use crate::operations::{Operations, real_transform};
 use crate::partition::multiply_add;
 use crate::product::product;
@@ -153,17 +153,7 @@ impl RelaxedProduct {
 }
 
 impl Memory<f64> for RelaxedProduct {
-    fn channels(&self) -> usize {
-        self.frame.channels
-    }
-
-    fn leading(&self) -> &[f64] {
-        &self.frame.leading
-    }
-
-    fn len(&self) -> usize {
-        self.frame.len
-    }
+    framed!();
 
     #[inline(always)]
     fn next_term(&mut self, term: &mut [f64]) -> Result<(), MemoryError> {

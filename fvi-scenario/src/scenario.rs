@@ -12,6 +12,7 @@ mod grid;
 mod gyroscopic;
 mod initial;
 mod kernel;
+mod keys;
 mod load;
 mod matrix;
 mod own_terms;
@@ -38,6 +39,7 @@ pub use grid::{Grid, GridRule};
 pub use gyroscopic::SkewMatrix;
 pub use initial::InitialState;
 pub use kernel::{kernel_of_document, kernel_of_file, kernel_of_symbol, kernel_of_table, weights_of};
+pub use keys::KEYS;
 pub use load::{Amplitude, Load, Pattern, Record};
 pub use matrix::SymmetricMatrix;
 pub use own_terms::{OwnTerms, SharedTerms};
@@ -493,15 +495,19 @@ impl Scenario {
         Ok(())
     }
 
-    /// v₀ = M⁻¹ p₀; `None` for a mass that is known by its entries, which takes a solution of equations.
+    /// v₀ = M⁻¹ p₀, zero where there is no mass; `None` for a mass that is known by its entries, which takes a
+    /// solution of equations.
     pub fn initial_velocity(&self) -> Option<Vec<f64>> {
         let momentum = &self.initial.momentum;
         match &self.system.mass {
             SymmetricMatrix::Diagonal(masses) => {
-                Some(momentum.iter().zip(masses).map(|(p, mass)| p / mass).collect())
+                let velocity = |(&p, &mass): (&f64, &f64)| if mass == 0.0 { 0.0 } else { p / mass };
+                Some(momentum.iter().zip(masses).map(velocity).collect())
             }
             SymmetricMatrix::Dense(mass) => {
-                let inverse = dense::inverse(mass.clone())?;
+                let mut regular = mass.clone();
+                self.system.massless().into_iter().for_each(|row| regular[(row, row)] = 1.0);
+                let inverse = dense::inverse(regular)?;
                 Some((inverse * DVector::from_column_slice(momentum)).as_slice().to_vec())
             }
             SymmetricMatrix::Sparse(_) => None,

@@ -17,6 +17,9 @@ mod forces_of_time_tests;
 mod forces_of_velocity_tests;
 mod given_weights;
 mod gyroscopic;
+mod massless;
+#[cfg(test)]
+mod massless_tests;
 mod memory_energy;
 mod momentum_offset;
 pub mod motion;
@@ -33,8 +36,8 @@ use crate::language::expression::Elementary;
 use crate::language::{InputError, Problem};
 use crate::memory::{EngineError, HostMemory, MOST_SHARING, Memories, MemoryRequest, Tables};
 use crate::model::{
-    AnyScheme, AnySpace, EnergyRoom, HostTerm, Matrix, Model, States, Switched, channels_of, follow_alike,
-    term_on_memory, vector,
+    AnyScheme, AnySpace, ChannelDamping, EnergyRoom, MasslessRows, Matrix, Model, States, Switched,
+    channels_of, follow_alike, term_on_memory, vector,
 };
 use crate::scenario::{self, ConvolutionFamily, DampedAt, Engine, Past, ReportedMomentum, Scenario};
 pub use choice::{Solver, SolverChoice};
@@ -119,7 +122,7 @@ pub struct GridState {
     /// q_k.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub position: Vec<f64>,
-    /// p_k: where the fractional force acts at the main nodes, the mean of the momenta before and after its
+    /// p_k, zero where there is no mass: where the fractional force acts at the main nodes, the mean of the momenta before and after its
     /// kick, or the one after, as `output.momentum` says.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub momentum: Vec<f64>,
@@ -183,6 +186,7 @@ impl Simulation {
     ) -> Result<Self, InputError> {
         forces_of_time::check(scenario)?;
         given_weights::check(scenario)?;
+        let (scenario, massless) = &massless::placed(scenario)?;
         let space = match sparse_space(scenario, choice)? {
             Some(space) => {
                 if choice::is_of_few(scenario, choice) && !stability::is_unconditional(scenario) {
@@ -206,8 +210,8 @@ impl Simulation {
             factor_bytes: plan.factor_bytes(),
         });
         let stepper: Box<dyn Stepper> = match precision {
-            Precision::F64 => Box::new(TypedSimulation::<f64>::new(space, scenario, tables)?),
-            Precision::F32 => Box::new(TypedSimulation::<f32>::new(space, scenario, tables)?),
+            Precision::F64 => Box::new(TypedSimulation::<f64>::new(space, scenario, massless, tables)?),
+            Precision::F32 => Box::new(TypedSimulation::<f32>::new(space, scenario, massless, tables)?),
         };
         let (engines, shared) = (stepper.engines(), stepper.shared());
         let warning = if solver == Solver::Dense { dense_warning(scenario) } else { None };
@@ -220,7 +224,7 @@ impl Simulation {
     /// # Errors
     /// If the check cannot be made.
     pub fn is_predicted_stable(scenario: &Scenario) -> Result<bool, InputError> {
-        let mut scenario = scenario.clone();
+        let mut scenario = massless::placed(scenario)?.0.into_owned();
         scenario.time.allow_unstable = false;
         match check_stability(&scenario) {
             Ok(()) => Ok(true),
@@ -454,11 +458,17 @@ enum Energies {
 
 impl<T: Elementary + Memories> TypedSimulation<T> {
     /// Puts system, scheme and memories together.
-    fn new(space: AnySpace, scenario: &Scenario, tables: &Tables) -> Result<Self, InputError> {
+    fn new(
+        space: AnySpace,
+        scenario: &Scenario,
+        massless: &MasslessRows,
+        tables: &Tables,
+    ) -> Result<Self, InputError> {
         let scheme = AnyScheme::new(scenario).map_err(|error| {
             let allowed = format!("{} ({} given)", error.allowed, error.parameter);
             scenario.error_at("scheme", Problem::OutOfRange { allowed })
         })?;
+        let scheme = scheme.with_massless(massless.clone());
         let nodes = scheme.sampling().nodes();
         let mut damping = damping_terms(scenario, &space, nodes, tables)?;
         let system = Model::new(scenario).map_err(|error| bad_mass(scenario, &error))?;
@@ -751,7 +761,7 @@ fn term_on<'a, T: Elementary + Memories>(
     indices: &[usize],
     request: impl Fn(usize) -> MemoryRequest<'a>,
     memory: HostMemory<T>,
-) -> Result<HostTerm<T, HostMemory<T>>, InputError> {
+) -> Result<ChannelDamping<T, HostMemory<T>>, InputError> {
     let with_kernel = |&index: &usize| {
         let kernel =
             request(index).kernel().map_err(|error| refused_memory(scenario, index, error.into()))?;
@@ -789,7 +799,7 @@ fn gyroscopic<T: Elementary>(scenario: &Scenario, space: &AnySpace) -> Option<Ma
 }
 
 /// ρ x of a term whose kernel is of plain numbers.
-fn resisting<T: Elementary + Memories>(term: &HostTerm<T, HostMemory<T>>, vector: &[T]) -> Vec<T> {
+fn resisting<T: Elementary + Memories>(term: &ChannelDamping<T, HostMemory<T>>, vector: &[T]) -> Vec<T> {
     let mut scratch = vec![T::zero(); vector.len()];
     let mut force = vec![T::zero(); vector.len()];
     term.add_leading(vector, &mut force, &mut scratch);
@@ -800,7 +810,7 @@ fn resisting<T: Elementary + Memories>(term: &HostTerm<T, HostMemory<T>>, vector
 
 /// Any number of damping terms on their memories.
 struct DampingTerms<T: Elementary + Memories> {
-    terms: Vec<HostTerm<T, HostMemory<T>>>,
+    terms: Vec<ChannelDamping<T, HostMemory<T>>>,
     /// The scenario's terms that each of them serves.
     served: Vec<Vec<usize>>,
     kick: Option<Kick<T>>,
@@ -1041,7 +1051,7 @@ impl<T: Elementary + Memories> Stepper for TypedSimulation<T> {
 
     fn engines(&self) -> Vec<Engine> {
         let DampingTerms { terms, served, .. } = self.integrator.damping();
-        let of_memory = |(term, served): (&HostTerm<T, HostMemory<T>>, &Vec<usize>)| {
+        let of_memory = |(term, served): (&ChannelDamping<T, HostMemory<T>>, &Vec<usize>)| {
             let engine = term.memory().engine();
             served.iter().map(move |&index| (index, engine)).collect::<Vec<_>>()
         };

@@ -10,6 +10,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use fvi_core::{Memory, Real};
+use fvi_fft::baseline::OfflineFft;
 
 use crate::strategy::{AnyMemory, Declined, Flops, Made, Maker, Strategy, Task, Trouble};
 
@@ -174,6 +175,7 @@ fn with_memory(
         (AnyMemory::F32(memory), Samples::F32(samples)) => {
             answer(&mut **memory, samples, run, abandoned, steps)
         }
+        (AnyMemory::Offline(offline), Samples::F64(samples)) => Ok(offline_answer(offline, samples, steps)),
         _ => Err("its memory is of another precision".to_owned()),
     };
     answer.unwrap_or_else(|reason| {
@@ -237,6 +239,23 @@ fn answer<T: Real>(
         }
     }
     Ok(Answer::Times { mean_ns, steps })
+}
+
+/// The lower bound takes all samples at once, so that no time belongs to a single step.
+fn offline_answer(offline: &mut OfflineFft, samples: &[f64], steps: Option<Vec<u32>>) -> Answer {
+    let mut terms = vec![0.0; samples.len()];
+    let waited = waited_ns();
+    let begin = Instant::now();
+    offline.convolve(black_box(samples), &mut terms);
+    let elapsed_ns = begin.elapsed().as_secs_f64() * 1e9 - (waited_ns() - waited);
+    // The first sum is empty; the transform has the rounding of all others there.
+    if let Some(first) = terms.first_mut() {
+        *first = 0.0;
+    }
+    match steps {
+        None => Answer::Terms { terms, bytes: offline.bytes() },
+        Some(_) => Answer::Times { mean_ns: elapsed_ns.max(0.0) / samples.len() as f64, steps: Vec::new() },
+    }
 }
 
 /// How long this thread has been ready and waited for a processor, in nanoseconds, where the system tells

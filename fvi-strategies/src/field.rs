@@ -2,9 +2,9 @@
 
 use fvi_core::Memory;
 use fvi_rivals::{
-    ExponentialModes, FilterCascade, NonUniformPartition, ObliviousQuadrature, Operations, PlainSum,
-    RelaxedProduct, TextbookHls, UniformPartition, jiang, kernel_compression, l1_weights, matsuda, oustaloup,
-    short_memory, window_of,
+    ExponentialModes, FilterCascade, ObliviousQuadrature, Operations, PlainSum, RelaxedProduct, TextbookHls,
+    jiang, kernel_compression, l1_weights, matsuda, non_uniform_partition, oustaloup, short_memory,
+    uniform_partition, window_of,
 };
 
 use crate::kernel::Source;
@@ -31,12 +31,12 @@ pub(crate) fn strategies() -> Vec<Strategy> {
             Ok(counted(memory, operations))
         }),
         of("uniform", "uniform partition [Wefers15]", |task| {
-            let memory = UniformPartition::new(&task.weights, task.channels, task.length)?;
+            let memory = uniform_partition(&task.weights, task.channels, task.length)?;
             let operations = memory.operations();
             Ok(counted(memory, operations))
         }),
         of("gardner", "non-uniform partition [Gardner95]", |task| {
-            let memory = NonUniformPartition::new(&task.weights, task.channels, task.length)?;
+            let memory = non_uniform_partition(&task.weights, task.channels, task.length)?;
             let operations = memory.operations();
             Ok(counted(memory, operations))
         }),

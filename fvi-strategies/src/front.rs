@@ -19,21 +19,6 @@ pub(crate) fn front(points: &[(f64, f64)]) -> Vec<usize> {
     order
 }
 
-/// Slope of log y over log x by least squares; `None` with fewer than two different x.
-pub(crate) fn exponent(points: &[(f64, f64)]) -> Option<f64> {
-    let logarithms: Vec<(f64, f64)> =
-        points.iter().filter(|(x, y)| *x > 0.0 && *y > 0.0).map(|(x, y)| (x.ln(), y.ln())).collect();
-    let count = logarithms.len() as f64;
-    let mean_x = logarithms.iter().map(|(x, _)| x).sum::<f64>() / count;
-    let mean_y = logarithms.iter().map(|(_, y)| y).sum::<f64>() / count;
-    let (mut above, mut below) = (0.0, 0.0);
-    for (x, y) in logarithms {
-        above += (x - mean_x) * (y - mean_y);
-        below += (x - mean_x) * (x - mean_x);
-    }
-    (below > 0.0).then(|| above / below)
-}
-
 /// The rows that may win: within the tolerance.
 pub(crate) fn eligible(race: &RaceRecord) -> Vec<&Row> {
     race.rows.iter().filter(|row| row.within).collect()
@@ -121,12 +106,5 @@ mod tests {
         let points = [(1.0, 5.0), (2.0, 6.0), (3.0, 2.0), (3.0, 1.0), (0.5, 9.0), (4.0, 1.0)];
         assert_eq!(front(&points), [4, 0, 3]);
         assert!(front(&[]).is_empty());
-    }
-
-    #[test]
-    fn exponents_are_those_of_powers() {
-        let points = [(2.0, 3.0 * 4.0), (4.0, 3.0 * 16.0), (8.0, 3.0 * 64.0)];
-        assert!((exponent(&points).unwrap() - 2.0).abs() < 1e-12);
-        assert_eq!(exponent(&points[..1]), None);
     }
 }

@@ -1,6 +1,7 @@
 //! The kernels of a race.
 
 use fvi_core::{BdfOrder, ParameterError};
+use fvi_memory::memory::LEAST_ON_INCREMENTS;
 use fvi_scenario::language::InputError;
 use fvi_scenario::language::document::{Table, Value};
 use fvi_scenario::numerics::multistep_weights::multistep_weights;
@@ -14,6 +15,8 @@ pub(crate) struct Kernel {
     pub(crate) source: Source,
     pub(crate) order: BdfOrder,
     pub(crate) step: f64,
+    /// Whether samples are known by their differences, as those of a run are, and weights act on these.
+    pub(crate) on_increments: bool,
 }
 
 /// Where weights come from.
@@ -29,6 +32,17 @@ pub(crate) enum Source {
 }
 
 impl Kernel {
+    /// s^β at step 1, as the memory of a run has it.
+    pub(crate) fn of_a_run(order: BdfOrder, exponent: f64) -> Result<Self, ParameterError> {
+        Ok(Self {
+            name: format!("s^{exponent}"),
+            source: Source::Transfer(TransferFunction::power(exponent)?),
+            order,
+            step: 1.0,
+            on_increments: exponent >= LEAST_ON_INCREMENTS,
+        })
+    }
+
     /// β of s^β.
     pub(crate) fn exponent(&self) -> Option<f64> {
         match &self.source {
@@ -40,7 +54,9 @@ impl Kernel {
     /// The first `count` weights.
     pub(crate) fn weights(&self, count: usize) -> Result<Vec<f64>, ParameterError> {
         match &self.source {
-            Source::Transfer(transfer) => multistep_weights(transfer, self.order, self.step, false, count),
+            Source::Transfer(transfer) => {
+                multistep_weights(transfer, self.order, self.step, self.on_increments, count)
+            }
             Source::Table(weights) => Ok(weights[..count.min(weights.len())].to_vec()),
             Source::Random { decay, seed } => {
                 let mut noise = fastrand::Rng::with_seed(*seed);
@@ -155,7 +171,7 @@ pub(crate) fn read_kernel(
             BdfOrder::new(value.whole(1..=6)?).map_err(|error| value.out_of_range(error.allowed))?
         }
     };
-    let kernel = Kernel { name, source, order, step };
+    let kernel = Kernel { name, source, order, step, on_increments: false };
     // Weights that do not exist are a mistake of the file, not of a strategy.
     let first = kernel
         .weights(2)

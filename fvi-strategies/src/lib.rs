@@ -19,6 +19,7 @@
 #![forbid(unsafe_code)]
 
 mod contestant;
+pub mod engines;
 mod field;
 mod front;
 mod kernel;

@@ -2,7 +2,9 @@
 
 use std::fmt::Write;
 
-use crate::front::{eligible, exponent, families, fastest, front, least, winners};
+use fvi_rivals::fitted_exponent;
+
+use crate::front::{eligible, families, fastest, front, least, winners};
 use crate::picture::{Picture, Point, escaped};
 use crate::plan::{Plan, SIGNALS};
 use crate::record::{Kind, RaceRecord, Record, Row};
@@ -193,7 +195,7 @@ fn growth(page: &mut String, races: &[&RaceRecord], names: &[String]) {
         picture.lines.push(((from..picture.points.len()).collect(), true));
         let shown = |fit: Option<f64>| fit.map_or_else(|| "–".to_owned(), |fit| format!("{fit:.2}"));
         if !rows.is_empty() {
-            let (time, count) = (shown(exponent(&times)), shown(exponent(&counts)));
+            let (time, count) = (shown(fitted_exponent(&times)), shown(fitted_exponent(&counts)));
             let _ = writeln!(fits, "<tr><td>{}</td><td>{time}</td><td>{count}</td></tr>", escaped(name));
         }
     }

@@ -33,6 +33,17 @@ pub struct Plan {
     pub(crate) text: String,
 }
 
+/// How a race is run.
+pub(crate) struct Conditions<'a> {
+    pub(crate) signals: &'a [Signal],
+    /// The fewest and the most.
+    pub(crate) rounds: (usize, usize),
+    /// Longest time of one run of one strategy.
+    pub(crate) limit: Duration,
+    /// Time after which rounds are not repeated any more.
+    pub(crate) patience: Duration,
+}
+
 const KEYS: [&str; 13] = [
     "title",
     "lengths",
@@ -168,6 +179,11 @@ impl Plan {
             patience,
             text,
         })
+    }
+
+    pub(crate) fn conditions(&self) -> Conditions<'_> {
+        let Self { signals, rounds, limit, patience, .. } = self;
+        Conditions { signals, rounds: *rounds, limit: *limit, patience: *patience }
     }
 
     /// Number of races: one for each kernel, precision, number of channels, length and tolerance.

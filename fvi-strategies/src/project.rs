@@ -94,7 +94,7 @@ fn exponential_sum(task: &Task, engine: Engine) -> Result<Made, Declined> {
         coordinates: task.channels,
         motions: 1,
         samples: task.length,
-        given: true,
+        given: !task.kernel.on_increments,
         history: &history,
     };
     // A kernel without such a table is none for this strategy.
@@ -124,8 +124,10 @@ pub(crate) fn flops(strategy: &str, task: &Task) -> Option<f64> {
             let Source::Transfer(transfer) = &task.kernel.source else { return None };
             let (order, step, tolerance) = (task.kernel.order, task.kernel.step, table_tolerance(task));
             let horizon = task.length.max(1 << 20);
+            let on_increments = task.kernel.on_increments;
             let kernel =
-                ExponentialKernel::of_transfer(transfer, order, false, step, horizon, tolerance).ok()?;
+                ExponentialKernel::of_transfer(transfer, order, on_increments, step, horizon, tolerance)
+                    .ok()?;
             (2 * kernel.head().len() + 4 * kernel.exponentials().len()) as f64
         }
         _ => return None,

@@ -9,7 +9,7 @@ use fvi_fft::baseline::{MemoryTerm, Signal, memory_term};
 use fvi_fft::{Engines, WeightTable};
 
 use crate::contestant::{Contestant, Making, Run, Samples};
-use crate::plan::Plan;
+use crate::plan::{Conditions, Plan};
 use crate::precision::Precision;
 use crate::project::flops;
 use crate::record::{Absence, Kind, RaceRecord, Row};
@@ -36,24 +36,56 @@ const ROUNDING: f64 = 16.0;
 /// A median stands if half of its confidence interval is at most this part of it.
 const STANDS: f64 = 0.05;
 
-struct Runner {
+/// A strategy in a race.
+pub(crate) struct Runner {
     promises: bool,
     contestant: Contestant,
     making: Making,
-    error_u: f64,
-    bytes: usize,
+    pub(crate) error_u: f64,
+    pub(crate) bytes: usize,
     flops: Option<f64>,
-    means: Vec<f64>,
+    /// Mean time of a step in each round, in nanoseconds.
+    pub(crate) means: Vec<f64>,
+    /// Shortest time of each step, in nanoseconds with a reading of the clock; empty for what has no steps.
     steps: Vec<u32>,
 }
 
-/// Runs it; `None` if it was stopped.
+/// What a race has measured.
+pub(crate) struct Measured {
+    pub(crate) runners: Vec<Runner>,
+    pub(crate) absent: Vec<Absence>,
+    rounds: usize,
+    clock: f64,
+}
+
+/// Runs a race of a plan; `None` if it was stopped.
 pub(crate) fn run(
     plan: &Plan,
     task: &Task,
     strategies: &[Strategy],
     stop: &AtomicBool,
 ) -> Option<RaceRecord> {
+    let measured = measure(&plan.conditions(), task, strategies, stop)?;
+    let clock = measured.clock;
+    Some(RaceRecord {
+        kernel: task.kernel.name.clone(),
+        length: task.length,
+        channels: task.channels,
+        precision: task.precision,
+        tolerance: task.tolerance,
+        rounds: measured.rounds,
+        rows: measured.runners.into_iter().map(|runner| row(runner, task, clock)).collect(),
+        absent: measured.absent,
+    })
+}
+
+/// Errors of every strategy first, then times in turn; `None` if it was stopped.
+pub(crate) fn measure(
+    conditions: &Conditions<'_>,
+    task: &Task,
+    strategies: &[Strategy],
+    stop: &AtomicBool,
+) -> Option<Measured> {
     let stopped = || stop.load(Ordering::Relaxed);
     let mut absent = Vec::new();
     let mut leave = |strategy: &str, kind, reason: String| {
@@ -64,7 +96,7 @@ pub(crate) fn run(
         if stopped() {
             return None;
         }
-        let contestant = Contestant::new(strategy, plan.limit);
+        let contestant = Contestant::new(strategy, conditions.limit);
         match contestant.make(task) {
             Ok(Ok(making)) => runners.push(Runner {
                 promises: strategy.promises,
@@ -81,7 +113,7 @@ pub(crate) fn run(
         }
     }
 
-    for &signal in &plan.signals {
+    for &signal in conditions.signals {
         let compared = Compared::new(task, signal);
         let exact = compared.sums(task, &task.weights).unwrap_or_default();
         let mut own: Vec<(Arc<Vec<f64>>, Sums)> = Vec::new();
@@ -113,9 +145,9 @@ pub(crate) fn run(
         })?;
     }
 
-    let run = Compared::new(task, plan.signals[0]).run;
+    let run = Compared::new(task, *conditions.signals.first()?).run;
     let begin = Instant::now();
-    let (fewest, most) = plan.rounds;
+    let (fewest, most) = conditions.rounds;
     let mut rounds = 0;
     while rounds < most && !runners.is_empty() {
         runners = keep(runners, &mut leave, stop, |runner| {
@@ -127,22 +159,11 @@ pub(crate) fn run(
         })?;
         rounds += 1;
         let all_stand = runners.iter().all(|runner| Median::of(&runner.means).stands());
-        if rounds >= fewest && (all_stand || begin.elapsed() > plan.patience) {
+        if rounds >= fewest && (all_stand || begin.elapsed() > conditions.patience) {
             break;
         }
     }
-    let clock = clock_nanoseconds();
-    let rows = runners.into_iter().map(|runner| row(runner, task, clock)).collect();
-    Some(RaceRecord {
-        kernel: task.kernel.name.clone(),
-        length: task.length,
-        channels: task.channels,
-        precision: task.precision,
-        tolerance: task.tolerance,
-        rounds,
-        rows,
-        absent,
-    })
+    Some(Measured { runners, absent, rounds, clock: clock_nanoseconds() })
 }
 
 /// Does the same with every runner, those that fail leave; `None` if it was stopped.
@@ -165,15 +186,35 @@ fn keep(
     Some(kept)
 }
 
+impl Measured {
+    /// Times of the single steps without the clock's, in nanoseconds, shortest first.
+    pub(crate) fn steps_ns(&self, runner: &Runner) -> Vec<f64> {
+        sorted_steps(&runner.steps, self.clock)
+    }
+}
+
+impl Runner {
+    pub(crate) fn name(&self) -> &str {
+        &self.contestant.name
+    }
+}
+
+fn sorted_steps(steps: &[u32], clock: f64) -> Vec<f64> {
+    let mut steps = steps.to_vec();
+    steps.sort_unstable();
+    steps.into_iter().map(|step| (f64::from(step) - clock).max(0.0)).collect()
+}
+
+/// The time that the given part of the steps does not exceed; `None` where there are none.
+pub(crate) fn quantile(sorted: &[f64], part: f64) -> Option<f64> {
+    let last = sorted.len().checked_sub(1)?;
+    sorted.get((part * last as f64).ceil() as usize).copied()
+}
+
 fn row(runner: Runner, task: &Task, clock: f64) -> Row {
     let median = Median::of(&runner.means);
-    let mut steps = runner.steps;
-    steps.sort_unstable();
-    let quantile = |part: f64| {
-        let last = steps.len().saturating_sub(1);
-        let step = steps.get((part * last as f64).ceil() as usize).copied().unwrap_or(0);
-        (f64::from(step) - clock).max(0.0)
-    };
+    let steps = sorted_steps(&runner.steps, clock);
+    let quantile = |part: f64| quantile(&steps, part).unwrap_or(0.0);
     let flops = runner.flops.or_else(|| flops(&runner.contestant.name, task));
     let allowed = (task.tolerance / task.precision.unit()).max(ROUNDING);
     Row {

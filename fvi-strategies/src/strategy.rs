@@ -3,8 +3,10 @@
 use std::error::Error;
 use std::sync::Arc;
 
-use fvi_core::Memory;
+use fvi_core::{BdfOrder, Memory, ParameterError};
+use fvi_fft::baseline::OfflineFft;
 use fvi_rivals::Operations;
+use fvi_scenario::numerics::exponential_table::SMALLEST_TOLERANCE;
 
 use crate::kernel::Kernel;
 use crate::precision::Precision;
@@ -26,6 +28,23 @@ pub struct Task {
 }
 
 impl Task {
+    /// The kernel s^β by a backward differentiation formula at step 1 as the memory of a run has it, in which
+    /// from β = 0.1 on weights act on differences: one channel in double precision, to rounding.
+    ///
+    /// # Errors
+    /// If the exponent is not greater than −1 and less than 2.
+    pub fn of_a_run(order: BdfOrder, exponent: f64, length: usize) -> Result<Self, ParameterError> {
+        let kernel = Kernel::of_a_run(order, exponent)?;
+        Ok(Self {
+            weights: Arc::new(kernel.weights(length)?),
+            kernel: Arc::new(kernel),
+            length,
+            channels: 1,
+            precision: Precision::F64,
+            tolerance: SMALLEST_TOLERANCE,
+        })
+    }
+
     /// Name of the kernel.
     pub fn kernel(&self) -> &str {
         &self.kernel.name
@@ -42,10 +61,12 @@ impl Task {
     }
 }
 
-/// A memory in one of the precisions.
+/// A memory in one of the precisions, or the lower bound that is none.
 pub(crate) enum AnyMemory {
     F64(Box<dyn Memory<f64> + Send>),
     F32(Box<dyn Memory<f32> + Send>),
+    /// Of samples that are all known beforehand, one channel: it has no steps.
+    Offline(Box<OfflineFft>),
 }
 
 impl AnyMemory {
@@ -53,6 +74,7 @@ impl AnyMemory {
         match self {
             Self::F64(memory) => memory.channels(),
             Self::F32(memory) => memory.channels(),
+            Self::Offline(_) => 1,
         }
     }
 }
@@ -84,6 +106,14 @@ impl Made {
 
     pub(crate) fn of(memory: AnyMemory) -> Self {
         Self { memory, own_weights: None, flops: Flops::Unknown, trouble: None }
+    }
+
+    /// The memory, where it is one in double precision.
+    pub fn into_memory(self) -> Option<Box<dyn Memory<f64> + Send>> {
+        match self.memory {
+            AnyMemory::F64(memory) => Some(memory),
+            AnyMemory::F32(_) | AnyMemory::Offline(_) => None,
+        }
     }
 
     /// A memory that counts its operations itself.
@@ -146,6 +176,14 @@ impl Strategy {
     #[must_use]
     pub fn without_bound(self) -> Self {
         Self { promises: false, ..self }
+    }
+
+    /// Makes it for a task, outside of a race.
+    ///
+    /// # Errors
+    /// Why it is not there.
+    pub fn make(&self, task: &Task) -> Result<Made, Declined> {
+        (self.make)(task)
     }
 
     /// Its name.

@@ -191,6 +191,10 @@ impl<const C: usize> Memory<f32> for AnyMemory<C> {
         each!(self, memory => memory.acts_on())
     }
 
+    fn expect_jumps(&mut self) {
+        each!(self, memory => memory.expect_jumps());
+    }
+
     fn leading(&self) -> &[f32] {
         each!(self, memory => memory.leading())
     }

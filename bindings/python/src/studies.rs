@@ -5,9 +5,9 @@ use crate::errors::{Failure, guarded};
 use crate::run::{engine, read};
 use crate::watch::Watch;
 use fvi_core::{BdfOrder, ParameterError};
-use fvi_host::lab::compare_engines::{Comparison, ComparisonError, Contender};
 use fvi_host::lab::converge::{ConvergeError, Grids, converge as measure};
 use fvi_host::lab::two_point::{ProblemFile, Status};
+use fvi_strategies::engines::{Comparison, ComparisonError, strategies};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
@@ -149,7 +149,7 @@ pub(crate) fn compare_engines<'py>(
             }
             let comparison = Comparison { lengths, kernels, repetitions };
             let mut watch = Watch::new(None);
-            let result = comparison.run(&Contender::all(), &mut |_| {
+            let result = comparison.run(&strategies(), &mut |_| {
                 watch.tick(0, 1_usize);
             });
             if let Some(error) = watch.into_raised() {

@@ -1,11 +1,11 @@
-//! `fvi compare-engines`: memory engines side by side.
+//! `fvi compare-engines`: memory engines side by side, the shortest form of `fvi strategies`.
 
 use super::{CommandError, terminal};
-use crate::lab::compare_engines::{
-    Comparison, ComparisonError, Contender, text_table, write_pictures, write_table,
-};
 use crate::results::output_directory::OutputDirectory;
 use fvi_core::BdfOrder;
+use fvi_strategies::engines::{
+    Comparison, ComparisonError, strategies, text_table, write_pictures, write_table,
+};
 use std::io::IsTerminal;
 use std::path::PathBuf;
 
@@ -57,7 +57,7 @@ impl CompareEnginesArguments {
             repetitions: self.repetitions.map(|count| count as usize),
         };
         let announce = !self.quiet && std::io::stderr().is_terminal();
-        let measurements = comparison.run(&Contender::all(), &mut |task| {
+        let measurements = comparison.run(&strategies(), &mut |task| {
             if announce {
                 terminal::mention(&format!("{task}\n"));
             }

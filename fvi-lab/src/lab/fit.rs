@@ -13,6 +13,7 @@ mod prediction;
 mod search;
 mod statistics;
 
+pub use data::KEYS as DATA_KEYS;
 pub use estimates::{Estimate, FittedModel, Profiled, StartRecord, TableRecord};
 pub use plan::Fit;
 

@@ -174,6 +174,18 @@ impl Document {
     }
 
     /// An error about the value at `path` (such as `system.damping[0].order`), which need not be in the file.
+    /// The document that this one, with these keys, names as its `scenario`.
+    ///
+    /// # Errors
+    /// If there is another key, or no such document.
+    pub fn scenario(&self, keys: &[&str]) -> Result<Self, InputError> {
+        let path = self.with_root(|root| {
+            root.allow(keys)?;
+            Ok(self.resolve(root.required("scenario")?.text()?))
+        })?;
+        Self::read(&path)
+    }
+
     pub(crate) fn error_at(&self, path: &str, problem: Problem) -> InputError {
         let located = DeTable::parse(&self.text).ok().and_then(|root| locate(root.get_ref(), path));
         let value = located.as_ref().map(|span| self.excerpt(span)).unwrap_or_default();

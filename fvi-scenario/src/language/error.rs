@@ -335,9 +335,12 @@ impl Problem {
             Self::UnknownKey { suggestion: None, allowed } => Some(format!("keys here: {allowed}")),
             Self::OutOfRange { allowed } => Some(format!("allowed: {allowed}")),
             Self::Incompatible { allowed, .. } => Some(format!("allowed: {allowed}")),
-            Self::NotSymmetric { .. } | Self::NotPositiveDefinite { .. } => {
-                Some("allowed: a symmetric positive definite matrix (diagonal: every number > 0)".to_owned())
-            }
+            Self::NotSymmetric { .. } => Some("allowed: a symmetric matrix".to_owned()),
+            Self::NotPositiveDefinite { .. } => Some(
+                "allowed: a symmetric positive definite matrix (diagonal: every number > 0); rows and columns of zeros are \
+                 coordinates without mass"
+                    .to_owned(),
+            ),
             Self::NotPositiveSemidefinite { .. } => Some(
                 "allowed: a symmetric positive semidefinite matrix (diagonal: every number ≥ 0)".to_owned(),
             ),

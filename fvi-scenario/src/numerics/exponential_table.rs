@@ -63,6 +63,8 @@ pub struct ExponentialKernel {
 pub enum ExponentialKernelError {
     /// A parameter is not allowed.
     Parameter(ParameterError),
+    /// The cut of the kernel takes more exponentials than a table has.
+    Narrow(ParameterError),
     /// No head of acceptable length brings the weights to the tolerance.
     ToleranceMissed {
         /// The tolerance that was asked for.
@@ -75,7 +77,7 @@ pub enum ExponentialKernelError {
 impl std::fmt::Display for ExponentialKernelError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::Parameter(error) => error.fmt(f),
+            Self::Parameter(error) | Self::Narrow(error) => error.fmt(f),
             Self::ToleranceMissed { tolerance, reached } => {
                 write!(
                     f,
@@ -254,8 +256,8 @@ impl ExponentialKernel {
         check_range(reach, tolerance)?;
         let count = MEASURED_HEADS * LONGEST_HEAD.min(reach) + 2;
         let mut reached = f64::INFINITY;
-        if transfer.cut().is_some_and(|cut| cut.is_narrow()) {
-            return Err(ExponentialKernelError::ToleranceMissed { tolerance, reached });
+        if let Some(narrow) = transfer.narrow() {
+            return Err(ExponentialKernelError::Narrow(narrow));
         }
         // The strip of a formula is a guess.
         for refinement in [1.0, 0.5, 0.25] {

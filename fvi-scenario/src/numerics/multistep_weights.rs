@@ -89,7 +89,7 @@ pub fn multistep_weights(
     }
     if count > HEAD {
         let tail = match rule {
-            MultistepRule::Bdf(order) if !transfer.cut().is_some_and(|cut| cut.is_narrow()) => {
+            MultistepRule::Bdf(order) if transfer.narrow().is_none() => {
                 let cut = PrincipalCut::new(transfer, order, step_size, on_increments);
                 tail_of_cut(&cut, HEAD - COMPARED, count)
             }

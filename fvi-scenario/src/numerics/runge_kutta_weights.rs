@@ -153,10 +153,8 @@ impl<const R: usize> RungeKuttaWeights<R> {
             return make(method, exponent, step_size, count);
         }
         let refuse = |parameter, value, allowed| Err(ParameterError { parameter, value, allowed });
-        if transfer.cut().is_some_and(|cut| cut.is_narrow()) {
-            let allowed = "one whose orders differ by 1, or by less than 0.996: between these its exponentials are too many; \
-                           `convolution.family` = \"bdf\" takes it";
-            return refuse("kernel", transfer.growth(), allowed);
+        if let Some(narrow) = transfer.narrow() {
+            return Err(narrow);
         }
         if !transfer.is_relaxation() {
             return refuse("kernel", f64::NAN, "one whose singularities lie on the negative real axis");

@@ -118,15 +118,8 @@ pub struct Cut {
 
 /// Narrowest strip through which an integral over the cut is taken: the points of the rule are as many as the
 /// inverse of its width, and that of Maxwell's form goes to zero where the difference of its orders goes to
-/// 1.
+/// 1, that of Havriliak and Negami where their order does. π/x − π at x = 0.9968.
 const NARROWEST: f64 = 0.01;
-
-impl Cut {
-    /// Whether an integral over the cut would take too many points.
-    pub fn is_narrow(&self) -> bool {
-        self.strip < NARROWEST
-    }
-}
 
 /// A simple pole on the negative real axis: K(s) = `residue`/(s + `rate`) + …
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -375,6 +368,21 @@ impl TransferFunction {
                 (power.is_finite() && power > -1.0).then_some(Cut { start: 0.0, power, strip: 0.5 * half })
             }
         }
+    }
+
+    /// The parameter that makes the cut so narrow that an integral over it would take too many points;
+    /// `None` where it is wide.
+    pub fn narrow(&self) -> Option<ParameterError> {
+        let allowed = "exactly 1, or at most 0.9968: between these the integral over the cut of K(s) takes too many points, and weights \
+                       come from transforms, with `convolution.family` = \"bdf\" and the engines \"direct\", \"block-fft\" and \
+                       \"real-time\" alone";
+        let (parameter, value) = match self.form {
+            Form::Maxwell { order, inner, .. } => ("`order` − `inner` of the kernel", order - inner),
+            Form::HavriliakNegami { order, .. } => ("`order` of the kernel", order),
+            _ => return None,
+        };
+        let is_narrow = self.cut().is_some_and(|cut| cut.strip < NARROWEST);
+        is_narrow.then_some(ParameterError { parameter, value, allowed })
     }
 
     /// Im K(−a − d + i0)/π behind the start a of the [`cut`](Self::cut).
@@ -765,6 +773,21 @@ mod tests {
         assert_eq!(parameter(TransferFunction::prony(&[1.0], &[0.0])), "time");
         assert_eq!(parameter(TransferFunction::havriliak_negami(0.5, -1.0, 1.0)), "power");
         assert_eq!(parameter(TransferFunction::havriliak_negami(1.0, 1.5, 1.0)), "power");
+    }
+
+    #[test]
+    fn cuts_that_are_too_narrow_are_told_by_the_orders_that_make_them_so() {
+        let told = |made: Result<TransferFunction, ParameterError>| {
+            made.unwrap().narrow().map(|error| (error.parameter, error.value))
+        };
+        let orders = Some(("`order` − `inner` of the kernel", 0.998));
+        assert_eq!(told(TransferFunction::maxwell(0.998, 0.0, 1.0)), orders);
+        let order = Some(("`order` of the kernel", 0.999));
+        assert_eq!(told(TransferFunction::havriliak_negami(0.999, 0.5, 1.0)), order);
+        // π/x − π ≥ 0.01, a pole, and a cut that begins behind 0.
+        assert_eq!(told(TransferFunction::maxwell(0.9968, 0.0, 1.0)), None);
+        assert_eq!(told(TransferFunction::maxwell(1.0, 0.0, 1.0)), None);
+        assert_eq!(told(TransferFunction::havriliak_negami(1.0, 0.5, 1.0)), None);
     }
 
     #[test]

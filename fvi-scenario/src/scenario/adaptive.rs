@@ -137,7 +137,8 @@ impl Adaptive {
     pub(super) fn start(system: &System, initial: &InitialState) -> Start {
         let masses = system.mass.diagonal();
         let by_mass = |force: Vec<f64>| {
-            force.iter().zip(&masses).fold(0.0_f64, |most, (force, mass)| most.max((force / mass).abs()))
+            let moved = force.iter().zip(&masses).filter(|(_, mass)| **mass > 0.0);
+            moved.fold(0.0_f64, |most, (force, mass)| most.max((force / mass).abs()))
         };
         let terms = system.damping.iter().filter(|term| term.derivative == Derivative::RiemannLiouville);
         let mut start = Start { power: 1.0, size: 0.0 };
@@ -146,7 +147,14 @@ impl Adaptive {
                 order if order < 1.0 => (1.0 - order, by_mass(term.coefficient.times(&initial.position))),
                 order if order > 1.0 => {
                     let push = by_mass(term.coefficient.times(&initial.momentum));
-                    (2.0 - order, push / masses.iter().copied().fold(f64::INFINITY, f64::min))
+                    (
+                        2.0 - order,
+                        push / masses
+                            .iter()
+                            .copied()
+                            .filter(|&mass| mass > 0.0)
+                            .fold(f64::INFINITY, f64::min),
+                    )
                 }
                 _ => continue,
             };

@@ -280,6 +280,27 @@ impl Controller {
         (steps as u64, rest)
     }
 
+    /// The keys of `[controller]` that a parameter of the law may come from, the likeliest first.
+    pub fn keys_of(parameter: &str) -> &'static [&'static str] {
+        match parameter {
+            "proportional gain" => &["kp"],
+            "integral gain" => &["ki", "integral_time", "kp"],
+            "integral rate" => &["integral_time"],
+            "derivative gain" => &["kd"],
+            "derivative time" => &["derivative_time"],
+            "filter ratio" => &["filter_ratio"],
+            "setpoint weight" => &["setpoint_weights"],
+            "lower limit" | "limits" => &["limits"],
+            "rate limit" => &["rate_limit"],
+            "tracking time" => &["anti_windup.time"],
+            "time of the derivative's filter" => &["derivative_filter.time", "derivative_filter"],
+            "order of the derivative's filter" => &["derivative_filter.order"],
+            "integral order" => &["lambda"],
+            "derivative order" => &["mu"],
+            _ => &["sample"],
+        }
+    }
+
     /// The law in another precision.
     ///
     /// # Errors
@@ -287,6 +308,11 @@ impl Controller {
     pub fn law<T: Real>(&self) -> Result<PidLaw<T>, ParameterError> {
         let of = T::of;
         let settings = &self.settings;
+        let [lower, upper] = settings.limits.map(of);
+        if lower >= upper {
+            let allowed = "two numbers that the precision tells apart";
+            return Err(ParameterError { parameter: "limits", value: settings.limits[0], allowed });
+        }
         let gains = match settings.gains {
             PidGains::Parallel { proportional, integral, derivative } => PidGains::Parallel {
                 proportional: of(proportional),
@@ -310,7 +336,7 @@ impl Controller {
             setpoint_weights: settings.setpoint_weights.map(of),
             derivative_of: settings.derivative_of,
             derivative_filter: settings.derivative_filter,
-            limits: settings.limits.map(of),
+            limits: [lower, upper],
             rate_limit: of(settings.rate_limit),
             anti_windup: settings.anti_windup,
             bumpless: settings.bumpless,
@@ -431,7 +457,22 @@ fn read_settings(table: &Table<'_>, sample: f64) -> Result<PidSettings<f64>, Inp
     // What is left are numbers that together leave the range of the scalar.
     match PidLaw::new(settings) {
         Ok(_) => Ok(settings),
-        Err(error) => Err(table.required("sample")?.error(Problem::Unusable { reason: error.to_string() })),
+        Err(error) => {
+            let found = Controller::keys_of(error.parameter).iter().find_map(|key| at(table, key));
+            let value = found.map_or_else(|| table.required("sample"), Ok)?;
+            Err(value.error(Problem::Unusable { reason: error.to_string() }))
+        }
+    }
+}
+
+/// The value of a key, or of one in a table behind it: `a.b`.
+fn at<'a>(table: &Table<'a>, key: &str) -> Option<Value<'a>> {
+    match key.split_once('.') {
+        None => table.optional(key),
+        Some((outer, inner)) => {
+            let value = table.optional(outer).filter(|value| value.is_table())?;
+            value.table().ok()?.optional(inner)
+        }
     }
 }
 

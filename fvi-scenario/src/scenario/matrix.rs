@@ -77,6 +77,18 @@ impl SymmetricMatrix {
         }
     }
 
+    /// The rows in which every entry is zero, from 0: of a mass matrix the coordinates without mass.
+    pub fn zero_rows(&self) -> Vec<usize> {
+        let rows = 0..self.size();
+        match self {
+            Self::Diagonal(entries) => rows.filter(|&row| entries[row] == 0.0).collect(),
+            Self::Dense(matrix) => {
+                rows.filter(|&row| matrix.row(row).iter().all(|&entry| entry == 0.0)).collect()
+            }
+            Self::Sparse(matrix) => matrix.zero_rows(),
+        }
+    }
+
     /// The same matrix times a number.
     pub(super) fn scaled(self, scale: f64) -> Self {
         match self {
@@ -89,7 +101,7 @@ impl SymmetricMatrix {
     }
 
     /// Reads numbers (a diagonal), rows of numbers, or the name of a file, for as many coordinates as there
-    /// are; without a number the positive definite matrix that says how many. Files that have been read
+    /// are; without a number the mass matrix, which says how many. Files that have been read
     /// before are among the `known`.
     pub(super) fn read(
         value: &Value<'_>,
@@ -135,16 +147,17 @@ impl SymmetricMatrix {
         Ok(Self::Dense(matrix))
     }
 
-    /// Refuses a matrix with an eigenvalue ≤ 0 (to rounding), or so small that the inverse is not finite.
-    pub(super) fn positive_definite(
-        self,
-        value: &Value<'_>,
-        known: &Matrices<'_>,
-    ) -> Result<Self, InputError> {
+    /// Refuses a matrix that has, beside rows and columns of zeros, an eigenvalue ≤ 0 (to rounding), or one so
+    /// small that the inverse is not finite.
+    pub(super) fn mass(self, value: &Value<'_>, known: &Matrices<'_>) -> Result<Self, InputError> {
         if let Self::Sparse(matrix) = self {
             return known.positive_definite(matrix, value).map(Self::Sparse);
         }
-        let (smallest, threshold) = self.spectrum();
+        let (smallest, threshold) = match self.zero_rows().as_slice() {
+            [] => self.spectrum(),
+            massless if massless.len() == self.size() => return Ok(self),
+            massless => self.clone().without(massless).spectrum(),
+        };
         if smallest > threshold && smallest.recip().is_finite() {
             Ok(self)
         } else {
@@ -166,6 +179,19 @@ impl SymmetricMatrix {
             Ok(self)
         } else {
             Err(value.error(Problem::NotPositiveSemidefinite { smallest }))
+        }
+    }
+
+    /// The matrix without these rows and columns, which are ascending.
+    fn without(self, rows: &[usize]) -> Self {
+        match self {
+            Self::Diagonal(entries) => {
+                let left =
+                    entries.into_iter().enumerate().filter(|(row, _)| rows.binary_search(row).is_err());
+                Self::Diagonal(left.map(|(_, entry)| entry).collect())
+            }
+            Self::Dense(matrix) => Self::Dense(matrix.remove_rows_at(rows).remove_columns_at(rows)),
+            Self::Sparse(_) => self,
         }
     }
 

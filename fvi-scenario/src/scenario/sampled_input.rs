@@ -78,6 +78,11 @@ impl SampledInput {
         Self { times, samples, first_steps: Vec::new() }
     }
 
+    /// Whether a sample pushes a coordinate.
+    pub fn pushes(&self, coordinate: usize) -> bool {
+        self.samples.iter().any(|sample| sample.get(coordinate).is_some_and(|&push| push != 0.0))
+    }
+
     /// Finds the first step under each sample on another grid.
     pub(super) fn place_on(&mut self, grid: &TimeGrid) {
         // Grid times and sample times are rounded: a sample that little after t_k counts at t_k.

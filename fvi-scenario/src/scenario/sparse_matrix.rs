@@ -23,9 +23,12 @@ pub struct SparseMatrix {
 /// up.
 const ASYMMETRY: f64 = 1e-10;
 
+/// Rows of a mass matrix for each of its entries: those without entries are coordinates without mass.
+const MOST_ROWS: usize = 64;
+
 impl SparseMatrix {
-    /// The symmetric matrix in the file that `value` names; without a number of coordinates it is the
-    /// positive definite one that says how many there are.
+    /// The symmetric matrix in the file that `value` names; without a number of coordinates it is the mass
+    /// matrix, which says how many there are.
     ///
     /// What is made of it has room for each row, and a file promises as many rows as it likes.
     fn read(value: &Value<'_>, coordinates: Option<usize>) -> Result<Self, InputError> {
@@ -37,9 +40,9 @@ impl SparseMatrix {
         }
         match coordinates {
             Some(count) if count != file.rows => return Err(wrong_size(file.rows, count, value)),
-            None if file.rows > file.entries.len() => {
+            None if file.rows > MOST_ROWS.saturating_mul(file.entries.len()) => {
                 let reason = format!(
-                    "{} entries in {} rows: a row without entries is none of a positive definite matrix",
+                    "{} entries in {} rows: a mass matrix has one at least for each {MOST_ROWS} rows",
                     file.entries.len(),
                     file.rows
                 );
@@ -196,9 +199,36 @@ impl SparseMatrix {
         }
     }
 
-    /// Refuses a matrix that is not positive definite.
+    /// The rows in which every entry is zero.
+    pub fn zero_rows(&self) -> Vec<usize> {
+        let rows = self.pattern.rows().enumerate();
+        rows.filter(|(_, slots)| self.values[slots.clone()].iter().all(|&entry| entry == 0.0))
+            .map(|(row, _)| row)
+            .collect()
+    }
+
+    /// The same matrix with ones on the diagonal of these rows, in which every entry is zero.
+    pub fn with_ones(&self, rows: &[usize]) -> (Pattern, Vec<f64>) {
+        let entries = || {
+            let own = self.pattern.rows().enumerate().flat_map(|(row, slots)| {
+                slots.map(move |slot| (row as u32, self.pattern.columns()[slot], self.values[slot]))
+            });
+            own.chain(rows.iter().map(|&row| (row as u32, row as u32, 1.0)))
+        };
+        let whole = Self::of_entries(self.size(), entries);
+        (Arc::unwrap_or_clone(whole.pattern), Arc::unwrap_or_clone(whole.values))
+    }
+
+    /// Refuses a matrix that is not positive definite beside rows and columns of zeros.
     fn positive_definite(self, value: &Value<'_>) -> Result<Self, InputError> {
-        match Analysis::new(&self.pattern).factor_of(&self.pattern, &self.values) {
+        let massless = self.zero_rows();
+        let factor = if massless.is_empty() {
+            Analysis::new(&self.pattern).factor_of(&self.pattern, &self.values)
+        } else {
+            let (pattern, values) = self.with_ones(&massless);
+            Analysis::new(&pattern).factor(&pattern, &values)
+        };
+        match factor {
             Ok(_) => Ok(self),
             Err(error) => Err(self.refused(value, error)),
         }
@@ -330,7 +360,7 @@ impl<'a> Matrices<'a> {
         Ok(matrix)
     }
 
-    /// Refuses a matrix that is not positive definite.
+    /// Refuses a matrix that is not positive definite beside rows and columns of zeros.
     pub(super) fn positive_definite(
         &self,
         matrix: SparseMatrix,

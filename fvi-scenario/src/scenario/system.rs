@@ -24,7 +24,7 @@ use std::sync::Arc;
 /// D^{β_m} or of another transfer function.
 #[derive(Clone, Debug, Serialize)]
 pub struct System {
-    /// M, symmetric positive definite.
+    /// M, symmetric and positive definite but for rows and columns of zeros: coordinates without mass.
     pub mass: SymmetricMatrix,
     /// K, symmetric; absent: none.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -153,7 +153,7 @@ impl System {
                 found: "none".to_owned(),
             }));
         }
-        let mass = mass.positive_definite(&mass_value, &known)?;
+        let mass = mass.mass(&mass_value, &known)?;
         let stiffness = match table.optional("stiffness") {
             Some(value) => Some(SymmetricMatrix::read(&value, Some(count), &mut known)?),
             None => None,
@@ -222,6 +222,11 @@ impl System {
             own_terms: None,
             known: shared.cloned(),
         })
+    }
+
+    /// Coordinates without mass, from 0.
+    pub fn massless(&self) -> Vec<usize> {
+        self.mass.zero_rows()
     }
 
     /// Number of coordinates N.

@@ -152,7 +152,7 @@ fn mistakes_are_told_with_key_line_value_and_what_is_allowed() {
             "not symmetric",
         ),
         ("[[2.0, 0.5], [0.5, 1.0]]", "[[1.0, 2.0], [2.0, 1.0]]", "system.mass", 4, "not positive definite"),
-        ("[[2.0, 0.5], [0.5, 1.0]]", "[2.0, 0.0]", "system.mass", 4, "not positive definite"),
+        ("[[2.0, 0.5], [0.5, 1.0]]", "[2.0, -0.5]", "system.mass", 4, "not positive definite"),
         ("[[2.0, 0.5], [0.5, 1.0]]", "[2.0, 5e-324]", "system.mass", 4, "not positive definite"),
         ("[[2.0, 0.5], [0.5, 1.0]]", "[2.0, nan]", "system.mass[1]", 4, "not allowed"),
         ("[[2.0, 0.5], [0.5, 1.0]]", "[[2.0, 0.5], [0.5]]", "system.mass[1]", 4, "1 entries instead of 2"),

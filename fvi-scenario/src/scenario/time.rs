@@ -2,6 +2,7 @@
 
 use super::adaptive::{Adaptive, MOST_STEPS_CHOSEN, Start};
 use super::grid::{Grid, GridRule, read_must_hit};
+use super::keys;
 use super::scheme::ConvolutionFamily;
 use super::scheme_descriptor::SchemeDescriptor;
 use crate::language::document::{Document, Table};
@@ -479,7 +480,7 @@ impl History {
         family: ConvolutionFamily,
         (on_equal_steps, samples): (bool, usize),
     ) -> Result<Self, InputError> {
-        table.allow(&["engine", "tolerance", "horizon", "capacity", "overflow", "states", "threads"])?;
+        table.allow(&keys::HISTORY)?;
         let mut engine = table.optional("engine").map(|value| value.choice(&Engine::NAMES)).transpose()?;
         let (ring, exponentials) =
             ([Engine::Direct].as_slice(), [Engine::ExponentialSum, Engine::ExponentialSumCore].as_slice());
@@ -633,7 +634,7 @@ impl OutputOptions {
         count: usize,
         grid: &TimeGrid,
     ) -> Result<Self, InputError> {
-        table.allow(&["every", "momentum", "coordinates", "snapshots", "times", "memory_energy"])?;
+        table.allow(&keys::OUTPUT)?;
         let default = Self::default_for(scheme);
         let every = table.optional("every").map_or(Ok(default.every), |value| value.whole(1..=usize::MAX))?;
         let momentum = match table.optional("momentum") {

@@ -5,68 +5,30 @@ use fvi_core::{Real, Singular, add_multiple};
 /// Solves A x = `vector` for a matrix, row by row, whose entries farther than `band` from the diagonal are
 /// zero.
 ///
-/// x replaces `vector`; of the matrix, only entries up to 2 `band` to the right of the diagonal and `band` to
-/// its left are looked at or changed. Pivots and arithmetic are those of [`fvi_core::solve`], without the
-/// operations on zeros: the same bits in n·`band`² operations.
+/// x replaces `vector`, the factors the matrix, of which only entries up to 2 `band` to the right of the
+/// diagonal and `band` to its left are looked at or changed. Pivots and arithmetic are those of
+/// [`fvi_core::solve`], without the operations on zeros: the same bits in n·`band`² operations.
 ///
 /// # Errors
 /// [`Singular`], as [`fvi_core::solve`].
-pub(super) fn solve<T: Real>(matrix: &mut [T], band: usize, vector: &mut [T]) -> Result<(), Singular> {
-    match band {
-        1 => solve_narrow::<T, 2, 3>(matrix, vector),
-        2 => solve_narrow::<T, 3, 5>(matrix, vector),
-        3 => solve_narrow::<T, 4, 7>(matrix, vector),
-        band => solve_wide(matrix, band, vector),
-    }
-}
-
-/// [`solve`] for a band that the compiler knows: the `ROWS` = band + 1 rows that the elimination of a column
-/// changes are held in a window of `WIDTH` = 2 band + 1 numbers each, which moves down the diagonal.
-fn solve_narrow<T: Real, const ROWS: usize, const WIDTH: usize>(
+pub(super) fn solve<T: Real>(
     matrix: &mut [T],
+    band: usize,
+    pivots: &mut [usize],
     vector: &mut [T],
 ) -> Result<(), Singular> {
-    let n = vector.len();
-    let mut window: [([T; WIDTH], T); ROWS] =
-        core::array::from_fn(|row| (row_from(matrix, n, row, 0), at(vector, row)));
-    for column in 0..n {
-        let mut largest = T::zero();
-        for row in column.saturating_sub(WIDTH - 1)..column {
-            largest = largest.max(matrix[row * n + column].abs());
+    factor(matrix, band, pivots)?;
+    let n = pivots.len();
+    for (column, &pivot_row) in pivots.iter().enumerate() {
+        vector.swap(column, pivot_row);
+        let known = vector[column];
+        for row in column + 1..(column + band + 1).min(n) {
+            vector[row] -= matrix[row * n + column] * known;
         }
-        let (mut pivot_row, mut pivot) = (0, T::zero());
-        for (row, (entries, _)) in window.iter().enumerate() {
-            largest = largest.max(entries[0].abs());
-            if entries[0].abs() > pivot.abs() {
-                (pivot_row, pivot) = (row, entries[0]);
-            }
-        }
-        if !pivot.is_finite() || pivot.abs() <= largest * T::EPSILON {
-            return Err(Singular);
-        }
-        window.swap(0, pivot_row);
-        let (upper, known) = window[0];
-        matrix[column * n + column..(column + 1) * n]
-            .iter_mut()
-            .zip(upper)
-            .for_each(|(place, entry)| *place = entry);
-        vector[column] = known;
-        // The rows below, without their first entry, move up.
-        for row in 1..ROWS {
-            let (entries, number) = window[row];
-            let factor = entries[0] / pivot;
-            let mut moved = [T::zero(); WIDTH];
-            for index in 1..WIDTH {
-                moved[index - 1] = entries[index] - factor * upper[index];
-            }
-            window[row - 1] = (moved, number - factor * known);
-        }
-        window[ROWS - 1] = (row_from(matrix, n, column + ROWS, column + 1), at(vector, column + ROWS));
     }
     for row in (0..n).rev() {
-        let end = (row + WIDTH).min(n);
         let (known, solved) = vector.split_at_mut(row + 1);
-        let entries = &matrix[row * n + row..row * n + end];
+        let entries = &matrix[row * n + row..row * n + (row + 2 * band + 1).min(n)];
         let mut number = known[row];
         for (&entry, &x) in entries[1..].iter().zip(&*solved).rev() {
             number -= entry * x;
@@ -76,48 +38,26 @@ fn solve_narrow<T: Real, const ROWS: usize, const WIDTH: usize>(
     Ok(())
 }
 
-/// The numbers of a row from a column on, zeros beyond the matrix.
-fn row_from<T: Real, const WIDTH: usize>(matrix: &[T], n: usize, row: usize, column: usize) -> [T; WIDTH] {
-    let mut numbers = [T::zero(); WIDTH];
-    if row < n {
-        let entries = &matrix[row * n + column..(row + 1) * n];
-        numbers.iter_mut().zip(entries).for_each(|(number, &entry)| *number = entry);
-    }
-    numbers
-}
-
-fn at<T: Real>(vector: &[T], row: usize) -> T {
-    vector.get(row).copied().unwrap_or(T::zero())
-}
-
-fn solve_wide<T: Real>(matrix: &mut [T], band: usize, vector: &mut [T]) -> Result<(), Singular> {
-    let n = vector.len();
-    for column in 0..n {
+/// Factors in place, by elimination with row pivoting within the band. The multipliers of a column stay below
+/// its pivot, in the rows in which they were when it was eliminated; `pivots` takes the row that each column's
+/// pivot came from.
+fn factor<T: Real>(matrix: &mut [T], band: usize, pivots: &mut [usize]) -> Result<(), Singular> {
+    let n = pivots.len();
+    for (column, place) in pivots.iter_mut().enumerate() {
         let (last, end) = ((column + band).min(n - 1), (column + 2 * band + 1).min(n));
         let (pivot_row, pivot) = pivot(matrix, n, band, column)?;
-        if pivot_row != column {
-            let (above, below) = matrix.split_at_mut(pivot_row * n);
-            above[column * n + column..column * n + end].swap_with_slice(&mut below[column..end]);
-            vector.swap(column, pivot_row);
-        }
+        *place = pivot_row;
         let (above, below) = matrix.split_at_mut((column + 1) * n);
-        let upper = &above[column * n + column + 1..column * n + end];
-        let known = vector[column];
-        for (index, place) in vector[column + 1..=last].iter_mut().enumerate() {
-            let row = &mut below[index * n + column..index * n + end];
-            let Some((first, entries)) = row.split_first_mut() else { continue };
-            let factor = *first / pivot;
-            for (entry, &above) in entries.iter_mut().zip(upper) {
-                *entry -= factor * above;
-            }
-            *place -= factor * known;
+        let upper = &mut above[column * n + column..column * n + end];
+        if let Some(row) = (pivot_row - column).checked_sub(1) {
+            upper.swap_with_slice(&mut below[row * n + column..row * n + end]);
         }
-    }
-    for column in (0..n).rev() {
-        let solution = vector[column] / matrix[column * n + column];
-        vector[column] = solution;
-        for row in column.saturating_sub(2 * band)..column {
-            vector[row] -= matrix[row * n + column] * solution;
+        for row in below.chunks_exact_mut(n).take(last - column) {
+            let Some((multiplier, entries)) = row[column..end].split_first_mut() else { continue };
+            *multiplier /= pivot;
+            for (entry, &above) in entries.iter_mut().zip(&upper[1..]) {
+                *entry -= *multiplier * above;
+            }
         }
     }
     Ok(())
@@ -137,40 +77,23 @@ pub struct BandFactors<T> {
 }
 
 impl<T: Real> BandFactors<T> {
-    /// Eliminates as [`solve`] does and notes what is needed to solve with other right-hand sides.
+    /// Factors as [`solve`] does and copies what is needed to solve with other right-hand sides.
     ///
     /// # Errors
     /// [`Singular`], as [`fvi_core::solve`].
-    pub(super) fn of(matrix: &mut [T], n: usize, band: usize) -> Result<Self, Singular> {
-        let mut multipliers = vec![T::zero(); n * band];
-        let mut lifts = vec![0; n];
-        for column in 0..n {
-            let (last, end) = ((column + band).min(n - 1), (column + 2 * band + 1).min(n));
-            let (pivot_row, pivot) = pivot(matrix, n, band, column)?;
-            lifts[column] = pivot_row - column;
-            let (above, below) = matrix.split_at_mut((column + 1) * n);
-            let upper = &mut above[column * n + column..column * n + end];
-            if let Some(below_upper) = (pivot_row - column).checked_sub(1) {
-                upper.swap_with_slice(&mut below[below_upper * n + column..below_upper * n + end]);
-            }
-            let of_column = &mut multipliers[column * band..];
-            for (row, multiplier) in below.chunks_exact_mut(n).zip(of_column).take(last - column) {
-                let entries = &mut row[column..end];
-                *multiplier = entries[0] / pivot;
-                for (entry, &above) in entries.iter_mut().zip(&*upper).skip(1) {
-                    *entry -= *multiplier * above;
-                }
-            }
-        }
+    pub(super) fn of(matrix: &mut [T], band: usize, pivots: &mut [usize]) -> Result<Self, Singular> {
+        factor(matrix, band, pivots)?;
+        let n = pivots.len();
+        let mut lifts: Vec<usize> = pivots.iter().enumerate().map(|(column, &row)| row - column).collect();
         if lifts.iter().all(|&lift| lift == 0) {
             lifts.clear();
         }
         let upper = if lifts.is_empty() { band } else { 2 * band };
         let mut columns = Vec::with_capacity(n * (1 + band + upper));
         for column in 0..n {
+            columns.push(T::one() / matrix[column * n + column]);
+            columns.extend((column + 1..=column + band).map(|row| at(matrix, row * n + column)));
             let row = &matrix[column * n + column..(column + 1) * n];
-            columns.push(T::one() / row[0]);
-            columns.extend_from_slice(&multipliers[column * band..(column + 1) * band]);
             columns.extend((1..=upper).map(|index| at(row, index)));
         }
         Ok(Self { band, upper, columns, lifts })
@@ -196,6 +119,11 @@ impl<T: Real> BandFactors<T> {
             known[row] = number * column[0];
         }
     }
+}
+
+/// A number of a slice; zero beyond it.
+fn at<T: Real>(numbers: &[T], index: usize) -> T {
+    numbers.get(index).copied().unwrap_or(T::zero())
 }
 
 /// The row from which a column's pivot comes, and the pivot.
@@ -243,7 +171,7 @@ mod tests {
                 let (mut whole, mut near) = (matrix.clone(), matrix);
                 let (mut expected, mut found) = (right.clone(), right);
                 fvi_core::solve(&mut whole, &mut vec![0; n], &mut expected).unwrap();
-                solve(&mut near, band, &mut found).unwrap();
+                solve(&mut near, band, &mut vec![0; n], &mut found).unwrap();
                 assert_eq!(found, expected, "{n} rows, band {band}, {heavy} with heavy diagonals");
             }
         }
@@ -260,8 +188,8 @@ mod tests {
                 }
             }
             let (mut expected, mut found) = (vec![1.0; n], vec![1.0; n]);
-            solve(&mut whole, band, &mut expected).unwrap();
-            solve(&mut near, band, &mut found).unwrap();
+            solve(&mut whole, band, &mut vec![0; n], &mut expected).unwrap();
+            solve(&mut near, band, &mut vec![0; n], &mut found).unwrap();
             assert_eq!(found, expected, "band {band}");
         }
     }
@@ -278,7 +206,7 @@ mod tests {
                 fvi_core::keep_factors(&mut whole, &mut pivots, &mut kept).unwrap();
                 let (mut expected, mut found) = (right.clone(), right);
                 fvi_core::substitute_kept(&kept, &pivots, &mut expected);
-                let factors = BandFactors::of(&mut matrix, n, band).unwrap();
+                let factors = BandFactors::of(&mut matrix, band, &mut vec![0; n]).unwrap();
                 factors.solve(&mut found);
                 assert_eq!(found, expected, "{n} rows, band {band}, lift {lift}");
                 assert_eq!(factors.lifts.is_empty(), lift != 0.0 || band == 0);
@@ -289,7 +217,7 @@ mod tests {
     #[test]
     fn a_singular_band_is_refused() {
         let mut matrix = [1.0, 2.0, 0.0, 2.0, 4.0, 0.0, 0.0, 0.0, 1.0];
-        assert_eq!(solve(&mut matrix.clone(), 1, &mut [1.0; 3]), Err(Singular));
-        assert!(BandFactors::of(&mut matrix, 3, 1).is_err());
+        assert_eq!(solve(&mut matrix.clone(), 1, &mut [0; 3], &mut [1.0; 3]), Err(Singular));
+        assert!(BandFactors::of(&mut matrix, 1, &mut [0; 3]).is_err());
     }
 }

@@ -1,11 +1,11 @@
-//! Damping of some directions: one channel of the memory for each of them instead of one for each coordinate.
+//! Damping terms of a scenario: one channel of the memory for each coordinate, or for some directions only.
 
 use super::matrices::Matrix;
 use super::space::AnySpace;
 use crate::scenario::Attached;
 use fvi_core::{
-    Block, DampedMotion, Damping, DampingError, DampingTerm, Derivative, Kernel, Memory, MemoryError,
-    Mismatch, Real, Sample, StateError, StateReader, StateWriter, add_multiple,
+    Block, DampedMotion, Damping, DampingError, Derivative, Kernel, Memory, MemoryError, Mismatch, Real,
+    Sample, StateError, StateReader, StateWriter, add_multiple,
 };
 use std::ops::Range;
 
@@ -15,8 +15,8 @@ use std::ops::Range;
 /// ρ_m D^{β_m} q = H_m D^{β_m} (G q) ,      ρ_m = H_m G
 /// ```
 ///
-/// G picks the coordinates whose rows of ρ are not empty, or is Bᵀ of dampers ρ = B C Bᵀ, one column each. It
-/// is linear, so what remembers is the motion G q in the space of the channels. Terms of different orders
+/// G is the identity, picks the coordinates whose rows of ρ are not empty, or is Bᵀ of dampers ρ = B C Bᵀ, one
+/// column each. It is linear, so what remembers is the motion G q in the space of the channels. Terms of different orders
 /// with the same G have one memory, of as many kernels.
 pub struct ChannelDamping<T: Real, M> {
     terms: Vec<Coefficient<T>>,
@@ -46,6 +46,8 @@ pub struct Coefficient<T> {
 /// Directions that the memory follows.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Directions<T> {
+    /// Every coordinate of so many.
+    All(usize),
     /// These coordinates, in ascending order; the rows of all others are empty.
     Coordinates(Vec<usize>),
     /// Bᵀ q: the columns of B, each as (coordinate, number).
@@ -73,6 +75,7 @@ impl<T: Real> Directions<T> {
     /// K.
     pub fn count(&self) -> usize {
         match self {
+            Self::All(count) => *count,
             Self::Coordinates(coordinates) => coordinates.len(),
             Self::Columns(columns) => columns.len(),
         }
@@ -86,6 +89,7 @@ impl<T: Real> Directions<T> {
 
     fn take_one(&self, x: &[T], out: &mut [T]) {
         match self {
+            Self::All(_) => out.copy_from_slice(x),
             // All of them.
             Self::Coordinates(_) if x.len() == out.len() => out.copy_from_slice(x),
             Self::Coordinates(coordinates) => {
@@ -104,6 +108,7 @@ impl<T: Real> Directions<T> {
         let Coefficient { rho, strength } = coefficient;
         let (size, count) = (rho.size().max(1), self.count().max(1));
         match self {
+            Self::All(_) => rho.multiply_add(T::one(), s, out),
             Self::Coordinates(_) if size == count => rho.multiply_add(T::one(), s, out),
             Self::Coordinates(coordinates) => {
                 vector.fill(T::zero());
@@ -128,6 +133,13 @@ impl<T: Real> Coefficient<T> {
     pub fn new(rho: Matrix<T>, attached: Option<&Attached>) -> Self {
         let strength = attached.map_or(&[][..], |attached| &attached.strength);
         Self { rho, strength: strength.iter().map(|&strength| T::of(strength)).collect() }
+    }
+}
+
+impl<T: Real, M> ChannelDamping<T, M> {
+    /// The memory.
+    pub fn memory(&self) -> &M {
+        self.channels.memory()
     }
 }
 
@@ -224,6 +236,9 @@ impl<T: Real, M: Memory<T>> Damping<T, AnySpace> for ChannelDamping<T, M> {
     fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
         let coordinates = self.vector.len().max(1);
         let nodes = increments.len() / coordinates;
+        if let (Directions::All(_), 1, [term]) = (&self.directions, nodes, &self.terms[..]) {
+            return term.rho.multiply_add(self.channels.leading(0, 1, 0, 0), increments, force);
+        }
         let sum = &mut scratch[..coordinates];
         for (kernel, term) in self.terms.iter().enumerate() {
             for (own, force) in force.chunks_exact_mut(coordinates).enumerate() {
@@ -269,93 +284,5 @@ impl<T: Real, M: Memory<T>> Damping<T, AnySpace> for ChannelDamping<T, M> {
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         self.channels.restore(from)
-    }
-}
-
-/// A damping term of a scenario, of all coordinates, or terms of some directions.
-pub enum HostTerm<T: Real, M> {
-    /// One channel for each coordinate.
-    Everywhere(DampingTerm<T, AnySpace, M>),
-    /// One channel for each direction, for one term or more.
-    Channels(ChannelDamping<T, M>),
-}
-
-impl<T: Real, M: Memory<T>> HostTerm<T, M> {
-    /// The memory.
-    pub fn memory(&self) -> &M {
-        match self {
-            Self::Everywhere(term) => term.memory(),
-            Self::Channels(term) => term.channels.memory(),
-        }
-    }
-}
-
-/// Calls the same method of whichever term it is.
-macro_rules! either {
-    ($self:ident, $term:ident => $call:expr) => {
-        match $self {
-            Self::Everywhere($term) => $call,
-            Self::Channels($term) => $call,
-        }
-    };
-}
-
-impl<T: Real, M: Memory<T>> Damping<T, AnySpace> for HostTerm<T, M> {
-    fn check(&self, coordinates: usize, nodes: usize, step_size: T) -> Result<(), Mismatch> {
-        either!(self, term => term.check(coordinates, nodes, step_size))
-    }
-
-    fn begin(&mut self, position: &[T], velocity: &[T]) {
-        either!(self, term => term.begin(position, velocity));
-    }
-
-    fn begin_at(&mut self, time: T) {
-        either!(self, term => term.begin_at(time));
-    }
-
-    fn add_known(
-        &mut self,
-        sample: &Sample<'_, T>,
-        known: &mut [T],
-        scratch: &mut [T],
-    ) -> Result<(), MemoryError> {
-        either!(self, term => term.add_known(sample, known, scratch))
-    }
-
-    fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
-        either!(self, term => term.add_leading(increments, force, scratch));
-    }
-
-    fn visit_leading(&self, nodes: usize, visit: impl FnMut(usize, usize, T, &Matrix<T>)) {
-        either!(self, term => term.visit_leading(nodes, visit));
-    }
-
-    fn leading_is_constant(&self) -> bool {
-        either!(self, term => term.leading_is_constant())
-    }
-
-    fn push(
-        &mut self,
-        sample: &Sample<'_, T>,
-        increments: &[T],
-        scratch: &mut [T],
-    ) -> Result<(), MemoryError> {
-        either!(self, term => term.push(sample, increments, scratch))
-    }
-
-    fn state_bytes(&self) -> usize {
-        either!(self, term => term.state_bytes())
-    }
-
-    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
-        either!(self, term => term.save(to))
-    }
-
-    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        either!(self, term => term.check_state(from))
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        either!(self, term => term.restore(from))
     }
 }

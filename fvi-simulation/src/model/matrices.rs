@@ -2,7 +2,7 @@
 //! within its band.
 
 use super::band::{self, BandFactors};
-use super::chain::{Chain, ChainFactors, PairedRows};
+use super::chain::{Chain, ChainFactors};
 use super::shared::Shared;
 use crate::numerics::semidefinite::check_positive_semidefinite;
 use fvi_core::{Block, Equations, MatrixError, Real, Singular};
@@ -62,11 +62,6 @@ impl<T: Real> Sparse<T> {
     /// Whether the columns of every row are its neighbours and itself.
     pub(super) fn is_tridiagonal(&self) -> bool {
         self.pattern.is_chain()
-    }
-
-    /// The rows of a chain, for products.
-    pub(super) fn paired_rows(&self) -> Option<PairedRows<T>> {
-        self.tridiagonal().map(|rows| PairedRows::new(rows.first, rows.middle, rows.last))
     }
 
     /// The entries without their columns, where those are the neighbours of the row and itself: chains are
@@ -441,7 +436,7 @@ impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
             return Ok(());
         }
         if self.is_banded() {
-            return band::solve(&mut self.entries, self.band, vector);
+            return band::solve(&mut self.entries, self.band, &mut self.pivots, vector);
         }
         self.has_factors = true;
         fvi_core::solve(&mut self.entries, &mut self.pivots, vector)
@@ -469,7 +464,8 @@ impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
             return Ok(());
         }
         if self.is_banded() {
-            *kept = DenseFactors::Banded(BandFactors::of(&mut self.entries, n, self.band)?);
+            let factors = BandFactors::of(&mut self.entries, self.band, &mut self.pivots)?;
+            *kept = DenseFactors::Banded(factors);
             return Ok(());
         }
         // The factors may fill the matrix.

@@ -1,6 +1,5 @@
 //! The mechanics of a scenario: mass, compiled potential and force.
 
-use super::chain::PairedRows;
 use super::elements::Elements;
 use super::energies::{EnergyRoom, States, write_plain};
 use super::loads::Loads;
@@ -40,16 +39,12 @@ pub struct Model<T> {
     potential: Option<CompiledPotential<T>>,
     /// K of the quadratic part ½ qᵀKq + bᵀq of the potential.
     quadratic: Matrix<T>,
-    /// The same, where it is that of a chain, and no other stiffness beside it.
-    paired_rows: Option<PairedRows<T>>,
     linear: Vec<(usize, T)>,
     force: CompiledForce<T>,
     /// Whether there is a force at all.
     forced: bool,
     /// Whether the matrix from files, or the rows, are all that pulls.
     is_constant: bool,
-    /// Whether the paired rows are.
-    pulls_by_paired_rows: bool,
     /// Forces that are rough in time, so that their moments are taken exactly.
     rough: Option<RoughForces>,
     /// Potentials and forces supplied as code.
@@ -93,11 +88,12 @@ const NOWHERE: usize = usize::MAX;
 /// Arguments of jumps and kinks within each other.
 const DEEPEST: usize = 64;
 
-/// Inverse of the mass.
+/// Inverse of the mass, with zeros in the rows and columns of coordinates without mass.
 #[derive(Clone, Debug)]
 enum InverseMass<T> {
     Matrix(Matrix<T>),
-    /// The factor of a sparse mass, and masses of the coordinates by themselves for a first guess.
+    /// The factor of a sparse mass, with ones for coordinates without mass, and masses of the coordinates by
+    /// themselves for a first guess, infinite for those without.
     Factor(Arc<Factor>, Vec<T>),
 }
 
@@ -105,7 +101,7 @@ impl<T: Elementary> Model<T> {
     /// Compiles the system of a scenario.
     ///
     /// # Errors
-    /// If the mass is not positive definite in the precision of `T`.
+    /// If the mass, but for rows and columns of zeros, is not positive definite in the precision of `T`.
     pub fn new(scenario: &Scenario) -> Result<Self, MatrixError> {
         let rough = RoughForces::of(scenario);
         let unbounded = UnboundedForces::of(scenario);
@@ -114,7 +110,7 @@ impl<T: Elementary> Model<T> {
         let size = system.coordinates();
         let threads = scenario.history.threads();
         let mass = matrix(&system.mass).on_threads(threads);
-        let inverse_mass = inverse(&mass, size)?;
+        let inverse_mass = inverse(&mass, &system.mass)?;
         // Steps that are chosen on the way end at jumps and kinks.
         let is_sided = scenario.time.adaptive().is_some() && scenario.cases.is_empty();
         let compiled = system.potential.as_ref().map(|potential| match is_sided {
@@ -221,26 +217,12 @@ impl<T: Elementary> Model<T> {
             && own.is_none();
         let entries = vec![T::zero(); jacobian_slots.len()];
         let quadratic = Matrix::symmetric(size, springs.iter().copied());
-        let paired_rows = match (&base, &quadratic) {
-            (None, Matrix::Sparse(sparse)) => sparse.paired_rows(),
-            _ => None,
-        };
-        let pulls_by_paired_rows = paired_rows.is_some()
-            && linear.is_empty()
-            && potential.as_ref().is_none_or(CompiledPotential::is_quadratic)
-            && elements.is_empty()
-            && system.loads.is_empty()
-            && scenario.cases.is_empty()
-            && own.is_none()
-            && force.is_zero();
         let mut model = Self {
             mass,
             inverse_mass,
             threads,
             base,
             anchor,
-            paired_rows,
-            pulls_by_paired_rows,
             elements,
             loads: Loads::new(&system.loads),
             cases: scenario.cases.iter().map(|case| Loads::new(&case.loads)).collect(),
@@ -321,13 +303,11 @@ impl<T: Elementary> Model<T> {
 
     /// K q + b.
     fn quadratic_restoring_force(&self, position: &[T], restoring: &mut [T]) {
-        if !self.paired_rows.as_ref().is_some_and(|rows| rows.multiply(position, restoring)) {
-            restoring.fill(T::zero());
-            if let Some(base) = &self.base {
-                base.multiply_add(T::one(), position, restoring);
-            }
-            self.quadratic.multiply_add(T::one(), position, restoring);
+        restoring.fill(T::zero());
+        if let Some(base) = &self.base {
+            base.multiply_add(T::one(), position, restoring);
         }
+        self.quadratic.multiply_add(T::one(), position, restoring);
         for &(coordinate, entry) in &self.linear {
             restoring[coordinate] += entry;
         }
@@ -356,13 +336,22 @@ impl<T: Elementary> Mechanics<T, AnySpace> for Model<T> {
     }
 
     fn restoring_force(&mut self, instant: Instant<T>, position: &Vec<T>, restoring: &mut [T]) {
-        if self.pulls_by_paired_rows
-            && let Some(rows) = &self.paired_rows
-            && rows.multiply(position, restoring)
-        {
-            return;
+        self.quadratic_restoring_force(position, restoring);
+        if let Some(potential) = &self.potential {
+            let point = sided(&mut self.potential_sides, position);
+            potential.add_rest_gradient_again(&mut self.restoring_registers, point, restoring);
         }
-        self.restoring_force_of_all(instant, position, restoring);
+        self.elements.iter_mut().for_each(|elements| elements.add_rest_gradient(position, restoring));
+        self.subtract_loads(instant, restoring);
+        if self.forced {
+            let position = with_velocity(&mut self.moving, position);
+            let point = sided(&mut self.force_sides, position);
+            self.force.value(moment(instant), point, &mut self.registers, &mut self.pushed);
+            restoring.iter_mut().zip(&self.pushed).for_each(|(restoring, &force)| *restoring -= force);
+        }
+        if let Some(own) = &mut self.own {
+            own.add_restoring_force(moment(instant), position, restoring);
+        }
     }
 
     fn linearise(
@@ -428,7 +417,7 @@ impl<T: Elementary> Mechanics<T, AnySpace> for Model<T> {
         restoring: &mut [T],
     ) {
         self.move_at(velocity);
-        self.restoring_force_of_all(instant, position, restoring);
+        self.restoring_force(instant, position, restoring);
     }
 
     fn linearise_in_motion(
@@ -651,27 +640,6 @@ impl<T: Elementary> Model<T> {
         }
     }
 
-    /// The restoring force of all parts. Not inlined where the paired rows are the only part.
-    #[inline(never)]
-    fn restoring_force_of_all(&mut self, instant: Instant<T>, position: &[T], restoring: &mut [T]) {
-        self.quadratic_restoring_force(position, restoring);
-        if let Some(potential) = &self.potential {
-            let point = sided(&mut self.potential_sides, position);
-            potential.add_rest_gradient_again(&mut self.restoring_registers, point, restoring);
-        }
-        self.elements.iter_mut().for_each(|elements| elements.add_rest_gradient(position, restoring));
-        self.subtract_loads(instant, restoring);
-        if self.forced {
-            let position = with_velocity(&mut self.moving, position);
-            let point = sided(&mut self.force_sides, position);
-            self.force.value(moment(instant), point, &mut self.registers, &mut self.pushed);
-            restoring.iter_mut().zip(&self.pushed).for_each(|(restoring, &force)| *restoring -= force);
-        }
-        if let Some(own) = &mut self.own {
-            own.add_restoring_force(moment(instant), position, restoring);
-        }
-    }
-
     /// Whether the stiffness is the same at every position and time.
     fn is_linear(&self) -> bool {
         self.own.as_ref().is_none_or(|own| !own.depends_on_position())
@@ -696,10 +664,12 @@ impl<T: Elementary> Model<T> {
                 velocity.fill(T::zero());
                 inverse.multiply_add(T::one(), momentum, velocity);
             }
-            InverseMass::Factor(factor, _) => {
+            InverseMass::Factor(factor, masses) => {
                 let mut numbers: Vec<f64> = momentum.iter().map(|number| number.to_f64()).collect();
                 factor.solve_on_threads(&mut numbers, self.threads);
-                velocity.iter_mut().zip(numbers).for_each(|(place, number)| *place = T::of(number));
+                for ((place, number), mass) in velocity.iter_mut().zip(numbers).zip(masses.iter().cycle()) {
+                    *place = if mass.is_finite() { T::of(number) } else { T::zero() };
+                }
             }
         }
     }
@@ -830,19 +800,31 @@ pub fn vector<T: Real>(numbers: &[f64]) -> Vec<T> {
     numbers.iter().map(|&number| T::of(number)).collect()
 }
 
-fn inverse<T: Real>(mass: &Matrix<T>, size: usize) -> Result<InverseMass<T>, MatrixError> {
-    if let Matrix::Sparse(entries) = mass {
-        return sparse_inverse(&entries.pattern, &entries.values);
+fn inverse<T: Real>(mass: &Matrix<T>, given: &SymmetricMatrix) -> Result<InverseMass<T>, MatrixError> {
+    let massless = given.zero_rows();
+    match (mass, given) {
+        (Matrix::Sparse(entries), SymmetricMatrix::Sparse(given)) => {
+            if massless.is_empty() {
+                return sparse_inverse(&entries.pattern, &entries.values, &massless);
+            }
+            let (pattern, values) = given.with_ones(&massless);
+            sparse_inverse(&pattern, &vector(&values), &massless)
+        }
+        _ => dense_inverse(mass, &massless).map(InverseMass::Matrix),
     }
-    dense_inverse(mass, size).map(InverseMass::Matrix)
 }
 
 /// The factor of a sparse mass; where that is diagonal, its inverse.
-fn sparse_inverse<T: Real>(pattern: &Pattern, entries: &[T]) -> Result<InverseMass<T>, MatrixError> {
+fn sparse_inverse<T: Real>(
+    pattern: &Pattern,
+    entries: &[T],
+    massless: &[usize],
+) -> Result<InverseMass<T>, MatrixError> {
     let values: Vec<f64> = entries.iter().map(|entry| entry.to_f64()).collect();
     if pattern.band() == 0 {
         let full = pattern.len() == pattern.size() && values.iter().all(|&value| value > 0.0);
-        let inverses = values.iter().map(|value| T::of(value.recip())).collect();
+        let mut inverses: Vec<T> = values.iter().map(|value| T::of(value.recip())).collect();
+        massless.iter().for_each(|&row| inverses[row] = T::zero());
         let inverse = InverseMass::Matrix(Matrix::Diagonal(inverses));
         return if full { Ok(inverse) } else { Err(MatrixError::NotPositiveDefinite) };
     }
@@ -854,21 +836,30 @@ fn sparse_inverse<T: Real>(pattern: &Pattern, entries: &[T]) -> Result<InverseMa
         let sum: f64 = values[slots].iter().sum();
         T::of(sum.max(0.5 * own))
     });
-    Ok(InverseMass::Factor(Arc::new(factor), masses.collect()))
+    let mut masses: Vec<T> = masses.collect();
+    massless.iter().for_each(|&row| masses[row] = T::of(f64::INFINITY));
+    Ok(InverseMass::Factor(Arc::new(factor), masses))
 }
 
-fn dense_inverse<T: Real>(mass: &Matrix<T>, size: usize) -> Result<Matrix<T>, MatrixError> {
+fn dense_inverse<T: Real>(mass: &Matrix<T>, massless: &[usize]) -> Result<Matrix<T>, MatrixError> {
     if let Matrix::Diagonal(entries) = mass {
-        let inverses: Vec<T> = entries.iter().map(|&entry| T::one() / entry).collect();
-        let good =
-            entries.iter().zip(&inverses).all(|(entry, inverse)| *entry > T::zero() && inverse.is_finite());
+        let mut inverses: Vec<T> = entries.iter().map(|&entry| T::one() / entry).collect();
+        // A mass that rounds to zero is none of those.
+        massless.iter().for_each(|&row| inverses[row] = T::zero());
+        let mut pairs = entries.iter().zip(&inverses).enumerate();
+        let good = pairs.all(|(row, (entry, inverse))| {
+            (*entry > T::zero() && inverse.is_finite()) || massless.binary_search(&row).is_ok()
+        });
         return if good { Ok(Matrix::Diagonal(inverses)) } else { Err(MatrixError::NotPositiveDefinite) };
     }
+    let size = mass.size();
     let mut factors = vec![T::zero(); size * size];
     mass.add_to(T::one(), &mut factors, size, 0, 0);
+    massless.iter().for_each(|&row| factors[row * size + row] = T::one());
     let mut pivots = vec![0; size];
     let mut columns = vec![T::zero(); size * size];
     factor(&mut factors, &mut pivots).map_err(|_| MatrixError::NotPositiveDefinite)?;
     invert_factored(&factors, &pivots, &mut columns);
+    massless.iter().for_each(|&row| columns[row * size + row] = T::zero());
     Ok(Matrix::Dense(columns))
 }

@@ -1,12 +1,12 @@
 //! The damping terms of a scenario on memories: how many channels they have, which of them may share one.
 
-use super::channel_damping::{ChannelDamping, Coefficient, Directions, HostTerm};
+use super::channel_damping::{ChannelDamping, Coefficient, Directions};
 use super::matrices::Matrix;
 use super::mechanics::matrix;
 use super::space::AnySpace;
 use crate::language::expression::Elementary;
 use crate::scenario::{self, SymmetricMatrix};
-use fvi_core::{DampingError, DampingTerm, Derivative, Kernel, Memory};
+use fvi_core::{Block, DampingError, Derivative, Kernel, Memory};
 
 /// On what the derivative of a term acts.
 fn derivative(term: &scenario::Damping) -> Derivative {
@@ -60,18 +60,20 @@ pub fn term_on_memory<T: Elementary, M: Memory<T>>(
     space: &AnySpace,
     terms: &[(&scenario::Damping, Kernel)],
     memory: M,
-) -> Result<HostTerm<T, M>, DampingError> {
+) -> Result<ChannelDamping<T, M>, DampingError> {
     let rho =
         |term: &scenario::Damping| -> Matrix<T> { matrix(&term.coefficient).on_threads(space.threads()) };
-    let (first, kernel) = terms[0];
-    if terms.len() == 1 && directions::<T>(first).is_none() {
-        return DampingTerm::in_space(space, kernel, rho(first), derivative(first), memory)
-            .map(HostTerm::Everywhere);
-    }
+    let first = terms[0].0;
+    let directions = match directions::<T>(first) {
+        None if terms.len() == 1 => {
+            rho(first).check_positive_semidefinite().map_err(DampingError::Coefficients)?;
+            Directions::All(first.coefficient.size())
+        }
+        _ => all_directions(first),
+    };
     let coefficient =
         |&(term, _): &(&scenario::Damping, Kernel)| Coefficient::new(rho(term), term.attached.as_ref());
     let coefficients = terms.iter().map(coefficient).collect();
     let kernels: Vec<Kernel> = terms.iter().map(|(_, kernel)| *kernel).collect();
-    let shape = (coefficients, all_directions(first), space.copies());
-    ChannelDamping::new(&kernels, shape, derivative(first), memory).map(HostTerm::Channels)
+    ChannelDamping::new(&kernels, (coefficients, directions, space.copies()), derivative(first), memory)
 }

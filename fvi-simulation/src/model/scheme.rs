@@ -1,5 +1,6 @@
 //! The schemes of scenarios: any degree, any quadrature, known at run time.
 
+use super::massless::{Carried, Found, MasslessRows, Settling};
 use super::matrices::Matrix;
 use super::space::{AnyEquations, AnyFactors, AnySpace};
 use crate::numerics::StagedMethod;
@@ -24,6 +25,8 @@ pub struct AnyScheme<T> {
     matrix: Vec<T>,
     square: Vec<T>,
     form: Form,
+    /// Coordinates without mass whose positions at grid points the step's polynomial does not tell.
+    massless: MasslessRows,
 }
 
 /// Where the fractional force acts, and what the memory stores.
@@ -85,6 +88,7 @@ impl<T: Real> AnyScheme<T> {
             matrix: Vec::new(),
             square: Vec::new(),
             form,
+            massless: MasslessRows::default(),
         };
         let tables = Tables {
             control_points: &mut scheme.control_points,
@@ -108,6 +112,7 @@ impl<T: Real> AnyScheme<T> {
             matrix: Vec::new(),
             square: Vec::new(),
             form,
+            massless: MasslessRows::default(),
         }
     }
 
@@ -124,7 +129,13 @@ impl<T: Real> AnyScheme<T> {
             matrix: super::vector(method.matrix().as_flattened()),
             square: super::vector(method.square().as_flattened()),
             form: Form::Collocation,
+            massless: MasslessRows::default(),
         }
+    }
+
+    /// The same scheme for a system with these coordinates without mass.
+    pub(crate) fn with_massless(self, massless: MasslessRows) -> Self {
+        Self { massless, ..self }
     }
 
     /// The discrete Lagrangian.
@@ -203,10 +214,14 @@ pub struct Room<T: Real> {
     forces: Vec<T>,
     known: Vec<T>,
     scratch: Vec<T>,
-    /// How far the nodes of the last sample lie behind the position, and behind it what pulled there.
+    /// How far the nodes of the last sample lie behind the position, and behind it what pulled there, and the
+    /// means of massless coordinates.
     carried: Vec<T>,
-    /// Numbers of the first.
+    /// Numbers of the first, and of the second.
     behind: usize,
+    pulled: usize,
+    /// Room for the ends of steps of massless coordinates.
+    settling: Settling<T>,
     moment_correction: Vec<T>,
     point: Vec<T>,
     stiffness: Matrix<T>,
@@ -233,8 +248,10 @@ impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
             known: numbers(samples),
             scratch: numbers(samples + 1),
             moment_correction: numbers(degree + 1),
-            carried: numbers(behind + usize::from(guessed)),
+            carried: vec![T::zero(); (behind + usize::from(guessed)) * size + self.massless.carried()],
             behind: behind * size,
+            pulled: usize::from(guessed) * size,
+            settling: Settling::new(&self.massless, mechanics),
             point: numbers(1),
             stiffness: mechanics.stiffness(),
             matrix: space.equations(degree),
@@ -265,7 +282,9 @@ impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
         step: &Step<'_, T>,
         state: &mut State<Vec<T>>,
     ) -> Result<u32, StepError> {
-        let (behind, restoring) = room.carried.split_at_mut(room.behind);
+        let (behind, rest) = room.carried.split_at_mut(room.behind);
+        let (restoring, means) = rest.split_at_mut(room.pulled);
+        room.settling.begin(&self.massless, &state.position);
         let mut work = Workspace::<T, AnySpace, _> {
             increments: &mut room.increments,
             residual: &mut room.residual,
@@ -281,7 +300,7 @@ impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
             matrix: &mut room.matrix,
             kept: &mut room.kept,
         };
-        match (self.form, self.of_one_point()) {
+        let iterations = match (self.form, self.of_one_point()) {
             (Form::MainNodes, Some(lagrangian)) => {
                 lagrangian.step_damped_at_main_nodes(&mut work, mechanics, damping, step, state)
             }
@@ -299,7 +318,13 @@ impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
                 let tables = CollocationTables { matrix, square, weights, nodes };
                 tables.step(&mut work, mechanics, damping, step, state)
             }
+        }?;
+        if !self.massless.is_empty() {
+            let found = Found { weights: &self.weights, stages: &room.stages };
+            let carried = Carried { behind, means, increments: &mut room.increments };
+            room.settling.end(&self.massless, mechanics, step, &found, carried, state);
         }
+        Ok(iterations)
     }
 }
 

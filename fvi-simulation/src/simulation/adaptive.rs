@@ -118,9 +118,12 @@ impl<'s> AdaptiveSteps<'s> {
         let largest =
             [&start.position, &start.momentum].map(|numbers| numbers.iter().map(|x| x.abs()).collect());
         let counts = Counts { rejected: 0, attempts: 0, smallest: f64::INFINITY, largest: 0.0 };
-        let momentum_scale: Vec<f64> =
-            scenario.system.mass.diagonal().iter().map(|mass| rule.scale * mass).collect();
-        let energy_scale = momentum_scale.iter().zip(&start.momentum).map(|(scale, p)| {
+        // Momenta without mass are zero, and so are their errors.
+        let of_mass = |mass: f64| if mass > 0.0 { rule.scale * mass } else { rule.scale };
+        let masses = scenario.system.mass.diagonal();
+        let momentum_scale: Vec<f64> = masses.iter().map(|&mass| of_mass(mass)).collect();
+        let scales = momentum_scale.iter().zip(&start.momentum).zip(&masses);
+        let energy_scale = scales.filter(|(_, mass)| **mass > 0.0).map(|((scale, p), _)| {
             let p = p.abs().max(*scale);
             p * p / scale * rule.scale
         });

@@ -3,13 +3,16 @@
 use crate::language::InputError;
 use crate::language::Problem;
 use crate::language::expression::{Elementary, Moment};
+use crate::numerics::aligned::Aligned;
 use crate::numerics::controller_source::ControllerTables;
-use crate::numerics::exponential_table::{ENDLESS, ENDLESS_REACH, ExponentialKernel, SMALLEST_TOLERANCE};
+use crate::numerics::exponential_table::{
+    ENDLESS, ENDLESS_REACH, ExponentialKernel, ExponentialKernelError, SMALLEST_TOLERANCE,
+};
 use crate::scenario::{Controller, SampledInput, Scenario};
 use crate::simulation::{GridState, Precision};
 use fvi_core::{
-    ExponentialSum, ExponentialTable, FractionalPid, Kernel, PidInputs, PidLaw, Real, StateError,
-    StateReader, StateWriter,
+    ExponentialSum, FractionalPid, Kernel, ParameterError, PidInputs, PidLaw, Real, StateError, StateReader,
+    StateWriter,
 };
 use std::collections::VecDeque;
 
@@ -73,7 +76,7 @@ pub(crate) fn acts_inside_steps(scenario: &Scenario) -> bool {
 }
 
 /// The memory of a controller.
-pub type Sum<T> = ExponentialSum<T, Vec<T>, Vec<T>>;
+pub type Sum<T> = ExponentialSum<T, Aligned<T>, Vec<T>>;
 
 /// A controller on exponential sums.
 pub type SumPid<T> = FractionalPid<T, Sum<T>, Sum<T>, PidLaw<T>, Sum<T>>;
@@ -106,16 +109,11 @@ impl<T: Elementary> Loops<T> {
     fn new(scenario: &Scenario) -> Result<Self, InputError> {
         let step_size = scenario.time.step;
         let make = |(index, controller): (usize, &Controller)| {
-            let refused = |key: &str, problem: Problem| {
-                let (one, several) = (format!("controller.{key}"), format!("controller[{index}].{key}"));
-                scenario.error_at_first(&[&one, &several], problem)
-            };
-            let unusable = |reason: String| refused("sample", Problem::Unusable { reason });
             let every = controller.steps_between(step_size).ok_or_else(|| {
                 let allowed = format!("a multiple of the step {step_size}");
-                refused("sample", Problem::OutOfRange { allowed })
+                error_at(scenario, index, &["sample"], Problem::OutOfRange { allowed })
             })?;
-            let pid = pid(scenario, controller).map_err(unusable)?;
+            let pid = pid(scenario, controller).map_err(|unusable| unusable.error(scenario, index))?;
             Ok(Loop {
                 controller: controller.clone(),
                 pid,
@@ -131,64 +129,107 @@ impl<T: Elementary> Loops<T> {
     }
 }
 
+/// Why a controller of a scenario cannot be made.
+#[derive(Clone, Debug)]
+pub struct Unusable {
+    /// The keys of `[controller]`, or of the scenario where they begin with another table's name, of which the
+    /// first that is in the file is at fault.
+    keys: &'static [&'static str],
+    reason: String,
+}
+
+impl Unusable {
+    fn of(keys: &'static [&'static str], reason: impl ToString) -> Self {
+        Self { keys, reason: reason.to_string() }
+    }
+
+    /// Why a parameter of the law is refused.
+    pub fn of_parameter(error: &ParameterError) -> Self {
+        Self::of(Controller::keys_of(error.parameter), error)
+    }
+
+    /// The error about the controller with this index.
+    pub fn error(self, scenario: &Scenario, index: usize) -> InputError {
+        error_at(scenario, index, self.keys, Problem::Unusable { reason: self.reason })
+    }
+}
+
+impl From<ParameterError> for Unusable {
+    fn from(error: ParameterError) -> Self {
+        Self::of_parameter(&error)
+    }
+}
+
+/// An error about the first of some keys that is in the file.
+fn error_at(scenario: &Scenario, index: usize, keys: &[&str], problem: Problem) -> InputError {
+    let of_controller = |key: &&str| match key.starts_with("history.") {
+        true => vec![(*key).to_owned()],
+        false => vec![format!("controller.{key}"), format!("controller[{index}].{key}")],
+    };
+    let paths: Vec<String> = keys.iter().flat_map(of_controller).collect();
+    let paths: Vec<&str> = paths.iter().map(String::as_str).collect();
+    scenario.error_at_first(&paths, problem)
+}
+
 /// A controller of a scenario before its first sample.
 ///
 /// # Errors
 /// As [`tables`], and if a number does not fit into the precision.
-pub fn pid<T: Real>(scenario: &Scenario, controller: &Controller) -> Result<SumPid<T>, String> {
-    let law = controller.law::<T>().map_err(|error| error.to_string())?;
+pub fn pid<T: Real>(scenario: &Scenario, controller: &Controller) -> Result<SumPid<T>, Unusable> {
+    let law = controller.law::<T>()?;
     let tables = tables(scenario, controller)?;
-    let of = |kernel: Result<Kernel, fvi_core::ParameterError>, table| {
-        memory::<T>(&kernel.map_err(|error| error.to_string())?, table)
-    };
-    let integral = of(law.integral_kernel(), &tables.integral)?;
-    let derivative = of(law.derivative_kernel(), &tables.derivative)?;
-    let filter = match (law.filter_kernel(), &tables.filter) {
-        (Ok(Some(kernel)), Some(table)) => Some(of(Ok(kernel), table)?),
+    let integral = memory::<T>(&law.integral_kernel()?, &tables.integral, "integral")?;
+    let derivative = memory::<T>(&law.derivative_kernel()?, &tables.derivative, "derivative")?;
+    let filter = match (law.filter_kernel()?, &tables.filter) {
+        (Some(kernel), Some(table)) => Some(memory::<T>(&kernel, table, "filter of the derivative")?),
         _ => None,
     };
-    FractionalPid::with_parts(law, integral, Some(derivative), filter).map_err(|error| error.to_string())
+    Ok(FractionalPid::with_parts(law, integral, Some(derivative), filter)?)
 }
 
 /// The tables, made for h = 1, on which a controller of a scenario runs.
 ///
 /// # Errors
 /// Why there are none: its `sample` is no whole number of steps, or a tolerance cannot be met.
-pub fn tables(scenario: &Scenario, controller: &Controller) -> Result<ControllerTables, String> {
+pub fn tables(scenario: &Scenario, controller: &Controller) -> Result<ControllerTables, Unusable> {
     let step = scenario.time.step;
-    let every = controller.steps_between(step).ok_or_else(|| format!("`sample` is no multiple of {step}"))?;
+    let every = controller
+        .steps_between(step)
+        .ok_or_else(|| Unusable::of(&["sample"], format!("it is no multiple of {step}")))?;
     // Tables are made for the run that was planned, and serve one that is carried further.
     let planned = scenario.history.planned.unwrap_or(scenario.time.steps.saturating_add(1));
     let [planned, ticks] = [planned, scenario.time.steps].map(|steps| (steps as u64 / every) as usize + 2);
-    let law = controller.law::<f64>().map_err(|error| error.to_string())?;
+    let law = controller.law::<f64>()?;
     let tolerance = scenario.history.tolerance.unwrap_or(SMALLEST_TOLERANCE);
     let reach = match scenario.history.horizon {
         Some(horizon) => horizon.max(planned),
         None => planned.next_power_of_two().max(1 << 20),
     };
     if reach < ticks {
-        return Err(format!(
+        let reason = format!(
             "its memory was made for {reach} samples, and {ticks} are wanted: begin anew, or with a longer `history.horizon`"
-        ));
+        );
+        return Err(Unusable::of(&["history.horizon", "sample"], reason));
     }
     let horizon = if reach > ENDLESS_REACH { ENDLESS } else { reach };
-    ControllerTables::new(&law, horizon, tolerance).map_err(|error| error.to_string())
+    ControllerTables::new(&law, horizon, tolerance).map_err(|error| match error {
+        ExponentialKernelError::Parameter(error) => match error.parameter {
+            "horizon" => Unusable::of(&["history.horizon", "sample"], error),
+            "tolerance" => Unusable::of(&["history.tolerance", "sample"], error),
+            _ => error.into(),
+        },
+        missed => Unusable::of(&["history.tolerance", "mu", "sample"], missed),
+    })
 }
 
 /// The memory of a kernel on its table.
-fn memory<T: Real>(kernel: &Kernel, table: &ExponentialKernel) -> Result<Sum<T>, String> {
+fn memory<T: Real>(kernel: &Kernel, table: &ExponentialKernel, what: &str) -> Result<Sum<T>, Unusable> {
     let table = table.table::<T>();
-    let table = ExponentialTable {
-        stages: table.stages,
-        head: table.head.as_ref().to_vec(),
-        exponentials: table.exponentials.as_ref().to_vec(),
-        slow_blocks: table.slow_blocks,
-        far_blocks: table.far_blocks,
-        horizon: table.horizon,
-        step_size: table.step_size,
-    };
     let state = vec![T::zero(); table.borrow().state_len(1)];
-    kernel.exponential_sum(table, 1, state).map_err(|error| error.to_string())
+    kernel.exponential_sum(table, 1, state).map_err(|error| {
+        let reason = format!("the weights of the {what}, powers of it, leave the precision ({error})");
+        Unusable::of(&["sample"], reason)
+    })
 }
 
 /// Quanta up to which numbers are rounded to them.

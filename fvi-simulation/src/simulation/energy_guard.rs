@@ -102,20 +102,25 @@ impl EnergyGuard {
         if !scenario.cases.is_empty() {
             return Self::blind();
         }
+        // Zero where there is no mass.
+        let inverse = |mass: f64| if mass == 0.0 { 0.0 } else { mass.recip() };
         let inverse_mass = match &scenario.system.mass {
             SymmetricMatrix::Diagonal(masses) => {
-                SymmetricMatrix::Diagonal(masses.iter().map(|mass| 1.0 / mass).collect())
+                SymmetricMatrix::Diagonal(masses.iter().map(|&mass| inverse(mass)).collect())
             }
             SymmetricMatrix::Dense(mass) => {
                 let zero = || nalgebra::DMatrix::zeros(mass.nrows(), mass.nrows());
-                SymmetricMatrix::Dense(dense::inverse(mass.clone()).unwrap_or_else(zero))
+                let mut regular = mass.clone();
+                // Momenta without mass are zero.
+                scenario.system.massless().into_iter().for_each(|row| regular[(row, row)] = 1.0);
+                SymmetricMatrix::Dense(dense::inverse(regular).unwrap_or_else(zero))
             }
             // Linear motions that no step makes grow.
             SymmetricMatrix::Sparse(_) if stability::is_unconditional(scenario) => return Self::blind(),
             SymmetricMatrix::Sparse(mass) => SymmetricMatrix::Diagonal(
                 mass.pattern
                     .rows()
-                    .map(|slots| mass.values[slots].iter().map(|entry| entry.abs()).sum::<f64>().recip())
+                    .map(|slots| inverse(mass.values[slots].iter().map(|entry| entry.abs()).sum()))
                     .collect(),
             ),
         };

@@ -10,7 +10,7 @@ use crate::language::{InputError, Problem};
 use crate::model::{Matrix, Model, matrix};
 use crate::numerics::dense::solve_complex;
 use crate::numerics::transfer::TransferFunction;
-use crate::scenario::Scenario;
+use crate::scenario::{Scenario, Scheme};
 use discrete::{SchemeFactors, StepEquations};
 use fvi_core::{Instant, Mechanics};
 use fvi_sparse::{ComplexSolver, Pattern};
@@ -106,6 +106,12 @@ impl Linearised {
             sparse(size, [&mass, &stiffness].into_iter().chain(&damping))
         };
         let scheme = StepEquations::of(scenario, &transfers).and_then(|scheme| {
+            let massless = scenario.system.massless();
+            if let (Some(row), true) = (massless.first(), scenario.scheme != Scheme::Collocation) {
+                return Err(format!(
+                    "coordinate {row} has no mass, and its positions at grid points do not follow from the polynomials of the scheme"
+                ));
+            }
             let unknowns = scheme.nodes() * size;
             if scheme.nodes() > 1 && (unknowns > DENSE_UNKNOWNS || matches!(equations, Equations::Sparse { .. })) {
                 return Err(format!(
@@ -217,6 +223,11 @@ impl Linearised {
                 "poles are sought in systems of up to {DENSE} coordinates, or given by full matrices"
             ));
         };
+        if let Some(row) = (0..self.size).find(|&row| mass.row(row).amax() == 0.0) {
+            return Err(format!(
+                "coordinate {row} has no mass; poles are sought where every coordinate has one"
+            ));
+        }
         let damping = damping
             .iter()
             .zip(&self.transfers)

@@ -67,9 +67,12 @@ pub struct LinearDamping {
     pub transfer: TransferFunction,
 }
 
-/// M q̈ + C q̇ + K q + Σ_m ρ_m K_m(D) q = 0, in coordinates where M is the identity.
+/// M q̈ + C q̇ + K q + Σ_m ρ_m K_m(D) q = 0, in coordinates where M is the identity, or has zeros in place of
+/// some of its ones.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinearSystem {
+    /// M, where it is not the identity.
+    mass: Option<DMatrix<f64>>,
     stiffness: DMatrix<f64>,
     /// C = −∂F/∂v.
     resistance: Option<DMatrix<f64>>,
@@ -80,7 +83,8 @@ impl LinearSystem {
     /// The system of a mass matrix M, a stiffness K = ∂²U/∂q² − ∂F/∂q, symmetric or not, and damping terms.
     ///
     /// # Errors
-    /// If M is not positive definite, or so small that K or ρ divided by it is not finite.
+    /// If M is not positive definite but for rows and columns of zeros, or so small that K or ρ divided by it is
+    /// not finite; or if neither stiffness alone nor damping holds a coordinate without mass.
     pub fn new(
         mass: &DMatrix<f64>,
         stiffness: &DMatrix<f64>,
@@ -104,6 +108,17 @@ impl LinearSystem {
             value: mass.diagonal().min(),
             allowed: "that of a positive definite matrix by which stiffness and damping can be divided",
         };
+        let massless: Vec<usize> =
+            (0..mass.nrows()).filter(|&row| mass.row(row).iter().all(|&entry| entry == 0.0)).collect();
+        if !massless.is_empty() {
+            let all = Self {
+                mass: Some(mass.clone()),
+                stiffness: stiffness.clone(),
+                resistance: resistance.cloned(),
+                damping,
+            };
+            return all.scaled(&massless).ok_or(refused);
+        }
         let factor = Cholesky::new(mass.clone()).ok_or(refused)?.l();
         let inverse = dense::inverse(factor).ok_or(refused)?;
         let in_new_coordinates = |matrix: &DMatrix<f64>| &inverse * matrix * inverse.transpose();
@@ -119,7 +134,58 @@ impl LinearSystem {
         {
             return Err(refused);
         }
-        Ok(Self { stiffness, resistance, damping })
+        Ok(Self { mass: None, stiffness, resistance, damping })
+    }
+
+    /// The system whose mass has these rows of zeros, in coordinates where all other entries of M are those of
+    /// the identity. Coordinates held by stiffness alone are where K q = 0, at every node of a scheme too, and
+    /// are eliminated; those that are damped have the identity for the sum of what damps them.
+    fn scaled(self, massless: &[usize]) -> Option<Self> {
+        let mass = self.mass?;
+        let size = mass.nrows();
+        let acts = |matrix: &DMatrix<f64>, row: usize| matrix.row(row).amax() > 0.0;
+        let damped = |row: usize| {
+            self.resistance.iter().any(|resistance| acts(resistance, row))
+                || self.damping.iter().any(|term| acts(&term.coefficients, row))
+        };
+        let held: Vec<usize> = massless.iter().copied().filter(|&row| !damped(row)).collect();
+        let heavy = (0..size).filter(|row| !massless.contains(row));
+        let kept: Vec<usize> =
+            heavy.chain(massless.iter().copied().filter(|row| !held.contains(row))).collect();
+        let block = |matrix: &DMatrix<f64>, rows: &[usize], columns: &[usize]| {
+            DMatrix::from_fn(rows.len(), columns.len(), |i, j| matrix[(rows[i], columns[j])])
+        };
+        let mut stiffness = block(&self.stiffness, &kept, &kept);
+        if !held.is_empty() {
+            let inverse = dense::inverse(block(&self.stiffness, &held, &held))?;
+            let [to, from] =
+                [(&kept, &held), (&held, &kept)].map(|(rows, columns)| block(&self.stiffness, rows, columns));
+            stiffness -= to * inverse * from;
+        }
+        let of_kept = |matrix: &DMatrix<f64>| block(matrix, &kept, &kept);
+        let (mass, resistance) = (of_kept(&mass), self.resistance.as_ref().map(of_kept));
+        let mut damping = self.damping;
+        damping.iter_mut().for_each(|term| term.coefficients = of_kept(&term.coefficients));
+        let count = size - massless.len();
+        let mut metric = mass.clone();
+        for matrix in damping.iter().map(|term| &term.coefficients).chain(&resistance) {
+            let mut own = metric.view_range_mut(count.., count..);
+            own +=
+                0.5 * (matrix.view_range(count.., count..) + matrix.view_range(count.., count..).transpose());
+        }
+        let inverse = dense::inverse(Cholesky::new(metric)?.l())?;
+        let in_new_coordinates = |matrix: &DMatrix<f64>| &inverse * matrix * inverse.transpose();
+        damping.iter_mut().for_each(|term| term.coefficients = in_new_coordinates(&term.coefficients));
+        let (stiffness, resistance) =
+            (in_new_coordinates(&stiffness), resistance.as_ref().map(in_new_coordinates));
+        let finite = |matrix: &DMatrix<f64>| matrix.iter().all(|entry| entry.is_finite());
+        let terms = damping.iter().map(|term| &term.coefficients);
+        if !terms.chain([&stiffness]).chain(&resistance).all(finite) {
+            return None;
+        }
+        let one = |i, j| f64::from(u8::from(i == j && i < count));
+        let mass = (count < kept.len()).then(|| DMatrix::from_fn(kept.len(), kept.len(), one));
+        Some(Self { mass, stiffness, resistance, damping })
     }
 
     /// The parts of it that do not act on each other; `None` if one has more than [`LARGEST_PART`]
@@ -156,7 +222,8 @@ const MARGINS: (f64, f64) = (1e-7, 1e-3);
 /// So what neither grows nor decays is accepted, as are undamped systems. Where the system itself makes
 /// motions grow (K not positive semidefinite, forces that do not come from a potential, forces of the
 /// velocity that drive) none may grow more
-/// than twice as fast as the system's fastest can.
+/// than twice as fast as the system's fastest can; where coordinates have no mass nothing bounds that, and such
+/// parts are not looked at.
 ///
 /// Matrices that commute are split into their modes. Parts of more than 40 coupled coordinates are taken
 /// apart along the modes of K, and along those of ρ, without what couples these: then the check is no more
@@ -172,7 +239,10 @@ pub fn check_stability(
     let transfers = system.damping.iter().map(|term| term.transfer.clone()).collect();
     let check = Check {
         characteristic: Characteristic::new(discretisation, transfers),
-        parts: parts(system).into_iter().filter(|part| !is_always_stable(discretisation, part)).collect(),
+        parts: parts(system)
+            .into_iter()
+            .filter(|part| !is_always_stable(discretisation, part) && !may_grow_at_any_rate(part))
+            .collect(),
         end: step * steps.max(1) as f64,
     };
     if check.is_stable(step) {
@@ -209,6 +279,11 @@ fn is_always_stable(discretisation: &Discretisation, part: &Part) -> bool {
         DampingForm::MainNodes { .. } | DampingForm::Stages { .. } => false,
     };
     midpoint && (passive || !part.is_damped()) && part.growth_rate() == 0.0
+}
+
+/// Whether a part without some of its masses pushes, so that nothing bounds how fast its motions grow.
+fn may_grow_at_any_rate(part: &Part) -> bool {
+    part.mass.is_some() && part.growth_rate() > 0.0
 }
 
 struct Check {

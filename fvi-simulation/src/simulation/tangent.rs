@@ -15,6 +15,7 @@ use crate::scenario::{
 };
 use crate::simulation::choice::{SolverChoice, sparse_space};
 use crate::simulation::gyroscopic::Gyroscopic;
+use crate::simulation::massless;
 use explicit::Direct;
 use fvi_core::{
     Block, DampedMotion, Derivative, Equations, Instant, Kernel, Mechanics, Memory, MemoryError,
@@ -229,6 +230,7 @@ impl Tangent {
     /// If a memory cannot be made, or a parameter is in forces that are not differentiated by it.
     pub(crate) fn new(scenario: &Scenario, tables: &Tables) -> Result<Option<Self>, InputError> {
         let Some(Sensitivity { parameters }) = &scenario.sensitivity else { return Ok(None) };
+        massless::refuse(scenario, "sensitivity", "sensitivities")?;
         refuse_rough(scenario, parameters)?;
         if scenario.system.own_terms.as_ref().is_some_and(SharedTerms::depend_on_position) {
             let with = "a potential or force in code that depends on the position".to_owned();

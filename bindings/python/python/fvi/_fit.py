@@ -361,16 +361,12 @@ def _model(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
     return model
 
 
-KEYS = ("quantity", "input", "output", "term", "position", "relative_deviation", "set", "file", "deviation")
-"""Keys of a table of data that are no columns."""
-
-
 def _table(index: int, given: Mapping[str, Any], files: dict[str, bytes]) -> dict[str, Any]:
     place = f"data[{index}]"
     if not isinstance(given, Mapping):
         raise InputError(f"{place}: a dictionary is needed", place, repr(given))
-    keys = {key: given[key] for key in KEYS if given.get(key) is not None}
-    columns: dict[str, Any] = {key: value for key, value in given.items() if key not in KEYS}
+    keys = {key: given[key] for key in _fvi.DATA_KEYS if given.get(key) is not None}
+    columns: dict[str, Any] = {key: value for key, value in given.items() if key not in _fvi.DATA_KEYS}
     if "file" in keys:
         if columns:
             message = f"{place}.file: cannot stand beside columns; here there are {', '.join(columns)}"

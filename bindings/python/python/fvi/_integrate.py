@@ -68,7 +68,9 @@ def integrate(
     Parameters
     ----------
     mass : array_like or sparse matrix
-        M: the diagonal, or a symmetric positive definite matrix. It says how many coordinates N there are.
+        M: the diagonal, or a symmetric positive definite matrix. It says how many coordinates N there are. Zeros in the diagonal,
+        or rows of zeros in a matrix, are coordinates without mass, which stiffness or damping must hold: their momentum is 0, and
+        where stiffness alone holds them a position of 0 at the start stands for the one at which their forces balance.
     position : array_like
         q(t₀), N numbers, or one for all coordinates. With samples as `past` it may be left out.
     step, steps, end : number
@@ -110,7 +112,8 @@ def integrate(
     **keys
         How to integrate, by the names in a scenario: scheme="low-order" (kappa=0.5), "galerkin" (degree, quadrature, points),
         "collocation", "explicit-euler" or "implicit-euler"; convolution="bdf" (order from 1 to 6), "radau-iia" or "lobatto-iiic" (stages), or
-        "trapezoidal", likewise symbol="trapezoidal"; at; starting; engine, tolerance, capacity, overflow; every, times, coordinates; allow_unstable; energy_guard; title;
+        "trapezoidal", likewise symbol="trapezoidal"; at; starting; engine, tolerance, horizon, capacity, overflow, states, threads;
+        every, times, coordinates; allow_unstable; energy_guard; title;
         sensitivities, paths such as "system.damping[0].order" by which the motion is differentiated, `Result.dq` and `Result.dp`;
         memory_energy=True for `Result.memory_stored` and `Result.memory_dissipated`; and
         for steps that differ grid="graded" (with end, steps, exponent), grid="geometric" (end, first, ratio, longest),

@@ -183,7 +183,7 @@ class Result:
 
     @property
     def v(self) -> FloatArray:
-        """Velocities M⁻¹p, shape (K, N).
+        """Velocities M⁻¹p, shape (K, N); NaN at coordinates without mass, whose velocity no momentum tells.
 
         Raises
         ------
@@ -207,20 +207,27 @@ class Result:
         if not hasattr(mass, "tocsc"):
             mass = np.asarray(mass, dtype=np.float64)
         if mass.ndim == 1:
-            return np.asarray(self.p / mass[self.coordinates])
+            chosen = mass[self.coordinates]
+            return np.asarray(np.where(chosen > 0.0, self.p / np.where(chosen > 0.0, chosen, 1.0), np.nan))
         if self.p.shape[1] != mass.shape[0]:
             message = "v: the mass couples coordinates, and some were left out of the result: choose all `coordinates`"
             raise InputError(message, "v", str(self.p.shape))
+        massless = np.asarray(abs(mass).sum(axis=1)).ravel() == 0.0
         if hasattr(mass, "tocsc"):
-            factor = _module("scipy.sparse.linalg", "v").splu(mass.tocsc())
-            return np.asarray(factor.solve(np.ascontiguousarray(self.p.T)).T)
-        return np.asarray(np.linalg.solve(mass, self.p.T).T)
+            sparse = _module("scipy.sparse", "v")
+            regular = mass + sparse.diags(massless.astype(np.float64)) if massless.any() else mass
+            factor = _module("scipy.sparse.linalg", "v").splu(regular.tocsc())
+            velocities = np.asarray(factor.solve(np.ascontiguousarray(self.p.T)).T)
+        else:
+            velocities = np.asarray(np.linalg.solve(mass + np.diag(massless.astype(np.float64)), self.p.T).T)
+        velocities[:, massless] = np.nan
+        return velocities
 
     def __call__(self, t: Any) -> FloatArray:
         """Positions between the rows, by the cubic polynomials that have their positions and velocities.
 
-        Beside the error of the run these have one of (length between rows)⁴; near t = 0, where the motion is not smooth, a larger
-        one. `times` asks the scheme itself.
+        Beside the error of the run these have one of (length between rows)⁴, and of (length)³ at coordinates without mass, whose
+        slopes are differences; near t = 0, where the motion is not smooth, a larger one. `times` asks the scheme itself.
 
         Parameters
         ----------
@@ -244,6 +251,9 @@ class Result:
         if len(self.t) == 1:
             return np.broadcast_to(self.q[0], (*times.shape, self.q.shape[1])).copy()
         v = self.v
+        if np.isnan(v).any():
+            # Coordinates without mass: slopes of the rows.
+            v = np.where(np.isnan(v), np.gradient(self.q, self.t, axis=0, edge_order=min(2, len(self.t) - 1)), v)
         row = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, len(self.t) - 2)
         length = (self.t[row + 1] - self.t[row])[..., None]
         s = (times - self.t[row])[..., None] / length

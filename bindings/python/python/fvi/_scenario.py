@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from fvi import _arrays
+from fvi import _arrays, _fvi
 from fvi._errors import InputError
 
 Scenario = str | os.PathLike[str] | Mapping[str, Any]
@@ -19,46 +19,12 @@ Scenario = str | os.PathLike[str] | Mapping[str, Any]
 
 SHORT_NAMES = {
     "title": "title",
-    "position": "initial.position",
-    "momentum": "initial.momentum",
-    "velocity": "initial.velocity",
-    "past": "initial.past",
     "scheme": "scheme.kind",
-    "kappa": "scheme.kappa",
-    "degree": "scheme.degree",
-    "quadrature": "scheme.quadrature",
-    "points": "scheme.points",
     "convolution": "convolution.family",
-    "order": "convolution.order",
-    "stages": "convolution.stages",
-    "symbol": "convolution.symbol",
-    "at": "convolution.at",
-    "starting": "convolution.starting",
-    "step": "time.step",
-    "steps": "time.steps",
-    "end": "time.end",
-    "allow_unstable": "time.allow_unstable",
-    "energy_guard": "time.energy_guard",
-    "engine": "history.engine",
-    "tolerance": "history.tolerance",
-    "horizon": "history.horizon",
-    "capacity": "history.capacity",
-    "overflow": "history.overflow",
-    "grid": "time.grid",
-    "start": "time.start",
-    "exponent": "time.exponent",
-    "first": "time.first",
-    "ratio": "time.ratio",
-    "longest": "time.longest",
-    "shortest": "time.shortest",
-    "scale": "time.scale",
-    "must_hit": "time.must_hit",
-    "every": "output.every",
-    "times": "output.times",
-    "coordinates": "output.coordinates",
     "parameters": "system.parameters",
     "sensitivities": "sensitivity.parameters",
-    "memory_energy": "output.memory_energy",
+    # A key that several tables have is that of the first.
+    **{key: f"{table}.{key}" for table, keys in reversed(_fvi.KEYS) for key in keys if key not in ("kind", "family")},
 }
 """Names of arguments, with the keys of a scenario that they stand for."""
 

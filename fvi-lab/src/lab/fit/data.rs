@@ -128,7 +128,8 @@ impl Observed {
     }
 }
 
-const KEYS: [&str; 9] =
+/// Keys of a table of data.
+pub const KEYS: [&str; 9] =
     ["file", "quantity", "input", "output", "term", "position", "deviation", "relative_deviation", "set"];
 
 /// What a scenario has, as far as data are about it.

@@ -173,11 +173,7 @@ impl Fit {
     /// # Errors
     /// The first thing that cannot be used, with its place.
     pub fn from_document(document: &Document) -> Result<Self, InputError> {
-        let path = document.with_root(|root| {
-            root.allow(&KEYS)?;
-            Ok(document.resolve(root.required("scenario")?.text()?))
-        })?;
-        Self::of_scenario(document, Document::read(&path)?)
+        Self::of_scenario(document, document.scenario(&KEYS)?)
     }
 
     /// Checks a fit and its scenario, both at hand; what the fit names as its `scenario` is not looked for.

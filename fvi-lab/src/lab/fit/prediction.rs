@@ -607,6 +607,11 @@ impl Derived {
             beside.push([other(change)?, other(-change)?]);
         }
         let tells_velocity = tells(|what| matches!(what, Observed::Velocity(_) | Observed::Acceleration(_)));
+        if let (true, Some(row)) = (tells_velocity, scenario.system.massless().first()) {
+            let reason =
+                format!("system.mass: coordinate {row} has no mass, so that no momentum tells its velocity");
+            return Err(NoPrediction::Refused(reason));
+        }
         Ok(Self {
             system: made(scenario)?,
             mass_changes,

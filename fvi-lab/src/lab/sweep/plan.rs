@@ -94,11 +94,7 @@ impl Sweep {
     /// # Errors
     /// The first thing that cannot be used, with its place.
     pub fn from_document(document: &Document) -> Result<Self, InputError> {
-        let path = document.with_root(|root| {
-            root.allow(&KEYS)?;
-            Ok(document.resolve(root.required("scenario")?.text()?))
-        })?;
-        Self::of_scenario(document, Document::read(&path)?)
+        Self::of_scenario(document, document.scenario(&KEYS)?)
     }
 
     /// Checks a sweep and its scenario, both at hand; what the sweep names as its `scenario` is not looked

@@ -291,6 +291,12 @@ impl ScenarioPlant {
                 position
             }
         };
+        if let Some(row) = scenario.system.massless().first() {
+            let reason = format!(
+                "coordinate {row} has no mass (`system.mass`); loops are judged about plants of which every coordinate has one"
+            );
+            return Err(file.error(Problem::Refused { file: name.to_owned(), reason }));
+        }
         let linearised = Linearised::new(&scenario, &position).map_err(|error| refused(&error))?;
         let mut load = vec![0.0; count];
         controller.drives.entries.iter().for_each(|&(row, number)| load[row as usize] = number);

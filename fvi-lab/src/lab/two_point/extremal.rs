@@ -200,12 +200,6 @@ impl<'a> ExtremalProblem<'a> {
         self
     }
 
-    /// Forms Toeplitz products this way.
-    pub fn with_product(mut self, product: Product) -> Self {
-        self.product = product;
-        self
-    }
-
     /// Sets tolerance and numbers of iterations.
     pub fn with_options(mut self, options: NewtonOptions) -> Self {
         self.options = options;

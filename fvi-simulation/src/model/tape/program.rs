@@ -519,66 +519,6 @@ impl Run {
     // Out of line: it would burden the registers of the rows.
     #[inline(never)]
     fn evaluate<T: Elementary>(&self, registers: &mut [T], operands: &[u32]) {
-        if self.work == Work::RunningSum {
-            let pairs = &operands.as_chunks::<2>().0[..self.count];
-            let Some(&[first, _]) = pairs.first() else { return };
-            let mut sum = registers[first as usize];
-            for (place, &[_, term]) in (self.target..).zip(pairs) {
-                sum += registers[term as usize];
-                registers[place] = sum;
-            }
-            return;
-        }
-        // What a run reads was written before: it lies in front of what it writes.
-        let (known, new) = registers.split_at_mut(self.target);
-        let operation = match self.work {
-            Work::One(operation) => operation,
-            Work::SineAndCosine => {
-                let (sines, cosines) = new.split_at_mut(self.count);
-                for ((sine, cosine), &x) in sines.iter_mut().zip(cosines).zip(operands) {
-                    (*sine, *cosine) = known[x as usize].sine_cosine();
-                }
-                return;
-            }
-            Work::RunningSum => return,
-        };
-        let new = &mut new[..self.count];
-        match operation {
-            Operation::Negate => unary(known, new, operands, |x| -x),
-            Operation::Add => binary(known, new, operands, |x, y| x + y),
-            Operation::Subtract => binary(known, new, operands, |x, y| x - y),
-            Operation::Multiply => binary(known, new, operands, |x, y| x * y),
-            Operation::Divide => binary(known, new, operands, |x, y| x / y),
-            Operation::Scale => binary(known, new, operands, scale),
-            Operation::Call(Function::Sin) => unary(known, new, operands, T::sine),
-            Operation::Call(Function::Cos) => unary(known, new, operands, T::cosine),
-            Operation::Call(Function::Exp) => unary(known, new, operands, T::exponential),
-            other => match other.arity() {
-                1 => unary(known, new, operands, |x| other.of([x, x, x])),
-                2 => binary(known, new, operands, |x, y| other.of([x, y, y])),
-                _ => ternary(known, new, operands, |x, y, z| other.of([x, y, z])),
-            },
-        }
-    }
-}
-
-#[inline]
-fn unary<T: Copy>(known: &[T], new: &mut [T], operands: &[u32], of: impl Fn(T) -> T) {
-    for (new, &x) in new.iter_mut().zip(operands) {
-        *new = of(known[x as usize]);
-    }
-}
-
-#[inline]
-fn binary<T: Copy>(known: &[T], new: &mut [T], operands: &[u32], of: impl Fn(T, T) -> T) {
-    for (new, &[x, y]) in new.iter_mut().zip(operands.as_chunks().0) {
-        *new = of(known[x as usize], known[y as usize]);
-    }
-}
-
-#[inline]
-fn ternary<T: Copy>(known: &[T], new: &mut [T], operands: &[u32], of: impl Fn(T, T, T) -> T) {
-    for (new, &[x, y, z]) in new.iter_mut().zip(operands.as_chunks().0) {
-        *new = of(known[x as usize], known[y as usize], known[z as usize]);
+        self.evaluate_along(registers.as_chunks_mut::<1>().0, operands);
     }
 }

@@ -304,7 +304,7 @@ mod tests {
 
     fn part(stiffness: f64, rho: &[f64]) -> Part {
         let damping = rho.iter().map(|&rho| dmatrix![rho]).collect();
-        Part { stiffness: dmatrix![stiffness], resistance: None, damping }
+        Part { mass: None, stiffness: dmatrix![stiffness], resistance: None, damping }
     }
 
     fn places(part: &Part, transfers: &[TransferFunction]) -> Vec<Complex<f64>> {
@@ -367,6 +367,7 @@ mod tests {
     #[test]
     fn coupled_coordinates_have_as_many_poles() {
         let part = Part {
+            mass: None,
             resistance: None,
             stiffness: dmatrix![2.0, -1.0; -1.0, 3.0],
             damping: vec![dmatrix![0.3, 0.0; 0.0, 0.0], dmatrix![0.0, 0.0; 0.0, 0.2]],

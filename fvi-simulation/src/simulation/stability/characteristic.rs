@@ -125,7 +125,10 @@ impl Characteristic {
         let (size, rows) = (part.size(), part.size() * self.degree);
         let mut matrix = vec![Complex::ZERO; rows * rows];
         let factors = self.factors_of_matrices(step, z);
-        factors.add_to(&mut matrix, &DMatrix::identity(size, size), &part.stiffness, &part.damping);
+        let identity = part.mass.is_none().then(|| DMatrix::identity(size, size));
+        if let Some(mass) = part.mass.as_ref().or(identity.as_ref()) {
+            factors.add_to(&mut matrix, mass, &part.stiffness, &part.damping);
+        }
         if let Some(resistance) = &part.resistance {
             let viscous = self.factors(z).viscous.map(|entry| -entry * step);
             add_product(&mut matrix, &viscous, resistance);

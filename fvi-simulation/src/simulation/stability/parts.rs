@@ -10,9 +10,11 @@ const ROUNDING: f64 = 1e-12;
 /// Most coordinates of one part; in larger ones the coupling between the modes is neglected.
 pub(crate) const LARGEST_PART: usize = 40;
 
-/// A part of the system, in coordinates where the mass matrix is the identity.
+/// A part of the system, in coordinates where the mass matrix is the identity, unless it is given.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Part {
+    /// M, positive semidefinite, if it is not the identity.
+    pub(crate) mass: Option<DMatrix<f64>>,
     /// K.
     pub(crate) stiffness: DMatrix<f64>,
     /// C, if there is one.
@@ -76,7 +78,7 @@ impl Part {
 pub(super) fn parts(system: &LinearSystem) -> Vec<Part> {
     let mut parts = match all_parts(system) {
         Ok(parts) => parts,
-        Err(matrices) => return neglecting_coupling(&matrices, system.resistance.is_some()),
+        Err(matrices) => return neglecting_coupling(&matrices, Has::of(system)),
     };
     // Of equal modes one is enough.
     parts.sort_by(|a, b| order(a).partial_cmp(&order(b)).unwrap_or(std::cmp::Ordering::Equal));
@@ -93,6 +95,7 @@ pub(super) fn all_parts(system: &LinearSystem) -> Result<Vec<Part>, Vec<DMatrix<
         |matrix: &DMatrix<f64>| (matrix - matrix.transpose()).amax() <= ROUNDING * matrix.amax();
     let symmetric = is_symmetric(&matrices[0]) && system.resistance.as_ref().is_none_or(is_symmetric);
     matrices.extend(system.resistance.clone());
+    matrices.extend(system.mass.clone());
     if symmetric && size > 1 {
         turn(&mut matrices, |index| libm::sqrt(2.0 + index as f64));
     }
@@ -101,8 +104,20 @@ pub(super) fn all_parts(system: &LinearSystem) -> Result<Vec<Part>, Vec<DMatrix<
         return Err(matrices);
     }
     found.iter_mut().for_each(|members| members.sort_unstable());
-    let resists = system.resistance.is_some();
-    Ok(found.iter().map(|members| part(&matrices, members, resists)).collect())
+    Ok(found.iter().map(|members| part(&matrices, members, Has::of(system))).collect())
+}
+
+/// What the last of the matrices of a system are, behind K and ρ: C and then M, of those that there are.
+#[derive(Clone, Copy)]
+struct Has {
+    resistance: bool,
+    mass: bool,
+}
+
+impl Has {
+    fn of(system: &LinearSystem) -> Self {
+        Self { resistance: system.resistance.is_some(), mass: system.mass.is_some() }
+    }
 }
 
 /// Turns all matrices into the eigenvectors of their combination with these factors.
@@ -142,8 +157,7 @@ fn components(matrices: &[DMatrix<f64>]) -> Vec<Vec<usize>> {
     found
 }
 
-/// The last of the matrices is C if the system `resists`.
-fn part(matrices: &[DMatrix<f64>], members: &[usize], resists: bool) -> Part {
+fn part(matrices: &[DMatrix<f64>], members: &[usize], has: Has) -> Part {
     let of = |matrix: &DMatrix<f64>| {
         let block = DMatrix::from_fn(members.len(), members.len(), |i, j| matrix[(members[i], members[j])]);
         // A number that stands for zero is zero, so that undamped modes are known as such.
@@ -151,8 +165,10 @@ fn part(matrices: &[DMatrix<f64>], members: &[usize], resists: bool) -> Part {
         if block.amax() <= rounding { DMatrix::zeros(members.len(), members.len()) } else { block }
     };
     let (stiffness, rest) = matrices.split_first().map_or((&matrices[0], &[][..]), |split| split);
-    let (damping, resistance) = rest.split_at(rest.len() - usize::from(resists));
+    let (rest, mass) = rest.split_at(rest.len() - usize::from(has.mass));
+    let (damping, resistance) = rest.split_at(rest.len() - usize::from(has.resistance));
     Part {
+        mass: mass.first().map(of),
         stiffness: of(stiffness),
         resistance: resistance.first().map(of),
         damping: damping.iter().map(of).collect(),
@@ -160,9 +176,9 @@ fn part(matrices: &[DMatrix<f64>], members: &[usize], resists: bool) -> Part {
 }
 
 /// Every mode of the stiffness, and every mode of the damping, by itself.
-fn neglecting_coupling(matrices: &[DMatrix<f64>], resists: bool) -> Vec<Part> {
+fn neglecting_coupling(matrices: &[DMatrix<f64>], has: Has) -> Vec<Part> {
     let one_by_one = |matrices: &[DMatrix<f64>]| -> Vec<Part> {
-        (0..matrices[0].nrows()).map(|index| part(matrices, &[index], resists)).collect()
+        (0..matrices[0].nrows()).map(|index| part(matrices, &[index], has)).collect()
     };
     let (mut elastic, mut damped) = (matrices.to_vec(), matrices.to_vec());
     turn(&mut elastic, |index| if index == 0 { 1.0 } else { 0.0 });
@@ -176,7 +192,7 @@ fn order(part: &Part) -> Vec<f64> {
         let unit = libm::exp10(libm::log10(number.abs()).floor() - 8.0);
         if unit > 0.0 { (number / unit).round() * unit } else { 0.0 }
     };
-    let others = part.damping.iter().chain(&part.resistance);
+    let others = part.damping.iter().chain(&part.resistance).chain(&part.mass);
     let numbers = part.stiffness.iter().chain(others.flat_map(|matrix| matrix.iter()));
     std::iter::once(part.size() as f64).chain(numbers.map(digits)).collect()
 }

@@ -283,4 +283,10 @@ def check_symmetric(name: str, matrix: Any, probes: tuple[Any, Any], definite: s
         raise InputError(message, name, "not symmetric")
     if definite and along < -SYMMETRY * norm or (definite == "positive definite" and along <= 0.0):
         raise InputError(f"{name}: not {definite}: xᵀAx = {along} for a vector of signs", name, str(along))
+    if definite == "positive definite":
+        diagonal = matrix.getDiagonal()
+        row, smallest = diagonal.min()
+        diagonal.destroy()
+        if not smallest > 0.0:
+            raise InputError(f"{name}: not {definite}: entry ({row}, {row}) is {smallest}", name, str(smallest))
     return norm

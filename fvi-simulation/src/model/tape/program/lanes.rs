@@ -86,13 +86,18 @@ impl<T: Elementary> pulp::NullaryFnOnce for Execute<'_, T> {
 }
 
 #[inline(always)]
-fn add<T: Elementary>(sum: &mut Lanes<T>, terms: &Lanes<T>) {
+fn add<T: Elementary, const L: usize>(sum: &mut [T; L], terms: &[T; L]) {
     sum.iter_mut().zip(terms).for_each(|(sum, &term)| *sum += term);
 }
 
 impl Run {
+    /// The run at L points.
     #[inline(always)]
-    fn evaluate_along<T: Elementary>(&self, registers: &mut [Lanes<T>], operands: &[u32]) {
+    pub(super) fn evaluate_along<T: Elementary, const L: usize>(
+        &self,
+        registers: &mut [[T; L]],
+        operands: &[u32],
+    ) {
         if self.work == Work::RunningSum {
             let pairs = &operands.as_chunks::<2>().0[..self.count];
             let Some(&[first, _]) = pairs.first() else { return };
@@ -103,6 +108,7 @@ impl Run {
             }
             return;
         }
+        // What a run reads was written before: it lies in front of what it writes.
         let (known, new) = registers.split_at_mut(self.target);
         let operation = match self.work {
             Work::One(operation) => operation,
@@ -146,7 +152,12 @@ impl Run {
 }
 
 #[inline(always)]
-fn unary<T: Copy>(known: &[Lanes<T>], new: &mut [Lanes<T>], operands: &[u32], of: impl Fn(T) -> T) {
+fn unary<T: Copy, const L: usize>(
+    known: &[[T; L]],
+    new: &mut [[T; L]],
+    operands: &[u32],
+    of: impl Fn(T) -> T,
+) {
     for (new, &x) in new.iter_mut().zip(operands) {
         for (new, &x) in new.iter_mut().zip(&known[x as usize]) {
             *new = of(x);
@@ -155,7 +166,12 @@ fn unary<T: Copy>(known: &[Lanes<T>], new: &mut [Lanes<T>], operands: &[u32], of
 }
 
 #[inline(always)]
-fn binary<T: Copy>(known: &[Lanes<T>], new: &mut [Lanes<T>], operands: &[u32], of: impl Fn(T, T) -> T) {
+fn binary<T: Copy, const L: usize>(
+    known: &[[T; L]],
+    new: &mut [[T; L]],
+    operands: &[u32],
+    of: impl Fn(T, T) -> T,
+) {
     for (new, &[x, y]) in new.iter_mut().zip(operands.as_chunks().0) {
         let read = known[x as usize].iter().zip(&known[y as usize]);
         for (new, (&x, &y)) in new.iter_mut().zip(read) {
