@@ -46,10 +46,10 @@ impl FractionalPid {
             let scenario = Scenario::from_value(&value).map_err(|error| about(&error))?;
             let made = scenario.controllers.first().map(|controller| pid::<f64>(&scenario, controller));
             let none = || Failure::Failed("no controller".to_owned());
-            let made = made.ok_or_else(none)?.map_err(|reason| Failure::Input {
+            let made = made.ok_or_else(none)?.map_err(|unusable| Failure::Input {
                 key: "length".to_owned(),
                 value: length.to_string(),
-                message: reason,
+                message: unusable.error(&scenario, 0).problem().to_string(),
             })?;
             Ok(Self { pid: Mutex::new(made) })
         })
